@@ -1,0 +1,32 @@
+"""QP-based task-priority control for tasks that need fewer than six degrees of freedom."""
+
+__version__ = "0.1.0"
+
+from qp_twist import closed_form as closed_form
+
+from .controller import Controller as Controller
+from .controller import Status as Status
+from .controller import Step as Step
+from .errors import InvalidInput as InvalidInput
+from .errors import InvalidTarget as InvalidTarget
+from .errors import QpTwistError as QpTwistError
+from .errors import TaskFileError as TaskFileError
+from .errors import UnknownSolver as UnknownSolver
+from .geometry import Projector as Projector
+from .geometry import TwistProjector as TwistProjector
+from .geometry import task_redundancy as task_redundancy
+from .geometry import twist_error as twist_error
+from .kinematics import FreeTwistCost as FreeTwistCost
+from .kinematics import JointCentering as JointCentering
+from .kinematics import JointRanges as JointRanges
+from .kinematics import Manipulability as Manipulability
+from .kinematics import PostureReference as PostureReference
+from .kinematics import SecondaryObjective as SecondaryObjective
+from .kinematics import TwistTask as TwistTask
+from .limits import BindingLimit as BindingLimit
+from .limits import DisplacementWindow as DisplacementWindow
+from .limits import PositionLimit as PositionLimit
+from .qp import InfeasibleStep as InfeasibleStep
+from .qp import NoSolutionFound as NoSolutionFound
+from .qp import QuadraticProgram as QuadraticProgram
+from .qp import SolverInaccurate as SolverInaccurate

@@ -1,0 +1,51 @@
+"""What one step of the controller returns."""
+
+from __future__ import annotations
+
+import enum
+from dataclasses import dataclass
+
+from qp_twist.checks import Array
+from qp_twist.limits import BindingLimit
+from qp_twist.qp import QuadraticProgram
+
+
+class Status(enum.Enum):
+    """What happened in a step; the value is a sentence of its own."""
+
+    SOLVED = "the task rows are met at full speed inside the limits"
+    SCALED = "the task rows are met at a reduced speed: scale is the largest the limits allow"
+    RELAXED = "the task rows cannot be met: velocity is the closest in least squares"
+
+
+@dataclass(frozen=True, eq=False)
+class Step:
+    """A verified joint velocity, and what it achieves.
+
+    Attributes:
+        velocity: q̇ in the model's tangent space, rad/s or m/s, shape (nv,).
+        scale: s in A q̇ = s b: 1 where the task is met at full speed.
+        residuals: A q̇ − s b for each TwistTask, m/s and rad/s, in the rows of its basis.
+        binding: The limits that hold the step back.
+        status: What happened.
+        solver: The backend whose result this is.
+        problem: The quadratic program as posed; ``step.problem.save("step.npz")`` keeps it.
+    """
+
+    velocity: Array
+    scale: float
+    residuals: tuple[Array, ...]
+    binding: tuple[BindingLimit, ...]
+    status: Status
+    solver: str
+    problem: QuadraticProgram
+
+    @property
+    def message(self) -> str:
+        """The step in a sentence, with the limits that bind."""
+        text = f"{self.status.name.lower()}: {self.status.value}"
+        if self.status is Status.SCALED:
+            text += f" (scale {self.scale:.4g})"
+        if self.binding:
+            text += "; binding: " + ", ".join(str(limit) for limit in self.binding)
+        return text

@@ -1,0 +1,29 @@
+"""The exceptions of refused input; those of a failed step are in ``qp_twist.qp.failures``.
+
+All derive from :class:`QpTwistError`, itself a :class:`mink.MinkError`; where mink has an exception
+of the same meaning ours derives from it too, so that the handlers of a mink app still catch it.
+"""
+
+from __future__ import annotations
+
+import mink
+
+
+class QpTwistError(mink.MinkError):
+    """Base class of the exceptions of qp_twist."""
+
+
+class InvalidInput(QpTwistError, ValueError):
+    """An argument was refused: the message says what was given, what was expected, what to do."""
+
+
+class InvalidTarget(InvalidInput, mink.InvalidTarget):
+    """A target pose or twist was refused (not finite, or of the wrong shape)."""
+
+
+class UnknownSolver(InvalidInput):
+    """The QP solver is not known to qpsolvers, or is not installed."""
+
+
+class TaskFileError(InvalidInput):
+    """A task file cannot be read; the message names the file, the line where known, and the key."""

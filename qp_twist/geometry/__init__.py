@@ -1,0 +1,13 @@
+"""Projectors and twist errors: pure functions of arrays."""
+
+from .projector import Projector as Projector
+from .projector import ProjectorKind as ProjectorKind
+from .twist_error import angular_error as angular_error
+from .twist_error import clamp_twist as clamp_twist
+from .twist_error import geodesic as geodesic
+from .twist_error import rotation_vector as rotation_vector
+from .twist_error import twist_angle as twist_angle
+from .twist_error import twist_error as twist_error
+from .twist_projector import ProjectorFrame as ProjectorFrame
+from .twist_projector import TwistProjector as TwistProjector
+from .twist_projector import task_redundancy as task_redundancy

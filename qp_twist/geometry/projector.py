@@ -1,0 +1,126 @@
+"""The four projectors of R³: full, plane, line, none."""
+
+from __future__ import annotations
+
+import enum
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from qp_twist.checks import Array, unit_vector
+
+
+class ProjectorKind(enum.Enum):
+    """Which of the four subspaces of R³ a projector keeps; the value is its rank."""
+
+    FULL = 3
+    PLANE = 2
+    LINE = 1
+    NONE = 0
+
+
+@dataclass(frozen=True, eq=False)
+class Projector:
+    r"""Orthogonal projector of R³ onto a subspace (paper, eq. *Mi*).
+
+    .. math::
+
+        \mathbf M \in \{\mathbf 1,\; \mathbf P = \mathbf 1 - \mathbf e \mathbf e^T,\;
+        \mathbf L = \mathbf e \mathbf e^T,\; \mathbf O\}
+
+    Build one with :meth:`full`, :meth:`plane`, :meth:`line` or :meth:`none`. It has no unit and no
+    frame: what its axis is fixed to is said by :class:`TwistProjector`.
+
+    Attributes:
+        kind: Which of the four it is.
+        basis: Orthonormal columns U with M = U Uᵀ, shape (3, rank).
+        axis: The unit vector e of a plane's normal or a line's direction, shape (3,); ``None`` for
+            full and none.
+
+    Example:
+        >>> Projector.plane([0, 0, 2]).matrix
+        array([[1., 0., 0.],
+               [0., 1., 0.],
+               [0., 0., 0.]])
+    """
+
+    kind: ProjectorKind
+    basis: Array
+    axis: Array | None = None
+
+    @classmethod
+    def full(cls) -> Projector:
+        """The identity: all three directions (rank 3)."""
+        return cls(ProjectorKind.FULL, np.eye(3))
+
+    @classmethod
+    def plane(cls, normal: npt.ArrayLike) -> Projector:
+        """P = 1 − e eᵀ: the plane perpendicular to ``normal`` (rank 2)."""
+        e = unit_vector("normal", normal)
+        return cls(ProjectorKind.PLANE, _perpendicular_pair(e), e)
+
+    @classmethod
+    def line(cls, direction: npt.ArrayLike) -> Projector:
+        """L = e eᵀ: the line along ``direction`` (rank 1)."""
+        e = unit_vector("direction", direction)
+        return cls(ProjectorKind.LINE, e[:, None].copy(), e)
+
+    @classmethod
+    def none(cls) -> Projector:
+        """The zero matrix: no direction (rank 0)."""
+        return cls(ProjectorKind.NONE, np.zeros((3, 0)))
+
+    @property
+    def matrix(self) -> Array:
+        """M, shape (3, 3)."""
+        return self.basis @ self.basis.T
+
+    @property
+    def rank(self) -> int:
+        """Dimension of the subspace: 0 to 3."""
+        return self.kind.value
+
+    @property
+    def complement(self) -> Projector:
+        """M⊥ = 1 − M (paper, eq. *decomposition*)."""
+        if self.kind is ProjectorKind.FULL:
+            return Projector.none()
+        if self.kind is ProjectorKind.NONE:
+            return Projector.full()
+        assert self.axis is not None
+        if self.kind is ProjectorKind.PLANE:
+            return Projector.line(self.axis)
+        return Projector.plane(self.axis)
+
+    def rotated(self, rotation: Array) -> Projector:
+        """The projector R M Rᵀ whose axis has been turned by ``rotation`` (3, 3).
+
+        The basis turns with it, so that the rows of a task stay continuous along a motion. Full and
+        none have no direction to turn and stay as they are.
+        """
+        if self.axis is None:
+            return self
+        return Projector(self.kind, rotation @ self.basis, rotation @ self.axis)
+
+    def __repr__(self) -> str:
+        argument = "" if self.axis is None else str(np.round(self.axis, 6).tolist())
+        return f"Projector.{self.kind.name.lower()}({argument})"
+
+
+def _perpendicular_pair(e: Array) -> Array:
+    """Two orthonormal columns perpendicular to the unit vector ``e``, shape (3, 2)."""
+    u = perpendicular(e)
+    return np.column_stack([u, np.cross(e, u)])
+
+
+def perpendicular(e: Array) -> Array:
+    """A fixed unit vector perpendicular to the unit vector ``e``.
+
+    It is built from the coordinate axis that is furthest from ``e``, so it is never degenerate.
+    """
+    helper = np.zeros(3)
+    helper[np.argmin(np.abs(e))] = 1.0
+    u = np.cross(e, helper)
+    unit: Array = u / np.linalg.norm(u)
+    return unit

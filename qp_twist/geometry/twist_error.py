@@ -1,0 +1,131 @@
+"""The task error Δt: the twist that would bring a frame to its target in one unit of gain."""
+
+from __future__ import annotations
+
+import math
+
+import mink
+import numpy as np
+
+from qp_twist.checks import Array
+from qp_twist.geometry.projector import Projector, ProjectorKind, perpendicular
+from qp_twist.geometry.twist_projector import TwistProjector
+
+
+def rotation_vector(rotation: Array) -> Array:
+    """Logarithm of a rotation matrix (3, 3), in rad, of length at most π, shape (3,)."""
+    wxyz = mink.SO3.from_matrix(np.ascontiguousarray(rotation)).wxyz
+    if wxyz[0] < 0.0:
+        wxyz = -wxyz
+    sine = float(np.linalg.norm(wxyz[1:]))
+    if sine < 1e-12:
+        small: Array = 2.0 * wxyz[1:]
+        return small
+    vector: Array = wxyz[1:] * (2.0 * math.atan2(sine, wxyz[0]) / sine)
+    return vector
+
+
+def geodesic(start: Array, end: Array) -> Array:
+    """Rotation vector (3,) of the shortest rotation taking unit vector ``start`` to ``end``, rad.
+
+    Where the two are opposite every half turn about a perpendicular axis is as short; a fixed one
+    is taken, so the result is never NaN.
+    """
+    cross = np.cross(start, end)
+    sine = float(np.linalg.norm(cross))
+    cosine = float(start @ end)
+    if sine < 1e-12:
+        return cross if cosine > 0.0 else math.pi * perpendicular(start)
+    vector: Array = cross * (math.atan2(sine, cosine) / sine)
+    return vector
+
+
+def twist_angle(rotation: Array, axis: Array) -> float:
+    """Angle in (−π, π] of the part of ``rotation`` (3, 3) that turns about the unit ``axis``.
+
+    The *twist* of the swing–twist decomposition; 0 where it is undefined (a swing by π).
+    """
+    w, *xyz = mink.SO3.from_matrix(np.ascontiguousarray(rotation)).wxyz
+    along = float(np.dot(xyz, axis))
+    if math.hypot(along, w) < 1e-12:
+        return 0.0
+    angle = 2.0 * math.atan2(along, w)
+    # Both signs of the quaternion are the same rotation: fold into (−π, π].
+    folded = math.remainder(angle, 2.0 * math.pi)
+    return math.pi if folded == -math.pi else folded
+
+
+def angular_error(
+    rotation: Array, target: Array, projector: Projector, *, moves_with_body: bool
+) -> Array:
+    r"""Angular part of the task error, always inside the range of the projector, rad, shape (3,).
+
+    With :math:`R_e = R_d R^T`: the rotation vector of R_e (full), its swing about e (plane), its
+    twist angle about e times e (line), zero (none).
+
+    The swing is a geodesic. Where e moves with the body it takes e to R_e e, the direction which
+    e shall have. Where e stays in space it takes R_eᵀ e to e: what points now where e pointed in
+    the target. The two agree without roll; with roll only these make one full step exact.
+
+    Args:
+        rotation: R, from the controlled frame to the world, (3, 3).
+        target: R_d, from the target frame to the world, (3, 3).
+        projector: Angular projector in world axes.
+        moves_with_body: Whether the projector's axis is fixed to the controlled frame.
+    """
+    if projector.kind is ProjectorKind.NONE:
+        return np.zeros(3)
+    error = target @ rotation.T
+    if projector.kind is ProjectorKind.FULL:
+        return rotation_vector(error)
+    e = projector.axis
+    assert e is not None
+    if projector.kind is ProjectorKind.LINE:
+        return twist_angle(error, e) * e
+    return geodesic(e, error @ e) if moves_with_body else geodesic(error.T @ e, e)
+
+
+def twist_error(
+    rotation: Array,
+    position: Array,
+    target_rotation: Array,
+    target_position: Array,
+    projector: TwistProjector,
+) -> Array:
+    r"""Task error Δt = (linear, angular), in world axes, inside the range of T; m and rad, (6,).
+
+    .. math::
+
+        \Delta\mathbf t = \begin{bmatrix} \mathbf M_v (\mathbf p_d - \mathbf p) \\
+        \Delta\boldsymbol\omega \end{bmatrix}
+
+    with Δω from :func:`angular_error`. Source: the twist error of the paper's section 2 with the
+    swing–twist decomposition of the rotation that is left.
+
+    Args:
+        rotation: R of the controlled frame to the world, (3, 3).
+        position: Its origin in the world, m, (3,).
+        target_rotation: R_d of the target frame to the world, (3, 3).
+        target_position: Its origin in the world, m, (3,).
+        projector: T, in whichever frame it is fixed to.
+    """
+    world = projector.resolved(body=rotation, target=target_rotation)
+    linear = world.linear.matrix @ (target_position - position)
+    angular = angular_error(
+        rotation, target_rotation, world.angular, moves_with_body=projector.frame == "body"
+    )
+    return np.concatenate([linear, angular])
+
+
+def clamp_twist(twist: Array, max_linear: float = math.inf, max_angular: float = math.inf) -> Array:
+    """``twist`` (6,) with its linear and angular parts shortened to the given lengths, m and rad.
+
+    A full 90° swing in one step overshoots, since the Jacobian holds only nearby. Directions are
+    kept.
+    """
+    return np.concatenate([_shortened(twist[:3], max_linear), _shortened(twist[3:], max_angular)])
+
+
+def _shortened(vector: Array, longest: float) -> Array:
+    length = float(np.linalg.norm(vector))
+    return vector * (longest / length) if length > longest else vector

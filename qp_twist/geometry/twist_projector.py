@@ -1,0 +1,134 @@
+"""The twist projector T and the redundancy that it leaves."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from qp_twist.checks import Array, finite_array, one_of
+from qp_twist.errors import InvalidInput
+from qp_twist.geometry.projector import Projector
+
+ProjectorFrame = Literal["world", "body", "target"]
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class TwistProjector:
+    r"""Block-diagonal projector of a twist (paper, eqs. *decomposition_t*, *twist_decomp*).
+
+    .. math::
+
+        \mathbf t = \mathbf T \mathbf t + (\mathbf 1 - \mathbf T)\mathbf t, \qquad
+        \mathbf T = \begin{bmatrix} \mathbf M_v & \mathbf O \\
+                                    \mathbf O & \mathbf M_\omega \end{bmatrix}
+
+    Rows and columns are in the order (linear, angular); the paper writes (angular, linear).
+
+    Attributes:
+        linear: Projector of the velocity v of the frame's origin.
+        angular: Projector of the angular velocity ω.
+        frame: What the projectors' axes are fixed to: ``"world"``, ``"body"`` (they move with the
+            controlled frame, like a tool axis) or ``"target"`` (they move with the target pose,
+            like a surface normal). :meth:`resolved` gives the projector in world axes.
+
+    Raises:
+        InvalidInput: If a block is not a :class:`Projector` or the frame is unknown.
+
+    Example:
+        >>> roll_free = TwistProjector(
+        ...     linear=Projector.full(), angular=Projector.plane([0, 0, 1]), frame="body")
+        >>> roll_free.rank
+        5
+    """
+
+    linear: Projector
+    angular: Projector
+    frame: ProjectorFrame = field(default="world")
+
+    def __post_init__(self) -> None:
+        for name in ("linear", "angular"):
+            if not isinstance(getattr(self, name), Projector):
+                raise InvalidInput(
+                    f"TwistProjector({name}=…): expected a Projector such as Projector.full() or "
+                    f"Projector.plane([0, 0, 1]), got {getattr(self, name)!r}."
+                )
+        one_of("TwistProjector(frame=…)", self.frame, ("world", "body", "target"))
+
+    @property
+    def matrix(self) -> Array:
+        """T in the axes of :attr:`frame`, shape (6, 6)."""
+        return self.basis @ self.basis.T
+
+    @property
+    def rank(self) -> int:
+        """Number of task rows: 0 to 6."""
+        return self.linear.rank + self.angular.rank
+
+    @property
+    def basis(self) -> Array:
+        """Orthonormal U with T = U Uᵀ, shape (6, rank); linear columns first."""
+        basis = np.zeros((6, self.rank))
+        basis[:3, : self.linear.rank] = self.linear.basis
+        basis[3:, self.linear.rank :] = self.angular.basis
+        return basis
+
+    @property
+    def complement(self) -> TwistProjector:
+        """1 − T, fixed to the same frame."""
+        return TwistProjector(
+            linear=self.linear.complement, angular=self.angular.complement, frame=self.frame
+        )
+
+    def resolved(
+        self, body: npt.ArrayLike | None = None, target: npt.ArrayLike | None = None
+    ) -> TwistProjector:
+        """The same projector in world axes, for the current rotations.
+
+        Args:
+            body: Rotation of the controlled frame to the world, (3, 3); needed for ``"body"``.
+            target: Rotation of the target frame to the world, (3, 3); needed for ``"target"``.
+
+        Raises:
+            InvalidInput: If the rotation that this projector's frame needs is missing.
+        """
+        if self.frame == "world":
+            return self
+        given = body if self.frame == "body" else target
+        if given is None:
+            raise InvalidInput(
+                f"TwistProjector.resolved: the projector is fixed to the {self.frame} frame; pass "
+                f"{self.frame}=R, the rotation of that frame to the world, shape (3, 3)."
+            )
+        rotation = finite_array(self.frame, given, (3, 3))
+        return TwistProjector(
+            linear=self.linear.rotated(rotation), angular=self.angular.rotated(rotation)
+        )
+
+
+def task_redundancy(operational: TwistProjector, task: TwistProjector) -> int:
+    r"""Redundancy of a task, r_t = rank(T_O) − rank(T_T) (paper, section 4).
+
+    Args:
+        operational: T_O, what the robot is used for (full for a spatial arm; the plane's three
+            directions for a planar one).
+        task: T_T, what the task needs of it; its range lies within that of T_O.
+
+    Raises:
+        InvalidInput: If the task needs a direction which the operational space does not have.
+    """
+    if operational.rank < 6 and operational.frame == task.frame:
+        outside = task.basis - operational.matrix @ task.basis
+        if np.abs(outside).max(initial=0.0) > 1e-9:
+            raise InvalidInput(
+                "task_redundancy: the task needs a direction outside the operational space; check "
+                "the linear and angular blocks of both projectors."
+            )
+    if task.rank > operational.rank:
+        raise InvalidInput(
+            f"task_redundancy: the task has rank {task.rank}, more than the operational space's "
+            f"{operational.rank}."
+        )
+    return operational.rank - task.rank

@@ -1,0 +1,54 @@
+"""Pose and world-aligned Jacobian of a frame of the model."""
+
+from __future__ import annotations
+
+import mink
+import mujoco
+import numpy as np
+
+from qp_twist.checks import Array
+
+
+def frame_id(model: mujoco.MjModel, name: str | int, frame_type: str) -> int:
+    """Id of a body, geom or site.
+
+    Raises:
+        mink.UnsupportedFrame: If ``frame_type`` is not ``"body"``, ``"geom"`` or ``"site"``.
+        mink.InvalidFrame: If there is none of that name or id; the message lists the names.
+    """
+    if frame_type not in mink.SUPPORTED_FRAMES:
+        raise mink.UnsupportedFrame(frame_type, mink.SUPPORTED_FRAMES)
+    if isinstance(name, str):
+        found = mujoco.mj_name2id(model, mink.FRAME_TO_ENUM[frame_type], name)
+        if found < 0:
+            raise mink.InvalidFrame(name, frame_type, model)
+        return int(found)
+    count = {"body": model.nbody, "geom": model.ngeom, "site": model.nsite}[frame_type]
+    if not 0 <= name < count:
+        raise mink.InvalidFrame(name, frame_type, model)
+    return name
+
+
+def frame_pose(
+    configuration: mink.Configuration, name: str | int, frame_type: str
+) -> tuple[Array, Array]:
+    """Rotation (3, 3) of a frame to the world and its origin (3,) in the world, m."""
+    index = frame_id(configuration.model, name, frame_type)
+    data = configuration.data
+    rotation = getattr(data, mink.FRAME_TO_XMAT_ATTR[frame_type])[index].reshape(3, 3).copy()
+    position = getattr(data, mink.FRAME_TO_POS_ATTR[frame_type])[index].copy()
+    return rotation, position
+
+
+def frame_jacobian(configuration: mink.Configuration, name: str | int, frame_type: str) -> Array:
+    r"""World-aligned Jacobian J of a frame, :math:`\mathbf t = \mathbf J \dot{\mathbf q}`, (6, nv).
+
+    Rows are (linear, angular) in world axes, reference point the frame's origin (paper, eq. *t*).
+    mink's ``get_frame_jacobian`` is the same with both blocks turned into the frame's own axes.
+    """
+    index = frame_id(configuration.model, name, frame_type)
+    jacobian = np.empty((6, configuration.model.nv))
+    mink.FRAME_TO_JAC_FUNC[frame_type](
+        configuration.model, configuration.data, jacobian[:3], jacobian[3:], index
+    )
+    return jacobian

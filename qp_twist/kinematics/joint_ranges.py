@@ -1,0 +1,92 @@
+"""The joint ranges of a model per degree of freedom, and the paper's measure z of being centred."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+
+from qp_twist.checks import Array
+
+_SCALAR = (int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE))
+
+
+@dataclass(frozen=True, eq=False)
+class JointRanges:
+    r"""Lower and upper limits by degree of freedom (hinges and slides), rad or m.
+
+    Unlimited joints, and ball and free joints, have limits of ±∞ and weight 0: they count for
+    nothing in
+
+    .. math::
+
+        z = \tfrac12 (\bar\theta - \theta)^T \mathbf W^T \mathbf W (\bar\theta - \theta), \qquad
+        \mathbf W = \mathrm{diag}\, 1/(\theta_{max} - \theta_{min})
+        \qquad\text{(paper, eq. z).}
+
+    Attributes:
+        lower: θ_min, shape (nv,).
+        upper: θ_max, shape (nv,).
+        qpos: Address in q of each scalar joint's coordinate, −1 for ball and free joints, (nv,).
+        names: Name of the joint that owns each degree of freedom.
+    """
+
+    lower: Array
+    upper: Array
+    qpos: np.ndarray[tuple[int], np.dtype[np.intp]]
+    names: tuple[str, ...]
+
+    @classmethod
+    def of(cls, model: mujoco.MjModel) -> JointRanges:
+        """Read the ranges of a model."""
+        lower = np.full(model.nv, -np.inf)
+        upper = np.full(model.nv, np.inf)
+        qpos = np.full(model.nv, -1, dtype=np.intp)
+        names = [""] * model.nv
+        for dof in range(model.nv):
+            joint = int(model.dof_jntid[dof])
+            names[dof] = model.joint(joint).name or f"joint {joint}"
+            if model.jnt_type[joint] not in _SCALAR:
+                continue
+            qpos[dof] = model.jnt_qposadr[joint]
+            if model.jnt_limited[joint]:
+                lower[dof], upper[dof] = model.jnt_range[joint]
+        return cls(lower, upper, qpos, tuple(names))
+
+    @property
+    def limited(self) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
+        """Which degrees of freedom have a range of finite, non-zero width, shape (nv,)."""
+        width = self.upper - self.lower
+        return np.isfinite(width) & (width > 0.0)
+
+    @property
+    def middle(self) -> Array:
+        """θ̄, the middle of each range; 0 where there is none, shape (nv,)."""
+        middle = np.zeros_like(self.lower)
+        middle[self.limited] = 0.5 * (self.lower + self.upper)[self.limited]
+        return middle
+
+    @property
+    def weight(self) -> Array:
+        """Diagonal of W: 1/(θ_max − θ_min), 0 where there is no range; 1/rad or 1/m, (nv,)."""
+        weight = np.zeros_like(self.lower)
+        weight[self.limited] = 1.0 / (self.upper - self.lower)[self.limited]
+        return weight
+
+    def positions(self, q: Array) -> Array:
+        """Joint positions by degree of freedom, from q of shape (…, nq); 0 for ball and free."""
+        positions: Array = np.where(self.qpos >= 0, q[..., np.maximum(self.qpos, 0)], 0.0)
+        return positions
+
+    def centring(self, q: Array) -> Array:
+        """z for each configuration of q (…, nq); dimensionless, 1/8 per joint at its limit."""
+        offset = self.weight * (self.middle - self.positions(q))
+        z: Array = 0.5 * np.sum(offset**2, axis=-1)
+        return z
+
+    def margins(self, q: Array) -> Array:
+        """1 − |θ − θ̄| / half-range for each joint, (…, nv); negative outside, +∞ unlimited."""
+        offset = np.abs(self.positions(q) - self.middle) * 2.0 * self.weight
+        margins: Array = np.where(self.limited, 1.0 - offset, np.inf)
+        return margins

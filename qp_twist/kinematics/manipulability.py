@@ -1,0 +1,122 @@
+"""Stay away from singularities of the task."""
+
+from __future__ import annotations
+
+import mink
+import mujoco
+import numpy as np
+
+from qp_twist.checks import Array
+from qp_twist.errors import InvalidInput
+from qp_twist.kinematics.frame import frame_id, frame_pose
+from qp_twist.kinematics.secondary import SecondaryObjective
+from qp_twist.kinematics.twist_task import TwistTask
+
+
+class Manipulability(SecondaryObjective):
+    r"""Climb the logarithm of the manipulability of a task's rows.
+
+    .. math::
+
+        \mathbf h = k \nabla_q \log\det(\mathbf J_T \mathbf J_T^T), \qquad
+        \mathbf J_T = \mathbf U^T\mathbf J, \qquad
+        \frac{\partial}{\partial q_i} = 2\,\mathrm{tr}\!\left(
+            \mathbf J_T^{+}\,\frac{\partial \mathbf J_T}{\partial q_i}\right)
+
+    The derivative of J is MuJoCo's ``mj_jacDot`` along each joint, that of a basis which moves with
+    the body is exact. It is the square of Yoshikawa's measure (1985) inside the logarithm, for the
+    rows that the task needs and no others. Near a singularity the gradient grows without bound, so
+    the displacement at gain 1 is shortened to ``longest``.
+    """
+
+    def __init__(
+        self,
+        model: mujoco.MjModel,
+        task: TwistTask,
+        gain: float = 1.0,
+        *,
+        longest: float = 1.0,
+        cost: float = 1.0,
+    ) -> None:
+        """State the objective.
+
+        Args:
+            model: The robot.
+            task: The task whose rows shall stay independent.
+            gain: k, per step.
+            longest: Length to which the direction is shortened, rad.
+            cost: Weight where the objective is used as a plain mink task.
+
+        Raises:
+            InvalidInput: If the task has no rows, or more rows than the robot has joints.
+        """
+        super().__init__(model, gain, cost=cost)
+        frame_id(model, task.frame_name, task.frame_type)
+        if not 0 < task.projector.rank <= model.nv:
+            raise InvalidInput(
+                f"Manipulability: the task has {task.projector.rank} rows and the robot {model.nv} "
+                "degrees of freedom; the measure needs between 1 row and as many as there are."
+            )
+        self.task = task
+        self.longest = longest
+        self._scratch = mujoco.MjData(model)
+
+    def measure(self, configuration: mink.Configuration) -> float:
+        """log det(J_T J_Tᵀ); −∞ at a singularity."""
+        state = self.task.state(configuration)
+        singular_values = np.linalg.svd(state.basis.T @ state.jacobian, compute_uv=False)
+        with np.errstate(divide="ignore"):
+            return float(2.0 * np.sum(np.log(singular_values)))
+
+    def gradient(self, configuration: mink.Configuration) -> Array:
+        """∇ log det(J_T J_Tᵀ), 1/rad, shape (nv,)."""
+        state = self.task.state(configuration)
+        inverse = np.linalg.pinv(state.basis.T @ state.jacobian)
+        gradient = np.empty(configuration.model.nv)
+        for i, derivative in enumerate(self._jacobian_derivatives(configuration)):
+            moved = derivative
+            if self.task.projector.frame == "body":
+                # UᵀJ with U = R U_b: its derivative is Uᵀ(J̇ − [ω]× J) for both blocks.
+                omega = state.jacobian[3:, i]
+                moved = derivative - np.vstack(
+                    [
+                        np.cross(omega, state.jacobian[:3], axisb=0, axisc=0),
+                        np.cross(omega, state.jacobian[3:], axisb=0, axisc=0),
+                    ]
+                )
+            gradient[i] = 2.0 * np.trace(inverse @ (state.basis.T @ moved))
+        return gradient
+
+    def direction(self, configuration: mink.Configuration) -> Array:
+        """The gradient, no longer than ``longest``, shape (nv,)."""
+        gradient = self.gradient(configuration)
+        length = float(np.linalg.norm(gradient))
+        return gradient if length <= self.longest else gradient * (self.longest / length)
+
+    def _jacobian_derivatives(self, configuration: mink.Configuration) -> list[Array]:
+        """∂J/∂q_i of the task's frame, world axes, (6, nv) for each degree of freedom i."""
+        model, data, task = configuration.model, self._scratch, self.task
+        _, position = frame_pose(configuration, task.frame_name, task.frame_type)
+        body = _body_of(model, task)
+        data.qpos[:] = configuration.q
+        mujoco.mj_kinematics(model, data)
+        mujoco.mj_comPos(model, data)
+        derivatives = []
+        for i in range(model.nv):
+            data.qvel[:] = 0.0
+            data.qvel[i] = 1.0
+            mujoco.mj_comVel(model, data)
+            derivative = np.empty((6, model.nv))
+            mujoco.mj_jacDot(model, data, derivative[:3], derivative[3:], position, body)
+            derivatives.append(derivative)
+        return derivatives
+
+
+def _body_of(model: mujoco.MjModel, task: TwistTask) -> int:
+    """The body that carries the task's frame."""
+    index = frame_id(model, task.frame_name, task.frame_type)
+    if task.frame_type == "site":
+        return int(model.site_bodyid[index])
+    if task.frame_type == "geom":
+        return int(model.geom_bodyid[index])
+    return index

@@ -1,0 +1,44 @@
+"""Stay near a given posture."""
+
+from __future__ import annotations
+
+import mink
+import mujoco
+import numpy as np
+import numpy.typing as npt
+
+from qp_twist.checks import Array, finite_array
+from qp_twist.kinematics.secondary import SecondaryObjective
+
+
+class PostureReference(SecondaryObjective):
+    r"""Move towards a reference, :math:`\mathbf h = k\,(\mathbf q_{ref} - \mathbf q)`.
+
+    The difference is MuJoCo's, so ball and free joints are handled. Keep the gain small along a
+    path: a gain of 1 asks for the whole way in one step.
+    """
+
+    def __init__(
+        self, model: mujoco.MjModel, q_ref: npt.ArrayLike, gain: float = 1.0, *, cost: float = 1.0
+    ) -> None:
+        """State the objective.
+
+        Args:
+            model: The robot.
+            q_ref: Reference configuration, rad or m, shape (nq,).
+            gain: k, per step.
+            cost: Weight where the objective is used as a plain mink task.
+
+        Raises:
+            InvalidInput: If ``q_ref`` has the wrong shape or is not finite.
+        """
+        super().__init__(model, gain, cost=cost)
+        self.q_ref = finite_array("PostureReference(q_ref=…)", q_ref, (model.nq,))
+
+    def direction(self, configuration: mink.Configuration) -> Array:
+        """q_ref − q in the tangent space, rad or m, shape (nv,)."""
+        difference = np.empty(configuration.model.nv)
+        mujoco.mj_differentiatePos(
+            configuration.model, difference, 1.0, configuration.q, self.q_ref
+        )
+        return difference

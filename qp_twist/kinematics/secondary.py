@@ -1,0 +1,58 @@
+"""What is done with the motion that the task leaves free: a joint displacement h for one step."""
+
+from __future__ import annotations
+
+import abc
+from collections.abc import Sequence
+
+import mink
+import mujoco
+import numpy as np
+
+from qp_twist.checks import Array, number
+
+
+class SecondaryObjective(mink.Task):
+    r"""Base of the secondary objectives: a wish **h** for the joint displacement of one step.
+
+    In :class:`~qp_twist.Controller` the h of all objectives add up and the free motion follows
+    their sum. As a plain :class:`mink.Task` an objective is the soft cost
+    :math:`\tfrac12\lVert \mathrm{diag}(cost)\,(\Delta\mathbf q - \mathbf h)\rVert^2`.
+
+    Gains are per step, as mink's and the paper's.
+
+    Attributes:
+        gain: k in h = k · :meth:`direction`. Unlike in mink it may exceed 1, since a direction such
+            as a gradient has its own scale.
+    """
+
+    def __init__(self, model: mujoco.MjModel, gain: float = 1.0, *, cost: float = 1.0) -> None:
+        super().__init__(cost=np.full(model.nv, number("cost", cost, at_least=0.0)))
+        self.gain = number("gain", gain, at_least=0.0)
+        self.model = model
+
+    @abc.abstractmethod
+    def direction(self, configuration: mink.Configuration) -> Array:
+        """The displacement wished for at gain 1, rad or m, shape (nv,)."""
+
+    def displacement(self, configuration: mink.Configuration) -> Array:
+        """h = gain · direction, rad or m, shape (nv,)."""
+        return self.gain * self.direction(configuration)
+
+    def compute_error(self, configuration: mink.Configuration) -> Array:
+        """−direction: mink's Δq = −gain · error is then h, shape (nv,)."""
+        return -self.direction(configuration)
+
+    def compute_jacobian(self, configuration: mink.Configuration) -> Array:
+        """The identity: the cost is on the displacement itself, shape (nv, nv)."""
+        return np.eye(configuration.model.nv)
+
+
+def total_displacement(
+    objectives: Sequence[SecondaryObjective], configuration: mink.Configuration
+) -> Array:
+    """Sum of the objectives' h, shape (nv,); zero for none."""
+    total = np.zeros(configuration.model.nv)
+    for objective in objectives:
+        total += objective.displacement(configuration)
+    return total

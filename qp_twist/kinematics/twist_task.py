@@ -1,0 +1,248 @@
+"""The task: a frame, its target, and the twist projector that says which part of it counts."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import mink
+import numpy as np
+import numpy.typing as npt
+
+from qp_twist.checks import Array, finite_array, number
+from qp_twist.errors import InvalidInput, InvalidTarget
+from qp_twist.geometry import TwistProjector, clamp_twist, twist_error
+from qp_twist.kinematics.frame import frame_jacobian, frame_pose
+
+
+class TaskState(NamedTuple):
+    """What a task sees at one configuration, in world axes."""
+
+    projector: TwistProjector
+    """T, with its axes resolved in the world."""
+    basis: Array
+    """U with T = U Uᵀ, shape (6, r)."""
+    error: Array
+    """Δt, the twist to the target, m and rad, shape (6,)."""
+    jacobian: Array
+    """J of the frame, shape (6, nv)."""
+
+
+class TwistTask(mink.Task):
+    r"""Drive a frame to a target in the directions that a twist projector keeps.
+
+    A :class:`mink.Task` with r = rank(T) rows,
+
+    .. math::
+
+        \mathbf e = -\mathbf U^T \Delta\mathbf t, \qquad
+        \mathbf J_{task} = \mathbf U^T \mathbf J, \qquad \mathbf T = \mathbf U\mathbf U^T,
+
+    where J is the frame's world-aligned Jacobian and Δt the twist error
+    (:func:`~qp_twist.geometry.twist_error`). The rows are minimal and consistent at any
+    misalignment, so the task may stand in ``tasks=`` and in ``constraints=`` of
+    :func:`mink.solve_ik`, with any solver, and in :class:`~qp_twist.Controller`.
+
+    Attributes:
+        frame_name: Name or id of the controlled frame.
+        frame_type: ``"body"``, ``"geom"`` or ``"site"``.
+        projector: T. Its axes are rebuilt in the world at every step.
+        target: The target pose, or ``None`` before :meth:`set_target`.
+        feedforward: Twist of the target (linear, angular), world axes, m/s and rad/s, shape (6,).
+
+    Example:
+        >>> import mink, qp_twist as qt
+        >>> path_task = qt.load_task("deburring")
+        >>> task = qt.TwistTask("tool", "site", path_task.projector)   # the roll is free
+        >>> task.set_target(path_task.waypoints[0])
+        >>> task.compute_jacobian(mink.Configuration(path_task.model)).shape
+        (5, 6)
+    """
+
+    def __init__(
+        self,
+        frame_name: str | int,
+        frame_type: str,
+        projector: TwistProjector,
+        gain: float = 1.0,
+        *,
+        linear_cost: float = 1.0,
+        angular_cost: float = 1.0,
+        max_linear_step: float = math.inf,
+        max_angular_step: float = math.inf,
+        lm_damping: float = 0.0,
+    ) -> None:
+        """State a task.
+
+        Args:
+            frame_name: Name or id of the frame to control.
+            frame_type: ``"body"``, ``"geom"`` or ``"site"``.
+            projector: T, which twist directions the task needs.
+            gain: Share of the error to remove in one step, in [0, 1].
+            linear_cost: Weight of the linear rows where mink treats the task as soft, 1/m.
+            angular_cost: Weight of the angular rows where mink treats the task as soft, 1/rad.
+            max_linear_step: Longest linear error that one step is asked to remove, m.
+            max_angular_step: Largest angular error that one step is asked to remove, rad.
+            lm_damping: mink's Levenberg–Marquardt damping where the task is soft.
+
+        Raises:
+            InvalidInput: If an argument has the wrong type or range.
+            mink.InvalidGain: If the gain is outside [0, 1].
+        """
+        if not isinstance(projector, TwistProjector):
+            raise InvalidInput(
+                f"TwistTask({frame_name!r}, {frame_type!r}): projector must be a TwistProjector, "
+                f"got {projector!r}."
+            )
+        if frame_type not in mink.SUPPORTED_FRAMES:
+            raise mink.UnsupportedFrame(frame_type, mink.SUPPORTED_FRAMES)
+        cost = np.concatenate(
+            [
+                np.full(projector.linear.rank, number("linear_cost", linear_cost, at_least=0.0)),
+                np.full(projector.angular.rank, number("angular_cost", angular_cost, at_least=0.0)),
+            ]
+        )
+        super().__init__(cost=cost, gain=number("gain", gain), lm_damping=lm_damping)
+        self.frame_name = frame_name
+        self.frame_type = frame_type
+        self.projector = projector
+        self.max_linear_step = _step_limit("max_linear_step", max_linear_step)
+        self.max_angular_step = _step_limit("max_angular_step", max_angular_step)
+        self.target: mink.SE3 | None = None
+        self.feedforward: Array = np.zeros(6)
+        self._target_rotation = np.eye(3)
+        self._target_position = np.zeros(3)
+        self._dt: float | None = None
+
+    @property
+    def name(self) -> str:
+        """How messages call this task, e.g. ``TwistTask('tool', 'site')``."""
+        return f"TwistTask({self.frame_name!r}, {self.frame_type!r})"
+
+    def set_target(self, target: mink.SE3, twist: npt.ArrayLike | None = None) -> None:
+        """Set the target pose, and its twist where it moves.
+
+        Args:
+            target: Pose of the target in the world.
+            twist: Feed-forward (linear, angular) velocity of the target, world axes, reference
+                point its origin, m/s and rad/s, shape (6,); at rest if ``None``.
+
+        Raises:
+            InvalidTarget: If the pose or the twist is not finite, or not a pose at all.
+        """
+        if not isinstance(target, mink.SE3):
+            raise InvalidTarget(
+                f"{self.name}: the target must be a mink.SE3, got {type(target).__name__}."
+            )
+        wxyz_xyz = finite_array(f"{self.name} target", target.wxyz_xyz, (7,), error=InvalidTarget)
+        length = float(np.linalg.norm(wxyz_xyz[:4]))
+        if abs(length - 1.0) > 1e-6:
+            raise InvalidTarget(
+                f"{self.name}: the target's quaternion has length {length:.6g}; normalise it."
+            )
+        feedforward = np.zeros(6)
+        if twist is not None:
+            feedforward = finite_array(f"{self.name} twist", twist, (6,), error=InvalidTarget)
+        self.target = target.copy()
+        self.feedforward = feedforward
+        self._target_rotation = target.rotation().as_matrix()
+        self._target_position = target.translation().copy()
+
+    def set_target_from_configuration(self, configuration: mink.Configuration) -> None:
+        """Make the frame's present pose the target, at rest."""
+        self.set_target(
+            configuration.get_transform_frame_to_world(self.frame_name, self.frame_type)
+        )
+
+    def set_dt(self, dt: float) -> None:
+        """Tell the task the time step, s. Needed only for feed-forward under ``mink.solve_ik``.
+
+        mink's tasks state a displacement and do not know the step;
+        :class:`~qp_twist.Controller` knows it and needs no such call.
+        """
+        self._dt = number("dt", dt, above=0.0)
+
+    def state(self, configuration: mink.Configuration) -> TaskState:
+        """Basis, error and Jacobian at a configuration, in world axes.
+
+        Raises:
+            mink.TargetNotSet: If :meth:`set_target` has not been called.
+            mink.InvalidFrame: If the model has no such frame.
+        """
+        if self.target is None:
+            raise mink.TargetNotSet(self.name)
+        rotation, position = frame_pose(configuration, self.frame_name, self.frame_type)
+        error = twist_error(
+            rotation, position, self._target_rotation, self._target_position, self.projector
+        )
+        world = self.projector.resolved(body=rotation, target=self._target_rotation)
+        return TaskState(
+            projector=world,
+            basis=world.basis,
+            error=error,
+            jacobian=frame_jacobian(configuration, self.frame_name, self.frame_type),
+        )
+
+    def clamped(self, error: Array) -> Array:
+        """The part of Δt (6,) that one step is asked to remove, before the gain."""
+        return clamp_twist(error, self.max_linear_step, self.max_angular_step)
+
+    def compute_error(self, configuration: mink.Configuration) -> Array:
+        r"""Error e = −UᵀΔt, with the feed-forward over one time step, shape (r,).
+
+        With feed-forward :math:`\mathbf e = -\mathbf U^T(\Delta\mathbf t + \mathbf t_{ff}\,dt/k)`,
+        so that mink's :math:`\mathbf J\Delta\mathbf q = -k\,\mathbf e` moves with the target.
+
+        Raises:
+            mink.TargetNotSet: If there is no target.
+            mink.IntegrationTimestepNotSet: If there is a feed-forward but no :meth:`set_dt`.
+        """
+        return self._mink_error(self.state(configuration))
+
+    def compute_jacobian(self, configuration: mink.Configuration) -> Array:
+        """Task Jacobian UᵀJ, shape (r, nv)."""
+        state = self.state(configuration)
+        return state.basis.T @ state.jacobian
+
+    def compute_qp_residual(self, configuration: mink.Configuration) -> tuple[Array, Array, float]:
+        """The weighted residual which mink stacks, from one look at the configuration."""
+        state = self.state(configuration)
+        weighted: tuple[Array, Array, float] = self._weighted_residual(
+            self._mink_error(state), state.basis.T @ state.jacobian
+        )
+        return weighted
+
+    def velocity_rows(self, configuration: mink.Configuration, dt: float) -> tuple[Array, Array]:
+        r"""The rows A q̇ = b that a step of length ``dt`` imposes.
+
+        .. math::
+
+            \mathbf U^T \mathbf J \dot{\mathbf q}
+            = k\,\mathbf U^T \Delta\mathbf t / dt + \mathbf U^T \mathbf t_{ff}
+
+        Returns:
+            A, shape (r, nv), and b, m/s and rad/s, shape (r,).
+        """
+        state = self.state(configuration)
+        rate = self.gain * self.clamped(state.error) / dt + self.feedforward
+        return state.basis.T @ state.jacobian, state.basis.T @ rate
+
+    def _mink_error(self, state: TaskState) -> Array:
+        shift = self.clamped(state.error)
+        if self.feedforward.any():
+            if self._dt is None:
+                raise mink.IntegrationTimestepNotSet(self.name)
+            if self.gain == 0.0:
+                raise InvalidInput(
+                    f"{self.name}: with gain 0 mink drops the feed-forward twist; give a gain "
+                    "above 0 or use qp_twist.Controller."
+                )
+            shift = shift + self.feedforward * (self._dt / self.gain)
+        return -(state.basis.T @ shift)
+
+    def __repr__(self) -> str:
+        return f"{self.name[:-1]}, {self.projector!r}, gain={self.gain:g})"
+
+
+def _step_limit(name: str, value: float) -> float:
+    return value if value == math.inf else number(name, value, above=0.0)

@@ -1,0 +1,38 @@
+"""Limits that are bounds on single joint velocities."""
+
+from __future__ import annotations
+
+import abc
+
+import mink
+import numpy as np
+
+from qp_twist.checks import Array
+
+
+class BoxLimit(mink.Limit):
+    """Base of the limits lower ≤ q̇ ≤ upper; also a plain :class:`mink.Limit`.
+
+    Attributes:
+        kind: How messages and :class:`~qp_twist.BindingLimit` call it.
+    """
+
+    kind: str = "box"
+
+    @abc.abstractmethod
+    def bounds(self, configuration: mink.Configuration, dt: float) -> tuple[Array, Array]:
+        """Lower and upper joint velocity, rad/s or m/s, each (nv,); ±∞ where there is none."""
+
+    def compute_qp_inequalities(
+        self, configuration: mink.Configuration, dt: float
+    ) -> mink.Constraint:
+        """The same bounds as mink's rows G Δq ≤ h."""
+        lower, upper = self.bounds(configuration, dt)
+        below, above = np.isfinite(lower), np.isfinite(upper)
+        if not (below.any() or above.any()):
+            return mink.Constraint()
+        identity = np.eye(configuration.model.nv)
+        return mink.Constraint(
+            G=np.vstack([identity[above], -identity[below]]),
+            h=np.hstack([upper[above], -lower[below]]) * dt,
+        )

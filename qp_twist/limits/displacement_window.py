@@ -1,0 +1,53 @@
+"""A window around a configuration: how far each joint may go before the next waypoint is due."""
+
+from __future__ import annotations
+
+import mink
+import mujoco
+import numpy as np
+import numpy.typing as npt
+
+from qp_twist.checks import Array, finite_array
+from qp_twist.errors import InvalidInput
+from qp_twist.kinematics import JointRanges
+from qp_twist.limits.box_limit import BoxLimit
+
+
+class DisplacementWindow(BoxLimit):
+    r"""Keep :math:`|\theta - \theta_{ref}| \le w` for each joint.
+
+    With w = v_max · Δt it is the velocity limit over a whole waypoint, however many iterations the
+    waypoint takes: the iterations share one allowance.
+    """
+
+    kind = "velocity"
+
+    def __init__(
+        self, model: mujoco.MjModel, q_ref: npt.ArrayLike, half_width: npt.ArrayLike
+    ) -> None:
+        """Set the window.
+
+        Args:
+            model: The robot.
+            q_ref: Configuration at the last waypoint, shape (nq,).
+            half_width: w for each degree of freedom, rad or m, shape (nv,); ``inf`` where free.
+
+        Raises:
+            InvalidInput: If a shape is wrong or a width is negative or NaN.
+        """
+        self.ranges = JointRanges.of(model)
+        self.reference = self.ranges.positions(finite_array("q_ref", q_ref, (model.nq,)))
+        self.half_width = np.array(half_width, dtype=np.float64)
+        if self.half_width.shape != (model.nv,) or not (self.half_width >= 0.0).all():
+            raise InvalidInput(
+                f"DisplacementWindow: half_width needs {model.nv} numbers of at least 0, got "
+                f"{half_width!r}."
+            )
+
+    def bounds(self, configuration: mink.Configuration, dt: float) -> tuple[Array, Array]:
+        """(θ_ref ∓ w − θ)/dt, rad/s or m/s, each (nv,)."""
+        moved = self.reference - self.ranges.positions(configuration.q)
+        # Rounding may leave the joint an ulp outside its window: standing still is always allowed.
+        lower = np.minimum((moved - self.half_width) / dt, 0.0)
+        upper = np.maximum((moved + self.half_width) / dt, 0.0)
+        return lower, upper

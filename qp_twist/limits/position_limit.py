@@ -1,0 +1,51 @@
+"""Joint position limits."""
+
+from __future__ import annotations
+
+import mink
+import mujoco
+import numpy as np
+
+from qp_twist.checks import Array, number
+from qp_twist.errors import InvalidInput
+from qp_twist.kinematics import JointRanges
+from qp_twist.limits.box_limit import BoxLimit
+
+
+class PositionLimit(BoxLimit):
+    r"""Keep every joint in its range after the step.
+
+    .. math:: (\theta_{min} - \theta)/dt \le \dot\theta \le (\theta_{max} - \theta)/dt
+
+    A joint that starts outside is brought back at ``recovery_speed`` at most, instead of in one
+    step: neither an error nor a snap.
+    """
+
+    kind = "position"
+
+    def __init__(self, model: mujoco.MjModel, *, recovery_speed: float = 0.5) -> None:
+        """Read the ranges of a model.
+
+        Args:
+            model: The robot.
+            recovery_speed: Fastest return into the range, rad/s or m/s.
+
+        Raises:
+            InvalidInput: If a ball joint has a limit, which is not a bound on one velocity.
+        """
+        for joint in range(model.njnt):
+            ball = model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_BALL
+            if ball and model.jnt_limited[joint]:
+                raise InvalidInput(
+                    f"PositionLimit: ball joint {model.joint(joint).name!r} has a limit, which is "
+                    "not a bound on one velocity; pass limits=[mink.ConfigurationLimit(model)]."
+                )
+        self.ranges = JointRanges.of(model)
+        self.recovery_speed = number("recovery_speed", recovery_speed, above=0.0)
+
+    def bounds(self, configuration: mink.Configuration, dt: float) -> tuple[Array, Array]:
+        """(θ_min − θ)/dt and (θ_max − θ)/dt, rad/s or m/s, each (nv,)."""
+        q = self.ranges.positions(configuration.q)
+        lower = np.minimum((self.ranges.lower - q) / dt, self.recovery_speed)
+        upper = np.maximum((self.ranges.upper - q) / dt, -self.recovery_speed)
+        return lower, upper

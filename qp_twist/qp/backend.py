@@ -1,0 +1,105 @@
+"""Any solver of qpsolvers by its name, at settings that suit a robot's step."""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import qpsolvers
+
+from qp_twist.checks import Array
+from qp_twist.errors import UnknownSolver
+from qp_twist.qp.problem import QuadraticProgram
+
+# Defaults of first-order solvers are made for large problems: OSQP calls a step solved at 11 times
+# its velocity limit, ProxQP stops at an error of 1e-3. DAQP's 1e-6 on bounds is a visible angle.
+SETTINGS: dict[str, dict[str, Any]] = {
+    "daqp": {"primal_tol": 1e-11, "dual_tol": 1e-11},
+    "proxqp": {"eps_abs": 1e-9, "eps_rel": 0.0, "max_iter": 10_000},
+    "osqp": {"eps_abs": 1e-9, "eps_rel": 0.0, "max_iter": 50_000, "polishing": True},
+    "clarabel": {"tol_feas": 1e-10, "tol_gap_abs": 1e-10, "tol_gap_rel": 1e-10},
+    "piqp": {"eps_abs": 1e-10, "eps_rel": 0.0},
+}
+
+
+@dataclass(frozen=True, eq=False)
+class RawSolution:
+    """What a backend returned, before anybody has checked it.
+
+    Attributes:
+        x: The unknowns, (n,); ``None`` where the backend gave nothing.
+        found: Whether the backend calls it solved.
+        box_multipliers: Multipliers of the bounds, positive at the upper one, (n,).
+        row_multipliers: Multipliers of G x ≤ g, (k,).
+    """
+
+    x: Array | None
+    found: bool
+    box_multipliers: Array
+    row_multipliers: Array
+
+
+def check_solver(solver: str) -> str:
+    """``solver`` if qpsolvers can call it.
+
+    Raises:
+        UnknownSolver: If it is unknown or not installed.
+    """
+    installed = qpsolvers.available_solvers
+    if solver not in installed:
+        raise UnknownSolver(
+            f"solver {solver!r} is not installed or not known; installed: {', '.join(installed)}. "
+            "Others come with qpsolvers' extras, e.g. pip install 'qpsolvers[clarabel]'."
+        )
+    return solver
+
+
+def solve_raw(problem: QuadraticProgram, solver: str) -> RawSolution:
+    """Hand a problem to a backend. Rows are scaled to length one first.
+
+    DAQP drops equality rows shorter than 3e-6 and calls the rest solved; at length one a row cannot
+    be dropped. A row of zeros cannot be scaled and is left to the verification.
+    """
+    A, b, _ = _unit_rows(problem.A, problem.b)
+    G, g, row_lengths = _unit_rows(problem.G, problem.g)
+    bounded = bool(np.isfinite(problem.lower).any() or np.isfinite(problem.upper).any())
+    posed = qpsolvers.Problem(
+        problem.H,
+        problem.c,
+        G if len(g) else None,
+        g if len(g) else None,
+        A if len(b) else None,
+        b if len(b) else None,
+        problem.lower if bounded else None,
+        problem.upper if bounded else None,
+    )
+    with warnings.catch_warnings():
+        # OSQP's wrapper warns of its sparse conversion, and of each infeasible problem.
+        warnings.simplefilter("ignore")
+        try:
+            solution = qpsolvers.solve_problem(posed, solver=solver, **SETTINGS.get(solver, {}))
+        except (ValueError, qpsolvers.SolverError):
+            # A backend that refuses a problem has not solved it; the caller decides what follows.
+            return RawSolution(None, False, np.zeros(problem.n), np.zeros(len(g)))
+    # Copies: some backends return views of memory that the next solve overwrites.
+    return RawSolution(
+        x=None if solution.x is None else np.array(solution.x, dtype=np.float64),
+        found=bool(solution.found),
+        box_multipliers=_multipliers(solution.z_box, problem.n),
+        row_multipliers=_multipliers(solution.z, len(g)) / row_lengths,
+    )
+
+
+def _unit_rows(rows: Array, bounds: Array) -> tuple[Array, Array, Array]:
+    """Rows and right-hand sides divided by the rows' lengths, and the lengths."""
+    lengths = np.linalg.norm(rows, axis=1)
+    lengths[lengths == 0.0] = 1.0
+    return rows / lengths[:, None], bounds / lengths, lengths
+
+
+def _multipliers(values: Array | None, size: int) -> Array:
+    if values is None or len(values) != size:
+        return np.zeros(size)
+    return np.array(values, dtype=np.float64)
