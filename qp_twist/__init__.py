@@ -12,6 +12,8 @@ from .errors import InvalidTarget as InvalidTarget
 from .errors import QpTwistError as QpTwistError
 from .errors import TaskFileError as TaskFileError
 from .errors import UnknownSolver as UnknownSolver
+from .following import Trajectory as Trajectory
+from .following import follow as follow
 from .geometry import Projector as Projector
 from .geometry import TwistProjector as TwistProjector
 from .geometry import task_redundancy as task_redundancy
@@ -26,6 +28,9 @@ from .kinematics import TwistTask as TwistTask
 from .limits import BindingLimit as BindingLimit
 from .limits import DisplacementWindow as DisplacementWindow
 from .limits import PositionLimit as PositionLimit
+from .path import METHODS as METHODS
+from .path import PathTask as PathTask
+from .path import load_task as load_task
 from .qp import InfeasibleStep as InfeasibleStep
 from .qp import NoSolutionFound as NoSolutionFound
 from .qp import QuadraticProgram as QuadraticProgram

@@ -1,0 +1,5 @@
+"""A method along a path."""
+
+from .follow import follow as follow
+from .trajectory import Trajectory as Trajectory
+from .trajectory import write_atomically as write_atomically

@@ -1,0 +1,215 @@
+"""Follow a path with a method, waypoint by waypoint."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from typing import Any
+
+import mink
+import numpy as np
+from pydantic import ValidationError
+
+from qp_twist import closed_form
+from qp_twist.checks import Array
+from qp_twist.errors import InvalidInput
+from qp_twist.following.resolver import Resolver, make_resolver, twist_task
+from qp_twist.following.trajectory import Trajectory
+from qp_twist.kinematics import TwistTask
+from qp_twist.path import METHODS, MethodSettings, PathTask, check_method
+from qp_twist.qp import check_solver
+
+_LARGEST_JOINT = 1e6
+"""A joint beyond this many rad has diverged; its error would only overflow."""
+_START_ITERATIONS = 200
+
+
+def follow(
+    path_task: PathTask,
+    method: str = "qp",
+    *,
+    solver: str = "daqp",
+    progress: Callable[[int], None] | None = None,
+    **options: Any,
+) -> Trajectory:
+    """Follow a path with one method.
+
+    At each waypoint the method iterates until the task is within the tolerances or its iterations
+    are spent. The secondary objective acts in the first iteration only: repeated, it would keep
+    breaking the task by curvature. The QPs hold the scene's position limits and, over the time of
+    the waypoint, the task's velocity limits; where these do not leave room for the whole task the
+    step is scaled, and the waypoint's error is what is left of it.
+
+    Args:
+        path_task: The task, from :func:`~qp_twist.load_task`.
+        method: One of the method names.
+        solver: Backend of the QP methods.
+        progress: Called with the number of waypoints done.
+        **options: Settings that replace those of the task file: ``iterations``, ``secondary``,
+            ``weight``, ``gain``.
+
+    Returns:
+        The trajectory, its first row the start corrected onto the first waypoint.
+
+    Raises:
+        InvalidInput: If the method or an option is unknown, or the start cannot be corrected.
+        UnknownSolver: If the backend is not installed.
+    """
+    check_solver(solver)
+    settings = _settings(path_task, check_method(method), options)
+    kind = METHODS[method]
+    waypoints = path_task.waypoints
+    if kind.flipped:
+        if path_task.flipped_waypoints is None:
+            raise InvalidInput(
+                f"follow: {method} needs a roll rule with two signs; this task has no [roll]."
+            )
+        waypoints = path_task.flipped_waypoints
+    resolver = make_resolver(path_task, method, settings, solver)
+    configuration = mink.Configuration(
+        path_task.model, _corrected_start(path_task, resolver, waypoints[0])
+    )
+    recorder = _Recorder(path_task)
+    recorder.add(configuration, waypoints[0])
+    began = time.perf_counter()
+    for index, waypoint in enumerate(waypoints[1:], start=1):
+        duration = None if path_task.durations is None else float(path_task.durations[index])
+        if recorder.diverged_at is None:
+            resolver.task.set_target(waypoint)
+            resolver.begin_waypoint(configuration.q, duration)
+            _approach(resolver, configuration, settings, recorder)
+        if recorder.diverged_at is None and not _sane(configuration.q):
+            recorder.diverged_at = index + 1
+            configuration.update(recorder.q[-1])
+        recorder.add(configuration, waypoint)
+        if progress is not None:
+            progress(index)
+    return recorder.trajectory(method, time.perf_counter() - began)
+
+
+def _approach(
+    resolver: Resolver,
+    configuration: mink.Configuration,
+    settings: MethodSettings,
+    recorder: _Recorder,
+) -> None:
+    """Iterate to the waypoint that is the resolver's target."""
+    for iteration in range(settings.iterations):
+        first = iteration == 0
+        if not first and _reached(recorder.path_task, resolver.task, configuration):
+            break
+        move = resolver.displacement(configuration, first=first)
+        if not np.isfinite(move.dq).all():
+            configuration.update(np.full(configuration.model.nq, np.inf))
+            break
+        configuration.integrate_inplace(move.dq, 1.0)
+        recorder.note(move.scale, move.binding)
+        # Held by its limits: the other iterations would not move it either.
+        if np.abs(move.dq).max(initial=0.0) < 1e-13 or not _sane(configuration.q):
+            break
+
+
+def _sane(q: Array) -> bool:
+    return bool(np.isfinite(q).all() and np.abs(q).max() < _LARGEST_JOINT)
+
+
+def _reached(path_task: PathTask, task: TwistTask, configuration: mink.Configuration) -> bool:
+    error = task.state(configuration).error
+    return bool(
+        np.linalg.norm(error[:3]) <= path_task.iteration.position_tolerance
+        and np.linalg.norm(error[3:]) <= path_task.iteration.angle_tolerance
+    )
+
+
+def _corrected_start(path_task: PathTask, resolver: Resolver, waypoint: mink.SE3) -> Array:
+    """The start moved onto the first waypoint by the shortest steps in the method's own rows."""
+    configuration = mink.Configuration(path_task.model, path_task.start)
+    task = resolver.task
+    task.set_target(waypoint)
+    for _ in range(_START_ITERATIONS):
+        if _reached(path_task, task, configuration):
+            q: Array = configuration.q.copy()
+            return q
+        state = task.state(configuration)
+        dq = closed_form.minimum_norm(state.jacobian, state.projector, task.clamped(state.error))
+        configuration.integrate_inplace(dq, 1.0)
+    error = task.state(configuration).error
+    raise InvalidInput(
+        f"follow: the start cannot be corrected onto the first waypoint; after "
+        f"{_START_ITERATIONS} steps it is {np.linalg.norm(error[:3]):.3g} m and "
+        f"{np.degrees(np.linalg.norm(error[3:])):.3g} degrees away. Give a start nearer to it, or "
+        "move the path into the robot's reach."
+    )
+
+
+def _settings(path_task: PathTask, method: str, options: dict[str, Any]) -> MethodSettings:
+    merged = {**path_task.settings(method).model_dump(), **options}
+    try:
+        return MethodSettings.model_validate(merged)
+    except ValidationError as error:
+        item = error.errors()[0]
+        known = ", ".join(MethodSettings.model_fields)
+        raise InvalidInput(
+            f"follow({method!r}): option {'.'.join(map(str, item['loc']))}: {item['msg']}, got "
+            f"{item['input']!r}. Options: {known}."
+        ) from None
+
+
+class _Recorder:
+    """Collects a trajectory and what the task's own rows say of it."""
+
+    def __init__(self, path_task: PathTask) -> None:
+        self.path_task = path_task
+        self.task = twist_task(path_task)
+        self.q: list[Array] = []
+        self.rows: list[tuple[float, float, float]] = []
+        self.scales: list[float] = []
+        self.iterations: list[int] = []
+        self.binding: list[tuple[str, ...]] = []
+        self.diverged_at: int | None = None
+        self._reset()
+
+    def _reset(self) -> None:
+        self._scale, self._count, self._names = 1.0, 0, dict[str, None]()
+
+    def note(self, scale: float, binding: tuple[str, ...]) -> None:
+        """An iteration of the waypoint under way."""
+        self._scale = min(self._scale, scale)
+        self._count += 1
+        self._names.update(dict.fromkeys(binding))
+
+    def add(self, configuration: mink.Configuration, waypoint: mink.SE3) -> None:
+        """A waypoint that is done."""
+        self.task.set_target(waypoint)
+        state = self.task.state(configuration)
+        rows = state.basis.T @ state.jacobian
+        sigma = np.linalg.svd(rows, compute_uv=False)
+        self.q.append(configuration.q.copy())
+        self.rows.append(
+            (
+                float(np.linalg.norm(state.error[:3])),
+                float(np.linalg.norm(state.error[3:])),
+                float(sigma[-1]) if len(sigma) else 0.0,
+            )
+        )
+        self.scales.append(self._scale)
+        self.iterations.append(self._count)
+        self.binding.append(tuple(self._names))
+        self._reset()
+
+    def trajectory(self, method: str, seconds: float) -> Trajectory:
+        """Everything recorded."""
+        position_error, axis_error, sigma_min = np.array(self.rows).T
+        return Trajectory(
+            path_task=self.path_task,
+            method=method,
+            q=np.array(self.q),
+            position_error=position_error,
+            axis_error=axis_error,
+            sigma_min=sigma_min,
+            scale=np.array(self.scales),
+            iterations=np.array(self.iterations),
+            binding=tuple(self.binding),
+            seconds=seconds,
+            diverged_at=self.diverged_at,
+        )

@@ -1,0 +1,107 @@
+"""A joint trajectory along a path, and what it does at every waypoint."""
+
+from __future__ import annotations
+
+import os
+import tempfile
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from qp_twist.checks import Array
+from qp_twist.kinematics import JointRanges
+from qp_twist.path import PathTask
+
+
+@dataclass(frozen=True, eq=False)
+class Trajectory:
+    """What :func:`~qp_twist.follow` returns. N waypoints; row 0 is the start.
+
+    Attributes:
+        path_task: The task that was followed.
+        method: Name of the method.
+        q: Joint configurations, rad or m, (N, nq).
+        position_error: Length of the linear task error after the last iteration, m, (N,).
+        axis_error: Length of the angular task error, in the rows of the task only, rad, (N,).
+        sigma_min: Smallest singular value of the task rows UᵀJ, (N,).
+        scale: Smallest scale of the waypoint's steps; 1 for closed forms, (N,).
+        iterations: Iterations that each waypoint took, (N,).
+        binding: Names of the limits that scaled a step of the waypoint, for each waypoint.
+        seconds: Wall time of the whole run, without the start's correction, s.
+        diverged_at: 1-based waypoint from which the method had no finite step, or ``None``.
+    """
+
+    path_task: PathTask
+    method: str
+    q: Array
+    position_error: Array
+    axis_error: Array
+    sigma_min: Array
+    scale: Array
+    iterations: np.ndarray[tuple[int], np.dtype[np.int_]]
+    binding: tuple[tuple[str, ...], ...]
+    seconds: float
+    diverged_at: int | None
+
+    @property
+    def joint_names(self) -> tuple[str, ...]:
+        """Names of the joints, by degree of freedom."""
+        return JointRanges.of(self.path_task.model).names
+
+    @property
+    def margins(self) -> Array:
+        """1 − |θ − θ̄| / half-range for every waypoint and joint, (N, nv)."""
+        return JointRanges.of(self.path_task.model).margins(self.q)
+
+    @property
+    def z(self) -> Array:
+        """z = ½‖W(θ̄ − θ)‖² at every waypoint, (N,)."""
+        return JointRanges.of(self.path_task.model).centring(self.q)
+
+    @property
+    def summary(self) -> str:
+        """Largest errors and smallest margin in one line."""
+        return (
+            f"position error ≤ {1e3 * self.position_error.max():.3g} mm, axis error ≤ "
+            f"{np.degrees(self.axis_error.max()):.3g}°, smallest joint margin "
+            f"{self.margins.min(initial=np.inf):.3g}"
+        )
+
+    def save(self, path: str | Path) -> Path:
+        """Write the joint trajectory as CSV: a commented header, joint names with units, rows.
+
+        The file is written beside its place and renamed, so a failure leaves nothing half-written.
+        """
+        ranges = JointRanges.of(self.path_task.model)
+        hinge = [int(self.path_task.model.jnt_type[j]) == 3 for j in self.path_task.model.dof_jntid]
+        columns = ["waypoint", "time [s]"] + [
+            f"{name} [{'rad' if is_hinge else 'm'}]"
+            for name, is_hinge in zip(ranges.names, hinge, strict=True)
+        ]
+        durations = self.path_task.durations
+        times = np.cumsum(durations if durations is not None else np.zeros(len(self.q)))
+        lines = [
+            f"# qp_twist joint trajectory; task {self.path_task.name}, method {self.method}",
+            "# joint positions in rad (hinge) or m (slide); time at the task's feed, 0 if untimed",
+            ",".join(columns),
+        ]
+        for index, (time, row) in enumerate(zip(times, ranges.positions(self.q), strict=True)):
+            values = ",".join(f"{value:.17g}" for value in row)
+            lines.append(f"{index + 1},{time:.9g},{values}")
+        return write_atomically(Path(path), "\n".join(lines) + "\n")
+
+
+def write_atomically(path: Path, text: str) -> Path:
+    """Write ``text`` to a temporary file in the same folder, then rename it to ``path``."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
+    try:
+        with os.fdopen(handle, "w", encoding="utf-8") as file:
+            file.write(text)
+        Path(temporary).chmod(0o644)
+        os.replace(temporary, path)
+    except BaseException:
+        Path(temporary).unlink(missing_ok=True)
+        raise
+    return path

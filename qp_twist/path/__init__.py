@@ -1,0 +1,11 @@
+"""Paths and task files."""
+
+from .methods import METHODS as METHODS
+from .methods import Method as Method
+from .methods import MethodSettings as MethodSettings
+from .path_task import PathTask as PathTask
+from .path_task import check_method as check_method
+from .resources import shipped_folder as shipped_folder
+from .task_file import load_task as load_task
+from .task_file import shipped_tasks as shipped_tasks
+from .task_file import task_title as task_title

@@ -1,0 +1,99 @@
+"""The methods by name: what they are, what stands beside what, and how each is run by default."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Annotated, Literal, get_args
+
+from pydantic import Field
+
+from qp_twist.path.section import Section
+
+MethodName = Literal[
+    "rmr",
+    "rmr_flipped",
+    "qp_rmr",
+    "minimum_norm",
+    "qp_minimum_norm",
+    "gradient_projection",
+    "qp_gradient",
+    "twa",
+    "qp",
+]
+
+
+class MethodSettings(Section):
+    """How one method is run: a ``[methods.NAME]`` table of a task file."""
+
+    iterations: Annotated[int, Field(ge=1, le=1000)] = Field(
+        default=20, description="most iterations for a waypoint"
+    )
+    secondary: Literal["none", "centering", "posture", "manipulability"] = Field(
+        default="none", description="what the free motion is spent on"
+    )
+    weight: Literal["gradient", "paper", "natural"] = Field(
+        default="gradient",
+        description="of centering: h = WᵀW(θ̄ − θ), the paper's W(θ̄ − θ), or θ̄ − θ with the "
+        "joint-space cost measured in WᵀW",
+    )
+    gain: Annotated[float, Field(ge=0.0, allow_inf_nan=False)] = Field(
+        default=1.0, description="of the secondary, per waypoint"
+    )
+
+
+@dataclass(frozen=True)
+class Method:
+    """One way to resolve a step.
+
+    Attributes:
+        name: As in the command line, task files and Python.
+        title: As in figures.
+        constrained: Whether it is a QP with the limits in it.
+        whole_twist: Whether it fixes the roll too (T = T_O) by the task's roll rule.
+        flipped: Whether it takes the roll rule's other sign.
+        space: Where the QP measures the secondary.
+        counterpart: The closed form of a QP, or the QP of a closed form.
+        defaults: Settings where the task file says nothing.
+    """
+
+    name: str
+    title: str
+    constrained: bool
+    counterpart: str
+    whole_twist: bool = False
+    flipped: bool = False
+    space: Literal["joint", "twist"] = "joint"
+    defaults: MethodSettings = field(default_factory=MethodSettings)
+
+
+_TWA = MethodSettings(iterations=1, secondary="centering", weight="paper", gain=1.0)
+_GRADIENT = MethodSettings(iterations=1, secondary="centering", weight="gradient", gain=1.0)
+
+METHODS: dict[str, Method] = {
+    method.name: method
+    for method in (
+        Method("rmr", "resolved motion rate", False, "qp_rmr", whole_twist=True),
+        Method(
+            "rmr_flipped", "resolved motion rate, other y", False, "qp_rmr",
+            whole_twist=True, flipped=True,
+        ),
+        Method("qp_rmr", "QP, whole twist", True, "rmr", whole_twist=True),
+        Method("minimum_norm", "minimum norm", False, "qp_minimum_norm"),
+        Method("qp_minimum_norm", "QP, minimum norm", True, "minimum_norm"),
+        Method(
+            "gradient_projection", "gradient projection", False, "qp_gradient",
+            defaults=_GRADIENT,
+        ),
+        Method(
+            "qp_gradient", "QP, joint-space cost", True, "gradient_projection",
+            defaults=_GRADIENT.model_copy(update={"iterations": 20}),
+        ),
+        Method("twa", "twist decomposition (TWA)", False, "qp", space="twist", defaults=_TWA),
+        Method(
+            "qp", "QP, twist-space cost", True, "twa", space="twist",
+            defaults=_TWA.model_copy(update={"iterations": 20}),
+        ),
+    )
+}  # fmt: skip
+
+assert set(METHODS) == set(get_args(MethodName))

@@ -1,0 +1,101 @@
+"""A path task: a robot, a path, what of the path counts, and how it is to be followed."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import mink
+import mujoco
+import numpy as np
+
+from qp_twist.checks import Array
+from qp_twist.errors import InvalidInput
+from qp_twist.geometry import TwistProjector, task_redundancy
+from qp_twist.path.methods import METHODS, MethodSettings
+from qp_twist.path.task_schema import IterationSection
+
+
+@dataclass(frozen=True, eq=False)
+class PathTask:
+    """Everything that a method needs to follow a path.
+
+    Attributes:
+        name: Short name, the file's stem.
+        title: One line for people.
+        source: The task file, if there is one.
+        scene: The MJCF file.
+        model: The robot.
+        frame_name: Name of the controlled frame.
+        frame_type: Its type.
+        projector: T of the task.
+        operational: T_O of the robot.
+        waypoints: Poses in the world, with the roll of the roll rule.
+        flipped_waypoints: The same with the rule's other sign; ``None`` without a rule.
+        start: Starting configuration, before it is corrected onto the first waypoint, (nq,).
+        durations: Time that each waypoint may take, s, (N,); the first is 0; ``None`` untimed.
+        velocity_limits: Largest joint speeds, rad/s or m/s, (nv,); ∞ where none is stated.
+        iteration: Tolerances and step clamps.
+        methods: Settings by method name, where the file states them.
+    """
+
+    name: str
+    title: str
+    source: Path | None
+    scene: Path
+    model: mujoco.MjModel
+    frame_name: str
+    frame_type: str
+    projector: TwistProjector
+    operational: TwistProjector
+    waypoints: tuple[mink.SE3, ...]
+    flipped_waypoints: tuple[mink.SE3, ...] | None
+    start: Array
+    durations: Array | None
+    velocity_limits: Array
+    iteration: IterationSection = field(default_factory=IterationSection)
+    methods: dict[str, MethodSettings] = field(default_factory=dict)
+
+    @property
+    def positions(self) -> Array:
+        """Positions of the waypoints in the world, m, (N, 3)."""
+        return np.array([w.translation() for w in self.waypoints])
+
+    @property
+    def redundancy(self) -> int:
+        """r_t = rank(T_O) − rank(T_T)."""
+        return task_redundancy(self.operational, self.projector)
+
+    def settings(self, method: str) -> MethodSettings:
+        """Settings of a method: the file's, else the method's own.
+
+        Raises:
+            InvalidInput: If there is no such method.
+        """
+        check_method(method)
+        return self.methods.get(method, METHODS[method].defaults)
+
+    def method_names(self) -> list[str]:
+        """The methods that make sense for this task, closed forms before their counterparts."""
+        return [
+            name
+            for name, method in METHODS.items()
+            if not (method.flipped and self.flipped_waypoints is None)
+        ]
+
+    def __repr__(self) -> str:
+        return (
+            f"PathTask({self.name!r}, {len(self.waypoints)} waypoints, "
+            f"rank {self.projector.rank} of {self.operational.rank})"
+        )
+
+
+def check_method(method: str) -> str:
+    """``method`` if it is one of the known names.
+
+    Raises:
+        InvalidInput: If there is no such method.
+    """
+    if method not in METHODS:
+        raise InvalidInput(f"unknown method {method!r}; methods: {', '.join(METHODS)}.")
+    return method

@@ -1,0 +1,328 @@
+"""Read a task file (TOML) into a :class:`PathTask`."""
+
+from __future__ import annotations
+
+import difflib
+import itertools
+import json
+import math
+import re
+import tomllib
+from pathlib import Path
+from typing import Any
+
+import mink
+import mujoco
+import numpy as np
+from pydantic import ValidationError
+
+from qp_twist.checks import Array, unit_vector
+from qp_twist.errors import InvalidInput, TaskFileError
+from qp_twist.geometry import rotation_vector
+from qp_twist.kinematics import JointRanges, frame_pose
+from qp_twist.path.orientation import roll_by_plane
+from qp_twist.path.path_task import PathTask
+from qp_twist.path.resources import shipped_folder
+from qp_twist.path.section import Section
+from qp_twist.path.shapes import polyline, spherical_patch_edges
+from qp_twist.path.task_schema import (
+    FeedSection,
+    PolylinePath,
+    PosesPath,
+    StartSection,
+    TaskFile,
+)
+
+
+def shipped_tasks() -> list[Path]:
+    """The task files that come with the package, by name."""
+    return sorted(shipped_folder("tasks").glob("*.toml"))
+
+
+def load_task(task: str | Path) -> PathTask:
+    """Load a task by the name of a shipped file, or a path to a ``.toml`` file.
+
+    Scenes and other relative paths resolve from the file; a scene that is not there is looked for
+    among the shipped ones.
+
+    Args:
+        task: ``"deburring"``, or ``"./mine.toml"``.
+
+    Raises:
+        TaskFileError: If there is no such file, or something in it is wrong: the message names the
+            file, the line where it can be found, and the key.
+
+    Example:
+        >>> import qp_twist as qt
+        >>> qt.load_task("deburring")
+        PathTask('deburring', 401 waypoints, rank 5 of 6)
+    """
+    path = _find(task)
+    try:
+        text = path.read_text(encoding="utf-8")
+        table = tomllib.loads(text)
+    except (OSError, UnicodeDecodeError) as error:
+        raise TaskFileError(f"{path}: cannot be read: {error}.") from error
+    except tomllib.TOMLDecodeError as error:
+        raise TaskFileError(f"{path}: not valid TOML: {error}.") from error
+    try:
+        # By way of JSON, since only there strict mode takes an array for a tuple.
+        file = TaskFile.model_validate_json(json.dumps(table, default=str))
+    except ValidationError as error:
+        raise TaskFileError(_explain(path, text, error)) from None
+    try:
+        return _build(path, file)
+    except TaskFileError:
+        raise
+    except InvalidInput as error:
+        raise TaskFileError(f"{path}: {error}") from error
+
+
+def task_title(path: Path) -> str:
+    """The title line of a task file, without loading its scene."""
+    with path.open("rb") as file:
+        return str(tomllib.load(file).get("title", ""))
+
+
+def _find(task: str | Path) -> Path:
+    text = str(task)
+    if text.endswith(".toml") or "/" in text or "\\" in text:
+        path = Path(task)
+        if not path.is_file():
+            raise TaskFileError(f"{path}: there is no such task file.")
+        return path
+    path = shipped_folder("tasks") / f"{text}.toml"
+    if not path.is_file():
+        names = ", ".join(p.stem for p in shipped_tasks())
+        raise TaskFileError(
+            f"there is no shipped task {text!r}; shipped: {names}. A file of your own is given by "
+            f"its path, e.g. ./{text}.toml."
+        )
+    return path
+
+
+def _build(path: Path, file: TaskFile) -> PathTask:
+    scene, model = _load_scene(path, file.robot.scene)
+    start = _start(path, file.start, model)
+    configuration = mink.Configuration(model, start)
+    try:
+        rotation, _ = frame_pose(configuration, file.robot.frame, file.robot.frame_type)
+    except mink.InvalidFrame as error:
+        raise TaskFileError(f"{path}: robot.frame: {error}") from error
+    positions, rotations, flipped = _poses(path, file, rotation)
+    return PathTask(
+        name=path.stem,
+        title=file.title,
+        source=path,
+        scene=scene,
+        model=model,
+        frame_name=file.robot.frame,
+        frame_type=file.robot.frame_type,
+        projector=file.projector.projector(),
+        operational=file.operational.projector(),
+        waypoints=_waypoints(positions, rotations),
+        flipped_waypoints=None if flipped is None else _waypoints(positions, flipped),
+        start=start,
+        durations=_durations(path, file.feed, positions, rotations),
+        velocity_limits=_velocity_limits(path, file, model),
+        iteration=file.iteration,
+        methods={str(name): settings for name, settings in file.methods.items()},
+    )
+
+
+def _load_scene(path: Path, scene: str) -> tuple[Path, mujoco.MjModel]:
+    candidates = [path.parent / scene, shipped_folder("scenes") / scene]
+    for candidate in candidates:
+        if candidate.is_file():
+            try:
+                return candidate, mujoco.MjModel.from_xml_path(str(candidate))
+            except ValueError as error:
+                raise TaskFileError(f"{path}: robot.scene: MuJoCo says: {error}") from error
+    raise TaskFileError(
+        f"{path}: robot.scene: there is no {scene!r} beside the task file or among the shipped "
+        "scenes."
+    )
+
+
+def _start(path: Path, section: StartSection, model: mujoco.MjModel) -> Array:
+    key = "q_deg" if section.q_deg is not None else "q"
+    values = np.array(section.q_deg if section.q_deg is not None else section.q, dtype=np.float64)
+    if values.shape != (model.nq,):
+        raise TaskFileError(
+            f"{path}: start.{key}: the scene has {model.nq} joint coordinates, got {len(values)}."
+        )
+    if key == "q_deg":
+        if not (model.jnt_type == mujoco.mjtJoint.mjJNT_HINGE).all():
+            raise TaskFileError(
+                f"{path}: start.q_deg: the scene has joints that are not hinges; give start.q in "
+                "rad and m."
+            )
+        values = np.radians(values)
+    return values
+
+
+def _poses(path: Path, file: TaskFile, held: Array) -> tuple[Array, Array, Array | None]:
+    """Positions (N, 3), rotations (N, 3, 3), and those of the roll rule's other sign."""
+    section = file.path
+    if isinstance(section, PosesPath):
+        return (
+            np.array([pose.position for pose in section.poses]),
+            np.array([_pose_rotation(pose) for pose in section.poses]),
+            None,
+        )
+    if isinstance(section, PolylinePath):
+        positions = polyline(np.array(section.points), section.steps_per_segment)
+        if section.tool_axis is None:
+            return positions, np.broadcast_to(held, (len(positions), 3, 3)), None
+        axis = unit_vector("path.tool_axis", section.tool_axis)
+        axes = np.broadcast_to(axis, (len(positions), 3))
+    else:
+        positions, normals = spherical_patch_edges(
+            np.array(section.center),
+            section.radius,
+            np.array(section.half_width),
+            section.steps_per_edge,
+        )
+        axes = -normals if section.tool == "into" else normals
+    if file.roll is None:
+        raise TaskFileError(
+            f"{path}: roll: this path states the tool axis only; add [roll] with plane_normal, the "
+            "rule by which rmr and qp_rmr fix the roll."
+        )
+    normal = np.array(file.roll.plane_normal)
+    return positions, roll_by_plane(axes, normal), roll_by_plane(axes, normal, flip=True)
+
+
+def _pose_rotation(pose: Any) -> Array:
+    if pose.quaternion_wxyz is not None:
+        wxyz = np.array(pose.quaternion_wxyz)
+        rotation = mink.SO3(wxyz / np.linalg.norm(wxyz))
+    else:
+        rotation = mink.SO3.from_rpy_radians(*np.radians(pose.rpy_deg))
+    matrix: Array = rotation.as_matrix()
+    return matrix
+
+
+def _waypoints(positions: Array, rotations: Array) -> tuple[mink.SE3, ...]:
+    return tuple(
+        mink.SE3.from_rotation_and_translation(
+            mink.SO3.from_matrix(np.ascontiguousarray(rotation)), position
+        )
+        for position, rotation in zip(positions, rotations, strict=True)
+    )
+
+
+def _durations(
+    path: Path, feed: FeedSection | None, positions: Array, rotations: Array
+) -> Array | None:
+    """Time for each waypoint, s, (N,): the slower of the linear and the angular feed."""
+    if feed is None:
+        return None
+    if feed.dt is not None:
+        return np.concatenate([[0.0], np.full(len(positions) - 1, feed.dt)])
+    assert feed.speed is not None
+    durations = np.zeros(len(positions))
+    durations[1:] = np.linalg.norm(np.diff(positions, axis=0), axis=1) / feed.speed
+    if feed.angular_speed_deg is not None:
+        turns = [np.linalg.norm(rotation_vector(b @ a.T)) for a, b in itertools.pairwise(rotations)]
+        durations[1:] = np.maximum(durations[1:], turns / np.radians(feed.angular_speed_deg))
+    standing = np.flatnonzero(durations[1:] <= 0.0)
+    if len(standing):
+        raise TaskFileError(
+            f"{path}: feed: waypoints {standing[0] + 1} and {standing[0] + 2} are at the same "
+            "position, so speed alone gives them no time; add feed.angular_speed_deg, or use "
+            "feed.dt."
+        )
+    return durations
+
+
+def _velocity_limits(path: Path, file: TaskFile, model: mujoco.MjModel) -> Array:
+    names = JointRanges.of(model).names
+    limits = np.full(model.nv, math.inf)
+    for joint, limit in file.limits.velocity.items():
+        if joint not in names:
+            raise TaskFileError(
+                f"{path}: limits.velocity.{joint}: the scene has no joint of that name; it has "
+                f"{', '.join(dict.fromkeys(names))}."
+            )
+        for dof, name in enumerate(names):
+            if name == joint:
+                limits[dof] = limit
+    if file.limits.velocity and file.feed is None:
+        raise TaskFileError(
+            f"{path}: limits.velocity: velocity limits need a clock; add [feed] with speed or dt."
+        )
+    return limits
+
+
+def _explain(path: Path, text: str, error: ValidationError) -> str:
+    """One line for each thing that is wrong, with its place in the file."""
+    items = error.errors()
+    places = [_keys(item) for item in items]
+    lines = []
+    for item, keys in zip(items, places, strict=True):
+        # A list is also called too short when one of its entries is refused: once is enough.
+        if item["type"] == "too_short" and any(
+            k != keys and k[: len(keys)] == keys for k in places
+        ):
+            continue
+        key = "".join(f"[{k}]" if isinstance(k, int) else f".{k}" for k in keys).lstrip(".")
+        number = _line_of(text, [str(k) for k in keys if isinstance(k, str)])
+        place = f"{path}, line {number}" if number else str(path)
+        lines.append(f"{place}: {key}: {_sentence(item, keys)}")
+    return "\n".join(lines)
+
+
+def _keys(item: Any) -> list[str | int]:
+    """The keys that lead to an error, as they stand in the file."""
+    keys = list(item["loc"])
+    if keys[0] == "path" and len(keys) > 1:
+        del keys[1]  # pydantic puts the kind of path there, which is no key of the file
+    if item["type"].startswith("union_tag"):
+        keys.append("kind")
+    if keys[-1] == "[key]":
+        del keys[-1]
+    return keys
+
+
+def _sentence(item: Any, keys: list[str | int]) -> str:
+    if item["type"] == "extra_forbidden":
+        close = difflib.get_close_matches(str(keys[-1]), _known_keys(Section), n=1)
+        hint = f"; did you mean {close[0]!r}?" if close else "."
+        return f"unknown key{hint}"
+    if item["type"] in ("missing", "union_tag_not_found"):
+        return "missing; add this key."
+    if item["type"] == "union_tag_invalid":
+        return f"expected one of {item['ctx']['expected_tags']}; got {item['ctx']['tag']!r}."
+    message = str(item["msg"]).removeprefix("Value error, ").rstrip(".")
+    if item["type"] == "value_error":
+        return f"{message}."
+    given = json.dumps(item["input"], default=str)
+    return f"{message}, got {given if len(given) < 60 else given[:57] + '…'}."
+
+
+def _known_keys(section: type[Section]) -> set[str]:
+    """Every key that the schema knows, in any table."""
+    keys = set(section.model_fields)
+    for table in section.__subclasses__():
+        keys |= _known_keys(table)
+    return keys
+
+
+def _line_of(text: str, keys: list[str]) -> int | None:
+    """Line of a dotted key, by headers and assignments; the nearest parent's if it is nested."""
+    table: list[str] = []
+    best, depth = None, 0
+    for number, line in enumerate(text.splitlines(), start=1):
+        header = re.match(r"\s*\[+\s*([^\]]+?)\s*\]+", line)
+        assignment = re.match(r"\s*([\w.\"'-]+)\s*=", line)
+        if header:
+            table = [part.strip(" \"'") for part in header[1].split(".")]
+            here = table
+        elif assignment:
+            here = table + [part.strip(" \"'") for part in assignment[1].split(".")]
+        else:
+            continue
+        if keys[: len(here)] == here and len(here) > depth:
+            best, depth = number, len(here)
+    return best

@@ -1,0 +1,184 @@
+"""The task file's sections: every key, its type and its default."""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated, Literal
+
+from pydantic import Field, PlainValidator, model_validator
+
+from qp_twist.geometry import Projector, ProjectorFrame, TwistProjector
+from qp_twist.path.methods import MethodName, MethodSettings
+from qp_twist.path.section import Number, Positive, Section, Vector
+
+Count = Annotated[int, Field(ge=1, le=1_000_000)]
+
+
+class RobotSection(Section):
+    """Which robot and which of its frames."""
+
+    scene: str = Field(description="MJCF file, relative to the task file or one that is shipped")
+    frame: str = Field(description="name of the controlled frame in the scene")
+    frame_type: Literal["site", "body", "geom"] = "site"
+
+
+def _parse_block(value: object) -> Projector:
+    """A projector from ``"full"``, ``"none"``, ``{plane = […]}`` or ``{line = […]}``."""
+    if value == "full":
+        return Projector.full()
+    if value == "none":
+        return Projector.none()
+    if isinstance(value, Projector):
+        return value
+    if isinstance(value, dict) and len(value) == 1:
+        [(kind, vector)] = value.items()
+        if kind == "plane":
+            return Projector.plane(vector)
+        if kind == "line":
+            return Projector.line(vector)
+    raise ValueError(
+        f'expected "full", "none", {{plane = [x, y, z]}} or {{line = [x, y, z]}}, got {value!r}'
+    )
+
+
+Block = Annotated[Projector, PlainValidator(_parse_block)]
+
+
+class ProjectorSection(Section):
+    """A twist projector."""
+
+    linear: Block
+    angular: Block
+    frame: ProjectorFrame = "world"
+
+    def projector(self) -> TwistProjector:
+        """The projector that the section states."""
+        return TwistProjector(linear=self.linear, angular=self.angular, frame=self.frame)
+
+
+class PolylinePath(Section):
+    """Straight segments through points."""
+
+    kind: Literal["polyline"]
+    points: Annotated[tuple[Vector, ...], Field(min_length=2)]
+    steps_per_segment: Count
+    tool_axis: Vector | None = Field(
+        default=None, description="direction of the tool's z; held from the start if missing"
+    )
+
+
+class SphericalPatchPath(Section):
+    """The four edges of a patch on top of a sphere."""
+
+    kind: Literal["spherical_patch"]
+    center: Vector
+    radius: Positive
+    half_width: tuple[Positive, Positive]
+    steps_per_edge: Count
+    tool: Literal["into", "out"] = "into"
+
+
+class Pose(Section):
+    """One waypoint."""
+
+    position: Vector
+    quaternion_wxyz: tuple[Number, Number, Number, Number] | None = None
+    rpy_deg: Vector | None = None
+
+    @model_validator(mode="after")
+    def _one_orientation(self) -> Pose:
+        if (self.quaternion_wxyz is None) == (self.rpy_deg is None):
+            raise ValueError("give either quaternion_wxyz or rpy_deg")
+        if self.quaternion_wxyz is not None and not any(self.quaternion_wxyz):
+            raise ValueError("quaternion_wxyz is zero")
+        return self
+
+
+class PosesPath(Section):
+    """A list of poses."""
+
+    kind: Literal["poses"]
+    poses: Annotated[tuple[Pose, ...], Field(min_length=2)]
+
+
+PathSection = Annotated[PolylinePath | SphericalPatchPath | PosesPath, Field(discriminator="kind")]
+
+
+class RollSection(Section):
+    """How `rmr` and `qp_rmr` fix the roll which the task leaves free."""
+
+    plane_normal: Vector = Field(description="y of the tool lies in the plane with this normal")
+
+
+class StartSection(Section):
+    """Where the robot starts; it is corrected onto the first waypoint."""
+
+    q_deg: tuple[Number, ...] | None = None
+    q: tuple[Number, ...] | None = None
+
+    @model_validator(mode="after")
+    def _one_unit(self) -> StartSection:
+        if (self.q_deg is None) == (self.q is None):
+            raise ValueError("give either q_deg (degrees) or q (rad, m)")
+        return self
+
+
+class FeedSection(Section):
+    """How long a waypoint may take; needed for velocity limits."""
+
+    speed: Positive | None = Field(default=None, description="along the path, m/s")
+    angular_speed_deg: Positive | None = Field(default=None, description="of the tool, deg/s")
+    dt: Positive | None = Field(default=None, description="for every waypoint, s")
+
+    @model_validator(mode="after")
+    def _one_clock(self) -> FeedSection:
+        if self.dt is not None and (self.speed, self.angular_speed_deg) != (None, None):
+            raise ValueError("give either dt or speed and angular_speed_deg")
+        if self.dt is None and self.speed is None:
+            raise ValueError("give speed (m/s) or dt (s)")
+        return self
+
+
+class LimitsSection(Section):
+    """Limits that an MJCF scene cannot state. Position limits are the scene's."""
+
+    velocity: dict[str, Positive] = Field(
+        default_factory=dict, description="joint name: largest speed, rad/s or m/s"
+    )
+
+
+class IterationSection(Section):
+    """How a waypoint is approached."""
+
+    position_tolerance: Positive = 1e-9
+    angle_tolerance_deg: Positive = 1e-7
+    max_linear_step: Positive = 0.05
+    max_angular_step_deg: Positive = 5.0
+
+    @property
+    def angle_tolerance(self) -> float:
+        """Angular tolerance, rad."""
+        return math.radians(self.angle_tolerance_deg)
+
+    @property
+    def max_angular_step(self) -> float:
+        """Largest angular step, rad."""
+        return math.radians(self.max_angular_step_deg)
+
+
+class TaskFile(Section):
+    """A whole task file."""
+
+    title: str
+    robot: RobotSection
+    projector: ProjectorSection
+    operational: ProjectorSection = ProjectorSection(
+        linear=Projector.full(), angular=Projector.full()
+    )
+    path: PathSection
+    roll: RollSection | None = None
+    start: StartSection
+    feed: FeedSection | None = None
+    limits: LimitsSection = LimitsSection()
+    iteration: IterationSection = IterationSection()
+    methods: dict[MethodName, MethodSettings] = Field(default_factory=dict)
