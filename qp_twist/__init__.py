@@ -4,6 +4,8 @@ __version__ = "0.1.0"
 
 from qp_twist import closed_form as closed_form
 
+from .comparison import Comparison as Comparison
+from .comparison import compare as compare
 from .controller import Controller as Controller
 from .controller import Status as Status
 from .controller import Step as Step

@@ -1,0 +1,3 @@
+"""The command-line interface."""
+
+from .main import main as main

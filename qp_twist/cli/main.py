@@ -1,0 +1,139 @@
+"""The command ``qp-twist``.
+
+Exit codes: 0 done; 2 the input was refused (the message says why); 130 interrupted.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated
+
+import mink
+import tyro
+from rich.console import Console
+from tyro.extras import SubcommandApp
+
+from qp_twist.cli.progress import method_progress
+from qp_twist.comparison import compare as compare_methods
+from qp_twist.comparison import notes, rich_table
+from qp_twist.comparison.joint_figure import save_figure
+from qp_twist.comparison.roadmap_figure import applies_to, roadmap_figure
+from qp_twist.comparison.table import WIDTH
+from qp_twist.errors import InvalidInput
+from qp_twist.following import follow
+from qp_twist.path import PathTask, check_method, load_task, shipped_tasks, task_title
+
+app = SubcommandApp()
+
+Task = Annotated[str, tyro.conf.Positional]
+
+
+@app.command
+def tasks() -> None:
+    """List the task files that are shipped, a line each."""
+    console = _console()
+    paths = shipped_tasks()
+    width = max(len(path.stem) for path in paths)
+    for path in paths:
+        console.print(f"{path.stem:<{width}}  {task_title(path)}", highlight=False, soft_wrap=True)
+
+
+@app.command
+def compare(task: Task, methods: str = "", solver: str = "daqp", out: str = "") -> None:
+    """Run methods side by side on a task; print the table, write figures and comparison.json.
+
+    Args:
+        task: Name of a shipped task, or path to a .toml file.
+        methods: Method names separated by commas; all that apply if empty.
+        solver: Backend of the QPs, e.g. daqp, proxqp, osqp.
+        out: Folder to write to; out/TASK if empty.
+    """
+    path_task = load_task(task)
+    names = _method_names(path_task, methods)
+    with method_progress(names, len(path_task.waypoints) - 1) as progress:
+        comparison = compare_methods(path_task, names, solver=solver, progress=progress)
+    console = _console()
+    content = comparison.to_dict()
+    console.print(rich_table(content))
+    for line in notes(content):
+        console.print(line, highlight=False, soft_wrap=True)
+    for line in comparison.report(out or Path("out") / path_task.name):
+        console.print(f"wrote {line}" if Path(line).exists() else line, soft_wrap=True)
+
+
+@app.command
+def run(task: Task, out: str, method: str = "qp", solver: str = "daqp") -> None:
+    """Follow a task with one method and write the joint trajectory as CSV.
+
+    Args:
+        task: Name of a shipped task, or path to a .toml file.
+        out: File to write, e.g. trajectory.csv.
+        method: Method name.
+        solver: Backend of the QPs.
+    """
+    path_task = load_task(task)
+    check_method(method)
+    if Path(out).suffix.lower() != ".csv":
+        raise InvalidInput(f"--out {out}: expected a file that ends in .csv.")
+    with method_progress([method], len(path_task.waypoints) - 1) as progress:
+        trajectory = follow(
+            path_task, method, solver=solver, progress=lambda done: progress(method, done)
+        )
+    trajectory.save(out)
+    _console().print(
+        f"wrote {out}: {len(trajectory.q)} waypoints, {method}: {trajectory.summary}",
+        highlight=False,
+        soft_wrap=True,
+    )
+
+
+@app.command
+def roadmap(task: Task, methods: str = "", solver: str = "daqp", out: str = "") -> None:
+    """Draw the roadmap of a planar arm: self-motion manifolds with the methods over them.
+
+    Args:
+        task: Name of a shipped task, or path to a .toml file.
+        methods: Method names separated by commas; all that apply if empty.
+        solver: Backend of the QPs.
+        out: PNG file to write; out/TASK/roadmap.png if empty.
+    """
+    path_task = load_task(task)
+    names = _method_names(path_task, methods)
+    target = Path(out) if out else Path("out") / path_task.name / "roadmap.png"
+    if not applies_to(path_task):
+        roadmap_figure(path_task, {})
+    with method_progress(names, len(path_task.waypoints) - 1) as progress:
+        comparison = compare_methods(path_task, names, solver=solver, progress=progress)
+    save_figure(roadmap_figure(path_task, comparison.trajectories), target)
+    _console().print(f"wrote {target}", soft_wrap=True)
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Entry point of ``qp-twist``."""
+    try:
+        app.cli(
+            prog="qp-twist",
+            description="QP-based task-priority control for tasks of fewer than six degrees of "
+            "freedom, beside its closed forms.",
+            args=arguments,
+        )
+    except (mink.MinkError, OSError) as error:
+        print(f"qp-twist: {error}", file=sys.stderr)
+        raise SystemExit(2) from None
+    except KeyboardInterrupt:
+        print("qp-twist: interrupted; files that were written before are whole.", file=sys.stderr)
+        raise SystemExit(130) from None
+
+
+def _method_names(path_task: PathTask, methods: str) -> list[str]:
+    if not methods:
+        return path_task.method_names()
+    return [check_method(name.strip()) for name in methods.split(",")]
+
+
+def _console() -> Console:
+    """A console that does not squeeze the table when its output goes to a file."""
+    console = Console()
+    return console if console.is_terminal else Console(width=WIDTH, color_system=None)

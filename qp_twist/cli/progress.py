@@ -1,0 +1,34 @@
+"""A progress bar on terminals, nothing elsewhere."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+
+
+@contextmanager
+def method_progress(methods: Sequence[str], waypoints: int) -> Iterator[Callable[[str, int], None]]:
+    """Yield ``report(method, waypoints done)``; drawn on stderr where it is a terminal."""
+    console = Console(stderr=True)
+    if not (console.is_terminal and sys.stdout.isatty()):
+        yield lambda method, done: None
+        return
+    columns = (
+        TextColumn("{task.description:<20}"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TextColumn("waypoints"),
+        TimeElapsedColumn(),
+    )
+    with Progress(*columns, console=console, transient=True) as progress:
+        bar = progress.add_task("", total=len(methods) * waypoints)
+        before = {name: index * waypoints for index, name in enumerate(dict.fromkeys(methods))}
+
+        def report(method: str, done: int) -> None:
+            progress.update(bar, description=method, completed=before.get(method, 0) + done)
+
+        yield report

@@ -1,0 +1,8 @@
+"""Methods side by side: metrics, table, figures, report."""
+
+from .compare import Comparison as Comparison
+from .compare import compare as compare
+from .metrics import metrics as metrics
+from .roadmap_figure import roadmap_figure as roadmap_figure
+from .table import notes as notes
+from .table import rich_table as rich_table

@@ -1,0 +1,132 @@
+"""Run methods side by side on the same path."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from qp_twist.comparison import joint_figure, path_figure, roadmap_figure, scene_picture
+from qp_twist.comparison.metrics import metrics
+from qp_twist.comparison.table import plain_table
+from qp_twist.errors import InvalidInput
+from qp_twist.following import Trajectory, follow, write_atomically
+from qp_twist.path import METHODS, PathTask, check_method, load_task
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+@dataclass(frozen=True, eq=False)
+class Comparison:
+    """Trajectories of several methods along one path, and what they say.
+
+    Attributes:
+        path_task: The task.
+        solver: Backend of the QP methods.
+        trajectories: By method name, closed forms before their QP counterparts.
+    """
+
+    path_task: PathTask
+    solver: str
+    trajectories: dict[str, Trajectory]
+
+    def to_dict(self) -> dict[str, Any]:
+        """The content of ``comparison.json``."""
+        return {
+            "task": self.path_task.name,
+            "waypoints": len(self.path_task.waypoints),
+            "solver": self.solver,
+            "settings": {
+                name: self.path_task.settings(name).model_dump() for name in self.trajectories
+            },
+            "methods": {name: metrics(t) for name, t in self.trajectories.items()},
+        }
+
+    def table(self) -> str:
+        """The table as plain text, each closed form next to its QP counterpart."""
+        return plain_table(self.to_dict())
+
+    def figures(self) -> dict[str, Figure]:
+        """Matplotlib figures by name.
+
+        ``joints``: resolved motion rate and the twist decomposition, the paper's Fig. 3;
+        ``joints_NAME``: a closed form beside its QP; ``along_the_path``: z, margin, task error;
+        ``roadmap``: the paper's Fig. 4, for a planar arm with one redundant degree of freedom.
+        """
+        figures = joint_figure.joint_figures(self.path_task, self.trajectories)
+        figures["along_the_path"] = path_figure.path_figure(self.path_task, self.trajectories)
+        if roadmap_figure.applies_to(self.path_task):
+            figures["roadmap"] = roadmap_figure.roadmap_figure(self.path_task, self.trajectories)
+        return figures
+
+    def report(self, folder: str | Path) -> list[str]:
+        """Write ``comparison.json``, the table, the figures and a picture of the scene.
+
+        Returns:
+            What was written, one path a line, and a sentence for what could not be.
+        """
+        folder = Path(folder)
+        folder.mkdir(parents=True, exist_ok=True)
+        content = json.dumps(self.to_dict(), indent=2, ensure_ascii=False, allow_nan=False)
+        lines = [
+            str(write_atomically(folder / "comparison.json", content + "\n")),
+            str(write_atomically(folder / "table.txt", self.table())),
+        ]
+        for name, figure in self.figures().items():
+            lines.append(str(joint_figure.save_figure(figure, folder / f"{name}.png")))
+        picture = folder / "scene.png"
+        sentence = scene_picture.draw_scene(
+            self.path_task.scene,
+            [self.path_task.start],
+            self.path_task.positions,
+            picture,
+        )
+        lines.append(sentence or str(picture))
+        return lines
+
+    def __repr__(self) -> str:
+        return f"Comparison({self.path_task.name!r}, {list(self.trajectories)})"
+
+
+def compare(
+    path_task: PathTask | str | Path,
+    methods: Sequence[str] | None = None,
+    *,
+    solver: str = "daqp",
+    progress: Callable[[str, int], None] | None = None,
+) -> Comparison:
+    """Follow a path with several methods.
+
+    Args:
+        path_task: A task, or what :func:`~qp_twist.load_task` takes.
+        methods: Method names; all that make sense for the task if ``None``.
+        solver: Backend of the QP methods.
+        progress: Called with a method's name and the number of its waypoints done.
+
+    Raises:
+        InvalidInput: If a method is unknown or does not apply, or the start is out of reach.
+        UnknownSolver: If the backend is not installed.
+
+    Example:
+        >>> import qp_twist as qt
+        >>> comparison = qt.compare("planar_line", methods=["minimum_norm", "qp_minimum_norm"])
+        >>> comparison.to_dict()["methods"]["qp_minimum_norm"]["violations"]
+        0
+    """
+    task = path_task if isinstance(path_task, PathTask) else load_task(path_task)
+    names = task.method_names() if methods is None else [check_method(m) for m in methods]
+    if not names:
+        raise InvalidInput("compare: methods is empty; name at least one.")
+    order = {name: index for index, name in enumerate(METHODS)}
+    trajectories = {}
+    for name in sorted(dict.fromkeys(names), key=order.__getitem__):
+
+        def report_progress(done: int, name: str = name) -> None:
+            if progress is not None:
+                progress(name, done)
+
+        trajectories[name] = follow(task, name, solver=solver, progress=report_progress)
+    return Comparison(task, solver, trajectories)

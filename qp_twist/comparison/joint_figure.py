@@ -1,0 +1,152 @@
+"""Joints between their limits over the waypoint index: the layout of the paper's Fig. 3."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+
+from qp_twist.checks import Array
+from qp_twist.comparison.metrics import metrics
+from qp_twist.comparison.style import LIMIT, RC, line_style
+from qp_twist.following import Trajectory
+from qp_twist.kinematics import JointRanges
+from qp_twist.path import METHODS, PathTask
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+
+def joint_figures(path_task: PathTask, trajectories: Mapping[str, Trajectory]) -> dict[str, Figure]:
+    """The paper's figure (``joints``) and one for each closed form with its QP counterpart."""
+    figures = {}
+    paper = [name for name in ("twa", "rmr") if name in trajectories]
+    if paper:
+        figures["joints"] = joint_figure(
+            path_task, {name: trajectories[name] for name in paper},
+            "Joint positions between their limits: twist decomposition and resolved motion rate",
+        )  # fmt: skip
+    for name, method in METHODS.items():
+        if not method.constrained or name not in trajectories:
+            continue
+        pair = [n for n, m in METHODS.items() if m.counterpart == name and n in trajectories]
+        figures[f"joints_{name}"] = joint_figure(
+            path_task, {n: trajectories[n] for n in [*pair, name]},
+            f"Joint positions between their limits: {name} and its closed form",
+        )  # fmt: skip
+    return figures
+
+
+def joint_figure(path_task: PathTask, trajectories: Mapping[str, Trajectory], title: str) -> Figure:
+    """One panel a joint: curves in degrees, limits in red, violations and reconfigurations marked.
+
+    A red cross marks a joint's first waypoint outside its limits, a triangle on the axis a
+    waypoint that was reached by a step above 15° in some joint.
+    """
+    ranges = JointRanges.of(path_task.model)
+    joints = [dof for dof in range(path_task.model.nv) if ranges.qpos[dof] >= 0]
+    columns = 2 if len(joints) > 3 else 1
+    rows = -(-len(joints) // columns)
+    with mpl.rc_context(RC):
+        figure = Figure(figsize=(10.5, 2.0 * rows + 1.1), layout="constrained")
+        grid = figure.subplots(rows, columns, sharex=True, squeeze=False)
+        # Down the columns, as in the paper: joints 1 to 3 at the left, 4 to 6 at the right.
+        panels = list(grid.T.flat)
+        for panel, dof in zip(panels, joints, strict=False):
+            _draw_joint(panel, ranges, dof, trajectories)
+        for panel in panels[len(joints) :]:
+            panel.set_visible(False)
+        for panel in grid[-1]:
+            panel.set_xlabel("waypoint")
+        figure.suptitle(title, x=0.01, ha="left", fontsize=11, fontweight="bold")
+        figure.legend(handles=_legend(trajectories), loc="outside lower center", ncols=3)
+    return figure
+
+
+def save_figure(figure: Figure, path: Path) -> Path:
+    """Write a PNG beside its place and rename it, so that a failure leaves nothing half-written."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    temporary = path.with_name(f".{path.name}.{os.getpid()}.png")
+    try:
+        with mpl.rc_context(RC):
+            figure.savefig(temporary)
+        os.replace(temporary, path)
+    finally:
+        temporary.unlink(missing_ok=True)
+    return path
+
+
+def _draw_joint(
+    panel: Axes, ranges: JointRanges, dof: int, trajectories: Mapping[str, Trajectory]
+) -> None:
+    lower, upper = np.degrees(ranges.lower[dof]), np.degrees(ranges.upper[dof])
+    limited = bool(ranges.limited[dof])
+    for name, trajectory in trajectories.items():
+        theta = np.degrees(ranges.positions(trajectory.q)[:, dof])
+        index = np.arange(1, len(theta) + 1)
+        panel.plot(index, theta, **line_style(name))
+        numbers = metrics(trajectory)
+        first = numbers["first_violation"].get(ranges.names[dof])
+        if first is not None:
+            panel.plot(first, theta[first - 1], "x", color=LIMIT, ms=9, mew=2.2, zorder=6)
+            panel.annotate(
+                str(first), (first, theta[first - 1]), textcoords="offset points",
+                xytext=(6, -11), color=LIMIT, fontweight="bold",
+            )  # fmt: skip
+        _mark_reconfigurations(panel, numbers["reconfigurations"], line_style(name)["color"])
+    if limited:
+        for limit in (lower, upper):
+            panel.axhline(limit, color=LIMIT, linewidth=1.2)
+        low, high = _view(
+            lower, upper, [ranges.positions(t.q)[:, dof] for t in trajectories.values()]
+        )
+        panel.set_ylim(low, high)
+        for edge, limit in ((low, lower), (high, upper)):
+            panel.axhspan(edge, limit, color=LIMIT, alpha=0.07, linewidth=0)
+    panel.set_title(ranges.names[dof])
+    panel.set_ylabel("degrees")
+    panel.margins(x=0.01)
+
+
+def _view(lower: float, upper: float, curves: Sequence[Array]) -> tuple[float, float]:
+    """The limits with some room, more where a curve leaves them, but not all that it may take."""
+    width = upper - lower
+    seen = np.degrees(np.concatenate(curves))
+    low = max(min(lower - 0.08 * width, seen.min() - 0.05 * width), lower - 0.5 * width)
+    high = min(max(upper + 0.08 * width, seen.max() + 0.05 * width), upper + 0.5 * width)
+    return float(low), float(high)
+
+
+def _mark_reconfigurations(panel: Axes, waypoints: Sequence[int], colour: str) -> None:
+    if not waypoints:
+        return
+    for waypoint in waypoints:
+        panel.axvline(waypoint, color=colour, linewidth=0.6, alpha=0.6, zorder=1)
+    panel.plot(
+        waypoints, [0.0] * len(waypoints), "^", color=colour, ms=6, clip_on=False,
+        transform=panel.get_xaxis_transform(), zorder=6,
+    )  # fmt: skip
+
+
+def _legend(trajectories: Mapping[str, Trajectory]) -> list[Line2D]:
+    handles = []
+    for name in trajectories:
+        style = {k: v for k, v in line_style(name).items() if k != "zorder"}
+        handles.append(Line2D([], [], **style))
+    handles.append(Line2D([], [], color=LIMIT, linewidth=1.2, label="joint limit"))
+    found = [metrics(t) for t in trajectories.values()]
+    if any(numbers["first_violation"] for numbers in found):
+        handles.append(
+            Line2D([], [], color=LIMIT, marker="x", ms=8, mew=2, ls="", label="first violation")
+        )
+    if any(numbers["reconfigurations"] for numbers in found):
+        handles.append(
+            Line2D([], [], color="black", marker="^", ls="", label="reconfiguration (step > 15°)")
+        )
+    return handles

@@ -1,0 +1,86 @@
+"""The numbers of ``comparison.json``: one definition each, from a trajectory."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from qp_twist.following import Trajectory
+from qp_twist.kinematics import JointRanges
+from qp_twist.path import METHODS
+
+OUTSIDE = 1e-9
+"""A joint counts as outside its limits from here on, rad or m."""
+RECONFIGURATION_DEG = 15.0
+"""A step larger than this in any joint is a reconfiguration, degrees."""
+TASK_MET_M = 1e-5
+TASK_MET_RAD = 1e-5
+
+
+def metrics(trajectory: Trajectory) -> dict[str, Any]:
+    """All metrics of a trajectory, ready for JSON. Waypoint indices are 1-based, as in the paper.
+
+    ``violations``: (waypoint, joint) pairs outside the limits by more than 1e-9.
+    ``first_violation``: for each joint that leaves its limits, the first waypoint.
+    ``min_margin``: smallest 1 − |θ − θ̄|/half-range; negative outside.
+    ``mean_z``, ``max_z``: of z = ½‖W(θ̄ − θ)‖², the start included.
+    ``position_error_max_m``, ``axis_error_max_rad``: largest task error after the inner iterations.
+    ``travel_deg``: sum of |Δθ| over joints and waypoints; ``max_step_deg``: the largest of them.
+    ``reconfigurations``: waypoints reached by a step above 15° in a joint.
+    ``closure_rad``: ‖θ_end − θ_start‖. ``sigma_min``: smallest singular value of UᵀJ on the path.
+    ``time_per_waypoint_us``: wall time, kinematics and all. ``status``: the run in a sentence.
+    """
+    ranges = JointRanges.of(trajectory.path_task.model)
+    q = ranges.positions(trajectory.q)
+    outside = (q < ranges.lower - OUTSIDE) | (q > ranges.upper + OUTSIDE)
+    steps_deg = np.degrees(np.abs(np.diff(q, axis=0)))
+    margins = ranges.margins(trajectory.q)
+    min_margin = float(margins.min(initial=np.inf))
+    numbers: dict[str, Any] = {
+        "violations": int(outside.sum()),
+        "first_violation": {
+            name: int(np.argmax(outside[:, joint])) + 1
+            for joint, name in enumerate(ranges.names)
+            if outside[:, joint].any()
+        },
+        # JSON has no infinity: null where no joint has limits.
+        "min_margin": min_margin if np.isfinite(min_margin) else None,
+        "mean_z": float(trajectory.z.mean()),
+        "max_z": float(trajectory.z.max()),
+        "position_error_max_m": float(trajectory.position_error.max()),
+        "axis_error_max_rad": float(trajectory.axis_error.max()),
+        "travel_deg": float(steps_deg.sum()),
+        "max_step_deg": float(steps_deg.max(initial=0.0)),
+        "reconfigurations": [
+            int(i) + 2 for i in np.flatnonzero((steps_deg > RECONFIGURATION_DEG).any(axis=1))
+        ],
+        "closure_rad": float(np.linalg.norm(q[-1] - q[0])),
+        "sigma_min": float(trajectory.sigma_min.min()),
+        "time_per_waypoint_us": 1e6 * trajectory.seconds / max(1, len(q) - 1),
+    }
+    numbers["status"] = _status(trajectory, numbers)
+    return numbers
+
+
+def _status(trajectory: Trajectory, numbers: dict[str, Any]) -> str:
+    """What happened, and what stood in the way."""
+    parts = []
+    if trajectory.diverged_at is not None:
+        parts.append(f"diverged at waypoint {trajectory.diverged_at}")
+    if numbers["first_violation"]:
+        first = ", ".join(f"{joint} at {i}" for joint, i in numbers["first_violation"].items())
+        parts.append(f"leaves the limits: {first}")
+    missed = (trajectory.position_error > TASK_MET_M) | (trajectory.axis_error > TASK_MET_RAD)
+    scaled = trajectory.scale < 1.0
+    if scaled.any():
+        names = ", ".join(dict.fromkeys(n for names in trajectory.binding for n in names))
+        parts.append(
+            f"scaled at {int(scaled.sum())} waypoints, first at {int(np.argmax(scaled)) + 1}, "
+            f"held by {names}"
+        )
+    if missed.any():
+        one_step = not METHODS[trajectory.method].constrained and not scaled.any()
+        why = " (one step a waypoint)" if one_step and trajectory.iterations.max() <= 1 else ""
+        parts.append(f"off the path by more than 0.01 mm at {int(missed.sum())} waypoints{why}")
+    return "; ".join(parts) or "ok"

@@ -1,0 +1,128 @@
+"""The joint-space roadmap of the paper's Fig. 4: self-motion manifolds and the methods."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING
+
+import matplotlib as mpl
+import mujoco
+import numpy as np
+from matplotlib.collections import LineCollection
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+
+from qp_twist.checks import Array
+from qp_twist.comparison.self_motion import manifolds
+from qp_twist.comparison.style import LIMIT, RC, line_style
+from qp_twist.errors import InvalidInput
+from qp_twist.following import Trajectory
+from qp_twist.kinematics import JointRanges
+from qp_twist.path import PathTask
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+_INSIDE, _OUTSIDE = "#333333", "#C8C8C8"
+_DRAWN = 50
+"""About how many waypoints have their manifolds drawn."""
+
+
+def applies_to(path_task: PathTask) -> bool:
+    """Whether the figure can be drawn: a planar arm of hinges with one redundant degree."""
+    model = path_task.model
+    return bool(
+        model.nv - path_task.projector.rank == 1
+        and model.nv <= 3
+        and (model.jnt_type == mujoco.mjtJoint.mjJNT_HINGE).all()
+    )
+
+
+def roadmap_figure(
+    path_task: PathTask, trajectories: Mapping[str, Trajectory], *, seed: int = 0
+) -> Figure:
+    """One panel a joint: manifolds as vertical lines, limits in red, each method's curve over them.
+
+    A manifold's part is dark where the whole configuration is inside its limits, light elsewhere.
+
+    Raises:
+        InvalidInput: If the task is not of the kind that can be drawn so.
+    """
+    if not applies_to(path_task):
+        raise InvalidInput(
+            f"roadmap: {path_task.name} leaves "
+            f"{path_task.model.nv - path_task.projector.rank} of {path_task.model.nv} joints free; "
+            "the joint-space roadmap is drawn for planar arms with one redundant degree of freedom."
+        )
+    ranges = JointRanges.of(path_task.model)
+    waypoints = path_task.waypoints
+    drawn = range(0, len(waypoints), max(1, len(waypoints) // _DRAWN))
+    rng = np.random.default_rng(seed)
+    curves = [(i + 1, manifolds(path_task, waypoints[i], rng=rng)) for i in drawn]
+    with mpl.rc_context(RC):
+        figure = Figure(figsize=(10.5, 3.0 * path_task.model.nv + 1.2), layout="constrained")
+        panels = figure.subplots(path_task.model.nv, 1, sharex=True, squeeze=False)[:, 0]
+        for dof, panel in enumerate(panels):
+            _draw_manifolds(panel, ranges, dof, curves)
+            for name, trajectory in trajectories.items():
+                theta = np.degrees(ranges.positions(trajectory.q)[:, dof])
+                panel.plot(np.arange(1, len(theta) + 1), theta, **line_style(name))
+            _frame(panel, ranges, dof)
+        panels[-1].set_xlabel("waypoint")
+        panels[-1].set_xlim(0, len(waypoints) + 1)
+        figure.suptitle(
+            f"Roadmap of {path_task.name}: self-motion manifolds (vertical) and the methods",
+            x=0.01, ha="left", fontsize=11, fontweight="bold",
+        )  # fmt: skip
+        figure.legend(handles=_legend(trajectories), loc="outside lower center", ncols=3)
+    return figure
+
+
+def _draw_manifolds(
+    panel: Axes, ranges: JointRanges, dof: int, curves: list[tuple[int, list[Array]]]
+) -> None:
+    inside: list[list[tuple[int, float]]] = []
+    outside: list[list[tuple[int, float]]] = []
+    for waypoint, found in curves:
+        for curve in found:
+            wrapped = _wrapped(curve, ranges)
+            ok = np.all((wrapped >= ranges.lower) & (wrapped <= ranges.upper), axis=1)
+            theta = np.degrees(wrapped[:, dof]).tolist()
+            for i in range(len(theta) - 1):
+                if abs(theta[i + 1] - theta[i]) < 90.0:
+                    segment = [(waypoint, theta[i]), (waypoint, theta[i + 1])]
+                    (inside if ok[i] and ok[i + 1] else outside).append(segment)
+    panel.add_collection(LineCollection(outside, colors=_OUTSIDE, linewidths=1.0, zorder=1))
+    panel.add_collection(LineCollection(inside, colors=_INSIDE, linewidths=1.6, zorder=2))
+
+
+def _wrapped(curve: Array, ranges: JointRanges) -> Array:
+    """Angles moved by whole turns to within half a turn of the middle of their range."""
+    middle = ranges.middle
+    wrapped: Array = np.remainder(curve - middle + np.pi, 2.0 * np.pi) - np.pi + middle
+    return wrapped
+
+
+def _frame(panel: Axes, ranges: JointRanges, dof: int) -> None:
+    panel.set_title(ranges.names[dof])
+    panel.set_ylabel("degrees")
+    if not ranges.limited[dof]:
+        return
+    lower, upper = np.degrees(ranges.lower[dof]), np.degrees(ranges.upper[dof])
+    room = 0.35 * (upper - lower)
+    panel.set_ylim(lower - room, upper + room)
+    for limit in (lower, upper):
+        panel.axhline(limit, color=LIMIT, linewidth=1.4, zorder=5)
+
+
+def _legend(trajectories: Mapping[str, Trajectory]) -> list[Line2D]:
+    handles = [
+        Line2D([], [], **{k: v for k, v in line_style(name).items() if k != "zorder"})
+        for name in trajectories
+    ]
+    return [
+        *handles,
+        Line2D([], [], color=LIMIT, linewidth=1.4, label="joint limit"),
+        Line2D([], [], color=_INSIDE, linewidth=1.6, label="manifold, all joints inside limits"),
+        Line2D([], [], color=_OUTSIDE, linewidth=1.0, label="manifold, some joint outside"),
+    ]

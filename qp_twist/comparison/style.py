@@ -1,0 +1,54 @@
+"""Colours and lines of the figures: a colour a pair, dashed for closed form, solid for QP."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from matplotlib.colors import to_rgb
+
+from qp_twist.path import METHODS
+
+# Okabe and Ito's palette, which keeps apart for all common kinds of colour vision. Blue for the
+# twist decomposition and orange for resolved motion rate are the paper's own.
+_PAIR_COLOURS = {
+    "qp_rmr": "#E69F00",
+    "qp_minimum_norm": "#009E73",
+    "qp_gradient": "#CC79A7",
+    "qp": "#0072B2",
+}
+LIMIT = "#D00000"
+GRID = "#DDDDDD"
+
+RC: Any = {
+    "font.size": 9,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.grid": True,
+    "grid.color": GRID,
+    "grid.linewidth": 0.5,
+    "axes.titlesize": 9,
+    "axes.titlelocation": "left",
+    "figure.dpi": 100,
+    "savefig.dpi": 160,
+    "legend.frameon": False,
+}
+
+
+def line_style(name: str) -> dict[str, Any]:
+    """Matplotlib keywords of a method's curve."""
+    method = METHODS[name]
+    colour = to_rgb(_PAIR_COLOURS[name if method.constrained else method.counterpart])
+    if method.constrained:
+        dashes: Any = "solid"
+    else:
+        # Darker, so that dashes show even where they lie on their counterpart's line.
+        red, green, blue = colour
+        colour = (0.62 * red, 0.62 * green, 0.62 * blue)
+        dashes = (0, (1, 1.5)) if method.flipped else (0, (4, 2))
+    return {
+        "color": colour,
+        "linestyle": dashes,
+        "linewidth": 1.8 if method.constrained else 1.3,
+        "zorder": 3 if method.constrained else 4,
+        "label": f"{name} ({method.title})",
+    }

@@ -1,0 +1,99 @@
+"""The table: each closed form next to its QP counterpart."""
+
+from __future__ import annotations
+
+import io
+import math
+from typing import Any
+
+from rich import box
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
+
+from qp_twist.path import METHODS
+
+WIDTH = 118
+"""Width of the plain table, characters."""
+
+
+def rich_table(comparison: dict[str, Any]) -> Table:
+    """The table for a terminal, from the content of ``comparison.json``."""
+    table = Table(
+        title=f"{comparison['task']}: {comparison['waypoints']} waypoints, "
+        f"QPs by {comparison['solver']}",
+        title_justify="left",
+        box=box.SIMPLE_HEAD,
+        title_style="bold",
+        caption="margin: 1 mid-range, 0 at a limit, negative outside; z: ½‖W(θ̄ − θ)‖²; errors: "
+        "largest after the\ninner iterations, task rows only; σ min: of the task rows.",
+        caption_justify="left",
+    )
+    table.add_column("method", no_wrap=True)
+    table.add_column("leaves limits", no_wrap=True)
+    for heading in (
+        "min\nmargin", "mean\nz", "position\nerror mm", "axis\nerror °", "travel\n°",
+        "max\nstep °", "σ min", "µs per\nwaypoint",
+    ):  # fmt: skip
+        table.add_column(heading, justify="right", no_wrap=True)
+    methods = list(comparison["methods"])
+    for index, name in enumerate(methods):
+        following = methods[index + 1] if index + 1 < len(methods) else None
+        together = following is not None and _pair(following) == _pair(name)
+        table.add_row(*_row(name, comparison["methods"][name]), end_section=not together)
+    return table
+
+
+def plain_table(comparison: dict[str, Any]) -> str:
+    """The same table without colour, and a note for each method that was not simply ok."""
+    console = Console(file=io.StringIO(), width=WIDTH, color_system=None, force_terminal=False)
+    console.print(rich_table(comparison))
+    for line in notes(comparison):
+        console.print(line, soft_wrap=True)
+    assert isinstance(console.file, io.StringIO)
+    return console.file.getvalue()
+
+
+def notes(comparison: dict[str, Any]) -> list[str]:
+    """``method: status`` for each method whose status is not ok."""
+    return [
+        f"{name}: {numbers['status']}"
+        for name, numbers in comparison["methods"].items()
+        if numbers["status"] != "ok"
+    ]
+
+
+def _pair(name: str) -> str:
+    """The QP of a method's pair."""
+    method = METHODS[name]
+    return name if method.constrained else method.counterpart
+
+
+def _row(name: str, numbers: dict[str, Any]) -> list[Text | str]:
+    first = numbers["first_violation"]
+    where = "\n".join(f"{joint} at {index}" for joint, index in first.items()) or "no"
+    margin = numbers["min_margin"]
+    style = "bold" if METHODS[name].constrained else ""
+    return [
+        Text(name, style=style),
+        Text(where, style="red" if first else "green"),
+        "–" if margin is None else Text(f"{margin:.3f}", style="red" if margin < 0.0 else ""),
+        _significant(numbers["mean_z"]),
+        _significant(1e3 * numbers["position_error_max_m"]),
+        _significant(math.degrees(numbers["axis_error_max_rad"])),
+        _whole(numbers["travel_deg"]),
+        _significant(numbers["max_step_deg"], digits=2),
+        _significant(numbers["sigma_min"]),
+        _whole(numbers["time_per_waypoint_us"]),
+    ]
+
+
+def _significant(value: float, digits: int = 4) -> str:
+    """A number to a few decimals; tiny ones as what they are below, huge ones as a power."""
+    if value and abs(value) < 10.0**-digits:
+        return f"{value:.0e}"
+    return f"{value:.{digits}f}" if abs(value) < 1e3 else f"{value:.1e}"
+
+
+def _whole(value: float) -> str:
+    return f"{value:.0f}" if abs(value) < 1e6 else f"{value:.0e}"
