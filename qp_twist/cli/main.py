@@ -15,11 +15,11 @@ import tyro
 from rich.console import Console
 from tyro.extras import SubcommandApp
 
-from qp_twist.cli.progress import method_progress
+from qp_twist.cli.progress import method_progress, working
 from qp_twist.comparison import compare as compare_methods
 from qp_twist.comparison import notes, rich_table
 from qp_twist.comparison.joint_figure import save_figure
-from qp_twist.comparison.roadmap_figure import applies_to, roadmap_figure
+from qp_twist.comparison.roadmap_figure import check_applies, roadmap_figure
 from qp_twist.comparison.table import WIDTH
 from qp_twist.errors import InvalidInput
 from qp_twist.following import follow
@@ -27,7 +27,13 @@ from qp_twist.path import PathTask, check_method, load_task, shipped_tasks, task
 
 app = SubcommandApp()
 
-Task = Annotated[str, tyro.conf.Positional]
+Task = Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="TASK")]
+Names = Annotated[str | None, tyro.conf.arg(metavar="A,B,…")]
+MethodName = Annotated[str, tyro.conf.arg(metavar="NAME")]
+Solver = Annotated[str, tyro.conf.arg(metavar="NAME")]
+Folder = Annotated[Path | None, tyro.conf.arg(metavar="DIR")]
+File = Annotated[Path, tyro.conf.arg(metavar="FILE")]
+OptionalFile = Annotated[Path | None, tyro.conf.arg(metavar="FILE")]
 
 
 @app.command
@@ -41,14 +47,14 @@ def tasks() -> None:
 
 
 @app.command
-def compare(task: Task, methods: str = "", solver: str = "daqp", out: str = "") -> None:
+def compare(task: Task, methods: Names = None, solver: Solver = "daqp", out: Folder = None) -> None:
     """Run methods side by side on a task; print the table, write figures and comparison.json.
 
     Args:
         task: Name of a shipped task, or path to a .toml file.
-        methods: Method names separated by commas; all that apply if empty.
+        methods: Method names separated by commas; without it all that apply.
         solver: Backend of the QPs, e.g. daqp, proxqp, osqp.
-        out: Folder to write to; out/TASK if empty.
+        out: Folder to write to; without it out/TASK.
     """
     path_task = load_task(task)
     names = _method_names(path_task, methods)
@@ -59,12 +65,14 @@ def compare(task: Task, methods: str = "", solver: str = "daqp", out: str = "") 
     console.print(rich_table(content))
     for line in notes(content):
         console.print(line, highlight=False, soft_wrap=True)
-    for line in comparison.report(out or Path("out") / path_task.name):
+    with working("drawing the figures"):
+        lines = comparison.report(out or Path("out") / path_task.name)
+    for line in lines:
         console.print(f"wrote {line}" if Path(line).exists() else line, soft_wrap=True)
 
 
 @app.command
-def run(task: Task, out: str, method: str = "qp", solver: str = "daqp") -> None:
+def run(task: Task, out: File, method: MethodName = "qp", solver: Solver = "daqp") -> None:
     """Follow a task with one method and write the joint trajectory as CSV.
 
     Args:
@@ -75,7 +83,7 @@ def run(task: Task, out: str, method: str = "qp", solver: str = "daqp") -> None:
     """
     path_task = load_task(task)
     check_method(method)
-    if Path(out).suffix.lower() != ".csv":
+    if out.suffix.lower() != ".csv":
         raise InvalidInput(f"--out {out}: expected a file that ends in .csv.")
     with method_progress([method], len(path_task.waypoints) - 1) as progress:
         trajectory = follow(
@@ -90,23 +98,25 @@ def run(task: Task, out: str, method: str = "qp", solver: str = "daqp") -> None:
 
 
 @app.command
-def roadmap(task: Task, methods: str = "", solver: str = "daqp", out: str = "") -> None:
+def roadmap(
+    task: Task, methods: Names = None, solver: Solver = "daqp", out: OptionalFile = None
+) -> None:
     """Draw the roadmap of a planar arm: self-motion manifolds with the methods over them.
 
     Args:
         task: Name of a shipped task, or path to a .toml file.
-        methods: Method names separated by commas; all that apply if empty.
+        methods: Method names separated by commas; without it all that apply.
         solver: Backend of the QPs.
-        out: PNG file to write; out/TASK/roadmap.png if empty.
+        out: PNG file to write; without it out/TASK/roadmap.png.
     """
     path_task = load_task(task)
     names = _method_names(path_task, methods)
-    target = Path(out) if out else Path("out") / path_task.name / "roadmap.png"
-    if not applies_to(path_task):
-        roadmap_figure(path_task, {})
+    target = out or Path("out") / path_task.name / "roadmap.png"
+    check_applies(path_task)
     with method_progress(names, len(path_task.waypoints) - 1) as progress:
         comparison = compare_methods(path_task, names, solver=solver, progress=progress)
-    save_figure(roadmap_figure(path_task, comparison.trajectories), target)
+    with working("tracing the manifolds"):
+        save_figure(roadmap_figure(path_task, comparison.trajectories), target)
     _console().print(f"wrote {target}", soft_wrap=True)
 
 
@@ -127,8 +137,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
         raise SystemExit(130) from None
 
 
-def _method_names(path_task: PathTask, methods: str) -> list[str]:
-    if not methods:
+def _method_names(path_task: PathTask, methods: str | None) -> list[str]:
+    if methods is None:
         return path_task.method_names()
     return [check_method(name.strip()) for name in methods.split(",")]
 

@@ -13,8 +13,8 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 @contextmanager
 def method_progress(methods: Sequence[str], waypoints: int) -> Iterator[Callable[[str, int], None]]:
     """Yield ``report(method, waypoints done)``; drawn on stderr where it is a terminal."""
-    console = Console(stderr=True)
-    if not (console.is_terminal and sys.stdout.isatty()):
+    console = _terminal()
+    if console is None:
         yield lambda method, done: None
         return
     columns = (
@@ -32,3 +32,20 @@ def method_progress(methods: Sequence[str], waypoints: int) -> Iterator[Callable
             progress.update(bar, description=method, completed=before.get(method, 0) + done)
 
         yield report
+
+
+@contextmanager
+def working(what: str) -> Iterator[None]:
+    """A spinner with a few words while something runs that cannot say how far it is."""
+    console = _terminal()
+    if console is None:
+        yield
+        return
+    with console.status(what):
+        yield
+
+
+def _terminal() -> Console | None:
+    """Standard error as a console, if a person is looking at it."""
+    console = Console(stderr=True)
+    return console if console.is_terminal and sys.stdout.isatty() else None

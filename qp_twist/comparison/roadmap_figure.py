@@ -38,6 +38,17 @@ def applies_to(path_task: PathTask) -> bool:
     )
 
 
+def check_applies(path_task: PathTask) -> None:
+    """Refuse a task for which the figure cannot be drawn, with a sentence."""
+    if not applies_to(path_task):
+        free = path_task.model.nv - path_task.projector.rank
+        raise InvalidInput(
+            f"roadmap: {path_task.name} leaves {free} of {path_task.model.nv} joints free; the "
+            "joint-space roadmap is drawn for planar arms of up to three hinges with one of them "
+            "free."
+        )
+
+
 def roadmap_figure(
     path_task: PathTask, trajectories: Mapping[str, Trajectory], *, seed: int = 0
 ) -> Figure:
@@ -48,12 +59,7 @@ def roadmap_figure(
     Raises:
         InvalidInput: If the task is not of the kind that can be drawn so.
     """
-    if not applies_to(path_task):
-        raise InvalidInput(
-            f"roadmap: {path_task.name} leaves "
-            f"{path_task.model.nv - path_task.projector.rank} of {path_task.model.nv} joints free; "
-            "the joint-space roadmap is drawn for planar arms with one redundant degree of freedom."
-        )
+    check_applies(path_task)
     ranges = JointRanges.of(path_task.model)
     waypoints = path_task.waypoints
     drawn = range(0, len(waypoints), max(1, len(waypoints) // _DRAWN))

@@ -11,6 +11,9 @@ from qp_twist.errors import InvalidInput
 from qp_twist.kinematics import JointRanges
 from qp_twist.limits.box_limit import BoxLimit
 
+HAIR = 1e-12
+"""How far inside its limit a joint stops, rad or m, so that q + q̇ dt is inside as rounded."""
+
 
 class PositionLimit(BoxLimit):
     r"""Keep every joint in its range after the step.
@@ -46,6 +49,8 @@ class PositionLimit(BoxLimit):
     def bounds(self, configuration: mink.Configuration, dt: float) -> tuple[Array, Array]:
         """(θ_min − θ)/dt and (θ_max − θ)/dt, rad/s or m/s, each (nv,)."""
         q = self.ranges.positions(configuration.q)
-        lower = np.minimum((self.ranges.lower - q) / dt, self.recovery_speed)
-        upper = np.maximum((self.ranges.upper - q) / dt, -self.recovery_speed)
-        return lower, upper
+        below, above = self.ranges.lower - q, self.ranges.upper - q
+        # From inside, standing still is always allowed; from outside, the way back is not a jump.
+        lower = np.where(below > 0.0, below / dt, np.minimum(below + HAIR, 0.0) / dt)
+        upper = np.where(above < 0.0, above / dt, np.maximum(above - HAIR, 0.0) / dt)
+        return np.minimum(lower, self.recovery_speed), np.maximum(upper, -self.recovery_speed)

@@ -103,6 +103,13 @@ def _find(task: str | Path) -> Path:
 
 def _build(path: Path, file: TaskFile) -> PathTask:
     scene, model = _load_scene(path, file.robot.scene)
+    ranges = JointRanges.of(model)
+    if (ranges.qpos < 0).any():
+        joint = ranges.names[int(np.argmax(ranges.qpos < 0))]
+        raise TaskFileError(
+            f"{path}: robot.scene: joint {joint!r} is a ball or free joint; a path task follows "
+            "arms of hinges and slides. For other robots use qp_twist.Controller step by step."
+        )
     start = _start(path, file.start, model)
     configuration = mink.Configuration(model, start)
     try:
