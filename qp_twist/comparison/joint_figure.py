@@ -95,9 +95,11 @@ def _draw_joint(
         first = numbers["first_violation"].get(ranges.names[dof])
         if first is not None:
             panel.plot(first, theta[first - 1], "x", color=LIMIT, ms=9, mew=2.2, zorder=6)
+            # Towards the inside of the limits, where there is room.
+            below = theta[first - 1] > np.degrees(ranges.middle[dof])
             panel.annotate(
                 str(first), (first, theta[first - 1]), textcoords="offset points",
-                xytext=(6, -11), color=LIMIT, fontweight="bold",
+                xytext=(6, -11 if below else 5), color=LIMIT, fontweight="bold",
             )  # fmt: skip
         _mark_reconfigurations(panel, numbers["reconfigurations"], line_style(name)["color"])
     if limited:

@@ -122,7 +122,7 @@ class Controller:
         self.soft_tasks = tuple(t for t in tasks if not isinstance(t, TwistTask))
         self.secondary = tuple(_sequence("secondary", secondary))
         self.secondary_space = one_of("secondary_space", secondary_space, ("joint", "twist"))
-        self.limits = [PositionLimit(model)] if limits is None else list(limits)
+        self.limits: list[mink.Limit] = [PositionLimit(model)] if limits is None else list(limits)
         self.solver = check_solver(solver)
         self.on_infeasible = one_of("on_infeasible", on_infeasible, ("scale", "relax", "raise"))
         self._check_types()

@@ -107,17 +107,20 @@ class QpResolver(Resolver):
             secondary_space=self.method.space,
             solver=solver,
             metric=metric,
+            limits=[PositionLimit(self.model)],
         )
+        self.window: DisplacementWindow | None = None
+        if path_task.durations is not None and np.isfinite(self.velocity_limits).any():
+            unbounded = np.full(self.model.nv, np.inf)
+            self.window = DisplacementWindow(self.model, path_task.start, unbounded)
+            self.controller.limits.append(self.window)
         self.dt = 1.0
 
     def begin_waypoint(self, q: Array, duration: float | None) -> None:
         """Open the window in which the joints may move until the next waypoint is due."""
         self.dt = 1.0 if duration is None else duration
-        limits: list[mink.Limit] = [PositionLimit(self.model)]
-        if duration is not None and np.isfinite(self.velocity_limits).any():
-            width = self.velocity_limits * duration
-            limits.append(DisplacementWindow(self.model, q, width))
-        self.controller.limits = limits
+        if self.window is not None:
+            self.window.move(q, self.velocity_limits * self.dt)
 
     def displacement(self, configuration: mink.Configuration, *, first: bool) -> Displacement:
         """One step of the controller, over the whole duration of the waypoint."""

@@ -5,6 +5,7 @@ from .projector import ProjectorKind as ProjectorKind
 from .twist_error import angular_error as angular_error
 from .twist_error import clamp_twist as clamp_twist
 from .twist_error import geodesic as geodesic
+from .twist_error import resolved_twist_error as resolved_twist_error
 from .twist_error import rotation_vector as rotation_vector
 from .twist_error import twist_angle as twist_angle
 from .twist_error import twist_error as twist_error

@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from qp_twist.checks import Array, finite_array, number
 from qp_twist.errors import InvalidInput, InvalidTarget
-from qp_twist.geometry import TwistProjector, clamp_twist, twist_error
+from qp_twist.geometry import TwistProjector, clamp_twist, resolved_twist_error
 from qp_twist.kinematics.frame import frame_jacobian, frame_pose
 
 
@@ -172,10 +172,15 @@ class TwistTask(mink.Task):
         if self.target is None:
             raise mink.TargetNotSet(self.name)
         rotation, position = frame_pose(configuration, self.frame_name, self.frame_type)
-        error = twist_error(
-            rotation, position, self._target_rotation, self._target_position, self.projector
-        )
         world = self.projector.resolved(body=rotation, target=self._target_rotation)
+        error = resolved_twist_error(
+            rotation,
+            position,
+            self._target_rotation,
+            self._target_position,
+            world,
+            moves_with_body=self.projector.frame == "body",
+        )
         return TaskState(
             projector=world,
             basis=world.basis,

@@ -25,7 +25,7 @@ class DisplacementWindow(BoxLimit):
     def __init__(
         self, model: mujoco.MjModel, q_ref: npt.ArrayLike, half_width: npt.ArrayLike
     ) -> None:
-        """Set the window.
+        """Open the window.
 
         Args:
             model: The robot.
@@ -36,12 +36,17 @@ class DisplacementWindow(BoxLimit):
             InvalidInput: If a shape is wrong or a width is negative or NaN.
         """
         self.ranges = JointRanges.of(model)
-        self.reference = self.ranges.positions(finite_array("q_ref", q_ref, (model.nq,)))
+        self._nq = model.nq
+        self.move(q_ref, half_width)
+
+    def move(self, q_ref: npt.ArrayLike, half_width: npt.ArrayLike) -> None:
+        """Open the window anew around ``q_ref``, at the next waypoint; arguments as above."""
+        self.reference = self.ranges.positions(finite_array("q_ref", q_ref, (self._nq,)))
         self.half_width = np.array(half_width, dtype=np.float64)
-        if self.half_width.shape != (model.nv,) or not (self.half_width >= 0.0).all():
+        if self.half_width.shape != self.reference.shape or not (self.half_width >= 0.0).all():
             raise InvalidInput(
-                f"DisplacementWindow: half_width needs {model.nv} numbers of at least 0, got "
-                f"{half_width!r}."
+                f"DisplacementWindow: half_width needs {len(self.reference)} numbers of at least "
+                f"0, got {half_width!r}."
             )
 
     def bounds(self, configuration: mink.Configuration, dt: float) -> tuple[Array, Array]:
