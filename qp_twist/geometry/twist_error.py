@@ -36,7 +36,14 @@ def geodesic(start: Array, end: Array) -> Array:
     cosine = float(start @ end)
     if sine < 1e-12:
         return cross if cosine > 0.0 else math.pi * perpendicular(start)
-    vector: Array = cross * (math.atan2(sine, cosine) / sine)
+    axis = cross / sine
+    if cosine < 0.0:
+        # Nearly opposite, the cross product is short and its rounding turns the axis out of the
+        # plane perpendicular to both.
+        axis -= (axis @ start) * start
+        axis -= (axis @ end) * end
+        axis /= np.linalg.norm(axis)
+    vector: Array = axis * math.atan2(sine, cosine)
     return vector
 
 

@@ -64,7 +64,8 @@ class JointRanges:
     def middle(self) -> Array:
         """θ̄, the middle of each range; 0 where there is none, shape (nv,)."""
         middle = np.zeros_like(self.lower)
-        middle[self.limited] = 0.5 * (self.lower + self.upper)[self.limited]
+        limited = self.limited
+        middle[limited] = 0.5 * (self.lower[limited] + self.upper[limited])
         return middle
 
     @property

@@ -6,7 +6,7 @@ import mink
 import mujoco
 import numpy as np
 
-from qp_twist.checks import Array
+from qp_twist.checks import Array, number
 from qp_twist.errors import InvalidInput
 from qp_twist.kinematics.frame import frame_id, frame_pose
 from qp_twist.kinematics.secondary import SecondaryObjective
@@ -58,7 +58,7 @@ class Manipulability(SecondaryObjective):
                 "degrees of freedom; the measure needs between 1 row and as many as there are."
             )
         self.task = task
-        self.longest = longest
+        self.longest = number("longest", longest, above=0.0)
         self._scratch = mujoco.MjData(model)
 
     def measure(self, configuration: mink.Configuration) -> float:

@@ -88,6 +88,7 @@ class TwistTask(mink.Task):
         Raises:
             InvalidInput: If an argument has the wrong type or range.
             mink.InvalidGain: If the gain is outside [0, 1].
+            mink.InvalidDamping: If ``lm_damping`` is negative.
         """
         if not isinstance(projector, TwistProjector):
             raise InvalidInput(
@@ -102,7 +103,9 @@ class TwistTask(mink.Task):
                 np.full(projector.angular.rank, number("angular_cost", angular_cost, at_least=0.0)),
             ]
         )
-        super().__init__(cost=cost, gain=number("gain", gain), lm_damping=lm_damping)
+        super().__init__(
+            cost=cost, gain=number("gain", gain), lm_damping=number("lm_damping", lm_damping)
+        )
         self.frame_name = frame_name
         self.frame_type = frame_type
         self.projector = projector

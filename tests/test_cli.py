@@ -1,0 +1,95 @@
+"""The command, as a person types it."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from qp_twist.cli import main
+
+
+def test_tasks_lists_every_file_with_a_line(capsys: pytest.CaptureFixture[str]) -> None:
+    main(["tasks"])
+    lines = capsys.readouterr().out.splitlines()
+    assert [line.split()[0] for line in lines] == ["deburring", "planar_line"]
+    assert all(len(line.split()) > 5 for line in lines)
+
+
+def test_compare_prints_the_table_and_writes_the_folder(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    main(["compare", "planar_line", "--methods", "qp_gradient,gradient_projection",
+          "--solver", "proxqp", "--out", str(tmp_path / "out")])  # fmt: skip
+    out, err = capsys.readouterr()
+    assert "gradient_projection" in out
+    assert "QPs by proxqp" in out
+    assert "\x1b[" not in out
+    assert err == ""
+    content = json.loads((tmp_path / "out" / "comparison.json").read_text("utf-8"))
+    assert content["solver"] == "proxqp"
+    assert list(content["methods"]) == ["gradient_projection", "qp_gradient"]
+
+
+def test_run_writes_one_trajectory(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    file = tmp_path / "line.csv"
+    main(["run", "planar_line", "--method", "qp_gradient", "--out", str(file)])
+    assert "101 waypoints" in capsys.readouterr().out
+    assert file.read_text("utf-8").count("\n") == 104
+
+
+def test_roadmap_draws_one_figure(tmp_path: Path) -> None:
+    file = tmp_path / "fig4.png"
+    main(["roadmap", "planar_line", "--methods", "minimum_norm,twa", "--out", str(file)])
+    assert file.read_bytes().startswith(b"\x89PNG")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        (["compare", "nosuch"], "no shipped task 'nosuch'"),
+        (["compare", "planar_line", "--methods", "qp,fancy"], "unknown method 'fancy'"),
+        (["compare", "planar_line", "--solver", "nosuch"], "'nosuch' is not installed"),
+        (["run", "planar_line", "--method", "fancy", "--out", "x.csv"], "unknown method 'fancy'"),
+        (["run", "planar_line", "--out", "x.xlsx"], "ends in .csv"),
+        (["roadmap", "deburring"], "planar arms"),
+    ],
+)
+def test_refused_input_is_one_sentence_and_exit_code_2(
+    arguments: list[str],
+    sentence: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(SystemExit) as caught:
+        main(arguments)
+    assert caught.value.code == 2
+    out, err = capsys.readouterr()
+    assert sentence in err
+    assert err.startswith("qp-twist: ")
+    assert out == ""
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_an_unwritable_folder_is_a_sentence(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "taken").write_text("a file")
+    with pytest.raises(SystemExit) as caught:
+        main(["run", "planar_line", "--out", str(tmp_path / "taken" / "x.csv")])
+    assert caught.value.code == 2
+    assert "taken" in capsys.readouterr().err
+    assert (tmp_path / "taken").read_text() == "a file"
+
+
+def test_the_module_runs_as_the_command() -> None:
+    done = subprocess.run(
+        [sys.executable, "-m", "qp_twist", "tasks"], capture_output=True, text=True, check=True
+    )
+    assert done.stdout.startswith("deburring")
+    assert done.stderr == ""

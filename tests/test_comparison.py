@@ -1,0 +1,191 @@
+"""Metrics, table, figures, report and trajectories."""
+
+from __future__ import annotations
+
+import csv
+import dataclasses
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+
+import qp_twist as qt
+from qp_twist.comparison import metrics
+from qp_twist.comparison.self_motion import manifolds
+
+NAMES = ["minimum_norm", "qp_minimum_norm", "twa", "qp"]
+# The format that tools outside read; a golden list, on purpose.
+KEYS = [
+    "violations", "first_violation", "min_margin", "mean_z", "max_z", "position_error_max_m",
+    "axis_error_max_rad", "travel_deg", "max_step_deg", "reconfigurations", "closure_rad",
+    "sigma_min", "time_per_waypoint_us", "status",
+]  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def planar() -> qt.Comparison:
+    return qt.compare("planar_line", methods=NAMES)
+
+
+def test_metrics_of_a_trajectory_made_by_hand() -> None:
+    task = qt.load_task("planar_line")
+    template = qt.follow(task, "minimum_norm")
+    q = np.radians(
+        [[45.0, 45.0, 90.0], [45.0, 45.0, 110.0], [95.0, 45.0, 110.0], [0.0, 100.0, 110.0]]
+    )
+    four = {
+        name: getattr(template, name)[:4]
+        for name in ("position_error", "axis_error", "sigma_min", "scale", "iterations", "binding")
+    }
+    numbers = metrics(dataclasses.replace(template, q=q, seconds=0.3, **four))
+    assert list(numbers) == KEYS
+    assert numbers["violations"] == 2
+    assert numbers["first_violation"] == {"joint_1": 3, "joint_2": 4}
+    assert numbers["min_margin"] == pytest.approx(1.0 - 55.0 / 45.0)
+    # Waypoint 2: only joint 3, 20 of its 180 degrees from the middle.
+    z = [0.0, 0.5 * (20 / 180) ** 2, 0.5 * ((50 / 90) ** 2 + (20 / 180) ** 2)]
+    z.append(0.5 * ((45 / 90) ** 2 + (55 / 90) ** 2 + (20 / 180) ** 2))
+    assert numbers["mean_z"] == pytest.approx(np.mean(z))
+    assert numbers["max_z"] == pytest.approx(max(z))
+    assert numbers["travel_deg"] == pytest.approx(20 + 50 + 95 + 55)
+    assert numbers["max_step_deg"] == pytest.approx(95)
+    assert numbers["reconfigurations"] == [2, 3, 4]
+    assert numbers["closure_rad"] == pytest.approx(np.radians(np.hypot(np.hypot(45, 55), 20)))
+    assert numbers["time_per_waypoint_us"] == pytest.approx(1e5)
+    assert "joint_1 at 3" in numbers["status"]
+
+
+def test_a_hair_outside_counts_from_a_billionth_on() -> None:
+    task = qt.load_task("planar_line")
+    template = qt.follow(task, "minimum_norm")
+    at_limit = template.q.copy()
+    at_limit[5, 0] = np.pi / 2 + 0.9e-9
+    assert metrics(dataclasses.replace(template, q=at_limit))["violations"] == 0
+    at_limit[5, 0] = np.pi / 2 + 1.1e-9
+    assert metrics(dataclasses.replace(template, q=at_limit))["violations"] == 1
+
+
+def test_the_json_has_the_contracts_shape(planar: qt.Comparison, tmp_path: Path) -> None:
+    lines = planar.report(tmp_path / "new" / "folder")
+    content = json.loads((tmp_path / "new" / "folder" / "comparison.json").read_text("utf-8"))
+    assert content["task"] == "planar_line"
+    assert content["waypoints"] == 101
+    assert list(content["methods"]) == NAMES
+    for numbers in content["methods"].values():
+        assert list(numbers) == KEYS
+    assert content["methods"]["qp"]["first_violation"] == {}
+    written = {Path(line).name for line in lines if Path(line).is_file()}
+    expected = {"comparison.json", "table.txt", "joints.png", "along_the_path.png", "roadmap.png"}
+    assert expected | {"joints_qp.png", "joints_qp_minimum_norm.png"} <= written
+    # Nothing half-written stays behind.
+    assert not [p for p in (tmp_path / "new" / "folder").iterdir() if p.name.startswith(".")]
+
+
+def test_the_table_puts_each_closed_form_before_its_qp(planar: qt.Comparison) -> None:
+    lines = planar.table().splitlines()
+    rows = [line.split()[0] for line in lines if line.split() and line.split()[0] in qt.METHODS]
+    assert rows == NAMES
+    assert "joint_2 at 2" in planar.table()
+    end = next(i for i, line in enumerate(lines) if line.startswith("margin:"))
+    assert max(len(line) for line in lines[:end]) <= 118
+
+
+def test_methods_come_in_the_tables_order_whatever_was_asked() -> None:
+    comparison = qt.compare("planar_line", methods=["qp", "twa", "qp"])
+    assert list(comparison.trajectories) == ["twa", "qp"]
+
+
+def test_wrong_methods_are_refused() -> None:
+    with pytest.raises(qt.InvalidInput, match=r"'fancy'; methods: rmr, "):
+        qt.compare("planar_line", methods=["fancy"])
+    with pytest.raises(qt.InvalidInput, match="empty"):
+        qt.compare("planar_line", methods=[])
+    with pytest.raises(qt.UnknownSolver, match="nosuch"):
+        qt.compare("planar_line", methods=["qp"], solver="nosuch")
+    with pytest.raises(qt.InvalidInput, match=r"option gaim.*Options: iterations"):
+        qt.follow(qt.load_task("planar_line"), "qp", gaim=1.0)
+    with pytest.raises(qt.InvalidInput, match=r"option gain"):
+        qt.follow(qt.load_task("planar_line"), "qp", gain=-1.0)
+
+
+def test_the_joint_figure_marks_the_first_violation(planar: qt.Comparison) -> None:
+    figure = planar.figures()["joints_qp"]
+    FigureCanvasAgg(figure).draw()
+    panels = {axes.get_title(loc="left"): axes for axes in figure.axes}
+    texts = {name: [t.get_text() for t in axes.texts] for name, axes in panels.items()}
+    first = planar.to_dict()["methods"]["twa"]["first_violation"]
+    assert texts == {
+        name: [str(first[name])] if name in first else []
+        for name in ("joint_1", "joint_2", "joint_3")
+    }
+    for axes in panels.values():
+        low, high = axes.get_ylim()
+        assert low < 0.0
+        assert high > 90.0
+
+
+def test_self_motion_manifolds_against_the_textbook() -> None:
+    task = qt.load_task("planar_line")
+    rng = np.random.default_rng(3)
+    found = manifolds(task, task.waypoints[30], rng=rng)
+    target = task.waypoints[30].translation()[:2]
+    lengths = np.array([2.0, 1.5, 1.0])
+    for curve in found:
+        angles = np.cumsum(curve, axis=1)
+        x = np.stack([np.cos(angles) @ lengths, np.sin(angles) @ lengths], axis=1)
+        assert x == pytest.approx(np.broadcast_to(target, x.shape), abs=1e-5)
+        # A closed curve without gaps.
+        gaps = np.remainder(np.diff(curve, axis=0) + np.pi, 2 * np.pi) - np.pi
+        assert np.linalg.norm(gaps, axis=1).max() < np.radians(6.0)
+        assert np.cos(curve[0]) == pytest.approx(np.cos(curve[-1]), abs=1e-6)
+    # Every solution of the textbook inverse lies on one of them.
+    for phi in np.linspace(-np.pi, np.pi, 50):
+        wrist = target - lengths[2] * np.array([np.cos(phi), np.sin(phi)])
+        cosine = (wrist @ wrist - 4.0 - 2.25) / 6.0
+        if abs(cosine) > 1.0:
+            continue
+        for elbow in (np.arccos(cosine), -np.arccos(cosine)):
+            shoulder = np.arctan2(wrist[1], wrist[0]) - np.arctan2(
+                1.5 * np.sin(elbow), 2.0 + 1.5 * np.cos(elbow)
+            )
+            q = np.array([shoulder, elbow, phi - shoulder - elbow])
+            near = [
+                np.linalg.norm(np.remainder(c - q + np.pi, 2 * np.pi) - np.pi, axis=1).min()
+                for c in found
+            ]
+            assert min(near) < np.radians(3.0)
+
+
+def test_a_trajectory_file_has_names_units_and_every_digit(tmp_path: Path) -> None:
+    trajectory = qt.follow(qt.load_task("deburring"), "minimum_norm", iterations=2)
+    path = trajectory.save(tmp_path / "out" / "lap.csv")
+    lines = path.read_text("utf-8").splitlines()
+    comments = [line for line in lines if line.startswith("#")]
+    assert "deburring" in comments[0]
+    assert "minimum_norm" in comments[0]
+    rows = list(csv.reader(line for line in lines if not line.startswith("#")))
+    assert rows[0] == ["waypoint", "time [s]"] + [f"joint_{i} [rad]" for i in range(1, 7)]
+    table = np.array(rows[1:], dtype=float)
+    assert table[:, 0].tolist() == list(range(1, 402))
+    assert np.array_equal(table[:, 2:], trajectory.q)
+    assert table[-1, 1] == pytest.approx(1.0388 / 0.050, rel=1e-3)
+
+
+def test_a_diverging_method_is_reported_and_goes_on(monkeypatch: pytest.MonkeyPatch) -> None:
+    from qp_twist import closed_form
+
+    calls = []
+
+    def explode(jacobian: np.ndarray, *_: object, **__: object) -> np.ndarray:
+        calls.append(1)
+        return np.full(jacobian.shape[1], 1e-3 if len(calls) < 10 else np.inf)
+
+    monkeypatch.setattr(closed_form, "twa", explode)
+    trajectory = qt.follow(qt.load_task("planar_line"), "twa")
+    assert trajectory.diverged_at == 11
+    assert np.isfinite(trajectory.q).all()
+    numbers = metrics(trajectory)
+    assert "diverged at waypoint 11" in numbers["status"]
+    json.dumps(numbers, allow_nan=False)

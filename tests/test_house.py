@@ -1,0 +1,39 @@
+"""The house keeps its rooms: one-way imports, shipped data, no machine's traces."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+
+
+def test_imports_go_one_way() -> None:
+    command = Path(sys.executable).with_name("lint-imports")
+    if not command.exists():
+        pytest.skip("import-linter is not installed; pip install -e '.[dev]' brings it.")
+    done = subprocess.run(
+        [command, "--no-cache"], cwd=ROOT, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stdout
+    assert "1 kept, 0 broken" in done.stdout
+
+
+def test_no_module_is_called_like_a_data_folder() -> None:
+    # The wheel puts tasks/ and scenes/ inside the package.
+    assert not (ROOT / "qp_twist" / "tasks").exists()
+    assert not (ROOT / "qp_twist" / "scenes").exists()
+    assert not (ROOT / "qp_twist" / "tasks.py").exists()
+    assert not (ROOT / "qp_twist" / "scenes.py").exists()
+
+
+def test_the_changelog_knows_this_version() -> None:
+    source = (ROOT / "qp_twist" / "__init__.py").read_text("utf-8")
+    version = re.search(r'__version__ = "(.+)"', source)
+    assert version is not None
+    assert f"[{version[1]}]" in (ROOT / "CHANGELOG.md").read_text("utf-8")
+    assert f"version: {version[1]}" in (ROOT / "CITATION.cff").read_text("utf-8")

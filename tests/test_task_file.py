@@ -1,0 +1,249 @@
+"""Task files: what is read, and how a mistake is named."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+import mink
+import numpy as np
+import pytest
+
+import qp_twist as qt
+from qp_twist.path import shipped_folder, shipped_tasks
+
+MINIMAL = """\
+title = "A short line"
+
+[robot]
+scene = "arm.xml"
+frame = "tip"
+
+[projector]
+linear = { plane = [0, 0, 1] }
+angular = "none"
+
+[path]
+kind = "polyline"
+points = [[-1, 2, 0], [-0.9, 2, 0]]
+steps_per_segment = 4
+
+[start]
+q_deg = [70.7, 69.1, 99.2]
+"""
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    shutil.copy(shipped_folder("scenes") / "planar_3r.xml", tmp_path / "arm.xml")
+    return tmp_path
+
+
+def write(folder: Path, text: str) -> Path:
+    path = folder / "mine.toml"
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+@pytest.mark.parametrize("path", shipped_tasks(), ids=lambda p: p.stem)
+def test_every_shipped_task_loads_and_says_what_it_is(path: Path) -> None:
+    task = qt.load_task(path.stem)
+    assert task.name == path.stem
+    assert task.title
+    assert task.redundancy == 1
+
+
+def test_a_file_of_ones_own_is_followed_with_its_own_scene(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = write(folder, MINIMAL)
+    # From another folder: relative paths belong to the file.
+    monkeypatch.chdir(folder.parent)
+    task = qt.load_task(path)
+    assert task.scene == folder / "arm.xml"
+    assert len(task.waypoints) == 5
+    assert task.positions[:, 0] == pytest.approx(np.linspace(-1, -0.9, 5))
+    trajectory = qt.follow(task, "qp_minimum_norm")
+    assert trajectory.position_error.max() < 1e-8
+
+
+def test_a_shipped_scene_serves_a_file_of_ones_own(tmp_path: Path) -> None:
+    path = write(tmp_path, MINIMAL.replace("arm.xml", "planar_3r.xml"))
+    assert qt.load_task(path).scene == shipped_folder("scenes") / "planar_3r.xml"
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "sentences"),
+    [
+        ("steps_per_segment", "steps_per_segmnt", ["line 14", "path.steps_per_segmnt", "unknown key", "did you mean 'steps_per_segment'"]),
+        ("steps_per_segment = 4\n", "", ["path.steps_per_segment", "missing"]),
+        ("steps_per_segment = 4", 'steps_per_segment = "four"', ["line 14", "valid integer", '"four"']),
+        ("steps_per_segment = 4", "steps_per_segment = 0", ["line 14", "greater than or equal to 1"]),
+        ("steps_per_segment = 4", "steps_per_segment = 4.5", ["line 14", "integer"]),
+        ('kind = "polyline"', 'kind = "spiral"', ["line 12", "path", "polyline", "spherical_patch"]),
+        ("[[-1, 2, 0], [-0.9, 2, 0]]", "[[-1, 2, 0]]", ["line 13", "path.points", "at least 2"]),
+        ("[-0.9, 2, 0]]", "[-0.9, 2]]", ["line 13", "path.points[1]"]),
+        ("[-0.9, 2, 0]]", "[-0.9, nan, 0]]", ["line 13", "path.points[1][1]", "finite"]),
+        ('angular = "none"', 'angular = "nothing"', ["line 9", "projector.angular", '"full"', "'nothing'"]),
+        ("{ plane = [0, 0, 1] }", "{ plane = [0, 0, 0] }", ["line 8", "projector.linear", "no direction"]),
+        ("{ plane = [0, 0, 1] }", "{ plane = [0, 0] }", ["line 8", "projector.linear", "shape (3)"]),
+        ('frame = "tip"', 'frame = "tap"', ["robot.frame", "'tap'", "tip"]),
+        ('"arm.xml"', '"leg.xml"', ["robot.scene", "'leg.xml'"]),
+        ("[70.7, 69.1, 99.2]", "[70.7, 69.1]", ["start.q_deg", "3 joint coordinates", "got 2"]),
+        ("q_deg = [70.7", "q = [1.0]\nq_deg = [70.7", ["start", "either q_deg"]),
+        ("[start]", "[limits.velocity]\njoint_9 = 1.0\n[start]", ["limits.velocity.joint_9", "joint_1"]),
+        ("[start]", "[limits.velocity]\njoint_1 = -1.0\n[start]", ["line 17", "limits.velocity.joint_1", "greater than 0"]),
+        ("[start]", "[limits.velocity]\njoint_1 = 1.0\n[start]", ["limits.velocity", "[feed]"]),
+        ("[start]", "[feed]\ndt = 0.1\nspeed = 1.0\n[start]", ["feed", "either dt or speed"]),
+        ("[start]", "[feed]\n[start]", ["feed", "give speed"]),
+        ("[start]", "[methods.qpp]\ngain = 1.0\n[start]", ["line 16", "methods.qpp", "'qp'"]),
+        ("[start]", "[methods.qp]\ngain = -1.0\n[start]", ["line 17", "methods.qp.gain"]),
+        ("[start]", '[methods.qp]\nweight = "heavy"\n[start]', ["line 17", "methods.qp.weight", "'gradient'"]),
+        ("kind = ", "tool_axis = [0, 0, 1]\nkind = ", ["roll", "plane_normal"]),
+        ('title = "A short line"', "title = ", ["not valid TOML", "line 1"]),
+        ('title = "A short line"', "tilte = 3", ["tilte", "unknown key", "'title'"]),
+    ],
+)  # fmt: skip
+def test_a_mistake_is_named_with_its_place(
+    folder: Path, old: str, new: str, sentences: list[str]
+) -> None:
+    assert old in MINIMAL
+    path = write(folder, MINIMAL.replace(old, new))
+    with pytest.raises(qt.TaskFileError) as caught:
+        qt.load_task(path)
+    for sentence in ["mine.toml", *sentences]:
+        assert sentence in str(caught.value)
+    assert "pydantic" not in str(caught.value)
+
+
+def test_a_missing_task_is_named_with_those_there_are() -> None:
+    with pytest.raises(qt.TaskFileError, match=r"'nosuch'.*deburring.*\./nosuch\.toml"):
+        qt.load_task("nosuch")
+    with pytest.raises(qt.TaskFileError, match="no such task file"):
+        qt.load_task("./nosuch.toml")
+
+
+def test_a_broken_scene_is_named(folder: Path) -> None:
+    (folder / "arm.xml").write_text("<mujoco><wrong/></mujoco>")
+    with pytest.raises(qt.TaskFileError, match=r"robot\.scene: MuJoCo says"):
+        qt.load_task(write(folder, MINIMAL))
+
+
+def test_a_scene_with_a_free_joint_is_refused_by_name(folder: Path) -> None:
+    (folder / "arm.xml").write_text(
+        """<mujoco><worldbody><body><freejoint name="base"/><geom size="0.1"/>
+        <site name="tip"/></body></worldbody></mujoco>"""
+    )
+    with pytest.raises(qt.TaskFileError, match=r"joint 'base' is a ball or free joint"):
+        qt.load_task(write(folder, MINIMAL))
+
+
+def test_a_list_of_poses_by_quaternion_or_roll_pitch_yaw(folder: Path) -> None:
+    text = (
+        MINIMAL[: MINIMAL.index("[path]")]
+        + """
+[path]
+kind = "poses"
+poses = [
+  { position = [-1, 2, 0], quaternion_wxyz = [2, 0, 0, 0] },
+  { position = [-0.9, 2, 0], rpy_deg = [0, 0, 90] },
+]
+[start]
+q = [1.2339, 1.2060, 1.7314]
+"""
+    )
+    task = qt.load_task(write(folder, text))
+    assert task.waypoints[0].rotation().as_matrix() == pytest.approx(np.eye(3))
+    quarter = np.array([[0, -1, 0], [1, 0, 0], [0, 0, 1]])
+    assert task.waypoints[1].rotation().as_matrix() == pytest.approx(quarter, abs=1e-12)
+    both = text.replace("rpy_deg", "quaternion_wxyz = [1, 0, 0, 0], rpy_deg")
+    with pytest.raises(qt.TaskFileError, match=r"poses\[1\].*either quaternion_wxyz or rpy_deg"):
+        qt.load_task(write(folder, both))
+
+
+def test_feed_by_dt_by_speed_and_by_turning(folder: Path) -> None:
+    feed = MINIMAL.replace("[start]", "[feed]\ndt = 0.25\n[start]")
+    durations = qt.load_task(write(folder, feed)).durations
+    assert durations is not None
+    assert durations.tolist() == [0.0, 0.25, 0.25, 0.25, 0.25]
+    feed = MINIMAL.replace("[start]", "[feed]\nspeed = 0.05\n[start]")
+    durations = qt.load_task(write(folder, feed)).durations
+    assert durations == pytest.approx([0.0, 0.5, 0.5, 0.5, 0.5])
+    turning = (
+        MINIMAL[: MINIMAL.index("[path]")]
+        + """
+[path]
+kind = "poses"
+poses = [
+  { position = [-1, 2, 0], rpy_deg = [0, 0, 0] },
+  { position = [-1, 2, 0], rpy_deg = [0, 0, 90] },
+]
+[start]
+q_deg = [70.7, 69.1, 99.2]
+[feed]
+speed = 1.0
+"""
+    )
+    with pytest.raises(qt.TaskFileError, match=r"waypoints 1 and 2.*angular_speed_deg"):
+        qt.load_task(write(folder, turning))
+    durations = qt.load_task(write(folder, turning + "angular_speed_deg = 30\n")).durations
+    assert durations == pytest.approx([0.0, 3.0])
+
+
+def test_the_roll_rule_puts_y_in_the_plane() -> None:
+    task = qt.load_task("deburring")
+    assert task.flipped_waypoints is not None
+    for waypoint, flipped in zip(task.waypoints, task.flipped_waypoints, strict=True):
+        rotation = waypoint.rotation().as_matrix()
+        assert rotation[1, 1] == pytest.approx(0.0, abs=1e-12)
+        assert np.linalg.det(rotation) == pytest.approx(1.0)
+        other = flipped.rotation().as_matrix()
+        assert other == pytest.approx(rotation * [-1, -1, 1], abs=1e-12)
+
+
+def test_a_tool_axis_along_the_rules_normal_is_refused(folder: Path) -> None:
+    text = MINIMAL.replace("kind = ", "tool_axis = [0, 1, 0]\nkind = ")
+    text += "[roll]\nplane_normal = [0, 1, 0]\n"
+    with pytest.raises(qt.TaskFileError, match=r"waypoint 1.*parallel"):
+        qt.load_task(write(folder, text))
+
+
+def test_a_patch_beyond_its_sphere_is_refused(folder: Path) -> None:
+    text = (
+        MINIMAL[: MINIMAL.index("[path]")]
+        + """
+[path]
+kind = "spherical_patch"
+center = [0, 0, 0]
+radius = 0.1
+half_width = [0.1, 0.1]
+steps_per_edge = 3
+[roll]
+plane_normal = [0, 1, 0]
+[start]
+q_deg = [70.7, 69.1, 99.2]
+"""
+    )
+    with pytest.raises(qt.TaskFileError, match="outside the sphere"):
+        qt.load_task(write(folder, text))
+
+
+def test_a_start_out_of_reach_is_a_sentence(folder: Path) -> None:
+    far = MINIMAL.replace("[[-1, 2, 0], [-0.9, 2, 0]]", "[[9, 2, 0], [9, 3, 0]]")
+    task = qt.load_task(write(folder, far))
+    with pytest.raises(qt.InvalidInput, match=r"cannot be corrected onto the first waypoint"):
+        qt.follow(task, "qp")
+
+
+def test_flipping_needs_a_roll_rule(folder: Path) -> None:
+    task = qt.load_task(write(folder, MINIMAL))
+    assert "rmr_flipped" not in task.method_names()
+    with pytest.raises(qt.InvalidInput, match="roll rule"):
+        qt.follow(task, "rmr_flipped")
+
+
+def test_the_orientation_of_the_start_is_held_where_the_path_states_none(folder: Path) -> None:
+    task = qt.load_task(write(folder, MINIMAL))
+    configuration = mink.Configuration(task.model, task.start)
+    held = configuration.get_transform_frame_to_world("tip", "site").rotation().as_matrix()
+    assert task.waypoints[-1].rotation().as_matrix() == pytest.approx(held, abs=1e-12)
