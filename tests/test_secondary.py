@@ -33,7 +33,7 @@ KINDS = ("full", "plane", "line", "none")
 Z = np.array([0.0, 0.0, 1.0])
 POSITIONING = TwistProjector(linear=Projector.plane(Z), angular=Projector.none())
 
-# A floating base, a ball joint, a hinge whose range is switched off, and a hinge and a slide in range.
+# A floating base, a ball joint, a hinge whose range is switched off, a hinge and a slide with one.
 FLOATING = """
 <mujoco><compiler angle="radian"/><worldbody>
   <body name="base" pos="0.1 0.2 0.3"><freejoint name="float"/><geom size="0.1"/>

@@ -31,19 +31,14 @@ def geodesic(start: Array, end: Array) -> Array:
     Where the two are opposite every half turn about a perpendicular axis is as short; a fixed one
     is taken, so the result is never NaN.
     """
-    cross = _cross(start, end)
-    sine = float(np.linalg.norm(cross))
     cosine = float(start @ end)
+    # start × end, from a difference that is exact for nearly equal or opposite vectors: the plain
+    # product's rounding would turn the axis out of the plane perpendicular to both.
+    cross = _cross(start, end - start if cosine > 0.0 else end + start)
+    sine = float(np.linalg.norm(cross))
     if sine < 1e-12:
         return cross if cosine > 0.0 else math.pi * perpendicular(start)
-    axis = cross / sine
-    if cosine < 0.0:
-        # Nearly opposite, the cross product is short and its rounding turns the axis out of the
-        # plane perpendicular to both.
-        axis -= (axis @ start) * start
-        axis -= (axis @ end) * end
-        axis /= np.linalg.norm(axis)
-    vector: Array = axis * math.atan2(sine, cosine)
+    vector: Array = cross * (math.atan2(sine, cosine) / sine)
     return vector
 
 
