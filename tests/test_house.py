@@ -37,3 +37,18 @@ def test_the_changelog_knows_this_version() -> None:
     assert version is not None
     assert f"[{version[1]}]" in (ROOT / "CHANGELOG.md").read_text("utf-8")
     assert f"version: {version[1]}" in (ROOT / "CITATION.cff").read_text("utf-8")
+
+
+def test_the_readmes_table_is_the_generated_one() -> None:
+    readme = (ROOT / "README.md").read_text("utf-8")
+    table = readme.split("docs/make_figures.py -->\n")[1].split("<!-- end of table -->")[0]
+    assert table == (ROOT / "docs" / "generated" / "deburring.md").read_text("utf-8")
+
+
+def test_ci_runs_the_readmes_own_commands() -> None:
+    readme = (ROOT / "README.md").read_text("utf-8")
+    commands = re.findall(r"^python3 -m venv .*$", readme, flags=re.MULTILINE)
+    assert len(commands) == 2
+    assert commands[0].endswith("qp-twist compare deburring --out out/deburring")
+    assert commands[1].endswith("pytest")
+    assert "python3 -m venv .*pytest$" in (ROOT / ".ci" / "run").read_text("utf-8")

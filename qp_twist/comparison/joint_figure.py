@@ -44,7 +44,7 @@ def joint_figures(path_task: PathTask, trajectories: Mapping[str, Trajectory]) -
 
 
 def joint_figure(path_task: PathTask, trajectories: Mapping[str, Trajectory], title: str) -> Figure:
-    """One panel a joint: curves in degrees, limits in red, violations and reconfigurations marked.
+    """One panel a joint: limits in red, violations and reconfigurations marked.
 
     A red cross marks a joint's first waypoint outside its limits, a triangle on the axis a
     waypoint that was reached by a step above 15° in some joint.
@@ -85,10 +85,11 @@ def save_figure(figure: Figure, path: Path) -> Path:
 def _draw_joint(
     panel: Axes, ranges: JointRanges, dof: int, trajectories: Mapping[str, Trajectory]
 ) -> None:
-    lower, upper = np.degrees(ranges.lower[dof]), np.degrees(ranges.upper[dof])
-    limited = bool(ranges.limited[dof])
-    for name, trajectory in trajectories.items():
-        theta = np.degrees(ranges.positions(trajectory.q)[:, dof])
+    # Degrees for hinges, metres for slides.
+    unit = np.degrees(1.0) if ranges.hinge[dof] else 1.0
+    lower, upper = unit * ranges.lower[dof], unit * ranges.upper[dof]
+    curves = [unit * ranges.positions(t.q)[:, dof] for t in trajectories.values()]
+    for (name, trajectory), theta in zip(trajectories.items(), curves, strict=True):
         index = np.arange(1, len(theta) + 1)
         panel.plot(index, theta, **line_style(name))
         numbers = metrics(trajectory)
@@ -96,30 +97,28 @@ def _draw_joint(
         if first is not None:
             panel.plot(first, theta[first - 1], "x", color=LIMIT, ms=9, mew=2.2, zorder=6)
             # Towards the inside of the limits, where there is room.
-            below = theta[first - 1] > np.degrees(ranges.middle[dof])
+            below = theta[first - 1] > unit * ranges.middle[dof]
             panel.annotate(
                 str(first), (first, theta[first - 1]), textcoords="offset points",
                 xytext=(6, -11 if below else 5), color=LIMIT, fontweight="bold",
             )  # fmt: skip
         _mark_reconfigurations(panel, numbers["reconfigurations"], line_style(name)["color"])
-    if limited:
+    if ranges.limited[dof]:
         for limit in (lower, upper):
             panel.axhline(limit, color=LIMIT, linewidth=1.2)
-        low, high = _view(
-            lower, upper, [ranges.positions(t.q)[:, dof] for t in trajectories.values()]
-        )
+        low, high = _view(lower, upper, curves)
         panel.set_ylim(low, high)
         for edge, limit in ((low, lower), (high, upper)):
             panel.axhspan(edge, limit, color=LIMIT, alpha=0.07, linewidth=0)
     panel.set_title(ranges.names[dof])
-    panel.set_ylabel("degrees")
+    panel.set_ylabel("degrees" if ranges.hinge[dof] else "m")
     panel.margins(x=0.01)
 
 
 def _view(lower: float, upper: float, curves: Sequence[Array]) -> tuple[float, float]:
     """The limits with some room, more where a curve leaves them, but not all that it may take."""
     width = upper - lower
-    seen = np.degrees(np.concatenate(curves))
+    seen = np.concatenate(curves)
     low = max(min(lower - 0.08 * width, seen.min() - 0.05 * width), lower - 0.5 * width)
     high = min(max(upper + 0.08 * width, seen.max() + 0.05 * width), upper + 0.5 * width)
     return float(low), float(high)

@@ -26,15 +26,15 @@ def metrics(trajectory: Trajectory) -> dict[str, Any]:
     ``min_margin``: smallest 1 − |θ − θ̄|/half-range; negative outside.
     ``mean_z``, ``max_z``: of z = ½‖W(θ̄ − θ)‖², the start included.
     ``position_error_max_m``, ``axis_error_max_rad``: largest task error after the inner iterations.
-    ``travel_deg``: sum of |Δθ| over joints and waypoints; ``max_step_deg``: the largest of them.
-    ``reconfigurations``: waypoints reached by a step above 15° in a joint.
+    ``travel_deg``: sum of |Δθ| over hinges and waypoints; ``max_step_deg``: the largest of them.
+    ``reconfigurations``: waypoints reached by a step above 15° in a hinge.
     ``closure_rad``: ‖θ_end − θ_start‖. ``sigma_min``: smallest singular value of UᵀJ on the path.
     ``time_per_waypoint_us``: wall time, kinematics and all. ``status``: the run in a sentence.
     """
     ranges = JointRanges.of(trajectory.path_task.model)
     q = ranges.positions(trajectory.q)
     outside = (q < ranges.lower - OUTSIDE) | (q > ranges.upper + OUTSIDE)
-    steps_deg = np.degrees(np.abs(np.diff(q, axis=0)))
+    steps_deg = np.degrees(np.abs(np.diff(q[:, ranges.hinge], axis=0)))
     margins = ranges.margins(trajectory.q)
     min_margin = float(margins.min(initial=np.inf))
     numbers: dict[str, Any] = {

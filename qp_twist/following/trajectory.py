@@ -74,10 +74,8 @@ class Trajectory:
         The file is written beside its place and renamed, so a failure leaves nothing half-written.
         """
         ranges = JointRanges.of(self.path_task.model)
-        hinge = [int(self.path_task.model.jnt_type[j]) == 3 for j in self.path_task.model.dof_jntid]
         columns = ["waypoint", "time [s]"] + [
-            f"{name} [{'rad' if is_hinge else 'm'}]"
-            for name, is_hinge in zip(ranges.names, hinge, strict=True)
+            f"{name} [{unit}]" for name, unit in zip(ranges.names, ranges.units, strict=True)
         ]
         durations = self.path_task.durations
         times = np.cumsum(durations if durations is not None else np.zeros(len(self.q)))

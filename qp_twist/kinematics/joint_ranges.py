@@ -29,12 +29,14 @@ class JointRanges:
         lower: θ_min, shape (nv,).
         upper: θ_max, shape (nv,).
         qpos: Address in q of each scalar joint's coordinate, −1 for ball and free joints, (nv,).
+        hinge: Which degrees of freedom are hinges, whose unit is rad, (nv,).
         names: Name of the joint that owns each degree of freedom.
     """
 
     lower: Array
     upper: Array
     qpos: np.ndarray[tuple[int], np.dtype[np.intp]]
+    hinge: np.ndarray[tuple[int], np.dtype[np.bool_]]
     names: tuple[str, ...]
 
     @classmethod
@@ -52,7 +54,8 @@ class JointRanges:
             qpos[dof] = model.jnt_qposadr[joint]
             if model.jnt_limited[joint]:
                 lower[dof], upper[dof] = model.jnt_range[joint]
-        return cls(lower, upper, qpos, tuple(names))
+        hinge = model.jnt_type[model.dof_jntid] == mujoco.mjtJoint.mjJNT_HINGE
+        return cls(lower, upper, qpos, hinge, tuple(names))
 
     @property
     def limited(self) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
@@ -79,6 +82,11 @@ class JointRanges:
         """Joint positions by degree of freedom, from q of shape (…, nq); 0 for ball and free."""
         positions: Array = np.where(self.qpos >= 0, q[..., np.maximum(self.qpos, 0)], 0.0)
         return positions
+
+    @property
+    def units(self) -> tuple[str, ...]:
+        """Unit of each degree of freedom's position: ``"rad"`` for hinges, ``"m"`` for slides."""
+        return tuple("rad" if hinge else "m" for hinge in self.hinge)
 
     def centring(self, q: Array) -> Array:
         """z for each configuration of q (…, nq); dimensionless, 1/8 per joint at its limit."""
