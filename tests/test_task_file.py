@@ -235,6 +235,14 @@ def test_a_start_out_of_reach_is_a_sentence(folder: Path) -> None:
         qt.follow(task, "qp")
 
 
+def test_a_files_settings_stand_in_place_of_the_methods_own(folder: Path) -> None:
+    text = MINIMAL + "[methods.twa]\ngain = 0.3\n"
+    settings = qt.load_task(write(folder, text)).settings("twa")
+    assert settings.gain == 0.3
+    assert (settings.secondary, settings.weight, settings.iterations) == ("centering", "paper", 1)
+    assert qt.load_task(write(folder, MINIMAL)).settings("twa").gain == 1.0
+
+
 def test_flipping_needs_a_roll_rule(folder: Path) -> None:
     task = qt.load_task(write(folder, MINIMAL))
     assert "rmr_flipped" not in task.method_names()

@@ -67,13 +67,16 @@ class PathTask:
         return task_redundancy(self.operational, self.projector)
 
     def settings(self, method: str) -> MethodSettings:
-        """Settings of a method: the file's, else the method's own.
+        """Settings of a method: its own, with those that the file states in their place.
 
         Raises:
             InvalidInput: If there is no such method.
         """
-        check_method(method)
-        return self.methods.get(method, METHODS[method].defaults)
+        defaults = METHODS[check_method(method)].defaults
+        stated = self.methods.get(method)
+        if stated is None:
+            return defaults
+        return defaults.model_copy(update=stated.model_dump(exclude_unset=True))
 
     def method_names(self) -> list[str]:
         """The methods that make sense for this task, closed forms before their counterparts."""
