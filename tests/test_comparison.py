@@ -26,6 +26,7 @@ KEYS = [
 
 @pytest.fixture(scope="module")
 def planar() -> qt.Comparison:
+    """Four methods are enough here."""
     return qt.compare("planar_line", methods=NAMES)
 
 

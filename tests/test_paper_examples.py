@@ -12,16 +12,6 @@ QPS = ["qp_rmr", "qp_minimum_norm", "qp_gradient", "qp"]
 
 
 @pytest.fixture(scope="module")
-def deburring() -> qt.Comparison:
-    return qt.compare("deburring")
-
-
-@pytest.fixture(scope="module")
-def planar() -> qt.Comparison:
-    return qt.compare("planar_line")
-
-
-@pytest.fixture(scope="module")
 def numbers(deburring: qt.Comparison) -> dict:
     return deburring.to_dict()["methods"]
 

@@ -42,6 +42,8 @@ UNSEEN_WEIGHT = 1e-2
 """Default ρ in twist space, where it weighs only the motion that the twist cost does not see."""
 NEARLY_UNSEEN = 1e-4
 """Singular values of J below this share of the largest count, by degrees, as unseen."""
+FASTEST = 1e9
+"""Largest speed that a task or a secondary may ask for, m/s or rad/s."""
 SCALE_BACKOFF = 1e-8
 """Share of a scaled task that is given up, so that the scaled rows are not on the very edge."""
 
@@ -200,6 +202,7 @@ class Controller:
             hessian, linear = _mink_objective(task, configuration)
             H += hessian
             c += linear / dt
+        _check_magnitudes(H, c, b, wish)
         limits = gather_limits(self.limits, configuration, dt)
         return (
             QuadraticProgram(H, c, A, b, limits.rows, limits.bounds, limits.lower, limits.upper),
@@ -339,6 +342,21 @@ def _unseen(rows: Array, metric: Array) -> Array:
     directions = right * root
     gram: Array = directions.T @ ((1.0 - seen)[:, None] * directions)
     return gram
+
+
+def _check_magnitudes(H: Array, c: Array, b: Array, wish: Array) -> None:
+    """Refuse what no solver can work with, and no robot: the loops of some would not end."""
+    for what, values in (("the tasks ask", b), ("the secondary asks", wish)):
+        fastest = float(np.abs(values).max(initial=0.0))
+        if not fastest <= FASTEST:
+            raise InvalidInput(
+                f"step: {what} for a speed of {fastest:.3g} (m/s or rad/s); check targets, gains "
+                f"and dt. Speeds up to {FASTEST:g} are taken."
+            )
+    if not (np.isfinite(H).all() and np.isfinite(c).all()):
+        raise InvalidInput(
+            "step: the costs overflow; check the cost, weight and metric of tasks and controller."
+        )
 
 
 def _sequence(name: str, value: Sequence[Item]) -> Sequence[Item]:

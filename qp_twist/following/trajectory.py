@@ -51,7 +51,7 @@ class Trajectory:
 
     @property
     def margins(self) -> Array:
-        """1 − |θ − θ̄| / half-range for every waypoint and joint, (N, nv)."""
+        """``1 − |θ − θ̄| / half-range`` for every waypoint and joint, (N, nv)."""
         return JointRanges.of(self.path_task.model).margins(self.q)
 
     @property

@@ -78,7 +78,7 @@ class Projector:
 
     @property
     def rank(self) -> int:
-        """Dimension of the subspace: 0 to 3."""
+        """Dimension of the subspace, 0 to 3."""
         return self.kind.value
 
     @property

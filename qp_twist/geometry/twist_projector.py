@@ -59,12 +59,12 @@ class TwistProjector:
 
     @property
     def matrix(self) -> Array:
-        """T in the axes of :attr:`frame`, shape (6, 6)."""
+        """T in the axes of ``frame``, shape (6, 6)."""
         return self.basis @ self.basis.T
 
     @property
     def rank(self) -> int:
-        """Number of task rows: 0 to 6."""
+        """Number of task rows, 0 to 6."""
         return self.linear.rank + self.angular.rank
 
     @property

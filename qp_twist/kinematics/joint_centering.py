@@ -28,6 +28,9 @@ class JointCentering(SecondaryObjective):
     ``Controller(metric=…)`` set to the diagonal of WᵀW the QP then descends z itself. Unlimited
     joints do not move.
 
+    Keep the gain of ``"natural"`` below 2: above, a step goes beyond its aim, and the arm
+    oscillates.
+
     Example:
         >>> import numpy as np, mink, qp_twist as qt
         >>> model = qt.load_task("planar_line").model

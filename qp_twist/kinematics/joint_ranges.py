@@ -73,7 +73,7 @@ class JointRanges:
 
     @property
     def weight(self) -> Array:
-        """Diagonal of W: 1/(θ_max − θ_min), 0 where there is no range; 1/rad or 1/m, (nv,)."""
+        """Diagonal of W, that is 1/(θ_max − θ_min), or 0 without a range; 1/rad or 1/m, (nv,)."""
         weight = np.zeros_like(self.lower)
         weight[self.limited] = 1.0 / (self.upper - self.lower)[self.limited]
         return weight
@@ -95,7 +95,7 @@ class JointRanges:
         return z
 
     def margins(self, q: Array) -> Array:
-        """1 − |θ − θ̄| / half-range for each joint, (…, nv); negative outside, +∞ unlimited."""
+        """``1 − |θ − θ̄| / half-range`` for each joint, (…, nv); negative outside, +∞ unlimited."""
         offset = np.abs(self.positions(q) - self.middle) * 2.0 * self.weight
         margins: Array = np.where(self.limited, 1.0 - offset, np.inf)
         return margins

@@ -88,7 +88,7 @@ METHODS: dict[str, Method] = {
             "qp_gradient", "QP, joint-space cost", True, "gradient_projection",
             defaults=_GRADIENT.model_copy(update={"iterations": 20}),
         ),
-        Method("twa", "twist decomposition (TWA)", False, "qp", space="twist", defaults=_TWA),
+        Method("twa", "twist decomposition, TWA", False, "qp", space="twist", defaults=_TWA),
         Method(
             "qp", "QP, twist-space cost", True, "twa", space="twist",
             defaults=_TWA.model_copy(update={"iterations": 20}),

@@ -1,0 +1,368 @@
+"""The documentation says what the package does: snippets, tables, keys, names, and the build."""
+
+from __future__ import annotations
+
+import importlib.util
+import inspect
+import re
+import runpy
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+from types import ModuleType
+
+import numpy as np
+import pytest
+
+import qp_twist as qt
+from qp_twist.cli import main
+from qp_twist.comparison import metrics
+from qp_twist.controller.controller import SCALE_BACKOFF
+from qp_twist.path import task_schema
+from qp_twist.path.methods import METHODS, MethodSettings
+from qp_twist.qp.verification import BOUND_TOLERANCE, EQUALITY_TOLERANCE
+
+ROOT = Path(__file__).parents[1]
+DOCS = ROOT / "docs"
+PAPER_LABELS = [
+    "t", "inverse", "general", "decomposition", "Mi", "decomposition_t", "twist_decomp", "liguo",
+    "z",
+]  # fmt: skip
+
+
+def page(name: str) -> str:
+    return (DOCS / name).read_text("utf-8")
+
+
+def sections(text: str, level: str) -> dict[str, str]:
+    """Text below each heading of a level, by the heading without its code marks."""
+    parts = re.split(rf"^{level} (.+)$", text, flags=re.MULTILINE)
+    return {
+        title.replace("`", ""): body for title, body in zip(parts[1::2], parts[2::2], strict=True)
+    }
+
+
+def rows(text: str) -> list[list[str]]:
+    """Cells of the Markdown tables in a text, header and rule left out."""
+    lines = [line for line in text.splitlines() if line.startswith("|")]
+    body = [
+        line
+        for i, line in enumerate(lines)
+        if ":-" not in line and ":-" not in "".join(lines[i + 1 : i + 2])
+    ]
+    return [[cell.strip() for cell in re.split(r"(?<!\\)\|", line)[1:-1]] for line in body]
+
+
+def words_and_numbers(text: str) -> tuple[list[str], list[str]]:
+    number = r"(?<![\w.])[-−]?\d+\.?\d*(?:e[-+]?\d+)?"
+    return re.sub(number, "#", text).split(), re.findall(number, text)
+
+
+def assert_says_the_same(new: str, kept: str) -> None:
+    """Same words; numbers to two units of the last digit, those with an exponent to two decades."""
+    words, numbers = words_and_numbers(new)
+    kept_words, kept_numbers = words_and_numbers(kept)
+    assert words == kept_words
+    for a, b in zip(numbers, kept_numbers, strict=True):
+        if "e" in a + b:
+            assert abs(np.log10(float(a)) - np.log10(float(b))) <= 2.0, (a, b)
+        else:
+            digits = len(b.partition(".")[2])
+            allowed = max(2.0 * 10.0**-digits, 0.003 * abs(float(b)))
+            assert float(a) == pytest.approx(float(b), abs=allowed)
+
+
+@pytest.fixture(scope="module")
+def figures() -> ModuleType:
+    """docs/make_figures.py as a module."""
+    spec = importlib.util.spec_from_file_location("make_figures", DOCS / "make_figures.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+# ---------------------------------------------------------------- snippets
+
+
+@pytest.mark.parametrize(
+    "snippet",
+    [*sorted((DOCS / "snippets").glob("*.py")), ROOT / "examples" / "one_step.py"],
+    ids=lambda path: path.stem,
+)
+def test_a_snippet_prints_what_the_page_shows(snippet: Path, figures: ModuleType) -> None:
+    kept = (DOCS / "generated" / f"{snippet.stem}.txt").read_text("utf-8")
+    assert_says_the_same(figures.output_of(snippet), kept)
+
+
+def test_the_null_space_form_is_exact_and_no_plain_weight_is() -> None:
+    kept = (DOCS / "generated" / "null_space_weight.txt").read_text("utf-8")
+    found = dict(re.findall(r"^(.+?) *: largest deviation (\S+) rad", kept, flags=re.MULTILINE))
+    assert float(found.pop("null space")) < 1e-9
+    assert found
+    assert all(float(error) > 1e-6 for error in found.values())
+
+
+def test_the_example_prints_the_table_and_writes_the_report(
+    deburring: qt.Comparison,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    # The comparison is the one of the other tests; the rest is the script as it stands.
+    monkeypatch.setattr(qt, "compare", lambda task: deburring)
+    monkeypatch.setattr(sys, "argv", ["compare_deburring.py", str(tmp_path)])
+    runpy.run_path(str(ROOT / "examples" / "compare_deburring.py"), run_name="__main__")
+    assert "qp_gradient" in capsys.readouterr().out
+    assert (tmp_path / "comparison.json").is_file()
+    assert (tmp_path / "joints.png").is_file()
+
+
+def test_the_readme_shows_the_lines_of_the_first_page() -> None:
+    lines = (DOCS / "snippets" / "five_lines.py").read_text("utf-8")
+    assert lines in (ROOT / "README.md").read_text("utf-8")
+
+
+# ---------------------------------------------------------------- numbers
+
+
+@pytest.mark.parametrize("name", ["deburring", "planar"])
+def test_a_table_of_the_examples_is_what_compare_gives(
+    name: str, figures: ModuleType, request: pytest.FixtureRequest
+) -> None:
+    comparison = request.getfixturevalue(name)
+    kept = (DOCS / "generated" / f"{comparison.path_task.name}.md").read_text("utf-8")
+    assert_says_the_same(figures.comparison_table(comparison), kept)
+
+
+@pytest.mark.parametrize(
+    ("table", "method", "setting"),
+    [
+        ("deburring_twa", "twa", {"method": "`twa`", "gain": "1.0", "iterations": "1"}),
+        ("deburring_twa", "qp", {"method": "`qp`", "gain": "1.0"}),
+        ("deburring_gradient", "qp_gradient", {"weight": "natural", "gain": "0.05"}),
+        ("planar_line_twa", "twa", {"method": "`twa`", "gain": "1.0"}),
+        ("planar_line_twa", "qp", {"method": "`qp`", "gain": "1.0"}),
+    ],
+)
+def test_a_table_of_settings_has_the_shipped_one_in_it(
+    table: str,
+    method: str,
+    setting: dict[str, str],
+    figures: ModuleType,
+    deburring: qt.Comparison,
+    planar: qt.Comparison,
+) -> None:
+    """The other rows take a minute: docs/make_figures.py writes them all."""
+    text = (DOCS / "generated" / f"{table}.md").read_text("utf-8")
+    head = [cell.strip() for cell in text.splitlines()[0].split("|")[1:-1]]
+    [row] = [
+        found
+        for found in (dict(zip(head, cells, strict=True)) for cells in rows(text))
+        if setting.items() <= found.items()
+    ]
+    comparison = deburring if table.startswith("deburring") else planar
+    expected = figures.cells(comparison.trajectories[method])
+    shared = [heading for heading in head if heading in expected]
+    assert len(shared) >= 4
+    for heading in shared:
+        assert_says_the_same(expected[heading], row[heading])
+
+
+def test_numbers_in_the_text_are_those_of_the_runs(
+    deburring: qt.Comparison, planar: qt.Comparison
+) -> None:
+    m = {name: metrics(t) for name, t in deburring.trajectories.items()}
+    line = {name: metrics(t) for name, t in planar.trajectories.items()}
+    first = m["rmr"]["first_violation"]
+    scaled = deburring.trajectories["qp_rmr"].scale < 1.0
+    text = " ".join(page("examples.md").split())
+    for sentence in (
+        f"joint 4 at waypoint {first['joint_4']}, joint 6 at waypoint {first['joint_6']}",
+        f"largest step of `twa`, {m['twa']['max_step_deg']:.1f}°",
+        f"with a margin of {m['rmr_flipped']['min_margin']:.3f}",
+        f"margin {m['minimum_norm']['min_margin']:.3f} against {m['twa']['min_margin']:.3f}",
+        f"mean z ({m['minimum_norm']['mean_z']:.4f} against {m['twa']['mean_z']:.4f})",
+        f"reaches its limit at waypoint {int(np.argmax(scaled)) + 1}",
+        f"at its largest is {1e3 * m['qp_rmr']['position_error_max_m']:.0f} mm",
+        f"scaled at {int(scaled.sum())} waypoints",
+        f"largest step of {m['qp']['max_step_deg']:.1f}°",
+        f"mean z is {m['qp']['mean_z']:.4f}",
+        f"waypoint {line['twa']['first_violation']['joint_2']}, and all three joints",
+        f"the {line['minimum_norm']['mean_z']:.4f} of `minimum_norm`",
+        f"mean z of {line['qp']['mean_z']:.4f}",
+        f"both reach a mean z of {line['qp_gradient']['mean_z']:.4f}",
+        f"error of {1e3 * line['gradient_projection']['position_error_max_m']:.2f} mm",
+    ):
+        assert sentence in text
+    assert m["twa"]["travel_deg"] > 2.0 * m["minimum_norm"]["travel_deg"]
+    assert not m["twa"]["reconfigurations"]
+    assert min(numbers["mean_z"] for numbers in m.values()) == m["qp_gradient"]["mean_z"]
+    assert all(m[name]["violations"] == 0 for name, method in METHODS.items() if method.constrained)
+
+
+# ---------------------------------------------------------------- what is listed
+
+
+SECTIONS = {
+    "[robot]": task_schema.RobotSection,
+    "[projector]": task_schema.ProjectorSection,
+    '[path] with kind = "polyline"': task_schema.PolylinePath,
+    '[path] with kind = "spherical_patch"': task_schema.SphericalPatchPath,
+    '[path] with kind = "poses"': task_schema.PosesPath,
+    "[[path.poses]]": task_schema.Pose,
+    "[roll]": task_schema.RollSection,
+    "[start]": task_schema.StartSection,
+    "[feed]": task_schema.FeedSection,
+    "[limits]": task_schema.LimitsSection,
+    "[iteration]": task_schema.IterationSection,
+    "[methods.NAME]": MethodSettings,
+}
+
+
+@pytest.mark.parametrize("title", SECTIONS)
+def test_every_key_of_a_task_file_is_listed_with_its_default(title: str) -> None:
+    fields = SECTIONS[title].model_fields
+    listed = {
+        key.strip("`"): default
+        for key, _, _, default, _ in (
+            r for r in rows(sections(page("task_files.md"), "###")[title]) if len(r) == 5
+        )
+    }
+    assert list(listed) == list(fields)
+    for key, field in fields.items():
+        default = field.get_default(call_default_factory=True)
+        if field.is_required():
+            assert listed[key] == "required"
+        elif default is None:
+            assert listed[key] == "–"
+        else:
+            assert tomllib.loads(f"x = {listed[key].strip('`')}")["x"] == default
+
+
+def test_every_table_of_a_task_file_has_a_section() -> None:
+    titles = sections(page("task_files.md"), "###")
+    named = {re.split(r"[].]", title.strip("[]"))[0] for title in titles if title.startswith("[")}
+    assert named | {"title"} == set(task_schema.TaskFile.model_fields)
+    assert [r[0] for r in rows(titles["The file"])] == ["`title`"]
+
+
+def test_every_method_is_listed_with_what_it_does_by_default() -> None:
+    text = page("task_files.md")
+    for name, method in METHODS.items():
+        settings = method.defaults
+        entry = f"| `{name}` | iterations {settings.iterations}, secondary `{settings.secondary}`"
+        if settings.secondary != "none":
+            entry += f", weight `{settings.weight}`, gain {settings.gain}"
+        assert f"{entry} |\n" in text
+        assert f"`{name}`" in page("command_line.md")
+
+
+def test_every_metric_is_listed(planar: qt.Comparison) -> None:
+    listed = [cells[0].strip("`") for cells in rows(page("metrics.md"))]
+    content = planar.to_dict()
+    assert listed == list(content["methods"]["qp"])
+    for key in content:
+        assert f"`{key}`" in page("metrics.md")
+
+
+def test_every_command_is_listed_with_its_options(capsys: pytest.CaptureFixture[str]) -> None:
+    def help_of(*arguments: str) -> str:
+        with pytest.raises(SystemExit) as done:
+            main([*arguments, "--help"])
+        assert done.value.code == 0
+        return capsys.readouterr().out
+
+    commands = re.search(r"\{([\w,-]+)\}", help_of())
+    assert commands is not None
+    listed = sections(page("command_line.md"), "##")
+    for command in commands[1].split(","):
+        [body] = [text for title, text in listed.items() if f"qp-twist {command}" in title]
+        options = set(re.findall(r"--[a-z][\w-]*", help_of(command))) - {"--help"}
+        assert {cells[0].strip("`") for cells in rows(body)} == options
+
+
+def test_every_status_and_every_failure_has_its_entry() -> None:
+    entries = sections(page("step.md"), "###")
+    for status in qt.Status:
+        for heading in ("*What happened:*", "*What `velocity` holds:*", "*What to do:*"):
+            assert heading in entries[status.name]
+    for failure in qt.NoSolutionFound.__subclasses__():
+        assert f"`{failure.__name__}`\n:" in page("step.md")
+    for attribute in [*qt.Step.__dataclass_fields__, "message"]:
+        assert f"| `{attribute}` |" in page("step.md")
+
+
+def test_the_tolerances_are_those_of_the_code() -> None:
+    assert (EQUALITY_TOLERANCE, BOUND_TOLERANCE, SCALE_BACKOFF) == (1e-7, 1e-8, 1e-8)
+    speed = inspect.signature(qt.PositionLimit).parameters["recovery_speed"].default
+    text = " ".join(page("step.md").split())
+    for sentence in (
+        "task rows hold to 10⁻⁷ (1 + max |b|)",
+        "rows hold to 10⁻⁸ (1 + max |q̇|)",
+        "less a share of 10⁻⁸",
+        f"{speed:g} rad/s unless told otherwise",
+    ):
+        assert sentence in text
+
+
+def test_every_equation_of_the_paper_is_there_under_its_label() -> None:
+    text = page("equations.md")
+    for label in PAPER_LABELS:
+        assert f"\n$$ ({label})\n" in text
+        assert f"\n`{label}`\n" in text
+
+
+def test_every_test_that_a_page_names_exists() -> None:
+    tests = (ROOT / "tests" / "test_equivalences.py").read_text("utf-8")
+    named = re.findall(r"`(test_\w+)`", page("equations.md"))
+    assert len(named) == 5
+    for name in named:
+        assert f"def {name}(" in tests
+
+
+def test_the_house_has_the_layers_and_the_dependencies_that_the_project_has() -> None:
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))
+    [contract] = project["tool"]["importlinter"]["contracts"]
+    drawing = (DOCS / "figures" / "house.svg").read_text("utf-8")
+    assert re.findall(r'class="name"[^>]*>(\w+)<', drawing) == contract["layers"]
+    table = rows(sections(page("house.md"), "##")["What each dependency is for"])
+    listed = {name for cells in table for name in cells[0].split(", ")}
+    names = {re.split(r"[<>=!]", d)[0] for d in project["project"]["dependencies"]}
+    assert listed == names
+    for extra in project["project"]["optional-dependencies"].values():
+        for dependency in extra:
+            name = re.split(r"[<>=!\[]", dependency)[0]
+            assert name in page("house.md") or name == "qp_twist"
+
+
+# ---------------------------------------------------------------- the site
+
+
+def test_figures_are_small() -> None:
+    sizes = {path.name: path.stat().st_size for path in (DOCS / "figures").glob("*.png")}
+    assert max(sizes.values()) < 400_000
+    assert sum(sizes.values()) < 3_000_000
+
+
+def test_the_site_builds_without_a_warning_and_asks_only_for_mathjax(tmp_path: Path) -> None:
+    for package in ("sphinx", "furo", "myst_parser"):
+        if importlib.util.find_spec(package) is None:
+            pytest.skip(f"{package} is not installed; pip install -e '.[docs]' brings it.")
+    done = subprocess.run(
+        [
+            *(sys.executable, "-m", "sphinx", "-W", "--keep-going", "-q", "-b", "html"),
+            *("-d", tmp_path / "doctrees", DOCS, tmp_path / "html"),
+        ],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    asked = set()
+    for html in (tmp_path / "html").glob("*.html"):
+        text = html.read_text("utf-8")
+        asked |= set(re.findall(r"<(?:script|img|link)[^>]*(?:src|href)=\"(https?://[^\"]+)", text))
+    assert all("mathjax" in address for address in asked), asked
