@@ -1,0 +1,36 @@
+# Short ways to the usual commands; needs .venv (see CONTRIBUTING.md).
+BIN := .venv/bin
+
+.PHONY: format check test docs figures build constraints
+
+format:
+	$(BIN)/ruff check --fix .
+	$(BIN)/ruff format .
+
+check:
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+	$(BIN)/lint-imports --no-cache
+
+test:
+	$(BIN)/pytest
+
+# Figures and printed outputs are kept in the repository; make figures redraws them (two minutes).
+docs:
+	$(BIN)/sphinx-build -W --keep-going -b html docs docs/_build/html
+
+figures:
+	$(BIN)/python docs/make_figures.py
+
+# The wheel, installed alone in an empty folder, finds its task files and scenes.
+build:
+	rm -rf dist build/wheel
+	$(BIN)/pip wheel --quiet --no-deps --wheel-dir dist .
+	python3 -m venv build/wheel
+	build/wheel/bin/pip install --quiet -c constraints.txt dist/*.whl
+	cd build/wheel && bin/qp-twist tasks && bin/qp-twist run planar_line --out line.csv
+
+# Pins what is installed now: names and versions, no addresses.
+constraints:
+	$(BIN)/pip freeze --exclude-editable | grep -E '^[A-Za-z0-9_.-]+==' > constraints.txt
