@@ -18,7 +18,7 @@ def finite_array(
     error: type[InvalidInput] = InvalidInput,
 ) -> Array:
     """A float copy of ``value`` with the given shape (``None``: any length) and finite entries."""
-    array = _as_floats(name, value, error)
+    array = float_array(name, value, error=error)
     wrong = array.ndim != len(shape) or any(
         want is not None and got != want for got, want in zip(array.shape, shape, strict=True)
     )
@@ -32,11 +32,31 @@ def finite_array(
     return array
 
 
-def _as_floats(name: str, value: npt.ArrayLike, error: type[InvalidInput]) -> Array:
+def float_array(
+    name: str, value: npt.ArrayLike, *, error: type[InvalidInput] = InvalidInput
+) -> Array:
+    """A float copy of ``value``, infinite entries and NaN included."""
     try:
         return np.array(value, dtype=np.float64)
-    except (TypeError, ValueError):
-        raise error(f"{name}: expected numbers, got {value!r}.") from None
+    except (TypeError, ValueError, OverflowError):
+        shown = repr(value)
+        raise error(
+            f"{name}: expected numbers, got {shown if len(shown) < 60 else shown[:57] + '…'}."
+        ) from None
+
+
+def instance(name: str, value: object, kind: type) -> None:
+    """Refuse a ``value`` that is not of the type expected."""
+    if not isinstance(value, kind):
+        raise InvalidInput(f"{name}: expected a {kind.__name__}, got {type(value).__name__}.")
+
+
+def rotation_matrix(name: str, value: npt.ArrayLike) -> Array:
+    """``value`` as a rotation matrix (3, 3); refuses what is not orthonormal to 1e-6."""
+    matrix = finite_array(name, value, (3, 3))
+    if np.abs(matrix.T @ matrix - np.eye(3)).max() > 1e-6 or np.linalg.det(matrix) < 0.0:
+        raise InvalidInput(f"{name}: expected a rotation matrix (RᵀR = 1, determinant 1).")
+    return matrix
 
 
 def unit_vector(name: str, value: npt.ArrayLike) -> Array:
@@ -74,6 +94,6 @@ def number(
 
 def one_of(name: str, value: str, allowed: tuple[str, ...]) -> str:
     """``value`` if it is one of ``allowed``."""
-    if value not in allowed:
+    if not isinstance(value, str) or value not in allowed:
         raise InvalidInput(f"{name}: expected one of {', '.join(allowed)}; got {value!r}.")
     return value

@@ -117,6 +117,8 @@ def compare(
         0
     """
     task = path_task if isinstance(path_task, PathTask) else load_task(path_task)
+    if methods is not None and not isinstance(methods, (list, tuple)):
+        raise InvalidInput(f"compare(methods=…): expected a list of names, got {methods!r}.")
     names = task.method_names() if methods is None else [check_method(m) for m in methods]
     if not names:
         raise InvalidInput("compare: methods is empty; name at least one.")

@@ -10,7 +10,7 @@ import mujoco
 import numpy as np
 import numpy.typing as npt
 
-from qp_twist.checks import Array, finite_array, number, one_of
+from qp_twist.checks import Array, finite_array, instance, number, one_of
 from qp_twist.controller.step import Status, Step
 from qp_twist.errors import InvalidInput
 from qp_twist.kinematics import (
@@ -42,6 +42,8 @@ UNSEEN_WEIGHT = 1e-2
 """Default ρ in twist space, where it weighs only the motion that the twist cost does not see."""
 NEARLY_UNSEEN = 1e-4
 """Singular values of J below this share of the largest count, by degrees, as unseen."""
+LARGEST_WEIGHT = 1e12
+"""Largest ρ and entry of M: beyond it the other costs are lost in the arithmetic."""
 FASTEST = 1e9
 """Largest speed that a task or a secondary may ask for, m/s or rad/s."""
 SCALE_BACKOFF = 1e-8
@@ -119,20 +121,25 @@ class Controller:
             UnknownSolver: If the backend is not installed.
             mink.InvalidFrame: If the model lacks a task's frame.
         """
+        instance("model", model, mujoco.MjModel)
         self.model = model
         self.tasks = tuple(t for t in _sequence("tasks", tasks) if isinstance(t, TwistTask))
         self.soft_tasks = tuple(t for t in tasks if not isinstance(t, TwistTask))
         self.secondary = tuple(_sequence("secondary", secondary))
         self.secondary_space = one_of("secondary_space", secondary_space, ("joint", "twist"))
-        self.limits: list[mink.Limit] = [PositionLimit(model)] if limits is None else list(limits)
+        self.limits: list[mink.Limit] = (
+            [PositionLimit(model)] if limits is None else list(_sequence("limits", limits))
+        )
         self.solver = check_solver(solver)
         self.on_infeasible = one_of("on_infeasible", on_infeasible, ("scale", "relax", "raise"))
         self._check_types()
         self.metric = np.ones(model.nv)
         if metric is not None:
             self.metric = finite_array("metric", metric, (model.nv,))
-            if not (self.metric > 0.0).all():
-                raise InvalidInput("metric: every entry must be above 0.")
+            if not ((self.metric > 0.0) & (self.metric <= LARGEST_WEIGHT)).all():
+                raise InvalidInput(
+                    f"metric: every entry must be above 0 and at most {LARGEST_WEIGHT:g}."
+                )
         self.free_costs = [
             FreeTwistCost(t, linear_cost=free_linear_cost, angular_cost=free_angular_cost)
             for t in self.tasks
@@ -142,7 +149,7 @@ class Controller:
             joint_weight = UNSEEN_WEIGHT
             if self.secondary_space == "joint":
                 joint_weight = TIE_BREAK if self.soft_tasks and not self.secondary else 1.0
-        self.joint_weight = number("joint_weight", joint_weight, above=0.0)
+        self.joint_weight = number("joint_weight", joint_weight, above=0.0, at_most=LARGEST_WEIGHT)
         self._names = JointRanges.of(model).names
 
     def step(
@@ -165,7 +172,8 @@ class Controller:
         """
         dt = number("dt", dt, above=0.0)
         self._check_configuration(configuration)
-        problem, limits = self._pose(configuration, dt, use_secondary)
+        with np.errstate(over="ignore", invalid="ignore"):  # the result is checked below
+            problem, limits = self._pose(configuration, dt, bool(use_secondary))
         result = solve(problem, self.solver)
         if isinstance(result, Verified):
             binding = self._binding(limits, result.box_multipliers, result.row_multipliers)
@@ -303,15 +311,18 @@ class Controller:
                         f"Controller({kind}=…): expected objects of type {expected.__name__}, got "
                         f"{item!r}."
                     )
+        for objective in self.secondary:
+            if objective.model.nv != self.model.nv:
+                raise InvalidInput(
+                    f"Controller(secondary=…): {type(objective).__name__} is for a model of "
+                    f"{objective.model.nv} degrees of freedom, this one has {self.model.nv}."
+                )
         probe = mink.Configuration(self.model)
         for task in self.tasks:
             frame_pose(probe, task.frame_name, task.frame_type)
 
     def _check_configuration(self, configuration: mink.Configuration) -> None:
-        if not isinstance(configuration, mink.Configuration):
-            raise InvalidInput(
-                f"step: expected a mink.Configuration, got {type(configuration).__name__}."
-            )
+        instance("configuration", configuration, mink.Configuration)
         if (configuration.model.nq, configuration.model.nv) != (self.model.nq, self.model.nv):
             raise InvalidInput(
                 f"step: the configuration has nq = {configuration.model.nq}, the controller's "

@@ -11,7 +11,7 @@ import numpy as np
 from pydantic import ValidationError
 
 from qp_twist import closed_form
-from qp_twist.checks import Array
+from qp_twist.checks import Array, instance
 from qp_twist.errors import InvalidInput
 from qp_twist.following.resolver import Resolver, make_resolver, twist_task
 from qp_twist.following.trajectory import Trajectory
@@ -55,6 +55,9 @@ def follow(
         InvalidInput: If the method or an option is unknown, or the start cannot be corrected.
         UnknownSolver: If the backend is not installed.
     """
+    instance("follow(path_task, …)", path_task, PathTask)
+    if progress is not None and not callable(progress):
+        raise InvalidInput(f"follow(progress=…): expected a function, got {progress!r}.")
     check_solver(solver)
     settings = _settings(path_task, check_method(method), options)
     kind = METHODS[method]

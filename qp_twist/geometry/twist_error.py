@@ -6,8 +6,9 @@ import math
 
 import mink
 import numpy as np
+import numpy.typing as npt
 
-from qp_twist.checks import Array
+from qp_twist.checks import Array, finite_array, instance, rotation_matrix
 from qp_twist.geometry.projector import Projector, ProjectorKind, perpendicular
 from qp_twist.geometry.twist_projector import TwistProjector
 
@@ -94,10 +95,10 @@ def angular_error(
 
 
 def twist_error(
-    rotation: Array,
-    position: Array,
-    target_rotation: Array,
-    target_position: Array,
+    rotation: npt.ArrayLike,
+    position: npt.ArrayLike,
+    target_rotation: npt.ArrayLike,
+    target_position: npt.ArrayLike,
     projector: TwistProjector,
 ) -> Array:
     r"""Task error Δt = (linear, angular), in world axes, inside the range of T; m and rad, (6,).
@@ -116,14 +117,19 @@ def twist_error(
         target_rotation: R_d of the target frame to the world, (3, 3).
         target_position: Its origin in the world, m, (3,).
         projector: T, in whichever frame it is fixed to.
+
+    Raises:
+        InvalidInput: If an array has the wrong shape, is not finite or no rotation.
     """
-    world = projector.resolved(body=rotation, target=target_rotation)
+    instance("projector", projector, TwistProjector)
+    body = rotation_matrix("rotation", rotation)
+    target = rotation_matrix("target_rotation", target_rotation)
     return resolved_twist_error(
-        rotation,
-        position,
-        target_rotation,
-        target_position,
-        world,
+        body,
+        finite_array("position", position, (3,)),
+        target,
+        finite_array("target_position", target_position, (3,)),
+        projector.resolved(body=body, target=target),
         moves_with_body=projector.frame == "body",
     )
 

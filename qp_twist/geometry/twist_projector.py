@@ -8,7 +8,7 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 
-from qp_twist.checks import Array, finite_array, one_of
+from qp_twist.checks import Array, finite_array, instance, one_of
 from qp_twist.errors import InvalidInput
 from qp_twist.geometry.projector import Projector
 
@@ -119,6 +119,8 @@ def task_redundancy(operational: TwistProjector, task: TwistProjector) -> int:
     Raises:
         InvalidInput: If the task needs a direction which the operational space does not have.
     """
+    instance("operational", operational, TwistProjector)
+    instance("task", task, TwistProjector)
     if operational.rank < 6 and operational.frame == task.frame:
         outside = task.basis - operational.matrix @ task.basis
         if np.abs(outside).max(initial=0.0) > 1e-9:

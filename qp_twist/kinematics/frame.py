@@ -6,7 +6,8 @@ import mink
 import mujoco
 import numpy as np
 
-from qp_twist.checks import Array
+from qp_twist.checks import Array, instance
+from qp_twist.errors import InvalidInput
 
 
 def frame_id(model: mujoco.MjModel, name: str | int, frame_type: str) -> int:
@@ -16,23 +17,26 @@ def frame_id(model: mujoco.MjModel, name: str | int, frame_type: str) -> int:
         mink.UnsupportedFrame: If ``frame_type`` is not ``"body"``, ``"geom"`` or ``"site"``.
         mink.InvalidFrame: If there is none of that name or id; the message lists the names.
     """
-    if frame_type not in mink.SUPPORTED_FRAMES:
+    if not isinstance(frame_type, str) or frame_type not in mink.SUPPORTED_FRAMES:
         raise mink.UnsupportedFrame(frame_type, mink.SUPPORTED_FRAMES)
     if isinstance(name, str):
         found = mujoco.mj_name2id(model, mink.FRAME_TO_ENUM[frame_type], name)
         if found < 0:
             raise mink.InvalidFrame(name, frame_type, model)
         return int(found)
+    if isinstance(name, bool) or not isinstance(name, (int, np.integer)):
+        raise InvalidInput(f"frame: expected a name or an id, got {name!r}.")
     count = {"body": model.nbody, "geom": model.ngeom, "site": model.nsite}[frame_type]
     if not 0 <= name < count:
-        raise mink.InvalidFrame(name, frame_type, model)
-    return name
+        raise mink.InvalidFrame(int(name), frame_type, model)
+    return int(name)
 
 
 def frame_pose(
     configuration: mink.Configuration, name: str | int, frame_type: str
 ) -> tuple[Array, Array]:
     """Rotation (3, 3) of a frame to the world and its origin (3,) in the world, m."""
+    instance("configuration", configuration, mink.Configuration)
     index = frame_id(configuration.model, name, frame_type)
     data = configuration.data
     rotation = getattr(data, mink.FRAME_TO_XMAT_ATTR[frame_type])[index].reshape(3, 3).copy()
@@ -46,6 +50,7 @@ def frame_jacobian(configuration: mink.Configuration, name: str | int, frame_typ
     Rows are (linear, angular) in world axes, reference point the frame's origin (paper, eq. *t*).
     mink's ``get_frame_jacobian`` is the same with both blocks turned into the frame's own axes.
     """
+    instance("configuration", configuration, mink.Configuration)
     index = frame_id(configuration.model, name, frame_type)
     jacobian = np.empty((6, configuration.model.nv))
     mink.FRAME_TO_JAC_FUNC[frame_type](

@@ -7,8 +7,7 @@ from collections.abc import Sequence
 import mink
 import numpy as np
 
-from qp_twist.checks import Array, number
-from qp_twist.errors import InvalidInput
+from qp_twist.checks import Array, instance, number
 from qp_twist.kinematics.secondary import SecondaryObjective, total_displacement
 from qp_twist.kinematics.twist_task import TwistTask
 
@@ -49,8 +48,10 @@ class FreeTwistCost(mink.Task):
         Raises:
             InvalidInput: If ``task`` is not a TwistTask or a cost is negative.
         """
-        if not isinstance(task, TwistTask):
-            raise InvalidInput(f"FreeTwistCost: expected a TwistTask, got {task!r}.")
+        instance("FreeTwistCost(task=…)", task, TwistTask)
+        instance("FreeTwistCost(objectives=…)", objectives, Sequence)
+        for objective in objectives:
+            instance("FreeTwistCost(objectives=…)", objective, SecondaryObjective)
         free = task.projector.complement
         cost = np.concatenate(
             [

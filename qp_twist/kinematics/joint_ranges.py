@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
-from qp_twist.checks import Array
+from qp_twist.checks import Array, float_array, instance
+from qp_twist.errors import InvalidInput
 
 _SCALAR = (int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE))
 
@@ -31,6 +32,7 @@ class JointRanges:
         qpos: Address in q of each scalar joint's coordinate, −1 for ball and free joints, (nv,).
         hinge: Which degrees of freedom are hinges, whose unit is rad, (nv,).
         names: Name of the joint that owns each degree of freedom.
+        nq: Length of q.
     """
 
     lower: Array
@@ -38,10 +40,12 @@ class JointRanges:
     qpos: np.ndarray[tuple[int], np.dtype[np.intp]]
     hinge: np.ndarray[tuple[int], np.dtype[np.bool_]]
     names: tuple[str, ...]
+    nq: int
 
     @classmethod
     def of(cls, model: mujoco.MjModel) -> JointRanges:
         """Read the ranges of a model."""
+        instance("model", model, mujoco.MjModel)
         lower = np.full(model.nv, -np.inf)
         upper = np.full(model.nv, np.inf)
         qpos = np.full(model.nv, -1, dtype=np.intp)
@@ -55,7 +59,7 @@ class JointRanges:
             if model.jnt_limited[joint]:
                 lower[dof], upper[dof] = model.jnt_range[joint]
         hinge = model.jnt_type[model.dof_jntid] == mujoco.mjtJoint.mjJNT_HINGE
-        return cls(lower, upper, qpos, hinge, tuple(names))
+        return cls(lower, upper, qpos, hinge, tuple(names), int(model.nq))
 
     @property
     def limited(self) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
@@ -80,7 +84,10 @@ class JointRanges:
 
     def positions(self, q: Array) -> Array:
         """Joint positions by degree of freedom, from q of shape (…, nq); 0 for ball and free."""
-        positions: Array = np.where(self.qpos >= 0, q[..., np.maximum(self.qpos, 0)], 0.0)
+        values = float_array("q", q)
+        if values.ndim == 0 or values.shape[-1] != self.nq:
+            raise InvalidInput(f"q: expected an array of shape (…, {self.nq}), got {values.shape}.")
+        positions: Array = np.where(self.qpos >= 0, values[..., np.maximum(self.qpos, 0)], 0.0)
         return positions
 
     @property

@@ -6,7 +6,7 @@ import mink
 import mujoco
 import numpy as np
 
-from qp_twist.checks import Array, number
+from qp_twist.checks import Array, instance, number
 from qp_twist.errors import InvalidInput
 from qp_twist.kinematics.frame import frame_id, frame_pose
 from qp_twist.kinematics.secondary import SecondaryObjective
@@ -51,6 +51,7 @@ class Manipulability(SecondaryObjective):
             InvalidInput: If the task has no rows, or more rows than the robot has joints.
         """
         super().__init__(model, gain, cost=cost)
+        instance("task", task, TwistTask)
         frame_id(model, task.frame_name, task.frame_type)
         if not 0 < task.projector.rank <= model.nv:
             raise InvalidInput(

@@ -9,7 +9,7 @@ import mink
 import mujoco
 import numpy as np
 
-from qp_twist.checks import Array, number
+from qp_twist.checks import Array, instance, number
 
 
 class SecondaryObjective(mink.Task):
@@ -27,6 +27,7 @@ class SecondaryObjective(mink.Task):
     """
 
     def __init__(self, model: mujoco.MjModel, gain: float = 1.0, *, cost: float = 1.0) -> None:
+        instance("model", model, mujoco.MjModel)
         super().__init__(cost=np.full(model.nv, number("cost", cost, at_least=0.0)))
         self.gain = number("gain", gain, at_least=0.0)
         self.model = model

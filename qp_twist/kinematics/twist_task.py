@@ -9,7 +9,7 @@ import mink
 import numpy as np
 import numpy.typing as npt
 
-from qp_twist.checks import Array, finite_array, number
+from qp_twist.checks import Array, finite_array, instance, number
 from qp_twist.errors import InvalidInput, InvalidTarget
 from qp_twist.geometry import TwistProjector, clamp_twist, resolved_twist_error
 from qp_twist.kinematics.frame import frame_jacobian, frame_pose
@@ -95,7 +95,7 @@ class TwistTask(mink.Task):
                 f"TwistTask({frame_name!r}, {frame_type!r}): projector must be a TwistProjector, "
                 f"got {projector!r}."
             )
-        if frame_type not in mink.SUPPORTED_FRAMES:
+        if not isinstance(frame_type, str) or frame_type not in mink.SUPPORTED_FRAMES:
             raise mink.UnsupportedFrame(frame_type, mink.SUPPORTED_FRAMES)
         cost = np.concatenate(
             [
@@ -153,6 +153,7 @@ class TwistTask(mink.Task):
 
     def set_target_from_configuration(self, configuration: mink.Configuration) -> None:
         """Make the frame's present pose the target, at rest."""
+        instance("configuration", configuration, mink.Configuration)
         self.set_target(
             configuration.get_transform_frame_to_world(self.frame_name, self.frame_type)
         )
@@ -231,6 +232,7 @@ class TwistTask(mink.Task):
         Returns:
             A, shape (r, nv), and b, m/s and rad/s, shape (r,).
         """
+        dt = number("dt", dt, above=0.0)
         state = self.state(configuration)
         rate = self.gain * self.clamped(state.error) / dt + self.feedforward
         return state.basis.T @ state.jacobian, state.basis.T @ rate
@@ -253,4 +255,5 @@ class TwistTask(mink.Task):
 
 
 def _step_limit(name: str, value: float) -> float:
-    return value if value == math.inf else number(name, value, above=0.0)
+    unlimited = isinstance(value, float) and value == math.inf
+    return value if unlimited else number(name, value, above=0.0)

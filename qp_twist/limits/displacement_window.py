@@ -7,7 +7,7 @@ import mujoco
 import numpy as np
 import numpy.typing as npt
 
-from qp_twist.checks import Array, finite_array
+from qp_twist.checks import Array, finite_array, float_array
 from qp_twist.errors import InvalidInput
 from qp_twist.kinematics import JointRanges
 from qp_twist.limits.box_limit import BoxLimit
@@ -42,7 +42,7 @@ class DisplacementWindow(BoxLimit):
     def move(self, q_ref: npt.ArrayLike, half_width: npt.ArrayLike) -> None:
         """Open the window anew around ``q_ref``, at the next waypoint; arguments as above."""
         self.reference = self.ranges.positions(finite_array("q_ref", q_ref, (self._nq,)))
-        self.half_width = np.array(half_width, dtype=np.float64)
+        self.half_width = float_array("half_width", half_width)
         if self.half_width.shape != self.reference.shape or not (self.half_width >= 0.0).all():
             raise InvalidInput(
                 f"DisplacementWindow: half_width needs {len(self.reference)} numbers of at least "

@@ -36,6 +36,7 @@ class PositionLimit(BoxLimit):
         Raises:
             InvalidInput: If a ball joint has a limit, which is not a bound on one velocity.
         """
+        self.ranges = JointRanges.of(model)
         for joint in range(model.njnt):
             ball = model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_BALL
             if ball and model.jnt_limited[joint]:
@@ -43,7 +44,6 @@ class PositionLimit(BoxLimit):
                     f"PositionLimit: ball joint {model.joint(joint).name!r} has a limit, which is "
                     "not a bound on one velocity; pass limits=[mink.ConfigurationLimit(model)]."
                 )
-        self.ranges = JointRanges.of(model)
         self.recovery_speed = number("recovery_speed", recovery_speed, above=0.0)
 
     def bounds(self, configuration: mink.Configuration, dt: float) -> tuple[Array, Array]:

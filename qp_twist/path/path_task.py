@@ -99,6 +99,6 @@ def check_method(method: str) -> str:
     Raises:
         InvalidInput: If there is no such method.
     """
-    if method not in METHODS:
+    if not isinstance(method, str) or method not in METHODS:
         raise InvalidInput(f"unknown method {method!r}; methods: {', '.join(METHODS)}.")
     return method

@@ -85,20 +85,29 @@ def task_title(path: Path) -> str:
 
 
 def _find(task: str | Path) -> Path:
+    if not isinstance(task, (str, Path)):
+        raise TaskFileError(f"load_task: expected a name or a path, got {task!r}.")
     text = str(task)
     if text.endswith(".toml") or "/" in text or "\\" in text:
         path = Path(task)
-        if not path.is_file():
+        if not _is_file(path):
             raise TaskFileError(f"{path}: there is no such task file.")
         return path
     path = shipped_folder("tasks") / f"{text}.toml"
-    if not path.is_file():
+    if not _is_file(path):
         names = ", ".join(p.stem for p in shipped_tasks())
         raise TaskFileError(
             f"there is no shipped task {text!r}; shipped: {names}. A file of your own is given by "
             f"its path, e.g. ./{text}.toml."
         )
     return path
+
+
+def _is_file(path: Path) -> bool:
+    try:
+        return path.is_file()
+    except (OSError, ValueError):  # a name that no file can have
+        return False
 
 
 def _build(path: Path, file: TaskFile) -> PathTask:
@@ -140,7 +149,7 @@ def _build(path: Path, file: TaskFile) -> PathTask:
 def _load_scene(path: Path, scene: str) -> tuple[Path, mujoco.MjModel]:
     candidates = [path.parent / scene, shipped_folder("scenes") / scene]
     for candidate in candidates:
-        if candidate.is_file():
+        if _is_file(candidate):
             try:
                 return candidate, mujoco.MjModel.from_xml_path(str(candidate))
             except ValueError as error:

@@ -48,7 +48,7 @@ def check_solver(solver: str) -> str:
         UnknownSolver: If it is unknown or not installed.
     """
     installed = qpsolvers.available_solvers
-    if solver not in installed:
+    if not isinstance(solver, str) or solver not in installed:
         raise UnknownSolver(
             f"solver {solver!r} is not installed or not known; installed: {', '.join(installed)}. "
             "Others come with qpsolvers' extras, e.g. pip install 'qpsolvers[clarabel]'."
@@ -57,17 +57,19 @@ def check_solver(solver: str) -> str:
 
 
 def solve_raw(problem: QuadraticProgram, solver: str) -> RawSolution:
-    """Hand a problem to a backend. Rows are scaled to length one first.
+    """Hand a problem to a backend, with rows of length one and costs of size one.
 
     DAQP drops equality rows shorter than 3e-6 and calls the rest solved; at length one a row cannot
-    be dropped. A row of zeros cannot be scaled and is left to the verification.
+    be dropped. A row of zeros cannot be scaled and is left to the verification. First-order
+    backends need costs of a size that their tolerances were made for.
     """
+    size = float(np.abs(problem.H).max())
     A, b, _ = _unit_rows(problem.A, problem.b)
     G, g, row_lengths = _unit_rows(problem.G, problem.g)
     bounded = bool(np.isfinite(problem.lower).any() or np.isfinite(problem.upper).any())
     posed = qpsolvers.Problem(
-        problem.H,
-        problem.c,
+        problem.H / size,
+        problem.c / size,
         G if len(g) else None,
         g if len(g) else None,
         A if len(b) else None,
@@ -87,8 +89,8 @@ def solve_raw(problem: QuadraticProgram, solver: str) -> RawSolution:
     return RawSolution(
         x=None if solution.x is None else np.array(solution.x, dtype=np.float64),
         found=bool(solution.found),
-        box_multipliers=_multipliers(solution.z_box, problem.n),
-        row_multipliers=_multipliers(solution.z, len(g)) / row_lengths,
+        box_multipliers=size * _multipliers(solution.z_box, problem.n),
+        row_multipliers=size * _multipliers(solution.z, len(g)) / row_lengths,
     )
 
 
