@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -85,6 +86,18 @@ def test_an_unwritable_folder_is_a_sentence(
     assert caught.value.code == 2
     assert "taken" in capsys.readouterr().err
     assert (tmp_path / "taken").read_text() == "a file"
+
+
+def test_a_terminal_without_greek_letters_gets_the_table_all_the_same(tmp_path: Path) -> None:
+    done = subprocess.run(
+        [sys.executable, "-m", "qp_twist", "compare", "planar_line", "--methods", "twa",
+         "--out", str(tmp_path)],
+        capture_output=True, check=False,
+        env={**os.environ, "PYTHONUTF8": "0", "PYTHONIOENCODING": "ascii", "LC_ALL": "C"},
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    assert b"joint_2 at 2" in done.stdout
+    assert "½‖W(θ̄ − θ)‖²" in (tmp_path / "table.txt").read_text("utf-8")
 
 
 def test_the_module_runs_as_the_command() -> None:

@@ -133,6 +133,24 @@ def test_raising_carries_the_problem_and_the_names(tmp_path: Path) -> None:
     assert np.array_equal(again.upper, caught.value.problem.upper)
 
 
+def test_what_no_limit_forbids_is_said_to_be_a_contradiction_or_a_singularity() -> None:
+    arm = Arm(3)
+    other = qt.TwistTask("tool", "site", ROLL_FREE)
+    assert arm.task.target is not None
+    other.set_target(arm.task.target.plus(np.array([0.1, 0, 0, 0, 0, 0])))
+    controller = qt.Controller(arm.model, [arm.task, other], limits=[])
+    step = controller.step(arm.configuration, 0.1)
+    assert step.status is qt.Status.SCALED
+    assert step.scale == pytest.approx(0.0, abs=1e-9)
+    assert "contradict each other" in step.message
+    strict = qt.Controller(arm.model, [arm.task, other], limits=[], on_infeasible="raise")
+    with pytest.raises(qt.InfeasibleStep, match="contradict each other"):
+        strict.step(arm.configuration, 0.1)
+    # The same task twice is no contradiction.
+    twice = qt.Controller(arm.model, [arm.task, arm.task], limits=[])
+    assert twice.step(arm.configuration, 0.1).status is qt.Status.SOLVED
+
+
 @given(SEEDS)
 @settings(max_examples=60)
 def test_a_relaxed_step_is_the_closest_inside_the_bounds(seed: int) -> None:

@@ -475,7 +475,7 @@ def test_linear_and_angular_free_rows_have_their_own_cost() -> None:
 
 
 def test_the_free_twist_of_something_else_than_a_twist_task_is_refused() -> None:
-    with pytest.raises(InvalidInput, match="FreeTwistCost.*: expected a TwistTask"):
+    with pytest.raises(InvalidInput, match=r"FreeTwistCost.*: expected a TwistTask"):
         FreeTwistCost(mink.FrameTask("tool", "site", 1.0, 1.0))
 
 

@@ -5,6 +5,7 @@ Exit codes: 0 done; 2 the input was refused (the message says why); 130 interrup
 
 from __future__ import annotations
 
+import io
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -122,6 +123,10 @@ def roadmap(
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Entry point of ``qp-twist``."""
+    for stream in (sys.stdout, sys.stderr):
+        # A terminal that has no θ shows a question mark instead of a stack trace.
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="replace")
     try:
         app.cli(
             prog="qp-twist",

@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from qp_twist.checks import Array, finite_array, instance, number, one_of
-from qp_twist.controller.step import Status, Step
+from qp_twist.controller.step import NOT_THE_LIMITS, Status, Step
 from qp_twist.errors import InvalidInput
 from qp_twist.kinematics import (
     FreeTwistCost,
@@ -238,10 +238,11 @@ class Controller:
             )
         binding = self._binding(limits, largest.box_multipliers, largest.row_multipliers)
         if self.on_infeasible == "raise":
-            names = ", ".join(str(limit) for limit in binding) or "none named"
+            names = ", ".join(str(limit) for limit in binding)
+            why = f"binding: {names}" if names else NOT_THE_LIMITS
             raise InfeasibleStep(
                 f"infeasible step: inside the limits the task can be met at {largest.scale:.4g} of "
-                f"its speed; binding: {names}. Use on_infeasible='scale' to slow down.",
+                f"its speed; {why}. Use on_infeasible='scale' to slow down.",
                 problem,
                 binding,
             )

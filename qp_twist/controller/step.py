@@ -9,6 +9,11 @@ from qp_twist.checks import Array
 from qp_twist.limits import BindingLimit
 from qp_twist.qp import QuadraticProgram
 
+NOT_THE_LIMITS = (
+    "no limit is in the way: the task rows contradict each other, or the robot is singular in a "
+    "direction that they need"
+)
+
 
 class Status(enum.Enum):
     """What happened in a step; the value is a sentence of its own."""
@@ -46,6 +51,8 @@ class Step:
         text = f"{self.status.name.lower()}: {self.status.value}"
         if self.status is Status.SCALED:
             text += f" (scale {self.scale:.4g})"
+        if self.status is Status.SCALED and not self.binding:
+            text += f"; {NOT_THE_LIMITS}"
         if self.binding:
             text += "; binding: " + ", ".join(str(limit) for limit in self.binding)
         return text

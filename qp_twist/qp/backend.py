@@ -80,8 +80,12 @@ def solve_raw(problem: QuadraticProgram, solver: str) -> RawSolution:
     with warnings.catch_warnings():
         # OSQP's wrapper warns of its sparse conversion, and of each infeasible problem.
         warnings.simplefilter("ignore")
+        settings = dict(SETTINGS.get(solver, {}))
+        if solver == "osqp" and not len(b):
+            # Without an active row OSQP says on standard output that it has nothing to polish.
+            settings["polishing"] = False
         try:
-            solution = qpsolvers.solve_problem(posed, solver=solver, **SETTINGS.get(solver, {}))
+            solution = qpsolvers.solve_problem(posed, solver=solver, **settings)
         except (ValueError, qpsolvers.SolverError):
             # A backend that refuses a problem has not solved it; the caller decides what follows.
             return RawSolution(None, False, np.zeros(problem.n), np.zeros(len(g)))
