@@ -77,6 +77,20 @@ def test_refused_input_is_one_sentence_and_exit_code_2(
     assert list(tmp_path.iterdir()) == []
 
 
+def test_brackets_in_a_path_are_no_markup(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = tmp_path / "o[bold]" / "a[/b].csv"
+    main(["run", "planar_line", "--out", str(file)])
+    assert f"wrote {file}: 101" in capsys.readouterr().out
+    assert file.exists()
+
+
+def test_run_says_what_went_wrong(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    main(["run", "planar_line", "--method", "twa", "--out", str(tmp_path / "x.csv")])
+    assert "leaves the limits" in capsys.readouterr().out
+
+
 def test_an_unwritable_folder_is_a_sentence(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

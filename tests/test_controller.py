@@ -272,6 +272,52 @@ def test_soft_mink_tasks_weigh_in_as_in_mink() -> None:
     assert ours == pytest.approx(minks, abs=1e-6)
 
 
+def test_rows_of_rounding_dust_do_not_contradict_the_others() -> None:
+    # A tilted planar arm asked for all three directions of position: the row across its plane is
+    # dust, and so is its right-hand side.
+    rng = np.random.default_rng(0)
+    solved = 0
+    for _ in range(30):
+        quat = " ".join(str(x) for x in rng.normal(size=4))
+        model = mujoco.MjModel.from_xml_string(
+            f"""<mujoco><worldbody><body quat="{quat}"><joint name="a" axis="0 0 1"/>
+            <geom size="0.01"/><body pos="1 0 0"><joint name="b" axis="0 0 1"/><geom size="0.01"/>
+            <body pos="1 0 0"><joint name="c" axis="0 0 1"/><geom size="0.01"/>
+            <site name="tip" pos="1 0 0"/></body></body></body></worldbody></mujoco>"""
+        )
+        configuration = mink.Configuration(model, np.array([0.4, 0.7, 0.9]))
+        task = qt.TwistTask("tip", "site", ROLL_FREE)
+        task.set_target_from_configuration(configuration)
+        assert task.target is not None
+        J = task.state(configuration).jacobian
+        wish = rng.normal(size=3)
+        task.set_target(task.target, J @ wish)
+        for space in ("joint", "twist"):
+            step = qt.Controller(model, [task], limits=[], secondary_space=space).step(
+                configuration, 0.01
+            )
+            assert step.status is qt.Status.SOLVED
+            assert J[:3] @ step.velocity == pytest.approx(J[:3] @ wish, abs=1e-7)
+            solved += 1
+    assert solved == 60
+
+
+def test_a_model_without_joints_is_refused() -> None:
+    model = mujoco.MjModel.from_xml_string(
+        '<mujoco><worldbody><site name="tool"/></worldbody></mujoco>'
+    )
+    with pytest.raises(qt.InvalidInput, match="no joints"):
+        qt.Controller(model, [qt.TwistTask("tool", "site", ROLL_FREE)])
+
+
+def test_twist_space_without_a_twist_task_is_joint_space() -> None:
+    arm = Arm(1)
+    posture = mink.PostureTask(arm.model, cost=1.0)
+    posture.set_target(np.zeros(7))
+    controller = qt.Controller(arm.model, [posture], secondary_space="twist", limits=[])
+    assert np.isfinite(controller.step(arm.configuration, 0.1).velocity).all()
+
+
 def test_the_metric_weighs_the_joints() -> None:
     arm = Arm(13)
     metric = np.array([1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0])

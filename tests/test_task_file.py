@@ -100,6 +100,11 @@ def test_a_shipped_scene_serves_a_file_of_ones_own(tmp_path: Path) -> None:
         ("[start]", "[methods.qp]\ngain = -1.0\n[start]", ["line 17", "methods.qp.gain"]),
         ("[start]", '[methods.qp]\nweight = "heavy"\n[start]', ["line 17", "methods.qp.weight", "'gradient'"]),
         ("kind = ", "tool_axis = [0, 0, 1]\nkind = ", ["roll", "plane_normal"]),
+        ("{ plane = [0, 0, 1] }", "{ plane = [false, false, true] }", ["line 8", "three numbers"]),
+        ("steps_per_segment = 4", "steps_per_segment = 4\nradius = 1.0", ["line 15", "path.radius", "unknown key here"]),
+        ('angular = "none"', 'angular = "none"\n[operational]\nlinear = "none"\nangular = "full"', ["direction outside the operational space"]),
+        ('title = "A short line"', "title = " + 300 * "[" + 300 * "]", ["mine.toml"]),
+        ('title = "A short line"', "title = 1" + 5000 * "0", ["cannot be read"]),
         ('title = "A short line"', "title = ", ["not valid TOML", "line 1"]),
         ('title = "A short line"', "tilte = 3", ["tilte", "unknown key", "'title'"]),
     ],
@@ -136,6 +141,19 @@ def test_a_scene_with_a_free_joint_is_refused_by_name(folder: Path) -> None:
     )
     with pytest.raises(qt.TaskFileError, match=r"joint 'base' is a ball or free joint"):
         qt.load_task(write(folder, MINIMAL))
+
+
+def test_a_byte_order_mark_is_no_mistake(folder: Path) -> None:
+    path = folder / "mine.toml"
+    path.write_text(MINIMAL, encoding="utf-8-sig")
+    assert qt.load_task(path).title == "A short line"
+
+
+def test_an_arm_with_few_joints_is_not_asked_for_its_whole_twist(folder: Path) -> None:
+    # Without [operational] a planar 3R arm has six operational directions and three joints.
+    names = qt.load_task(write(folder, MINIMAL)).method_names()
+    assert "rmr" not in names
+    assert "qp" in names
 
 
 def test_a_list_of_poses_by_quaternion_or_roll_pitch_yaw(folder: Path) -> None:

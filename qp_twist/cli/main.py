@@ -18,7 +18,7 @@ from tyro.extras import SubcommandApp
 
 from qp_twist.cli.progress import method_progress, working
 from qp_twist.comparison import compare as compare_methods
-from qp_twist.comparison import notes, rich_table
+from qp_twist.comparison import metrics, notes, rich_table
 from qp_twist.comparison.joint_figure import save_figure
 from qp_twist.comparison.roadmap_figure import check_applies, roadmap_figure
 from qp_twist.comparison.table import WIDTH
@@ -59,17 +59,20 @@ def compare(task: Task, methods: Names = None, solver: Solver = "daqp", out: Fol
     """
     path_task = load_task(task)
     names = _method_names(path_task, methods)
+    if out is not None and out.exists() and not out.is_dir():
+        raise InvalidInput(f"--out {out}: this is a file; give a folder to write to.")
     with method_progress(names, len(path_task.waypoints) - 1) as progress:
         comparison = compare_methods(path_task, names, solver=solver, progress=progress)
     console = _console()
     content = comparison.to_dict()
     console.print(rich_table(content))
     for line in notes(content):
-        console.print(line, highlight=False, soft_wrap=True)
+        console.print(line, highlight=False, markup=False, soft_wrap=True)
     with working("drawing the figures"):
         lines = comparison.report(out or Path("out") / path_task.name)
     for line in lines:
-        console.print(f"wrote {line}" if Path(line).exists() else line, soft_wrap=True)
+        text = f"wrote {line}" if Path(line).exists() else line
+        console.print(text, highlight=False, markup=False, soft_wrap=True)
 
 
 @app.command
@@ -91,11 +94,10 @@ def run(task: Task, out: File, method: MethodName = "qp", solver: Solver = "daqp
             path_task, method, solver=solver, progress=lambda done: progress(method, done)
         )
     trajectory.save(out)
-    _console().print(
-        f"wrote {out}: {len(trajectory.q)} waypoints, {method}: {trajectory.summary}",
-        highlight=False,
-        soft_wrap=True,
-    )
+    said = f"wrote {out}: {len(trajectory.q)} waypoints, {method}: {trajectory.summary}"
+    status = metrics(trajectory)["status"]
+    for line in (said, *([f"{method}: {status}"] if status != "ok" else [])):
+        _console().print(line, highlight=False, markup=False, soft_wrap=True)
 
 
 @app.command
@@ -118,7 +120,7 @@ def roadmap(
         comparison = compare_methods(path_task, names, solver=solver, progress=progress)
     with working("tracing the manifolds"):
         save_figure(roadmap_figure(path_task, comparison.trajectories), target)
-    _console().print(f"wrote {target}", soft_wrap=True)
+    _console().print(f"wrote {target}", highlight=False, markup=False, soft_wrap=True)
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -149,6 +151,8 @@ def _method_names(path_task: PathTask, methods: str | None) -> list[str]:
 
 
 def _console() -> Console:
-    """A console that does not squeeze the table when its output goes to a file."""
+    """A console that never squeezes the table: better a wrapped line than numbers cut off."""
     console = Console()
-    return console if console.is_terminal else Console(width=WIDTH, color_system=None)
+    if not console.is_terminal:
+        return Console(width=WIDTH, color_system=None)
+    return console if console.width >= WIDTH else Console(width=WIDTH)

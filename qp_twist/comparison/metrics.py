@@ -75,10 +75,9 @@ def _status(trajectory: Trajectory, numbers: dict[str, Any]) -> str:
     scaled = trajectory.scale < 1.0
     if scaled.any():
         names = ", ".join(dict.fromkeys(n for names in trajectory.binding for n in names))
-        parts.append(
-            f"scaled at {int(scaled.sum())} waypoints, first at {int(np.argmax(scaled)) + 1}, "
-            f"held by {names}"
-        )
+        held = f"held by {names}" if names else "held by no limit that was named"
+        since = int(np.argmax(scaled)) + 1
+        parts.append(f"scaled at {int(scaled.sum())} waypoints, first at {since}, {held}")
     if missed.any():
         one_step = not METHODS[trajectory.method].constrained and not scaled.any()
         why = " (one step a waypoint)" if one_step and trajectory.iterations.max() <= 1 else ""

@@ -20,8 +20,10 @@ WIDTH = 118
 def rich_table(comparison: dict[str, Any]) -> Table:
     """The table for a terminal, from the content of ``comparison.json``."""
     table = Table(
-        title=f"{comparison['task']}: {comparison['waypoints']} waypoints, "
-        f"QPs by {comparison['solver']}",
+        title=Text(
+            f"{comparison['task']}: {comparison['waypoints']} waypoints, "
+            f"QPs by {comparison['solver']}"
+        ),
         title_justify="left",
         box=box.SIMPLE_HEAD,
         title_style="bold",
@@ -49,7 +51,7 @@ def plain_table(comparison: dict[str, Any]) -> str:
     console = Console(file=io.StringIO(), width=WIDTH, color_system=None, force_terminal=False)
     console.print(rich_table(comparison))
     for line in notes(comparison):
-        console.print(line, soft_wrap=True)
+        console.print(line, markup=False, soft_wrap=True)
     assert isinstance(console.file, io.StringIO)
     return console.file.getvalue()
 

@@ -196,8 +196,8 @@ class Controller:
         else:
             free = np.vstack(
                 [
-                    cost.cost[:, None] * cost.compute_jacobian(configuration)
-                    for cost in self.free_costs
+                    np.zeros((0, nv)),
+                    *(f.cost[:, None] * f.compute_jacobian(configuration) for f in self.free_costs),
                 ]
             )
             cost = free.T @ free + self.joint_weight * _unseen(np.vstack([A, free]), self.metric)
@@ -299,6 +299,8 @@ class Controller:
         return tuple(found)
 
     def _check_types(self) -> None:
+        if self.model.nv == 0:
+            raise InvalidInput("Controller: the model has no joints to move.")
         if not self.tasks and not self.soft_tasks:
             raise InvalidInput("Controller: tasks is empty; give at least one TwistTask.")
         for kind, expected, items in (

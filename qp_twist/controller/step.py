@@ -29,7 +29,8 @@ class Step:
 
     Attributes:
         velocity: q̇ in the model's tangent space, rad/s or m/s, shape (nv,).
-        scale: s in A q̇ = s b: 1 where the task is met at full speed.
+        scale: s in A q̇ = s b: 1 where the task is met at full speed. A relaxed step has no such
+            s and says 1: look at its residuals.
         residuals: A q̇ − s b for each TwistTask, m/s and rad/s, in the rows of its basis.
         binding: The limits that hold the step back.
         status: What happened.

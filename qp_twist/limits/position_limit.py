@@ -20,8 +20,8 @@ class PositionLimit(BoxLimit):
 
     .. math:: (\theta_{min} - \theta)/dt \le \dot\theta \le (\theta_{max} - \theta)/dt
 
-    A joint that starts outside is brought back at ``recovery_speed`` at most, instead of in one
-    step: neither an error nor a snap.
+    A joint that starts outside has to come back at ``recovery_speed``, or faster if the task or a
+    secondary wants it, instead of in one step: neither an error nor a snap. Velocity limits hold.
     """
 
     kind = "position"
@@ -31,7 +31,7 @@ class PositionLimit(BoxLimit):
 
         Args:
             model: The robot.
-            recovery_speed: Fastest return into the range, rad/s or m/s.
+            recovery_speed: Speed at which a joint outside has to return, rad/s or m/s.
 
         Raises:
             InvalidInput: If a ball joint has a limit, which is not a bound on one velocity.

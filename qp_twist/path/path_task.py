@@ -84,6 +84,8 @@ class PathTask:
             name
             for name, method in METHODS.items()
             if not (method.flipped and self.flipped_waypoints is None)
+            # An arm with fewer joints than operational directions cannot fix its whole twist.
+            and not (method.whole_twist and self.operational.rank > self.model.nv)
         ]
 
     def __repr__(self) -> str:

@@ -18,7 +18,7 @@ from pydantic import ValidationError
 
 from qp_twist.checks import Array, unit_vector
 from qp_twist.errors import InvalidInput, TaskFileError
-from qp_twist.geometry import rotation_vector
+from qp_twist.geometry import rotation_vector, task_redundancy
 from qp_twist.kinematics import JointRanges, frame_pose
 from qp_twist.path.orientation import roll_by_plane
 from qp_twist.path.path_task import PathTask
@@ -59,17 +59,21 @@ def load_task(task: str | Path) -> PathTask:
     """
     path = _find(task)
     try:
-        text = path.read_text(encoding="utf-8")
+        text = path.read_text(encoding="utf-8-sig")
         table = tomllib.loads(text)
     except (OSError, UnicodeDecodeError) as error:
         raise TaskFileError(f"{path}: cannot be read: {error}.") from error
     except tomllib.TOMLDecodeError as error:
         raise TaskFileError(f"{path}: not valid TOML: {error}.") from error
+    except (ValueError, RecursionError) as error:
+        raise TaskFileError(f"{path}: cannot be read: {error}.") from error
     try:
         # By way of JSON, since only there strict mode takes an array for a tuple.
         file = TaskFile.model_validate_json(json.dumps(table, default=str))
     except ValidationError as error:
         raise TaskFileError(_explain(path, text, error)) from None
+    except RecursionError as error:
+        raise TaskFileError(f"{path}: its tables are nested too deep.") from error
     try:
         return _build(path, file)
     except TaskFileError:
@@ -120,6 +124,8 @@ def _build(path: Path, file: TaskFile) -> PathTask:
             "arms of hinges and slides. For other robots use qp_twist.Controller step by step."
         )
     start = _start(path, file.start, model)
+    projector, operational = file.projector.projector(), file.operational.projector()
+    task_redundancy(operational, projector)
     configuration = mink.Configuration(model, start)
     try:
         rotation, _ = frame_pose(configuration, file.robot.frame, file.robot.frame_type)
@@ -134,8 +140,8 @@ def _build(path: Path, file: TaskFile) -> PathTask:
         model=model,
         frame_name=file.robot.frame,
         frame_type=file.robot.frame_type,
-        projector=file.projector.projector(),
-        operational=file.operational.projector(),
+        projector=projector,
+        operational=operational,
         waypoints=_waypoints(positions, rotations),
         flipped_waypoints=None if flipped is None else _waypoints(positions, flipped),
         start=start,
@@ -212,6 +218,7 @@ def _poses(path: Path, file: TaskFile, held: Array) -> tuple[Array, Array, Array
 def _pose_rotation(pose: Any) -> Array:
     if pose.quaternion_wxyz is not None:
         wxyz = np.array(pose.quaternion_wxyz)
+        wxyz /= np.abs(wxyz).max()  # the norm of huge or tiny numbers over- or underflows
         rotation = mink.SO3(wxyz / np.linalg.norm(wxyz))
     else:
         rotation = mink.SO3.from_rpy_radians(*np.radians(pose.rpy_deg))
@@ -292,6 +299,8 @@ def _explain(path: Path, text: str, error: ValidationError) -> str:
 def _keys(item: Any) -> list[str | int]:
     """The keys that lead to an error, as they stand in the file."""
     keys = list(item["loc"])
+    if not keys:
+        return ["file"]
     if keys[0] == "path" and len(keys) > 1:
         del keys[1]  # pydantic puts the kind of path there, which is no key of the file
     if item["type"].startswith("union_tag"):
@@ -304,7 +313,8 @@ def _keys(item: Any) -> list[str | int]:
 def _sentence(item: Any, keys: list[str | int]) -> str:
     if item["type"] == "extra_forbidden":
         close = difflib.get_close_matches(str(keys[-1]), _known_keys(Section), n=1)
-        hint = f"; did you mean {close[0]!r}?" if close else "."
+        # A known key in the wrong table is no misspelling.
+        hint = f"; did you mean {close[0]!r}?" if close and close[0] != keys[-1] else " here."
         return f"unknown key{hint}"
     if item["type"] in ("missing", "union_tag_not_found"):
         return "missing; add this key."

@@ -32,6 +32,8 @@ def _parse_block(value: object) -> Projector:
         return value
     if isinstance(value, dict) and len(value) == 1:
         [(kind, vector)] = value.items()
+        if not isinstance(vector, list) or any(type(x) not in (int, float) for x in vector):
+            raise ValueError(f"{kind}: expected three numbers, got {vector!r}")
         if kind == "plane":
             return Projector.plane(vector)
         if kind == "line":

@@ -23,6 +23,9 @@ SETTINGS: dict[str, dict[str, Any]] = {
     "piqp": {"eps_abs": 1e-10, "eps_rel": 0.0},
 }
 
+DUST = 1e-12
+"""Rows shorter than this share of the longest are rounding."""
+
 
 @dataclass(frozen=True, eq=False)
 class RawSolution:
@@ -63,7 +66,7 @@ def solve_raw(problem: QuadraticProgram, solver: str) -> RawSolution:
     be dropped. A row of zeros cannot be scaled and is left to the verification. First-order
     backends need costs of a size that their tolerances were made for.
     """
-    size = float(np.abs(problem.H).max())
+    size = float(np.abs(problem.H).max(initial=0.0)) or 1.0
     A, b, _ = _unit_rows(problem.A, problem.b)
     G, g, row_lengths = _unit_rows(problem.G, problem.g)
     bounded = bool(np.isfinite(problem.lower).any() or np.isfinite(problem.upper).any())
@@ -101,7 +104,9 @@ def solve_raw(problem: QuadraticProgram, solver: str) -> RawSolution:
 def _unit_rows(rows: Array, bounds: Array) -> tuple[Array, Array, Array]:
     """Rows and right-hand sides divided by the rows' lengths, and the lengths."""
     lengths = np.linalg.norm(rows, axis=1)
-    lengths[lengths == 0.0] = 1.0
+    # A row of rounding dust, such as that of a direction in which the arm cannot move, stays dust:
+    # stretched to length one it would contradict the others.
+    lengths[lengths <= DUST * lengths.max(initial=0.0)] = 1.0
     return rows / lengths[:, None], bounds / lengths, lengths
 
 
