@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import matplotlib as mpl
 import numpy as np
@@ -14,7 +14,7 @@ from matplotlib.lines import Line2D
 
 from qp_twist.checks import Array
 from qp_twist.comparison.metrics import metrics
-from qp_twist.comparison.style import LIMIT, RC, line_style
+from qp_twist.comparison.style import LIMIT, RC, line_style, method_handles
 from qp_twist.following import Trajectory
 from qp_twist.kinematics import JointRanges
 from qp_twist.path import METHODS, PathTask
@@ -50,6 +50,7 @@ def joint_figure(path_task: PathTask, trajectories: Mapping[str, Trajectory], ti
     waypoint that was reached by a step above 15° in some joint.
     """
     ranges = JointRanges.of(path_task.model)
+    numbers = {name: metrics(trajectory) for name, trajectory in trajectories.items()}
     joints = [dof for dof in range(path_task.model.nv) if ranges.qpos[dof] >= 0]
     columns = 2 if len(joints) > 3 else 1
     rows = -(-len(joints) // columns)
@@ -59,13 +60,13 @@ def joint_figure(path_task: PathTask, trajectories: Mapping[str, Trajectory], ti
         # Down the columns, as in the paper: joints 1 to 3 at the left, 4 to 6 at the right.
         panels = list(grid.T.flat)
         for panel, dof in zip(panels, joints, strict=False):
-            _draw_joint(panel, ranges, dof, trajectories)
+            _draw_joint(panel, ranges, dof, trajectories, numbers)
         for panel in panels[len(joints) :]:
             panel.set_visible(False)
         for panel in grid[-1]:
             panel.set_xlabel("waypoint")
         figure.suptitle(title, x=0.01, ha="left", fontsize=11, fontweight="bold")
-        figure.legend(handles=_legend(trajectories), loc="outside lower center", ncols=3)
+        figure.legend(handles=_legend(numbers), loc="outside lower center", ncols=3)
     return figure
 
 
@@ -83,17 +84,20 @@ def save_figure(figure: Figure, path: Path) -> Path:
 
 
 def _draw_joint(
-    panel: Axes, ranges: JointRanges, dof: int, trajectories: Mapping[str, Trajectory]
+    panel: Axes,
+    ranges: JointRanges,
+    dof: int,
+    trajectories: Mapping[str, Trajectory],
+    numbers: Mapping[str, dict[str, Any]],
 ) -> None:
     # Degrees for hinges, metres for slides.
     unit = np.degrees(1.0) if ranges.hinge[dof] else 1.0
     lower, upper = unit * ranges.lower[dof], unit * ranges.upper[dof]
     curves = [unit * ranges.positions(t.q)[:, dof] for t in trajectories.values()]
-    for (name, trajectory), theta in zip(trajectories.items(), curves, strict=True):
+    for name, theta in zip(trajectories, curves, strict=True):
         index = np.arange(1, len(theta) + 1)
         panel.plot(index, theta, **line_style(name))
-        numbers = metrics(trajectory)
-        first = numbers["first_violation"].get(ranges.names[dof])
+        first = numbers[name]["first_violation"].get(ranges.names[dof])
         if first is not None:
             panel.plot(first, theta[first - 1], "x", color=LIMIT, ms=9, mew=2.2, zorder=6)
             # Towards the inside of the limits, where there is room.
@@ -102,7 +106,7 @@ def _draw_joint(
                 str(first), (first, theta[first - 1]), textcoords="offset points",
                 xytext=(6, -11 if below else 5), color=LIMIT, fontweight="bold",
             )  # fmt: skip
-        _mark_reconfigurations(panel, numbers["reconfigurations"], line_style(name)["color"])
+        _mark_reconfigurations(panel, numbers[name]["reconfigurations"], line_style(name)["color"])
     if ranges.limited[dof]:
         for limit in (lower, upper):
             panel.axhline(limit, color=LIMIT, linewidth=1.2)
@@ -135,18 +139,14 @@ def _mark_reconfigurations(panel: Axes, waypoints: Sequence[int], colour: str) -
     )  # fmt: skip
 
 
-def _legend(trajectories: Mapping[str, Trajectory]) -> list[Line2D]:
-    handles = []
-    for name in trajectories:
-        style = {k: v for k, v in line_style(name).items() if k != "zorder"}
-        handles.append(Line2D([], [], **style))
+def _legend(numbers: Mapping[str, dict[str, Any]]) -> list[Line2D]:
+    handles = method_handles(numbers)
     handles.append(Line2D([], [], color=LIMIT, linewidth=1.2, label="joint limit"))
-    found = [metrics(t) for t in trajectories.values()]
-    if any(numbers["first_violation"] for numbers in found):
+    if any(found["first_violation"] for found in numbers.values()):
         handles.append(
             Line2D([], [], color=LIMIT, marker="x", ms=8, mew=2, ls="", label="first violation")
         )
-    if any(numbers["reconfigurations"] for numbers in found):
+    if any(found["reconfigurations"] for found in numbers.values()):
         handles.append(
             Line2D([], [], color="black", marker="^", ls="", label="reconfiguration (step > 15°)")
         )

@@ -14,7 +14,7 @@ from matplotlib.lines import Line2D
 
 from qp_twist.checks import Array
 from qp_twist.comparison.self_motion import manifolds
-from qp_twist.comparison.style import LIMIT, RC, line_style
+from qp_twist.comparison.style import LIMIT, RC, line_style, method_handles
 from qp_twist.errors import InvalidInput
 from qp_twist.following import Trajectory
 from qp_twist.kinematics import JointRanges
@@ -122,12 +122,8 @@ def _frame(panel: Axes, ranges: JointRanges, dof: int) -> None:
 
 
 def _legend(trajectories: Mapping[str, Trajectory]) -> list[Line2D]:
-    handles = [
-        Line2D([], [], **{k: v for k, v in line_style(name).items() if k != "zorder"})
-        for name in trajectories
-    ]
     return [
-        *handles,
+        *method_handles(trajectories),
         Line2D([], [], color=LIMIT, linewidth=1.4, label="joint limit"),
         Line2D([], [], color=_INSIDE, linewidth=1.6, label="manifold, all joints inside limits"),
         Line2D([], [], color=_OUTSIDE, linewidth=1.0, label="manifold, some joint outside"),

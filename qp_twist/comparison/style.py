@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import Any
 
 from matplotlib.colors import to_rgb
+from matplotlib.lines import Line2D
 
 from qp_twist.path import METHODS
 
@@ -52,3 +54,11 @@ def line_style(name: str) -> dict[str, Any]:
         "zorder": 3 if method.constrained else 4,
         "label": f"{name} ({method.title})",
     }
+
+
+def method_handles(names: Iterable[str]) -> list[Line2D]:
+    """Legend entries of the methods' curves."""
+    return [
+        Line2D([], [], **{k: v for k, v in line_style(name).items() if k != "zorder"})
+        for name in names
+    ]

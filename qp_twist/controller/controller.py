@@ -176,8 +176,7 @@ class Controller:
             problem, limits = self._pose(configuration, dt, bool(use_secondary))
         result = solve(problem, self.solver)
         if isinstance(result, Verified):
-            binding = self._binding(limits, result.box_multipliers, result.row_multipliers)
-            return self._step(problem, result, 1.0, binding, Status.SOLVED)
+            return self._solved(problem, limits, result)
         return self._infeasible(problem, limits, result)
 
     def _pose(
@@ -231,8 +230,7 @@ class Controller:
             # The rows fit: it was the solver that failed. Ask the others.
             result = solve(problem, self.solver, fallbacks=True)
             if isinstance(result, Verified):
-                binding = self._binding(limits, result.box_multipliers, result.row_multipliers)
-                return self._step(problem, result, 1.0, binding, Status.SOLVED)
+                return self._solved(problem, limits, result)
             raise SolverInaccurate(
                 f"no backend solved a feasible step: {'; '.join(result.says)}.", problem
             )
@@ -269,8 +267,18 @@ class Controller:
         result = solve(problem.with_rows(rows), self.solver, fallbacks=True)
         if isinstance(result, Refused):
             raise SolverInaccurate(f"relaxed step: {'; '.join(result.says)}.", problem)
+        return self._solved(problem, limits, result, Status.RELAXED)
+
+    def _solved(
+        self,
+        problem: QuadraticProgram,
+        limits: GatheredLimits,
+        result: Verified,
+        status: Status = Status.SOLVED,
+    ) -> Step:
+        """A step at scale 1, its binding limits those of the quadratic program itself."""
         binding = self._binding(limits, result.box_multipliers, result.row_multipliers)
-        return self._step(problem, result, 1.0, binding, Status.RELAXED)
+        return self._step(problem, result, 1.0, binding, status)
 
     def _step(
         self,
