@@ -34,6 +34,9 @@ from .path import METHODS as METHODS
 from .path import PathTask as PathTask
 from .path import load_task as load_task
 from .qp import InfeasibleStep as InfeasibleStep
+from .qp import LostDirection as LostDirection
 from .qp import NoSolutionFound as NoSolutionFound
 from .qp import QuadraticProgram as QuadraticProgram
+from .qp import Solution as Solution
 from .qp import SolverInaccurate as SolverInaccurate
+from .qp import solve_levels as solve_levels

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Literal, TypeVar
+from typing import Any, Literal
 
 import mink
 import mujoco
@@ -11,30 +11,26 @@ import numpy as np
 import numpy.typing as npt
 
 from qp_twist.checks import Array, finite_array, instance, number, one_of
-from qp_twist.controller.step import NOT_THE_LIMITS, Status, Step
+from qp_twist.controller.infeasible import resolve_infeasible, solved
+from qp_twist.controller.posed import Posed
+from qp_twist.controller.posing import (
+    LevelItem,
+    check_magnitudes,
+    mink_objective,
+    pose_levels,
+    with_soft_bands,
+)
+from qp_twist.controller.step import NOT_THE_LIMITS, Step
 from qp_twist.errors import InvalidInput
 from qp_twist.kinematics import (
     FreeTwistCost,
-    JointRanges,
     SecondaryObjective,
     TwistTask,
     frame_pose,
     total_displacement,
 )
-from qp_twist.limits import BindingLimit, GatheredLimits, PositionLimit, gather_limits
-from qp_twist.qp import (
-    InfeasibleStep,
-    QuadraticProgram,
-    Refused,
-    SolverInaccurate,
-    Verified,
-    check_solver,
-    closest_rows,
-    largest_scale,
-    solve,
-)
-
-Item = TypeVar("Item")
+from qp_twist.limits import BoxLimit, PositionLimit, gather_limits
+from qp_twist.qp import InfeasibleStep, QuadraticProgram, Verified, check_solver, solve
 
 TIE_BREAK = 1e-9
 """Default ρ in joint space where other mink tasks decide and ρ only makes the result unique."""
@@ -44,10 +40,8 @@ NEARLY_UNSEEN = 1e-4
 """Singular values of J below this share of the largest count, by degrees, as unseen."""
 LARGEST_WEIGHT = 1e12
 """Largest ρ and entry of M: beyond it the other costs are lost in the arithmetic."""
-FASTEST = 1e9
-"""Largest speed that a task or a secondary may ask for, m/s or rad/s."""
-SCALE_BACKOFF = 1e-8
-"""Share of a scaled task that is given up, so that the scaled rows are not on the very edge."""
+SINGULARITY = 1e-3
+"""Singular value of the task rows, m/rad or 1, below which a direction is slowed down."""
 
 
 class Controller:
@@ -87,8 +81,9 @@ class Controller:
     def __init__(
         self,
         model: mujoco.MjModel,
-        tasks: Sequence[mink.tasks.BaseTask],
+        tasks: Sequence[mink.tasks.BaseTask] = (),
         *,
+        levels: Sequence[Sequence[LevelItem]] | None = None,
         secondary: Sequence[SecondaryObjective] = (),
         secondary_space: Literal["joint", "twist"] = "joint",
         limits: Sequence[mink.Limit] | None = None,
@@ -98,23 +93,31 @@ class Controller:
         joint_weight: float | None = None,
         free_linear_cost: float = 1.0,
         free_angular_cost: float = 1.0,
+        singularity: float = SINGULARITY,
     ) -> None:
         """Compose a controller.
 
         Args:
             model: The robot.
-            tasks: :class:`TwistTask` s become equality rows; any other mink task adds its cost.
+            tasks: :class:`TwistTask` s become equality rows of one level; any other mink task adds
+                its cost.
+            levels: Strict priorities instead, most important first: lists of tasks (TwistTasks or
+                any mink task that states rows) and of limits, whose rows then hold in least squares
+                at that level. ``tasks`` may then hold mink tasks that only add a cost.
             secondary: Objectives whose displacements add up to h.
             secondary_space: Whether the free motion follows h in joint space or in twist space.
             limits: Position limits of the model if ``None``; any mink limits; ``[]`` for none.
             solver: A qpsolvers backend by name. Its results are verified, whatever it says.
-            on_infeasible: ``"scale"`` slows the task down, ``"relax"`` takes the closest velocity,
-                ``"raise"`` raises :class:`~qp_twist.InfeasibleStep`.
+            on_infeasible: Where the first level does not fit: ``"scale"`` slows it down,
+                ``"relax"`` takes the closest velocity, ``"raise"`` raises
+                :class:`~qp_twist.InfeasibleStep`. Lower levels are always relaxed.
             metric: Diagonal of M, positive, shape (nv,); ones if ``None``.
             joint_weight: ρ. By default 1 in joint space (1e-9 if other mink tasks decide, and no
                 secondary), 0.01 in twist space.
             free_linear_cost: Square root of w for the linear rows of 1 − T, 1/m.
             free_angular_cost: Square root of w for the angular rows of 1 − T, 1/rad.
+            singularity: Singular value of the task rows below which a direction is slowed down, so
+                that the step stays bounded (:func:`~qp_twist.qp.regular_rows`); 0: never.
 
         Raises:
             InvalidInput: If an argument has the wrong type, shape or range.
@@ -123,7 +126,11 @@ class Controller:
         """
         instance("model", model, mujoco.MjModel)
         self.model = model
-        self.tasks = tuple(t for t in _sequence("tasks", tasks) if isinstance(t, TwistTask))
+        self.levels = _levels(_sequence("tasks", tasks), levels)
+        self.tasks: tuple[mink.tasks.BaseTask, ...] = tuple(
+            item for level in self.levels for item in level if not isinstance(item, mink.Limit)
+        )
+        self.twist_tasks = tuple(t for t in self.tasks if isinstance(t, TwistTask))
         self.soft_tasks = tuple(t for t in tasks if not isinstance(t, TwistTask))
         self.secondary = tuple(_sequence("secondary", secondary))
         self.secondary_space = one_of("secondary_space", secondary_space, ("joint", "twist"))
@@ -142,7 +149,7 @@ class Controller:
                 )
         self.free_costs = [
             FreeTwistCost(t, linear_cost=free_linear_cost, angular_cost=free_angular_cost)
-            for t in self.tasks
+            for t in self.twist_tasks
             if self.secondary_space == "twist"
         ]
         if joint_weight is None:
@@ -150,10 +157,15 @@ class Controller:
             if self.secondary_space == "joint":
                 joint_weight = TIE_BREAK if self.soft_tasks and not self.secondary else 1.0
         self.joint_weight = number("joint_weight", joint_weight, above=0.0, at_most=LARGEST_WEIGHT)
-        self._names = JointRanges.of(model).names
+        self.singularity = number("singularity", singularity, at_least=0.0, at_most=1.0)
 
     def step(
-        self, configuration: mink.Configuration, dt: float, *, use_secondary: bool = True
+        self,
+        configuration: mink.Configuration,
+        dt: float,
+        *,
+        use_secondary: bool = True,
+        velocity: npt.ArrayLike | None = None,
     ) -> Step:
         """Compute the joint velocity for one step of length ``dt``.
 
@@ -162,33 +174,52 @@ class Controller:
             dt: Length of the step, s.
             use_secondary: ``False`` sets h to zero, as in the later iterations of a waypoint, where
                 a secondary would keep breaking the task by curvature.
+            velocity: Joint velocity before the step as measured, (nv,), for acceleration limits;
+                if ``None`` that of the last step, and zero before the first.
 
         Raises:
             InvalidInput: If the configuration is not finite or of another model, or dt ≤ 0.
             mink.TargetNotSet: If a task has no target.
-            InfeasibleStep: If the task does not fit inside the limits and ``on_infeasible`` is
-                ``"raise"``, or the limits exclude every motion.
+            InfeasibleStep: If the first level does not fit inside the limits, or the robot is
+                singular in a direction that it needs, and ``on_infeasible`` is ``"raise"``.
             SolverInaccurate: If every installed backend failed on a feasible step.
         """
         dt = number("dt", dt, above=0.0)
         self._check_configuration(configuration)
+        if velocity is not None:
+            self.note(velocity)
         with np.errstate(over="ignore", invalid="ignore"):  # the result is checked below
-            problem, limits = self._pose(configuration, dt, bool(use_secondary))
-        result = solve(problem, self.solver)
-        if isinstance(result, Verified):
-            return self._solved(problem, limits, result)
-        return self._infeasible(problem, limits, result)
+            posed = self._pose(configuration, dt, bool(use_secondary))
+        if self.on_infeasible == "raise" and posed.levels.lost:
+            names = ", ".join(str(lost) for lost in posed.levels.lost)
+            raise InfeasibleStep(
+                f"infeasible step: {NOT_THE_LIMITS}: {names}. Use on_infeasible='scale' to keep "
+                "the other directions.",
+                posed.problem,
+            )
+        result = solve(posed.problem, self.solver)
+        step = (
+            solved(posed, result)
+            if isinstance(result, Verified)
+            else resolve_infeasible(posed, result, self.solver, self.on_infeasible)
+        )
+        self.note(step.velocity)
+        return step
 
-    def _pose(
-        self, configuration: mink.Configuration, dt: float, use_secondary: bool
-    ) -> tuple[QuadraticProgram, GatheredLimits]:
+    def note(self, velocity: npt.ArrayLike) -> None:
+        """Tell the limits which joint velocity (nv,) is running; :meth:`step` does so itself."""
+        velocity = finite_array("velocity", velocity, (self.model.nv,))
+        for limit in self.limits:
+            if isinstance(limit, BoxLimit):
+                limit.note(velocity)
+
+    def _pose(self, configuration: mink.Configuration, dt: float, use_secondary: bool) -> Posed:
         nv = self.model.nv
         wish = np.zeros(nv)
         if use_secondary:
             wish = total_displacement(self.secondary, configuration) / dt
-        blocks = [task.velocity_rows(configuration, dt) for task in self.tasks]
-        A = np.vstack([np.zeros((0, nv)), *(rows for rows, _ in blocks)])
-        b = np.concatenate([np.zeros(0), *(rate for _, rate in blocks)])
+        levels = pose_levels(self.levels, configuration, dt, self.singularity)
+        A, b = levels.equality
         if self.secondary_space == "joint":
             H = np.diag(self.joint_weight * self.metric)
             c = -H @ wish
@@ -206,111 +237,29 @@ class Controller:
             c = -cost @ wish
         for task in self.soft_tasks:
             # mink's costs are on Δq = q̇ dt; divided by dt² their Hessian is on q̇.
-            hessian, linear = _mink_objective(task, configuration)
+            hessian, linear = mink_objective(task, configuration)
             H += hessian
             c += linear / dt
-        _check_magnitudes(H, c, b, wish)
+        check_magnitudes(H, c, wish)
         limits = gather_limits(self.limits, configuration, dt)
-        return (
+        problem, soft_labels = with_soft_bands(
             QuadraticProgram(H, c, A, b, limits.rows, limits.bounds, limits.lower, limits.upper),
-            limits,
+            self.twist_tasks,
+            configuration,
+            dt,
         )
-
-    def _infeasible(
-        self, problem: QuadraticProgram, limits: GatheredLimits, refused: Refused
-    ) -> Step:
-        largest = largest_scale(problem)
-        if largest is None:
-            if self.on_infeasible == "raise":
-                raise InfeasibleStep(
-                    "infeasible step: the limits exclude even the standing task (scale 0).", problem
-                )
-            return self._relaxed(problem, limits)
-        if largest.scale >= 1.0 - SCALE_BACKOFF:
-            # The rows fit: it was the solver that failed. Ask the others.
-            result = solve(problem, self.solver, fallbacks=True)
-            if isinstance(result, Verified):
-                return self._solved(problem, limits, result)
-            raise SolverInaccurate(
-                f"no backend solved a feasible step: {'; '.join(result.says)}.", problem
-            )
-        binding = self._binding(limits, largest.box_multipliers, largest.row_multipliers)
-        if self.on_infeasible == "raise":
-            names = ", ".join(str(limit) for limit in binding)
-            why = f"binding: {names}" if names else NOT_THE_LIMITS
-            raise InfeasibleStep(
-                f"infeasible step: inside the limits the task can be met at {largest.scale:.4g} of "
-                f"its speed; {why}. Use on_infeasible='scale' to slow down.",
-                problem,
-                binding,
-            )
-        if self.on_infeasible == "relax":
-            return self._relaxed(problem, limits)
-        scale = largest.scale * (1.0 - SCALE_BACKOFF)
-        scaled = problem.with_rows(scale * problem.b)
-        result = solve(scaled, self.solver, fallbacks=True)
-        if isinstance(result, Refused):
-            # On the very edge a backend may see no inside; the LP's own point is there.
-            x = np.clip(
-                scale / max(largest.scale, 1e-300) * largest.x, problem.lower, problem.upper
-            )
-            result = Verified(x, "highs", largest.box_multipliers, largest.row_multipliers)
-        return self._step(scaled, result, scale, binding, Status.SCALED)
-
-    def _relaxed(self, problem: QuadraticProgram, limits: GatheredLimits) -> Step:
-        rows = closest_rows(problem, self.solver)
-        if rows is None:
-            raise InfeasibleStep(
-                "infeasible step: the limits contradict each other; no velocity satisfies them.",
-                problem,
-            )
-        result = solve(problem.with_rows(rows), self.solver, fallbacks=True)
-        if isinstance(result, Refused):
-            raise SolverInaccurate(f"relaxed step: {'; '.join(result.says)}.", problem)
-        return self._solved(problem, limits, result, Status.RELAXED)
-
-    def _solved(
-        self,
-        problem: QuadraticProgram,
-        limits: GatheredLimits,
-        result: Verified,
-        status: Status = Status.SOLVED,
-    ) -> Step:
-        """A step at scale 1, its binding limits those of the quadratic program itself."""
-        binding = self._binding(limits, result.box_multipliers, result.row_multipliers)
-        return self._step(problem, result, 1.0, binding, status)
-
-    def _step(
-        self,
-        problem: QuadraticProgram,
-        result: Verified,
-        scale: float,
-        binding: tuple[BindingLimit, ...],
-        status: Status,
-    ) -> Step:
-        residual = problem.A @ result.x - problem.b
-        ends = np.cumsum([task.projector.rank for task in self.tasks])
-        residuals = tuple(np.split(residual, ends[:-1])) if self.tasks else ()
-        return Step(result.x, scale, residuals, binding, status, result.solver, problem)
-
-    def _binding(self, limits: GatheredLimits, box: Array, rows: Array) -> tuple[BindingLimit, ...]:
-        # Interior-point and first-order backends leave dust on inactive limits.
-        dust = 1e-7 * max(1.0, float(np.abs(box).max(initial=0.0)), float(rows.max(initial=0.0)))
-        found = []
-        for dof in np.flatnonzero(np.abs(box) > dust):
-            side = "upper" if box[dof] > 0.0 else "lower"
-            kind = (limits.upper_kind if side == "upper" else limits.lower_kind)[dof]
-            found.append(BindingLimit(self._names[dof], kind, side, float(abs(box[dof]))))
-        for row in np.flatnonzero(rows > dust):
-            label = limits.row_labels[row]
-            found.append(BindingLimit(label, label.split(" row ")[0], "upper", float(rows[row])))
-        return tuple(found)
+        return Posed.of(problem, levels, limits, [*limits.row_labels, *soft_labels])
 
     def _check_types(self) -> None:
         if self.model.nv == 0:
             raise InvalidInput("Controller: the model has no joints to move.")
         if not self.tasks and not self.soft_tasks:
             raise InvalidInput("Controller: tasks is empty; give at least one TwistTask.")
+        for item in (item for level in self.levels for item in level):
+            if not isinstance(item, (mink.tasks.BaseTask, mink.Limit)):
+                raise InvalidInput(
+                    f"Controller(levels=…): expected tasks and limits, got {item!r}."
+                )
         for kind, expected, items in (
             ("tasks", mink.tasks.BaseTask, self.soft_tasks),
             ("secondary", SecondaryObjective, self.secondary),
@@ -329,7 +278,7 @@ class Controller:
                     f"{objective.model.nv} degrees of freedom, this one has {self.model.nv}."
                 )
         probe = mink.Configuration(self.model)
-        for task in self.tasks:
+        for task in self.twist_tasks:
             frame_pose(probe, task.frame_name, task.frame_type)
 
     def _check_configuration(self, configuration: mink.Configuration) -> None:
@@ -343,7 +292,8 @@ class Controller:
 
     def __repr__(self) -> str:
         return (
-            f"Controller(tasks={list(self.tasks + self.soft_tasks)!r}, "
+            f"Controller(levels={[list(level) for level in self.levels]!r}, "
+            f"tasks={list(self.soft_tasks)!r}, "
             f"secondary={list(self.secondary)!r}, secondary_space={self.secondary_space!r}, "
             f"solver={self.solver!r}, on_infeasible={self.on_infeasible!r})"
         )
@@ -366,34 +316,24 @@ def _unseen(rows: Array, metric: Array) -> Array:
     return gram
 
 
-def _check_magnitudes(H: Array, c: Array, b: Array, wish: Array) -> None:
-    """Refuse what no solver can work with, and no robot: the loops of some would not end."""
-    for what, values in (("the tasks ask", b), ("the secondary asks", wish)):
-        fastest = float(np.abs(values).max(initial=0.0))
-        if not fastest <= FASTEST:
-            raise InvalidInput(
-                f"step: {what} for a speed of {fastest:.3g} (m/s or rad/s); check targets, gains "
-                f"and dt. Speeds up to {FASTEST:g} are taken."
-            )
-    if not (np.isfinite(H).all() and np.isfinite(c).all()):
+def _levels(
+    tasks: Sequence[mink.tasks.BaseTask], levels: Sequence[Sequence[LevelItem]] | None
+) -> tuple[tuple[LevelItem, ...], ...]:
+    twist_tasks = tuple(task for task in tasks if isinstance(task, TwistTask))
+    if levels is None:
+        return (twist_tasks,)
+    if twist_tasks:
         raise InvalidInput(
-            "step: the costs overflow; check the cost, weight and metric of tasks and controller."
+            "Controller: with levels= every TwistTask belongs to a level; tasks= then holds only "
+            "mink tasks that add a cost."
         )
+    given = tuple(tuple(_sequence("levels", level)) for level in _sequence("levels", levels))
+    if not given or not all(given):
+        raise InvalidInput("Controller(levels=…): expected lists of tasks, none of them empty.")
+    return given
 
 
-def _sequence(name: str, value: Sequence[Item]) -> Sequence[Item]:
+def _sequence(name: str, value: Any) -> Sequence[Any]:
     if isinstance(value, (list, tuple)):
         return value
     raise InvalidInput(f"Controller({name}=…): expected a list, got {value!r}.")
-
-
-def _mink_objective(
-    task: mink.tasks.BaseTask, configuration: mink.Configuration
-) -> tuple[Array, Array]:
-    """H and c of a mink task on Δq."""
-    residual = task.compute_qp_residual(configuration)
-    if residual is None:
-        objective = task.compute_qp_objective(configuration)
-        return objective.H, objective.c
-    rows, error, damping = residual
-    return rows.T @ rows + damping * np.eye(rows.shape[1]), -(error @ rows)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from qp_twist.checks import Array
 from qp_twist.limits import BindingLimit
-from qp_twist.qp import QuadraticProgram
+from qp_twist.qp import LostDirection, QuadraticProgram
 
 NOT_THE_LIMITS = (
     "no limit is in the way: the task rows contradict each other, or the robot is singular in a "
@@ -18,7 +18,11 @@ NOT_THE_LIMITS = (
 class Status(enum.Enum):
     """What happened in a step; the value is a sentence of its own."""
 
-    SOLVED = "the task rows are met at full speed inside the limits"
+    SOLVED = "every level is met at full speed inside the limits"
+    PRIORITIZED = "the first level is met at full speed, a lower one as far as that leaves room"
+    DEGRADED = (
+        "the robot is singular, or the task contradicts itself, in a direction: others are met"
+    )
     SCALED = "the task rows are met at a reduced speed: scale is the largest the limits allow"
     RELAXED = "the task rows cannot be met: velocity is the closest in least squares"
 
@@ -29,13 +33,18 @@ class Step:
 
     Attributes:
         velocity: q̇ in the model's tangent space, rad/s or m/s, shape (nv,).
-        scale: s in A q̇ = s b: 1 where the task is met at full speed. A relaxed step has no such
-            s and says 1: look at its residuals.
-        residuals: A q̇ − s b for each TwistTask, m/s and rad/s, in the rows of its basis.
+        scale: s in A q̇ = s b of the first level: 1 where it is met at full speed. A relaxed step
+            has no such s and says 1: look at its residuals.
+        residuals: A q̇ − s b for each task (s = 1 below the first level), m/s and rad/s, in the rows
+            of its basis; in the order of ``Controller.tasks``.
         binding: The limits that hold the step back.
         status: What happened.
         solver: The backend whose result this is.
         problem: The quadratic program as posed; ``step.problem.save("step.npz")`` keeps it.
+        sigma_min: Smallest singular value of the first level's task rows; ∞ without rows.
+        lost: Directions of the first level in which the robot is singular and is slowed down.
+        recovering: Sentences about joints that are outside their limits and on their way back.
+        refused: What was tried before this result, and why it was not believed.
     """
 
     velocity: Array
@@ -45,6 +54,10 @@ class Step:
     status: Status
     solver: str
     problem: QuadraticProgram
+    sigma_min: float
+    lost: tuple[LostDirection, ...] = ()
+    recovering: tuple[str, ...] = ()
+    refused: tuple[str, ...] = ()
 
     @property
     def message(self) -> str:
@@ -52,8 +65,15 @@ class Step:
         text = f"{self.status.name.lower()}: {self.status.value}"
         if self.status is Status.SCALED:
             text += f" (scale {self.scale:.4g})"
-        if self.status is Status.SCALED and not self.binding:
-            text += f"; {NOT_THE_LIMITS}"
+            if not self.binding:
+                text += f"; {NOT_THE_LIMITS}"
+        if self.lost:
+            text += "; lost: " + ", ".join(str(direction) for direction in self.lost)
         if self.binding:
             text += "; binding: " + ", ".join(str(limit) for limit in self.binding)
+        if self.recovering:
+            text += "; recovering: " + ", ".join(self.recovering)
         return text
+
+    def __repr__(self) -> str:
+        return f"Step({self.message})"

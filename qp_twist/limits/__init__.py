@@ -4,5 +4,6 @@ from .binding import BindingLimit as BindingLimit
 from .box_limit import BoxLimit as BoxLimit
 from .displacement_window import DisplacementWindow as DisplacementWindow
 from .gather import GatheredLimits as GatheredLimits
+from .gather import RowName as RowName
 from .gather import gather_limits as gather_limits
 from .position_limit import PositionLimit as PositionLimit

@@ -10,9 +10,10 @@ class BindingLimit:
     """One limit that holds the step back.
 
     Attributes:
-        joint: Joint name as in the scene, or for a general row a label such as
-            ``"CollisionAvoidanceLimit row 2"``.
-        kind: ``"position"``, ``"velocity"``, or the name of the limit's class.
+        joint: Joint name as in the scene; for a collision the pair of geoms, for a tolerance band
+            its name.
+        kind: ``"position"``, ``"velocity"``, ``"acceleration"``, ``"collision"``, ``"band"``, or
+            the name of the limit's class.
         side: ``"lower"`` or ``"upper"``.
         multiplier: How much the objective (or, where the step was scaled, the scale) would gain for
             each unit of room; positive.

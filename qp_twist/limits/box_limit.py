@@ -23,6 +23,9 @@ class BoxLimit(mink.Limit):
     def bounds(self, configuration: mink.Configuration, dt: float) -> tuple[Array, Array]:
         """Lower and upper joint velocity, rad/s or m/s, each (nv,); ±∞ where there is none."""
 
+    def note(self, velocity: Array) -> None:
+        """Told by the controller which joint velocity (nv,) is running after a step."""
+
     def compute_qp_inequalities(
         self, configuration: mink.Configuration, dt: float
     ) -> mink.Constraint:

@@ -13,6 +13,8 @@ from qp_twist.errors import InvalidInput
 from qp_twist.kinematics import JointRanges
 from qp_twist.limits.box_limit import BoxLimit
 
+RowName = tuple[str, str]
+"""Name and kind of an inequality row, as in :class:`~qp_twist.BindingLimit`."""
 _MINK_KINDS = {"ConfigurationLimit": "position", "VelocityLimit": "velocity"}
 
 
@@ -27,7 +29,9 @@ class GatheredLimits:
         upper_kind: Kind of the limit that set each upper bound.
         rows: G, shape (m, nv).
         bounds: g, shape (m,).
-        row_labels: What each row is called in messages.
+        row_labels: Name and kind of each row.
+        names: Joint name of each degree of freedom.
+        recovering: Sentences about joints that are outside their limits.
     """
 
     lower: Array
@@ -36,7 +40,21 @@ class GatheredLimits:
     upper_kind: list[str]
     rows: Array
     bounds: Array
-    row_labels: list[str]
+    row_labels: list[RowName]
+    names: tuple[str, ...]
+    recovering: tuple[str, ...] = ()
+
+    def as_rows(self) -> tuple[Array, Array, list[RowName]]:
+        """All limits as rows G q̇ ≤ g, the bounds too, with a name and kind for each."""
+        identity = np.eye(len(self.lower))
+        above, below = np.flatnonzero(self.upper < np.inf), np.flatnonzero(self.lower > -np.inf)
+        return (
+            np.vstack([identity[above], -identity[below], self.rows]),
+            np.concatenate([self.upper[above], -self.lower[below], self.bounds]),
+            [(self.names[i], self.upper_kind[i]) for i in above]
+            + [(self.names[i], self.lower_kind[i]) for i in below]
+            + self.row_labels,
+        )
 
     def tighten(self, dof: int, kind: str, lower: float, upper: float) -> None:
         """Intersect one degree of freedom's bounds with another limit's."""
@@ -62,7 +80,7 @@ def gather_limits(
     names = JointRanges.of(configuration.model).names
     gathered = GatheredLimits(
         np.full(nv, -np.inf), np.full(nv, np.inf), [""] * nv, [""] * nv,
-        np.zeros((0, nv)), np.zeros(0), [],
+        np.zeros((0, nv)), np.zeros(0), [], names,
     )  # fmt: skip
     for limit in limits:
         if isinstance(limit, BoxLimit):
@@ -101,10 +119,18 @@ def _add_rows(
         else:
             kept_rows.append(row)
             kept_bounds.append(bound)
-            gathered.row_labels.append(f"{name} row {index}")
+            gathered.row_labels.append(_row_name(limit, index))
     if kept_rows:
         gathered.rows = np.vstack([gathered.rows, *kept_rows])
         gathered.bounds = np.concatenate([gathered.bounds, kept_bounds])
+
+
+def _row_name(limit: mink.Limit, row: int) -> RowName:
+    if isinstance(limit, mink.CollisionAvoidanceLimit):
+        geoms = [limit.model.geom(g).name or f"geom {g}" for g in limit.geom_id_pairs[row]]
+        return " – ".join(geoms), "collision"
+    name = type(limit).__name__
+    return f"{name} row {row}", name
 
 
 def _settle(gathered: GatheredLimits, dof: int, joint: str) -> None:

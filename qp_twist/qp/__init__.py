@@ -1,13 +1,24 @@
 """The quadratic program of a step: its arrays, backends, verification and scaling."""
 
+from .active_set import null_basis as null_basis
 from .backend import check_solver as check_solver
 from .failures import InfeasibleStep as InfeasibleStep
 from .failures import NoSolutionFound as NoSolutionFound
 from .failures import SolverInaccurate as SolverInaccurate
+from .levels import Cascade as Cascade
+from .levels import Level as Level
+from .levels import lexicographic as lexicographic
 from .problem import QuadraticProgram as QuadraticProgram
+from .scaling import SCALE_BACKOFF as SCALE_BACKOFF
 from .scaling import LargestScale as LargestScale
 from .scaling import largest_scale as largest_scale
+from .singular import LostDirection as LostDirection
+from .singular import RegularRows as RegularRows
+from .singular import regular_rows as regular_rows
 from .solve import Refused as Refused
 from .solve import Verified as Verified
-from .solve import closest_rows as closest_rows
 from .solve import solve as solve
+from .solve import solve_from as solve_from
+from .solve_levels import Solution as Solution
+from .solve_levels import solve_levels as solve_levels
+from .verification import Multipliers as Multipliers

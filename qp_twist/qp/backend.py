@@ -12,6 +12,10 @@ import qpsolvers
 from qp_twist.checks import Array
 from qp_twist.errors import UnknownSolver
 from qp_twist.qp.problem import QuadraticProgram
+from qp_twist.qp.verification import Multipliers
+
+TIGHTER = 1e-2
+"""What all tolerances are multiplied by when a result has been refused."""
 
 # Defaults of first-order solvers are made for large problems: OSQP calls a step solved at 11 times
 # its velocity limit, ProxQP stops at an error of 1e-3. DAQP's 1e-6 on bounds is a visible angle.
@@ -22,6 +26,7 @@ SETTINGS: dict[str, dict[str, Any]] = {
     "clarabel": {"tol_feas": 1e-10, "tol_gap_abs": 1e-10, "tol_gap_rel": 1e-10},
     "piqp": {"eps_abs": 1e-10, "eps_rel": 0.0},
 }
+_TOLERANCES = ("primal_tol", "dual_tol", "eps_abs", "tol_feas", "tol_gap_abs", "tol_gap_rel")
 
 DUST = 1e-12
 """Rows shorter than this share of the longest are rounding."""
@@ -34,14 +39,12 @@ class RawSolution:
     Attributes:
         x: The unknowns, (n,); ``None`` where the backend gave nothing.
         found: Whether the backend calls it solved.
-        box_multipliers: Multipliers of the bounds, positive at the upper one, (n,).
-        row_multipliers: Multipliers of G x ≤ g, (k,).
+        multipliers: What it claims for multipliers.
     """
 
     x: Array | None
     found: bool
-    box_multipliers: Array
-    row_multipliers: Array
+    multipliers: Multipliers
 
 
 def check_solver(solver: str) -> str:
@@ -59,15 +62,16 @@ def check_solver(solver: str) -> str:
     return solver
 
 
-def solve_raw(problem: QuadraticProgram, solver: str) -> RawSolution:
+def solve_raw(problem: QuadraticProgram, solver: str, *, tight: bool = False) -> RawSolution:
     """Hand a problem to a backend, with rows of length one and costs of size one.
 
     DAQP drops equality rows shorter than 3e-6 and calls the rest solved; at length one a row cannot
     be dropped. A row of zeros cannot be scaled and is left to the verification. First-order
-    backends need costs of a size that their tolerances were made for.
+    backends need costs of a size that their tolerances were made for. ``tight`` asks for tolerances
+    a hundred times smaller and more iterations.
     """
     size = float(np.abs(problem.H).max(initial=0.0)) or 1.0
-    A, b, _ = _unit_rows(problem.A, problem.b)
+    A, b, equality_lengths = _unit_rows(problem.A, problem.b)
     G, g, row_lengths = _unit_rows(problem.G, problem.g)
     bounded = bool(np.isfinite(problem.lower).any() or np.isfinite(problem.upper).any())
     posed = qpsolvers.Problem(
@@ -83,7 +87,7 @@ def solve_raw(problem: QuadraticProgram, solver: str) -> RawSolution:
     with warnings.catch_warnings():
         # OSQP's wrapper warns of its sparse conversion, and of each infeasible problem.
         warnings.simplefilter("ignore")
-        settings = dict(SETTINGS.get(solver, {}))
+        settings = _settings(solver, tight)
         if solver == "osqp" and not len(b):
             # Without an active row OSQP says on standard output that it has nothing to polish.
             settings["polishing"] = False
@@ -91,14 +95,26 @@ def solve_raw(problem: QuadraticProgram, solver: str) -> RawSolution:
             solution = qpsolvers.solve_problem(posed, solver=solver, **settings)
         except (ValueError, qpsolvers.SolverError):
             # A backend that refuses a problem has not solved it; the caller decides what follows.
-            return RawSolution(None, False, np.zeros(problem.n), np.zeros(len(g)))
+            return RawSolution(None, False, Multipliers.none(problem))
     # Copies: some backends return views of memory that the next solve overwrites.
     return RawSolution(
         x=None if solution.x is None else np.array(solution.x, dtype=np.float64),
         found=bool(solution.found),
-        box_multipliers=size * _multipliers(solution.z_box, problem.n),
-        row_multipliers=size * _multipliers(solution.z, len(g)) / row_lengths,
+        multipliers=Multipliers(
+            size * _multipliers(solution.y, len(b)) / equality_lengths,
+            size * _multipliers(solution.z, len(g)) / row_lengths,
+            size * _multipliers(solution.z_box, problem.n),
+        ),
     )
+
+
+def _settings(solver: str, tight: bool) -> dict[str, Any]:
+    settings = dict(SETTINGS.get(solver, {}))
+    if tight:
+        settings.update({key: TIGHTER * settings[key] for key in _TOLERANCES if key in settings})
+        if "max_iter" in settings:
+            settings["max_iter"] *= 5
+    return settings
 
 
 def _unit_rows(rows: Array, bounds: Array) -> tuple[Array, Array, Array]:

@@ -10,6 +10,9 @@ from scipy.optimize import linprog
 from qp_twist.checks import Array
 from qp_twist.qp.problem import QuadraticProgram
 
+SCALE_BACKOFF = 1e-8
+"""Share of a scaled task that is given up, so that the scaled rows are not on the very edge."""
+
 
 @dataclass(frozen=True, eq=False)
 class LargestScale:

@@ -1,4 +1,4 @@
-"""Solve a program and trust nobody: verify, try the next backend, clip to the bounds."""
+"""Solve a program and trust nobody: verify, tighten, try the next backend."""
 
 from __future__ import annotations
 
@@ -8,28 +8,30 @@ import numpy as np
 import qpsolvers
 
 from qp_twist.checks import Array
+from qp_twist.qp.active_set import constrained_least_squares
 from qp_twist.qp.backend import RawSolution, solve_raw
 from qp_twist.qp.problem import QuadraticProgram
-from qp_twist.qp.verification import complaint
+from qp_twist.qp.verification import Multipliers, infeasibility, proof_of_optimality
 
 FALLBACKS = ("daqp", "proxqp", "osqp")
+"""The backends that are always installed, in the order in which they are asked."""
 
 
 @dataclass(frozen=True, eq=False)
 class Verified:
-    """A result that satisfies the problem.
+    """A result that satisfies the problem and is optimal.
 
     Attributes:
         x: The unknowns, inside the bounds to the last bit, (n,).
         solver: The backend that gave it.
-        box_multipliers: Multipliers of the bounds, (n,).
-        row_multipliers: Multipliers of G x ≤ g, (k,).
+        multipliers: The multipliers that prove it optimal.
+        refused: What was tried before, and what it returned.
     """
 
     x: Array
     solver: str
-    box_multipliers: Array
-    row_multipliers: Array
+    multipliers: Multipliers
+    refused: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -45,36 +47,119 @@ class Refused:
     claimed: bool
 
 
-def solve(problem: QuadraticProgram, solver: str, *, fallbacks: bool = False) -> Verified | Refused:
-    """Solve with ``solver`` and verify; with ``fallbacks`` ask the other backends after it."""
+def solve(problem: QuadraticProgram, solver: str, *, persist: bool = False) -> Verified | Refused:
+    """Solve with ``solver`` and verify.
+
+    Args:
+        problem: The program.
+        solver: The backend to ask first.
+        persist: Where the result is refused, ask again with tighter tolerances, then the other
+            backends, each with its usual and its tighter tolerances.
+    """
     others = [s for s in FALLBACKS if s != solver and s in qpsolvers.available_solvers]
-    says, claimed = [], False
-    for name in [solver, *(others if fallbacks else [])]:
-        raw = solve_raw(problem, name)
-        wrong = complaint(problem, raw.x) if raw.found else "no solution"
-        if not wrong:
-            return _verified(problem, raw, name)
-        says.append(f"{name} returned {wrong}")
-        claimed |= raw.found
+    attempts = [(solver, False)]
+    if persist:
+        attempts += [(solver, True)] + [(s, tight) for s in others for tight in (False, True)]
+    says: list[str] = []
+    claimed = False
+    for name, tight in attempts:
+        result = verified(problem, solve_raw(problem, name, tight=tight), name)
+        if not isinstance(result, str):
+            return replace(result, refused=tuple(says))
+        claimed |= not result.startswith("no solution")
+        says.append(f"{name}{' (tight)' if tight else ''} returned {result}")
     return Refused(tuple(says), claimed)
 
 
-def _verified(problem: QuadraticProgram, raw: RawSolution, solver: str) -> Verified:
-    assert raw.x is not None
-    x = np.clip(raw.x, problem.lower, problem.upper)
-    return Verified(x, solver, raw.box_multipliers, raw.row_multipliers)
+def verified(problem: QuadraticProgram, raw: RawSolution, solver: str) -> Verified | str:
+    """The result if it satisfies the problem and is optimal, else what is wrong with it."""
+    if not raw.found:
+        return "no solution"
+    wrong = infeasibility(problem, raw.x)
+    if not wrong:
+        assert raw.x is not None
+        x = np.clip(raw.x, problem.lower, problem.upper)
+        if (x != raw.x).any():
+            # An excess within the tolerance was cut off; what that costs the rows is looked at.
+            wrong = infeasibility(problem, x)
+    if wrong:
+        return wrong
+    proof = proof_of_optimality(problem, x, raw.multipliers)
+    return proof if isinstance(proof, str) else Verified(x, solver, proof)
 
 
-def closest_rows(problem: QuadraticProgram, solver: str) -> Array | None:
-    """The right-hand side A x that is closest to b inside the limits, (m,); ``None`` if none is."""
-    # The small second term makes the point unique; its pull on A x is below the verification.
-    hessian = problem.A.T @ problem.A + 1e-9 * np.eye(problem.n)
-    least_squares = replace(
-        problem,
-        H=hessian,
-        c=-problem.A.T @ problem.b,
-        A=np.zeros((0, problem.n)),
-        b=np.zeros(0),
+def solve_from(
+    problem: QuadraticProgram, x: Array, basis: Array, solver: str
+) -> Verified | Refused:
+    r"""Solve ``problem`` on the points x + N z inside its bounds and rows, all of which satisfy A.
+
+    The program in z has no equality rows that could contradict each other by rounding, and z = 0
+    satisfies it. Where all backends fail, our own active-set method starts from there.
+
+    Args:
+        problem: The program; ``x`` satisfies its constraints.
+        x: The point, (n,).
+        basis: N, orthonormal, (n, p).
+        solver: The backend to ask first.
+    """
+    n, p = basis.shape
+    if p == 0:
+        return Verified(x, "levels", Multipliers.none(problem))
+    matrix = np.vstack([problem.G, np.eye(n), -np.eye(n)])
+    room = np.concatenate([problem.g - problem.G @ x, problem.upper - x, x - problem.lower])
+    rows = matrix @ basis
+    length = np.linalg.norm(rows, axis=1)
+    keep = np.isfinite(room) & (length > 1e-10 * np.linalg.norm(matrix, axis=1))
+    C, d = rows[keep] / length[keep, None], np.maximum(room[keep], 0.0) / length[keep]
+    H = basis.T @ problem.H @ basis
+    none = np.full(p, np.inf)
+    reduced = QuadraticProgram(
+        0.5 * (H + H.T),
+        basis.T @ (problem.H @ x + problem.c),
+        np.zeros((0, p)),
+        np.zeros(0),
+        C,
+        d,
+        -none,
+        none,
     )
-    result = solve(least_squares, solver, fallbacks=True)
-    return problem.A @ result.x if isinstance(result, Verified) else None
+    result = solve(reduced, solver, persist=True)
+    if isinstance(result, Refused) and not result.claimed:
+        result = _by_active_set(reduced, result)
+    if isinstance(result, Refused):
+        return result
+    multipliers = np.zeros(len(room))
+    multipliers[keep] = result.multipliers.rows / length[keep]
+    k = len(problem.g)
+    lifted = Multipliers(
+        np.zeros(len(problem.b)), multipliers[:k], multipliers[k : k + n] - multipliers[k + n :]
+    )
+    moved = np.clip(x + basis @ result.x, problem.lower, problem.upper)
+    wrong = infeasibility(problem, moved)
+    if wrong:
+        return Refused((*result.refused, f"{result.solver} returned {wrong}"), True)
+    return Verified(moved, result.solver, lifted, result.refused)
+
+
+def _by_active_set(problem: QuadraticProgram, before: Refused) -> Verified | Refused:
+    """Our own method on a program with G x ≤ g alone, which x = 0 satisfies.
+
+    It is not asked where a backend claimed a wrong result: an installation that lies is an error.
+    """
+    try:
+        lower = np.linalg.cholesky(problem.H)
+    except np.linalg.LinAlgError:
+        return before
+    found = constrained_least_squares(
+        np.ascontiguousarray(lower.T),
+        np.asarray(-np.linalg.solve(lower, problem.c)),
+        problem.G,
+        problem.g,
+        np.zeros(problem.n),
+        smallest=0.0,
+    )
+    claimed = Multipliers(np.zeros(0), found.multipliers, np.zeros(problem.n))
+    result = verified(problem, RawSolution(found.z, found.optimal, claimed), "active set")
+    if isinstance(result, str):
+        return Refused((*before.says, f"active set returned {result}"), False)
+    return replace(result, refused=before.says)

@@ -1,0 +1,173 @@
+"""What to do when the levels cannot all be met: scale, relax or raise."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from qp_twist.checks import Array
+from qp_twist.controller.posed import Posed
+from qp_twist.controller.step import NOT_THE_LIMITS, Status, Step
+from qp_twist.limits import BindingLimit
+from qp_twist.qp import (
+    SCALE_BACKOFF,
+    Cascade,
+    InfeasibleStep,
+    LargestScale,
+    Level,
+    Multipliers,
+    QuadraticProgram,
+    Refused,
+    SolverInaccurate,
+    Verified,
+    largest_scale,
+    solve,
+    solve_from,
+)
+
+
+def resolve_infeasible(posed: Posed, refused: Refused, solver: str, on_infeasible: str) -> Step:
+    """The step of a program that the backend did not solve.
+
+    Args:
+        posed: The step as posed.
+        refused: What the backend said.
+        solver: Its name.
+        on_infeasible: ``"scale"``, ``"relax"`` or ``"raise"``.
+
+    Raises:
+        InfeasibleStep: If the first level does not fit and ``on_infeasible`` is ``"raise"``.
+        SolverInaccurate: If the step is feasible and no backend solved it.
+    """
+    first = posed.padded[0]
+    largest = largest_scale(_first_level(posed, first))
+    if largest is None or largest.scale < 1.0 - SCALE_BACKOFF:
+        if on_infeasible == "raise":
+            raise _infeasible(posed, largest)
+        if largest is None or on_infeasible == "relax":
+            return _cascade(posed, solver, first, np.zeros(posed.problem.n), Status.RELAXED)
+        return _scaled(posed, solver, first, largest)
+    # The first level fits. Either a lower one does not, or it was the solver that failed.
+    if not any(len(level.b) + len(level.g) for level in posed.padded[1:]):
+        result = solve(posed.problem, solver, persist=True)
+        if isinstance(result, Verified):
+            return solved(posed, result)
+        if result.claimed:
+            raise _inaccurate(posed, result)
+        refused = result
+    return _cascade(posed, solver, first, largest.x, Status.PRIORITIZED, refused=refused.says)
+
+
+def solved(posed: Posed, result: Verified) -> Step:
+    """The step of a program that was solved as posed."""
+    status = Status.SOLVED
+    if posed.levels.lost:
+        status = Status.DEGRADED
+    elif posed.levels.lower_lost:
+        status = Status.PRIORITIZED
+    return posed.step(
+        result.x,
+        status,
+        result.solver,
+        posed.binding(result.multipliers, 1.0),
+        refused=result.refused,
+    )
+
+
+def _first_level(posed: Posed, first: Level) -> QuadraticProgram:
+    """The hard rows and the first level alone."""
+    return replace(
+        posed.problem,
+        A=first.A,
+        b=first.b,
+        G=np.vstack([posed.hard.G, first.G]),
+        g=np.concatenate([posed.hard.g, first.g]),
+    )
+
+
+def _scaled(posed: Posed, solver: str, first: Level, largest: LargestScale) -> Step:
+    scale = largest.scale * (1.0 - SCALE_BACKOFF)
+    binding = posed.binding(
+        Multipliers(np.zeros(0), largest.row_multipliers, largest.box_multipliers)
+    )
+    slower = replace(first, b=scale * first.b)
+    if len(posed.padded) == 1:
+        problem = posed.problem.with_rows(slower.b)
+        result = solve(problem, solver)
+        if isinstance(result, Verified):
+            return posed.step(
+                result.x, Status.SCALED, result.solver, binding, scale=scale, problem=problem
+            )
+    # On the very edge a backend may see no inside; the linear program's own point is there.
+    return _cascade(posed, solver, slower, largest.x, Status.SCALED, scale=scale, binding=binding)
+
+
+def _cascade(
+    posed: Posed,
+    solver: str,
+    first: Level,
+    start: Array,
+    status: Status,
+    *,
+    scale: float = 1.0,
+    binding: tuple[BindingLimit, ...] | None = None,
+    refused: tuple[str, ...] = (),
+) -> Step:
+    """Level by level from ``start``, then the costs on what is left."""
+    problem = posed.problem
+    cascade = Cascade.from_point(start, problem.lower, problem.upper)
+    cascade.minimise(posed.hard)
+    if not posed.hard.met(cascade.x):
+        status = Status.RELAXED
+    levels = [first, *posed.padded[1:]]
+    for level in levels:
+        cascade.minimise(level)
+    if not cascade.optimal:
+        raise SolverInaccurate("step: a priority level ran out of iterations.", problem)
+    if status is Status.PRIORITIZED and all(level.met(cascade.x) for level in levels):
+        status = Status.DEGRADED if posed.levels.lost else Status.SOLVED
+    none = np.zeros((0, problem.n))
+    held = replace(problem, A=none, b=np.zeros(0), G=cascade.G, g=cascade.g)
+    result = solve_from(held, cascade.x, cascade.basis, solver)
+    if isinstance(result, Refused):
+        raise _inaccurate(posed, result)
+    if binding is None:
+        binding = posed.binding(
+            Multipliers(np.zeros(0), np.array(cascade.row_multipliers), cascade.box_multipliers)
+        )
+    return posed.step(
+        result.x,
+        status,
+        result.solver,
+        binding,
+        scale=scale,
+        problem=problem.with_rows(np.concatenate([first.b, *(v.b for v in levels[1:])])),
+        refused=refused + result.refused,
+    )
+
+
+def _infeasible(posed: Posed, largest: LargestScale | None) -> InfeasibleStep:
+    if largest is None:
+        return InfeasibleStep(
+            "infeasible step: the limits exclude even the standing task (scale 0). Use "
+            "on_infeasible='scale' for the closest step.",
+            posed.problem,
+        )
+    binding = posed.binding(
+        Multipliers(np.zeros(0), largest.row_multipliers, largest.box_multipliers)
+    )
+    names = ", ".join(str(limit) for limit in binding)
+    why = f"binding: {names}" if names else NOT_THE_LIMITS
+    return InfeasibleStep(
+        f"infeasible step: inside the limits the task can be met at {largest.scale:.4g} of its "
+        f"speed; {why}. Use on_infeasible='scale' to slow down.",
+        posed.problem,
+        binding,
+    )
+
+
+def _inaccurate(posed: Posed, result: Refused) -> SolverInaccurate:
+    return SolverInaccurate(
+        f"no backend solved a feasible step: {'; '.join(result.says)}.", posed.problem
+    )

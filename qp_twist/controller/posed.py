@@ -1,0 +1,101 @@
+"""A step as posed, and the names of what is in it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from qp_twist.checks import Array
+from qp_twist.controller.posing import PosedLevels
+from qp_twist.controller.step import Status, Step
+from qp_twist.limits import BindingLimit, GatheredLimits, RowName
+from qp_twist.qp import Level, Multipliers, QuadraticProgram
+
+
+@dataclass(frozen=True, eq=False)
+class Posed:
+    """Everything about a step before it is solved.
+
+    Attributes:
+        problem: The program as if every level could be met; unknowns beyond nv are the slacks of
+            soft bands.
+        hard: The inequality rows that hold for all levels, on all unknowns.
+        padded: The levels on all unknowns.
+        levels: The levels as the tasks state them.
+        limits: The gathered limits.
+        labels: Name of each row of ``problem.G``.
+    """
+
+    problem: QuadraticProgram
+    hard: Level
+    padded: list[Level]
+    levels: PosedLevels
+    limits: GatheredLimits
+    labels: list[RowName]
+
+    @classmethod
+    def of(
+        cls,
+        problem: QuadraticProgram,
+        levels: PosedLevels,
+        limits: GatheredLimits,
+        labels: list[RowName],
+    ) -> Posed:
+        """Add the levels' own inequality rows to a program whose G holds the hard rows."""
+        hard = Level(np.zeros((0, problem.n)), np.zeros(0), problem.G, problem.g)
+        padded = [level.padded(problem.n) for level in levels.levels]
+        whole = replace(
+            problem,
+            G=np.vstack([problem.G, *(level.G for level in padded)]),
+            g=np.concatenate([problem.g, *(level.g for level in padded)]),
+        )
+        return cls(whole, hard, padded, levels, limits, labels + levels.labels)
+
+    def step(
+        self,
+        x: Array,
+        status: Status,
+        solver: str,
+        binding: tuple[BindingLimit, ...],
+        *,
+        scale: float = 1.0,
+        problem: QuadraticProgram | None = None,
+        refused: tuple[str, ...] = (),
+    ) -> Step:
+        """The step that goes with a solution of the program."""
+        velocity = x[: len(self.limits.lower)]
+        return Step(
+            velocity=velocity,
+            scale=scale,
+            residuals=tuple(
+                rows.A @ velocity - (scale if index == 0 else 1.0) * rows.b
+                for index, tasks in enumerate(self.levels.tasks)
+                for rows in tasks
+            ),
+            binding=binding,
+            status=status,
+            solver=solver,
+            problem=self.problem if problem is None else problem,
+            sigma_min=self.levels.sigma_min,
+            lost=self.levels.lost,
+            recovering=self.limits.recovering,
+            refused=refused,
+        )
+
+    def binding(self, multipliers: Multipliers, floor: float = 0.0) -> tuple[BindingLimit, ...]:
+        """The limits with a multiplier, by name; those below ``floor`` are dust."""
+        limits = self.limits
+        nv = len(limits.lower)
+        box, rows = multipliers.box[:nv], multipliers.rows
+        largest = max(float(np.abs(box).max(initial=0.0)), float(rows.max(initial=0.0)))
+        # Interior-point and first-order backends leave dust on inactive limits.
+        dust = 1e-7 * max(largest, floor)
+        found = []
+        for dof in np.flatnonzero(np.abs(box) > dust):
+            side = "upper" if box[dof] > 0.0 else "lower"
+            kind = (limits.upper_kind if side == "upper" else limits.lower_kind)[dof]
+            found.append(BindingLimit(limits.names[dof], kind, side, float(abs(box[dof]))))
+        for row in np.flatnonzero(rows > dust):
+            found.append(BindingLimit(*self.labels[row], "upper", float(rows[row])))
+        return tuple(found)

@@ -1,0 +1,204 @@
+"""From tasks, objectives and limits at one configuration to the arrays of a step."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import mink
+import numpy as np
+
+from qp_twist.checks import Array
+from qp_twist.errors import InvalidInput
+from qp_twist.kinematics import TwistTask
+from qp_twist.limits import RowName, gather_limits
+from qp_twist.qp import Level, LostDirection, QuadraticProgram, regular_rows
+
+FASTEST = 1e9
+"""Largest speed that a task or a secondary may ask for, m/s or rad/s."""
+
+LevelItem = mink.tasks.BaseTask | mink.Limit
+
+
+@dataclass(frozen=True, eq=False)
+class TaskRows:
+    """What one task asks for, before anything is taken from it: A q̇ = b."""
+
+    A: Array
+    b: Array
+
+
+@dataclass(frozen=True, eq=False)
+class PosedLevels:
+    """The priority levels of a step.
+
+    Attributes:
+        levels: Rows that a bounded velocity can meet, from the most important on.
+        labels: Name and kind of each inequality row, in order of levels.
+        tasks: Rows as the tasks state them, for each level.
+        sigma_min: Smallest singular value of the first level's rows.
+        lost: What singularities take from the first level.
+        lower_lost: Whether a lower level has no room for some of its directions.
+    """
+
+    levels: list[Level]
+    labels: list[RowName]
+    tasks: list[list[TaskRows]]
+    sigma_min: float
+    lost: tuple[LostDirection, ...]
+    lower_lost: bool
+
+    @property
+    def equality(self) -> tuple[Array, Array]:
+        """A and b of all levels, stacked."""
+        return np.vstack([v.A for v in self.levels]), np.concatenate([v.b for v in self.levels])
+
+
+def pose_levels(
+    levels: Sequence[Sequence[LevelItem]],
+    configuration: mink.Configuration,
+    dt: float,
+    threshold: float,
+) -> PosedLevels:
+    """Evaluate the levels at a configuration.
+
+    Args:
+        levels: Tasks and limits, level by level.
+        configuration: Where the robot is.
+        dt: Length of the step, s.
+        threshold: Singular value below which a direction is slowed down; 0 for none.
+    """
+    nv = configuration.model.nv
+    posed: list[Level] = []
+    labels: list[RowName] = []
+    tasks: list[list[TaskRows]] = []
+    sigma_min, lower_lost = np.inf, False
+    lost: tuple[LostDirection, ...] = ()
+    for index, items in enumerate(levels):
+        rows, G, g = _evaluate(items, configuration, dt, labels)
+        A = np.vstack([np.zeros((0, nv)), *(r.A for r in rows)])
+        b = np.concatenate([np.zeros(0), *(r.b for r in rows)])
+        _check_speed("the tasks ask", b)
+        if index == 0:
+            regular = regular_rows(A, b, threshold)
+            sigma_min, lost = regular.sigma_min, regular.lost
+        else:
+            above = np.vstack([v.A for v in posed]), np.concatenate([v.b for v in posed])
+            regular = regular_rows(A, b, threshold, above=above)
+            lower_lost |= bool(regular.lost)
+        posed.append(Level(regular.A, regular.b, G, g))
+        tasks.append(rows)
+    return PosedLevels(posed, labels, tasks, sigma_min, lost, lower_lost)
+
+
+def _evaluate(
+    items: Sequence[LevelItem], configuration: mink.Configuration, dt: float, labels: list[RowName]
+) -> tuple[list[TaskRows], Array, Array]:
+    """Rows of a level's tasks, and its inequality rows, whose names are added to ``labels``."""
+    nv = configuration.model.nv
+    rows: list[TaskRows] = []
+    G, g = [np.zeros((0, nv))], [np.zeros(0)]
+    for item in items:
+        if isinstance(item, mink.Limit):
+            gathered = gather_limits([item], configuration, dt)
+            matrix, bounds, names = gathered.as_rows()
+            G.append(matrix)
+            g.append(bounds)
+            labels += names
+        elif isinstance(item, TwistTask):
+            rows.append(TaskRows(*item.velocity_rows(configuration, dt)))
+            for band in getattr(item, "band_rows", lambda *_: [])(configuration, dt):
+                if band.weight is None:
+                    G.append(band.rows)
+                    g.append(band.bounds)
+                    labels += [(band.label, "band")] * len(band.bounds)
+        else:
+            rows.append(_mink_rows(item, configuration, dt))
+    return rows, np.vstack(G), np.concatenate(g)
+
+
+def _mink_rows(task: mink.tasks.BaseTask, configuration: mink.Configuration, dt: float) -> TaskRows:
+    """A mink task as rows: weighted as in its cost, which decides between rows of one level."""
+    residual = task.compute_qp_residual(configuration)
+    if residual is None:
+        raise InvalidInput(
+            f"Controller(levels=…): {type(task).__name__} states a cost but no rows, so it cannot "
+            "stand in a level; give it in tasks= instead."
+        )
+    matrix, error, _ = residual
+    seen = np.abs(matrix).max(axis=1, initial=0.0) > 0.0  # a cost of zero asks for nothing
+    return TaskRows(np.asarray(matrix[seen]), np.asarray(error[seen]) / dt)
+
+
+def mink_objective(
+    task: mink.tasks.BaseTask, configuration: mink.Configuration
+) -> tuple[Array, Array]:
+    """H and c of a mink task on Δq."""
+    residual = task.compute_qp_residual(configuration)
+    if residual is None:
+        objective = task.compute_qp_objective(configuration)
+        return objective.H, objective.c
+    rows, error, damping = residual
+    return rows.T @ rows + damping * np.eye(rows.shape[1]), -(error @ rows)
+
+
+def with_soft_bands(
+    problem: QuadraticProgram,
+    tasks: Sequence[TwistTask],
+    configuration: mink.Configuration,
+    dt: float,
+) -> tuple[QuadraticProgram, list[RowName]]:
+    r"""The program with one slack ε ≥ 0 for each soft band, and the names of the rows added.
+
+    .. math:: \mathbf G\dot{\mathbf q} - \varepsilon \le \mathbf g, \quad
+              \text{cost } \tfrac12 w\,\varepsilon^2
+    """
+    bands = [
+        band
+        for task in tasks
+        for band in getattr(task, "band_rows", lambda *_: [])(configuration, dt)
+        if band.weight is not None
+    ]
+    if not bands:
+        return problem, []
+    n, k = problem.n, len(bands)
+    wide = [np.hstack([problem.G, np.zeros((len(problem.g), k))])]
+    sides = [problem.g]
+    labels: list[RowName] = []
+    for i, band in enumerate(bands):
+        slack = np.zeros((len(band.bounds), k))
+        slack[:, i] = -1.0
+        wide.append(np.hstack([band.rows, slack]))
+        sides.append(band.bounds)
+        labels += [(band.label, "band")] * len(band.bounds)
+    H = np.zeros((n + k, n + k))
+    H[:n, :n] = problem.H
+    H[range(n, n + k), range(n, n + k)] = [band.weight for band in bands]
+    return QuadraticProgram(
+        H,
+        np.concatenate([problem.c, np.zeros(k)]),
+        np.hstack([problem.A, np.zeros((len(problem.b), k))]),
+        problem.b,
+        np.vstack(wide),
+        np.concatenate(sides),
+        np.concatenate([problem.lower, np.zeros(k)]),
+        np.concatenate([problem.upper, np.full(k, np.inf)]),
+    ), labels
+
+
+def _check_speed(what: str, values: Array) -> None:
+    fastest = float(np.abs(values).max(initial=0.0))
+    if not fastest <= FASTEST:
+        raise InvalidInput(
+            f"step: {what} for a speed of {fastest:.3g} (m/s or rad/s); check targets, gains "
+            f"and dt. Speeds up to {FASTEST:g} are taken."
+        )
+
+
+def check_magnitudes(H: Array, c: Array, wish: Array) -> None:
+    """Refuse what no solver can work with, and no robot: the loops of some would not end."""
+    _check_speed("the secondary asks", wish)
+    if not (np.isfinite(H).all() and np.isfinite(c).all()):
+        raise InvalidInput(
+            "step: the costs overflow; check the cost, weight and metric of tasks and controller."
+        )

@@ -1,0 +1,113 @@
+"""Linear least squares under inequality rows, by a primal active-set method."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from qp_twist.checks import Array
+
+RANK_TOLERANCE = 1e-10
+"""Singular values below this share of a level's largest count as zero."""
+_STILL = 1e-13
+"""A step shorter than this share of the point is no step."""
+_SIGN_TOLERANCE = 1e-11
+"""Multipliers above minus this share of the gradient count as non-negative."""
+
+
+class ActiveSetResult(NamedTuple):
+    """What :func:`constrained_least_squares` found."""
+
+    z: Array
+    """The minimiser, (p,)."""
+    multipliers: Array
+    """Non-negative multiplier of each row of C, (m,)."""
+    optimal: bool
+    """Whether the optimality conditions hold; otherwise z is only feasible and no worse."""
+
+
+def constrained_least_squares(
+    B: Array, r: Array, C: Array, d: Array, z: Array, *, smallest: float
+) -> ActiveSetResult:
+    r"""min ½‖B z − r‖²  subject to  C z ≤ d,  from a feasible point.
+
+    Each iteration takes the shortest step to the minimum on the rows of the working set, stops at
+    the first row in the way and adds it, or drops the row with the most negative multiplier
+    (Nocedal and Wright, *Numerical Optimization*, algorithm 16.3). B may have any rank, since the
+    step is the minimum-norm one. The iterates never leave the feasible set and never get worse,
+    so that rounding cannot make the problem infeasible; Bland's rule ends cycles.
+
+    Args:
+        B: Rows, (m, p).
+        r: Right-hand side, (m,).
+        C: Inequality rows, (k, p), of length about one.
+        d: Their bounds, (k,).
+        z: A point with C z ≤ d, (p,).
+        smallest: Singular values of B below this count as zero.
+    """
+    z = z.copy()
+    working: list[int] = []
+    free = np.ones(len(d), dtype=bool)
+    degenerate = 0
+    multipliers = np.zeros(len(d))
+    for _ in range(50 + 20 * (len(d) + len(z))):
+        basis = null_basis(C[working], len(z))
+        step = basis @ _shortest(B @ basis, r - B @ z, smallest)
+        size = 1.0 + float(np.abs(z).max(initial=0.0))
+        if float(np.abs(step).max(initial=0.0)) <= _STILL * size:
+            if not working:
+                return ActiveSetResult(z, multipliers, True)
+            gradient = B.T @ (r - B @ z)
+            values = np.linalg.lstsq(C[working].T, gradient, rcond=None)[0]
+            wrong = np.flatnonzero(values < -_SIGN_TOLERANCE * (1.0 + np.abs(gradient).max()))
+            if not len(wrong):
+                multipliers[working] = np.maximum(values, 0.0)
+                return ActiveSetResult(z, multipliers, True)
+            # The most negative is the fastest; the lowest index cannot cycle.
+            drop = (
+                min(wrong, key=lambda i: working[i])
+                if degenerate > len(z)
+                else wrong[np.argmin(values[wrong])]
+            )
+            free[working.pop(int(drop))] = True
+            continue
+        length, blocking = _longest(C, d, z, step, free)
+        degenerate = degenerate + 1 if length == 0.0 else 0
+        z += length * step
+        if blocking is not None:
+            working.append(blocking)
+            free[blocking] = False
+    return ActiveSetResult(z, multipliers, False)
+
+
+def null_basis(rows: Array, n: int, *, tolerance: float = RANK_TOLERANCE) -> Array:
+    """Orthonormal basis of the null space of ``rows`` (m, n), (n, p); rows of length about one."""
+    if not len(rows):
+        return np.eye(n)
+    _, sigma, right = np.linalg.svd(rows)
+    basis: Array = right[int((sigma > tolerance).sum()) :].T
+    return basis
+
+
+def _shortest(B: Array, r: Array, smallest: float) -> Array:
+    """The minimum-norm least-squares solution of B y = r."""
+    left, sigma, right = np.linalg.svd(B, full_matrices=False)
+    keep = sigma > smallest
+    shortest: Array = right[keep].T @ ((left[:, keep].T @ r) / sigma[keep])
+    return shortest
+
+
+def _longest(
+    C: Array, d: Array, z: Array, step: Array, free: np.ndarray[tuple[int], np.dtype[np.bool_]]
+) -> tuple[float, int | None]:
+    """Share of ``step`` that C z ≤ d allows, at most 1, and the row that stops it."""
+    speed = C @ step
+    ahead = np.flatnonzero(free & (speed > _STILL * np.abs(step).max()))
+    if not len(ahead):
+        return 1.0, None
+    room = np.maximum(d[ahead] - C[ahead] @ z, 0.0) / speed[ahead]
+    first = int(np.argmin(room))
+    if room[first] >= 1.0:
+        return 1.0, None
+    return float(room[first]), int(ahead[first])

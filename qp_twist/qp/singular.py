@@ -1,0 +1,107 @@
+"""Task rows near a singularity: what the arm can no longer do, and what it still does."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from qp_twist.checks import Array
+from qp_twist.qp.active_set import null_basis
+
+_GONE = 1e-3
+"""Below this share of the threshold a direction is left to the secondary objectives."""
+_LOST = 1e-9
+"""A loss of speed below this, m/s or rad/s, is not reported."""
+
+
+@dataclass(frozen=True, eq=False)
+class LostDirection:
+    r"""A direction of the task in which the arm is singular.
+
+    Attributes:
+        sigma: Singular value of the task rows in this direction.
+        direction: Unit vector in the task rows, in the order of ``Step.residuals``, (m,).
+        share: Share of the speed asked for that is kept, σ²/threshold².
+        missing: Speed that is not delivered, m/s or rad/s.
+    """
+
+    sigma: float
+    direction: Array
+    share: float
+    missing: float
+
+    def __str__(self) -> str:
+        entries = ", ".join(f"{value:.2g}" for value in self.direction)
+        return f"direction ({entries}) of the task rows at σ = {self.sigma:.2g}"
+
+
+@dataclass(frozen=True, eq=False)
+class RegularRows:
+    """Task rows that a bounded velocity can meet.
+
+    Attributes:
+        A: Rows, (m', n).
+        b: Right-hand side, (m',).
+        sigma_min: Smallest singular value of the rows as given; ∞ without rows.
+        lost: Directions in which less is asked of the arm than the task wants.
+    """
+
+    A: Array
+    b: Array
+    sigma_min: float
+    lost: tuple[LostDirection, ...]
+
+
+def regular_rows(
+    A: Array, b: Array, threshold: float, *, above: tuple[Array, Array] | None = None
+) -> RegularRows:
+    r"""Slow the task down in its singular directions only.
+
+    With A = Σ σᵢ uᵢ vᵢᵀ the rows σᵢ vᵢᵀ x = uᵢᵀ b of the directions with σᵢ ≥ ε stay as they are.
+    Below it,
+
+    .. math:: v_i^T x = \frac{\sigma_i}{\varepsilon^2} u_i^T \mathbf b ,
+
+    which is the damped inverse σ/(σ² + λ²) with λ² = ε² − σ² (Nakamura and Hanafusa 1986, with the
+    damping in the singular directions only: Maciejewski and Klein 1988). It is continuous at ε, at
+    most 1/ε times the speed asked for, and fades to zero at the singularity itself. There the
+    direction is free, so that a secondary objective can lead the arm out.
+
+    Args:
+        A: Task rows, (m, n).
+        b: Right-hand side, (m,).
+        threshold: ε; 0 leaves the rows alone.
+        above: Rows and right-hand side of the levels above, which these rows must not touch: the
+            singular directions are then those of A in their null space (algorithmic
+            singularities).
+    """
+    m, n = len(b), A.shape[1]
+    if m == 0:
+        return RegularRows(A, b, np.inf, ())
+    basis, rate = np.eye(n), b
+    if above is not None:
+        lengths = np.linalg.norm(above[0], axis=1)
+        lengths[lengths == 0.0] = 1.0
+        held = above[0] / lengths[:, None]
+        basis = null_basis(held, n)
+        rate = b - A @ (np.linalg.pinv(held) @ (above[1] / lengths))
+    left, sigma, right = np.linalg.svd(A @ basis)
+    sigma = np.concatenate([sigma, np.zeros(m - len(sigma))])
+    singular = np.flatnonzero(sigma < threshold)
+    if not len(singular):
+        return RegularRows(A, b, float(sigma[-1]), ())
+    first = int(singular[0])
+    rate = left.T @ rate
+    kept = [left[:, :first].T @ A]
+    sides = [left[:, :first].T @ b]
+    lost = []
+    for i in singular:
+        share = (sigma[i] / threshold) ** 2
+        missing = (1.0 - share) * abs(rate[i])
+        if missing > _LOST * (1.0 + np.abs(b).max()):
+            lost.append(LostDirection(float(sigma[i]), left[:, i].copy(), float(share), missing))
+        if sigma[i] > _GONE * threshold:
+            kept.append(right[i : i + 1] @ basis.T)
+            sides.append(np.array([sigma[i] / threshold**2 * rate[i]]))
+    return RegularRows(np.vstack(kept), np.concatenate(sides), float(sigma[-1]), tuple(lost))

@@ -1,0 +1,167 @@
+"""Strict priorities on arrays."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from qp_twist.checks import Array, finite_array, float_array, one_of
+from qp_twist.errors import InvalidInput
+from qp_twist.limits.binding import BindingLimit
+from qp_twist.qp.backend import check_solver
+from qp_twist.qp.failures import InfeasibleStep, SolverInaccurate
+from qp_twist.qp.levels import Level, lexicographic
+from qp_twist.qp.problem import QuadraticProgram
+from qp_twist.qp.scaling import SCALE_BACKOFF, largest_scale
+from qp_twist.qp.solve import Refused, solve_from
+
+OnInfeasible = Literal["scale", "relax", "raise"]
+
+
+@dataclass(frozen=True, eq=False)
+class Solution:
+    """What :func:`solve_levels` returns.
+
+    Attributes:
+        x: The unknowns, inside the bounds, (n,).
+        scale: s of the first level; 1 where it is met, or was relaxed.
+        residuals: For each level A x − s b (s = 1 below the first level), (m,) each.
+        binding: The bounds that keep a level from being met; entry i of x is called ``"x[i]"``.
+    """
+
+    x: Array
+    scale: float
+    residuals: tuple[Array, ...]
+    binding: tuple[BindingLimit, ...]
+
+
+def solve_levels(
+    levels: Sequence[Any],
+    lower: npt.ArrayLike,
+    upper: npt.ArrayLike,
+    *,
+    on_infeasible: OnInfeasible = "scale",
+    solver: str = "daqp",
+    reference: npt.ArrayLike | None = None,
+) -> Solution:
+    r"""Lexicographic least squares inside bounds.
+
+    .. math::
+
+        \operatorname{lex\,min}\; \lVert\mathbf A_1 x - s\,\mathbf b_1\rVert,\;
+        \lVert\mathbf A_2 x - \mathbf b_2\rVert, \dots,\; \lVert x - \mathbf x_{ref}\rVert
+        \quad\text{s.t.}\quad lower \le x \le upper
+
+    A level never changes what the levels above it achieved, under active bounds too (the hierarchy
+    of Escande, Mansard and Wieber, IJRR 33(7), 2014, here by a cascade of active-set problems in
+    the null space of what is held). Without bounds it is the recursive null-space formula of
+    Siciliano and Slotine (1991).
+
+    Args:
+        levels: ``(A, b)`` for each level, most important first, A (m, n) and b (m,); or
+            ``(A, b, G, g)`` with rows G x ≤ g at the same level, whose excess counts like a
+            residual.
+        lower: Lower bounds, −∞ where there is none, (n,).
+        upper: Upper bounds, (n,).
+        on_infeasible: Where the first level does not fit: ``"scale"`` finds the largest s in
+            [0, 1], ``"relax"`` the closest point, ``"raise"`` raises. Lower levels are always
+            relaxed.
+        solver: Backend of the program that is left after the levels, min ‖x − x_ref‖².
+        reference: x_ref, (n,); zero if ``None``.
+
+    Raises:
+        InvalidInput: If shapes do not fit, a number is not finite or a lower bound is above its
+            upper one.
+        UnknownSolver: If the backend is not installed.
+        InfeasibleStep: If the first level does not fit and ``on_infeasible`` is ``"raise"``.
+        SolverInaccurate: If no backend's result could be verified.
+
+    Example:
+        >>> import numpy as np, qp_twist as qt
+        >>> up, sum_ = (np.eye(2)[:1], [1.0]), (np.ones((1, 2)), [3.0])
+        >>> solution = qt.solve_levels([up, sum_], [-1.0, -1.0], [1.0, 1.0])
+        >>> solution.x, solution.residuals[1]
+        (array([1., 1.]), array([-1.]))
+    """
+    low, high = _bounds(lower, upper)
+    n = len(low)
+    parsed = _levels(levels, n)
+    one_of("on_infeasible", on_infeasible, ("scale", "relax", "raise"))
+    check_solver(solver)
+    wish = np.zeros(n) if reference is None else finite_array("reference", reference, (n,))
+    problem = QuadraticProgram(
+        np.eye(n), -wish, parsed[0].A, parsed[0].b, parsed[0].G, parsed[0].g, low, high
+    )
+    scale, start, multipliers = 1.0, np.clip(wish, low, high), None
+    cascade = lexicographic(parsed[:1], low, high, start)
+    if not parsed[0].met(cascade.x) and on_infeasible != "relax":
+        largest = largest_scale(problem)
+        if on_infeasible == "raise":
+            raise InfeasibleStep(
+                "infeasible: the first level does not fit inside the bounds"
+                + ("." if largest is None else f"; {largest.scale:.4g} of it does."),
+                problem,
+            )
+        if largest is not None and largest.scale < 1.0:
+            scale = largest.scale * (1.0 - SCALE_BACKOFF)
+            start, multipliers = largest.x, largest.box_multipliers
+            parsed[0] = replace(parsed[0], b=scale * parsed[0].b)
+            cascade = lexicographic(parsed[:1], low, high, start)
+    for level in parsed[1:]:
+        cascade.minimise(level)
+    if not cascade.optimal:
+        raise SolverInaccurate("solve_levels: a level ran out of iterations.", problem)
+    held = replace(problem, A=np.zeros((0, n)), b=np.zeros(0), G=cascade.G, g=cascade.g)
+    result = solve_from(held, cascade.x, cascade.basis, solver)
+    if isinstance(result, Refused):
+        raise SolverInaccurate(f"solve_levels: {'; '.join(result.says)}.", held)
+    return Solution(
+        result.x,
+        scale,
+        tuple(level.A @ result.x - level.b for level in parsed),
+        _binding(cascade.box_multipliers if multipliers is None else multipliers),
+    )
+
+
+def _binding(box: Array) -> tuple[BindingLimit, ...]:
+    active = np.flatnonzero(np.abs(box) > 1e-9 * np.abs(box).max(initial=0.0))
+    return tuple(
+        BindingLimit(f"x[{i}]", "bound", "upper" if box[i] > 0.0 else "lower", float(abs(box[i])))
+        for i in active
+    )
+
+
+def _bounds(lower: npt.ArrayLike, upper: npt.ArrayLike) -> tuple[Array, Array]:
+    low, high = float_array("lower", lower), float_array("upper", upper)
+    if low.ndim != 1 or low.shape != high.shape or not len(low):
+        raise InvalidInput(
+            f"solve_levels: lower and upper need one shape (n,), got {low.shape} and {high.shape}."
+        )
+    if not (low <= high).all() or (low == np.inf).any() or (high == -np.inf).any():
+        wrong = int(np.argmin((low <= high) & (low < np.inf) & (high > -np.inf)))
+        raise InvalidInput(
+            f"solve_levels: bounds of x[{wrong}] are {low[wrong]:g} … {high[wrong]:g}; the lower "
+            "one must not be above the upper one."
+        )
+    return low, high
+
+
+def _levels(levels: Sequence[Any], n: int) -> list[Level]:
+    if not isinstance(levels, (list, tuple)) or not levels:
+        raise InvalidInput(f"solve_levels: expected a list of levels (A, b), got {levels!r}."[:300])
+    parsed = []
+    for k, level in enumerate(levels):
+        if not isinstance(level, (list, tuple)) or len(level) not in (2, 4):
+            raise InvalidInput(f"levels[{k}]: expected (A, b) or (A, b, G, g).")
+        A = finite_array(f"levels[{k}] A", level[0], (None, n))
+        b = finite_array(f"levels[{k}] b", level[1], (len(A),))
+        G, g = np.zeros((0, n)), np.zeros(0)
+        if len(level) == 4:
+            G = finite_array(f"levels[{k}] G", level[2], (None, n))
+            g = finite_array(f"levels[{k}] g", level[3], (len(G),))
+        parsed.append(Level(A, b, G, g))
+    return parsed
