@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import importlib.util
-import inspect
 import re
 import runpy
 import subprocess
@@ -18,10 +17,15 @@ import pytest
 import qp_twist as qt
 from qp_twist.cli import main
 from qp_twist.comparison import metrics
-from qp_twist.controller.controller import SCALE_BACKOFF
+from qp_twist.controller.controller import SINGULARITY
 from qp_twist.path import task_schema
 from qp_twist.path.methods import METHODS, MethodSettings
-from qp_twist.qp.verification import BOUND_TOLERANCE, EQUALITY_TOLERANCE
+from qp_twist.qp import SCALE_BACKOFF
+from qp_twist.qp.verification import (
+    BOUND_TOLERANCE,
+    EQUALITY_TOLERANCE,
+    OPTIMALITY_TOLERANCE,
+)
 
 ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"
@@ -296,14 +300,15 @@ def test_every_status_and_every_failure_has_its_entry() -> None:
 
 
 def test_the_tolerances_are_those_of_the_code() -> None:
-    assert (EQUALITY_TOLERANCE, BOUND_TOLERANCE, SCALE_BACKOFF) == (1e-7, 1e-8, 1e-8)
-    speed = inspect.signature(qt.PositionLimit).parameters["recovery_speed"].default
+    assert (EQUALITY_TOLERANCE, BOUND_TOLERANCE, SCALE_BACKOFF) == (1e-8, 1e-8, 1e-8)
+    assert (OPTIMALITY_TOLERANCE, SINGULARITY) == (1e-6, 1e-3)
     text = " ".join(page("step.md").split())
     for sentence in (
-        "task rows hold to 10⁻⁷ (1 + max |b|)",
+        "task rows hold to 10⁻⁸ (1 + max |b|)",
         "rows hold to 10⁻⁸ (1 + max |q̇|)",
         "less a share of 10⁻⁸",
-        f"{speed:g} rad/s unless told otherwise",
+        "gradient of the cost to 10⁻⁶ (1 + max |q̇|)",
+        "falls below ε = 10⁻³",
     ):
         assert sentence in text
 

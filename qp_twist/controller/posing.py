@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import mink
 import numpy as np
@@ -81,7 +81,10 @@ def pose_levels(
         _check_speed("the tasks ask", b)
         if index == 0:
             regular = regular_rows(A, b, threshold)
-            sigma_min, lost = regular.sigma_min, regular.lost
+            sigma_min = regular.sigma_min
+            lost = tuple(
+                replace(d, where=_where(items, rows, d, configuration)) for d in regular.lost
+            )
         else:
             above = np.vstack([v.A for v in posed]), np.concatenate([v.b for v in posed])
             regular = regular_rows(A, b, threshold, above=above)
@@ -115,6 +118,30 @@ def _evaluate(
         else:
             rows.append(_mink_rows(item, configuration, dt))
     return rows, np.vstack(G), np.concatenate(g)
+
+
+def _where(
+    items: Sequence[LevelItem],
+    rows: list[TaskRows],
+    lost: LostDirection,
+    configuration: mink.Configuration,
+) -> str:
+    """A lost direction in words: the task that it takes most from, and which part of its twist."""
+    ends = np.cumsum([len(r.b) for r in rows])
+    parts = np.split(lost.direction, ends[:-1])
+    most = int(np.argmax([np.linalg.norm(part) for part in parts]))
+    task = [item for item in items if not isinstance(item, mink.Limit)][most]
+    if not isinstance(task, TwistTask):
+        return f"{type(task).__name__} row {int(np.argmax(np.abs(parts[most])))}"
+    twist = task.state(configuration).basis @ parts[most]
+    # The sign of a singular vector is anybody's choice: make the largest entry positive.
+    twist *= np.sign(twist[np.argmax(np.abs(twist))])
+    texts = [
+        f"{block} ({', '.join(f'{value:.2f}' for value in entries.round(2) + 0.0)})"
+        for block, entries in (("linear", twist[:3]), ("angular", twist[3:]))
+        if np.abs(entries).max() > 0.005
+    ]
+    return f"{task.name} {', '.join(texts)}"
 
 
 def _mink_rows(task: mink.tasks.BaseTask, configuration: mink.Configuration, dt: float) -> TaskRows:

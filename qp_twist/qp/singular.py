@@ -24,16 +24,17 @@ class LostDirection:
         direction: Unit vector in the task rows, in the order of ``Step.residuals``, (m,).
         share: Share of the speed asked for that is kept, σ²/threshold².
         missing: Speed that is not delivered, m/s or rad/s.
+        where: The direction in words: a task, and its part of the twist in world axes.
     """
 
     sigma: float
     direction: Array
     share: float
     missing: float
+    where: str = "a direction of the rows"
 
     def __str__(self) -> str:
-        entries = ", ".join(f"{value:.2g}" for value in self.direction)
-        return f"direction ({entries}) of the task rows at σ = {self.sigma:.2g}"
+        return f"{self.where} at σ = {self.sigma:.2g}"
 
 
 @dataclass(frozen=True, eq=False)
