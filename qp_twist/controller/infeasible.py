@@ -46,8 +46,8 @@ def resolve_infeasible(posed: Posed, refused: Refused, solver: str, on_infeasibl
         if on_infeasible == "raise":
             raise _infeasible(posed, largest)
         if largest is None or on_infeasible == "relax":
-            return _cascade(posed, solver, first, np.zeros(posed.problem.n), Status.RELAXED)
-        return _scaled(posed, solver, first, largest)
+            return _cascade(posed, solver, 1.0, np.zeros(posed.problem.n), Status.RELAXED)
+        return _scaled(posed, solver, largest)
     # The first level fits. Either a lower one does not, or it was the solver that failed.
     if not any(len(level.b) + len(level.g) for level in posed.padded[1:]):
         result = solve(posed.problem, solver, persist=True)
@@ -56,7 +56,7 @@ def resolve_infeasible(posed: Posed, refused: Refused, solver: str, on_infeasibl
         if result.claimed:
             raise _inaccurate(posed, result)
         refused = result
-    return _cascade(posed, solver, first, largest.x, Status.PRIORITIZED, refused=refused.says)
+    return _cascade(posed, solver, 1.0, largest.x, Status.PRIORITIZED, refused=refused.says)
 
 
 def solved(posed: Posed, result: Verified) -> Step:
@@ -86,31 +86,29 @@ def _first_level(posed: Posed, first: Level) -> QuadraticProgram:
     )
 
 
-def _scaled(posed: Posed, solver: str, first: Level, largest: LargestScale) -> Step:
+def _scaled(posed: Posed, solver: str, largest: LargestScale) -> Step:
     scale = largest.scale * (1.0 - SCALE_BACKOFF)
     binding = posed.binding(
         Multipliers(np.zeros(0), largest.row_multipliers, largest.box_multipliers)
     )
-    slower = replace(first, b=scale * first.b)
     if len(posed.padded) == 1:
-        problem = posed.problem.with_rows(slower.b)
+        problem = posed.problem.with_rows(scale * posed.problem.b)
         result = solve(problem, solver)
         if isinstance(result, Verified):
             return posed.step(
                 result.x, Status.SCALED, result.solver, binding, scale=scale, problem=problem
             )
     # On the very edge a backend may see no inside; the linear program's own point is there.
-    return _cascade(posed, solver, slower, largest.x, Status.SCALED, scale=scale, binding=binding)
+    return _cascade(posed, solver, scale, largest.x, Status.SCALED, binding=binding)
 
 
 def _cascade(
     posed: Posed,
     solver: str,
-    first: Level,
+    scale: float,
     start: Array,
     status: Status,
     *,
-    scale: float = 1.0,
     binding: tuple[BindingLimit, ...] | None = None,
     refused: tuple[str, ...] = (),
 ) -> Step:
@@ -120,13 +118,19 @@ def _cascade(
     cascade.minimise(posed.hard)
     if not posed.hard.met(cascade.x):
         status = Status.RELAXED
-    levels = [first, *posed.padded[1:]]
+    levels = [
+        replace(level, b=scale * level.b) if index < posed.levels.first else level
+        for index, level in enumerate(posed.padded)
+    ]
     for level in levels:
         cascade.minimise(level)
     if not cascade.optimal:
         raise SolverInaccurate("step: a priority level ran out of iterations.", problem)
-    if status is Status.PRIORITIZED and all(level.met(cascade.x) for level in levels):
-        status = Status.DEGRADED if posed.levels.lost else Status.SOLVED
+    if status is Status.PRIORITIZED:
+        if posed.levels.lost:
+            status = Status.DEGRADED
+        elif all(level.met(cascade.x) for level in levels) and not posed.levels.lower_lost:
+            status = Status.SOLVED
     none = np.zeros((0, problem.n))
     held = replace(problem, A=none, b=np.zeros(0), G=cascade.G, g=cascade.g)
     result = solve_from(held, cascade.x, cascade.basis, solver)
@@ -142,7 +146,7 @@ def _cascade(
         result.solver,
         binding,
         scale=scale,
-        problem=problem.with_rows(np.concatenate([first.b, *(v.b for v in levels[1:])])),
+        problem=problem.with_rows(np.concatenate([level.b for level in levels])),
         refused=refused + result.refused,
     )
 

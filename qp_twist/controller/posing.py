@@ -33,7 +33,10 @@ class PosedLevels:
     """The priority levels of a step.
 
     Attributes:
-        levels: Rows that a bounded velocity can meet, from the most important on.
+        levels: Rows that a bounded velocity can meet, from the most important on. The singular
+            directions of a level follow it as a level of their own, so that limits slow these down
+            before they slow down the rest.
+        first: How many of ``levels`` belong to the first level as stated, 1 or 2.
         labels: Name and kind of each inequality row, in order of levels.
         tasks: Rows as the tasks state them, for each level.
         sigma_min: Smallest singular value of the first level's rows.
@@ -42,6 +45,7 @@ class PosedLevels:
     """
 
     levels: list[Level]
+    first: int
     labels: list[RowName]
     tasks: list[list[TaskRows]]
     sigma_min: float
@@ -72,7 +76,7 @@ def pose_levels(
     posed: list[Level] = []
     labels: list[RowName] = []
     tasks: list[list[TaskRows]] = []
-    sigma_min, lower_lost = np.inf, False
+    first, sigma_min, lower_lost = 1, np.inf, False
     lost: tuple[LostDirection, ...] = ()
     for index, items in enumerate(levels):
         rows, G, g = _evaluate(items, configuration, dt, labels)
@@ -90,8 +94,12 @@ def pose_levels(
             regular = regular_rows(A, b, threshold, above=above)
             lower_lost |= bool(regular.lost)
         posed.append(Level(regular.A, regular.b, G, g))
+        if len(regular.damped_b):
+            posed.append(Level(regular.damped, regular.damped_b, G[:0], g[:0]))
+        if index == 0:
+            first = len(posed)
         tasks.append(rows)
-    return PosedLevels(posed, labels, tasks, sigma_min, lost, lower_lost)
+    return PosedLevels(posed, first, labels, tasks, sigma_min, lost, lower_lost)
 
 
 def _evaluate(

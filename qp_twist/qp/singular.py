@@ -42,14 +42,18 @@ class RegularRows:
     """Task rows that a bounded velocity can meet.
 
     Attributes:
-        A: Rows, (m', n).
-        b: Right-hand side, (m',).
+        A: Rows of the regular directions, (m', n).
+        b: Their right-hand side, (m',).
+        damped: Rows of the singular directions, slowed down, (k, n).
+        damped_b: Their right-hand side, (k,).
         sigma_min: Smallest singular value of the rows as given; ∞ without rows.
         lost: Directions in which less is asked of the arm than the task wants.
     """
 
     A: Array
     b: Array
+    damped: Array
+    damped_b: Array
     sigma_min: float
     lost: tuple[LostDirection, ...]
 
@@ -78,8 +82,9 @@ def regular_rows(
             singularities).
     """
     m, n = len(b), A.shape[1]
+    none = np.zeros((0, n)), np.zeros(0)
     if m == 0:
-        return RegularRows(A, b, np.inf, ())
+        return RegularRows(A, b, *none, np.inf, ())
     basis, rate = np.eye(n), b
     if above is not None:
         lengths = np.linalg.norm(above[0], axis=1)
@@ -91,11 +96,11 @@ def regular_rows(
     sigma = np.concatenate([sigma, np.zeros(m - len(sigma))])
     singular = np.flatnonzero(sigma < threshold)
     if not len(singular):
-        return RegularRows(A, b, float(sigma[-1]), ())
+        return RegularRows(A, b, *none, float(sigma[-1]), ())
     first = int(singular[0])
     rate = left.T @ rate
-    kept = [left[:, :first].T @ A]
-    sides = [left[:, :first].T @ b]
+    regular = left[:, :first].T
+    kept, sides = [none[0]], [none[1]]
     lost = []
     for i in singular:
         share = (sigma[i] / threshold) ** 2
@@ -105,4 +110,11 @@ def regular_rows(
         if sigma[i] > _GONE * threshold:
             kept.append(right[i : i + 1] @ basis.T)
             sides.append(np.array([sigma[i] / threshold**2 * rate[i]]))
-    return RegularRows(np.vstack(kept), np.concatenate(sides), float(sigma[-1]), tuple(lost))
+    return RegularRows(
+        regular @ A,
+        regular @ b,
+        np.vstack(kept),
+        np.concatenate(sides),
+        float(sigma[-1]),
+        tuple(lost),
+    )
