@@ -8,6 +8,11 @@ import numpy as np
 from scipy.optimize import linprog
 
 from qp_twist.checks import Array
+from qp_twist.qp.active_set import (
+    RANK_TOLERANCE,
+    constrained_least_squares,
+    null_basis,
+)
 from qp_twist.qp.problem import QuadraticProgram
 
 SCALE_BACKOFF = 1e-8
@@ -40,8 +45,56 @@ def largest_scale(problem: QuadraticProgram) -> LargestScale | None:
         \max_{x,\,s} s \quad\text{s.t.}\quad \mathbf A x = s\,\mathbf b,\;
         \mathbf G x \le \mathbf g,\; lower \le x \le upper,\; 0 \le s \le 1
 
-    Solved by HiGHS (scipy). ``None`` where not even s = 0 has a solution.
+    Where standing still is allowed, the active-set method of the priority levels finds it from
+    there, as the s closest to 1; otherwise HiGHS (scipy). ``None`` where not even s = 0 has a
+    solution.
     """
+    return _from_standstill(problem) or _by_linear_program(problem)
+
+
+def _from_standstill(problem: QuadraticProgram) -> LargestScale | None:
+    """The optimum from x = 0, s = 0, if that is feasible."""
+    n, speed = problem.n, float(np.abs(problem.b).max(initial=0.0))
+    standing = (problem.lower <= 0.0).all() and (problem.upper >= 0.0).all()
+    if not standing or (problem.g < 0.0).any() or not 0.0 < speed < np.inf:
+        return None
+    # A x = s b with unit rows, s in units of speed: one null space for both.
+    rows = np.column_stack([problem.A, -problem.b / speed])
+    length = np.linalg.norm(rows, axis=1)
+    basis = null_basis(rows[length > 0.0] / length[length > 0.0, None], n + 1)
+    matrix = np.vstack([np.eye(n + 1)[:n], -np.eye(n + 1)[:n], np.pad(problem.G, ((0, 0), (0, 1)))])
+    room = np.concatenate([problem.upper, -problem.lower, problem.g])
+    reduced = matrix @ basis
+    size = np.linalg.norm(reduced, axis=1)
+    keep = np.isfinite(room) & (size > RANK_TOLERANCE * np.linalg.norm(matrix, axis=1))
+    found = constrained_least_squares(
+        basis[n:],
+        np.array([speed]),
+        reduced[keep] / size[keep, None],
+        room[keep] / size[keep],
+        np.zeros(basis.shape[1]),
+        smallest=RANK_TOLERANCE,
+    )
+    if not found.optimal:
+        return None
+    point = basis @ found.z
+    scale = max(0.0, float(point[n]) / speed)
+    multipliers = np.zeros(len(room))
+    if scale < 1.0 - 1e-12:
+        # The gradient of the distance ½(s − 1)² is (s − 1) times that of s.
+        multipliers[keep] = found.multipliers / size[keep] / (speed - point[n]) / speed
+    else:
+        scale = 1.0
+    return LargestScale(
+        scale=scale,
+        x=point[:n],
+        box_multipliers=multipliers[:n] - multipliers[n : 2 * n],
+        row_multipliers=multipliers[2 * n :],
+    )
+
+
+def _by_linear_program(problem: QuadraticProgram) -> LargestScale | None:
+    """The optimum by HiGHS."""
     n = problem.n
     cost = np.zeros(n + 1)
     cost[-1] = -1.0
