@@ -12,7 +12,7 @@ class BindingLimit:
     Attributes:
         joint: Joint name as in the scene, or for a general row a label such as
             ``"CollisionAvoidanceLimit row 2"``.
-        kind: ``"position"``, ``"velocity"``, or the name of the limit's class.
+        kind: ``"position"``, ``"velocity"``, ``"acceleration"``, or the name of the limit's class.
         side: ``"lower"`` or ``"upper"``.
         multiplier: How much the objective (or, where the step was scaled, the scale) would gain for
             each unit of room; positive.
