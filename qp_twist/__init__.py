@@ -29,6 +29,7 @@ from .kinematics import SecondaryObjective as SecondaryObjective
 from .kinematics import TwistTask as TwistTask
 from .limits import BindingLimit as BindingLimit
 from .limits import DisplacementWindow as DisplacementWindow
+from .limits import MotionLimit as MotionLimit
 from .limits import PositionLimit as PositionLimit
 from .path import METHODS as METHODS
 from .path import PathTask as PathTask

@@ -98,6 +98,11 @@ CALLS: dict[str, Callable[[Any], Any]] = {
     "PositionLimit(recovery_speed)": second(
         "recovery_speed", kind=qt.PositionLimit, model=MODEL, place="limits"
     ),
+    "MotionLimit(velocity)": second("velocity", kind=qt.MotionLimit, model=MODEL, place="limits"),
+    "MotionLimit(acceleration)": second(
+        "acceleration", kind=qt.MotionLimit, model=MODEL, place="limits"
+    ),
+    "MotionLimit.note": qt.MotionLimit(MODEL).note,
     "DisplacementWindow(q_ref)": second(
         "q_ref", kind=qt.DisplacementWindow, model=MODEL, half_width=np.ones(6), place="limits"
     ),

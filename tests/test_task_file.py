@@ -72,6 +72,20 @@ def test_a_shipped_scene_serves_a_file_of_ones_own(tmp_path: Path) -> None:
     assert qt.load_task(path).scene == shipped_folder("scenes") / "planar_3r.xml"
 
 
+def test_velocity_and_acceleration_limits_are_stated_by_joint(folder: Path) -> None:
+    limits = """[feed]
+dt = 0.1
+[limits]
+velocity = { joint_2 = 1.5 }
+acceleration = { joint_1 = 4.0, joint_3 = 2.5 }
+
+[start]"""
+    task = qt.load_task(write(folder, MINIMAL.replace("[start]", limits)))
+    assert task.velocity_limits.tolist() == [np.inf, 1.5, np.inf]
+    assert task.acceleration_limits.tolist() == [4.0, np.inf, 2.5]
+    assert np.isinf(qt.load_task(write(folder, MINIMAL)).acceleration_limits).all()
+
+
 @pytest.mark.parametrize(
     ("old", "new", "sentences"),
     [
@@ -94,6 +108,9 @@ def test_a_shipped_scene_serves_a_file_of_ones_own(tmp_path: Path) -> None:
         ("[start]", "[limits.velocity]\njoint_9 = 1.0\n[start]", ["limits.velocity.joint_9", "joint_1"]),
         ("[start]", "[limits.velocity]\njoint_1 = -1.0\n[start]", ["line 17", "limits.velocity.joint_1", "greater than 0"]),
         ("[start]", "[limits.velocity]\njoint_1 = 1.0\n[start]", ["limits.velocity", "[feed]"]),
+        ("[start]", "[limits.acceleration]\njoint_1 = 1.0\n[start]", ["limits.acceleration", "[feed]"]),
+        ("[start]", "[limits.acceleration]\njoint_9 = 1.0\n[start]", ["limits.acceleration.joint_9", "joint_1"]),
+        ("[start]", "[limits]\nacceleration = { joint_1 = 0.0 }\n[start]", ["line 17", "limits.acceleration.joint_1", "greater than 0"]),
         ("[start]", "[feed]\ndt = 0.1\nspeed = 1.0\n[start]", ["feed", "either dt or speed"]),
         ("[start]", "[feed]\n[start]", ["feed", "give speed"]),
         ("[start]", "[methods.qpp]\ngain = 1.0\n[start]", ["line 16", "methods.qpp", "'qp'"]),

@@ -1,9 +1,15 @@
 """Limits: box bounds on joint velocities; mink's limits are accepted as they are."""
 
 from .binding import BindingLimit as BindingLimit
+from .box_limit import Box as Box
 from .box_limit import BoxLimit as BoxLimit
+from .couplings import share_limits as share_limits
 from .displacement_window import DisplacementWindow as DisplacementWindow
 from .gather import GatheredLimits as GatheredLimits
 from .gather import RowName as RowName
 from .gather import gather_limits as gather_limits
+from .intersection import intersect as intersect
+from .motion_limit import MotionLimit as MotionLimit
+from .per_joint import per_joint as per_joint
 from .position_limit import PositionLimit as PositionLimit
+from .stopping_speed import stopping_speed as stopping_speed

@@ -3,11 +3,20 @@
 from __future__ import annotations
 
 import abc
+from typing import NamedTuple
 
 import mink
 import numpy as np
 
 from qp_twist.checks import Array
+
+
+class Box(NamedTuple):
+    """lower ≤ q̇ ≤ upper, each (nv,), rad/s or m/s, and the kind of limit that says so."""
+
+    kind: str
+    lower: Array
+    upper: Array
 
 
 class BoxLimit(mink.Limit):
@@ -22,6 +31,14 @@ class BoxLimit(mink.Limit):
     @abc.abstractmethod
     def bounds(self, configuration: mink.Configuration, dt: float) -> tuple[Array, Array]:
         """Lower and upper joint velocity, rad/s or m/s, each (nv,); ±∞ where there is none."""
+
+    def boxes(self, configuration: mink.Configuration, dt: float) -> tuple[Box, ...]:
+        """The bounds by their kind: one box, unless a limit is of several kinds."""
+        return (Box(self.kind, *self.bounds(configuration, dt)),)
+
+    def recovering(self, configuration: mink.Configuration, dt: float) -> tuple[str, ...]:
+        """A sentence for each joint that breaks the limit already and is on its way back."""
+        return ()
 
     def note(self, velocity: Array) -> None:
         """Told by the controller which joint velocity (nv,) is running after a step."""

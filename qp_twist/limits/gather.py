@@ -6,12 +6,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import mink
+import mujoco
 import numpy as np
 
 from qp_twist.checks import Array
 from qp_twist.errors import InvalidInput
 from qp_twist.kinematics import JointRanges
-from qp_twist.limits.box_limit import BoxLimit
+from qp_twist.limits.box_limit import Box, BoxLimit
+from qp_twist.limits.intersection import Kinds, intersect
 
 RowName = tuple[str, str]
 """Name and kind of an inequality row, as in :class:`~qp_twist.BindingLimit`."""
@@ -30,38 +32,37 @@ class GatheredLimits:
         rows: G, shape (m, nv).
         bounds: g, shape (m,).
         row_labels: Name and kind of each row.
-        names: Joint name of each degree of freedom.
+        model: The robot.
         recovering: Sentences about joints that are outside their limits.
     """
 
     lower: Array
     upper: Array
-    lower_kind: list[str]
-    upper_kind: list[str]
+    lower_kind: Kinds
+    upper_kind: Kinds
     rows: Array
     bounds: Array
     row_labels: list[RowName]
-    names: tuple[str, ...]
+    model: mujoco.MjModel
     recovering: tuple[str, ...] = ()
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Joint name of each degree of freedom; looked up only where a message needs it."""
+        return JointRanges.of(self.model).names
 
     def as_rows(self) -> tuple[Array, Array, list[RowName]]:
         """All limits as rows G q̇ ≤ g, the bounds too, with a name and kind for each."""
         identity = np.eye(len(self.lower))
         above, below = np.flatnonzero(self.upper < np.inf), np.flatnonzero(self.lower > -np.inf)
+        names = self.names
         return (
             np.vstack([identity[above], -identity[below], self.rows]),
             np.concatenate([self.upper[above], -self.lower[below], self.bounds]),
-            [(self.names[i], self.upper_kind[i]) for i in above]
-            + [(self.names[i], self.lower_kind[i]) for i in below]
+            [(names[i], self.upper_kind[i]) for i in above]
+            + [(names[i], self.lower_kind[i]) for i in below]
             + self.row_labels,
         )
-
-    def tighten(self, dof: int, kind: str, lower: float, upper: float) -> None:
-        """Intersect one degree of freedom's bounds with another limit's."""
-        if lower > self.lower[dof]:
-            self.lower[dof], self.lower_kind[dof] = lower, kind
-        if upper < self.upper[dof]:
-            self.upper[dof], self.upper_kind[dof] = upper, kind
 
 
 def gather_limits(
@@ -70,59 +71,44 @@ def gather_limits(
     """Evaluate limits at a configuration.
 
     mink's limits are accepted as they are: a row with a single entry becomes a bound, other rows
-    (collision avoidance) stay rows. Where a position limit asks for more speed than a velocity
-    limit allows (a start outside the range) the velocity limit wins.
+    (collision avoidance) stay rows. :func:`~qp_twist.limits.intersect` tells which bound gives way
+    where two contradict each other.
 
     Raises:
-        InvalidInput: If a limit returns NaN, or two limits of one kind contradict each other.
+        InvalidInput: If a limit returns NaN, or two limits contradict each other and neither gives
+            way.
     """
     nv = configuration.model.nv
-    names = JointRanges.of(configuration.model).names
-    gathered = GatheredLimits(
-        np.full(nv, -np.inf), np.full(nv, np.inf), [""] * nv, [""] * nv,
-        np.zeros((0, nv)), np.zeros(0), [], names,
-    )  # fmt: skip
+    boxes: list[Box] = []
+    rows, bounds, labels = [np.zeros((0, nv))], [np.zeros(0)], list[RowName]()
+    recovering: list[str] = []
     for limit in limits:
         if isinstance(limit, BoxLimit):
-            lower, upper = limit.bounds(configuration, dt)
-            for dof in range(nv):
-                gathered.tighten(dof, limit.kind, lower[dof], upper[dof])
-        else:
-            _add_rows(gathered, limit, configuration, dt)
-    for crossed in np.flatnonzero(gathered.lower > gathered.upper):
-        _settle(gathered, int(crossed), names[crossed])
-    return gathered
-
-
-def _add_rows(
-    gathered: GatheredLimits, limit: mink.Limit, configuration: mink.Configuration, dt: float
-) -> None:
-    constraint = limit.compute_qp_inequalities(configuration, dt)
-    if constraint.inactive:
-        return
-    assert constraint.G is not None and constraint.h is not None
-    name = type(limit).__name__
-    if not np.isfinite(constraint.G).all() or np.isnan(constraint.h).any():
-        raise InvalidInput(f"{name}: its rows G Δq ≤ h contain a value that is not a number.")
-    kept_rows, kept_bounds = [], []
-    for index, (row, bound) in enumerate(zip(constraint.G, constraint.h / dt, strict=True)):
-        entries = np.flatnonzero(row)
-        if bound == np.inf or (len(entries) == 0 and bound >= 0.0):
+            boxes += limit.boxes(configuration, dt)
+            recovering += limit.recovering(configuration, dt)
             continue
-        if len(entries) == 1:
-            dof, kind = int(entries[0]), _MINK_KINDS.get(name, name)
-            ratio = bound / row[dof]
-            if row[dof] > 0.0:
-                gathered.tighten(dof, kind, -np.inf, ratio)
-            else:
-                gathered.tighten(dof, kind, ratio, np.inf)
-        else:
-            kept_rows.append(row)
-            kept_bounds.append(bound)
-            gathered.row_labels.append(_row_name(limit, index))
-    if kept_rows:
-        gathered.rows = np.vstack([gathered.rows, *kept_rows])
-        gathered.bounds = np.concatenate([gathered.bounds, kept_bounds])
+        constraint = limit.compute_qp_inequalities(configuration, dt)
+        if constraint.inactive:
+            continue
+        assert constraint.G is not None and constraint.h is not None
+        name = type(limit).__name__
+        if not np.isfinite(constraint.G).all() or np.isnan(constraint.h).any():
+            raise InvalidInput(f"{name}: its rows G Δq ≤ h contain a value that is not a number.")
+        G, g = constraint.G, constraint.h / dt
+        entries = np.count_nonzero(G, axis=1)
+        boxes.append(_box(_MINK_KINDS.get(name, name), G[entries == 1], g[entries == 1]))
+        general = (entries > 1) & (g < np.inf) | (entries == 0) & (g < 0.0)
+        rows.append(G[general])
+        bounds.append(g[general])
+        labels += [_row_name(limit, int(index)) for index in np.flatnonzero(general)]
+    return GatheredLimits(
+        *intersect(boxes, configuration.model),
+        np.vstack(rows),
+        np.concatenate(bounds),
+        labels,
+        configuration.model,
+        tuple(recovering),
+    )
 
 
 def _row_name(limit: mink.Limit, row: int) -> RowName:
@@ -133,18 +119,10 @@ def _row_name(limit: mink.Limit, row: int) -> RowName:
     return f"{name} row {row}", name
 
 
-def _settle(gathered: GatheredLimits, dof: int, joint: str) -> None:
-    """Resolve lower > upper on one degree of freedom in favour of what is not a position limit."""
-    lower, upper = float(gathered.lower[dof]), float(gathered.upper[dof])
-    if gathered.lower_kind[dof] == "position" and gathered.upper_kind[dof] != "position":
-        gathered.lower[dof], gathered.lower_kind[dof] = upper, gathered.upper_kind[dof]
-    elif gathered.upper_kind[dof] == "position" and gathered.lower_kind[dof] != "position":
-        gathered.upper[dof], gathered.upper_kind[dof] = lower, gathered.lower_kind[dof]
-    elif lower - upper < 1e-9:
-        gathered.lower[dof] = gathered.upper[dof]
-    else:
-        raise InvalidInput(
-            f"limits: joint {joint!r} has a lower velocity bound of {lower:.6g} "
-            f"({gathered.lower_kind[dof]}) above its upper bound of {upper:.6g} "
-            f"({gathered.upper_kind[dof]}); check the ranges and limits given."
-        )
+def _box(kind: str, rows: Array, bounds: Array) -> Box:
+    """Rows (m, nv) of a single entry each, and their bounds (m,), as a box."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        bound = bounds[:, None] / rows
+    lower = np.where(rows < 0.0, bound, -np.inf).max(axis=0, initial=-np.inf)
+    upper = np.where(rows > 0.0, bound, np.inf).min(axis=0, initial=np.inf)
+    return Box(kind, lower, upper)

@@ -12,7 +12,11 @@ from qp_twist.kinematics import JointRanges
 from qp_twist.limits.box_limit import BoxLimit
 
 HAIR = 1e-12
-"""How far inside its limit a joint stops, rad or m, so that q + q̇ dt is inside as rounded."""
+"""How far inside its limit a joint stops, as a share of the limit (rad or m, if that is below 1).
+
+So q + q̇ dt is inside as rounded."""
+NOTICEABLE = 1e-9
+"""Less than this beyond a limit, rad, m, rad/s or m/s, is rounding: neither mended nor told."""
 
 
 class PositionLimit(BoxLimit):
@@ -20,8 +24,12 @@ class PositionLimit(BoxLimit):
 
     .. math:: (\theta_{min} - \theta)/dt \le \dot\theta \le (\theta_{max} - \theta)/dt
 
-    A joint that starts outside has to come back at ``recovery_speed``, or faster if the task or a
-    secondary wants it, instead of in one step: neither an error nor a snap. Velocity limits hold.
+    A joint that starts outside comes back at ``recovery_speed``, instead of in one step: neither an
+    error nor a snap. Velocity and acceleration limits hold.
+
+    Attributes:
+        lower: θ_min, rad or m, (nv,); −∞ where there is none.
+        upper: θ_max, (nv,); ∞ where there is none.
     """
 
     kind = "position"
@@ -31,7 +39,7 @@ class PositionLimit(BoxLimit):
 
         Args:
             model: The robot.
-            recovery_speed: Speed at which a joint outside has to return, rad/s or m/s.
+            recovery_speed: Speed at which a joint outside returns, rad/s or m/s.
 
         Raises:
             InvalidInput: If a ball joint has a limit, which is not a bound on one velocity.
@@ -41,16 +49,48 @@ class PositionLimit(BoxLimit):
             ball = model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_BALL
             if ball and model.jnt_limited[joint]:
                 raise InvalidInput(
-                    f"PositionLimit: ball joint {model.joint(joint).name!r} has a limit, which is "
-                    "not a bound on one velocity; pass limits=[mink.ConfigurationLimit(model)]."
+                    f"{type(self).__name__}: ball joint {model.joint(joint).name!r} has a limit, "
+                    "which is not a bound on one velocity; pass "
+                    "limits=[mink.ConfigurationLimit(model)] instead."
                 )
         self.recovery_speed = number("recovery_speed", recovery_speed, above=0.0)
+        self._recovery = np.full(model.nv, self.recovery_speed)
+        self._keep_between(self.ranges.lower, self.ranges.upper)
 
     def bounds(self, configuration: mink.Configuration, dt: float) -> tuple[Array, Array]:
         """(θ_min − θ)/dt and (θ_max − θ)/dt, rad/s or m/s, each (nv,)."""
+        room = self._room(configuration)
+        # From inside, and from where rounding put it, a joint may always stand still.
+        fastest = self._fastest(np.maximum(room - self._hair, 0.0), dt)
+        lower, upper = -fastest[0], fastest[1]
+        if (room < -NOTICEABLE).any():
+            below, above = room < -NOTICEABLE
+            upper = np.where(below, np.minimum(upper, self._recovery), upper)
+            lower = np.where(below, np.minimum(-room[0] / dt, upper), lower)
+            lower = np.where(above, np.maximum(lower, -self._recovery), lower)
+            upper = np.where(above, np.maximum(room[1] / dt, lower), upper)
+        return lower, upper
+
+    def recovering(self, configuration: mink.Configuration, dt: float) -> tuple[str, ...]:
+        """A sentence for each joint outside its range."""
+        return tuple(
+            f"{self.ranges.names[dof]} is {-beyond[dof]:.3g} {self.ranges.units[dof]} {side} its "
+            "range"
+            for side, beyond in zip(("below", "above"), self._room(configuration), strict=True)
+            for dof in np.flatnonzero(beyond < -NOTICEABLE)
+        )
+
+    def _keep_between(self, lower: Array, upper: Array) -> None:
+        """Set θ_min and θ_max, (nv,), in place of the model's."""
+        self.lower, self.upper = lower, upper
+        ends = np.abs(np.array((lower, upper)))
+        self._hair = HAIR * np.maximum(1.0, np.where(np.isfinite(ends), ends, 0.0))
+
+    def _room(self, configuration: mink.Configuration) -> Array:
+        """θ − θ_min and θ_max − θ, rad or m, (2, nv); negative outside."""
         q = self.ranges.positions(configuration.q)
-        below, above = self.ranges.lower - q, self.ranges.upper - q
-        # From inside, standing still is always allowed; from outside, the way back is not a jump.
-        lower = np.where(below > 0.0, below / dt, np.minimum(below + HAIR, 0.0) / dt)
-        upper = np.where(above < 0.0, above / dt, np.maximum(above - HAIR, 0.0) / dt)
-        return np.minimum(lower, self.recovery_speed), np.maximum(upper, -self.recovery_speed)
+        return np.array((q - self.lower, self.upper - q))
+
+    def _fastest(self, room: Array, dt: float) -> Array:
+        """Largest speed towards a limit that is ``room`` (…, nv) away."""
+        return room / dt

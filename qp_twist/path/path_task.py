@@ -35,6 +35,7 @@ class PathTask:
         start: Starting configuration, before it is corrected onto the first waypoint, (nq,).
         durations: Time that each waypoint may take, s, (N,); the first is 0; ``None`` untimed.
         velocity_limits: Largest joint speeds, rad/s or m/s, (nv,); ∞ where none is stated.
+        acceleration_limits: Largest joint accelerations, rad/s² or m/s², (nv,); ∞ likewise.
         iteration: Tolerances and step clamps.
         methods: Settings by method name, where the file states them.
     """
@@ -53,6 +54,7 @@ class PathTask:
     start: Array
     durations: Array | None
     velocity_limits: Array
+    acceleration_limits: Array
     iteration: IterationSection = field(default_factory=IterationSection)
     methods: dict[str, MethodSettings] = field(default_factory=dict)
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import difflib
 import itertools
 import json
-import math
 import re
 import tomllib
 from pathlib import Path
@@ -20,6 +19,7 @@ from qp_twist.checks import Array, unit_vector
 from qp_twist.errors import InvalidInput, TaskFileError
 from qp_twist.geometry import rotation_vector, task_redundancy
 from qp_twist.kinematics import JointRanges, frame_pose
+from qp_twist.limits import per_joint
 from qp_twist.path.orientation import roll_by_plane
 from qp_twist.path.path_task import PathTask
 from qp_twist.path.resources import shipped_folder
@@ -146,7 +146,8 @@ def _build(path: Path, file: TaskFile) -> PathTask:
         flipped_waypoints=None if flipped is None else _waypoints(positions, flipped),
         start=start,
         durations=_durations(path, file.feed, positions, rotations),
-        velocity_limits=_velocity_limits(path, file, model),
+        velocity_limits=_limits(path, file, ranges, "velocity"),
+        acceleration_limits=_limits(path, file, ranges, "acceleration"),
         iteration=file.iteration,
         methods={str(name): settings for name, settings in file.methods.items()},
     )
@@ -259,21 +260,12 @@ def _durations(
     return durations
 
 
-def _velocity_limits(path: Path, file: TaskFile, model: mujoco.MjModel) -> Array:
-    names = JointRanges.of(model).names
-    limits = np.full(model.nv, math.inf)
-    for joint, limit in file.limits.velocity.items():
-        if joint not in names:
-            raise TaskFileError(
-                f"{path}: limits.velocity.{joint}: the scene has no joint of that name; it has "
-                f"{', '.join(dict.fromkeys(names))}."
-            )
-        for dof, name in enumerate(names):
-            if name == joint:
-                limits[dof] = limit
-    if file.limits.velocity and file.feed is None:
+def _limits(path: Path, file: TaskFile, ranges: JointRanges, kind: str) -> Array:
+    stated: dict[str, float] = getattr(file.limits, kind)
+    limits = per_joint(f"limits.{kind}", stated, ranges)
+    if stated and file.feed is None:
         raise TaskFileError(
-            f"{path}: limits.velocity: velocity limits need a clock; add [feed] with speed or dt."
+            f"{path}: limits.{kind}: {kind} limits need a clock; add [feed] with speed or dt."
         )
     return limits
 

@@ -126,7 +126,7 @@ class StartSection(Section):
 
 
 class FeedSection(Section):
-    """How long a waypoint may take; needed for velocity limits."""
+    """How long a waypoint may take; needed for velocity and acceleration limits."""
 
     speed: Positive | None = Field(default=None, description="along the path, m/s")
     angular_speed_deg: Positive | None = Field(default=None, description="of the tool, deg/s")
@@ -146,6 +146,9 @@ class LimitsSection(Section):
 
     velocity: dict[str, Positive] = Field(
         default_factory=dict, description="joint name: largest speed, rad/s or m/s"
+    )
+    acceleration: dict[str, Positive] = Field(
+        default_factory=dict, description="joint name: largest acceleration, rad/s² or m/s²"
     )
 
 

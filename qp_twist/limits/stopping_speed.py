@@ -1,0 +1,42 @@
+"""How fast a joint may approach a limit: as fast as it can still brake."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from qp_twist.checks import Array
+
+
+def stopping_speed(room: Array, acceleration: Array, dt: float) -> Array:
+    r"""Largest speed towards a limit from which braking stops in time, in discrete time, exactly.
+
+    A joint that moves at v for this step and brakes by a dt from each step to the next goes
+
+    .. math::
+
+        \Delta t\,\bigl(v + (v - a\Delta t) + \dots + (v - N a\Delta t)\bigr)
+            = (N + 1)\,v\,\Delta t - \tfrac12 N (N + 1)\,a\,\Delta t^2, \qquad
+        N = \lfloor v / (a\Delta t) \rfloor.
+
+    This grows with v, and the v at which it is the room d has
+    :math:`N = \lfloor(\sqrt{1 + 8 d/(a\Delta t^2)} - 1)/2\rfloor`, so that
+
+    .. math:: v = \frac{d}{(N + 1)\,\Delta t} + \frac{N a\,\Delta t}{2}.
+
+    Where rounding makes N one off, v is the same: the pieces meet there.
+
+    Args:
+        room: d, distance to the limit, rad or m, at least 0; ``inf`` without a limit.
+        acceleration: a, rad/s² or m/s², above 0; ``inf`` without a limit, then v = d/dt.
+        dt: Length of this step and of those to come, s.
+
+    Returns:
+        v, rad/s or m/s, of the arguments' common shape.
+    """
+    braking = acceleration * dt
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        steps = np.floor((np.sqrt(1.0 + 8.0 * room / (braking * dt)) - 1.0) / 2.0)
+        speed = room / ((steps + 1.0) * dt) + 0.5 * steps * braking
+        # 0 · ∞ without an acceleration limit, ∞/∞ without a position limit.
+        result: Array = np.where(np.isnan(speed), room / dt, speed)
+    return result
