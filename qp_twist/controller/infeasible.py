@@ -98,7 +98,7 @@ def _scaled(posed: Posed, solver: str, largest: LargestScale) -> Step:
             return posed.step(
                 result.x, Status.SCALED, result.solver, binding, scale=scale, problem=problem
             )
-    # On the very edge a backend may see no inside; the linear program's own point is there.
+    # On the very edge a backend may see no inside; the point that was found is there.
     return _cascade(posed, solver, scale, largest.x, Status.SCALED, binding=binding)
 
 

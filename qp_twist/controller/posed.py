@@ -91,11 +91,13 @@ class Posed:
         largest = max(float(np.abs(box).max(initial=0.0)), float(rows.max(initial=0.0)))
         # Interior-point and first-order backends leave dust on inactive limits.
         dust = 1e-7 * max(largest, floor)
+        active = np.flatnonzero(np.abs(box) > dust)
+        names = limits.names if len(active) else ()
         found = []
-        for dof in np.flatnonzero(np.abs(box) > dust):
+        for dof in active:
             side = "upper" if box[dof] > 0.0 else "lower"
             kind = (limits.upper_kind if side == "upper" else limits.lower_kind)[dof]
-            found.append(BindingLimit(limits.names[dof], kind, side, float(abs(box[dof]))))
+            found.append(BindingLimit(names[dof], kind, side, float(abs(box[dof]))))
         for row in np.flatnonzero(rows > dust):
             found.append(BindingLimit(*self.labels[row], "upper", float(rows[row])))
         return tuple(found)

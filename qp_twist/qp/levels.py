@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 
@@ -14,6 +15,8 @@ SATISFIED = 1e-9
 """A level whose rows are met to this, relative to 1 + max |b|, counts as met."""
 _HELD = 1e-8
 """Rows with a multiplier above this share of the level's first gradient are held below it."""
+_ROUNDING = 1e-13
+"""What a residual loses to rounding, as a share of its terms."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,6 +52,17 @@ class Level:
         """Whether the level is met at ``x``."""
         size = 1.0 + float(np.abs(self.b).max(initial=0.0))
         return float(np.abs(self.violation(x)).max(initial=0.0)) <= SATISFIED * size
+
+
+class RowOrigin(NamedTuple):
+    """Where a row of C comes from."""
+
+    number: int
+    """Of the unknown, or of the row of G."""
+    side: float
+    """1 for an upper bound, −1 for a lower one, 0 for a row of G."""
+    length: float
+    """By which the row was divided."""
 
 
 @dataclass(eq=False)
@@ -95,8 +109,8 @@ class Cascade:
             np.zeros(n),
         )
 
-    def rows(self) -> tuple[Array, Array, list[tuple[int, float]]]:
-        """C, d and the origin of each row: (index, ±1) of a bound, (index, 0) of a row of G.
+    def rows(self) -> tuple[Array, Array, list[RowOrigin]]:
+        """C, d and where each row comes from.
 
         z = 0 satisfies them all. Rows which no z moves are left out, the others have length one.
         """
@@ -106,14 +120,14 @@ class Cascade:
             (self.G @ self.basis, self.g - self.G @ self.x, 0.0),
         ]
         rows, bounds = [np.zeros((0, self.basis.shape[1]))], [np.zeros(0)]
-        origins: list[tuple[int, float]] = []
+        origins: list[RowOrigin] = []
         for matrix, room, kind in blocks:
             length = np.linalg.norm(matrix, axis=1)
             scale = np.ones(len(matrix)) if kind else np.linalg.norm(self.G, axis=1)
             keep = np.flatnonzero(np.isfinite(room) & (length > RANK_TOLERANCE * scale))
             rows.append(matrix[keep] / length[keep, None])
             bounds.append(np.maximum(room[keep], 0.0) / length[keep])
-            origins += [(int(i), kind) for i in keep]
+            origins += [RowOrigin(int(i), kind, float(length[i])) for i in keep]
         return np.vstack(rows), np.concatenate(bounds), origins
 
     def minimise(self, level: Level) -> None:
@@ -133,7 +147,9 @@ class Cascade:
         C, d, origins = self.rows()
         p, k = self.basis.shape[1], len(level.g)
         size = np.linalg.norm(np.vstack([level.A, level.G]), axis=1).max(initial=0.0)
-        dust = _HELD * size * float(np.linalg.norm(level.violation(self.x)))
+        terms = size * (1.0 + np.abs(self.x).max(initial=0.0)) + np.abs(level.b).max(initial=0.0)
+        violation = float(np.linalg.norm(level.violation(self.x)))
+        dust = size * (_HELD * violation + _ROUNDING * float(terms))
         if size > 0.0 and p > 0:
             B = np.block(
                 [
@@ -158,10 +174,13 @@ class Cascade:
         else:
             multipliers = np.zeros(len(d) + k)
         violated = level.G @ self.x - level.g > SATISFIED * (1.0 + np.abs(level.g))
-        held = np.flatnonzero(multipliers[: len(d)] > dust)
-        self._freeze(level, violated, C[held], [(*origins[i], multipliers[i]) for i in held])
+        multipliers[multipliers <= dust] = 0.0
+        held = np.flatnonzero(multipliers[: len(d)])
+        for i in held:
+            self._note(origins[i], float(multipliers[i]))
+        self._freeze(level, violated, C[held])
         first = len(self.row_multipliers)
-        self.row_multipliers += list(multipliers[len(d) :])
+        self.row_multipliers += list(multipliers[len(d) :] / (size or 1.0))
         self.row_origins += [first + int(i) for i in np.flatnonzero(~violated)]
         self.G = np.vstack([self.G, level.G[~violated]])
         self.g = np.concatenate([self.g, level.g[~violated]])
@@ -169,20 +188,19 @@ class Cascade:
     def _move(self, z: Array) -> None:
         self.x = np.clip(self.x + self.basis @ z, self.lower, self.upper)
 
+    def _note(self, origin: RowOrigin, multiplier: float) -> None:
+        """Keep the multiplier of a row that stands in a level's way, unless a higher level has."""
+        value = multiplier / origin.length
+        if origin.side:
+            if self.box_multipliers[origin.number] == 0.0:
+                self.box_multipliers[origin.number] = origin.side * value
+        elif self.row_multipliers[self.row_origins[origin.number]] == 0.0:
+            self.row_multipliers[self.row_origins[origin.number]] = value
+
     def _freeze(
-        self,
-        level: Level,
-        violated: np.ndarray[tuple[int], np.dtype[np.bool_]],
-        held: Array,
-        origins: list[tuple[int, float, float]],
+        self, level: Level, violated: np.ndarray[tuple[int], np.dtype[np.bool_]], held: Array
     ) -> None:
-        """Hold what ``level`` achieved, and the rows that stood in its way."""
-        for index, side, multiplier in origins:
-            if not side:
-                origin = self.row_origins[index]
-                self.row_multipliers[origin] = self.row_multipliers[origin] or multiplier
-            elif self.box_multipliers[index] == 0.0:
-                self.box_multipliers[index] = side * multiplier
+        """Hold what ``level`` achieved, and the rows (k, p) that stood in its way."""
         unique = np.vstack([level.A, level.G[violated]])
         size = np.linalg.norm(unique, axis=1)
         fixed = unique[size > 0.0] @ self.basis / size[size > 0.0, None]

@@ -5,14 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import linprog
 
 from qp_twist.checks import Array
-from qp_twist.qp.active_set import (
-    RANK_TOLERANCE,
-    constrained_least_squares,
-    null_basis,
-)
+from qp_twist.qp.levels import Level, lexicographic
 from qp_twist.qp.problem import QuadraticProgram
 
 SCALE_BACKOFF = 1e-8
@@ -45,77 +40,33 @@ def largest_scale(problem: QuadraticProgram) -> LargestScale | None:
         \max_{x,\,s} s \quad\text{s.t.}\quad \mathbf A x = s\,\mathbf b,\;
         \mathbf G x \le \mathbf g,\; lower \le x \le upper,\; 0 \le s \le 1
 
-    Where standing still is allowed, the active-set method of the priority levels finds it from
-    there, as the s closest to 1; otherwise HiGHS (scipy). ``None`` where not even s = 0 has a
+    It is a hierarchy in (x, s): the rows G, then A x = s b, then s = 1. The cascade needs no
+    feasible start and has the multipliers of the last level. ``None`` where not even s = 0 has a
     solution.
     """
-    return _from_standstill(problem) or _by_linear_program(problem)
-
-
-def _from_standstill(problem: QuadraticProgram) -> LargestScale | None:
-    """The optimum from x = 0, s = 0, if that is feasible."""
-    n, speed = problem.n, float(np.abs(problem.b).max(initial=0.0))
-    standing = (problem.lower <= 0.0).all() and (problem.upper >= 0.0).all()
-    if not standing or (problem.g < 0.0).any() or not 0.0 < speed < np.inf:
-        return None
-    # A x = s b with unit rows, s in units of speed: one null space for both.
-    rows = np.column_stack([problem.A, -problem.b / speed])
-    length = np.linalg.norm(rows, axis=1)
-    basis = null_basis(rows[length > 0.0] / length[length > 0.0, None], n + 1)
-    matrix = np.vstack([np.eye(n + 1)[:n], -np.eye(n + 1)[:n], np.pad(problem.G, ((0, 0), (0, 1)))])
-    room = np.concatenate([problem.upper, -problem.lower, problem.g])
-    reduced = matrix @ basis
-    size = np.linalg.norm(reduced, axis=1)
-    keep = np.isfinite(room) & (size > RANK_TOLERANCE * np.linalg.norm(matrix, axis=1))
-    found = constrained_least_squares(
-        basis[n:],
-        np.array([speed]),
-        reduced[keep] / size[keep, None],
-        room[keep] / size[keep],
-        np.zeros(basis.shape[1]),
-        smallest=RANK_TOLERANCE,
+    n, speed = problem.n, float(np.abs(problem.b).max(initial=0.0)) or 1.0
+    none = np.zeros((0, n + 1))
+    rows = np.pad(problem.G, ((0, 0), (0, 1)))
+    # The unknown is s in units of speed, so that all rows are of one size.
+    task = Level(
+        np.column_stack([problem.A, -problem.b / speed]), 0.0 * problem.b, none, none[:, 0]
     )
-    if not found.optimal:
+    hard = Level(none, none[:, 0], rows, problem.g)
+    aim = Level(np.eye(n + 1)[n:], np.array([speed]), none, none[:, 0])
+    levels = [level for level in (hard, task) if len(level.b) + len(level.g)]
+    found = lexicographic(
+        [*levels, aim], np.append(problem.lower, 0.0), np.append(problem.upper, speed)
+    )
+    if not found.optimal or not all(level.met(found.x) for level in levels):
         return None
-    point = basis @ found.z
-    scale = max(0.0, float(point[n]) / speed)
-    multipliers = np.zeros(len(room))
-    if scale < 1.0 - 1e-12:
-        # The gradient of the distance ½(s − 1)² is (s − 1) times that of s.
-        multipliers[keep] = found.multipliers / size[keep] / (speed - point[n]) / speed
-    else:
-        scale = 1.0
+    scale = float(found.x[n]) / speed
+    if scale >= 1.0 - 1e-12:
+        return LargestScale(1.0, found.x[:n], np.zeros(n), np.zeros(len(problem.g)))
+    # The gradient of the distance ½(s − 1)² is (s − 1) times that of s.
+    gain = 1.0 / ((speed - found.x[n]) * speed)
     return LargestScale(
         scale=scale,
-        x=point[:n],
-        box_multipliers=multipliers[:n] - multipliers[n : 2 * n],
-        row_multipliers=multipliers[2 * n :],
-    )
-
-
-def _by_linear_program(problem: QuadraticProgram) -> LargestScale | None:
-    """The optimum by HiGHS."""
-    n = problem.n
-    cost = np.zeros(n + 1)
-    cost[-1] = -1.0
-    result = linprog(
-        cost,
-        A_eq=np.column_stack([problem.A, -problem.b]) if len(problem.b) else None,
-        b_eq=np.zeros(len(problem.b)) if len(problem.b) else None,
-        A_ub=np.column_stack([problem.G, np.zeros(len(problem.g))]) if len(problem.g) else None,
-        b_ub=problem.g if len(problem.g) else None,
-        bounds=np.column_stack([np.append(problem.lower, 0.0), np.append(problem.upper, 1.0)]),
-        method="highs",
-        options={"primal_feasibility_tolerance": 1e-10, "dual_feasibility_tolerance": 1e-10},
-    )
-    if result.status != 0:
-        return None
-    rows = -result.ineqlin.marginals if len(problem.g) else np.zeros(0)
-    return LargestScale(
-        scale=min(1.0, max(0.0, float(result.x[-1]))),
-        x=np.asarray(result.x[:-1]),
-        # HiGHS' marginals are d(−s)/d(bound); room at a lower bound is gained by lowering it.
-        box_multipliers=-np.asarray(result.upper.marginals[:-1])
-        - np.asarray(result.lower.marginals[:-1]),
-        row_multipliers=np.asarray(rows),
+        x=found.x[:n],
+        box_multipliers=gain * found.box_multipliers[:n],
+        row_multipliers=gain * np.array(found.row_multipliers[: len(problem.g)]),
     )
