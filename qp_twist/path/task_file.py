@@ -24,7 +24,7 @@ from qp_twist.path.orientation import roll_by_plane
 from qp_twist.path.path_task import PathTask
 from qp_twist.path.resources import shipped_folder
 from qp_twist.path.section import Section
-from qp_twist.path.shapes import polyline, spherical_patch_edges
+from qp_twist.path.shapes import polyline, spherical_patch_edges, with_leads
 from qp_twist.path.task_schema import (
     FeedSection,
     PolylinePath,
@@ -205,6 +205,10 @@ def _poses(path: Path, file: TaskFile, held: Array) -> tuple[Array, Array, Array
             np.array(section.half_width),
             section.steps_per_edge,
         )
+        if section.lead is not None and section.steps_per_lead is not None:
+            positions, normals = with_leads(
+                positions, normals, section.lead, section.steps_per_lead
+            )
         axes = -normals if section.tool == "into" else normals
     if file.roll is None:
         raise TaskFileError(

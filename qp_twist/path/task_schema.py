@@ -78,6 +78,16 @@ class SphericalPatchPath(Section):
     half_width: tuple[Positive, Positive]
     steps_per_edge: Count
     tool: Literal["into", "out"] = "into"
+    lead: Positive | None = Field(
+        default=None, description="straight way along the normal, before and after the edges, m"
+    )
+    steps_per_lead: Count | None = None
+
+    @model_validator(mode="after")
+    def _whole_lead(self) -> SphericalPatchPath:
+        if (self.lead is None) != (self.steps_per_lead is None):
+            raise ValueError("give both lead (m) and steps_per_lead, or neither")
+        return self
 
 
 class Pose(Section):
