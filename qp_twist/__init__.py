@@ -32,6 +32,7 @@ from .limits import DisplacementWindow as DisplacementWindow
 from .limits import PositionLimit as PositionLimit
 from .path import METHODS as METHODS
 from .path import PathTask as PathTask
+from .path import Segment as Segment
 from .path import load_task as load_task
 from .qp import InfeasibleStep as InfeasibleStep
 from .qp import NoSolutionFound as NoSolutionFound

@@ -58,6 +58,17 @@ class ProjectorSection(Section):
         return TwistProjector(linear=self.linear, angular=self.angular, frame=self.frame)
 
 
+class SegmentSection(ProjectorSection):
+    """Another projector, from a waypoint on."""
+
+    first: Annotated[int, Field(ge=2, le=1_000_000)] = Field(
+        description="waypoint, counted from 1; [projector] holds before"
+    )
+    blend: Annotated[int, Field(ge=0, le=1_000_000)] = Field(
+        default=0, description="waypoints over which the change into it is spread"
+    )
+
+
 class PolylinePath(Section):
     """Straight segments through points."""
 
@@ -187,6 +198,7 @@ class TaskFile(Section):
     operational: ProjectorSection = ProjectorSection(
         linear=Projector.full(), angular=Projector.full()
     )
+    segments: tuple[SegmentSection, ...] = ()
     path: PathSection
     roll: RollSection | None = None
     start: StartSection
