@@ -33,6 +33,7 @@ from .limits import MotionLimit as MotionLimit
 from .limits import PositionLimit as PositionLimit
 from .path import METHODS as METHODS
 from .path import PathTask as PathTask
+from .path import Segment as Segment
 from .path import load_task as load_task
 from .qp import InfeasibleStep as InfeasibleStep
 from .qp import LostDirection as LostDirection

@@ -16,7 +16,11 @@ from qp_twist.cli import main
 def test_tasks_lists_every_file_with_a_line(capsys: pytest.CaptureFixture[str]) -> None:
     main(["tasks"])
     lines = capsys.readouterr().out.splitlines()
-    assert [line.split()[0] for line in lines] == ["deburring", "planar_line"]
+    assert [line.split()[0] for line in lines] == [
+        "approach_contact_retreat",
+        "deburring",
+        "planar_line",
+    ]
     assert all(len(line.split()) > 5 for line in lines)
 
 
@@ -118,5 +122,5 @@ def test_the_module_runs_as_the_command() -> None:
     done = subprocess.run(
         [sys.executable, "-m", "qp_twist", "tasks"], capture_output=True, text=True, check=True
     )
-    assert done.stdout.startswith("deburring")
+    assert done.stdout.startswith("approach_contact_retreat")
     assert done.stderr == ""

@@ -213,6 +213,7 @@ def test_numbers_in_the_text_are_those_of_the_runs(
 SECTIONS = {
     "[robot]": task_schema.RobotSection,
     "[projector]": task_schema.ProjectorSection,
+    "[[segments]]": task_schema.SegmentSection,
     '[path] with kind = "polyline"': task_schema.PolylinePath,
     '[path] with kind = "spherical_patch"': task_schema.SphericalPatchPath,
     '[path] with kind = "poses"': task_schema.PosesPath,

@@ -8,7 +8,7 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.figure import Figure
 
-from qp_twist.comparison.style import LIMIT, RC, line_style
+from qp_twist.comparison.style import GRID, LIMIT, RC, line_style
 from qp_twist.following import Trajectory
 from qp_twist.path import PathTask
 
@@ -19,7 +19,7 @@ _FLOOR = 1e-6
 def path_figure(path_task: PathTask, trajectories: Mapping[str, Trajectory]) -> Figure:
     """Four panels over the waypoint index: z, smallest margin, position error, axis error."""
     with mpl.rc_context(RC):
-        angular = path_task.projector.angular.rank > 0
+        angular = any(t.angular.rank > 0 for t in path_task.projectors)
         figure = Figure(figsize=(10.5, 9.4 if angular else 7.4), layout="constrained")
         panels = figure.subplots(4 if angular else 3, 1, sharex=True)
         largest = 0.0
@@ -35,6 +35,10 @@ def path_figure(path_task: PathTask, trajectories: Mapping[str, Trajectory]) -> 
                 panels[3].semilogy(index, np.maximum(error, _FLOOR), **style)
             if margin.min() >= 0.0:
                 largest = max(largest, float(trajectory.z.max()))
+        for segment in path_task.segments:
+            begin = segment.first + 1
+            for panel in panels:
+                panel.axvspan(begin, begin + segment.blend, color=GRID, linewidth=1.0, zorder=0)
         panels[0].set_title("z, distance from the middle of the joint ranges (lower is better)")
         if largest:
             # Methods that leave the limits may leave the panel: the others are to be told apart.
@@ -48,7 +52,8 @@ def path_figure(path_task: PathTask, trajectories: Mapping[str, Trajectory]) -> 
         panels[-1].set_xlabel("waypoint")
         panels[-1].margins(x=0.01)
         figure.suptitle(
-            "Along the path (dashed: closed form, solid: QP)",
+            "Along the path (dashed: closed form, solid: QP"
+            + ("; shaded: T changes)" if path_task.segments else ")"),
             x=0.01, ha="left", fontsize=11, fontweight="bold",
         )  # fmt: skip
         handles, labels = panels[0].get_legend_handles_labels()

@@ -29,10 +29,11 @@ _DRAWN = 50
 
 
 def applies_to(path_task: PathTask) -> bool:
-    """Whether the figure can be drawn: a planar arm of hinges with one redundant degree."""
+    """Whether the figure can be drawn: a planar arm of hinges with always the same free degree."""
     model = path_task.model
     return bool(
         model.nv - path_task.projector.rank == 1
+        and not path_task.segments
         and model.nv <= 3
         and (model.jnt_type == mujoco.mjtJoint.mjJNT_HINGE).all()
     )
@@ -41,11 +42,12 @@ def applies_to(path_task: PathTask) -> bool:
 def check_applies(path_task: PathTask) -> None:
     """Refuse a task for which the figure cannot be drawn, with a sentence."""
     if not applies_to(path_task):
-        free = path_task.model.nv - path_task.projector.rank
+        counts = dict.fromkeys(path_task.model.nv - t.rank for t in path_task.projectors)
+        free = ", then ".join(map(str, counts))
         raise InvalidInput(
             f"roadmap: {path_task.name} leaves {free} of {path_task.model.nv} joints free; the "
             "joint-space roadmap is drawn for planar arms of up to three hinges with one of them "
-            "free."
+            "free and one projector all the way."
         )
 
 

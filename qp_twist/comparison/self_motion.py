@@ -31,7 +31,7 @@ def manifolds(
         seeds: Number of random configurations to start from.
         rng: Source of the seeds.
     """
-    task = twist_task(path_task)
+    task = twist_task(path_task, path_task.projector)
     task.set_target(waypoint)
     configuration = mink.Configuration(path_task.model)
     middle = JointRanges.of(path_task.model).middle

@@ -13,7 +13,8 @@ from pydantic import ValidationError
 from qp_twist import closed_form
 from qp_twist.checks import Array, instance
 from qp_twist.errors import InvalidInput
-from qp_twist.following.resolver import Resolver, make_resolver, twist_task
+from qp_twist.following.blending import resolvers_along
+from qp_twist.following.resolver import Resolver, twist_task
 from qp_twist.following.trajectory import Trajectory
 from qp_twist.kinematics import TwistTask
 from qp_twist.path import METHODS, MethodSettings, PathTask, check_method
@@ -39,6 +40,9 @@ def follow(
     breaking the task by curvature. The QPs hold the scene's position limits and, over the time of
     the waypoint, the task's velocity limits; where these do not leave room for the whole task the
     step is scaled, and the waypoint's error is what is left of it.
+
+    Where the task's projector changes (:class:`~qp_twist.Segment`), the first iteration goes over
+    from one to the other within the blend and the others correct the rows that both have.
 
     Args:
         path_task: The task, from :func:`~qp_twist.load_task`.
@@ -68,14 +72,15 @@ def follow(
                 f"follow: {method} needs a roll rule with two signs; this task has no [roll]."
             )
         waypoints = path_task.flipped_waypoints
-    resolver = make_resolver(path_task, method, settings, solver)
+    resolvers = resolvers_along(path_task, waypoints, method, settings, solver)
     configuration = mink.Configuration(
-        path_task.model, _corrected_start(path_task, resolver, waypoints[0])
+        path_task.model, _corrected_start(path_task, resolvers[0], waypoints[0])
     )
     recorder = _Recorder(path_task)
     recorder.add(configuration, waypoints[0])
     began = time.perf_counter()
-    for index, waypoint in enumerate(waypoints[1:], start=1):
+    stages = zip(waypoints[1:], resolvers[1:], strict=True)
+    for index, (waypoint, resolver) in enumerate(stages, start=1):
         duration = None if path_task.durations is None else float(path_task.durations[index])
         if recorder.diverged_at is None:
             resolver.task.set_target(waypoint)
@@ -163,7 +168,7 @@ class _Recorder:
 
     def __init__(self, path_task: PathTask) -> None:
         self.path_task = path_task
-        self.task = twist_task(path_task)
+        self.task = twist_task(path_task, path_task.projector)
         self.q: list[Array] = []
         self.rows: list[tuple[float, float, float]] = []
         self.scales: list[float] = []
@@ -183,6 +188,9 @@ class _Recorder:
 
     def add(self, configuration: mink.Configuration, waypoint: mink.SE3) -> None:
         """A waypoint that is done."""
+        in_force = self.path_task.in_force[len(self.q)]
+        if in_force is not self.task.projector:
+            self.task = twist_task(self.path_task, in_force)
         self.task.set_target(waypoint)
         state = self.task.state(configuration)
         rows = state.basis.T @ state.jacobian

@@ -11,6 +11,8 @@ import numpy as np
 from qp_twist import closed_form
 from qp_twist.checks import Array
 from qp_twist.controller import Controller, Status
+from qp_twist.following.waypoint_limits import WaypointLimits
+from qp_twist.geometry import TwistProjector
 from qp_twist.kinematics import (
     JointCentering,
     JointRanges,
@@ -20,7 +22,6 @@ from qp_twist.kinematics import (
     TwistTask,
     total_displacement,
 )
-from qp_twist.limits import DisplacementWindow, PositionLimit
 from qp_twist.path import METHODS, MethodSettings, PathTask
 
 
@@ -59,9 +60,11 @@ class Resolver(abc.ABC):
 class ClosedFormResolver(Resolver):
     """The closed forms of the paper; they know nothing of limits or time."""
 
-    def __init__(self, path_task: PathTask, method: str, settings: MethodSettings) -> None:
+    def __init__(
+        self, path_task: PathTask, method: str, settings: MethodSettings, projector: TwistProjector
+    ) -> None:
         self.method = METHODS[method]
-        self.task = twist_task(path_task, whole_twist=self.method.whole_twist)
+        self.task = twist_task(path_task, projector)
         self.operational = path_task.operational
         self.objectives = secondary_objectives(path_task, self.task, settings)
 
@@ -91,53 +94,57 @@ class QpResolver(Resolver):
     """The constrained counterparts: the controller's QP with the task's limits."""
 
     def __init__(
-        self, path_task: PathTask, method: str, settings: MethodSettings, solver: str
+        self,
+        path_task: PathTask,
+        method: str,
+        settings: MethodSettings,
+        projector: TwistProjector,
+        solver: str,
+        limits: WaypointLimits,
     ) -> None:
         self.method = METHODS[method]
-        self.task = twist_task(path_task, whole_twist=self.method.whole_twist)
-        self.model = path_task.model
-        self.velocity_limits = path_task.velocity_limits
+        self.task = twist_task(path_task, projector)
+        self.limits = limits
+        model = path_task.model
         metric = None
         if settings.secondary == "centering" and settings.weight == "natural":
-            metric = range_metric(JointRanges.of(self.model))
+            metric = range_metric(JointRanges.of(model))
         self.controller = Controller(
-            self.model,
+            model,
             tasks=[self.task],
             secondary=secondary_objectives(path_task, self.task, settings),
             secondary_space=self.method.space,
             solver=solver,
             metric=metric,
-            limits=[PositionLimit(self.model)],
+            limits=limits.limits,
         )
-        self.window: DisplacementWindow | None = None
-        if path_task.durations is not None and np.isfinite(self.velocity_limits).any():
-            unbounded = np.full(self.model.nv, np.inf)
-            self.window = DisplacementWindow(self.model, path_task.start, unbounded)
-            self.controller.limits.append(self.window)
-        self.dt = 1.0
 
     def begin_waypoint(self, q: Array, duration: float | None) -> None:
-        """Open the window in which the joints may move until the next waypoint is due."""
-        self.dt = 1.0 if duration is None else duration
-        if self.window is not None:
-            self.window.move(q, self.velocity_limits * self.dt)
+        """The limits of a waypoint, for all resolvers that share them."""
+        self.limits.begin_waypoint(q, duration)
 
     def displacement(self, configuration: mink.Configuration, *, first: bool) -> Displacement:
         """One step of the controller, over the whole duration of the waypoint."""
-        step = self.controller.step(configuration, self.dt, use_secondary=first)
+        dt = self.limits.dt
+        step = self.controller.step(configuration, dt, use_secondary=first)
         names: tuple[str, ...] = ()
         if step.status is not Status.SOLVED:
             names = tuple(str(limit) for limit in step.binding)
-        return Displacement(step.velocity * self.dt, step.scale, names)
+        return Displacement(step.velocity * dt, step.scale, names)
 
 
 def make_resolver(
-    path_task: PathTask, method: str, settings: MethodSettings, solver: str
+    path_task: PathTask,
+    method: str,
+    settings: MethodSettings,
+    projector: TwistProjector,
+    solver: str,
+    limits: WaypointLimits,
 ) -> Resolver:
-    """The resolver of a method by name."""
+    """The resolver of a method by name, for one projector."""
     if METHODS[method].constrained:
-        return QpResolver(path_task, method, settings, solver)
-    return ClosedFormResolver(path_task, method, settings)
+        return QpResolver(path_task, method, settings, projector, solver, limits)
+    return ClosedFormResolver(path_task, method, settings, projector)
 
 
 def range_metric(ranges: JointRanges) -> Array:
@@ -148,12 +155,12 @@ def range_metric(ranges: JointRanges) -> Array:
     return metric
 
 
-def twist_task(path_task: PathTask, *, whole_twist: bool = False) -> TwistTask:
-    """The task of a path: its own projector, or the whole operational one."""
+def twist_task(path_task: PathTask, projector: TwistProjector) -> TwistTask:
+    """The task of a path's frame with one of its projectors."""
     return TwistTask(
         path_task.frame_name,
         path_task.frame_type,
-        path_task.operational if whole_twist else path_task.projector,
+        projector,
         max_linear_step=path_task.iteration.max_linear_step,
         max_angular_step=path_task.iteration.max_angular_step,
     )

@@ -8,7 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from qp_twist.checks import Array, unit_vector
+from qp_twist.checks import Array, instance, unit_vector
+
+SAME_DIRECTION = 1e-9
+"""Sine of the angle below which two directions count as one."""
 
 
 class ProjectorKind(enum.Enum):
@@ -92,6 +95,25 @@ class Projector:
         if self.kind is ProjectorKind.PLANE:
             return Projector.line(self.axis)
         return Projector.plane(self.axis)
+
+    def intersection(self, other: Projector) -> Projector:
+        r"""The projector onto what both keep.
+
+        .. math:: \mathrm{range}\,\mathbf M_1 \cap \mathrm{range}\,\mathbf M_2
+            = \ker \begin{bmatrix} \mathbf 1 - \mathbf M_1 \\ \mathbf 1 - \mathbf M_2 \end{bmatrix}
+
+        Two axes that are parallel, or perpendicular, to 1e-9 rad count as exactly so.
+        """
+        instance("other", other, Projector)
+        outside = np.hstack([self.complement.basis, other.complement.basis])
+        directions, sigma, _ = np.linalg.svd(outside)
+        rank = 3 - int((sigma > SAME_DIRECTION).sum())
+        for smaller in (self, other):
+            if smaller.rank == rank:
+                return smaller
+        if rank == 1:  # two planes that cross
+            return Projector.line(directions[:, 2])
+        return Projector.none()
 
     def rotated(self, rotation: Array) -> Projector:
         """The projector R M Rᵀ whose axis has been turned by ``rotation`` (3, 3).

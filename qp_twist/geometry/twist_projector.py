@@ -82,6 +82,31 @@ class TwistProjector:
             linear=self.linear.complement, angular=self.angular.complement, frame=self.frame
         )
 
+    def intersection(self, other: TwistProjector) -> TwistProjector:
+        """The twist projector onto the rows that both have, block by block.
+
+        Raises:
+            InvalidInput: If axes of the two are fixed to different frames: what they have in common
+                then changes along the motion.
+        """
+        instance("other", other, TwistProjector)
+        frames = {t.frame for t in (self, other) if t._has_axis}
+        if len(frames) > 1:
+            raise InvalidInput(
+                f"TwistProjector.intersection: the axes of one are fixed to {self.frame!r}, those "
+                f"of the other to {other.frame!r}; state both in one frame."
+            )
+        return TwistProjector(
+            linear=self.linear.intersection(other.linear),
+            angular=self.angular.intersection(other.angular),
+            frame=frames.pop() if frames else self.frame,
+        )
+
+    @property
+    def _has_axis(self) -> bool:
+        """Whether it matters what ``frame`` is."""
+        return self.linear.axis is not None or self.angular.axis is not None
+
     def resolved(
         self, body: npt.ArrayLike | None = None, target: npt.ArrayLike | None = None
     ) -> TwistProjector:

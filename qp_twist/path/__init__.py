@@ -6,6 +6,7 @@ from .methods import MethodSettings as MethodSettings
 from .path_task import PathTask as PathTask
 from .path_task import check_method as check_method
 from .resources import shipped_folder as shipped_folder
+from .segment import Segment as Segment
 from .task_file import load_task as load_task
 from .task_file import shipped_tasks as shipped_tasks
 from .task_file import task_title as task_title

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 
 import mink
@@ -13,6 +14,7 @@ from qp_twist.checks import Array
 from qp_twist.errors import InvalidInput
 from qp_twist.geometry import TwistProjector, task_redundancy
 from qp_twist.path.methods import METHODS, MethodSettings
+from qp_twist.path.segment import Segment, check_segments, projectors_in_force
 from qp_twist.path.task_schema import IterationSection
 
 
@@ -28,7 +30,7 @@ class PathTask:
         model: The robot.
         frame_name: Name of the controlled frame.
         frame_type: Its type.
-        projector: T of the task.
+        projector: T of the task; where it changes along the path, T of the first waypoint.
         operational: T_O of the robot.
         waypoints: Poses in the world, with the roll of the roll rule.
         flipped_waypoints: The same with the rule's other sign; ``None`` without a rule.
@@ -38,6 +40,10 @@ class PathTask:
         acceleration_limits: Largest joint accelerations, rad/s² or m/s², (nv,); ∞ likewise.
         iteration: Tolerances and step clamps.
         methods: Settings by method name, where the file states them.
+        segments: Where another projector takes over, in the order of the path.
+
+    Raises:
+        InvalidInput: If the segments do not fit the waypoints, the robot or each other.
     """
 
     name: str
@@ -57,6 +63,10 @@ class PathTask:
     acceleration_limits: Array
     iteration: IterationSection = field(default_factory=IterationSection)
     methods: dict[str, MethodSettings] = field(default_factory=dict)
+    segments: tuple[Segment, ...] = ()
+
+    def __post_init__(self) -> None:
+        check_segments(self.operational, self.projector, self.segments, len(self.waypoints))
 
     @property
     def positions(self) -> Array:
@@ -64,9 +74,19 @@ class PathTask:
         return np.array([w.translation() for w in self.waypoints])
 
     @property
+    def projectors(self) -> tuple[TwistProjector, ...]:
+        """The projectors of the path, in its order: ``projector``, then those of the segments."""
+        return (self.projector, *(segment.projector for segment in self.segments))
+
+    @cached_property
+    def in_force(self) -> tuple[TwistProjector, ...]:
+        """The projector whose rows hold at each waypoint; in a blend that of the common rows."""
+        return projectors_in_force(self.projector, self.segments, len(self.waypoints))
+
+    @property
     def redundancy(self) -> int:
-        """r_t = rank(T_O) − rank(T_T)."""
-        return task_redundancy(self.operational, self.projector)
+        """r_t = rank(T_O) − rank(T_T); where T changes, the smallest on the path."""
+        return min(task_redundancy(self.operational, t) for t in self.projectors)
 
     def settings(self, method: str) -> MethodSettings:
         """Settings of a method: its own, with those that the file states in their place.
@@ -91,9 +111,10 @@ class PathTask:
         ]
 
     def __repr__(self) -> str:
+        ranks = ", then ".join(str(t.rank) for t in self.projectors)
         return (
             f"PathTask({self.name!r}, {len(self.waypoints)} waypoints, "
-            f"rank {self.projector.rank} of {self.operational.rank})"
+            f"rank {ranks} of {self.operational.rank})"
         )
 
 

@@ -19,6 +19,29 @@ def polyline(points: Array, steps: int) -> Array:
     return np.vstack([*parts, points[-1:]])
 
 
+def with_leads(points: Array, normals: Array, length: float, steps: int) -> tuple[Array, Array]:
+    """A path with a straight way in before it and out after it, along the normals of its ends.
+
+    Args:
+        points: The path, m, (N, 3).
+        normals: Unit normals, away from the part, (N, 3).
+        length: Of each of the two, m.
+        steps: Equal steps along each.
+
+    Returns:
+        Points (N + 2·steps, 3), m, and normals to them.
+    """
+    ends = points[[0, -1]] + length * normals[[0, -1]]
+    points = np.vstack(
+        [
+            polyline(np.array([ends[0], points[0]]), steps)[:-1],
+            points,
+            polyline(np.array([points[-1], ends[1]]), steps)[1:],
+        ]
+    )
+    return points, np.pad(normals, ((steps, steps), (0, 0)), mode="edge")
+
+
 def spherical_patch_edges(
     center: Array, radius: float, half_width: Array, steps: int
 ) -> tuple[Array, Array]:

@@ -24,7 +24,8 @@ from qp_twist.path.orientation import roll_by_plane
 from qp_twist.path.path_task import PathTask
 from qp_twist.path.resources import shipped_folder
 from qp_twist.path.section import Section
-from qp_twist.path.shapes import polyline, spherical_patch_edges
+from qp_twist.path.segment import Segment
+from qp_twist.path.shapes import polyline, spherical_patch_edges, with_leads
 from qp_twist.path.task_schema import (
     FeedSection,
     PolylinePath,
@@ -79,7 +80,9 @@ def load_task(task: str | Path) -> PathTask:
     except TaskFileError:
         raise
     except InvalidInput as error:
-        raise TaskFileError(f"{path}: {error}") from error
+        key = re.match(r"[\w.\[\]]+(?=: )", str(error))
+        number = _line_of(text, _split(key[0])) if key else None
+        raise TaskFileError(f"{_place(path, number)}: {error}") from error
 
 
 def task_title(path: Path) -> str:
@@ -150,6 +153,7 @@ def _build(path: Path, file: TaskFile) -> PathTask:
         acceleration_limits=_limits(path, file, ranges, "acceleration"),
         iteration=file.iteration,
         methods={str(name): settings for name, settings in file.methods.items()},
+        segments=tuple(Segment(s.first - 1, s.projector(), s.blend) for s in file.segments),
     )
 
 
@@ -206,6 +210,10 @@ def _poses(path: Path, file: TaskFile, held: Array) -> tuple[Array, Array, Array
             np.array(section.half_width),
             section.steps_per_edge,
         )
+        if section.lead is not None and section.steps_per_lead is not None:
+            positions, normals = with_leads(
+                positions, normals, section.lead, section.steps_per_lead
+            )
         axes = -normals if section.tool == "into" else normals
     if file.roll is None:
         raise TaskFileError(
@@ -282,10 +290,18 @@ def _explain(path: Path, text: str, error: ValidationError) -> str:
         ):
             continue
         key = "".join(f"[{k}]" if isinstance(k, int) else f".{k}" for k in keys).lstrip(".")
-        number = _line_of(text, [str(k) for k in keys if isinstance(k, str)])
-        place = f"{path}, line {number}" if number else str(path)
+        place = _place(path, _line_of(text, keys))
         lines.append(f"{place}: {key}: {_sentence(item, keys)}")
     return "\n".join(lines)
+
+
+def _place(path: Path, number: int | None) -> str:
+    return f"{path}, line {number}" if number else str(path)
+
+
+def _split(key: str) -> list[str | int]:
+    """``segments[1].first`` as the keys that lead there."""
+    return [int(k) if k.isdecimal() else k for k in re.findall(r"\w+", key)]
 
 
 def _keys(item: Any) -> list[str | int]:
@@ -327,15 +343,19 @@ def _known_keys(section: type[Section]) -> set[str]:
     return keys
 
 
-def _line_of(text: str, keys: list[str]) -> int | None:
+def _line_of(text: str, keys: list[str | int]) -> int | None:
     """Line of a dotted key, by headers and assignments; the nearest parent's if it is nested."""
-    table: list[str] = []
+    table: list[str | int] = []
     best, depth = None, 0
+    seen: dict[str, int] = {}
     for number, line in enumerate(text.splitlines(), start=1):
-        header = re.match(r"\s*\[+\s*([^\]]+?)\s*\]+", line)
+        header = re.match(r"\s*(\[+)\s*([^\]]+?)\s*\]+", line)
         assignment = re.match(r"\s*([\w.\"'-]+)\s*=", line)
         if header:
-            table = [part.strip(" \"'") for part in header[1].split(".")]
+            table = [part.strip(" \"'") for part in header[2].split(".")]
+            if header[1] == "[[":  # the tables of an array are counted
+                seen[header[2]] = seen.get(header[2], -1) + 1
+                table.append(seen[header[2]])
             here = table
         elif assignment:
             here = table + [part.strip(" \"'") for part in assignment[1].split(".")]

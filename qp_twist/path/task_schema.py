@@ -58,6 +58,17 @@ class ProjectorSection(Section):
         return TwistProjector(linear=self.linear, angular=self.angular, frame=self.frame)
 
 
+class SegmentSection(ProjectorSection):
+    """Another projector, from a waypoint on."""
+
+    first: Annotated[int, Field(ge=2, le=1_000_000)] = Field(
+        description="waypoint, counted from 1; [projector] holds before"
+    )
+    blend: Annotated[int, Field(ge=0, le=1_000_000)] = Field(
+        default=0, description="waypoints over which the change into it is spread"
+    )
+
+
 class PolylinePath(Section):
     """Straight segments through points."""
 
@@ -78,6 +89,16 @@ class SphericalPatchPath(Section):
     half_width: tuple[Positive, Positive]
     steps_per_edge: Count
     tool: Literal["into", "out"] = "into"
+    lead: Positive | None = Field(
+        default=None, description="straight way along the normal, before and after the edges, m"
+    )
+    steps_per_lead: Count | None = None
+
+    @model_validator(mode="after")
+    def _whole_lead(self) -> SphericalPatchPath:
+        if (self.lead is None) != (self.steps_per_lead is None):
+            raise ValueError("give both lead (m) and steps_per_lead, or neither")
+        return self
 
 
 class Pose(Section):
@@ -180,6 +201,7 @@ class TaskFile(Section):
     operational: ProjectorSection = ProjectorSection(
         linear=Projector.full(), angular=Projector.full()
     )
+    segments: tuple[SegmentSection, ...] = ()
     path: PathSection
     roll: RollSection | None = None
     start: StartSection

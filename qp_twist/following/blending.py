@@ -1,0 +1,157 @@
+"""From one projector to the next along a path, at once or spread over several waypoints."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import mink
+
+from qp_twist.checks import Array
+from qp_twist.following.resolver import Displacement, Resolver, make_resolver
+from qp_twist.following.waypoint_limits import WaypointLimits
+from qp_twist.geometry import TwistProjector, twist_error
+from qp_twist.path import METHODS, MethodSettings, PathTask
+
+
+def resolvers_along(
+    path_task: PathTask,
+    waypoints: Sequence[mink.SE3],
+    method: str,
+    settings: MethodSettings,
+    solver: str,
+) -> list[Resolver]:
+    """The resolver of each waypoint: that of its segment, or a blend of two.
+
+    A method that fixes the whole twist has one for the whole path: it meets every projector.
+    """
+    limits = WaypointLimits(path_task)
+
+    def make(projector: TwistProjector) -> Resolver:
+        return make_resolver(path_task, method, settings, projector, solver, limits)
+
+    count = len(waypoints)
+    if METHODS[method].whole_twist:
+        return [make(path_task.operational)] * count
+    resolvers = [make(path_task.projector)] * count
+    for segment in path_task.segments:
+        old, new = resolvers[segment.first - 1], make(segment.projector)
+        resolvers[segment.first :] = [new] * (count - segment.first)
+        if segment.blend:
+            common = make(path_task.in_force[segment.first])
+            for step in range(1, segment.blend + 1):
+                index = segment.first + step - 1
+                resolvers[index] = BlendingResolver(
+                    old, new, common, waypoints[index - 1], Ramp(step, segment.blend)
+                )
+    return resolvers
+
+
+@dataclass(frozen=True)
+class Ramp:
+    r"""How far a change has gone at the ``step``-th of ``length`` waypoints.
+
+    With n = length, the waypoint before the blend is step 0, the first one behind it step n + 1.
+    """
+
+    step: int
+    length: int
+
+    @property
+    def weight(self) -> float:
+        r"""α, the new projector's part of the displacement.
+
+        :math:`3s^2 - 2s^3` with :math:`s = step/(n+1)`: its slope is zero at both ends and 1.5 at
+        most.
+        """
+        s = self.step / (self.length + 1)
+        return s * s * (3.0 - 2.0 * s)
+
+    @property
+    def share(self) -> float:
+        r"""Share of the error in the acquired rows which the new projector's step removes.
+
+        :math:`1 - ((m-1)/m)^3` with m = n + 2 − step waypoints to go. At weight 1 the error would
+        fall with m³, to nothing at step n + 1 and with no jump of speed or acceleration there.
+        """
+        m = self.length + 2 - self.step
+        return 1.0 - ((m - 1) / m) ** 3
+
+
+class BlendingResolver(Resolver):
+    r"""A waypoint between two projectors.
+
+    The first iteration is the convex combination
+
+    .. math:: \Delta\mathbf q = (1-\alpha)\,\Delta\mathbf q_{old} + \alpha\,\Delta\mathbf q_{new}
+
+    of what the method does with either projector. Bounds and rows G q̇ ≤ g are convex, and the rows
+    which both projectors have hold in both, so they hold in the combination. The other iterations
+    correct the common rows alone: they would undo the blend in all others.
+
+    Rows that only one of them has are not pulled to the waypoint, from which the other takes them
+    away. The old projector lets the rows being released go with the target as they stand; the new
+    one removes the share of :class:`Ramp` from the error of the rows being acquired. Their speed is
+    then α and 1 − α of the free one's, and what has to be removed starts and ends at rest.
+
+    Attributes:
+        task: The common rows.
+    """
+
+    def __init__(
+        self, old: Resolver, new: Resolver, common: Resolver, previous: mink.SE3, ramp: Ramp
+    ) -> None:
+        """Wrap the resolvers of both projectors and of their common rows.
+
+        Args:
+            old: Of the segment before.
+            new: Of the segment that begins.
+            common: Of the rows that both have; its limits are those of the other two.
+            previous: The waypoint before, from which the target comes.
+            ramp: How far the change has gone.
+        """
+        self.old, self.new, self.common = old, new, common
+        self.task = common.task
+        self.previous = previous
+        self.ramp = ramp
+
+    def begin_waypoint(self, q: Array, duration: float | None) -> None:
+        """Once for all three, since they share their limits."""
+        self.common.begin_waypoint(q, duration)
+
+    def displacement(self, configuration: mink.Configuration, *, first: bool) -> Displacement:
+        """The combination, or a correction of the common rows."""
+        if not first:
+            return self.common.displacement(configuration, first=False)
+        target, task = self.task.target, self.task
+        assert target is not None
+        pose = configuration.get_transform_frame_to_world(task.frame_name, task.frame_type)
+        carried = target @ self.previous.inverse() @ pose
+        held = towards(carried, target, task.projector, 1.0)
+        self.old.task.set_target(held)
+        self.new.task.set_target(towards(held, target, self.new.task.projector, self.ramp.share))
+        old = self.old.displacement(configuration, first=True)
+        new = self.new.displacement(configuration, first=True)
+        weight = self.ramp.weight
+        return Displacement(
+            (1.0 - weight) * old.dq + weight * new.dq,
+            (1.0 - weight) * old.scale + weight * new.scale,
+            tuple(dict.fromkeys(itertools.chain(old.binding, new.binding))),
+        )
+
+
+def towards(pose: mink.SE3, target: mink.SE3, projector: TwistProjector, share: float) -> mink.SE3:
+    """``pose`` moved by a share of its task error, after which 1 − share of it is left."""
+    rotation = pose.rotation()
+    error = twist_error(
+        rotation.as_matrix(),
+        pose.translation(),
+        target.rotation().as_matrix(),
+        target.translation(),
+        projector,
+    )
+    return mink.SE3.from_rotation_and_translation(
+        (mink.SO3.exp(share * error[3:]) @ rotation).normalize(),
+        pose.translation() + share * error[:3],
+    )

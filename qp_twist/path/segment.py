@@ -1,0 +1,85 @@
+"""Where along a path the projector changes, and over how many waypoints."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from qp_twist.checks import instance
+from qp_twist.errors import InvalidInput
+from qp_twist.geometry import TwistProjector, task_redundancy
+
+
+@dataclass(frozen=True, eq=False)
+class Segment:
+    """A stretch of a path with a projector of its own; it ends where the next one begins.
+
+    Attributes:
+        first: Index of its first waypoint, from 0 as in ``PathTask.waypoints`` (task files and
+            tables count from 1).
+        projector: T of its waypoints.
+        blend: Number of waypoints, from ``first`` on, over which the change into it is spread. In
+            them the rows that both projectors have in common are in force.
+    """
+
+    first: int
+    projector: TwistProjector
+    blend: int = 0
+
+    def __post_init__(self) -> None:
+        instance("Segment(first=…)", self.first, int)
+        instance("Segment(projector=…)", self.projector, TwistProjector)
+        instance("Segment(blend=…)", self.blend, int)
+
+
+def projectors_in_force(
+    projector: TwistProjector, segments: Sequence[Segment], count: int
+) -> tuple[TwistProjector, ...]:
+    """The projector whose rows hold at each of ``count`` waypoints, in blends the common one."""
+    found = [projector] * count
+    for segment in segments:
+        common = found[segment.first - 1].intersection(segment.projector)
+        found[segment.first :] = [segment.projector] * (count - segment.first)
+        found[segment.first : segment.first + segment.blend] = [common] * segment.blend
+    return tuple(found)
+
+
+def check_segments(
+    operational: TwistProjector,
+    projector: TwistProjector,
+    segments: Sequence[Segment],
+    count: int,
+) -> None:
+    """Refuse segments that do not fit the path or the robot.
+
+    Raises:
+        InvalidInput: With the segment's key as it stands in a task file.
+    """
+    for index, segment in enumerate(segments):
+        instance(f"segments[{index}]", segment, Segment)
+        begin = segments[index - 1].first if index else 0
+        if not begin < segment.first < count:
+            raise InvalidInput(
+                f"segments[{index}].first: expected a waypoint after {begin + 1}, where the "
+                f"projector before it begins, up to {count}, the last one; got {segment.first + 1}."
+            )
+    before = projector
+    for index, segment in enumerate(segments):
+        end = segments[index + 1].first if index + 1 < len(segments) else count
+        key = f"segments[{index}]"
+        if not 0 <= segment.blend < end - segment.first:
+            raise InvalidInput(
+                f"{key}.blend: the segment has waypoints {segment.first + 1} to {end}, and its "
+                f"projector has to hold at one of them at least; got a blend over {segment.blend}."
+            )
+        try:
+            task_redundancy(operational, segment.projector)
+            common = before.intersection(segment.projector) if segment.blend else None
+        except InvalidInput as error:
+            raise InvalidInput(f"{key}: {error}") from None
+        if common is not None and common.rank == 0:
+            raise InvalidInput(
+                f"{key}.blend: this projector has no row in common with the one before, so nothing "
+                "would be held in the blend; leave it out, or put a segment in between."
+            )
+        before = segment.projector
