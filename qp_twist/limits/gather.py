@@ -11,6 +11,7 @@ import numpy as np
 from qp_twist.checks import Array
 from qp_twist.errors import InvalidInput
 from qp_twist.kinematics import JointRanges
+from qp_twist.limits.band_limit import BandLimit
 from qp_twist.limits.box_limit import BoxLimit
 
 _MINK_KINDS = {"ConfigurationLimit": "position", "VelocityLimit": "velocity"}
@@ -83,7 +84,7 @@ def _add_rows(
     if constraint.inactive:
         return
     assert constraint.G is not None and constraint.h is not None
-    name = type(limit).__name__
+    name = limit.kind if isinstance(limit, BandLimit) else type(limit).__name__
     if not np.isfinite(constraint.G).all() or np.isnan(constraint.h).any():
         raise InvalidInput(f"{name}: its rows G Δq ≤ h contain a value that is not a number.")
     kept_rows, kept_bounds = [], []
