@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
+from pathlib import Path
 
 import mink
 import numpy as np
@@ -16,9 +18,11 @@ from scipy.spatial.transform import Rotation
 
 import qp_twist as qt
 from qp_twist.checks import Array
+from qp_twist.comparison import metrics
 from qp_twist.kinematics import FramePair, frame_pose
 from qp_twist.kinematics.cone_band import FACES
 from qp_twist.limits import gather_limits
+from qp_twist.path import shipped_folder
 
 X, Y, Z = np.eye(3)
 FREE = qt.TwistProjector(linear=qt.Projector.none(), angular=qt.Projector.none())
@@ -651,3 +655,142 @@ def test_bands_need_a_target() -> None:
     ):
         with pytest.raises(mink.TargetNotSet):
             call()
+
+
+# ---------------------------------------------------------------------------------- task files
+
+BANDS = """
+[[bands]]
+kind = "roll"
+axis = [0, 0, 2]
+lower_deg = -30
+upper_deg = 60.0
+
+[[bands]]
+kind = "cone"
+axis = [0, 0, 1]
+reference = [1, 0, 0]
+upper_deg = 120
+lower_deg = 60
+weight = 4.0
+
+[[bands]]
+kind = "slab"
+normal = [0, 1, 0]
+lower = -0.01
+upper = 0.02
+frame = "world"
+
+[[bands]]
+kind = "box"
+lower = [-0.1, -0.2, -0.3]
+upper = [0.1, 0.2, 0.3]
+frame = "body"
+"""
+
+
+def write(folder: Path, bands: str) -> Path:
+    """deburring.toml with bands, and nothing else changed."""
+    text = (shipped_folder("tasks") / "deburring.toml").read_text("utf-8")
+    path = folder / "banded.toml"
+    path.write_text(text + bands, encoding="utf-8")
+    return path
+
+
+def test_bands_of_a_task_file_are_those_of_the_task(tmp_path: Path) -> None:
+    roll, cone, slab, box = qt.load_task(write(tmp_path, BANDS)).bands
+    assert isinstance(roll, qt.RollBand)
+    assert roll.range == pytest.approx((-math.pi / 6, math.pi / 3))
+    assert roll.axis == pytest.approx(Z)
+    assert (roll.frame, roll.weight) == ("body", None)
+    assert isinstance(cone, qt.ConeBand)
+    assert cone.range == pytest.approx((math.pi / 3, 2 * math.pi / 3))
+    assert (cone.frame, cone.weight) == ("target", 4.0)
+    assert isinstance(slab, qt.SlabBand)
+    assert (slab.range, slab.frame) == ((-0.01, 0.02), "world")
+    assert isinstance(box, qt.BoxBand)
+    assert (box.upper.tolist(), box.slabs[1].frame) == ([0.1, 0.2, 0.3], "body")
+
+
+def test_the_bands_of_the_documentation_load(tmp_path: Path) -> None:
+    page = (Path(__file__).parents[1] / "docs" / "task_files.md").read_text("utf-8")
+    [bands] = [b.split("```")[0] for b in page.split("```toml\n")[1:] if b.startswith("[[bands]]")]
+    kinds = [band.kind for band in qt.load_task(write(tmp_path, bands)).bands]
+    assert kinds == ["roll", "cone", "slab"]
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "says"),
+    [
+        ("upper_deg = 60.0", "upper_deg = -60.0", r"\[0\]: RollBand: lower = .* \(-30°\) is above"),
+        ("upper_deg = 60.0", "upper_deg = 400.0", r"line LINE: bands\[0\].upper_deg: .* to 360"),
+        ("upper_deg = 120", "upper_deg = 190", r"line LINE: bands\[1\].upper_deg: .* to 180"),
+        ("weight = 4.0", "weight = 0.0", r"line LINE: bands\[1\].weight: .*greater than 0"),
+        ('kind = "slab"', 'kind = "plate"', r"line LINE: bands\[2\].kind: expected one of 'roll'"),
+        ("upper = 0.02", "uper = 0.02", r"line LINE: bands\[2\].uper: .*did you mean 'upper'"),
+        ("upper = 0.02", "upper = 0.02\naxis = [0, 0, 1]", r"bands\[2\].axis: unknown key here"),
+        ('frame = "body"', 'frame = "tool"', r"line LINE: bands\[3\].frame: .*'body' or 'target'"),
+        ("[0, 0, 2]", "[0, 0, 0]", r"bands\[0\]: RollBand\(axis=…\): .*no direction"),
+        ("[-0.1, -0.2, -0.3]", "[0.05, -0.2, -0.3]", r"bands: BoxBand.*contradicts the projector"),
+    ],
+)  # fmt: skip
+def test_a_mistake_in_a_band_is_named_with_its_place(
+    tmp_path: Path, old: str, new: str, says: str
+) -> None:
+    assert old in BANDS
+    path = write(tmp_path, BANDS.replace(old, new, 1))
+    lines = path.read_text("utf-8").splitlines()
+    line = max((i for i, text in enumerate(lines, start=1) if text == new), default=0)
+    with pytest.raises(qt.TaskFileError, match=says.replace("LINE", str(line))):
+        qt.load_task(path)
+
+
+def test_the_shipped_task_with_bands_loads_and_reaches_the_task() -> None:
+    path_task = qt.load_task("deburring_bands")
+    [band] = path_task.bands
+    assert repr(band) == "RollBand([0.0, 0.0, 1.0], -45°…45°, frame='body')"
+    comparison = qt.compare(path_task, ["rmr_flipped", "minimum_norm"])
+    numbers = comparison.to_dict()["methods"]
+    # The roll of rmr_flipped is opposite to the waypoint's own.
+    assert numbers["rmr_flipped"]["band_excess_max"] == pytest.approx(math.radians(135.0))
+    # A closed form knows no band; its excess is that of the roll, taken by another formula.
+    trajectory = comparison.trajectories["minimum_norm"]
+    rolls = []
+    for q, waypoint in zip(trajectory.q, path_task.waypoints, strict=True):
+        rotation, position = frame_pose(mink.Configuration(path_task.model, q), "tool", "site")
+        target = waypoint.rotation().as_matrix()
+        rolls.append(roll(FramePair(rotation, position, target, position, np.zeros(6)), Z, "body"))
+    outside = np.maximum(np.abs(rolls) - math.pi / 4, 0.0)
+    assert trajectory.band_excess == pytest.approx(outside, abs=1e-9)
+    assert outside.max() > 0.01
+    assert "outside a band at 3 waypoints, first at 25" in numbers["minimum_norm"]["status"]
+    table = comparison.table().splitlines()
+    assert "band" in table[2]
+    assert table[3].split()[-1] == "excess"
+    assert not any("…" in line for line in table)
+    unbanded = dataclasses.replace(trajectory, path_task=qt.load_task("deburring"))
+    assert numbers["minimum_norm"].keys() - metrics(unbanded).keys() == {"band_excess_max"}
+
+
+def test_the_shipped_band_can_be_kept() -> None:
+    """By a step of this test alone: the five rows, the ranges and the band, least motion."""
+    path_task = qt.load_task("deburring_bands")
+    configuration = mink.Configuration(path_task.model, path_task.start)
+    task = qt.TwistTask("tool", "site", path_task.projector, bands=path_task.bands)
+    lower, upper = path_task.model.jnt_range.T
+    excess, error = [], []
+    for waypoint in path_task.waypoints:
+        task.set_target(waypoint)
+        for _ in range(4):
+            A, b = task.velocity_rows(configuration, 1.0)
+            G, g, _, _ = task.band_rows(configuration, 1.0)[0]
+            dq = qpsolvers.solve_qp(
+                np.eye(6), np.zeros(6), G, g, A, b, lower - configuration.q,
+                upper - configuration.q, solver="daqp",
+            )  # fmt: skip
+            assert dq is not None
+            configuration.integrate_inplace(dq, 1.0)
+        excess.append(task.band_excess(configuration)[0])
+        error.append(np.abs(task.compute_error(configuration)).max())
+    assert max(excess) < 1e-6
+    assert max(error) < 1e-6

@@ -16,7 +16,7 @@ from qp_twist.cli import main
 def test_tasks_lists_every_file_with_a_line(capsys: pytest.CaptureFixture[str]) -> None:
     main(["tasks"])
     lines = capsys.readouterr().out.splitlines()
-    assert [line.split()[0] for line in lines] == ["deburring", "planar_line"]
+    assert [line.split()[0] for line in lines] == ["deburring", "deburring_bands", "planar_line"]
     assert all(len(line.split()) > 5 for line in lines)
 
 

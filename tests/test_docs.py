@@ -209,6 +209,10 @@ def test_numbers_in_the_text_are_those_of_the_runs(
 SECTIONS = {
     "[robot]": task_schema.RobotSection,
     "[projector]": task_schema.ProjectorSection,
+    '[[bands]] with kind = "roll"': task_schema.RollBandTable,
+    '[[bands]] with kind = "cone"': task_schema.ConeBandTable,
+    '[[bands]] with kind = "slab"': task_schema.SlabBandTable,
+    '[[bands]] with kind = "box"': task_schema.BoxBandTable,
     '[path] with kind = "polyline"': task_schema.PolylinePath,
     '[path] with kind = "spherical_patch"': task_schema.SphericalPatchPath,
     '[path] with kind = "poses"': task_schema.PosesPath,

@@ -149,13 +149,14 @@ def range_metric(ranges: JointRanges) -> Array:
 
 
 def twist_task(path_task: PathTask, *, whole_twist: bool = False) -> TwistTask:
-    """The task of a path: its own projector, or the whole operational one."""
+    """The task of a path: its own projector and bands, or the whole operational one without."""
     return TwistTask(
         path_task.frame_name,
         path_task.frame_type,
         path_task.operational if whole_twist else path_task.projector,
         max_linear_step=path_task.iteration.max_linear_step,
         max_angular_step=path_task.iteration.max_angular_step,
+        bands=() if whole_twist else path_task.bands,
     )
 
 

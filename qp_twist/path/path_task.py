@@ -12,6 +12,7 @@ import numpy as np
 from qp_twist.checks import Array
 from qp_twist.errors import InvalidInput
 from qp_twist.geometry import TwistProjector, task_redundancy
+from qp_twist.kinematics import ToleranceBand
 from qp_twist.path.methods import METHODS, MethodSettings
 from qp_twist.path.task_schema import IterationSection
 
@@ -37,6 +38,7 @@ class PathTask:
         velocity_limits: Largest joint speeds, rad/s or m/s, (nv,); ∞ where none is stated.
         iteration: Tolerances and step clamps.
         methods: Settings by method name, where the file states them.
+        bands: Tolerance bands in directions that T leaves free.
     """
 
     name: str
@@ -55,6 +57,7 @@ class PathTask:
     velocity_limits: Array
     iteration: IterationSection = field(default_factory=IterationSection)
     methods: dict[str, MethodSettings] = field(default_factory=dict)
+    bands: tuple[ToleranceBand, ...] = ()
 
     @property
     def positions(self) -> Array:

@@ -19,7 +19,7 @@ from pydantic import ValidationError
 from qp_twist.checks import Array, unit_vector
 from qp_twist.errors import InvalidInput, TaskFileError
 from qp_twist.geometry import rotation_vector, task_redundancy
-from qp_twist.kinematics import JointRanges, frame_pose
+from qp_twist.kinematics import JointRanges, check_bands, frame_pose
 from qp_twist.path.orientation import roll_by_plane
 from qp_twist.path.path_task import PathTask
 from qp_twist.path.resources import shipped_folder
@@ -126,6 +126,7 @@ def _build(path: Path, file: TaskFile) -> PathTask:
     start = _start(path, file.start, model)
     projector, operational = file.projector.projector(), file.operational.projector()
     task_redundancy(operational, projector)
+    bands = check_bands("bands", [table.band() for table in file.bands], projector)
     configuration = mink.Configuration(model, start)
     try:
         rotation, _ = frame_pose(configuration, file.robot.frame, file.robot.frame_type)
@@ -149,6 +150,7 @@ def _build(path: Path, file: TaskFile) -> PathTask:
         velocity_limits=_velocity_limits(path, file, model),
         iteration=file.iteration,
         methods={str(name): settings for name, settings in file.methods.items()},
+        bands=bands,
     )
 
 
@@ -290,7 +292,7 @@ def _explain(path: Path, text: str, error: ValidationError) -> str:
         ):
             continue
         key = "".join(f"[{k}]" if isinstance(k, int) else f".{k}" for k in keys).lstrip(".")
-        number = _line_of(text, [str(k) for k in keys if isinstance(k, str)])
+        number = _line_of(text, keys)
         place = f"{path}, line {number}" if number else str(path)
         lines.append(f"{place}: {key}: {_sentence(item, keys)}")
     return "\n".join(lines)
@@ -303,6 +305,8 @@ def _keys(item: Any) -> list[str | int]:
         return ["file"]
     if keys[0] == "path" and len(keys) > 1:
         del keys[1]  # pydantic puts the kind of path there, which is no key of the file
+    if keys[0] == "bands" and len(keys) > 2:
+        del keys[2]  # and the kind of band
     if item["type"].startswith("union_tag"):
         keys.append("kind")
     if keys[-1] == "[key]":
@@ -335,15 +339,19 @@ def _known_keys(section: type[Section]) -> set[str]:
     return keys
 
 
-def _line_of(text: str, keys: list[str]) -> int | None:
+def _line_of(text: str, keys: list[str | int]) -> int | None:
     """Line of a dotted key, by headers and assignments; the nearest parent's if it is nested."""
-    table: list[str] = []
+    table: list[str | int] = []
+    tables: dict[str, int] = {}  # how many [[tables]] of a name there have been
     best, depth = None, 0
     for number, line in enumerate(text.splitlines(), start=1):
         header = re.match(r"\s*\[+\s*([^\]]+?)\s*\]+", line)
         assignment = re.match(r"\s*([\w.\"'-]+)\s*=", line)
         if header:
             table = [part.strip(" \"'") for part in header[1].split(".")]
+            if line.lstrip().startswith("[["):
+                tables[header[1]] = tables.get(header[1], -1) + 1
+                table.append(tables[header[1]])
             here = table
         elif assignment:
             here = table + [part.strip(" \"'") for part in assignment[1].split(".")]
