@@ -19,6 +19,7 @@ def test_tasks_lists_every_file_with_a_line(capsys: pytest.CaptureFixture[str]) 
     assert [line.split()[0] for line in lines] == [
         "approach_contact_retreat",
         "deburring",
+        "deburring_bands",
         "planar_line",
     ]
     assert all(len(line.split()) > 5 for line in lines)

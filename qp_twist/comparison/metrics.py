@@ -16,6 +16,8 @@ RECONFIGURATION_DEG = 15.0
 """A step larger than this in any joint is a reconfiguration, degrees."""
 TASK_MET_M = 1e-5
 TASK_MET_RAD = 1e-5
+BAND_LEFT = 1e-5
+"""A band counts as left from here on, rad or m."""
 
 
 def metrics(trajectory: Trajectory) -> dict[str, Any]:
@@ -29,7 +31,9 @@ def metrics(trajectory: Trajectory) -> dict[str, Any]:
     ``travel_deg``: sum of |Δθ| over hinges and waypoints; ``max_step_deg``: the largest of them.
     ``reconfigurations``: waypoints reached by a step above 15° in a hinge.
     ``closure_rad``: ‖θ_end − θ_start‖. ``sigma_min``: smallest singular value of UᵀJ on the path.
-    ``time_per_waypoint_us``: wall time, kinematics and all. ``status``: the run in a sentence.
+    ``time_per_waypoint_us``: wall time, kinematics and all.
+    ``band_excess_max``: largest excess of a tolerance band, only where the task has bands.
+    ``status``: the run in a sentence.
     """
     ranges = JointRanges.of(trajectory.path_task.model)
     q = ranges.positions(trajectory.q)
@@ -59,6 +63,8 @@ def metrics(trajectory: Trajectory) -> dict[str, Any]:
         "sigma_min": float(trajectory.sigma_min.min()),
         "time_per_waypoint_us": 1e6 * trajectory.seconds / max(1, len(q) - 1),
     }
+    if trajectory.path_task.bands:
+        numbers["band_excess_max"] = float(trajectory.band_excess.max())
     numbers["status"] = _status(trajectory, numbers)
     return numbers
 
@@ -78,6 +84,10 @@ def _status(trajectory: Trajectory, numbers: dict[str, Any]) -> str:
         held = f"held by {names}" if names else "held by no limit that was named"
         since = int(np.argmax(scaled)) + 1
         parts.append(f"scaled at {int(scaled.sum())} waypoints, first at {since}, {held}")
+    left = trajectory.band_excess > BAND_LEFT
+    if left.any():
+        since = int(np.argmax(left)) + 1
+        parts.append(f"outside a band at {int(left.sum())} waypoints, first at {since}")
     if missed.any():
         one_step = not METHODS[trajectory.method].constrained and not scaled.any()
         why = " (one step a waypoint)" if one_step and trajectory.iterations.max() <= 1 else ""

@@ -11,10 +11,11 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
+from qp_twist.comparison.metrics import BAND_LEFT
 from qp_twist.path import METHODS
 
-WIDTH = 118
-"""Width of the plain table, characters."""
+WIDTH = 128
+"""Width that the widest table takes, that with bands, characters."""
 
 
 def rich_table(comparison: dict[str, Any]) -> Table:
@@ -38,6 +39,8 @@ def rich_table(comparison: dict[str, Any]) -> Table:
         "max\nstep °", "σ min", "µs per\nwaypoint",
     ):  # fmt: skip
         table.add_column(heading, justify="right", no_wrap=True)
+    if any("band_excess_max" in numbers for numbers in comparison["methods"].values()):
+        table.add_column("band\nexcess", justify="right", no_wrap=True)
     methods = list(comparison["methods"])
     for index, name in enumerate(methods):
         following = methods[index + 1] if index + 1 < len(methods) else None
@@ -76,7 +79,7 @@ def _row(name: str, numbers: dict[str, Any]) -> list[Text | str]:
     where = "\n".join(f"{joint} at {index}" for joint, index in first.items()) or "no"
     margin = numbers["min_margin"]
     style = "bold" if METHODS[name].constrained else ""
-    return [
+    cells = [
         Text(name, style=style),
         Text(where, style="red" if first else "green"),
         "–" if margin is None else Text(f"{margin:.3f}", style="red" if margin < 0.0 else ""),
@@ -88,6 +91,10 @@ def _row(name: str, numbers: dict[str, Any]) -> list[Text | str]:
         _significant(numbers["sigma_min"]),
         _whole(numbers["time_per_waypoint_us"]),
     ]
+    if "band_excess_max" in numbers:
+        excess = numbers["band_excess_max"]
+        cells.append(Text(_significant(excess), style="red" if excess > BAND_LEFT else ""))
+    return cells
 
 
 def _significant(value: float, digits: int = 4) -> str:

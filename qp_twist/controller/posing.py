@@ -118,7 +118,7 @@ def _evaluate(
             labels += names
         elif isinstance(item, TwistTask):
             rows.append(TaskRows(*item.velocity_rows(configuration, dt)))
-            for band in getattr(item, "band_rows", lambda *_: [])(configuration, dt):
+            for band in item.band_rows(configuration, dt):
                 if band.weight is None:
                     G.append(band.rows)
                     g.append(band.bounds)
@@ -191,7 +191,7 @@ def with_soft_bands(
     bands = [
         band
         for task in tasks
-        for band in getattr(task, "band_rows", lambda *_: [])(configuration, dt)
+        for band in task.band_rows(configuration, dt)
         if band.weight is not None
     ]
     if not bands:

@@ -174,6 +174,7 @@ class _Recorder:
         self.scales: list[float] = []
         self.iterations: list[int] = []
         self.binding: list[tuple[str, ...]] = []
+        self.band_excess: list[float] = []
         self.diverged_at: int | None = None
         self._reset()
 
@@ -203,6 +204,10 @@ class _Recorder:
                 float(sigma[-1]) if len(sigma) else 0.0,
             )
         )
+        if self.task.bands:
+            # A flipped waypoint has another roll, but the bands stand about the path's own.
+            self.task.set_target(self.path_task.waypoints[len(self.band_excess)])
+        self.band_excess.append(float(self.task.band_excess(configuration).max(initial=0.0)))
         self.scales.append(self._scale)
         self.iterations.append(self._count)
         self.binding.append(tuple(self._names))
@@ -223,4 +228,5 @@ class _Recorder:
             binding=tuple(self.binding),
             seconds=seconds,
             diverged_at=self.diverged_at,
+            band_excess=np.array(self.band_excess),
         )

@@ -156,13 +156,17 @@ def range_metric(ranges: JointRanges) -> Array:
 
 
 def twist_task(path_task: PathTask, projector: TwistProjector) -> TwistTask:
-    """The task of a path's frame with one of its projectors."""
+    """The task of a path's frame with one of its projectors, and the path's bands.
+
+    The whole operational twist leaves nothing free that a band could hold.
+    """
     return TwistTask(
         path_task.frame_name,
         path_task.frame_type,
         projector,
         max_linear_step=path_task.iteration.max_linear_step,
         max_angular_step=path_task.iteration.max_angular_step,
+        bands=() if projector is path_task.operational else path_task.bands,
     )
 
 

@@ -30,6 +30,8 @@ class Trajectory:
         binding: Names of the limits that scaled a step of the waypoint, for each waypoint.
         seconds: Wall time of the whole run, without the start's correction, s.
         diverged_at: 1-based waypoint from which the method had no finite step, or ``None``.
+        band_excess: How far the frame is outside the band that it is furthest outside of, rad or m,
+            (N,); 0 inside all bands, and where there is none.
     """
 
     path_task: PathTask
@@ -43,6 +45,7 @@ class Trajectory:
     binding: tuple[tuple[str, ...], ...]
     seconds: float
     diverged_at: int | None
+    band_excess: Array
 
     @property
     def joint_names(self) -> tuple[str, ...]:

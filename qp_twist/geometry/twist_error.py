@@ -35,15 +35,15 @@ def geodesic(start: Array, end: Array) -> Array:
     cosine = float(start @ end)
     # start × end, from a difference that is exact for nearly equal or opposite vectors: the plain
     # product's rounding would turn the axis out of the plane perpendicular to both.
-    cross = _cross(start, end - start if cosine > 0.0 else end + start)
-    sine = float(np.linalg.norm(cross))
+    normal = cross(start, end - start if cosine > 0.0 else end + start)
+    sine = float(np.linalg.norm(normal))
     if sine < 1e-12:
-        return cross if cosine > 0.0 else math.pi * perpendicular(start)
-    vector: Array = cross * (math.atan2(sine, cosine) / sine)
+        return normal if cosine > 0.0 else math.pi * perpendicular(start)
+    vector: Array = normal * (math.atan2(sine, cosine) / sine)
     return vector
 
 
-def _cross(a: Array, b: Array) -> Array:
+def cross(a: Array, b: Array) -> Array:
     """a × b of two vectors; numpy's own takes ten times as long, for the shapes it also allows."""
     (ax, ay, az), (bx, by, bz) = a.tolist(), b.tolist()
     return np.array([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx])

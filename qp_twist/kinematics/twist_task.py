@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import mink
@@ -13,6 +14,7 @@ from qp_twist.checks import Array, finite_array, instance, number
 from qp_twist.errors import InvalidInput, InvalidTarget
 from qp_twist.geometry import TwistProjector, clamp_twist, resolved_twist_error
 from qp_twist.kinematics.frame import frame_jacobian, frame_pose
+from qp_twist.kinematics.tolerance_band import BandRows, FramePair, ToleranceBand, check_bands
 
 
 class TaskState(NamedTuple):
@@ -49,6 +51,8 @@ class TwistTask(mink.Task):
         projector: T. Its axes are rebuilt in the world at every step.
         target: The target pose, or ``None`` before :meth:`set_target`.
         feedforward: Twist of the target (linear, angular), world axes, m/s and rad/s, shape (6,).
+        bands: Ranges to keep in directions that T leaves free. With a T of rank 0 they are all
+            that the task asks.
 
     Example:
         >>> import mink, qp_twist as qt
@@ -71,6 +75,7 @@ class TwistTask(mink.Task):
         max_linear_step: float = math.inf,
         max_angular_step: float = math.inf,
         lm_damping: float = 0.0,
+        bands: Sequence[ToleranceBand] = (),
     ) -> None:
         """State a task.
 
@@ -84,9 +89,11 @@ class TwistTask(mink.Task):
             max_linear_step: Longest linear error that one step is asked to remove, m.
             max_angular_step: Largest angular error that one step is asked to remove, rad.
             lm_damping: mink's Levenberg–Marquardt damping where the task is soft.
+            bands: Tolerance bands. mink knows none: give it :class:`~qp_twist.BandLimit` too.
 
         Raises:
-            InvalidInput: If an argument has the wrong type or range.
+            InvalidInput: If an argument has the wrong type or range, or a band leaves out what T
+                demands.
             mink.InvalidGain: If the gain is outside [0, 1].
             mink.InvalidDamping: If ``lm_damping`` is negative.
         """
@@ -109,6 +116,7 @@ class TwistTask(mink.Task):
         self.frame_name = frame_name
         self.frame_type = frame_type
         self.projector = projector
+        self.bands = check_bands(self.name, bands, projector)
         self.max_linear_step = _step_limit("max_linear_step", max_linear_step)
         self.max_angular_step = _step_limit("max_angular_step", max_angular_step)
         self.target: mink.SE3 | None = None
@@ -173,15 +181,13 @@ class TwistTask(mink.Task):
             mink.TargetNotSet: If :meth:`set_target` has not been called.
             mink.InvalidFrame: If the model has no such frame.
         """
-        if self.target is None:
-            raise mink.TargetNotSet(self.name)
-        rotation, position = frame_pose(configuration, self.frame_name, self.frame_type)
-        world = self.projector.resolved(body=rotation, target=self._target_rotation)
+        pair = self._pair(configuration)
+        world = self.projector.resolved(body=pair.rotation, target=pair.target_rotation)
         error = resolved_twist_error(
-            rotation,
-            position,
-            self._target_rotation,
-            self._target_position,
+            pair.rotation,
+            pair.position,
+            pair.target_rotation,
+            pair.target_position,
             world,
             moves_with_body=self.projector.frame == "body",
         )
@@ -236,6 +242,45 @@ class TwistTask(mink.Task):
         state = self.state(configuration)
         rate = self.gain * self.clamped(state.error) / dt + self.feedforward
         return state.basis.T @ state.jacobian, state.basis.T @ rate
+
+    def band_rows(self, configuration: mink.Configuration, dt: float) -> list[BandRows]:
+        """The rows G q̇ ≤ g that the bands impose on a step of length ``dt``.
+
+        One entry for each band that has rows: a band on a value that T fixes, inside the band, says
+        nothing more and has none.
+
+        Raises:
+            InvalidInput: If dt ≤ 0.
+            mink.TargetNotSet: If :meth:`set_target` has not been called.
+        """
+        dt = number("dt", dt, above=0.0)
+        pair = self._pair(configuration)
+        J = frame_jacobian(configuration, self.frame_name, self.frame_type)
+        found = []
+        for band in self.bands:
+            rows, bounds = band.half_spaces(pair, dt, self.projector)
+            if len(rows):
+                label = f"{band.kind} band of {self.name}"
+                found.append(BandRows(rows @ J, bounds, label, band.weight))
+        return found
+
+    def band_excess(self, configuration: mink.Configuration) -> Array:
+        """How far the frame is outside each band, rad or m, shape (bands,); 0 inside.
+
+        Raises:
+            mink.TargetNotSet: If :meth:`set_target` has not been called.
+        """
+        pair = self._pair(configuration)
+        return np.array([band.excess(pair) for band in self.bands])
+
+    def _pair(self, configuration: mink.Configuration) -> FramePair:
+        """Where the frame and its target are."""
+        if self.target is None:
+            raise mink.TargetNotSet(self.name)
+        rotation, position = frame_pose(configuration, self.frame_name, self.frame_type)
+        return FramePair(
+            rotation, position, self._target_rotation, self._target_position, self.feedforward
+        )
 
     def _mink_error(self, state: TaskState) -> Array:
         shift = self.clamped(state.error)

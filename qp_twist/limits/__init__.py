@@ -1,5 +1,6 @@
 """Limits: box bounds on joint velocities; mink's limits are accepted as they are."""
 
+from .band_limit import BandLimit as BandLimit
 from .binding import BindingLimit as BindingLimit
 from .box_limit import Box as Box
 from .box_limit import BoxLimit as BoxLimit

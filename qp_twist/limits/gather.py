@@ -12,6 +12,7 @@ import numpy as np
 from qp_twist.checks import Array
 from qp_twist.errors import InvalidInput
 from qp_twist.kinematics import JointRanges
+from qp_twist.limits.band_limit import BandLimit
 from qp_twist.limits.box_limit import Box, BoxLimit
 from qp_twist.limits.intersection import Kinds, intersect
 
@@ -115,6 +116,8 @@ def _row_name(limit: mink.Limit, row: int) -> RowName:
     if isinstance(limit, mink.CollisionAvoidanceLimit):
         geoms = [limit.model.geom(g).name or f"geom {g}" for g in limit.geom_id_pairs[row]]
         return " – ".join(geoms), "collision"
+    if isinstance(limit, BandLimit):
+        return f"{limit.task.name} band row {row}", "band"
     name = type(limit).__name__
     return f"{name} row {row}", name
 

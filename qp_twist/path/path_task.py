@@ -13,6 +13,7 @@ import numpy as np
 from qp_twist.checks import Array
 from qp_twist.errors import InvalidInput
 from qp_twist.geometry import TwistProjector, task_redundancy
+from qp_twist.kinematics import ToleranceBand
 from qp_twist.path.methods import METHODS, MethodSettings
 from qp_twist.path.segment import Segment, check_segments, projectors_in_force
 from qp_twist.path.task_schema import IterationSection
@@ -41,6 +42,7 @@ class PathTask:
         iteration: Tolerances and step clamps.
         methods: Settings by method name, where the file states them.
         segments: Where another projector takes over, in the order of the path.
+        bands: Tolerance bands in directions that T leaves free.
 
     Raises:
         InvalidInput: If the segments do not fit the waypoints, the robot or each other.
@@ -64,6 +66,7 @@ class PathTask:
     iteration: IterationSection = field(default_factory=IterationSection)
     methods: dict[str, MethodSettings] = field(default_factory=dict)
     segments: tuple[Segment, ...] = ()
+    bands: tuple[ToleranceBand, ...] = ()
 
     def __post_init__(self) -> None:
         check_segments(self.operational, self.projector, self.segments, len(self.waypoints))

@@ -18,7 +18,7 @@ from pydantic import ValidationError
 from qp_twist.checks import Array, unit_vector
 from qp_twist.errors import InvalidInput, TaskFileError
 from qp_twist.geometry import rotation_vector, task_redundancy
-from qp_twist.kinematics import JointRanges, frame_pose
+from qp_twist.kinematics import JointRanges, check_bands, frame_pose
 from qp_twist.limits import per_joint
 from qp_twist.path.orientation import roll_by_plane
 from qp_twist.path.path_task import PathTask
@@ -129,6 +129,7 @@ def _build(path: Path, file: TaskFile) -> PathTask:
     start = _start(path, file.start, model)
     projector, operational = file.projector.projector(), file.operational.projector()
     task_redundancy(operational, projector)
+    bands = check_bands("bands", [table.band() for table in file.bands], projector)
     configuration = mink.Configuration(model, start)
     try:
         rotation, _ = frame_pose(configuration, file.robot.frame, file.robot.frame_type)
@@ -154,6 +155,7 @@ def _build(path: Path, file: TaskFile) -> PathTask:
         iteration=file.iteration,
         methods={str(name): settings for name, settings in file.methods.items()},
         segments=tuple(Segment(s.first - 1, s.projector(), s.blend) for s in file.segments),
+        bands=bands,
     )
 
 
@@ -311,6 +313,8 @@ def _keys(item: Any) -> list[str | int]:
         return ["file"]
     if keys[0] == "path" and len(keys) > 1:
         del keys[1]  # pydantic puts the kind of path there, which is no key of the file
+    if keys[0] == "bands" and len(keys) > 2:
+        del keys[2]  # and the kind of band
     if item["type"].startswith("union_tag"):
         keys.append("kind")
     if keys[-1] == "[key]":

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import math
-from typing import Annotated, Literal
+from typing import Annotated, Literal, Self
 
 from pydantic import Field, PlainValidator, model_validator
 
 from qp_twist.geometry import Projector, ProjectorFrame, TwistProjector
+from qp_twist.kinematics import BoxBand, ConeBand, RollBand, SlabBand, ToleranceBand
 from qp_twist.path.methods import MethodName, MethodSettings
 from qp_twist.path.section import Number, Positive, Section, Vector
 
@@ -67,6 +68,88 @@ class SegmentSection(ProjectorSection):
     blend: Annotated[int, Field(ge=0, le=1_000_000)] = Field(
         default=0, description="waypoints over which the change into it is spread"
     )
+
+
+class BandTable(Section):
+    """What the kinds of tolerance bands have in common."""
+
+    def band(self) -> ToleranceBand:
+        """The band that the table states."""
+        raise NotImplementedError
+
+    @model_validator(mode="after")
+    def _is_a_band(self) -> Self:
+        self.band()
+        return self
+
+
+class RollBandTable(BandTable):
+    """A range for the roll."""
+
+    kind: Literal["roll"]
+    axis: Vector
+    lower_deg: Annotated[float, Field(ge=-360.0, le=360.0)]
+    upper_deg: Annotated[float, Field(ge=-360.0, le=360.0)]
+    frame: ProjectorFrame = "body"
+    weight: Positive | None = None
+
+    def band(self) -> RollBand:
+        """The band that the table states."""
+        lower, upper = math.radians(self.lower_deg), math.radians(self.upper_deg)
+        return RollBand(self.axis, lower, upper, frame=self.frame, weight=self.weight)
+
+
+class ConeBandTable(BandTable):
+    """A range for the angle between an axis of the frame and a direction."""
+
+    kind: Literal["cone"]
+    axis: Vector
+    reference: Vector
+    upper_deg: Annotated[float, Field(gt=0.0, le=180.0)]
+    lower_deg: Annotated[float, Field(ge=0.0, le=180.0)] = 0.0
+    frame: Literal["target", "world"] = "target"
+    weight: Positive | None = None
+
+    def band(self) -> ConeBand:
+        """The band that the table states."""
+        lower, upper = math.radians(self.lower_deg), math.radians(self.upper_deg)
+        return ConeBand(
+            self.axis, self.reference, upper, lower, frame=self.frame, weight=self.weight
+        )
+
+
+class SlabBandTable(BandTable):
+    """A range for the distance along a normal."""
+
+    kind: Literal["slab"]
+    normal: Vector
+    lower: Number
+    upper: Number
+    frame: ProjectorFrame = "target"
+    weight: Positive | None = None
+
+    def band(self) -> SlabBand:
+        """The band that the table states."""
+        return SlabBand(self.normal, self.lower, self.upper, frame=self.frame, weight=self.weight)
+
+
+class BoxBandTable(BandTable):
+    """A box for the position."""
+
+    kind: Literal["box"]
+    lower: Vector
+    upper: Vector
+    frame: ProjectorFrame = "target"
+    weight: Positive | None = None
+
+    def band(self) -> BoxBand:
+        """The band that the table states."""
+        return BoxBand(self.lower, self.upper, frame=self.frame, weight=self.weight)
+
+
+BandSection = Annotated[
+    RollBandTable | ConeBandTable | SlabBandTable | BoxBandTable, Field(discriminator="kind")
+]
 
 
 class PolylinePath(Section):
@@ -202,6 +285,7 @@ class TaskFile(Section):
         linear=Projector.full(), angular=Projector.full()
     )
     segments: tuple[SegmentSection, ...] = ()
+    bands: tuple[BandSection, ...] = ()
     path: PathSection
     roll: RollSection | None = None
     start: StartSection
