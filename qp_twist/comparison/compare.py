@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,6 +14,7 @@ from qp_twist.comparison.table import plain_table
 from qp_twist.errors import InvalidInput
 from qp_twist.following import Trajectory, follow, write_atomically
 from qp_twist.path import METHODS, PathTask, check_method, load_task
+from qp_twist.qp import check_solver
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -27,11 +28,13 @@ class Comparison:
         path_task: The task.
         solver: Backend of the QP methods.
         trajectories: By method name, closed forms before their QP counterparts.
+        not_run: Why a method could not start, by its name.
     """
 
     path_task: PathTask
     solver: str
     trajectories: dict[str, Trajectory]
+    not_run: dict[str, str] = field(default_factory=dict)
 
     def to_dict(self) -> dict[str, Any]:
         """The content of ``comparison.json``."""
@@ -43,6 +46,7 @@ class Comparison:
                 name: self.path_task.settings(name).model_dump() for name in self.trajectories
             },
             "methods": {name: metrics(t) for name, t in self.trajectories.items()},
+            **({"not_run": self.not_run} if self.not_run else {}),
         }
 
     def table(self) -> str:
@@ -107,7 +111,7 @@ def compare(
         progress: Called with a method's name and the number of its waypoints done.
 
     Raises:
-        InvalidInput: If a method is unknown or does not apply, or the start is out of reach.
+        InvalidInput: If a method is unknown or does not apply, or none can start.
         UnknownSolver: If the backend is not installed.
 
     Example:
@@ -116,6 +120,7 @@ def compare(
         >>> comparison.to_dict()["methods"]["qp_minimum_norm"]["violations"]
         0
     """
+    check_solver(solver)
     task = path_task if isinstance(path_task, PathTask) else load_task(path_task)
     if methods is not None and not isinstance(methods, (list, tuple)):
         raise InvalidInput(f"compare(methods=…): expected a list of names, got {methods!r}.")
@@ -123,12 +128,19 @@ def compare(
     if not names:
         raise InvalidInput("compare: methods is empty; name at least one.")
     order = {name: index for index, name in enumerate(METHODS)}
-    trajectories = {}
+    trajectories: dict[str, Trajectory] = {}
+    not_run: dict[str, str] = {}
     for name in sorted(dict.fromkeys(names), key=order.__getitem__):
 
         def report_progress(done: int, name: str = name) -> None:
             if progress is not None:
                 progress(name, done)
 
-        trajectories[name] = follow(task, name, solver=solver, progress=report_progress)
-    return Comparison(task, solver, trajectories)
+        try:
+            trajectories[name] = follow(task, name, solver=solver, progress=report_progress)
+        except InvalidInput as error:
+            # One method that cannot start, such as one that needs the whole twist, stops no other.
+            not_run[name] = str(error)
+    if not trajectories:
+        raise InvalidInput(next(iter(not_run.values())))
+    return Comparison(task, solver, trajectories, not_run)

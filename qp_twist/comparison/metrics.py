@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from qp_twist.controller import Status
 from qp_twist.following import Trajectory
 from qp_twist.kinematics import JointRanges
 from qp_twist.path import METHODS
@@ -74,6 +75,8 @@ def _status(trajectory: Trajectory, numbers: dict[str, Any]) -> str:
     parts = []
     if trajectory.diverged_at is not None:
         parts.append(f"diverged at waypoint {trajectory.diverged_at}")
+    if trajectory.failure:
+        parts.append(trajectory.failure)
     if numbers["first_violation"]:
         first = ", ".join(f"{joint} at {i}" for joint, i in numbers["first_violation"].items())
         parts.append(f"leaves the limits: {first}")
@@ -84,6 +87,10 @@ def _status(trajectory: Trajectory, numbers: dict[str, Any]) -> str:
         held = f"held by {names}" if names else "held by no limit that was named"
         since = int(np.argmax(scaled)) + 1
         parts.append(f"scaled at {int(scaled.sum())} waypoints, first at {since}, {held}")
+    for status in (Status.DEGRADED, Status.RELAXED):
+        at = [index + 1 for index, s in enumerate(trajectory.statuses) if s is status]
+        if at:
+            parts.append(f"{status.name.lower()} at {len(at)} waypoints, first at {at[0]}")
     left = trajectory.band_excess > BAND_LEFT
     if left.any():
         since = int(np.argmax(left)) + 1

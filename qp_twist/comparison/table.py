@@ -60,12 +60,12 @@ def plain_table(comparison: dict[str, Any]) -> str:
 
 
 def notes(comparison: dict[str, Any]) -> list[str]:
-    """``method: status`` for each method whose status is not ok."""
+    """``method: status`` for each method whose status is not ok, or that could not start."""
     return [
         f"{name}: {numbers['status']}"
         for name, numbers in comparison["methods"].items()
         if numbers["status"] != "ok"
-    ]
+    ] + [f"{name}: not run: {why}" for name, why in comparison.get("not_run", {}).items()]
 
 
 def _pair(name: str) -> str:

@@ -26,6 +26,11 @@ class Status(enum.Enum):
     SCALED = "the task rows are met at a reduced speed: scale is the largest the limits allow"
     RELAXED = "the task rows cannot be met: velocity is the closest in least squares"
 
+    @property
+    def severity(self) -> int:
+        """0 for ``SOLVED``, more the less is delivered."""
+        return list(Status).index(self)
+
 
 @dataclass(frozen=True, eq=False)
 class Step:

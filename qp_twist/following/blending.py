@@ -8,7 +8,6 @@ from dataclasses import dataclass
 
 import mink
 
-from qp_twist.checks import Array
 from qp_twist.following.resolver import Displacement, Resolver, make_resolver
 from qp_twist.following.waypoint_limits import WaypointLimits
 from qp_twist.geometry import TwistProjector, twist_error
@@ -116,9 +115,9 @@ class BlendingResolver(Resolver):
         self.previous = previous
         self.ramp = ramp
 
-    def begin_waypoint(self, q: Array, duration: float | None) -> None:
+    def begin_waypoint(self, configuration: mink.Configuration, duration: float | None) -> None:
         """Once for all three, since they share their limits."""
-        self.common.begin_waypoint(q, duration)
+        self.common.begin_waypoint(configuration, duration)
 
     def displacement(self, configuration: mink.Configuration, *, first: bool) -> Displacement:
         """The combination, or a correction of the common rows."""
@@ -138,6 +137,7 @@ class BlendingResolver(Resolver):
             (1.0 - weight) * old.dq + weight * new.dq,
             (1.0 - weight) * old.scale + weight * new.scale,
             tuple(dict.fromkeys(itertools.chain(old.binding, new.binding))),
+            max(old.status, new.status, key=lambda status: status.severity),
         )
 
 

@@ -12,13 +12,14 @@ from pydantic import ValidationError
 
 from qp_twist import closed_form
 from qp_twist.checks import Array, instance
+from qp_twist.controller import Controller, Status
 from qp_twist.errors import InvalidInput
 from qp_twist.following.blending import resolvers_along
-from qp_twist.following.resolver import Resolver, twist_task
+from qp_twist.following.resolver import Displacement, Resolver, twist_task
 from qp_twist.following.trajectory import Trajectory
 from qp_twist.kinematics import TwistTask
 from qp_twist.path import METHODS, MethodSettings, PathTask, check_method
-from qp_twist.qp import check_solver
+from qp_twist.qp import NoSolutionFound, check_solver
 
 _LARGEST_JOINT = 1e6
 """A joint beyond this many rad has diverged; its error would only overflow."""
@@ -31,6 +32,7 @@ def follow(
     *,
     solver: str = "daqp",
     progress: Callable[[int], None] | None = None,
+    stop: Callable[[Array, float, float], bool] | None = None,
     **options: Any,
 ) -> Trajectory:
     """Follow a path with one method.
@@ -49,6 +51,8 @@ def follow(
         method: One of the method names.
         solver: Backend of the QP methods.
         progress: Called with the number of waypoints done.
+        stop: Called at every waypoint that is done with q (nq,), the position error (m) and the
+            axis error (rad). Where it returns true the run ends, and the trajectory with it.
         **options: Settings that replace those of the task file: ``iterations``, ``secondary``,
             ``weight``, ``gain``.
 
@@ -60,8 +64,9 @@ def follow(
         UnknownSolver: If the backend is not installed.
     """
     instance("follow(path_task, …)", path_task, PathTask)
-    if progress is not None and not callable(progress):
-        raise InvalidInput(f"follow(progress=…): expected a function, got {progress!r}.")
+    for name, function in (("progress", progress), ("stop", stop)):
+        if function is not None and not callable(function):
+            raise InvalidInput(f"follow({name}=…): expected a function, got {function!r}.")
     check_solver(solver)
     settings = _settings(path_task, check_method(method), options)
     kind = METHODS[method]
@@ -74,7 +79,8 @@ def follow(
         waypoints = path_task.flipped_waypoints
     resolvers = resolvers_along(path_task, waypoints, method, settings, solver)
     configuration = mink.Configuration(
-        path_task.model, _corrected_start(path_task, resolvers[0], waypoints[0])
+        path_task.model,
+        _corrected_start(path_task, resolvers[0].task, waypoints[0], kind.constrained),
     )
     recorder = _Recorder(path_task)
     recorder.add(configuration, waypoints[0])
@@ -82,16 +88,21 @@ def follow(
     stages = zip(waypoints[1:], resolvers[1:], strict=True)
     for index, (waypoint, resolver) in enumerate(stages, start=1):
         duration = None if path_task.durations is None else float(path_task.durations[index])
-        if recorder.diverged_at is None:
+        if recorder.diverged_at is None and not recorder.failure:
             resolver.task.set_target(waypoint)
-            resolver.begin_waypoint(configuration.q, duration)
-            _approach(resolver, configuration, settings, recorder)
+            resolver.begin_waypoint(configuration, duration)
+            try:
+                _approach(resolver, configuration, settings, recorder)
+            except NoSolutionFound as error:
+                recorder.failure = f"no step at waypoint {index + 1}: {error}"
         if recorder.diverged_at is None and not _sane(configuration.q):
             recorder.diverged_at = index + 1
             configuration.update(recorder.q[-1])
         recorder.add(configuration, waypoint)
         if progress is not None:
             progress(index)
+        if stop is not None and stop(recorder.q[-1], *recorder.rows[-1][:2]):
+            break
     return recorder.trajectory(method, time.perf_counter() - began)
 
 
@@ -111,7 +122,7 @@ def _approach(
             configuration.update(np.full(configuration.model.nq, np.inf))
             break
         configuration.integrate_inplace(move.dq, 1.0)
-        recorder.note(move.scale, move.binding)
+        recorder.note(move)
         # Held by its limits: the other iterations would not move it either.
         if np.abs(move.dq).max(initial=0.0) < 1e-13 or not _sane(configuration.q):
             break
@@ -129,17 +140,28 @@ def _reached(path_task: PathTask, task: TwistTask, configuration: mink.Configura
     )
 
 
-def _corrected_start(path_task: PathTask, resolver: Resolver, waypoint: mink.SE3) -> Array:
-    """The start moved onto the first waypoint by the shortest steps in the method's own rows."""
+def _corrected_start(
+    path_task: PathTask, task: TwistTask, waypoint: mink.SE3, constrained: bool
+) -> Array:
+    """The start moved onto the first waypoint by the shortest steps in the method's own rows.
+
+    A method that holds the limits holds them here too; the others know nothing of them.
+    """
     configuration = mink.Configuration(path_task.model, path_task.start)
-    task = resolver.task
     task.set_target(waypoint)
+    controller = Controller(path_task.model, [task])
     for _ in range(_START_ITERATIONS):
         if _reached(path_task, task, configuration):
             q: Array = configuration.q.copy()
             return q
         state = task.state(configuration)
-        dq = closed_form.minimum_norm(state.jacobian, state.projector, task.clamped(state.error))
+        dq = (
+            controller.step(configuration, 1.0).velocity
+            if constrained
+            else closed_form.minimum_norm(
+                state.jacobian, state.projector, task.clamped(state.error)
+            )
+        )
         configuration.integrate_inplace(dq, 1.0)
     error = task.state(configuration).error
     raise InvalidInput(
@@ -175,17 +197,21 @@ class _Recorder:
         self.iterations: list[int] = []
         self.binding: list[tuple[str, ...]] = []
         self.band_excess: list[float] = []
+        self.statuses: list[Status] = []
         self.diverged_at: int | None = None
+        self.failure = ""
         self._reset()
 
     def _reset(self) -> None:
         self._scale, self._count, self._names = 1.0, 0, dict[str, None]()
+        self._status = Status.SOLVED
 
-    def note(self, scale: float, binding: tuple[str, ...]) -> None:
+    def note(self, move: Displacement) -> None:
         """An iteration of the waypoint under way."""
-        self._scale = min(self._scale, scale)
+        self._scale = min(self._scale, move.scale)
         self._count += 1
-        self._names.update(dict.fromkeys(binding))
+        self._names.update(dict.fromkeys(move.binding))
+        self._status = max(self._status, move.status, key=lambda status: status.severity)
 
     def add(self, configuration: mink.Configuration, waypoint: mink.SE3) -> None:
         """A waypoint that is done."""
@@ -211,6 +237,7 @@ class _Recorder:
         self.scales.append(self._scale)
         self.iterations.append(self._count)
         self.binding.append(tuple(self._names))
+        self.statuses.append(self._status)
         self._reset()
 
     def trajectory(self, method: str, seconds: float) -> Trajectory:
@@ -227,6 +254,8 @@ class _Recorder:
             iterations=np.array(self.iterations),
             binding=tuple(self.binding),
             seconds=seconds,
+            statuses=tuple(self.statuses),
             diverged_at=self.diverged_at,
+            failure=self.failure,
             band_excess=np.array(self.band_excess),
         )

@@ -32,12 +32,14 @@ class Displacement:
     Attributes:
         dq: Joint displacement, rad or m, (nv,).
         scale: Share of the task that was kept.
-        binding: Names of the limits that scaled it.
+        binding: Names of the limits that held it back.
+        status: What happened in the step; closed forms know only one answer.
     """
 
     dq: Array
     scale: float = 1.0
     binding: tuple[str, ...] = ()
+    status: Status = Status.SOLVED
 
 
 class Resolver(abc.ABC):
@@ -53,7 +55,9 @@ class Resolver(abc.ABC):
     def displacement(self, configuration: mink.Configuration, *, first: bool) -> Displacement:
         """Displacement of one iteration; ``first``: the waypoint's first, with the secondary."""
 
-    def begin_waypoint(self, q: Array, duration: float | None) -> None:  # noqa: B027
+    def begin_waypoint(  # noqa: B027
+        self, configuration: mink.Configuration, duration: float | None
+    ) -> None:
         """Called with the configuration at the last waypoint and the time to the next, s."""
 
 
@@ -119,9 +123,9 @@ class QpResolver(Resolver):
             limits=limits.limits,
         )
 
-    def begin_waypoint(self, q: Array, duration: float | None) -> None:
+    def begin_waypoint(self, configuration: mink.Configuration, duration: float | None) -> None:
         """The limits of a waypoint, for all resolvers that share them."""
-        self.limits.begin_waypoint(q, duration)
+        self.limits.begin_waypoint(configuration, duration)
 
     def displacement(self, configuration: mink.Configuration, *, first: bool) -> Displacement:
         """One step of the controller, over the whole duration of the waypoint."""
@@ -130,7 +134,7 @@ class QpResolver(Resolver):
         names: tuple[str, ...] = ()
         if step.status is not Status.SOLVED:
             names = tuple(str(limit) for limit in step.binding)
-        return Displacement(step.velocity * dt, step.scale, names)
+        return Displacement(step.velocity * dt, step.scale, names, step.status)
 
 
 def make_resolver(

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from qp_twist.checks import Array
+from qp_twist.controller import Status
 from qp_twist.kinematics import JointRanges
 from qp_twist.path import PathTask
 
@@ -17,6 +18,8 @@ from qp_twist.path import PathTask
 @dataclass(frozen=True, eq=False)
 class Trajectory:
     """What :func:`~qp_twist.follow` returns. N waypoints; row 0 is the start.
+
+    A run that was stopped has fewer rows than the path has waypoints.
 
     Attributes:
         path_task: The task that was followed.
@@ -27,9 +30,11 @@ class Trajectory:
         sigma_min: Smallest singular value of the task rows UᵀJ, (N,).
         scale: Smallest scale of the waypoint's steps; 1 for closed forms, (N,).
         iterations: Iterations that each waypoint took, (N,).
-        binding: Names of the limits that scaled a step of the waypoint, for each waypoint.
+        binding: Names of the limits that held a step of the waypoint back, for each waypoint.
+        statuses: The least that a step of the waypoint delivered, for each waypoint.
         seconds: Wall time of the whole run, without the start's correction, s.
         diverged_at: 1-based waypoint from which the method had no finite step, or ``None``.
+        failure: Why there was no step, and where; empty if there always was one.
         band_excess: How far the frame is outside the band that it is furthest outside of, rad or m,
             (N,); 0 inside all bands, and where there is none.
     """
@@ -45,6 +50,8 @@ class Trajectory:
     binding: tuple[tuple[str, ...], ...]
     seconds: float
     diverged_at: int | None
+    statuses: tuple[Status, ...]
+    failure: str
     band_excess: Array
 
     @property
@@ -71,6 +78,9 @@ class Trajectory:
             f"{self.margins.min(initial=np.inf):.3g}"
         )
 
+    def __repr__(self) -> str:
+        return f"Trajectory({self.path_task.name!r}, {self.method!r}, {self.summary})"
+
     def save(self, path: str | Path) -> Path:
         """Write the joint trajectory as CSV: a commented header, joint names with units, rows.
 
@@ -81,7 +91,7 @@ class Trajectory:
             f"{name} [{unit}]" for name, unit in zip(ranges.names, ranges.units, strict=True)
         ]
         durations = self.path_task.durations
-        times = np.cumsum(durations if durations is not None else np.zeros(len(self.q)))
+        times = np.cumsum(np.zeros(len(self.q)) if durations is None else durations[: len(self.q)])
         lines = [
             f"# qp_twist joint trajectory; task {self.path_task.name}, method {self.method}",
             "# joint positions in rad (hinge) or m (slide); time at the task's feed, 0 if untimed",

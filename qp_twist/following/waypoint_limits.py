@@ -6,7 +6,7 @@ import mink
 import numpy as np
 
 from qp_twist.checks import Array
-from qp_twist.limits import DisplacementWindow, PositionLimit
+from qp_twist.limits import Box, BoxLimit, DisplacementWindow, MotionLimit, PositionLimit, intersect
 from qp_twist.path import PathTask
 
 
@@ -14,7 +14,7 @@ class WaypointLimits:
     """The limits of a path's QPs, and their state from waypoint to waypoint.
 
     All resolvers of a path share one: what the robot did last does not depend on which of them
-    moved it.
+    moved it, nor on how many iterations it took.
 
     Attributes:
         limits: For the controllers.
@@ -26,14 +26,72 @@ class WaypointLimits:
         self.limits: list[mink.Limit] = [PositionLimit(model)]
         self.velocity_limits = path_task.velocity_limits
         self.window: DisplacementWindow | None = None
-        if path_task.durations is not None and np.isfinite(self.velocity_limits).any():
+        self.motion: MotionWindow | None = None
+        timed = path_task.durations is not None
+        if timed and np.isfinite(path_task.acceleration_limits).any():
+            self.motion = MotionWindow(
+                MotionLimit(
+                    model,
+                    velocity=path_task.velocity_limits,
+                    acceleration=path_task.acceleration_limits,
+                )
+            )
+            self.limits = [self.motion]
+        elif timed and np.isfinite(self.velocity_limits).any():
             unbounded = np.full(model.nv, np.inf)
             self.window = DisplacementWindow(model, path_task.start, unbounded)
             self.limits.append(self.window)
         self.dt = 1.0
 
-    def begin_waypoint(self, q: Array, duration: float | None) -> None:
+    def begin_waypoint(self, configuration: mink.Configuration, duration: float | None) -> None:
         """Open the window in which the joints may move until the next waypoint is due."""
-        self.dt = 1.0 if duration is None else duration
+        if self.motion is not None:
+            self.motion.begin(configuration, duration or 1.0)
         if self.window is not None:
-            self.window.move(q, self.velocity_limits * self.dt)
+            self.window.move(configuration.q, self.velocity_limits * (duration or 1.0))
+        self.dt = duration or 1.0
+
+
+class MotionWindow(BoxLimit):
+    r"""A :class:`~qp_twist.MotionLimit` for the mean velocity over a waypoint.
+
+    The iterations of a waypoint share one allowance: the bounds are those of the motion limit where
+    the waypoint began, less what has been moved since. A path is entered at speed: accelerations
+    count from its second step on.
+    """
+
+    kind = "motion"
+
+    def __init__(self, motion: MotionLimit) -> None:
+        self.motion = motion
+        self._boxes: tuple[Box, ...] = ()
+        self._begin: Array | None = None
+        self._dt = 1.0
+
+    def begin(self, configuration: mink.Configuration, dt: float) -> None:
+        """Begin a waypoint of ``dt`` seconds; what was moved in the last one is the velocity."""
+        here = self.motion.ranges.positions(configuration.q)
+        entered = self._begin is not None
+        if self._begin is not None:
+            self.motion.note((here - self._begin) / self._dt)
+        self._boxes = tuple(
+            box
+            for box in self.motion.boxes(configuration, dt)
+            if entered or box.kind != "acceleration"
+        )
+        self._begin, self._dt = here, dt
+
+    def boxes(self, configuration: mink.Configuration, dt: float) -> tuple[Box, ...]:
+        """The boxes of the waypoint, less what has been moved in it."""
+        assert self._begin is not None
+        moved = (self.motion.ranges.positions(configuration.q) - self._begin) / self._dt
+        return tuple(Box(kind, lower - moved, upper - moved) for kind, lower, upper in self._boxes)
+
+    def bounds(self, configuration: mink.Configuration, dt: float) -> tuple[Array, Array]:
+        """What the boxes have in common, rad/s or m/s, each (nv,)."""
+        lower, upper, _, _ = intersect(self.boxes(configuration, dt), configuration.model)
+        return lower, upper
+
+    def recovering(self, configuration: mink.Configuration, dt: float) -> tuple[str, ...]:
+        """A sentence for each joint outside its limits."""
+        return self.motion.recovering(configuration, dt)
