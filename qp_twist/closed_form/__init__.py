@@ -6,4 +6,6 @@ from .resolutions import gradient_projection as gradient_projection
 from .resolutions import minimum_norm as minimum_norm
 from .resolutions import resolved_motion_rate as resolved_motion_rate
 from .resolutions import twa as twa
+from .saturation import Saturation as Saturation
+from .saturation import saturation_in_null_space as saturation_in_null_space
 from .weighted_least_norm import weighted_least_norm as weighted_least_norm
