@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import copy
+import dataclasses
 import runpy
 import sys
 from pathlib import Path
@@ -17,6 +19,7 @@ from scipy.optimize import linprog, lsq_linear
 import qp_twist as qt
 from qp_twist import closed_form
 from qp_twist.closed_form import optimal_saturation, saturation_in_null_space
+from qp_twist.comparison import metrics
 
 Array = NDArray[np.float64]
 EXAMPLE = Path(__file__).parents[1] / "examples" / "scaling.py"
@@ -206,6 +209,61 @@ def test_wrong_input_is_refused(optimal: bool) -> None:
         call(twist=[1.0])
     with pytest.raises(qt.InvalidInput, match="jacobian"):
         call(jacobian=[[np.inf, 1.0], [0.0, 1.0]])
+
+
+# ---------------------------------------------------------------- along a path
+
+
+def test_on_the_deburring_lap_no_limit_is_active(deburring: qt.Comparison) -> None:
+    found, shortest = (deburring.trajectories[name] for name in ("sns", "minimum_norm"))
+    assert found.q == pytest.approx(shortest.q, abs=1e-9)
+    assert metrics(found)["status"] == "ok"
+
+
+@FORMS
+def test_at_a_position_limit_it_goes_on_as_the_quadratic_program_does(optimal: bool) -> None:
+    task = narrowed(qt.load_task("planar_line"), joint=2, upper_deg=105.0)
+    assert metrics(qt.follow(task, "minimum_norm"))["first_violation"].keys() == {"joint_3"}
+    found, program = qt.follow(task, "sns", optimal=optimal), qt.follow(task, "qp_minimum_norm")
+    assert found.q == pytest.approx(program.q, abs=1e-9)
+    assert metrics(found)["status"] == "ok"
+    assert found.margins.min() < 1e-3
+
+
+def test_it_is_scaled_by_the_speed_limits_of_a_waypoint_as_the_quadratic_program_is() -> None:
+    planar = qt.load_task("planar_line")
+    waypoints = len(planar.waypoints)
+    task = dataclasses.replace(
+        planar,
+        durations=np.where(np.arange(waypoints) > 0, 0.1, 0.0),
+        # rad/s: joint 2 turns faster than this on the first part of the line, joint 1 at its end.
+        velocity_limits=np.array([0.08, 0.02, 0.05]),
+    )
+    found, program = qt.follow(task, "sns"), qt.follow(task, "qp_minimum_norm")
+    assert 5 < (found.scale < 1.0).sum() < waypoints
+    assert found.q == pytest.approx(program.q, abs=1e-6)
+    assert found.scale == pytest.approx(program.scale, abs=1e-6)
+    # Where the scale is clear of 1 they also say the same of who holds it.
+    held = [i for i in range(waypoints) if found.scale[i] < 0.999]
+    assert [set(found.binding[i]) for i in held] == [set(program.binding[i]) for i in held]
+    steps = np.abs(np.diff(found.q, axis=0))
+    assert (steps <= 0.1 * task.velocity_limits + 1e-12).all()
+
+
+def test_a_start_outside_a_limit_goes_no_further_out() -> None:
+    task = narrowed(qt.load_task("planar_line"), joint=0, upper_deg=60.0)
+    found = qt.follow(task, "sns")
+    outside = found.q[:, 0] - np.radians(60.0)
+    assert outside[0] > 0.1
+    assert (np.diff(found.q[:, 0])[outside[:-1] > 0.0] <= 0.0).all()
+    assert outside[-1] < 0.0
+
+
+def narrowed(task: qt.PathTask, joint: int, upper_deg: float) -> qt.PathTask:
+    """The same task with another upper limit of one joint."""
+    model = copy.copy(task.model)
+    model.jnt_range[joint, 1] = np.radians(upper_deg)
+    return dataclasses.replace(task, model=model)
 
 
 # ---------------------------------------------------------------- the example

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 import qp_twist as qt
 from qp_twist import closed_form
+from qp_twist.comparison import metrics
 
 Array = NDArray[np.float64]
 SEEDS = st.integers(0, 2**32 - 1)
@@ -160,3 +161,50 @@ def test_wrong_limits_are_refused() -> None:
             closed_form.joint_limit_weights([0.0], lower, upper)
     with pytest.raises(qt.InvalidInput, match="previous_gradient"):
         closed_form.joint_limit_weights([0.0], [-1.0], [1.0], [1.0, 2.0])
+
+
+# ---------------------------------------------------------------- along a path
+
+
+@pytest.mark.parametrize(("joint", "side", "limit_deg"), [(0, 0, 48.0), (2, 1, 108.0)])
+def test_it_turns_away_from_a_limit_that_the_minimum_norm_runs_through(
+    joint: int, side: int, limit_deg: float
+) -> None:
+    task = qt.load_task("planar_line")
+    task.model.jnt_range[joint, side] = np.radians(limit_deg)
+    found, shortest = (qt.follow(task, name) for name in ("weighted_least_norm", "minimum_norm"))
+    assert shortest.margins.min() < -0.1
+    assert found.margins.min() > 0.03
+    assert found.position_error.max() < 1e-9
+
+
+def test_the_lap_is_met_inside_the_limits(deburring: qt.Comparison) -> None:
+    numbers = metrics(deburring.trajectories["weighted_least_norm"])
+    assert numbers["status"] == "ok"
+    assert numbers["violations"] == 0
+
+
+def test_each_step_tells_the_way_of_a_joint_from_the_one_before() -> None:
+    task = qt.load_task("planar_line")
+    found = qt.follow(task, "weighted_least_norm", iterations=1)
+    ranges = qt.JointRanges.of(task.model)
+    previous = None
+    configuration = mink.Configuration(task.model)
+    for q, after, waypoint in zip(found.q[:-1], found.q[1:], task.waypoints[1:], strict=True):
+        configuration.update(q)
+        twist_task = qt.TwistTask("tip", "site", task.projector)
+        twist_task.set_target(waypoint)
+        state = twist_task.state(configuration)
+        # The formula of the paper with an inverse of its own.
+        width = ranges.upper - ranges.lower
+        gradient = (
+            width**2
+            * (2.0 * q - ranges.upper - ranges.lower)
+            / (4.0 * (ranges.upper - q) ** 2 * (q - ranges.lower) ** 2)
+        )
+        nearer = True if previous is None else np.abs(gradient) >= np.abs(previous)
+        inverse = np.diag(1.0 / np.where(nearer, 1.0 + np.abs(gradient), 1.0))
+        A, b = state.jacobian[:2], state.error[:2]
+        expected = q + inverse @ A.T @ np.linalg.solve(A @ inverse @ A.T, b)
+        assert after == pytest.approx(expected, abs=1e-10)
+        previous = gradient

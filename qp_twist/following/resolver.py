@@ -20,7 +20,7 @@ from qp_twist.kinematics import (
     TwistTask,
     total_displacement,
 )
-from qp_twist.limits import DisplacementWindow, PositionLimit
+from qp_twist.limits import BindingLimit, DisplacementWindow, PositionLimit, gather_limits
 from qp_twist.path import METHODS, MethodSettings, PathTask
 
 
@@ -57,13 +57,16 @@ class Resolver(abc.ABC):
 
 
 class ClosedFormResolver(Resolver):
-    """The closed forms of the paper; they know nothing of limits or time."""
+    """The closed forms that know nothing of hard limits or time."""
 
     def __init__(self, path_task: PathTask, method: str, settings: MethodSettings) -> None:
         self.method = METHODS[method]
         self.task = twist_task(path_task, whole_twist=self.method.whole_twist)
         self.operational = path_task.operational
         self.objectives = secondary_objectives(path_task, self.task, settings)
+        self.ranges = JointRanges.of(path_task.model)
+        self._weights = np.ones(path_task.model.nv)
+        self._gradient: Array | None = None
 
     def displacement(self, configuration: mink.Configuration, *, first: bool) -> Displacement:
         """The method's formula at the configuration."""
@@ -78,6 +81,10 @@ class ClosedFormResolver(Resolver):
                 dq = closed_form.resolved_motion_rate(J, twist, self.operational)
             case "minimum_norm":
                 dq = closed_form.minimum_norm(J, T, twist)
+            case "weighted_least_norm":
+                if first:
+                    self._weigh(configuration.q)
+                dq = closed_form.weighted_least_norm(J, T, twist, self._weights)
             case "gradient_projection":
                 dq = closed_form.gradient_projection(J, T, twist, h)
             case "twa":
@@ -85,6 +92,73 @@ class ClosedFormResolver(Resolver):
             case name:
                 raise AssertionError(f"no closed form is called {name}")
         return Displacement(dq)
+
+    def _weigh(self, q: Array) -> None:
+        """Weights for a waypoint; that a joint nears its limit is told from the waypoint before.
+
+        Were it told from iteration to iteration, the small corrections would decide.
+        """
+        at = (self.ranges.positions(q), self.ranges.lower, self.ranges.upper)
+        self._weights = closed_form.joint_limit_weights(*at, self._gradient)
+        self._gradient = closed_form.joint_limit_gradient(*at)
+
+
+class WaypointLimits:
+    """What a path's joints may do until the next waypoint is due.
+
+    Attributes:
+        limits: The scene's position limits and, where the task is timed, its velocity limits.
+        dt: Time to the next waypoint, s; 1 where the task is not timed.
+    """
+
+    def __init__(self, path_task: PathTask) -> None:
+        self.limits: list[mink.Limit] = [PositionLimit(path_task.model)]
+        self.dt = 1.0
+        self._speeds = path_task.velocity_limits
+        self._window: DisplacementWindow | None = None
+        if path_task.durations is not None and np.isfinite(self._speeds).any():
+            unbounded = np.full(path_task.model.nv, np.inf)
+            self._window = DisplacementWindow(path_task.model, path_task.start, unbounded)
+            self.limits.append(self._window)
+
+    def begin_waypoint(self, q: Array, duration: float | None) -> None:
+        """Open the window in which the joints may move until the next waypoint is due."""
+        self.dt = 1.0 if duration is None else duration
+        if self._window is not None:
+            self._window.move(q, self._speeds * self.dt)
+
+
+class SaturationResolver(Resolver):
+    """Saturation in the null space: a closed form that holds the task's limits."""
+
+    def __init__(self, path_task: PathTask, settings: MethodSettings) -> None:
+        self.task = twist_task(path_task)
+        self.optimal = settings.optimal
+        self.limits = WaypointLimits(path_task)
+        self.names = JointRanges.of(path_task.model).names
+
+    def begin_waypoint(self, q: Array, duration: float | None) -> None:
+        """Open the window in which the joints may move until the next waypoint is due."""
+        self.limits.begin_waypoint(q, duration)
+
+    def displacement(self, configuration: mink.Configuration, *, first: bool) -> Displacement:
+        """The shortest step inside the limits. A joint outside may stay, or come back."""
+        state = self.task.state(configuration)
+        dt = self.limits.dt
+        limits = gather_limits(self.limits.limits, configuration, dt)
+        lower, upper = np.minimum(limits.lower * dt, 0.0), np.maximum(limits.upper * dt, 0.0)
+        result = closed_form.saturation_in_null_space(
+            state.jacobian, state.projector, self.task.clamped(state.error), lower, upper,
+            optimal=self.optimal,
+        )  # fmt: skip
+        dq = result.displacement
+        names = []
+        for dof in np.flatnonzero(result.saturated) if result.scale < 1.0 else ():
+            above = upper[dof] - dq[dof] < dq[dof] - lower[dof]
+            kind = (limits.upper_kind if above else limits.lower_kind)[dof]
+            side = "upper" if above else "lower"
+            names.append(str(BindingLimit(self.names[dof], kind, side, 0.0)))
+        return Displacement(dq, result.scale, tuple(names))
 
 
 class QpResolver(Resolver):
@@ -96,7 +170,7 @@ class QpResolver(Resolver):
         self.method = METHODS[method]
         self.task = twist_task(path_task, whole_twist=self.method.whole_twist)
         self.model = path_task.model
-        self.velocity_limits = path_task.velocity_limits
+        self.limits = WaypointLimits(path_task)
         metric = None
         if settings.secondary == "centering" and settings.weight == "natural":
             metric = range_metric(JointRanges.of(self.model))
@@ -107,28 +181,21 @@ class QpResolver(Resolver):
             secondary_space=self.method.space,
             solver=solver,
             metric=metric,
-            limits=[PositionLimit(self.model)],
+            limits=self.limits.limits,
         )
-        self.window: DisplacementWindow | None = None
-        if path_task.durations is not None and np.isfinite(self.velocity_limits).any():
-            unbounded = np.full(self.model.nv, np.inf)
-            self.window = DisplacementWindow(self.model, path_task.start, unbounded)
-            self.controller.limits.append(self.window)
-        self.dt = 1.0
 
     def begin_waypoint(self, q: Array, duration: float | None) -> None:
         """Open the window in which the joints may move until the next waypoint is due."""
-        self.dt = 1.0 if duration is None else duration
-        if self.window is not None:
-            self.window.move(q, self.velocity_limits * self.dt)
+        self.limits.begin_waypoint(q, duration)
 
     def displacement(self, configuration: mink.Configuration, *, first: bool) -> Displacement:
         """One step of the controller, over the whole duration of the waypoint."""
-        step = self.controller.step(configuration, self.dt, use_secondary=first)
+        dt = self.limits.dt
+        step = self.controller.step(configuration, dt, use_secondary=first)
         names: tuple[str, ...] = ()
         if step.status is not Status.SOLVED:
             names = tuple(str(limit) for limit in step.binding)
-        return Displacement(step.velocity * self.dt, step.scale, names)
+        return Displacement(step.velocity * dt, step.scale, names)
 
 
 def make_resolver(
@@ -137,6 +204,8 @@ def make_resolver(
     """The resolver of a method by name."""
     if METHODS[method].constrained:
         return QpResolver(path_task, method, settings, solver)
+    if method == "sns":
+        return SaturationResolver(path_task, settings)
     return ClosedFormResolver(path_task, method, settings)
 
 
