@@ -182,6 +182,7 @@ def test_numbers_in_the_text_are_those_of_the_runs(
     line = {name: metrics(t) for name, t in planar.trajectories.items()}
     first = m["rmr"]["first_violation"]
     scaled = deburring.trajectories["qp_rmr"].scale < 1.0
+    shortest, weighted = (m[n]["travel_deg"] for n in ("minimum_norm", "weighted_least_norm"))
     text = " ".join(page("examples.md").split())
     for sentence in (
         f"joint 4 at waypoint {first['joint_4']}, joint 6 at waypoint {first['joint_6']}",
@@ -199,10 +200,12 @@ def test_numbers_in_the_text_are_those_of_the_runs(
         f"mean z of {line['qp']['mean_z']:.4f}",
         f"both reach a mean z of {line['qp_gradient']['mean_z']:.4f}",
         f"error of {1e3 * line['gradient_projection']['position_error_max_m']:.2f} mm",
+        f"`weighted_least_norm` differs by {weighted - shortest:.0f}° of travel",
     ):
         assert sentence in text
     assert m["twa"]["travel_deg"] > 2.0 * m["minimum_norm"]["travel_deg"]
     assert not m["twa"]["reconfigurations"]
+    assert m["sns"]["status"] == "ok"
     assert min(numbers["mean_z"] for numbers in m.values()) == m["qp_gradient"]["mean_z"]
     assert all(m[name]["violations"] == 0 for name, method in METHODS.items() if method.constrained)
 

@@ -73,6 +73,23 @@ CALLS: dict[str, Callable[[Any], Any]] = {
     "gradient_projection(h)": lambda x: closed_form.gradient_projection(J, FULL, TWIST, x),
     "twa(jacobian)": lambda x: closed_form.twa(x, FULL, TWIST, WISH),
     "twa(operational)": lambda x: closed_form.twa(J, FULL, TWIST, WISH, operational=x),
+    "weighted_least_norm(weight)": lambda x: closed_form.weighted_least_norm(J, FULL, TWIST, x),
+    "weighted_least_norm(jacobian)": lambda x: closed_form.weighted_least_norm(
+        x, None, TWIST, WISH
+    ),
+    "joint_limit_weights(q)": lambda x: closed_form.joint_limit_weights(x, -WISH, WISH),
+    "joint_limit_weights(lower)": lambda x: closed_form.joint_limit_weights(WISH, x, 2 * WISH),
+    "joint_limit_weights(previous)": lambda x: closed_form.joint_limit_weights(
+        WISH, -WISH, 2 * WISH, x
+    ),
+    "sns(jacobian)": lambda x: closed_form.saturation_in_null_space(x, None, TWIST, -WISH, WISH),
+    "sns(twist)": lambda x: closed_form.saturation_in_null_space(
+        J, FULL, x, -WISH, WISH, optimal=True
+    ),
+    "sns(lower)": lambda x: closed_form.saturation_in_null_space(J, FULL, TWIST, x, WISH),
+    "sns(upper)": lambda x: closed_form.saturation_in_null_space(
+        J, FULL, TWIST, -WISH, x, optimal=True
+    ),
     "TwistTask(frame_name)": lambda x: step(tasks=[task(frame_name=x)]),
     "TwistTask(frame_type)": lambda x: step(tasks=[task(frame_type=x)]),
     "TwistTask(projector)": lambda x: task(projector=x),

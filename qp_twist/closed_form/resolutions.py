@@ -15,10 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from qp_twist.checks import Array, finite_array
-from qp_twist.errors import InvalidInput
-from qp_twist.geometry import TwistProjector
-
-ProjectorLike = TwistProjector | npt.ArrayLike
+from qp_twist.closed_form.rows import ProjectorLike, projector_matrix
 
 
 def resolved_motion_rate(
@@ -37,7 +34,7 @@ def resolved_motion_rate(
         Δθ, shape (n,). For n > n_o it is the minimum-norm solution, for n < n_o least squares.
     """
     j, dt = _step(jacobian, twist)
-    t_o = _matrix("operational", operational)
+    t_o = projector_matrix("operational", operational)
     return np.linalg.pinv(t_o @ j) @ (t_o @ dt)
 
 
@@ -54,7 +51,7 @@ def minimum_norm(jacobian: npt.ArrayLike, projector: ProjectorLike, twist: npt.A
         twist: Δt, shape (6,).
     """
     j, dt = _step(jacobian, twist)
-    t = _matrix("projector", projector)
+    t = projector_matrix("projector", projector)
     return np.linalg.pinv(t @ j) @ (t @ dt)
 
 
@@ -78,7 +75,7 @@ def gradient_projection(
         h: Joint displacement wished for, shape (n,).
     """
     j, dt = _step(jacobian, twist)
-    t = _matrix("projector", projector)
+    t = projector_matrix("projector", projector)
     wish = finite_array("h", h, (j.shape[1],))
     inverse = np.linalg.pinv(t @ j)
     return inverse @ (t @ dt) + wish - inverse @ (t @ j @ wish)
@@ -122,8 +119,8 @@ def twa(
         manipulator_redundancy: Add (1 − J†J) h.
     """
     j, dt = _step(jacobian, twist)
-    t = _matrix("projector", projector)
-    t_o = _matrix("operational", operational)
+    t = projector_matrix("projector", projector)
+    t_o = projector_matrix("operational", operational)
     wish = finite_array("h", h, (j.shape[1],))
     inverse = np.linalg.pinv(t_o @ j)
     step = inverse @ (t @ dt) + inverse @ ((t_o - t) @ j @ wish)
@@ -134,16 +131,3 @@ def twa(
 
 def _step(jacobian: npt.ArrayLike, twist: npt.ArrayLike) -> tuple[Array, Array]:
     return finite_array("jacobian", jacobian, (6, None)), finite_array("twist", twist, (6,))
-
-
-def _matrix(name: str, projector: ProjectorLike | None) -> Array:
-    if projector is None:
-        return np.eye(6)
-    if isinstance(projector, TwistProjector):
-        if projector.frame != "world":
-            raise InvalidInput(
-                f"{name}: this projector is fixed to the {projector.frame} frame; pass "
-                "projector.resolved(body=R, target=R_d), which is in world axes."
-            )
-        return projector.matrix
-    return finite_array(name, projector, (6, 6))

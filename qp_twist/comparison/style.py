@@ -1,4 +1,4 @@
-"""Colours and lines of the figures: a colour a pair, dashed for closed form, solid for QP."""
+"""Colours and lines of the figures: a colour a QP, its closed forms dashed, itself solid."""
 
 from __future__ import annotations
 
@@ -18,6 +18,8 @@ _PAIR_COLOURS = {
     "qp_gradient": "#CC79A7",
     "qp": "#0072B2",
 }
+# In turn for the closed forms of one QP.
+_DASHES: tuple[Any, ...] = ((0, (4, 2)), (0, (1, 1.5)), (0, (6, 1.5, 1, 1.5)))
 LIMIT = "#D00000"
 GRID = "#DDDDDD"
 
@@ -46,7 +48,8 @@ def line_style(name: str) -> dict[str, Any]:
         # Darker, so that dashes show even where they lie on their counterpart's line.
         red, green, blue = colour
         colour = (0.62 * red, 0.62 * green, 0.62 * blue)
-        dashes = (0, (1, 1.5)) if method.flipped else (0, (4, 2))
+        beside = [m.name for m in METHODS.values() if m.counterpart == method.counterpart]
+        dashes = _DASHES[beside.index(name)]
     return {
         "color": colour,
         "linestyle": dashes,

@@ -22,6 +22,7 @@ from qp_twist.kinematics import (
     TwistTask,
     total_displacement,
 )
+from qp_twist.limits import BindingLimit, gather_limits
 from qp_twist.path import METHODS, MethodSettings, PathTask
 
 
@@ -62,7 +63,7 @@ class Resolver(abc.ABC):
 
 
 class ClosedFormResolver(Resolver):
-    """The closed forms of the paper; they know nothing of limits or time."""
+    """The closed forms that know nothing of hard limits or time."""
 
     def __init__(
         self, path_task: PathTask, method: str, settings: MethodSettings, projector: TwistProjector
@@ -71,6 +72,9 @@ class ClosedFormResolver(Resolver):
         self.task = twist_task(path_task, projector)
         self.operational = path_task.operational
         self.objectives = secondary_objectives(path_task, self.task, settings)
+        self.ranges = JointRanges.of(path_task.model)
+        self._weights = np.ones(path_task.model.nv)
+        self._gradient: Array | None = None
 
     def displacement(self, configuration: mink.Configuration, *, first: bool) -> Displacement:
         """The method's formula at the configuration."""
@@ -85,6 +89,10 @@ class ClosedFormResolver(Resolver):
                 dq = closed_form.resolved_motion_rate(J, twist, self.operational)
             case "minimum_norm":
                 dq = closed_form.minimum_norm(J, T, twist)
+            case "weighted_least_norm":
+                if first:
+                    self._weigh(configuration.q)
+                dq = closed_form.weighted_least_norm(J, T, twist, self._weights)
             case "gradient_projection":
                 dq = closed_form.gradient_projection(J, T, twist, h)
             case "twa":
@@ -92,6 +100,55 @@ class ClosedFormResolver(Resolver):
             case name:
                 raise AssertionError(f"no closed form is called {name}")
         return Displacement(dq)
+
+    def _weigh(self, q: Array) -> None:
+        """Weights for a waypoint; that a joint nears its limit is told from the waypoint before.
+
+        Were it told from iteration to iteration, the small corrections would decide.
+        """
+        at = (self.ranges.positions(q), self.ranges.lower, self.ranges.upper)
+        self._weights = closed_form.joint_limit_weights(*at, self._gradient)
+        self._gradient = closed_form.joint_limit_gradient(*at)
+
+
+class SaturationResolver(Resolver):
+    """Saturation in the null space: a closed form that holds the task's limits."""
+
+    def __init__(
+        self,
+        path_task: PathTask,
+        settings: MethodSettings,
+        projector: TwistProjector,
+        limits: WaypointLimits,
+    ) -> None:
+        self.task = twist_task(path_task, projector)
+        self.optimal = settings.optimal
+        self.limits = limits
+        self.names = JointRanges.of(path_task.model).names
+
+    def begin_waypoint(self, configuration: mink.Configuration, duration: float | None) -> None:
+        """The limits of a waypoint, for all resolvers that share them."""
+        self.limits.begin_waypoint(configuration, duration)
+
+    def displacement(self, configuration: mink.Configuration, *, first: bool) -> Displacement:
+        """The shortest step inside the limits. A joint outside may stay, or come back."""
+        state = self.task.state(configuration)
+        dt = self.limits.dt
+        limits = gather_limits(self.limits.limits, configuration, dt)
+        lower, upper = np.minimum(limits.lower * dt, 0.0), np.maximum(limits.upper * dt, 0.0)
+        result = closed_form.saturation_in_null_space(
+            state.jacobian, state.projector, self.task.clamped(state.error), lower, upper,
+            optimal=self.optimal,
+        )  # fmt: skip
+        dq = result.displacement
+        names = []
+        for dof in np.flatnonzero(result.saturated) if result.scale < 1.0 else ():
+            above = upper[dof] - dq[dof] < dq[dof] - lower[dof]
+            kind = (limits.upper_kind if above else limits.lower_kind)[dof]
+            side = "upper" if above else "lower"
+            names.append(str(BindingLimit(self.names[dof], kind, side, 0.0)))
+        status = Status.SCALED if result.scale < 1.0 else Status.SOLVED
+        return Displacement(dq, result.scale, tuple(names), status)
 
 
 class QpResolver(Resolver):
@@ -148,6 +205,8 @@ def make_resolver(
     """The resolver of a method by name, for one projector."""
     if METHODS[method].constrained:
         return QpResolver(path_task, method, settings, projector, solver, limits)
+    if method == "sns":
+        return SaturationResolver(path_task, settings, projector, limits)
     return ClosedFormResolver(path_task, method, settings, projector)
 
 

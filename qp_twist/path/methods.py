@@ -14,6 +14,8 @@ MethodName = Literal[
     "rmr_flipped",
     "qp_rmr",
     "minimum_norm",
+    "weighted_least_norm",
+    "sns",
     "qp_minimum_norm",
     "gradient_projection",
     "qp_gradient",
@@ -39,6 +41,9 @@ class MethodSettings(Section):
     gain: Annotated[float, Field(ge=0.0, allow_inf_nan=False)] = Field(
         default=1.0, description="of the secondary, per waypoint"
     )
+    optimal: bool = Field(
+        default=True, description="of sns: whether held joints are released, or the basic form runs"
+    )
 
 
 @dataclass(frozen=True)
@@ -48,11 +53,14 @@ class Method:
     Attributes:
         name: As in the command line, task files and Python.
         title: As in figures.
-        constrained: Whether it is a QP with the limits in it.
+        constrained: Whether it is a QP with the limits in it. ``sns`` is not one and holds them all
+            the same: a closed form, drawn and listed among those.
         whole_twist: Whether it fixes the roll too (T = T_O) by the task's roll rule.
         flipped: Whether it takes the roll rule's other sign.
         space: Where the QP measures the secondary.
-        counterpart: The closed form of a QP, or the QP of a closed form.
+        counterpart: The QP nearest to a closed form, or the closed form that a QP equals while no
+            limit is active. ``sns`` and ``weighted_least_norm`` both have ``qp_minimum_norm``: the
+            one is what it is with limits, the other what it would be in another metric.
         defaults: Settings where the task file says nothing.
     """
 
@@ -79,6 +87,8 @@ METHODS: dict[str, Method] = {
         ),
         Method("qp_rmr", "QP, whole twist", True, "rmr", whole_twist=True),
         Method("minimum_norm", "minimum norm", False, "qp_minimum_norm"),
+        Method("weighted_least_norm", "weighted least norm", False, "qp_minimum_norm"),
+        Method("sns", "saturation in the null space", False, "qp_minimum_norm"),
         Method("qp_minimum_norm", "QP, minimum norm", True, "minimum_norm"),
         Method(
             "gradient_projection", "gradient projection", False, "qp_gradient",
