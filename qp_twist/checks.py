@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import numpy.typing as npt
 
@@ -19,10 +21,10 @@ def finite_array(
 ) -> Array:
     """A float copy of ``value`` with the given shape (``None``: any length) and finite entries."""
     array = float_array(name, value, error=error)
-    wrong = array.ndim != len(shape) or any(
-        want is not None and got != want for got, want in zip(array.shape, shape, strict=True)
-    )
-    if wrong:
+    if array.shape != shape and (
+        array.ndim != len(shape)
+        or any(w is not None and g != w for g, w in zip(array.shape, shape, strict=True))
+    ):
         expected = "(" + ", ".join("any" if n is None else str(n) for n in shape) + ")"
         raise error(f"{name}: expected an array of shape {expected}, got {array.shape}.")
     if not np.isfinite(array).all():
@@ -82,7 +84,8 @@ def number(
     at_most: float | None = None,
 ) -> float:
     """``value`` as a finite float in the stated range."""
-    result = float(finite_array(name, value, ()))
+    plain = type(value) is float and math.isfinite(value)  # nearly always, and every step
+    result = value if plain else float(finite_array(name, value, ()))
     if above is not None and not result > above:
         raise InvalidInput(f"{name}: expected a number above {above:g}, got {result:g}.")
     if at_least is not None and not result >= at_least:

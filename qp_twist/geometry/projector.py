@@ -82,7 +82,7 @@ class Projector:
     @property
     def rank(self) -> int:
         """Dimension of the subspace, 0 to 3."""
-        return self.kind.value
+        return int(self.basis.shape[1])
 
     @property
     def complement(self) -> Projector:

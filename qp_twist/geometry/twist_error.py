@@ -161,5 +161,5 @@ def clamp_twist(twist: Array, max_linear: float = math.inf, max_angular: float =
 
 
 def _shortened(vector: Array, longest: float) -> Array:
-    length = float(np.linalg.norm(vector))
+    length = math.hypot(*vector.tolist())
     return vector * (longest / length) if length > longest else vector

@@ -70,9 +70,11 @@ class TwistProjector:
     @property
     def basis(self) -> Array:
         """Orthonormal U with T = U Uᵀ, shape (6, rank); linear columns first."""
-        basis = np.zeros((6, self.rank))
-        basis[:3, : self.linear.rank] = self.linear.basis
-        basis[3:, self.linear.rank :] = self.angular.basis
+        linear, angular = self.linear.basis, self.angular.basis
+        split = linear.shape[1]
+        basis = np.zeros((6, split + angular.shape[1]))
+        basis[:3, :split] = linear
+        basis[3:, split:] = angular
         return basis
 
     @property

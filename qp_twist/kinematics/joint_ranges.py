@@ -84,10 +84,12 @@ class JointRanges:
 
     def positions(self, q: Array) -> Array:
         """Joint positions by degree of freedom, from q of shape (…, nq); 0 for ball and free."""
-        values = float_array("q", q)
+        plain = isinstance(q, np.ndarray) and q.dtype == np.float64
+        values = q if plain else float_array("q", q)
         if values.ndim == 0 or values.shape[-1] != self.nq:
             raise InvalidInput(f"q: expected an array of shape (…, {self.nq}), got {values.shape}.")
-        positions: Array = np.where(self.qpos >= 0, values[..., np.maximum(self.qpos, 0)], 0.0)
+        positions: Array = values[..., self.qpos]  # a copy
+        positions[..., self.qpos < 0] = 0.0
         return positions
 
     @property

@@ -254,6 +254,8 @@ class TwistTask(mink.Task):
             mink.TargetNotSet: If :meth:`set_target` has not been called.
         """
         dt = number("dt", dt, above=0.0)
+        if not self.bands:
+            return []
         pair = self._pair(configuration)
         J = frame_jacobian(configuration, self.frame_name, self.frame_type)
         found = []
@@ -270,6 +272,8 @@ class TwistTask(mink.Task):
         Raises:
             mink.TargetNotSet: If :meth:`set_target` has not been called.
         """
+        if not self.bands:
+            return np.zeros(0)
         pair = self._pair(configuration)
         return np.array([band.excess(pair) for band in self.bands])
 
