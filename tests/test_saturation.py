@@ -281,6 +281,13 @@ def test_it_is_scaled_by_the_speed_limits_of_a_waypoint_as_the_quadratic_program
     assert (steps <= 0.1 * task.velocity_limits + 1e-12).all()
 
 
+def test_a_start_outside_a_limit_is_corrected_into_it_as_for_the_quadratic_program() -> None:
+    task = narrowed(qt.load_task("planar_line"), joint=0, upper_deg=60.0)
+    found, program = (qt.follow(task, name, stop=lambda *_: True) for name in ("sns", "qp"))
+    assert found.q[0] == pytest.approx(program.q[0], abs=1e-9)
+    assert metrics(found)["violations"] == 0
+
+
 def test_a_joint_outside_its_range_goes_no_further_out() -> None:
     task = narrowed(qt.load_task("planar_line"), joint=0, upper_deg=60.0)
     resolver = make_resolver(
