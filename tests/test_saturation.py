@@ -9,6 +9,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
+import mink
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -18,8 +19,10 @@ from scipy.optimize import linprog, lsq_linear
 
 import qp_twist as qt
 from qp_twist import closed_form
-from qp_twist.closed_form import optimal_saturation, saturation_in_null_space
+from qp_twist.closed_form import saturation_in_null_space, saturation_path
 from qp_twist.comparison import metrics
+from qp_twist.following.resolver import make_resolver
+from qp_twist.following.waypoint_limits import WaypointLimits
 
 Array = NDArray[np.float64]
 EXAMPLE = Path(__file__).parents[1] / "examples" / "scaling.py"
@@ -57,6 +60,30 @@ def distance_from_optimality(x: Array, A: Array, lower: Array, upper: Array) -> 
         tol=1e-14,
     )
     return float(np.linalg.norm(fit.fun))
+
+
+def as_published(A: Array, b: Array, lower: Array, upper: Array) -> tuple[Array, float]:
+    """The basic algorithm word by word: each trial at s = 1, its best scale kept book of."""
+    n = A.shape[1]
+    W, x_n = np.eye(n), np.zeros(n)
+    best, x_best = 0.0, np.zeros(n)
+    while np.linalg.matrix_rank(A @ W, tol=1e-9) == len(A):
+        inverse = np.linalg.pinv(A @ W)
+        inverse[np.diag(W) == 0.0] = 0.0
+        x = x_n + inverse @ (b - A @ x_n)
+        if ((lower <= x) & (x <= upper)).all():
+            return x, 1.0
+        slope = inverse @ b
+        rest = x - slope
+        free = np.flatnonzero(np.diag(W))
+        ends = np.sort([(lower - rest)[free] / slope[free], (upper - rest)[free] / slope[free]], 0)
+        if ends[0].max() <= ends[1].min() and ends[1].min() > best:
+            best = float(ends[1].min())
+            x_best = rest + best * slope
+        critical = free[np.argmin(ends[1])]
+        W[critical, critical] = 0.0
+        x_n[critical] = upper[critical] if x[critical] > upper[critical] else lower[critical]
+    return x_best, best
 
 
 def check_what_is_promised(
@@ -116,8 +143,12 @@ def test_on_random_problems(seed: int) -> None:
     assert largest >= p.sigma - 1e-9  # by construction of the problem
     basic = saturation_in_null_space(p.J, None, p.goal, p.lower, p.upper)
     check_what_is_promised(basic, *problem)
+    published, scale = as_published(*problem)
+    assert basic.scale == pytest.approx(scale, abs=1e-9)
+    assert basic.displacement == pytest.approx(published, abs=1e-9)
     assert basic.scale <= largest + 1e-9
-    assert basic.proven == (basic.scale == 1.0)
+    if basic.proven:
+        assert basic.scale == pytest.approx(largest, abs=1e-9)
     optimal = saturation_in_null_space(p.J, None, p.goal, p.lower, p.upper, optimal=True)
     check_what_is_promised(optimal, *problem)
     assert optimal.proven
@@ -169,7 +200,7 @@ def test_the_basic_form_keeps_what_it_holds_and_the_optimal_one_releases() -> No
 def test_out_of_corners_it_says_so_and_keeps_its_promises(monkeypatch: pytest.MonkeyPatch) -> None:
     unproven = 0
     for cap in range(6):
-        monkeypatch.setattr(optimal_saturation, "CORNERS", cap)
+        monkeypatch.setattr(saturation_path, "CORNERS", cap)
         for seed in range(40):
             p = SCALING["random_problem"](seed)
             result = saturation_in_null_space(p.J, None, p.goal, p.lower, p.upper, optimal=True)
@@ -250,13 +281,32 @@ def test_it_is_scaled_by_the_speed_limits_of_a_waypoint_as_the_quadratic_program
     assert (steps <= 0.1 * task.velocity_limits + 1e-12).all()
 
 
-def test_a_start_outside_a_limit_goes_no_further_out() -> None:
+def test_a_start_outside_a_limit_is_corrected_into_it_as_for_the_quadratic_program() -> None:
     task = narrowed(qt.load_task("planar_line"), joint=0, upper_deg=60.0)
-    found = qt.follow(task, "sns")
-    outside = found.q[:, 0] - np.radians(60.0)
-    assert outside[0] > 0.1
-    assert (np.diff(found.q[:, 0])[outside[:-1] > 0.0] <= 0.0).all()
-    assert outside[-1] < 0.0
+    found, program = (qt.follow(task, name, stop=lambda *_: True) for name in ("sns", "qp"))
+    assert found.q[0] == pytest.approx(program.q[0], abs=1e-9)
+    assert metrics(found)["violations"] == 0
+
+
+def test_a_joint_outside_its_range_goes_no_further_out() -> None:
+    task = narrowed(qt.load_task("planar_line"), joint=0, upper_deg=60.0)
+    resolver = make_resolver(
+        task, "sns", task.settings("sns"), task.projector, "daqp", WaypointLimits(task)
+    )
+    configuration = mink.Configuration(task.model, task.start)
+    pose = configuration.get_transform_frame_to_world("tip", "site")
+    outward = 0
+    for angle in np.linspace(0.0, 2.0 * np.pi, 12, endpoint=False):
+        offset = 0.01 * np.array([np.cos(angle), np.sin(angle), 0.0])
+        resolver.task.set_target(mink.SE3.from_translation(offset) @ pose)
+        state = resolver.task.state(configuration)
+        shortest = closed_form.minimum_norm(state.jacobian, state.projector, state.error)
+        move = resolver.displacement(configuration, first=True)
+        outward += shortest[0] > 0.0
+        expected = 0.0 if shortest[0] > 0.0 else shortest[0]
+        assert move.dq[0] == pytest.approx(expected, abs=1e-12)
+        assert state.jacobian[:2] @ move.dq == pytest.approx(state.error[:2], abs=1e-12)
+    assert 3 < outward < 9
 
 
 def narrowed(task: qt.PathTask, joint: int, upper_deg: float) -> qt.PathTask:

@@ -80,7 +80,7 @@ def follow(
     resolvers = resolvers_along(path_task, waypoints, method, settings, solver)
     configuration = mink.Configuration(
         path_task.model,
-        _corrected_start(path_task, resolvers[0].task, waypoints[0], kind.constrained),
+        _corrected_start(path_task, resolvers[0].task, waypoints[0], kind.holds_limits),
     )
     recorder = _Recorder(path_task)
     recorder.add(configuration, waypoints[0])
@@ -141,7 +141,7 @@ def _reached(path_task: PathTask, task: TwistTask, configuration: mink.Configura
 
 
 def _corrected_start(
-    path_task: PathTask, task: TwistTask, waypoint: mink.SE3, constrained: bool
+    path_task: PathTask, task: TwistTask, waypoint: mink.SE3, holds_limits: bool
 ) -> Array:
     """The start moved onto the first waypoint by the shortest steps in the method's own rows.
 
@@ -157,7 +157,7 @@ def _corrected_start(
         state = task.state(configuration)
         dq = (
             controller.step(configuration, 1.0).velocity
-            if constrained
+            if holds_limits
             else closed_form.minimum_norm(
                 state.jacobian, state.projector, task.clamped(state.error)
             )

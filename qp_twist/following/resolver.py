@@ -112,7 +112,7 @@ class ClosedFormResolver(Resolver):
 
 
 class SaturationResolver(Resolver):
-    """Saturation in the null space: a closed form that holds the task's limits."""
+    """Saturation in the null space: a closed form that holds position and velocity limits."""
 
     def __init__(
         self,
@@ -131,7 +131,11 @@ class SaturationResolver(Resolver):
         self.limits.begin_waypoint(configuration, duration)
 
     def displacement(self, configuration: mink.Configuration, *, first: bool) -> Displacement:
-        """The shortest step inside the limits. A joint outside may stay, or come back."""
+        """The shortest step inside the limits, each widened to let its joint stand still.
+
+        So a joint outside its range may stay or come back, and one that an acceleration limit would
+        keep in motion may stop.
+        """
         state = self.task.state(configuration)
         dt = self.limits.dt
         limits = gather_limits(self.limits.limits, configuration, dt)

@@ -53,8 +53,8 @@ class Method:
     Attributes:
         name: As in the command line, task files and Python.
         title: As in figures.
-        constrained: Whether it is a QP with the limits in it. ``sns`` is not one and holds them all
-            the same: a closed form, drawn and listed among those.
+        constrained: Whether it is a QP with the limits in it. ``sns`` is not one: it is drawn and
+            listed among the closed forms.
         whole_twist: Whether it fixes the roll too (T = T_O) by the task's roll rule.
         flipped: Whether it takes the roll rule's other sign.
         space: Where the QP measures the secondary.
@@ -72,6 +72,11 @@ class Method:
     flipped: bool = False
     space: Literal["joint", "twist"] = "joint"
     defaults: MethodSettings = field(default_factory=MethodSettings)
+
+    @property
+    def holds_limits(self) -> bool:
+        """Whether position and velocity limits hold: of the closed forms, ``sns`` alone."""
+        return self.constrained or self.name == "sns"
 
 
 _TWA = MethodSettings(iterations=1, secondary="centering", weight="paper", gain=1.0)

@@ -1,4 +1,4 @@
-"""The optimal form of saturation in the null space: the shortest step as the scale grows."""
+"""The path of saturation in the null space: the step while the scale grows from 0."""
 
 from __future__ import annotations
 
@@ -14,27 +14,28 @@ DUST = 1e-13
 WHOLE = 1.0 - 1e-12
 """A scale from here on is 1, rounded."""
 CORNERS = 1000
-"""Most corners of the path; one of eight joints has about as many as joints."""
+"""Most corners of the path; with eight joints it has about as many as joints."""
 
 
-def largest_scale_path(
-    Q: Array, c: Array, lower: Array, upper: Array
+def saturation_path(
+    Q: Array, c: Array, lower: Array, upper: Array, *, release: bool
 ) -> tuple[Array, float, npt.NDArray[np.bool_], bool]:
-    r"""Shortest x with Q x = s c inside the bounds, s as large as it goes up to 1.
+    r"""Follow x(s) with Q x = s c inside the bounds, from x(0) = 0, as far as s goes up to 1.
+
+    Between two corners the joints that are held at a bound do not move, and the free ones move by
+    the pseudo-inverse of their columns. At a corner a free joint reaches a bound and is held.
+    Without ``release`` the path ends where the other free joints cannot do the task any more.
+
+    With ``release`` x(s) is the shortest step all along,
 
     .. math::
 
         x(s) = \arg\min \tfrac12\lVert x\rVert^2 \quad\text{s.t.}\quad
-        \mathbf Q x = s\,\mathbf c,\quad lower \le x \le upper
+        \mathbf Q x = s\,\mathbf c,\quad lower \le x \le upper, \qquad
+        x + \mathbf Q^T\lambda + \mu = 0
 
-    is continuous and piecewise linear, and x(0) = 0. Between two corners the free joints move by
-    the pseudo-inverse of their columns, the held ones not at all, and
-
-    .. math:: x + \mathbf Q^T\lambda + \mu = 0
-
-    with μ ≥ 0 at upper bounds, ≤ 0 at lower ones and 0 for free joints proves that x is the
-    shortest. At a corner a free joint reaches a bound and is held, or a held one's μ reaches zero
-    and it is released. Where the other free joints cannot do the task without the one to be held,
+    with μ ≥ 0 at upper bounds, ≤ 0 at lower ones and 0 for free joints: a held joint is released
+    where its μ reaches zero. Where the free joints cannot do the task without the one to be held,
     some ηᵀQ is zero on all of them; μ may be shifted along it until that of a held joint is zero,
     which is released in exchange. If there is none, ηᵀQ x is at its largest inside the bounds,
     which proves that no larger s fits.
@@ -48,6 +49,7 @@ def largest_scale_path(
         c: Right-hand side, (r,).
         lower: At most 0, (n,).
         upper: At least 0, (n,).
+        release: Whether held joints are released.
 
     Returns:
         x (n,), s, the joints held at a bound, and whether s is proven to be the largest.
@@ -69,7 +71,7 @@ def largest_scale_path(
         moving = free & (np.abs(x_1) > dust)
         bound = np.where(x_1 > 0.0, upper, lower)
         corner[moving] = (bound - x_0)[moving] / x_1[moving]
-        losing = side * mu_1 < -dust
+        losing = release & (side * mu_1 < -dust)
         corner[losing] = -mu_0[losing] / mu_1[losing]
         if corner.min(initial=np.inf) >= WHOLE:
             return x_0 + x_1, 1.0, ~free, True
@@ -88,8 +90,8 @@ def largest_scale_path(
             shift = -eta @ Q
             shift *= toward * np.sign(shift[joint])
             giving = side * shift < -INDEPENDENT
-            if not giving.any():
-                return x, s, ~free, True
+            if not (release and giving.any()):
+                return x, s, ~free, not giving.any()
             room = np.full(n, np.inf)
             room[giving] = np.maximum(-(mu_0 + s * mu_1)[giving] / shift[giving], 0.0)
             side[int(np.argmin(room))] = 0
