@@ -38,11 +38,13 @@ nitpick_ignore_regex = [
     (r"py:.*", r"(Any|Callable|Figure|Literal|Path|Sequence)"),
 ]
 nitpick_ignore = [
-    # Aliases: a float64 array, a projector or its matrix, the three frames; and a type variable.
+    # Aliases: a float64 array, a projector or its matrix, the three frames, a task or a limit; a type variable.
     ("py:class", "Array"),
     ("py:class", "ProjectorLike"),
     ("py:class", "ProjectorFrame"),
     ("py:class", "Item"),
+    ("py:class", "LevelItem"),
+    ("py:class", "OnInfeasible"),
     # Tables of the task file, which have a page of their own.
     ("py:class", "IterationSection"),
     ("py:class", "MethodSettings"),
