@@ -119,6 +119,8 @@ def _best(
     columns = np.vstack(
         [problem.A, -problem.A, problem.G[touching], identity[at_upper], -identity[at_lower]]
     )
+    if not len(columns):
+        return Multipliers.none(problem)  # and scipy's nnls aborts the process without columns
     lengths = np.linalg.norm(columns, axis=1)
     lengths[lengths == 0.0] = 1.0
     try:
