@@ -93,8 +93,9 @@ def solve_raw(problem: QuadraticProgram, solver: str, *, tight: bool = False) ->
             settings["polishing"] = False
         try:
             solution = qpsolvers.solve_problem(posed, solver=solver, **settings)
-        except (ValueError, qpsolvers.SolverError):
+        except Exception:
             # A backend that refuses a problem has not solved it; the caller decides what follows.
+            # Each raises exceptions of its own (OSQP's are neither ValueError nor qpsolvers').
             return RawSolution(None, False, Multipliers.none(problem))
     # Copies: some backends return views of memory that the next solve overwrites.
     return RawSolution(

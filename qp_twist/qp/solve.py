@@ -56,6 +56,8 @@ def solve(problem: QuadraticProgram, solver: str, *, persist: bool = False) -> V
         persist: Where the result is refused, ask again with tighter tolerances, then the other
             backends, each with its usual and its tighter tolerances.
     """
+    if (problem.lower > problem.upper).any():
+        return Refused(("the bounds leave no room",), False)
     others = [s for s in FALLBACKS if s != solver and s in qpsolvers.available_solvers]
     attempts = [(solver, False)]
     if persist:
