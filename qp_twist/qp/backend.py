@@ -29,7 +29,7 @@ SETTINGS: dict[str, dict[str, Any]] = {
 RETRY: dict[str, dict[str, Any]] = {
     "daqp": {"primal_tol": 1e-9},
     "proxqp": {"eps_abs": 1e-11, "max_iter": 5000},
-    "osqp": {"eps_abs": 1e-8, "max_iter": 100_000},
+    "osqp": {"eps_abs": 1e-8},
     "clarabel": {"tol_feas": 1e-12, "tol_gap_abs": 1e-12, "tol_gap_rel": 1e-12},
     "piqp": {"eps_abs": 1e-9},
 }
