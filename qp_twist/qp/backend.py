@@ -117,7 +117,7 @@ def solve_raw(problem: QuadraticProgram, solver: str, *, again: bool = False) ->
             return RawSolution(None, False, Multipliers.none(problem))
     # Copies: some backends return views of memory that the next solve overwrites.
     return RawSolution(
-        x=None if solution.x is None else np.array(solution.x, dtype=np.float64),
+        x=_numbers(solution.x),
         found=bool(solution.found),
         multipliers=Multipliers(
             size * (lift @ _multipliers(solution.y, len(b))) / equality_lengths,
@@ -147,7 +147,14 @@ def _orthonormal_rows(A: Array, b: Array) -> tuple[Array, Array, Array]:
     return right[keep], lift.T @ b, lift
 
 
-def _multipliers(values: Array | None, size: int) -> Array:
-    if values is None or len(values) != size:
-        return np.zeros(size)
-    return np.array(values, dtype=np.float64)
+def _multipliers(values: Any, size: int) -> Array:
+    numbers = _numbers(values)
+    return np.zeros(size) if numbers is None or numbers.shape != (size,) else numbers
+
+
+def _numbers(values: Any) -> Array | None:
+    """A copy as numbers, ``None`` where a backend returned anything else."""
+    try:
+        return None if values is None else np.array(values, dtype=np.float64)
+    except (TypeError, ValueError):
+        return None

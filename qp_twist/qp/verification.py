@@ -91,7 +91,8 @@ def proof_of_optimality(
         np.where(active.upper, np.maximum(claimed.box, 0.0), 0.0)
         + np.where(active.lower, np.minimum(claimed.box, 0.0), 0.0),
     )
-    excess = _excess(problem, x, gradient, multipliers)
+    with np.errstate(over="ignore", invalid="ignore"):  # a claim may be anything
+        excess = _excess(problem, x, gradient, multipliers)
     for close in (_ON, _TOUCHING):
         if excess <= 1.0:
             break
