@@ -1,4 +1,4 @@
-"""Solve a program and trust nobody: verify, tighten, try the next backend."""
+"""Solve a program and trust nobody: verify, ask again, try the next backend."""
 
 from __future__ import annotations
 
@@ -53,21 +53,23 @@ def solve(problem: QuadraticProgram, solver: str, *, persist: bool = False) -> V
     Args:
         problem: The program.
         solver: The backend to ask first.
-        persist: Where the result is refused, ask again with tighter tolerances, then the other
-            backends, each with its usual and its tighter tolerances.
+        persist: Where the result is refused, ask again on an orthonormal basis of the equality
+            rows and at other tolerances, then the other backends, each of them twice as well.
     """
+    if (problem.lower > problem.upper).any():
+        return Refused(("the bounds leave no room",), False)
     others = [s for s in FALLBACKS if s != solver and s in qpsolvers.available_solvers]
     attempts = [(solver, False)]
     if persist:
-        attempts += [(solver, True)] + [(s, tight) for s in others for tight in (False, True)]
+        attempts += [(solver, True)] + [(s, again) for s in others for again in (False, True)]
     says: list[str] = []
     claimed = False
-    for name, tight in attempts:
-        result = verified(problem, solve_raw(problem, name, tight=tight), name)
+    for name, again in attempts:
+        result = verified(problem, solve_raw(problem, name, again=again), name)
         if not isinstance(result, str):
             return replace(result, refused=tuple(says))
         claimed |= not result.startswith("no solution")
-        says.append(f"{name}{' (tight)' if tight else ''} returned {result}")
+        says.append(f"{name}{' (again)' if again else ''} returned {result}")
     return Refused(tuple(says), claimed)
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 from scipy.optimize import nnls
 
 from qp_twist.checks import Array
@@ -16,8 +17,14 @@ BOUND_TOLERANCE = 1e-8
 """Largest excess over a bound or inequality row, relative to 1 + max |x|; rad/s or the row's."""
 OPTIMALITY_TOLERANCE = 1e-6
 """Largest gradient that no multiplier explains, over max |H|, relative to 1 + max |x|; rad/s."""
+GAIN_TOLERANCE = 1e-7
+"""Largest cost that multipliers see beyond ``x``, relative to that of moving by 1 + max |x|."""
+_TOUCHING, _ON = 1e-6, 1e-9
+"""Distances at which a row or bound may touch ``x``, or does, relative to 1 + max |x|."""
 _ROUNDING = 1e-11
 """What the sums of the optimality condition lose, as a share of their largest term."""
+
+Mask = npt.NDArray[np.bool_]
 
 
 class Multipliers(NamedTuple):
@@ -77,48 +84,88 @@ def proof_of_optimality(
     the best ones are found by non-negative least squares (Lawson and Hanson 1974).
     """
     gradient = problem.H @ x + problem.c
-    close = 1e-6 * (1.0 + float(np.abs(x).max(initial=0.0)))
-    touching = problem.G @ x >= problem.g - close * (1.0 + np.abs(problem.G).sum(axis=1))
-    at_upper, at_lower = x >= problem.upper - close, x <= problem.lower + close
-    box = np.where(at_upper, np.maximum(claimed.box, 0.0), 0.0)
-    box += np.where(at_lower, np.minimum(claimed.box, 0.0), 0.0)
-    rows = np.where(touching, np.maximum(claimed.rows, 0.0), 0.0)
-    multipliers = Multipliers(claimed.equality, rows, box)
-    if _unexplained(problem, x, gradient, multipliers) <= 1.0:
-        return multipliers
-    multipliers = _best(problem, gradient, touching, at_lower, at_upper)
-    excess = _unexplained(problem, x, gradient, multipliers)
+    active = _Active.at(problem, x, _TOUCHING)
+    multipliers = Multipliers(
+        claimed.equality,
+        np.where(active.rows, np.maximum(claimed.rows, 0.0), 0.0),
+        np.where(active.upper, np.maximum(claimed.box, 0.0), 0.0)
+        + np.where(active.lower, np.minimum(claimed.box, 0.0), 0.0),
+    )
+    with np.errstate(over="ignore", invalid="ignore"):  # a claim may be anything
+        excess = _excess(problem, x, gradient, multipliers)
+    for close in (_ON, _TOUCHING):
+        if excess <= 1.0:
+            break
+        multipliers = _best(problem, gradient, _Active.at(problem, x, close))
+        excess = _excess(problem, x, gradient, multipliers)
     if excess <= 1.0:
         return multipliers
-    return f"a point that is not optimal (gradient {excess:.1e} times its tolerance)"
+    return f"a point that is not optimal ({excess:.1e} times the tolerance)"
 
 
-def _unexplained(
+class _Active(NamedTuple):
+    """Which rows of G and which bounds a point touches."""
+
+    rows: Mask
+    lower: Mask
+    upper: Mask
+
+    @classmethod
+    def at(cls, problem: QuadraticProgram, x: Array, close: float) -> _Active:
+        close = close * (1.0 + float(np.abs(x).max(initial=0.0)))
+        return cls(
+            problem.G @ x >= problem.g - close * (1.0 + np.abs(problem.G).sum(axis=1)),
+            x <= problem.lower + close,
+            x >= problem.upper - close,
+        )
+
+
+def _excess(
     problem: QuadraticProgram, x: Array, gradient: Array, multipliers: Multipliers
 ) -> float:
-    """Length of the gradient that the multipliers leave, in units of its tolerance."""
+    """The larger of what the multipliers leave of two conditions, in units of its tolerance.
+
+    They are the gradient, and what they would still gain by moving onto the rows and bounds that
+    they belong to. Without the second a point deep in a narrow wedge, near both of its walls but
+    far from its tip, would pass for the tip.
+    """
     equality, rows = problem.A.T @ multipliers.equality, problem.G.T @ multipliers.rows
-    left = np.abs(gradient + equality + rows + multipliers.box).max(initial=0.0)
+    left = float(np.abs(gradient + equality + rows + multipliers.box).max(initial=0.0))
     size = float(np.abs(problem.H).max(initial=0.0)) or 1.0
-    allowed = OPTIMALITY_TOLERANCE * size * (1.0 + np.abs(x).max(initial=0.0))
+    reach = 1.0 + float(np.abs(x).max(initial=0.0))
     terms = (problem.c, equality, rows, multipliers.box)
     largest = max(float(np.abs(term).max(initial=0.0)) for term in terms)
-    ratio = float(left) / float(allowed + _ROUNDING * largest)
-    return ratio if np.isfinite(ratio) else np.inf
+    on, box = multipliers.rows != 0.0, multipliers.box
+    G, g, pull = problem.G[on], problem.g[on], multipliers.rows[on]
+    room = np.where(box > 0.0, problem.upper - x, x - problem.lower)[box != 0.0]
+    gain = float(pull @ np.maximum(g - G @ x, 0.0) + np.abs(box[box != 0.0]) @ room)
+    cost = (size * reach + float(np.abs(problem.c).max(initial=0.0))) * reach
+    lost = _ROUNDING * float(pull @ (np.abs(g) + np.abs(G) @ np.abs(x)))
+    ratios = (
+        left / (OPTIMALITY_TOLERANCE * size * reach + _ROUNDING * largest),
+        gain / (GAIN_TOLERANCE * cost + lost),
+    )
+    return max(ratios) if np.isfinite(ratios).all() else np.inf
 
 
 def _best(
     problem: QuadraticProgram,
     gradient: Array,
-    touching: np.ndarray[tuple[int], np.dtype[np.bool_]],
-    at_lower: np.ndarray[tuple[int], np.dtype[np.bool_]],
-    at_upper: np.ndarray[tuple[int], np.dtype[np.bool_]],
+    active: _Active,
 ) -> Multipliers:
     """The multipliers that leave the least of the gradient."""
     identity = np.eye(problem.n)
     columns = np.vstack(
-        [problem.A, -problem.A, problem.G[touching], identity[at_upper], -identity[at_lower]]
+        [
+            problem.A,
+            -problem.A,
+            problem.G[active.rows],
+            identity[active.upper],
+            -identity[active.lower],
+        ]
     )
+    if not len(columns):
+        return Multipliers.none(problem)  # and scipy's nnls aborts the process without columns
     lengths = np.linalg.norm(columns, axis=1)
     lengths[lengths == 0.0] = 1.0
     try:
@@ -126,11 +173,11 @@ def _best(
     except RuntimeError:  # too many iterations: nothing is proven
         return Multipliers.none(problem)
     m = len(problem.b)
-    plus, minus, active, upper, lower = np.split(
-        values, np.cumsum([m, m, int(touching.sum()), int(at_upper.sum())])
+    plus, minus, on, upper, lower = np.split(
+        values, np.cumsum([m, m, int(active.rows.sum()), int(active.upper.sum())])
     )
     rows, box = np.zeros(len(problem.g)), np.zeros(problem.n)
-    rows[touching] = active
-    box[at_upper] += upper
-    box[at_lower] -= lower
+    rows[active.rows] = on
+    box[active.upper] += upper
+    box[active.lower] -= lower
     return Multipliers(plus - minus, rows, box)
