@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 from arms import random_arm, random_configuration
-from hierarchies import Hierarchy, cascade, random_hierarchy, residual
+from hierarchies import Hierarchy, cascade, harder, random_hierarchy, residual
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import linprog, lsq_linear
@@ -71,8 +71,26 @@ def test_every_level_equals_the_textbook_cascade(block: int) -> None:
             np.testing.assert_allclose(left, level[0] @ solution.x - level[1], atol=1e-12)
 
 
+@pytest.mark.parametrize(
+    ("kind", "seed"),
+    [("stretched", seed) for seed in (13, 18, 59, 64, 152)]
+    + [("parallel", seed) for seed in (53, 89, 90, 143, 149, 161)],
+)
+def test_ill_conditioned_levels_have_a_result_too(kind: str, seed: int) -> None:
+    """Multipliers and steps that are rounding kept the active-set method from ending here."""
+    h = harder(seed, kind)
+    solution = relaxed(h)
+    oracle = cascade(h, h.levels)
+    for level, reached in zip(h.levels, oracle.residuals, strict=True):
+        difference = residual(level, solution.x) - reached
+        size = 1.0 + reached + float(np.linalg.norm(level[1]))
+        assert difference <= SAME * size
+        if difference < -SAME * size:
+            break  # better than the oracle, which is then no measure for what comes below
+
+
 @given(SEEDS)
-@settings(max_examples=40)
+@settings(max_examples=30)
 def test_a_scaled_first_level_leaves_the_others_to_the_cascade(seed: int) -> None:
     h = random_hierarchy(seed, inequalities=False)
     h.lower = np.minimum(h.lower, 0.0)  # standing still is inside, so that there is a scale
@@ -113,7 +131,7 @@ def test_without_bounds_it_is_the_recursive_null_space_formula(seed: int) -> Non
 
 
 @given(SEEDS)
-@settings(max_examples=60)
+@settings(max_examples=40)
 def test_a_lower_level_never_changes_what_a_higher_one_achieved(seed: int) -> None:
     h = random_hierarchy(seed)
     alone = relaxed(h, h.levels[:1])
@@ -247,7 +265,7 @@ HIERARCHIES = {
 
 @pytest.mark.parametrize("name", HIERARCHIES)
 @given(seed=st.integers(0, 10**6))
-@settings(max_examples=15)
+@settings(max_examples=10)
 def test_a_controllers_levels_are_solve_levels_on_the_same_rows(name: str, seed: int) -> None:
     arm, dt = Arm(seed), 0.05
     levels = HIERARCHIES[name](arm)
@@ -297,7 +315,7 @@ def test_the_status_says_which_level_gave_way() -> None:
 
 
 @given(st.integers(0, 10**6))
-@settings(max_examples=25)
+@settings(max_examples=15)
 def test_a_lower_task_does_not_touch_a_higher_one_on_an_arm(seed: int) -> None:
     arm = Arm(seed, away=0.2)
     limit = mink.VelocityLimit(arm.model, {arm.model.joint(i).name: 0.5 for i in range(8)})
