@@ -76,6 +76,21 @@ def random_hierarchy(seed: int, *, bounded: bool = True, inequalities: bool = Tr
     return Hierarchy(levels, lower, upper, 0.3 * rng.normal(size=n))
 
 
+def harder(seed: int, kind: str) -> Hierarchy:
+    """The hierarchy of ``seed`` with rows of 1e-3 … 1e3, or with two rows at 1e-7 … 1e-2 rad."""
+    rng = np.random.default_rng(seed)
+    hierarchy = random_hierarchy(seed)
+    for k, (A, b, G, g) in enumerate(hierarchy.levels):
+        if kind == "stretched" and len(b):
+            factor = 10.0 ** rng.uniform(-3.0, 3.0, len(b))
+            hierarchy.levels[k] = (factor[:, None] * A, factor * b, G, g)
+        if kind == "parallel" and len(b) > 1:
+            near = A.copy()
+            near[1] = A[0] + 10.0 ** rng.uniform(-7.0, -2.0) * rng.normal(size=A.shape[1])
+            hierarchy.levels[k] = (near, b, G, g)
+    return hierarchy
+
+
 @dataclass
 class Cascade:
     """What the oracle achieved, and how well its own conditions hold."""

@@ -14,6 +14,8 @@ _STILL = 1e-13
 """A step shorter than this share of the point is no step."""
 _SIGN_TOLERANCE = 1e-11
 """Multipliers above minus this share of the gradient count as non-negative."""
+_LOST = 4e-16
+"""What rounding takes from a residual, as a share of the sums of its terms' magnitudes."""
 
 
 class ActiveSetResult(NamedTuple):
@@ -49,18 +51,22 @@ def constrained_least_squares(
     z = z.copy()
     working: list[int] = []
     free = np.ones(len(d), dtype=bool)
-    degenerate = 0
+    degenerate = arrived = 0
     multipliers = np.zeros(len(d))
+    dropped, back, best = -1, list[int](), np.inf
     for _ in range(50 + 20 * (len(d) + len(z))):
         basis = _complement(C[working], len(z))
         step = basis @ _shortest(B @ basis, r - B @ z, smallest)
         size = 1.0 + float(np.abs(z).max(initial=0.0))
-        if float(np.abs(step).max(initial=0.0)) <= _STILL * size:
+        # A second full step only refines the first; where B is ill-conditioned its length is
+        # rounding, and would never be short enough.
+        if arrived > 1 or float(np.abs(step).max(initial=0.0)) <= _STILL * size:
             if not working:
                 return ActiveSetResult(z, multipliers, True)
             gradient = B.T @ (r - B @ z)
             values = np.linalg.lstsq(C[working].T, gradient, rcond=None)[0]
-            wrong = np.flatnonzero(values < -_SIGN_TOLERANCE * (1.0 + np.abs(gradient).max()))
+            negative = values < -_SIGN_TOLERANCE * (1.0 + np.abs(gradient).max())
+            wrong = np.flatnonzero(negative & ~np.isin(working, back))
             if not len(wrong):
                 multipliers[working] = np.maximum(values, 0.0)
                 return ActiveSetResult(z, multipliers, True)
@@ -70,12 +76,25 @@ def constrained_least_squares(
                 if degenerate > len(z)
                 else wrong[np.argmin(values[wrong])]
             )
-            free[working.pop(int(drop))] = True
+            dropped = working.pop(int(drop))
+            free[dropped] = True
+            arrived = 0
             continue
         length, blocking = _longest(C, d, z, step, free)
         degenerate = degenerate + 1 if length == 0.0 else 0
         z += length * step
+        arrived += 1
+        # The step leads away from a row with a negative multiplier, and down. Where it does not,
+        # the multiplier was rounding, and the row is not dropped again before there is progress.
+        now = float(np.linalg.norm(B @ z - r))
+        if now < best - _LOST * float(np.linalg.norm(np.abs(B) @ np.abs(z) + np.abs(r))):
+            best = now
+            back.clear()
+        elif dropped >= 0 and (length > 0.0 or blocking == dropped):
+            back.append(dropped)
+            dropped = -1
         if blocking is not None:
+            arrived = 0
             working.append(blocking)
             free[blocking] = False
     return ActiveSetResult(z, multipliers, False)
