@@ -1,0 +1,500 @@
+"""Which methods finish the deburring lap wherever the part stands?
+
+    python examples/placements.py [--placements 1000] [--methods a,b] [--jobs 2] [--seed 0]
+                                  [--out placements.json] [--markdown table.md] [--resume]
+
+Places the part at random, starts where the joints are nearest to the middle of their ranges, and
+follows the lap with every method. A lap is over at its first fault: a joint outside its range, an
+error above 0.1 mm or 0.05°, a joint step above 15°. A placement is feasible if some sequence of
+joint positions has none of these faults; where no method finds one, a search over the roll, all
+branches of the inverse kinematics and all full turns decides. Needs py-opw-kinematics.
+"""
+
+from __future__ import annotations
+
+import argparse
+import collections
+import dataclasses
+import functools
+import json
+import multiprocessing
+import os
+import statistics
+import sys
+import time
+import tomllib
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import mink
+import numpy as np
+import py_opw_kinematics as opw
+from scipy.optimize import minimize_scalar
+from scipy.spatial import cKDTree
+
+import qp_twist as qt
+from qp_twist.checks import Array
+from qp_twist.following import write_atomically
+from qp_twist.path.orientation import roll_by_plane
+
+# ---------------------------------------------------------------- what counts as success
+
+MAX_POSITION_ERROR = 1e-4  # m
+MAX_AXIS_ERROR = np.radians(0.05)
+MAX_STEP = np.radians(15.0)  # of a joint, from one waypoint to the next
+OUTSIDE = 1e-9  # rad: a joint is outside its range from here on
+
+# Waypoints count as reached at a fifth of the errors allowed. Nothing adds up: the loop is closed.
+REACHED = {"position_tolerance": 2e-5, "angle_tolerance_deg": 1e-2}
+
+# ---------------------------------------------------------------- where the part stands
+
+CENTER_FROM, CENTER_TO = (-0.5, 0.6, 0.0), (0.5, 1.3, 0.8)  # of the sphere, m
+MAX_TILT = np.radians(45.0)
+
+# ---------------------------------------------------------------- where the robot starts
+
+STARTS = 3  # the least z of each branch of the inverse kinematics, in this many branches
+NO_START = {"fault": "start", "waypoint": 1, "seconds": 0.0}
+
+
+def placement(seed: int, index: int) -> tuple[Array, Array]:
+    """Centre of the sphere (3,), m, and rotation of the cap (3, 3): a yaw, then a tilt."""
+    rng = np.random.default_rng([seed, index])
+    center = rng.uniform(CENTER_FROM, CENTER_TO)
+    yaw, azimuth = rng.uniform(-np.pi, np.pi, size=2)
+    tilt = rng.uniform(0.0, MAX_TILT)
+    horizontal = np.array([np.cos(azimuth), np.sin(azimuth), 0.0])
+    return center, (mink.SO3.exp(tilt * horizontal) @ mink.SO3.from_z_radians(yaw)).as_matrix()
+
+
+def placed(task: qt.PathTask, center: Array, rotation: Array) -> qt.PathTask:
+    """The task with its part moved, and the largest joint step as its speed limit."""
+    assert task.source is not None
+    file = tomllib.loads(task.source.read_text("utf-8"))
+    positions = center + (task.positions - file["path"]["center"]) @ rotation.T
+    axes = np.array([w.rotation().as_matrix()[:, 2] for w in task.waypoints]) @ rotation.T
+    normal = np.array(file["roll"]["plane_normal"])  # the roll rule speaks of the robot's base
+
+    def waypoints(rotations: Array) -> tuple[mink.SE3, ...]:
+        return tuple(
+            mink.SE3.from_rotation_and_translation(mink.SO3.from_matrix(r), p)
+            for r, p in zip(np.ascontiguousarray(rotations), positions, strict=True)
+        )
+
+    return dataclasses.replace(
+        task,
+        waypoints=waypoints(roll_by_plane(axes, normal)),
+        flipped_waypoints=waypoints(roll_by_plane(axes, normal, flip=True)),
+        # A waypoint a second: speeds are steps. The hair keeps rounding out of the judgement.
+        durations=np.concatenate([[0.0], np.ones(len(positions) - 1)]),
+        velocity_limits=np.full(task.model.nv, MAX_STEP - 1e-6),
+        iteration=task.iteration.model_copy(update=REACHED),
+    )
+
+
+# ---------------------------------------------------------------- all joint positions of a pose
+
+
+class InverseKinematics:
+    """Every joint position of the M-16iB that holds the tool in a pose."""
+
+    def __init__(self, task: qt.PathTask) -> None:
+        self.ranges = qt.JointRanges.of(task.model)
+        # Lengths of the scene; tests/test_scenes.py compares the two chains.
+        lengths = opw.KinematicModel(
+            a1=0.15, a2=-0.10, b=0.0, c1=0.525, c2=0.77, c3=0.74, c4=0.10,
+            offsets=(0.0, 0.0, -np.pi / 2, 0.0, 0.0, np.pi),
+            flip_axes=(False, False, True, True, True, True),
+        )  # fmt: skip
+        self.robot = opw.Robot(lengths, degrees=False)
+        at_zero = mink.Configuration(task.model, np.zeros(task.model.nq))
+        tool = at_zero.get_transform_frame_to_world(task.frame_name, task.frame_type)
+        flange = at_zero.get_transform_frame_to_world("flange", "site")
+        self.flange_in_tool = (tool.inverse() @ flange).as_matrix()
+
+    def branches(self, pose: mink.SE3, rolls: Array) -> Array:
+        """Joint positions (len(rolls), 8, 6), NaN where a branch does not reach."""
+        turn = np.zeros((len(rolls), 4, 4))
+        turn[:, 0, 0] = turn[:, 1, 1] = np.cos(rolls)
+        turn[:, 1, 0] = np.sin(rolls)
+        turn[:, 0, 1] = -turn[:, 1, 0]
+        turn[:, 2, 2] = turn[:, 3, 3] = 1.0
+        poses = pose.as_matrix() @ turn @ self.flange_in_tool
+        joints: Array = self.robot.reach(opw.RigidTransform.from_matrix(poses)).joints
+        return joints
+
+    def centred(self, q: Array) -> Array:
+        """Full turns taken off so that every joint is nearest to the middle of its range."""
+        turns: Array = np.round((q - self.ranges.middle) / (2.0 * np.pi))
+        return q - 2.0 * np.pi * turns
+
+    def inside_with_turns(self, q: Array) -> Array:
+        """All in-limit joint positions (k, 6) that differ from a row of q (…, 6) by full turns."""
+        q = self.centred(q[np.isfinite(q).all(axis=-1)])
+        lower, upper = self.ranges.lower, self.ranges.upper
+        for joint in np.argsort(upper - lower):  # those without a second turn first: fewer rows
+            if upper[joint] - lower[joint] > 2.0 * np.pi:
+                turn = 2.0 * np.pi * np.eye(6)[joint]
+                q = np.concatenate([q - turn, q, q + turn])
+            q = q[(q[:, joint] >= lower[joint]) & (q[:, joint] <= upper[joint])]
+        return q
+
+    def layer(self, pose: mink.SE3, rolls: Array) -> Array:
+        """All in-limit joint positions (k, 6) on a grid of rolls, finer where the joints run."""
+        grid = self.branches(pose, rolls)
+        change = np.diff(grid, axis=0, append=grid[:1])
+        change -= 2.0 * np.pi * np.round(change / (2.0 * np.pi))
+        fast = (np.abs(change) > MAX_STEP / 3.0).any(axis=(1, 2))  # near a straight wrist
+        between = (rolls[1] - rolls[0]) * np.arange(1, 16) / 16.0
+        finer = self.branches(pose, (rolls[fast, None] + between).ravel())
+        return self.inside_with_turns(np.concatenate([grid, finer]))
+
+    def starts(self, pose: mink.SE3, *, roll_is_free: bool = True) -> list[Array]:
+        """In-limit joint positions (6,): of each branch the one of least z, the least first."""
+        rolls = np.radians(np.arange(0.0, 360.0, 0.5)) if roll_is_free else np.zeros(1)
+        q, z = self._centred_branches(pose, rolls)
+        found = []
+        for branch in range(8):
+            row = int(np.argmin(z[:, branch]))
+            best_z, best_q = float(z[row, branch]), q[row, branch]
+            if not np.isfinite(best_z):
+                continue
+            if roll_is_free:
+                at, step = rolls[row], rolls[1] - rolls[0]
+                refined = minimize_scalar(
+                    lambda roll, branch=branch: self._z_of(pose, roll, branch),
+                    bounds=(at - step, at + step),
+                    method="bounded",
+                )
+                if refined.fun < best_z:
+                    q_there, _ = self._centred_branches(pose, np.array([refined.x]))
+                    best_z, best_q = float(refined.fun), q_there[0, branch]
+            found.append((best_z, best_q))
+        return [best_q for _, best_q in sorted(found, key=lambda pair: pair[0])]
+
+    def _centred_branches(self, pose: mink.SE3, rolls: Array) -> tuple[Array, Array]:
+        """The branches at their most central turn, and their z; infinite outside the limits."""
+        q = self.centred(self.branches(pose, rolls))
+        with np.errstate(invalid="ignore"):
+            inside = ((q >= self.ranges.lower) & (q <= self.ranges.upper)).all(axis=-1)
+        z = np.full(q.shape[:2], np.inf)
+        z[inside] = self.ranges.centring(q[inside])
+        return q, z
+
+    def _z_of(self, pose: mink.SE3, roll: float, branch: int) -> float:
+        _, z = self._centred_branches(pose, np.array([roll]))
+        return min(float(z[0, branch]), 1e3)  # the minimiser wants a number outside, too
+
+
+def dead_end(
+    task: qt.PathTask, arm: InverseKinematics, start: Array | None = None, *, roll_step: float = 2.0
+) -> int | None:
+    """Waypoint (from 1) that no joint motion without a fault gets to; ``None`` if all are reached.
+
+    Layer by layer: all in-limit joint positions at the waypoint, at rolls ``roll_step`` degrees
+    apart, that are within 15° of one reached at the waypoint before.
+    """
+    rolls = np.radians(np.arange(0.0, 360.0, roll_step))
+    reached = None if start is None else start[None]
+    for index, pose in enumerate(task.waypoints):
+        if index == 0 and reached is not None:
+            continue
+        layer = arm.layer(pose, rolls)
+        if reached is not None and len(layer):
+            near = (layer >= reached.min(axis=0) - MAX_STEP) & (
+                layer <= reached.max(axis=0) + MAX_STEP
+            )
+            layer = layer[near.all(axis=1)]
+            step, _ = cKDTree(reached).query(layer, p=np.inf, distance_upper_bound=MAX_STEP)
+            layer = layer[np.isfinite(step)]
+        if not len(layer):
+            return index + 1
+        reached = layer
+    return None
+
+
+# ---------------------------------------------------------------- judging
+
+
+class Judge:
+    """Watches a lap waypoint by waypoint and says what is wrong with it."""
+
+    def __init__(self, task: qt.PathTask, start: Array) -> None:
+        self.ranges = qt.JointRanges.of(task.model)
+        self.before = start
+        self.waypoints = 1
+        self.fault: str | None = None
+
+    def __call__(self, q: Array, position_error: float, axis_error: float) -> bool:
+        """Whether the lap is over: called at each waypoint after the first."""
+        self.waypoints += 1
+        self.fault = self._fault(q, position_error, axis_error)
+        self.before = q.copy()
+        return self.fault is not None
+
+    def _fault(self, q: Array, position_error: float, axis_error: float) -> str | None:
+        if not np.isfinite([*q, position_error, axis_error]).all():
+            return "diverged"
+        names = self.ranges.names
+        room = np.minimum(q - self.ranges.lower, self.ranges.upper - q)
+        step = np.abs(q - self.before)
+        if (room < -OUTSIDE).any():
+            return f"limit {names[int(np.argmin(room))]}"
+        if (step > MAX_STEP).any():
+            return f"jump {names[int(np.argmax(step))]}"
+        if position_error > MAX_POSITION_ERROR or axis_error > MAX_AXIS_ERROR:
+            held = [n for n, r, s in zip(names, room, step, strict=True)
+                    if r < 1e-4 or s > MAX_STEP - 1e-4]  # fmt: skip
+            return f"held {'+'.join(held)}" if held else "error"
+        return None
+
+
+# ---------------------------------------------------------------- methods
+
+Follower = Callable[[qt.PathTask, Judge], None]
+ITERATIONS = 20
+
+
+def library(method: str, **options: Any) -> Follower:
+    """A method of the library."""
+
+    def lap(task: qt.PathTask, judge: Judge) -> None:
+        trajectory = qt.follow(task, method, stop=judge, **options)
+        if trajectory.diverged_at is not None:
+            judge.fault = "diverged"
+        elif trajectory.failure:
+            judge.fault = "no step"
+
+    return lap
+
+
+def plain_mink(*, equality: bool, posture_cost: float, gain: float) -> Follower:
+    """``mink.solve_ik``, pulled towards the middle of the ranges in their ratio.
+
+    The task stands either as a cost, with none on the roll, or in ``constraints=`` as the five rows
+    of a :class:`qt.TwistTask`: mink's own frame task would constrain the roll, too.
+    """
+
+    def lap(task: qt.PathTask, judge: Judge) -> None:
+        model, ranges, frame = task.model, judge.ranges, (task.frame_name, task.frame_type)
+        rows = qt.TwistTask(*frame, task.projector)
+        pose = mink.FrameTask(*frame, position_cost=1.0, orientation_cost=[1.0, 1.0, 0.0])
+        posture = mink.PostureTask(model, cost=posture_cost * ranges.weight / ranges.weight.min())
+        posture.set_target(ranges.middle)
+        speeds = dict(zip(ranges.names, task.velocity_limits, strict=True))
+        configuration = mink.Configuration(model, task.start)
+        for waypoint in task.waypoints[1:]:
+            rows.set_target(waypoint)
+            error = rows.state(configuration).error
+            for iteration in range(ITERATIONS):
+                # The target takes the tool's own roll: what is left is the turn of its axis.
+                turn = mink.SO3.exp(error[3:])
+                rotation = configuration.get_transform_frame_to_world(*frame).rotation()
+                pose.set_target(
+                    mink.SE3.from_rotation_and_translation(turn @ rotation, waypoint.translation())
+                )
+                posture.gain = gain if iteration == 0 else 0.0  # repeated, it would break the task
+                velocity = mink.solve_ik(
+                    configuration,
+                    [posture] if equality else [pose, posture],
+                    dt=1.0,
+                    solver="daqp",
+                    limits=[mink.ConfigurationLimit(model), mink.VelocityLimit(model, speeds)],
+                    constraints=[rows] if equality else None,
+                )
+                configuration.integrate_inplace(velocity, 1.0)
+                error = rows.state(configuration).error
+                position_error, axis_error = map(float, np.linalg.norm(error.reshape(2, 3), axis=1))
+                if (
+                    position_error <= task.iteration.position_tolerance
+                    and axis_error <= task.iteration.angle_tolerance
+                ):
+                    break
+            if judge(configuration.q, position_error, axis_error):
+                return
+
+    return lap
+
+
+# The settings of the task file, but with iterations for everyone: none shall fail by the curvature
+# of the path alone. The paper's twa takes one iteration at gain 1 and stands beside a tuned one.
+FOLLOWERS: dict[str, Follower] = {
+    **{name: library(name, iterations=ITERATIONS) for name in qt.METHODS},
+    "twa": library("twa"),
+    "twa_tuned": library("twa", iterations=ITERATIONS, gain=0.1),
+    "mink_soft": plain_mink(equality=False, posture_cost=1e-3, gain=0.1),
+    "mink_equality": plain_mink(equality=True, posture_cost=1.0, gain=0.05),
+}
+
+
+# ---------------------------------------------------------------- one placement
+
+
+def fixes_roll(name: str) -> bool:
+    """Whether a method cannot leave the roll free, so that its start has the rule's roll."""
+    return name in qt.METHODS and qt.METHODS[name].whole_twist
+
+
+def starts_of(name: str, task: qt.PathTask, arm: InverseKinematics) -> list[Array]:
+    """Where a method may start, the least z first."""
+    poses = task.waypoints
+    if name in qt.METHODS and qt.METHODS[name].flipped:
+        assert task.flipped_waypoints is not None
+        poses = task.flipped_waypoints
+    return arm.starts(poses[0], roll_is_free=not fixes_roll(name))[:STARTS]
+
+
+def run_lap(task: qt.PathTask, name: str, start: Array) -> dict[str, Any]:
+    """One method from one start: its fault and where, or none; processor time, s."""
+    judge = Judge(task, start)
+    began = time.process_time()
+    try:
+        FOLLOWERS[name](dataclasses.replace(task, start=start), judge)
+    except (qt.QpTwistError, mink.MinkError) as error:
+        judge.fault, judge.waypoints = type(error).__name__, judge.waypoints + 1
+    seconds = round(time.process_time() - began, 4)
+    return {"fault": judge.fault, "waypoint": judge.waypoints, "seconds": seconds}
+
+
+@functools.cache
+def study() -> tuple[qt.PathTask, InverseKinematics]:
+    """The task as shipped and the arm: once a process."""
+    task = qt.load_task("deburring")
+    return task, InverseKinematics(task)
+
+
+def run_placement(seed: int, names: Sequence[str], known: dict[str, Any]) -> dict[str, Any]:
+    """What ``known`` lacks of one placement: whether it is feasible, and laps by method.
+
+    A lap from the start of least z; where it has a fault though the placement is feasible, others
+    from the next starts, until one has none.
+    """
+    shipped, arm = study()
+    task = placed(shipped, *placement(seed, known["index"]))
+    result: dict[str, Any] = {"laps": {}, **known}
+    laps: dict[str, list[dict[str, Any]]] = result["laps"]
+    starts = {name: starts_of(name, task, arm) for name in names}
+    for name in names:
+        if name not in laps:
+            laps[name] = [run_lap(task, name, start) for start in starts[name][:1]] or [NO_START]
+    # A lap without a fault proves it feasible; the search is for the others.
+    solved = {name for name in names if laps[name][0]["fault"] is None}
+    free = arm.starts(task.waypoints[0])[:1]
+    if any(not fixes_roll(name) for name in solved):
+        result["feasible_from_start"] = True
+    elif "feasible_from_start" not in result:
+        result["feasible_from_start"] = any(dead_end(task, arm, s) is None for s in free)
+    if solved or result["feasible_from_start"]:
+        result["feasible"] = True
+    elif "feasible" not in result:
+        result["feasible"] = bool(free) and dead_end(task, arm) is None
+    for name in names if result["feasible"] else ():
+        for start in starts[name][len(laps[name]) :]:
+            if laps[name][-1]["fault"] is None:
+                break
+            laps[name].append(run_lap(task, name, start))
+    return result
+
+
+# ---------------------------------------------------------------- all of them
+
+
+def run_study(
+    seed: int, count: int, names: Sequence[str], jobs: int, known: dict[int, dict[str, Any]]
+) -> Iterator[dict[str, Any]]:
+    """Results of placements in the order in which they are done."""
+    # One thread a process: the matrices are small, and the processes have the cores.
+    for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
+        os.environ[variable] = "1"
+    todo = [known.get(index, {"index": index}) for index in range(count)]
+    with multiprocessing.get_context("spawn").Pool(jobs) as pool:
+        yield from pool.imap_unordered(functools.partial(run_placement, seed, names), todo)
+
+
+def table(results: Sequence[dict[str, Any]], names: Sequence[str]) -> str:
+    """The table in Markdown, under a line on what was feasible."""
+    feasible = [r for r in results if r["feasible"]]
+    from_start = [r for r in feasible if r["feasible_from_start"]]
+    lines = [
+        f"{len(results)} placements. A motion without a fault exists for {len(feasible)} of them; "
+        f"from the start of least z for {len(from_start)}.",
+        "",
+        "| method | of feasible from the start % | of feasible % "
+        f"| of feasible, {STARTS} starts % | what failed | s a lap |",
+        "| :-- | --: | --: | --: | :-- | --: |",
+    ]
+    for name in names:
+        first = [r["laps"][name][0] for r in feasible]
+        solved = [lap for lap in first if lap["fault"] is None]
+        cells = [
+            f"`{name}`",
+            share(r["laps"][name][0] for r in from_start),
+            share(first),
+            share(r["laps"][name][-1] for r in feasible),
+            faults(lap["fault"] for lap in first),
+            f"{statistics.median(lap['seconds'] for lap in solved):.2f}" if solved else "–",
+        ]
+        lines.append(f"| {' | '.join(cells)} |")
+    return "\n".join(lines) + "\n"
+
+
+def share(laps: Iterable[dict[str, Any]]) -> str:
+    """Laps without a fault, in per cent."""
+    done = [lap["fault"] is None for lap in laps]
+    return f"{100.0 * sum(done) / len(done):.1f}" if done else "–"
+
+
+def faults(found: Iterable[str | None]) -> str:
+    """Faults by kind, the most frequent first, with their counts and the joints."""
+    kinds: dict[str, collections.Counter[str]] = collections.defaultdict(collections.Counter)
+    for fault in found:
+        if fault is not None:
+            kind, _, where = fault.partition(" ")
+            kinds[kind][where] += 1
+    parts = []
+    for kind, where in sorted(kinds.items(), key=lambda item: -item[1].total()):
+        joints = ", ".join(f"{name} {count}" for name, count in where.most_common(3) if name)
+        parts.append(f"{kind} {where.total()}" + (f" ({joints})" if joints else ""))
+    return "; ".join(parts) or "–"
+
+
+def main() -> None:
+    """Run the study and write what it found."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--placements", type=int, default=1000)
+    parser.add_argument("--methods", default=",".join(FOLLOWERS), help="comma-separated names")
+    parser.add_argument("--jobs", type=int, default=2, help="processes")
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--out", type=Path, default=Path("placements.json"))
+    parser.add_argument("--markdown", type=Path, help="write the table here, too")
+    parser.add_argument("--resume", action="store_true", help="keep what --out has already")
+    args = parser.parse_args()
+    names = [name.strip() for name in args.methods.split(",")]
+    for name in names:
+        if name not in FOLLOWERS:
+            parser.error(f"unknown method {name!r}; there are: {', '.join(FOLLOWERS)}")
+    results: dict[int, dict[str, Any]] = {}
+    if args.resume and args.out.exists():
+        kept = json.loads(args.out.read_text("utf-8"))
+        if kept["seed"] != args.seed:
+            parser.error(f"{args.out} was made with --seed {kept['seed']}")
+        results = {r["index"]: r for r in kept["placements"]}
+    began = time.perf_counter()
+    runs = run_study(args.seed, args.placements, names, args.jobs, results)
+    for done, result in enumerate(runs, start=1):
+        results[result["index"]] = result
+        if done % 20 == 0 or done == args.placements:
+            content = {"seed": args.seed, "placements": [results[i] for i in sorted(results)]}
+            write_atomically(args.out, json.dumps(content) + "\n")
+            passed = time.perf_counter() - began
+            print(f"{done} of {args.placements}, {passed:.0f} s", file=sys.stderr, flush=True)
+    text = table([results[index] for index in range(args.placements)], names)
+    print(text)
+    if args.markdown:
+        write_atomically(args.markdown, text)
+
+
+if __name__ == "__main__":
+    main()
