@@ -14,6 +14,7 @@ from qp_twist.checks import Array, finite_array, instance, number, one_of
 from qp_twist.controller.infeasible import resolve_infeasible, solved
 from qp_twist.controller.posed import Posed
 from qp_twist.controller.posing import (
+    FASTEST,
     LevelItem,
     check_magnitudes,
     mink_objective,
@@ -147,8 +148,10 @@ class Controller:
                 raise InvalidInput(
                     f"metric: every entry must be above 0 and at most {LARGEST_WEIGHT:g}."
                 )
+        linear = number("free_linear_cost", free_linear_cost, at_least=0.0, at_most=1e6)
+        angular = number("free_angular_cost", free_angular_cost, at_least=0.0, at_most=1e6)
         self.free_costs = [
-            FreeTwistCost(t, linear_cost=free_linear_cost, angular_cost=free_angular_cost)
+            FreeTwistCost(t, linear_cost=linear, angular_cost=angular)
             for t in self.twist_tasks
             if self.secondary_space == "twist"
         ]
@@ -209,6 +212,8 @@ class Controller:
     def note(self, velocity: npt.ArrayLike) -> None:
         """Tell the limits which joint velocity (nv,) is running; :meth:`step` does so itself."""
         velocity = finite_array("velocity", velocity, (self.model.nv,))
+        if not np.abs(velocity).max() <= FASTEST:
+            raise InvalidInput(f"velocity: the joints cannot move faster than {FASTEST:g}.")
         for limit in self.limits:
             if isinstance(limit, BoxLimit):
                 limit.note(velocity)

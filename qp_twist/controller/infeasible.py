@@ -153,9 +153,10 @@ def _cascade(
 
 def _infeasible(posed: Posed, largest: LargestScale | None) -> InfeasibleStep:
     if largest is None:
+        why = "; ".join(posed.limits.recovering)
         return InfeasibleStep(
-            "infeasible step: the limits exclude even the standing task (scale 0). Use "
-            "on_infeasible='scale' for the closest step.",
+            "infeasible step: the limits exclude even the standing task (scale 0)"
+            f"{f': {why}' if why else ''}. Use on_infeasible='scale' for the closest step.",
             posed.problem,
         )
     binding = posed.binding(

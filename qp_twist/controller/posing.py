@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -187,6 +188,9 @@ def with_soft_bands(
 
     .. math:: \mathbf G\dot{\mathbf q} - \varepsilon \le \mathbf g, \quad
               \text{cost } \tfrac12 w\,\varepsilon^2
+
+    The unknown is ε in units that give it a cost of the size of the others, whatever w: costs of
+    one size are what the optimality of a result can be told by.
     """
     bands = [
         band
@@ -197,18 +201,19 @@ def with_soft_bands(
     if not bands:
         return problem, []
     n, k = problem.n, len(bands)
+    cost = float(np.abs(problem.H).max())
     wide = [np.hstack([problem.G, np.zeros((len(problem.g), k))])]
     sides = [problem.g]
     labels: list[RowName] = []
     for i, band in enumerate(bands):
         slack = np.zeros((len(band.bounds), k))
-        slack[:, i] = -1.0
+        slack[:, i] = -math.sqrt(cost / float(band.weight or 1.0))
         wide.append(np.hstack([band.rows, slack]))
         sides.append(band.bounds)
         labels += [(band.label, "band")] * len(band.bounds)
     H = np.zeros((n + k, n + k))
     H[:n, :n] = problem.H
-    H[range(n, n + k), range(n, n + k)] = [band.weight for band in bands]
+    H[range(n, n + k), range(n, n + k)] = cost
     return QuadraticProgram(
         H,
         np.concatenate([problem.c, np.zeros(k)]),

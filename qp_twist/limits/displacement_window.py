@@ -7,7 +7,7 @@ import mujoco
 import numpy as np
 import numpy.typing as npt
 
-from qp_twist.checks import Array, finite_array, float_array
+from qp_twist.checks import Array, finite_array, float_array, number
 from qp_twist.errors import InvalidInput
 from qp_twist.kinematics import JointRanges
 from qp_twist.limits.box_limit import BoxLimit
@@ -51,6 +51,7 @@ class DisplacementWindow(BoxLimit):
 
     def bounds(self, configuration: mink.Configuration, dt: float) -> tuple[Array, Array]:
         """(θ_ref ∓ w − θ)/dt, rad/s or m/s, each (nv,)."""
+        dt = number("dt", dt, above=0.0)
         moved = self.reference - self.ranges.positions(configuration.q)
         # Rounding may leave the joint an ulp outside its window: standing still is always allowed.
         lower = np.minimum((moved - self.half_width) / dt, 0.0)

@@ -9,7 +9,7 @@ import mujoco
 import numpy as np
 import numpy.typing as npt
 
-from qp_twist.checks import Array, finite_array
+from qp_twist.checks import Array, finite_array, number
 from qp_twist.limits.box_limit import Box
 from qp_twist.limits.couplings import share_limits
 from qp_twist.limits.intersection import intersect
@@ -96,6 +96,7 @@ class MotionLimit(PositionLimit):
 
     def boxes(self, configuration: mink.Configuration, dt: float) -> tuple[Box, ...]:
         """The limits one by one: acceleration, velocity, position."""
+        dt = number("dt", dt, above=0.0)
         change = self.max_acceleration * dt
         return (
             Box("acceleration", self.velocity - change, self.velocity + change),
@@ -110,6 +111,7 @@ class MotionLimit(PositionLimit):
 
     def recovering(self, configuration: mink.Configuration, dt: float) -> tuple[str, ...]:
         """A sentence for each joint outside its range, too fast, or too fast to stop in time."""
+        dt = number("dt", dt, above=0.0)
         sentences = list(super().recovering(configuration, dt))
         names, units, room = self.ranges.names, self.ranges.units, self._room(configuration)
         speed = np.array((-self.velocity, self.velocity))

@@ -59,6 +59,7 @@ class PositionLimit(BoxLimit):
 
     def bounds(self, configuration: mink.Configuration, dt: float) -> tuple[Array, Array]:
         """(θ_min − θ)/dt and (θ_max − θ)/dt, rad/s or m/s, each (nv,)."""
+        dt = number("dt", dt, above=0.0)
         room = self._room(configuration)
         # From inside, and from where rounding put it, a joint may always stand still.
         fastest = self._fastest(np.maximum(room - self._hair, 0.0), dt)

@@ -83,6 +83,8 @@ def load_task(task: str | Path) -> PathTask:
         key = re.match(r"[\w.\[\]]+(?=: )", str(error))
         number = _line_of(text, _split(key[0])) if key else None
         raise TaskFileError(f"{_place(path, number)}: {error}") from error
+    except OverflowError as error:
+        raise TaskFileError(f"{path}: a length in it is too large to compute with.") from error
 
 
 def task_title(path: Path) -> str:

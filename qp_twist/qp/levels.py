@@ -50,8 +50,10 @@ class Level:
 
     def met(self, x: Array) -> bool:
         """Whether the level is met at ``x``."""
-        size = 1.0 + float(np.abs(self.b).max(initial=0.0))
-        return float(np.abs(self.violation(x)).max(initial=0.0)) <= SATISFIED * size
+        left = np.abs(self.A @ x - self.b).max(initial=0.0)
+        excess = (self.G @ x - self.g) / (1.0 + np.abs(self.g) + np.linalg.norm(self.G, axis=1))
+        size = 1.0 + np.abs(self.b).max(initial=0.0)
+        return bool(left <= SATISFIED * size and excess.max(initial=0.0) <= SATISFIED)
 
 
 class RowOrigin(NamedTuple):
@@ -146,7 +148,12 @@ class Cascade:
         """
         C, d, origins = self.rows()
         p, k = self.basis.shape[1], len(level.g)
-        size = np.linalg.norm(np.vstack([level.A, level.G]), axis=1).max(initial=0.0)
+        # Rows of G are measured by their own lengths, so that long ones do not drown those of A.
+        heavy = np.linalg.norm(level.G, axis=1)
+        heavy[heavy == 0.0] = 1.0
+        size = float(np.linalg.norm(level.A, axis=1).max(initial=0.0)) or float(
+            np.linalg.norm(level.G, axis=1).max(initial=0.0)
+        )
         terms = size * (1.0 + np.abs(self.x).max(initial=0.0)) + np.abs(level.b).max(initial=0.0)
         violation = float(np.linalg.norm(level.violation(self.x)))
         dust = size * (_HELD * violation + _ROUNDING * float(terms))
@@ -154,18 +161,17 @@ class Cascade:
             B = np.block(
                 [
                     [level.A @ self.basis, np.zeros((len(level.b), k))],
-                    [np.zeros((k, p)), np.eye(k) * size],
+                    [np.zeros((k, p)), np.diag(heavy)],
                 ]
             )
-            # w is measured in units of the level's rows, so that one threshold serves for all of B.
-            start = np.maximum(level.G @ self.x - level.g, 0.0) / size
-            soft = np.hstack([level.G @ self.basis, -np.eye(k) * size])
+            room = (level.g - level.G @ self.x) / heavy
+            soft = np.hstack([level.G @ self.basis / heavy[:, None], -np.eye(k)])
             found = constrained_least_squares(
                 B,
                 np.concatenate([level.b - level.A @ self.x, np.zeros(k)]),
-                np.vstack([np.hstack([C, np.zeros((len(d), k))]), soft / size]),
-                np.concatenate([d, (level.g - level.G @ self.x) / size]),
-                np.concatenate([np.zeros(p), start]),
+                np.vstack([np.hstack([C, np.zeros((len(d), k))]), soft]),
+                np.concatenate([d, room]),
+                np.concatenate([np.zeros(p), np.maximum(-room, 0.0)]),
                 smallest=RANK_TOLERANCE * size,
             )
             self.optimal &= found.optimal
@@ -173,14 +179,14 @@ class Cascade:
             multipliers = found.multipliers
         else:
             multipliers = np.zeros(len(d) + k)
-        violated = level.G @ self.x - level.g > SATISFIED * (1.0 + np.abs(level.g))
+        violated = level.G @ self.x - level.g > SATISFIED * (1.0 + np.abs(level.g) + heavy)
         multipliers[multipliers <= dust] = 0.0
         held = np.flatnonzero(multipliers[: len(d)])
         for i in held:
             self._note(origins[i], float(multipliers[i]))
         self._freeze(level, violated, C[held])
         first = len(self.row_multipliers)
-        self.row_multipliers += list(multipliers[len(d) :] / (size or 1.0))
+        self.row_multipliers += list(multipliers[len(d) :] / heavy)
         self.row_origins += [first + int(i) for i in np.flatnonzero(~violated)]
         self.G = np.vstack([self.G, level.G[~violated]])
         self.g = np.concatenate([self.g, level.g[~violated]])

@@ -104,7 +104,7 @@ def regular_rows(
     lost = []
     for i in singular:
         share = (sigma[i] / threshold) ** 2
-        missing = (1.0 - share) * abs(rate[i])
+        missing = float((1.0 - share) * abs(rate[i]))
         if missing > _LOST * (1.0 + np.abs(b).max()):
             lost.append(LostDirection(float(sigma[i]), left[:, i].copy(), float(share), missing))
         if sigma[i] > _GONE * threshold:

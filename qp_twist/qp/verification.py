@@ -14,7 +14,7 @@ from qp_twist.qp.problem import QuadraticProgram
 EQUALITY_TOLERANCE = 1e-8
 """Largest equality residual, relative to 1 + max |b|; m/s and rad/s."""
 BOUND_TOLERANCE = 1e-8
-"""Largest excess over a bound or inequality row, relative to 1 + max |x|; rad/s or the row's."""
+"""Largest excess over a bound or row, relative to 1 + max |x| and to a row's length above 1."""
 OPTIMALITY_TOLERANCE = 1e-6
 """Largest gradient that no multiplier explains, over max |H|, relative to 1 + max |x|; rad/s."""
 GAIN_TOLERANCE = 1e-7
@@ -58,7 +58,8 @@ def infeasibility(problem: QuadraticProgram, x: Array | None) -> str:
     equality = float(np.abs(problem.A @ x - problem.b).max(initial=0.0))
     if not equality <= EQUALITY_TOLERANCE * (1.0 + float(np.abs(problem.b).max(initial=0.0))):
         return f"an equality residual of {equality:.2e}"
-    row = float((problem.G @ x - problem.g).max(initial=0.0))
+    lengths = np.maximum(1.0, np.linalg.norm(problem.G, axis=1))
+    row = float(((problem.G @ x - problem.g) / lengths).max(initial=0.0))
     if not row <= BOUND_TOLERANCE * size:
         return f"an inequality row exceeded by {row:.2e}"
     excess = max(
