@@ -37,14 +37,27 @@ def finite_array(
 def float_array(
     name: str, value: npt.ArrayLike, *, error: type[InvalidInput] = InvalidInput
 ) -> Array:
-    """A float copy of ``value``, infinite entries and NaN included."""
+    """A float copy of ``value``, infinite entries and NaN included; texts and bools are refused."""
     try:
-        return np.array(value, dtype=np.float64)
+        given = np.asarray(value)
+        if given.dtype.kind in "iufO":
+            return np.array(given, dtype=np.float64)
     except (TypeError, ValueError, OverflowError):
-        shown = repr(value)
+        pass
+    shown = repr(value)
+    raise error(f"{name}: expected numbers, got {shown if len(shown) < 60 else shown[:57] + '…'}.")
+
+
+def within(
+    name: str, array: Array, largest: float, *, error: type[InvalidInput] = InvalidInput
+) -> Array:
+    """``array`` if no entry is larger than ``largest``, beyond which the others are lost in it."""
+    if not float(np.abs(array).max(initial=0.0)) <= largest:
         raise error(
-            f"{name}: expected numbers, got {shown if len(shown) < 60 else shown[:57] + '…'}."
-        ) from None
+            f"{name}: an entry of size {float(np.abs(array).max()):.3g} is too large to compute "
+            f"with; entries up to {largest:g} are taken. Check the units."
+        )
+    return array
 
 
 def instance(name: str, value: object, kind: type) -> None:
@@ -85,7 +98,7 @@ def number(
 ) -> float:
     """``value`` as a finite float in the stated range."""
     plain = type(value) is float and math.isfinite(value)  # nearly always, and every step
-    result = value if plain else float(finite_array(name, value, ()))
+    result = value if plain else _finite_number(name, value)
     if above is not None and not result > above:
         raise InvalidInput(f"{name}: expected a number above {above:g}, got {result:g}.")
     if at_least is not None and not result >= at_least:
@@ -93,6 +106,14 @@ def number(
     if at_most is not None and not result <= at_most:
         raise InvalidInput(f"{name}: expected a number of at most {at_most:g}, got {result:g}.")
     return result
+
+
+def _finite_number(name: str, value: float) -> float:
+    array = float_array(name, value)
+    if array.shape != () or not np.isfinite(array):
+        shown = repr(value)
+        raise InvalidInput(f"{name}: expected a finite number, got {shown[:60]}.")
+    return float(array)
 
 
 def one_of(name: str, value: str, allowed: tuple[str, ...]) -> str:

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import copy
+import json
+import math
 import warnings
 from collections.abc import Callable
 from pathlib import Path
@@ -10,6 +13,8 @@ from typing import Any
 import mink
 import numpy as np
 import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
 
 import qp_twist as qt
 from qp_twist import closed_form
@@ -19,6 +24,8 @@ JUNK: list[Any] = [
     [], [[]], [1, 2], [1, "a", 2], [None] * 3, [[1, 2], [3]], {}, {"a": 1}, set(), object(),
     np.zeros(3), np.full(3, np.nan), np.full(6, np.inf), np.zeros((3, 3)), np.zeros((6, 0)),
     np.array(["a", "b"]), lambda: 0, int, range(3), mink.SE3.identity(),
+    "1.5", b"1", [True, False], np.array(True), ["1", "2", "3"], 5e-324, -1e300, 1e300,
+    np.full(6, 1e300), np.full(6, -1e300), np.full(6, 5e-324), np.zeros(6, dtype=complex),
 ]  # fmt: skip
 
 DEBURRING = qt.load_task("deburring")
@@ -40,8 +47,9 @@ def task(**options: Any) -> qt.TwistTask:
 def step(**options: Any) -> qt.Step:
     dt = options.pop("dt", 0.1)
     configuration = options.pop("configuration", CONFIGURATION)
+    velocity = options.pop("velocity", None)
     controller = qt.Controller(**{"model": MODEL, "tasks": [task()], **options})
-    return controller.step(configuration, dt)
+    return controller.step(configuration, dt, velocity=velocity)
 
 
 def second(argument: str, **fixed: Any) -> Callable[[Any], Any]:
@@ -51,7 +59,88 @@ def second(argument: str, **fixed: Any) -> Callable[[Any], Any]:
     return lambda junk: step(**{place: [kind(**{**fixed, argument: junk})]})
 
 
+class OddLimit(mink.Limit):
+    """A limit of somebody else's, which returns anything."""
+
+    def __init__(self, G: Any = None, h: Any = None) -> None:
+        self.G = np.eye(6) if G is None else G
+        self.h = np.ones(6) if h is None else h
+
+    def compute_qp_inequalities(self, configuration: mink.Configuration, dt: float) -> Any:
+        return mink.Constraint(G=self.G, h=self.h)
+
+
+class OddTask(mink.Task):
+    """A task of somebody else's, which returns anything."""
+
+    def __init__(self, error: Any = None, jacobian: Any = None) -> None:
+        super().__init__(cost=np.ones(6))
+        self.error = np.zeros(6) if error is None else error
+        self.jacobian = np.eye(6) if jacobian is None else jacobian
+
+    def compute_error(self, configuration: mink.Configuration) -> Any:
+        return self.error
+
+    def compute_jacobian(self, configuration: mink.Configuration) -> Any:
+        return self.jacobian
+
+    def compute_qp_residual(self, configuration: mink.Configuration) -> Any:
+        return self.jacobian, self.error, 0.0
+
+
+ROW, RATE, LOW, HIGH = np.ones((1, 3)), np.ones(1), -np.ones(3), np.ones(3)
+
+
+def levels(
+    A: Any = ROW, b: Any = RATE, lower: Any = LOW, upper: Any = HIGH, **options: Any
+) -> qt.Solution:
+    return qt.solve_levels([(A, b)], lower, upper, **options)
+
+
+def load_program(content: Any) -> qt.QuadraticProgram:
+    """Of whatever can be written to a file, and of what is no path at all."""
+    if isinstance(content, (str, bytes)):
+        Path("junk.npz").write_bytes(content if isinstance(content, bytes) else content.encode())
+        return qt.QuadraticProgram.load("junk.npz")
+    if isinstance(content, np.ndarray):
+        np.savez("junk.npz", H=content, c=content, A=content, b=content, G=content, g=content,
+                 lower=content, upper=content)  # fmt: skip
+        return qt.QuadraticProgram.load("junk.npz")
+    return qt.QuadraticProgram.load(content)
+
+
 CALLS: dict[str, Callable[[Any], Any]] = {
+    "Projector(kind)": lambda x: qt.Projector(x, np.eye(3)),
+    "Projector(basis)": lambda x: qt.Projector(qt.Projector.full().kind, x),
+    "Projector(axis)": lambda x: qt.Projector(
+        qt.Projector.line([0, 0, 1]).kind, np.eye(3)[:, 2:], x
+    ),
+    "rotated": lambda x: qt.Projector.plane([0, 0, 1]).rotated(x),
+    "clamped": lambda x: task().clamped(x),
+    "QuadraticProgram.load": load_program,
+    "solve_levels(levels)": lambda x: qt.solve_levels(x, LOW, HIGH),
+    "solve_levels(levels=[…])": lambda x: qt.solve_levels([x], LOW, HIGH),
+    "solve_levels(A)": lambda x: levels(A=x),
+    "solve_levels(b)": lambda x: levels(b=x),
+    "solve_levels(G)": lambda x: qt.solve_levels([(ROW, RATE, x, RATE)], LOW, HIGH),
+    "solve_levels(g)": lambda x: qt.solve_levels([(ROW, RATE, ROW, x)], LOW, HIGH),
+    "solve_levels(lower)": lambda x: levels(lower=x),
+    "solve_levels(upper)": lambda x: levels(upper=x),
+    "solve_levels(both bounds)": lambda x: levels(lower=x, upper=x),
+    "solve_levels(reference)": lambda x: levels(reference=x),
+    "solve_levels(solver)": lambda x: levels(solver=x),
+    "solve_levels(on_infeasible)": lambda x: levels(on_infeasible=x),
+    "Controller(levels)": lambda x: step(tasks=[], levels=x),
+    "Controller(levels=[…])": lambda x: step(tasks=[], levels=[x]),
+    "Controller(levels=[[…]])": lambda x: step(tasks=[], levels=[[task()], [x]]),
+    "Controller(singularity)": lambda x: step(singularity=x),
+    "step(velocity)": lambda x: step(velocity=x),
+    "limit's G": lambda x: step(limits=[OddLimit(G=x)]),
+    "limit's h": lambda x: step(limits=[OddLimit(h=x)]),
+    "task's error": lambda x: step(tasks=[task(), OddTask(error=x)]),
+    "task's rows": lambda x: step(tasks=[task(), OddTask(jacobian=x)]),
+    "level's error": lambda x: step(tasks=[], levels=[[task()], [OddTask(error=x)]]),
+    "level's rows": lambda x: step(tasks=[], levels=[[task()], [OddTask(jacobian=x)]]),
     "Projector.plane": qt.Projector.plane,
     "Projector.line": qt.Projector.line,
     "TwistProjector(linear)": lambda x: qt.TwistProjector(linear=x, angular=qt.Projector.full()),
@@ -168,6 +257,208 @@ def test_junk_is_refused_with_a_sentence_or_taken_for_what_it_is(
             assert str(error).strip(), junk
             assert len(str(error)) < 700, junk
             continue
+        if isinstance(result, qt.Solution):
+            assert np.isfinite(result.x).all(), junk
         if isinstance(result, qt.Step):
             assert np.isfinite(result.velocity).all(), junk
             assert 0.0 <= result.scale <= 1.0, junk
+
+
+# ------------------------------------------------------------------ arbitrary numbers, everywhere
+
+FLOATS = st.one_of(
+    st.floats(),
+    st.sampled_from([0.0, 1e-320, 1e-12, 1e9, 1e12, 1e15, 1e100, 1e300, -1e300, np.inf, np.nan]),
+)
+JOINTS = st.lists(FLOATS, min_size=6, max_size=6)
+TWISTS = st.lists(st.one_of(st.floats(-1.0, 1.0), FLOATS), min_size=6, max_size=6)
+
+
+@given(st.data())
+@settings(max_examples=150)
+def test_a_controller_takes_any_numbers_or_says_why_not(data: st.DataObject) -> None:
+    """One to three numbers of a step are arbitrary; the rest is sound. No warning, no hang."""
+    draw = data.draw
+    choices = {
+        "dt": FLOATS, "velocity": JOINTS, "metric": JOINTS, "joint_weight": FLOATS,
+        "singularity": FLOATS, "gain": FLOATS, "max_linear_step": FLOATS, "twist": TWISTS,
+        "q": JOINTS, "limit": FLOATS, "cost": FLOATS, "posture": JOINTS, "h": FLOATS,
+        "position": st.lists(FLOATS, min_size=3, max_size=3), "free_linear_cost": FLOATS,
+    }  # fmt: skip
+    odd = {
+        key: draw(choices[key], label=key)
+        for key in draw(st.sets(st.sampled_from(sorted(choices)), min_size=1, max_size=3))
+    }
+    mode = draw(st.sampled_from(["scale", "relax", "raise"]))
+    space = draw(st.sampled_from(["joint", "twist"]))
+    layered = draw(st.booleans())
+    try:
+        made = qt.TwistTask(
+            "tool", "site", DEBURRING.projector,
+            **{k: odd[k] for k in ("gain", "max_linear_step") if k in odd},
+        )  # fmt: skip
+        target = DEBURRING.waypoints[0]
+        if "position" in odd:
+            target = mink.SE3.from_rotation_and_translation(
+                target.rotation(), np.array(odd["position"])
+            )
+        made.set_target(target, odd.get("twist"))
+        posture = mink.PostureTask(MODEL, cost=odd.get("cost", 0.1))
+        posture.set_target(np.array(odd.get("posture", DEBURRING.start)))
+        speed = odd.get("limit", 1.0)
+        controller = qt.Controller(
+            MODEL,
+            **({"levels": [[made], [posture]]} if layered else {"tasks": [made, posture]}),
+            secondary=[qt.JointCentering(MODEL, gain=odd.get("h", 0.1))],
+            secondary_space=space,
+            limits=[
+                qt.PositionLimit(MODEL),
+                mink.VelocityLimit(MODEL, {MODEL.joint(i).name: speed for i in range(6)}),
+            ],
+            on_infeasible=mode,
+            **{
+                k: odd[k]
+                for k in ("metric", "joint_weight", "singularity", "free_linear_cost")
+                if k in odd
+            },
+        )
+        q = np.array(odd.get("q", DEBURRING.start))
+        with np.errstate(all="ignore"):  # MuJoCo's kinematics of 1e300 rad are mink's affair
+            configuration = mink.Configuration(MODEL, q)
+        step = controller.step(configuration, odd.get("dt", 0.1), velocity=odd.get("velocity"))
+    except mink.MinkError as error:
+        assert str(error).strip()
+        assert len(str(error)) < 1500
+        return
+    assert np.isfinite(step.velocity).all()
+    assert 0.0 <= step.scale <= 1.0
+    assert (step.velocity >= step.problem.lower[:6]).all()
+    assert (step.velocity <= step.problem.upper[:6]).all()
+    assert all(np.isfinite(left).all() for left in step.residuals)
+
+
+@given(st.data())
+@settings(max_examples=150)
+def test_solve_levels_takes_any_numbers_or_says_why_not(data: st.DataObject) -> None:
+    draw = data.draw
+    n = draw(st.integers(1, 4))
+    numbers = st.one_of(st.floats(-3.0, 3.0), FLOATS)
+
+    def array(*shape: int) -> np.ndarray[Any, Any]:
+        values = draw(st.lists(numbers, min_size=math.prod(shape), max_size=math.prod(shape)))
+        return np.array(values).reshape(shape)
+
+    given_levels = []
+    for _ in range(draw(st.integers(1, 3))):
+        m, k = draw(st.integers(0, 3)), draw(st.integers(0, 2))
+        given_levels.append((array(m, n), array(m), array(k, n), array(k)))
+    lower, upper = np.sort([array(n), array(n)], axis=0)
+    mode = draw(st.sampled_from(["scale", "relax", "raise"]))
+    try:
+        solution = qt.solve_levels(
+            given_levels, lower, upper, on_infeasible=mode, reference=array(n)
+        )
+    except qt.QpTwistError as error:
+        assert str(error).strip()
+        return
+    assert np.isfinite(solution.x).all()
+    assert (solution.x >= np.minimum(lower, 1e12)).all()
+    assert (solution.x <= np.maximum(upper, -1e12)).all()
+    assert 0.0 <= solution.scale <= 1.0
+
+
+# ---------------------------------------------------------------------------- arbitrary task files
+
+PLAIN = {
+    "title": "A short line",
+    "robot": {"scene": "planar_3r.xml", "frame": "tip", "frame_type": "site"},
+    "projector": {"linear": {"plane": [0, 0, 1]}, "angular": "none", "frame": "world"},
+    "operational": {"linear": {"plane": [0, 0, 1]}, "angular": {"line": [0, 0, 1]}},
+    "path": {
+        "kind": "polyline", "points": [[-1, 2, 0], [-0.9, 2, 0]], "steps_per_segment": 4,
+        "tool_axis": [1, 0, 0],
+    },
+    "start": {"q_deg": [70.7, 69.1, 99.2]},
+    "feed": {"speed": 0.1, "angular_speed_deg": 30.0},
+    "limits": {"velocity": {"joint_1": 1.0}},
+    "iteration": {"position_tolerance": 1e-9, "max_linear_step": 0.05},
+    "methods": {"qp": {"gain": 0.5}},
+}  # fmt: skip
+VALUES = st.recursive(
+    st.one_of(
+        FLOATS, st.integers(-10, 1000), st.booleans(), st.text(max_size=8),
+        st.sampled_from(["full", "none", "polyline", "poses", "spherical_patch", "world", "body",
+                         "target", "site", "joint", "gradient", "../planar_3r.xml", 10**30]),
+    ),
+    lambda inner: st.one_of(
+        st.lists(inner, max_size=4),
+        st.dictionaries(st.sampled_from(["plane", "line", "x", "position", "gain"]), inner,
+                        max_size=2),
+    ),
+    max_leaves=6,
+)  # fmt: skip
+
+
+def toml(value: Any) -> str:
+    """A value as TOML, on one line."""
+    if isinstance(value, dict):
+        return "{" + ", ".join(f"{json.dumps(k)} = {toml(v)}" for k, v in value.items()) + "}"
+    if isinstance(value, list):
+        return "[" + ", ".join(map(toml, value)) + "]"
+    if isinstance(value, str):
+        return json.dumps(value)
+    if isinstance(value, bool):
+        return str(value).lower()
+    return repr(value)
+
+
+def places(table: dict[str, Any], above: tuple[str, ...] = ()) -> list[tuple[str, ...]]:
+    """The way to every key of a table and its tables."""
+    found = []
+    for key, value in table.items():
+        found.append((*above, key))
+        if isinstance(value, dict):
+            found += places(value, (*above, key))
+    return found
+
+
+@given(st.data())
+@settings(max_examples=150, suppress_health_check=[HealthCheck.function_scoped_fixture])
+def test_any_task_file_is_read_or_refused_with_a_sentence(
+    tmp_path: Path, data: st.DataObject
+) -> None:
+    table = copy.deepcopy(PLAIN)
+    for _ in range(data.draw(st.integers(1, 3))):
+        way = data.draw(st.sampled_from(places(table)))
+        owner = table
+        for key in way[:-1]:
+            owner = owner[key]
+        match data.draw(st.sampled_from(["replace", "remove", "add", "swap"])):
+            case "replace":
+                owner[way[-1]] = data.draw(VALUES)
+            case "remove":
+                del owner[way[-1]]
+            case "add":
+                owner[data.draw(st.text(max_size=6))] = data.draw(VALUES)
+            case "swap":
+                owner[way[-1]] = copy.deepcopy(data.draw(st.sampled_from(list(PLAIN.values()))))
+        if not table:
+            break
+    path = tmp_path / "fuzzed.toml"
+    lines = [f"{json.dumps(key)} = {toml(value)}" for key, value in table.items()]
+    path.write_text("\n".join(lines), encoding="utf-8", errors="replace")
+    try:
+        path_task = qt.load_task(path)
+    except qt.TaskFileError as error:
+        assert "fuzzed.toml" in str(error)
+        return
+    except mink.MinkError as error:
+        assert str(error).strip()
+        return
+    assert len(path_task.waypoints) > 1
+    try:
+        trajectory = qt.follow(path_task, "qp_gradient", iterations=1)
+    except mink.MinkError as error:
+        assert str(error).strip()
+        return
+    assert np.isfinite(trajectory.q).all()

@@ -39,8 +39,8 @@ UNSEEN_WEIGHT = 1e-2
 """Default ρ in twist space, where it weighs only the motion that the twist cost does not see."""
 NEARLY_UNSEEN = 1e-4
 """Singular values of J below this share of the largest count, by degrees, as unseen."""
-LARGEST_WEIGHT = 1e12
-"""Largest ρ and entry of M: beyond it the other costs are lost in the arithmetic."""
+SMALLEST_WEIGHT, LARGEST_WEIGHT = 1e-12, 1e12
+"""Range of ρ and the entries of M: beyond it they, or other costs, are lost in the arithmetic."""
 SINGULARITY = 1e-3
 """Singular value of the task rows, m/rad or 1, below which a direction is slowed down."""
 
@@ -144,9 +144,10 @@ class Controller:
         self.metric = np.ones(model.nv)
         if metric is not None:
             self.metric = finite_array("metric", metric, (model.nv,))
-            if not ((self.metric > 0.0) & (self.metric <= LARGEST_WEIGHT)).all():
+            if not ((self.metric >= SMALLEST_WEIGHT) & (self.metric <= LARGEST_WEIGHT)).all():
                 raise InvalidInput(
-                    f"metric: every entry must be above 0 and at most {LARGEST_WEIGHT:g}."
+                    "metric: every entry must be above 0, from "
+                    f"{SMALLEST_WEIGHT:g} to {LARGEST_WEIGHT:g}."
                 )
         linear = number("free_linear_cost", free_linear_cost, at_least=0.0, at_most=1e6)
         angular = number("free_angular_cost", free_angular_cost, at_least=0.0, at_most=1e6)
@@ -159,7 +160,13 @@ class Controller:
             joint_weight = UNSEEN_WEIGHT
             if self.secondary_space == "joint":
                 joint_weight = TIE_BREAK if self.soft_tasks and not self.secondary else 1.0
-        self.joint_weight = number("joint_weight", joint_weight, above=0.0, at_most=LARGEST_WEIGHT)
+        self.joint_weight = number(
+            "joint_weight",
+            joint_weight,
+            above=0.0,
+            at_least=SMALLEST_WEIGHT,
+            at_most=LARGEST_WEIGHT,
+        )
         self.singularity = number("singularity", singularity, at_least=0.0, at_most=1.0)
 
     def step(

@@ -5,11 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import mink
 import numpy as np
 
-from qp_twist.checks import Array
+from qp_twist.checks import Array, finite_array
 from qp_twist.errors import InvalidInput
 from qp_twist.kinematics import TwistTask
 from qp_twist.limits import RowName, gather_limits
@@ -17,6 +18,8 @@ from qp_twist.qp import Level, LostDirection, QuadraticProgram, regular_rows
 
 FASTEST = 1e9
 """Largest speed that a task or a secondary may ask for, m/s or rad/s."""
+STEEPEST = 1e12
+"""Largest linear cost, relative to the largest quadratic one."""
 
 LevelItem = mink.tasks.BaseTask | mink.Limit
 
@@ -161,9 +164,18 @@ def _mink_rows(task: mink.tasks.BaseTask, configuration: mink.Configuration, dt:
             f"Controller(levels=…): {type(task).__name__} states a cost but no rows, so it cannot "
             "stand in a level; give it in tasks= instead."
         )
-    matrix, error, _ = residual
+    matrix, error = _checked(task, residual, configuration)
     seen = np.abs(matrix).max(axis=1, initial=0.0) > 0.0  # a cost of zero asks for nothing
-    return TaskRows(np.asarray(matrix[seen]), np.asarray(error[seen]) / dt)
+    return TaskRows(matrix[seen], error[seen] / dt)
+
+
+def _checked(
+    task: mink.tasks.BaseTask, residual: tuple[Any, Any, float], configuration: mink.Configuration
+) -> tuple[Array, Array]:
+    """What a task states, of the right shape and finite; it may be anybody's class."""
+    name = type(task).__name__
+    rows = finite_array(f"{name}: its rows", residual[0], (None, configuration.model.nv))
+    return rows, finite_array(f"{name}: its error", residual[1], (len(rows),))
 
 
 def mink_objective(
@@ -174,7 +186,8 @@ def mink_objective(
     if residual is None:
         objective = task.compute_qp_objective(configuration)
         return objective.H, objective.c
-    rows, error, damping = residual
+    rows, error = _checked(task, residual, configuration)
+    damping = residual[2]
     return rows.T @ rows + damping * np.eye(rows.shape[1]), -(error @ rows)
 
 
@@ -241,4 +254,10 @@ def check_magnitudes(H: Array, c: Array, wish: Array) -> None:
     if not (np.isfinite(H).all() and np.isfinite(c).all()):
         raise InvalidInput(
             "step: the costs overflow; check the cost, weight and metric of tasks and controller."
+        )
+    steepest = float(np.abs(c).max(initial=0.0))
+    if steepest > STEEPEST * float(np.abs(H).max(initial=0.0)):
+        raise InvalidInput(
+            f"step: the linear cost reaches {steepest:.3g}, more than {STEEPEST:g} times the "
+            "quadratic one; check the targets, costs and gains of the mink tasks."
         )

@@ -8,7 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from qp_twist.checks import Array, instance, unit_vector
+from qp_twist.checks import Array, finite_array, instance, unit_vector
+from qp_twist.errors import InvalidInput
 
 SAME_DIRECTION = 1e-9
 """Sine of the angle below which two directions count as one."""
@@ -51,6 +52,18 @@ class Projector:
     kind: ProjectorKind
     basis: Array
     axis: Array | None = None
+
+    def __post_init__(self) -> None:
+        instance("Projector(kind)", self.kind, ProjectorKind)
+        basis = finite_array("Projector(basis)", self.basis, (3, self.kind.value))
+        if np.abs(basis.T @ basis - np.eye(self.kind.value)).max(initial=0.0) > 1e-6:
+            raise InvalidInput(
+                "Projector: the columns of its basis must be orthonormal; build one with "
+                "Projector.full(), .plane(normal), .line(direction) or .none(), and turn it by "
+                "rotation matrices only."
+            )
+        if self.kind in (ProjectorKind.PLANE, ProjectorKind.LINE):
+            finite_array("Projector(axis)", () if self.axis is None else self.axis, (3,))
 
     @classmethod
     def full(cls) -> Projector:
@@ -115,12 +128,16 @@ class Projector:
             return Projector.line(directions[:, 2])
         return Projector.none()
 
-    def rotated(self, rotation: Array) -> Projector:
+    def rotated(self, rotation: npt.ArrayLike) -> Projector:
         """The projector R M Rᵀ whose axis has been turned by ``rotation`` (3, 3).
 
         The basis turns with it, so that the rows of a task stay continuous along a motion. Full and
         none have no direction to turn and stay as they are.
+
+        Raises:
+            InvalidInput: If it is not a matrix (3, 3), or not one that turns.
         """
+        rotation = finite_array("rotation", rotation, (3, 3))
         if self.axis is None:
             return self
         return Projector(self.kind, rotation @ self.basis, rotation @ self.axis)

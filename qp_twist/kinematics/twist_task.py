@@ -198,9 +198,11 @@ class TwistTask(mink.Task):
             jacobian=frame_jacobian(configuration, self.frame_name, self.frame_type),
         )
 
-    def clamped(self, error: Array) -> Array:
+    def clamped(self, error: npt.ArrayLike) -> Array:
         """The part of Δt (6,) that one step is asked to remove, before the gain."""
-        return clamp_twist(error, self.max_linear_step, self.max_angular_step)
+        return clamp_twist(
+            finite_array("error", error, (6,)), self.max_linear_step, self.max_angular_step
+        )
 
     def compute_error(self, configuration: mink.Configuration) -> Array:
         r"""Error e = −UᵀΔt, with the feed-forward over one time step, shape (r,).

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import mink
 import mujoco
 import numpy as np
 
-from qp_twist.checks import Array
+from qp_twist.checks import Array, finite_array, float_array, within
 from qp_twist.errors import InvalidInput
 from qp_twist.kinematics import JointRanges
 from qp_twist.limits.band_limit import BandLimit
@@ -18,6 +19,8 @@ from qp_twist.limits.intersection import Kinds, intersect
 
 RowName = tuple[str, str]
 """Name and kind of an inequality row, as in :class:`~qp_twist.BindingLimit`."""
+UNLIMITED = 1e12
+"""A velocity bound beyond this is none, rad/s or m/s."""
 _MINK_KINDS = {"ConfigurationLimit": "position", "VelocityLimit": "velocity"}
 
 
@@ -91,25 +94,52 @@ def gather_limits(
         constraint = limit.compute_qp_inequalities(configuration, dt)
         if constraint.inactive:
             continue
-        assert constraint.G is not None and constraint.h is not None
         name = type(limit).__name__
-        if not np.isfinite(constraint.G).all() or np.isnan(constraint.h).any():
-            raise InvalidInput(f"{name}: its rows G Δq ≤ h contain a value that is not a number.")
-        G, g = constraint.G, constraint.h / dt
+        G, g = _stated(name, constraint, nv, dt)
         entries = np.count_nonzero(G, axis=1)
         boxes.append(_box(_MINK_KINDS.get(name, name), G[entries == 1], g[entries == 1]))
         general = (entries > 1) & (g < np.inf) | (entries == 0) & (g < 0.0)
         rows.append(G[general])
         bounds.append(g[general])
         labels += [_row_name(limit, int(index)) for index in np.flatnonzero(general)]
+    lower, upper, lower_kind, upper_kind = intersect(boxes, configuration.model)
+    lower[lower < -UNLIMITED] = -np.inf
+    upper[upper > UNLIMITED] = np.inf
+    impossible = (lower > UNLIMITED) | (upper < -UNLIMITED)
+    if impossible.any():
+        joint = JointRanges.of(configuration.model).names[int(np.argmax(impossible))]
+        raise InvalidInput(
+            f"limits: joint {joint!r} would have to move faster than {UNLIMITED:g}; check the "
+            "ranges and limits given, and dt."
+        )
     return GatheredLimits(
-        *intersect(boxes, configuration.model),
+        lower,
+        upper,
+        lower_kind,
+        upper_kind,
         np.vstack(rows),
         np.concatenate(bounds),
         labels,
         configuration.model,
         tuple(recovering),
     )
+
+
+def _stated(name: str, constraint: mink.Constraint, nv: int, dt: float) -> tuple[Array, Array]:
+    """G and h/dt of a limit of anybody's class, checked; bounds too far away are none."""
+    stated: tuple[Any, Any] = constraint.G, constraint.h
+    G = within(
+        f"{name}: G", finite_array(f"{name}: G of G Δq ≤ h", stated[0], (None, nv)), UNLIMITED
+    )
+    h = float_array(f"{name}: h of G Δq ≤ h", stated[1])
+    if h.shape != (len(G),) or np.isnan(h).any() or (h == -np.inf).any():
+        raise InvalidInput(
+            f"{name}: its rows G Δq ≤ h need h of shape {(len(G),)} without NaN or −∞; it has "
+            f"shape {h.shape}, {h!r}."[:300]
+        )
+    g: Array = h / dt
+    g[g > UNLIMITED] = np.inf
+    return G, g
 
 
 def _row_name(limit: mink.Limit, row: int) -> RowName:

@@ -7,7 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
-from qp_twist.checks import Array
+from qp_twist.checks import Array, float_array
+from qp_twist.errors import InvalidInput
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,6 +51,24 @@ class QuadraticProgram:
 
     @classmethod
     def load(cls, path: str | Path) -> QuadraticProgram:
-        """Read a program written by :meth:`save`."""
-        with np.load(path, allow_pickle=False) as arrays:
-            return cls(**{f.name: arrays[f.name] for f in fields(cls)})
+        """Read a program written by :meth:`save`.
+
+        Raises:
+            InvalidInput: If there is no such file, or it holds anything else.
+        """
+        refusal = (
+            f"QuadraticProgram.load: {str(path)[:200]!r} is not what QuadraticProgram.save writes"
+        )
+        try:
+            with np.load(path, allow_pickle=False) as file:
+                arrays = {f.name: float_array(f.name, file[f.name]) for f in fields(cls)}
+        except Exception as error:  # numpy and zipfile raise a dozen different ones on junk
+            raise InvalidInput(f"{refusal}: {str(error)[:200]}") from None
+        n, m, k = (arrays[name].size for name in ("c", "b", "g"))
+        shapes = ((n, n), (n,), (m, n), (m,), (k, n), (k,), (n,), (n,))
+        for (name, array), shape in zip(arrays.items(), shapes, strict=True):
+            if array.shape != shape or np.isnan(array).any():
+                raise InvalidInput(
+                    f"{refusal}: {name} should be numbers of shape {shape}, and has {array.shape}."
+                )
+        return cls(**arrays)

@@ -9,7 +9,7 @@ from typing import Any, Literal
 import numpy as np
 import numpy.typing as npt
 
-from qp_twist.checks import Array, finite_array, float_array, one_of
+from qp_twist.checks import Array, finite_array, float_array, one_of, within
 from qp_twist.errors import InvalidInput
 from qp_twist.limits.binding import BindingLimit
 from qp_twist.qp.backend import check_solver
@@ -20,6 +20,9 @@ from qp_twist.qp.scaling import SCALE_BACKOFF, largest_scale
 from qp_twist.qp.solve import Refused, solve_from
 
 OnInfeasible = Literal["scale", "relax", "raise"]
+
+LARGEST = 1e12
+"""Largest entry that is taken; a bound beyond it counts as none."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,7 +68,7 @@ def solve_levels(
         levels: ``(A, b)`` for each level, most important first, A (m, n) and b (m,); or
             ``(A, b, G, g)`` with rows G x ≤ g at the same level, whose excess counts like a
             residual.
-        lower: Lower bounds, −∞ where there is none, (n,).
+        lower: Lower bounds, −∞ where there is none, (n,); so is one below −1e12.
         upper: Upper bounds, (n,).
         on_infeasible: Where the first level does not fit: ``"scale"`` finds the largest s in
             [0, 1], ``"relax"`` the closest point, ``"raise"`` raises. Lower levels are always
@@ -74,8 +77,8 @@ def solve_levels(
         reference: x_ref, (n,); zero if ``None``.
 
     Raises:
-        InvalidInput: If shapes do not fit, a number is not finite or a lower bound is above its
-            upper one.
+        InvalidInput: If shapes do not fit, a number is not finite or above 1e12, or a lower bound
+            is above its upper one.
         UnknownSolver: If the backend is not installed.
         InfeasibleStep: If the first level does not fit and ``on_infeasible`` is ``"raise"``.
         SolverInaccurate: If no backend's result could be verified.
@@ -92,7 +95,7 @@ def solve_levels(
     parsed = _levels(levels, n)
     one_of("on_infeasible", on_infeasible, ("scale", "relax", "raise"))
     check_solver(solver)
-    wish = np.zeros(n) if reference is None else finite_array("reference", reference, (n,))
+    wish = np.zeros(n) if reference is None else _array("reference", reference, (n,))
     problem = QuadraticProgram(
         np.eye(n), -wish, parsed[0].A, parsed[0].b, parsed[0].G, parsed[0].g, low, high
     )
@@ -141,13 +144,18 @@ def _bounds(lower: npt.ArrayLike, upper: npt.ArrayLike) -> tuple[Array, Array]:
         raise InvalidInput(
             f"solve_levels: lower and upper need one shape (n,), got {low.shape} and {high.shape}."
         )
-    if not (low <= high).all() or (low == np.inf).any() or (high == -np.inf).any():
-        wrong = int(np.argmin((low <= high) & (low < np.inf) & (high > -np.inf)))
+    sensible = (low <= high) & (low <= LARGEST) & (high >= -LARGEST)
+    if not sensible.all():
+        wrong = int(np.argmin(sensible))
         raise InvalidInput(
             f"solve_levels: bounds of x[{wrong}] are {low[wrong]:g} … {high[wrong]:g}; the lower "
-            "one must not be above the upper one."
+            f"one must not be above the upper one, nor a bound beyond {LARGEST:g} exclude the rest."
         )
-    return low, high
+    return np.where(low < -LARGEST, -np.inf, low), np.where(high > LARGEST, np.inf, high)
+
+
+def _array(name: str, value: npt.ArrayLike, shape: tuple[int | None, ...]) -> Array:
+    return within(name, finite_array(name, value, shape), LARGEST)
 
 
 def _levels(levels: Sequence[Any], n: int) -> list[Level]:
@@ -157,11 +165,11 @@ def _levels(levels: Sequence[Any], n: int) -> list[Level]:
     for k, level in enumerate(levels):
         if not isinstance(level, (list, tuple)) or len(level) not in (2, 4):
             raise InvalidInput(f"levels[{k}]: expected (A, b) or (A, b, G, g).")
-        A = finite_array(f"levels[{k}] A", level[0], (None, n))
-        b = finite_array(f"levels[{k}] b", level[1], (len(A),))
+        A = _array(f"levels[{k}] A", level[0], (None, n))
+        b = _array(f"levels[{k}] b", level[1], (len(A),))
         G, g = np.zeros((0, n)), np.zeros(0)
         if len(level) == 4:
-            G = finite_array(f"levels[{k}] G", level[2], (None, n))
-            g = finite_array(f"levels[{k}] g", level[3], (len(G),))
+            G = _array(f"levels[{k}] G", level[2], (None, n))
+            g = _array(f"levels[{k}] g", level[3], (len(G),))
         parsed.append(Level(A, b, G, g))
     return parsed
