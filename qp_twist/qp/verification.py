@@ -132,7 +132,7 @@ def _excess(
     """
     equality, rows = problem.A.T @ multipliers.equality, problem.G.T @ multipliers.rows
     left = float(np.abs(gradient + equality + rows + multipliers.box).max(initial=0.0))
-    size = float(np.abs(problem.H).max(initial=0.0)) or 1.0
+    size = max(float(np.abs(problem.H).max(initial=0.0)), 1e-300)
     reach = 1.0 + float(np.abs(x).max(initial=0.0))
     terms = (problem.c, equality, rows, multipliers.box)
     largest = max(float(np.abs(term).max(initial=0.0)) for term in terms)
