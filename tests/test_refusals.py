@@ -378,6 +378,7 @@ PLAIN = {
         "kind": "polyline", "points": [[-1, 2, 0], [-0.9, 2, 0]], "steps_per_segment": 4,
         "tool_axis": [1, 0, 0],
     },
+    "roll": {"plane_normal": [0, 1, 0]},
     "start": {"q_deg": [70.7, 69.1, 99.2]},
     "feed": {"speed": 0.1, "angular_speed_deg": 30.0},
     "limits": {"velocity": {"joint_1": 1.0}},

@@ -34,7 +34,8 @@ def rows(seed: int) -> tuple[Array, Array]:
 def solved(A: Array, b: Array) -> Array:
     """The shortest velocity that the rows allow."""
     regular = regular_rows(A, b, EPSILON)
-    return np.linalg.lstsq(regular.A, regular.b, rcond=1e-12)[0]
+    all_rows = np.vstack([regular.A, regular.damped])
+    return np.linalg.lstsq(all_rows, np.concatenate([regular.b, regular.damped_b]), rcond=1e-12)[0]
 
 
 # ------------------------------------------------------------------------------------- the formula

@@ -10,7 +10,7 @@ from typing import Any
 import mink
 import numpy as np
 
-from qp_twist.checks import Array, finite_array
+from qp_twist.checks import Array, finite_array, within
 from qp_twist.errors import InvalidInput
 from qp_twist.kinematics import TwistTask
 from qp_twist.limits import RowName, gather_limits
@@ -20,6 +20,9 @@ FASTEST = 1e9
 """Largest speed that a task or a secondary may ask for, m/s or rad/s."""
 STEEPEST = 1e12
 """Largest linear cost, relative to the largest quadratic one."""
+
+LARGEST_ROW = 1e12
+"""Largest entry of a task's rows: beyond it the others are lost in the arithmetic."""
 
 LevelItem = mink.tasks.BaseTask | mink.Limit
 
@@ -175,6 +178,7 @@ def _checked(
     """What a task states, of the right shape and finite; it may be anybody's class."""
     name = type(task).__name__
     rows = finite_array(f"{name}: its rows", residual[0], (None, configuration.model.nv))
+    within(f"{name}: its rows, cost × Jacobian", rows, LARGEST_ROW)
     return rows, finite_array(f"{name}: its error", residual[1], (len(rows),))
 
 
