@@ -38,7 +38,8 @@ nitpick_ignore_regex = [
     (r"py:.*", r"(Any|Callable|Figure|Literal|Path|Sequence)"),
 ]
 nitpick_ignore = [
-    # Aliases: a float64 array, a projector or its matrix, the three frames, a task or a limit; a type variable.
+    # Aliases: a float64 array, a projector or its matrix, the three frames, a task or a limit, what
+    # to do with a task that does not fit; and a type variable.
     ("py:class", "Array"),
     ("py:class", "ProjectorLike"),
     ("py:class", "ProjectorFrame"),
