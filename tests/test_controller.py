@@ -455,7 +455,7 @@ def test_contradicting_limits_are_refused_by_the_joints_name() -> None:
         ({"limits": [1]}, "Limit"),
         ({"metric": [1.0, 2.0]}, r"shape \(7\)"),
         ({"metric": [0.0] * 7}, "above 0"),
-        ({"joint_weight": 0.0}, "above 0"),
+        ({"joint_weight": 0.0}, "at least 1e-"),
         ({"joint_weight": "heavy"}, "expected numbers"),
     ],
 )

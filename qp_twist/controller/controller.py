@@ -163,7 +163,6 @@ class Controller:
         self.joint_weight = number(
             "joint_weight",
             joint_weight,
-            above=0.0,
             at_least=SMALLEST_WEIGHT,
             at_most=LARGEST_WEIGHT,
         )
@@ -256,9 +255,7 @@ class Controller:
         limits = gather_limits(self.limits, configuration, dt)
         problem, soft_labels = with_soft_bands(
             QuadraticProgram(H, c, A, b, limits.rows, limits.bounds, limits.lower, limits.upper),
-            self.twist_tasks,
-            configuration,
-            dt,
+            levels.soft_bands,
         )
         return Posed.of(problem, levels, limits, [*limits.row_labels, *soft_labels])
 

@@ -12,18 +12,17 @@ from qp_twist.controller.step import NOT_THE_LIMITS, Status, Step
 from qp_twist.limits import BindingLimit
 from qp_twist.qp import (
     SCALE_BACKOFF,
-    Cascade,
     InfeasibleStep,
     LargestScale,
     Level,
-    Multipliers,
     QuadraticProgram,
     Refused,
     SolverInaccurate,
     Verified,
     largest_scale,
+    lexicographic,
     solve,
-    solve_from,
+    solve_within,
 )
 
 
@@ -46,7 +45,8 @@ def resolve_infeasible(posed: Posed, refused: Refused, solver: str, on_infeasibl
         if on_infeasible == "raise":
             raise _infeasible(posed, largest)
         if largest is None or on_infeasible == "relax":
-            return _cascade(posed, solver, 1.0, np.zeros(posed.problem.n), Status.RELAXED)
+            start = np.zeros(posed.problem.n) if largest is None else largest.x
+            return _cascade(posed, solver, 1.0, start, Status.RELAXED)
         return _scaled(posed, solver, largest)
     # The first level fits. Either a lower one does not, or it was the solver that failed.
     if not any(len(level.b) + len(level.g) for level in posed.padded[1:]):
@@ -70,7 +70,7 @@ def solved(posed: Posed, result: Verified) -> Step:
         result.x,
         status,
         result.solver,
-        posed.binding(result.multipliers, 1.0),
+        posed.binding(result.multipliers.box, result.multipliers.rows, 1.0),
         refused=result.refused,
     )
 
@@ -88,9 +88,7 @@ def _first_level(posed: Posed, first: Level) -> QuadraticProgram:
 
 def _scaled(posed: Posed, solver: str, largest: LargestScale) -> Step:
     scale = largest.scale * (1.0 - SCALE_BACKOFF)
-    binding = posed.binding(
-        Multipliers(np.zeros(0), largest.row_multipliers, largest.box_multipliers)
-    )
+    binding = posed.binding(largest.box_multipliers, largest.row_multipliers)
     if len(posed.padded) == 1:
         problem = posed.problem.with_rows(scale * posed.problem.b)
         result = solve(problem, solver)
@@ -114,32 +112,23 @@ def _cascade(
 ) -> Step:
     """Level by level from ``start``, then the costs on what is left."""
     problem = posed.problem
-    cascade = Cascade.from_point(start, problem.lower, problem.upper)
-    cascade.minimise(posed.hard)
-    if not posed.hard.met(cascade.x):
-        status = Status.RELAXED
     levels = [
         replace(level, b=scale * level.b) if index < posed.levels.first else level
         for index, level in enumerate(posed.padded)
     ]
-    for level in levels:
-        cascade.minimise(level)
-    if not cascade.optimal:
-        raise SolverInaccurate("step: a priority level ran out of iterations.", problem)
+    cascade = lexicographic([posed.hard, *levels], problem.lower, problem.upper, start)
+    if not posed.hard.met(cascade.x):
+        status = Status.RELAXED
     if status is Status.PRIORITIZED:
         if posed.levels.lost:
             status = Status.DEGRADED
         elif all(level.met(cascade.x) for level in levels) and not posed.levels.lower_lost:
             status = Status.SOLVED
-    none = np.zeros((0, problem.n))
-    held = replace(problem, A=none, b=np.zeros(0), G=cascade.G, g=cascade.g)
-    result = solve_from(held, cascade.x, cascade.basis, solver)
+    result = solve_within(problem, cascade, solver)
     if isinstance(result, Refused):
         raise _inaccurate(posed, result)
     if binding is None:
-        binding = posed.binding(
-            Multipliers(np.zeros(0), np.array(cascade.row_multipliers), cascade.box_multipliers)
-        )
+        binding = posed.binding(cascade.box_multipliers, np.array(cascade.row_multipliers))
     return posed.step(
         result.x,
         status,
@@ -159,9 +148,7 @@ def _infeasible(posed: Posed, largest: LargestScale | None) -> InfeasibleStep:
             f"{f': {why}' if why else ''}. Use on_infeasible='scale' for the closest step.",
             posed.problem,
         )
-    binding = posed.binding(
-        Multipliers(np.zeros(0), largest.row_multipliers, largest.box_multipliers)
-    )
+    binding = posed.binding(largest.box_multipliers, largest.row_multipliers)
     names = ", ".join(str(limit) for limit in binding)
     why = f"binding: {names}" if names else NOT_THE_LIMITS
     return InfeasibleStep(

@@ -10,7 +10,7 @@ from qp_twist.checks import Array
 from qp_twist.controller.posing import PosedLevels
 from qp_twist.controller.step import Status, Step
 from qp_twist.limits import BindingLimit, GatheredLimits, RowName
-from qp_twist.qp import Level, Multipliers, QuadraticProgram
+from qp_twist.qp import Level, QuadraticProgram
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,11 +83,14 @@ class Posed:
             refused=refused,
         )
 
-    def binding(self, multipliers: Multipliers, floor: float = 0.0) -> tuple[BindingLimit, ...]:
-        """The limits with a multiplier, by name; those below ``floor`` are dust."""
+    def binding(self, box: Array, rows: Array, floor: float = 0.0) -> tuple[BindingLimit, ...]:
+        """The limits with a multiplier, by name, from those of bounds (n,) and rows of G (k,).
+
+        Multipliers are dust below a share of the largest, or of ``floor`` if that is larger.
+        """
         limits = self.limits
         nv = len(limits.lower)
-        box, rows = multipliers.box[:nv], multipliers.rows
+        box = box[:nv]
         largest = max(float(np.abs(box).max(initial=0.0)), float(rows.max(initial=0.0)))
         # Interior-point and first-order backends leave dust on inactive limits.
         dust = 1e-7 * max(largest, floor)

@@ -12,7 +12,7 @@ import numpy as np
 
 from qp_twist.checks import Array, finite_array, within
 from qp_twist.errors import InvalidInput
-from qp_twist.kinematics import TwistTask
+from qp_twist.kinematics import BandRows, TwistTask
 from qp_twist.limits import RowName, gather_limits
 from qp_twist.qp import Level, LostDirection, QuadraticProgram, regular_rows
 
@@ -49,6 +49,7 @@ class PosedLevels:
         sigma_min: Smallest singular value of the first level's rows.
         lost: What singularities take from the first level.
         lower_lost: Whether a lower level has no room for some of its directions.
+        soft_bands: Rows of the soft bands of all tasks.
     """
 
     levels: list[Level]
@@ -58,6 +59,7 @@ class PosedLevels:
     sigma_min: float
     lost: tuple[LostDirection, ...]
     lower_lost: bool
+    soft_bands: list[BandRows]
 
     @property
     def equality(self) -> tuple[Array, Array]:
@@ -85,8 +87,9 @@ def pose_levels(
     tasks: list[list[TaskRows]] = []
     first, sigma_min, lower_lost = 1, np.inf, False
     lost: tuple[LostDirection, ...] = ()
+    soft_bands: list[BandRows] = []
     for index, items in enumerate(levels):
-        rows, G, g = _evaluate(items, configuration, dt, labels)
+        rows, G, g = _evaluate(items, configuration, dt, labels, soft_bands)
         A = np.vstack([np.zeros((0, nv)), *(r.A for r in rows)])
         b = np.concatenate([np.zeros(0), *(r.b for r in rows)])
         _check_speed("the tasks ask", b)
@@ -106,13 +109,20 @@ def pose_levels(
         if index == 0:
             first = len(posed)
         tasks.append(rows)
-    return PosedLevels(posed, first, labels, tasks, sigma_min, lost, lower_lost)
+    return PosedLevels(posed, first, labels, tasks, sigma_min, lost, lower_lost, soft_bands)
 
 
 def _evaluate(
-    items: Sequence[LevelItem], configuration: mink.Configuration, dt: float, labels: list[RowName]
+    items: Sequence[LevelItem],
+    configuration: mink.Configuration,
+    dt: float,
+    labels: list[RowName],
+    soft_bands: list[BandRows],
 ) -> tuple[list[TaskRows], Array, Array]:
-    """Rows of a level's tasks, and its inequality rows, whose names are added to ``labels``."""
+    """Rows of a level's tasks, and its inequality rows.
+
+    The names of the latter are added to ``labels``, the soft bands to ``soft_bands``.
+    """
     nv = configuration.model.nv
     rows: list[TaskRows] = []
     G, g = [np.zeros((0, nv))], [np.zeros(0)]
@@ -126,7 +136,9 @@ def _evaluate(
         elif isinstance(item, TwistTask):
             rows.append(TaskRows(*item.velocity_rows(configuration, dt)))
             for band in item.band_rows(configuration, dt):
-                if band.weight is None:
+                if band.weight is not None:
+                    soft_bands.append(band)
+                else:
                     G.append(band.rows)
                     g.append(band.bounds)
                     labels += [(band.label, "band")] * len(band.bounds)
@@ -196,10 +208,7 @@ def mink_objective(
 
 
 def with_soft_bands(
-    problem: QuadraticProgram,
-    tasks: Sequence[TwistTask],
-    configuration: mink.Configuration,
-    dt: float,
+    problem: QuadraticProgram, bands: Sequence[BandRows]
 ) -> tuple[QuadraticProgram, list[RowName]]:
     r"""The program with one slack ε ≥ 0 for each soft band, and the names of the rows added.
 
@@ -209,12 +218,6 @@ def with_soft_bands(
     The unknown is ε in units that give it a cost of the size of the others, whatever w: costs of
     one size are what the optimality of a result can be told by.
     """
-    bands = [
-        band
-        for task in tasks
-        for band in task.band_rows(configuration, dt)
-        if band.weight is not None
-    ]
     if not bands:
         return problem, []
     n, k = problem.n, len(bands)

@@ -112,12 +112,9 @@ class BlendingResolver(Resolver):
         """
         self.old, self.new, self.common = old, new, common
         self.task = common.task
+        self.limits = common.limits
         self.previous = previous
         self.ramp = ramp
-
-    def begin_waypoint(self, configuration: mink.Configuration, duration: float | None) -> None:
-        """Once for all three, since they share their limits."""
-        self.common.begin_waypoint(configuration, duration)
 
     def displacement(self, configuration: mink.Configuration, *, first: bool) -> Displacement:
         """The combination, or a correction of the common rows."""

@@ -149,19 +149,17 @@ def _corrected_start(
     """
     configuration = mink.Configuration(path_task.model, path_task.start)
     task.set_target(waypoint)
-    controller = Controller(path_task.model, [task])
+    controller = Controller(path_task.model, [task]) if holds_limits else None
     for _ in range(_START_ITERATIONS):
         if _reached(path_task, task, configuration):
             q: Array = configuration.q.copy()
             return q
-        state = task.state(configuration)
-        dq = (
-            controller.step(configuration, 1.0).velocity
-            if holds_limits
-            else closed_form.minimum_norm(
-                state.jacobian, state.projector, task.clamped(state.error)
-            )
-        )
+        if controller is not None:
+            dq = controller.step(configuration, 1.0).velocity
+        else:
+            state = task.state(configuration)
+            twist = task.clamped(state.error)
+            dq = closed_form.minimum_norm(state.jacobian, state.projector, twist)
         configuration.integrate_inplace(dq, 1.0)
     error = task.state(configuration).error
     raise InvalidInput(

@@ -48,18 +48,20 @@ class Resolver(abc.ABC):
 
     Attributes:
         task: The twist task whose target the caller sets, waypoint by waypoint.
+        limits: The limits that the method holds, shared by all resolvers of a run.
     """
 
     task: TwistTask
+    limits: WaypointLimits | None = None
 
     @abc.abstractmethod
     def displacement(self, configuration: mink.Configuration, *, first: bool) -> Displacement:
         """Displacement of one iteration; ``first``: the waypoint's first, with the secondary."""
 
-    def begin_waypoint(  # noqa: B027
-        self, configuration: mink.Configuration, duration: float | None
-    ) -> None:
+    def begin_waypoint(self, configuration: mink.Configuration, duration: float | None) -> None:
         """Called with the configuration at the last waypoint and the time to the next, s."""
+        if self.limits is not None:
+            self.limits.begin_waypoint(configuration, duration)
 
 
 class ClosedFormResolver(Resolver):
@@ -114,6 +116,8 @@ class ClosedFormResolver(Resolver):
 class SaturationResolver(Resolver):
     """Saturation in the null space: a closed form that holds position and velocity limits."""
 
+    limits: WaypointLimits
+
     def __init__(
         self,
         path_task: PathTask,
@@ -125,10 +129,6 @@ class SaturationResolver(Resolver):
         self.optimal = settings.optimal
         self.limits = limits
         self.names = JointRanges.of(path_task.model).names
-
-    def begin_waypoint(self, configuration: mink.Configuration, duration: float | None) -> None:
-        """The limits of a waypoint, for all resolvers that share them."""
-        self.limits.begin_waypoint(configuration, duration)
 
     def displacement(self, configuration: mink.Configuration, *, first: bool) -> Displacement:
         """The shortest step inside the limits, each widened to let its joint stand still.
@@ -158,6 +158,8 @@ class SaturationResolver(Resolver):
 class QpResolver(Resolver):
     """The constrained counterparts: the controller's QP with the task's limits."""
 
+    limits: WaypointLimits
+
     def __init__(
         self,
         path_task: PathTask,
@@ -183,10 +185,6 @@ class QpResolver(Resolver):
             metric=metric,
             limits=limits.limits,
         )
-
-    def begin_waypoint(self, configuration: mink.Configuration, duration: float | None) -> None:
-        """The limits of a waypoint, for all resolvers that share them."""
-        self.limits.begin_waypoint(configuration, duration)
 
     def displacement(self, configuration: mink.Configuration, *, first: bool) -> Displacement:
         """One step of the controller, over the whole duration of the waypoint."""

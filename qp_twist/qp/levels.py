@@ -146,14 +146,15 @@ class Cascade:
         with a positive multiplier are active in every optimal point: they are frozen, which keeps
         the levels below from degenerating.
         """
+        if not len(level.b) + len(level.g):
+            return
         C, d, origins = self.rows()
         p, k = self.basis.shape[1], len(level.g)
         # Rows of G are measured by their own lengths, so that long ones do not drown those of A.
         heavy = np.linalg.norm(level.G, axis=1)
+        size = float(np.linalg.norm(level.A, axis=1).max(initial=0.0))
+        size = size or float(heavy.max(initial=0.0))
         heavy[heavy == 0.0] = 1.0
-        size = float(np.linalg.norm(level.A, axis=1).max(initial=0.0)) or float(
-            np.linalg.norm(level.G, axis=1).max(initial=0.0)
-        )
         terms = size * (1.0 + np.abs(self.x).max(initial=0.0)) + np.abs(level.b).max(initial=0.0)
         violation = float(np.linalg.norm(level.violation(self.x)))
         dust = size * (_HELD * violation + _ROUNDING * float(terms))

@@ -10,6 +10,7 @@ import qpsolvers
 from qp_twist.checks import Array
 from qp_twist.qp.active_set import constrained_least_squares
 from qp_twist.qp.backend import RawSolution, solve_raw
+from qp_twist.qp.levels import Cascade
 from qp_twist.qp.problem import QuadraticProgram
 from qp_twist.qp.verification import Multipliers, infeasibility, proof_of_optimality
 
@@ -90,29 +91,32 @@ def verified(problem: QuadraticProgram, raw: RawSolution, solver: str) -> Verifi
     return proof if isinstance(proof, str) else Verified(x, solver, proof)
 
 
-def solve_from(
-    problem: QuadraticProgram, x: Array, basis: Array, solver: str
-) -> Verified | Refused:
-    r"""Solve ``problem`` on the points x + N z inside its bounds and rows, all of which satisfy A.
+def solve_within(problem: QuadraticProgram, cascade: Cascade, solver: str) -> Verified | Refused:
+    r"""Minimise the cost of ``problem`` on the points that a cascade of levels has left.
 
-    The program in z has no equality rows that could contradict each other by rounding, and z = 0
-    satisfies it. Where all backends fail, our own active-set method starts from there.
+    They are x + N z with C z ≤ d. The program in z has no equality rows that could contradict each
+    other by rounding, and z = 0 satisfies it. Where all backends fail, our own active-set method
+    starts from there.
 
     Args:
-        problem: The program; ``x`` satisfies its constraints.
-        x: The point, (n,).
-        basis: N, orthonormal, (n, p).
+        problem: The program; of it only the cost counts.
+        cascade: What the levels have left.
         solver: The backend to ask first.
+
+    Returns:
+        The result, with the multipliers of C z ≤ d.
     """
+    if not cascade.optimal:
+        return Refused(("a priority level ran out of iterations",), False)
+    x, basis = cascade.x, cascade.basis
     n, p = basis.shape
+    held = QuadraticProgram(
+        problem.H, problem.c, np.zeros((0, n)), np.zeros(0),
+        cascade.G, cascade.g, cascade.lower, cascade.upper,
+    )  # fmt: skip
     if p == 0:
-        return Verified(x, "levels", Multipliers.none(problem))
-    matrix = np.vstack([problem.G, np.eye(n), -np.eye(n)])
-    room = np.concatenate([problem.g - problem.G @ x, problem.upper - x, x - problem.lower])
-    rows = matrix @ basis
-    length = np.linalg.norm(rows, axis=1)
-    keep = np.isfinite(room) & (length > 1e-10 * np.linalg.norm(matrix, axis=1))
-    C, d = rows[keep] / length[keep, None], np.maximum(room[keep], 0.0) / length[keep]
+        return Verified(x, "levels", Multipliers.none(held))
+    C, d, _ = cascade.rows()
     H = basis.T @ problem.H @ basis
     none = np.full(p, np.inf)
     reduced = QuadraticProgram(
@@ -130,17 +134,11 @@ def solve_from(
         result = _by_active_set(reduced, result)
     if isinstance(result, Refused):
         return result
-    multipliers = np.zeros(len(room))
-    multipliers[keep] = result.multipliers.rows / length[keep]
-    k = len(problem.g)
-    lifted = Multipliers(
-        np.zeros(len(problem.b)), multipliers[:k], multipliers[k : k + n] - multipliers[k + n :]
-    )
-    moved = np.clip(x + basis @ result.x, problem.lower, problem.upper)
-    wrong = infeasibility(problem, moved)
+    moved = np.clip(x + basis @ result.x, cascade.lower, cascade.upper)
+    wrong = infeasibility(held, moved)
     if wrong:
         return Refused((*result.refused, f"{result.solver} returned {wrong}"), True)
-    return Verified(moved, result.solver, lifted, result.refused)
+    return replace(result, x=moved)
 
 
 def _by_active_set(problem: QuadraticProgram, before: Refused) -> Verified | Refused:

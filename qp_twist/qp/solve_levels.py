@@ -17,7 +17,7 @@ from qp_twist.qp.failures import InfeasibleStep, SolverInaccurate
 from qp_twist.qp.levels import Level, lexicographic
 from qp_twist.qp.problem import QuadraticProgram
 from qp_twist.qp.scaling import SCALE_BACKOFF, largest_scale
-from qp_twist.qp.solve import Refused, solve_from
+from qp_twist.qp.solve import Refused, solve_within
 
 OnInfeasible = Literal["scale", "relax", "raise"]
 
@@ -116,12 +116,9 @@ def solve_levels(
             cascade = lexicographic(parsed[:1], low, high, start)
     for level in parsed[1:]:
         cascade.minimise(level)
-    if not cascade.optimal:
-        raise SolverInaccurate("solve_levels: a level ran out of iterations.", problem)
-    held = replace(problem, A=np.zeros((0, n)), b=np.zeros(0), G=cascade.G, g=cascade.g)
-    result = solve_from(held, cascade.x, cascade.basis, solver)
+    result = solve_within(problem, cascade, solver)
     if isinstance(result, Refused):
-        raise SolverInaccurate(f"solve_levels: {'; '.join(result.says)}.", held)
+        raise SolverInaccurate(f"solve_levels: {'; '.join(result.says)}.", problem)
     return Solution(
         result.x,
         scale,
