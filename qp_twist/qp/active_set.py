@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -50,20 +51,21 @@ def constrained_least_squares(
     """
     z = z.copy()
     working: list[int] = []
+    basis = np.eye(len(z))
+    inverse = _inverse(B, smallest)
     free = np.ones(len(d), dtype=bool)
     degenerate = arrived = 0
     multipliers = np.zeros(len(d))
     dropped, back, best = -1, list[int](), np.inf
+    residual, sizes = r - B @ z, np.abs(B)
     for _ in range(50 + 20 * (len(d) + len(z))):
-        basis = _complement(C[working], len(z))
-        step = basis @ _shortest(B @ basis, r - B @ z, smallest)
-        size = 1.0 + float(np.abs(z).max(initial=0.0))
+        step = inverse @ residual
         # A second full step only refines the first; where B is ill-conditioned its length is
         # rounding, and would never be short enough.
-        if arrived > 1 or float(np.abs(step).max(initial=0.0)) <= _STILL * size:
+        if arrived > 1 or _length(step) <= _STILL * (1.0 + _length(z)):
             if not working:
                 return ActiveSetResult(z, multipliers, True)
-            gradient = B.T @ (r - B @ z)
+            gradient = B.T @ residual
             values = np.linalg.lstsq(C[working].T, gradient, rcond=None)[0]
             negative = values < -_SIGN_TOLERANCE * (1.0 + np.abs(gradient).max())
             wrong = np.flatnonzero(negative & ~np.isin(working, back))
@@ -79,6 +81,8 @@ def constrained_least_squares(
             dropped = working.pop(int(drop))
             free[dropped] = True
             arrived = 0
+            basis = _complement(C[working], len(z))
+            inverse = basis @ _inverse(B @ basis, smallest)
             continue
         length, blocking = _longest(C, d, z, step, free)
         degenerate = degenerate + 1 if length == 0.0 else 0
@@ -86,8 +90,9 @@ def constrained_least_squares(
         arrived += 1
         # The step leads away from a row with a negative multiplier, and down. Where it does not,
         # the multiplier was rounding, and the row is not dropped again before there is progress.
-        now = float(np.linalg.norm(B @ z - r))
-        if now < best - _LOST * float(np.linalg.norm(np.abs(B) @ np.abs(z) + np.abs(r))):
+        residual = r - B @ z
+        now = _length(residual)
+        if now < best - _LOST * _length(sizes @ np.abs(z) + np.abs(r)):
             best = now
             back.clear()
         elif dropped >= 0 and (length > 0.0 or blocking == dropped):
@@ -97,6 +102,8 @@ def constrained_least_squares(
             arrived = 0
             working.append(blocking)
             free[blocking] = False
+            basis = _without(basis, C[blocking])
+            inverse = basis @ _inverse(B @ basis, smallest)
     return ActiveSetResult(z, multipliers, False)
 
 
@@ -117,12 +124,23 @@ def _complement(rows: Array, n: int) -> Array:
     return complement
 
 
-def _shortest(B: Array, r: Array, smallest: float) -> Array:
-    """The minimum-norm least-squares solution of B y = r."""
+def _without(basis: Array, row: Array) -> Array:
+    """The part of the span of ``basis`` (n, p) that ``row`` (n,) does not see, (n, p − 1).
+
+    A reflection takes what the basis sees of the row to its first column, which is left out.
+    """
+    seen = row @ basis
+    seen[0] += math.copysign(math.sqrt(seen @ seen), seen[0])
+    reflected: Array = basis[:, 1:] - np.outer(basis @ seen, (2.0 / (seen @ seen)) * seen[1:])
+    return reflected
+
+
+def _inverse(B: Array, smallest: float) -> Array:
+    """The pseudoinverse: its product with r is the shortest least-squares solution of B y = r."""
     left, sigma, right = np.linalg.svd(B, full_matrices=False)
     keep = sigma > smallest
-    shortest: Array = right[keep].T @ ((left[:, keep].T @ r) / sigma[keep])
-    return shortest
+    inverse: Array = right[keep].T @ (left[:, keep] / sigma[keep]).T
+    return inverse
 
 
 def _longest(
@@ -130,11 +148,15 @@ def _longest(
 ) -> tuple[float, int | None]:
     """Share of ``step`` that C z ≤ d allows, at most 1, and the row that stops it."""
     speed = C @ step
-    ahead = np.flatnonzero(free & (speed > _STILL * np.abs(step).max()))
+    room = np.maximum(d - C @ z, 0.0)
+    # Comparing room with speed first spares the division for most rows.
+    ahead = np.flatnonzero(free & (speed > _STILL * _length(step)) & (room < speed))
     if not len(ahead):
         return 1.0, None
-    room = np.maximum(d[ahead] - C[ahead] @ z, 0.0) / speed[ahead]
-    first = int(np.argmin(room))
-    if room[first] >= 1.0:
-        return 1.0, None
-    return float(room[first]), int(ahead[first])
+    share = room[ahead] / speed[ahead]
+    first = int(share.argmin())
+    return float(share[first]), int(ahead[first])
+
+
+def _length(vector: Array) -> float:
+    return math.sqrt(vector @ vector)

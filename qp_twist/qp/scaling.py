@@ -54,10 +54,11 @@ def largest_scale(problem: QuadraticProgram) -> LargestScale | None:
     hard = Level(none, none[:, 0], rows, problem.g)
     aim = Level(np.eye(n + 1)[n:], np.array([speed]), none, none[:, 0])
     levels = [level for level in (hard, task) if len(level.b) + len(level.g)]
-    found = lexicographic(
-        [*levels, aim], np.append(problem.lower, 0.0), np.append(problem.upper, speed)
-    )
-    if not found.optimal or not all(level.met(found.x) for level in levels):
+    found = lexicographic(levels, np.append(problem.lower, 0.0), np.append(problem.upper, speed))
+    if not all(level.met(found.x) for level in levels):
+        return None
+    found.minimise(aim)
+    if not found.optimal:
         return None
     scale = float(found.x[n]) / speed
     if scale >= 1.0 - 1e-12:
