@@ -138,9 +138,19 @@ class Projector:
             InvalidInput: If it is not a matrix (3, 3), or not one that turns.
         """
         rotation = finite_array("rotation", rotation, (3, 3))
+        turned = self.turned(rotation)
+        turned.__post_init__()
+        return turned
+
+    def turned(self, rotation: Array) -> Projector:
+        """:meth:`rotated` without its checks, for the rotation of a frame at every step."""
         if self.axis is None:
             return self
-        return Projector(self.kind, rotation @ self.basis, rotation @ self.axis)
+        turned = object.__new__(Projector)
+        turned.__dict__.update(
+            kind=self.kind, basis=rotation @ self.basis, axis=rotation @ self.axis
+        )
+        return turned
 
     def __repr__(self) -> str:
         argument = "" if self.axis is None else str(np.round(self.axis, 6).tolist())

@@ -36,7 +36,7 @@ def geodesic(start: Array, end: Array) -> Array:
     # start × end, from a difference that is exact for nearly equal or opposite vectors: the plain
     # product's rounding would turn the axis out of the plane perpendicular to both.
     normal = cross(start, end - start if cosine > 0.0 else end + start)
-    sine = float(np.linalg.norm(normal))
+    sine = math.hypot(*normal.tolist())
     if sine < 1e-12:
         return normal if cosine > 0.0 else math.pi * perpendicular(start)
     vector: Array = normal * (math.atan2(sine, cosine) / sine)
@@ -144,7 +144,7 @@ def resolved_twist_error(
     moves_with_body: bool,
 ) -> Array:
     """:func:`twist_error` for a projector that has been resolved in the world already, (6,)."""
-    linear = world.linear.matrix @ (target_position - position)
+    linear = world.linear.basis @ (world.linear.basis.T @ (target_position - position))
     angular = angular_error(
         rotation, target_rotation, world.angular, moves_with_body=moves_with_body
     )

@@ -134,6 +134,18 @@ class TwistProjector:
             linear=self.linear.rotated(rotation), angular=self.angular.rotated(rotation)
         )
 
+    def in_world(self, body: Array, target: Array) -> TwistProjector:
+        """:meth:`resolved` without its checks, for the rotations of a task at every step."""
+        if self.frame == "world":
+            return self
+        rotation = body if self.frame == "body" else target
+        world = object.__new__(TwistProjector)
+        world.__dict__.update(
+            linear=self.linear.turned(rotation), angular=self.angular.turned(rotation),
+            frame="world",
+        )  # fmt: skip
+        return world
+
 
 def task_redundancy(operational: TwistProjector, task: TwistProjector) -> int:
     r"""Redundancy of a task, r_t = rank(T_O) − rank(T_T) (paper, section 4).

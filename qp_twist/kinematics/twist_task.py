@@ -182,7 +182,7 @@ class TwistTask(mink.Task):
             mink.InvalidFrame: If the model has no such frame.
         """
         pair = self._pair(configuration)
-        world = self.projector.resolved(body=pair.rotation, target=pair.target_rotation)
+        world = self.projector.in_world(pair.rotation, pair.target_rotation)
         error = resolved_twist_error(
             pair.rotation,
             pair.position,
@@ -284,6 +284,8 @@ class TwistTask(mink.Task):
         if self.target is None:
             raise mink.TargetNotSet(self.name)
         rotation, position = frame_pose(configuration, self.frame_name, self.frame_type)
+        if not math.isfinite(rotation.sum() + position.sum()):
+            raise InvalidInput(f"{self.name}: the pose of the frame is not finite; check q.")
         return FramePair(
             rotation, position, self._target_rotation, self._target_position, self.feedforward
         )
