@@ -16,6 +16,7 @@ from .errors import TaskFileError as TaskFileError
 from .errors import UnknownSolver as UnknownSolver
 from .following import Trajectory as Trajectory
 from .following import follow as follow
+from .following import plan as plan
 from .geometry import Projector as Projector
 from .geometry import TwistProjector as TwistProjector
 from .geometry import task_redundancy as task_redundancy
@@ -42,6 +43,8 @@ from .path import METHODS as METHODS
 from .path import PathTask as PathTask
 from .path import Segment as Segment
 from .path import load_task as load_task
+from .planning import Certificate as Certificate
+from .planning import Plan as Plan
 from .qp import InfeasibleStep as InfeasibleStep
 from .qp import LostDirection as LostDirection
 from .qp import NoSolutionFound as NoSolutionFound

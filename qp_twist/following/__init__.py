@@ -1,5 +1,6 @@
 """A method along a path."""
 
 from .follow import follow as follow
+from .planned import plan as plan
 from .trajectory import Trajectory as Trajectory
 from .trajectory import write_atomically as write_atomically

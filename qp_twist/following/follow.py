@@ -80,7 +80,9 @@ def follow(
     resolvers = resolvers_along(path_task, waypoints, method, settings, solver)
     configuration = mink.Configuration(
         path_task.model,
-        _corrected_start(path_task, resolvers[0].task, waypoints[0], kind.holds_limits),
+        corrected_start(
+            path_task, waypoints[0], task=resolvers[0].task, holds_limits=kind.holds_limits
+        ),
     )
     recorder = _Recorder(path_task)
     recorder.add(configuration, waypoints[0])
@@ -140,13 +142,16 @@ def _reached(path_task: PathTask, task: TwistTask, configuration: mink.Configura
     )
 
 
-def _corrected_start(
-    path_task: PathTask, task: TwistTask, waypoint: mink.SE3, holds_limits: bool
+def corrected_start(
+    path_task: PathTask, waypoint: mink.SE3, *, holds_limits: bool, task: TwistTask | None = None
 ) -> Array:
     """The start moved onto the first waypoint by the shortest steps in the method's own rows.
 
-    A method that holds the limits holds them here too; the others know nothing of them.
+    Those of the path if ``task`` is ``None``. A method that holds the limits holds them here too;
+    the others know nothing of them.
     """
+    if task is None:
+        task = twist_task(path_task, path_task.in_force[0])
     configuration = mink.Configuration(path_task.model, path_task.start)
     task.set_target(waypoint)
     controller = Controller(path_task.model, [task]) if holds_limits else None

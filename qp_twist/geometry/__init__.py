@@ -1,5 +1,6 @@
 """Projectors and twist errors: pure functions of arrays."""
 
+from .many_errors import many_twist_errors as many_twist_errors
 from .projector import Projector as Projector
 from .projector import ProjectorKind as ProjectorKind
 from .twist_error import angular_error as angular_error

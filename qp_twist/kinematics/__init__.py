@@ -7,10 +7,12 @@ from .free_twist_cost import FreeTwistCost as FreeTwistCost
 from .joint_centering import JointCentering as JointCentering
 from .joint_ranges import JointRanges as JointRanges
 from .manipulability import Manipulability as Manipulability
+from .ortho_parallel import OrthoParallelArm as OrthoParallelArm
 from .posture_reference import PostureReference as PostureReference
 from .roll_band import RollBand as RollBand
 from .secondary import SecondaryObjective as SecondaryObjective
 from .secondary import total_displacement as total_displacement
+from .serial_chain import SerialChain as SerialChain
 from .slab_band import BoxBand as BoxBand
 from .slab_band import SlabBand as SlabBand
 from .tolerance_band import BandRows as BandRows

@@ -1,0 +1,15 @@
+"""Three plans of the planar line, and why there is none within narrower limits."""
+
+import numpy as np
+
+import qp_twist as qt
+
+task = qt.load_task("planar_line")
+for objective, unit in (("centering", "mean z"), ("travel", "degrees"), ("margin", "degrees")):
+    plan = qt.plan(task, objective)
+    print(f"{objective:<9} {plan.value:7.4f} {unit}, bound {plan.bound:7.4f}")
+
+task.model.joint("joint_2").range = np.radians([0.0, 30.0])
+print("with joint_2 up to 30°:", qt.plan(task).certificate)
+task.model.joint("joint_2").range = np.radians([0.0, 90.0])
+print("with steps of 0.3°:", qt.plan(task, max_step_deg=0.3).certificate)

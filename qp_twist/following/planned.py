@@ -1,0 +1,95 @@
+"""The plan of a path: the search over all branches, helped by methods that go step by step."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Mapping, Sequence
+
+import numpy as np
+import numpy.typing as npt
+
+from qp_twist.checks import Array, finite_array, instance
+from qp_twist.errors import InvalidInput
+from qp_twist.following.follow import corrected_start, follow
+from qp_twist.path import PathTask, check_method
+from qp_twist.planning import Plan, make_plan
+
+SEEDS = ("qp_gradient", "qp_minimum_norm")
+"""Methods whose trajectories the search may start from."""
+
+
+def plan(
+    path_task: PathTask,
+    objective: str | Mapping[str, float] = "centering",
+    start: npt.ArrayLike | None = None,
+    max_step_deg: float | None = None,
+    *,
+    seeds: Sequence[str] = SEEDS,
+    progress: Callable[[str, float], None] | None = None,
+) -> Plan:
+    r"""Plan the whole joint motion along a path: the best over all branches, turns and rolls.
+
+    A method that goes step by step walks into corners. This looks at the whole path: layers of all
+    configurations at its waypoints (on a grid of what the task leaves free), the best way through
+    them by dynamic programming, from coarse to fine, and quadratic programs over all waypoints at
+    once that move the way off the grid:
+
+    .. math::
+
+        \min_{\mathbf q_1 \dots \mathbf q_N} f(\mathbf q_1 \dots \mathbf q_N) \quad\text{s.t.}\quad
+        \mathbf U^T\Delta\mathbf t(\mathbf q_k) = 0,\quad
+        \boldsymbol\theta_{min} \le \mathbf q_k \le \boldsymbol\theta_{max},\quad
+        |\mathbf q_{k+1} - \mathbf q_k| \le \mathbf s_k,
+
+    with **s** from the task's speed limits and clock, ``max_step_deg`` and, where neither says
+    anything, 15°. Acceleration limits hold between the waypoints, too. The layers have the
+    closed-form inverse kinematics where the arm has one, else nets of its self-motion manifolds
+    grown from random seeds. Hard tolerance bands narrow them.
+
+    Args:
+        path_task: The task, from :func:`~qp_twist.load_task`.
+        objective: ``"centering"``: the least mean z; ``"travel"``: the least sum of all joint
+            displacements; ``"margin"``: the largest distance from the limits, in the worst joint at
+            the worst waypoint; or weights of the first two, e.g.
+            ``{"centering": 1.0, "travel": 0.001}``.
+        start: The first configuration, (nq,), corrected onto the first waypoint; free if ``None``.
+        max_step_deg: Largest displacement of a joint between two waypoints, degrees; a slide's
+            metre counts as a radian.
+        seeds: Methods whose trajectories are improved as well. They find passages near a
+            singularity that are narrower than the grid.
+        progress: Called with what is being done and the share of it that is done.
+
+    Returns:
+        A plan with its motion, value, bound and certificate. Where there is no motion the
+        certificate says why; nothing is raised.
+
+    Raises:
+        InvalidInput: If an argument is wrong, or the start cannot be corrected.
+
+    Example:
+        >>> import qp_twist as qt
+        >>> plan = qt.plan(qt.load_task("planar_line"))
+        >>> print(f"{plan.value:.4f} (bound {plan.bound:.4f}): {plan.certificate}")
+        0.0522 (bound 0.0522): there is a motion inside all limits (rolls 7.5° apart, joints 15°).
+    """
+    instance("plan(path_task, …)", path_task, PathTask)
+    first: Array | None = None
+    if start is not None:
+        first = finite_array("start", start, (path_task.model.nq,))
+        path_task = dataclasses.replace(path_task, start=first)
+        first = corrected_start(path_task, path_task.waypoints[0], holds_limits=True)
+    laps = [lap for name in seeds if (lap := _lap(path_task, check_method(name))) is not None]
+    if first is not None:
+        laps = [np.vstack([first[None], lap[1:]]) for lap in laps]
+    return make_plan(path_task, objective, first, max_step_deg, laps, progress)
+
+
+def _lap(path_task: PathTask, method: str) -> Array | None:
+    """A method's joint path; ``None`` where it has none on the path."""
+    try:
+        trajectory = follow(path_task, method)
+    except InvalidInput:  # its start cannot be corrected
+        return None
+    arrived = trajectory.diverged_at is None and not trajectory.failure
+    on_path = trajectory.position_error.max() < 1e-2 and trajectory.axis_error.max() < 1e-1
+    return trajectory.q if arrived and on_path else None

@@ -1,0 +1,157 @@
+"""Poses and Jacobians of a frame for many configurations at once."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import mink
+import mujoco
+import numpy as np
+
+from qp_twist.checks import Array, instance
+from qp_twist.errors import InvalidInput
+from qp_twist.kinematics.frame import frame_pose
+from qp_twist.kinematics.joint_ranges import JointRanges
+
+
+class Screw(NamedTuple):
+    """A joint as it stands in the world at the model's reference configuration."""
+
+    axis: Array
+    """Direction of the axis, (3,)."""
+    anchor: Array
+    """A point on it, m, (3,)."""
+    dof: int
+    """Its degree of freedom."""
+    slides: bool
+    """Whether it slides."""
+    reference: float
+    """Its coordinate there, rad or m."""
+
+
+@dataclass(frozen=True, eq=False)
+class SerialChain:
+    r"""The hinges and slides between the world and a frame, as a product of exponentials.
+
+    .. math:: \mathbf x(\mathbf q) = e^{[\xi_1](q_1 - q_1^0)} \cdots e^{[\xi_n](q_n - q_n^0)}
+        \,\mathbf x(\mathbf q^0)
+
+    with the screws ξ of the joints at the reference configuration :math:`\mathbf q^0` (Lynch and
+    Park, *Modern Robotics*, section 4.1). MuJoCo evaluates one configuration after the other; this
+    evaluates arrays of them, with the same results to rounding.
+
+    Attributes:
+        screws: The joints that move the frame, from the world on.
+        rotation: The frame at the reference configuration, (3, 3).
+        position: Its origin there, m, (3,).
+        nv: Number of degrees of freedom of the model; those that do not move the frame have
+            columns of zeros.
+        qpos: Address in q of each screw's coordinate.
+    """
+
+    screws: tuple[Screw, ...]
+    rotation: Array
+    position: Array
+    nv: int
+    qpos: tuple[int, ...]
+
+    @classmethod
+    def of(cls, model: mujoco.MjModel, frame_name: str | int, frame_type: str) -> SerialChain:
+        """Read the chain from a model.
+
+        Raises:
+            InvalidInput: If a ball or free joint moves the frame.
+            mink.InvalidFrame: If the model has no such frame.
+        """
+        instance("model", model, mujoco.MjModel)
+        configuration = mink.Configuration(model, model.qpos0)
+        data = configuration.data
+        rotation, position = frame_pose(configuration, frame_name, frame_type)
+        ranges = JointRanges.of(model)
+        screws = []
+        for dof in _dofs_above(model, frame_name, frame_type):
+            joint = int(model.dof_jntid[dof])
+            if ranges.qpos[dof] < 0:
+                raise InvalidInput(
+                    f"SerialChain: {ranges.names[dof]!r}, which moves the frame {frame_name!r}, is "
+                    "a ball or free joint; only chains of hinges and slides are taken."
+                )
+            screws.append(
+                Screw(
+                    data.xaxis[joint].copy(),
+                    data.xanchor[joint].copy(),
+                    dof,
+                    not bool(ranges.hinge[dof]),
+                    float(model.qpos0[ranges.qpos[dof]]),
+                )
+            )
+        qpos = tuple(int(ranges.qpos[screw.dof]) for screw in screws)
+        return cls(tuple(screws), rotation, position, int(model.nv), qpos)
+
+    def poses(self, q: Array) -> tuple[Array, Array]:
+        """Rotations (K, 3, 3) and origins (K, 3) of the frame at configurations q (K, nq)."""
+        rotation, position, _ = self._walk(q)
+        return rotation @ self.rotation, position + rotation @ self.position
+
+    def poses_and_jacobians(self, q: Array) -> tuple[Array, Array, Array]:
+        """:meth:`poses`, and world-aligned Jacobians (linear, angular) of the frame, (K, 6, nv)."""
+        rotation, position, axes = self._walk(q)
+        origin = position + rotation @ self.position
+        jacobians = np.zeros((len(q), 6, self.nv))
+        for screw, (axis, anchor) in zip(self.screws, axes, strict=True):
+            if screw.slides:
+                jacobians[:, :3, screw.dof] = axis
+            else:
+                jacobians[:, :3, screw.dof] = cross_rows(axis, origin - anchor)
+                jacobians[:, 3:, screw.dof] = axis
+        return rotation @ self.rotation, origin, jacobians
+
+    def _walk(self, q: Array) -> tuple[Array, Array, list[tuple[Array, Array]]]:
+        """The product of the exponentials, and each joint's axis and anchor on the way."""
+        rotation = np.broadcast_to(np.eye(3), (len(q), 3, 3))
+        position = np.zeros((len(q), 3))
+        axes = []
+        for screw, address in zip(self.screws, self.qpos, strict=True):
+            travel = q[:, address] - screw.reference
+            axis, anchor = rotation @ screw.axis, rotation @ screw.anchor + position
+            axes.append((axis, anchor))
+            if screw.slides:
+                position = position + travel[:, None] * axis
+            else:
+                rotation = rotation @ turns(screw.axis, travel)
+                position = anchor - rotation @ screw.anchor
+        return rotation, position, axes
+
+
+def turns(axis: Array, angles: Array) -> Array:
+    """Rotations (K, 3, 3) about one unit ``axis`` (3,) by ``angles`` (K,), rad."""
+    x, y, z = axis
+    skew = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    sine, versine = np.sin(angles)[:, None, None], 2.0 * np.sin(0.5 * angles)[:, None, None] ** 2
+    rotations: Array = np.eye(3) + sine * skew + versine * (skew @ skew)
+    return rotations
+
+
+def cross_rows(a: Array, b: Array) -> Array:
+    """a × b row by row, (K, 3); a fifth of the time that numpy's own takes."""
+    product = np.empty(np.broadcast_shapes(a.shape, b.shape))
+    product[..., 0] = a[..., 1] * b[..., 2] - a[..., 2] * b[..., 1]
+    product[..., 1] = a[..., 2] * b[..., 0] - a[..., 0] * b[..., 2]
+    product[..., 2] = a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
+    return product
+
+
+def _dofs_above(model: mujoco.MjModel, frame_name: str | int, frame_type: str) -> list[int]:
+    """Degrees of freedom between the world and a frame, from the world on."""
+    body = {
+        "body": lambda: model.body(frame_name).id,
+        "site": lambda: model.site(frame_name).bodyid[0],
+        "geom": lambda: model.geom(frame_name).bodyid[0],
+    }[frame_type]()
+    dofs: list[int] = []
+    while body > 0:
+        first, count = int(model.body_dofadr[body]), int(model.body_dofnum[body])
+        dofs = [*range(first, first + count), *dofs]
+        body = int(model.body_parentid[body])
+    return dofs

@@ -1,0 +1,7 @@
+"""Plans of a whole path: what is possible at every waypoint, and the best way through it."""
+
+from .certificate import Certificate as Certificate
+from .plan import Plan as Plan
+from .plan import make_plan as make_plan
+from .roadmap import Grid as Grid
+from .roadmap import Roadmap as Roadmap

@@ -1,0 +1,67 @@
+"""Why there is a plan, or none."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+from qp_twist.planning.roadmap import Grid
+
+_SHOWN = 8
+
+
+@dataclass(frozen=True)
+class Certificate:
+    """What a search has shown.
+
+    Attributes:
+        kind: ``"path"``: there is a motion; ``"unreachable"``: waypoints that the arm does not
+            reach; ``"limits"``: waypoints with no configuration inside the joint limits;
+            ``"speed"``: two waypoints between which every connection breaks the speed limits.
+        waypoints: Those waypoints, counted from 1.
+        joints: The joints that forbid it.
+        grid: At which grid it was looked for.
+        covered: Whether the layers hold all configurations to the grid's spacing; where a task
+            leaves more than two degrees free they do not, and "none" means "none was found".
+        detail: How near the search came, where the grid has a motion that the limits do not allow.
+    """
+
+    kind: Literal["path", "unreachable", "limits", "speed"]
+    grid: Grid
+    waypoints: tuple[int, ...] = ()
+    joints: tuple[str, ...] = ()
+    covered: bool = True
+    detail: str = ""
+
+    def __str__(self) -> str:
+        where = _listed(self.waypoints)
+        joints = " and ".join(self.joints)
+        match self.kind:
+            case "path":
+                text = "there is a motion inside all limits"
+            case "unreachable":
+                text = f"the arm does not reach {where} in any configuration"
+            case "limits":
+                text = f"no configuration at {where} is inside the limits"
+                text += f"; forbidden by {joints}" if joints else ""
+            case "speed" if not self.detail:
+                text = f"between {where} every connection breaks the speed limits"
+                text += f", of {joints} at least" if joints else ""
+            case "speed":
+                text = "no motion was found that keeps the speed limits"
+        text += f" ({self.grid})"
+        if self.detail:
+            text += f"; {self.detail}"
+        if not self.covered:
+            text += "; more than two degrees are free there, so that this is no proof"
+        return text + "."
+
+
+def _listed(waypoints: tuple[int, ...]) -> str:
+    if len(waypoints) == 1:
+        return f"waypoint {waypoints[0]}"
+    shown = ", ".join(str(w) for w in waypoints[:_SHOWN])
+    more = f" and {len(waypoints) - _SHOWN} more" if len(waypoints) > _SHOWN else ""
+    if len(waypoints) == 2:
+        shown = f"{waypoints[0]} and {waypoints[1]}"
+    return f"waypoints {shown}{more}"

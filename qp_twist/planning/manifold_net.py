@@ -1,0 +1,155 @@
+"""Layers of any arm of hinges and slides: self-motion manifolds, covered from random seeds."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import KDTree
+
+from qp_twist.checks import Array
+from qp_twist.kinematics import JointRanges, ToleranceBand
+from qp_twist.kinematics.tolerance_band import FramePair
+from qp_twist.path import PathTask
+from qp_twist.planning.layer import TURN, Layer, centred, inside_limits
+from qp_twist.planning.path_rows import Indices, Mask, PathRows
+
+SEEDS = 300
+"""Random configurations from which a waypoint's manifolds are looked for."""
+COVERED = 2
+"""Free degrees up to which manifolds are covered; beyond, only what was found before is carried."""
+_THIN = 0.6
+"""Nodes nearer than this share of the spacing are one."""
+_MOST = 20_000
+"""Nodes of a waypoint."""
+_WITHIN = 1e-9
+"""Excess over a limit or band that is rounding, rad or m."""
+
+
+class ManifoldNet:
+    """Self-motion manifolds inside the limits, as nets of configurations.
+
+    Newton's method brings random configurations onto the task; from each of them the net grows in
+    steps along the null space of the task rows until it meets itself or a limit. A manifold on
+    which no seed falls is not found. Where the task leaves more than two degrees free the net would
+    be too large: there the configurations of the layer before are carried over.
+
+    Attributes:
+        spacing: Between neighbours, rad or m in joint space.
+    """
+
+    def __init__(
+        self, path_task: PathTask, rows: PathRows, spacing: float, *, seed: int = 0
+    ) -> None:
+        self.path_task = path_task
+        self.rows = rows
+        self.spacing = spacing
+        self.ranges = JointRanges.of(path_task.model)
+        width = self.ranges.upper - self.ranges.lower
+        #: Joints whose position matters up to whole turns only.
+        self._period = np.where(self.ranges.hinge & ~(width < TURN), TURN, 0.0)
+        self._rng = np.random.default_rng(seed)
+        self._bands: tuple[ToleranceBand, ...] = tuple(
+            band for band in path_task.bands if band.weight is None
+        )
+
+    def layer(self, index: int, before: Layer | None = None) -> Layer:
+        """The configurations at a waypoint; those of the layer before it help to find them."""
+        seeds = self._random(SEEDS)
+        if before is not None:
+            seeds = np.vstack([centred(before.q, self.ranges), seeds])
+        q, arrived = self.rows.correct(seeds, np.full(len(seeds), index))
+        q = centred(q[arrived], self.ranges)
+        solutions = len(q)
+        if not solutions:
+            return inside_limits(q, np.zeros(0, dtype=np.intp), np.zeros(0), self.ranges)
+        nodes = self._thinned(q[self._inside(q, index)], None)
+        if not len(nodes):
+            return inside_limits(q, np.zeros(len(q), dtype=np.intp), np.zeros(len(q)), self.ranges)
+        freedom = int(self.rows.freedom[index])
+        if 0 < freedom <= COVERED:
+            nodes = self._grown(nodes, index, freedom)
+        return inside_limits(nodes, self._components(nodes), np.full(len(nodes), np.nan),
+                             self.ranges)  # fmt: skip
+
+    def _random(self, count: int) -> Array:
+        lower, upper = self.ranges.lower, self.ranges.upper
+        slide = np.where(np.isfinite(lower), lower, -1.0), np.where(np.isfinite(upper), upper, 1.0)
+        free = ~np.isfinite(upper - lower) & self.ranges.hinge
+        return self._rng.uniform(
+            np.where(free, -np.pi, slide[0]), np.where(free, np.pi, slide[1]), (count, len(lower))
+        )
+
+    def _grown(self, nodes: Array, index: int, freedom: int) -> Array:
+        directions = _directions(freedom)
+        frontier = nodes
+        while len(frontier) and len(nodes) < _MOST:
+            at = np.full(len(frontier), index)
+            basis = self.rows.motions(frontier, at).basis[:, :, :freedom]
+            ahead = frontier[:, None] + self.spacing * (directions @ basis.transpose(0, 2, 1))
+            ahead = ahead.reshape(-1, nodes.shape[1])
+            start = np.repeat(frontier, len(directions), axis=0)
+            found, arrived = self.rows.correct(ahead, np.full(len(ahead), index), iterations=8)
+            near = np.linalg.norm(found - start, axis=1) < 2.0 * self.spacing
+            found = centred(found[arrived & near], self.ranges)
+            frontier = self._thinned(found[self._inside(found, index)], nodes)
+            nodes = np.vstack([nodes, frontier])
+        return nodes
+
+    def _thinned(self, q: Array, others: Array | None) -> Array:
+        """Those of q (K, nv) that are not too near to each other or to ``others``."""
+        radius = _THIN * self.spacing
+        if others is not None and len(q):
+            distance, _ = self._tree(others).query(self._in_box(q), distance_upper_bound=radius)
+            q = q[~np.isfinite(distance)]
+        if not len(q):
+            return q
+        taken = np.zeros(len(q), dtype=bool)
+        kept = []
+        neighbours = self._tree(q).query_ball_point(self._in_box(q), radius)
+        for number, near in enumerate(neighbours):
+            if not taken[number]:
+                kept.append(number)
+                taken[near] = True
+        return q[kept]
+
+    def _components(self, q: Array) -> Indices:
+        """Which manifold each configuration is on, by who is whose neighbour."""
+        pairs = self._tree(q).query_pairs(2.0 * self.spacing, output_type="ndarray")
+        graph = coo_matrix((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), (len(q), len(q)))
+        labels: Indices = connected_components(graph, directed=False)[1].astype(np.intp)
+        return labels
+
+    def _inside(self, q: Array, index: int) -> Mask:
+        """Which configurations are inside the limits, turns not counted, and the hard bands."""
+        at = centred(q, self.ranges)
+        within = (at >= self.ranges.lower) & (at <= self.ranges.upper)
+        inside: Mask = np.logical_and.reduce(within, axis=1)
+        if self._bands:
+            inside = inside & self._in_bands(q, index)
+        return inside
+
+    def _in_bands(self, q: Array, index: int) -> Mask:
+        waypoint = self.path_task.waypoints[index]
+        target, goal = waypoint.rotation().as_matrix(), waypoint.translation()
+        pairs = (
+            FramePair(rotation, position, target, goal, np.zeros(6))
+            for rotation, position in zip(*self.rows.chain.poses(q), strict=True)
+        )
+        return np.array([all(b.excess(pair) <= _WITHIN for b in self._bands) for pair in pairs])
+
+    def _in_box(self, q: Array) -> Array:
+        period = np.where(self._period > 0.0, self._period, 1.0)
+        boxed: Array = np.where(self._period > 0.0, np.mod(q, period), q)
+        return boxed
+
+    def _tree(self, q: Array) -> KDTree:
+        return KDTree(self._in_box(q), boxsize=self._period)
+
+
+def _directions(freedom: int) -> Array:
+    """Where a net grows: unit vectors in the null space, (M, freedom)."""
+    if freedom == 1:
+        return np.array([[1.0], [-1.0]])
+    around = np.radians(60.0) * np.arange(6)
+    return np.column_stack([np.cos(around), np.sin(around)])

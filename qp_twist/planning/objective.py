@@ -1,0 +1,95 @@
+"""What a plan is best in."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from qp_twist.checks import Array, number
+from qp_twist.errors import InvalidInput
+from qp_twist.kinematics import JointRanges
+
+OBJECTIVES = ("centering", "travel", "margin")
+
+
+@dataclass(frozen=True, eq=False)
+class Objective:
+    r"""A measure of a joint path :math:`\mathbf q_1 \dots \mathbf q_N`.
+
+    .. math::
+
+        \text{centering: } \frac1N\sum_k z(\mathbf q_k), \quad
+        \text{travel: } \sum_k\sum_j |\theta_{k+1,j} - \theta_{k,j}|, \quad
+        \text{margin: } \min_k\min_j \min(\theta_{k,j} - \theta_{min,j},
+        \theta_{max,j} - \theta_{k,j})
+
+    The first two are made small, or a sum of them with weights; the margin is made large. Travel
+    and margin count in degrees; a slide's metre counts as a radian.
+
+    Attributes:
+        ranges: Of the joints.
+        centering: Weight of the mean z.
+        travel: Weight of the travel, 1/degree.
+        margin: Whether it is the margin instead.
+    """
+
+    ranges: JointRanges
+    centering: float = 0.0
+    travel: float = 0.0
+    margin: bool = False
+
+    @classmethod
+    def of(cls, ranges: JointRanges, objective: str | Mapping[str, float]) -> Objective:
+        """Read an objective: its name, or weights of centering and travel.
+
+        Raises:
+            InvalidInput: If it is neither.
+        """
+        if isinstance(objective, str) and objective in OBJECTIVES:
+            return cls(
+                ranges,
+                centering=float(objective == "centering"),
+                travel=float(objective == "travel"),
+                margin=objective == "margin",
+            )
+        if isinstance(objective, Mapping) and objective and set(objective) <= set(OBJECTIVES[:2]):
+            weights = {
+                name: number(f"objective[{name!r}]", weight, at_least=0.0)
+                for name, weight in objective.items()
+            }
+            if any(weights.values()):
+                return cls(
+                    ranges,
+                    centering=weights.get("centering", 0.0),
+                    travel=weights.get("travel", 0.0),
+                )
+        raise InvalidInput(
+            f"objective: expected one of {', '.join(OBJECTIVES)}, or positive weights such as "
+            f"{{'centering': 1.0, 'travel': 0.001}}; got {objective!r}."
+        )
+
+    def value(self, q: Array) -> float:
+        """Of a joint path q (N, nv): mean z, degrees, or their weighted sum."""
+        if self.margin:
+            return float(self.margins(q).min())
+        step = np.abs(np.diff(q, axis=0)).sum()
+        return self.centering * float(self.ranges.centring(q).mean()) + self.travel * float(
+            np.degrees(step)
+        )
+
+    @property
+    def penalty(self) -> float:
+        """What a radian beyond the limits costs more than it can gain, in the value's unit."""
+        return 10.0 * self.centering + 1e5 * self.travel + 1e4 * self.margin
+
+    def better(self, a: float, b: float) -> bool:
+        """Whether value ``a`` is better than ``b``."""
+        return a > b if self.margin else a < b
+
+    def margins(self, q: Array) -> Array:
+        """Distance of each configuration (…, nv) from the nearest limit, degrees, (…,)."""
+        room = np.minimum(q - self.ranges.lower, self.ranges.upper - q)
+        margins: Array = np.degrees(room.min(axis=-1, initial=np.inf))
+        return margins

@@ -1,0 +1,146 @@
+"""The task rows of a whole path, for many configurations at many waypoints at once."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from qp_twist.checks import Array
+from qp_twist.geometry import TwistProjector, many_twist_errors
+from qp_twist.kinematics import SerialChain
+from qp_twist.path import PathTask
+
+Indices = npt.NDArray[np.intp]
+Mask = npt.NDArray[np.bool_]
+
+ON_TASK = 1e-9
+"""Task error at which a configuration counts as on its waypoint, m and rad."""
+_ITERATIONS = 40
+_LONGEST = 0.3
+"""Largest joint displacement of a Newton step, rad or m: the rows hold only nearby."""
+_SINGULAR = 1e-6
+"""Singular values below this share of the largest are not divided by."""
+
+
+class Motions(NamedTuple):
+    """What the task leaves free at K configurations."""
+
+    basis: Array
+    """Orthonormal, (K, nv, d); columns of zeros where a waypoint leaves fewer than d free."""
+    sigma_min: Array
+    """Smallest singular value of UᵀJ, (K,)."""
+
+
+class PathRows:
+    """Residuals, Newton corrections and free motions along a path.
+
+    Attributes:
+        chain: The arm up to the controlled frame.
+        freedom: Degrees of freedom that the rows leave at each waypoint, (N,).
+    """
+
+    def __init__(self, path_task: PathTask) -> None:
+        self.chain = SerialChain.of(path_task.model, path_task.frame_name, path_task.frame_type)
+        self._rotations = np.array([w.rotation().as_matrix() for w in path_task.waypoints])
+        self._positions = path_task.positions
+        self._projectors: list[TwistProjector] = []
+        self._which = np.zeros(len(path_task.waypoints), dtype=np.intp)
+        for index, projector in enumerate(path_task.in_force):
+            if projector not in self._projectors:
+                self._projectors.append(projector)
+            self._which[index] = self._projectors.index(projector)
+        ranks = np.array([projector.rank for projector in self._projectors])
+        self.freedom: Indices = path_task.model.nv - ranks[self._which]
+
+    def correct(
+        self, q: Array, at: Indices, *, iterations: int = _ITERATIONS
+    ) -> tuple[Array, Mask]:
+        """Newton steps of least norm onto the waypoints.
+
+        Args:
+            q: Configurations, (K, nv).
+            at: Index of each one's waypoint, (K,).
+            iterations: Most steps.
+
+        Returns:
+            The configurations that were reached, (K, nv), and for which of them the task error is
+            below :data:`ON_TASK`.
+        """
+        q = q.copy()
+        arrived = np.zeros(len(q), dtype=bool)
+        left = np.arange(len(q))
+        for _ in range(iterations):
+            still = []
+            for which, rows, errors in self._groups(q[left], at[left]):
+                here = left[which]
+                done = np.linalg.norm(errors, axis=1) <= ON_TASK
+                arrived[here[done]] = True
+                step = _shortest(rows[~done], errors[~done])
+                longest = np.abs(step).max(axis=1, initial=_LONGEST)
+                q[here[~done]] += step * (_LONGEST / longest)[:, None]
+                still.append(here[~done])
+            left = np.concatenate(still)
+            if not len(left):
+                break
+        return q, arrived
+
+    def shortest(self, q: Array, at: Indices) -> Array:
+        """The step of least norm that the rows at the waypoints ask for, rad or m, (K, nv)."""
+        steps = np.zeros(q.shape)
+        for which, rows, errors in self._groups(q, at):
+            steps[which] = _shortest(rows, errors)
+        return steps
+
+    def errors(self, q: Array, at: Indices) -> Array:
+        """Norms of the task errors, m and rad, (K,)."""
+        norms = np.zeros(len(q))
+        for which, _, errors in self._groups(q, at):
+            norms[which] = np.linalg.norm(errors, axis=1)
+        return norms
+
+    def motions(self, q: Array, at: Indices) -> Motions:
+        """An orthonormal basis of what the rows do not see, and their smallest singular value."""
+        most = int(self.freedom.max(initial=0))
+        basis = np.zeros((*q.shape, most))
+        sigma_min = np.zeros(len(q))
+        for which, rows, _ in self._groups(q, at):
+            rank = rows.shape[1]
+            _, sigma, right = np.linalg.svd(rows)
+            basis[which, :, : q.shape[1] - rank] = right[:, rank:].transpose(0, 2, 1)
+            sigma_min[which] = sigma[:, -1] if rank else 0.0
+        return Motions(basis, sigma_min)
+
+    def _groups(self, q: Array, at: Indices) -> list[tuple[Indices, Array, Array]]:
+        """For each projector: the configurations it holds at, UᵀJ and UᵀΔt."""
+        found = []
+        for number, projector in enumerate(self._projectors):
+            which = np.flatnonzero(self._which[at] == number)
+            if not len(which):
+                continue
+            rotations, positions, jacobians = self.chain.poses_and_jacobians(q[which])
+            bases, errors = many_twist_errors(
+                rotations,
+                positions,
+                self._rotations[at[which]],
+                self._positions[at[which]],
+                projector,
+            )
+            transposed = bases.transpose(0, 2, 1)
+            found.append(
+                (which, transposed @ jacobians, (transposed @ errors[:, :, None])[:, :, 0])
+            )
+        return found
+
+
+def _shortest(rows: Array, sides: Array) -> Array:
+    """Least-norm solutions (K, nv) of rows (K, r, nv) x = sides (K, r)."""
+    if not rows.size:
+        return np.zeros((len(rows), rows.shape[2]))
+    left, sigma, right = np.linalg.svd(rows, full_matrices=False)
+    small = sigma <= _SINGULAR * sigma[:, :1]
+    scaled = (left.transpose(0, 2, 1) @ sides[:, :, None])[:, :, 0]
+    scaled = np.where(small, 0.0, scaled / np.where(small, 1.0, sigma))
+    shortest: Array = (right.transpose(0, 2, 1) @ scaled[:, :, None])[:, :, 0]
+    return shortest

@@ -1,0 +1,136 @@
+"""The best joint motion along a path, with a bound and a certificate."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from qp_twist.checks import Array, finite_array, instance, number
+from qp_twist.errors import InvalidInput
+from qp_twist.kinematics import JointRanges
+from qp_twist.path import PathTask
+from qp_twist.planning.bound import pointwise_bound
+from qp_twist.planning.certificate import Certificate
+from qp_twist.planning.objective import Objective
+from qp_twist.planning.path_rows import PathRows
+from qp_twist.planning.refine import MotionLimits
+from qp_twist.planning.search import Progress, Search
+
+UNTIMED_STEP = np.radians(15.0)
+"""Largest step of a joint to the next waypoint where nothing limits it, rad or m.
+
+Above it a step counts as a reconfiguration (the comparison's ``reconfigurations``).
+"""
+
+
+@dataclass(frozen=True, eq=False)
+class Plan:
+    """A joint motion along a path task, or why there is none.
+
+    Attributes:
+        path_task: The task.
+        q: The motion, (N, nq), every configuration on its waypoint, inside the joint limits, and no
+            step longer than allowed; ``None`` if there is none.
+        value: Of the objective: mean z (centering), degrees (travel, margin), or the weighted sum;
+            NaN if there is no motion.
+        bound: What no motion can be better than: the value if each waypoint stood alone, to first
+            order in their spacing; NaN where a waypoint has no configuration.
+        certificate: Why there is a motion or none, as a sentence and as data.
+        objective: As it was asked for.
+    """
+
+    path_task: PathTask
+    q: Array | None
+    value: float
+    bound: float
+    certificate: Certificate
+    objective: str | Mapping[str, float]
+
+    @property
+    def gap(self) -> float:
+        """Distance of the value from the bound; the motion that is best is somewhere between."""
+        return abs(self.value - self.bound)
+
+    @property
+    def start(self) -> Array:
+        """The first configuration, (nq,).
+
+        Raises:
+            InvalidInput: If there is no motion; the message says why.
+        """
+        start: Array = self.motion()[0]
+        return start
+
+    def motion(self) -> Array:
+        """The motion, (N, nq).
+
+        Raises:
+            InvalidInput: If there is none; the message says why.
+        """
+        if self.q is None:
+            raise InvalidInput(f"{self.path_task.name}: no plan: {self.certificate}")
+        return self.q
+
+
+def make_plan(
+    path_task: PathTask,
+    objective: str | Mapping[str, float],
+    start: npt.ArrayLike | None,
+    max_step_deg: float | None,
+    seeds: Sequence[Array],
+    progress: Progress | None = None,
+) -> Plan:
+    """The best motion that a search finds; see :func:`qp_twist.plan`.
+
+    ``start`` stands on the first waypoint. ``seeds`` are joint paths (N, nq) of other methods.
+    """
+    instance("plan(path_task, …)", path_task, PathTask)
+    ranges = JointRanges.of(path_task.model)
+    goal = Objective.of(ranges, objective)
+    if (goal.margin or goal.centering) and not ranges.limited.any():
+        raise InvalidInput(
+            f"plan: {path_task.name}'s joints have no ranges, so that objective {objective!r} says "
+            "nothing; use objective='travel'."
+        )
+    first = None if start is None else finite_array("start", start, (path_task.model.nq,))
+    limits = motion_limits(path_task, ranges, max_step_deg, fixed_start=first is not None)
+    if first is not None:
+        outside = (first < ranges.lower - 1e-9) | (first > ranges.upper + 1e-9)
+        if outside.any():
+            name = ranges.names[int(np.argmax(outside))]
+            raise InvalidInput(f"plan: the start is outside the limits of {name}.")
+    found = Search(path_task, goal, limits, first, seeds, progress).run()
+    bound = np.nan
+    if all(len(layer.q) for layer in found.layers):
+        rows = PathRows(path_task)
+        bound = pointwise_bound(goal, rows, found.layers, found.waypoints, first)
+    path = found.path
+    return Plan(
+        path_task,
+        None if path is None else path.q,
+        np.nan if path is None else path.value,
+        bound,
+        found.certificate,
+        objective,
+    )
+
+
+def motion_limits(
+    path_task: PathTask, ranges: JointRanges, max_step_deg: float | None, *, fixed_start: bool
+) -> MotionLimits:
+    """What the task's clock, speeds and accelerations allow between the waypoints."""
+    count = len(path_task.waypoints)
+    durations = np.ones(count - 1) if path_task.durations is None else path_task.durations[1:]
+    steps = np.full((count - 1, path_task.model.nv), np.inf)
+    if path_task.durations is not None:
+        steps = path_task.velocity_limits * durations[:, None]
+    if max_step_deg is not None:
+        steps = np.minimum(steps, np.radians(number("max_step_deg", max_step_deg, above=0.0)))
+    steps = np.where(np.isfinite(steps), steps, UNTIMED_STEP)
+    # Velocities count as constant between waypoints, and change where these meet.
+    times = 0.5 * (durations[1:] + durations[:-1])
+    speed_changes = path_task.acceleration_limits * times[:, None]
+    return MotionLimits(ranges, steps, speed_changes, durations, fixed_start)

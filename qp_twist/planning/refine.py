@@ -1,0 +1,272 @@
+"""Move a joint path off the grid: all waypoints at once, by quadratic programs."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import qpsolvers
+from scipy import sparse
+
+from qp_twist.checks import Array
+from qp_twist.kinematics import JointRanges
+from qp_twist.planning.objective import Objective
+from qp_twist.planning.path_rows import PathRows
+
+HAIR = 1e-7
+"""What the programs stay away from every limit, rad or m, for their own rounding."""
+WITHIN = 1e-9
+"""Excess over a limit that is rounding, rad or m."""
+_TIE_BREAK = 1e-6
+"""Weight of the mean z where the objective does not decide."""
+_ITERATIONS, _SETTLING = 40, 6
+_FIRST, _LARGEST, _SMALLEST = 0.1, 0.4, 1e-6
+"""Radius in which the linear model is believed, rad: at first, at most, and where it ends."""
+_SETTLED = 1e-6
+"""Share of the objective below which an iteration's gain is none."""
+
+
+@dataclass(frozen=True, eq=False)
+class MotionLimits:
+    """What holds between and at the waypoints.
+
+    Attributes:
+        ranges: Of the joints.
+        steps: Largest displacement of each joint to each waypoint from the one before, rad or m,
+            (N − 1, nv).
+        speed_changes: Largest change of velocity at each waypoint but the first and last, rad/s or
+            m/s, (N − 2, nv); infinite without acceleration limits.
+        durations: Time to each waypoint from the one before, s, (N − 1,).
+        fixed_start: Whether the first configuration is given.
+    """
+
+    ranges: JointRanges
+    steps: Array
+    speed_changes: Array
+    durations: Array
+    fixed_start: bool
+
+    def excess(self, q: Array) -> float:
+        """By how much a path (N, nv) breaks a limit, rad or m; at most 0 where it breaks none."""
+        beyond = [
+            (self.ranges.lower - q).max(),
+            (q - self.ranges.upper).max(),
+            (np.abs(np.diff(q, axis=0)) - self.steps).max(initial=-np.inf),
+        ]
+        if np.isfinite(self.speed_changes).any():
+            speeds = np.diff(q, axis=0) / self.durations[:, None]
+            jump = (np.abs(np.diff(speeds, axis=0)) - self.speed_changes).max(initial=-np.inf)
+            beyond.append(jump * self.durations.min())
+        return float(max(beyond))
+
+
+@dataclass(frozen=True, eq=False)
+class Refined:
+    """A joint path and what is wrong with it.
+
+    Attributes:
+        q: The path, (N, nv).
+        value: Of the objective.
+        excess: By how much it breaks a limit, rad or m; at most :data:`WITHIN` if none.
+    """
+
+    q: Array
+    value: float
+    excess: float
+
+    @property
+    def feasible(self) -> bool:
+        """Whether it breaks no limit."""
+        return self.excess <= WITHIN
+
+
+def refine(
+    q: Array,
+    rows: PathRows,
+    limits: MotionLimits,
+    objective: Objective,
+    progress: Callable[[float], None] | None = None,
+) -> Refined:
+    r"""The best path near ``q`` (N, nv), whose configurations are on their waypoints.
+
+    Sequential quadratic programming in what the task leaves free: with
+    :math:`\mathbf q_k \leftarrow \mathbf q_k + \mathbf N_k \mathbf u_k` and Newton's method for
+    what curvature takes from the task,
+
+    .. math::
+
+        \min_{\mathbf u, \sigma}\; f(\mathbf q + \mathbf N\mathbf u) + \mu\sigma
+        \quad\text{s.t.}\quad \text{ranges, steps and changes of speed within } \sigma,\quad
+        \lVert\mathbf u\rVert_\infty \le \rho,\; \sigma \ge 0,
+
+    sparse, for all waypoints together. A path that breaks limits is brought inside them where the
+    penalty μ can. The radius ρ shrinks where the linear model was wrong.
+    """
+    here, radius = _judged(q, limits, objective), _FIRST
+    for iteration in range(_ITERATIONS):
+        if progress is not None:
+            progress(iteration / _ITERATIONS)
+        there = _step(here, rows, limits, objective, radius)
+        gain = -np.inf if there is None else _merit(here, objective) - _merit(there, objective)
+        if there is None or gain <= 0.0:
+            radius *= 0.25
+            if radius < _SMALLEST:
+                break
+            continue
+        here, radius = there, min(2.0 * radius, _LARGEST)
+        if gain <= _SETTLED * abs(_merit(here, objective)):
+            break
+    # What curvature left of the excess goes in a few steps of least length.
+    for _ in range(_SETTLING):
+        if here.feasible:
+            break
+        there = _step(here, rows, limits, objective, _FIRST, settle=True)
+        if there is None or there.excess >= here.excess:
+            break
+        here = there
+    return here
+
+
+def _judged(q: Array, limits: MotionLimits, objective: Objective) -> Refined:
+    return Refined(q, objective.value(q), limits.excess(q))
+
+
+def _merit(path: Refined, objective: Objective) -> float:
+    value = -path.value if objective.margin else path.value
+    return value + objective.penalty * max(path.excess, 0.0)
+
+
+def _step(
+    here: Refined,
+    rows: PathRows,
+    limits: MotionLimits,
+    objective: Objective,
+    radius: float,
+    *,
+    settle: bool = False,
+) -> Refined | None:
+    """The path after one program; ``None`` where it has no solution or leaves the task."""
+    at = np.arange(len(here.q))
+    basis = rows.motions(here.q, at).basis
+    if limits.fixed_start:
+        basis[0] = 0.0
+    u = _solved(here.q, basis, limits, objective, radius, settle)
+    if u is None:
+        return None
+    moved, arrived = rows.correct(here.q + (basis @ u[:, :, None])[:, :, 0], at)
+    if limits.fixed_start:
+        moved[0] = here.q[0]
+    return _judged(moved, limits, objective) if arrived.all() else None
+
+
+def _solved(
+    q: Array, basis: Array, limits: MotionLimits, objective: Objective, radius: float, settle: bool
+) -> Array | None:
+    """The solution u (N, d) of the program at a path q (N, nv)."""
+    count, nv = q.shape
+    free = basis.shape[2]
+    move = sparse.block_diag(list(basis), format="csr")
+    change = move[nv:] - move[:-nv]
+    dq = np.diff(q, axis=0).ravel()
+    program = _Program(count * free, radius * np.sqrt(free))
+    weight = np.tile(objective.ranges.weight**2, count) / count
+    if settle:
+        program.quadratic(sparse.eye(count * free, format="csr"), np.zeros(count * free))
+    else:
+        offset = (q - objective.ranges.middle).ravel()
+        share = objective.centering or _TIE_BREAK
+        program.quadratic(share * (move.T @ sparse.diags(weight) @ move),
+                          share * (move.T @ (weight * offset)))  # fmt: skip
+        if objective.travel:
+            program.least_sum(change, dq, objective.travel * np.degrees(1.0))
+        if objective.margin:
+            program.least_largest(move, objective.ranges, q)
+    for sign in (1.0, -1.0):
+        ends = limits.ranges.upper if sign > 0.0 else -limits.ranges.lower
+        program.soft_rows(sign * move, (ends - sign * q).ravel() - HAIR)
+        program.soft_rows(sign * change, limits.steps.ravel() - sign * dq - HAIR)
+        if np.isfinite(limits.speed_changes).any():
+            per_time = sparse.diags(1.0 / np.repeat(limits.durations, nv))
+            speed, rate = per_time @ change, per_time @ dq
+            program.soft_rows(
+                sign * limits.durations.min() * (speed[nv:] - speed[:-nv]),
+                limits.durations.min() * (limits.speed_changes.ravel()
+                                          - sign * (rate[nv:] - rate[:-nv])) - HAIR,
+            )  # fmt: skip
+    x = program.solution(objective.penalty)
+    return None if x is None else x[: count * free].reshape(count, free)
+
+
+class _Program:
+    """A sparse program in (u, more unknowns, σ), built up block by block."""
+
+    def __init__(self, size: int, radius: float) -> None:
+        self.size, self.radius = size, radius
+        self.P = sparse.csr_matrix((size, size))
+        self.c = np.zeros(size)
+        self.rows: list[tuple[sparse.csr_matrix, sparse.csr_matrix, Array, bool]] = []
+        self.more: list[Array] = []
+
+    def quadratic(self, P: sparse.csr_matrix, c: Array) -> None:
+        """Add ½uᵀPu + cᵀu."""
+        self.P, self.c = self.P + P, self.c + c
+
+    def soft_rows(self, G: sparse.csr_matrix, g: Array) -> None:
+        """Add G u − σ ≤ g; rows that no u within the radius can reach are left out."""
+        reach = np.sqrt(np.asarray(G.multiply(G).sum(axis=1)).ravel())
+        near = np.flatnonzero(g < 1.5 * self.radius * np.maximum(reach, 1.0) + 1e-3)
+        self.rows.append((G[near], sparse.csr_matrix((len(near), self._added)), g[near], True))
+
+    def least_sum(self, G: sparse.csr_matrix, g: Array, weight: float) -> None:
+        """Add weight × Σ|G u + g|, with one unknown for each absolute value."""
+        count, before = len(g), self._added
+        self.more.append(np.full(count, weight))
+        bound = sparse.hstack(
+            [sparse.csr_matrix((count, before)), -sparse.eye(count)], format="csr"
+        )
+        self.rows += [(G, bound, -g, False), (-G, bound, g, False)]
+
+    def least_largest(self, move: sparse.csr_matrix, ranges: JointRanges, q: Array) -> None:
+        """Subtract the margin in degrees: its unknown t is below the room of every joint."""
+        before = self._added
+        self.more.append(np.full(1, -np.degrees(1.0)))
+        for sign, ends in ((1.0, ranges.upper), (-1.0, -ranges.lower)):
+            room = (ends - sign * q).ravel()
+            near = np.flatnonzero(room < room.min() + 4.0 * self.radius + 1e-3)
+            one = np.zeros((len(near), before + 1))
+            one[:, -1] = 1.0
+            self.rows.append((sign * move[near], sparse.csr_matrix(one), room[near], False))
+
+    def solution(self, penalty: float) -> Array | None:
+        """The minimiser, or ``None``."""
+        added = self._added
+        blocks = []
+        for G, more, _, soft in self.rows:
+            wide = sparse.csr_matrix((more.data, more.indices, more.indptr),
+                                     shape=(more.shape[0], added))  # fmt: skip
+            slack = -np.ones((G.shape[0], 1)) if soft else np.zeros((G.shape[0], 1))
+            blocks.append(sparse.hstack([G, wide, slack]))
+        n = self.size + added + 1
+        P = sparse.block_diag([self.P, sparse.csc_matrix((added + 1, added + 1))], format="csc")
+        lower, upper = np.full(n, -np.inf), np.full(n, np.inf)
+        lower[: self.size], upper[: self.size] = -self.radius, self.radius
+        lower[-1] = 0.0
+        problem = qpsolvers.Problem(
+            P,
+            np.concatenate([self.c, *self.more, [penalty]]),
+            sparse.vstack(blocks).tocsc(),
+            np.concatenate([row[2] for row in self.rows]),
+            None,
+            None,
+            lower,
+            upper,
+        )
+        solution = qpsolvers.solve_problem(problem, solver="clarabel")
+        if not solution.found or solution.x is None or not np.isfinite(solution.x).all():
+            return None
+        return np.asarray(solution.x)
+
+    @property
+    def _added(self) -> int:
+        return sum(len(block) for block in self.more)

@@ -1,0 +1,84 @@
+"""What is possible along a path: the layers of its waypoints."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from qp_twist.checks import Array
+from qp_twist.kinematics import JointRanges, OrthoParallelArm
+from qp_twist.path import PathTask
+from qp_twist.planning.layer import Layer
+from qp_twist.planning.manifold_net import COVERED, ManifoldNet
+from qp_twist.planning.path_rows import PathRows
+from qp_twist.planning.roll_grid import RollGrid
+
+
+@dataclass(frozen=True, eq=False)
+class Grid:
+    """How finely the free coordinates are sampled.
+
+    Attributes:
+        roll: Spacing of rolls, where the inverse kinematics has a closed form, rad.
+        joints: Largest distance of neighbours in each joint, rad or m, (nv,).
+    """
+
+    roll: float
+    joints: Array
+
+    def __str__(self) -> str:
+        roll, joints = np.degrees(self.roll), np.degrees(self.joints.max())
+        return f"rolls {roll:.3g}° apart, joints {joints:.3g}°"
+
+
+class Roadmap:
+    """The layers of a path, made as they are asked for.
+
+    Attributes:
+        path_task: The path.
+        rows: Its task rows.
+        ranges: Of the joints.
+        grid: How finely the free coordinates are sampled.
+        arm: The closed-form inverse kinematics, if the robot has one.
+    """
+
+    def __init__(self, path_task: PathTask, rows: PathRows, grid: Grid) -> None:
+        self.path_task = path_task
+        self.rows = rows
+        self.ranges = JointRanges.of(path_task.model)
+        self.grid = grid
+        self.arm = OrthoParallelArm.recognise(
+            path_task.model, path_task.frame_name, path_task.frame_type
+        )
+        self._net = ManifoldNet(path_task, rows, float(grid.joints.min()))
+        self._rolls = (
+            None if self.arm is None else RollGrid(path_task, self.arm, grid.roll, grid.joints)
+        )
+
+    def covers(self, index: int) -> bool:
+        """Whether the layer of a waypoint holds all that there is, to the grid's spacing."""
+        return self._closed_form(index) or int(self.rows.freedom[index]) <= COVERED
+
+    def layers(
+        self, waypoints: Sequence[int], progress: Callable[[int], None] | None = None
+    ) -> list[Layer]:
+        """The layers of some waypoints, in the order of the path."""
+        found: list[Layer] = []
+        for done, index in enumerate(waypoints, start=1):
+            if self._closed_form(index):
+                assert self._rolls is not None
+                found.append(self._rolls.layer(index))
+            else:
+                found.append(self._net.layer(index, found[-1] if found else None))
+            if progress is not None:
+                progress(done)
+        return found
+
+    def sigma_min(self, index: int, q: Array) -> Array:
+        """Smallest singular value of the task rows at configurations q (K, nv) of a waypoint."""
+        return self.rows.motions(q, np.full(len(q), index)).sigma_min
+
+    def _closed_form(self, index: int) -> bool:
+        return self._rolls is not None and RollGrid.applies(self.path_task, index)

@@ -1,0 +1,107 @@
+"""Layers of an arm with closed-form inverse kinematics, on a grid of rolls."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from qp_twist.checks import Array
+from qp_twist.geometry import ProjectorKind
+from qp_twist.kinematics import JointRanges, OrthoParallelArm, ToleranceBand
+from qp_twist.kinematics.serial_chain import turns
+from qp_twist.kinematics.tolerance_band import FramePair
+from qp_twist.path import PathTask
+from qp_twist.planning.layer import TURN, Layer, inside_limits
+
+FINEST = 16
+"""Most parts of a grid interval in which the joints run fast."""
+_WITHIN = 1e-9
+"""Excess over a band that is rounding, rad or m."""
+
+
+class RollGrid:
+    """All branches of the inverse kinematics at every roll of a grid.
+
+    Attributes:
+        arm: The inverse kinematics.
+        spacing: Of the grid, rad.
+    """
+
+    def __init__(
+        self, path_task: PathTask, arm: OrthoParallelArm, spacing: float, joints: Array
+    ) -> None:
+        """Prepare.
+
+        Args:
+            path_task: The task.
+            arm: Its arm.
+            spacing: Of the grid of rolls, rad.
+            joints: Change of each joint between two rolls of the grid above which the interval is
+                divided, rad, (6,): near a straight wrist the joints run faster than the roll.
+        """
+        self.path_task = path_task
+        self.arm = arm
+        self.ranges = JointRanges.of(path_task.model)
+        count = max(4, int(np.ceil(TURN / spacing)))
+        self.spacing = TURN / count
+        self._rolls = np.linspace(0.0, TURN, count, endpoint=False)
+        self._joints = joints
+        self._bands: tuple[ToleranceBand, ...] = tuple(
+            band for band in path_task.bands if band.weight is None
+        )
+
+    @staticmethod
+    def applies(path_task: PathTask, index: int) -> bool:
+        """Whether at a waypoint only the roll is free, or nothing."""
+        projector = path_task.in_force[index]
+        return projector.linear.kind is ProjectorKind.FULL and projector.angular.kind in (
+            ProjectorKind.FULL,
+            ProjectorKind.PLANE,
+        )
+
+    def layer(self, index: int) -> Layer:
+        """The configurations at a waypoint."""
+        if self.path_task.in_force[index].angular.kind is ProjectorKind.FULL:
+            return self._inside(index, np.zeros(1), self._branches(index, np.zeros(1)))
+        grid = self._branches(index, self._rolls)
+        change = np.diff(grid, axis=0, append=grid[:1])
+        change -= TURN * np.round(change / TURN)
+        times = np.nan_to_num(np.abs(change) / self._joints).max(axis=(1, 2))
+        parts = np.clip(np.ceil(times), 1, FINEST).astype(int)
+        fractions = [np.linspace(0.0, 1.0, n, endpoint=False) for n in parts]
+        rolls = np.repeat(self._rolls, parts) + self.spacing * np.concatenate(
+            fractions, dtype=float
+        )
+        return self._inside(index, rolls, self._branches(index, rolls))
+
+    def _inside(self, index: int, rolls: Array, found: Array) -> Layer:
+        if self._bands:
+            kept = self._in_bands(index, rolls)
+            rolls, found = rolls[kept], found[kept]
+        row, branch = np.nonzero(np.isfinite(found).all(axis=2))
+        return inside_limits(found[row, branch], branch, rolls[row], self.ranges)
+
+    def _branches(self, index: int, rolls: Array) -> Array:
+        rotations = self._rotations(index, rolls)
+        position = self.path_task.waypoints[index].translation()
+        return self.arm.branches(rotations, np.broadcast_to(position, (len(rolls), 3)))
+
+    def _rotations(self, index: int, rolls: Array) -> Array:
+        """Of the frame at a waypoint with some rolls more than the waypoint's, (K, 3, 3)."""
+        rotation = self.path_task.waypoints[index].rotation().as_matrix()
+        projector = self.path_task.in_force[index]
+        axis = projector.angular.axis
+        if axis is None:
+            return rotation[None]
+        if projector.frame == "world":
+            axis = rotation.T @ axis
+        turned: Array = rotation @ turns(axis, rolls)
+        return turned
+
+    def _in_bands(self, index: int, rolls: Array) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
+        waypoint = self.path_task.waypoints[index]
+        position, target = waypoint.translation(), waypoint.rotation().as_matrix()
+        pairs = (
+            FramePair(rotation, position, target, position, np.zeros(6))
+            for rotation in self._rotations(index, rolls)
+        )
+        return np.array([all(b.excess(pair) <= _WITHIN for b in self._bands) for pair in pairs])

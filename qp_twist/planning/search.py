@@ -1,0 +1,301 @@
+"""From coarse to fine: a way through the layers, moved off the grid."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from qp_twist.checks import Array
+from qp_twist.path import PathTask
+from qp_twist.planning.certificate import Certificate
+from qp_twist.planning.layer import TURN, Layer
+from qp_twist.planning.objective import Objective
+from qp_twist.planning.path_rows import Indices, PathRows
+from qp_twist.planning.refine import MotionLimits, Refined, refine
+from qp_twist.planning.roadmap import Grid, Roadmap
+from qp_twist.planning.shortest_path import Edges, Way, edges, shortest_way, widest_way
+
+Progress = Callable[[str, float], None]
+
+
+COARSEST = np.radians(15.0)
+"""Largest spacing of configurations in a joint, rad or m."""
+
+
+_PRICE, _PRICE_OF_TRAVEL = 1.0, 50.0
+"""Of a step twice as long as allowed: in z at a waypoint, and in degrees of travel."""
+_ROUNDED, _ROUNDED_TRAVEL = 0.02, 0.3
+"""What the grid may cost, as a share of the objective: travel sees its zigzag."""
+_STRICTNESS = (1.0, 1e3)
+"""Times the price, one after the other: first for the best way, then for one that is possible."""
+
+
+@dataclass(frozen=True)
+class Stage:
+    """How coarsely to look.
+
+    Attributes:
+        motion: Of a joint between the waypoints that are looked at, rad.
+        longest_stride: Most waypoints from one of them to the next.
+        roll: Spacing of rolls, rad.
+        joints: Least spacing of configurations in any joint, rad or m.
+        resolution: The same as a share of the joint's motion, up to :data:`COARSEST`.
+    """
+
+    motion: float
+    longest_stride: int
+    roll: float
+    joints: float
+    resolution: float
+
+
+_STAGES = (
+    Stage(np.radians(30.0), 10, np.radians(4.0), np.radians(4.0), 0.25),
+    Stage(np.radians(10.0), 4, np.radians(2.0), np.radians(2.0), 0.25),
+    Stage(0.0, 1, np.radians(1.0), np.radians(1.0), 0.25),
+)
+
+
+@dataclass(frozen=True, eq=False)
+class Found:
+    """The outcome of a search.
+
+    Attributes:
+        path: The best path that breaks no limit, if there is one.
+        certificate: Why, or why not.
+        layers: Of the last stage.
+        waypoints: Of those layers, from 0.
+    """
+
+    path: Refined | None
+    certificate: Certificate
+    layers: list[Layer]
+    waypoints: list[int]
+
+
+class Search:
+    """A search for one task, objective and start.
+
+    The stages look at more and more waypoints on finer and finer grids. In each, steps may be
+    longer by what the grid cannot resolve; the quadratic programs that move the path off the grid
+    then hold the limits exactly. The first stage whose path can be brought inside them ends it.
+    """
+
+    def __init__(
+        self,
+        path_task: PathTask,
+        objective: Objective,
+        limits: MotionLimits,
+        start: Array | None,
+        seeds: Sequence[Array] = (),
+        progress: Progress | None = None,
+    ) -> None:
+        """Prepare.
+
+        Args:
+            path_task: The path.
+            objective: What to be best in.
+            limits: What holds at and between the waypoints.
+            start: The first configuration, on the first waypoint, (nv,), or ``None``.
+            seeds: Joint paths (N, nv) of other methods, from which the search may also start.
+            progress: Called with what is being done and the share of it that is.
+        """
+        self.path_task = path_task
+        self.objective = objective
+        self.limits = limits
+        self.start = start
+        self.seeds = list(seeds)
+        self.rows = PathRows(path_task)
+        self._progress = progress or (lambda what, share: None)
+        ranges = limits.ranges
+        #: Hinges without limits: of them whole turns do not matter.
+        self._period = np.where(ranges.hinge & ~np.isfinite(ranges.upper - ranges.lower), TURN, 0.0)
+
+    def run(self) -> Found:
+        """Look for the best motion."""
+        best: Refined | None = None
+        for seed in self.seeds:
+            best = self._better(best, refine(seed, self.rows, self.limits, self.objective))
+        for stage in _STAGES:
+            found = self._stage(stage, best)
+            if found.path is not None:
+                break
+        best = self._better(best, found.path)
+        if best is None:
+            return found
+        certificate = Certificate("path", found.certificate.grid)
+        return replace(found, path=best, certificate=certificate)
+
+    def _better(self, a: Refined | None, b: Refined | None) -> Refined | None:
+        if b is None or not b.feasible:
+            return a
+        return b if a is None or self.objective.better(b.value, a.value) else a
+
+    def _stage(self, stage: Stage, best: Refined | None) -> Found:
+        count = len(self.path_task.waypoints)
+        stride = int(np.clip(round(stage.motion / self._typical_step()), 1, stage.longest_stride))
+        step = stride * np.median(self.limits.steps, axis=0)
+        joints = np.clip(stage.resolution * step, stage.joints, COARSEST)
+        grid = Grid(max(stage.roll, 0.5 * joints.max()), joints)
+        roadmap = Roadmap(self.path_task, self.rows, grid)
+        waypoints = self._waypoints(stride, count)
+        layers = roadmap.layers(
+            waypoints, lambda done: self._progress(f"{grid}: layers", done / len(waypoints))
+        )
+        covered = all(roadmap.covers(index) for index in waypoints)
+        if self.start is not None:
+            layers[0] = Layer(self.start[None], np.full(1, -1), np.full(1, np.nan), 1)
+        empty = [i for i, layer in zip(waypoints, layers, strict=True) if not len(layer.q)]
+        if empty:
+            certificate = _empty(waypoints, layers, grid, covered)
+            return Found(None, certificate, layers, waypoints)
+        # The grid's way may be a little worse than the best one between its nodes.
+        rounded = _ROUNDED_TRAVEL if self.objective.travel else _ROUNDED
+        known = np.inf if best is None else best.value * (1.0 + rounded)
+        if self.objective.margin:
+            known = -np.inf if best is None else best.value - _ROUNDED * abs(best.value)
+        refined = None
+        for strictness in _STRICTNESS:
+            way = self._way(layers, waypoints, grid, strictness, known)
+            if len(way.nodes) < len(layers):
+                if best is not None:  # the grid has nothing better
+                    return Found(best, Certificate("path", grid), layers, waypoints)
+                certificate = self._blocked(way, layers, waypoints, grid, covered)
+                return Found(None, certificate, layers, waypoints)
+            nodes = [layer.q[node] for layer, node in zip(layers, way.nodes, strict=True)]
+            path = self._interpolated(np.array(nodes), waypoints)
+            refined = None if path is None else self._refined(path)
+            if refined is not None and refined.feasible:
+                return Found(refined, Certificate("path", grid), layers, waypoints)
+        return Found(None, self._too_fast(refined, grid, covered), layers, waypoints)
+
+    def _typical_step(self) -> float:
+        """How far a joint may move between two waypoints."""
+        return float(np.median(self.limits.steps))
+
+    def _waypoints(self, stride: int, count: int) -> list[int]:
+        """Every ``stride``-th, the last, and those at which the projector changes."""
+        in_force = self.path_task.in_force
+        changes = {
+            at for k in range(1, count) if in_force[k] is not in_force[k - 1] for at in (k - 1, k)
+        }
+        return sorted({*range(0, count, stride), count - 1, *changes})
+
+    def _way(
+        self,
+        layers: list[Layer],
+        waypoints: list[int],
+        grid: Grid,
+        strictness: float,
+        known: float,
+    ) -> Way:
+        """The best way, with steps longer by what the grid does not resolve, at a price.
+
+        Without the price the way would jump from branch to branch where a longer step just reaches,
+        which nothing brings back inside the limits.
+        """
+        objective = self.objective
+        allowed = [self.limits.steps[a:b].sum(axis=0) for a, b in itertools.pairwise(waypoints)]
+
+        def connections(number: int, alive: Indices) -> Edges:
+            self._progress(f"{grid}: steps", (number + 1) / len(layers))
+            step = allowed[number] + grid.joints
+            found = edges(layers[number].q[alive], layers[number + 1].q, step, self._period)
+            return Edges(alive[found.start], found.end)
+
+        def along(number: int, edge: Edges) -> Array:
+            apart = layers[number + 1].q[edge.end] - layers[number].q[edge.start]
+            apart = np.abs(self._unwound(apart))
+            beyond = np.maximum((apart / allowed[number]).max(axis=1) - 1.0, 0.0)
+            cost: Array = strictness * price * beyond
+            if objective.travel:
+                cost += objective.travel * np.degrees(apart.sum(axis=1))
+            return cost
+
+        price = _PRICE * (objective.centering + objective.margin) / len(layers)
+        price += _PRICE_OF_TRAVEL * objective.travel
+        centering = [
+            (objective.centering or 1.0) / len(layers) * objective.ranges.centring(layer.q)
+            for layer in layers
+        ]
+        if not objective.margin:
+            if not objective.centering:
+                centering = [0.0 * cost for cost in centering]
+            return shortest_way(centering, connections, along, at_most=known)
+        margins = [objective.margins(layer.q) for layer in layers]
+        widest = widest_way(margins, connections, at_least=known)
+        if not np.isfinite(widest.value):
+            return widest
+        # Many ways are as wide; of them the most central.
+        narrow = [margin < widest.value for margin in margins]
+        centering = [np.where(n, np.inf, cost) for n, cost in zip(narrow, centering, strict=True)]
+        return shortest_way(centering, connections, along)
+
+    def _unwound(self, difference: Array) -> Array:
+        """Differences of configurations less whole turns that do not matter."""
+        period = np.where(self._period > 0.0, self._period, 1.0)
+        turns = np.where(self._period > 0.0, np.round(difference / period), 0.0)
+        unwound: Array = difference - period * turns
+        return unwound
+
+    def _interpolated(self, corners: Array, waypoints: list[int]) -> Array | None:
+        """A configuration on every waypoint, between those of the grid."""
+        steps = self._unwound(np.diff(corners, axis=0))
+        corners = corners[0] + np.vstack([np.zeros(corners.shape[1]), np.cumsum(steps, axis=0)])
+        at = np.arange(len(self.path_task.waypoints))
+        between = np.array([np.interp(at, waypoints, joint) for joint in corners.T]).T
+        path, arrived = self.rows.correct(between, at)
+        if self.start is not None:
+            path[0] = self.start
+        return path if arrived.all() else None
+
+    def _refined(self, path: Array) -> Refined:
+        return refine(
+            path, self.rows, self.limits, self.objective,
+            lambda share: self._progress("off the grid", share),
+        )  # fmt: skip
+
+    def _blocked(
+        self, way: Way, layers: list[Layer], waypoints: list[int], grid: Grid, covered: bool
+    ) -> Certificate:
+        """What is in the way between the last layer that is reached and the next."""
+        number = max(len(way.nodes), 1)
+        before, after = waypoints[number - 1], waypoints[number]
+        here, there = layers[number - 1].q[way.nodes[-1]], layers[number].q
+        step = self.limits.steps[before:after].sum(axis=0)
+        share = np.abs(self._unwound(there - here)) / step
+        nearest = share[np.argmin(share.max(axis=1))]
+        joints = tuple(
+            name for name, s in zip(self.limits.ranges.names, nearest, strict=True) if s > 1.0
+        )
+        return Certificate("speed", grid, (before + 1, after + 1), joints, covered)
+
+    def _too_fast(self, path: Refined | None, grid: Grid, covered: bool) -> Certificate:
+        """The grid has a way that cannot be brought inside the limits."""
+        if path is None:
+            return Certificate("speed", grid, (), (), covered, "the grid's way leaves the path")
+        step = np.abs(np.diff(path.q, axis=0)) / self.limits.steps
+        number, joint = np.unravel_index(int(np.argmax(step)), step.shape)
+        name = self.limits.ranges.names[int(joint)]
+        first = int(number) + 1
+        detail = (
+            f"between waypoints {first} and {first + 1} the best needs {step.max():.3g} times the "
+            f"step that {name} may do"
+        )
+        return Certificate("speed", grid, (first, first + 1), (name,), covered, detail)
+
+
+def _empty(
+    waypoints: Sequence[int], layers: Sequence[Layer], grid: Grid, covered: bool
+) -> Certificate:
+    """Waypoints that are not reached; if all are, those outside the limits."""
+    pairs = list(zip(waypoints, layers, strict=True))
+    unreached = tuple(index + 1 for index, layer in pairs if layer.solutions == 0)
+    if unreached:
+        return Certificate("unreachable", grid, unreached, (), covered)
+    outside = [(index + 1, layer.outside) for index, layer in pairs if not len(layer.q)]
+    joints = tuple(dict.fromkeys(name for _, names in outside for name in names))
+    return Certificate("limits", grid, tuple(index for index, _ in outside), joints, covered)
