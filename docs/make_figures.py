@@ -29,6 +29,7 @@ DOCS = Path(__file__).parent
 FIGURES = {
     "deburring": (
         "scene", "joints", "joints_qp", "joints_qp_rmr", "joints_qp_gradient", "along_the_path",
+        "roadmap",
     ),
     "planar_line": ("scene", "roadmap", "joints_qp"),
 }  # fmt: skip

@@ -47,9 +47,10 @@ def test_run_writes_one_trajectory(tmp_path: Path, capsys: pytest.CaptureFixture
     assert file.read_text("utf-8").count("\n") == 104
 
 
-def test_roadmap_draws_one_figure(tmp_path: Path) -> None:
+@pytest.mark.parametrize("task", ["planar_line", "deburring"])
+def test_roadmap_draws_one_figure(task: str, tmp_path: Path) -> None:
     file = tmp_path / "fig4.png"
-    main(["roadmap", "planar_line", "--methods", "minimum_norm,twa", "--out", str(file)])
+    main(["roadmap", task, "--methods", "minimum_norm,twa", "--out", str(file)])
     assert file.read_bytes().startswith(b"\x89PNG")
 
 
@@ -61,7 +62,7 @@ def test_roadmap_draws_one_figure(tmp_path: Path) -> None:
         (["compare", "planar_line", "--solver", "nosuch"], "'nosuch' is not installed"),
         (["run", "planar_line", "--method", "fancy", "--out", "x.csv"], "unknown method 'fancy'"),
         (["run", "planar_line", "--out", "x.xlsx"], "ends in .csv"),
-        (["roadmap", "deburring"], "planar arms"),
+        (["roadmap", "approach_contact_retreat"], "planar arms"),
     ],
 )
 def test_refused_input_is_one_sentence_and_exit_code_2(

@@ -21,6 +21,7 @@ from scipy.spatial import KDTree
 import qp_twist as qt
 from qp_twist.geometry import many_twist_errors
 from qp_twist.kinematics import OrthoParallelArm, SerialChain, frame_jacobian, frame_pose
+from qp_twist.planning import RollMap
 from qp_twist.planning.layer import inside_limits
 from qp_twist.planning.manifold_net import ManifoldNet
 from qp_twist.planning.objective import Objective
@@ -566,3 +567,41 @@ def test_waypoints_between_which_the_speed_does_not_do_are_named() -> None:
 def test_bad_arguments_are_refused(arguments: dict[str, object], message: str) -> None:
     with pytest.raises(qt.InvalidInput, match=message):
         qt.plan(short_line(3), **arguments)
+
+
+# ---------------------------------------------------------------- the map of rolls
+
+
+def test_a_method_is_where_the_map_says_and_has_the_margin_that_it_says(
+    deburring: qt.Comparison,
+) -> None:
+    task, q = deburring.path_task, deburring.trajectories["qp_gradient"].q
+    roll_map = RollMap.of(task, columns=401, spacing_deg=2.0)
+    assert roll_map.margins.shape == (401, 180, 8)
+    rolls, branches = roll_map.locate(q)
+    ranges = qt.JointRanges.of(task.model)
+    for k in range(0, 401, 20):
+        turned = task.waypoints[k].rotation() @ mink.SO3.from_z_radians(rolls[k])
+        pose = frame_pose(mink.Configuration(task.model, q[k]), "tool", "site")
+        np.testing.assert_allclose(pose[0], turned.as_matrix(), atol=1e-6)
+        cell = int(np.argmin(np.abs(roll_map.rolls - rolls[k])))
+        room = np.degrees(np.minimum(q[k] - ranges.lower, ranges.upper - q[k]).min())
+        # This lap stays in the most central turns.
+        assert roll_map.margins[k, cell, branches[k]] == pytest.approx(room, abs=5.0)
+    arm = OrthoParallelArm.recognise(task.model, task.frame_name, task.frame_type)
+    assert arm is not None
+    grid = RollGrid(task, arm, np.radians(2.0), np.full(6, np.inf))
+    step = task.velocity_limits * task.durations[1]
+    for k in (0, 139):  # in the middle of an edge, and where the wrist is straight
+        before, after = grid.branches(k), grid.branches(k + 1)
+        apart = np.abs(np.remainder(after[None] - before[:, None] + np.pi, 2 * np.pi) - np.pi)
+        alone = ~(apart <= step).all(axis=3).any(axis=1)
+        order = np.argsort(np.remainder(grid.rolls + np.pi, 2 * np.pi))
+        np.testing.assert_array_equal(roll_map.stuck[k], alone[order])
+    slow = dataclasses.replace(task, velocity_limits=np.full(6, 1e-3))
+    assert RollMap.of(slow, columns=20).stuck[:-1].all()
+
+
+def test_the_map_of_rolls_is_refused_where_more_than_a_roll_is_free() -> None:
+    with pytest.raises(qt.InvalidInput, match="spherical wrist whose roll"):
+        RollMap.of(qt.load_task("planar_line"))

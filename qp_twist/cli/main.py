@@ -104,7 +104,10 @@ def run(task: Task, out: File, method: MethodName = "qp", solver: Solver = "daqp
 def roadmap(
     task: Task, methods: Names = None, solver: Solver = "daqp", out: OptionalFile = None
 ) -> None:
-    """Draw the roadmap of a planar arm: self-motion manifolds with the methods over them.
+    """Draw what the limits leave of the free motion along the path, with the methods over it.
+
+    For an industrial arm with a free roll: the margin over waypoint and roll, a panel a branch. For
+    a planar arm with one free degree: its self-motion manifolds, joint by joint.
 
     Args:
         task: Name of a shipped task, or path to a .toml file.
@@ -118,7 +121,7 @@ def roadmap(
     check_applies(path_task)
     with method_progress(names, len(path_task.waypoints) - 1) as progress:
         comparison = compare_methods(path_task, names, solver=solver, progress=progress)
-    with working("tracing the manifolds"):
+    with working("evaluating the roadmap"):
         save_figure(roadmap_figure(path_task, comparison.trajectories), target)
     _console().print(f"wrote {target}", highlight=False, markup=False, soft_wrap=True)
 

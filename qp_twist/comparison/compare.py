@@ -58,7 +58,8 @@ class Comparison:
 
         ``joints``: resolved motion rate and the twist decomposition, the paper's Fig. 3;
         ``joints_NAME``: a closed form beside its QP; ``along_the_path``: z, margin, task error;
-        ``roadmap``: the paper's Fig. 4, for a planar arm with one redundant degree of freedom.
+        ``roadmap``: what the limits leave, for an industrial arm with a free roll or a planar arm
+        with one redundant degree of freedom (the paper's Fig. 4).
         """
         figures = joint_figure.joint_figures(self.path_task, self.trajectories)
         figures["along_the_path"] = path_figure.path_figure(self.path_task, self.trajectories)

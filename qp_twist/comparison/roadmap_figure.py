@@ -1,4 +1,4 @@
-"""The joint-space roadmap of the paper's Fig. 4: self-motion manifolds and the methods."""
+"""Roadmaps; for planar arms that of the paper's Fig. 4: self-motion manifolds and the methods."""
 
 from __future__ import annotations
 
@@ -13,12 +13,14 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from qp_twist.checks import Array
+from qp_twist.comparison.roll_figure import roll_figure
 from qp_twist.comparison.self_motion import manifolds
 from qp_twist.comparison.style import LIMIT, RC, line_style, method_handles
 from qp_twist.errors import InvalidInput
 from qp_twist.following import Trajectory
 from qp_twist.kinematics import JointRanges
 from qp_twist.path import PathTask
+from qp_twist.planning import RollMap, roll_arm
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -29,7 +31,11 @@ _DRAWN = 50
 
 
 def applies_to(path_task: PathTask) -> bool:
-    """Whether the figure can be drawn: a planar arm of hinges with always the same free degree."""
+    """Whether the figure can be drawn: a free roll, or a planar arm with always one free degree."""
+    return roll_arm(path_task) is not None or _is_planar(path_task)
+
+
+def _is_planar(path_task: PathTask) -> bool:
     model = path_task.model
     return bool(
         model.nv - path_task.projector.rank == 1
@@ -46,22 +52,27 @@ def check_applies(path_task: PathTask) -> None:
         free = ", then ".join(map(str, counts))
         raise InvalidInput(
             f"roadmap: {path_task.name} leaves {free} of {path_task.model.nv} joints free; the "
-            "joint-space roadmap is drawn for planar arms of up to three hinges with one of them "
-            "free and one projector all the way."
+            "roadmap is drawn for planar arms of up to three hinges with one of them free, and for "
+            "arms with an ortho-parallel base and a spherical wrist with the roll free, with one "
+            "projector all the way."
         )
 
 
 def roadmap_figure(
     path_task: PathTask, trajectories: Mapping[str, Trajectory], *, seed: int = 0
 ) -> Figure:
-    """One panel a joint: manifolds as vertical lines, limits in red, each method's curve over them.
+    """What is possible along the path, with each method over it.
 
-    A manifold's part is dark where the whole configuration is inside its limits, light elsewhere.
+    For an industrial arm with a free roll :func:`~qp_twist.comparison.roll_figure.roll_figure`. For
+    a planar arm one panel a joint: manifolds as vertical lines, limits in red. A manifold's part is
+    dark where the whole configuration is inside its limits, light elsewhere.
 
     Raises:
         InvalidInput: If the task is not of the kind that can be drawn so.
     """
     check_applies(path_task)
+    if not _is_planar(path_task):
+        return roll_figure(RollMap.of(path_task), trajectories)
     ranges = JointRanges.of(path_task.model)
     waypoints = path_task.waypoints
     drawn = range(0, len(waypoints), max(1, len(waypoints) // _DRAWN))

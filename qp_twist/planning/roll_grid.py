@@ -24,6 +24,7 @@ class RollGrid:
     Attributes:
         arm: The inverse kinematics.
         spacing: Of the grid, rad.
+        rolls: Of the grid, against each waypoint's own, rad.
     """
 
     def __init__(
@@ -43,7 +44,7 @@ class RollGrid:
         self.ranges = JointRanges.of(path_task.model)
         count = max(4, int(np.ceil(TURN / spacing)))
         self.spacing = TURN / count
-        self._rolls = np.linspace(0.0, TURN, count, endpoint=False)
+        self.rolls = np.linspace(0.0, TURN, count, endpoint=False)
         self._joints = joints
         self._bands: tuple[ToleranceBand, ...] = tuple(
             band for band in path_task.bands if band.weight is None
@@ -62,16 +63,28 @@ class RollGrid:
         """The configurations at a waypoint."""
         if self.path_task.in_force[index].angular.kind is ProjectorKind.FULL:
             return self._inside(index, np.zeros(1), self._branches(index, np.zeros(1)))
-        grid = self._branches(index, self._rolls)
+        grid = self.branches(index)
         change = np.diff(grid, axis=0, append=grid[:1])
         change -= TURN * np.round(change / TURN)
         times = np.nan_to_num(np.abs(change) / self._joints).max(axis=(1, 2))
         parts = np.clip(np.ceil(times), 1, FINEST).astype(int)
         fractions = [np.linspace(0.0, 1.0, n, endpoint=False) for n in parts]
-        rolls = np.repeat(self._rolls, parts) + self.spacing * np.concatenate(
-            fractions, dtype=float
-        )
+        rolls = np.repeat(self.rolls, parts) + self.spacing * np.concatenate(fractions, dtype=float)
         return self._inside(index, rolls, self._branches(index, rolls))
+
+    def branches(self, index: int) -> Array:
+        """Joint positions at the rolls of the grid, (R, 8, 6), NaN where out of reach."""
+        return self._branches(index, self.rolls)
+
+    @staticmethod
+    def axis(path_task: PathTask, index: int) -> Array:
+        """Axis of the roll at a waypoint, in the axes of the frame, (3,)."""
+        projector = path_task.in_force[index]
+        axis = projector.angular.axis
+        assert axis is not None
+        if projector.frame == "world":
+            axis = path_task.waypoints[index].rotation().as_matrix().T @ axis
+        return axis
 
     def _inside(self, index: int, rolls: Array, found: Array) -> Layer:
         if self._bands:
@@ -88,13 +101,9 @@ class RollGrid:
     def _rotations(self, index: int, rolls: Array) -> Array:
         """Of the frame at a waypoint with some rolls more than the waypoint's, (K, 3, 3)."""
         rotation = self.path_task.waypoints[index].rotation().as_matrix()
-        projector = self.path_task.in_force[index]
-        axis = projector.angular.axis
-        if axis is None:
+        if self.path_task.in_force[index].angular.axis is None:
             return rotation[None]
-        if projector.frame == "world":
-            axis = rotation.T @ axis
-        turned: Array = rotation @ turns(axis, rolls)
+        turned: Array = rotation @ turns(self.axis(self.path_task, index), rolls)
         return turned
 
     def _in_bands(self, index: int, rolls: Array) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:

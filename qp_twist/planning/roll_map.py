@@ -1,0 +1,127 @@
+"""What every roll at every waypoint leaves of the joint limits, branch by branch."""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import dataclass
+
+import numpy as np
+
+from qp_twist.checks import Array
+from qp_twist.errors import InvalidInput
+from qp_twist.geometry import ProjectorKind
+from qp_twist.kinematics import JointRanges, OrthoParallelArm
+from qp_twist.path import PathTask
+from qp_twist.planning.layer import TURN, centred
+from qp_twist.planning.path_rows import Indices, Mask
+from qp_twist.planning.plan import motion_limits
+from qp_twist.planning.roll_grid import RollGrid
+
+_REACH = np.radians(45.0)
+"""How far to either side a roll is looked for that connects to the next waypoint, rad."""
+
+
+@dataclass(frozen=True, eq=False)
+class RollMap:
+    """Margins over waypoint, roll and branch.
+
+    Attributes:
+        path_task: The path.
+        waypoints: Which waypoints, from 0, (W,).
+        rolls: Against each waypoint's own roll, rad, from −π on, (R,).
+        margins: Distance from the nearest joint limit at the best turns, degrees, (W, R, 8):
+            negative outside the limits, NaN where the branch does not reach.
+        stuck: Where the joints cannot follow to the next of the waypoints at the task's speed, in
+            the same branch at whatever roll, (W, R, 8).
+    """
+
+    path_task: PathTask
+    waypoints: Indices
+    rolls: Array
+    margins: Array
+    stuck: Mask
+
+    @classmethod
+    def of(cls, path_task: PathTask, *, columns: int = 200, spacing_deg: float = 2.0) -> RollMap:
+        """Evaluate the map of a path.
+
+        Raises:
+            InvalidInput: If more than a roll is free, or less, or the arm has no closed-form
+                inverse kinematics.
+        """
+        arm = roll_arm(path_task)
+        if arm is None:
+            raise InvalidInput(
+                f"{path_task.name}: a map of rolls is for arms with an ortho-parallel base and a "
+                "spherical wrist whose roll about the tool is free all the way."
+            )
+        ranges = JointRanges.of(path_task.model)
+        grid = RollGrid(path_task, arm, np.radians(spacing_deg), np.full(6, np.inf))
+        count = len(path_task.waypoints)
+        waypoints = np.unique(np.linspace(0, count - 1, min(columns, count)).round().astype(int))
+        q = np.array([centred(grid.branches(index), ranges) for index in waypoints])
+        room = np.minimum(q - ranges.lower, ranges.upper - q).min(axis=3)
+        steps = motion_limits(path_task, ranges, None, fixed_start=False).steps
+        stuck = np.zeros(room.shape, dtype=bool)
+        for k, (a, b) in enumerate(itertools.pairwise(waypoints)):
+            stuck[k] = ~_connected(q[k], q[k + 1], steps[a:b].sum(axis=0), grid.spacing)
+        rolls = _wrapped(grid.rolls)
+        order = np.argsort(rolls)
+        return cls(path_task, waypoints, rolls[order], np.degrees(room[:, order]), stuck[:, order])
+
+    def locate(self, q: Array) -> tuple[Array, Indices]:
+        """Rolls (N,), rad in [−π, π), and branches (N,) of a joint path q (N, nv).
+
+        NaN where a configuration is not on its waypoint's axis by more than a degree.
+        """
+        arm = roll_arm(self.path_task)
+        assert arm is not None
+        rotations, positions = arm.chain.poses(q)
+        apart = arm.branches(rotations, positions) - q[:, None]
+        apart -= TURN * np.round(apart / TURN)
+        distance = np.where(np.isfinite(apart), np.abs(apart), np.inf).max(axis=2)
+        rolls = np.full(len(q), np.nan)
+        for k, (rotation, waypoint) in enumerate(
+            zip(rotations, self.path_task.waypoints, strict=True)
+        ):
+            target = waypoint.rotation().as_matrix()
+            axis = RollGrid.axis(self.path_task, k)
+            if (rotation @ axis) @ (target @ axis) > np.cos(np.radians(1.0)):
+                left = target.T @ rotation
+                sine = (
+                    0.5
+                    * axis
+                    @ np.array(
+                        [left[2, 1] - left[1, 2], left[0, 2] - left[2, 0], left[1, 0] - left[0, 1]]
+                    )
+                )
+                rolls[k] = np.arctan2(sine, 0.5 * (np.trace(left) - 1.0))
+        return _wrapped(rolls), distance.argmin(axis=1)
+
+
+def roll_arm(path_task: PathTask) -> OrthoParallelArm | None:
+    """The arm of a task whose roll is free all the way, if it has closed-form kinematics."""
+    count = len(path_task.waypoints)
+    if not all(
+        RollGrid.applies(path_task, k) and path_task.in_force[k].angular.kind is ProjectorKind.PLANE
+        for k in range(count)
+    ):
+        return None
+    return OrthoParallelArm.recognise(path_task.model, path_task.frame_name, path_task.frame_type)
+
+
+def _wrapped(angles: Array) -> Array:
+    """Angles in [−π, π)."""
+    wrapped: Array = np.mod(angles + np.pi, TURN) - np.pi
+    return wrapped
+
+
+def _connected(q: Array, after: Array, step: Array, spacing: float) -> Mask:
+    """Which of q (R, 8, 6) have one of ``after`` in the same branch within ``step``, (R, 8)."""
+    found = np.zeros(q.shape[:2], dtype=bool)
+    reach = int(_REACH / spacing)
+    for shift in range(-reach, reach + 1):
+        apart = np.roll(after, shift, axis=0) - q
+        apart -= TURN * np.round(apart / TURN)
+        found |= (np.abs(apart) <= step).all(axis=2)
+    return found
