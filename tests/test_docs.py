@@ -206,7 +206,8 @@ def test_numbers_in_the_text_are_those_of_the_runs(
     assert m["twa"]["travel_deg"] > 2.0 * m["minimum_norm"]["travel_deg"]
     assert not m["twa"]["reconfigurations"]
     assert m["sns"]["status"] == "ok"
-    assert min(numbers["mean_z"] for numbers in m.values()) == m["qp_gradient"]["mean_z"]
+    by_z = sorted(m, key=lambda name: m[name]["mean_z"])
+    assert by_z[:2] == ["qp_planned", "qp_gradient"]
     assert all(
         m[name]["violations"] == 0 for name, method in METHODS.items() if method.holds_limits
     )

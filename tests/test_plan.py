@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import itertools
 from collections.abc import Sequence
+from pathlib import Path
 
 import mink
 import mujoco
@@ -30,6 +31,7 @@ from qp_twist.planning.refine import MotionLimits, refine
 from qp_twist.planning.roll_grid import RollGrid
 from qp_twist.planning.shortest_path import Edges, shortest_way, widest_way
 
+ROOT = Path(__file__).parents[1]
 Array = np.ndarray
 SEEDS = st.integers(0, 2**32 - 1)
 BLOCKS = ("full", "plane", "line", "none")
@@ -605,3 +607,74 @@ def test_a_method_is_where_the_map_says_and_has_the_margin_that_it_says(
 def test_the_map_of_rolls_is_refused_where_more_than_a_roll_is_free() -> None:
     with pytest.raises(qt.InvalidInput, match="spherical wrist whose roll"):
         RollMap.of(qt.load_task("planar_line"))
+
+
+# ---------------------------------------------------------------- following a plan
+
+
+def test_following_a_plan_does_what_it_says() -> None:
+    task = qt.load_task("planar_line")
+    plan = qt.plan(task, "margin")
+    lap = qt.follow(task, "qp_planned", plan=plan)
+    assert np.abs(lap.q - plan.motion()).max() < 1e-3
+    assert {status.name for status in lap.statuses} == {"SOLVED"}
+    own = qt.follow(task, "qp_planned", objective="margin")
+    room = np.minimum(own.q - [0.0] * 3, np.radians([90.0, 90.0, 180.0]) - own.q).min()
+    assert np.degrees(room) < plan.value  # from the task's start there is less
+
+
+def test_a_part_that_has_moved_is_followed_all_the_same() -> None:
+    task = qt.load_task("planar_line")
+    plan = qt.plan(task)
+    elsewhere = moved(task, range(101), np.array([0.01, -0.02, 0.0]))
+    lap = qt.follow(elsewhere, "qp_planned", plan=plan)
+    assert lap.position_error.max() < 1e-8
+    assert lap.margins.min() > 0.0
+    assert lap.z.mean() < 1.02 * qt.plan(elsewhere).value
+
+
+def test_any_joint_space_method_can_follow_a_plan_and_no_plan_is_an_error() -> None:
+    task = qt.load_task("planar_line")
+    plan = qt.plan(task)
+    lap = qt.follow(task, "gradient_projection", secondary="plan", plan=plan, iterations=20)
+    assert np.abs(lap.q - plan.motion()).max() < 1e-3
+    narrow = qt.load_task("planar_line")
+    narrow.model.jnt_range[1] = np.radians([0.0, 30.0])
+    with pytest.raises(qt.InvalidInput, match="forbidden by joint_2"):
+        qt.follow(narrow, "qp_planned", plan=qt.plan(narrow))
+    with pytest.raises(qt.InvalidInput, match="the plan has 101 waypoints, the path 6"):
+        qt.follow(short_line(6), "qp_planned", plan=plan)
+    with pytest.raises(qt.InvalidInput, match="Plan"):
+        qt.follow(task, "qp_planned", plan=plan.q)
+
+
+def test_a_task_file_may_ask_for_the_best_start(tmp_path: Path) -> None:
+    text = (ROOT / "tasks" / "planar_line.toml").read_text("utf-8")
+    file = tmp_path / "best.toml"
+    head, tail = text.split("[start]")
+    rest = tail[tail.index("\n[") :]
+    file.write_text(f'start = "best"\n{head}{rest}', "utf-8")
+    task = qt.load_task(file)
+    assert task.best_start
+    comparison = qt.compare(task, ["minimum_norm", "qp_planned"])
+    plan = qt.plan(task)
+    for trajectory in comparison.trajectories.values():
+        np.testing.assert_allclose(trajectory.q[0], plan.start, atol=1e-6)
+    file.write_text(f'start = "worst"\n{head}{rest}', "utf-8")
+    with pytest.raises(qt.TaskFileError, match="start"):
+        qt.load_task(file)
+    file.write_text(f"{text}\nbest = true\n".replace("[start]", "[start]\nbest = true"), "utf-8")
+    with pytest.raises(qt.TaskFileError):
+        qt.load_task(file)
+
+
+def test_the_best_start_needs_a_path_that_does_not_depend_on_it(tmp_path: Path) -> None:
+    text = (ROOT / "tasks" / "planar_line.toml").read_text("utf-8")
+    head, tail = text.split("[start]")
+    rest = tail[tail.index("\n[") :]
+    whole = head.replace("[projector]", "[projector]\nangular = { line = [0, 0, 1] }")
+    whole = "\n".join(line for line in whole.splitlines() if line.strip() != 'angular = "none"')
+    file = tmp_path / "held.toml"
+    file.write_text(f'start = "best"\n{whole}{rest}', "utf-8")
+    with pytest.raises(qt.TaskFileError, match=r"path\.tool_axis"):
+        qt.load_task(file)

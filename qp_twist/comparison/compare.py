@@ -12,7 +12,7 @@ from qp_twist.comparison import joint_figure, path_figure, roadmap_figure, scene
 from qp_twist.comparison.metrics import metrics
 from qp_twist.comparison.table import plain_table
 from qp_twist.errors import InvalidInput
-from qp_twist.following import Trajectory, follow, write_atomically
+from qp_twist.following import Trajectory, follow, with_start, write_atomically
 from qp_twist.path import METHODS, PathTask, check_method, load_task
 from qp_twist.qp import check_solver
 
@@ -128,6 +128,7 @@ def compare(
     names = task.method_names() if methods is None else [check_method(m) for m in methods]
     if not names:
         raise InvalidInput("compare: methods is empty; name at least one.")
+    task = with_start(task)
     order = {name: index for index, name in enumerate(METHODS)}
     trajectories: dict[str, Trajectory] = {}
     not_run: dict[str, str] = {}

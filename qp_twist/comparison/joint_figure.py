@@ -36,10 +36,10 @@ def joint_figures(path_task: PathTask, trajectories: Mapping[str, Trajectory]) -
         if not method.constrained or name not in trajectories:
             continue
         pair = [n for n, m in METHODS.items() if m.counterpart == name and n in trajectories]
-        forms = "closed forms" if len(pair) > 1 else "closed form"
+        beside = {0: "", 1: " and its closed form"}.get(len(pair), " and its closed forms")
         figures[f"joints_{name}"] = joint_figure(
             path_task, {n: trajectories[n] for n in [*pair, name]},
-            f"Joint positions between their limits: {name} and its {forms}",
+            f"Joint positions between their limits: {name}{beside}",
         )  # fmt: skip
     return figures
 

@@ -17,6 +17,7 @@ _PAIR_COLOURS = {
     "qp_minimum_norm": "#009E73",
     "qp_gradient": "#CC79A7",
     "qp": "#0072B2",
+    "qp_planned": "#000000",
 }
 # In turn for the closed forms of one QP.
 _DASHES: tuple[Any, ...] = ((0, (4, 2)), (0, (1, 1.5)), (0, (6, 1.5, 1, 1.5)))
@@ -38,10 +39,16 @@ RC: Any = {
 }
 
 
+def pair_of(name: str) -> str:
+    """The QP of a method's pair."""
+    method = METHODS[name]
+    return name if method.constrained or method.counterpart is None else method.counterpart
+
+
 def line_style(name: str) -> dict[str, Any]:
     """Matplotlib keywords of a method's curve."""
     method = METHODS[name]
-    colour = to_rgb(_PAIR_COLOURS[name if method.constrained else method.counterpart])
+    colour = to_rgb(_PAIR_COLOURS[pair_of(name)])
     if method.constrained:
         dashes: Any = "solid"
     else:

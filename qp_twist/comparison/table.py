@@ -12,6 +12,7 @@ from rich.table import Table
 from rich.text import Text
 
 from qp_twist.comparison.metrics import BAND_LEFT
+from qp_twist.comparison.style import pair_of
 from qp_twist.path import METHODS
 
 WIDTH = 128
@@ -44,7 +45,7 @@ def rich_table(comparison: dict[str, Any]) -> Table:
     methods = list(comparison["methods"])
     for index, name in enumerate(methods):
         following = methods[index + 1] if index + 1 < len(methods) else None
-        together = following is not None and _pair(following) == _pair(name)
+        together = following is not None and pair_of(following) == pair_of(name)
         table.add_row(*_row(name, comparison["methods"][name]), end_section=not together)
     return table
 
@@ -66,12 +67,6 @@ def notes(comparison: dict[str, Any]) -> list[str]:
         for name, numbers in comparison["methods"].items()
         if numbers["status"] != "ok"
     ] + [f"{name}: not run: {why}" for name, why in comparison.get("not_run", {}).items()]
-
-
-def _pair(name: str) -> str:
-    """The QP of a method's pair."""
-    method = METHODS[name]
-    return name if method.constrained else method.counterpart
 
 
 def _row(name: str, numbers: dict[str, Any]) -> list[Text | str]:

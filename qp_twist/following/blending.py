@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import mink
 
+from qp_twist.checks import Array
 from qp_twist.following.resolver import Displacement, Resolver, make_resolver
 from qp_twist.following.waypoint_limits import WaypointLimits
 from qp_twist.geometry import TwistProjector, twist_error
@@ -115,6 +116,11 @@ class BlendingResolver(Resolver):
         self.limits = common.limits
         self.previous = previous
         self.ramp = ramp
+
+    def aim(self, plan: Array, index: int) -> None:
+        """For all three."""
+        for resolver in (self.old, self.new, self.common):
+            resolver.aim(plan, index)
 
     def displacement(self, configuration: mink.Configuration, *, first: bool) -> Displacement:
         """The combination, or a correction of the common rows."""

@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from qp_twist.checks import Array, finite_array, instance
 from qp_twist.errors import InvalidInput
-from qp_twist.following.follow import corrected_start, follow
+from qp_twist.following.walk import corrected_start, walk
 from qp_twist.path import PathTask, check_method
 from qp_twist.planning import Plan, make_plan
 
@@ -78,6 +78,7 @@ def plan(
         first = finite_array("start", start, (path_task.model.nq,))
         path_task = dataclasses.replace(path_task, start=first)
         first = corrected_start(path_task, path_task.waypoints[0], holds_limits=True)
+    path_task = _without_best(path_task)
     laps = [lap for name in seeds if (lap := _lap(path_task, check_method(name))) is not None]
     if first is not None:
         laps = [np.vstack([first[None], lap[1:]]) for lap in laps]
@@ -87,9 +88,24 @@ def plan(
 def _lap(path_task: PathTask, method: str) -> Array | None:
     """A method's joint path; ``None`` where it has none on the path."""
     try:
-        trajectory = follow(path_task, method)
+        trajectory = walk(path_task, method, path_task.settings(method))
     except InvalidInput:  # its start cannot be corrected
         return None
     arrived = trajectory.diverged_at is None and not trajectory.failure
     on_path = trajectory.position_error.max() < 1e-2 and trajectory.axis_error.max() < 1e-1
     return trajectory.q if arrived and on_path else None
+
+
+def with_start(path_task: PathTask) -> PathTask:
+    """The task with ``start = "best"`` replaced by the start of its best plan.
+
+    Raises:
+        InvalidInput: If there is no plan; the message says why.
+    """
+    if not path_task.best_start:
+        return path_task
+    return dataclasses.replace(_without_best(path_task), start=plan(path_task).start)
+
+
+def _without_best(path_task: PathTask) -> PathTask:
+    return dataclasses.replace(path_task, best_start=False)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import abc
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import mink
@@ -49,14 +50,22 @@ class Resolver(abc.ABC):
     Attributes:
         task: The twist task whose target the caller sets, waypoint by waypoint.
         limits: The limits that the method holds, shared by all resolvers of a run.
+        objectives: Its secondary objectives.
     """
 
     task: TwistTask
     limits: WaypointLimits | None = None
+    objectives: Sequence[SecondaryObjective] = ()
 
     @abc.abstractmethod
     def displacement(self, configuration: mink.Configuration, *, first: bool) -> Displacement:
         """Displacement of one iteration; ``first``: the waypoint's first, with the secondary."""
+
+    def aim(self, plan: Array, index: int) -> None:
+        """Where the secondary is a plan (N, nq): called with the number of the next waypoint."""
+        for objective in self.objectives:
+            if isinstance(objective, PostureReference):
+                objective.q_ref = plan[index]
 
     def begin_waypoint(self, configuration: mink.Configuration, duration: float | None) -> None:
         """Called with the configuration at the last waypoint and the time to the next, s."""
@@ -173,13 +182,14 @@ class QpResolver(Resolver):
         self.task = twist_task(path_task, projector)
         self.limits = limits
         model = path_task.model
+        self.objectives = secondary_objectives(path_task, self.task, settings)
         metric = None
         if settings.secondary == "centering" and settings.weight == "natural":
             metric = range_metric(JointRanges.of(model))
         self.controller = Controller(
             model,
             tasks=[self.task],
-            secondary=secondary_objectives(path_task, self.task, settings),
+            secondary=self.objectives,
             secondary_space=self.method.space,
             solver=solver,
             metric=metric,
@@ -243,7 +253,7 @@ def secondary_objectives(
     match settings.secondary:
         case "centering":
             return [JointCentering(model, settings.weight, settings.gain)]
-        case "posture":
+        case "posture" | "plan":  # the plan's reference moves on with the waypoints
             return [PostureReference(model, path_task.start, settings.gain)]
         case "manipulability":
             return [Manipulability(model, task, settings.gain)]

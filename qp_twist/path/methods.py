@@ -21,6 +21,7 @@ MethodName = Literal[
     "qp_gradient",
     "twa",
     "qp",
+    "qp_planned",
 ]
 
 
@@ -30,7 +31,7 @@ class MethodSettings(Section):
     iterations: Annotated[int, Field(ge=1, le=1000)] = Field(
         default=20, description="most iterations for a waypoint"
     )
-    secondary: Literal["none", "centering", "posture", "manipulability"] = Field(
+    secondary: Literal["none", "centering", "posture", "manipulability", "plan"] = Field(
         default="none", description="what the free motion is spent on"
     )
     weight: Literal["gradient", "paper", "natural"] = Field(
@@ -40,6 +41,9 @@ class MethodSettings(Section):
     )
     gain: Annotated[float, Field(ge=0.0, allow_inf_nan=False)] = Field(
         default=1.0, description="of the secondary, per waypoint"
+    )
+    objective: Literal["centering", "travel", "margin"] = Field(
+        default="centering", description="of the plan, where that is the secondary"
     )
     optimal: bool = Field(
         default=True, description="of sns: whether held joints are released, or the basic form runs"
@@ -59,15 +63,16 @@ class Method:
         flipped: Whether it takes the roll rule's other sign.
         space: Where the QP measures the secondary.
         counterpart: The QP nearest to a closed form, or the closed form that a QP equals while no
-            limit is active. ``sns`` and ``weighted_least_norm`` both have ``qp_minimum_norm``: the
-            one is what it is with limits, the other what it would be in another metric.
+            limit is active; none for ``qp_planned``. ``sns`` and ``weighted_least_norm`` both have
+            ``qp_minimum_norm``: the one is what it is with limits, the other what it would be in
+            another metric.
         defaults: Settings where the task file says nothing.
     """
 
     name: str
     title: str
     constrained: bool
-    counterpart: str
+    counterpart: str | None
     whole_twist: bool = False
     flipped: bool = False
     space: Literal["joint", "twist"] = "joint"
@@ -107,6 +112,10 @@ METHODS: dict[str, Method] = {
         Method(
             "qp", "QP, twist-space cost", True, "twa", space="twist",
             defaults=_TWA.model_copy(update={"iterations": 20}),
+        ),
+        Method(
+            "qp_planned", "QP along a plan", True, None,
+            defaults=MethodSettings(secondary="plan"),
         ),
     )
 }  # fmt: skip

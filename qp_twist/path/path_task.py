@@ -36,6 +36,7 @@ class PathTask:
         waypoints: Poses in the world, with the roll of the roll rule.
         flipped_waypoints: The same with the rule's other sign; ``None`` without a rule.
         start: Starting configuration, before it is corrected onto the first waypoint, (nq,).
+        best_start: Whether the start of the best plan is to be taken instead.
         durations: Time that each waypoint may take, s, (N,); the first is 0; ``None`` untimed.
         velocity_limits: Largest joint speeds, rad/s or m/s, (nv,); ∞ where none is stated.
         acceleration_limits: Largest joint accelerations, rad/s² or m/s², (nv,); ∞ likewise.
@@ -67,6 +68,7 @@ class PathTask:
     methods: dict[str, MethodSettings] = field(default_factory=dict)
     segments: tuple[Segment, ...] = ()
     bands: tuple[ToleranceBand, ...] = ()
+    best_start: bool = False
 
     def __post_init__(self) -> None:
         check_segments(self.operational, self.projector, self.segments, len(self.waypoints))

@@ -68,6 +68,8 @@ def load_task(task: str | Path) -> PathTask:
         raise TaskFileError(f"{path}: not valid TOML: {error}.") from error
     except (ValueError, RecursionError) as error:
         raise TaskFileError(f"{path}: cannot be read: {error}.") from error
+    if table.get("start") == "best":
+        table["start"] = {"best": True}
     try:
         # By way of JSON, since only there strict mode takes an array for a tuple.
         file = TaskFile.model_validate_json(json.dumps(table, default=str))
@@ -128,7 +130,7 @@ def _build(path: Path, file: TaskFile) -> PathTask:
             f"{path}: robot.scene: joint {joint!r} is a ball or free joint; a path task follows "
             "arms of hinges and slides. For other robots use qp_twist.Controller step by step."
         )
-    start = _start(path, file.start, model)
+    start = ranges.middle if file.start.best else _start(path, file.start, model)
     projector, operational = file.projector.projector(), file.operational.projector()
     task_redundancy(operational, projector)
     bands = check_bands("bands", [table.band() for table in file.bands], projector)
@@ -158,6 +160,7 @@ def _build(path: Path, file: TaskFile) -> PathTask:
         methods={str(name): settings for name, settings in file.methods.items()},
         segments=tuple(Segment(s.first - 1, s.projector(), s.blend) for s in file.segments),
         bands=bands,
+        best_start=bool(file.start.best),
     )
 
 
@@ -204,6 +207,11 @@ def _poses(path: Path, file: TaskFile, held: Array) -> tuple[Array, Array, Array
     if isinstance(section, PolylinePath):
         positions = polyline(np.array(section.points), section.steps_per_segment)
         if section.tool_axis is None:
+            if file.start.best and file.projector.projector().angular.rank:
+                raise TaskFileError(
+                    f"{path}: start: the best start is looked for on the path, and without "
+                    "path.tool_axis the path has its orientation from the start; give one of them."
+                )
             return positions, np.broadcast_to(held, (len(positions), 3, 3)), None
         axis = unit_vector("path.tool_axis", section.tool_axis)
         axes = np.broadcast_to(axis, (len(positions), 3))

@@ -221,11 +221,12 @@ class StartSection(Section):
 
     q_deg: tuple[Number, ...] | None = None
     q: tuple[Number, ...] | None = None
+    best: Literal[True] | None = None
 
     @model_validator(mode="after")
-    def _one_unit(self) -> StartSection:
-        if (self.q_deg is None) == (self.q is None):
-            raise ValueError("give either q_deg (degrees) or q (rad, m)")
+    def _one_of_them(self) -> StartSection:
+        if [self.q_deg, self.q, self.best].count(None) != 2:
+            raise ValueError('give either q_deg (degrees) or q (rad, m), or start = "best"')
         return self
 
 
