@@ -571,6 +571,13 @@ def test_bad_arguments_are_refused(arguments: dict[str, object], message: str) -
         qt.plan(short_line(3), **arguments)
 
 
+def test_a_path_of_one_waypoint_is_refused() -> None:
+    with pytest.raises(qt.InvalidInput, match="has one waypoint"):
+        qt.plan(short_line(1))
+    with pytest.raises(qt.InvalidInput, match="PathTask"):
+        qt.plan("planar_line")  # type: ignore[arg-type]
+
+
 # ---------------------------------------------------------------- the map of rolls
 
 

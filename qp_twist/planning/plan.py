@@ -88,6 +88,8 @@ def make_plan(
     ``start`` stands on the first waypoint. ``seeds`` are joint paths (N, nq) of other methods.
     """
     instance("plan(path_task, …)", path_task, PathTask)
+    if len(path_task.waypoints) < 2:
+        raise InvalidInput(f"plan: {path_task.name} has one waypoint; a path has at least two.")
     ranges = JointRanges.of(path_task.model)
     goal = Objective.of(ranges, objective)
     if (goal.margin or goal.centering) and not ranges.limited.any():
