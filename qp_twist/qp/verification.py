@@ -14,11 +14,13 @@ from qp_twist.qp.problem import QuadraticProgram
 EQUALITY_TOLERANCE = 1e-8
 """Largest equality residual, relative to 1 + max |b|; m/s and rad/s."""
 BOUND_TOLERANCE = 1e-8
-"""Largest excess over a bound or row, relative to 1 + max |x| and to a row's length above 1."""
+"""Largest excess over a bound or row, relative to 1 + max |x|."""
 OPTIMALITY_TOLERANCE = 1e-6
 """Largest gradient that no multiplier explains, over max |H|, relative to 1 + max |x|; rad/s."""
 GAIN_TOLERANCE = 1e-7
 """Largest cost that multipliers see beyond ``x``, relative to that of moving by 1 + max |x|."""
+GAP_TOLERANCE = 5e-7
+"""Largest duality gap, relative to the same."""
 _TOUCHING, _ON = 1e-6, 1e-9
 """Distances at which a row or bound may touch ``x``, or does, relative to 1 + max |x|."""
 _ROUNDING = 1e-11
@@ -58,8 +60,7 @@ def infeasibility(problem: QuadraticProgram, x: Array | None) -> str:
     equality = float(np.abs(problem.A @ x - problem.b).max(initial=0.0))
     if not equality <= EQUALITY_TOLERANCE * (1.0 + float(np.abs(problem.b).max(initial=0.0))):
         return f"an equality residual of {equality:.2e}"
-    lengths = np.maximum(1.0, np.linalg.norm(problem.G, axis=1))
-    row = float(((problem.G @ x - problem.g) / lengths).max(initial=0.0))
+    row = float((problem.G @ x - problem.g).max(initial=0.0))
     if not row <= BOUND_TOLERANCE * size:
         return f"an inequality row exceeded by {row:.2e}"
     excess = max(
@@ -124,14 +125,23 @@ class _Active(NamedTuple):
 def _excess(
     problem: QuadraticProgram, x: Array, gradient: Array, multipliers: Multipliers
 ) -> float:
-    """The larger of what the multipliers leave of two conditions, in units of its tolerance.
+    r"""The largest of what the multipliers leave of three conditions, in units of its tolerance.
 
-    They are the gradient, and what they would still gain by moving onto the rows and bounds that
-    they belong to. Without the second a point deep in a narrow wedge, near both of its walls but
-    far from its tip, would pass for the tip.
+    They are the gradient r; what they would still gain by moving onto the rows and bounds that they
+    belong to, without which a point deep in a narrow wedge, near both of its walls but far from its
+    tip, would pass for the tip; and the duality gap
+
+    .. math::
+
+        \tfrac12 r^T \mathbf H^{-1} r - y^T(\mathbf A x - \mathbf b)
+        + \lambda^T(\mathbf g - \mathbf G x) + |\mu|^T \text{room},
+
+    by which no point that satisfies the constraints exactly has a lower cost. A small r is much
+    where H is ill-conditioned, and so is a small residual where rows nearly depend on each other.
     """
     equality, rows = problem.A.T @ multipliers.equality, problem.G.T @ multipliers.rows
-    left = float(np.abs(gradient + equality + rows + multipliers.box).max(initial=0.0))
+    residual = gradient + equality + rows + multipliers.box
+    left = float(np.abs(residual).max(initial=0.0))
     size = max(float(np.abs(problem.H).max(initial=0.0)), 1e-300)
     reach = 1.0 + float(np.abs(x).max(initial=0.0))
     terms = (problem.c, equality, rows, multipliers.box)
@@ -139,12 +149,20 @@ def _excess(
     on, box = multipliers.rows != 0.0, multipliers.box
     G, g, pull = problem.G[on], problem.g[on], multipliers.rows[on]
     room = np.where(box > 0.0, problem.upper - x, x - problem.lower)[box != 0.0]
-    gain = float(pull @ np.maximum(g - G @ x, 0.0) + np.abs(box[box != 0.0]) @ room)
+    held = float(np.abs(box[box != 0.0]) @ room)
+    gain = float(pull @ np.maximum(g - G @ x, 0.0)) + held
     cost = (size * reach + float(np.abs(problem.c).max(initial=0.0))) * reach
     lost = _ROUNDING * float(pull @ (np.abs(g) + np.abs(G) @ np.abs(x)))
+    try:
+        gap = 0.5 * float(residual @ np.linalg.solve(problem.H, residual))
+    except np.linalg.LinAlgError:  # of a singular H it says nothing
+        gap = 0.0
+    gap += float(pull @ (g - G @ x)) + held
+    gap -= float(multipliers.equality @ (problem.A @ x - problem.b))
     ratios = (
         left / (OPTIMALITY_TOLERANCE * size * reach + _ROUNDING * largest),
         gain / (GAIN_TOLERANCE * cost + lost),
+        gap / (GAP_TOLERANCE * cost + lost),
     )
     return max(ratios) if np.isfinite(ratios).all() else np.inf
 
