@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 
 Mask = npt.NDArray[np.bool_]
 
+_MARGINS = mpl.colormaps["viridis"].resampled(16)  # bands are easier to compare than a gradient
 _OUTSIDE, _STUCK = "#D9D9D9", "#444444"
 
 
@@ -85,7 +86,7 @@ def _draw_margins(panel: Axes, roll_map: RollMap, branch: int, largest: float) -
     panel.pcolormesh(index, rolls, outside, cmap=mpl.colors.ListedColormap([_OUTSIDE]),
                      shading="nearest", rasterized=True)  # fmt: skip
     image = panel.pcolormesh(
-        index, rolls, np.where(margins >= 0.0, margins, np.nan), cmap="viridis", vmin=0.0,
+        index, rolls, np.where(margins >= 0.0, margins, np.nan), cmap=_MARGINS, vmin=0.0,
         vmax=largest, shading="nearest", rasterized=True,
     )  # fmt: skip
     reached = np.nan_to_num(margins, nan=-1.0)
