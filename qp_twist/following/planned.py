@@ -69,8 +69,8 @@ def plan(
     Example:
         >>> import qp_twist as qt
         >>> plan = qt.plan(qt.load_task("planar_line"))
-        >>> print(f"{plan.value:.4f} (bound {plan.bound:.4f}): {plan.certificate}")
-        0.0522 (bound 0.0522): there is a motion inside all limits (rolls 7.5° apart, joints 15°).
+        >>> print(f"mean z {plan.value:.4f}, bound {plan.bound:.4f}")
+        mean z 0.0522, bound 0.0522
     """
     instance("plan(path_task, …)", path_task, PathTask)
     first: Array | None = None
