@@ -223,7 +223,7 @@ def test_all_turns_inside_the_limits_are_found() -> None:
         '<site name="tool"/></body></body></body></body></worldbody></mujoco>'
     )
     q = np.random.default_rng(0).uniform(-9.0, 9.0, (50, 4))
-    layer = inside_limits(q, np.arange(50), np.zeros(50), qt.JointRanges.of(model))
+    layer = inside_limits(q, np.arange(50), qt.JointRanges.of(model))
     expected = {
         (k, round(a, 9), round(b, 9))
         for k in range(50)

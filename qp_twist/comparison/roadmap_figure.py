@@ -21,6 +21,7 @@ from qp_twist.following import Trajectory
 from qp_twist.kinematics import JointRanges
 from qp_twist.path import PathTask
 from qp_twist.planning import RollMap, roll_arm
+from qp_twist.planning.layer import centred
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -104,7 +105,7 @@ def _draw_manifolds(
     outside: list[list[tuple[int, float]]] = []
     for waypoint, found in curves:
         for curve in found:
-            wrapped = _wrapped(curve, ranges)
+            wrapped = centred(curve, ranges)
             ok = np.all((wrapped >= ranges.lower) & (wrapped <= ranges.upper), axis=1)
             theta = np.degrees(wrapped[:, dof]).tolist()
             for i in range(len(theta) - 1):
@@ -113,13 +114,6 @@ def _draw_manifolds(
                     (inside if ok[i] and ok[i + 1] else outside).append(segment)
     panel.add_collection(LineCollection(outside, colors=_OUTSIDE, linewidths=1.0, zorder=1))
     panel.add_collection(LineCollection(inside, colors=_INSIDE, linewidths=1.6, zorder=2))
-
-
-def _wrapped(curve: Array, ranges: JointRanges) -> Array:
-    """Angles moved by whole turns to within half a turn of the middle of their range."""
-    middle = ranges.middle
-    wrapped: Array = np.remainder(curve - middle + np.pi, 2.0 * np.pi) - np.pi + middle
-    return wrapped
 
 
 def _frame(panel: Axes, ranges: JointRanges, dof: int) -> None:

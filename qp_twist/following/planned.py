@@ -78,7 +78,6 @@ def plan(
         first = finite_array("start", start, (path_task.model.nq,))
         path_task = dataclasses.replace(path_task, start=first)
         first = corrected_start(path_task, path_task.waypoints[0], holds_limits=True)
-    path_task = _without_best(path_task)
     laps = [lap for name in seeds if (lap := _lap(path_task, check_method(name))) is not None]
     if first is not None:
         laps = [np.vstack([first[None], lap[1:]]) for lap in laps]
@@ -104,8 +103,4 @@ def with_start(path_task: PathTask) -> PathTask:
     """
     if not path_task.best_start:
         return path_task
-    return dataclasses.replace(_without_best(path_task), start=plan(path_task).start)
-
-
-def _without_best(path_task: PathTask) -> PathTask:
-    return dataclasses.replace(path_task, best_start=False)
+    return dataclasses.replace(path_task, best_start=False, start=plan(path_task).start)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Sequence
 
 import numpy as np
@@ -58,7 +59,7 @@ def pointwise_bound(
             z[0] = objective.ranges.centring(start)
         bound += objective.centering * float(z.mean())
     if objective.travel:
-        bound += objective.travel * _least_travel(rows, layers, waypoints, count)
+        bound += objective.travel * _least_travel(rows, layers, waypoints)
     return bound
 
 
@@ -85,11 +86,12 @@ def _centred(q: Array, at: Indices, rows: PathRows, objective: Objective) -> Arr
     ranges = objective.ranges
     q, arrived = rows.correct(q, at)
     for _ in range(_ROUNDS):
-        weighted = ranges.weight[:, None] * rows.motions(q, at).basis
+        basis = rows.motions(q, at)
+        weighted = ranges.weight[:, None] * basis
         wish = ranges.weight * (ranges.middle - q)
         gram = weighted.transpose(0, 2, 1) @ weighted + 1e-12 * np.eye(weighted.shape[2])
         u = np.linalg.solve(gram, weighted.transpose(0, 2, 1) @ wish[:, :, None])
-        step = (rows.motions(q, at).basis @ u)[:, :, 0]
+        step = (basis @ u)[:, :, 0]
         longest = np.abs(step).max(axis=1, initial=_LONGEST)
         moved, arrived_there = rows.correct(q + step * (_LONGEST / longest)[:, None], at)
         nearer = arrived_there & (ranges.centring(moved) < ranges.centring(q) - 1e-12)
@@ -105,7 +107,7 @@ def _climbed(q: Array, at: Indices, rows: PathRows, objective: Objective) -> Arr
     q, arrived = rows.correct(q, at)
     step = np.full(len(q), _LONGEST)
     for _ in range(2 * _ROUNDS):
-        basis = rows.motions(q, at).basis
+        basis = rows.motions(q, at)
         better = np.zeros(len(q), dtype=bool)
         for direction in range(basis.shape[2]):
             for sign in (1.0, -1.0):
@@ -126,16 +128,11 @@ def _best(values: Array, at: Indices, count: int, choose: np.ufunc) -> Array:
     return best
 
 
-def _least_travel(
-    rows: PathRows, layers: Sequence[Layer], waypoints: Sequence[int], count: int
-) -> float:
+def _least_travel(rows: PathRows, layers: Sequence[Layer], waypoints: Sequence[int]) -> float:
     """Degrees, over the whole path."""
     total = 0.0
-    for layer, index in zip(layers, waypoints, strict=True):
-        if index + 1 >= count:
-            continue
+    for layer, (index, after) in zip(layers, itertools.pairwise(waypoints), strict=False):
         dq = np.abs(rows.shortest(layer.q, np.full(len(layer.q), index + 1)))
         largest = dq.max(axis=1, initial=1e-300)
-        after = min(waypoints[waypoints.index(index) + 1], count - 1)
         total += (after - index) * float(((dq**2).sum(axis=1) / largest).min())
     return float(np.degrees(total))

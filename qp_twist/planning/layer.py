@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
+import mink
 import numpy as np
 
 from qp_twist.checks import Array
-from qp_twist.kinematics import JointRanges
-from qp_twist.planning.path_rows import Indices
+from qp_twist.kinematics import JointRanges, ToleranceBand
+from qp_twist.kinematics.tolerance_band import FramePair
+from qp_twist.planning.path_rows import Indices, Mask
 
 TURN = 2.0 * np.pi
+_WITHIN = 1e-9
+"""Excess over a band that is rounding, rad or m."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -20,35 +25,17 @@ class Layer:
     Attributes:
         q: Configurations inside the limits, whole turns of each joint counted, (K, nv).
         branch: Number of the branch that each belongs to, (K,).
-        roll: Roll of each against the waypoint's own, rad, (K,); NaN where it is not the roll that
-            is free.
         solutions: How many configurations the waypoint has without limits, turns not counted.
         outside: Which joints forbid it, where no configuration is inside the limits.
     """
 
     q: Array
     branch: Indices
-    roll: Array
     solutions: int
     outside: tuple[str, ...] = ()
 
-    def only(self, keep: Indices) -> Layer:
-        """The same with some of the configurations."""
-        return Layer(self.q[keep], self.branch[keep], self.roll[keep], self.solutions, self.outside)
 
-    def with_seeds(self, q: Array) -> Layer:
-        """The same with configurations (S, nv) added, of no branch."""
-        more = len(q)
-        return Layer(
-            np.vstack([self.q, q]),
-            np.concatenate([self.branch, np.full(more, -1)]),
-            np.concatenate([self.roll, np.full(more, np.nan)]),
-            self.solutions,
-            self.outside,
-        )
-
-
-def inside_limits(q: Array, branch: Indices, roll: Array, ranges: JointRanges) -> Layer:
+def inside_limits(q: Array, branch: Indices, ranges: JointRanges) -> Layer:
     """The layer of configurations (K, nv), of which whole turns do not matter.
 
     Every choice of turns inside the limits counts; hinges without limits stay within half a turn.
@@ -63,13 +50,34 @@ def inside_limits(q: Array, branch: Indices, roll: Array, ranges: JointRanges) -
         keep = (q[:, joint] >= ranges.lower[joint]) & (q[:, joint] <= ranges.upper[joint])
         q, which = q[keep], which[keep]
     outside = _forbidding(every, ranges) if len(every) and not len(q) else ()
-    return Layer(q, branch[which], roll[which], len(every), outside)
+    return Layer(q, branch[which], len(every), outside)
 
 
 def centred(q: Array, ranges: JointRanges) -> Array:
     """Full turns taken off so that every hinge is nearest to the middle of its range."""
     turns = np.round((q - ranges.middle) / TURN)
     return q - TURN * np.where(ranges.hinge, turns, 0.0)
+
+
+def inside_bands(
+    bands: Sequence[ToleranceBand], rotations: Array, positions: Array, waypoint: mink.SE3
+) -> Mask:
+    """Which of K poses, rotations (K, 3, 3) and positions (K, 3), are inside the hard bands."""
+    hard = [band for band in bands if band.weight is None]
+    if not hard:
+        return np.ones(len(rotations), dtype=bool)
+    target, goal = waypoint.rotation().as_matrix(), waypoint.translation()
+    pairs = (
+        FramePair(rotation, position, target, goal, np.zeros(6))
+        for rotation, position in zip(rotations, positions, strict=True)
+    )
+    return np.array([all(b.excess(pair) <= _WITHIN for b in hard) for pair in pairs], dtype=bool)
+
+
+def boxed(q: Array, period: Array) -> Array:
+    """Coordinates (K, nv) in [0, period) where a period is not 0: a tree's box of that size."""
+    wrapped: Array = np.where(period > 0.0, np.mod(q, np.where(period > 0.0, period, 1.0)), q)
+    return wrapped
 
 
 def _forbidding(q: Array, ranges: JointRanges) -> tuple[str, ...]:

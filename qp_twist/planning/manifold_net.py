@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import KDTree
 
 from qp_twist.checks import Array
-from qp_twist.kinematics import JointRanges, ToleranceBand
-from qp_twist.kinematics.tolerance_band import FramePair
+from qp_twist.kinematics import JointRanges
 from qp_twist.path import PathTask
-from qp_twist.planning.layer import TURN, Layer, centred, inside_limits
+from qp_twist.planning.layer import TURN, Layer, boxed, centred, inside_bands, inside_limits
 from qp_twist.planning.path_rows import Indices, Mask, PathRows
 
 SEEDS = 300
@@ -22,8 +23,6 @@ _THIN = 0.6
 """Nodes nearer than this share of the spacing are one."""
 _MOST = 20_000
 """Nodes of a waypoint."""
-_WITHIN = 1e-9
-"""Excess over a limit or band that is rounding, rad or m."""
 
 
 class ManifoldNet:
@@ -49,9 +48,6 @@ class ManifoldNet:
         #: Joints whose position matters up to whole turns only.
         self._period = np.where(self.ranges.hinge & ~(width < TURN), TURN, 0.0)
         self._rng = np.random.default_rng(seed)
-        self._bands: tuple[ToleranceBand, ...] = tuple(
-            band for band in path_task.bands if band.weight is None
-        )
 
     def layer(self, index: int, before: Layer | None = None) -> Layer:
         """The configurations at a waypoint; those of the layer before it help to find them."""
@@ -60,17 +56,15 @@ class ManifoldNet:
             seeds = np.vstack([centred(before.q, self.ranges), seeds])
         q, arrived = self.rows.correct(seeds, np.full(len(seeds), index))
         q = centred(q[arrived], self.ranges)
-        solutions = len(q)
-        if not solutions:
-            return inside_limits(q, np.zeros(0, dtype=np.intp), np.zeros(0), self.ranges)
         nodes = self._thinned(q[self._inside(q, index)], None)
         if not len(nodes):
-            return inside_limits(q, np.zeros(len(q), dtype=np.intp), np.zeros(len(q)), self.ranges)
+            none = inside_limits(q, np.zeros(len(q), dtype=np.intp), self.ranges)
+            # Where it is the bands that forbid it, some may be inside the limits.
+            return replace(none, q=none.q[:0], branch=none.branch[:0])
         freedom = int(self.rows.freedom[index])
         if 0 < freedom <= COVERED:
             nodes = self._grown(nodes, index, freedom)
-        return inside_limits(nodes, self._components(nodes), np.full(len(nodes), np.nan),
-                             self.ranges)  # fmt: skip
+        return inside_limits(nodes, self._components(nodes), self.ranges)
 
     def _random(self, count: int) -> Array:
         lower, upper = self.ranges.lower, self.ranges.upper
@@ -85,7 +79,7 @@ class ManifoldNet:
         frontier = nodes
         while len(frontier) and len(nodes) < _MOST:
             at = np.full(len(frontier), index)
-            basis = self.rows.motions(frontier, at).basis[:, :, :freedom]
+            basis = self.rows.motions(frontier, at)[:, :, :freedom]
             ahead = frontier[:, None] + self.spacing * (directions @ basis.transpose(0, 2, 1))
             ahead = ahead.reshape(-1, nodes.shape[1])
             start = np.repeat(frontier, len(directions), axis=0)
@@ -100,13 +94,15 @@ class ManifoldNet:
         """Those of q (K, nv) that are not too near to each other or to ``others``."""
         radius = _THIN * self.spacing
         if others is not None and len(q):
-            distance, _ = self._tree(others).query(self._in_box(q), distance_upper_bound=radius)
+            distance, _ = self._tree(others).query(
+                boxed(q, self._period), distance_upper_bound=radius
+            )
             q = q[~np.isfinite(distance)]
         if not len(q):
             return q
         taken = np.zeros(len(q), dtype=bool)
         kept = []
-        neighbours = self._tree(q).query_ball_point(self._in_box(q), radius)
+        neighbours = self._tree(q).query_ball_point(boxed(q, self._period), radius)
         for number, near in enumerate(neighbours):
             if not taken[number]:
                 kept.append(number)
@@ -125,26 +121,11 @@ class ManifoldNet:
         at = centred(q, self.ranges)
         within = (at >= self.ranges.lower) & (at <= self.ranges.upper)
         inside: Mask = np.logical_and.reduce(within, axis=1)
-        if self._bands:
-            inside = inside & self._in_bands(q, index)
-        return inside
-
-    def _in_bands(self, q: Array, index: int) -> Mask:
         waypoint = self.path_task.waypoints[index]
-        target, goal = waypoint.rotation().as_matrix(), waypoint.translation()
-        pairs = (
-            FramePair(rotation, position, target, goal, np.zeros(6))
-            for rotation, position in zip(*self.rows.chain.poses(q), strict=True)
-        )
-        return np.array([all(b.excess(pair) <= _WITHIN for b in self._bands) for pair in pairs])
-
-    def _in_box(self, q: Array) -> Array:
-        period = np.where(self._period > 0.0, self._period, 1.0)
-        boxed: Array = np.where(self._period > 0.0, np.mod(q, period), q)
-        return boxed
+        return inside & inside_bands(self.path_task.bands, *self.rows.chain.poses(q), waypoint)
 
     def _tree(self, q: Array) -> KDTree:
-        return KDTree(self._in_box(q), boxsize=self._period)
+        return KDTree(boxed(q, self._period), boxsize=self._period)
 
 
 def _directions(freedom: int) -> Array:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 import numpy.typing as npt
 
@@ -22,15 +20,6 @@ _LONGEST = 0.3
 """Largest joint displacement of a Newton step, rad or m: the rows hold only nearby."""
 _SINGULAR = 1e-6
 """Singular values below this share of the largest are not divided by."""
-
-
-class Motions(NamedTuple):
-    """What the task leaves free at K configurations."""
-
-    basis: Array
-    """Orthonormal, (K, nv, d); columns of zeros where a waypoint leaves fewer than d free."""
-    sigma_min: Array
-    """Smallest singular value of UᵀJ, (K,)."""
 
 
 class PathRows:
@@ -100,17 +89,17 @@ class PathRows:
             norms[which] = np.linalg.norm(errors, axis=1)
         return norms
 
-    def motions(self, q: Array, at: Indices) -> Motions:
-        """An orthonormal basis of what the rows do not see, and their smallest singular value."""
-        most = int(self.freedom.max(initial=0))
-        basis = np.zeros((*q.shape, most))
-        sigma_min = np.zeros(len(q))
+    def motions(self, q: Array, at: Indices) -> Array:
+        """Orthonormal bases of what the rows do not see, (K, nv, d).
+
+        Columns of zeros where a waypoint leaves fewer than d free.
+        """
+        basis = np.zeros((*q.shape, int(self.freedom.max(initial=0))))
         for which, rows, _ in self._groups(q, at):
             rank = rows.shape[1]
-            _, sigma, right = np.linalg.svd(rows)
+            right = np.linalg.svd(rows)[2]
             basis[which, :, : q.shape[1] - rank] = right[:, rank:].transpose(0, 2, 1)
-            sigma_min[which] = sigma[:, -1] if rank else 0.0
-        return Motions(basis, sigma_min)
+        return basis
 
     def _groups(self, q: Array, at: Indices) -> list[tuple[Indices, Array, Array]]:
         """For each projector: the configurations it holds at, UᵀJ and UᵀΔt."""

@@ -15,7 +15,6 @@ from qp_twist.path import PathTask
 from qp_twist.planning.bound import pointwise_bound
 from qp_twist.planning.certificate import Certificate
 from qp_twist.planning.objective import Objective
-from qp_twist.planning.path_rows import PathRows
 from qp_twist.planning.refine import MotionLimits
 from qp_twist.planning.search import Progress, Search
 
@@ -104,11 +103,11 @@ def make_plan(
         if outside.any():
             name = ranges.names[int(np.argmax(outside))]
             raise InvalidInput(f"plan: the start is outside the limits of {name}.")
-    found = Search(path_task, goal, limits, first, seeds, progress).run()
+    search = Search(path_task, goal, limits, first, seeds, progress)
+    found = search.run()
     bound = np.nan
     if all(len(layer.q) for layer in found.layers):
-        rows = PathRows(path_task)
-        bound = pointwise_bound(goal, rows, found.layers, found.waypoints, first)
+        bound = pointwise_bound(goal, search.rows, found.layers, found.waypoints, first)
     path = found.path
     return Plan(
         path_task,

@@ -148,7 +148,7 @@ def _step(
 ) -> Refined | None:
     """The path after one program; ``None`` where it has no solution or leaves the task."""
     at = np.arange(len(here.q))
-    basis = rows.motions(here.q, at).basis
+    basis = rows.motions(here.q, at)
     if limits.fixed_start:
         basis[0] = 0.0
     u = _solved(here.q, basis, limits, objective, radius, settle)

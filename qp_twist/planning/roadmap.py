@@ -76,9 +76,5 @@ class Roadmap:
                 progress(done)
         return found
 
-    def sigma_min(self, index: int, q: Array) -> Array:
-        """Smallest singular value of the task rows at configurations q (K, nv) of a waypoint."""
-        return self.rows.motions(q, np.full(len(q), index)).sigma_min
-
     def _closed_form(self, index: int) -> bool:
         return self._rolls is not None and RollGrid.applies(self.path_task, index)

@@ -6,16 +6,13 @@ import numpy as np
 
 from qp_twist.checks import Array
 from qp_twist.geometry import ProjectorKind
-from qp_twist.kinematics import JointRanges, OrthoParallelArm, ToleranceBand
+from qp_twist.kinematics import JointRanges, OrthoParallelArm
 from qp_twist.kinematics.serial_chain import turns
-from qp_twist.kinematics.tolerance_band import FramePair
 from qp_twist.path import PathTask
-from qp_twist.planning.layer import TURN, Layer, inside_limits
+from qp_twist.planning.layer import TURN, Layer, inside_bands, inside_limits
 
 FINEST = 16
 """Most parts of a grid interval in which the joints run fast."""
-_WITHIN = 1e-9
-"""Excess over a band that is rounding, rad or m."""
 
 
 class RollGrid:
@@ -46,9 +43,6 @@ class RollGrid:
         self.spacing = TURN / count
         self.rolls = np.linspace(0.0, TURN, count, endpoint=False)
         self._joints = joints
-        self._bands: tuple[ToleranceBand, ...] = tuple(
-            band for band in path_task.bands if band.weight is None
-        )
 
     @staticmethod
     def applies(path_task: PathTask, index: int) -> bool:
@@ -87,11 +81,12 @@ class RollGrid:
         return axis
 
     def _inside(self, index: int, rolls: Array, found: Array) -> Layer:
-        if self._bands:
-            kept = self._in_bands(index, rolls)
-            rolls, found = rolls[kept], found[kept]
+        waypoint = self.path_task.waypoints[index]
+        positions = np.broadcast_to(waypoint.translation(), (len(rolls), 3))
+        rotations = self._rotations(index, rolls)
+        found = found[inside_bands(self.path_task.bands, rotations, positions, waypoint)]
         row, branch = np.nonzero(np.isfinite(found).all(axis=2))
-        return inside_limits(found[row, branch], branch, rolls[row], self.ranges)
+        return inside_limits(found[row, branch], branch, self.ranges)
 
     def _branches(self, index: int, rolls: Array) -> Array:
         rotations = self._rotations(index, rolls)
@@ -105,12 +100,3 @@ class RollGrid:
             return rotation[None]
         turned: Array = rotation @ turns(self.axis(self.path_task, index), rolls)
         return turned
-
-    def _in_bands(self, index: int, rolls: Array) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
-        waypoint = self.path_task.waypoints[index]
-        position, target = waypoint.translation(), waypoint.rotation().as_matrix()
-        pairs = (
-            FramePair(rotation, position, target, position, np.zeros(6))
-            for rotation in self._rotations(index, rolls)
-        )
-        return np.array([all(b.excess(pair) <= _WITHIN for b in self._bands) for pair in pairs])

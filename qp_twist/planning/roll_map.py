@@ -9,7 +9,7 @@ import numpy as np
 
 from qp_twist.checks import Array
 from qp_twist.errors import InvalidInput
-from qp_twist.geometry import ProjectorKind
+from qp_twist.geometry import ProjectorKind, twist_angle
 from qp_twist.kinematics import JointRanges, OrthoParallelArm
 from qp_twist.path import PathTask
 from qp_twist.planning.layer import TURN, centred
@@ -27,6 +27,7 @@ class RollMap:
 
     Attributes:
         path_task: The path.
+        arm: Its arm.
         waypoints: Which waypoints, from 0, (W,).
         rolls: Against each waypoint's own roll, rad, from −π on, (R,).
         margins: Distance from the nearest joint limit at the best turns, degrees, (W, R, 8):
@@ -36,6 +37,7 @@ class RollMap:
     """
 
     path_task: PathTask
+    arm: OrthoParallelArm
     waypoints: Indices
     rolls: Array
     margins: Array
@@ -67,17 +69,16 @@ class RollMap:
             stuck[k] = ~_connected(q[k], q[k + 1], steps[a:b].sum(axis=0), grid.spacing)
         rolls = _wrapped(grid.rolls)
         order = np.argsort(rolls)
-        return cls(path_task, waypoints, rolls[order], np.degrees(room[:, order]), stuck[:, order])
+        margins = np.degrees(room[:, order])
+        return cls(path_task, arm, waypoints, rolls[order], margins, stuck[:, order])
 
     def locate(self, q: Array) -> tuple[Array, Indices]:
         """Rolls (N,), rad in [−π, π), and branches (N,) of a joint path q (N, nv).
 
         NaN where a configuration is not on its waypoint's axis by more than a degree.
         """
-        arm = roll_arm(self.path_task)
-        assert arm is not None
-        rotations, positions = arm.chain.poses(q)
-        apart = arm.branches(rotations, positions) - q[:, None]
+        rotations, positions = self.arm.chain.poses(q)
+        apart = self.arm.branches(rotations, positions) - q[:, None]
         apart -= TURN * np.round(apart / TURN)
         distance = np.where(np.isfinite(apart), np.abs(apart), np.inf).max(axis=2)
         rolls = np.full(len(q), np.nan)
@@ -87,15 +88,7 @@ class RollMap:
             target = waypoint.rotation().as_matrix()
             axis = RollGrid.axis(self.path_task, k)
             if (rotation @ axis) @ (target @ axis) > np.cos(np.radians(1.0)):
-                left = target.T @ rotation
-                sine = (
-                    0.5
-                    * axis
-                    @ np.array(
-                        [left[2, 1] - left[1, 2], left[0, 2] - left[2, 0], left[1, 0] - left[0, 1]]
-                    )
-                )
-                rolls[k] = np.arctan2(sine, 0.5 * (np.trace(left) - 1.0))
+                rolls[k] = twist_angle(target.T @ rotation, axis)
         return _wrapped(rolls), distance.argmin(axis=1)
 
 

@@ -20,11 +20,8 @@ from qp_twist.planning.shortest_path import Edges, Way, edges, shortest_way, wid
 
 Progress = Callable[[str, float], None]
 
-
 COARSEST = np.radians(15.0)
 """Largest spacing of configurations in a joint, rad or m."""
-
-
 _PRICE, _PRICE_OF_TRAVEL = 1.0, 50.0
 """Of a step twice as long as allowed: in z at a waypoint, and in degrees of travel."""
 _ROUNDED, _ROUNDED_TRAVEL = 0.02, 0.3
@@ -147,7 +144,7 @@ class Search:
         )
         covered = all(roadmap.covers(index) for index in waypoints)
         if self.start is not None:
-            layers[0] = Layer(self.start[None], np.full(1, -1), np.full(1, np.nan), 1)
+            layers[0] = Layer(self.start[None], np.full(1, -1), 1)
         empty = [i for i, layer in zip(waypoints, layers, strict=True) if not len(layer.q)]
         if empty:
             certificate = _empty(waypoints, layers, grid, covered)
@@ -215,15 +212,10 @@ class Search:
                 cost += objective.travel * np.degrees(apart.sum(axis=1))
             return cost
 
-        price = _PRICE * (objective.centering + objective.margin) / len(layers)
-        price += _PRICE_OF_TRAVEL * objective.travel
-        centering = [
-            (objective.centering or 1.0) / len(layers) * objective.ranges.centring(layer.q)
-            for layer in layers
-        ]
+        weight = (objective.centering + objective.margin) / len(layers)
+        price = _PRICE * weight + _PRICE_OF_TRAVEL * objective.travel
+        centering = [weight * objective.ranges.centring(layer.q) for layer in layers]
         if not objective.margin:
-            if not objective.centering:
-                centering = [0.0 * cost for cost in centering]
             return shortest_way(centering, connections, along, at_most=known)
         margins = [objective.margins(layer.q) for layer in layers]
         widest = widest_way(margins, connections, at_least=known)
@@ -236,9 +228,7 @@ class Search:
 
     def _unwound(self, difference: Array) -> Array:
         """Differences of configurations less whole turns that do not matter."""
-        period = np.where(self._period > 0.0, self._period, 1.0)
-        turns = np.where(self._period > 0.0, np.round(difference / period), 0.0)
-        unwound: Array = difference - period * turns
+        unwound: Array = difference - self._period * np.round(difference / TURN)
         return unwound
 
     def _interpolated(self, corners: Array, waypoints: list[int]) -> Array | None:

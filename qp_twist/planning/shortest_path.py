@@ -10,6 +10,7 @@ import numpy as np
 from scipy.spatial import KDTree
 
 from qp_twist.checks import Array
+from qp_twist.planning.layer import boxed
 from qp_twist.planning.path_rows import Indices
 
 
@@ -55,17 +56,10 @@ def edges(q: Array, after: Array, largest_step: Array, period: Array) -> Edges:
     # What is further from all of q than a step in some joint need not be looked at.
     near = (after >= q.min(axis=0) - largest_step) & (after <= q.max(axis=0) + largest_step)
     kept = np.flatnonzero((near | (period > 0.0)).all(axis=1))
-    box = np.where(period > 0.0, period / largest_step, 0.0)
-    trees = [
-        KDTree(_in_box(points / largest_step, box), boxsize=box) for points in (q, after[kept])
-    ]
+    box = period / largest_step
+    trees = [KDTree(boxed(points / largest_step, box), boxsize=box) for points in (q, after[kept])]
     found = trees[0].sparse_distance_matrix(trees[1], 1.0 + 1e-9, p=np.inf, output_type="ndarray")
     return Edges(found["i"], kept[found["j"]])
-
-
-def _in_box(points: Array, box: Array) -> Array:
-    wrapped: Array = np.where(box > 0.0, np.mod(points, np.where(box > 0.0, box, 1.0)), points)
-    return wrapped
 
 
 def shortest_way(
