@@ -17,6 +17,8 @@ _CANDIDATES = 6
 _ROUNDS = 20
 _LONGEST = 0.2
 """Largest step of a round, rad or m."""
+_SETTLED = 1e-9
+"""Less of z to gain in a round: the next would gain the square of it."""
 
 
 def pointwise_bound(
@@ -85,19 +87,22 @@ def _centred(q: Array, at: Indices, rows: PathRows, objective: Objective) -> Arr
     """Least z nearby, by Gauss and Newton's steps along the null space; NaN where it fails."""
     ranges = objective.ranges
     q, arrived = rows.correct(q, at)
+    moving = np.arange(len(q))
     for _ in range(_ROUNDS):
-        basis = rows.motions(q, at)
+        here, there = q[moving], at[moving]
+        basis = rows.motions(here, there)
         weighted = ranges.weight[:, None] * basis
-        wish = ranges.weight * (ranges.middle - q)
+        wish = ranges.weight * (ranges.middle - here)
         gram = weighted.transpose(0, 2, 1) @ weighted + 1e-12 * np.eye(weighted.shape[2])
         u = np.linalg.solve(gram, weighted.transpose(0, 2, 1) @ wish[:, :, None])
         step = (basis @ u)[:, :, 0]
         longest = np.abs(step).max(axis=1, initial=_LONGEST)
-        moved, arrived_there = rows.correct(q + step * (_LONGEST / longest)[:, None], at)
-        nearer = arrived_there & (ranges.centring(moved) < ranges.centring(q) - 1e-12)
-        if not nearer.any():
+        moved, arrived_there = rows.correct(here + step * (_LONGEST / longest)[:, None], there)
+        nearer = arrived_there & (ranges.centring(moved) < ranges.centring(here) - _SETTLED)
+        moving = moving[nearer]
+        if not len(moving):
             break
-        q[nearer] = moved[nearer]
+        q[moving] = moved[nearer]
     q[~arrived] = np.nan
     return q
 

@@ -97,8 +97,9 @@ class PathRows:
         basis = np.zeros((*q.shape, int(self.freedom.max(initial=0))))
         for which, rows, _ in self._groups(q, at):
             rank = rows.shape[1]
-            right = np.linalg.svd(rows)[2]
-            basis[which, :, : q.shape[1] - rank] = right[:, rank:].transpose(0, 2, 1)
+            # Of Jᵀ = QR the last columns of Q, whether or not the rows are independent.
+            whole = np.linalg.qr(rows.transpose(0, 2, 1), mode="complete").Q
+            basis[which, :, : q.shape[1] - rank] = whole[:, :, rank:]
         return basis
 
     def _groups(self, q: Array, at: Indices) -> list[tuple[Indices, Array, Array]]:
