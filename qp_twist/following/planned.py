@@ -16,6 +16,8 @@ from qp_twist.planning import Plan, make_plan
 
 SEEDS = ("qp_gradient", "qp_minimum_norm")
 """Methods whose trajectories the search may start from."""
+_ON_PATH_M, _ON_PATH_RAD = 1e-2, 1e-1
+"""Beyond such errors a trajectory is not worth improving."""
 
 
 def plan(
@@ -86,13 +88,17 @@ def plan(
 
 def _lap(path_task: PathTask, method: str) -> Array | None:
     """A method's joint path; ``None`` where it has none on the path."""
+
+    def lost(q: Array, position_error: float, axis_error: float) -> bool:
+        return position_error > _ON_PATH_M or axis_error > _ON_PATH_RAD
+
     try:
-        trajectory = walk(path_task, method, path_task.settings(method))
+        trajectory = walk(path_task, method, path_task.settings(method), stop=lost)
     except InvalidInput:  # its start cannot be corrected
         return None
+    errors = trajectory.position_error[-1], trajectory.axis_error[-1]
     arrived = trajectory.diverged_at is None and not trajectory.failure
-    on_path = trajectory.position_error.max() < 1e-2 and trajectory.axis_error.max() < 1e-1
-    return trajectory.q if arrived and on_path else None
+    return trajectory.q if arrived and not lost(trajectory.q[-1], *errors) else None
 
 
 def with_start(path_task: PathTask) -> PathTask:

@@ -18,7 +18,8 @@ class Certificate:
         kind: ``"path"``: there is a motion; ``"unreachable"``: waypoints that the arm does not
             reach; ``"limits"``: waypoints with no configuration inside the joint limits;
             ``"speed"``: two waypoints between which every connection breaks the speed limits.
-        waypoints: Those waypoints, counted from 1.
+        waypoints: Those waypoints, counted from 1; of many that are out of reach or outside the
+            limits, twelve.
         joints: The joints that forbid it.
         grid: At which grid it was looked for.
         covered: Whether the layers hold all configurations to the grid's spacing; where a task

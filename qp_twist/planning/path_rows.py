@@ -61,6 +61,8 @@ class PathRows:
         arrived = np.zeros(len(q), dtype=bool)
         left = np.arange(len(q))
         for _ in range(iterations):
+            if not len(left):
+                break
             still = []
             for which, rows, errors in self._groups(q[left], at[left]):
                 here = left[which]
@@ -71,8 +73,6 @@ class PathRows:
                 q[here[~done]] += step * (_LONGEST / longest)[:, None]
                 still.append(here[~done])
             left = np.concatenate(still)
-            if not len(left):
-                break
         return q, arrived
 
     def shortest(self, q: Array, at: Indices) -> Array:

@@ -26,6 +26,8 @@ _PRICE, _PRICE_OF_TRAVEL = 1.0, 50.0
 """Of a step twice as long as allowed: in z at a waypoint, and in degrees of travel."""
 _ROUNDED, _ROUNDED_TRAVEL = 0.02, 0.3
 """What the grid may cost, as a share of the objective: travel sees its zigzag."""
+_PROOFS = 12
+"""Waypoints without a configuration that are looked at on the finest grid."""
 _STRICTNESS = (1.0, 1e3)
 """Times the price, one after the other: first for the best way, then for one that is possible."""
 
@@ -120,6 +122,11 @@ class Search:
             found = self._stage(stage, best)
             if found.path is not None:
                 break
+            if best is None and found.certificate.kind in ("unreachable", "limits"):
+                # What is empty on the finest grid stays so: no need to look at the others.
+                proven = self._proven_empty(found)
+                if proven is not None:
+                    return proven
         best = self._better(best, found.path)
         if best is None:
             return found
@@ -168,6 +175,21 @@ class Search:
             if refined is not None and refined.feasible:
                 return Found(refined, Certificate("path", grid), layers, waypoints)
         return Found(None, self._too_fast(refined, grid, covered), layers, waypoints)
+
+    def _proven_empty(self, found: Found) -> Found | None:
+        """The same verdict on the finest grid, from some of its waypoints, if it holds there."""
+        pairs = zip(found.waypoints, found.layers, strict=True)
+        empty = [index for index, layer in pairs if not len(layer.q)]
+        chosen = np.unique(np.linspace(0, len(empty) - 1, _PROOFS).round().astype(int))
+        finest = _STAGES[-1]
+        grid = Grid(finest.roll, np.full(self.path_task.model.nv, finest.joints))
+        roadmap = Roadmap(self.path_task, self.rows, grid)
+        waypoints = [empty[k] for k in chosen]
+        layers = roadmap.layers(waypoints)
+        if all(len(layer.q) for layer in layers):
+            return None
+        covered = all(roadmap.covers(index) for index in waypoints)
+        return Found(None, _empty(waypoints, layers, grid, covered), layers, waypoints)
 
     def _typical_step(self) -> float:
         """How far a joint may move between two waypoints."""
