@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import json
+import tempfile
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+
+import mujoco
 
 from qp_twist.comparison import joint_figure, path_figure, roadmap_figure, scene_picture
 from qp_twist.comparison.metrics import metrics
@@ -83,12 +86,13 @@ class Comparison:
         for name, figure in self.figures().items():
             lines.append(str(joint_figure.save_figure(figure, folder / f"{name}.png")))
         picture = folder / "scene.png"
-        sentence = scene_picture.draw_scene(
-            self.path_task.scene,
-            [self.path_task.start],
-            self.path_task.positions,
-            picture,
-        )
+        with tempfile.TemporaryDirectory() as temporary:
+            # The model, not its file: a workpiece may have been put elsewhere.
+            scene = Path(temporary) / f"{self.path_task.scene.stem}.mjb"
+            mujoco.mj_saveModel(self.path_task.model, str(scene), None)
+            sentence = scene_picture.draw_scene(
+                scene, [self.path_task.start], self.path_task.positions, picture
+            )
         lines.append(sentence or str(picture))
         return lines
 

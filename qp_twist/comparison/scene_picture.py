@@ -47,7 +47,7 @@ def draw_scene(
     """Draw the arm and the path into a PNG file, without a screen.
 
     Args:
-        scene: MJCF file.
+        scene: MJCF file, or a compiled model (.mjb).
         configurations: Joint positions, each of shape (nq,) in [rad] or [m]. The first is drawn
             solid, the others as translucent ghosts.
         path: Points of the path, shape (N, 3), world frame [m]: a red tube.
@@ -219,7 +219,9 @@ def _load(scene: str, nq: int) -> Any:
     import mujoco
 
     try:
-        model = mujoco.MjModel.from_xml_path(scene)
+        compiled = scene.endswith(".mjb")
+        read = mujoco.MjModel.from_binary_path if compiled else mujoco.MjModel.from_xml_path
+        model = read(scene)
     except ValueError as error:
         message = " ".join(str(error).split())
         raise _BadSceneError(f"MuJoCo could not load {scene} ({message})") from error

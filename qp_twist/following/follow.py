@@ -73,6 +73,8 @@ def follow(
             raise InvalidInput(f"follow({name}=…): expected a function, got {function!r}.")
     check_solver(solver)
     settings = _settings(path_task, check_method(method), options)
+    if method in path_task.starts:
+        path_task = dataclasses.replace(path_task, start=path_task.starts[method], best_start=False)
     path_task = with_start(path_task)
     motion: Array | None = None
     if settings.secondary == "plan":

@@ -1,7 +1,8 @@
-"""Complete a tool axis to a rotation: the rule that a non-redundant method needs for the roll."""
+"""Waypoints from positions and orientations, with the rule that completes a tool axis."""
 
 from __future__ import annotations
 
+import mink
 import numpy as np
 
 from qp_twist.checks import Array, unit_vector
@@ -42,3 +43,13 @@ def roll_by_plane(axes: Array, plane_normal: Array, *, flip: bool = False) -> Ar
         )
     y = y / length[:, None] * (-1.0 if flip else 1.0)
     return np.stack([np.cross(y, axes), y, axes], axis=-1)
+
+
+def poses(positions: Array, rotations: Array) -> tuple[mink.SE3, ...]:
+    """Poses from positions (N, 3), m, and rotation matrices (N, 3, 3)."""
+    return tuple(
+        mink.SE3.from_rotation_and_translation(
+            mink.SO3.from_matrix(np.ascontiguousarray(rotation)), position
+        )
+        for position, rotation in zip(positions, rotations, strict=True)
+    )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -16,7 +17,7 @@ from qp_twist.geometry import TwistProjector, task_redundancy
 from qp_twist.kinematics import ToleranceBand
 from qp_twist.path.methods import METHODS, MethodSettings
 from qp_twist.path.segment import Segment, check_segments, projectors_in_force
-from qp_twist.path.task_schema import IterationSection
+from qp_twist.path.task_schema import IterationSection, StudySection
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,6 +38,9 @@ class PathTask:
         flipped_waypoints: The same with the rule's other sign; ``None`` without a rule.
         start: Starting configuration, before it is corrected onto the first waypoint, (nq,).
         best_start: Whether the start of the best plan is to be taken instead.
+        starts: Starting configurations of single methods, by name, instead of ``start``.
+        roll_normal: Normal of the roll rule's plane, in the world, (3,); ``None`` without a rule.
+        study: What a study varies, and what counts as success in it, if the task file says so.
         durations: Time that each waypoint may take, s, (N,); the first is 0; ``None`` untimed.
         velocity_limits: Largest joint speeds, rad/s or m/s, (nv,); ∞ where none is stated.
         acceleration_limits: Largest joint accelerations, rad/s² or m/s², (nv,); ∞ likewise.
@@ -69,6 +73,9 @@ class PathTask:
     segments: tuple[Segment, ...] = ()
     bands: tuple[ToleranceBand, ...] = ()
     best_start: bool = False
+    starts: Mapping[str, Array] = field(default_factory=dict)
+    roll_normal: Array | None = None
+    study: StudySection | None = None
 
     def __post_init__(self) -> None:
         check_segments(self.operational, self.projector, self.segments, len(self.waypoints))

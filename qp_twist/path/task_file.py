@@ -20,7 +20,7 @@ from qp_twist.errors import InvalidInput, TaskFileError
 from qp_twist.geometry import rotation_vector, task_redundancy
 from qp_twist.kinematics import JointRanges, check_bands, frame_pose
 from qp_twist.limits import per_joint
-from qp_twist.path.orientation import roll_by_plane
+from qp_twist.path.orientation import poses, roll_by_plane
 from qp_twist.path.path_task import PathTask
 from qp_twist.path.resources import shipped_folder
 from qp_twist.path.section import Section
@@ -122,7 +122,7 @@ def _is_file(path: Path) -> bool:
 
 
 def _build(path: Path, file: TaskFile) -> PathTask:
-    scene, model = _load_scene(path, file.robot.scene)
+    scene, model = load_scene(path, file.robot.scene)
     ranges = JointRanges.of(model)
     if (ranges.qpos < 0).any():
         joint = ranges.names[int(np.argmax(ranges.qpos < 0))]
@@ -150,8 +150,8 @@ def _build(path: Path, file: TaskFile) -> PathTask:
         frame_type=file.robot.frame_type,
         projector=projector,
         operational=operational,
-        waypoints=_waypoints(positions, rotations),
-        flipped_waypoints=None if flipped is None else _waypoints(positions, flipped),
+        waypoints=poses(positions, rotations),
+        flipped_waypoints=None if flipped is None else poses(positions, flipped),
         start=start,
         durations=_durations(path, file.feed, positions, rotations),
         velocity_limits=_limits(path, file, ranges, "velocity"),
@@ -161,10 +161,19 @@ def _build(path: Path, file: TaskFile) -> PathTask:
         segments=tuple(Segment(s.first - 1, s.projector(), s.blend) for s in file.segments),
         bands=bands,
         best_start=bool(file.start.best),
+        roll_normal=None
+        if flipped is None or file.roll is None
+        else unit_vector("roll.plane_normal", file.roll.plane_normal),
+        study=file.study,
     )
 
 
-def _load_scene(path: Path, scene: str) -> tuple[Path, mujoco.MjModel]:
+def load_scene(path: Path, scene: str) -> tuple[Path, mujoco.MjModel]:
+    """The MJCF file that the task file at ``path`` calls ``scene``, and its model.
+
+    Raises:
+        TaskFileError: If there is none, or MuJoCo refuses it.
+    """
     candidates = [path.parent / scene, shipped_folder("scenes") / scene]
     for candidate in candidates:
         if _is_file(candidate):
@@ -245,15 +254,6 @@ def _pose_rotation(pose: Any) -> Array:
         rotation = mink.SO3.from_rpy_radians(*np.radians(pose.rpy_deg))
     matrix: Array = rotation.as_matrix()
     return matrix
-
-
-def _waypoints(positions: Array, rotations: Array) -> tuple[mink.SE3, ...]:
-    return tuple(
-        mink.SE3.from_rotation_and_translation(
-            mink.SO3.from_matrix(np.ascontiguousarray(rotation)), position
-        )
-        for position, rotation in zip(positions, rotations, strict=True)
-    )
 
 
 def _durations(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import Annotated, Literal, Self
 
-from pydantic import Field, PlainValidator, model_validator
+from pydantic import AfterValidator, Field, PlainValidator, model_validator
 
 from qp_twist.geometry import Projector, ProjectorFrame, TwistProjector
 from qp_twist.kinematics import BoxBand, ConeBand, RollBand, SlabBand, ToleranceBand
@@ -276,6 +276,74 @@ class IterationSection(Section):
         return math.radians(self.max_angular_step_deg)
 
 
+def _ordered(interval: tuple[float, float]) -> tuple[float, float]:
+    if interval[0] > interval[1]:
+        raise ValueError(f"expected [lowest, highest], got {list(interval)}")
+    return interval
+
+
+Interval = Annotated[tuple[Number, Number], AfterValidator(_ordered)]
+
+
+class PlacementTable(Section):
+    """Where the workpiece may stand."""
+
+    point: Vector = Field(description="of the workpiece where the file has it, m")
+    body: str | None = Field(default=None, description="of the scene that moves along")
+    lower: Vector = Field(description="lowest position that the point is put to, m")
+    upper: Vector = Field(description="highest position that the point is put to, m")
+    yaw_deg: Interval = Field(default=(0.0, 0.0), description="turn about the vertical")
+    tilt_deg: Interval = Field(
+        default=(0.0, 0.0), description="then a tilt about a horizontal axis of any direction"
+    )
+
+    @model_validator(mode="after")
+    def _is_a_box(self) -> PlacementTable:
+        if any(a > b for a, b in zip(self.lower, self.upper, strict=True)):
+            raise ValueError("no entry of lower may be above that of upper")
+        return self
+
+
+class ToolTable(Section):
+    """How the tool may lean."""
+
+    lead_deg: Interval = Field(default=(0.0, 0.0), description="towards the way it goes")
+    tilt_deg: Interval = Field(default=(0.0, 0.0), description="to the left of it")
+
+
+class SolverTable(Section):
+    """Backends to choose from."""
+
+    names: Annotated[tuple[str, ...], Field(min_length=1)]
+
+
+class RobotTable(Section):
+    """Robots to choose from."""
+
+    scenes: Annotated[tuple[str, ...], Field(min_length=1)]
+
+
+PositiveInterval = Annotated[tuple[Positive, Positive], AfterValidator(_ordered)]
+
+
+class StudySection(Section):
+    """What a study varies, and what counts as success."""
+
+    seed: Annotated[int, Field(ge=0)] = 0
+    position_error: Positive = Field(default=1e-4, description="largest that is a success, m")
+    axis_error_deg: Positive = 0.05
+    max_step_deg: Positive | None = Field(
+        default=None,
+        description="largest step of a joint from a waypoint to the next, instead of the task's "
+        "clock and speed limits",
+    )
+    placement: PlacementTable | None = None
+    tool: ToolTable | None = None
+    gain: dict[MethodName, PositiveInterval] | None = None
+    solver: SolverTable | None = None
+    robot: RobotTable | None = None
+
+
 class TaskFile(Section):
     """A whole task file."""
 
@@ -294,3 +362,4 @@ class TaskFile(Section):
     limits: LimitsSection = LimitsSection()
     iteration: IterationSection = IterationSection()
     methods: dict[MethodName, MethodSettings] = Field(default_factory=dict)
+    study: StudySection | None = None

@@ -3,7 +3,11 @@
 from .certificate import Certificate as Certificate
 from .plan import Plan as Plan
 from .plan import make_plan as make_plan
+from .plan import motion_limits as motion_limits
 from .roadmap import Grid as Grid
 from .roadmap import Roadmap as Roadmap
 from .roll_map import RollMap as RollMap
 from .roll_map import roll_arm as roll_arm
+from .starts import least_mean_z as least_mean_z
+from .starts import least_z_start as least_z_start
+from .starts import random_start as random_start

@@ -8,6 +8,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from qp_twist.checks import Array
+from qp_twist.kinematics import JointRanges
 from qp_twist.planning.layer import Layer
 from qp_twist.planning.objective import Objective
 from qp_twist.planning.path_rows import Indices, PathRows
@@ -18,7 +19,7 @@ _ROUNDS = 20
 _LONGEST = 0.2
 """Largest step of a round, rad or m."""
 _SETTLED = 1e-9
-"""Less of z to gain in a round: the next would gain the square of it."""
+"""Less of z to gain by a step, to first order, is nothing."""
 
 
 def pointwise_bound(
@@ -55,7 +56,10 @@ def pointwise_bound(
     if objective.centering:
         q, at = _candidates(layers, waypoints, count, objective.ranges.centring)
         z = _best(
-            objective.ranges.centring(_centred(q, at, rows, objective)), at, count, np.minimum
+            objective.ranges.centring(centred_nearby(q, at, rows, objective.ranges)),
+            at,
+            count,
+            np.minimum,
         )
         if start is not None:
             z[0] = objective.ranges.centring(start)
@@ -73,20 +77,27 @@ def _candidates(
 ) -> tuple[Array, Indices]:
     """The best configurations of different branches, for every waypoint those of the nearest."""
     owner = np.argmin(np.abs(np.arange(count)[:, None] - np.asarray(waypoints)), axis=1)
-    chosen = []
-    for layer in layers:
-        order = np.argsort(cost(layer.q), kind="stable")
-        _, first = np.unique(layer.branch[order], return_index=True)
-        chosen.append(layer.q[order[np.sort(first)[:_CANDIDATES]]])
+    chosen = [best_of_branches(layer, cost) for layer in layers]
     q = np.concatenate([chosen[i] for i in owner])
     at = np.repeat(np.arange(count), [len(chosen[i]) for i in owner])
     return q, at
 
 
-def _centred(q: Array, at: Indices, rows: PathRows, objective: Objective) -> Array:
-    """Least z nearby, by Gauss and Newton's steps along the null space; NaN where it fails."""
-    ranges = objective.ranges
+def best_of_branches(layer: Layer, cost: Callable[[Array], Array]) -> Array:
+    """The best configurations of different branches, the best first, at most six, (K, nv)."""
+    order = np.argsort(cost(layer.q), kind="stable")
+    _, first = np.unique(layer.branch[order], return_index=True)
+    best: Array = layer.q[order[np.sort(first)[:_CANDIDATES]]]
+    return best
+
+
+def centred_nearby(q: Array, at: Indices, rows: PathRows, ranges: JointRanges) -> Array:
+    """Least z nearby, by Gauss and Newton's steps along the null space; NaN where it fails.
+
+    Nothing holds the limits but z itself.
+    """
     q, arrived = rows.correct(q, at)
+    share = np.ones(len(q))
     moving = np.arange(len(q))
     for _ in range(_ROUNDS):
         here, there = q[moving], at[moving]
@@ -95,14 +106,16 @@ def _centred(q: Array, at: Indices, rows: PathRows, objective: Objective) -> Arr
         wish = ranges.weight * (ranges.middle - here)
         gram = weighted.transpose(0, 2, 1) @ weighted + 1e-12 * np.eye(weighted.shape[2])
         u = np.linalg.solve(gram, weighted.transpose(0, 2, 1) @ wish[:, :, None])
-        step = (basis @ u)[:, :, 0]
+        step = share[moving, None] * (basis @ u)[:, :, 0]
         longest = np.abs(step).max(axis=1, initial=_LONGEST)
-        moved, arrived_there = rows.correct(here + step * (_LONGEST / longest)[:, None], there)
-        nearer = arrived_there & (ranges.centring(moved) < ranges.centring(here) - _SETTLED)
-        moving = moving[nearer]
+        moved, arrived_there = rows.correct(step * (_LONGEST / longest)[:, None] + here, there)
+        gained = np.where(arrived_there, ranges.centring(here) - ranges.centring(moved), -1.0)
+        q[moving[gained > 0.0]] = moved[gained > 0.0]
+        share[moving[gained < 0.0]] *= 0.4
+        expected = (step * ranges.weight * wish).sum(axis=1)
+        moving = moving[(expected > _SETTLED) & (share[moving] > 0.01)]
         if not len(moving):
             break
-        q[moving] = moved[nearer]
     q[~arrived] = np.nan
     return q
 

@@ -1,0 +1,83 @@
+"""Where a robot may start: configurations of the first waypoint, inside the limits."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from qp_twist.checks import Array
+from qp_twist.kinematics import JointRanges
+from qp_twist.path import PathTask
+from qp_twist.planning.bound import best_of_branches, centred_nearby
+from qp_twist.planning.layer import inside_bands
+from qp_twist.planning.path_rows import PathRows
+from qp_twist.planning.roadmap import Grid, Roadmap
+
+_GRID = np.radians(4.0)
+_AT_A_TIME = 300
+"""Random configurations that are moved onto the first waypoint."""
+_TIMES = 10
+
+
+def least_z_start(path_task: PathTask) -> Array | None:
+    """The configuration (nv,) of least z on the first waypoint; ``None`` if none is inside limits.
+
+    Over all branches, turns, and what the task leaves free.
+    """
+    [found] = _central(path_task, [0])
+    return found[0] if len(found) else None
+
+
+def least_mean_z(path_task: PathTask, stride: int = 10) -> float:
+    """Mean, over every so manieth waypoint, of the least z that it has for itself.
+
+    NaN if one of them has no configuration inside the limits.
+    """
+    waypoints = range(0, len(path_task.waypoints), stride)
+    ranges = JointRanges.of(path_task.model)
+    least = [
+        float(ranges.centring(q[0])) if len(q) else np.nan for q in _central(path_task, waypoints)
+    ]
+    return float(np.mean(least))
+
+
+def random_start(path_task: PathTask, rng: np.random.Generator) -> Array | None:
+    """A random configuration (nv,) on the first waypoint; ``None`` if none inside limits is found.
+
+    Configurations drawn uniformly between the limits (hinges without: over a turn) are moved onto
+    the waypoint by Newton's method; the first that ends inside limits and hard bands is taken.
+    """
+    rows, ranges = PathRows(path_task), JointRanges.of(path_task.model)
+    half = np.where(ranges.hinge, np.pi, 1.0)
+    lower = np.where(np.isfinite(ranges.lower), ranges.lower, -half)
+    upper = np.where(np.isfinite(ranges.upper), ranges.upper, half)
+    for _ in range(_TIMES):
+        drawn = rng.uniform(lower, upper, size=(_AT_A_TIME, len(lower)))
+        q, arrived = rows.correct(drawn, np.zeros(_AT_A_TIME, dtype=np.intp))
+        inside = ((q >= ranges.lower) & (q <= ranges.upper)).min(axis=1)
+        q = q[arrived & inside]
+        poses = rows.chain.poses(q)
+        q = q[inside_bands(path_task.bands, *poses, path_task.waypoints[0])]
+        if len(q):
+            start: Array = q[0]
+            return start
+    return None
+
+
+def _central(path_task: PathTask, waypoints: Sequence[int]) -> list[Array]:
+    """For each waypoint the configurations (K, nv) of least z of its branches, the least first."""
+    rows, ranges = PathRows(path_task), JointRanges.of(path_task.model)
+    grid = Grid(_GRID, np.full(path_task.model.nv, 2.0 * _GRID))
+    best = [
+        best_of_branches(layer, ranges.centring)
+        for layer in Roadmap(path_task, rows, grid).layers(waypoints)
+    ]
+    at = np.repeat(np.asarray(waypoints), [len(q) for q in best])
+    q = np.concatenate(best)
+    nearer = centred_nearby(q, at, rows, ranges)
+    # What went over a limit on its way to the middle stays where it was.
+    inside = ((nearer >= ranges.lower) & (nearer <= ranges.upper)).min(axis=1)
+    q = np.where(inside[:, None], nearer, q)
+    q = q[np.lexsort((ranges.centring(q), at))]
+    return np.split(q, np.cumsum([len(part) for part in best])[:-1])
