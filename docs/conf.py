@@ -34,19 +34,22 @@ myst_heading_anchors = 3
 nitpicky = True
 nitpick_ignore_regex = [
     # Their documentation is not fetched (no intersphinx), so their names cannot be links here.
-    (r"py:.*", r"(collections\.abc|matplotlib|mink|mujoco|np|npt|numpy)\..*"),
+    (r"py:.*", r"(collections\.abc|matplotlib|mink|mujoco|np|npt|numpy|pa|pathlib)\..*"),
     (r"py:.*", r"(Any|Callable|Figure|Literal|Path|Sequence)"),
 ]
 nitpick_ignore = [
     # Aliases: a float64 array, a projector or its matrix, the three frames, a task or a limit, what
-    # to do with a task that does not fit; and a type variable.
+    # to do with a task that does not fit, where a sample starts; and a type variable.
     ("py:class", "Array"),
     ("py:class", "ProjectorLike"),
     ("py:class", "ProjectorFrame"),
     ("py:class", "Item"),
     ("py:class", "LevelItem"),
     ("py:class", "OnInfeasible"),
+    ("py:class", "Start"),
+    ("py:class", "qp_twist.studies.sample.Start"),
     # Tables of the task file, which have a page of their own.
+    ("py:class", "StudySection"),
     ("py:class", "IterationSection"),
     ("py:class", "MethodSettings"),
     ("py:class", "qp_twist.path.methods.MethodSettings"),

@@ -52,3 +52,5 @@ from .qp import QuadraticProgram as QuadraticProgram
 from .qp import Solution as Solution
 from .qp import SolverInaccurate as SolverInaccurate
 from .qp import solve_levels as solve_levels
+from .studies import Study as Study
+from .studies import study as study

@@ -116,6 +116,15 @@ def _finite_number(name: str, value: float) -> float:
     return float(array)
 
 
+def whole_number(name: str, value: int, *, at_least: int) -> int:
+    """``value`` as an int in the stated range; bools and floats are refused."""
+    if isinstance(value, bool) or not isinstance(value, (int, np.integer)):
+        raise InvalidInput(f"{name}: expected a whole number, got {value!r}.")
+    if value < at_least:
+        raise InvalidInput(f"{name}: expected a number of at least {at_least}, got {value}.")
+    return int(value)
+
+
 def one_of(name: str, value: str, allowed: tuple[str, ...]) -> str:
     """``value`` if it is one of ``allowed``."""
     if not isinstance(value, str) or value not in allowed:

@@ -5,18 +5,19 @@ Exit codes: 0 done; 2 the input was refused (the message says why); 130 interrup
 
 from __future__ import annotations
 
+import dataclasses
 import io
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, cast
 
 import mink
 import tyro
 from rich.console import Console
 from tyro.extras import SubcommandApp
 
-from qp_twist.cli.progress import method_progress, working
+from qp_twist.cli.progress import method_progress, sample_progress, working
 from qp_twist.comparison import compare as compare_methods
 from qp_twist.comparison import metrics, notes, rich_table
 from qp_twist.comparison.joint_figure import save_figure
@@ -25,6 +26,9 @@ from qp_twist.comparison.table import WIDTH
 from qp_twist.errors import InvalidInput
 from qp_twist.following import follow
 from qp_twist.path import PathTask, check_method, load_task, shipped_tasks, task_title
+from qp_twist.studies import Start, Study
+from qp_twist.studies import study as run_study
+from qp_twist.studies.summary import rich_table as rich_study_table
 
 app = SubcommandApp()
 
@@ -48,7 +52,14 @@ def tasks() -> None:
 
 
 @app.command
-def compare(task: Task, methods: Names = None, solver: Solver = "daqp", out: Folder = None) -> None:
+def compare(
+    task: Task,
+    methods: Names = None,
+    solver: Solver = "daqp",
+    out: Folder = None,
+    sample: Annotated[int | None, tyro.conf.arg(metavar="N")] = None,
+    from_: Annotated[Path | None, tyro.conf.arg(name="from", metavar="DIR")] = None,
+) -> None:
     """Run methods side by side on a task; print the table, write figures and comparison.json.
 
     Args:
@@ -56,8 +67,18 @@ def compare(task: Task, methods: Names = None, solver: Solver = "daqp", out: Fol
         methods: Method names separated by commas; without it all that apply.
         solver: Backend of the QPs, e.g. daqp, proxqp, osqp.
         out: Folder to write to; without it out/TASK.
+        sample: A sample of a study, as it was there, with the study's methods and backend.
+        from_: Folder of that study.
     """
     path_task = load_task(task)
+    if (sample is None) != (from_ is None):
+        raise InvalidInput("--sample N and --from DIR belong together: a sample of a study.")
+    if sample is not None and from_ is not None:
+        drawn = Study.open(from_, path_task).sample(sample)
+        path_task, solver = drawn.path_task, drawn.solver
+        path_task = dataclasses.replace(path_task, name=f"{path_task.name}_{sample}")
+        methods = methods or ",".join(drawn.methods)
+        _console().print(str(drawn), highlight=False, markup=False, soft_wrap=True)
     names = _method_names(path_task, methods)
     if out is not None and out.exists() and not out.is_dir():
         raise InvalidInput(f"--out {out}: this is a file; give a folder to write to.")
@@ -73,6 +94,64 @@ def compare(task: Task, methods: Names = None, solver: Solver = "daqp", out: Fol
     for line in lines:
         text = f"wrote {line}" if Path(line).exists() else line
         console.print(text, highlight=False, markup=False, soft_wrap=True)
+
+
+@app.command
+def study(
+    task: Task,
+    vary: Annotated[str, tyro.conf.arg(metavar="A,B,…")] = "placement",
+    samples: Annotated[int, tyro.conf.arg(metavar="N")] = 1000,
+    methods: Names = None,
+    out: Folder = None,
+    seed: Annotated[int | None, tyro.conf.arg(metavar="N")] = None,
+    solver: Solver = "daqp",
+    start: Annotated[str, tyro.conf.arg(metavar="HOW")] = "auto",
+    certify: bool = True,
+    jobs: Annotated[int | None, tyro.conf.arg(metavar="N")] = None,
+    scheduler: Annotated[str | None, tyro.conf.arg(metavar="ADDRESS")] = None,
+) -> None:
+    """Run methods on many samples of a task; print how often each succeeds, and why it fails.
+
+    What varies, and in which ranges, is said by the task file's [study]. Results stream to Parquet
+    files; the same command again goes on where it was stopped.
+
+    Args:
+        task: Name of a shipped task, or path to a .toml file.
+        vary: What varies, separated by commas: placement, tool, robot, gain, solver, start.
+        samples: How many.
+        methods: Method names separated by commas; without it all that apply.
+        out: Folder to write to; without it out/TASK_study.
+        seed: Instead of the task file's.
+        solver: Backend of the QPs, where it does not vary.
+        start: Where a sample starts: task, least_z, random, best; auto chooses.
+        certify: Where no method succeeds, let a plan decide whether there is a motion.
+        jobs: Processes; without it one a core.
+        scheduler: Address of a Dask scheduler, e.g. tcp://host:8786; its workers are taken instead.
+    """
+    path_task = load_task(task)
+    folder = out or Path("out") / f"{path_task.name}_study"
+    with sample_progress(samples) as progress:
+        found = run_study(
+            path_task,
+            [name.strip() for name in vary.split(",")],
+            samples,
+            _method_names(path_task, methods),
+            out=folder,
+            seed=seed,
+            solver=solver,
+            start=cast(Start, start),
+            certify=certify,
+            jobs=jobs,
+            scheduler=scheduler,
+            progress=progress,
+        )
+    console = _console()
+    console.print(rich_study_table(found.title, found.summary()))
+    console.print(found.feasibility, highlight=False, markup=False, soft_wrap=True)
+    with working("drawing the figures"):
+        lines = [str(found.folder / "results.parquet"), *found.report()]
+    for line in lines:
+        console.print(f"wrote {line}", highlight=False, markup=False, soft_wrap=True)
 
 
 @app.command

@@ -7,7 +7,14 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    Progress,
+    TextColumn,
+    TimeElapsedColumn,
+    TimeRemainingColumn,
+)
 
 
 @contextmanager
@@ -32,6 +39,26 @@ def method_progress(methods: Sequence[str], waypoints: int) -> Iterator[Callable
             progress.update(bar, description=method, completed=before.get(method, 0) + done)
 
         yield report
+
+
+@contextmanager
+def sample_progress(samples: int) -> Iterator[Callable[[int], None]]:
+    """Yield ``report(samples done)``; drawn on stderr where it is a terminal."""
+    console = _terminal()
+    if console is None:
+        yield lambda done: None
+        return
+    columns = (
+        TextColumn("samples"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TimeElapsedColumn(),
+        TextColumn("left"),
+        TimeRemainingColumn(),
+    )
+    with Progress(*columns, console=console, transient=True) as progress:
+        bar = progress.add_task("", total=samples)
+        yield lambda done: progress.update(bar, completed=done)
 
 
 @contextmanager

@@ -1,0 +1,17 @@
+"""A small study: twelve placements of the line for the planar arm."""
+
+import tempfile
+
+import qp_twist as qt
+
+with tempfile.TemporaryDirectory() as folder:
+    study = qt.study("planar_line", ["placement"], 12, ["minimum_norm", "qp_gradient"], out=folder)
+    print(study.text())
+
+    rows = study.table(["method", "success", "fault", "joint", "waypoint"]).to_pylist()
+    print(next(row for row in rows if not row["success"]))
+
+    sample = study.sample(3)
+    print(sample)
+    trajectory = qt.follow(sample.path_task, "qp_gradient")
+    print(f"{len(trajectory.q)} waypoints, smallest margin {trajectory.margins.min():.3f}")

@@ -1,0 +1,7 @@
+"""Studies: methods over thousands of samples of a task."""
+
+from .sample import Sample as Sample
+from .sample import Start as Start
+from .sample import draw as draw
+from .study import Study as Study
+from .study import study as study

@@ -1,0 +1,143 @@
+"""The rows of a sample: what each method did with it."""
+
+from __future__ import annotations
+
+import dataclasses
+import time
+import traceback
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from qp_twist.comparison.metrics import metrics
+from qp_twist.errors import QpTwistError
+from qp_twist.following import Trajectory, follow, plan
+from qp_twist.path import PathTask
+from qp_twist.planning import Plan, least_mean_z
+from qp_twist.studies.judge import Fault, Judge
+from qp_twist.studies.sample import Sample, Start, draw, section_of
+
+Row = dict[str, Any]
+
+STRIDE = 10
+"""The least z is looked for at every so manieth waypoint."""
+NUMBERS = (
+    "position_error_max_m", "axis_error_max_rad", "min_margin", "mean_z", "max_step_deg",
+    "travel_deg", "sigma_min",
+)  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class Job:
+    """What is done with every sample; it travels to the processes that do it.
+
+    Attributes:
+        path_task: The task.
+        vary: What is varied.
+        seed: Of the study.
+        methods: Which methods follow each sample.
+        solver: Backend of the QPs where it is not varied.
+        start: Where a sample starts.
+        certify: Whether a plan decides if there is a motion, where no method found one.
+    """
+
+    path_task: PathTask
+    vary: tuple[str, ...]
+    seed: int
+    methods: tuple[str, ...]
+    solver: str
+    start: Start
+    certify: bool
+
+    def sample(self, index: int) -> Sample:
+        """The sample of a number."""
+        return draw(
+            self.path_task, self.vary, index, seed=self.seed, solver=self.solver,
+            start=self.start, methods=self.methods,
+        )  # fmt: skip
+
+    def __call__(self, index: int) -> list[Row]:
+        """The rows of a sample, one a method. Whatever is raised becomes their error."""
+        try:
+            sample = self.sample(index)
+            return _rows(self, sample)
+        except Exception as error:  # a study of thousands does not end by one sample
+            return self.failed(index, _said(error))
+
+    def failed(self, index: int, message: str) -> list[Row]:
+        """The rows of a sample that has nothing but an error."""
+        fault = Fault("raised", message=message)
+        sample = Sample(index, self.path_task, self.solver, {})
+        return [_row(sample, name, fault) for name in self.methods]
+
+
+def _rows(job: Job, sample: Sample) -> list[Row]:
+    path_task, best = sample.path_task, None
+    if path_task.best_start:
+        best = plan(path_task)
+        if best.q is not None:
+            path_task = dataclasses.replace(path_task, best_start=False, start=best.start)
+    least = least_mean_z(path_task, STRIDE)
+    rows = [_method_row(path_task, sample, name, best, least) for name in job.methods]
+    common: Row = {**sample.drawn, "least_z": least if np.isfinite(least) else None}
+    if any(row["success"] for row in rows):
+        common |= {"feasible": True, "certificate": ""}
+    elif best is not None or job.certify:
+        best = best or plan(path_task)
+        common |= {"feasible": best.q is not None, "certificate": str(best.certificate)}
+    return [{**row, **common} for row in rows]
+
+
+def _method_row(
+    path_task: PathTask, sample: Sample, method: str, best: Plan | None, least: float
+) -> Row:
+    """What one method does with a sample."""
+    if best is not None and best.q is None:
+        return _row(sample, method, Fault("no plan", message=str(best.certificate)))
+    if method in sample.no_start:
+        why = "no configuration on the first waypoint is inside the limits"
+        return _row(sample, method, Fault("start", message=why))
+    judge = Judge(path_task, section_of(path_task))
+    settings = path_task.settings(method)
+    planned: Plan | None = None
+    began = time.perf_counter()
+    try:
+        if settings.secondary == "plan":
+            # The best start is that of the plan of least z; with it a plan is there already.
+            known = best if settings.objective == "centering" else None
+            planned = known or plan(path_task, settings.objective, path_task.start)
+            if planned.q is None:
+                return _row(sample, method, Fault("no plan", message=str(planned.certificate)))
+        lap = follow(path_task, method, solver=sample.solver, stop=judge.stop, plan=planned)
+    except QpTwistError as error:
+        return _row(sample, method, Fault("start", message=str(error)))
+    row = _row(sample, method, judge.fault(lap), lap)
+    if row["success"]:
+        row["z_over_least"] = float(lap.z[::STRIDE].mean()) / least
+    return {**row, "seconds": time.perf_counter() - began}
+
+
+def _row(sample: Sample, method: str, fault: Fault | None, lap: Trajectory | None = None) -> Row:
+    row: Row = {
+        "sample": sample.index,
+        "method": method,
+        "solver": sample.solver,
+        "success": fault is None,
+        "fault": "" if fault is None else fault.kind,
+        "joint": "" if fault is None else fault.joint,
+        "waypoint": None if fault is None else fault.waypoint,
+        "message": "" if fault is None else fault.message,
+    }
+    if lap is not None:
+        numbers = metrics(lap)
+        row |= {name: numbers[name] for name in NUMBERS}
+        row["waypoints"] = len(lap.q)
+    return row
+
+
+def _said(error: Exception) -> str:
+    """An error in a line, with the place that raised it."""
+    place = traceback.extract_tb(error.__traceback__)[-1]
+    return f"{type(error).__name__}: {error} ({Path(place.filename).name}, line {place.lineno})"

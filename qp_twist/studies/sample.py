@@ -1,0 +1,282 @@
+"""A sample of a study: the task with what its number draws."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Collection
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import mink
+import numpy as np
+
+from qp_twist.checks import Array
+from qp_twist.errors import InvalidInput
+from qp_twist.kinematics import JointRanges, frame_pose
+from qp_twist.path import METHODS, PathTask, leaned, load_scene, placed
+from qp_twist.path.task_schema import StudySection
+from qp_twist.planning import least_z_start, random_start
+from qp_twist.qp import check_solver
+
+Start = Literal["auto", "task", "least_z", "random", "best"]
+FACTORS = ("robot", "placement", "tool", "gain", "solver", "start")
+"""What can be varied, in the order in which it is done."""
+_MOVED = {"placement", "tool", "robot"}
+_REACHED = 0.2
+"""A waypoint counts as reached at this share of the errors allowed."""
+
+
+@dataclass(frozen=True, eq=False)
+class Sample:
+    """One sample.
+
+    Attributes:
+        index: Its number; with the seed it says everything.
+        path_task: The task as it is in this sample.
+        solver: Backend of the QP methods.
+        drawn: What was drawn, by name of the column.
+        methods: Which are to follow it.
+        no_start: Methods for which there is no start.
+    """
+
+    index: int
+    path_task: PathTask
+    solver: str
+    drawn: dict[str, Any]
+    methods: tuple[str, ...] = ()
+    no_start: frozenset[str] = frozenset()
+
+    def __str__(self) -> str:
+        values = ", ".join(
+            f"{name} {value:.4g}" if isinstance(value, float) else f"{name} {value}"
+            for name, value in self.drawn.items()
+        )
+        return f"sample {self.index}: {values or 'nothing drawn'}"
+
+
+def section_of(path_task: PathTask) -> StudySection:
+    """The task's study section; an empty one where it has none."""
+    return path_task.study or StudySection()
+
+
+def check_factors(path_task: PathTask, vary: Collection[str]) -> tuple[str, ...]:
+    """``vary`` in the order of :data:`FACTORS`.
+
+    Raises:
+        InvalidInput: If a factor is unknown or the task does not say how to vary it.
+    """
+    section = section_of(path_task)
+    for name in vary:
+        if name not in FACTORS:
+            raise InvalidInput(
+                f"study: cannot vary {name!r}; what can be varied: {', '.join(FACTORS)}."
+            )
+        if name != "start" and getattr(section, name) is None:
+            raise InvalidInput(
+                f"study: {path_task.name} does not say how to vary {name}: add a table "
+                f"[study.{name}] to the task file."
+            )
+    if section.solver is not None and "solver" in vary:
+        for solver in section.solver.names:
+            check_solver(solver)
+    if section.robot is not None and "robot" in vary:
+        for scene in section.robot.scenes:
+            _with_robot(path_task, scene)
+    return tuple(name for name in FACTORS if name in vary)
+
+
+def drawn_columns(path_task: PathTask, vary: Collection[str]) -> dict[str, str]:
+    """Names and types of what :func:`draw` says of a sample."""
+    columns: dict[str, str] = {}
+    if "placement" in vary:
+        columns |= dict.fromkeys(("x", "y", "z", "yaw_deg", "tilt_deg", "azimuth_deg"), "float64")
+    if "tool" in vary:
+        columns |= dict.fromkeys(("tool_lead_deg", "tool_tilt_deg"), "float64")
+    if "robot" in vary:
+        columns["scene"] = "string"
+    if "gain" in vary:
+        gains = section_of(path_task).gain or {}
+        columns |= {f"gain_{name}": "float64" for name in sorted(gains)}
+    return columns
+
+
+def draw(
+    path_task: PathTask,
+    vary: Collection[str],
+    index: int,
+    *,
+    seed: int = 0,
+    solver: str = "daqp",
+    start: Start = "auto",
+    methods: Collection[str] = (),
+) -> Sample:
+    """The sample of a number: what it draws depends on seed and number alone.
+
+    Args:
+        path_task: The task.
+        vary: Names out of :data:`FACTORS`.
+        index: Number of the sample, from 0.
+        seed: Of the study.
+        solver: Where ``vary`` does not choose one.
+        start: ``"task"``: the task's own; ``"least_z"`` and ``"random"``: on the first waypoint of
+            the sample, inside the limits; ``"best"``: a plan's; ``"auto"``: random where the start
+            is varied, the task's own where nothing moves the first waypoint, else of least z.
+        methods: Methods that will follow it; those that fix the whole twist need a start of their
+            own.
+    """
+    section = section_of(path_task)
+    drawn: dict[str, Any] = {}
+    if section.max_step_deg is not None:
+        path_task = _with_largest_step(path_task, section.max_step_deg)
+    path_task = dataclasses.replace(path_task, iteration=_tolerances(path_task, section))
+    for factor, one_draw in _DRAWS.items():
+        if factor in vary:
+            # A stream each: what one factor draws does not depend on which others are varied.
+            path_task, values = one_draw(path_task, section, _stream(seed, index, factor))
+            drawn |= values
+    if start == "auto":
+        start = _default_start(path_task, vary)
+    no_start: frozenset[str] = frozenset()
+    if start in ("least_z", "random"):
+        path_task, no_start = _with_starts(path_task, methods, start, _stream(seed, index, "start"))
+    elif start == "best":
+        path_task = dataclasses.replace(path_task, best_start=True)
+    return Sample(index, path_task, drawn.get("solver", solver), drawn, tuple(methods), no_start)
+
+
+def _stream(seed: int, index: int, factor: str) -> np.random.Generator:
+    # The placements are those of examples/placements.py.
+    number = [] if factor == "placement" else [FACTORS.index(factor)]
+    return np.random.default_rng([seed, index, *number])
+
+
+def _default_start(path_task: PathTask, vary: Collection[str]) -> Start:
+    if "start" in vary:
+        return "random"
+    if path_task.best_start:
+        return "best"
+    return "least_z" if _MOVED & set(vary) else "task"
+
+
+def _with_largest_step(path_task: PathTask, max_step_deg: float) -> PathTask:
+    """A waypoint a second, so that speeds are steps."""
+    return dataclasses.replace(
+        path_task,
+        durations=np.concatenate([[0.0], np.ones(len(path_task.waypoints) - 1)]),
+        velocity_limits=np.full(path_task.model.nv, np.radians(max_step_deg)),
+        acceleration_limits=np.full(path_task.model.nv, np.inf),
+    )
+
+
+def _tolerances(path_task: PathTask, section: StudySection) -> Any:
+    """Waypoints count as reached well inside what is a success, not to the task's last digit."""
+    given = path_task.iteration
+    angle = max(given.angle_tolerance_deg, _REACHED * section.axis_error_deg)
+    position = max(given.position_tolerance, _REACHED * section.position_error)
+    return given.model_copy(update={"position_tolerance": position, "angle_tolerance_deg": angle})
+
+
+# ---------------------------------------------------------------- what is drawn
+
+Drawn = tuple[PathTask, dict[str, Any]]
+
+
+def _placement(path_task: PathTask, section: StudySection, rng: np.random.Generator) -> Drawn:
+    table = section.placement
+    assert table is not None
+    to = rng.uniform(table.lower, table.upper)
+    low, high = np.radians(table.yaw_deg)
+    # Numbers are drawn whether or not they are used: other ranges do not shift them.
+    yaw, azimuth = low + (high - low) * rng.uniform(), rng.uniform(-np.pi, np.pi)
+    tilt = rng.uniform(*np.radians(table.tilt_deg))
+    axis = np.array([np.cos(azimuth), np.sin(azimuth), 0.0])
+    rotation = mink.SO3.exp(tilt * axis) @ mink.SO3.from_z_radians(yaw)
+    values = {
+        **dict(zip(("x", "y", "z"), map(float, to), strict=True)),
+        "yaw_deg": float(np.degrees(yaw)),
+        "tilt_deg": float(np.degrees(tilt)),
+        "azimuth_deg": float(np.degrees(azimuth)),
+    }
+    return placed(path_task, rotation, table.point, to, table.body), values
+
+
+def _tool(path_task: PathTask, section: StudySection, rng: np.random.Generator) -> Drawn:
+    table = section.tool
+    assert table is not None
+    lead, tilt = rng.uniform(*table.lead_deg), rng.uniform(*table.tilt_deg)
+    values = {"tool_lead_deg": float(lead), "tool_tilt_deg": float(tilt)}
+    return leaned(path_task, *np.radians([lead, tilt])), values
+
+
+def _robot(path_task: PathTask, section: StudySection, rng: np.random.Generator) -> Drawn:
+    assert section.robot is not None
+    scene = str(rng.choice(section.robot.scenes))
+    return _with_robot(path_task, scene), {"scene": scene}
+
+
+def _gain(path_task: PathTask, section: StudySection, rng: np.random.Generator) -> Drawn:
+    assert section.gain is not None
+    settings, values = dict(path_task.methods), {}
+    for method, interval in sorted(section.gain.items()):
+        gain = float(np.exp(rng.uniform(*np.log(interval))))
+        settings[method] = path_task.settings(method).model_copy(update={"gain": gain})
+        values[f"gain_{method}"] = gain
+    return dataclasses.replace(path_task, methods=settings), values
+
+
+def _solver(path_task: PathTask, section: StudySection, rng: np.random.Generator) -> Drawn:
+    assert section.solver is not None
+    return path_task, {"solver": str(rng.choice(section.solver.names))}
+
+
+_DRAWS: dict[str, Callable[[PathTask, StudySection, np.random.Generator], Drawn]] = {
+    "robot": _robot,
+    "placement": _placement,
+    "tool": _tool,
+    "gain": _gain,
+    "solver": _solver,
+}
+
+
+def _with_robot(path_task: PathTask, scene: str) -> PathTask:
+    if path_task.source is None:
+        raise InvalidInput("study: robots are varied for tasks from a file, beside which they are.")
+    path, model = load_scene(path_task.source, scene)
+    names, expected = JointRanges.of(model).names, JointRanges.of(path_task.model).names
+    if names != expected:
+        raise InvalidInput(
+            f"study.robot.scenes: {scene} has the joints {', '.join(names)}; the task's robot has "
+            f"{', '.join(expected)}. Limits, starts and methods are stated for these."
+        )
+    frame_pose(mink.Configuration(model), path_task.frame_name, path_task.frame_type)
+    return dataclasses.replace(path_task, scene=path, model=model)
+
+
+# ---------------------------------------------------------------- where it starts
+
+
+def _with_starts(
+    path_task: PathTask, methods: Collection[str], start: str, rng: np.random.Generator
+) -> tuple[PathTask, frozenset[str]]:
+    """The task with a start, one of their own for methods that fix the roll."""
+
+    def found(task: PathTask) -> Array | None:
+        return least_z_start(task) if start == "least_z" else random_start(task, rng)
+
+    no_start = set()
+    free = found(path_task)
+    if free is None:
+        return path_task, frozenset(methods)
+    starts: dict[str, Array] = {}
+    whole = dataclasses.replace(path_task, projector=path_task.operational, segments=(), bands=())
+    for flipped in (False, True):
+        names = [m for m in methods if METHODS[m].whole_twist and METHODS[m].flipped is flipped]
+        if not names:
+            continue
+        waypoints = path_task.flipped_waypoints if flipped else path_task.waypoints
+        fixed = found(dataclasses.replace(whole, waypoints=waypoints)) if waypoints else None
+        if fixed is None:
+            no_start.update(names)
+        else:
+            starts |= dict.fromkeys(names, fixed)
+    return dataclasses.replace(path_task, start=free, starts=starts), frozenset(no_start)

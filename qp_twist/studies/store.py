@@ -1,0 +1,171 @@
+"""The rows of a study on disk: Parquet files that are written as the rows come.
+
+A Parquet file is whole or it is nothing: it ends with its index. So the rows come in parts, each
+written beside its place and renamed, and ``compact`` makes one file of them. A process that is
+killed loses the rows that are not in a part yet, and these are computed again.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import time
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from qp_twist.errors import InvalidInput
+
+try:
+    import pyarrow as pa
+    import pyarrow.compute as pc
+    import pyarrow.parquet as pq
+except ImportError:  # the extra is not installed; check_installed says so
+    pa = None
+
+_ROWS, _SECONDS = 2000, 10.0
+"""Rows and time after which a part is written."""
+_GROUP = 20_000
+"""Rows of a Parquet row group: what is in memory at a time."""
+BASE = {
+    "sample": "int64",
+    "method": "string",
+    "solver": "string",
+    "success": "bool",
+    "fault": "string",
+    "joint": "string",
+    "waypoint": "int32",
+    "message": "string",
+    "waypoints": "int32",
+    "position_error_max_m": "float64",
+    "axis_error_max_rad": "float64",
+    "min_margin": "float64",
+    "mean_z": "float64",
+    "max_step_deg": "float64",
+    "travel_deg": "float64",
+    "sigma_min": "float64",
+    "z_over_least": "float64",
+    "seconds": "float64",
+    "least_z": "float64",
+    "feasible": "bool",
+    "certificate": "string",
+}
+"""Columns that every study has."""
+
+
+def check_installed() -> None:
+    """Refuse to go on without pyarrow.
+
+    Raises:
+        InvalidInput: With what to install.
+    """
+    if pa is None:
+        raise InvalidInput("study: needs joblib and pyarrow; install the extra: qp_twist[study].")
+
+
+class Store:
+    """The rows below a folder: ``results.parquet`` and, while a study runs, ``parts/``."""
+
+    def __init__(self, folder: Path, drawn: Mapping[str, str]) -> None:
+        """Open, or begin.
+
+        Args:
+            folder: Of the study.
+            drawn: Type of each column that the study draws, by name.
+        """
+        check_installed()
+        self.file = folder / "results.parquet"
+        self._folder = folder / "parts"
+        self.schema = pa.schema(
+            [(name, pa.type_for_alias(kind)) for name, kind in {**BASE, **drawn}.items()]
+        )
+        self._waiting: list[dict[str, Any]] = []
+        self._since = time.monotonic()
+
+    def samples(self) -> set[int]:
+        """The samples whose rows are on disk."""
+        found: set[int] = set()
+        for table in self.tables(["sample"]):
+            found.update(table["sample"].to_pylist())
+        return found
+
+    def add(self, rows: Sequence[dict[str, Any]]) -> None:
+        """Keep the rows of a sample; they are on disk ten seconds later."""
+        self._waiting.extend(rows)
+        if len(self._waiting) >= _ROWS or time.monotonic() - self._since > _SECONDS:
+            self.flush()
+
+    def flush(self) -> None:
+        """Write what waits."""
+        if self._waiting:
+            number = max((int(part.stem) for part in self._parts()), default=0) + 1
+            table = pa.Table.from_pylist(self._waiting, schema=self.schema)
+            self._write(self._folder / f"{number:06d}.parquet", [table])
+        self._waiting, self._since = [], time.monotonic()
+
+    def compact(self) -> Path:
+        """Make one file of everything, and return its path."""
+        self.flush()
+        parts = self._parts()
+        if parts or not self.file.exists():
+            self._write(self.file, self.tables())
+            for part in parts:
+                part.unlink()
+            with contextlib.suppress(OSError):  # something else lies there
+                self._folder.rmdir()
+        return self.file
+
+    def tables(self, columns: Sequence[str] | None = None) -> Iterator[pa.Table]:
+        """What is on disk, a bounded number of rows at a time, each sample once.
+
+        With ``columns`` only these and the sample's number.
+
+        A sample is in two files if a study was killed between making one file and removing parts.
+        """
+        wanted = None if columns is None else list(dict.fromkeys(["sample", *columns]))
+        before: set[int] = set()
+        for file in [self.file, *self._parts()] if self.file.exists() else self._parts():
+            here: set[int] = set()
+            for batch in self._batches(file, wanted):
+                samples = batch["sample"].to_pylist()
+                here.update(samples)
+                new = pa.array([sample not in before for sample in samples], pa.bool_())
+                yield pa.Table.from_batches([batch]).filter(new)
+            before |= here
+
+    def table(self, columns: Sequence[str] | None = None) -> pa.Table:
+        """All that :meth:`tables` gives, in the order of the samples."""
+        names = self.schema.names if columns is None else list(dict.fromkeys(["sample", *columns]))
+        empty = pa.schema([self.schema.field(name) for name in names]).empty_table()
+        found: pa.Table = pa.concat_tables([empty, *self.tables(columns)])
+        return found.take(pc.sort_indices(found, [("sample", "ascending")]))
+
+    def _parts(self) -> list[Path]:
+        return sorted(self._folder.glob("[0-9]*.parquet"))
+
+    def _batches(self, file: Path, columns: Sequence[str] | None) -> Iterator[pa.RecordBatch]:
+        try:
+            parquet = pq.ParquetFile(file)
+        except (pa.ArrowInvalid, OSError) as error:
+            raise InvalidInput(
+                f"{file}: cannot be read: {error}. Delete it, and its samples are computed again."
+            ) from error
+        with parquet:
+            if not parquet.schema_arrow.equals(self.schema):
+                raise InvalidInput(
+                    f"{file}: has other columns than this study; give another folder with --out."
+                )
+            yield from parquet.iter_batches(_GROUP, columns=columns)
+
+    def _write(self, path: Path, tables: Iterable[pa.Table]) -> None:
+        """Write tables to a temporary file, then rename it."""
+        path.parent.mkdir(parents=True, exist_ok=True)
+        temporary = path.with_name(f".{path.name}.{os.getpid()}")
+        try:
+            with pq.ParquetWriter(temporary, self.schema) as writer:
+                for table in tables:
+                    writer.write_table(table)
+            os.replace(temporary, path)
+        except BaseException:
+            temporary.unlink(missing_ok=True)
+            raise

@@ -1,0 +1,336 @@
+"""Methods over many samples of a task: run, stop, go on, look at."""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import json
+import os
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from importlib.metadata import version
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, cast
+
+import numpy as np
+from rich.console import Console
+
+from qp_twist.checks import one_of, whole_number
+from qp_twist.comparison.joint_figure import save_figure
+from qp_twist.errors import InvalidInput
+from qp_twist.following import write_atomically
+from qp_twist.path import METHODS, PathTask, check_method, load_task, shipped_folder
+from qp_twist.qp import check_solver
+from qp_twist.studies.figures import fault_figure, map_figure, z_figure
+from qp_twist.studies.rows import Job
+from qp_twist.studies.sample import Sample, Start, check_factors, drawn_columns, section_of
+from qp_twist.studies.store import Store, check_installed
+from qp_twist.studies.summary import MethodSummary, Rate, rich_table, summarise
+from qp_twist.studies.workers import each
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+    from matplotlib.figure import Figure
+
+STARTS = ("auto", "task", "least_z", "random", "best")
+_SETTINGS = "study.json"
+_WIDTH = 128
+
+
+@dataclass(frozen=True, eq=False)
+class Study:
+    """A study on disk, done or not.
+
+    Attributes:
+        folder: Where it lies.
+        job: What is done with each sample.
+        count: How many samples it is to have.
+    """
+
+    folder: Path
+    job: Job
+    count: int
+
+    @classmethod
+    def open(cls, folder: str | Path, path_task: PathTask | None = None) -> Study:
+        """The study in a folder.
+
+        Args:
+            folder: Where it lies.
+            path_task: Its task; loaded from the file it was made with if ``None``.
+
+        Raises:
+            InvalidInput: If there is none, or its task is no longer the same.
+        """
+        check_installed()
+        folder = Path(folder)
+        settings = _read(folder / _SETTINGS)
+        job = Job(
+            path_task or load_task(settings["task"]), tuple(settings["vary"]), settings["seed"],
+            tuple(settings["methods"]), settings["solver"], settings["start"], settings["certify"],
+        )  # fmt: skip
+        now = _settings(job, settings["samples"])
+        _check_same(folder, {**settings, "task": now["task"]}, now)
+        return cls(folder, job, settings["samples"])
+
+    def sample(self, index: int) -> Sample:
+        """One of its samples, as it was.
+
+        Raises:
+            InvalidInput: If it has no such sample.
+        """
+        if not 0 <= index < self.count:
+            raise InvalidInput(f"{self.folder}: samples 0 to {self.count - 1}; got {index}.")
+        return self.job.sample(index)
+
+    def table(self, columns: Sequence[str] | None = None) -> pa.Table:
+        """The results so far, a row a sample and method, by sample."""
+        return self._store().table(columns)
+
+    def missing(self) -> list[int]:
+        """The samples that are not done."""
+        done = self._store().samples()
+        return [index for index in range(self.count) if index not in done]
+
+    def summary(self) -> list[MethodSummary]:
+        """What the results so far say of each method."""
+        names = ("method", "success", "feasible", "fault", "joint", "waypoint", "z_over_least")
+        return summarise(self.table(names).to_pydict(), self.job.methods)
+
+    def text(self) -> str:
+        """The success table as plain text, and a line on what is feasible."""
+        console = Console(file=io.StringIO(), width=_WIDTH, color_system=None)
+        console.print(rich_table(self.title, self.summary()))
+        console.print(self.feasibility, markup=False, highlight=False, soft_wrap=True)
+        assert isinstance(console.file, io.StringIO)
+        return console.file.getvalue()
+
+    @property
+    def title(self) -> str:
+        """What was varied, how often."""
+        done = self.count - len(self.missing())
+        of = "" if done == self.count else f" of {self.count}"
+        return (
+            f"{self.job.path_task.name}: {done:,}{of} samples, seed {self.job.seed}, varied: "
+            f"{', '.join(self.job.vary)}"
+        )
+
+    @property
+    def feasibility(self) -> str:
+        """How many samples have a motion inside the limits, in a sentence."""
+        feasible = self._by_sample("feasible")
+        known = [value for value in feasible.values() if value is not None]
+        found = Rate(sum(known), len(known))
+        text = f"feasible: {found.count:,} of {found.of:,} samples, {found} %"
+        unknown = len(feasible) - len(known)
+        return text + (f"; of {unknown:,} it is not known" if unknown else "")
+
+    def figures(self) -> dict[str, Figure]:
+        """Matplotlib figures by name: ``faults``, ``z``, and ``maps`` where placements vary."""
+        found = {"faults": fault_figure(self.title, self.summary())}
+        table = self.table(["method", "z_over_least"])
+        found["z"] = z_figure(self.title, table.to_pydict(), self.job.methods)
+        if "placement" in self.job.vary:
+            names = ["sample", "method", "success", "feasible", "x", "y", "z"]
+            columns = self.table(names).to_pydict()
+            found["maps"] = map_figure(self.title, columns, self.job.methods)
+        return found
+
+    def report(self) -> list[str]:
+        """Write ``summary.json``, ``summary.txt`` and the figures; return their paths."""
+        content = {
+            "samples": self.count - len(self.missing()),
+            "of": self.count,
+            "feasibility": self.feasibility,
+            "methods": {s.method: s.to_dict() for s in self.summary()},
+        }
+        text = json.dumps(content, indent=2, ensure_ascii=False) + "\n"
+        written = [
+            write_atomically(self.folder / "summary.json", text),
+            write_atomically(self.folder / "summary.txt", self.text()),
+        ]
+        for name, figure in self.figures().items():
+            written.append(save_figure(figure, self.folder / f"{name}.png"))
+        return [str(path) for path in written]
+
+    def run(
+        self,
+        *,
+        jobs: int | None = None,
+        scheduler: str | None = None,
+        progress: Callable[[int], None] | None = None,
+    ) -> None:
+        """Do the samples that are missing; what is done is on disk, whatever happens."""
+        store = self._store()
+        missing = self.missing()
+        here = jobs or len(os.sched_getaffinity(0))
+        try:
+            for done, (_, rows) in enumerate(
+                each(self.job, missing, jobs=here, scheduler=scheduler), start=1
+            ):
+                store.add(rows)
+                if progress is not None:
+                    progress(self.count - len(missing) + done)
+        finally:
+            store.flush()
+        store.compact()
+
+    def _store(self) -> Store:
+        return Store(self.folder, drawn_columns(self.job.path_task, self.job.vary))
+
+    def _by_sample(self, column: str) -> dict[int, Any]:
+        table = self.table(["sample", column]).to_pydict()
+        return dict(zip(table["sample"], table[column], strict=True))
+
+    def __repr__(self) -> str:
+        return f"Study({str(self.folder)!r}, {self.count} samples, {list(self.job.methods)})"
+
+
+def study(
+    path_task: PathTask | str | Path,
+    vary: Sequence[str] = ("placement",),
+    samples: int = 1000,
+    methods: Sequence[str] | None = None,
+    *,
+    out: str | Path,
+    seed: int | None = None,
+    solver: str = "daqp",
+    start: Start = "auto",
+    certify: bool = True,
+    jobs: int | None = None,
+    scheduler: str | None = None,
+    progress: Callable[[int], None] | None = None,
+) -> Study:
+    """Follow many samples of a task with several methods.
+
+    A sample is the task with something drawn at random: where the workpiece stands, how the tool
+    leans, which robot, gains, backend or start it has. What is drawn depends on the seed and the
+    sample's number alone, so that each can be looked at: ``compare(study.sample(17).path_task)``.
+    The results stream to Parquet files below ``out``. Called again, a study that was stopped goes
+    on where it was, and with more ``samples`` it grows.
+
+    Args:
+        path_task: A task from a file, or what :func:`~qp_twist.load_task` takes. Its ``[study]``
+            says in which ranges things vary and what counts as success.
+        vary: What varies: ``placement``, ``tool``, ``robot``, ``gain``, ``solver``, ``start``.
+        samples: How many.
+        methods: Method names; all that make sense for the task if ``None``.
+        out: Folder for the results.
+        seed: Instead of the file's.
+        solver: Backend of the QP methods, where it does not vary.
+        start: Where a sample starts: ``task``, as in the file; ``least_z`` or ``random``, inside
+            the limits on the first waypoint; ``best``, as a plan does; ``auto``: random where the
+            start varies, the task's own where nothing moves the first waypoint, else of least z.
+        certify: Whether a plan decides if there is a motion at all, where no method found one.
+        jobs: Processes of this machine; one a core if ``None``.
+        scheduler: Address of a Dask scheduler, whose workers are taken instead.
+        progress: Called with the number of samples done.
+
+    Returns:
+        The study, all of its samples on disk.
+
+    Raises:
+        InvalidInput: If an argument is wrong, the file does not say how something varies, the
+            folder holds another study, or an extra is not installed.
+    """
+    check_installed()
+    task = path_task if isinstance(path_task, PathTask) else load_task(path_task)
+    if task.source is None:
+        raise InvalidInput("study: needs a task from a file, by which it can be opened again.")
+    if isinstance(vary, str) or isinstance(methods, str):
+        raise InvalidInput("study: vary and methods are lists of names, not one string.")
+    names = task.method_names() if methods is None else list(methods)
+    order = {name: index for index, name in enumerate(METHODS)}
+    names = sorted({check_method(name) for name in names}, key=order.__getitem__)
+    if not names:
+        raise InvalidInput("study: methods is empty; name at least one.")
+    count = whole_number("samples", samples, at_least=1)
+    if jobs is not None:
+        whole_number("jobs", jobs, at_least=1)
+    job = Job(
+        task, check_factors(task, vary),
+        section_of(task).seed if seed is None else whole_number("seed", seed, at_least=0),
+        tuple(names), check_solver(solver), cast(Start, one_of("start", start, STARTS)),
+        bool(certify),
+    )  # fmt: skip
+    folder = Path(out)
+    settings = _settings(job, count)
+    if (folder / _SETTINGS).exists():
+        _check_same(folder, _read(folder / _SETTINGS), settings)
+    elif folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+        raise InvalidInput(f"study(out={str(folder)!r}): holds something else; give a new folder.")
+    found = Study(folder, job, count)
+    write_atomically(folder / _SETTINGS, json.dumps(settings, indent=2) + "\n")
+    found.run(jobs=jobs, scheduler=scheduler, progress=progress)
+    return found
+
+
+def _settings(job: Job, count: int) -> dict[str, Any]:
+    """What ``study.json`` holds."""
+    source = job.path_task.source
+    assert source is not None
+    shipped = source.resolve().parent == shipped_folder("tasks").resolve()
+    return {
+        "task": source.stem if shipped else str(source.resolve()),
+        "fingerprint": _fingerprint(job.path_task),
+        "vary": list(job.vary),
+        "samples": count,
+        "seed": job.seed,
+        "methods": list(job.methods),
+        "solver": job.solver,
+        "start": job.start,
+        "certify": job.certify,
+        "versions": {name: version(name) for name in ("qp_twist", "mink", "mujoco", "numpy")},
+    }
+
+
+def _fingerprint(path_task: PathTask) -> str:
+    """A digest of all that a sample depends on."""
+    arrays = [
+        *(waypoint.as_matrix() for waypoint in path_task.waypoints), path_task.start,
+        path_task.velocity_limits, path_task.acceleration_limits,
+        path_task.model.jnt_range, path_task.model.jnt_pos, path_task.model.jnt_axis,
+        path_task.model.body_pos, path_task.model.body_quat, path_task.model.site_pos,
+    ]  # fmt: skip
+    if path_task.durations is not None:
+        arrays.append(path_task.durations)
+    digest = hashlib.sha256()
+    for array in arrays:
+        digest.update(np.ascontiguousarray(array, dtype=np.float64).tobytes())
+    said = (
+        path_task.projectors, path_task.bands, path_task.iteration, path_task.study,
+        sorted(path_task.methods.items()), path_task.best_start,
+    )  # fmt: skip
+    digest.update(repr(said).encode())
+    return digest.hexdigest()[:16]
+
+
+def _read(file: Path) -> dict[str, Any]:
+    try:
+        settings = json.loads(file.read_text("utf-8"))
+        missing = {"task", "fingerprint", "vary", "samples", "seed", "methods"} - set(settings)
+    except (OSError, ValueError, TypeError):
+        raise InvalidInput(f"{file.parent}: holds no study (no {file.name}).") from None
+    if missing:
+        raise InvalidInput(f"{file}: lacks {', '.join(sorted(missing))}.")
+    return dict(settings)
+
+
+def _check_same(folder: Path, before: dict[str, Any], now: dict[str, Any]) -> None:
+    """Refuse to mix two studies. More samples are the same study."""
+    for key in ("task", "vary", "seed", "methods", "solver", "start", "certify", "fingerprint"):
+        if before.get(key) == now[key]:
+            continue
+        if key == "fingerprint":
+            raise InvalidInput(
+                f"{folder}: the task or its robot was changed since this study began; give another "
+                "folder, or put the file back."
+            )
+        raise InvalidInput(
+            f"{folder}: holds a study with {key} = {before.get(key)!r}, not {now[key]!r}; give "
+            "another folder, or the same arguments."
+        )
+    if now["samples"] < before["samples"]:
+        raise InvalidInput(
+            f"{folder}: holds a study of {before['samples']} samples; ask for at least as many."
+        )

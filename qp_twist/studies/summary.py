@@ -1,0 +1,156 @@
+"""What a study says: how often each method succeeds, and what makes it fail."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from rich import box
+from rich.table import Table
+from scipy.stats import binomtest
+
+from qp_twist.checks import Array
+
+Mask = npt.NDArray[np.bool_]
+_REASONS = 3
+
+
+@dataclass(frozen=True)
+class Rate:
+    """A share, with the interval that holds the true one in 95 % of studies (Wilson's)."""
+
+    count: int
+    of: int
+
+    @property
+    def share(self) -> float:
+        """The share, NaN of nothing."""
+        return self.count / self.of if self.of else float("nan")
+
+    @property
+    def interval(self) -> tuple[float, float]:
+        """Lowest and highest."""
+        if not self.of:
+            return float("nan"), float("nan")
+        found = binomtest(self.count, self.of).proportion_ci(0.95, method="wilson")
+        return float(found.low), float(found.high)
+
+    def to_dict(self) -> dict[str, Any]:
+        """For JSON."""
+        low, high = self.interval
+        known = {"share": self.share, "interval": [low, high]} if self.of else {}
+        return {"count": self.count, "of": self.of, **known}
+
+    def __str__(self) -> str:
+        low, high = self.interval
+        return f"{100 * self.share:.1f} ({100 * low:.1f}–{100 * high:.1f})" if self.of else "–"
+
+
+@dataclass(frozen=True)
+class MethodSummary:
+    """One method over all samples.
+
+    Attributes:
+        method: Its name.
+        all: Successes of all samples.
+        feasible: Successes of the samples that have a motion inside the limits from some start.
+        faults: How often each fault ended a lap, of feasible samples; kind, then joint.
+        waypoints: Quartiles of the waypoint at which laps of feasible samples failed.
+        over_least: Median of z_over_least, of successes.
+    """
+
+    method: str
+    all: Rate
+    feasible: Rate
+    faults: dict[str, dict[str, int]]
+    waypoints: list[float] | None
+    over_least: float
+
+    def to_dict(self) -> dict[str, Any]:
+        """For JSON."""
+        return {
+            "all": self.all.to_dict(),
+            "feasible": self.feasible.to_dict(),
+            "faults": self.faults,
+            "failed_at_quartiles": self.waypoints,
+            "z_over_least": self.over_least if np.isfinite(self.over_least) else None,
+        }
+
+    @property
+    def reasons(self) -> str:
+        """The most frequent faults, with the joint that is most often in them."""
+        totals = {kind: sum(joints.values()) for kind, joints in self.faults.items()}
+        parts = []
+        for kind in sorted(totals, key=lambda kind: -totals[kind])[:_REASONS]:
+            joint = max(self.faults[kind], key=self.faults[kind].__getitem__)
+            parts.append(f"{kind} {totals[kind]}" + (f" ({joint})" if joint else ""))
+        more = len(totals) - _REASONS
+        return ", ".join(parts) + (f", {more} more kinds" if more > 0 else "")
+
+
+def summarise(columns: dict[str, Any], methods: tuple[str, ...]) -> list[MethodSummary]:
+    """The summaries of some methods.
+
+    Args:
+        columns: Of the results, by name: method, success, feasible, fault, joint, waypoint,
+            z_over_least.
+        methods: In the order in which they are wanted.
+    """
+    name = np.array(columns["method"], dtype=object)
+    feasible = np.array([value is True for value in columns["feasible"]], dtype=bool)
+    return [_summary(columns, method, name == method, feasible) for method in methods]
+
+
+def _summary(columns: dict[str, Any], method: str, mine: Mask, feasible: Mask) -> MethodSummary:
+    success = np.array(columns["success"], dtype=bool)
+    failed = np.flatnonzero(mine & feasible & ~success)
+    faults: dict[str, Counter[str]] = {}
+    for row in failed:
+        faults.setdefault(columns["fault"][row], Counter())[columns["joint"][row]] += 1
+    won = np.flatnonzero(mine & success)
+    ratios = _numbers(columns["z_over_least"], won)
+    ratios = ratios[np.isfinite(ratios)]
+    where = _numbers(columns["waypoint"], failed)
+    quartiles = [float(np.percentile(where, q)) for q in (25, 50, 75)] if len(where) else None
+    return MethodSummary(
+        method,
+        Rate(int((mine & success).sum()), int(mine.sum())),
+        Rate(int((mine & success & feasible).sum()), int((mine & feasible).sum())),
+        {kind: dict(joints.most_common()) for kind, joints in faults.items()},
+        quartiles,
+        float(np.median(ratios)) if len(ratios) else float("nan"),
+    )
+
+
+def _numbers(values: list[float | None], rows: npt.NDArray[np.intp]) -> Array:
+    return np.array([np.nan if values[i] is None else values[i] for i in rows], dtype=np.float64)
+
+
+def rich_table(title: str, summaries: list[MethodSummary]) -> Table:
+    """The table for a terminal."""
+    table = Table(
+        title=title, title_justify="left", title_style="bold", box=box.SIMPLE_HEAD,
+        caption="in brackets: 95 % intervals; feasible: samples that have a motion inside all "
+        "limits, from whatever start;\nz / least: median of mean z over the mean of what each "
+        "waypoint has at least; failed at: quartiles of the waypoint.",
+        caption_justify="left",
+    )  # fmt: skip
+    table.add_column("method", no_wrap=True)
+    for heading in ("succeeds, %", "of feasible, %", "z / least", "failed at"):
+        table.add_column(heading, justify="right", no_wrap=True)
+    table.add_column("why it fails (most often)")
+    for summary in summaries:
+        where = summary.waypoints
+        ratio = summary.over_least
+        table.add_row(
+            summary.method,
+            str(summary.all),
+            str(summary.feasible),
+            f"{ratio:.3f}" if np.isfinite(ratio) else "–",
+            "–" if where is None else " ".join(f"{w:.0f}" for w in where),
+            summary.reasons or "–",
+        )
+    return table

@@ -1,0 +1,170 @@
+"""Do a job with every sample, in processes of this machine or of a cluster.
+
+One way for both, over futures: joblib's process pool (loky) here, Dask's workers there. A process
+that dies (out of memory, killed, crashed in native code) breaks loky's pool: it is made anew, and
+what was under way is done again. Dask does the same by itself.
+"""
+
+from __future__ import annotations
+
+import pickle
+from collections import Counter, deque
+from collections.abc import Iterator, Sequence
+from concurrent.futures import FIRST_COMPLETED, Executor, Future, wait
+from concurrent.futures.process import BrokenProcessPool
+from typing import Any, Protocol
+
+from qp_twist.errors import InvalidInput
+
+Rows = list[dict[str, Any]]
+
+TRIES = 2
+"""After so many deaths of its process a sample is given up."""
+_AHEAD = 2
+"""Samples under way for each process: the next is there when one is done."""
+_ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
+
+
+class Job(Protocol):
+    """What is done with a sample."""
+
+    def __call__(self, index: int) -> Rows:
+        """The rows of a sample. Raises nothing."""
+
+    def failed(self, index: int, message: str) -> Rows:
+        """The rows of a sample whose process died."""
+
+
+def each(
+    job: Job, indices: Sequence[int], *, jobs: int, scheduler: str | None = None
+) -> Iterator[tuple[int, Rows]]:
+    """Yield each index with the rows of ``job(index)``, in the order in which they are done.
+
+    Args:
+        job: Can be pickled.
+        indices: Of the samples.
+        jobs: Processes of this machine.
+        scheduler: Address of a Dask scheduler, whose workers are taken instead.
+
+    Raises:
+        InvalidInput: If there is no such scheduler, or it has no workers.
+    """
+    pool = _Here(job, jobs) if scheduler is None else _Cluster(job, scheduler)
+    deaths: Counter[int] = Counter()
+    waiting = deque(indices)
+    under_way: dict[Future[Rows], int] = {}
+    try:
+        while waiting or under_way:
+            while waiting and len(under_way) < pool.room():
+                # One that was there when a process died runs alone: then it is known.
+                last_try = {i for i in (*under_way.values(), waiting[0]) if deaths[i] == TRIES - 1}
+                if last_try and under_way:
+                    break
+                index = waiting.popleft()
+                under_way[pool.submit(index)] = index
+            done, _ = wait(under_way, return_when=FIRST_COMPLETED)
+            if any(isinstance(future.exception(), BrokenProcessPool) for future in done):
+                done, _ = wait(under_way)
+                pool.renew()
+            for future in done:
+                index = under_way.pop(future)
+                error = future.exception()
+                if error is None:
+                    yield index, future.result()
+                    continue
+                deaths[index] += 1
+                if isinstance(error, BrokenProcessPool) and deaths[index] < TRIES:
+                    waiting.appendleft(index)
+                    continue
+                said = str(error).strip().partition("\n")[0]
+                yield index, job.failed(index, f"its process died: {type(error).__name__}: {said}")
+    finally:
+        for future in under_way:
+            future.cancel()
+        pool.close()
+
+
+class _Pickled:
+    """A job as bytes, which a process reads once."""
+
+    _read: tuple[bytes, Job] | None = None
+
+    def __init__(self, content: bytes) -> None:
+        self.content = content
+
+    def job(self) -> Job:
+        """The job."""
+        known = _Pickled._read
+        if known is None or known[0] != self.content:
+            known = _Pickled._read = self.content, pickle.loads(self.content)
+        return known[1]
+
+
+def _do(pickled: _Pickled, index: int) -> Rows:
+    return pickled.job()(index)
+
+
+class _Here:
+    """Processes of this machine."""
+
+    def __init__(self, job: Job, jobs: int) -> None:
+        self._job = _Pickled(pickle.dumps(job))
+        self._jobs = jobs
+        self.renew()
+
+    def renew(self) -> None:
+        """Take another pool in place of a broken one."""
+        from joblib.externals.loky import get_reusable_executor
+
+        self._executor = get_reusable_executor(self._jobs, env=_ONE_THREAD, timeout=60)
+
+    def room(self) -> int:
+        """How many samples may be under way."""
+        return _AHEAD * self._jobs
+
+    def submit(self, index: int) -> Future[Rows]:
+        """Begin with a sample."""
+        future: Future[Rows] = self._executor.submit(_do, self._job, index)
+        return future
+
+    def close(self) -> None:
+        """End the processes, whatever they do."""
+        self._executor.shutdown(wait=True, kill_workers=True)
+
+
+class _Cluster:
+    """The workers of a Dask scheduler."""
+
+    def __init__(self, job: Job, scheduler: str) -> None:
+        try:
+            from distributed import Client
+        except ImportError:
+            raise InvalidInput(
+                "study(scheduler=…): Dask is not installed; install the extra: qp_twist[cluster]."
+            ) from None
+        try:
+            self._client = Client(scheduler, timeout=5, set_as_default=False)
+        except (OSError, ValueError) as error:
+            raise InvalidInput(f"study(scheduler={scheduler!r}): {error}.") from error
+        if not self._client.ncores():
+            self._client.close()
+            raise InvalidInput(f"study(scheduler={scheduler!r}): the scheduler has no workers.")
+        self._executor: Executor = self._client.get_executor(pure=False)
+        # As a task of its own, which the scheduler can have done again where it was lost.
+        self._job = self._client.submit(_Pickled, pickle.dumps(job))
+
+    def renew(self) -> None:
+        """Nothing to do: the scheduler looks after its workers."""
+
+    def room(self) -> int:
+        """How many samples may be under way."""
+        return _AHEAD * max(1, sum(int(n) for n in self._client.ncores().values()))
+
+    def submit(self, index: int) -> Future[Rows]:
+        """Begin with a sample."""
+        return self._executor.submit(_do, self._job, index)
+
+    def close(self) -> None:
+        """Leave the scheduler."""
+        self._executor.shutdown(wait=False)
+        self._client.close()
