@@ -578,6 +578,18 @@ def test_a_path_of_one_waypoint_is_refused() -> None:
         qt.plan("planar_line")  # type: ignore[arg-type]
 
 
+def test_a_plan_says_what_it_is_doing() -> None:
+    said: list[tuple[str, float]] = []
+    task = dataclasses.replace(short_line(9), best_start=True)
+    qt.compare(task, ["qp_gradient"], planning=lambda what, share: said.append((what, share)))
+    for part in ("lap of qp_gradient", "layers", "steps", "off the grid"):
+        shares = [share for what, share in said if part in what]
+        assert 0.0 <= shares[0] <= shares[-1] <= 1.0
+    said.clear()
+    qt.follow(short_line(9), "qp_planned", planning=lambda what, share: said.append((what, share)))
+    assert said
+
+
 # ---------------------------------------------------------------- the map of rolls
 
 
@@ -597,6 +609,12 @@ def test_a_method_is_where_the_map_says_and_has_the_margin_that_it_says(
         room = np.degrees(np.minimum(q[k] - ranges.lower, ranges.upper - q[k]).min())
         # This lap stays in the most central turns.
         assert roll_map.margins[k, cell, branches[k]] == pytest.approx(room, abs=5.0)
+    sigma = deburring.trajectories["qp_gradient"].sigma_min  # by MuJoCo's Jacobian
+    np.testing.assert_allclose(PathRows(task).sigma_min(q, np.arange(401)), sigma, atol=1e-9)
+    fine = RollMap.of(task, columns=5, spacing_deg=0.25)
+    for column, k in enumerate(fine.waypoints):
+        cell = int(np.argmin(np.abs(fine.rolls - rolls[k])))
+        assert fine.sigma_min[column, cell, branches[k]] == pytest.approx(sigma[k], abs=0.01)
     arm = OrthoParallelArm.recognise(task.model, task.frame_name, task.frame_type)
     assert arm is not None
     grid = RollGrid(task, arm, np.radians(2.0), np.full(6, np.inf))

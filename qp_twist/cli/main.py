@@ -83,7 +83,9 @@ def compare(
     if out is not None and out.exists() and not out.is_dir():
         raise InvalidInput(f"--out {out}: this is a file; give a folder to write to.")
     with method_progress(names, len(path_task.waypoints) - 1) as progress:
-        comparison = compare_methods(path_task, names, solver=solver, progress=progress)
+        comparison = compare_methods(
+            path_task, names, solver=solver, progress=progress.done, planning=progress.planning
+        )
     console = _console()
     content = comparison.to_dict()
     console.print(rich_table(content))
@@ -170,7 +172,11 @@ def run(task: Task, out: File, method: MethodName = "qp", solver: Solver = "daqp
         raise InvalidInput(f"--out {out}: expected a file that ends in .csv.")
     with method_progress([method], len(path_task.waypoints) - 1) as progress:
         trajectory = follow(
-            path_task, method, solver=solver, progress=lambda done: progress(method, done)
+            path_task,
+            method,
+            solver=solver,
+            progress=lambda done: progress.done(method, done),
+            planning=progress.planning,
         )
     trajectory.save(out)
     said = f"wrote {out}: {len(trajectory.q)} waypoints, {method}: {trajectory.summary}"
@@ -199,7 +205,9 @@ def roadmap(
     target = out or Path("out") / path_task.name / "roadmap.png"
     check_applies(path_task)
     with method_progress(names, len(path_task.waypoints) - 1) as progress:
-        comparison = compare_methods(path_task, names, solver=solver, progress=progress)
+        comparison = compare_methods(
+            path_task, names, solver=solver, progress=progress.done, planning=progress.planning
+        )
     with working("evaluating the roadmap"):
         save_figure(roadmap_figure(path_task, comparison.trajectories), target)
     _console().print(f"wrote {target}", highlight=False, markup=False, soft_wrap=True)

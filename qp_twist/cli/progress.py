@@ -11,34 +11,56 @@ from rich.progress import (
     BarColumn,
     MofNCompleteColumn,
     Progress,
+    TaskProgressColumn,
     TextColumn,
     TimeElapsedColumn,
     TimeRemainingColumn,
 )
 
 
+class MethodProgress:
+    """What the methods of a command are doing, for whoever draws it."""
+
+    def done(self, method: str, waypoints: int) -> None:
+        """So many waypoints of a method are done."""
+
+    def planning(self, what: str, share: float) -> None:
+        """A plan is being made, and so much of a part of it is done."""
+
+
+class _Bar(MethodProgress):
+    def __init__(self, progress: Progress, methods: Sequence[str], waypoints: int) -> None:
+        self._progress = progress
+        self._bar = progress.add_task("", total=len(methods) * waypoints)
+        self._plan = progress.add_task("", total=1.0, visible=False)
+        self._before = {name: k * waypoints for k, name in enumerate(dict.fromkeys(methods))}
+
+    def done(self, method: str, waypoints: int) -> None:
+        completed = self._before.get(method, 0) + waypoints
+        self._progress.update(self._bar, description=method, completed=completed)
+        self._progress.update(self._plan, visible=False)
+
+    def planning(self, what: str, share: float) -> None:
+        self._progress.update(
+            self._plan, description=f"plan: {what}", completed=share, visible=True
+        )
+
+
 @contextmanager
-def method_progress(methods: Sequence[str], waypoints: int) -> Iterator[Callable[[str, int], None]]:
-    """Yield ``report(method, waypoints done)``; drawn on stderr where it is a terminal."""
+def method_progress(methods: Sequence[str], waypoints: int) -> Iterator[MethodProgress]:
+    """Yield who takes the progress of methods; drawn on stderr where it is a terminal."""
     console = _terminal()
     if console is None:
-        yield lambda method, done: None
+        yield MethodProgress()
         return
     columns = (
         TextColumn("{task.description:<20}"),
         BarColumn(),
-        MofNCompleteColumn(),
-        TextColumn("waypoints"),
+        TaskProgressColumn(),
         TimeElapsedColumn(),
     )
     with Progress(*columns, console=console, transient=True) as progress:
-        bar = progress.add_task("", total=len(methods) * waypoints)
-        before = {name: index * waypoints for index, name in enumerate(dict.fromkeys(methods))}
-
-        def report(method: str, done: int) -> None:
-            progress.update(bar, description=method, completed=before.get(method, 0) + done)
-
-        yield report
+        yield _Bar(progress, methods, waypoints)
 
 
 @contextmanager

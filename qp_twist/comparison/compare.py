@@ -106,6 +106,7 @@ def compare(
     *,
     solver: str = "daqp",
     progress: Callable[[str, int], None] | None = None,
+    planning: Callable[[str, float], None] | None = None,
 ) -> Comparison:
     """Follow a path with several methods.
 
@@ -114,6 +115,7 @@ def compare(
         methods: Method names; all that make sense for the task if ``None``.
         solver: Backend of the QP methods.
         progress: Called with a method's name and the number of its waypoints done.
+        planning: Called, while a plan is made, with what is being done and the share of it that is.
 
     Raises:
         InvalidInput: If a method is unknown or does not apply, or none can start.
@@ -132,7 +134,7 @@ def compare(
     names = task.method_names() if methods is None else [check_method(m) for m in methods]
     if not names:
         raise InvalidInput("compare: methods is empty; name at least one.")
-    task = with_start(task)
+    task = with_start(task, planning)
     order = {name: index for index, name in enumerate(METHODS)}
     trajectories: dict[str, Trajectory] = {}
     not_run: dict[str, str] = {}
@@ -143,7 +145,9 @@ def compare(
                 progress(name, done)
 
         try:
-            trajectories[name] = follow(task, name, solver=solver, progress=report_progress)
+            trajectories[name] = follow(
+                task, name, solver=solver, progress=report_progress, planning=planning
+            )
         except InvalidInput as error:
             # One method that cannot start, such as one that needs the whole twist, stops no other.
             not_run[name] = str(error)

@@ -24,6 +24,8 @@ if TYPE_CHECKING:
 Mask = npt.NDArray[np.bool_]
 
 _MARGINS = mpl.colormaps["viridis"].resampled(16)  # bands are easier to compare than a gradient
+SINGULAR = 0.1
+"""σ_min of the task rows that is marked: below it joints run fast for little motion."""
 _OUTSIDE, _STUCK = "#D9D9D9", "#444444"
 
 
@@ -70,6 +72,8 @@ def roll_figure(roll_map: RollMap, trajectories: Mapping[str, Trajectory]) -> Fi
             handles=[
                 *method_handles(trajectories),
                 Line2D([], [], color=LIMIT, linewidth=1.2, label="joint limit"),
+                Line2D([], [], color="#888888", linewidth=1.2, linestyle="dotted",
+                       label=f"σ min of the task rows {SINGULAR:g}"),
                 Patch(color=_OUTSIDE, label="a joint outside its limits"),
                 Patch(facecolor="none", edgecolor=_STUCK, hatch="....",
                       label="joints too slow to go on in this branch"),
@@ -92,6 +96,10 @@ def _draw_margins(panel: Axes, roll_map: RollMap, branch: int, largest: float) -
     reached = np.nan_to_num(margins, nan=-1.0)
     if reached.min() < 0.0 < reached.max():
         panel.contour(index, rolls, reached, levels=[0.0], colors=[LIMIT], linewidths=1.0)
+    singular = np.nan_to_num(roll_map.sigma_min[:, :, branch].T, nan=1.0)
+    if singular.min() < SINGULAR < singular.max():
+        panel.contour(index, rolls, singular, levels=[SINGULAR], colors=["white"],
+                      linestyles=["dotted"], linewidths=1.2)  # fmt: skip
     stuck = roll_map.stuck[:, :, branch].T & (margins >= 0.0)
     if stuck.any():
         with mpl.rc_context({"hatch.color": _STUCK, "hatch.linewidth": 0.5}):

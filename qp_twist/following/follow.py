@@ -27,6 +27,7 @@ def follow(
     progress: Callable[[int], None] | None = None,
     stop: Callable[[Array, float, float], bool] | None = None,
     plan: Plan | None = None,
+    planning: Callable[[str, float], None] | None = None,
     **options: Any,
 ) -> Trajectory:
     """Follow a path with one method.
@@ -49,6 +50,7 @@ def follow(
             axis error (rad). Where it returns true the run ends, and the trajectory with it.
         plan: What ``qp_planned`` follows, from :func:`~qp_twist.plan`; without one it plans from
             the task's start. With one it starts where the plan does.
+        planning: Called, while a plan is made, with what is being done and the share of it that is.
         **options: Settings that replace those of the task file: ``iterations``, ``secondary``,
             ``weight``, ``gain``, ``objective``.
 
@@ -68,18 +70,18 @@ def follow(
                 f"follow(plan=…): the plan has {len(plan.motion())} waypoints, the path "
                 f"{len(path_task.waypoints)}; plan this path."
             )
-    for name, function in (("progress", progress), ("stop", stop)):
+    for name, function in (("progress", progress), ("stop", stop), ("planning", planning)):
         if function is not None and not callable(function):
             raise InvalidInput(f"follow({name}=…): expected a function, got {function!r}.")
     check_solver(solver)
     settings = _settings(path_task, check_method(method), options)
     if method in path_task.starts:
         path_task = dataclasses.replace(path_task, start=path_task.starts[method], best_start=False)
-    path_task = with_start(path_task)
+    path_task = with_start(path_task, planning)
     motion: Array | None = None
     if settings.secondary == "plan":
         if plan is None:
-            plan = plan_path(path_task, settings.objective, path_task.start)
+            plan = plan_path(path_task, settings.objective, path_task.start, progress=planning)
         motion = plan.motion()
         path_task = dataclasses.replace(path_task, start=motion[0])
     return walk(

@@ -80,20 +80,31 @@ def plan(
         first = finite_array("start", start, (path_task.model.nq,))
         path_task = dataclasses.replace(path_task, start=first)
         first = corrected_start(path_task, path_task.waypoints[0], holds_limits=True)
-    laps = [lap for name in seeds if (lap := _lap(path_task, check_method(name))) is not None]
+    laps = []
+    for name in seeds:
+        lap = _lap(path_task, check_method(name), progress)
+        if lap is not None:
+            laps.append(lap)
     if first is not None:
         laps = [np.vstack([first[None], lap[1:]]) for lap in laps]
     return make_plan(path_task, objective, first, max_step_deg, laps, progress)
 
 
-def _lap(path_task: PathTask, method: str) -> Array | None:
+def _lap(
+    path_task: PathTask, method: str, progress: Callable[[str, float], None] | None
+) -> Array | None:
     """A method's joint path; ``None`` where it has none on the path."""
 
     def lost(q: Array, position_error: float, axis_error: float) -> bool:
         return position_error > _ON_PATH_M or axis_error > _ON_PATH_RAD
 
+    def report(done: int) -> None:
+        if progress is not None:
+            progress(f"lap of {method}", done / (len(path_task.waypoints) - 1))
+
+    settings = path_task.settings(method)
     try:
-        trajectory = walk(path_task, method, path_task.settings(method), stop=lost)
+        trajectory = walk(path_task, method, settings, progress=report, stop=lost)
     except InvalidInput:  # its start cannot be corrected
         return None
     errors = trajectory.position_error[-1], trajectory.axis_error[-1]
@@ -101,7 +112,9 @@ def _lap(path_task: PathTask, method: str) -> Array | None:
     return trajectory.q if arrived and not lost(trajectory.q[-1], *errors) else None
 
 
-def with_start(path_task: PathTask) -> PathTask:
+def with_start(
+    path_task: PathTask, progress: Callable[[str, float], None] | None = None
+) -> PathTask:
     """The task with ``start = "best"`` replaced by the start of its best plan.
 
     Raises:
@@ -109,4 +122,5 @@ def with_start(path_task: PathTask) -> PathTask:
     """
     if not path_task.best_start:
         return path_task
-    return dataclasses.replace(path_task, best_start=False, start=plan(path_task).start)
+    best = plan(path_task, progress=progress)
+    return dataclasses.replace(path_task, best_start=False, start=best.start)

@@ -102,6 +102,14 @@ class PathRows:
             basis[which, :, : q.shape[1] - rank] = whole[:, :, rank:]
         return basis
 
+    def sigma_min(self, q: Array, at: Indices) -> Array:
+        """Smallest singular value of the rows UᵀJ, (K,); 0 where there are none."""
+        smallest = np.zeros(len(q))
+        for which, rows, _ in self._groups(q, at):
+            if rows.shape[1]:
+                smallest[which] = np.linalg.svd(rows, compute_uv=False)[:, -1]
+        return smallest
+
     def _groups(self, q: Array, at: Indices) -> list[tuple[Indices, Array, Array]]:
         """For each projector: the configurations it holds at, UᵀJ and UᵀΔt."""
         found = []

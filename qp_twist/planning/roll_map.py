@@ -13,7 +13,7 @@ from qp_twist.geometry import ProjectorKind, twist_angle
 from qp_twist.kinematics import JointRanges, OrthoParallelArm
 from qp_twist.path import PathTask
 from qp_twist.planning.layer import TURN, centred
-from qp_twist.planning.path_rows import Indices, Mask
+from qp_twist.planning.path_rows import Indices, Mask, PathRows
 from qp_twist.planning.plan import motion_limits
 from qp_twist.planning.roll_grid import RollGrid
 
@@ -32,6 +32,7 @@ class RollMap:
         rolls: Against each waypoint's own roll, rad, from −π on, (R,).
         margins: Distance from the nearest joint limit at the best turns, degrees, (W, R, 8):
             negative outside the limits, NaN where the branch does not reach.
+        sigma_min: Smallest singular value of the task rows UᵀJ, (W, R, 8); NaN likewise.
         stuck: Where the joints cannot follow to the next of the waypoints at the task's speed, in
             the same branch at whatever roll, (W, R, 8).
     """
@@ -41,6 +42,7 @@ class RollMap:
     waypoints: Indices
     rolls: Array
     margins: Array
+    sigma_min: Array
     stuck: Mask
 
     @classmethod
@@ -69,8 +71,15 @@ class RollMap:
             stuck[k] = ~_connected(q[k], q[k + 1], steps[a:b].sum(axis=0), grid.spacing)
         rolls = _wrapped(grid.rolls)
         order = np.argsort(rolls)
-        margins = np.degrees(room[:, order])
-        return cls(path_task, arm, waypoints, rolls[order], margins, stuck[:, order])
+        return cls(
+            path_task,
+            arm,
+            waypoints,
+            rolls[order],
+            np.degrees(room[:, order]),
+            _sigma_min(path_task, q, waypoints)[:, order],
+            stuck[:, order],
+        )
 
     def locate(self, q: Array) -> tuple[Array, Indices]:
         """Rolls (N,), rad in [−π, π), and branches (N,) of a joint path q (N, nv).
@@ -107,6 +116,15 @@ def _wrapped(angles: Array) -> Array:
     """Angles in [−π, π)."""
     wrapped: Array = np.mod(angles + np.pi, TURN) - np.pi
     return wrapped
+
+
+def _sigma_min(path_task: PathTask, q: Array, waypoints: Indices) -> Array:
+    """Of configurations (W, R, 8, 6) at their waypoints, (W, R, 8)."""
+    found = np.full(q.shape[:3], np.nan)
+    reached = np.isfinite(q).all(axis=3)
+    at = np.broadcast_to(waypoints[:, None, None], reached.shape)
+    found[reached] = PathRows(path_task).sigma_min(q[reached], at[reached])
+    return found
 
 
 def _connected(q: Array, after: Array, step: Array, spacing: float) -> Mask:
