@@ -20,7 +20,7 @@ WITHIN = 1e-9
 """Excess over a limit that is rounding, rad or m."""
 _TIE_BREAK = 1e-6
 """Weight of the mean z where the objective does not decide."""
-_ITERATIONS, _SETTLING = 40, 6
+ITERATIONS, _SETTLING = 40, 6
 _FIRST, _LARGEST, _SMALLEST = 0.1, 0.4, 1e-6
 """Radius in which the linear model is believed, rad: at first, at most, and where it ends."""
 _SETTLED = 1e-6
@@ -87,6 +87,7 @@ def refine(
     limits: MotionLimits,
     objective: Objective,
     progress: Callable[[float], None] | None = None,
+    iterations: int = ITERATIONS,
 ) -> Refined:
     r"""The best path near ``q`` (N, nv), whose configurations are on their waypoints.
 
@@ -104,9 +105,9 @@ def refine(
     penalty μ can. The radius ρ shrinks where the linear model was wrong.
     """
     here, radius = _judged(q, limits, objective), _FIRST
-    for iteration in range(_ITERATIONS):
+    for iteration in range(iterations):
         if progress is not None:
-            progress(iteration / _ITERATIONS)
+            progress(iteration / iterations)
         there = _step(here, rows, limits, objective, radius)
         gain = -np.inf if there is None else _merit(here, objective) - _merit(there, objective)
         if there is None or gain <= 0.0:

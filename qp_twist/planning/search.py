@@ -28,6 +28,8 @@ _ROUNDED, _ROUNDED_TRAVEL = 0.02, 0.3
 """What the grid may cost, as a share of the objective: travel sees its zigzag."""
 _PROOFS = 12
 """Waypoints without a configuration that are looked at on the finest grid."""
+_TRIAL = 8
+"""Iterations after which a seed that is far from the best is given up."""
 _STRICTNESS = (1.0, 1e3)
 """Times the price, one after the other: first for the best way, then for one that is possible."""
 
@@ -116,8 +118,12 @@ class Search:
     def run(self) -> Found:
         """Look for the best motion."""
         best: Refined | None = None
-        for seed in self.seeds:
-            best = self._better(best, refine(seed, self.rows, self.limits, self.objective))
+        begun = [
+            refine(seed, self.rows, self.limits, self.objective, iterations=_TRIAL)
+            for seed in self.seeds
+        ]
+        for seed in begun:
+            best = self._better(best, seed)
         for stage in _STAGES:
             found = self._stage(stage, best)
             if found.path is not None:
@@ -128,10 +134,17 @@ class Search:
                 if proven is not None:
                     return proven
         best = self._better(best, found.path)
+        for seed in begun:
+            # One that is far from the best by now does not become it.
+            if best is None or self._is_close(seed.value, best.value):
+                best = self._better(best, self._refined(seed.q))
         if best is None:
             return found
         certificate = Certificate("path", found.certificate.grid)
         return replace(found, path=best, certificate=certificate)
+
+    def _is_close(self, value: float, best: float) -> bool:
+        return abs(value - best) <= _ROUNDED * abs(best) or self.objective.better(value, best)
 
     def _better(self, a: Refined | None, b: Refined | None) -> Refined | None:
         if b is None or not b.feasible:

@@ -25,7 +25,7 @@ _AHEAD = 2
 _ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 
 
-class Job(Protocol):
+class Work(Protocol):
     """What is done with a sample."""
 
     def __call__(self, index: int) -> Rows:
@@ -36,7 +36,7 @@ class Job(Protocol):
 
 
 def each(
-    job: Job, indices: Sequence[int], *, jobs: int, scheduler: str | None = None
+    job: Work, indices: Sequence[int], *, jobs: int, scheduler: str | None = None
 ) -> Iterator[tuple[int, Rows]]:
     """Yield each index with the rows of ``job(index)``, in the order in which they are done.
 
@@ -87,12 +87,12 @@ def each(
 class _Pickled:
     """A job as bytes, which a process reads once."""
 
-    _read: tuple[bytes, Job] | None = None
+    _read: tuple[bytes, Work] | None = None
 
     def __init__(self, content: bytes) -> None:
         self.content = content
 
-    def job(self) -> Job:
+    def job(self) -> Work:
         """The job."""
         known = _Pickled._read
         if known is None or known[0] != self.content:
@@ -107,7 +107,7 @@ def _do(pickled: _Pickled, index: int) -> Rows:
 class _Here:
     """Processes of this machine."""
 
-    def __init__(self, job: Job, jobs: int) -> None:
+    def __init__(self, job: Work, jobs: int) -> None:
         self._job = _Pickled(pickle.dumps(job))
         self._jobs = jobs
         self.renew()
@@ -135,7 +135,7 @@ class _Here:
 class _Cluster:
     """The workers of a Dask scheduler."""
 
-    def __init__(self, job: Job, scheduler: str) -> None:
+    def __init__(self, job: Work, scheduler: str) -> None:
         try:
             from distributed import Client
         except ImportError:
