@@ -55,7 +55,7 @@ def tasks() -> None:
 def compare(
     task: Task,
     methods: Names = None,
-    solver: Solver = "daqp",
+    solver: Annotated[str | None, tyro.conf.arg(metavar="NAME")] = None,
     out: Folder = None,
     sample: Annotated[int | None, tyro.conf.arg(metavar="N")] = None,
     from_: Annotated[Path | None, tyro.conf.arg(name="from", metavar="DIR")] = None,
@@ -65,7 +65,7 @@ def compare(
     Args:
         task: Name of a shipped task, or path to a .toml file.
         methods: Method names separated by commas; without it all that apply.
-        solver: Backend of the QPs, e.g. daqp, proxqp, osqp.
+        solver: Backend of the QPs, e.g. proxqp, osqp; without it daqp, or what the study had.
         out: Folder to write to; without it out/TASK.
         sample: A sample of a study, as it was there, with the study's methods and backend.
         from_: Folder of that study.
@@ -75,7 +75,7 @@ def compare(
         raise InvalidInput("--sample N and --from DIR belong together: a sample of a study.")
     if sample is not None and from_ is not None:
         drawn = Study.open(from_, path_task).sample(sample)
-        path_task, solver = drawn.path_task, drawn.solver
+        path_task, solver = drawn.path_task, solver or drawn.solver
         path_task = dataclasses.replace(path_task, name=f"{path_task.name}_{sample}")
         methods = methods or ",".join(drawn.methods)
         _console().print(str(drawn), highlight=False, markup=False, soft_wrap=True)
@@ -84,7 +84,11 @@ def compare(
         raise InvalidInput(f"--out {out}: this is a file; give a folder to write to.")
     with method_progress(names, len(path_task.waypoints) - 1) as progress:
         comparison = compare_methods(
-            path_task, names, solver=solver, progress=progress.done, planning=progress.planning
+            path_task,
+            names,
+            solver=solver or "daqp",
+            progress=progress.done,
+            planning=progress.planning,
         )
     console = _console()
     content = comparison.to_dict()
@@ -147,11 +151,11 @@ def study(
             scheduler=scheduler,
             progress=progress,
         )
+    with working("drawing the figures"):
+        lines = [str(found.folder / "results.parquet"), *found.report()]
     console = _console()
     console.print(rich_study_table(found.title, found.summary()))
     console.print(found.feasibility, highlight=False, markup=False, soft_wrap=True)
-    with working("drawing the figures"):
-        lines = [str(found.folder / "results.parquet"), *found.report()]
     for line in lines:
         console.print(f"wrote {line}", highlight=False, markup=False, soft_wrap=True)
 

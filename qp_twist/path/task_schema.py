@@ -339,7 +339,7 @@ class StudySection(Section):
     )
     placement: PlacementTable | None = None
     tool: ToolTable | None = None
-    gain: dict[MethodName, PositiveInterval] | None = None
+    gain: Annotated[dict[MethodName, PositiveInterval], Field(min_length=1)] | None = None
     solver: SolverTable | None = None
     robot: RobotTable | None = None
 

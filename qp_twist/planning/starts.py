@@ -11,13 +11,14 @@ from qp_twist.kinematics import JointRanges
 from qp_twist.path import PathTask
 from qp_twist.planning.bound import best_of_branches, centred_nearby
 from qp_twist.planning.layer import inside_bands
-from qp_twist.planning.path_rows import PathRows
+from qp_twist.planning.path_rows import Indices, Mask, PathRows
 from qp_twist.planning.roadmap import Grid, Roadmap
 
 _GRID = np.radians(4.0)
 _AT_A_TIME = 300
 """Random configurations that are moved onto the first waypoint."""
 _TIMES = 10
+_HALVINGS = 30
 
 
 def least_z_start(path_task: PathTask) -> Array | None:
@@ -29,12 +30,11 @@ def least_z_start(path_task: PathTask) -> Array | None:
     return found[0] if len(found) else None
 
 
-def least_mean_z(path_task: PathTask, stride: int = 10) -> float:
-    """Mean, over every so manieth waypoint, of the least z that it has for itself.
+def least_mean_z(path_task: PathTask, waypoints: Sequence[int]) -> float:
+    """Mean, over some waypoints, of the least z that each has for itself.
 
     NaN if one of them has no configuration inside the limits.
     """
-    waypoints = range(0, len(path_task.waypoints), stride)
     ranges = JointRanges.of(path_task.model)
     least = [
         float(ranges.centring(q[0])) if len(q) else np.nan for q in _central(path_task, waypoints)
@@ -76,8 +76,27 @@ def _central(path_task: PathTask, waypoints: Sequence[int]) -> list[Array]:
     at = np.repeat(np.asarray(waypoints), [len(q) for q in best])
     q = np.concatenate(best)
     nearer = centred_nearby(q, at, rows, ranges)
-    # What went over a limit on its way to the middle stays where it was.
-    inside = ((nearer >= ranges.lower) & (nearer <= ranges.upper)).min(axis=1)
-    q = np.where(inside[:, None], nearer, q)
+    q = _as_far_as_inside(q, np.where(np.isfinite(nearer), nearer, q), at, rows, ranges)
     q = q[np.lexsort((ranges.centring(q), at))]
     return np.split(q, np.cumsum([len(part) for part in best])[:-1])
+
+
+def _as_far_as_inside(
+    q: Array, there: Array, at: Indices, rows: PathRows, ranges: JointRanges
+) -> Array:
+    """From each of q (K, nv), inside the limits, towards ``there``: the last that is inside."""
+
+    def inside(q: Array) -> Mask:
+        found: Mask = ((q >= ranges.lower) & (q <= ranges.upper)).min(axis=1)
+        return found
+
+    within = inside(there)
+    last = np.where(within[:, None], there, q)
+    over = np.flatnonzero(~within)
+    near, far = q[over], there[over]
+    for _ in range(_HALVINGS if len(over) else 0):
+        middle, arrived = rows.correct(0.5 * (near + far), at[over])
+        ok = arrived & inside(middle)
+        near, far = np.where(ok[:, None], middle, near), np.where(ok[:, None], far, middle)
+    last[over] = near
+    return last

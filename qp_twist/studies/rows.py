@@ -14,15 +14,15 @@ import numpy as np
 from qp_twist.comparison.metrics import metrics
 from qp_twist.errors import QpTwistError
 from qp_twist.following import Trajectory, follow, plan
-from qp_twist.path import PathTask
+from qp_twist.path import METHODS, PathTask
 from qp_twist.planning import Plan, least_mean_z
 from qp_twist.studies.judge import Fault, Judge
 from qp_twist.studies.sample import Sample, Start, draw, section_of
 
 Row = dict[str, Any]
 
-STRIDE = 10
-"""The least z is looked for at every so manieth waypoint."""
+_LOOKED_AT = 41
+"""Waypoints at which the least z is looked for."""
 NUMBERS = (
     "position_error_max_m", "axis_error_max_rad", "min_margin", "mean_z", "max_step_deg",
     "travel_deg", "sigma_min",
@@ -73,13 +73,19 @@ class Job:
         return [_row(sample, name, fault) for name in self.methods]
 
 
+def looked_at(path_task: PathTask) -> list[int]:
+    """The waypoints, evenly spread, at which the least z is looked for."""
+    count = len(path_task.waypoints)
+    return sorted({round(k) for k in np.linspace(0, count - 1, min(count, _LOOKED_AT))})
+
+
 def _rows(job: Job, sample: Sample) -> list[Row]:
     path_task, best = sample.path_task, None
     if path_task.best_start:
         best = plan(path_task)
         if best.q is not None:
             path_task = dataclasses.replace(path_task, best_start=False, start=best.start)
-    least = least_mean_z(path_task, STRIDE)
+    least = least_mean_z(path_task, looked_at(path_task))
     rows = [_method_row(path_task, sample, name, best, least) for name in job.methods]
     common: Row = {**sample.drawn, "least_z": least if np.isfinite(least) else None}
     if any(row["success"] for row in rows):
@@ -98,6 +104,8 @@ def _method_row(
         return _row(sample, method, Fault("no plan", message=str(best.certificate)))
     if method in sample.no_start:
         why = "no configuration on the first waypoint is inside the limits"
+        if METHODS[method].whole_twist:
+            why += ", with the roll of the roll rule"
         return _row(sample, method, Fault("start", message=why))
     judge = Judge(path_task, section_of(path_task))
     settings = path_task.settings(method)
@@ -115,7 +123,7 @@ def _method_row(
         return _row(sample, method, Fault("start", message=str(error)))
     row = _row(sample, method, judge.fault(lap), lap)
     if row["success"]:
-        row["z_over_least"] = float(lap.z[::STRIDE].mean()) / least
+        row["z_over_least"] = float(lap.z[looked_at(path_task)].mean()) / least
     return {**row, "seconds": time.perf_counter() - began}
 
 

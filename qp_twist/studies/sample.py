@@ -66,6 +66,8 @@ def check_factors(path_task: PathTask, vary: Collection[str]) -> tuple[str, ...]
         InvalidInput: If a factor is unknown or the task does not say how to vary it.
     """
     section = section_of(path_task)
+    if not vary:
+        raise InvalidInput(f"study: vary is empty; name one of {', '.join(FACTORS)}.")
     for name in vary:
         if name not in FACTORS:
             raise InvalidInput(
@@ -76,6 +78,18 @@ def check_factors(path_task: PathTask, vary: Collection[str]) -> tuple[str, ...]
                 f"study: {path_task.name} does not say how to vary {name}: add a table "
                 f"[study.{name}] to the task file."
             )
+    if section.placement is not None and "placement" in vary:
+        point = section.placement.point
+        placed(path_task, mink.SO3.identity(), point, point, section.placement.body)
+    if (
+        section.tool is not None
+        and "tool" in vary
+        and not any((*section.tool.lead_deg, *section.tool.tilt_deg))
+    ):
+        raise InvalidInput("study.tool: lead_deg and tilt_deg are zero; give one of them a range.")
+    for method in section.gain or {} if "gain" in vary else {}:
+        if path_task.settings(method).secondary == "none":
+            raise InvalidInput(f"study.gain.{method}: the method has no secondary, and so no gain.")
     if section.solver is not None and "solver" in vary:
         for solver in section.solver.names:
             check_solver(solver)

@@ -17,6 +17,11 @@ from typing import Any
 from qp_twist.errors import InvalidInput
 
 try:
+    import fcntl
+except ImportError:  # there is none on Windows: nothing is locked there
+    fcntl = None  # type: ignore[assignment]
+
+try:
     import pyarrow as pa
     import pyarrow.compute as pc
     import pyarrow.parquet as pq
@@ -82,6 +87,31 @@ class Store:
         self._waiting: list[dict[str, Any]] = []
         self._since = time.monotonic()
 
+    @contextlib.contextmanager
+    def alone(self) -> Iterator[None]:
+        """Keep other processes from writing here; a process that dies keeps nobody.
+
+        Raises:
+            InvalidInput: If another process is writing.
+        """
+        self._folder.mkdir(parents=True, exist_ok=True)
+        lock = self.file.with_name(".lock")
+        with lock.open("w") as file:
+            try:
+                if fcntl is not None:
+                    fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except OSError:
+                raise InvalidInput(
+                    f"{lock.parent}: another study is writing there; wait for it, or give another "
+                    "folder."
+                ) from None
+            try:
+                yield
+            finally:
+                lock.unlink(missing_ok=True)
+                with contextlib.suppress(OSError):  # there are parts in it
+                    self._folder.rmdir()
+
     def samples(self) -> set[int]:
         """The samples whose rows are on disk."""
         found: set[int] = set()
@@ -111,8 +141,6 @@ class Store:
             self._write(self.file, self.tables())
             for part in parts:
                 part.unlink()
-            with contextlib.suppress(OSError):  # something else lies there
-                self._folder.rmdir()
         return self.file
 
     def tables(self, columns: Sequence[str] | None = None) -> Iterator[pa.Table]:
@@ -148,7 +176,8 @@ class Store:
             parquet = pq.ParquetFile(file)
         except (pa.ArrowInvalid, OSError) as error:
             raise InvalidInput(
-                f"{file}: cannot be read: {error}. Delete it, and its samples are computed again."
+                f"{file}: cannot be read: {str(error).rstrip('.')}. Delete it, and its samples are "
+                "computed again."
             ) from error
         with parquet:
             if not parquet.schema_arrow.equals(self.schema):

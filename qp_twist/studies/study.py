@@ -19,7 +19,15 @@ from qp_twist.checks import one_of, whole_number
 from qp_twist.comparison.joint_figure import save_figure
 from qp_twist.errors import InvalidInput
 from qp_twist.following import write_atomically
-from qp_twist.path import METHODS, PathTask, check_method, load_task, shipped_folder
+from qp_twist.path import (
+    METHODS,
+    PathTask,
+    check_method,
+    load_scene,
+    load_task,
+    shipped_folder,
+)
+from qp_twist.path.section import Section
 from qp_twist.qp import check_solver
 from qp_twist.studies.figures import fault_figure, map_figure, z_figure
 from qp_twist.studies.rows import Job
@@ -35,6 +43,11 @@ if TYPE_CHECKING:
 STARTS = ("auto", "task", "least_z", "random", "best")
 _SETTINGS = "study.json"
 _WIDTH = 128
+_OF_MODEL = (
+    "jnt_type", "jnt_limited", "jnt_range", "jnt_pos", "jnt_axis", "body_parentid", "body_pos",
+    "body_quat", "site_bodyid", "site_pos", "site_quat", "geom_bodyid", "geom_pos", "geom_quat",
+)  # fmt: skip
+"""What of a model its kinematics depends on."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,8 +82,7 @@ class Study:
             path_task or load_task(settings["task"]), tuple(settings["vary"]), settings["seed"],
             tuple(settings["methods"]), settings["solver"], settings["start"], settings["certify"],
         )  # fmt: skip
-        now = _settings(job, settings["samples"])
-        _check_same(folder, {**settings, "task": now["task"]}, now)
+        _check_same(folder, settings, _settings(job, settings["samples"]))
         return cls(folder, job, settings["samples"])
 
     def sample(self, index: int) -> Sample:
@@ -79,13 +91,23 @@ class Study:
         Raises:
             InvalidInput: If it has no such sample.
         """
-        if not 0 <= index < self.count:
+        if not 0 <= whole_number("sample", index, at_least=0) < self.count:
             raise InvalidInput(f"{self.folder}: samples 0 to {self.count - 1}; got {index}.")
         return self.job.sample(index)
 
     def table(self, columns: Sequence[str] | None = None) -> pa.Table:
-        """The results so far, a row a sample and method, by sample."""
-        return self._store().table(columns)
+        """The results so far, a row a sample and method, by sample.
+
+        Raises:
+            InvalidInput: If there is no such column.
+        """
+        store = self._store()
+        if isinstance(columns, str) or set(columns or ()) - set(store.schema.names):
+            raise InvalidInput(
+                f"table: expected a list of columns out of {', '.join(store.schema.names)}; got "
+                f"{columns!r}."
+            )
+        return store.table(columns)
 
     def missing(self) -> list[int]:
         """The samples that are not done."""
@@ -120,10 +142,13 @@ class Study:
         """How many samples have a motion inside the limits, in a sentence."""
         feasible = self._by_sample("feasible")
         known = [value for value in feasible.values() if value is not None]
-        found = Rate(sum(known), len(known))
-        text = f"feasible: {found.count:,} of {found.of:,} samples, {found} %"
-        unknown = len(feasible) - len(known)
-        return text + (f"; of {unknown:,} it is not known" if unknown else "")
+        found, unknown = Rate(sum(known), len(feasible)), len(feasible) - len(known)
+        if unknown:
+            return (
+                f"feasible: at least {found.count:,} of {found.of:,} samples; of {unknown:,} it is "
+                "not known"
+            )
+        return f"feasible: {found.count:,} of {found.of:,} samples, {found} %"
 
     def figures(self) -> dict[str, Figure]:
         """Matplotlib figures by name: ``faults``, ``z``, and ``maps`` where placements vary."""
@@ -162,18 +187,26 @@ class Study:
     ) -> None:
         """Do the samples that are missing; what is done is on disk, whatever happens."""
         store = self._store()
-        missing = self.missing()
-        here = jobs or len(os.sched_getaffinity(0))
-        try:
-            for done, (_, rows) in enumerate(
-                each(self.job, missing, jobs=here, scheduler=scheduler), start=1
-            ):
-                store.add(rows)
-                if progress is not None:
-                    progress(self.count - len(missing) + done)
-        finally:
-            store.flush()
-        store.compact()
+        with store.alone():
+            missing = self.missing()
+            here = jobs or len(os.sched_getaffinity(0))
+            try:
+                for done, (_, rows) in enumerate(
+                    each(self.job, missing, jobs=here, scheduler=scheduler), start=1
+                ):
+                    if done == 1:  # what cannot begin leaves the folder as it was
+                        self._write_settings()
+                    store.add(rows)
+                    if progress is not None:
+                        progress(self.count - len(missing) + done)
+            finally:
+                store.flush()
+            store.compact()
+            self._write_settings()
+
+    def _write_settings(self) -> None:
+        text = json.dumps(_settings(self.job, self.count), indent=2) + "\n"
+        write_atomically(self.folder / _SETTINGS, text)
 
     def _store(self) -> Store:
         return Store(self.folder, drawn_columns(self.job.path_task, self.job.vary))
@@ -237,8 +270,11 @@ def study(
     task = path_task if isinstance(path_task, PathTask) else load_task(path_task)
     if task.source is None:
         raise InvalidInput("study: needs a task from a file, by which it can be opened again.")
-    if isinstance(vary, str) or isinstance(methods, str):
-        raise InvalidInput("study: vary and methods are lists of names, not one string.")
+    for given in (vary, [] if methods is None else methods):
+        if not isinstance(given, (list, tuple)):
+            raise InvalidInput(f"study: vary and methods are lists of names, got {given!r}.")
+    if not isinstance(out, (str, Path)):
+        raise InvalidInput(f"study(out=…): expected a folder, got {out!r}.")
     names = task.method_names() if methods is None else list(methods)
     order = {name: index for index, name in enumerate(METHODS)}
     names = sorted({check_method(name) for name in names}, key=order.__getitem__)
@@ -255,14 +291,43 @@ def study(
     )  # fmt: skip
     folder = Path(out)
     settings = _settings(job, count)
+    if job.start not in ("auto", "random") and "start" in job.vary:
+        raise InvalidInput(f"study: the start cannot vary and be {job.start!r}; leave one out.")
+    if "gain" in job.vary and not set(section_of(task).gain or ()) & set(names):
+        raise InvalidInput(
+            f"study: gains vary for {', '.join(section_of(task).gain or ())}; name one of them in "
+            "methods."
+        )
     if (folder / _SETTINGS).exists():
         _check_same(folder, _read(folder / _SETTINGS), settings)
-    elif folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+    elif folder.is_dir() and any(folder.iterdir()):
         raise InvalidInput(f"study(out={str(folder)!r}): holds something else; give a new folder.")
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InvalidInput(
+            f"study(out={str(folder)!r}): no folder can be there: {error.strerror}."
+        ) from None
     found = Study(folder, job, count)
-    write_atomically(folder / _SETTINGS, json.dumps(settings, indent=2) + "\n")
+    if settings["samples"] < (done := 1 + max(found._store().samples(), default=-1)):
+        raise InvalidInput(f"{folder}: has {done} samples already; ask for at least as many.")
     found.run(jobs=jobs, scheduler=scheduler, progress=progress)
     return found
+
+
+class _Settings(Section):
+    """The content of ``study.json``."""
+
+    task: str
+    fingerprint: str
+    vary: list[str]
+    samples: int
+    seed: int
+    methods: list[str]
+    solver: str
+    start: Start
+    certify: bool
+    versions: dict[str, str]
 
 
 def _settings(job: Job, count: int) -> dict[str, Any]:
@@ -286,51 +351,54 @@ def _settings(job: Job, count: int) -> dict[str, Any]:
 
 def _fingerprint(path_task: PathTask) -> str:
     """A digest of all that a sample depends on."""
+    models = [path_task.model]
+    section = section_of(path_task)
+    if section.robot is not None and path_task.source is not None:
+        models += [load_scene(path_task.source, scene)[1] for scene in section.robot.scenes]
+    poses = [*path_task.waypoints, *(path_task.flipped_waypoints or ())]
     arrays = [
-        *(waypoint.as_matrix() for waypoint in path_task.waypoints), path_task.start,
+        *(pose.as_matrix() for pose in poses), path_task.start, *path_task.starts.values(),
         path_task.velocity_limits, path_task.acceleration_limits,
-        path_task.model.jnt_range, path_task.model.jnt_pos, path_task.model.jnt_axis,
-        path_task.model.body_pos, path_task.model.body_quat, path_task.model.site_pos,
     ]  # fmt: skip
-    if path_task.durations is not None:
-        arrays.append(path_task.durations)
+    arrays += [a for a in (path_task.durations, path_task.roll_normal) if a is not None]
+    for model in models:
+        arrays += [getattr(model, name) for name in _OF_MODEL]
     digest = hashlib.sha256()
     for array in arrays:
         digest.update(np.ascontiguousarray(array, dtype=np.float64).tobytes())
     said = (
-        path_task.projectors, path_task.bands, path_task.iteration, path_task.study,
-        sorted(path_task.methods.items()), path_task.best_start,
+        path_task.frame_name, path_task.frame_type, path_task.operational, path_task.projectors,
+        [(s.first, s.blend) for s in path_task.segments], path_task.bands, path_task.iteration,
+        section, sorted(path_task.methods.items()), sorted(path_task.starts), path_task.best_start,
     )  # fmt: skip
     digest.update(repr(said).encode())
     return digest.hexdigest()[:16]
 
 
 def _read(file: Path) -> dict[str, Any]:
+    if not file.exists():
+        raise InvalidInput(f"{file.parent}: holds no study (no {file.name}).")
     try:
-        settings = json.loads(file.read_text("utf-8"))
-        missing = {"task", "fingerprint", "vary", "samples", "seed", "methods"} - set(settings)
-    except (OSError, ValueError, TypeError):
-        raise InvalidInput(f"{file.parent}: holds no study (no {file.name}).") from None
-    if missing:
-        raise InvalidInput(f"{file}: lacks {', '.join(sorted(missing))}.")
-    return dict(settings)
+        return _Settings.model_validate_json(file.read_text("utf-8")).model_dump()
+    except (OSError, ValueError) as error:
+        said = str(error).partition("\n")[0]
+        raise InvalidInput(
+            f"{file}: cannot be read: {said}. A study writes it; put it back, or give another "
+            "folder."
+        ) from None
 
 
 def _check_same(folder: Path, before: dict[str, Any], now: dict[str, Any]) -> None:
     """Refuse to mix two studies. More samples are the same study."""
-    for key in ("task", "vary", "seed", "methods", "solver", "start", "certify", "fingerprint"):
+    for key in ("vary", "seed", "methods", "solver", "start", "certify", "fingerprint"):
         if before.get(key) == now[key]:
             continue
         if key == "fingerprint":
             raise InvalidInput(
-                f"{folder}: the task or its robot was changed since this study began; give another "
-                "folder, or put the file back."
+                f"{folder}: holds a study of the task {before['task']!r} as it was then; it, its "
+                "robot or the one given is another. Give another folder, or put the file back."
             )
         raise InvalidInput(
             f"{folder}: holds a study with {key} = {before.get(key)!r}, not {now[key]!r}; give "
             "another folder, or the same arguments."
-        )
-    if now["samples"] < before["samples"]:
-        raise InvalidInput(
-            f"{folder}: holds a study of {before['samples']} samples; ask for at least as many."
         )

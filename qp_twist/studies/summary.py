@@ -56,15 +56,18 @@ class MethodSummary:
     Attributes:
         method: Its name.
         all: Successes of all samples.
-        feasible: Successes of the samples that have a motion inside the limits from some start.
-        faults: How often each fault ended a lap, of feasible samples; kind, then joint.
-        waypoints: Quartiles of the waypoint at which laps of feasible samples failed.
+        feasible: Successes of the samples that have a motion inside the limits from some start; of
+            none where that is not known of all.
+        possible: Successes of the samples of which it is not known that they have none.
+        faults: How often each fault ended a lap, of possible samples; kind, then joint.
+        waypoints: Quartiles of the waypoint at which laps of possible samples failed.
         over_least: Median of z_over_least, of successes.
     """
 
     method: str
     all: Rate
     feasible: Rate
+    possible: Rate
     faults: dict[str, dict[str, int]]
     waypoints: list[float] | None
     over_least: float
@@ -74,6 +77,7 @@ class MethodSummary:
         return {
             "all": self.all.to_dict(),
             "feasible": self.feasible.to_dict(),
+            "possible": self.possible.to_dict(),
             "faults": self.faults,
             "failed_at_quartiles": self.waypoints,
             "z_over_least": self.over_least if np.isfinite(self.over_least) else None,
@@ -100,13 +104,16 @@ def summarise(columns: dict[str, Any], methods: tuple[str, ...]) -> list[MethodS
         methods: In the order in which they are wanted.
     """
     name = np.array(columns["method"], dtype=object)
-    feasible = np.array([value is True for value in columns["feasible"]], dtype=bool)
-    return [_summary(columns, method, name == method, feasible) for method in methods]
+    possible = np.array([value is not False for value in columns["feasible"]], dtype=bool)
+    known = None not in columns["feasible"]
+    return [_summary(columns, method, name == method, possible, known) for method in methods]
 
 
-def _summary(columns: dict[str, Any], method: str, mine: Mask, feasible: Mask) -> MethodSummary:
+def _summary(
+    columns: dict[str, Any], method: str, mine: Mask, possible: Mask, known: bool
+) -> MethodSummary:
     success = np.array(columns["success"], dtype=bool)
-    failed = np.flatnonzero(mine & feasible & ~success)
+    failed = np.flatnonzero(mine & possible & ~success)
     faults: dict[str, Counter[str]] = {}
     for row in failed:
         faults.setdefault(columns["fault"][row], Counter())[columns["joint"][row]] += 1
@@ -115,10 +122,12 @@ def _summary(columns: dict[str, Any], method: str, mine: Mask, feasible: Mask) -
     ratios = ratios[np.isfinite(ratios)]
     where = _numbers(columns["waypoint"], failed)
     quartiles = [float(np.percentile(where, q)) for q in (25, 50, 75)] if len(where) else None
+    of_possible = Rate(int((mine & success & possible).sum()), int((mine & possible).sum()))
     return MethodSummary(
         method,
         Rate(int((mine & success).sum()), int(mine.sum())),
-        Rate(int((mine & success & feasible).sum()), int((mine & feasible).sum())),
+        of_possible if known else Rate(0, 0),
+        of_possible,
         {kind: dict(joints.most_common()) for kind, joints in faults.items()},
         quartiles,
         float(np.median(ratios)) if len(ratios) else float("nan"),

@@ -145,10 +145,13 @@ class _Cluster:
         try:
             self._client = Client(scheduler, timeout=5, set_as_default=False)
         except (OSError, ValueError) as error:
-            raise InvalidInput(f"study(scheduler={scheduler!r}): {error}.") from error
+            raise InvalidInput(
+                f"study(scheduler={scheduler!r}): {str(error).rstrip('.')}. Start one by `dask "
+                "scheduler`, and workers; or leave the scheduler out."
+            ) from error
         if not self._client.ncores():
             self._client.close()
-            raise InvalidInput(f"study(scheduler={scheduler!r}): the scheduler has no workers.")
+            raise InvalidInput(f"study(scheduler={scheduler!r}): it has no workers; start some.")
         self._executor: Executor = self._client.get_executor(pure=False)
         # As a task of its own, which the scheduler can have done again where it was lost.
         self._job = self._client.submit(_Pickled, pickle.dumps(job))
