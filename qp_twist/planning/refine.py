@@ -12,7 +12,7 @@ from scipy import sparse
 from qp_twist.checks import Array
 from qp_twist.kinematics import JointRanges
 from qp_twist.planning.objective import Objective
-from qp_twist.planning.path_rows import PathRows
+from qp_twist.planning.path_rows import Indices, PathRows
 
 HAIR = 1e-7
 """What the programs stay away from every limit, rad or m, for their own rounding."""
@@ -49,16 +49,22 @@ class MotionLimits:
 
     def excess(self, q: Array) -> float:
         """By how much a path (N, nv) breaks a limit, rad or m; at most 0 where it breaks none."""
-        beyond = [
-            (self.ranges.lower - q).max(),
-            (q - self.ranges.upper).max(),
-            (np.abs(np.diff(q, axis=0)) - self.steps).max(initial=-np.inf),
-        ]
+        return float(self._beyond(q).max())
+
+    def broken(self, q: Array) -> Indices:
+        """The waypoints at which a path (N, nv) breaks a limit, from 0; of a step the second."""
+        return np.flatnonzero(self._beyond(q) > WITHIN)
+
+    def _beyond(self, q: Array) -> Array:
+        beyond: Array = np.maximum(self.ranges.lower - q, q - self.ranges.upper).max(axis=1)
+        dq = np.diff(q, axis=0)
+        beyond[1:] = np.maximum(beyond[1:], (np.abs(dq) - self.steps).max(axis=1))
         if np.isfinite(self.speed_changes).any():
-            speeds = np.diff(q, axis=0) / self.durations[:, None]
-            jump = (np.abs(np.diff(speeds, axis=0)) - self.speed_changes).max(initial=-np.inf)
-            beyond.append(jump * self.durations.min())
-        return float(max(beyond))
+            change = np.abs(np.diff(dq / self.durations[:, None], axis=0)) - self.speed_changes
+            beyond[1:-1] = np.maximum(
+                beyond[1:-1], change.max(axis=1, initial=-np.inf) * self.durations.min()
+            )
+        return beyond
 
 
 @dataclass(frozen=True, eq=False)

@@ -30,6 +30,8 @@ _PROOFS = 12
 """Waypoints without a configuration that are looked at on the finest grid."""
 _TRIAL = 8
 """Iterations after which a seed that is far from the best is given up."""
+_ABOUT = 30
+"""Waypoints to either side of one that breaks limits, which are looked for again."""
 _STRICTNESS = (1.0, 1e3)
 """Times the price, one after the other: first for the best way, then for one that is possible."""
 
@@ -154,9 +156,7 @@ class Search:
     def _stage(self, stage: Stage, best: Refined | None) -> Found:
         count = len(self.path_task.waypoints)
         stride = int(np.clip(round(stage.motion / self._typical_step()), 1, stage.longest_stride))
-        step = stride * np.median(self.limits.steps, axis=0)
-        joints = np.clip(stage.resolution * step, stage.joints, COARSEST)
-        grid = Grid(max(stage.roll, 0.5 * joints.max()), joints)
+        grid = self._grid(stage, stride)
         roadmap = Roadmap(self.path_task, self.rows, grid)
         waypoints = self._waypoints(stride, count)
         layers = roadmap.layers(
@@ -185,19 +185,61 @@ class Search:
             nodes = [layer.q[node] for layer, node in zip(layers, way.nodes, strict=True)]
             path = self._interpolated(np.array(nodes), waypoints)
             refined = None if path is None else self._refined(path)
+            if refined is not None and not refined.feasible and stage is not _STAGES[-1]:
+                refined = self._mended(refined) or refined
             if refined is not None and refined.feasible:
                 return Found(refined, Certificate("path", grid), layers, waypoints)
         return Found(None, self._too_fast(refined, grid, covered), layers, waypoints)
 
+    def _grid(self, stage: Stage, stride: int = 1) -> Grid:
+        step = stride * np.median(self.limits.steps, axis=0)
+        joints = np.clip(stage.resolution * step, stage.joints, COARSEST)
+        return Grid(max(stage.roll, 0.5 * joints.max()), joints)
+
+    def _mended(self, path: Refined) -> Refined | None:
+        """The path, looked for anew on the finest grid about the waypoints where it breaks limits.
+
+        Mostly these are a passage near a singularity that is too fast; the rest of the path need
+        not be looked for again.
+        """
+        whole, count = path.q.copy(), len(path.q)
+        grid = self._grid(_STAGES[-1])
+        roadmap = Roadmap(self.path_task, self.rows, grid)
+        for first, last in _stretches(self.limits.broken(whole), count):
+            waypoints = list(range(first, last + 1))
+            layers = roadmap.layers(waypoints)
+            for end, held in ((0, first > 0 or self.start is not None), (-1, last < count - 1)):
+                if held:
+                    layers[end] = Layer(whole[waypoints[end]][None], np.full(1, -1), 1)
+            if not all(len(layer.q) for layer in layers):
+                return None
+            way = self._way(
+                layers, waypoints, grid, 1.0, -np.inf if self.objective.margin else np.inf
+            )
+            if len(way.nodes) < len(layers):
+                return None
+            nodes = np.array([layer.q[n] for layer, n in zip(layers, way.nodes, strict=True)])
+            nodes[1:] = nodes[0] + np.cumsum(self._unwound(np.diff(nodes, axis=0)), axis=0)
+            whole[last:] += nodes[-1] - whole[last]
+            whole[first : last + 1] = nodes
+        return self._refined(whole)
+
     def _proven_empty(self, found: Found) -> Found | None:
         """The same verdict on the finest grid, from some of its waypoints, if it holds there."""
-        pairs = zip(found.waypoints, found.layers, strict=True)
-        empty = [index for index, layer in pairs if not len(layer.q)]
-        chosen = np.unique(np.linspace(0, len(empty) - 1, _PROOFS).round().astype(int))
-        finest = _STAGES[-1]
-        grid = Grid(finest.roll, np.full(self.path_task.model.nv, finest.joints))
+        # Those that have none, and what was left out on either side of them.
+        ends = [-1, *found.waypoints, len(self.path_task.waypoints)]
+        open_ = sorted(
+            {
+                index
+                for number, layer in enumerate(found.layers, start=1)
+                if not len(layer.q)
+                for index in range(ends[number - 1] + 1, ends[number + 1])
+            }
+        )
+        chosen = np.unique(np.linspace(0, len(open_) - 1, _PROOFS).round().astype(int))
+        grid = Grid(_STAGES[-1].roll, np.full(self.path_task.model.nv, _STAGES[-1].joints))
         roadmap = Roadmap(self.path_task, self.rows, grid)
-        waypoints = [empty[k] for k in chosen]
+        waypoints = [open_[k] for k in chosen]
         layers = roadmap.layers(waypoints)
         if all(len(layer.q) for layer in layers):
             return None
@@ -311,6 +353,18 @@ class Search:
             f"step that {name} may do"
         )
         return Certificate("speed", grid, (first, first + 1), (name,), covered, detail)
+
+
+def _stretches(broken: Indices, count: int) -> list[tuple[int, int]]:
+    """First and last waypoint of the stretches about some waypoints, without overlap."""
+    found: list[tuple[int, int]] = []
+    for index in broken:
+        first, last = max(0, int(index) - _ABOUT), min(count - 1, int(index) + _ABOUT)
+        if found and first <= found[-1][1]:
+            found[-1] = found[-1][0], last
+        else:
+            found.append((first, last))
+    return found
 
 
 def _empty(
