@@ -5,7 +5,6 @@ from __future__ import annotations
 import hashlib
 import io
 import json
-import os
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from importlib.metadata import version
@@ -189,10 +188,9 @@ class Study:
         store = self._store()
         with store.alone():
             missing = self.missing()
-            here = jobs or len(os.sched_getaffinity(0))
             try:
                 for done, (_, rows) in enumerate(
-                    each(self.job, missing, jobs=here, scheduler=scheduler), start=1
+                    each(self.job, missing, jobs=jobs, scheduler=scheduler), start=1
                 ):
                     if done == 1:  # what cannot begin leaves the folder as it was
                         self._write_settings()

@@ -36,14 +36,14 @@ class Work(Protocol):
 
 
 def each(
-    job: Work, indices: Sequence[int], *, jobs: int, scheduler: str | None = None
+    job: Work, indices: Sequence[int], *, jobs: int | None, scheduler: str | None = None
 ) -> Iterator[tuple[int, Rows]]:
     """Yield each index with the rows of ``job(index)``, in the order in which they are done.
 
     Args:
         job: Can be pickled.
         indices: Of the samples.
-        jobs: Processes of this machine.
+        jobs: Processes of this machine; one a core if ``None``.
         scheduler: Address of a Dask scheduler, whose workers are taken instead.
 
     Raises:
@@ -107,9 +107,11 @@ def _do(pickled: _Pickled, index: int) -> Rows:
 class _Here:
     """Processes of this machine."""
 
-    def __init__(self, job: Work, jobs: int) -> None:
+    def __init__(self, job: Work, jobs: int | None) -> None:
+        from joblib import cpu_count
+
         self._job = _Pickled(pickle.dumps(job))
-        self._jobs = jobs
+        self._jobs: int = jobs or cpu_count()
         self.renew()
 
     def renew(self) -> None:
