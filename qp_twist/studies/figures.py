@@ -13,7 +13,7 @@ from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
 
 from qp_twist.checks import Array
 from qp_twist.comparison.style import RC, line_style
-from qp_twist.studies.summary import MethodSummary
+from qp_twist.studies.summary import MethodSummary, numbers
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -39,11 +39,11 @@ def map_figure(title: str, columns: dict[str, Any], methods: tuple[str, ...]) ->
     over the direction looked along, and over what else was drawn.
     """
     name = np.array(columns["method"], dtype=object)
-    places = {axis: _numbers(columns[axis]) for axis in ("x", "y", "z")}
+    places = {axis: numbers(columns[axis]) for axis in ("x", "y", "z")}
     rows: list[tuple[str, Mask, Array]] = []
     if None not in columns["feasible"]:
-        rows.append(("feasible", name == methods[0], _numbers(columns["feasible"])))
-    rows += [(m, name == m, _numbers(columns["success"])) for m in methods]
+        rows.append(("feasible", name == methods[0], numbers(columns["feasible"])))
+    rows += [(m, name == m, numbers(columns["success"])) for m in methods]
     # A view along the plane in which all placements lie shows nothing.
     flat = {axis for axis, values in places.items() if np.ptp(values[np.isfinite(values)]) < 1e-9}
     views = [view for view in _VIEWS if not flat & set(view[1:])] or list(_VIEWS[:1])
@@ -119,7 +119,7 @@ def fault_figure(title: str, summaries: list[MethodSummary]) -> Figure:
 
 def z_figure(title: str, columns: dict[str, Any], methods: tuple[str, ...]) -> Figure:
     """Mean z of successful laps over the mean of each waypoint's least, as a distribution."""
-    name, ratio = np.array(columns["method"]), _numbers(columns["z_over_least"])
+    name, ratio = np.array(columns["method"]), numbers(columns["z_over_least"])
     with mpl.rc_context(RC):
         figure = Figure(figsize=(9.5, 4.2), layout="constrained")
         panel = figure.subplots()
@@ -139,7 +139,3 @@ def z_figure(title: str, columns: dict[str, Any], methods: tuple[str, ...]) -> F
             figure.legend(loc="outside right upper")
         figure.suptitle(title, x=0.01, ha="left", fontsize=11, fontweight="bold")
     return figure
-
-
-def _numbers(values: list[float | bool | None]) -> Array:
-    return np.array([np.nan if v is None else v for v in values], dtype=np.float64)

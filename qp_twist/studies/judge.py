@@ -8,6 +8,7 @@ from typing import Literal
 import numpy as np
 
 from qp_twist.checks import Array
+from qp_twist.comparison.metrics import BAND_LEFT, OUTSIDE
 from qp_twist.following import Trajectory
 from qp_twist.kinematics import JointRanges
 from qp_twist.path import PathTask
@@ -18,10 +19,6 @@ Kind = Literal[
     "limit", "jump", "band", "held", "error", "no step", "diverged", "start", "no plan", "raised"
 ]
 
-OUTSIDE = 1e-9
-"""A joint is outside its range from here on, rad or m."""
-BAND_LEFT = 1e-5
-"""A tolerance band is left from here on, rad or m."""
 _AT = 1e-4
 """A joint is at its limit, of position or of speed, within this, rad or m."""
 _HAIR = 1e-9

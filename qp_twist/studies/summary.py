@@ -118,9 +118,9 @@ def _summary(
     for row in failed:
         faults.setdefault(columns["fault"][row], Counter())[columns["joint"][row]] += 1
     won = np.flatnonzero(mine & success)
-    ratios = _numbers(columns["z_over_least"], won)
+    ratios = numbers(columns["z_over_least"])[won]
     ratios = ratios[np.isfinite(ratios)]
-    where = _numbers(columns["waypoint"], failed)
+    where = numbers(columns["waypoint"])[failed]
     quartiles = [float(np.percentile(where, q)) for q in (25, 50, 75)] if len(where) else None
     of_possible = Rate(int((mine & success & possible).sum()), int((mine & possible).sum()))
     return MethodSummary(
@@ -134,8 +134,9 @@ def _summary(
     )
 
 
-def _numbers(values: list[float | None], rows: npt.NDArray[np.intp]) -> Array:
-    return np.array([np.nan if values[i] is None else values[i] for i in rows], dtype=np.float64)
+def numbers(values: list[float | None] | list[bool | None]) -> Array:
+    """A column as floats, NaN where it is empty."""
+    return np.array([np.nan if v is None else v for v in values], dtype=np.float64)
 
 
 def rich_table(title: str, summaries: list[MethodSummary]) -> Table:
