@@ -582,12 +582,22 @@ def test_a_plan_says_what_it_is_doing() -> None:
     said: list[tuple[str, float]] = []
     task = dataclasses.replace(short_line(9), best_start=True)
     qt.compare(task, ["qp_gradient"], planning=lambda what, share: said.append((what, share)))
+    assert said
+    said.clear()
+    qt.follow(short_line(9), "qp_planned", planning=lambda what, share: said.append((what, share)))
     for part in ("lap of qp_gradient", "layers", "steps", "off the grid"):
         shares = [share for what, share in said if part in what]
         assert 0.0 <= shares[0] <= shares[-1] <= 1.0
-    said.clear()
-    qt.follow(short_line(9), "qp_planned", planning=lambda what, share: said.append((what, share)))
-    assert said
+
+
+def test_other_methods_help_where_a_free_plan_is_not_at_its_bound() -> None:
+    laps = {}
+    for objective in ("centering", "travel"):
+        said: list[str] = []
+        plan = qt.plan(short_line(9), objective, progress=lambda what, share: said.append(what))
+        laps[objective] = any("lap" in what for what in said)
+        assert laps[objective] == (plan.gap > 0.02 * plan.value)
+    assert laps == {"centering": False, "travel": True}
 
 
 # ---------------------------------------------------------------- the map of rolls

@@ -80,13 +80,15 @@ def plan(
         first = finite_array("start", start, (path_task.model.nq,))
         path_task = dataclasses.replace(path_task, start=first)
         first = corrected_start(path_task, path_task.waypoints[0], holds_limits=True)
-    laps = []
-    for name in seeds:
-        lap = _lap(path_task, check_method(name), progress)
-        if lap is not None:
-            laps.append(lap)
-    if first is not None:
-        laps = [np.vstack([first[None], lap[1:]]) for lap in laps]
+    names = [check_method(name) for name in seeds]
+
+    def laps(start: Array | None) -> list[Array]:
+        task = path_task if start is None else dataclasses.replace(path_task, start=start)
+        found = [_lap(task, name, progress) for name in names]
+        if start is None:
+            return [lap for lap in found if lap is not None]
+        return [np.vstack([start[None], lap[1:]]) for lap in found if lap is not None]
+
     return make_plan(path_task, objective, first, max_step_deg, laps, progress)
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,11 +12,10 @@ from qp_twist.checks import Array, finite_array, instance, number
 from qp_twist.errors import InvalidInput
 from qp_twist.kinematics import JointRanges
 from qp_twist.path import PathTask
-from qp_twist.planning.bound import pointwise_bound
 from qp_twist.planning.certificate import Certificate
 from qp_twist.planning.objective import Objective
 from qp_twist.planning.refine import MotionLimits
-from qp_twist.planning.search import Progress, Search
+from qp_twist.planning.search import Laps, Progress, Search
 
 UNTIMED_STEP = np.radians(15.0)
 """Largest step of a joint to the next waypoint where nothing limits it, rad or m.
@@ -79,12 +78,12 @@ def make_plan(
     objective: str | Mapping[str, float],
     start: npt.ArrayLike | None,
     max_step_deg: float | None,
-    seeds: Sequence[Array],
+    laps: Laps,
     progress: Progress | None = None,
 ) -> Plan:
     """The best motion that a search finds; see :func:`qp_twist.plan`.
 
-    ``start`` stands on the first waypoint. ``seeds`` are joint paths (N, nq) of other methods.
+    ``start`` stands on the first waypoint. ``laps`` gives joint paths (N, nq) of other methods.
     """
     instance("plan(path_task, …)", path_task, PathTask)
     if len(path_task.waypoints) < 2:
@@ -103,17 +102,13 @@ def make_plan(
         if outside.any():
             name = ranges.names[int(np.argmax(outside))]
             raise InvalidInput(f"plan: the start is outside the limits of {name}.")
-    search = Search(path_task, goal, limits, first, seeds, progress)
-    found = search.run()
-    bound = np.nan
-    if all(len(layer.q) for layer in found.layers):
-        bound = pointwise_bound(goal, search.rows, found.layers, found.waypoints, first)
+    found = Search(path_task, goal, limits, first, laps, progress).run()
     path = found.path
     return Plan(
         path_task,
         None if path is None else path.q,
         np.nan if path is None else path.value,
-        bound,
+        found.bound,
         found.certificate,
         objective,
     )

@@ -62,8 +62,8 @@ class RollGrid:
         change -= TURN * np.round(change / TURN)
         times = np.nan_to_num(np.abs(change) / self._joints).max(axis=(1, 2))
         parts = np.clip(np.ceil(times), 1, FINEST).astype(int)
-        fractions = [np.linspace(0.0, 1.0, n, endpoint=False) for n in parts]
-        rolls = np.repeat(self.rolls, parts) + self.spacing * np.concatenate(fractions, dtype=float)
+        number = np.arange(parts.sum()) - np.repeat(np.cumsum(parts) - parts, parts)
+        rolls = np.repeat(self.rolls, parts) + self.spacing * number / np.repeat(parts, parts)
         return self._inside(index, rolls, self._branches(index, rolls))
 
     def branches(self, index: int) -> Array:

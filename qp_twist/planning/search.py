@@ -10,6 +10,7 @@ import numpy as np
 
 from qp_twist.checks import Array
 from qp_twist.path import PathTask
+from qp_twist.planning.bound import pointwise_bound
 from qp_twist.planning.certificate import Certificate
 from qp_twist.planning.layer import TURN, Layer
 from qp_twist.planning.objective import Objective
@@ -19,6 +20,8 @@ from qp_twist.planning.roadmap import Grid, Roadmap
 from qp_twist.planning.shortest_path import Edges, Way, edges, shortest_way, widest_way
 
 Progress = Callable[[str, float], None]
+Laps = Callable[[Array | None], list[Array]]
+"""Joint paths (N, nv) of other methods from a start (nv,); from the task's own if ``None``."""
 
 COARSEST = np.radians(15.0)
 """Largest spacing of configurations in a joint, rad or m."""
@@ -32,6 +35,8 @@ _TRIAL = 8
 """Iterations after which a seed that is far from the best is given up."""
 _ABOUT = 30
 """Waypoints to either side of one that breaks limits, which are looked for again."""
+_LOOKED_WITHIN = (0.05, 0.2, 0.6)
+"""Shares above the layers' least mean z within which a way is looked for first: few nodes are."""
 _STRICTNESS = (1.0, 1e3)
 """Times the price, one after the other: first for the best way, then for one that is possible."""
 
@@ -71,12 +76,14 @@ class Found:
         certificate: Why, or why not.
         layers: Of the last stage.
         waypoints: Of those layers, from 0.
+        bound: What no path can be better than; NaN where a waypoint has no configuration.
     """
 
     path: Refined | None
     certificate: Certificate
     layers: list[Layer]
     waypoints: list[int]
+    bound: float = np.nan
 
 
 class Search:
@@ -85,6 +92,10 @@ class Search:
     The stages look at more and more waypoints on finer and finer grids. In each, steps may be
     longer by what the grid cannot resolve; the quadratic programs that move the path off the grid
     then hold the limits exactly. The first stage whose path can be brought inside them ends it.
+
+    The paths of other methods find passages near a singularity that are narrower than the grid.
+    From a given start they come first, and bound what the stages must look at. With a free start
+    they begin where the stages' path does, and only where that is not close to the bound.
     """
 
     def __init__(
@@ -93,7 +104,7 @@ class Search:
         objective: Objective,
         limits: MotionLimits,
         start: Array | None,
-        seeds: Sequence[Array] = (),
+        laps: Laps | None = None,
         progress: Progress | None = None,
     ) -> None:
         """Prepare.
@@ -103,14 +114,14 @@ class Search:
             objective: What to be best in.
             limits: What holds at and between the waypoints.
             start: The first configuration, on the first waypoint, (nv,), or ``None``.
-            seeds: Joint paths (N, nv) of other methods, from which the search may also start.
+            laps: Gives the paths of other methods, from which the search may also go on.
             progress: Called with what is being done and the share of it that is.
         """
         self.path_task = path_task
         self.objective = objective
         self.limits = limits
         self.start = start
-        self.seeds = list(seeds)
+        self.laps = laps or (lambda start: [])
         self.rows = PathRows(path_task)
         self._progress = progress or (lambda what, share: None)
         ranges = limits.ranges
@@ -120,12 +131,9 @@ class Search:
     def run(self) -> Found:
         """Look for the best motion."""
         best: Refined | None = None
-        begun = [
-            refine(seed, self.rows, self.limits, self.objective, iterations=_TRIAL)
-            for seed in self.seeds
-        ]
-        for seed in begun:
-            best = self._better(best, seed)
+        tried = self._tried(self.start) if self.start is not None else []
+        for trial in tried:
+            best = self._better(best, trial)
         for stage in _STAGES:
             found = self._stage(stage, best)
             if found.path is not None:
@@ -136,14 +144,29 @@ class Search:
                 if proven is not None:
                     return proven
         best = self._better(best, found.path)
-        for seed in begun:
+        bound = self._bound(found)
+        if self.start is None and (best is None or not self._is_close(bound, best.value)):
+            tried = self._tried(None if best is None else best.q[0])
+        for trial in tried:
             # One that is far from the best by now does not become it.
-            if best is None or self._is_close(seed.value, best.value):
-                best = self._better(best, self._refined(seed.q))
+            if best is None or self._is_close(trial.value, best.value):
+                best = self._better(best, self._refined(trial.q))
         if best is None:
-            return found
+            return replace(found, bound=bound)
         certificate = Certificate("path", found.certificate.grid)
-        return replace(found, path=best, certificate=certificate)
+        return replace(found, path=best, certificate=certificate, bound=bound)
+
+    def _tried(self, start: Array | None) -> list[Refined]:
+        """The laps of other methods, improved a little."""
+        return [
+            refine(lap, self.rows, self.limits, self.objective, iterations=_TRIAL)
+            for lap in self.laps(start)
+        ]
+
+    def _bound(self, found: Found) -> float:
+        if not all(len(layer.q) for layer in found.layers):
+            return np.nan
+        return pointwise_bound(self.objective, self.rows, found.layers, found.waypoints, self.start)
 
     def _is_close(self, value: float, best: float) -> bool:
         return abs(value - best) <= _ROUNDED * abs(best) or self.objective.better(value, best)
@@ -293,6 +316,13 @@ class Search:
         price = _PRICE * weight + _PRICE_OF_TRAVEL * objective.travel
         centering = [weight * objective.ranges.centring(layer.q) for layer in layers]
         if not objective.margin:
+            least = sum(float(cost.min()) for cost in centering)
+            for share in _LOOKED_WITHIN:
+                at_most = least * (1.0 + share)
+                if 0.0 < at_most < known:
+                    way = shortest_way(centering, connections, along, at_most=at_most)
+                    if len(way.nodes) == len(layers):
+                        return way
             return shortest_way(centering, connections, along, at_most=known)
         margins = [objective.margins(layer.q) for layer in layers]
         widest = widest_way(margins, connections, at_least=known)
