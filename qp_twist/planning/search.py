@@ -145,11 +145,12 @@ class Search:
                     return proven
         best = self._better(best, found.path)
         bound = self._bound(found)
-        if self.start is None and (best is None or not self._is_close(bound, best.value)):
+        if self.start is None and (best is None or not _alike(bound, best.value)):
             tried = self._tried(None if best is None else best.q[0])
         for trial in tried:
             # One that is far from the best by now does not become it.
-            if best is None or self._is_close(trial.value, best.value):
+            near = best is not None and _alike(trial.value, best.value)
+            if best is None or near or self.objective.better(trial.value, best.value):
                 best = self._better(best, self._refined(trial.q))
         if best is None:
             return replace(found, bound=bound)
@@ -167,9 +168,6 @@ class Search:
         if not all(len(layer.q) for layer in found.layers):
             return np.nan
         return pointwise_bound(self.objective, self.rows, found.layers, found.waypoints, self.start)
-
-    def _is_close(self, value: float, best: float) -> bool:
-        return abs(value - best) <= _ROUNDED * abs(best) or self.objective.better(value, best)
 
     def _better(self, a: Refined | None, b: Refined | None) -> Refined | None:
         if b is None or not b.feasible:
@@ -383,6 +381,10 @@ class Search:
             f"step that {name} may do"
         )
         return Certificate("speed", grid, (first, first + 1), (name,), covered, detail)
+
+
+def _alike(value: float, best: float) -> bool:
+    return abs(value - best) <= _ROUNDED * abs(best)
 
 
 def _stretches(broken: Indices, count: int) -> list[tuple[int, int]]:
