@@ -25,6 +25,7 @@ from .kinematics import BandRows as BandRows
 from .kinematics import BoxBand as BoxBand
 from .kinematics import ConeBand as ConeBand
 from .kinematics import FreeTwistCost as FreeTwistCost
+from .kinematics import GazeTask as GazeTask
 from .kinematics import JointCentering as JointCentering
 from .kinematics import JointRanges as JointRanges
 from .kinematics import Manipulability as Manipulability
@@ -34,6 +35,7 @@ from .kinematics import SecondaryObjective as SecondaryObjective
 from .kinematics import SlabBand as SlabBand
 from .kinematics import ToleranceBand as ToleranceBand
 from .kinematics import TwistTask as TwistTask
+from .kinematics import target_twist as target_twist
 from .limits import BandLimit as BandLimit
 from .limits import BindingLimit as BindingLimit
 from .limits import DisplacementWindow as DisplacementWindow

@@ -92,7 +92,7 @@ class TwistProjector:
                 then changes along the motion.
         """
         instance("other", other, TwistProjector)
-        frames = {t.frame for t in (self, other) if t._has_axis}
+        frames = {t.frame for t in (self, other) if t.has_axis}
         if len(frames) > 1:
             raise InvalidInput(
                 f"TwistProjector.intersection: the axes of one are fixed to {self.frame!r}, those "
@@ -105,7 +105,7 @@ class TwistProjector:
         )
 
     @property
-    def _has_axis(self) -> bool:
+    def has_axis(self) -> bool:
         """Whether it matters what ``frame`` is."""
         return self.linear.axis is not None or self.angular.axis is not None
 

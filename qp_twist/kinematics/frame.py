@@ -57,3 +57,30 @@ def frame_jacobian(configuration: mink.Configuration, name: str | int, frame_typ
         configuration.model, configuration.data, jacobian[:3], jacobian[3:], index
     )
     return jacobian
+
+
+def relative_jacobian(
+    configuration: mink.Configuration,
+    name: str | int,
+    frame_type: str,
+    root: str | int,
+    root_type: str,
+) -> Array:
+    r"""Jacobian (6, nv) of a frame as seen from another one that moves as well, in world axes.
+
+    .. math::
+
+        \mathbf J = \mathbf J_A - \begin{bmatrix} \mathbf 1 & -[\mathbf p_A - \mathbf p_B]_\times \\
+        \mathbf O & \mathbf 1 \end{bmatrix} \mathbf J_B
+
+    The twist of A less that which A would have if it were carried along by B: zero where both move
+    as one body.
+    """
+    jacobian = frame_jacobian(configuration, name, frame_type)
+    carrier = frame_jacobian(configuration, root, root_type)
+    arm = frame_pose(configuration, name, frame_type)[1]
+    arm = arm - frame_pose(configuration, root, root_type)[1]
+    # ω × r, column by column
+    carrier[:3] += np.cross(carrier[3:], arm, axisa=0).T
+    relative: Array = jacobian - carrier
+    return relative

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, Self
 
 import mink
 import numpy as np
@@ -12,9 +12,12 @@ import numpy.typing as npt
 
 from qp_twist.checks import Array, finite_array, instance, number
 from qp_twist.errors import InvalidInput, InvalidTarget
-from qp_twist.geometry import TwistProjector, clamp_twist, resolved_twist_error
-from qp_twist.kinematics.frame import frame_jacobian, frame_pose
+from qp_twist.geometry import Projector, TwistProjector, clamp_twist, resolved_twist_error
+from qp_twist.kinematics.frame import frame_jacobian, frame_pose, relative_jacobian
 from qp_twist.kinematics.tolerance_band import BandRows, FramePair, ToleranceBand, check_bands
+
+if TYPE_CHECKING:
+    from qp_twist.kinematics.gaze_task import GazeTask
 
 
 class TaskState(NamedTuple):
@@ -27,7 +30,9 @@ class TaskState(NamedTuple):
     error: Array
     """Δt, the twist to the target, m and rad, shape (6,)."""
     jacobian: Array
-    """J of the frame, shape (6, nv)."""
+    """J of the frame, relative to what carries the target, shape (6, nv)."""
+    feedforward: Array
+    """Twist of the target relative to what carries it, m/s and rad/s, shape (6,)."""
 
 
 class TwistTask(mink.Task):
@@ -45,12 +50,22 @@ class TwistTask(mink.Task):
     misalignment, so the task may stand in ``tasks=`` and in ``constraints=`` of
     :func:`mink.solve_ik`, with any solver, and in :class:`~qp_twist.Controller`.
 
+    The target stands in the world, or is carried by another frame of the model, ``relative_to``: a
+    part in the other hand or on a positioner. J is then that of the frame relative to its carrier
+    (:func:`~qp_twist.kinematics.relative_jacobian`), and axes fixed to the target move with it.
+
+    :meth:`axis_free`, :meth:`point`, :meth:`on_line`, :meth:`on_plane`, :meth:`line_on_line` and
+    :meth:`gaze` state the usual tasks by name.
+
     Attributes:
         frame_name: Name or id of the controlled frame.
         frame_type: ``"body"``, ``"geom"`` or ``"site"``.
         projector: T. Its axes are rebuilt in the world at every step.
-        target: The target pose, or ``None`` before :meth:`set_target`.
-        feedforward: Twist of the target (linear, angular), world axes, m/s and rad/s, shape (6,).
+        relative_to: Name or id, and type, of the frame that carries the target; ``None``: the
+            world.
+        target: The target pose in its carrier, or ``None`` before :meth:`set_target`.
+        feedforward: Twist of the target (linear, angular) in its carrier, along the carrier's axes,
+            m/s and rad/s, shape (6,).
         bands: Ranges to keep in directions that T leaves free. With a T of rank 0 they are all
             that the task asks.
 
@@ -70,6 +85,7 @@ class TwistTask(mink.Task):
         projector: TwistProjector,
         gain: float = 1.0,
         *,
+        relative_to: tuple[str | int, str] | None = None,
         linear_cost: float = 1.0,
         angular_cost: float = 1.0,
         max_linear_step: float = math.inf,
@@ -84,6 +100,8 @@ class TwistTask(mink.Task):
             frame_type: ``"body"``, ``"geom"`` or ``"site"``.
             projector: T, which twist directions the task needs.
             gain: Share of the error to remove in one step, in [0, 1].
+            relative_to: The frame that carries the target, as (name or id, type); the world if
+                ``None``. The axes of T are then fixed to the frame or to the target.
             linear_cost: Weight of the linear rows where mink treats the task as soft, 1/m.
             angular_cost: Weight of the angular rows where mink treats the task as soft, 1/rad.
             max_linear_step: Longest linear error that one step is asked to remove, m.
@@ -102,8 +120,15 @@ class TwistTask(mink.Task):
                 f"TwistTask({frame_name!r}, {frame_type!r}): projector must be a TwistProjector, "
                 f"got {projector!r}."
             )
-        if not isinstance(frame_type, str) or frame_type not in mink.SUPPORTED_FRAMES:
-            raise mink.UnsupportedFrame(frame_type, mink.SUPPORTED_FRAMES)
+        for kind in (frame_type,) if relative_to is None else (frame_type, _carrier(relative_to)):
+            if not isinstance(kind, str) or kind not in mink.SUPPORTED_FRAMES:
+                raise mink.UnsupportedFrame(kind, mink.SUPPORTED_FRAMES)
+        if relative_to is not None and projector.has_axis and projector.frame == "world":
+            raise InvalidInput(
+                f"TwistTask({frame_name!r}, {frame_type!r}): relative to {relative_to[0]!r} the "
+                "axes of T are fixed to the frame or to its target; give the projector "
+                "frame='body' or frame='target'."
+            )
         cost = np.concatenate(
             [
                 np.full(projector.linear.rank, number("linear_cost", linear_cost, at_least=0.0)),
@@ -116,6 +141,7 @@ class TwistTask(mink.Task):
         self.frame_name = frame_name
         self.frame_type = frame_type
         self.projector = projector
+        self.relative_to = relative_to
         self.bands = check_bands(self.name, bands, projector)
         self.max_linear_step = _step_limit("max_linear_step", max_linear_step)
         self.max_angular_step = _step_limit("max_angular_step", max_angular_step)
@@ -125,18 +151,128 @@ class TwistTask(mink.Task):
         self._target_position = np.zeros(3)
         self._dt: float | None = None
 
+    @classmethod
+    def axis_free(
+        cls, frame_name: str | int, frame_type: str, axis: npt.ArrayLike = (0, 0, 1), **options: Any
+    ) -> Self:
+        """Position, and the direction of a tool axis: deburring, welding, spraying; rank 5.
+
+        Args:
+            frame_name: Name or id of the frame to control.
+            frame_type: ``"body"``, ``"geom"`` or ``"site"``.
+            axis: Of the tool, in the axes of the frame: the roll about it is free, (3,).
+            options: As in :class:`TwistTask`.
+        """
+        T = TwistProjector(linear=Projector.full(), angular=Projector.plane(axis), frame="body")
+        return cls(frame_name, frame_type, T, **options)
+
+    @classmethod
+    def point(cls, frame_name: str | int, frame_type: str, **options: Any) -> Self:
+        """Position alone, any orientation; rank 3. Arguments as in :meth:`axis_free`."""
+        T = TwistProjector(linear=Projector.full(), angular=Projector.none())
+        return cls(frame_name, frame_type, T, **options)
+
+    @classmethod
+    def on_line(
+        cls,
+        frame_name: str | int,
+        frame_type: str,
+        direction: npt.ArrayLike = (1, 0, 0),
+        **options: Any,
+    ) -> Self:
+        """The frame's origin on a line through the target, any orientation; rank 2.
+
+        Args:
+            frame_name: Name or id of the frame to control.
+            frame_type: ``"body"``, ``"geom"`` or ``"site"``.
+            direction: Of the line, in the axes of the target, (3,).
+            options: As in :class:`TwistTask`.
+        """
+        T = TwistProjector(
+            linear=Projector.plane(direction), angular=Projector.none(), frame="target"
+        )
+        return cls(frame_name, frame_type, T, **options)
+
+    @classmethod
+    def on_plane(
+        cls,
+        frame_name: str | int,
+        frame_type: str,
+        normal: npt.ArrayLike = (0, 0, 1),
+        *,
+        flat: bool = False,
+        **options: Any,
+    ) -> Self:
+        """The frame's origin on a plane through the target: wiping, drawing; rank 1, flat 3.
+
+        Args:
+            frame_name: Name or id of the frame to control.
+            frame_type: ``"body"``, ``"geom"`` or ``"site"``.
+            normal: Of the plane, in the axes of the target, (3,).
+            flat: Whether the same axis of the frame shall point along the normal.
+            options: As in :class:`TwistTask`.
+        """
+        angular = Projector.plane(normal) if flat else Projector.none()
+        T = TwistProjector(linear=Projector.line(normal), angular=angular, frame="target")
+        return cls(frame_name, frame_type, T, **options)
+
+    @classmethod
+    def line_on_line(
+        cls,
+        frame_name: str | int,
+        frame_type: str,
+        direction: npt.ArrayLike = (0, 0, 1),
+        **options: Any,
+    ) -> Self:
+        """An axis of the frame on the same axis of the target, as a peg in its hole; rank 4.
+
+        It may slide along the axis and turn about it.
+
+        Args:
+            frame_name: Name or id of the frame to control.
+            frame_type: ``"body"``, ``"geom"`` or ``"site"``.
+            direction: Of the axis, in the axes of the frame and of the target, (3,).
+            options: As in :class:`TwistTask`.
+        """
+        plane = Projector.plane(direction)
+        return cls(
+            frame_name,
+            frame_type,
+            TwistProjector(linear=plane, angular=plane, frame="target"),
+            **options,
+        )
+
+    @staticmethod
+    def gaze(
+        frame_name: str | int, frame_type: str, axis: npt.ArrayLike = (0, 0, 1), **options: Any
+    ) -> GazeTask:
+        """An axis of the frame points at the target: a camera, a torch; rank 2.
+
+        Args:
+            frame_name: Name or id of the frame to control.
+            frame_type: ``"body"``, ``"geom"`` or ``"site"``.
+            axis: The optical axis, in the axes of the frame, (3,).
+            options: As in :class:`~qp_twist.GazeTask`.
+        """
+        from qp_twist.kinematics.gaze_task import GazeTask
+
+        return GazeTask(frame_name, frame_type, axis, **options)
+
     @property
     def name(self) -> str:
         """How messages call this task, e.g. ``TwistTask('tool', 'site')``."""
-        return f"TwistTask({self.frame_name!r}, {self.frame_type!r})"
+        carrier = "" if self.relative_to is None else f" relative to {self.relative_to[0]!r}"
+        return f"{type(self).__name__}({self.frame_name!r}, {self.frame_type!r}){carrier}"
 
     def set_target(self, target: mink.SE3, twist: npt.ArrayLike | None = None) -> None:
         """Set the target pose, and its twist where it moves.
 
         Args:
-            target: Pose of the target in the world.
-            twist: Feed-forward (linear, angular) velocity of the target, world axes, reference
-                point its origin, m/s and rad/s, shape (6,); at rest if ``None``.
+            target: Pose of the target in the world, or in the frame that carries it.
+            twist: Feed-forward (linear, angular) velocity of the target there, along the axes of
+                the world or of that frame, reference point the target's origin, m/s and rad/s,
+                shape (6,); at rest if ``None``. :func:`~qp_twist.target_twist` finds it from two
+                poses.
 
         Raises:
             InvalidTarget: If the pose or the twist is not finite, or not a pose at all.
@@ -162,9 +298,11 @@ class TwistTask(mink.Task):
     def set_target_from_configuration(self, configuration: mink.Configuration) -> None:
         """Make the frame's present pose the target, at rest."""
         instance("configuration", configuration, mink.Configuration)
-        self.set_target(
-            configuration.get_transform_frame_to_world(self.frame_name, self.frame_type)
-        )
+        pose = configuration.get_transform_frame_to_world(self.frame_name, self.frame_type)
+        if self.relative_to is not None:
+            carrier = configuration.get_transform_frame_to_world(*self.relative_to)
+            pose = carrier.inverse() @ pose
+        self.set_target(pose)
 
     def set_dt(self, dt: float) -> None:
         """Tell the task the time step, s. Needed only for feed-forward under ``mink.solve_ik``.
@@ -195,7 +333,8 @@ class TwistTask(mink.Task):
             projector=world,
             basis=world.basis,
             error=error,
-            jacobian=frame_jacobian(configuration, self.frame_name, self.frame_type),
+            jacobian=self._jacobian(configuration),
+            feedforward=pair.target_twist,
         )
 
     def clamped(self, error: npt.ArrayLike) -> Array:
@@ -242,7 +381,7 @@ class TwistTask(mink.Task):
         """
         dt = number("dt", dt, above=0.0)
         state = self.state(configuration)
-        rate = self.gain * self.clamped(state.error) / dt + self.feedforward
+        rate = self.gain * self.clamped(state.error) / dt + state.feedforward
         return state.basis.T @ state.jacobian, state.basis.T @ rate
 
     def band_rows(self, configuration: mink.Configuration, dt: float) -> list[BandRows]:
@@ -259,7 +398,7 @@ class TwistTask(mink.Task):
         if not self.bands:
             return []
         pair = self._pair(configuration)
-        J = frame_jacobian(configuration, self.frame_name, self.frame_type)
+        J = self._jacobian(configuration)
         found = []
         for band in self.bands:
             rows, bounds = band.half_spaces(pair, dt, self.projector)
@@ -286,13 +425,26 @@ class TwistTask(mink.Task):
         rotation, position = frame_pose(configuration, self.frame_name, self.frame_type)
         if not math.isfinite(rotation.sum() + position.sum()):
             raise InvalidInput(f"{self.name}: the pose of the frame is not finite; check q.")
+        target = self._target_rotation, self._target_position, self.feedforward
+        if self.relative_to is None:
+            return FramePair(rotation, position, *target)
+        turned, origin = frame_pose(configuration, *self.relative_to)
         return FramePair(
-            rotation, position, self._target_rotation, self._target_position, self.feedforward
+            rotation,
+            position,
+            turned @ target[0],
+            origin + turned @ target[1],
+            (turned @ target[2].reshape(2, 3, 1)).ravel(),
         )
+
+    def _jacobian(self, configuration: mink.Configuration) -> Array:
+        if self.relative_to is None:
+            return frame_jacobian(configuration, self.frame_name, self.frame_type)
+        return relative_jacobian(configuration, self.frame_name, self.frame_type, *self.relative_to)
 
     def _mink_error(self, state: TaskState) -> Array:
         shift = self.clamped(state.error)
-        if self.feedforward.any():
+        if state.feedforward.any():
             if self._dt is None:
                 raise mink.IntegrationTimestepNotSet(self.name)
             if self.gain == 0.0:
@@ -300,11 +452,23 @@ class TwistTask(mink.Task):
                     f"{self.name}: with gain 0 mink drops the feed-forward twist; give a gain "
                     "above 0 or use qp_twist.Controller."
                 )
-            shift = shift + self.feedforward * (self._dt / self.gain)
+            shift = shift + state.feedforward * (self._dt / self.gain)
         return -(state.basis.T @ shift)
 
     def __repr__(self) -> str:
-        return f"{self.name[:-1]}, {self.projector!r}, gain={self.gain:g})"
+        carried = "" if self.relative_to is None else f", relative_to={self.relative_to!r}"
+        frame = f"{self.frame_name!r}, {self.frame_type!r}"
+        return f"{type(self).__name__}({frame}, {self.projector!r}, gain={self.gain:g}{carried})"
+
+
+def _carrier(relative_to: Any) -> Any:
+    """The type of a carrier that is a pair."""
+    if not isinstance(relative_to, tuple) or len(relative_to) != 2:
+        raise InvalidInput(
+            f"TwistTask(relative_to=…): expected (name, type) of a frame, as in ('part', 'body'), "
+            f"got {relative_to!r}."
+        )
+    return relative_to[1]
 
 
 def _step_limit(name: str, value: float) -> float:

@@ -1,0 +1,113 @@
+"""A task that no pose states: an axis of a frame points at a target."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import mink
+import numpy as np
+import numpy.typing as npt
+
+from qp_twist.checks import finite_array
+from qp_twist.errors import InvalidInput, InvalidTarget
+from qp_twist.geometry import Projector, TwistProjector
+from qp_twist.geometry.twist_error import cross, geodesic
+from qp_twist.kinematics.twist_task import TaskState, TwistTask
+
+_NEAREST = 1e-6
+"""Distance below which a target has no direction, m."""
+
+
+class GazeTask(TwistTask):
+    r"""Point an axis a of a frame at a target.
+
+    With the line of sight :math:`\mathbf d = (\mathbf p_d - \mathbf p)/\ell`, which turns as the
+    frame and the target move, :math:`\ell = \lVert\mathbf p_d - \mathbf p\rVert`, the twist that
+    counts is that of the frame relative to it:
+
+    .. math::
+
+        \mathbf J_\omega \leftarrow \mathbf J_\omega + [\mathbf d]_\times \mathbf J_v / \ell, \qquad
+        \Delta\boldsymbol\omega = \text{the shortest rotation taking } \mathbf a \text{ to }
+        \mathbf d, \qquad \mathbf T = \mathrm{diag}(\mathbf O,\; \mathbf 1 - \mathbf a\mathbf a^T)
+
+    Two rows, independent wherever the frame can turn. Distance and roll about the axis are free.
+
+    Example:
+        >>> import mink, qp_twist as qt
+        >>> model = qt.load_task("deburring").model
+        >>> task = qt.TwistTask.gaze("tool", "site")
+        >>> task.set_point([1.0, 0.0, 0.0])
+        >>> task.compute_jacobian(mink.Configuration(model)).shape
+        (2, 6)
+    """
+
+    def __init__(
+        self,
+        frame_name: str | int,
+        frame_type: str,
+        axis: npt.ArrayLike = (0, 0, 1),
+        gain: float = 1.0,
+        **options: Any,
+    ) -> None:
+        """State a task.
+
+        Args:
+            frame_name: Name or id of the frame to control.
+            frame_type: ``"body"``, ``"geom"`` or ``"site"``.
+            axis: a, in the axes of the frame, (3,).
+            gain: Share of the error to remove in one step, in [0, 1].
+            options: As in :class:`TwistTask`, but for bands, which are of a pose.
+
+        Raises:
+            InvalidInput: If an argument has the wrong type or range.
+        """
+        if options.get("bands"):
+            raise InvalidInput("GazeTask: bands are ranges of a pose; give them to a TwistTask.")
+        T = TwistProjector(linear=Projector.none(), angular=Projector.plane(axis), frame="body")
+        super().__init__(frame_name, frame_type, T, gain, **options)
+
+    def set_point(self, point: npt.ArrayLike, velocity: npt.ArrayLike | None = None) -> None:
+        """Set the target as a point.
+
+        Args:
+            point: In the world, or in the frame that carries it, m, (3,).
+            velocity: Of the point, along the axes of the same, m/s, (3,); at rest if ``None``.
+
+        Raises:
+            InvalidTarget: If either is not finite.
+        """
+        at = finite_array(f"{self.name} point", point, (3,), error=InvalidTarget)
+        twist = np.zeros(6)
+        if velocity is not None:
+            twist[:3] = finite_array(f"{self.name} velocity", velocity, (3,), error=InvalidTarget)
+        self.set_target(mink.SE3.from_translation(at), twist)
+
+    def state(self, configuration: mink.Configuration) -> TaskState:
+        """As in :class:`TwistTask`.
+
+        Raises:
+            InvalidInput: If the target is at the frame's origin, where it has no direction.
+        """
+        pair = self._pair(configuration)
+        sight = pair.target_position - pair.position
+        distance = float(np.linalg.norm(sight))
+        if distance < _NEAREST:
+            raise InvalidInput(
+                f"{self.name}: the target is at the frame's own origin, so that there is no "
+                "direction to look in; move either."
+            )
+        d = sight / distance
+        world = self.projector.in_world(pair.rotation, pair.target_rotation)
+        axis = world.angular.axis
+        assert axis is not None
+        jacobian = self._jacobian(configuration)
+        jacobian[3:] += np.cross(d, jacobian[:3], axisb=0).T / distance
+        turn = cross(d, pair.target_twist[:3]) / distance
+        return TaskState(
+            projector=world,
+            basis=world.basis,
+            error=np.concatenate([np.zeros(3), geodesic(axis, d)]),
+            jacobian=jacobian,
+            feedforward=np.concatenate([np.zeros(3), turn]),
+        )
