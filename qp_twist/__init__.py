@@ -9,6 +9,8 @@ from .comparison import compare as compare
 from .controller import Controller as Controller
 from .controller import Status as Status
 from .controller import Step as Step
+from .controller import ik_step as ik_step
+from .controller import solve_ik as solve_ik
 from .errors import InvalidInput as InvalidInput
 from .errors import InvalidTarget as InvalidTarget
 from .errors import QpTwistError as QpTwistError

@@ -1,5 +1,7 @@
 """The controller: one verified step."""
 
 from .controller import Controller as Controller
+from .solve_ik import ik_step as ik_step
+from .solve_ik import solve_ik as solve_ik
 from .step import Status as Status
 from .step import Step as Step

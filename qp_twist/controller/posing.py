@@ -96,9 +96,7 @@ def pose_levels(
         if index == 0:
             regular = regular_rows(A, b, threshold)
             sigma_min = regular.sigma_min
-            lost = tuple(
-                replace(d, where=_where(items, rows, d, configuration)) for d in regular.lost
-            )
+            lost = lost_where(items, rows, regular.lost, configuration)
         else:
             above = np.vstack([v.A for v in posed]), np.concatenate([v.b for v in posed])
             regular = regular_rows(A, b, threshold, above=above)
@@ -145,6 +143,16 @@ def _evaluate(
         else:
             rows.append(_mink_rows(item, configuration, dt))
     return rows, np.vstack(G), np.concatenate(g)
+
+
+def lost_where(
+    items: Sequence[LevelItem],
+    rows: list[TaskRows],
+    lost: Sequence[LostDirection],
+    configuration: mink.Configuration,
+) -> tuple[LostDirection, ...]:
+    """Lost directions of a level of tasks with their rows, each with its place in words."""
+    return tuple(replace(d, where=_where(items, rows, d, configuration)) for d in lost)
 
 
 def _where(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -10,7 +11,7 @@ import numpy as np
 import qpsolvers
 
 from qp_twist.checks import Array
-from qp_twist.errors import UnknownSolver
+from qp_twist.errors import InvalidInput, UnknownSolver
 from qp_twist.qp.problem import QuadraticProgram
 from qp_twist.qp.verification import Multipliers
 
@@ -74,7 +75,13 @@ def check_solver(solver: str) -> str:
     return solver
 
 
-def solve_raw(problem: QuadraticProgram, solver: str, *, again: bool = False) -> RawSolution:
+def solve_raw(
+    problem: QuadraticProgram,
+    solver: str,
+    *,
+    again: bool = False,
+    options: Mapping[str, Any] | None = None,
+) -> RawSolution:
     """Hand a problem to a backend, with rows of length one and costs of size one.
 
     DAQP drops equality rows shorter than 3e-6 and calls the rest solved; at length one a row cannot
@@ -83,7 +90,10 @@ def solve_raw(problem: QuadraticProgram, solver: str, *, again: bool = False) ->
 
     ``again`` is for a second attempt: it poses an orthonormal basis of the equality rows, since
     rows that are nearly dependent are what backends call infeasible, at the settings of
-    :data:`RETRY`.
+    :data:`RETRY`. ``options`` take the place of our settings.
+
+    Raises:
+        InvalidInput: If the backend knows no such option.
     """
     size = float(np.abs(problem.H).max(initial=0.0)) or 1.0
     A, b, equality_lengths = _unit_rows(problem.A, problem.b)
@@ -109,9 +119,14 @@ def solve_raw(problem: QuadraticProgram, solver: str, *, again: bool = False) ->
         if solver == "osqp" and not len(b):
             # Without an active row OSQP says on standard output that it has nothing to polish.
             settings["polishing"] = False
+        settings |= options or {}
         try:
             solution = qpsolvers.solve_problem(posed, solver=solver, **settings)
-        except Exception:
+        except Exception as error:
+            if options and isinstance(error, (TypeError, ValueError, AttributeError)):
+                raise InvalidInput(
+                    f"solver {solver!r} does not take the options {dict(options)}: {error}"
+                ) from error
             # A backend that refuses a problem has not solved it; the caller decides what follows.
             # Each raises exceptions of its own (OSQP's are neither ValueError nor qpsolvers').
             return RawSolution(None, False, Multipliers.none(problem))

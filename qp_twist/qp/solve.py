@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import qpsolvers
@@ -48,7 +50,13 @@ class Refused:
     claimed: bool
 
 
-def solve(problem: QuadraticProgram, solver: str, *, persist: bool = False) -> Verified | Refused:
+def solve(
+    problem: QuadraticProgram,
+    solver: str,
+    *,
+    persist: bool = False,
+    options: Mapping[str, Any] | None = None,
+) -> Verified | Refused:
     """Solve with ``solver`` and verify.
 
     Args:
@@ -56,6 +64,7 @@ def solve(problem: QuadraticProgram, solver: str, *, persist: bool = False) -> V
         solver: The backend to ask first.
         persist: Where the result is refused, ask again on an orthonormal basis of the equality
             rows and at other tolerances, then the other backends, each of them twice as well.
+        options: Of the backend, in place of ours.
     """
     if (problem.lower > problem.upper).any():
         return Refused(("the bounds leave no room",), False)
@@ -66,7 +75,7 @@ def solve(problem: QuadraticProgram, solver: str, *, persist: bool = False) -> V
     says: list[str] = []
     claimed = False
     for name, again in attempts:
-        result = verified(problem, solve_raw(problem, name, again=again), name)
+        result = verified(problem, solve_raw(problem, name, again=again, options=options), name)
         if not isinstance(result, str):
             return replace(result, refused=tuple(says))
         claimed |= not result.startswith("no solution")
