@@ -11,10 +11,13 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+import difflib
 import io
 import os
 import runpy
 import shutil
+import subprocess
+import sys
 import tempfile
 from collections.abc import Sequence
 from pathlib import Path
@@ -51,6 +54,8 @@ def main() -> None:
         write(out / "generated" / f"{name}.md", table)
     for snippet in snippets_with_output():
         write(out / "generated" / f"{snippet.stem}.txt", output_of(snippet))
+    write(out / "generated" / "mink_app.diff", app_difference())
+    write(out / "generated" / "mink_app.txt", app_output())
 
 
 def put_into_readme(table: str) -> None:
@@ -224,6 +229,26 @@ def output_of(snippet: Path) -> str:
         finally:
             os.chdir(here)
     return printed.getvalue()
+
+
+APP = tuple(DOCS.parent / "examples" / f"mink_app_{when}.py" for when in ("before", "after"))
+APP_SECONDS = "5"
+
+
+def app_difference() -> str:
+    """How the example app changes."""
+    texts = [path.read_text("utf-8").splitlines(keepends=True) for path in APP]
+    return "".join(difflib.unified_diff(*texts, *(path.name for path in APP), n=1))
+
+
+def app_output() -> str:
+    """What the app prints, before and after."""
+    lines = []
+    for path in APP:
+        command = [sys.executable, str(path), "--headless", "--seconds", APP_SECONDS]
+        ended = subprocess.run(command, check=True, capture_output=True, text=True)
+        lines.append(f"{path.name}: {ended.stdout}")
+    return "".join(lines)
 
 
 if __name__ == "__main__":
