@@ -36,6 +36,8 @@ from scipy.spatial import cKDTree
 import qp_twist as qt
 from qp_twist.checks import Array
 from qp_twist.following import write_atomically
+from qp_twist.following.mink_peer import mink_limits, mink_posture
+from qp_twist.following.peer_terms import Posture
 from qp_twist.path.orientation import roll_by_plane
 
 # ---------------------------------------------------------------- what counts as success
@@ -270,39 +272,25 @@ def library(method: str, **options: Any) -> Follower:
     return lap
 
 
-def plain_mink(*, equality: bool, posture_cost: float, gain: float) -> Follower:
-    """``mink.solve_ik``, pulled towards the middle of the ranges in their ratio.
+def mink_equality(gain: float) -> Follower:
+    """``mink.solve_ik`` with the task in ``constraints=``, as the five rows of a twist task.
 
-    The task stands either as a cost, with none on the roll, or in ``constraints=`` as the five rows
-    of a :class:`qt.TwistTask`: mink's own frame task would constrain the roll, too.
+    mink's own frame task would constrain the roll, too. Limits and posture are those of the method
+    ``mink``.
     """
 
     def lap(task: qt.PathTask, judge: Judge) -> None:
-        model, ranges, frame = task.model, judge.ranges, (task.frame_name, task.frame_type)
-        rows = qt.TwistTask(*frame, task.projector)
-        pose = mink.FrameTask(*frame, position_cost=1.0, orientation_cost=[1.0, 1.0, 0.0])
-        posture = mink.PostureTask(model, cost=posture_cost * ranges.weight / ranges.weight.min())
-        posture.set_target(ranges.middle)
-        speeds = dict(zip(ranges.names, task.velocity_limits, strict=True))
-        configuration = mink.Configuration(model, task.start)
+        settings = task.settings("mink").model_copy(update={"gain": gain, "posture_cost": 1.0})
+        posture = mink_posture(task, Posture.of(task, settings, qt.METHODS["mink"]))
+        rows = qt.TwistTask(task.frame_name, task.frame_type, task.projector)
+        limits = mink_limits(task)
+        configuration = mink.Configuration(task.model, task.start)
         for waypoint in task.waypoints[1:]:
             rows.set_target(waypoint)
-            error = rows.state(configuration).error
             for iteration in range(ITERATIONS):
-                # The target takes the tool's own roll: what is left is the turn of its axis.
-                turn = mink.SO3.exp(error[3:])
-                rotation = configuration.get_transform_frame_to_world(*frame).rotation()
-                pose.set_target(
-                    mink.SE3.from_rotation_and_translation(turn @ rotation, waypoint.translation())
-                )
                 posture.gain = gain if iteration == 0 else 0.0  # repeated, it would break the task
                 velocity = mink.solve_ik(
-                    configuration,
-                    [posture] if equality else [pose, posture],
-                    dt=1.0,
-                    solver="daqp",
-                    limits=[mink.ConfigurationLimit(model), mink.VelocityLimit(model, speeds)],
-                    constraints=[rows] if equality else None,
+                    configuration, [posture], 1.0, "daqp", limits=limits, constraints=[rows]
                 )
                 configuration.integrate_inplace(velocity, 1.0)
                 error = rows.state(configuration).error
@@ -321,11 +309,11 @@ def plain_mink(*, equality: bool, posture_cost: float, gain: float) -> Follower:
 # The settings of the task file, but with iterations for everyone: none shall fail by the curvature
 # of the path alone. The paper's twa takes one iteration at gain 1 and stands beside a tuned one.
 FOLLOWERS: dict[str, Follower] = {
-    **{name: library(name, iterations=ITERATIONS) for name in qt.METHODS},
+    **{name: library(name, iterations=ITERATIONS) for name, m in qt.METHODS.items() if not m.peer},
     "twa": library("twa"),
     "twa_tuned": library("twa", iterations=ITERATIONS, gain=0.1),
-    "mink_soft": plain_mink(equality=False, posture_cost=1e-3, gain=0.1),
-    "mink_equality": plain_mink(equality=True, posture_cost=1.0, gain=0.05),
+    "mink_soft": library("mink", iterations=ITERATIONS, gain=0.1),
+    "mink_equality": mink_equality(gain=0.05),
 }
 
 

@@ -36,7 +36,9 @@ def joint_figures(path_task: PathTask, trajectories: Mapping[str, Trajectory]) -
         if not method.constrained or name not in trajectories:
             continue
         pair = [n for n, m in METHODS.items() if m.counterpart == name and n in trajectories]
-        beside = {0: "", 1: " and its closed form"}.get(len(pair), " and its closed forms")
+        closed = [n for n in pair if not METHODS[n].peer]
+        beside = {0: "", 1: " and its closed form"}.get(len(closed), " and its closed forms")
+        beside += "".join(f", {n}" for n in pair if METHODS[n].peer)
         figures[f"joints_{name}"] = joint_figure(
             path_task, {n: trajectories[n] for n in [*pair, name]},
             f"Joint positions between their limits: {name}{beside}",

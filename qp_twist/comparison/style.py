@@ -19,8 +19,11 @@ _PAIR_COLOURS = {
     "qp": "#0072B2",
     "qp_planned": "#000000",
 }
-# In turn for the closed forms of one QP.
-_DASHES: tuple[Any, ...] = ((0, (4, 2)), (0, (1, 1.5)), (0, (6, 1.5, 1, 1.5)))
+# In turn for the closed forms and peers of one QP.
+_DASHES: tuple[Any, ...] = (
+    (0, (4, 2)), (0, (1, 1.5)), (0, (6, 1.5, 1, 1.5)),
+    (0, (2, 1)), (0, (8, 2)), (0, (4, 1, 1, 1, 1, 1)),
+)  # fmt: skip
 LIMIT = "#D00000"
 GRID = "#DDDDDD"
 

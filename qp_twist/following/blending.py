@@ -9,6 +9,8 @@ from dataclasses import dataclass
 import mink
 
 from qp_twist.checks import Array
+from qp_twist.following.peer import PeerLimits
+from qp_twist.following.peers import make_peer
 from qp_twist.following.resolver import Displacement, Resolver, make_resolver
 from qp_twist.following.waypoint_limits import WaypointLimits
 from qp_twist.geometry import TwistProjector, twist_error
@@ -26,9 +28,11 @@ def resolvers_along(
 
     A method that fixes the whole twist has one for the whole path: it meets every projector.
     """
-    limits = WaypointLimits(path_task)
+    limits = PeerLimits(path_task) if METHODS[method].peer else WaypointLimits(path_task)
 
     def make(projector: TwistProjector) -> Resolver:
+        if isinstance(limits, PeerLimits):
+            return make_peer(path_task, method, settings, projector, solver, limits)
         return make_resolver(path_task, method, settings, projector, solver, limits)
 
     count = len(waypoints)

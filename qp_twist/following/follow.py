@@ -14,7 +14,7 @@ from qp_twist.following.planned import plan as plan_path
 from qp_twist.following.planned import with_start
 from qp_twist.following.trajectory import Trajectory
 from qp_twist.following.walk import walk
-from qp_twist.path import MethodSettings, PathTask, check_method
+from qp_twist.path import METHODS, MethodSettings, PathTask, check_method
 from qp_twist.planning import Plan
 from qp_twist.qp import check_solver
 
@@ -52,7 +52,8 @@ def follow(
             the task's start. With one it starts where the plan does.
         planning: Called, while a plan is made, with what is being done and the share of it that is.
         **options: Settings that replace those of the task file: ``iterations``, ``secondary``,
-            ``weight``, ``gain``, ``objective``.
+            ``weight``, ``gain``, ``objective``, and for the peers ``posture_cost`` and
+            ``every_iteration``.
 
     Returns:
         The trajectory, its first row the start corrected onto the first waypoint.
@@ -79,7 +80,7 @@ def follow(
         path_task = dataclasses.replace(path_task, start=path_task.starts[method], best_start=False)
     path_task = with_start(path_task, planning)
     motion: Array | None = None
-    if settings.secondary == "plan":
+    if settings.secondary == "plan" and not METHODS[method].peer:  # which refuse it
         if plan is None:
             plan = plan_path(path_task, settings.objective, path_task.start, progress=planning)
         motion = plan.motion()

@@ -12,6 +12,7 @@ import numpy as np
 from qp_twist import closed_form
 from qp_twist.checks import Array
 from qp_twist.controller import Controller, Status
+from qp_twist.errors import InvalidInput
 from qp_twist.following.waypoint_limits import WaypointLimits
 from qp_twist.geometry import TwistProjector
 from qp_twist.kinematics import (
@@ -252,6 +253,11 @@ def secondary_objectives(
     model = path_task.model
     match settings.secondary:
         case "centering":
+            if settings.weight == "equal":
+                raise InvalidInput(
+                    "follow: weight 'equal' is for the posture tasks of other libraries; give "
+                    "gradient, paper or natural."
+                )
             return [JointCentering(model, settings.weight, settings.gain)]
         case "posture" | "plan":  # the plan's reference moves on with the waypoints
             return [PostureReference(model, path_task.start, settings.gain)]

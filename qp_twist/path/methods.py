@@ -19,6 +19,11 @@ MethodName = Literal[
     "qp_minimum_norm",
     "gradient_projection",
     "qp_gradient",
+    "mink",
+    "mink_default",
+    "pink",
+    "placo_hard",
+    "placo_scaled",
     "twa",
     "qp",
     "qp_planned",
@@ -34,10 +39,10 @@ class MethodSettings(Section):
     secondary: Literal["none", "centering", "posture", "manipulability", "plan"] = Field(
         default="none", description="what the free motion is spent on"
     )
-    weight: Literal["gradient", "paper", "natural"] = Field(
+    weight: Literal["gradient", "paper", "natural", "equal"] = Field(
         default="gradient",
         description="of centering: h = WᵀW(θ̄ − θ), the paper's W(θ̄ − θ), or θ̄ − θ with the "
-        "joint-space cost measured in WᵀW",
+        "joint-space cost measured in WᵀW; equal: peers only, the same cost for every joint",
     )
     gain: Annotated[float, Field(ge=0.0, allow_inf_nan=False)] = Field(
         default=1.0, description="of the secondary, per waypoint"
@@ -48,6 +53,16 @@ class MethodSettings(Section):
     optimal: bool = Field(
         default=True, description="of sns: whether held joints are released, or the basic form runs"
     )
+    posture_cost: Annotated[float, Field(ge=0.0, allow_inf_nan=False)] = Field(
+        default=1e-3,
+        description="of a peer's posture, beside 1 for the task's rows; where these are hard "
+        "constraints only its being above 0 matters",
+    )
+    every_iteration: bool = Field(
+        default=False,
+        description="of a peer: whether the posture pulls in every iteration, not only in the "
+        "first of a waypoint",
+    )
 
 
 @dataclass(frozen=True)
@@ -57,8 +72,8 @@ class Method:
     Attributes:
         name: As in the command line, task files and Python.
         title: As in figures.
-        constrained: Whether it is a QP with the limits in it. ``sns`` is not one: it is drawn and
-            listed among the closed forms.
+        constrained: Whether it is one of this package's QPs, with the limits in it. ``sns`` and
+            the peers are none: they are drawn and listed beside the QP that they come nearest to.
         whole_twist: Whether it fixes the roll too (T = T_O) by the task's roll rule.
         flipped: Whether it takes the roll rule's other sign.
         space: Where the QP measures the secondary.
@@ -66,6 +81,9 @@ class Method:
             limit is active; none for ``qp_planned``. ``sns`` and ``weighted_least_norm`` both have
             ``qp_minimum_norm``: the one is what it is with limits, the other what it would be in
             another metric.
+        peer: The library whose own step it is, with its own tasks, limits and solver; none for the
+            methods of this package.
+        on_request: Whether it runs only where it is named.
         defaults: Settings where the task file says nothing.
     """
 
@@ -76,16 +94,24 @@ class Method:
     whole_twist: bool = False
     flipped: bool = False
     space: Literal["joint", "twist"] = "joint"
+    peer: Literal["", "mink", "pink", "placo"] = ""
+    on_request: bool = False
     defaults: MethodSettings = field(default_factory=MethodSettings)
 
     @property
     def holds_limits(self) -> bool:
-        """Whether position and velocity limits hold: of the closed forms, ``sns`` alone."""
-        return self.constrained or self.name == "sns"
+        """Whether it keeps position and velocity limits: of the closed forms, ``sns`` alone."""
+        return self.constrained or self.name == "sns" or bool(self.peer)
 
 
 _TWA = MethodSettings(iterations=1, secondary="centering", weight="paper", gain=1.0)
 _GRADIENT = MethodSettings(iterations=1, secondary="centering", weight="gradient", gain=1.0)
+_PEER = MethodSettings(secondary="centering", weight="natural", gain=0.02)
+# What a first program with mink has: a posture task as it is built, one step a target.
+_FIRST_PROGRAM = MethodSettings(
+    iterations=1, secondary="centering", weight="equal", gain=1.0, posture_cost=1e-2,
+    every_iteration=True,
+)  # fmt: skip
 
 METHODS: dict[str, Method] = {
     method.name: method
@@ -107,6 +133,23 @@ METHODS: dict[str, Method] = {
         Method(
             "qp_gradient", "QP, joint-space cost", True, "gradient_projection",
             defaults=_GRADIENT.model_copy(update={"iterations": 20}),
+        ),
+        Method("mink", "mink's own step", False, "qp_gradient", peer="mink", defaults=_PEER),
+        Method(
+            "mink_default", "mink's own step, as first written", False, "qp_gradient", peer="mink",
+            on_request=True, defaults=_FIRST_PROGRAM,
+        ),
+        Method(
+            "pink", "pink's own step", False, "qp_gradient", peer="pink", on_request=True,
+            defaults=_PEER,
+        ),
+        Method(
+            "placo_hard", "placo's own step, task hard", False, "qp_gradient", peer="placo",
+            on_request=True, defaults=_PEER,
+        ),
+        Method(
+            "placo_scaled", "placo's own step, task scaled", False, "qp_gradient", peer="placo",
+            on_request=True, defaults=_PEER,
         ),
         Method("twa", "twist decomposition, TWA", False, "qp", space="twist", defaults=_TWA),
         Method(

@@ -117,7 +117,10 @@ class PathTask:
         return [
             name
             for name, method in METHODS.items()
-            if not (method.flipped and self.flipped_waypoints is None)
+            if not method.on_request
+            and not (method.flipped and self.flipped_waypoints is None)
+            # Other libraries have no tolerance bands.
+            and not (method.peer and self.bands)
             # An arm with fewer joints than operational directions cannot fix its whole twist.
             and not (method.whole_twist and self.operational.rank > self.model.nv)
         ]
