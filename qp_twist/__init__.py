@@ -3,6 +3,7 @@
 __version__ = "0.1.0"
 
 from qp_twist import closed_form as closed_form
+from qp_twist import simulation as simulation
 
 from .comparison import Comparison as Comparison
 from .comparison import compare as compare
@@ -56,5 +57,7 @@ from .qp import QuadraticProgram as QuadraticProgram
 from .qp import Solution as Solution
 from .qp import SolverInaccurate as SolverInaccurate
 from .qp import solve_levels as solve_levels
+from .robots import Robot as Robot
+from .robots import load_robot as load_robot
 from .studies import Study as Study
 from .studies import study as study

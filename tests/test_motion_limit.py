@@ -424,3 +424,16 @@ def test_a_velocity_that_is_not_one_is_not_noted() -> None:
         with pytest.raises(qt.InvalidInput, match="velocity"):
             limit.note(junk)
     assert not limit.velocity.any()
+
+
+def test_a_margin_narrows_every_range() -> None:
+    model = chain('range="-1 1"', 'range="-2 3"')
+    configuration = mink.Configuration(model, np.array([0.5, -1.5]))
+    for limit in (qt.PositionLimit(model, margin=0.1), qt.MotionLimit(model, margin=0.1)):
+        lower, upper = limit.bounds(configuration, 0.1)
+        np.testing.assert_allclose(lower, [-14.0, -4.0], rtol=1e-9)
+        np.testing.assert_allclose(upper, [4.0, 44.0], rtol=1e-9)
+    with pytest.raises(qt.InvalidInput, match="leaves nothing of the range of joint_1"):
+        qt.PositionLimit(model, margin=1.5)
+    with pytest.raises(qt.InvalidInput, match="margin"):
+        qt.MotionLimit(model, margin=-0.1)

@@ -66,6 +66,7 @@ class MotionLimit(PositionLimit):
         *,
         velocity: Mapping[str, float] | npt.ArrayLike | None = None,
         acceleration: Mapping[str, float] | npt.ArrayLike | None = None,
+        margin: float = 0.0,
         recovery_speed: float = 0.5,
     ) -> None:
         """State the limits; those of the positions are the model's.
@@ -74,13 +75,14 @@ class MotionLimit(PositionLimit):
             model: The robot.
             velocity: v_max by joint name, one number for all, or an array (nv,); rad/s or m/s.
             acceleration: a_max in the same ways; rad/s² or m/s².
+            margin: What the ranges are narrowed by at either end, rad or m.
             recovery_speed: Speed at which a joint without velocity limit returns, rad/s or m/s.
 
         Raises:
             InvalidInput: If a limit is not above 0 or of no joint, if a ball joint has a range, or
                 a joint with an acceleration limit is coupled to another, but not linearly.
         """
-        super().__init__(model, recovery_speed=recovery_speed)
+        super().__init__(model, margin=margin, recovery_speed=recovery_speed)
         self.max_velocity = per_joint("velocity", velocity, self.ranges)
         self.max_acceleration = per_joint("acceleration", acceleration, self.ranges)
         lower, upper = self.lower.copy(), self.upper.copy()

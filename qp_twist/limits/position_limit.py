@@ -34,15 +34,20 @@ class PositionLimit(BoxLimit):
 
     kind = "position"
 
-    def __init__(self, model: mujoco.MjModel, *, recovery_speed: float = 0.5) -> None:
+    def __init__(
+        self, model: mujoco.MjModel, *, margin: float = 0.0, recovery_speed: float = 0.5
+    ) -> None:
         """Read the ranges of a model.
 
         Args:
             model: The robot.
+            margin: What the ranges are narrowed by at either end, rad or m: a real joint is later
+                than its command, and runs on.
             recovery_speed: Speed at which a joint outside returns, rad/s or m/s.
 
         Raises:
-            InvalidInput: If a ball joint has a limit, which is not a bound on one velocity.
+            InvalidInput: If a ball joint has a limit, which is not a bound on one velocity, or the
+                margin leaves a joint no range.
         """
         self.ranges = JointRanges.of(model)
         for joint in range(model.njnt):
@@ -55,7 +60,15 @@ class PositionLimit(BoxLimit):
                 )
         self.recovery_speed = number("recovery_speed", recovery_speed, above=0.0)
         self._recovery = np.full(model.nv, self.recovery_speed)
-        self._keep_between(self.ranges.lower, self.ranges.upper)
+        margin = number("margin", margin, at_least=0.0)
+        lower, upper = self.ranges.lower + margin, self.ranges.upper - margin
+        if (lower > upper).any():
+            dof = int(np.argmax(lower > upper))
+            raise InvalidInput(
+                f"{type(self).__name__}: a margin of {margin:g} leaves nothing of the range of "
+                f"{self.ranges.names[dof]}; give a smaller one."
+            )
+        self._keep_between(lower, upper)
 
     def bounds(self, configuration: mink.Configuration, dt: float) -> tuple[Array, Array]:
         """(θ_min − θ)/dt and (θ_max − θ)/dt, rad/s or m/s, each (nv,)."""

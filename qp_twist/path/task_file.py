@@ -7,6 +7,7 @@ import itertools
 import json
 import re
 import tomllib
+import warnings
 from pathlib import Path
 from typing import Any
 
@@ -33,6 +34,7 @@ from qp_twist.path.task_schema import (
     StartSection,
     TaskFile,
 )
+from qp_twist.robots import Robot, load_robot
 
 
 def shipped_tasks() -> list[Path]:
@@ -122,7 +124,8 @@ def _is_file(path: Path) -> bool:
 
 
 def _build(path: Path, file: TaskFile) -> PathTask:
-    scene, model = load_scene(path, file.robot.scene)
+    robot = load_scene(path, file.robot.scene)
+    model = robot.model
     ranges = JointRanges.of(model)
     if (ranges.qpos < 0).any():
         joint = ranges.names[int(np.argmax(ranges.qpos < 0))]
@@ -144,7 +147,7 @@ def _build(path: Path, file: TaskFile) -> PathTask:
         name=path.stem,
         title=file.title,
         source=path,
-        scene=scene,
+        scene=robot.path,
         model=model,
         frame_name=file.robot.frame,
         frame_type=file.robot.frame_type,
@@ -154,8 +157,8 @@ def _build(path: Path, file: TaskFile) -> PathTask:
         flipped_waypoints=None if flipped is None else poses(positions, flipped),
         start=start,
         durations=_durations(path, file.feed, positions, rotations),
-        velocity_limits=_limits(path, file, ranges, "velocity"),
-        acceleration_limits=_limits(path, file, ranges, "acceleration"),
+        velocity_limits=_limits(path, file, ranges, "velocity", robot.velocity_limits),
+        acceleration_limits=_limits(path, file, ranges, "acceleration", {}),
         iteration=file.iteration,
         methods={str(name): settings for name, settings in file.methods.items()},
         segments=tuple(Segment(s.first - 1, s.projector(), s.blend) for s in file.segments),
@@ -168,19 +171,22 @@ def _build(path: Path, file: TaskFile) -> PathTask:
     )
 
 
-def load_scene(path: Path, scene: str) -> tuple[Path, mujoco.MjModel]:
-    """The MJCF file that the task file at ``path`` calls ``scene``, and its model.
+def load_scene(path: Path, scene: str) -> Robot:
+    """The robot of the MJCF or URDF file that the task file at ``path`` calls ``scene``.
 
     Raises:
-        TaskFileError: If there is none, or MuJoCo refuses it.
+        TaskFileError: If there is none, or it is refused.
     """
     candidates = [path.parent / scene, shipped_folder("scenes") / scene]
     for candidate in candidates:
         if _is_file(candidate):
             try:
-                return candidate, mujoco.MjModel.from_xml_path(str(candidate))
-            except ValueError as error:
-                raise TaskFileError(f"{path}: robot.scene: MuJoCo says: {error}") from error
+                robot = load_robot(candidate)
+            except InvalidInput as error:
+                raise TaskFileError(f"{path}: robot.scene: {error}") from error
+            for sentence in robot.left_out:
+                warnings.warn(f"{candidate.name}: {sentence}", stacklevel=2)
+            return robot
     raise TaskFileError(
         f"{path}: robot.scene: there is no {scene!r} beside the task file or among the shipped "
         "scenes."
@@ -280,8 +286,13 @@ def _durations(
     return durations
 
 
-def _limits(path: Path, file: TaskFile, ranges: JointRanges, kind: str) -> Array:
+def _limits(
+    path: Path, file: TaskFile, ranges: JointRanges, kind: str, of_robot: dict[str, float]
+) -> Array:
+    """Limits by joint, (nv,): those of the file; where it has none, and a clock, the robot's."""
     stated: dict[str, float] = getattr(file.limits, kind)
+    if not stated and file.feed is not None:
+        return per_joint(f"{kind} limits of the robot", of_robot, ranges)
     limits = per_joint(f"limits.{kind}", stated, ranges)
     if stated and file.feed is None:
         raise TaskFileError(

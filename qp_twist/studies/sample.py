@@ -255,7 +255,8 @@ _DRAWS: dict[str, Callable[[PathTask, StudySection, np.random.Generator], Drawn]
 def _with_robot(path_task: PathTask, scene: str) -> PathTask:
     if path_task.source is None:
         raise InvalidInput("study: robots are varied for tasks from a file, beside which they are.")
-    path, model = load_scene(path_task.source, scene)
+    robot = load_scene(path_task.source, scene)
+    model = robot.model
     names, expected = JointRanges.of(model).names, JointRanges.of(path_task.model).names
     if names != expected:
         raise InvalidInput(
@@ -263,7 +264,7 @@ def _with_robot(path_task: PathTask, scene: str) -> PathTask:
             f"{', '.join(expected)}. Limits, starts and methods are stated for these."
         )
     frame_pose(mink.Configuration(model), path_task.frame_name, path_task.frame_type)
-    return dataclasses.replace(path_task, scene=path, model=model)
+    return dataclasses.replace(path_task, scene=robot.path, model=model)
 
 
 # ---------------------------------------------------------------- where it starts

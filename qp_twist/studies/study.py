@@ -352,7 +352,7 @@ def _fingerprint(path_task: PathTask) -> str:
     models = [path_task.model]
     section = section_of(path_task)
     if section.robot is not None and path_task.source is not None:
-        models += [load_scene(path_task.source, scene)[1] for scene in section.robot.scenes]
+        models += [load_scene(path_task.source, scene).model for scene in section.robot.scenes]
     poses = [*path_task.waypoints, *(path_task.flipped_waypoints or ())]
     arrays = [
         *(pose.as_matrix() for pose in poses), path_task.start, *path_task.starts.values(),

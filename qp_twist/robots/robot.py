@@ -1,0 +1,131 @@
+"""A robot from a file, whatever of MJCF and URDF the file is."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import mujoco
+
+from qp_twist.errors import InvalidInput
+from qp_twist.robots.urdf import read_urdf
+
+
+@dataclass(frozen=True, eq=False)
+class Robot:
+    """What a file says of a robot.
+
+    Attributes:
+        model: The robot as MuJoCo computes with it.
+        velocity_limits: Largest joint speeds by joint name, rad/s or m/s. Those of a URDF that are
+            above 0; empty for MJCF, which has none.
+        left_out: A sentence for each thing that the file states and the model lacks.
+        path: The file.
+
+    Example:
+        >>> import qp_twist as qt
+        >>> robot = qt.load_robot(qt.load_task("planar_line").scene)
+        >>> robot
+        Robot('planar_3r.xml', 3 joints)
+        >>> limit = qt.MotionLimit(robot.model, velocity=robot.velocity_limits)
+    """
+
+    model: mujoco.MjModel
+    velocity_limits: dict[str, float]
+    left_out: tuple[str, ...]
+    path: Path
+
+    def __repr__(self) -> str:
+        count = int(self.model.njnt)
+        joints = f"{count} joint{'' if count == 1 else 's'}"
+        lacks = f", left out: {len(self.left_out)}" if self.left_out else ""
+        return f"Robot({self.path.name!r}, {joints}{lacks})"
+
+
+def load_robot(
+    path: str | Path,
+    *,
+    packages: Mapping[str, str | Path] | None = None,
+) -> Robot:
+    """Load a robot from an MJCF or a URDF file; its root element tells which of them it is.
+
+    MJCF is loaded as MuJoCo does it. So is URDF, where every link stays a body, also one on a
+    fixed joint, such as a ``tool0``. What MuJoCo refuses in a URDF but positions and velocities do
+    not depend on is left out: meshes that are not found or not readable, masses and inertias of no
+    physical body. ``left_out`` of the result tells of it.
+
+    Args:
+        path: The file.
+        packages: Folders of the ROS packages that a URDF's meshes are in, by name. A package that
+            is not given is looked for beside the file and beside each of the folders it is in.
+
+    Raises:
+        InvalidInput: If there is no such file, it is neither MJCF nor URDF, it contradicts itself,
+            or its robot has no joint.
+    """
+    file, folders = _file(path), _folders(packages)
+    text = _text(file)
+    root = _root_element(text)
+    if root == "mujoco":
+        robot = Robot(_mjcf(file), {}, (), file)
+    elif root == "robot":
+        robot = Robot(*read_urdf(text, file, folders), file)
+    else:
+        found = f"starts with <{root}>" if root else "is empty or no XML at all"
+        raise InvalidInput(
+            f"{file}: expected an MJCF (<mujoco>) or a URDF (<robot>), but the file {found}; "
+            "give a robot in one of the two formats."
+        )
+    if robot.model.njnt == 0:
+        raise InvalidInput(f"{file}: the robot has no joint that moves; give one that has.")
+    return robot
+
+
+def _mjcf(file: Path) -> mujoco.MjModel:
+    try:
+        return mujoco.MjModel.from_xml_path(str(file))
+    except ValueError as error:
+        reason = " ".join(str(error).split())
+        raise InvalidInput(f"{file}: MuJoCo cannot load this MJCF: {reason}") from error
+
+
+def _file(path: str | Path) -> Path:
+    if not isinstance(path, (str, Path)):
+        raise InvalidInput(f"path: expected a str or a Path, got {type(path).__name__}.")
+    file = Path(path)
+    if file.is_dir():
+        raise InvalidInput(f"{file}: is a folder; name the MJCF or URDF file in it.")
+    if not file.is_file():
+        raise InvalidInput(f"{file}: there is no such file; check the path.")
+    return file
+
+
+def _folders(packages: Mapping[str, str | Path] | None) -> dict[str, Path]:
+    if packages is None:
+        return {}
+    if not isinstance(packages, Mapping):
+        raise InvalidInput(
+            f"packages: expected folders by package name, got {type(packages).__name__}."
+        )
+    folders = {name: Path(folder) for name, folder in packages.items()}
+    for name, folder in folders.items():
+        if not folder.is_dir():
+            raise InvalidInput(f"packages.{name}: there is no folder {folder}; check the path.")
+    return folders
+
+
+def _text(file: Path) -> str:
+    """The file without its comments, lines kept: MuJoCo allows comments that are not XML."""
+    try:
+        text = file.read_text(encoding="utf-8-sig", errors="replace")
+    except OSError as error:
+        raise InvalidInput(f"{file}: cannot be read ({error.strerror}).") from error
+    return re.sub(r"<!--.*?-->", lambda comment: "\n" * comment[0].count("\n"), text, flags=re.S)
+
+
+def _root_element(text: str) -> str:
+    """Name of the first element, or ``""``."""
+    start = re.match(r"\s*(?:<[?!][^>]*>\s*)*<([A-Za-z_][\w:.-]*)", text)
+    return start[1] if start else ""

@@ -1,0 +1,53 @@
+"""URDF files, made into what MuJoCo's reader takes."""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ET
+from collections.abc import Mapping
+from pathlib import Path
+
+import mujoco
+
+from qp_twist.errors import InvalidInput
+from qp_twist.robots.urdf_compiling import compile_urdf
+from qp_twist.robots.urdf_joints import read_joints
+from qp_twist.robots.urdf_meshes import take_meshes
+
+
+def read_urdf(
+    text: str, file: Path, packages: Mapping[str, Path]
+) -> tuple[mujoco.MjModel, dict[str, float], tuple[str, ...]]:
+    """Model, velocity limits by joint name, and a sentence for each thing left out.
+
+    Args:
+        text: The file's text.
+        file: Where it lies.
+        packages: Folders by package name.
+
+    Raises:
+        InvalidInput: If the file is a xacro template, no XML, or contradicts itself.
+    """
+    root = _parsed(text, file)
+    joints = read_joints(root, file)
+    shapes = len(root.findall("link/visual")) + len(root.findall("link/collision"))
+    meshes = take_meshes(root, file, packages)
+    model, compiling = compile_urdf(root, file, meshes, joints.mimics)
+    left_out = [*meshes.left_out, *compiling, *joints.left_out]
+    if shapes and model.ngeom == 0:
+        left_out.append("No shape: nothing is left of the shapes that the file states.")
+    return model, joints.velocity_limits, tuple(left_out)
+
+
+def _parsed(text: str, file: Path) -> ET.Element:
+    try:
+        root = ET.fromstring(text)
+    except ET.ParseError as error:
+        raise InvalidInput(f"{file}: is not well-formed XML ({error}); mend it there.") from error
+    for element in root.iter():
+        values = " ".join(element.attrib.values())
+        if "xacro}" in element.tag or "${" in values or "$(" in values:
+            raise InvalidInput(
+                f"{file}: is a xacro file, a template of a URDF; expand it "
+                "(xacro robot.urdf.xacro > robot.urdf) and load what comes out."
+            )
+    return root

@@ -1,0 +1,136 @@
+"""From a URDF's tree to a model, without what MuJoCo refuses and kinematics does not need."""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ET
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import mujoco
+import numpy as np
+
+from qp_twist.errors import InvalidInput
+from qp_twist.robots.urdf_joints import Mimic
+from qp_twist.robots.urdf_meshes import Meshes, mesh_shapes
+from qp_twist.robots.wording import listed
+
+_TOKEN_MASS = 1e-6
+_TOKEN_INERTIA = 1e-9
+_TRIAL = """
+<robot name="trial">
+  {settings}
+  <link name="root"/>
+  <link name="tried">{parts}</link>
+  <link name="ballast">
+    <inertial>
+      <mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/>
+    </inertial>
+  </link>
+  <joint name="a" type="continuous"><parent link="root"/><child link="tried"/></joint>
+  <joint name="b" type="fixed"><parent link="tried"/><child link="ballast"/></joint>
+</robot>
+"""
+"""A robot with one part of another one, to see whether MuJoCo takes that part."""
+
+
+def compile_urdf(
+    root: ET.Element, file: Path, meshes: Meshes, mimics: Sequence[Mimic]
+) -> tuple[mujoco.MjModel, list[str]]:
+    """Compile a tree; what MuJoCo refuses in it is looked for only if it refuses the whole.
+
+    Returns:
+        The model, in which every link is a body, and a sentence for each thing left out.
+
+    Raises:
+        InvalidInput: If MuJoCo refuses what remains too.
+    """
+    try:
+        return _compiled(root, meshes.assets, mimics), []
+    except ValueError:
+        unphysical, unreadable = _without_what_is_refused(root, meshes.assets)
+    try:
+        model = _compiled(root, meshes.assets, mimics, token_inertia=True)
+    except ValueError as error:
+        raise InvalidInput(f"{file}: MuJoCo cannot load this URDF: {_reason(error)}") from error
+    left_out = []
+    if unreadable:
+        files = listed("mesh", [meshes.stated[name] for name in unreadable])
+        reasons = "; ".join(dict.fromkeys(unreadable.values()))
+        left_out.append(f"Not readable for MuJoCo: {files}; {reasons}.")
+    massless = [
+        model.body(body).name
+        for body in dict.fromkeys(int(joint) for joint in model.jnt_bodyid)
+        if model.body_mass[body] <= _TOKEN_MASS or model.body_inertia[body].min() <= _TOKEN_INERTIA
+    ]
+    if lacking := list(dict.fromkeys([*unphysical, *massless])):
+        left_out.append(
+            f"No physical mass or inertia: {listed('link', lacking)}. A token, or what the shape "
+            "gives, stands in: motions are right, forces are not."
+        )
+    return model, left_out
+
+
+def _compiled(
+    root: ET.Element,
+    assets: Mapping[str, bytes],
+    mimics: Sequence[Mimic] = (),
+    *,
+    token_inertia: bool = False,
+) -> mujoco.MjModel:
+    text = ET.tostring(root, encoding="unicode")
+    spec = mujoco.MjSpec.from_string(text, assets=dict(assets))
+    spec.compiler.fusestatic = False  # a link on a fixed joint may be the frame of a task
+    if token_inertia:
+        spec.compiler.boundmass = _TOKEN_MASS
+        spec.compiler.boundinertia = _TOKEN_INERTIA
+    for mimic in mimics:
+        coupling = spec.add_equality(
+            type=mujoco.mjtEq.mjEQ_JOINT,
+            objtype=mujoco.mjtObj.mjOBJ_JOINT,
+            name1=mimic.joint,
+            name2=mimic.leader,
+        )
+        data = np.zeros_like(coupling.data)
+        data[:2] = mimic.offset, mimic.ratio
+        coupling.data = data
+    return spec.compile()
+
+
+def _without_what_is_refused(
+    root: ET.Element, assets: Mapping[str, bytes]
+) -> tuple[list[str], dict[str, str]]:
+    """Take inertias and meshes out that MuJoCo refuses; links, and reasons by mesh file."""
+    settings = root.findall("mujoco")
+    unphysical = []
+    for link in root.findall("link"):
+        inertial = link.find("inertial")
+        if inertial is not None and _refused(settings, [inertial], assets):
+            link.remove(inertial)
+            unphysical.append(link.get("name", ""))
+    unreadable: dict[str, str] = {}
+    for link, shape, mesh in mesh_shapes(root):
+        reason = _refused(settings, [*link.findall("inertial"), shape], assets)
+        if reason:
+            link.remove(shape)
+            unreadable[mesh.get("filename", "")] = reason
+    return unphysical, unreadable
+
+
+def _refused(
+    settings: Sequence[ET.Element], parts: Sequence[ET.Element], assets: Mapping[str, bytes]
+) -> str:
+    """Why MuJoCo takes no link with these parts under these settings, or ``""``."""
+    trial = _TRIAL.format(settings=_text(settings), parts=_text(parts))
+    try:
+        _compiled(ET.fromstring(trial), assets)
+    except ValueError as error:
+        return _reason(error)
+    return ""
+
+
+def _text(elements: Sequence[ET.Element]) -> str:
+    return "".join(ET.tostring(element, encoding="unicode") for element in elements)
+
+
+def _reason(error: ValueError) -> str:
+    return " ".join(str(error).split()).removeprefix("Error: ")

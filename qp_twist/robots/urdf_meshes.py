@@ -1,0 +1,131 @@
+"""The mesh files of a URDF: where they are, and those that are nowhere."""
+
+from __future__ import annotations
+
+import re
+import xml.etree.ElementTree as ET
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import NamedTuple
+
+from qp_twist.robots.wording import listed
+
+_IN_PACKAGE = re.compile(r"(?:package|model)://([^/]+)/(.+)")
+
+
+class Meshes(NamedTuple):
+    """The meshes of a file."""
+
+    assets: dict[str, bytes]
+    """Their contents, by the names that the tree now has for them."""
+    stated: dict[str, str]
+    """What the file calls them, by the same names."""
+    left_out: list[str]
+
+
+def take_meshes(root: ET.Element, file: Path, packages: Mapping[str, Path]) -> Meshes:
+    """Read the mesh files that a URDF names; take shapes out of the tree whose mesh is not found.
+
+    The names in the tree become short ones, one for each file and scale, since MuJoCo's reader
+    takes two files of one name for the same. Visual shapes are taken out as MuJoCo does, unless
+    there are no others, or ``<mujoco><compiler discardvisual="false"/></mujoco>`` in the file keeps
+    them.
+    """
+    compiler = _compiler(root)
+    folder = file.parent / compiler.attrib.pop("meshdir", "")
+    for attribute in ("assetdir", "strippath"):
+        compiler.attrib.pop(attribute, None)
+    if compiler.get("discardvisual") != "false":
+        if root.find("link/collision") is None:
+            compiler.set("discardvisual", "false")
+        else:
+            for link in root.findall("link"):
+                for visual in link.findall("visual"):
+                    link.remove(visual)
+    names: dict[tuple[Path, str | None], str] = {}
+    assets: dict[str, bytes] = {}
+    originals: dict[str, str] = {}
+    missing: dict[str, None] = {}
+    for link, shape, mesh in mesh_shapes(root):
+        stated = mesh.get("filename", "")
+        found = _found(stated, file, folder, packages)
+        if found is None:
+            link.remove(shape)
+            missing[stated] = None
+            continue
+        key = (found, mesh.get("scale"))
+        if key not in names:
+            names[key] = _free_name(found, assets)
+            assets[names[key]] = found.read_bytes()
+            originals[names[key]] = stated
+        mesh.set("filename", names[key])
+    return Meshes(assets, originals, _not_found(list(missing)))
+
+
+def mesh_shapes(root: ET.Element) -> Iterator[tuple[ET.Element, ET.Element, ET.Element]]:
+    """Link, shape and mesh of every shape that is a mesh; the shape may be removed meanwhile."""
+    for link in root.findall("link"):
+        for shape in [*link.findall("visual"), *link.findall("collision")]:
+            mesh = shape.find("geometry/mesh")
+            if mesh is not None:
+                yield link, shape, mesh
+
+
+def _compiler(root: ET.Element) -> ET.Element:
+    """The element for MuJoCo's settings, made where there is none, and first as it must be."""
+    extension = root.find("mujoco")
+    if extension is None:
+        extension = ET.Element("mujoco")
+        root.insert(0, extension)
+    compiler = extension.find("compiler")
+    return ET.SubElement(extension, "compiler") if compiler is None else compiler
+
+
+def _found(stated: str, file: Path, folder: Path, packages: Mapping[str, Path]) -> Path | None:
+    """The file that is meant, or ``None``; at last the bare name, as MuJoCo looks for it."""
+    in_package = _IN_PACKAGE.fullmatch(stated)
+    if in_package:
+        package, rest = in_package[1], in_package[2]
+        if package in packages:
+            places = [packages[package] / rest]
+        else:
+            above = file.resolve().parents
+            places = [
+                place / rest
+                for parent in above
+                for place in ([parent] if parent.name == package else []) + [parent / package]
+            ]
+    else:
+        plain = stated.removeprefix("file://")
+        places = [file.parent / plain, folder / plain]
+    places.append(folder / Path(stated).name)
+    return next((place for place in places if place.is_file()), None)
+
+
+def _free_name(found: Path, assets: Mapping[str, bytes]) -> str:
+    """The file's name, numbered where another mesh has it: MuJoCo names meshes by the stem."""
+    taken = {Path(name).stem for name in assets}
+    stem, count = found.stem, 1
+    while stem in taken:
+        count += 1
+        stem = f"{found.stem}_{count}"
+    return stem + found.suffix
+
+
+def _not_found(missing: list[str]) -> list[str]:
+    """A sentence for each package, and one for the other files."""
+    by_package: dict[str, list[str]] = {}
+    for stated in missing:
+        in_package = _IN_PACKAGE.fullmatch(stated)
+        by_package.setdefault(in_package[1] if in_package else "", []).append(stated)
+    sentences = []
+    for package, files in by_package.items():
+        if package:
+            count = f"{len(files)} mesh{'' if len(files) == 1 else 'es'}"
+            sentences.append(
+                f"Not found: {count} of the package {package!r}. Say where it is: "
+                f"load_robot(..., packages={{{package!r}: folder}})."
+            )
+        else:
+            sentences.append(f"Not found: {listed('mesh', files)}.")
+    return sentences
