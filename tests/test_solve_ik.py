@@ -311,3 +311,36 @@ def test_the_time_step_reaches_the_feed_forward() -> None:
     velocity = qt.solve_ik(c, [], DT, "daqp", damping=1e-6, constraints=[task])
     moved = task.compute_jacobian(c) @ velocity
     np.testing.assert_allclose(moved, [0.1, 0.0, 0.0], atol=1e-9)
+
+
+# ---------------------------------------------------------------- and in the controller
+
+
+def test_the_controller_takes_all_of_minks_limits_and_keeps_loops_closed() -> None:
+    """A cart with two arms, coupled fingers, a limited ball joint, a free joint, a closed loop."""
+    c = mink_problems.configuration(2)
+    model = c.model
+    closed = mink.EqualityConstraintTask(model, cost=1.0)
+    for _ in range(20):  # first the loop, which a random configuration leaves open
+        c.integrate_inplace(mink.solve_ik(c, [closed], DT, "daqp", damping=1e-8), DT)
+    assert np.abs(closed.compute_error(c)).max() < 1e-9
+    weld = qt.TwistTask.axis_free("left_hand", "site", max_linear_step=0.004, gain=0.5)
+    start = c.get_transform_frame_to_world("left_hand", "site")
+    weld.set_target(mink.SE3.from_translation(np.array([-0.05, 0.03, 0.04])) @ start)
+    fly = mink_problems.drone(c, np.random.default_rng(0))
+    turn = mink.PostureTask(model, cost=1e-2)
+    turn.set_target(c.integrate(np.full(model.nv, 0.05), 1.0))
+    limits = [make(c) for make in mink_problems.LIMITS.values()]
+    controller = qt.Controller(model, [turn, fly], levels=[[closed], [weld]], limits=limits)
+    kinds: set[str] = set()
+    for _ in range(60):
+        step = controller.step(c, DT)
+        for limit in limits:
+            rows = limit.compute_qp_inequalities(c, DT)
+            assert rows.G is not None
+            assert (rows.G @ step.velocity * DT <= rows.h + 1e-9).all()
+        kinds |= {limit.kind for limit in step.binding}
+        c.integrate_inplace(step.velocity, DT)
+        assert np.abs(closed.compute_error(c)).max() < 1e-5
+    assert np.linalg.norm(weld.state(c).error) < 1e-6
+    assert kinds >= {"velocity", "FreeJointVelocityLimit"}

@@ -52,7 +52,7 @@ def path_figure(path_task: PathTask, trajectories: Mapping[str, Trajectory]) -> 
         panels[-1].set_xlabel("waypoint")
         panels[-1].margins(x=0.01)
         figure.suptitle(
-            "Along the path (dashed: closed form, solid: QP"
+            "Along the path (solid: QPs of this package; broken: closed forms, other libraries"
             + ("; shaded: T changes)" if path_task.segments else ")"),
             x=0.01, ha="left", fontsize=11, fontweight="bold",
         )  # fmt: skip
