@@ -24,8 +24,8 @@ def target_twist(before: mink.SE3, now: mink.SE3, dt: float) -> Array:
         InvalidInput: If a pose is no ``mink.SE3`` or dt ≤ 0.
 
     Example:
-        >>> import mink, qp_twist as qt
-        >>> a, b = mink.SE3.identity(), mink.SE3.from_translation([0.001, 0.0, 0.0])
+        >>> import mink, numpy as np, qp_twist as qt
+        >>> a, b = mink.SE3.identity(), mink.SE3.from_translation(np.array([0.001, 0.0, 0.0]))
         >>> qt.target_twist(a, b, 0.01)
         array([0.1, 0. , 0. , 0. , 0. , 0. ])
     """
