@@ -663,3 +663,17 @@ def test_a_task_file_may_name_a_urdf_and_has_its_speeds(tmp_path: Path) -> None:
     (tmp_path / "robot.urdf").write_text("nonsense", "utf-8")
     with pytest.raises(qt.TaskFileError, match=r"robot\.scene: .*no XML"):
         qt.load_task(file)
+
+
+def test_joints_of_one_name_are_refused(tmp_path: Path) -> None:
+    parts = [link("a"), joint("j", "revolute", "base", "a")]
+    file = write(tmp_path, *parts, link("b"), joint("j", "revolute", "a", "b"))
+    with pytest.raises(qt.InvalidInput, match="the name of joint 'j' is given more than once"):
+        load_robot(file)
+
+
+def test_a_range_that_is_not_a_number_is_refused_by_who_needs_it(tmp_path: Path) -> None:
+    model = load_robot(one_joint(tmp_path)).model
+    model.jnt_range[0] = np.nan, 2.0
+    with pytest.raises(qt.InvalidInput, match="the range of j is not a number"):
+        qt.PositionLimit(model)

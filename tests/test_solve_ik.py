@@ -20,6 +20,7 @@ pytestmark = [
     pytest.mark.filterwarnings("ignore::PendingDeprecationWarning"),  # of OSQP's own interface
 ]
 DT = 0.01
+PLANAR = qt.load_task("planar_line").model
 
 
 def solve(problem: mink_problems.Problem, solver: str = "daqp", **options: object) -> qt.Step:
@@ -151,6 +152,23 @@ def test_rows_that_contradict_themselves_are_met_where_they_can_be() -> None:
     assert np.linalg.norm(task.compute_error(c)) < 1e-7
 
 
+def test_of_constraints_that_contradict_each_other_none_gives_way() -> None:
+    c = mink_problems.configuration(3)
+    model, rng = c.model, np.random.default_rng(0)
+    freeze = mink.DofFreezingTask(model, list(range(model.nv)))
+    hand = mink_problems.frame(c, rng)
+    with pytest.raises(mink.NoSolutionFound):
+        mink.solve_ik(c, [], DT, "daqp", constraints=[freeze, hand])
+    step = qt.ik_step(c, [], DT, "daqp", constraints=[freeze, hand])
+    assert step.status is qt.Status.SCALED
+    assert step.scale == pytest.approx(0.0, abs=1e-6)
+    assert "contradict" in step.message
+    np.testing.assert_allclose(step.velocity, 0.0, atol=1e-6)
+    # Whoever says which comes first gets it exactly.
+    levels = qt.Controller(model, levels=[[freeze], [hand]], limits=[])
+    np.testing.assert_allclose(levels.step(c, DT).velocity, 0.0, atol=1e-9)
+
+
 def test_redundant_constraints_count_once() -> None:
     problem = mink_problems.named(1)["TwistTask in constraints"]
     twice = dataclasses.replace(problem, constraints=[*problem.constraints, *problem.constraints])
@@ -217,6 +235,7 @@ def test_options_reach_the_backend(monkeypatch: pytest.MonkeyPatch) -> None:
     problem = mink_problems.named(1)["FrameTask in tasks"]
     # One iteration solves nothing: ours follow.
     step = solve(problem, "osqp", max_iter=1)
+    assert step.refused
     assert seen[0]["max_iter"] == 1
     assert len(seen) > 1
     assert abs(mink_problems.difference(problem, step.velocity).value) < 1e-6
@@ -225,8 +244,13 @@ def test_options_reach_the_backend(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"tasks": "frame"}, "expected a list of objects of type BaseTask"),
-        ({"tasks": [1]}, "expected a list of objects of type BaseTask, got 1"),
+        ({"tasks": "frame"}, "tasks is a list of mink tasks; got 'frame'"),
+        ({"tasks": [1]}, r"tasks\[0\] is int, which is none of mink's tasks"),
+        ({"tasks": [qt.PositionLimit(PLANAR)]}, "It belongs into limits="),
+        ({"limits": [qt.PositionLimit(PLANAR)]}, "PositionLimit is for a model of 3 degrees"),
+        ({"limits": [mink.ConfigurationLimit(PLANAR)]}, "for a model of 3 degrees"),
+        ({"limits": [mink.VelocityLimit(PLANAR, {"joint_1": 1.0})]}, "for a model of 3 degrees"),
+        ({"tasks": [mink.PostureTask(PLANAR, 1.0)]}, "PostureTask is for a model of 3 degrees"),
         ({"constraints": [3]}, "constraints"),
         ({"limits": [None]}, "limits"),
         ({"dt": 0.0}, "dt"),

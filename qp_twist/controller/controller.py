@@ -30,7 +30,7 @@ from qp_twist.kinematics import (
     frame_pose,
     total_displacement,
 )
-from qp_twist.limits import BoxLimit, PositionLimit, gather_limits
+from qp_twist.limits import BoxLimit, PositionLimit, check_model, gather_limits
 from qp_twist.qp import InfeasibleStep, QuadraticProgram, Verified, check_solver, solve
 
 TIE_BREAK = 1e-9
@@ -280,12 +280,7 @@ class Controller:
                         f"Controller({kind}=…): expected objects of type {expected.__name__}, got "
                         f"{item!r}."
                     )
-        for objective in self.secondary:
-            if objective.model.nv != self.model.nv:
-                raise InvalidInput(
-                    f"Controller(secondary=…): {type(objective).__name__} is for a model of "
-                    f"{objective.model.nv} degrees of freedom, this one has {self.model.nv}."
-                )
+                check_model(f"Controller({kind}=…)", item, self.model.nv)
         probe = mink.Configuration(self.model)
         for task in self.twist_tasks:
             frame_pose(probe, task.frame_name, task.frame_type)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any, Literal
 
 import mink
@@ -21,11 +22,13 @@ from qp_twist.controller.posing import (
 from qp_twist.controller.step import NOT_THE_LIMITS, Step
 from qp_twist.errors import InvalidInput
 from qp_twist.kinematics import TwistTask
-from qp_twist.limits import BoxLimit, gather_limits
+from qp_twist.limits import BoxLimit, check_model, gather_limits
 from qp_twist.qp import (
     InfeasibleStep,
     Level,
+    LostDirection,
     QuadraticProgram,
+    Refused,
     Verified,
     check_solver,
     regular_rows,
@@ -60,10 +63,10 @@ def solve_ik(
         \mathbf G\dot{\mathbf q} \le \mathbf h/dt
 
     While the constraints fit into the limits s is 1 and the velocity is mink's. Where they do not,
-    mink raises; here the constraints are met at the largest s that fits (``"scale"``), or in least
-    squares (``"relax"``). Whatever the backend says, the result is checked; if it is not a
-    solution the other backends are asked. :func:`ik_step` gives the velocity with all that is known
-    of it: scale, status, binding limits.
+    mink raises; here the constraints are met at the largest s that fits (``"scale"``; 0 where they
+    contradict each other), or in least squares (``"relax"``). Whatever the backend says, the result
+    is checked; if it is not a solution the other backends are asked. :func:`ik_step` gives the
+    velocity with all that is known of it: scale, status, binding limits.
 
     Args:
         configuration: Where the robot is; it is not changed.
@@ -124,10 +127,10 @@ def ik_step(
     check_solver(solver)
     one_of("on_infeasible", on_infeasible, ("scale", "relax", "raise"))
     limits = [mink.ConfigurationLimit(configuration.model)] if limits is None else limits
-    _check_all("tasks", tasks, mink.tasks.BaseTask)
-    _check_all("limits", limits, mink.Limit)
-    _check_all("constraints", constraints or [], mink.Task)
     nv = configuration.model.nv
+    _check_all("tasks", tasks, mink.tasks.BaseTask, nv)
+    _check_all("limits", limits, mink.Limit, nv)
+    _check_all("constraints", constraints or [], mink.Task, nv)
     if nv == 0:
         raise InvalidInput("solve_ik: the model has no joints to move.")
     finite_array("configuration.q", configuration.q, (configuration.model.nq,))
@@ -152,8 +155,9 @@ def ik_step(
     )
     posed = Posed.of(problem, levels, gathered, list(gathered.row_labels))
     result = solve(posed.problem, solver, options=kwargs)
-    if kwargs and not isinstance(result, Verified):
-        result = solve(posed.problem, solver)
+    if kwargs and isinstance(result, Refused):
+        again, before = solve(posed.problem, solver), result.says
+        result = replace(again, refused=before) if isinstance(again, Verified) else again
     step = (
         solved(posed, result)
         if isinstance(result, Verified)
@@ -173,7 +177,8 @@ def _levels(
 ) -> PosedLevels:
     """The constraints as one level, J q̇ = −k e/dt."""
     nv = configuration.model.nv
-    rows = []
+    rows, lost, regular = [], list[LostDirection](), list[TaskRows]()
+    threshold = number("singularity", singularity, at_least=0.0, at_most=1.0)
     for task in constraints:
         name = type(task).__name__
         jacobian = finite_array(
@@ -183,25 +188,39 @@ def _levels(
             f"{name}: its error", task.compute_error(configuration), (len(jacobian),)
         )
         rows.append(TaskRows(jacobian, -task.gain * error / dt))
-    A = np.vstack([np.zeros((0, nv)), *(r.A for r in rows)])
-    b = np.concatenate([np.zeros(0), *(r.b for r in rows)])
-    regular = regular_rows(A, b, number("singularity", singularity, at_least=0.0, at_most=1.0))
+        # What a task cannot do for itself is given up; the rest of it stays.
+        own = regular_rows(rows[-1].A, rows[-1].b, threshold)
+        lost += lost_where([task], rows[-1:], own.lost, configuration)
+        regular.append(
+            TaskRows(np.vstack([own.A, own.damped]), np.concatenate([own.b, own.damped_b]))
+        )
+    A = np.vstack([np.zeros((0, nv)), *(r.A for r in regular)])
+    b = np.concatenate([np.zeros(0), *(r.b for r in regular)])
+    whole = regular_rows(A, b, threshold)
     none = np.zeros((0, nv)), np.zeros(0)
-    levels = [Level(regular.A, regular.b, *none)]
-    if len(regular.damped_b):
-        levels.append(Level(regular.damped, regular.damped_b, *none))
-    lost = lost_where(constraints, rows, regular.lost, configuration)
-    return PosedLevels(levels, len(levels), [], [rows], regular.sigma_min, lost, False, [])
-
-
-def _check_all(name: str, items: Any, expected: type) -> None:
-    if isinstance(items, (list, tuple)):
-        wrong = [item for item in items if not isinstance(item, expected)]
-        if not wrong:
-            return
-        given = repr(wrong[0])
+    levels = [Level(whole.A, whole.b, *none)]
+    if any(direction.sigma <= DEPENDENT for direction in whole.lost):
+        # Constraints that contradict each other: none gives way, together they stand (s = 0).
+        levels = [Level(A, b, *none)]
     else:
-        given = repr(items)
-    raise InvalidInput(
-        f"solve_ik({name}=…): expected a list of objects of type {expected.__name__}, got {given}."
-    )
+        lost += lost_where(constraints, regular, whole.lost, configuration)
+        if len(whole.damped_b):
+            levels.append(Level(whole.damped, whole.damped_b, *none))
+    return PosedLevels(levels, len(levels), [], [rows], whole.sigma_min, tuple(lost), False, [])
+
+
+def _check_all(name: str, items: Any, expected: type, nv: int) -> None:
+    if not isinstance(items, (list, tuple)):
+        raise InvalidInput(f"solve_ik: {name} is a list of mink {name}; got {items!r}.")
+    for index, item in enumerate(items):
+        if not isinstance(item, expected):
+            belongs = "limits" if isinstance(item, mink.Limit) else "tasks"
+            hint = f" It belongs into {belongs}=." if isinstance(item, _OF_MINK) else ""
+            raise InvalidInput(
+                f"solve_ik: {name}[{index}] is {type(item).__name__}, which is none of mink's "
+                f"{name}.{hint}"
+            )
+        check_model(f"solve_ik: {name}[{index}]", item, nv)
+
+
+_OF_MINK = (mink.Limit, mink.tasks.BaseTask)

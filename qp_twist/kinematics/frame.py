@@ -84,3 +84,19 @@ def relative_jacobian(
     carrier[:3] += np.cross(carrier[3:], arm, axisa=0).T
     relative: Array = jacobian - carrier
     return relative
+
+
+def together(
+    model: mujoco.MjModel, name: str | int, frame_type: str, other: str | int, other_type: str
+) -> bool:
+    """Whether two frames are on bodies that no joint lets move relative to each other."""
+    welded = {
+        int(model.body_weldid[_body(model, frame_id(model, *frame), frame[1])])
+        for frame in ((name, frame_type), (other, other_type))
+    }
+    return len(welded) == 1
+
+
+def _body(model: mujoco.MjModel, index: int, frame_type: str) -> int:
+    owners = {"geom": model.geom_bodyid, "site": model.site_bodyid}
+    return int(owners[frame_type][index]) if frame_type in owners else index

@@ -8,7 +8,7 @@ import mink
 import numpy as np
 import numpy.typing as npt
 
-from qp_twist.checks import finite_array
+from qp_twist.checks import finite_array, unit_vector
 from qp_twist.errors import InvalidInput, InvalidTarget
 from qp_twist.geometry import Projector, TwistProjector
 from qp_twist.geometry.twist_error import cross, geodesic
@@ -64,6 +64,7 @@ class GazeTask(TwistTask):
         """
         if options.get("bands"):
             raise InvalidInput("GazeTask: bands are ranges of a pose; give them to a TwistTask.")
+        axis = unit_vector(f"{type(self).__name__}(axis=…)", axis)
         T = TwistProjector(linear=Projector.none(), angular=Projector.plane(axis), frame="body")
         super().__init__(frame_name, frame_type, T, gain, **options)
 

@@ -58,6 +58,10 @@ class JointRanges:
             qpos[dof] = model.jnt_qposadr[joint]
             if model.jnt_limited[joint]:
                 lower[dof], upper[dof] = model.jnt_range[joint]
+                if np.isnan(model.jnt_range[joint]).any():
+                    raise InvalidInput(
+                        f"model: the range of {names[dof]} is not a number; check the scene."
+                    )
         hinge = model.jnt_type[model.dof_jntid] == mujoco.mjtJoint.mjJNT_HINGE
         return cls(lower, upper, qpos, hinge, tuple(names), int(model.nq))
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import mink
 import numpy as np
 
-from qp_twist.checks import Array, instance, number
+from qp_twist.checks import Array, finite_array, instance, number
 
 
 def target_twist(before: mink.SE3, now: mink.SE3, dt: float) -> Array:
@@ -32,6 +32,8 @@ def target_twist(before: mink.SE3, now: mink.SE3, dt: float) -> Array:
     instance("target_twist(before, …)", before, mink.SE3)
     instance("target_twist(…, now)", now, mink.SE3)
     dt = number("dt", dt, above=0.0)
+    for name, pose in (("before", before), ("now", now)):
+        finite_array(f"target_twist: {name}", pose.wxyz_xyz, (7,))
     linear = now.translation() - before.translation()
     angular = (now.rotation() @ before.rotation().inverse()).log()
     return np.concatenate([linear, angular]) / dt

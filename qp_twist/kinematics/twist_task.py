@@ -4,16 +4,21 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple, Self
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import mink
 import numpy as np
 import numpy.typing as npt
 
-from qp_twist.checks import Array, finite_array, instance, number
+from qp_twist.checks import Array, finite_array, instance, number, unit_vector
 from qp_twist.errors import InvalidInput, InvalidTarget
 from qp_twist.geometry import Projector, TwistProjector, clamp_twist, resolved_twist_error
-from qp_twist.kinematics.frame import frame_jacobian, frame_pose, relative_jacobian
+from qp_twist.kinematics.frame import (
+    frame_jacobian,
+    frame_pose,
+    relative_jacobian,
+    together,
+)
 from qp_twist.kinematics.tolerance_band import BandRows, FramePair, ToleranceBand, check_bands
 
 if TYPE_CHECKING:
@@ -63,9 +68,6 @@ class TwistTask(mink.Task):
         projector: T. Its axes are rebuilt in the world at every step.
         relative_to: Name or id, and type, of the frame that carries the target; ``None``: the
             world.
-        target: The target pose in its carrier, or ``None`` before :meth:`set_target`.
-        feedforward: Twist of the target (linear, angular) in its carrier, along the carrier's axes,
-            m/s and rad/s, shape (6,).
         bands: Ranges to keep in directions that T leaves free. With a T of rank 0 they are all
             that the task asks.
 
@@ -145,16 +147,16 @@ class TwistTask(mink.Task):
         self.bands = check_bands(self.name, bands, projector)
         self.max_linear_step = _step_limit("max_linear_step", max_linear_step)
         self.max_angular_step = _step_limit("max_angular_step", max_angular_step)
-        self.target: mink.SE3 | None = None
-        self.feedforward: Array = np.zeros(6)
+        self._target: mink.SE3 | None = None
+        self._feedforward: Array = np.zeros(6)
         self._target_rotation = np.eye(3)
         self._target_position = np.zeros(3)
         self._dt: float | None = None
 
-    @classmethod
+    @staticmethod
     def axis_free(
-        cls, frame_name: str | int, frame_type: str, axis: npt.ArrayLike = (0, 0, 1), **options: Any
-    ) -> Self:
+        frame_name: str | int, frame_type: str, axis: npt.ArrayLike = (0, 0, 1), **options: Any
+    ) -> TwistTask:
         """Position, and the direction of a tool axis: deburring, welding, spraying; rank 5.
 
         Args:
@@ -163,23 +165,23 @@ class TwistTask(mink.Task):
             axis: Of the tool, in the axes of the frame: the roll about it is free, (3,).
             options: As in :class:`TwistTask`.
         """
+        axis = unit_vector("axis_free(axis=…)", axis)
         T = TwistProjector(linear=Projector.full(), angular=Projector.plane(axis), frame="body")
-        return cls(frame_name, frame_type, T, **options)
+        return TwistTask(frame_name, frame_type, T, **options)
 
-    @classmethod
-    def point(cls, frame_name: str | int, frame_type: str, **options: Any) -> Self:
+    @staticmethod
+    def point(frame_name: str | int, frame_type: str, **options: Any) -> TwistTask:
         """Position alone, any orientation; rank 3. Arguments as in :meth:`axis_free`."""
         T = TwistProjector(linear=Projector.full(), angular=Projector.none())
-        return cls(frame_name, frame_type, T, **options)
+        return TwistTask(frame_name, frame_type, T, **options)
 
-    @classmethod
+    @staticmethod
     def on_line(
-        cls,
         frame_name: str | int,
         frame_type: str,
         direction: npt.ArrayLike = (1, 0, 0),
         **options: Any,
-    ) -> Self:
+    ) -> TwistTask:
         """The frame's origin on a line through the target, any orientation; rank 2.
 
         Args:
@@ -188,21 +190,19 @@ class TwistTask(mink.Task):
             direction: Of the line, in the axes of the target, (3,).
             options: As in :class:`TwistTask`.
         """
-        T = TwistProjector(
-            linear=Projector.plane(direction), angular=Projector.none(), frame="target"
-        )
-        return cls(frame_name, frame_type, T, **options)
+        plane = Projector.plane(unit_vector("on_line(direction=…)", direction))
+        T = TwistProjector(linear=plane, angular=Projector.none(), frame="target")
+        return TwistTask(frame_name, frame_type, T, **options)
 
-    @classmethod
+    @staticmethod
     def on_plane(
-        cls,
         frame_name: str | int,
         frame_type: str,
         normal: npt.ArrayLike = (0, 0, 1),
         *,
         flat: bool = False,
         **options: Any,
-    ) -> Self:
+    ) -> TwistTask:
         """The frame's origin on a plane through the target: wiping, drawing; rank 1, flat 3.
 
         Args:
@@ -212,18 +212,18 @@ class TwistTask(mink.Task):
             flat: Whether the same axis of the frame shall point along the normal.
             options: As in :class:`TwistTask`.
         """
+        normal = unit_vector("on_plane(normal=…)", normal)
         angular = Projector.plane(normal) if flat else Projector.none()
         T = TwistProjector(linear=Projector.line(normal), angular=angular, frame="target")
-        return cls(frame_name, frame_type, T, **options)
+        return TwistTask(frame_name, frame_type, T, **options)
 
-    @classmethod
+    @staticmethod
     def line_on_line(
-        cls,
         frame_name: str | int,
         frame_type: str,
         direction: npt.ArrayLike = (0, 0, 1),
         **options: Any,
-    ) -> Self:
+    ) -> TwistTask:
         """An axis of the frame on the same axis of the target, as a peg in its hole; rank 4.
 
         It may slide along the axis and turn about it.
@@ -234,13 +234,9 @@ class TwistTask(mink.Task):
             direction: Of the axis, in the axes of the frame and of the target, (3,).
             options: As in :class:`TwistTask`.
         """
-        plane = Projector.plane(direction)
-        return cls(
-            frame_name,
-            frame_type,
-            TwistProjector(linear=plane, angular=plane, frame="target"),
-            **options,
-        )
+        plane = Projector.plane(unit_vector("line_on_line(direction=…)", direction))
+        T = TwistProjector(linear=plane, angular=plane, frame="target")
+        return TwistTask(frame_name, frame_type, T, **options)
 
     @staticmethod
     def gaze(
@@ -263,6 +259,20 @@ class TwistTask(mink.Task):
         """How messages call this task, e.g. ``TwistTask('tool', 'site')``."""
         carrier = "" if self.relative_to is None else f" relative to {self.relative_to[0]!r}"
         return f"{type(self).__name__}({self.frame_name!r}, {self.frame_type!r}){carrier}"
+
+    @property
+    def target(self) -> mink.SE3 | None:
+        """The target pose, as set; assigning a pose is :meth:`set_target` at rest."""
+        return self._target
+
+    @target.setter
+    def target(self, target: mink.SE3) -> None:
+        self.set_target(target)
+
+    @property
+    def feedforward(self) -> Array:
+        """Twist of the target, as set by :meth:`set_target`."""
+        return self._feedforward
 
     def set_target(self, target: mink.SE3, twist: npt.ArrayLike | None = None) -> None:
         """Set the target pose, and its twist where it moves.
@@ -290,8 +300,8 @@ class TwistTask(mink.Task):
         feedforward = np.zeros(6)
         if twist is not None:
             feedforward = finite_array(f"{self.name} twist", twist, (6,), error=InvalidTarget)
-        self.target = target.copy()
-        self.feedforward = feedforward
+        self._target = target.copy()
+        self._feedforward = feedforward
         self._target_rotation = target.rotation().as_matrix()
         self._target_position = target.translation().copy()
 
@@ -428,6 +438,11 @@ class TwistTask(mink.Task):
         target = self._target_rotation, self._target_position, self.feedforward
         if self.relative_to is None:
             return FramePair(rotation, position, *target)
+        if together(configuration.model, self.frame_name, self.frame_type, *self.relative_to):
+            raise InvalidInput(
+                f"{self.name}: no joint is between the two, so that none can move the one relative "
+                "to the other; name a frame on another part of the robot."
+            )
         turned, origin = frame_pose(configuration, *self.relative_to)
         return FramePair(
             rotation,

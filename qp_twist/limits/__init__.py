@@ -4,6 +4,7 @@ from .band_limit import BandLimit as BandLimit
 from .binding import BindingLimit as BindingLimit
 from .box_limit import Box as Box
 from .box_limit import BoxLimit as BoxLimit
+from .check_model import check_model as check_model
 from .couplings import share_limits as share_limits
 from .displacement_window import DisplacementWindow as DisplacementWindow
 from .gather import GatheredLimits as GatheredLimits

@@ -42,6 +42,7 @@ def read_joints(root: ET.Element, file: Path) -> Joints:
             other than 0, a number is none, or a joint follows one that is not there.
     """
     joints = root.findall("joint")
+    _check_names(joints, file)
     moving = [joint.get("name", "") for joint in joints if joint.get("type") in _MOVING]
     speeds: dict[str, float] = {}
     mimics: list[Mimic] = []
@@ -86,6 +87,15 @@ def read_joints(root: ET.Element, file: Path) -> Joints:
     if no_speed:
         left_out.append(f"No velocity limit: {listed('joint', no_speed)}. Only one above 0 counts.")
     return Joints(speeds, mimics, left_out)
+
+
+def _check_names(joints: list[ET.Element], file: Path) -> None:
+    names = [joint.get("name", "") for joint in joints]
+    twice = sorted({name for name in names if names.count(name) > 1})
+    if twice:
+        raise InvalidInput(
+            f"{file}: the name of {listed('joint', twice)} is given more than once; rename them."
+        )
 
 
 def _check_vectors(joint: ET.Element, where: str) -> None:

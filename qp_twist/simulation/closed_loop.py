@@ -168,6 +168,13 @@ class ClosedLoop:
             mink.TargetNotSet: If a task has no target.
         """
         count = max(1, round(number("seconds", seconds, above=0.0) / self.period))
+        if target is not None and not callable(target):
+            raise InvalidInput(
+                "run: target is a function of the time that sets the targets of the tasks; got "
+                f"{target!r}."
+            )
+        if not isinstance(pushes, Sequence):
+            raise InvalidInput(f"run: pushes is a list of Push; got {pushes!r}.")
         for push in pushes:
             instance("pushes", push, Push)
             if mujoco.mj_name2id(self.plant.model, mujoco.mjtObj.mjOBJ_BODY, push.body) < 0:

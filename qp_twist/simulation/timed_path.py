@@ -51,6 +51,8 @@ class TimedPath:
         instance("task", task, TwistTask)
         if len(poses) < 2:
             raise InvalidInput(f"TimedPath: expected at least two poses, got {len(poses)}.")
+        for pose in poses:
+            instance("poses", pose, mink.SE3)
         spans = finite_array("durations", durations, (len(poses),))[1:]
         if not (spans > 0.0).all():
             raise InvalidInput(
