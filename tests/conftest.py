@@ -10,6 +10,17 @@ settings.register_profile("qp_twist", deadline=None, derandomize=True, print_blo
 settings.load_profile("qp_twist")
 
 
+SHARED = ("deburring", "planar")
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Tests that look at a shared comparison go to one process, which makes it once."""
+    for item in items:
+        used = [name for name in SHARED if name in getattr(item, "fixturenames", ())]
+        if used:
+            item.add_marker(pytest.mark.xdist_group(used[0]))
+
+
 @pytest.fixture(scope="session")
 def deburring() -> qt.Comparison:
     """Every method on the deburring lap."""
