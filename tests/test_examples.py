@@ -63,3 +63,17 @@ def test_the_app_after_is_closer_than_before(monkeypatch: pytest.MonkeyPatch) ->
     kept = (EXAMPLES.parent / "docs" / "generated" / "mink_app.txt").read_text("utf-8")
     shown = [float(number) for number in re.findall(r"([\d.e+-]+) mm at most", kept)]
     assert worst == pytest.approx(shown, rel=0.1)
+
+
+def test_the_loop_with_servos_stays_near_the_path(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    figure = tmp_path / "loop.png"
+    command = ["closed_loop.py", "--seconds", "1.5", "--figure", str(figure)]
+    monkeypatch.setattr(sys, "argv", command)
+    runpy.run_path(str(EXAMPLES / "closed_loop.py"), run_name="__main__")
+    said = re.search(r"([\d.]+) mm rms, ([\d.]+) mm at most", capsys.readouterr().out)
+    assert said is not None
+    rms, largest = map(float, said.groups())
+    assert 0.01 < rms < largest < 3.0  # a servo is late, but not lost
+    assert figure.stat().st_size > 10_000
