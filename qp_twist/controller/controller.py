@@ -11,13 +11,13 @@ import numpy as np
 import numpy.typing as npt
 
 from qp_twist.checks import Array, finite_array, instance, number, one_of
-from qp_twist.controller.infeasible import resolve_infeasible, solved
+from qp_twist.controller.infeasible import finished
 from qp_twist.controller.posed import Posed
 from qp_twist.controller.posing import (
     FASTEST,
     LevelItem,
     check_magnitudes,
-    mink_objective,
+    mink_costs,
     pose_levels,
     with_soft_bands,
 )
@@ -31,7 +31,7 @@ from qp_twist.kinematics import (
     total_displacement,
 )
 from qp_twist.limits import BoxLimit, PositionLimit, check_model, gather_limits
-from qp_twist.qp import InfeasibleStep, QuadraticProgram, Verified, check_solver, solve
+from qp_twist.qp import InfeasibleStep, QuadraticProgram, check_solver, solve
 
 TIE_BREAK = 1e-9
 """Default ρ in joint space where other mink tasks decide and ρ only makes the result unique."""
@@ -207,11 +207,7 @@ class Controller:
                 posed.problem,
             )
         result = solve(posed.problem, self.solver)
-        step = (
-            solved(posed, result)
-            if isinstance(result, Verified)
-            else resolve_infeasible(posed, result, self.solver, self.on_infeasible)
-        )
+        step = finished(posed, result, self.solver, self.on_infeasible)
         self.note(step.velocity)
         return step
 
@@ -246,11 +242,9 @@ class Controller:
             # JᵀJ instead of near singular.
             H = cost + A.T @ A
             c = -cost @ wish
-        for task in self.soft_tasks:
-            # mink's costs are on Δq = q̇ dt; divided by dt² their Hessian is on q̇.
-            hessian, linear = mink_objective(task, configuration)
-            H += hessian
-            c += linear / dt
+        hessian, linear = mink_costs(self.soft_tasks, configuration, dt)
+        H += hessian
+        c += linear
         check_magnitudes(H, c, wish)
         limits = gather_limits(self.limits, configuration, dt)
         problem, soft_labels = with_soft_bands(

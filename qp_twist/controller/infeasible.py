@@ -26,6 +26,13 @@ from qp_twist.qp import (
 )
 
 
+def finished(posed: Posed, result: Verified | Refused, solver: str, on_infeasible: str) -> Step:
+    """The step of a program, solved as posed or not; arguments and errors of the two below."""
+    if isinstance(result, Verified):
+        return solved(posed, result)
+    return resolve_infeasible(posed, result, solver, on_infeasible)
+
+
 def resolve_infeasible(posed: Posed, refused: Refused, solver: str, on_infeasible: str) -> Step:
     """The step of a program that the backend did not solve.
 

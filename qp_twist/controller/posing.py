@@ -215,6 +215,19 @@ def mink_objective(
     return rows.T @ rows + damping * np.eye(rows.shape[1]), -(error @ rows)
 
 
+def mink_costs(
+    tasks: Sequence[mink.tasks.BaseTask], configuration: mink.Configuration, dt: float
+) -> tuple[Array, Array]:
+    """H and c of mink tasks on q̇: theirs are on Δq = q̇ dt, here divided by dt²."""
+    nv = configuration.model.nv
+    H, c = np.zeros((nv, nv)), np.zeros(nv)
+    for task in tasks:
+        hessian, linear = mink_objective(task, configuration)
+        H += hessian
+        c += linear / dt
+    return H, c
+
+
 def with_soft_bands(
     problem: QuadraticProgram, bands: Sequence[BandRows]
 ) -> tuple[QuadraticProgram, list[RowName]]:

@@ -10,14 +10,14 @@ import mink
 import numpy as np
 
 from qp_twist.checks import Array, finite_array, instance, number, one_of
-from qp_twist.controller.infeasible import resolve_infeasible, solved
+from qp_twist.controller.infeasible import finished
 from qp_twist.controller.posed import Posed
 from qp_twist.controller.posing import (
     PosedLevels,
     TaskRows,
     check_magnitudes,
     lost_where,
-    mink_objective,
+    mink_costs,
 )
 from qp_twist.controller.step import NOT_THE_LIMITS, Step
 from qp_twist.errors import InvalidInput
@@ -37,6 +37,7 @@ from qp_twist.qp import (
 
 DEPENDENT = 1e-9
 """Default of ``singularity``: rows that depend on each other to this much count once."""
+_OF_MINK = (mink.Limit, mink.tasks.BaseTask)
 
 
 def solve_ik(
@@ -138,12 +139,8 @@ def ik_step(
     for task in (*tasks, *(constraints or [])):
         if isinstance(task, TwistTask):
             task.set_dt(dt)  # for its feed-forward
-    H = number("damping", damping, at_least=0.0) * np.eye(nv)
-    c = np.zeros(nv)
-    for task in tasks:
-        hessian, linear = mink_objective(task, configuration)
-        H += hessian
-        c += linear / dt  # mink's costs are on Δq = q̇ dt; divided by dt² they are on q̇
+    H, c = mink_costs(tasks, configuration, dt)
+    H += number("damping", damping, at_least=0.0) * np.eye(nv)
     check_magnitudes(H, c, np.zeros(nv))
     levels = _levels(constraints or [], configuration, dt, singularity)
     if on_infeasible == "raise" and levels.lost:
@@ -158,11 +155,7 @@ def ik_step(
     if kwargs and isinstance(result, Refused):
         again, before = solve(posed.problem, solver), result.says
         result = replace(again, refused=before) if isinstance(again, Verified) else again
-    step = (
-        solved(posed, result)
-        if isinstance(result, Verified)
-        else resolve_infeasible(posed, result, solver, on_infeasible)
-    )
+    step = finished(posed, result, solver, on_infeasible)
     for limit in limits:
         if isinstance(limit, BoxLimit):
             limit.note(step.velocity)
@@ -221,6 +214,3 @@ def _check_all(name: str, items: Any, expected: type, nv: int) -> None:
                 f"{name}.{hint}"
             )
         check_model(f"solve_ik: {name}[{index}]", item, nv)
-
-
-_OF_MINK = (mink.Limit, mink.tasks.BaseTask)
