@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 
-from rich.console import Console
 from rich.progress import (
     BarColumn,
     MofNCompleteColumn,
@@ -16,6 +14,8 @@ from rich.progress import (
     TimeElapsedColumn,
     TimeRemainingColumn,
 )
+
+from qp_twist.cli.app import terminal
 
 
 class MethodProgress:
@@ -49,7 +49,7 @@ class _Bar(MethodProgress):
 @contextmanager
 def method_progress(methods: Sequence[str], waypoints: int) -> Iterator[MethodProgress]:
     """Yield who takes the progress of methods; drawn on stderr where it is a terminal."""
-    console = _terminal()
+    console = terminal()
     if console is None:
         yield MethodProgress()
         return
@@ -66,7 +66,7 @@ def method_progress(methods: Sequence[str], waypoints: int) -> Iterator[MethodPr
 @contextmanager
 def sample_progress(samples: int) -> Iterator[Callable[[int], None]]:
     """Yield ``report(samples done)``; drawn on stderr where it is a terminal."""
-    console = _terminal()
+    console = terminal()
     if console is None:
         yield lambda done: None
         return
@@ -86,15 +86,9 @@ def sample_progress(samples: int) -> Iterator[Callable[[int], None]]:
 @contextmanager
 def working(what: str) -> Iterator[None]:
     """A spinner with a few words while something runs that cannot say how far it is."""
-    console = _terminal()
+    console = terminal()
     if console is None:
         yield
         return
     with console.status(what):
         yield
-
-
-def _terminal() -> Console | None:
-    """Standard error as a console, if a person is looking at it."""
-    console = Console(stderr=True)
-    return console if console.is_terminal and sys.stdout.isatty() else None

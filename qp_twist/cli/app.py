@@ -1,0 +1,68 @@
+"""What the commands share: the application, their arguments' types, and how they speak.
+
+Exit codes: 0 done; 1 checked, and something is wrong; 2 the input was refused (the message says
+why); 130 interrupted.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+from contextvars import ContextVar
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+from rich.console import Console, RenderableType
+from tyro.extras import SubcommandApp
+
+from qp_twist.comparison.table import WIDTH
+from qp_twist.path import PathTask, check_method
+
+app = SubcommandApp()
+
+Task = Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="TASK")]
+Names = Annotated[str | None, tyro.conf.arg(metavar="A,B,…")]
+MethodName = Annotated[str, tyro.conf.arg(metavar="NAME")]
+Solver = Annotated[str, tyro.conf.arg(metavar="NAME")]
+Folder = Annotated[Path | None, tyro.conf.arg(metavar="DIR")]
+File = Annotated[Path, tyro.conf.arg(metavar="FILE")]
+OptionalFile = Annotated[Path | None, tyro.conf.arg(metavar="FILE")]
+
+quiet: ContextVar[bool] = ContextVar("quiet", default=False)
+"""Whether the commands leave out what they print for people: progress, tables, what was written."""
+
+
+def say(*lines: str) -> None:
+    """Print lines for people on standard output, each as it is; nothing where quiet."""
+    if not quiet.get():
+        for line in lines:
+            console().print(line, highlight=False, markup=False, soft_wrap=True)
+
+
+def show(table: RenderableType) -> None:
+    """Print a table for people; nothing where quiet."""
+    if not quiet.get():
+        console().print(table)
+
+
+def console() -> Console:
+    """A console that never squeezes the table: better a wrapped line than numbers cut off."""
+    found = Console()
+    if not found.is_terminal:
+        return Console(width=WIDTH, color_system=None)
+    return found if found.width >= WIDTH else Console(width=WIDTH)
+
+
+def terminal() -> Console | None:
+    """Standard error as a console, if a person is looking at it and wants to see progress."""
+    found = Console(stderr=True)
+    looking = found.is_terminal and sys.stdout.isatty() and os.environ.get("TERM") != "dumb"
+    return found if looking and not quiet.get() else None
+
+
+def method_names(path_task: PathTask, methods: str | None) -> list[str]:
+    """The methods named in an argument; without it all that apply."""
+    if methods is None:
+        return path_task.method_names()
+    return [check_method(name.strip()) for name in methods.split(",")]

@@ -1,0 +1,40 @@
+"""``qp-twist roadmap``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from qp_twist.cli.app import Names, OptionalFile, Solver, Task, app, method_names, say
+from qp_twist.cli.progress import method_progress, working
+from qp_twist.comparison import compare as compare_methods
+from qp_twist.comparison.joint_figure import save_figure
+from qp_twist.comparison.roadmap_figure import check_applies, roadmap_figure
+from qp_twist.path import load_task
+
+
+@app.command
+def roadmap(
+    task: Task, methods: Names = None, solver: Solver = "daqp", out: OptionalFile = None
+) -> None:
+    """Draw what the limits leave of the free motion along the path, with the methods over it.
+
+    For an industrial arm with a free roll: the margin over waypoint and roll, a panel a branch. For
+    a planar arm with one free degree: its self-motion manifolds, joint by joint.
+
+    Args:
+        task: Name of a shipped task, or path to a .toml file.
+        methods: Method names separated by commas; without it all that apply.
+        solver: Backend of the QPs.
+        out: PNG file to write; without it out/TASK/roadmap.png.
+    """
+    path_task = load_task(task)
+    names = method_names(path_task, methods)
+    target = out or Path("out") / path_task.name / "roadmap.png"
+    check_applies(path_task)
+    with method_progress(names, len(path_task.waypoints) - 1) as progress:
+        comparison = compare_methods(
+            path_task, names, solver=solver, progress=progress.done, planning=progress.planning
+        )
+    with working("evaluating the roadmap"):
+        save_figure(roadmap_figure(path_task, comparison.trajectories), target)
+    say(f"wrote {target}")

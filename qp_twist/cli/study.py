@@ -1,0 +1,72 @@
+"""``qp-twist study``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, cast
+
+import tyro
+
+from qp_twist.cli.app import Folder, Names, Solver, Task, app, method_names, say, show
+from qp_twist.cli.progress import sample_progress, working
+from qp_twist.path import load_task
+from qp_twist.studies import Start
+from qp_twist.studies import study as run_study
+from qp_twist.studies.summary import rich_table as rich_study_table
+
+
+@app.command
+def study(
+    task: Task,
+    vary: Annotated[str, tyro.conf.arg(metavar="A,B,…")] = "placement",
+    samples: Annotated[int, tyro.conf.arg(metavar="N")] = 1000,
+    methods: Names = None,
+    out: Folder = None,
+    seed: Annotated[int | None, tyro.conf.arg(metavar="N")] = None,
+    solver: Solver = "daqp",
+    start: Annotated[str, tyro.conf.arg(metavar="HOW")] = "auto",
+    certify: bool = True,
+    jobs: Annotated[int | None, tyro.conf.arg(metavar="N")] = None,
+    scheduler: Annotated[str | None, tyro.conf.arg(metavar="ADDRESS")] = None,
+) -> None:
+    """Run methods on many samples of a task; print how often each succeeds, and why it fails.
+
+    What varies, and in which ranges, is said by the task file's [study]. Results stream to Parquet
+    files; the same command again goes on where it was stopped.
+
+    Args:
+        task: Name of a shipped task, or path to a .toml file.
+        vary: What varies, separated by commas: placement, tool, robot, gain, solver, start.
+        samples: How many.
+        methods: Method names separated by commas; without it all that apply.
+        out: Folder to write to; without it out/TASK_study.
+        seed: Instead of the task file's.
+        solver: Backend of the QPs, where it does not vary.
+        start: Where a sample starts: task, least_z, random, best; auto chooses.
+        certify: Where no method succeeds, let a plan decide whether there is a motion.
+        jobs: Processes; without it one a core.
+        scheduler: Address of a Dask scheduler, e.g. tcp://host:8786; its workers are taken instead.
+    """
+    path_task = load_task(task)
+    folder = out or Path("out") / f"{path_task.name}_study"
+    with sample_progress(samples) as progress:
+        found = run_study(
+            path_task,
+            [name.strip() for name in vary.split(",")],
+            samples,
+            method_names(path_task, methods),
+            out=folder,
+            seed=seed,
+            solver=solver,
+            start=cast(Start, start),
+            certify=certify,
+            jobs=jobs,
+            scheduler=scheduler,
+            progress=progress,
+        )
+    with working("drawing the figures"):
+        lines = [str(found.folder / "results.parquet"), *found.report()]
+    show(rich_study_table(found.title, found.summary()))
+    say(found.feasibility)
+    for line in lines:
+        say(f"wrote {line}")
