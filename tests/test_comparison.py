@@ -130,7 +130,7 @@ def test_the_joint_figure_marks_the_first_violation(planar: qt.Comparison) -> No
 def test_self_motion_manifolds_against_the_textbook() -> None:
     task = qt.load_task("planar_line")
     rng = np.random.default_rng(3)
-    found = manifolds(task, task.waypoints[30], rng=rng)
+    [found] = manifolds(task, [30], rng=rng)
     target = task.waypoints[30].translation()[:2]
     lengths = np.array([2.0, 1.5, 1.0])
     for curve in found:

@@ -78,7 +78,8 @@ def roadmap_figure(
     waypoints = path_task.waypoints
     drawn = range(0, len(waypoints), max(1, len(waypoints) // _DRAWN))
     rng = np.random.default_rng(seed)
-    curves = [(i + 1, manifolds(path_task, waypoints[i], rng=rng)) for i in drawn]
+    found = manifolds(path_task, drawn, rng=rng)
+    curves = [(i + 1, own) for i, own in zip(drawn, found, strict=True)]
     with mpl.rc_context(RC):
         figure = Figure(figsize=(10.5, 3.0 * path_task.model.nv + 1.2), layout="constrained")
         panels = figure.subplots(path_task.model.nv, 1, sharex=True, squeeze=False)[:, 0]
