@@ -17,7 +17,8 @@ from rich.console import Console, RenderableType
 from tyro.extras import SubcommandApp
 
 from qp_twist.comparison.table import WIDTH
-from qp_twist.path import PathTask, check_method
+from qp_twist.errors import InvalidInput
+from qp_twist.path import METHODS, PathTask, check_method
 
 app = SubcommandApp()
 
@@ -65,4 +66,7 @@ def method_names(path_task: PathTask, methods: str | None) -> list[str]:
     """The methods named in an argument; without it all that apply."""
     if methods is None:
         return path_task.method_names()
-    return [check_method(name.strip()) for name in methods.split(",")]
+    names = [name.strip() for name in methods.split(",") if name.strip()]
+    if not names:
+        raise InvalidInput(f"--methods {methods!r}: no name in it; known: {', '.join(METHODS)}.")
+    return [check_method(name) for name in names]
