@@ -17,7 +17,15 @@ from .errors import InvalidTarget as InvalidTarget
 from .errors import QpTwistError as QpTwistError
 from .errors import TaskFileError as TaskFileError
 from .errors import UnknownSolver as UnknownSolver
+from .exchange import Check as Check
+from .exchange import JointRows as JointRows
+from .exchange import check_trajectory as check_trajectory
+from .exchange import read_trajectory as read_trajectory
+from .exchange import write_trajectory as write_trajectory
+from .following import FoundStart as FoundStart
+from .following import NoStart as NoStart
 from .following import Trajectory as Trajectory
+from .following import find_starts as find_starts
 from .following import follow as follow
 from .following import plan as plan
 from .geometry import Projector as Projector
@@ -61,3 +69,11 @@ from .robots import Robot as Robot
 from .robots import load_robot as load_robot
 from .studies import Study as Study
 from .studies import study as study
+from .timing import JointMotion as JointMotion
+from .timing import Slowed as Slowed
+from .timing import TimedTrajectory as TimedTrajectory
+from .timing import refine_trajectory as refine_trajectory
+from .timing import time_trajectory as time_trajectory
+from .toolpath import Curve as Curve
+from .toolpath import Toolpath as Toolpath
+from .toolpath import read_toolpath as read_toolpath

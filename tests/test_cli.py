@@ -20,6 +20,7 @@ def test_tasks_lists_every_file_with_a_line(capsys: pytest.CaptureFixture[str]) 
         "approach_contact_retreat",
         "deburring",
         "deburring_bands",
+        "dome_seams",
         "planar_line",
     ]
     assert all(len(line.split()) > 5 for line in lines)
@@ -45,6 +46,17 @@ def test_run_writes_one_trajectory(tmp_path: Path, capsys: pytest.CaptureFixture
     main(["run", "planar_line", "--method", "qp_gradient", "--out", str(file)])
     assert "101 waypoints" in capsys.readouterr().out
     assert file.read_text("utf-8").count("\n") == 104
+
+
+def test_run_keeps_the_path_between_the_waypoints_too(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = tmp_path / "line.json"
+    main(["run", "planar_line", "--method", "qp", "--out", str(file)])
+    out = capsys.readouterr().out
+    assert "rows more between waypoints" in out
+    assert out.splitlines()[-1].startswith("passes: ")
+    assert len(json.loads(file.read_text("utf-8"))["points"]) > 101
 
 
 @pytest.mark.parametrize("task", ["planar_line", "deburring"])

@@ -18,7 +18,7 @@ import qp_twist as qt
 from qp_twist.cli import main
 from qp_twist.comparison import metrics
 from qp_twist.controller.controller import SINGULARITY
-from qp_twist.path import task_schema
+from qp_twist.path import file_path_schema, task_schema
 from qp_twist.path.methods import METHODS, MethodSettings
 from qp_twist.qp import SCALE_BACKOFF
 from qp_twist.qp.verification import (
@@ -226,6 +226,12 @@ SECTIONS = {
     '[[bands]] with kind = "box"': task_schema.BoxBandTable,
     '[path] with kind = "polyline"': task_schema.PolylinePath,
     '[path] with kind = "spherical_patch"': task_schema.SphericalPatchPath,
+    '[path] with kind = "file"': file_path_schema.FilePath,
+    "[path.columns]": file_path_schema.ColumnsTable,
+    "[path.placement]": file_path_schema.WorkpieceTable,
+    "[path.approach]": file_path_schema.LeadTable,
+    "[path.retreat]": file_path_schema.LeadTable,
+    "[path.transfer]": file_path_schema.TransferTable,
     '[path] with kind = "poses"': task_schema.PosesPath,
     "[[path.poses]]": task_schema.Pose,
     "[roll]": task_schema.RollSection,

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import os
 import sys
+import warnings
 from contextvars import ContextVar
 from pathlib import Path
 from typing import Annotated
@@ -18,7 +19,7 @@ from tyro.extras import SubcommandApp
 
 from qp_twist.comparison.table import WIDTH
 from qp_twist.errors import InvalidInput
-from qp_twist.path import METHODS, PathTask, check_method
+from qp_twist.path import METHODS, PathTask, check_method, load_task
 
 app = SubcommandApp()
 
@@ -60,6 +61,20 @@ def terminal() -> Console | None:
     found = Console(stderr=True)
     looking = found.is_terminal and sys.stdout.isatty() and os.environ.get("TERM") != "dumb"
     return found if looking and not quiet.get() else None
+
+
+def load(task: str, path: Path | None = None) -> PathTask:
+    """The task, with what its robot's and its toolpath's files left out said on standard error."""
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        path_task = load_task(task, path=path)
+    notes = [str(warning.message) for warning in caught]
+    if path_task.toolpath is not None:
+        notes += path_task.toolpath.notes
+    if not quiet.get():
+        for note in notes:
+            print(f"note: {note}", file=sys.stderr)
+    return path_task
 
 
 def method_names(path_task: PathTask, methods: str | None) -> list[str]:

@@ -2,38 +2,67 @@
 
 from __future__ import annotations
 
-from qp_twist.cli.app import File, MethodName, Solver, Task, app, say
-from qp_twist.cli.progress import method_progress
+from qp_twist.cli.app import File, MethodName, OptionalFile, Solver, Task, app, load, say
+from qp_twist.cli.progress import method_progress, working
 from qp_twist.comparison import metrics
 from qp_twist.errors import InvalidInput
+from qp_twist.exchange import ENDINGS, check_trajectory, read_trajectory, write_trajectory
 from qp_twist.following import follow
-from qp_twist.path import check_method, load_task
+from qp_twist.path import check_method
+from qp_twist.timing import refine_trajectory, time_trajectory
+
+_STRETCHES = 8
+"""Most stretches that are listed one by one."""
 
 
 @app.command
-def run(task: Task, out: File, method: MethodName = "qp", solver: Solver = "daqp") -> None:
-    """Follow a task with one method and write the joint trajectory as CSV.
+def run(
+    task: Task,
+    out: File,
+    method: MethodName = "qp",
+    solver: Solver = "daqp",
+    path: OptionalFile = None,
+) -> None:
+    """Follow a task with one method, time it, write the joint trajectory and check the file.
+
+    The path is kept: where limits ask for it, it is passed more slowly, and where is said.
 
     Args:
         task: Name of a shipped task, or path to a .toml file.
-        out: File to write, e.g. trajectory.csv.
+        out: File to write: trajectory.csv, .npz, or .json in the fields of ROS' JointTrajectory.
         method: Method name.
         solver: Backend of the QPs.
+        path: Toolpath to follow instead of the task's own, e.g. path.csv.
     """
-    path_task = load_task(task)
+    path_task = load(task, path)
     check_method(method)
-    if out.suffix.lower() != ".csv":
-        raise InvalidInput(f"--out {out}: expected a file that ends in .csv.")
+    if out.suffix.lower() not in ENDINGS:
+        raise InvalidInput(f"--out {out}: expected a file that ends in {', '.join(ENDINGS)}.")
     with method_progress([method], len(path_task.waypoints) - 1) as progress:
         trajectory = follow(
             path_task,
             method,
             solver=solver,
+            slow_down=True,
             progress=lambda done: progress.done(method, done),
             planning=progress.planning,
         )
-    trajectory.save(out)
-    said = f"wrote {out}: {len(trajectory.q)} waypoints, {method}: {trajectory.summary}"
+    with working("timing and checking"):
+        rows = refine_trajectory(trajectory)
+        timed = None if path_task.durations is None else time_trajectory(rows)
+        write_trajectory(timed or rows, out)
+        names = trajectory.joint_names
+        check = check_trajectory(read_trajectory(out, names), trajectory.path_task)
+    say(f"wrote {out}: {len(trajectory.q)} waypoints, {method}: {trajectory.summary}")
     status = metrics(trajectory)["status"]
-    for line in (said, *([f"{method}: {status}"] if status != "ok" else [])):
-        say(line)
+    if status != "ok":
+        say(f"{method}: {status}")
+    if len(rows.q) > len(trajectory.q):
+        more = len(rows.q) - len(trajectory.q)
+        say(f"{more} rows more between waypoints, where the joints would have left the path")
+    if timed is not None and path_task.durations is not None:
+        say(f"{timed.times[-1]:.4g} s; {path_task.durations.sum():.4g} s at the feed")
+        say(*(f"slower at {stretch}" for stretch in timed.slowed[:_STRETCHES]))
+        if len(timed.slowed) > _STRETCHES:
+            say(f"slower at {len(timed.slowed) - _STRETCHES} more stretches")
+    say(check.verdict, *check.notes)

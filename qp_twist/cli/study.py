@@ -7,9 +7,8 @@ from typing import Annotated, cast
 
 import tyro
 
-from qp_twist.cli.app import Folder, Names, Solver, Task, app, method_names, say, show
+from qp_twist.cli.app import Folder, Names, Solver, Task, app, load, method_names, say, show
 from qp_twist.cli.progress import sample_progress, working
-from qp_twist.path import load_task
 from qp_twist.studies import Start
 from qp_twist.studies import study as run_study
 from qp_twist.studies.summary import rich_table as rich_study_table
@@ -47,7 +46,7 @@ def study(
         jobs: Processes; without it one a core.
         scheduler: Address of a Dask scheduler, e.g. tcp://host:8786; its workers are taken instead.
     """
-    path_task = load_task(task)
+    path_task = load(task)
     folder = out or Path("out") / f"{path_task.name}_study"
     with sample_progress(samples) as progress:
         found = run_study(

@@ -28,6 +28,7 @@ def follow(
     stop: Callable[[Array, float, float], bool] | None = None,
     plan: Plan | None = None,
     planning: Callable[[str, float], None] | None = None,
+    slow_down: bool = False,
     **options: Any,
 ) -> Trajectory:
     """Follow a path with one method.
@@ -36,7 +37,9 @@ def follow(
     are spent. The secondary objective acts in the first iteration only: repeated, it would keep
     breaking the task by curvature. The QPs hold the scene's position limits and, over the time of
     the waypoint, the task's velocity limits; where these do not leave room for the whole task the
-    step is scaled, and the waypoint's error is what is left of it.
+    step is scaled, and the waypoint's error is what is left of it. With ``slow_down`` the path is
+    kept instead: a waypoint that is missed is repeated from where it began with more time, and the
+    trajectory carries its own durations. What no time can reach (a position limit) stays missed.
 
     Where the task's projector changes (:class:`~qp_twist.Segment`), the first iteration goes over
     from one to the other within the blend and the others correct the rows that both have.
@@ -51,6 +54,8 @@ def follow(
         plan: What ``qp_planned`` follows, from :func:`~qp_twist.plan`; without one it plans from
             the task's start. With one it starts where the plan does.
         planning: Called, while a plan is made, with what is being done and the share of it that is.
+        slow_down: Whether a waypoint may take longer than the task says, rather than be missed.
+            Methods that know nothing of velocity limits miss none for them.
         **options: Settings that replace those of the task file: ``iterations``, ``secondary``,
             ``weight``, ``gain``, ``objective``, and for the peers ``posture_cost`` and
             ``every_iteration``.
@@ -74,6 +79,7 @@ def follow(
     for name, function in (("progress", progress), ("stop", stop), ("planning", planning)):
         if function is not None and not callable(function):
             raise InvalidInput(f"follow({name}=…): expected a function, got {function!r}.")
+    instance("follow(slow_down=…)", slow_down, bool)
     check_solver(solver)
     settings = _settings(path_task, check_method(method), options)
     if method in path_task.starts:
@@ -86,7 +92,14 @@ def follow(
         motion = plan.motion()
         path_task = dataclasses.replace(path_task, start=motion[0])
     return walk(
-        path_task, method, settings, solver=solver, plan=motion, progress=progress, stop=stop
+        path_task,
+        method,
+        settings,
+        solver=solver,
+        plan=motion,
+        slow_down=slow_down,
+        progress=progress,
+        stop=stop,
     )
 
 

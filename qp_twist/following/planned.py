@@ -10,6 +10,7 @@ import numpy.typing as npt
 
 from qp_twist.checks import Array, finite_array, instance
 from qp_twist.errors import InvalidInput
+from qp_twist.following.found_starts import central_start
 from qp_twist.following.walk import corrected_start, walk
 from qp_twist.path import PathTask, check_method
 from qp_twist.planning import Plan, make_plan
@@ -117,12 +118,19 @@ def _lap(
 def with_start(
     path_task: PathTask, progress: Callable[[str, float], None] | None = None
 ) -> PathTask:
-    """The task with ``start = "best"`` replaced by the start of its best plan.
+    """The task with a start that is to be found replaced by what is found.
+
+    With ``start = "best"`` that of the best plan, with ``start = "central"`` the configuration of
+    least z on the first waypoint.
 
     Raises:
-        InvalidInput: If there is no plan; the message says why.
+        InvalidInput: If there is no plan, or no configuration inside the limits; the message says
+            why.
     """
     if not path_task.best_start:
         return path_task
-    best = plan(path_task, progress=progress)
-    return dataclasses.replace(path_task, best_start=False, start=best.start)
+    if path_task.best_start == "central":
+        start = central_start(path_task)
+    else:
+        start = plan(path_task, progress=progress).start
+    return dataclasses.replace(path_task, best_start=False, start=start)

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-import os
-import tempfile
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+import numpy.typing as npt
 
 from qp_twist.checks import Array
 from qp_twist.controller import Status
+from qp_twist.files import write_atomically
 from qp_twist.kinematics import JointRanges
 from qp_twist.path import PathTask
 
@@ -30,13 +30,16 @@ class Trajectory:
         sigma_min: Smallest singular value of the task rows UᵀJ, (N,).
         scale: Smallest scale of the waypoint's steps; 1 for closed forms, (N,).
         iterations: Iterations that each waypoint took, (N,).
-        binding: Names of the limits that held a step of the waypoint back, for each waypoint.
+        binding: Names of the limits that held a step of the waypoint back, or for which it was
+            given more time, for each waypoint.
         statuses: The least that a step of the waypoint delivered, for each waypoint.
         seconds: Wall time of the whole run, without the start's correction, s.
         diverged_at: 1-based waypoint from which the method had no finite step, or ``None``.
         failure: Why there was no step, and where; empty if there always was one.
         band_excess: How far the frame is outside the band that it is furthest outside of, rad or m,
             (N,); 0 inside all bands, and where there is none.
+        durations: Time that each waypoint was given, s, (N,): the task's own, or more where
+            :func:`~qp_twist.follow` slowed down; ``None`` untimed.
     """
 
     path_task: PathTask
@@ -46,13 +49,14 @@ class Trajectory:
     axis_error: Array
     sigma_min: Array
     scale: Array
-    iterations: np.ndarray[tuple[int], np.dtype[np.int_]]
+    iterations: npt.NDArray[np.int64]
     binding: tuple[tuple[str, ...], ...]
     seconds: float
     diverged_at: int | None
     statuses: tuple[Status, ...]
     failure: str
     band_excess: Array
+    durations: Array | None
 
     @property
     def joint_names(self) -> tuple[str, ...]:
@@ -90,8 +94,7 @@ class Trajectory:
         columns = ["waypoint", "time [s]"] + [
             f"{name} [{unit}]" for name, unit in zip(ranges.names, ranges.units, strict=True)
         ]
-        durations = self.path_task.durations
-        times = np.cumsum(np.zeros(len(self.q)) if durations is None else durations[: len(self.q)])
+        times = np.cumsum(np.zeros(len(self.q)) if self.durations is None else self.durations)
         lines = [
             f"# qp_twist joint trajectory; task {self.path_task.name}, method {self.method}",
             "# joint positions in rad (hinge) or m (slide); time at the task's feed, 0 if untimed",
@@ -101,18 +104,3 @@ class Trajectory:
             values = ",".join(f"{value:.17g}" for value in row)
             lines.append(f"{index + 1},{time:.9g},{values}")
         return write_atomically(Path(path), "\n".join(lines) + "\n")
-
-
-def write_atomically(path: Path, text: str) -> Path:
-    """Write ``text`` to a temporary file in the same folder, then rename it to ``path``."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
-    try:
-        with os.fdopen(handle, "w", encoding="utf-8") as file:
-            file.write(text)
-        Path(temporary).chmod(0o644)
-        os.replace(temporary, path)
-    except BaseException:
-        Path(temporary).unlink(missing_ok=True)
-        raise
-    return path

@@ -14,6 +14,7 @@ from qp_twist.controller import Controller, Status
 from qp_twist.errors import InvalidInput
 from qp_twist.following.blending import resolvers_along
 from qp_twist.following.resolver import Displacement, Resolver, twist_task
+from qp_twist.following.slowing import Pace
 from qp_twist.following.trajectory import Trajectory
 from qp_twist.kinematics import TwistTask
 from qp_twist.path import METHODS, MethodSettings, PathTask
@@ -31,6 +32,7 @@ def walk(
     *,
     solver: str = "daqp",
     plan: Array | None = None,
+    slow_down: bool = False,
     progress: Callable[[int], None] | None = None,
     stop: Callable[[Array, float, float], bool] | None = None,
 ) -> Trajectory:
@@ -55,23 +57,35 @@ def walk(
     )
     recorder = _Recorder(path_task)
     recorder.add(configuration, waypoints[0])
+    pace = Pace() if slow_down and kind.holds_limits else None
     began = time.perf_counter()
     stages = zip(waypoints[1:], resolvers[1:], strict=True)
     for index, (waypoint, resolver) in enumerate(stages, start=1):
         duration = None if path_task.durations is None else float(path_task.durations[index])
         if recorder.diverged_at is None and not recorder.failure:
             resolver.task.set_target(waypoint)
-            resolver.begin_waypoint(configuration, duration)
             if plan is not None:
                 resolver.aim(plan, index)
-            try:
+
+            def attempt(allowed: float | None, resolver: Resolver = resolver) -> float:
+                recorder.begin()
+                resolver.begin_waypoint(configuration, allowed)
                 _approach(resolver, configuration, settings, recorder)
+                if pace is None or not _sane(configuration.q):
+                    return np.inf
+                return _missed_by(path_task, resolver.task, configuration)
+
+            try:
+                if pace is None or duration is None:
+                    attempt(duration)
+                else:
+                    duration = pace.approach(attempt, configuration, resolver, duration)
             except NoSolutionFound as error:
                 recorder.failure = f"no step at waypoint {index + 1}: {error}"
         if recorder.diverged_at is None and not _sane(configuration.q):
             recorder.diverged_at = index + 1
             configuration.update(recorder.q[-1])
-        recorder.add(configuration, waypoint)
+        recorder.add(configuration, waypoint, duration)
         if progress is not None:
             progress(index)
         if stop is not None and stop(recorder.q[-1], *recorder.rows[-1][:2]):
@@ -106,10 +120,15 @@ def _sane(q: Array) -> bool:
 
 
 def _reached(path_task: PathTask, task: TwistTask, configuration: mink.Configuration) -> bool:
+    return _missed_by(path_task, task, configuration) <= 1.0
+
+
+def _missed_by(path_task: PathTask, task: TwistTask, configuration: mink.Configuration) -> float:
+    """The task error in tolerances, the larger of the linear and the angular one."""
     error = task.state(configuration).error
-    return bool(
-        np.linalg.norm(error[:3]) <= path_task.iteration.position_tolerance
-        and np.linalg.norm(error[3:]) <= path_task.iteration.angle_tolerance
+    return max(
+        float(np.linalg.norm(error[:3])) / path_task.iteration.position_tolerance,
+        float(np.linalg.norm(error[3:])) / path_task.iteration.angle_tolerance,
     )
 
 
@@ -159,13 +178,15 @@ class _Recorder:
         self.binding: list[tuple[str, ...]] = []
         self.band_excess: list[float] = []
         self.statuses: list[Status] = []
+        self.durations: list[float] = []
         self.diverged_at: int | None = None
         self.failure = ""
-        self._reset()
+        self._names = dict[str, None]()
+        self.begin()
 
-    def _reset(self) -> None:
-        self._scale, self._count, self._names = 1.0, 0, dict[str, None]()
-        self._status = Status.SOLVED
+    def begin(self) -> None:
+        """A waypoint begins, or is repeated: then the limits that stood in its way stay named."""
+        self._scale, self._count, self._status = 1.0, 0, Status.SOLVED
 
     def note(self, move: Displacement) -> None:
         """An iteration of the waypoint under way."""
@@ -174,8 +195,10 @@ class _Recorder:
         self._names.update(dict.fromkeys(move.binding))
         self._status = max(self._status, move.status, key=lambda status: status.severity)
 
-    def add(self, configuration: mink.Configuration, waypoint: mink.SE3) -> None:
-        """A waypoint that is done."""
+    def add(
+        self, configuration: mink.Configuration, waypoint: mink.SE3, duration: float | None = None
+    ) -> None:
+        """A waypoint that is done, in ``duration`` seconds."""
         in_force = self.path_task.in_force[len(self.q)]
         if in_force is not self.task.projector:
             self.task = twist_task(self.path_task, in_force)
@@ -199,7 +222,9 @@ class _Recorder:
         self.iterations.append(self._count)
         self.binding.append(tuple(self._names))
         self.statuses.append(self._status)
-        self._reset()
+        self.durations.append(duration or 0.0)
+        self._names.clear()
+        self.begin()
 
     def trajectory(self, method: str, seconds: float) -> Trajectory:
         """Everything recorded."""
@@ -219,4 +244,5 @@ class _Recorder:
             diverged_at=self.diverged_at,
             failure=self.failure,
             band_excess=np.array(self.band_excess),
+            durations=None if self.path_task.durations is None else np.array(self.durations),
         )

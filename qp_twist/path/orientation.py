@@ -45,6 +45,42 @@ def roll_by_plane(axes: Array, plane_normal: Array, *, flip: bool = False) -> Ar
     return np.stack([np.cross(y, axes), y, axes], axis=-1)
 
 
+def lean_turns(what: str, positions: Array, axes: Array, lead: float, tilt: float) -> Array:
+    r"""Turns of a tool at the waypoints of a path, the same way against the path everywhere.
+
+    The turn at each waypoint has the rotation vector :math:`\text{lead}\;\hat{\mathbf z} \times
+    \hat{\mathbf t} + \text{tilt}\;\hat{\mathbf t}`, with z the tool's axis and t the direction of
+    the path perpendicular to it; where the path goes along z, that of the nearest waypoint where it
+    does not.
+
+    Args:
+        what: What messages call the path.
+        positions: Of the waypoints, m, (N, 3).
+        axes: z, unit vectors, (N, 3).
+        lead: Towards the way the path goes, rad.
+        tilt: To the left of it, seen from where z points to, rad.
+
+    Returns:
+        Rotations in the world, (N, 3, 3), to be multiplied from the left.
+
+    Raises:
+        InvalidInput: If the path goes along the tool's axis everywhere.
+    """
+    tangents = np.gradient(positions, axis=0) if len(positions) > 1 else np.zeros((1, 3))
+    tangents -= (tangents * axes).sum(axis=1, keepdims=True) * axes
+    lengths = np.linalg.norm(tangents, axis=1)
+    along = np.flatnonzero(lengths > 1e-6 * lengths.max(initial=1e-9))
+    if not len(along):
+        raise InvalidInput(
+            f"{what}: the path goes along the tool's axis everywhere, so that lead and tilt have "
+            "no meaning."
+        )
+    nearest = along[np.searchsorted((along[1:] + along[:-1]) / 2.0, np.arange(len(axes)))]
+    t = tangents[nearest] - (tangents[nearest] * axes).sum(axis=1, keepdims=True) * axes
+    t /= np.linalg.norm(t, axis=1, keepdims=True)
+    return np.array([mink.SO3.exp(v).as_matrix() for v in lead * np.cross(axes, t) + tilt * t])
+
+
 def poses(positions: Array, rotations: Array) -> tuple[mink.SE3, ...]:
     """Poses from positions (N, 3), m, and rotation matrices (N, 3, 3)."""
     return tuple(

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
+from typing import Literal
 
 import mink
 import mujoco
@@ -18,6 +19,7 @@ from qp_twist.kinematics import ToleranceBand
 from qp_twist.path.methods import METHODS, MethodSettings
 from qp_twist.path.segment import Segment, check_segments, projectors_in_force
 from qp_twist.path.task_schema import IterationSection, StudySection
+from qp_twist.toolpath import Lines, Toolpath
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,7 +39,8 @@ class PathTask:
         waypoints: Poses in the world, with the roll of the roll rule.
         flipped_waypoints: The same with the rule's other sign; ``None`` without a rule.
         start: Starting configuration, before it is corrected onto the first waypoint, (nq,).
-        best_start: Whether the start of the best plan is to be taken instead.
+        best_start: Whether a start is to be found instead: ``True``, that of the best plan;
+            ``"central"``, the configuration of least z on the first waypoint.
         starts: Starting configurations of single methods, by name, instead of ``start``.
         roll_normal: Normal of the roll rule's plane, in the world, (3,); ``None`` without a rule.
         study: What a study varies, and what counts as success in it, if the task file says so.
@@ -48,6 +51,8 @@ class PathTask:
         methods: Settings by method name, where the file states them.
         segments: Where another projector takes over, in the order of the path.
         bands: Tolerance bands in directions that T leaves free.
+        toolpath: The toolpath file as read, where the path is from one.
+        lines: Line of that file which each waypoint stands in or comes after, (N,).
 
     Raises:
         InvalidInput: If the segments do not fit the waypoints, the robot or each other.
@@ -72,10 +77,12 @@ class PathTask:
     methods: dict[str, MethodSettings] = field(default_factory=dict)
     segments: tuple[Segment, ...] = ()
     bands: tuple[ToleranceBand, ...] = ()
-    best_start: bool = False
+    best_start: bool | Literal["central"] = False
     starts: Mapping[str, Array] = field(default_factory=dict)
     roll_normal: Array | None = None
     study: StudySection | None = None
+    toolpath: Toolpath | None = None
+    lines: Lines | None = None
 
     def __post_init__(self) -> None:
         check_segments(self.operational, self.projector, self.segments, len(self.waypoints))

@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from qp_twist.checks import Array, finite_array
 from qp_twist.errors import InvalidInput
-from qp_twist.path.orientation import poses, roll_by_plane
+from qp_twist.path.orientation import lean_turns, poses, roll_by_plane
 from qp_twist.path.path_task import PathTask
 
 
@@ -63,11 +63,9 @@ def _with_body_moved(
 
 
 def leaned(path_task: PathTask, lead: float, tilt: float) -> PathTask:
-    r"""The path with its tool leaned, at every waypoint in the same way against the path.
+    """The path with its tool leaned, at every waypoint in the same way against the path.
 
-    The frame's z is turned by the rotation vector :math:`\text{lead}\;\hat{\mathbf z} \times
-    \hat{\mathbf t} + \text{tilt}\;\hat{\mathbf t}`, with t the direction of the path
-    perpendicular to z; where the path goes along z, that of the nearest waypoint where it does not.
+    The frame's z is turned by :func:`~qp_twist.path.orientation.lean_turns`.
 
     Args:
         path_task: The task.
@@ -78,20 +76,7 @@ def leaned(path_task: PathTask, lead: float, tilt: float) -> PathTask:
         InvalidInput: If the path goes along the tool's axis everywhere.
     """
     rotations = _rotations(path_task)
-    z = rotations[:, :, 2]
-    tangents = np.gradient(path_task.positions, axis=0)
-    tangents -= (tangents * z).sum(axis=1, keepdims=True) * z
-    lengths = np.linalg.norm(tangents, axis=1)
-    along = np.flatnonzero(lengths > 1e-6 * lengths.max(initial=1e-9))
-    if not len(along):
-        raise InvalidInput(
-            f"{path_task.name}: the path goes along the tool's axis everywhere, so that lead and "
-            "tilt have no meaning."
-        )
-    nearest = along[np.abs(np.arange(len(z))[:, None] - along).argmin(axis=1)]
-    t = tangents[nearest] - (tangents[nearest] * z).sum(axis=1, keepdims=True) * z
-    t /= np.linalg.norm(t, axis=1, keepdims=True)
-    turns = np.array([mink.SO3.exp(v).as_matrix() for v in lead * np.cross(z, t) + tilt * t])
+    turns = lean_turns(path_task.name, path_task.positions, rotations[:, :, 2], lead, tilt)
     return _with_poses(path_task, path_task.positions, turns @ rotations)
 
 

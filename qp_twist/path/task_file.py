@@ -9,7 +9,7 @@ import re
 import tomllib
 import warnings
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import mink
 import mujoco
@@ -18,9 +18,11 @@ from pydantic import ValidationError
 
 from qp_twist.checks import Array, unit_vector
 from qp_twist.errors import InvalidInput, TaskFileError
-from qp_twist.geometry import rotation_vector, task_redundancy
+from qp_twist.geometry import TwistProjector, rotation_vector, task_redundancy
 from qp_twist.kinematics import JointRanges, check_bands, frame_pose
 from qp_twist.limits import per_joint
+from qp_twist.path.file_path import FileWaypoints, file_segments, file_waypoints
+from qp_twist.path.file_path_schema import FilePath
 from qp_twist.path.orientation import poses, roll_by_plane
 from qp_twist.path.path_task import PathTask
 from qp_twist.path.resources import shipped_folder
@@ -31,10 +33,15 @@ from qp_twist.path.task_schema import (
     FeedSection,
     PolylinePath,
     PosesPath,
+    SphericalPatchPath,
     StartSection,
     TaskFile,
 )
 from qp_twist.robots import Robot, load_robot
+from qp_twist.toolpath import transported
+
+_FILE_KEY = "path.file: "
+"""Begins the messages about a toolpath."""
 
 
 def shipped_tasks() -> list[Path]:
@@ -42,7 +49,7 @@ def shipped_tasks() -> list[Path]:
     return sorted(shipped_folder("tasks").glob("*.toml"))
 
 
-def load_task(task: str | Path) -> PathTask:
+def load_task(task: str | Path, *, path: str | Path | None = None) -> PathTask:
     """Load a task by the name of a shipped file, or a path to a ``.toml`` file.
 
     Scenes and other relative paths resolve from the file; a scene that is not there is looked for
@@ -50,6 +57,8 @@ def load_task(task: str | Path) -> PathTask:
 
     Args:
         task: ``"deburring"``, or ``"./mine.toml"``.
+        path: A toolpath file, CSV or APT-CL, to follow instead of the task's path. Where that is
+            from a file as well, its keys hold for this one.
 
     Raises:
         TaskFileError: If there is no such file, or something in it is wrong: the message names the
@@ -60,35 +69,40 @@ def load_task(task: str | Path) -> PathTask:
         >>> qt.load_task("deburring")
         PathTask('deburring', 401 waypoints, rank 5 of 6)
     """
-    path = _find(task)
+    source = _find(task)
     try:
-        text = path.read_text(encoding="utf-8-sig")
+        text = source.read_text(encoding="utf-8-sig")
         table = tomllib.loads(text)
     except (OSError, UnicodeDecodeError) as error:
-        raise TaskFileError(f"{path}: cannot be read: {error}.") from error
+        raise TaskFileError(f"{source}: cannot be read: {error}.") from error
     except tomllib.TOMLDecodeError as error:
-        raise TaskFileError(f"{path}: not valid TOML: {error}.") from error
+        raise TaskFileError(f"{source}: not valid TOML: {error}.") from error
     except (ValueError, RecursionError) as error:
-        raise TaskFileError(f"{path}: cannot be read: {error}.") from error
-    if table.get("start") == "best":
-        table["start"] = {"best": True}
+        raise TaskFileError(f"{source}: cannot be read: {error}.") from error
+    if table.get("start") in ("best", "central"):
+        table["start"] = {table["start"]: True}
+    if path is not None:
+        table = _with_toolpath(source, table, path)
     try:
         # By way of JSON, since only there strict mode takes an array for a tuple.
         file = TaskFile.model_validate_json(json.dumps(table, default=str))
     except ValidationError as error:
-        raise TaskFileError(_explain(path, text, error)) from None
+        raise TaskFileError(_explain(source, text, error)) from None
     except RecursionError as error:
-        raise TaskFileError(f"{path}: its tables are nested too deep.") from error
+        raise TaskFileError(f"{source}: its tables are nested too deep.") from error
     try:
-        return _build(path, file)
+        return _build(source, file)
     except TaskFileError:
         raise
     except InvalidInput as error:
+        if path is not None and str(error).startswith(_FILE_KEY):
+            # That key was not read.
+            raise TaskFileError(str(error).removeprefix(_FILE_KEY)) from error
         key = re.match(r"[\w.\[\]]+(?=: )", str(error))
         number = _line_of(text, _split(key[0])) if key else None
-        raise TaskFileError(f"{_place(path, number)}: {error}") from error
+        raise TaskFileError(f"{_place(source, number)}: {error}") from error
     except OverflowError as error:
-        raise TaskFileError(f"{path}: a length in it is too large to compute with.") from error
+        raise TaskFileError(f"{source}: a length in it is too large to compute with.") from error
 
 
 def task_title(path: Path) -> str:
@@ -123,6 +137,23 @@ def _is_file(path: Path) -> bool:
         return False
 
 
+def _with_toolpath(source: Path, table: dict[str, Any], path: str | Path) -> dict[str, Any]:
+    """The tables of a task file with another toolpath in them."""
+    if not isinstance(path, (str, Path)) or not str(path):
+        raise TaskFileError(f"load_task(path=…): expected a toolpath file, got {path!r}.")
+    if table.get("segments"):
+        raise TaskFileError(
+            f"{source}: segments: they count the waypoints of the path in the file, so another "
+            "cannot take its place; write a task with [path.approach] and [path.retreat]."
+        )
+    section = table.get("path")
+    section = section if isinstance(section, dict) else {}
+    if section.get("kind") != "file":
+        section = {"kind": "file", "tool": section.get("tool", "into")}
+    title = f"{table.get('title', source.stem)}; along {Path(path).name}"
+    return {**table, "title": title, "path": {**section, "file": str(Path(path).absolute())}}
+
+
 def _build(path: Path, file: TaskFile) -> PathTask:
     robot = load_scene(path, file.robot.scene)
     model = robot.model
@@ -133,7 +164,7 @@ def _build(path: Path, file: TaskFile) -> PathTask:
             f"{path}: robot.scene: joint {joint!r} is a ball or free joint; a path task follows "
             "arms of hinges and slides. For other robots use qp_twist.Controller step by step."
         )
-    start = ranges.middle if file.start.best else _start(path, file.start, model)
+    start = ranges.middle if file.start.found else _start(path, file.start, model)
     projector, operational = file.projector.projector(), file.operational.projector()
     task_redundancy(operational, projector)
     bands = check_bands("bands", [table.band() for table in file.bands], projector)
@@ -142,7 +173,7 @@ def _build(path: Path, file: TaskFile) -> PathTask:
         rotation, _ = frame_pose(configuration, file.robot.frame, file.robot.frame_type)
     except mink.InvalidFrame as error:
         raise TaskFileError(f"{path}: robot.frame: {error}") from error
-    positions, rotations, flipped = _poses(path, file, rotation)
+    laid = _laid(path, file, rotation, projector, operational)
     return PathTask(
         name=path.stem,
         title=file.title,
@@ -151,23 +182,25 @@ def _build(path: Path, file: TaskFile) -> PathTask:
         model=model,
         frame_name=file.robot.frame,
         frame_type=file.robot.frame_type,
-        projector=projector,
+        projector=laid.projector,
         operational=operational,
-        waypoints=poses(positions, rotations),
-        flipped_waypoints=None if flipped is None else poses(positions, flipped),
+        waypoints=poses(laid.positions, laid.rotations),
+        flipped_waypoints=None if laid.flipped is None else poses(laid.positions, laid.flipped),
         start=start,
-        durations=_durations(path, file.feed, positions, rotations),
+        durations=_durations(path, file.feed, laid.positions, laid.rotations),
         velocity_limits=_limits(path, file, ranges, "velocity", robot.velocity_limits),
         acceleration_limits=_limits(path, file, ranges, "acceleration", {}),
         iteration=file.iteration,
         methods={str(name): settings for name, settings in file.methods.items()},
-        segments=tuple(Segment(s.first - 1, s.projector(), s.blend) for s in file.segments),
+        segments=laid.segments,
         bands=bands,
-        best_start=bool(file.start.best),
+        best_start=file.start.found,
         roll_normal=None
-        if flipped is None or file.roll is None
+        if laid.flipped is None or file.roll is None
         else unit_vector("roll.plane_normal", file.roll.plane_normal),
         study=file.study,
+        toolpath=None if laid.read is None else laid.read.toolpath,
+        lines=None if laid.read is None else laid.read.lines,
     )
 
 
@@ -210,6 +243,72 @@ def _start(path: Path, section: StartSection, model: mujoco.MjModel) -> Array:
     return values
 
 
+class _Laid(NamedTuple):
+    """A path as it is laid.
+
+    Attributes:
+        positions: m, (N, 3).
+        rotations: With the roll of the roll rule, (N, 3, 3).
+        flipped: With its other sign; ``None`` without a rule.
+        projector: T of the first waypoint.
+        segments: Where another T takes over.
+        read: What a toolpath file gave, if the path is from one.
+    """
+
+    positions: Array
+    rotations: Array
+    flipped: Array | None
+    projector: TwistProjector
+    segments: tuple[Segment, ...]
+    read: FileWaypoints | None = None
+
+
+def _laid(
+    path: Path,
+    file: TaskFile,
+    held: Array,
+    projector: TwistProjector,
+    operational: TwistProjector,
+) -> _Laid:
+    """The path of the task; ``held`` (3, 3) is the frame's orientation at the start."""
+    segments = tuple(Segment(s.first - 1, s.projector(), s.blend) for s in file.segments)
+    section = file.path
+    if not isinstance(section, FilePath):
+        return _Laid(*_poses(path, file, held), projector, segments)
+    try:
+        read = file_waypoints(path, section, held)
+    except InvalidInput as error:
+        raise InvalidInput(f"{_FILE_KEY}{error}") from error
+    if read.toolpath.meaning == "none":
+        _refuse_held(path, file, "directions in the toolpath")
+    first, own = file_segments(section, projector, operational, read.parts)
+    if own and segments:
+        raise TaskFileError(
+            f"{path}: segments: [path.approach], [path.retreat] and [path.transfer] change T "
+            "already; state projectors here or there."
+        )
+    if read.rotations is not None:
+        rotations, flipped = read.rotations, None
+    elif file.roll is not None:
+        assert read.axes is not None
+        normal = np.array(file.roll.plane_normal)
+        rotations = roll_by_plane(read.axes, normal)
+        flipped = roll_by_plane(read.axes, normal, flip=True)
+    else:
+        assert read.axes is not None
+        rotations, flipped = transported(held, read.axes), None
+    return _Laid(read.positions, rotations, flipped, first, own or segments, read)
+
+
+def _refuse_held(path: Path, file: TaskFile, without: str) -> None:
+    """Refuse to look for a start on a path that has its orientation from the start."""
+    if file.start.found and file.projector.projector().angular.rank:
+        raise TaskFileError(
+            f"{path}: start: a start is looked for on the path, and without {without} the path has "
+            "its orientation from the start; give one of them."
+        )
+
+
 def _poses(path: Path, file: TaskFile, held: Array) -> tuple[Array, Array, Array | None]:
     """Positions (N, 3), rotations (N, 3, 3), and those of the roll rule's other sign."""
     section = file.path
@@ -222,15 +321,12 @@ def _poses(path: Path, file: TaskFile, held: Array) -> tuple[Array, Array, Array
     if isinstance(section, PolylinePath):
         positions = polyline(np.array(section.points), section.steps_per_segment)
         if section.tool_axis is None:
-            if file.start.best and file.projector.projector().angular.rank:
-                raise TaskFileError(
-                    f"{path}: start: the best start is looked for on the path, and without "
-                    "path.tool_axis the path has its orientation from the start; give one of them."
-                )
+            _refuse_held(path, file, "path.tool_axis")
             return positions, np.broadcast_to(held, (len(positions), 3, 3)), None
         axis = unit_vector("path.tool_axis", section.tool_axis)
         axes = np.broadcast_to(axis, (len(positions), 3))
     else:
+        assert isinstance(section, SphericalPatchPath)
         positions, normals = spherical_patch_edges(
             np.array(section.center),
             section.radius,

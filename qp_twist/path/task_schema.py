@@ -5,11 +5,13 @@ from __future__ import annotations
 import math
 from typing import Annotated, Literal, Self
 
-from pydantic import AfterValidator, Field, PlainValidator, model_validator
+from pydantic import AfterValidator, Field, model_validator
 
-from qp_twist.geometry import Projector, ProjectorFrame, TwistProjector
+from qp_twist.geometry import Projector, ProjectorFrame
 from qp_twist.kinematics import BoxBand, ConeBand, RollBand, SlabBand, ToleranceBand
+from qp_twist.path.file_path_schema import FilePath
 from qp_twist.path.methods import MethodName, MethodSettings
+from qp_twist.path.projector_schema import ProjectorSection
 from qp_twist.path.section import Number, Positive, Section, Vector
 
 Count = Annotated[int, Field(ge=1, le=1_000_000)]
@@ -21,42 +23,6 @@ class RobotSection(Section):
     scene: str = Field(description="MJCF file, relative to the task file or one that is shipped")
     frame: str = Field(description="name of the controlled frame in the scene")
     frame_type: Literal["site", "body", "geom"] = "site"
-
-
-def _parse_block(value: object) -> Projector:
-    """A projector from ``"full"``, ``"none"``, ``{plane = […]}`` or ``{line = […]}``."""
-    if value == "full":
-        return Projector.full()
-    if value == "none":
-        return Projector.none()
-    if isinstance(value, Projector):
-        return value
-    if isinstance(value, dict) and len(value) == 1:
-        [(kind, vector)] = value.items()
-        if not isinstance(vector, list) or any(type(x) not in (int, float) for x in vector):
-            raise ValueError(f"{kind}: expected three numbers, got {vector!r}")
-        if kind == "plane":
-            return Projector.plane(vector)
-        if kind == "line":
-            return Projector.line(vector)
-    raise ValueError(
-        f'expected "full", "none", {{plane = [x, y, z]}} or {{line = [x, y, z]}}, got {value!r}'
-    )
-
-
-Block = Annotated[Projector, PlainValidator(_parse_block)]
-
-
-class ProjectorSection(Section):
-    """A twist projector."""
-
-    linear: Block
-    angular: Block
-    frame: ProjectorFrame = "world"
-
-    def projector(self) -> TwistProjector:
-        """The projector that the section states."""
-        return TwistProjector(linear=self.linear, angular=self.angular, frame=self.frame)
 
 
 class SegmentSection(ProjectorSection):
@@ -207,7 +173,9 @@ class PosesPath(Section):
     poses: Annotated[tuple[Pose, ...], Field(min_length=2)]
 
 
-PathSection = Annotated[PolylinePath | SphericalPatchPath | PosesPath, Field(discriminator="kind")]
+PathSection = Annotated[
+    PolylinePath | SphericalPatchPath | PosesPath | FilePath, Field(discriminator="kind")
+]
 
 
 class RollSection(Section):
@@ -222,11 +190,19 @@ class StartSection(Section):
     q_deg: tuple[Number, ...] | None = None
     q: tuple[Number, ...] | None = None
     best: Literal[True] | None = None
+    central: Literal[True] | None = None
+
+    @property
+    def found(self) -> bool | Literal["central"]:
+        """Whether the start is to be found: of the best plan, or the central one."""
+        return "central" if self.central else bool(self.best)
 
     @model_validator(mode="after")
     def _one_of_them(self) -> StartSection:
-        if [self.q_deg, self.q, self.best].count(None) != 2:
-            raise ValueError('give either q_deg (degrees) or q (rad, m), or start = "best"')
+        if [self.q_deg, self.q, self.best, self.central].count(None) != 3:
+            raise ValueError(
+                'give either q_deg (degrees) or q (rad, m), or start = "central" or "best"'
+            )
         return self
 
 

@@ -1,6 +1,10 @@
 """Plans of a whole path: what is possible at every waypoint, and the best way through it."""
 
+from .central import CentralConfiguration as CentralConfiguration
+from .central import central_configurations as central_configurations
 from .certificate import Certificate as Certificate
+from .drawn import random_configurations as random_configurations
+from .no_start import what_forbids as what_forbids
 from .plan import Plan as Plan
 from .plan import make_plan as make_plan
 from .plan import motion_limits as motion_limits

@@ -10,6 +10,8 @@ from qp_twist.checks import Array
 from qp_twist.kinematics import JointRanges
 from qp_twist.path import PathTask
 from qp_twist.planning.bound import best_of_branches, centred_nearby
+from qp_twist.planning.central import central_configurations
+from qp_twist.planning.drawn import random_configurations
 from qp_twist.planning.layer import inside_bands
 from qp_twist.planning.path_rows import Indices, Mask, PathRows
 from qp_twist.planning.roadmap import Grid, Roadmap
@@ -24,10 +26,10 @@ _HALVINGS = 30
 def least_z_start(path_task: PathTask) -> Array | None:
     """The configuration (nv,) of least z on the first waypoint; ``None`` if none is inside limits.
 
-    Over all branches, turns, and what the task leaves free.
+    Over all branches, turns, and what the task and its hard bands leave free.
     """
-    [found] = _central(path_task, [0])
-    return found[0] if len(found) else None
+    found = central_configurations(path_task)
+    return found[0].q if found else None
 
 
 def least_mean_z(path_task: PathTask, waypoints: Sequence[int]) -> float:
@@ -49,11 +51,8 @@ def random_start(path_task: PathTask, rng: np.random.Generator) -> Array | None:
     the waypoint by Newton's method; the first that ends inside limits and hard bands is taken.
     """
     rows, ranges = PathRows(path_task), JointRanges.of(path_task.model)
-    half = np.where(ranges.hinge, np.pi, 1.0)
-    lower = np.where(np.isfinite(ranges.lower), ranges.lower, -half)
-    upper = np.where(np.isfinite(ranges.upper), ranges.upper, half)
     for _ in range(_TIMES):
-        drawn = rng.uniform(lower, upper, size=(_AT_A_TIME, len(lower)))
+        drawn = random_configurations(ranges, _AT_A_TIME, rng)
         q, arrived = rows.correct(drawn, np.zeros(_AT_A_TIME, dtype=np.intp))
         inside = ((q >= ranges.lower) & (q <= ranges.upper)).min(axis=1)
         q = q[arrived & inside]

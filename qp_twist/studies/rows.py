@@ -81,7 +81,7 @@ def looked_at(path_task: PathTask) -> list[int]:
 
 def _rows(job: Job, sample: Sample) -> list[Row]:
     path_task, best = sample.path_task, None
-    if path_task.best_start:
+    if path_task.best_start is True:
         best = plan(path_task)
         if best.q is not None:
             path_task = dataclasses.replace(path_task, best_start=False, start=best.start)

@@ -167,6 +167,8 @@ def _stream(seed: int, index: int, factor: str) -> np.random.Generator:
 def _default_start(path_task: PathTask, vary: Collection[str]) -> Start:
     if "start" in vary:
         return "random"
+    if path_task.best_start == "central":
+        return "least_z"
     if path_task.best_start:
         return "best"
     return "least_z" if _MOVED & set(vary) else "task"

@@ -1,0 +1,116 @@
+"""Which frame of a robot a task controls."""
+
+from __future__ import annotations
+
+import difflib
+from dataclasses import dataclass
+from typing import Literal
+
+import mujoco
+
+from qp_twist.errors import InvalidInput
+
+FrameType = Literal["site", "body", "geom"]
+_SHOWN = 12
+
+
+@dataclass(frozen=True)
+class FrameChoice:
+    """A frame.
+
+    Attributes:
+        name: In the model.
+        kind: What it is.
+        why: Why it was chosen; empty where it was given.
+    """
+
+    name: str
+    kind: FrameType
+    why: str = ""
+
+
+def choose_frame(
+    model: mujoco.MjModel, name: str | None, kind: FrameType | None = None
+) -> FrameChoice:
+    """The frame of a name, or the only one that a tool can be at.
+
+    Args:
+        model: The robot.
+        name: As it was given; ``None``: the only site that moves, or the last link if there is one
+            last link.
+        kind: Among which frames to look; all if ``None``, sites first.
+
+    Raises:
+        InvalidInput: If there is no such frame, or more than one to choose from; the message lists
+            those that move.
+    """
+    moving: dict[FrameType, list[str]] = {
+        "site": [model.site(i).name for i in range(model.nsite) if _moves(model, _owner(model, i))],
+        "body": [model.body(i).name for i in range(1, model.nbody) if _moves(model, i)],
+        "geom": [model.geom(i).name for i in range(model.ngeom) if _moves(model, _geom(model, i))],
+    }
+    kinds: tuple[FrameType, ...] = (kind,) if kind else ("site", "body", "geom")
+    if name is not None:
+        for found in kinds:
+            if name in moving[found] and name:
+                return FrameChoice(name, found)
+        raise InvalidInput(_not_there(name, kinds, moving, model))
+    sites = [site for site in moving["site"] if site]
+    if len(sites) == 1 and "site" in kinds:
+        return FrameChoice(sites[0], "site", "the only site that moves")
+    parents = {int(model.body_parentid[i]) for i in range(1, model.nbody)}
+    last = [
+        model.body(i).name
+        for i in range(1, model.nbody)
+        if i not in parents and _moves(model, i) and model.body(i).name
+    ]
+    if not sites and len(last) == 1 and "body" in kinds:
+        return FrameChoice(last[0], "body", "the last link")
+    raise InvalidInput(
+        f"there is more than one frame that the tool can be at; choose with --frame: "
+        f"{_listed(moving)}."
+    )
+
+
+def _moves(model: mujoco.MjModel, body: int) -> bool:
+    return bool(model.body_weldid[body] != 0)
+
+
+def _owner(model: mujoco.MjModel, site: int) -> int:
+    return int(model.site_bodyid[site])
+
+
+def _geom(model: mujoco.MjModel, geom: int) -> int:
+    return int(model.geom_bodyid[geom])
+
+
+def _not_there(
+    name: str,
+    kinds: tuple[FrameType, ...],
+    moving: dict[FrameType, list[str]],
+    model: mujoco.MjModel,
+) -> str:
+    known = [other for found in kinds for other in moving[found] if other]
+    fixed = {model.body(i).name for i in range(model.nbody)}
+    fixed |= {model.site(i).name for i in range(model.nsite)}
+    if name in fixed - set(known):
+        text = f"the frame {name!r} does not move with any joint"
+        if name in moving["site"] + moving["body"] + moving["geom"]:
+            text = f"there is no {kinds[0]} {name!r} that moves"
+        return f"--frame: {text}; those that do: {_listed(moving)}."
+    close = difflib.get_close_matches(name, known, n=3, cutoff=0.5)
+    hint = f"; did you mean {' or '.join(map(repr, close))}?" if close else "."
+    what = kinds[0] if len(kinds) == 1 else "frame"
+    return f"--frame: the robot has no {what} {name!r}{hint} It has {_listed(moving)}."
+
+
+def _listed(moving: dict[FrameType, list[str]]) -> str:
+    """Sites and bodies, the last ones first: the tool is there."""
+    parts = []
+    plurals: tuple[tuple[FrameType, str], ...] = (("site", "sites"), ("body", "bodies"))
+    for kind, noun in plurals:
+        names = [name for name in reversed(moving[kind]) if name]
+        if names:
+            more = f" and {len(names) - _SHOWN} more" if len(names) > _SHOWN else ""
+            parts.append(f"{noun} {', '.join(names[:_SHOWN])}{more}")
+    return "; ".join(parts) or "no frame with a name"

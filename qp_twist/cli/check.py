@@ -1,0 +1,58 @@
+"""``qp-twist check``."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+
+from qp_twist.cli.app import OptionalFile, Task, app, load, say
+from qp_twist.cli.progress import working
+from qp_twist.exchange import check_trajectory, read_trajectory
+from qp_twist.exchange.check import AXIS_TOLERANCE_DEG, POSITION_TOLERANCE
+from qp_twist.kinematics import JointRanges
+
+TrajectoryFile = Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="TRAJECTORY")]
+Metres = Annotated[float, tyro.conf.arg(metavar="M")]
+Degrees = Annotated[float, tyro.conf.arg(metavar="DEG")]
+
+
+@app.command
+def check(
+    trajectory: TrajectoryFile,
+    task: Task,
+    path: OptionalFile = None,
+    position_tolerance: Metres = POSITION_TOLERANCE,
+    axis_tolerance_deg: Degrees = AXIS_TOLERANCE_DEG,
+    json_: Annotated[bool, tyro.conf.arg(name="json"), tyro.conf.FlagCreatePairsOff] = False,
+) -> None:
+    """Verify a joint trajectory, ours or another tool's, against a task.
+
+    Exit code 0: it passes; 1: it does not, and what and where is said; 2: it cannot be read.
+
+    Args:
+        trajectory: File that ends in .csv, .npz or .json.
+        task: Name of a shipped task, or path to a .toml file.
+        path: Toolpath to follow instead of the task's own, e.g. path.csv.
+        position_tolerance: Largest linear task error that passes, m.
+        axis_tolerance_deg: Largest angular task error that passes, degrees.
+        json_: Print the findings as JSON.
+    """
+    path_task = load(task, path)
+    rows = read_trajectory(trajectory, JointRanges.of(path_task.model).names)
+    with working("checking"):
+        found = check_trajectory(
+            rows,
+            path_task,
+            position_tolerance=position_tolerance,
+            axis_tolerance_deg=axis_tolerance_deg,
+        )
+    if json_:
+        print(json.dumps(found.to_dict(), ensure_ascii=False, indent=2))
+    else:
+        say(f"{trajectory}: {found.rows} rows, {found.waypoints} waypoints, {found.matched}")
+        say(found.table().rstrip("\n"), *found.notes, found.verdict)
+    if not found.passes:
+        raise SystemExit(1)

@@ -1,0 +1,72 @@
+"""``qp-twist starts``."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import numpy as np
+import tyro
+from rich.table import Table
+
+from qp_twist.cli.app import MethodName, Task, app, load, say, show
+from qp_twist.cli.progress import sample_progress
+from qp_twist.errors import InvalidInput
+from qp_twist.following import FoundStart, find_starts
+from qp_twist.kinematics import JointRanges
+
+
+@app.command
+def starts(
+    task: Task,
+    count: Annotated[int, tyro.conf.arg(metavar="N")] = 8,
+    method: MethodName = "qp_gradient",
+) -> None:
+    """List where the robot may start: the most central configurations, and how far each leads.
+
+    Args:
+        task: Name of a shipped task, or path to a .toml file.
+        count: Most starts.
+        method: Of the laps.
+    """
+    if count < 1:
+        raise InvalidInput(f"--count {count}: expected a number of at least 1.")
+    path_task = load(task)
+    with sample_progress(count) as report:
+        found = find_starts(
+            path_task, count, method=method, progress=lambda done, of: report(count - of + done)
+        )
+    ranges = JointRanges.of(path_task.model)
+    show(_table(found, ranges))
+    best = found[0]
+    key, values = "q", best.q
+    if ranges.hinge.all():
+        key, values = "q_deg", np.degrees(best.q)
+    say("[start]", f"{key} = [{', '.join(f'{value:.10g}' for value in np.round(values, 4) + 0.0)}]")
+    if not best.completed:
+        say(f"none of them leads to the end; the best stops, held by {best.stopped_by}")
+        raise SystemExit(1)
+
+
+def _table(found: list[FoundStart], ranges: JointRanges) -> Table:
+    table = Table(box=None, pad_edge=False)
+    for column in ("", "branch", "z", "margin", "σ_min", "lap"):
+        table.add_column(column, justify="right")
+    table.add_column(f"{', '.join(ranges.names)} [{'° or m' if not ranges.hinge.all() else '°'}]")
+    for number, start in enumerate(found, start=1):
+        shown = np.where(ranges.hinge, np.degrees(start.q), start.q)
+        margin = f"{start.margin:.2f}" if np.isfinite(start.margin) else "–"
+        table.add_row(
+            str(number),
+            "–" if start.branch is None else str(start.branch + 1),
+            f"{start.z:.4f}",
+            margin,
+            f"{start.sigma_min:.3f}",
+            f"{start.reached}/{start.waypoints}",
+            "  ".join(map(_number, shown, ranges.hinge)),
+        )
+    return table
+
+
+def _number(value: float, hinge: np.bool_) -> str:
+    digits = 1 if hinge else 3
+    return f"{round(value, digits) + 0.0:7.{digits}f}"

@@ -1,0 +1,9 @@
+"""Joint trajectories as files, and whether one of them does a task."""
+
+from .check import Check as Check
+from .check import Finding as Finding
+from .check import check_trajectory as check_trajectory
+from .files import ENDINGS as ENDINGS
+from .files import read_trajectory as read_trajectory
+from .files import write_trajectory as write_trajectory
+from .joint_rows import JointRows as JointRows

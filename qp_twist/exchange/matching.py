@@ -1,0 +1,88 @@
+"""When a trajectory with rows of its own is at each waypoint of a path."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from qp_twist.checks import Array
+from qp_twist.geometry import many_twist_errors
+from qp_twist.path import PathTask
+from qp_twist.timing import JointMotion, poses_of
+
+_DENSITY = 8
+"""Looks at the motion for each waypoint, at least."""
+_REFINED = 17
+_ROUNDS = 3
+_ON = 1e-3
+"""Task error, in tolerances, from which on nothing nearer is looked for."""
+
+
+def times_at_waypoints(
+    path_task: PathTask, motion: JointMotion, position_tolerance: float, axis_tolerance: float
+) -> Array:
+    r"""Times, s, (N,), never decreasing, at which the motion is nearest to the waypoints in order.
+
+    Of all ways to give the waypoints times in their order, the one with the least sum of squared
+    task errors, each in tolerances: by dynamic programming over densely sampled times, then each
+    time refined beside its sample. So a path that crosses itself or is passed twice is matched in
+    its order, and a run-in before the first waypoint or a run-out after the last costs nothing.
+    """
+    tolerances = position_tolerance, axis_tolerance
+    times, costs = motion.times, _costs(path_task, motion, motion.times, tolerances)
+    at = _in_order(costs)
+    if (costs[np.arange(len(at)), at] >= _ON**2).any():  # the rows alone do not meet all waypoints
+        parts = max(1, -(-_DENSITY * len(at) // (len(motion.times) - 1)))
+        begins, spans = motion.times[:-1, None], np.diff(motion.times)[:, None]
+        times = np.append((begins + spans * np.arange(parts) / parts).ravel(), motion.times[-1])
+        costs = _costs(path_task, motion, times, tolerances)
+        at = _in_order(costs)
+    found = times[at]
+    for k in np.flatnonzero(costs[np.arange(len(at)), at] >= _ON**2).tolist():
+        low, high = times[max(at[k] - 1, 0)], times[min(at[k] + 1, len(times) - 1)]
+        for _ in range(_ROUNDS):
+            near = np.append(np.linspace(low, high, _REFINED), found[k])
+            cost = _cost(path_task, k, *poses_of(path_task, motion.at(near).q), tolerances)
+            found[k] = near[int(np.argmin(cost))]
+            width = (high - low) / (_REFINED - 1)
+            low, high = max(low, found[k] - width), min(high, found[k] + width)
+    ordered: Array = np.maximum.accumulate(found)
+    return ordered
+
+
+def _costs(
+    path_task: PathTask, motion: JointMotion, times: Array, tolerances: tuple[float, float]
+) -> Array:
+    """Cost of every waypoint at every time, (N, K)."""
+    R, p = poses_of(path_task, motion.at(times).q)
+    return np.array(
+        [_cost(path_task, k, R, p, tolerances) for k in range(len(path_task.waypoints))]
+    )
+
+
+def _in_order(costs: Array) -> np.ndarray[tuple[int], np.dtype[np.intp]]:
+    """Indices of times, (N,), never decreasing, with the least sum of costs (N, K)."""
+    so_far = np.zeros(costs.shape[1])
+    came_from = np.empty(costs.shape, dtype=np.int32)
+    for k, cost in enumerate(costs):
+        # The least cost up to each time, and where it was reached.
+        least = np.minimum.accumulate(so_far)
+        new = np.concatenate([[True], so_far[1:] < least[:-1]])
+        came_from[k] = np.maximum.accumulate(np.where(new, np.arange(len(new)), 0))
+        so_far = least + cost
+    at = np.empty(len(costs), dtype=np.intp)
+    at[-1] = int(np.argmin(so_far))
+    for k in range(len(costs) - 1, 0, -1):
+        at[k - 1] = came_from[k, at[k]]
+    return at
+
+
+def _cost(
+    path_task: PathTask, k: int, R: Array, p: Array, tolerances: tuple[float, float]
+) -> Array:
+    """Squared task error of poses (K) at waypoint k, in tolerances."""
+    waypoint, rows = path_task.waypoints[k], path_task.in_force[k]
+    R_d, p_d = waypoint.rotation().as_matrix(), waypoint.translation()
+    errors = many_twist_errors(R, p, R_d, p_d, rows)[1]
+    cost: Array = np.sum((errors[:, :3] / tolerances[0]) ** 2, axis=1)
+    cost += np.sum((errors[:, 3:] / tolerances[1]) ** 2, axis=1)
+    return cost

@@ -1,0 +1,52 @@
+"""What a trajectory file says of the task that it was made for."""
+
+from __future__ import annotations
+
+from importlib.metadata import version
+from typing import Any
+
+from qp_twist.following import Trajectory
+from qp_twist.geometry import Projector, TwistProjector
+from qp_twist.kinematics import JointRanges
+from qp_twist.timing import TimedTrajectory
+
+
+def metadata_of(trajectory: Trajectory | TimedTrajectory) -> dict[str, Any]:
+    """Facts for people and programs, ready for JSON; nothing that depends on the machine."""
+    timed = trajectory if isinstance(trajectory, TimedTrajectory) else None
+    rows = trajectory.trajectory if isinstance(trajectory, TimedTrajectory) else trajectory
+    task = rows.path_task
+    ranges = JointRanges.of(task.model)
+    firsts = [1, *(segment.first + 1 for segment in task.segments)]
+    return {
+        "generator": f"qp_twist {version('qp_twist')}",
+        "versions": {name: version(name) for name in ("mujoco", "mink")},
+        "task": task.name,
+        "title": task.title,
+        "method": rows.method,
+        "robot": task.scene.name,
+        "frame": {"name": task.frame_name, "type": task.frame_type},
+        "projectors": [
+            {"first_waypoint": first, **_words(projector)}
+            for first, projector in zip(firsts, task.projectors, strict=True)
+        ],
+        "waypoints": len(task.waypoints),
+        "units": dict(zip(ranges.names, ranges.units, strict=True)),
+        "interpolation": None if timed is None else timed.motion.interpolation,
+        "position_error_max_m": float(rows.position_error.max()),
+        "axis_error_max_rad": float(rows.axis_error.max()),
+    }
+
+
+def _words(projector: TwistProjector) -> dict[str, Any]:
+    """A projector as a task file states it."""
+    return {
+        "linear": _block(projector.linear),
+        "angular": _block(projector.angular),
+        "frame": projector.frame,
+    }
+
+
+def _block(block: Projector) -> str | dict[str, list[float]]:
+    word = block.kind.name.lower()
+    return word if block.axis is None else {word: [float(x) for x in block.axis]}

@@ -1,0 +1,237 @@
+"""The most central configurations of a waypoint: every local least z inside the limits."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial import KDTree
+
+from qp_twist.checks import Array
+from qp_twist.kinematics import JointRanges, OrthoParallelArm
+from qp_twist.path import PathTask
+from qp_twist.planning.bound import centred_nearby
+from qp_twist.planning.drawn import random_configurations
+from qp_twist.planning.layer import centred, inside_bands
+from qp_twist.planning.path_rows import Indices, Mask, PathRows
+from qp_twist.planning.roll_grid import RollGrid
+from qp_twist.qp import QuadraticProgram, Verified, solve
+
+_GRID = np.radians(4.0)
+_VALLEY = 0.35
+"""A configuration of the grid with less z than all others within this distance is looked at, rad
+or m: a little more than the distance of the grid's neighbours."""
+_MOST = 48
+"""Valleys that are looked at."""
+_SEEDS, _ITERATIONS, _PROJECTIONS = 300, 20, 20
+_ENOUGH = 60
+"""With so many seeds inside at once, the others are let go."""
+_AGAIN = 3
+"""Times that steps along the null space begin anew."""
+_POLISHED = 6
+"""Of those that a limit holds, so many are led on along their limits."""
+_ALIKE = 0.02
+"""Configurations whose limited joints differ by less are one, rad or m."""
+_HAIR = 1e-9
+"""What the programs stay away from every limit, rad or m."""
+_ROUNDS, _HALVINGS, _SETTLING = 40, 30, 6
+_FIRST, _LARGEST, _SMALLEST = 0.1, 0.4, 1e-4
+"""Radius in which the linear model is believed: at first, at most, and where it ends."""
+_SETTLED = 1e-9
+"""A gain of z below this is none."""
+
+
+@dataclass(frozen=True, eq=False)
+class CentralConfiguration:
+    """A configuration on a waypoint, inside the limits, with less z than all others nearby.
+
+    Attributes:
+        q: The configuration, rad or m, (nv,).
+        z: ½‖W(θ̄ − θ)‖² there.
+        branch: Number of its branch of the closed-form inverse kinematics; ``None`` where the arm
+            has none.
+    """
+
+    q: Array
+    z: float
+    branch: int | None
+
+
+def central_configurations(path_task: PathTask, index: int = 0) -> list[CentralConfiguration]:
+    """The local minima of z on a waypoint, the least first; none if none is inside the limits.
+
+    Of an industrial arm all branches and whole turns are laid out on a grid of what the task leaves
+    free; of any other robot random configurations are brought onto the waypoint and into the
+    limits. From each valley steps along the null space go down to the minimum, along the limits
+    where these hold it.
+
+    Args:
+        path_task: The task.
+        index: Of the waypoint, from 0.
+    """
+    rows, ranges = PathRows(path_task), JointRanges.of(path_task.model)
+    descent = _Descent(path_task, rows, ranges, index)
+    arm = OrthoParallelArm.recognise(path_task.model, path_task.frame_name, path_task.frame_type)
+    if arm is not None and RollGrid.applies(path_task, index):
+        joints = np.full(path_task.model.nv, 2.0 * _GRID)
+        layer = RollGrid(path_task, arm, _GRID, joints).layer(index)
+        valleys = _valleys(layer.q, ranges)
+        branches: list[int | None] = [int(branch) for branch in layer.branch[valleys]]
+        begin = layer.q[valleys]
+    else:
+        seeds = descent.random()
+        begin = seeds[_valleys(seeds, ranges)]
+        branches = [None] * len(begin)
+    q = descent.lowest(begin)
+    found: list[CentralConfiguration] = []
+    z = ranges.centring(q)
+    for number in np.argsort(z, kind="stable"):
+        apart = [np.abs(q[number] - other.q)[ranges.limited].max(initial=0.0) for other in found]
+        if not apart or min(apart) > _ALIKE:
+            found.append(CentralConfiguration(q[number], float(z[number]), branches[number]))
+    return found
+
+
+def _valleys(q: Array, ranges: JointRanges) -> Indices:
+    """Which configurations (K, nv) have the least z around them, the least first."""
+    z = ranges.centring(q)
+    taken = np.zeros(len(z), dtype=bool)
+    tree = KDTree(q) if len(q) else None
+    found: list[int] = []
+    for number in np.argsort(z, kind="stable"):
+        if len(found) == _MOST or tree is None:
+            break
+        near = tree.query_ball_point(q[number], _VALLEY)
+        if not taken[number] and z[number] <= z[near].min():
+            found.append(int(number))
+        taken[near] = True
+    return np.array(found, dtype=np.intp)
+
+
+class _Descent:
+    """Down to the least z nearby, on the waypoint and inside limits and hard bands."""
+
+    def __init__(
+        self, path_task: PathTask, rows: PathRows, ranges: JointRanges, index: int
+    ) -> None:
+        self.hard_bands = [band for band in path_task.bands if band.weight is None]
+        self.waypoint = path_task.waypoints[index]
+        self.rows = rows
+        self.ranges = ranges
+        self.index = index
+
+    def random(self) -> Array:
+        """Random configurations, brought onto the waypoint and inside, (K, nv).
+
+        By turns onto the nearest position inside the ranges and back onto the waypoint.
+        """
+        drawn = random_configurations(self.ranges, _SEEDS, np.random.default_rng(0))
+        q, arrived = self.rows.correct(drawn, self._at(drawn), iterations=_ITERATIONS)
+        middle = centred(q[arrived], self.ranges)
+        # Where a range is longer than a turn, other turns are other starts.
+        turned = (middle != q[arrived]).any(axis=1)
+        q = np.vstack([middle, q[arrived][turned]])
+        inside = self._inside(q)
+        kept, q = [q[inside]], q[~inside]
+        for _ in range(_PROJECTIONS if inside.sum() < _ENOUGH else 0):
+            if not len(q):
+                break
+            clipped = np.clip(q, self.ranges.lower, self.ranges.upper)
+            q, arrived = self.rows.correct(clipped, self._at(q), iterations=8)
+            inside = self._inside(q)
+            kept.append(q[arrived & inside])
+            q = q[arrived & ~inside]
+        return np.vstack(kept)
+
+    def lowest(self, q: Array) -> Array:
+        """From configurations q (K, nv), each inside."""
+        free = q
+        for _ in range(_AGAIN):  # wide ranges are longer than one call goes
+            lower = centred_nearby(free.copy(), self._at(q), self.rows, self.ranges)
+            free = np.where(np.isfinite(lower), lower, free)
+        within = self._inside(free)
+        lowest = np.where(within[:, None], free, q)
+        held = np.flatnonzero(~within)
+        lowest[held] = self._as_far_as_inside(q[held], free[held])
+        if self.rows.freedom[self.index] > 1 and not self.hard_bands:
+            # Of more than one free direction some lead on along the limits.
+            for number in held[np.argsort(self.ranges.centring(lowest[held]))][:_POLISHED]:
+                lowest[number] = self._along_limits(lowest[number])
+        return lowest
+
+    def _at(self, q: Array) -> Indices:
+        return np.full(len(q), self.index, dtype=np.intp)
+
+    def _inside(self, q: Array) -> Mask:
+        within: Mask = ((q >= self.ranges.lower) & (q <= self.ranges.upper)).min(axis=1)
+        if self.hard_bands and within.any():
+            within &= inside_bands(self.hard_bands, *self.rows.chain.poses(q), self.waypoint)
+        return within
+
+    def _as_far_as_inside(self, near: Array, far: Array) -> Array:
+        """On the way from ``near``, inside, to ``far`` (K, nv): the last that is inside."""
+        for _ in range(_HALVINGS if len(near) else 0):
+            middle, arrived = self.rows.correct(0.5 * (near + far), self._at(near))
+            ok = (arrived & self._inside(middle))[:, None]
+            near, far = np.where(ok, middle, near), np.where(ok, far, middle)
+        return near
+
+    def _along_limits(self, q: Array) -> Array:
+        """Sequential quadratic programs in the null space, with the limits as rows."""
+        radius = _FIRST
+        for _ in range(_ROUNDS):
+            there = self._stepped(q, radius)
+            gain = 0.0
+            if there is not None:
+                gain = float(self.ranges.centring(q) - self.ranges.centring(there))
+            if there is None or gain <= 0.0:
+                radius *= 0.25
+                if radius < _SMALLEST:
+                    break
+                continue
+            q, radius = there, min(2.0 * radius, _LARGEST)
+            if gain < _SETTLED:
+                break
+        return q
+
+    def _stepped(self, q: Array, radius: float) -> Array | None:
+        """One program and the way back onto the waypoint; ``None`` where that leads outside."""
+        weight = self.ranges.weight
+        moved = self._solved(q, weight, weight * (self.ranges.middle - q), radius)
+        for _ in range(_SETTLING):
+            if moved is None:
+                return None
+            corrected, arrived = self.rows.correct(moved[None], np.array([self.index]))
+            if not arrived[0]:
+                return None
+            there: Array = corrected[0]
+            if self._inside(corrected)[0]:
+                return there
+            ones = np.ones(len(q))
+            moved = self._solved(there, ones, 0.0 * ones, radius)
+        return None
+
+    def _solved(self, q: Array, weight: Array, wish: Array, radius: float) -> Array | None:
+        """q + N u of least ‖weight · N u − wish‖ within the limits, no entry of u above radius."""
+        [basis] = self.rows.motions(q[None], np.array([self.index]))
+        count = basis.shape[1]
+        weighted = weight[:, None] * basis
+        G = np.vstack([basis, -basis])
+        g = np.concatenate([self.ranges.upper - q, q - self.ranges.lower]) - _HAIR
+        bounded = np.isfinite(g)
+        problem = QuadraticProgram(
+            # Joints without limits weigh nothing; a little keeps them where they are.
+            weighted.T @ weighted + 1e-9 * np.eye(count),
+            -weighted.T @ wish,
+            np.zeros((0, count)),
+            np.zeros(0),
+            G[bounded],
+            g[bounded],
+            np.full(count, -radius),
+            np.full(count, radius),
+        )
+        result = solve(problem, "daqp")
+        if not isinstance(result, Verified):
+            return None
+        moved: Array = q + basis @ result.x
+        return moved

@@ -1,0 +1,211 @@
+"""The fastest way along joint rows whose pieces are cubics in time."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from qp_twist.checks import Array
+from qp_twist.timing.joint_motion import JointMotion
+
+_ROUNDS = 100
+_ROUNDING = 1e-10
+"""Share of a limit that rounding may exceed it by."""
+
+
+@dataclass(frozen=True, eq=False)
+class SpeedProfile:
+    """How fast a path is passed.
+
+    Attributes:
+        motion: The joints in time.
+        pace: σ at each row: 1 at the feed, 0 at rest, (N,).
+        speed_use: Share of the velocity limits that each piece uses, (N − 1, nv).
+        acceleration_use: Share of the acceleration limits, (N − 1, nv).
+    """
+
+    motion: JointMotion
+    pace: Array
+    speed_use: Array
+    acceleration_use: Array
+
+
+def speed_profile(
+    q: Array,
+    feed: Array,
+    max_velocity: Array,
+    max_acceleration: Array,
+    rests: np.ndarray[tuple[int], np.dtype[np.bool_]],
+) -> SpeedProfile:
+    r"""Velocities and times at the rows of a joint path, as fast as feed and limits allow.
+
+    Let s be the time that the feed would take. At row k the joints move at
+    :math:`\dot{\mathbf q}_k = \sigma_k\,\mathbf p_k`: the direction :math:`\mathbf p = d\mathbf
+    q/ds` is that of the parabola through three rows, the pace :math:`0 \le \sigma \le 1` is looked
+    for. A piece of length h in s takes :math:`T = 2h/(a + b)` from pace a to pace b, and with
+    :math:`\mathbf D = \Delta\mathbf q/h` the accelerations at its ends are, joint by joint,
+
+    .. math::
+
+        \frac{a + b}{2h}\,\bigl[(3D - 4p_k)\,a + (3D - 2p_{k+1})\,b\bigr], \qquad
+        \frac{a + b}{2h}\,\bigl[(2p_k - 3D)\,a + (4p_{k+1} - 3D)\,b\bigr];
+
+    the velocities are between the three numbers :math:`p_k a`, :math:`\tfrac32 D(a + b) - p_k a -
+    p_{k+1} b` and :math:`p_{k+1} b`. All of them within their limits make the piece feasible.
+
+    Each row first has the largest pace at which the pieces beside it are feasible if they keep it.
+    Then, as in reachability analysis (Pham and Pham 2018), a pass backwards lowers the begin of
+    each piece that could not brake to its end's pace, a pass forwards the end of each that could
+    not reach it. Only the faster end of a piece is lowered, and never below the slower, so the
+    passes come to rest, and away from the rests no pace becomes zero.
+
+    Args:
+        q: Joint positions, rad or m, (N, nv), no two successive rows alike where ``feed`` is 0.
+        feed: Least time of each piece, s, (N − 1,), above 0.
+        max_velocity: rad/s or m/s, (nv,); ∞ where there is none.
+        max_acceleration: rad/s² or m/s², (nv,); ∞ likewise.
+        rests: Rows at which the joints stand still, (N,).
+    """
+    moved = np.diff(q, axis=0)
+    h = np.maximum(feed, (np.abs(moved) / max_velocity).max(axis=1, initial=0.0))
+    D = moved / h[:, None]
+    p, p_begin, p_end = _directions(D, h, rests)
+    pieces = [
+        _Piece.of(D[k], p_begin[k], p_end[k], float(h[k]), max_velocity, max_acceleration)
+        for k in range(len(h))
+    ]
+    pace = np.where(rests, 0.0, 1.0)
+    for k, piece in enumerate(pieces):
+        pace[k : k + 2] = np.minimum(pace[k : k + 2], piece.steady_pace())
+    for _ in range(_ROUNDS):
+        before = pace.copy()
+        for k in reversed(range(len(pieces))):
+            if pace[k] > pace[k + 1]:
+                pace[k] = pieces[k].largest_begin(float(pace[k]), float(pace[k + 1]))
+        for k, piece in enumerate(pieces):
+            if pace[k + 1] > pace[k]:
+                pace[k + 1] = piece.largest_end(float(pace[k]), float(pace[k + 1]))
+        if (pace == before).all():
+            break
+    together = pace[:-1] + pace[1:]
+    T = 2.0 * h / np.where(together > 0.0, together, 1.0)
+    # From rest to rest in one piece: q̇ is 1.5 D at most, q̈ 6 D/T at its ends.
+    both = together == 0.0
+    slowest = np.maximum(
+        1.5 * np.abs(moved) / max_velocity, np.sqrt(6.0 * np.abs(moved) / max_acceleration)
+    )
+    T[both] = np.maximum(h, slowest.max(axis=1, initial=0.0))[both]
+    times, velocities = np.concatenate([[0.0], np.cumsum(T)]), pace[:, None] * p
+    motion = JointMotion(times, q, velocities)
+    use = _largest_use(motion, max_velocity, max_acceleration)
+    if use > 1.0:  # what rounding, or passes that were cut short, have left
+        motion = JointMotion(use * times, q, velocities / use)
+    return SpeedProfile(
+        motion,
+        pace,
+        motion.largest_speeds() / max_velocity,
+        motion.largest_accelerations() / max_acceleration,
+    )
+
+
+def _largest_use(motion: JointMotion, max_velocity: Array, max_acceleration: Array) -> float:
+    """By what factor all times would have to be longer."""
+    speed = (motion.largest_speeds() / max_velocity).max(initial=0.0)
+    acceleration = (motion.largest_accelerations() / max_acceleration).max(initial=0.0)
+    return float(max(speed, np.sqrt(acceleration)))
+
+
+def _directions(
+    D: Array, h: Array, rests: np.ndarray[tuple[int], np.dtype[np.bool_]]
+) -> tuple[Array, Array, Array]:
+    """dq/ds at the rows (N, nv), and at the begin and the end of each piece (N − 1, nv).
+
+    Of the parabola through a row and its neighbours; at a rest, where the path may turn, of the
+    piece's own side.
+    """
+    p = np.empty((len(D) + 1, D.shape[1]))
+    before, after = h[:-1, None], h[1:, None]
+    p[1:-1] = (after * D[:-1] + before * D[1:]) / (before + after)
+    p[0], p[-1] = D[0], D[-1]
+    begin, end = p[:-1].copy(), p[1:].copy()
+    for k in np.flatnonzero(rests[:-1]):
+        begin[k] = D[k] if rests[k + 1] else 2.0 * D[k] - p[k + 1]
+    for k in np.flatnonzero(rests[1:]):
+        end[k] = D[k] if rests[k] else 2.0 * D[k] - p[k]
+    return p, begin, end
+
+
+class _Piece(NamedTuple):
+    """|α a² + (α + β) a b + β b²| ≤ c and |γ a + δ b| ≤ v, joint by joint, rows with limits."""
+
+    alpha: Array
+    beta: Array
+    c: Array
+    gamma: Array
+    delta: Array
+    v: Array
+
+    @classmethod
+    def of(
+        cls, D: Array, p0: Array, p1: Array, h: float, max_velocity: Array, max_acceleration: Array
+    ) -> _Piece:
+        a, v = np.isfinite(max_acceleration), np.isfinite(max_velocity)
+        return cls(
+            np.concatenate([3.0 * D - 4.0 * p0, 2.0 * p0 - 3.0 * D])[np.tile(a, 2)],
+            np.concatenate([3.0 * D - 2.0 * p1, 4.0 * p1 - 3.0 * D])[np.tile(a, 2)],
+            2.0 * h * np.tile(max_acceleration[a], 2),
+            np.concatenate([1.5 * D - p0, p0, 0.0 * D])[np.tile(v, 3)],
+            np.concatenate([1.5 * D - p1, 0.0 * D, p1])[np.tile(v, 3)],
+            np.tile(max_velocity[v], 3),
+        )
+
+    def steady_pace(self) -> float:
+        """Largest pace, up to 1, at which the piece may be passed without changing it."""
+        with np.errstate(divide="ignore"):
+            squares = self.c / np.abs(2.0 * (self.alpha + self.beta))
+            paces = self.v / np.max(
+                np.abs([self.gamma + self.delta, self.gamma, self.delta]), axis=0, initial=0.0
+            )
+        return float(min(1.0, np.sqrt(squares.min(initial=1.0)), paces.min(initial=1.0)))
+
+    def largest_begin(self, a: float, b: float) -> float:
+        """Largest pace from b to a at which the piece may begin if it ends at b."""
+        return self._largest(a, b, self.alpha, self.beta, self.gamma, self.delta)
+
+    def largest_end(self, a: float, b: float) -> float:
+        """Largest pace from a to b at which the piece may end if it begins at a."""
+        return self._largest(b, a, self.beta, self.alpha, self.delta, self.gamma)
+
+    def _largest(
+        self, x: float, y: float, alpha: Array, beta: Array, gamma: Array, delta: Array
+    ) -> float:
+        """Largest pace from y to x of the faster end, y being that of the slower one.
+
+        y itself is feasible, so the largest is x or a point where a limit becomes tight.
+        """
+        middle, constant = (alpha + beta) * y, beta * y * y
+
+        def feasible(paces: Array) -> npt.NDArray[np.bool_]:
+            squares = paces[:, None] * (alpha * paces[:, None] + middle) + constant
+            lines = gamma * paces[:, None] + delta * y
+            hard = np.abs(squares) <= self.c * (1.0 + _ROUNDING)
+            fast = np.abs(lines) <= self.v * (1.0 + _ROUNDING)
+            return np.asarray(np.concatenate([hard, fast], axis=1).all(axis=1))
+
+        if feasible(np.array([x]))[0]:
+            return x
+        with np.errstate(divide="ignore", invalid="ignore"):
+            found = [np.array([y])]
+            for sign in (1.0, -1.0):
+                found.append((sign * self.v - delta * y) / gamma)
+                root = np.sqrt(middle**2 - 4.0 * alpha * (constant - sign * self.c))
+                # Both roots in the forms that lose no digits where α is small.
+                half = -0.5 * (middle + np.where(middle < 0.0, -root, root))
+                found += [half / alpha, (constant - sign * self.c) / half]
+        paces = np.concatenate(found)
+        paces = np.unique(paces[(paces >= y) & (paces < x)])[::-1]
+        fits = feasible(paces)
+        return float(paces[np.argmax(fits)]) if fits.any() else y

@@ -1,0 +1,68 @@
+"""Read a toolpath file of any format."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Literal
+
+from qp_twist.errors import InvalidInput
+from qp_twist.toolpath.apt_file import read_apt
+from qp_twist.toolpath.columns import AngleUnit, ColumnChoice, LengthUnit, Orientation
+from qp_twist.toolpath.csv_file import read_csv
+from qp_twist.toolpath.text import read_lines
+from qp_twist.toolpath.toolpath import Toolpath
+
+Format = Literal["csv", "apt"]
+
+
+def read_toolpath(
+    file: str | Path,
+    *,
+    format: Format | None = None,
+    columns: ColumnChoice | None = None,
+    length_unit: LengthUnit | None = None,
+    angle_unit: AngleUnit | None = None,
+    orientation: Orientation | None = None,
+) -> Toolpath:
+    """Read a toolpath from a table (CSV) or APT-CL.
+
+    What the file says itself (names and units in its header, ``UNITS/MM``) need not be stated.
+
+    Args:
+        file: The file.
+        format: Of the file; found out from its lines if left out.
+        columns: Columns whose names are not the usual ones.
+        length_unit: Of the positions.
+        angle_unit: Of roll, pitch and yaw.
+        orientation: Which columns of direction count.
+
+    Returns:
+        The curves, in metres, with unit vectors or rotations.
+
+    Raises:
+        InvalidInput: If the file cannot be read, is not clear, or has a broken row; with the line
+            and the column.
+
+    Example:
+        >>> from qp_twist.path import shipped_folder
+        >>> read_toolpath(shipped_folder("tasks") / "dome_seams.csv")
+        Toolpath('dome_seams.csv', 2 curves, 122 points, normal)
+    """
+    path = Path(file)
+    lines = read_lines(path)
+    if format is None:
+        goto = any(re.match(r"\s*GOTO\s*/", line, re.IGNORECASE) for line in lines)
+        format = "apt" if goto else "csv"
+    if format == "csv":
+        return read_csv(
+            path,
+            lines,
+            choice=columns or ColumnChoice(),
+            orientation=orientation,
+            length_unit=length_unit,
+            angle_unit=angle_unit,
+        )
+    if columns is not None:
+        raise InvalidInput(f"{path.name}: an APT file has no columns; leave columns out.")
+    return read_apt(path, lines, orientation=orientation, length_unit=length_unit)

@@ -1,0 +1,633 @@
+"""Toolpath files: tables in every dialect, APT-CL, and what is said of a broken one."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import mink
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+import qp_twist as qt
+from qp_twist.checks import Array
+from qp_twist.errors import InvalidInput
+from qp_twist.path import leaned as leaned_in_a_study
+from qp_twist.toolpath import ColumnChoice, Orientation, read_toolpath
+
+QUICK = settings(
+    max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+)
+PER_METRE = {"m": 1.0, "mm": 1000.0, "inch": 1 / 0.0254}
+DELIMITERS = {",": ".", ";": ",", "\t": ",", " ": "."}
+
+
+def write(folder: Path, text: str, name: str = "path.csv", *, encoding: str = "utf-8") -> Path:
+    path = folder / name
+    path.write_bytes(text.encode(encoding))
+    return path
+
+
+# ---------------------------------------------------------------- tables
+
+
+@QUICK
+@given(st.data())
+def test_a_table_in_any_dialect_reads_back_as_it_was_written(  # noqa: PLR0915
+    tmp_path: Path, data: st.DataObject
+) -> None:
+    """Numbers, curves and names go through random delimiters, units, orders and line ends."""
+    rng = np.random.default_rng(data.draw(st.integers(0, 2**32 - 1)))
+    delimiter = data.draw(st.sampled_from([",", ";", "\t", "  "]))
+    decimal = "." if delimiter == "," else data.draw(st.sampled_from([".", ","]))
+    unit = data.draw(st.sampled_from(["m", "mm", "inch"]))
+    angle = data.draw(st.sampled_from(["deg", "rad"]))
+    kind: Orientation = data.draw(
+        st.sampled_from(["axis", "normal", "quaternion", "rpy", "none"])  # type: ignore[arg-type]
+    )
+    names = data.draw(st.booleans())
+    newline = data.draw(st.sampled_from(["\n", "\r\n", "\r"]))
+    counts = data.draw(st.lists(st.integers(1, 4), min_size=1, max_size=3))
+
+    total = sum(counts)
+    positions = rng.uniform(-2, 2, (total, 3))
+    values: Array
+    if kind == "quaternion":
+        values = Rotation.random(total, random_state=1).as_quat()[:, [3, 0, 1, 2]]
+        titles = ["qw", "qx", "qy", "qz"]
+    elif kind == "rpy":
+        values = rng.uniform(-1.5, 1.5, (total, 3))
+        titles = [f"{n}_{angle}" for n in ("roll", "pitch", "yaw")]
+        expected = Rotation.from_euler("ZYX", values[:, ::-1]).as_matrix()
+    else:
+        values = rng.normal(size=(total, 3))
+        titles = ["i", "j", "k"] if kind == "axis" else ["nx", "ny", "nz"]
+    written = values * (180 / np.pi if kind == "rpy" and angle == "deg" else 1.0)
+    if kind == "none":
+        written, titles = np.zeros((total, 0)), []
+    table = np.column_stack([np.arange(total), positions * PER_METRE[unit], written])
+    titles = ["no", *(f"{c}{s}" for c in "xyz" for s in [f" [{unit}]"]), *titles]
+    order = rng.permutation(table.shape[1])
+
+    lines = ["# made by a test"]
+    if names:
+        lines.append(delimiter.join(titles[i] for i in order))
+    rows = iter(table[:, order])
+    for number, count in enumerate(counts, start=1):
+        lines.append("" if number % 2 else f"seam {number}")
+        lines += [
+            delimiter.join(f"{v:.17g}".replace(".", decimal) for v in next(rows))
+            for _ in range(count)
+        ]
+    mark = "\ufeff" if data.draw(st.booleans()) else ""
+    path = write(tmp_path, mark + newline.join(lines) + newline)
+
+    where = {int(column): i + 1 for i, column in enumerate(order)}
+    choice = None
+    if not names:
+        directions = tuple(where[i] for i in range(4, table.shape[1]))
+        key = "quaternion_wxyz" if kind == "quaternion" else kind
+        choice = ColumnChoice(
+            position=(where[1], where[2], where[3]), **({} if kind == "none" else {key: directions})
+        )
+    toolpath = read_toolpath(
+        path,
+        columns=choice,
+        length_unit=None if names else unit,
+        angle_unit=None if names or kind != "rpy" else angle,
+    )
+    assert [len(curve) for curve in toolpath.curves] == counts
+    assert np.vstack([c.positions for c in toolpath.curves]) == pytest.approx(positions, abs=1e-12)
+    assert [c.name for c in toolpath.curves][1:2] == ["seam 2"][: len(counts) - 1]
+    assert toolpath.meaning == ("rotation" if kind in ("quaternion", "rpy") else kind)
+    if kind == "quaternion":
+        expected = Rotation.from_quat(values[:, [1, 2, 3, 0]]).as_matrix()
+    if kind in ("quaternion", "rpy"):
+        rotations = np.vstack([c.rotations for c in toolpath.curves if c.rotations is not None])
+        assert rotations == pytest.approx(expected, abs=1e-9)
+    elif kind != "none":
+        vectors = np.vstack([c.vectors for c in toolpath.curves if c.vectors is not None])
+        lengths = np.linalg.norm(values, axis=1, keepdims=True)
+        assert vectors == pytest.approx(values / lengths, abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("header", "meaning"),
+    [
+        ("X [mm];Y [mm];Z [mm];NX;NY;NZ", "normal"),
+        ("x_mm;y_mm;z_mm;ax;ay;az", "axis"),
+        ("Pos X (mm);Pos Y (mm);Pos Z (mm);i [-];j [-];k [-]", "axis"),
+        ("pose.position.x/mm;pose.position.y/mm;pose.position.z/mm;normal_x;normal_y;normal_z",
+         "normal"),
+        ("X mm;Y mm;Z mm;roll_deg;pitch_deg;yaw_deg", "rotation"),
+        ("x [mm];y [mm];z [mm];W [°];P [°];R [°]", "rotation"),
+        ('"x [mm]";"y [mm]";"z [mm]";feed;speed;tool', "none"),
+        ("# x [mm];y [mm];z [mm];nx;ny;nz", "normal"),
+        ("x;y;z;nx;ny;nz\n[mm];[mm];[mm];;;", "normal"),
+        ("x;y;z;nx;ny;nz\nmm;mm;mm;-;-;-", "normal"),
+    ],
+)  # fmt: skip
+def test_usual_headers_are_understood(tmp_path: Path, header: str, meaning: str) -> None:
+    toolpath = read_toolpath(write(tmp_path, f"{header}\n10;20;30;0;0,6;0,8\n11;20;30;0;0;1\n"))
+    assert toolpath.meaning == meaning
+    [curve] = toolpath.curves
+    assert curve.positions[0] == pytest.approx([0.01, 0.02, 0.03])
+    assert curve.lines[-1] - curve.lines[0] == 1
+
+
+def test_columns_are_chosen_by_name_or_number(tmp_path: Path) -> None:
+    path = write(tmp_path, "id,Lage 1 [mm],Lage 2 [mm],Lage 3 [mm],u,v,w\n7,1,2,3,0,0,2\n")
+    by_name = ColumnChoice(position=("Lage 1", "lage 2", "Lage 3 [mm]"), normal=("u", "v", "w"))
+    by_number = ColumnChoice(position=(2, 3, 4), normal=(5, 6, 7))
+    for choice in (by_name, by_number):
+        [curve] = read_toolpath(path, columns=choice).curves
+        assert curve.positions == pytest.approx(np.array([[0.001, 0.002, 0.003]]))
+        assert curve.vectors == pytest.approx(np.array([[0, 0, 1.0]]))
+
+
+def test_a_quaternion_with_w_last_is_read_as_such(tmp_path: Path) -> None:
+    path = write(tmp_path, "0 0 0 0 0 0.6 0.8\n1 0 0 0 0 0.6 0.8\n")
+    columns = ColumnChoice(position=(1, 2, 3), quaternion_xyzw=(4, 5, 6, 7))
+    [curve] = read_toolpath(path, columns=columns, length_unit="m").curves
+    assert curve.rotations is not None
+    turn = 2 * math.atan2(0.6, 0.8)
+    assert curve.rotations[0, :2, 0] == pytest.approx([math.cos(turn), math.sin(turn)])
+
+
+def test_without_a_header_what_is_clear_is_read(tmp_path: Path) -> None:
+    three = write(tmp_path, "0 0 0\n1 0 0\n")
+    assert read_toolpath(three, length_unit="m").meaning == "none"
+    six = write(tmp_path, "0 0 0 0 0 1\n1 0 0 0 0 1\n")
+    toolpath = read_toolpath(six, length_unit="inch", orientation="normal")
+    assert toolpath.meaning == "normal"
+    assert toolpath.curves[0].positions[1, 0] == pytest.approx(0.0254)
+
+
+def test_curves_are_told_apart_and_named(tmp_path: Path) -> None:
+    text = """\
+Part 4711; left side
+x;y;z;pass
+outer
+0;0;0;a
+1;0;0;a
+
+2;0;0;a
+# a comment is none
+3;0;0;a
+4;0;0;b
+x;y;z;pass
+5;0;0;b
+
+Pass 7
+;;;
+6;0;0;b
+"""
+    toolpath = read_toolpath(write(tmp_path, text), length_unit="mm")
+    found = [(c.name, (c.positions[:, 0] * 1e3).round().tolist()) for c in toolpath.curves]
+    assert found == [("a", [0, 1]), ("a", [2, 3]), ("b", [4]), ("b", [5]), ("b", [6])]
+    plain = read_toolpath(
+        write(tmp_path, "x y z\nouter\n0 0 0\n1 0 0\n\n\nInner seam 2\n2 0 0\n\n3 0 0\n"),
+        length_unit="mm",
+    )
+    assert [c.name for c in plain.curves] == ["outer", "Inner seam 2", "3"]
+    assert [c.lines.tolist() for c in plain.curves] == [[3, 4], [8], [10]]
+    assert [len(c) for c in plain.chosen(["Inner seam 2", 1]).curves] == [1, 2]
+    with pytest.raises(InvalidInput, match=r"no curve 4; it has 3: 'outer', 'Inner seam 2', '3'"):
+        plain.chosen([4])
+
+
+def test_repeated_points_are_dropped_and_counted_but_a_turn_in_place_is_kept(
+    tmp_path: Path,
+) -> None:
+    text = "x [m],y [m],z [m],nx,ny,nz\n0,0,0,0,0,1\n0,0,0,0,0,2\n0,0,0,0,1,0\n1,0,0,0,1,0\n"
+    toolpath = read_toolpath(write(tmp_path, text))
+    assert toolpath.curves[0].lines.tolist() == [2, 4, 5]
+    assert toolpath.notes == ("a point that repeats the one before was dropped (line 3).",)
+
+
+def test_other_encodings_are_read(tmp_path: Path) -> None:
+    text = "x [mm];y [mm];z [mm];roll [°];pitch [°];yaw [°]\n1;2;3;90;0;0\n"
+    for encoding in ("latin-1", "utf-16", "utf-8-sig"):
+        [curve] = read_toolpath(write(tmp_path, text, encoding=encoding)).curves
+        assert curve.rotations is not None
+        assert curve.rotations[0] == pytest.approx(
+            np.array([[1, 0, 0], [0, 0, -1], [0, 1, 0]]), abs=1e-12
+        )
+
+
+HEAD = "x [mm],y [mm],z [mm],nx,ny,nz\n"
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (HEAD + "0,0,0,0,0,1\n1,,0,0,0,1\n", r"path.csv, line 3, column 'y \[mm\]': .* missing"),
+        (HEAD + "0,0,0,0,0,1\n1,0,0\n", r"line 3, column 'nx': .* missing; .* 3 of 6 columns"),
+        (HEAD + "0,0,0,0,0,1\n1,0,0,0,0,1,9\n", r"line 3: 7 columns, where 6 are expected"),
+        (HEAD + "0,0,0,0,0,1\n1,O.5,0,0,0,1\n", r"line 3, column 'y \[mm\]': .*'O.5'"),
+        (HEAD + "0,0,0,0,0,1\n#N/A,0,0,0,0,1\n", r"line 3, column 'x \[mm\]': .*'#N/A'"),
+        (HEAD + "0,0,0,0,0,1\n\n1,0,nan,0,0,1\n", r"line 4, column 'z \[mm\]': .*'nan'"),
+        (HEAD + "0,0,0,0,0,1\n1,0,0,inf,0,1\n", r"line 3, column 'nx': expected a finite .*'inf'"),
+        (HEAD + "0,0,0,0,0,1\n1,0,0,1e999,0,1\n", r"line 3, column 'nx': .*finite"),
+        (HEAD + "0,0,0,0,0,1\n1,0,0,0,0,0\n", r"line 3, column 'nx', .*: the normal is zero"),
+        (HEAD + "0,0,0,0,0,1\n999999,0,0,0,0,1\n", r"line 3: the point is 1000 m from the origin"),
+        ("x [m],y [m],z [m]\n0,0,0\n250,0,0\n", r'line 3: .* millimetres, say length_unit = "mm"'),
+        ("x;y;z\n1,5;2;3\n1.5;2;3\n", r"unit of column 'x', column 'y', .* length_unit = \"mm\""),
+        ("x [mm];y [mm];z [mm]\n1,5;2;3\n1.5;2;3\n",
+         r"line 2, .*'1,5' with the decimal mark ','; elsewhere it is '.'"),
+        ("x [mm],y [m],z [mm]\n1,2,3\n", "different units"),
+        ("x [cm],y [cm],z [cm]\n1,2,3\n", "the header says 'cm'; known are mm, m, inch"),
+        ("x [mm],y [mm],z [mm],roll,pitch,yaw\n1,2,3,0,0,0\n", r"add angle_unit = \"deg\" or"),
+        ("x [mm],y [mm],z [mm],rx,ry,rz\n1,2,3,0,0,0\n", r"roll, pitch, yaw or a rotation vector"),
+        ("x [mm],y [mm],z [mm],nx,ny\n1,2,3,0,0\n", r"'nx', column 'ny': 2 of 3 columns"),
+        ("x [mm],y [mm],z [mm],i,j,k,nx,ny,nz\n1,2,3,0,0,1,0,0,1\n",
+         "columns for axis and normal; add orientation"),
+        ("x [mm],X (mm),y [mm],z [mm]\n1,1,2,3\n", "mean the same"),
+        ("x [mm],y [mm],z [mm],qw,qx,qy,qz\n1,2,3,0.5,0,0,0\n", "quaternion has the length 0.5"),
+        ("u,v,w\n1,2,3\n", r"no columns x, y, z among 'u', 'v', 'w'"),
+        ("1 2 3 0 0 1\n", r"6 columns and no header .* position = \[1, 2, 3\]"),
+        ("1 2 3 1 0 0 0\n", r"7 columns and no header"),
+        ("", "path.csv: the file is empty"),
+        (" \n\n", "path.csv: the file is empty"),
+        ("only words\nand more\n", "no line has three numbers"),
+        ("a\x00b", "no text file"),
+    ],
+)  # fmt: skip
+def test_a_broken_table_is_refused_with_its_place(tmp_path: Path, text: str, message: str) -> None:
+    with pytest.raises(InvalidInput, match=message):
+        read_toolpath(write(tmp_path, text))
+
+
+def test_what_is_no_file_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(InvalidInput, match="is a folder"):
+        read_toolpath(tmp_path)
+    with pytest.raises(InvalidInput, match="there is no such toolpath file"):
+        read_toolpath(tmp_path / "none.csv")
+
+
+def test_a_unit_that_contradicts_the_header_is_refused(tmp_path: Path) -> None:
+    path = write(tmp_path, HEAD + "0,0,0,0,0,1\n")
+    with pytest.raises(InvalidInput, match="header says mm, length_unit of the task file says m;"):
+        read_toolpath(path, length_unit="m")
+    assert len(read_toolpath(path, length_unit="mm").curves) == 1
+
+
+@pytest.mark.parametrize(
+    ("columns", "message"),
+    [
+        (ColumnChoice(position=(1, 2, 9)), "the file has columns 1 to 6, got 9"),
+        (ColumnChoice(position=(1, 2, "q")), "there is no column 'q'; the header names 'x"),
+        (ColumnChoice(position=(1, 2, 2)), "a column is stated twice"),
+        (ColumnChoice(normal=(4, 5, 6), axis=(4, 5, 6)), "state one orientation, not 2"),
+        (ColumnChoice(normal=(3, 5, 6)), "a column is stated twice"),
+    ],
+)
+def test_columns_that_do_not_fit_are_refused(
+    tmp_path: Path, columns: ColumnChoice, message: str
+) -> None:
+    with pytest.raises(InvalidInput, match=message):
+        read_toolpath(write(tmp_path, HEAD + "0,0,0,0,0,1\n"), columns=columns)
+
+
+# ---------------------------------------------------------------- APT-CL
+
+APT = """\
+$$ made by hand
+PARTNO/BRACKET 1,2,3
+UNITS/MM
+MULTAX/ON
+TOOL PATH/EDGE_A,TOOL,BURR
+FROM/0,0,500,0,0,1
+RAPID
+GOTO/ 0.0, 0.0, 50.0, 0.0, 0.0, 1.0
+RAPID
+goto / 0, 0, 10.0, $
+   0, 0, 1          $$ above the part
+FEDRAT/250.0,MMPM
+GOTO/10.,0.,1.0D+01
+GOTO/20,0,10,0,.6,.8
+SPINDL/ON
+GOTO/30,0,10
+TOOL PATH/EDGE_B
+RAPID
+GOTO/0,80,10,0,0,1
+GOTO/30,80,10
+MULTAX/OFF
+GOTO/40,80,10
+END-OF-PATH
+FINI
+"""
+
+
+def test_apt_lines_become_curves(tmp_path: Path) -> None:
+    toolpath = read_toolpath(write(tmp_path, APT, "part.apt"))
+    first, second = toolpath.curves
+    assert toolpath.meaning == "axis"
+    assert (first.name, second.name) == ("EDGE_A", "EDGE_B")
+    assert first.positions * 1e3 == pytest.approx(
+        np.array([[0, 0, 10], [10, 0, 10], [20, 0, 10], [30, 0, 10]])
+    )
+    # An axis holds until the next one; without MULTAX it is that of a machine with three axes.
+    assert first.vectors == pytest.approx(
+        np.array([[0, 0, 1], [0, 0, 1], [0, 0.6, 0.8], [0, 0.6, 0.8]])
+    )
+    assert first.lines.tolist() == [10, 13, 14, 16]
+    assert second.vectors == pytest.approx(np.array([[0, 0, 1.0]] * 3))
+    assert toolpath.notes == ("left out, since only RAPID leads there and on: 1 of the points.",)
+
+
+def test_apt_in_inches_without_axes(tmp_path: Path) -> None:
+    toolpath = read_toolpath(write(tmp_path, "UNITS/INCHES\nGOTO/1,0,0\nGOTO/2,0,0\n"))
+    [curve] = toolpath.curves
+    assert curve.positions[:, 0] == pytest.approx([0.0254, 0.0508])
+    assert curve.vectors == pytest.approx(np.array([[0, 0, 1.0]] * 2))
+    assert "no GOTO states a tool axis" in toolpath.notes[0]
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("GOTO/1,0,0\nGOTO/2,0,0\n", r"line 1: no UNITS/ before the first GOTO"),
+        ("UNITS/FEET\nGOTO/1,0,0\n", r"line 1: UNITS/FEET: expected MM or INCHES"),
+        ("UNITS/MM\nGOTO/1,0,0\nUNITS/INCHES\nGOTO/2,0,0", "line 3: UNITS changes after"),
+        ("UNITS/MM\nGOTO/1,0\n", "line 2: GOTO takes x, y, z or x, y, z, i, j, k; got 2"),
+        ("UNITS/MM\nGOTO/1,0,0\nGOTO/2,0,\n", "line 3: GOTO, z: it is missing"),
+        ("UNITS/MM\nGOTO/1,P2,0\n", "line 2: GOTO, y: expected a number, got 'P2'"),
+        ("UNITS/MM\nGOTO/1,0,1e999\n", "line 2: GOTO, z: '1e999' is too large"),
+        ("UNITS/MM\nGOTO/1,0,0\nCIRCLE/0,0,0,0,0,1,5\nGOTO/2,0,0\n",
+         "line 3: CIRCLE is a circular move, which is not read; write the path as GOTO"),
+        ("UNITS/MM\nGOTO/1,0,0\nGODLTA/0,0,1\n", "line 3: GODLTA is a move from where the tool is"),
+        ("UNITS/MM\nCUTCOM/LEFT\nGOTO/1,0,0\n", "line 2: CUTCOM is a shifted path"),
+        ("UNITS/MM\nGOTO/1,0,0\nWIGGLE/3\nGOTO/2,0,0\n", "line 3: 'WIGGLE' is not known"),
+        ("UNITS/MM\nGOTO/1,0,0,0,0,0\nGOTO/2,0,0\n", "line 2, i, j, k: the axis is zero"),
+        ("UNITS/MM\nRAPID\nGOTO/1,0,0\nRAPID\nGOTO/2,0,0\n", "nothing is cut"),
+        ("UNITS/M\nGOTO/0,0,0\nGOTO/500,0,0\n", "line 3: the point is 500 m from the origin"),
+    ],
+)  # fmt: skip
+def test_apt_that_is_not_clear_is_refused_with_its_line(
+    tmp_path: Path, text: str, message: str
+) -> None:
+    with pytest.raises(InvalidInput, match=message):
+        read_toolpath(write(tmp_path, text, "part.cls"))
+
+
+def test_harmless_apt_words_are_passed_over(tmp_path: Path) -> None:
+    text = (
+        "UNITS/MM\nCYCLE/OFF\nCUTCOM/OFF\nPPRINT GOTO THE PART\nCOOLNT/ON\nGOTO/1,0,0\nGOTO/2,0,0\n"
+    )
+    assert len(read_toolpath(write(tmp_path, text)).curves[0]) == 2
+
+
+# ---------------------------------------------------------------- in a task
+
+TASK = """\
+title = "A task along a file"
+
+[robot]
+scene = "m16ib_deburring.xml"
+frame = "tool"
+
+[projector]
+linear = "full"
+angular = { plane = [0, 0, 1] }
+frame = "body"
+
+[path]
+kind = "file"
+file = "seam.csv"
+max_spacing = 0.005
+max_turn_deg = 45
+
+[start]
+q_deg = [109.2, 1.6, -63.6, -33.6, 53.1, -137.7]
+"""
+SEAM = HEAD + "0,0,0,0,0,1\n20,0,0,0,0,1\n20,10,0,0,1,1\n"
+TWO = SEAM + "second\n20,40,0,0,1,1\n0,40,0,0,0,1\n"
+PLACED = "[path.placement]\nposition = [0.0, 1.0, 0.6]\nrpy_deg = [0, 0, 90]\n"
+WAYS = (
+    "[path.approach]\ndistance = 0.03\nsteps = 4\nlinear = 'full'\nangular = 'full'\nblend = 2\n"
+    "[path.retreat]\ndistance = 0.02\nsteps = 5\nlinear = 'full'\nangular = 'none'\nblend = 3\n"
+)
+
+
+def task(folder: Path, more: str = "", csv: str = SEAM, old: str = "", new: str = "") -> Path:
+    write(folder, csv, "seam.csv")
+    assert old in TASK
+    return write(folder, TASK.replace(old, new) + more, "mine.toml")
+
+
+def rotations_of(path_task: qt.PathTask) -> Array:
+    return np.array([w.rotation().as_matrix() for w in path_task.waypoints])
+
+
+def test_a_file_in_millimetres_with_normals_becomes_waypoints_in_the_world(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = task(tmp_path, PLACED)
+    monkeypatch.chdir(tmp_path.parent)  # the file is looked for beside the task
+    loaded = qt.load_task(path)
+    # x of the file is y of the world, y is −x; 20 mm are four steps, 10 mm two.
+    expected = [[0, 1 + 0.005 * k, 0.6] for k in range(5)] + [
+        [-0.005 * k, 1.02, 0.6] for k in (1, 2)
+    ]
+    assert loaded.positions == pytest.approx(np.array(expected), abs=1e-12)
+    z = rotations_of(loaded)[:, :, 2]
+    assert z[0] == pytest.approx([0, 0, -1])  # into the part
+    assert z[-1] == pytest.approx(np.array([1, 0, -1]) / math.sqrt(2))
+    half = math.radians(22.5)
+    assert z[5] == pytest.approx([math.sin(half), 0, -math.cos(half)])
+    assert loaded.lines is not None
+    assert loaded.lines.tolist() == [2, 2, 2, 2, 3, 3, 4]
+    trajectory = qt.follow(loaded, "qp_minimum_norm")
+    assert trajectory.position_error.max() < 1e-8
+    assert trajectory.axis_error.max() < 1e-8
+
+
+def test_the_tool_points_out_where_asked_and_the_roll_rule_gives_both_signs(
+    tmp_path: Path,
+) -> None:
+    path = task(tmp_path, "[roll]\nplane_normal = [0, 1, 0]\n", old='"seam.csv"\n',
+                new='"seam.csv"\ntool = "out"\n')  # fmt: skip
+    loaded = qt.load_task(path)
+    rotations = rotations_of(loaded)
+    assert rotations[0, :, 2] == pytest.approx([0, 0, 1])
+    assert rotations[:, 1, 1] == pytest.approx(0.0, abs=1e-12)  # y in the xz-plane
+    assert loaded.flipped_waypoints is not None
+    flipped = np.array([w.rotation().as_matrix() for w in loaded.flipped_waypoints])
+    assert flipped[:, :, 1] == pytest.approx(-rotations[:, :, 1])
+
+
+def test_without_a_rule_the_roll_is_carried_along_from_the_start(tmp_path: Path) -> None:
+    loaded = qt.load_task(task(tmp_path, PLACED))
+    rotations = rotations_of(loaded)
+    held = mink.Configuration(loaded.model, loaded.start).get_transform_frame_to_world(
+        loaded.frame_name, "site"
+    )
+    before = held.rotation().as_matrix()
+    for after in rotations:
+        turn = Rotation.from_matrix(after @ before.T).as_rotvec()
+        assert abs(turn @ after[:, 2]) < 1e-9
+        before = after
+    assert loaded.flipped_waypoints is None
+
+
+def test_lead_and_tilt_lean_the_tool_as_in_a_study(tmp_path: Path) -> None:
+    straight = HEAD + "0,0,0,0,0,1\n20,0,0,0,0,1\n"
+    keys = '"seam.csv"\nlead_deg = 10\ntilt_deg = 5\n'
+    leaned = qt.load_task(task(tmp_path, csv=straight, old='"seam.csv"\n', new=keys))
+    z = rotations_of(leaned)[:, :, 2]
+    assert np.ptp(z, axis=0) == pytest.approx(0.0, abs=1e-12)
+    # One rotation vector, lead·(z × t) + tilt·t, with z down and t along x.
+    vector = np.radians(10) * np.cross([0, 0, -1], [1, 0, 0]) + np.radians(5) * np.array([1, 0, 0])
+    assert z[0] == pytest.approx(Rotation.from_rotvec(vector).apply([0, 0, -1]))
+    assert z[0, 0] > 0.15  # towards the way it goes
+    plain = qt.load_task(task(tmp_path, csv=straight))
+    other = leaned_in_a_study(plain, math.radians(10), math.radians(5))
+    assert rotations_of(other)[:, :, 2] == pytest.approx(z)
+
+
+def test_approach_and_retreat_have_their_ways_projectors_and_blends(tmp_path: Path) -> None:
+    loaded = qt.load_task(task(tmp_path, PLACED + WAYS))
+    count = 4 + 7 + 5
+    assert len(loaded.waypoints) == count
+    p = loaded.positions
+    assert p[:5] == pytest.approx(np.array([[0, 1, 0.6 + 0.0075 * k] for k in (4, 3, 2, 1, 0)]))
+    normal = np.array([-1, 0, 1]) / math.sqrt(2)
+    ends = [p[10] + 0.004 * k * normal for k in range(6)]
+    assert p[10:] == pytest.approx(np.array(ends))
+    rotations = rotations_of(loaded)
+    assert rotations[:5] == pytest.approx(np.array([rotations[4]] * 5))
+    ranks = [t.rank for t in loaded.in_force]
+    # The change to five rows is over before contact, the one to three begins after it.
+    assert ranks == [6] * 2 + [5] * 9 + [3] * 5
+    assert [(s.first, s.blend) for s in loaded.segments] == [(2, 2), (11, 3)]
+    assert loaded.projector.rank == 6
+
+
+def test_between_curves_the_tool_goes_straight_with_the_projector_of_the_retreat(
+    tmp_path: Path,
+) -> None:
+    loaded = qt.load_task(task(tmp_path, PLACED + WAYS + "[path.transfer]\nblend = 2\n", TWO))
+    p = loaded.positions
+    ranks = np.array([t.rank for t in loaded.in_force])
+    last, first = 15, int(np.flatnonzero(ranks == 6)[2])  # end of the retreat, next approach
+    chord = p[first] - p[last]
+    along = (p[last:first] - p[last]) @ chord / (chord @ chord)
+    assert p[last:first] - p[last] == pytest.approx(np.outer(along, chord), abs=1e-12)
+    assert (np.diff(along) > 0).all()
+    assert (ranks[last:first] == 3).all()
+    assert np.linalg.norm(np.diff(p, axis=0), axis=1).min() > 1e-4
+    blends = [s.blend for s in loaded.segments]
+    assert blends == [2, 3, 2, 2, 3]
+    own = qt.load_task(
+        task(tmp_path, PLACED + WAYS + "[path.transfer]\nlinear = 'none'\nangular = 'full'\n", TWO)
+    )
+    assert [t.rank for t in own.in_force][last + 1 : first] == [3] * (first - last - 1)
+    assert own.in_force[last + 1].linear.rank == 0
+
+
+def test_a_feed_gives_every_waypoint_its_time(tmp_path: Path) -> None:
+    feed = "[feed]\nspeed = 0.01\nangular_speed_deg = 90\n"
+    turn = HEAD + "0,0,0,0,0,1\n20,0,0,0,0,1\n20,0,0,0,1,0\n20,0,0,0,1,0\n20,10,0,0,1,0\n"
+    loaded = qt.load_task(task(tmp_path, PLACED + WAYS + feed, turn))
+    assert loaded.durations is not None
+    assert loaded.durations[1:].min() > 0.0
+    # 30 mm in, 30 mm along, 20 mm out at 10 mm/s, and a turn in place by 90° at 90°/s.
+    assert loaded.durations.sum() == pytest.approx(8.0 + 1.0)
+    with pytest.raises(qt.TaskFileError, match=r"add feed\.angular_speed_deg"):
+        qt.load_task(task(tmp_path, PLACED + "[feed]\nspeed = 0.01\n", turn))
+
+
+def test_curves_that_touch_have_their_common_point_once(tmp_path: Path) -> None:
+    csv = HEAD + "0,0,0,0,0,1\n10,0,0,0,0,1\n\n10,0,0,0,0,1\n20,0,0,0,0,1\n"
+    loaded = qt.load_task(task(tmp_path, "[path.transfer]\n", csv))
+    assert loaded.positions[:, 0] == pytest.approx([0, 0.005, 0.01, 0.015, 0.02])
+
+
+def test_whole_orientations_are_taken_as_they_are(tmp_path: Path) -> None:
+    csv = "x [mm],y [mm],z [mm],roll_deg,pitch_deg,yaw_deg\n0,0,0,180,0,30\n2,0,0,180,10,30\n"
+    loaded = qt.load_task(task(tmp_path, PLACED, csv))
+    expected = Rotation.from_euler("z", 90, degrees=True) * Rotation.from_euler(
+        "xyz", [[180, 0, 30], [180, 10, 30]], degrees=True
+    )
+    assert rotations_of(loaded) == pytest.approx(expected.as_matrix(), abs=1e-12)
+    plain = qt.load_task(task(tmp_path, csv="x [m],y [m],z [m]\n0,1,0.6\n0,1,0.7\n"))
+    held = mink.Configuration(plain.model, plain.start).get_transform_frame_to_world("tool", "site")
+    assert rotations_of(plain) == pytest.approx(
+        np.array([held.rotation().as_matrix()] * len(plain.waypoints))
+    )
+
+
+@pytest.mark.parametrize(
+    ("more", "csv", "message"),
+    [
+        ("", HEAD + "0,0,0,0,0,1\n1,,0,0,0,1\n",
+         r"mine.toml, line 14: path.file: seam.csv, line 3, column 'y \[mm\]'"),
+        ("", TWO, r"path.file: seam.csv has 2 curves, which begin in lines 2, 6; say how"),
+        ("", HEAD + "0,0,0,0,0,1\n", "path.file: seam.csv: a path needs at least two points"),
+        ("[path.approach]\ndistance = 0.1\n", SEAM, "line 20: path.approach.steps: missing"),
+        ("[path.approach]\ndistance = 0.1\nsteps = 4\nlinear = 'full'\n", SEAM,
+         "path.approach: give both linear and angular"),
+        ("[path.approach]\ndistance = 0.1\nsteps = 4\nblend = 2\n", SEAM,
+         "path.approach: blend needs a projector of its own"),
+        (WAYS.replace("blend = 3", "blend = 5"), SEAM,
+         "path.retreat: blend has to be less than steps = 5"),
+        ("[path.columns]\nposition = [1, 2]\n", SEAM, r"path.columns.position\[2\]: missing"),
+        ("[path.columns]\nposition = [0, 1, 2]\n", SEAM, r"position\[0\]: expected a name, or a"),
+        ("[path.placement]\nrpy_deg = [0, 0, 0]\nquaternion_wxyz = [1, 0, 0, 0]\n", SEAM,
+         "path.placement: give either quaternion_wxyz or rpy_deg"),
+        (WAYS + "[path.transfer]\nblend = 99\n", TWO, "path.transfer.blend: waypoints 17 to"),
+        (WAYS + "[[segments]]\nfirst = 3\nlinear = 'full'\nangular = 'none'\n", SEAM,
+         "segments: .* change T already"),
+        ("[path.approach]\ndistance = 0.1\nsteps = 4\nblend = 2\nlinear = 'full'\n"
+         "angular = { plane = [1, 0, 0] }\n", SEAM, "path.approach: .* fixed to 'world'"),
+    ],
+)  # fmt: skip
+def test_a_wrong_file_path_in_a_task_is_named(
+    tmp_path: Path, more: str, csv: str, message: str
+) -> None:
+    with pytest.raises(qt.TaskFileError, match=message):
+        qt.load_task(task(tmp_path, more, csv))
+
+
+def test_a_toolpath_takes_the_place_of_the_path_of_a_task(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    other = write(tmp_path, HEAD + "0,0,0,0,0,1\n10,0,0,0,0,1\n", "other.csv")
+    monkeypatch.chdir(tmp_path)
+    shipped = qt.load_task("deburring", path="other.csv")
+    assert shipped.positions == pytest.approx(np.array([[0, 0, 0], [0.01, 0, 0]]))
+    assert rotations_of(shipped)[:, :, 2] == pytest.approx(np.array([[0, 0, -1.0]] * 2))
+    assert shipped.title.endswith("; along other.csv")
+    assert shipped.toolpath is not None
+    assert shipped.toolpath.source == other
+    kept = qt.load_task(task(tmp_path, PLACED + WAYS), path=other)
+    assert len(kept.waypoints) == 4 + 3 + 5  # its spacing, its ways and its placement
+    assert kept.positions[4] == pytest.approx([0, 1, 0.6])
+    with pytest.raises(qt.TaskFileError, match="segments: they count the waypoints"):
+        qt.load_task("approach_contact_retreat", path=other)
+    with pytest.raises(qt.TaskFileError, match="there is no such toolpath file"):
+        qt.load_task("deburring", path="none.csv")
+
+
+def test_the_shipped_toolpath_lies_on_its_dome_and_is_followed() -> None:
+    loaded = qt.load_task("dome_seams")
+    assert loaded.toolpath is not None
+    assert [c.name for c in loaded.toolpath.curves] == ["around", "across"]
+    from_centre = loaded.positions - [0.0, 1.0, 0.3]
+    radii = np.linalg.norm(from_centre, axis=1)
+    contact = radii < 0.3001
+    # Chords of the file, and of what was left out of it, lie below the sphere.
+    assert radii.min() > 0.3 - 2e-4 - 1e-4
+    assert contact.sum() > 100
+    assert radii.max() == pytest.approx(0.35, abs=1e-6)  # the ends of the ways
+    inward = -from_centre / radii[:, None]
+    lean = np.degrees(np.arccos((rotations_of(loaded)[:, :, 2] * inward).sum(axis=1)))
+    assert lean[contact] == pytest.approx(5.0, abs=0.5)
+    trajectory = qt.follow(loaded, "qp_minimum_norm")
+    assert trajectory.position_error.max() < 1e-8
+    assert trajectory.axis_error.max() < 1e-8
+    assert trajectory.scale.min() == 1.0
