@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 import dataclasses
+import shlex
+import sys
+import tempfile
 from pathlib import Path
 from typing import Annotated
 
 import tyro
 
-from qp_twist.cli.app import Folder, Names, Task, app, method_names, say, show
+from qp_twist.cli.app import Folder, Names, OptionalFile, Task, app, load, method_names, say, show
 from qp_twist.cli.progress import method_progress, working
 from qp_twist.comparison import compare as compare_methods
-from qp_twist.comparison import notes, rich_table
+from qp_twist.comparison import csv_table, notes, rich_table
 from qp_twist.errors import InvalidInput
-from qp_twist.path import load_task
 from qp_twist.studies import Study
 
 
@@ -23,20 +25,28 @@ def compare(
     methods: Names = None,
     solver: Annotated[str | None, tyro.conf.arg(metavar="NAME")] = None,
     out: Folder = None,
+    path: OptionalFile = None,
+    json: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False,
+    csv: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False,
     sample: Annotated[int | None, tyro.conf.arg(metavar="N")] = None,
     from_: Annotated[Path | None, tyro.conf.arg(name="from", metavar="DIR")] = None,
 ) -> None:
-    """Run methods side by side on a task; print the table, write figures and comparison.json.
+    """Run methods side by side on a task; print the table, write report.html, figures, numbers.
 
     Args:
         task: Name of a shipped task, or path to a .toml file.
         methods: Method names separated by commas; without it all that apply.
         solver: Backend of the QPs, e.g. proxqp, osqp; without it daqp, or what the study had.
-        out: Folder to write to; without it out/TASK.
+        out: Folder to write to; without it out/TASK, with --json or --csv none.
+        path: Toolpath file to follow instead of the task's path.
+        json: Print the content of comparison.json, and nothing else.
+        csv: Print the metrics as CSV, a row a method, and nothing else.
         sample: A sample of a study, as it was there, with the study's methods and backend.
         from_: Folder of that study.
     """
-    path_task = load_task(task)
+    if json and csv:
+        raise InvalidInput("--json and --csv: both go to standard output; give one of them.")
+    path_task = load(task, path)
     if (sample is None) != (from_ is None):
         raise InvalidInput("--sample N and --from DIR belong together: a sample of a study.")
     if sample is not None and from_ is not None:
@@ -44,10 +54,12 @@ def compare(
         path_task, solver = drawn.path_task, solver or drawn.solver
         path_task = dataclasses.replace(path_task, name=f"{path_task.name}_{sample}")
         methods = methods or ",".join(drawn.methods)
-        say(str(drawn))
+        if not (json or csv):
+            say(str(drawn))
     names = method_names(path_task, methods)
-    if out is not None and out.exists() and not out.is_dir():
-        raise InvalidInput(f"--out {out}: this is a file; give a folder to write to.")
+    folder = out or (None if json or csv else Path("out") / path_task.name)
+    if folder is not None:
+        _check_folder(folder)
     with method_progress(names, len(path_task.waypoints) - 1) as progress:
         comparison = compare_methods(
             path_task,
@@ -57,11 +69,46 @@ def compare(
             planning=progress.planning,
         )
     content = comparison.to_dict()
-    show(rich_table(content))
-    for line in notes(content):
-        say(line)
-    with working("drawing the figures"):
-        lines = comparison.report(out or Path("out") / path_task.name)
-    for line in lines:
-        text = f"wrote {line}" if Path(line).exists() else line
-        say(text)
+    if json or csv:
+        sys.stdout.write(comparison.to_json() if json else csv_table(content))
+    else:
+        show(rich_table(content))
+        say(*notes(content))
+    if folder is None:
+        return
+    command = _command(
+        task, methods=methods, solver=solver, path=path, sample=sample, **{"from": from_}, out=out
+    )
+    with working("drawing the figures, writing the report"):
+        lines = comparison.report(folder, command=command)
+    if not (json or csv):
+        say(*(f"wrote {line}" if Path(line).exists() else line for line in lines))
+
+
+def _check_folder(folder: Path) -> None:
+    """Refuse a folder that cannot be written to, before anything has been computed.
+
+    Tried out in the nearest folder that is there already; nothing stays behind.
+    """
+    existing = folder.absolute()
+    while not existing.exists():
+        existing = existing.parent
+    if not existing.is_dir():
+        which = "this" if existing == folder.absolute() else str(existing)
+        raise InvalidInput(f"--out {folder}: {which} is a file; give a folder to write to.")
+    try:
+        with tempfile.TemporaryFile(dir=existing):
+            pass
+    except OSError as error:
+        raise InvalidInput(
+            f"--out {folder}: nothing can be written there ({error.strerror}); give another folder."
+        ) from None
+
+
+def _command(task: str, **options: object) -> str:
+    """The command line with the options that were given."""
+    words = ["qp-twist", "compare", task]
+    for name, value in options.items():
+        if value is not None:
+            words += [f"--{name}", str(value)]
+    return shlex.join(words)

@@ -12,7 +12,9 @@ from typing import TYPE_CHECKING, Any
 import mujoco
 
 from qp_twist.comparison import joint_figure, path_figure, roadmap_figure, scene_picture
+from qp_twist.comparison.findings import findings
 from qp_twist.comparison.metrics import metrics
+from qp_twist.comparison.report import report_page
 from qp_twist.comparison.table import plain_table
 from qp_twist.errors import InvalidInput
 from qp_twist.following import Trajectory, follow, with_start, write_atomically
@@ -52,6 +54,15 @@ class Comparison:
             **({"not_run": self.not_run} if self.not_run else {}),
         }
 
+    def to_json(self) -> str:
+        """``comparison.json`` as text."""
+        content = json.dumps(self.to_dict(), indent=2, ensure_ascii=False, allow_nan=False)
+        return content + "\n"
+
+    def findings(self) -> list[str]:
+        """What the comparison shows, in sentences computed from its numbers."""
+        return findings(self.trajectories, self.not_run)
+
     def table(self) -> str:
         """The table as plain text, each closed form next to its QP counterpart."""
         return plain_table(self.to_dict())
@@ -70,20 +81,27 @@ class Comparison:
             figures["roadmap"] = roadmap_figure.roadmap_figure(self.path_task, self.trajectories)
         return figures
 
-    def report(self, folder: str | Path) -> list[str]:
-        """Write ``comparison.json``, the table, the figures and a picture of the scene.
+    def report(self, folder: str | Path, *, command: str | None = None) -> list[str]:
+        """Write ``report.html``, ``comparison.json``, the table, the figures and a picture.
+
+        ``report.html`` has everything in one page, with the arms moving in 3D. It opens from its
+        file and asks the network for nothing.
+
+        Args:
+            folder: Folder to write to; made if it is not there.
+            command: What the report says makes it again; without it a command to the same effect.
 
         Returns:
             What was written, one path a line, and a sentence for what could not be.
         """
         folder = Path(folder)
         folder.mkdir(parents=True, exist_ok=True)
-        content = json.dumps(self.to_dict(), indent=2, ensure_ascii=False, allow_nan=False)
         lines = [
-            str(write_atomically(folder / "comparison.json", content + "\n")),
+            str(write_atomically(folder / "comparison.json", self.to_json())),
             str(write_atomically(folder / "table.txt", self.table())),
         ]
-        for name, figure in self.figures().items():
+        figures = self.figures()
+        for name, figure in figures.items():
             lines.append(str(joint_figure.save_figure(figure, folder / f"{name}.png")))
         picture = folder / "scene.png"
         with tempfile.TemporaryDirectory() as temporary:
@@ -94,7 +112,15 @@ class Comparison:
                 scene, [self.path_task.start], self.path_task.positions, picture
             )
         lines.append(sentence or str(picture))
-        return lines
+        page = report_page(
+            self.path_task,
+            self.to_dict(),
+            self.trajectories,
+            roadmap=figures.get("roadmap"),
+            picture=None if sentence else picture,
+            command=command,
+        )
+        return [str(write_atomically(folder / "report.html", page)), *lines]
 
     def __repr__(self) -> str:
         return f"Comparison({self.path_task.name!r}, {list(self.trajectories)})"

@@ -113,7 +113,7 @@ def _draw_joint(
     if ranges.limited[dof]:
         for limit in (lower, upper):
             panel.axhline(limit, color=LIMIT, linewidth=1.2)
-        low, high = _view(lower, upper, curves)
+        low, high = joint_view(lower, upper, curves)
         panel.set_ylim(low, high)
         for edge, limit in ((low, lower), (high, upper)):
             panel.axhspan(edge, limit, color=LIMIT, alpha=0.07, linewidth=0)
@@ -122,7 +122,7 @@ def _draw_joint(
     panel.margins(x=0.01)
 
 
-def _view(lower: float, upper: float, curves: Sequence[Array]) -> tuple[float, float]:
+def joint_view(lower: float, upper: float, curves: Sequence[Array]) -> tuple[float, float]:
     """The limits with some room, more where a curve leaves them, but not all that it may take."""
     width = upper - lower
     seen = np.concatenate(curves)

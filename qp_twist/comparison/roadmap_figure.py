@@ -113,8 +113,13 @@ def _draw_manifolds(
                 if abs(theta[i + 1] - theta[i]) < 90.0:
                     segment = [(waypoint, theta[i]), (waypoint, theta[i + 1])]
                     (inside if ok[i] and ok[i + 1] else outside).append(segment)
-    panel.add_collection(LineCollection(outside, colors=_OUTSIDE, linewidths=1.0, zorder=1))
-    panel.add_collection(LineCollection(inside, colors=_INSIDE, linewidths=1.6, zorder=2))
+    # Thousands of short lines: a picture of them weighs a tenth.
+    panel.add_collection(
+        LineCollection(outside, colors=_OUTSIDE, linewidths=1.0, zorder=1, rasterized=True)
+    )
+    panel.add_collection(
+        LineCollection(inside, colors=_INSIDE, linewidths=1.6, zorder=2, rasterized=True)
+    )
 
 
 def _frame(panel: Axes, ranges: JointRanges, dof: int) -> None:

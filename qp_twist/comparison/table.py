@@ -78,26 +78,27 @@ def _row(name: str, numbers: dict[str, Any]) -> list[Text | str]:
         Text(name, style=style),
         Text(where, style="red" if first else "green"),
         "–" if margin is None else Text(f"{margin:.3f}", style="red" if margin < 0.0 else ""),
-        _significant(numbers["mean_z"]),
-        _significant(1e3 * numbers["position_error_max_m"]),
-        _significant(math.degrees(numbers["axis_error_max_rad"])),
-        _whole(numbers["travel_deg"]),
-        _significant(numbers["max_step_deg"], digits=2),
-        _significant(numbers["sigma_min"]),
-        _whole(numbers["time_per_waypoint_us"]),
+        significant(numbers["mean_z"]),
+        significant(1e3 * numbers["position_error_max_m"]),
+        significant(math.degrees(numbers["axis_error_max_rad"])),
+        whole(numbers["travel_deg"]),
+        significant(numbers["max_step_deg"], digits=2),
+        significant(numbers["sigma_min"]),
+        whole(numbers["time_per_waypoint_us"]),
     ]
     if "band_excess_max" in numbers:
         excess = numbers["band_excess_max"]
-        cells.append(Text(_significant(excess), style="red" if excess > BAND_LEFT else ""))
+        cells.append(Text(significant(excess), style="red" if excess > BAND_LEFT else ""))
     return cells
 
 
-def _significant(value: float, digits: int = 4) -> str:
+def significant(value: float, digits: int = 4) -> str:
     """A number to a few decimals; tiny ones as what they are below, huge ones as a power."""
     if value and abs(value) < 10.0**-digits:
         return f"{value:.0e}"
     return f"{value:.{digits}f}" if abs(value) < 1e3 else f"{value:.1e}"
 
 
-def _whole(value: float) -> str:
+def whole(value: float) -> str:
+    """A number without decimals; a huge one as a power."""
     return f"{value:.0f}" if abs(value) < 1e6 else f"{value:.0e}"

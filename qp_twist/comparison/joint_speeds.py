@@ -1,0 +1,58 @@
+"""Joint speeds between waypoints, as shares of their limits."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from qp_twist.checks import Array
+from qp_twist.following import Trajectory
+from qp_twist.kinematics import JointRanges
+from qp_twist.path import PathTask
+
+OVER = 1.0 + 1e-6
+"""A joint counts as too fast from this share of its limit on."""
+
+
+class PeakSpeed(NamedTuple):
+    """The highest joint speed of a trajectory."""
+
+    share: float
+    """Of the joint's limit."""
+    joint: str
+    waypoint: int
+    """That the motion arrives at, counted from 1."""
+
+
+def has_speed_limits(path_task: PathTask) -> bool:
+    """Whether the task has a clock, and a limit of some joint's speed."""
+    return path_task.durations is not None and bool(np.isfinite(path_task.velocity_limits).any())
+
+
+def speed_shares(trajectory: Trajectory) -> Array:
+    r"""Mean speed of each joint on the way to each waypoint over its limit, (N, nv).
+
+    .. math:: |\theta_{i+1} - \theta_i| \,/\, (\dot\theta_{max}\, \delta t_{i+1})
+
+    The first row is 0: nothing leads to the first waypoint. Without a clock or limits all are 0.
+    δt is the time that the trajectory took for the waypoint.
+    """
+    task = trajectory.path_task
+    q = JointRanges.of(task.model).positions(trajectory.q)
+    shares = np.zeros_like(q)
+    if trajectory.durations is not None and len(q) > 1:
+        times = trajectory.durations[1:, None]
+        shares[1:] = np.abs(np.diff(q, axis=0)) / (task.velocity_limits * times)
+    return shares
+
+
+def peak_speed(trajectory: Trajectory) -> PeakSpeed | None:
+    """Where a joint comes closest to its speed limit; ``None`` without a clock or limits."""
+    if not has_speed_limits(trajectory.path_task):
+        return None
+    shares = speed_shares(trajectory)
+    waypoint, joint = np.unravel_index(int(np.argmax(shares)), shares.shape)
+    return PeakSpeed(
+        float(shares[waypoint, joint]), trajectory.joint_names[joint], int(waypoint) + 1
+    )

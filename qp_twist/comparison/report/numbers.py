@@ -1,0 +1,128 @@
+"""The table of metrics, each closed form beside its QP, and the step times."""
+
+from __future__ import annotations
+
+import html
+import math
+from collections.abc import Mapping
+from itertools import groupby
+from typing import Any
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.figure import Figure
+from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
+
+from qp_twist.comparison.metrics import BAND_LEFT, TASK_MET_M, TASK_MET_RAD
+from qp_twist.comparison.report.section import Section, figure_html, kind
+from qp_twist.comparison.report.svg import SVG_RC, inline_svg
+from qp_twist.comparison.report.swatch import swatch
+from qp_twist.comparison.style import line_style, pair_of
+from qp_twist.comparison.table import significant, whole
+from qp_twist.path import METHODS
+
+_COLUMNS = (
+    "method", "joint limits", "min margin", "mean z", "position error mm", "axis error °",
+    "travel °", "max step °", "σ min", "µs per waypoint",
+)  # fmt: skip
+_KINDS = {"closed": "closed form", "peer": "another library's step", "qp": "QP"}
+
+
+def table_section(content: Mapping[str, Any]) -> Section:
+    """The table, from the content of ``comparison.json``."""
+    methods: Mapping[str, Any] = content["methods"]
+    bands = any("band_excess_max" in numbers for numbers in methods.values())
+    columns = (*_COLUMNS, "band excess m or rad") if bands else _COLUMNS
+    heads = "".join(f'<th scope="col">{name}</th>' for name in columns)
+    bodies = "".join(
+        f"<tbody>{''.join(_row(name, methods[name], bands=bands) for name in pair)}</tbody>"
+        for _, pair in groupby(methods, key=pair_of)
+    )
+    notes = [
+        f"<li><code>{name}</code>: {html.escape(numbers['status'])}</li>"
+        for name, numbers in methods.items()
+        if numbers["status"] != "ok"
+    ]
+    remarks = f'<h3>Remarks</h3><ul class="remarks">{"".join(notes)}</ul>' if notes else ""
+    body = (
+        "<p>A closed form stands above the QP that is its constrained counterpart. ✗ marks what "
+        "was not kept: a limit, with the first waypoint outside it, or the task to 0.01 mm and "
+        "10⁻⁵ rad. The margin is 1 in the middle of a joint's range, 0 at a limit, negative "
+        "outside; z = ½‖W(θ̄ − θ)‖²; errors are the largest, in the task's rows; travel is the sum "
+        "of all hinges' displacements; σ min is that of the task's rows; times are wall times, "
+        "kinematics included.</p>"
+        '<div class="scroll" tabindex="0" role="region" aria-label="Table of metrics">'
+        f'<table class="metrics"><thead><tr>{heads}</tr></thead>{bodies}</table></div>{remarks}'
+    )
+    return Section("table", "The numbers", body)
+
+
+def times_section(content: Mapping[str, Any]) -> Section:
+    """Wall time a waypoint, a point a method, logarithmic."""
+    methods: Mapping[str, Any] = content["methods"]
+    times = {name: numbers["time_per_waypoint_us"] for name, numbers in methods.items()}
+    names = list(times)
+    with mpl.rc_context(SVG_RC):
+        height = 0.22 * len(names) + 0.75
+        figure = Figure(figsize=(8.6, height))
+        panel = figure.add_axes((0.2, 0.5 / height, 0.68, 1.0 - 0.55 / height))
+        panel.set_xscale("log")
+        low = 0.5 * min(times.values())
+        for row, name in enumerate(names):
+            colour = line_style(name)["color"]
+            hollow = {"qp": colour, "closed": "white", "peer": "#CCCCCC"}[kind(name)]
+            panel.plot([low, times[name]], [row, row], color=colour, linewidth=1.0)
+            panel.plot(times[name], row, "o", color=colour, markerfacecolor=hollow, ms=6, zorder=3)
+            panel.annotate(
+                f"{times[name]:.0f}", (times[name], row), xytext=(7, 0), va="center",
+                textcoords="offset points", fontsize=8,
+            )  # fmt: skip
+        panel.set_xlim(low, 2.0 * max(times.values()))
+        panel.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+        panel.xaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
+        panel.xaxis.set_minor_formatter(NullFormatter())
+        panel.set_yticks(np.arange(len(names)), names)
+        panel.set_ylim(len(names) - 0.4, -0.6)
+        panel.grid(visible=False, axis="y")
+        panel.set_xlabel("µs a waypoint")
+    caption = (
+        "Wall time for each waypoint, all its iterations and the kinematics included: filled for "
+        "QPs of this package, open for closed forms, grey for other libraries' steps. One run on "
+        "one machine; the plan of qp_planned is made before and not counted."
+    )
+    svg = inline_svg(figure, "times", caption)
+    return Section("times", "Step times", figure_html(svg, caption))
+
+
+def _row(name: str, numbers: Mapping[str, Any], *, bands: bool) -> str:
+    first = numbers["first_violation"]
+    where = ", ".join(f"{joint} at {waypoint}" for joint, waypoint in first.items())
+    margin = numbers["min_margin"]
+    position, axis = numbers["position_error_max_m"], numbers["axis_error_max_rad"]
+    cells = [
+        _cell(f"left: {where}" if first else "kept", bad=bool(first), good=not first),
+        _cell("–" if margin is None else f"{margin:.3f}", bad=margin is not None and margin < 0.0),
+        _cell(significant(numbers["mean_z"])),
+        _cell(significant(1e3 * position), bad=position > TASK_MET_M),
+        _cell(significant(math.degrees(axis)), bad=axis > TASK_MET_RAD),
+        _cell(whole(numbers["travel_deg"])),
+        _cell(significant(numbers["max_step_deg"], digits=2)),
+        _cell(significant(numbers["sigma_min"])),
+        _cell(whole(numbers["time_per_waypoint_us"])),
+    ]
+    if bands:
+        excess = numbers.get("band_excess_max", 0.0)
+        cells.append(_cell(significant(excess), bad=excess > BAND_LEFT))
+    return (
+        f'<tr class="{kind(name)}"><th scope="row">{swatch(name)} {name}'
+        f"<br><small>{html.escape(METHODS[name].title)}, {_KINDS[kind(name)]}</small></th>"
+        f"{''.join(cells)}</tr>"
+    )
+
+
+def _cell(text: str, *, bad: bool = False, good: bool = False) -> str:
+    if bad:
+        return f'<td class="bad">✗ {html.escape(text)}</td>'
+    if good:
+        return f'<td class="good">✓ {html.escape(text)}</td>'
+    return f"<td>{html.escape(text)}</td>"

@@ -1,0 +1,99 @@
+"""The sections put together into one page."""
+
+from __future__ import annotations
+
+import html
+import re
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from matplotlib.figure import Figure
+
+from qp_twist.comparison.findings import Run, by_topic
+from qp_twist.comparison.report.along_path import (
+    centring_section,
+    error_section,
+    singular_section,
+    speed_section,
+)
+from qp_twist.comparison.report.joints import joints_section
+from qp_twist.comparison.report.numbers import table_section, times_section
+from qp_twist.comparison.report.provenance import provenance_section
+from qp_twist.comparison.report.scene import scene_section
+from qp_twist.comparison.report.section import Choice, Section, figure_html, shown_first
+from qp_twist.comparison.report.svg import inline_svg
+from qp_twist.comparison.report.swatch import swatch
+from qp_twist.following import Trajectory
+from qp_twist.path import METHODS, PathTask
+
+_FOLDER = Path(__file__).parent
+
+
+def report_page(
+    path_task: PathTask,
+    content: Mapping[str, Any],
+    trajectories: Mapping[str, Trajectory],
+    *,
+    roadmap: Figure | None = None,
+    picture: Path | None = None,
+    command: str | None = None,
+) -> str:
+    """The report as one HTML page, which asks the network for nothing.
+
+    Args:
+        path_task: The task.
+        content: What ``comparison.json`` holds.
+        trajectories: By method name.
+        roadmap: The roadmap, where it has been drawn.
+        picture: A PNG file of the scene, for print.
+        command: The command that makes the report again; without it one that comes to the same.
+    """
+    from jinja2 import Environment, FileSystemLoader, StrictUndefined
+
+    names = list(trajectories)
+    first = shown_first(names)
+    numbers = content["methods"]
+    runs = [Run.of(trajectory) for trajectory in trajectories.values()]
+    found = by_topic(runs, content.get("not_run"))
+    sections = [
+        table_section(content),
+        scene_section(path_task, trajectories, picture),
+        joints_section(path_task, trajectories, numbers),
+        error_section(path_task, trajectories),
+        centring_section(path_task, trajectories),
+        singular_section(path_task, trajectories),
+        speed_section(path_task, trajectories),
+        times_section(content),
+        *([] if roadmap is None else [_roadmap_section(roadmap)]),
+        provenance_section(path_task, content, command),
+    ]
+    # The sections are HTML already; what they take from outside they have escaped themselves.
+    environment = Environment(
+        loader=FileSystemLoader(_FOLDER), autoescape=True, undefined=StrictUndefined,
+        trim_blocks=True, lstrip_blocks=True,
+    )  # fmt: skip
+    return environment.get_template("page.html.j2").render(
+        task=path_task.name,
+        title=path_task.title,
+        waypoints=len(path_task.waypoints),
+        findings={topic: [_marked(s, names) for s in said] for topic, said in found.items()},
+        sections=sections,
+        choices=[Choice(name, METHODS[name].title, swatch(name), name in first) for name in names],
+        counterparts={name: METHODS[name].counterpart or "" for name in names},
+        constrained={name: METHODS[name].constrained for name in names},
+        style=(_FOLDER / "page.css").read_text("utf-8"),
+        script=(_FOLDER / "page.js").read_text("utf-8"),
+    )
+
+
+def _roadmap_section(figure: Figure) -> Section:
+    caption = "What the limits leave of the free motion along the path, with all methods over it."
+    svg = inline_svg(figure, "roadmap", caption)
+    return Section("roadmap", "Roadmap", figure_html(svg, caption))
+
+
+def _marked(sentence: str, names: list[str]) -> str:
+    """A sentence as HTML, with the methods' names set off."""
+    words = "|".join(sorted(map(re.escape, names), key=len, reverse=True))
+    return re.sub(rf"(?<![\w-])({words})(?![\w-])", r"<code>\1</code>", html.escape(sentence))

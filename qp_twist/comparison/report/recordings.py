@@ -1,0 +1,118 @@
+"""The arm moving along the path, recorded once a method for viser's player in the browser."""
+
+from __future__ import annotations
+
+import base64
+import contextlib
+import copy
+import io
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from qp_twist.checks import Array
+from qp_twist.following import Trajectory
+from qp_twist.path import PathTask
+
+FRAMES = 100
+"""About how many waypoints of a path are shown."""
+DURATION_S = 8.0
+"""Time that a whole path takes in the page."""
+_PATH_RGB = (219, 18, 31)
+
+
+def player() -> str:
+    """viser's client, a page that plays what ``window.__VISER_EMBED_DATA__`` holds.
+
+    It is the same for all methods and weighs more than their recordings, so that the report has it
+    once.
+    """
+    import viser
+
+    page = Path(viser.__file__).parent / "client" / "build" / "index.html"
+    return page.read_text("utf-8")
+
+
+def recordings(path_task: PathTask, trajectories: Mapping[str, Trajectory]) -> dict[str, str]:
+    """For each method what the player plays, in base64."""
+    import mjviser
+
+    # mjviser writes into the model that it is given.
+    model = copy.copy(path_task.model)
+    with _server() as server:
+        scene = mjviser.ViserMujocoScene(server, model, num_envs=1)
+        scene.camera_tracking_enabled = False
+        # The picture of a sky that metal would mirror is most of a recording's weight.
+        server.scene.configure_environment_map(None)
+        server.scene.configure_default_lights(enabled=True, cast_shadow=False)
+        server.scene.add_light_ambient("/ambient", intensity=1.0)
+        points = path_task.positions
+        server.scene.add_line_segments(
+            "/path",
+            np.stack([points[:-1], points[1:]], axis=1).astype(np.float32),
+            colors=_PATH_RGB,
+            thickness=3.0,
+            thickness_units="screen",
+        )
+        _place_camera(server, path_task)
+        data = mujoco.MjData(model)
+        found = {}
+        for name, trajectory in trajectories.items():
+            recorder = server.get_scene_serializer()
+            frames = _frames(trajectory.q)
+            for q in frames:
+                data.qpos[:] = q
+                mujoco.mj_kinematics(model, data)
+                with server.atomic():
+                    scene.update_from_mjdata(data)
+                recorder.insert_sleep(DURATION_S / len(frames))
+            found[name] = base64.b64encode(recorder.serialize()).decode("ascii")
+    return found
+
+
+@contextlib.contextmanager
+def _server() -> Iterator[Any]:
+    """A viser server that nobody is told of: only a server can serialize a scene.
+
+    What it prints when it starts and ends is swallowed.
+    """
+    import viser
+
+    with contextlib.redirect_stdout(io.StringIO()):
+        server = viser.ViserServer(host="127.0.0.1", port=0, verbose=False)
+        try:
+            yield server
+        finally:
+            server.stop()
+
+
+def _frames(q: Array) -> Array:
+    """About ``FRAMES`` of the configurations, the first and the last included."""
+    index = np.linspace(0, len(q) - 1, min(len(q), FRAMES)).round().astype(int)
+    frames: Array = q[index]
+    return frames
+
+
+def _place_camera(server: Any, path_task: PathTask) -> None:
+    """Where the scene's camera ``overview`` stands, or in front of the robot."""
+    model = path_task.model
+    data = mujoco.MjData(model)
+    data.qpos[:] = path_task.start
+    mujoco.mj_kinematics(model, data)
+    mujoco.mj_camlight(model, data)
+    camera = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_CAMERA, "overview")
+    centre = np.array(model.stat.center)
+    if camera >= 0:
+        position, forward = data.cam_xpos[camera], -data.cam_xmat[camera].reshape(3, 3)[:, 2]
+        depth = max(float(forward @ (centre - position)), 0.1)
+        server.initial_camera.position = tuple(position)
+        server.initial_camera.look_at = tuple(position + depth * forward)
+        server.initial_camera.fov = float(np.radians(model.cam_fovy[camera]))
+        return
+    server.initial_camera.position = tuple(
+        centre + 1.6 * model.stat.extent * np.array([1, -1, 0.7])
+    )
+    server.initial_camera.look_at = tuple(centre)

@@ -1,0 +1,82 @@
+"""The scene in 3D, a method at the left and another at the right."""
+
+from __future__ import annotations
+
+import base64
+import html
+import io
+import json
+from collections.abc import Mapping
+from pathlib import Path
+
+from qp_twist.comparison.report.recordings import player, recordings
+from qp_twist.comparison.report.section import Section
+from qp_twist.following import Trajectory
+from qp_twist.path import METHODS, PathTask
+
+_PICTURE_PX = 800
+
+
+def scene_section(
+    path_task: PathTask, trajectories: Mapping[str, Trajectory], picture: Path | None
+) -> Section:
+    """Two players with a selector each, and a still picture for print."""
+    names = list(trajectories)
+    left, right = _first_pair(names)
+    views = _view("left", names, left) + (_view("right", names, right) if right else "")
+    found = recordings(path_task, trajectories)
+    data = "".join(
+        f'<script type="text/plain" class="recording" data-method="{name}">{recording}</script>'
+        for name, recording in found.items()
+    )
+    # In a script element of JSON nothing is read as markup once "</" is broken up.
+    client = json.dumps(player()).replace("</", "<\\/")
+    data += f'<script type="application/json" id="player">{client}</script>'
+    still = "" if picture is None else _still(picture, path_task.name)
+    note = (
+        '<p class="screen-only">The red line is the path. Drag to turn, scroll to come closer; the '
+        "bar below a picture plays, stops and scrubs. A change of method starts both from the "
+        "beginning.</p>"
+    )
+    print_note = '<p class="print-only">The animated scene is in the page itself.</p>'
+    body = f'{note}<div class="views screen-only">{views}</div>{still}{print_note}{data}'
+    return Section("scene", "The arm along the path", body)
+
+
+def _first_pair(names: list[str]) -> tuple[str, str | None]:
+    """A closed form and its QP, the paper's own if it ran."""
+    for closed in ("twa", *names):
+        counterpart = METHODS[closed].counterpart
+        if closed in names and counterpart in names and not METHODS[closed].constrained:
+            return closed, counterpart
+    return names[0], names[1] if len(names) > 1 else None
+
+
+def _view(side: str, names: list[str], chosen: str) -> str:
+    options = "".join(
+        f'<option value="{name}"{" selected" if name == chosen else ""}>'
+        f"{name} – {html.escape(METHODS[name].title)}</option>"
+        for name in names
+    )
+    return (
+        f'<div class="view"><label>Method at the {side} '
+        f'<select class="view-method">{options}</select></label>'
+        f'<iframe title="The arm moving along the path, {side}" loading="lazy"></iframe></div>'
+    )
+
+
+def _still(picture: Path, name: str) -> str:
+    """The picture as a small JPEG."""
+    from PIL import Image
+
+    file = io.BytesIO()
+    with Image.open(picture) as opened:
+        image = opened.convert("RGB")
+        image.thumbnail((_PICTURE_PX, _PICTURE_PX))
+        image.save(file, "JPEG", quality=82, optimize=True)
+    data = base64.b64encode(file.getvalue()).decode("ascii")
+    text = html.escape(f"The robot at the start of {name}, and the path.", quote=True)
+    return (
+        f'<figure class="print-only"><img src="data:image/jpeg;base64,{data}" '
+        f'alt="{text}"><figcaption>{text}</figcaption></figure>'
+    )

@@ -1,0 +1,66 @@
+"""A part of the report."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from qp_twist.comparison.report.svg import THINNED
+from qp_twist.path import METHODS
+
+
+class Section(NamedTuple):
+    """A heading with what stands below it."""
+
+    key: str
+    """Of its anchor and its ids."""
+    title: str
+    body: str
+    """HTML."""
+
+
+@dataclass(frozen=True)
+class Choice:
+    """A method in the page's selector.
+
+    Attributes:
+        name: Of the method.
+        title: What it is.
+        swatch: A piece of its line as SVG.
+        shown: Whether it is shown when the page opens.
+    """
+
+    name: str
+    title: str
+    swatch: str
+    shown: bool
+
+
+FIRST_SHOWN = ("gradient_projection", "qp_gradient", "twa", "qp", "qp_planned")
+"""Methods in the figures when the page opens; with fewer than three of them, all that ran."""
+
+
+def shown_first(names: list[str]) -> list[str]:
+    """The methods that are shown when the page opens: few enough to tell their lines apart."""
+    found = [name for name in FIRST_SHOWN if name in names]
+    return found if len(found) > 2 and len(names) > 5 else names
+
+
+def thinned(count: int, keep: npt.NDArray[np.intp] | None = None) -> npt.NDArray[np.intp]:
+    """Indices of about ``THINNED`` of ``count`` points, the ends and those of ``keep`` included."""
+    chosen = np.linspace(0, count - 1, min(count, THINNED)).round().astype(np.intp)
+    return np.unique(chosen if keep is None else np.concatenate([chosen, keep]))
+
+
+def figure_html(svg: str, caption: str) -> str:
+    """An SVG with its caption."""
+    return f'<figure><div class="drawing">{svg}</div><figcaption>{caption}</figcaption></figure>'
+
+
+def kind(name: str) -> str:
+    """``qp``, ``peer`` or ``closed``: what a method is, in one word."""
+    method = METHODS[name]
+    return "qp" if method.constrained else "peer" if method.peer else "closed"

@@ -1,0 +1,58 @@
+"""Matplotlib figures as SVG that stands inside a page."""
+
+from __future__ import annotations
+
+import html
+import io
+import re
+
+import matplotlib as mpl
+from matplotlib.figure import Figure
+
+from qp_twist.comparison.style import RC
+
+METHOD = "method:"
+"""Beginning of the gid of an artist that is shown and hidden with a method."""
+SVG_RC = RC | {
+    "svg.fonttype": "none",  # text stays text: smaller, and it can be searched and read aloud
+    "path.simplify_threshold": 0.3,
+    "legend.fontsize": 8,
+}
+THINNED = 240
+"""About how many points of a curve are drawn."""
+
+_NUMBER = re.compile(r"-?\d+\.\d{2,}")
+_ID = re.compile(r' id="([^"]*)"')
+_USED = re.compile(r'(?:url\(#|href="#)([^)"]+)')
+
+
+def inline_svg(figure: Figure, key: str, description: str) -> str:
+    """The figure as an ``<svg>`` element with a description for who cannot see it.
+
+    Several of them fit into one page: ids begin with ``key``, and those that nothing points at are
+    left out. Artists whose gid begins with ``method:`` get the classes ``m`` and ``m-NAME``.
+    """
+    file = io.StringIO()
+    with mpl.rc_context(SVG_RC | {"svg.hashsalt": f"qp_twist {key}"}):
+        figure.savefig(file, format="svg", metadata={"Date": None, "Creator": None})
+    text = file.getvalue()
+    text = text[text.index("<svg") :]
+    text = re.sub(r"<metadata>.*?</metadata>", "", text, flags=re.DOTALL)
+    text = re.sub(r'<g id="method:([^"]*)">', r'<g class="m m-\1">', text)
+    used = set(_USED.findall(text))
+    text = _ID.sub(lambda m: f' id="{key}-{m[1]}"' if m[1] in used else "", text)
+    text = re.sub(r'(url\(#|href="#)', rf"\g<1>{key}-", text)
+    # A tenth of a pixel is as good as a millionth.
+    text = re.sub(r' (?:d|points)="[^"]*"', lambda m: _NUMBER.sub(_rounded, m[0]), text)
+    text = re.sub(
+        r"font: ((?:bold |700 )?[\d.]+px) [^;\"]*sans-serif", r"font: \1 sans-serif", text
+    )
+    text = re.sub(r"\s*\n\s*", "\n", text)
+    # As wide as the page lets it be.
+    text = re.sub(r' (?:width|height)="[\d.]+pt"', "", text, count=2)
+    label = html.escape(description, quote=True)
+    return text.replace("<svg", f'<svg role="img" aria-label="{label}"', 1)
+
+
+def _rounded(number: re.Match[str]) -> str:
+    return f"{float(number[0]):.1f}".removesuffix(".0")
