@@ -11,7 +11,7 @@ import mink
 from qp_twist import __version__
 
 # Each module adds its command; help lists them in this order.
-from qp_twist.cli import check, compare, new, roadmap, run, starts, study, tasks  # noqa: F401
+from qp_twist.cli import check, compare, new, roadmap, run, starts, study, tasks, view  # noqa: F401
 from qp_twist.cli.app import app, quiet
 
 

@@ -1,0 +1,54 @@
+"""``qp-twist view``."""
+
+from __future__ import annotations
+
+import sys
+import webbrowser
+from typing import Annotated
+
+import tyro
+
+from qp_twist.cli.app import MethodName, OptionalFile, Solver, Task, app, load, say
+
+Port = Annotated[int | None, tyro.conf.arg(metavar="N")]
+
+
+@app.command
+def view(
+    task: Task,
+    method: MethodName = "qp",
+    solver: Solver = "daqp",
+    path: OptionalFile = None,
+    port: Port = None,
+    browser: bool = True,
+) -> None:
+    """Serve a page for this machine: the robot along the path, in the hand, with other settings.
+
+    It ends with Ctrl-C, exit code 0.
+
+    Args:
+        task: Name of a shipped task, or path to a .toml file.
+        method: Method name to begin with.
+        solver: Backend of the QPs to begin with.
+        path: Toolpath to follow instead of the task's own, e.g. path.csv.
+        port: Port of 127.0.0.1; without it the first free one from 8080 on.
+        browser: Open the page in a browser, where this runs in a terminal.
+    """
+    from qp_twist.viewing import Session, Settings, free_port
+
+    free = free_port(port)
+    path_task = load(task, path)
+    settings = Settings.of(path_task, method, solver)
+    from qp_twist.viewing.page import Page  # its libraries take a second
+
+    session = Session(path_task, settings)
+    page = Page(session, free)
+    say(f"{path_task.name}: {page.url} (Ctrl-C ends)")
+    if browser and sys.stdout.isatty():
+        webbrowser.open(page.url)
+    try:
+        page.run()
+    except KeyboardInterrupt:
+        say("ended.")
+    finally:
+        page.close()

@@ -1,0 +1,163 @@
+"""Each joint between its limits, as one drawing (SVG)."""
+
+from __future__ import annotations
+
+import html
+from collections.abc import Sequence
+
+import numpy as np
+
+from qp_twist.checks import Array
+from qp_twist.kinematics import JointRanges
+
+_OUTSIDE = 1e-9
+_AT_LIMIT = 1e-6
+"""A margin below this share of the half-range is at the limit."""
+_LEFT, _WIDTH, _ROW, _RIGHT = 62.0, 172.0, 30.0, 66.0
+_OVER = 0.08
+"""What is drawn beyond either end, as a share of the range."""
+INK, QUIET, TRACK = "#1f2937", "#6b7280", "#e5e7eb"
+FREE, HELD, LOST = "#0072B2", "#E69F00", "#D00000"
+
+
+def joint_bars(ranges: JointRanges, q: Array, binding: Sequence[str] = ()) -> str:
+    """A row for each joint: its range as a track with ticks, a mark where it stands, its value.
+
+    A joint that a limit holds back is marked by a diamond and the word "held", one outside its
+    range by a cross and "outside": never by a colour alone. Joints without a range have a value
+    only.
+
+    Args:
+        ranges: Of the model.
+        q: Configuration, rad or m, (nq,).
+        binding: Names of the limits that hold the step back, each beginning with its joint's.
+    """
+    positions = ranges.positions(q)
+    margins = ranges.margins(q)
+    rows = []
+    for dof, name in enumerate(ranges.names):
+        held = [limit for limit in binding if limit.startswith(f"{name} (")]
+        rows.append(
+            _row(
+                dof,
+                name,
+                (float(ranges.lower[dof]), float(ranges.upper[dof])),
+                float(positions[dof]),
+                float(margins[dof]),
+                bool(ranges.hinge[dof]),
+                held,
+            )
+        )
+    width, height = _LEFT + _WIDTH + _RIGHT, _ROW * len(rows) + 4.0
+    described = ", ".join(
+        f"{name} {_value(float(p), bool(h))}"
+        for name, p, h in zip(ranges.names, positions, ranges.hinge, strict=True)
+    )
+    return (
+        '<svg class="qt-bars" style="box-sizing:border-box;padding:4px 12px" role="img" '
+        f'aria-label="{html.escape(described)}" '
+        f'viewBox="0 0 {width:g} {height:g}" width="100%" '
+        f'font-family="inherit" font-size="11" fill="{INK}">{"".join(rows)}</svg>'
+    )
+
+
+def _row(
+    dof: int,
+    name: str,
+    limits: tuple[float, float],
+    position: float,
+    margin: float,
+    hinge: bool,
+    held: Sequence[str],
+) -> str:
+    y = _ROW * dof + 11.0
+    state = _state(margin, held)
+    colour = {"free": FREE, "held": HELD, "at limit": HELD, "outside": LOST}[state]
+    shown = html.escape(name if len(name) <= 10 else name[:9] + "…")
+    parts = [
+        f'<text x="0" y="{y + 4:g}">{shown}<title>{html.escape(name)}</title></text>',
+        f'<text x="{_LEFT + _WIDTH + _RIGHT:g}" y="{y + 4:g}" text-anchor="end" '
+        f'font-weight="{400 if state == "free" else 700}">{_value(position, hinge)}</text>',
+    ]
+    lower, upper = limits
+    x = None
+    if np.isfinite(margin) and upper > lower:
+        share = (position - lower) / (upper - lower)
+        x = _at(float(np.clip(share, -_OVER, 1.0 + _OVER)))
+        left, right = _at(0.0), _at(1.0)
+        parts.append(
+            f'<rect x="{left:g}" y="{y - 4:g}" width="{right - left:g}" height="8" rx="2" '
+            f'fill="{TRACK}"/>'
+        )
+        for at in (0.0, 0.25, 0.5, 0.75, 1.0):
+            tall = 6 if at in (0.0, 1.0) else 3
+            parts.append(
+                f'<line x1="{_at(at):g}" x2="{_at(at):g}" y1="{y - tall:g}" y2="{y + tall:g}" '
+                f'stroke="#9ca3af" stroke-width="{1.4 if tall == 6 else 0.8}"/>'
+            )
+        middle = _at(0.5)
+        parts.append(
+            f'<rect x="{min(x, middle):.2f}" y="{y - 2:g}" width="{abs(x - middle):.2f}" '
+            f'height="4" fill="{colour}"/>'
+        )
+        parts.append(_mark(x, y, state, colour))
+        for value, where, anchor in ((lower, left, "start"), (upper, right, "end")):
+            parts.append(
+                f'<text x="{where:g}" y="{y + 15:g}" font-size="8" text-anchor="{anchor}" '
+                f'fill="{QUIET}">{_value(value, hinge, digits=0 if hinge else 2)}</text>'
+            )
+    word = state if not held else " ".join(_kinds(held))
+    if state != "free":
+        parts.append(
+            f'<text x="{_LEFT + _WIDTH + _RIGHT:g}" y="{y + 15:g}" font-size="9" '
+            f'font-weight="700" text-anchor="end">{word}</text>'
+        )
+    place = "" if x is None else f' data-x="{x:.2f}"'
+    return f'<g data-joint="{html.escape(name)}" data-state="{state}"{place}>{"".join(parts)}</g>'
+
+
+def _state(margin: float, held: Sequence[str]) -> str:
+    if margin < -_OUTSIDE:
+        return "outside"
+    if held:
+        return "held"
+    return "at limit" if margin < _AT_LIMIT else "free"
+
+
+def _kinds(held: Sequence[str]) -> list[str]:
+    """What holds a joint: "at limit" for its range, else the kind of the limit."""
+    kinds = []
+    for limit in held:
+        kind = "at limit" if "position" in limit else limit.split("(")[-1].split(" ")[-2]
+        kinds.append({"velocity": "speed limit"}.get(kind, kind))
+    return list(dict.fromkeys(kinds))
+
+
+def _mark(x: float, y: float, state: str, colour: str) -> str:
+    if state == "free":
+        return (
+            f'<circle cx="{x:.2f}" cy="{y:g}" r="4.5" fill="{colour}" stroke="white" '
+            'stroke-width="1"/>'
+        )
+    if state == "outside":
+        return (
+            f'<path d="M{x - 5:.2f} {y - 5:g} l10 10 m0 -10 l-10 10" stroke="{colour}" '
+            'stroke-width="2.6" fill="none"/>'
+        )
+    return (
+        f'<path d="M{x:.2f} {y - 7:g} l7 7 -7 7 -7 -7 z" fill="{colour}" stroke="{INK}" '
+        'stroke-width="1.6"/>'
+    )
+
+
+def _at(share: float) -> float:
+    """Where a share of the range is drawn."""
+    inner = _WIDTH / (1.0 + 2.0 * _OVER)
+    return _LEFT + inner * (_OVER + share)
+
+
+def _value(position: float, hinge: bool, digits: int | None = None) -> str:
+    number = np.degrees(position) if hinge else position
+    places = (1 if hinge else 3) if digits is None else digits
+    text = f"{round(float(number), places) + 0.0:.{places}f}".replace("-", "−")
+    return f"{text}°" if hinge else f"{text} m"

@@ -1,0 +1,154 @@
+"""An arm that follows a target which is being moved, step by step."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import mink
+import numpy as np
+import numpy.typing as npt
+
+from qp_twist.checks import finite_array
+from qp_twist.controller import Controller, Step
+from qp_twist.following.resolver import range_metric, secondary_objectives
+from qp_twist.kinematics import JointRanges, TwistTask
+from qp_twist.limits import MotionLimit
+from qp_twist.path import METHODS, MethodSettings, PathTask
+from qp_twist.viewing.lap import Moment
+from qp_twist.viewing.projectors import with_projector
+from qp_twist.viewing.roll import Roll
+from qp_twist.viewing.settings import Settings
+
+WAYPOINTS_PER_S = 20.0
+"""A secondary's gain is per waypoint; here that many waypoints count as a second."""
+GAIN = 0.25
+"""Share of the task error that a step removes."""
+STEP_SHARE = 0.03
+"""Largest linear error that a step looks at, as a share of the scene's extent."""
+STEP_ANGLE = np.radians(6.0)
+"""Largest angular error that a step looks at, rad."""
+
+
+class LiveArm:
+    """The QP of a method, driven by a target instead of a path.
+
+    A closed form is represented by its QP: it has no limits that could hold. Position, speed and
+    acceleration limits are those of the task; the secondary acts as a velocity.
+
+    Attributes:
+        method: Name of the QP.
+        configuration: Where the arm is.
+        target: Where the frame is to go.
+        last: The last step, ``None`` before the first and where there was none.
+    """
+
+    def __init__(
+        self,
+        path_task: PathTask,
+        settings: Settings,
+        q: npt.ArrayLike,
+        *,
+        dt: float = 0.025,
+        on_infeasible: Literal["scale", "relax"] = "scale",
+    ) -> None:
+        """Put the arm somewhere, with its target where its frame is.
+
+        Args:
+            path_task: The task.
+            settings: Of the page.
+            q: Configuration, (nq,).
+            dt: Time between two steps, s.
+            on_infeasible: Whether a target that does not fit inside the limits slows the arm down
+                or draws it as close as they let it.
+        """
+        self.method = _qp_of(settings.method)
+        kind = METHODS[self.method]
+        model = path_task.model
+        self.path_task = with_projector(path_task, settings.projector)
+        projector = path_task.operational if kind.whole_twist else self.path_task.projector
+        self.dt = dt
+        self.task = TwistTask(
+            path_task.frame_name,
+            path_task.frame_type,
+            projector,
+            gain=GAIN,
+            max_linear_step=STEP_SHARE * float(model.stat.extent),
+            max_angular_step=STEP_ANGLE,
+            bands=() if kind.whole_twist else self.path_task.bands,
+        )
+        method = self._method_settings(settings)
+        natural = method.secondary == "centering" and method.weight == "natural"
+        self.ranges = JointRanges.of(model)
+        self.controller = Controller(
+            model,
+            tasks=[self.task],
+            secondary=secondary_objectives(path_task, self.task, method),
+            secondary_space=kind.space,
+            limits=[_motion_limit(path_task)] if settings.limits else [],
+            solver=settings.solver,
+            on_infeasible=on_infeasible,
+            metric=range_metric(self.ranges) if natural else None,
+        )
+        self.configuration = mink.Configuration(model, finite_array("LiveArm(q)", q, (model.nq,)))
+        self.roll = Roll(path_task)
+        self.target = self.pose
+        self.last: Step | None = None
+
+    @property
+    def pose(self) -> mink.SE3:
+        """Where the frame is."""
+        return self.configuration.get_transform_frame_to_world(
+            self.path_task.frame_name, self.path_task.frame_type
+        )
+
+    def step(self) -> Moment:
+        """Move towards the target for one time step; the arm stands still where there is none."""
+        self.task.set_target(self.target)
+        sentence = ""
+        try:
+            self.last = self.controller.step(self.configuration, self.dt)
+            self.configuration.integrate_inplace(self.last.velocity, self.dt)
+            sentence = self.last.message
+        except mink.MinkError as error:
+            self.last, sentence = None, str(error)
+        return self._moment(sentence)
+
+    def _moment(self, sentence: str) -> Moment:
+        q = self.configuration.q.copy()
+        error = self.task.state(self.configuration).error
+        return Moment(
+            q=q,
+            scale=0.0 if self.last is None else self.last.scale,
+            position_error=float(np.linalg.norm(error[:3])),
+            axis_error=float(np.linalg.norm(error[3:])),
+            sigma_min=0.0 if self.last is None else self.last.sigma_min,
+            z=float(self.ranges.centring(q)),
+            margins=self.ranges.margins(q),
+            binding=() if self.last is None else tuple(str(b) for b in self.last.binding),
+            roll=self.roll.at(self.configuration, self.target),
+            sentence=sentence,
+        )
+
+    def _method_settings(self, settings: Settings) -> MethodSettings:
+        """Of the QP; its gain is that of the page, per step instead of per waypoint."""
+        own = self.path_task.settings(self.method)
+        if own.secondary == "plan":  # none leads here; its place takes what the plan is best at
+            own = own.model_copy(
+                update={"secondary": "centering", "weight": "natural", "gain": 0.05}
+            )
+        elif settings.has_weight:
+            own = own.model_copy(update={"weight": settings.weight, "gain": settings.gain})
+        return own.model_copy(update={"gain": own.gain * WAYPOINTS_PER_S * self.dt})
+
+
+def _qp_of(method: str) -> str:
+    kind = METHODS[method]
+    return method if kind.constrained or kind.counterpart is None else kind.counterpart
+
+
+def _motion_limit(path_task: PathTask) -> MotionLimit:
+    return MotionLimit(
+        path_task.model,
+        velocity=path_task.velocity_limits,
+        acceleration=path_task.acceleration_limits,
+    )

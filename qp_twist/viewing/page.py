@@ -1,0 +1,357 @@
+"""The page: what of the session is shown, and what its controls do."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import threading
+import time
+from typing import Any
+
+import mink
+import numpy as np
+import viser
+
+from qp_twist.path import METHODS
+from qp_twist.viewing.bars import joint_bars
+from qp_twist.viewing.lap import Lap, Moment
+from qp_twist.viewing.port import HOST
+from qp_twist.viewing.projectors import projector_choices
+from qp_twist.viewing.readings import LEGEND, heading, note, readings, sentence
+from qp_twist.viewing.roadmap import has_roadmap, roadmap_pixels
+from qp_twist.viewing.session import Session
+from qp_twist.viewing.settings import WEIGHTS, method_choices, solver_choices
+from qp_twist.viewing.stage import Stage
+
+RATE_HZ = 40.0
+"""Of the clock: steps of the arm in the hand, and pictures."""
+_READ_EVERY = 3
+"""Clock ticks between two updates of what is read; nobody reads faster."""
+_LIMITS = {"slow down": "scale", "come as close as they let it": "relax"}
+
+
+class LocalServer(viser.ViserServer):
+    """A server for this machine alone: viser can hand a page on by a server elsewhere."""
+
+    def request_share_url(self, verbose: bool = True) -> str | None:
+        """Refused."""
+        return None
+
+
+class Page:
+    """The page of one session.
+
+    Attributes:
+        url: Where it is.
+    """
+
+    def __init__(self, session: Session, port: int) -> None:
+        """Serve the page; :meth:`run` lets it live.
+
+        Args:
+            session: What it shows.
+            port: A free port of this machine.
+        """
+        self.session = session
+        with contextlib.redirect_stdout(io.StringIO()):  # it prints addresses of its own
+            self.server = LocalServer(host=HOST, port=port, label="qp-twist", verbose=False)
+        self.url = f"http://{HOST}:{self.server.get_port()}"
+        self.server.gui.configure_theme(
+            control_width="medium", show_logo=False, show_share_button=False,
+            brand_color=(0, 114, 178),
+        )  # fmt: skip
+        self.stage = Stage(self.server, session.task, session.handle)
+        self._drawn: tuple[Lap | None, object] = (None, session.task)
+        self._shown: Moment | None = None
+        self._marked: mink.SE3 | None = None
+        self._texts: dict[str, str] = {}
+        self._roadmap_panel: viser.PanelHandle | None = None
+        self._ticks = 0
+        self._add_readings()
+        self._add_controls()
+        self._add_keys()
+        self._enable()
+        self._show(session.moment())
+
+    # What is read
+
+    def _add_readings(self) -> None:
+        gui = self.server.gui
+        panel = gui.add_panel()
+        with panel.add_tab(self.session.base.name):
+            gui.add_html(heading(self.session.base.title))
+            self._html = {name: gui.add_html("") for name in ("status", "bars", "readings")}
+            gui.add_html(LEGEND)
+        panel.dock_left()
+        panel.set_width(330)
+        gui.main_panel.dock_right()
+        gui.main_panel.set_width(310)
+
+    def _read(self, moment: Moment) -> None:
+        session = self.session
+        if session.arm is not None:
+            text = f"in the hand, by {session.arm.method}: {moment.sentence}"
+            wrong = not moment.sentence.startswith("solved")
+        else:
+            text = session.status()
+            ok = session.lap is not None and session.lap.status == "ok"
+            wrong = bool(session.problem) or not (ok or session.computing is not None)
+        self._write("status", sentence(text, wrong=wrong))
+        self._write("bars", joint_bars(session.ranges, moment.q, moment.binding))
+        self._write("readings", readings(session.ranges, moment))
+        computing = session.computing
+        self._progress.visible = computing is not None
+        if computing is not None:
+            _set(self._progress, round(100.0 * computing[0], 1))
+
+    def _write(self, name: str, content: str) -> None:
+        if self._texts.get(name) != content:
+            self._texts[name] = self._html[name].content = content
+
+    # What is chosen
+
+    def _add_controls(self) -> None:
+        gui, session = self.server.gui, self.session
+        settings, count = session.settings, len(session.task.waypoints)
+        self._progress = gui.add_progress_bar(0.0, animated=True, visible=False)
+        with gui.add_folder("Path"):
+            self._play = gui.add_button("Play", icon=viser.Icon.PLAYER_PLAY, hint="key P")
+            self._slider = gui.add_slider(
+                "Waypoint", min=1, max=max(2, count), step=1, initial_value=1,
+                hint="keys N (next) and B (back)",
+            )  # fmt: skip
+            self._speed = gui.add_slider(
+                "Speed [1/s]", min=1, max=200, step=1, initial_value=int(session.speed),
+                hint="waypoints per second",
+            )  # fmt: skip
+            self._roadmap = gui.add_button(
+                "Roadmap", icon=viser.Icon.MAP,
+                hint="what the limits leave of the free motion along the path; takes seconds",
+            )  # fmt: skip
+            self._roadmap.visible = has_roadmap(session.base)
+        with gui.add_folder("Method"):
+            self._method = gui.add_dropdown(
+                "Method", tuple(method_choices(session.base)), initial_value=settings.method
+            )
+            self._title = gui.add_html("")
+            self._projector = gui.add_dropdown(
+                "Task holds", tuple(projector_choices(session.base)),
+                initial_value=settings.projector,
+                hint="the projector T: what of the tool's pose counts",
+            )  # fmt: skip
+            self._solver = gui.add_dropdown(
+                "Solver", tuple(solver_choices()), initial_value=settings.solver
+            )
+            self._weight = gui.add_dropdown(
+                "Centring", WEIGHTS, initial_value=_known(settings.weight),
+                hint="weight of the secondary: gradient of z, the paper's, or natural",
+            )  # fmt: skip
+            self._gain = gui.add_number(
+                "Gain", initial_value=settings.gain, min=0.0, max=1000.0, step=0.01,
+                hint="of the secondary, per waypoint",
+            )  # fmt: skip
+            self._limits = gui.add_checkbox(
+                "Hold the limits", initial_value=settings.limits, hint="key L"
+            )
+        with gui.add_folder("Hand"):
+            self._hand = gui.add_checkbox("Drag the tool", initial_value=False, hint="key T")
+            self._at_limits = gui.add_dropdown(
+                "At limits", tuple(_LIMITS), hint="what the arm does where the target does not fit"
+            )
+            self._part = gui.add_checkbox("Drag the workpiece", initial_value=False)
+            self._back = gui.add_button("Put the workpiece back", icon=viser.Icon.ARROW_BACK_UP)
+        with gui.add_folder("Picture"):
+            self._shadows = gui.add_checkbox(
+                "Shadows", initial_value=False, hint="slow without a graphics card"
+            )
+        self._react()
+
+    def _react(self) -> None:
+        """What the controls do. A change that the page made itself has no client."""
+        session = self.session
+
+        def on(handle: Any, action: Any) -> None:
+            def changed(event: Any) -> None:
+                if event.client is not None:
+                    action(handle.value)
+
+            handle.on_update(changed)
+
+        on(self._slider, lambda value: self._seek(value - 1))
+        on(self._speed, lambda value: setattr(session, "speed", float(value)))
+        on(self._method, lambda value: self._change(method=value))
+        on(self._projector, lambda value: self._change(projector=value))
+        on(self._solver, lambda value: self._change(solver=value))
+        on(self._weight, lambda value: self._change(weight=value))
+        on(self._gain, lambda value: self._change(gain=float(value)))
+        on(self._limits, lambda value: self._change(limits=value))
+        on(self._hand, self.take_hand)
+        on(self._at_limits, lambda value: session.at_limits(_LIMITS[value]))  # type: ignore[arg-type]
+        on(self._part, lambda value: setattr(self.stage.workpiece, "visible", value))
+        on(self._shadows, self.stage.cast_shadows)
+        self._play.on_click(lambda _: self._toggle_play())
+        self._roadmap.on_click(lambda _: self._draw_roadmap())
+        self._back.on_click(lambda _: self._put_back())
+        # Coroutines: they come in the order in which the hand moved.
+        self.stage.target.on_update(self._target_moved)
+        self.stage.workpiece.on_update(self._workpiece_moved)
+
+    def _add_keys(self) -> None:
+        def command(label: str, key: Any, action: Any) -> None:
+            self.server.gui.add_command(label, hotkey=key).on_trigger(lambda _: action())
+
+        command("Play or pause", "P", self._toggle_play)
+        command("Next waypoint", "N", lambda: self._seek(int(self.session.index) + 1))
+        command("Waypoint before", "B", lambda: self._seek(int(self.session.index) - 1))
+        command("Limits on or off", "L", self._toggle_limits)
+        command("Drag the tool, or back to the path", "T", self._toggle_hand)
+
+    def _change(self, **changes: Any) -> None:
+        self.session.change(**changes)
+        self._enable()
+
+    def _enable(self) -> None:
+        """Leave only those controls that do something for the method."""
+        settings = self.session.settings
+        self._title.content = note(METHODS[settings.method].title)
+        _set(self._gain, settings.gain)
+        _set(self._weight, _known(settings.weight))
+        _set(self._limits, settings.limits)
+        hand = self.session.arm is not None
+        self._gain.disabled = not settings.has_gain
+        self._weight.disabled = not settings.has_weight
+        self._projector.disabled = not settings.has_projector
+        self._solver.disabled = not (settings.has_solver or hand)
+        self._limits.disabled = not (settings.has_limits or hand)
+        self._at_limits.disabled = not hand
+        for handle in (self._play, self._slider, self._speed):
+            handle.disabled = hand
+
+    def _seek(self, index: int) -> None:
+        self.session.playing = False
+        self.session.seek(index)
+
+    def _toggle_play(self) -> None:
+        if self.session.arm is None:
+            self.session.playing = not self.session.playing
+
+    def _toggle_limits(self) -> None:
+        if not self._limits.disabled:
+            self._change(limits=not self.session.settings.limits)
+
+    def _toggle_hand(self) -> None:
+        self.take_hand(self.session.arm is None)
+
+    def take_hand(self, take: bool) -> None:
+        """Take the tool in the hand, its handle where it stands; or go back to the lap."""
+        if take:
+            self.session.grasp()
+            assert self.session.arm is not None
+            pose = self.session.arm.pose
+            self.stage.target.position = pose.translation()
+            self.stage.target.wxyz = pose.rotation().wxyz
+        else:
+            self.session.release()
+        _set(self._hand, take)
+        self.stage.target.visible = take
+        self.stage.waypoint.visible = not take
+        self._enable()
+
+    async def _target_moved(self, event: Any) -> None:
+        self.session.drag(_pose(event.target))
+
+    async def _workpiece_moved(self, event: Any) -> None:
+        self.session.place(_pose(event.target))
+
+    def _draw_roadmap(self) -> None:
+        """Draw it, in viser's thread of the click, and show it in a window of its own."""
+        lap = self.session.lap
+        if lap is None or self._roadmap.disabled:
+            return
+        self._roadmap.disabled, self._roadmap.label = True, "Drawing the roadmap"
+        try:
+            problem, pixels = "", roadmap_pixels(lap)
+        except mink.MinkError as error:
+            problem = str(error)
+        gui = self.server.gui
+        if self._roadmap_panel is not None:
+            self._roadmap_panel.remove()
+        self._roadmap_panel = panel = gui.add_panel()
+        with panel.add_tab("Roadmap"):
+            if problem:
+                gui.add_html(sentence(problem, wrong=True))
+            else:
+                gui.add_image(pixels, label=f"with {lap.trajectory.method}", format="png")
+        panel.float(x=15, y=15, width=760)
+        self._roadmap.disabled, self._roadmap.label = False, "Roadmap"
+
+    def _put_back(self) -> None:
+        self.session.put_back()
+        self.stage.workpiece.position = self.session.handle
+        self.stage.workpiece.wxyz = np.array([1.0, 0.0, 0.0, 0.0])
+
+    # The clock
+
+    def run(self, stop: threading.Event | None = None) -> None:
+        """Let the page live until ``stop`` is set, or Ctrl-C."""
+        stop = stop or threading.Event()
+        period = 1.0 / RATE_HZ
+        before = time.monotonic()
+        while not stop.is_set():
+            now = time.monotonic()
+            # After a pause the film goes on where it was, instead of jumping.
+            self._show(self.session.tick(min(now - before, 4 * period)))
+            before = now
+            stop.wait(max(0.001, period - (time.monotonic() - now)))
+
+    def _show(self, moment: Moment) -> None:
+        session = self.session
+        with self.server.atomic():
+            if self._shown is None or not np.array_equal(moment.q, self._shown.q):
+                self.stage.show(moment.q)
+            drawn_lap, drawn_task = self._drawn
+            if session.task is not drawn_task:
+                self.stage.draw_path(session.task)
+            if session.lap is not drawn_lap:
+                self.stage.draw_trace(None if session.lap is None else session.lap.trace)
+            self._drawn = (session.lap, session.task)
+            index = int(session.index)
+            waypoint = session.task.waypoints[index]
+            if waypoint is not self._marked:
+                self.stage.mark(waypoint)
+                self._marked = waypoint
+            if self._ticks % _READ_EVERY == 0:
+                self._read(moment)
+                _set(self._slider, index + 1)
+                label = "Pause" if session.playing else "Play"
+                if self._play.label != label:
+                    self._play.label = label
+                    self._play.icon = (
+                        viser.Icon.PLAYER_PAUSE if session.playing else viser.Icon.PLAYER_PLAY
+                    )
+        self._shown = moment
+        self._ticks += 1
+
+    def close(self) -> None:
+        """End the server and the session's worker."""
+        self.session.close()
+        with contextlib.redirect_stdout(io.StringIO()):
+            self.server.stop()
+
+
+def _set(handle: Any, value: object) -> None:
+    """Let a control show a value, if it does not yet."""
+    if handle.value != value:
+        handle.value = value
+
+
+def _known(weight: str) -> str:
+    """A weight for the dropdown; "equal", of other libraries, is none that one can choose."""
+    return weight if weight in WEIGHTS else WEIGHTS[0]
+
+
+def _pose(handle: Any) -> mink.SE3:
+    rotation = mink.SO3(np.array(handle.wxyz, dtype=np.float64)).normalize()
+    return mink.SE3.from_rotation_and_translation(
+        rotation, np.array(handle.position, dtype=np.float64)
+    )

@@ -1,0 +1,65 @@
+"""What of the pose may count instead: the projectors that one can choose between."""
+
+from __future__ import annotations
+
+import dataclasses
+
+from qp_twist.checks import Array, one_of
+from qp_twist.errors import InvalidInput
+from qp_twist.geometry import Projector, ProjectorKind, TwistProjector
+from qp_twist.kinematics import check_bands
+from qp_twist.path import PathTask
+
+OWN = "as the task says"
+WHOLE = "whole pose"
+FREE_ROLL = "free roll"
+FREE_TILT = "free tilt"
+POSITION_ONLY = "position only"
+
+
+def projector_choices(path_task: PathTask) -> dict[str, TwistProjector]:
+    """The projectors that a task may be tried with, by name, its own first.
+
+    With e the tool's axis, fixed to the tool: the angular block is 1 for the whole pose,
+    1 − e eᵀ for a free roll (the axis is held), e eᵀ for a free tilt (the roll is held) and O for
+    the position only. A robot that turns about one direction only has no axis to hold, and keeps
+    the first and the last.
+    """
+    operational = path_task.operational
+    choices = {OWN: path_task.projector, WHOLE: operational}
+    if operational.angular.kind is ProjectorKind.FULL and operational.linear.axis is None:
+        e = tool_axis(path_task)
+        for name, angular in ((FREE_ROLL, Projector.plane(e)), (FREE_TILT, Projector.line(e))):
+            choices[name] = TwistProjector(linear=operational.linear, angular=angular, frame="body")
+    if operational.angular.rank:
+        choices[POSITION_ONLY] = TwistProjector(
+            linear=operational.linear, angular=Projector.none(), frame=operational.frame
+        )
+    return choices
+
+
+def tool_axis(path_task: PathTask) -> Array:
+    """The unit vector (3,) in the tool that the task leaves free to roll about; else its z."""
+    angular, frame = path_task.projector.angular, path_task.projector.frame
+    if angular.kind is ProjectorKind.PLANE and frame == "body" and angular.axis is not None:
+        return angular.axis
+    return Projector.line([0.0, 0.0, 1.0]).basis[:, 0]
+
+
+def with_projector(path_task: PathTask, choice: str) -> PathTask:
+    """The task with another projector on its whole path.
+
+    Its segments end there. Its bands stay where the projector leaves their directions free.
+
+    Raises:
+        InvalidInput: If there is no such choice.
+    """
+    choices = projector_choices(path_task)
+    projector = choices[one_of("projector", choice, tuple(choices))]
+    if choice == OWN:
+        return path_task
+    try:
+        bands = check_bands("bands", path_task.bands, projector)
+    except InvalidInput:
+        bands = ()
+    return dataclasses.replace(path_task, projector=projector, segments=(), bands=bands)

@@ -1,0 +1,90 @@
+"""The numbers of a moment, with their units, as HTML."""
+
+from __future__ import annotations
+
+import html
+
+import numpy as np
+
+from qp_twist.kinematics import JointRanges
+from qp_twist.viewing.bars import INK, QUIET
+from qp_twist.viewing.dial import roll_dial
+from qp_twist.viewing.lap import Moment
+
+LEGEND = (
+    f'<div style="font-size:11px;line-height:1.5;color:{QUIET};padding:6px 12px">● inside its '
+    "limits &nbsp; ◆ held by a limit &nbsp; ✕ outside<br>red: the path; blue: where the tool goes; "
+    "axes: the waypoint</div>"
+)
+"""What the marks and colours mean."""
+
+
+def readings(ranges: JointRanges, moment: Moment) -> str:
+    """The dial beside the numbers: what the task got, how far the limits are, how singular it is.
+
+    Args:
+        ranges: Of the model.
+        moment: What is shown.
+    """
+    rows = [
+        ("scale", f"{moment.scale:.3f}", "share of the task's speed that the limits leave"),
+        ("position error", _length(moment.position_error), "in the rows of the task"),
+        ("angle error", _angle(moment.axis_error), "in the rows of the task"),
+        ("margin", _margin(ranges, moment), "of the joint nearest to a limit: 1 in the middle"),
+        ("z", f"{moment.z:.3f}", "how far from the middles: 1/8 for each joint at its limit"),
+        ("σ<sub>min</sub>", f"{moment.sigma_min:.3f}", "smallest singular value of the task rows"),
+    ]
+    cells = "".join(
+        f'<tr title="{html.escape(why)}"><td style="padding:1px 8px 1px 0;color:{QUIET}">{name}'
+        f'</td><td style="text-align:right;white-space:nowrap" data-reading="{html.escape(name)}">'
+        f"{value}</td></tr>"
+        for name, value, why in rows
+    )
+    return (
+        '<div class="qt-readings" style="display:flex;align-items:center;gap:10px;padding:0 12px;'
+        f'color:{INK};font-size:12px;font-variant-numeric:tabular-nums">{roll_dial(moment.roll)}'
+        f'<table style="border-collapse:collapse;flex:1">{cells}</table></div>'
+    )
+
+
+def sentence(text: str, *, wrong: bool) -> str:
+    """A sentence for people, read out when it changes; with a sign where something is wrong."""
+    sign = "⚠ " if wrong else ""
+    border = "#D00000" if wrong else "#0072B2"
+    return (
+        f'<div class="qt-status" role="status" aria-live="polite" style="font-size:12px;'
+        f"line-height:1.35;color:{INK};border-left:4px solid {border};"
+        "margin:4px 12px;padding:2px 0 2px 8px;"
+        f'overflow-wrap:anywhere">{sign}{html.escape(text)}</div>'
+    )
+
+
+def heading(text: str) -> str:
+    """What the task is."""
+    return (
+        f'<div style="font-size:12.5px;line-height:1.35;color:{INK};padding:8px 12px 2px">'
+        f"{html.escape(text)}</div>"
+    )
+
+
+def note(text: str) -> str:
+    """A few words below a control."""
+    return f'<div style="font-size:11px;color:{QUIET};padding:0 12px 4px">{html.escape(text)}</div>'
+
+
+def _length(metres: float) -> str:
+    return f"{1e3 * metres:.3f} mm" if metres < 1.0 else f"{metres:.3f} m"
+
+
+def _angle(radians: float) -> str:
+    return f"{np.degrees(radians):.3f}°"
+
+
+def _margin(ranges: JointRanges, moment: Moment) -> str:
+    if not np.isfinite(moment.margins).any():
+        return "no limits"
+    joint = int(np.argmin(moment.margins))
+    least = float(moment.margins[joint])
+    text = f"{least:.3f}".replace("-", "−")
+    name = html.escape(ranges.names[joint])
+    return f"{'⚠ ' if least < -1e-9 else ''}{text} <small>{name}</small>"

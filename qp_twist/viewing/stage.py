@@ -1,0 +1,153 @@
+"""The 3D scene: robot, workpiece, path, the tool's trace and the two handles that one drags."""
+
+from __future__ import annotations
+
+import copy
+
+import mink
+import mujoco
+import numpy as np
+import viser
+from mjviser import ViserMujocoScene
+
+from qp_twist.checks import Array
+from qp_twist.geometry import ProjectorKind
+from qp_twist.path import PathTask
+
+PATH_RGB = (208, 0, 0)
+TRACE_RGB = (0, 114, 178)
+_WIDTH_PX = 4.0
+_FURTHER = 1.4
+"""How much further away than from a wide picture, since the panels leave a narrow one."""
+
+
+class Stage:
+    """The scene of one task in the browser.
+
+    Attributes:
+        target: Handle at the tool; hidden until it is of use.
+        workpiece: Handle at the workpiece; likewise.
+    """
+
+    def __init__(self, server: viser.ViserServer, path_task: PathTask, point: Array) -> None:
+        """Draw the scene.
+
+        Args:
+            server: The page's server.
+            path_task: The task.
+            point: The point (3,) of the workpiece that it is moved by, m.
+        """
+        self.server = server
+        # mjviser changes the model that it is given.
+        self.model = copy.copy(path_task.model)
+        self.data = mujoco.MjData(self.model)
+        with server.atomic():
+            self.scene = ViserMujocoScene(server, self.model, num_envs=1)
+            self.scene.camera_tracking_enabled = False
+            self.cast_shadows(False)
+            self._aim_camera()
+            size = 0.22 * float(self.model.stat.extent)
+            axes = _movable_axes(path_task)
+            self.target = server.scene.add_transform_controls(
+                "/target", scale=size, active_axes=axes, depth_test=False, visible=False
+            )
+            self.workpiece = server.scene.add_transform_controls(
+                "/workpiece", scale=1.3 * size, active_axes=axes, depth_test=False, visible=False
+            )
+            self.workpiece.position = point
+            self.waypoint = server.scene.add_frame(
+                "/waypoint",
+                axes_length=0.06 * float(self.model.stat.extent),
+                axes_radius=0.003 * float(self.model.stat.extent),
+            )
+        self._fixed = np.flatnonzero(self.model.body_weldid == 0)[1:].tolist()
+        self.draw_path(path_task)
+
+    def cast_shadows(self, cast: bool) -> None:
+        """Whether lights cast shadows: without a graphics card they take seconds a picture."""
+        self.server.scene.configure_default_lights(enabled=True, cast_shadow=cast)
+
+    def show(self, q: Array) -> None:
+        """The robot at a configuration (nq,)."""
+        self.data.qpos[:] = q
+        mujoco.mj_kinematics(self.model, self.data)
+        self.scene.update_from_mjdata(self.data)
+
+    def draw_path(self, path_task: PathTask) -> None:
+        """The path, and the workpiece with it."""
+        self._draw_line("/path", path_task.positions, PATH_RGB, _WIDTH_PX)
+        mujoco.mj_kinematics(self.model, self.data)
+        place = mujoco.MjData(path_task.model)
+        mujoco.mj_kinematics(path_task.model, place)
+        for body in self._fixed:
+            frame = self.server.scene.get_handle_by_name(f"/fixed_bodies/{self._name(body)}")
+            if frame is None:  # a body without shapes
+                continue
+            # The shapes hang in this frame where the scene has them: it carries them from there.
+            moved = _pose(place, body) @ _pose(self.data, body).inverse()
+            frame.position, frame.wxyz = moved.translation(), moved.rotation().wxyz
+
+    def draw_trace(self, points: Array | None) -> None:
+        """Where the tool goes, (N, 3): it shows beside the path where it leaves it."""
+        if points is None:
+            self.server.scene.remove_by_name("/trace")
+        else:
+            self._draw_line("/trace", points, TRACE_RGB, 0.5 * _WIDTH_PX)
+
+    def mark(self, waypoint: mink.SE3) -> None:
+        """The waypoint that is being shown, with its axes."""
+        self.waypoint.position = waypoint.translation()
+        self.waypoint.wxyz = waypoint.rotation().wxyz
+
+    def _draw_line(self, name: str, points: Array, rgb: tuple[int, int, int], px: float) -> None:
+        finite = points[np.isfinite(points).all(axis=1)]
+        if len(finite) < 2:
+            return
+        self.server.scene.add_line_segments(
+            name,
+            np.stack([finite[:-1], finite[1:]], axis=1).astype(np.float32),
+            rgb,
+            thickness=px,
+            thickness_units="screen",
+        )
+
+    def _name(self, body: int) -> str:
+        return self.model.body(body).name or f"body_{body}"
+
+    def _aim_camera(self) -> None:
+        """From the side from which the scene's camera "overview" looks, else MuJoCo's free camera.
+
+        The model's centre and extent are what is to be seen, between the two panels.
+        """
+        model, camera = self.model, self.server.initial_camera
+        view = model.vis.global_
+        number = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_CAMERA, "overview")
+        look_at = np.array(model.stat.center)
+        if number >= 0:
+            mujoco.mj_forward(model, self.data)
+            position = self.data.cam_xpos[number]
+            forward = -self.data.cam_xmat[number].reshape(3, 3)[:, 2]
+            distance = max(float(forward @ (look_at - position)), 1e-3)
+            look_at = position + distance * forward
+            camera.fov = float(np.radians(model.cam_fovy[number]))
+        else:
+            a, e = np.radians((view.azimuth, view.elevation))
+            forward = np.array([np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e)])
+            camera.fov = float(np.radians(view.fovy))
+            distance = 0.75 * float(model.stat.extent) / np.tan(0.5 * camera.fov)
+        camera.position = look_at - _FURTHER * distance * forward
+        camera.look_at = look_at
+
+
+def _movable_axes(path_task: PathTask) -> tuple[bool, bool, bool]:
+    """Along which of its axes a handle can be moved: those in which the robot works."""
+    linear = path_task.operational.linear
+    if linear.kind is not ProjectorKind.PLANE or linear.axis is None:
+        return (True, True, True)
+    x, y, z = np.abs(linear.axis) < 0.9
+    return bool(x), bool(y), bool(z)
+
+
+def _pose(data: mujoco.MjData, body: int) -> mink.SE3:
+    rotation = mink.SO3(data.xquat[body].copy())
+    return mink.SE3.from_rotation_and_translation(rotation, data.xpos[body].copy())

@@ -1,0 +1,433 @@
+"""What stands behind the live page: laps, the arm in the hand, bars and dial."""
+
+import dataclasses
+import socket
+import threading
+import time
+import xml.etree.ElementTree as ET
+from functools import cache
+
+import mink
+import numpy as np
+import pytest
+
+import qp_twist as qt
+from qp_twist.geometry import ProjectorKind
+from qp_twist.viewing import LiveArm, Session, Settings, free_port, projector_choices, run_lap
+from qp_twist.viewing.bars import joint_bars
+from qp_twist.viewing.dial import roll_dial
+from qp_twist.viewing.lap import Lap
+from qp_twist.viewing.laps import Laps
+from qp_twist.viewing.projectors import with_projector
+from qp_twist.viewing.readings import readings, sentence
+from qp_twist.viewing.roll import Roll
+from qp_twist.viewing.settings import method_choices
+
+
+@cache
+def planar():
+    """The planar line with one waypoint in ten."""
+    task = qt.load_task("planar_line")
+    return dataclasses.replace(task, waypoints=task.waypoints[::10])
+
+
+@cache
+def deburring():
+    """The deburring task with its first corner only, one waypoint in five."""
+    task = qt.load_task("deburring")
+    return dataclasses.replace(
+        task,
+        waypoints=task.waypoints[:120:5],
+        flipped_waypoints=task.flipped_waypoints[:120:5],
+        durations=task.durations[:120:5] * 5,
+    )
+
+
+# Projectors
+
+
+def test_projector_choices_have_the_ranks_of_their_names():
+    ranks = {name: t.rank for name, t in projector_choices(deburring()).items()}
+    assert ranks == {
+        "as the task says": 5, "whole pose": 6, "free roll": 5, "free tilt": 4, "position only": 3,
+    }  # fmt: skip
+    ranks = {name: t.rank for name, t in projector_choices(planar()).items()}
+    assert ranks == {"as the task says": 2, "whole pose": 3, "position only": 2}
+
+
+@pytest.mark.parametrize(
+    ("name", "roll_counts", "tilt_counts"),
+    [("free roll", False, True), ("free tilt", True, False), ("position only", False, False)],
+)
+def test_a_projector_frees_what_its_name_says(name, roll_counts, tilt_counts):
+    rotation = mink.SO3.exp(np.array([0.3, -0.7, 1.1])).as_matrix()  # of the tool
+    basis = projector_choices(deburring())[name].resolved(body=rotation).basis
+    for axis, counts in ((2, roll_counts), (0, tilt_counts), (1, tilt_counts)):
+        turn = np.concatenate([np.zeros(3), rotation[:, axis]])
+        assert np.linalg.norm(basis.T @ turn) == pytest.approx(1.0 if counts else 0.0, abs=1e-12)
+    assert np.linalg.norm(basis.T @ np.eye(6)[:, :3], axis=0) == pytest.approx(np.ones(3))
+
+
+def test_a_task_with_another_projector_keeps_bands_that_it_leaves_free_and_drops_segments():
+    task = qt.load_task("deburring_bands")
+    assert with_projector(task, "as the task says") is task
+    assert with_projector(task, "whole pose").bands == task.bands != ()
+    aside = dataclasses.replace(task, bands=(qt.RollBand([0, 0, 1], 0.2, 0.8),))
+    assert with_projector(aside, "free roll").bands == aside.bands
+    assert with_projector(aside, "whole pose").bands == ()  # the roll is held at 0
+    with_segments = qt.load_task("approach_contact_retreat")
+    assert with_segments.segments
+    assert with_projector(with_segments, "position only").segments == ()
+
+
+def test_an_unknown_projector_is_refused_by_name():
+    with pytest.raises(qt.InvalidInput, match="free roll"):
+        with_projector(deburring(), "free everything")
+
+
+# Limits off
+
+
+@pytest.mark.parametrize(
+    ("method", "closed_form", "weight"),
+    [("qp", "twa", "paper"), ("qp_gradient", "gradient_projection", "gradient")],
+)
+def test_without_limits_a_qp_is_its_closed_form(method, closed_form, weight):
+    settings = dataclasses.replace(
+        Settings.of(planar(), method), weight=weight, gain=0.5, limits=False
+    )
+    lap = run_lap(planar(), settings)
+    other = qt.follow(planar(), closed_form, iterations=20, weight=weight, gain=0.5)
+    # Their starts are corrected with and without limits, to a tolerance of 1e-9 m.
+    assert np.abs(lap.trajectory.q - other.q).max() < 1e-6
+    kept = run_lap(planar(), dataclasses.replace(settings, limits=True)).trajectory
+    assert kept.margins.min() >= -1e-9
+
+
+def test_without_limits_the_paper_example_leaves_them_and_says_so():
+    settings = Settings.of(planar(), "qp")
+    on = run_lap(planar(), settings)
+    off = run_lap(planar(), dataclasses.replace(settings, limits=False))
+    assert on.trajectory.margins.min() >= -1e-9
+    assert off.trajectory.margins.min() < -0.1  # against the robot's own ranges
+    assert "leaves the limits" in off.status
+    assert "leaves the limits" not in on.status
+
+
+def test_only_methods_that_hold_limits_can_drop_them():
+    can = [m for m in method_choices(planar()) if Settings.of(planar(), m).has_limits]
+    assert can == ["qp_rmr", "sns", "qp_minimum_norm", "qp_gradient", "qp"]
+
+
+# Laps
+
+
+def test_a_lap_traces_the_path_and_reports_its_progress():
+    heard = []
+    lap = run_lap(planar(), Settings.of(planar(), "qp"), lambda share, what: heard.append(share))
+    assert lap.trace == pytest.approx(planar().positions, abs=1e-8)
+    assert heard == sorted(heard)
+    assert heard[-1] == 1.0
+    moment = lap.moment(3)
+    assert moment.z == pytest.approx(
+        0.5 * np.sum(((moment.q - qt.JointRanges.of(planar().model).middle)
+                      / np.ptp(planar().model.jnt_range, axis=1)) ** 2)
+    )  # fmt: skip
+
+
+def test_the_roll_is_the_turn_about_the_tool_against_the_waypoint():
+    task = deburring()
+    configuration = mink.Configuration(task.model, task.start)
+    pose = configuration.get_transform_frame_to_world("tool", "site")
+    for angle in (-2.0, -0.3, 0.0, 1.0, 3.0):
+        about_tool = mink.SE3.from_rotation(mink.SO3.from_z_radians(-angle))
+        assert Roll(task).at(configuration, pose @ about_tool) == pytest.approx(angle, abs=1e-9)
+
+
+def test_the_roll_of_a_planar_arm_is_the_sum_of_its_joints():
+    task = planar()
+    target = mink.Configuration(task.model, np.array([0.2, 0.3, 0.4])).get_transform_frame_to_world(
+        "tip", "site"
+    )
+    turned = mink.Configuration(task.model, np.array([0.5, 0.9, 1.0]))
+    assert Roll(task).at(turned, target) == pytest.approx(2.4 - 0.9, abs=1e-9)
+
+
+def test_the_worker_gives_up_what_nobody_waits_for_and_remembers_what_it_found():
+    laps, began, seen = Laps(), threading.Event(), []
+    lap = run_lap(planar(), Settings.of(planar(), "minimum_norm"))
+
+    def endless(progress):
+        began.set()
+        while True:  # ends by what progress raises
+            progress(0.5, "going on")
+            time.sleep(0.001)
+
+    def quick(progress):
+        seen.append("computed")
+        return lap
+
+    try:
+        laps.want("endless", endless)
+        assert began.wait(10.0)
+        laps.want("quick", quick)
+        assert laps.wait("quick", 10.0) is lap
+        assert laps.get("endless") is None
+        laps.want("quick", quick)
+        assert laps.wait("quick", 10.0) is lap
+        assert seen == ["computed"]
+    finally:
+        laps.close()
+    assert not any(thread.name == "laps" for thread in threading.enumerate())
+
+
+def test_the_worker_says_why_there_is_no_lap(capsys):
+    laps = Laps()
+
+    def refused(progress):
+        raise qt.InvalidInput("the path is out of reach.")
+
+    def broken(progress):
+        raise ZeroDivisionError("by zero")
+
+    try:
+        for key, compute in (("refused", refused), ("broken", broken)):
+            laps.want(key, compute)
+            assert isinstance(laps.wait(key, 10.0), str)
+        assert laps.get("refused") == "the path is out of reach."
+        assert "ZeroDivisionError" in laps.get("broken")
+        assert "by zero" in capsys.readouterr().err
+    finally:
+        laps.close()
+
+
+# The session
+
+
+@pytest.fixture
+def session():
+    opened = Session(planar(), Settings.of(planar(), "minimum_norm"))
+    try:
+        assert isinstance(opened.laps.wait(opened.key, 30.0), Lap)
+        opened.tick(0.0)
+        yield opened
+    finally:
+        opened.close()
+
+
+def lap_of(session):
+    found = session.laps.wait(session.key, 30.0)
+    session.tick(0.0)
+    return found
+
+
+def test_playing_moves_on_by_the_speed_and_begins_again(session):
+    session.playing, session.speed = True, 4.0
+    session.tick(0.5)
+    assert session.index == pytest.approx(2.0)
+    assert np.array_equal(session.moment().q, session.lap.trajectory.q[2])
+    session.seek(100)
+    assert session.index == 10
+    session.tick(0.5)
+    assert session.index == 0.0
+
+
+def test_a_changed_setting_gives_another_lap_and_the_first_one_comes_back(session):
+    first = session.lap
+    session.change(method="twa")
+    assert session.settings.weight == "paper"  # as the task file has it
+    assert lap_of(session).trajectory.method == "twa"
+    assert session.status().startswith("twa: leaves the limits")
+    session.change(method="minimum_norm")
+    session.tick(0.0)
+    assert session.lap is first
+
+
+def test_a_moved_workpiece_takes_the_path_with_it(session):
+    to = session.handle + np.array([0.1, -0.2, 0.0])
+    rotation = mink.SO3.from_z_radians(0.3)
+    session.place(mink.SE3.from_rotation_and_translation(rotation, to))
+    c, s = np.cos(0.3), np.sin(0.3)
+    turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+    expected = (planar().positions - [0.0, 2.0, 0.0]) @ turn.T + to
+    assert session.task.positions == pytest.approx(expected, abs=1e-12)
+    old = session.lap
+    session.tick(0.0)
+    assert session.lap is old  # the hand has not come to rest
+    time.sleep(0.35)
+    session.tick(0.0)
+    assert lap_of(session).trace == pytest.approx(expected, abs=1e-7)
+    session.put_back()
+    session.tick(0.0)
+    assert session.lap is old
+
+
+def test_a_workpiece_out_of_reach_has_no_lap_but_a_sentence(session):
+    far = mink.SE3.from_translation(session.handle + np.array([9.0, 0.0, 0.0]))
+    session.place(far)
+    time.sleep(0.35)
+    session.tick(0.0)
+    assert "cannot be corrected" in lap_of(session)
+    assert "cannot be corrected" in session.status()
+    assert session.lap is None
+    assert np.array_equal(session.moment().q, planar().start)
+
+
+def test_a_method_that_does_not_apply_is_refused():
+    with pytest.raises(qt.InvalidInput, match="does not apply"):
+        Settings.of(planar(), "rmr_flipped")
+    with pytest.raises(qt.InvalidInput, match="unknown method"):
+        Settings.of(planar(), "magic")
+    with pytest.raises(qt.UnknownSolver):
+        Settings.of(planar(), "qp", "abacus")
+
+
+# The arm in the hand
+
+
+def moved(pose, by):
+    return mink.SE3.from_rotation_and_translation(pose.rotation(), pose.translation() + by)
+
+
+@pytest.mark.parametrize(
+    ("method", "on_infeasible"), [("qp", "relax"), ("twa", "scale"), ("qp_gradient", "scale")]
+)
+def test_the_arm_keeps_its_limits_however_far_the_target_is(method, on_infeasible):
+    task = deburring()
+    arm = LiveArm(task, Settings.of(task, method), task.start, on_infeasible=on_infeasible)
+    speeds = np.array([2.8798, 2.8798, 3.0543, 6.1087, 5.9341, 9.0757])  # of the data sheet
+    lower, upper = task.model.jnt_range.T
+    away = moved(arm.pose, [2.0, 3.0, -1.5])
+    arm.target = mink.SE3.from_rotation_and_translation(
+        mink.SO3.exp(np.array([2.0, 1.0, -1.0])), away.translation()
+    )
+    before, scales = task.start, []
+    for _ in range(70):
+        moment = arm.step()
+        assert (moment.q >= lower - 1e-9).all()
+        assert (moment.q <= upper + 1e-9).all()
+        assert (np.abs(moment.q - before) <= speeds * arm.dt + 1e-9).all()
+        before = moment.q
+        scales.append(moment.scale)
+        assert moment.sentence
+    assert moment.position_error > 0.5
+    assert on_infeasible == "relax" or min(scales) < 1.0
+
+
+def test_the_arm_reaches_a_target_that_is_near():
+    task = deburring()
+    arm = LiveArm(task, Settings.of(task, "qp_gradient"), task.start)
+    arm.target = moved(arm.pose, [0.05, -0.03, 0.04])
+    for _ in range(80):
+        moment = arm.step()
+    there = mink.Configuration(task.model, moment.q).get_transform_frame_to_world("tool", "site")
+    assert there.translation() == pytest.approx(arm.target.translation(), abs=1e-4)
+    z = [pose.rotation().as_matrix()[:, 2] for pose in (there, arm.target)]
+    assert z[0] == pytest.approx(z[1], abs=1e-4)
+    assert moment.scale == 1.0
+
+
+def test_the_arm_without_limits_goes_where_they_would_not_let_it():
+    task = planar()
+    settings = Settings.of(task, "qp_minimum_norm")
+    outside = {}
+    for limits in (True, False):
+        arm = LiveArm(task, dataclasses.replace(settings, limits=limits), task.start)
+        arm.target = moved(arm.pose, [1.5, -3.0, 0.0])
+        for _ in range(130):
+            moment = arm.step()
+        outside[limits] = moment.margins.min() < -1e-9
+        reached = moment.position_error
+    assert outside == {True: False, False: True}
+    assert reached < 1e-2
+
+
+def test_a_whole_pose_in_the_hand_holds_the_roll():
+    task = deburring()
+    settings = dataclasses.replace(Settings.of(task, "qp"), projector="whole pose")
+    arm = LiveArm(task, settings, task.start)
+    arm.target = moved(arm.pose, [0.03, 0.0, 0.02])
+    for _ in range(80):
+        moment = arm.step()
+    assert abs(moment.roll) < 1e-3
+    assert arm.task.projector.angular.kind is ProjectorKind.FULL
+
+
+def test_a_grasped_session_follows_the_hand_and_goes_back(session):
+    session.seek(4)
+    session.grasp()
+    before = session.moment().q
+    session.drag(moved(session.arm.pose, [0.1, -0.1, 0.0]))
+    assert not np.array_equal(session.tick(0.025).q, before)
+    session.change(projector="whole pose")
+    assert session.arm.task.projector.rank == 3
+    assert session.arm.target.translation() == pytest.approx(
+        planar().positions[4] + [0.1, -0.1, 0.0], abs=1e-6
+    )
+    session.release()
+    session.change(projector="as the task says")
+    assert np.array_equal(session.tick(0.0).q, before)
+
+
+# Drawings
+
+
+def bars_of(q_deg, binding=()):
+    ranges = qt.JointRanges.of(planar().model)  # [0, 90], [0, 90], [0, 180] degrees
+    root = ET.fromstring(joint_bars(ranges, np.radians(q_deg), binding))
+    return {group.attrib["data-joint"]: group for group in root.iter("g")}
+
+
+def test_the_bars_are_where_the_joints_are():
+    rows = bars_of([22.5, 45.0, 180.0])
+    for name, share in (("joint_1", 0.25), ("joint_2", 0.5), ("joint_3", 1.0)):
+        track = next(r for r in rows[name].iter("rect") if r.attrib["height"] == "8")
+        at = float(track.attrib["x"]) + share * float(track.attrib["width"])
+        assert float(rows[name].attrib["data-x"]) == pytest.approx(at, abs=0.02)
+    texts = [text.text for text in rows["joint_1"].iter("text")]
+    assert {"22.5°", "0°", "90°"} <= set(texts)
+
+
+def test_limits_are_lit_by_form_and_word():
+    rows = bars_of([30.0, 90.0, -5.0], ["joint_1 (upper velocity limit)"])
+    states = {name: group.attrib["data-state"] for name, group in rows.items()}
+    assert states == {"joint_1": "held", "joint_2": "at limit", "joint_3": "outside"}
+    words = {name: "".join(group.itertext()) for name, group in rows.items()}
+    assert "speed limit" in words["joint_1"]
+    assert "at limit" in words["joint_2"]
+    assert "outside" in words["joint_3"]
+    assert bars_of([30.0, 45.0, 90.0])["joint_1"].attrib["data-state"] == "free"
+
+
+def test_the_needle_of_the_dial_points_along_the_roll():
+    for angle in (-2.5, 0.0, 0.7, 3.1):
+        root = ET.fromstring(roll_dial(angle))
+        needle = next(e for e in root.iter("line") if e.attrib.get("stroke-linecap") == "round")
+        dx, dy = (float(needle.attrib[f"{a}2"]) - float(needle.attrib[f"{a}1"]) for a in "xy")
+        assert np.arctan2(-dy, dx) == pytest.approx(angle, abs=2e-3)
+        assert f"{abs(np.degrees(angle)):.1f}°" in "".join(root.itertext())
+    assert roll_dial(None) == ""
+
+
+def test_the_numbers_have_their_units_and_what_is_wrong_has_a_sign(session):
+    text = readings(session.ranges, session.moment())
+    for unit in ("mm", "°", "joint_"):
+        assert unit in text
+    assert "⚠" in sentence("leaves the limits <at> 3", wrong=True)
+    assert "&lt;at&gt;" in sentence("leaves the limits <at> 3", wrong=True)
+    assert "⚠" not in sentence("ok", wrong=False)
+
+
+# The port
+
+
+def test_a_port_that_is_taken_is_refused_and_passed_over():
+    with socket.socket() as other:
+        other.bind(("127.0.0.1", 0))
+        other.listen()
+        taken = other.getsockname()[1]
+        with pytest.raises(qt.InvalidInput, match=str(taken)):
+            free_port(taken)
+    with pytest.raises(qt.InvalidInput, match="65535"):
+        free_port(70000)
+    assert free_port() >= 8080
