@@ -1,7 +1,7 @@
 # Short ways to the usual commands; needs .venv (see CONTRIBUTING.md).
 BIN := .venv/bin
 
-.PHONY: format check test docs figures build constraints
+.PHONY: format check test docs site figures build constraints
 
 format:
 	$(BIN)/ruff check --fix .
@@ -16,12 +16,20 @@ check:
 test:
 	$(BIN)/pytest
 
-# Figures and printed outputs are kept in the repository; make figures redraws them (two minutes).
-docs:
+# The site with every figure and number drawn anew, which takes minutes; make site takes them as they
+# are kept in the repository.
+docs: figures site
+
+site:
 	$(BIN)/sphinx-build -W --keep-going -b html docs docs/_build/html
 
 figures:
 	$(BIN)/python docs/make_figures.py
+	$(BIN)/python docs/make_gallery.py
+	$(BIN)/python docs/make_conventions.py
+	$(BIN)/python docs/make_house.py
+	$(BIN)/python docs/make_screenshots.py
+	$(BIN)/python docs/make_live_page.py
 
 # The wheel, installed alone in an empty folder, finds its task files and scenes.
 build:

@@ -48,6 +48,13 @@ nitpick_ignore = [
     ("py:class", "OnInfeasible"),
     ("py:class", "Start"),
     ("py:class", "qp_twist.studies.sample.Start"),
+    # What a toolpath's columns and units can be; the toolpaths' page lists them.
+    ("py:class", "Format"),
+    ("py:class", "LengthUnit"),
+    ("py:class", "AngleUnit"),
+    ("py:class", "Orientation"),
+    ("py:class", "Meaning"),
+    ("py:class", "Column"),
     # Tables of the task file, which have a page of their own.
     ("py:class", "StudySection"),
     ("py:class", "IterationSection"),
