@@ -6,6 +6,7 @@ from qp_twist import closed_form as closed_form
 from qp_twist import simulation as simulation
 
 from .comparison import Comparison as Comparison
+from .comparison import Interrupted as Interrupted
 from .comparison import compare as compare
 from .controller import Controller as Controller
 from .controller import Status as Status

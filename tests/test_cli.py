@@ -7,9 +7,11 @@ import os
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
 
+from qp_twist import PathTask, Trajectory
 from qp_twist.cli import main
 
 
@@ -102,6 +104,28 @@ def test_brackets_in_a_path_are_no_markup(
     main(["run", "planar_line", "--out", str(file)])
     assert f"wrote {file}: 101" in capsys.readouterr().out
     assert file.exists()
+
+
+def test_ctrl_c_leaves_the_methods_that_are_finished(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    module = sys.modules["qp_twist.comparison.compare"]  # the package has a function of its name
+    follow = module.follow
+
+    def interrupted(task: PathTask, method: str, **options: Any) -> Trajectory:
+        if method == "twa":
+            raise KeyboardInterrupt
+        return follow(task, method, **options)
+
+    monkeypatch.setattr(module, "follow", interrupted)
+    with pytest.raises(SystemExit) as caught:
+        main(["compare", "planar_line", "--methods", "twa,minimum_norm,qp", "--out", str(tmp_path)])
+    assert caught.value.code == 130
+    assert "interrupted" in capsys.readouterr().err
+    content = json.loads((tmp_path / "comparison.json").read_text("utf-8"))
+    assert list(content["methods"]) == ["minimum_norm"]
+    assert content["not_run"] == {"twa": "interrupted", "qp": "interrupted"}
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["comparison.json", "table.txt"]
 
 
 def test_run_says_what_went_wrong(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -13,8 +13,8 @@ import tyro
 
 from qp_twist.cli.app import Folder, Names, OptionalFile, Task, app, load, method_names, say, show
 from qp_twist.cli.progress import method_progress, working
+from qp_twist.comparison import Interrupted, csv_table, notes, rich_table
 from qp_twist.comparison import compare as compare_methods
-from qp_twist.comparison import csv_table, notes, rich_table
 from qp_twist.errors import InvalidInput
 from qp_twist.studies import Study
 
@@ -60,14 +60,19 @@ def compare(
     folder = out or (None if json or csv else Path("out") / path_task.name)
     if folder is not None:
         _check_folder(folder)
-    with method_progress(names, len(path_task.waypoints) - 1) as progress:
-        comparison = compare_methods(
-            path_task,
-            names,
-            solver=solver or "daqp",
-            progress=progress.done,
-            planning=progress.planning,
-        )
+    try:
+        with method_progress(names, len(path_task.waypoints) - 1) as progress:
+            comparison = compare_methods(
+                path_task,
+                names,
+                solver=solver or "daqp",
+                progress=progress.done,
+                planning=progress.planning,
+            )
+    except Interrupted as interrupted:
+        if folder is not None:
+            say(*(f"wrote {line}" for line in interrupted.comparison.save(folder)))
+        raise
     content = comparison.to_dict()
     if json or csv:
         sys.stdout.write(comparison.to_json() if json else csv_table(content))

@@ -1,6 +1,7 @@
 """Methods side by side: metrics, table, figures, report."""
 
 from .compare import Comparison as Comparison
+from .compare import Interrupted as Interrupted
 from .compare import compare as compare
 from .csv_table import csv_table as csv_table
 from .findings import findings as findings

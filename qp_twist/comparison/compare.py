@@ -81,6 +81,14 @@ class Comparison:
             figures["roadmap"] = roadmap_figure.roadmap_figure(self.path_task, self.trajectories)
         return figures
 
+    def save(self, folder: str | Path) -> list[str]:
+        """Write ``comparison.json`` and the table into a folder; the paths, one a line."""
+        folder = Path(folder)
+        return [
+            str(write_atomically(folder / "comparison.json", self.to_json())),
+            str(write_atomically(folder / "table.txt", self.table())),
+        ]
+
     def report(self, folder: str | Path, *, command: str | None = None) -> list[str]:
         """Write ``report.html``, ``comparison.json``, the table, the figures and a picture.
 
@@ -95,11 +103,7 @@ class Comparison:
             What was written, one path a line, and a sentence for what could not be.
         """
         folder = Path(folder)
-        folder.mkdir(parents=True, exist_ok=True)
-        lines = [
-            str(write_atomically(folder / "comparison.json", self.to_json())),
-            str(write_atomically(folder / "table.txt", self.table())),
-        ]
+        lines = self.save(folder)
         figures = self.figures()
         for name, figure in figures.items():
             lines.append(str(joint_figure.save_figure(figure, folder / f"{name}.png")))
@@ -126,6 +130,18 @@ class Comparison:
         return f"Comparison({self.path_task.name!r}, {list(self.trajectories)})"
 
 
+class Interrupted(KeyboardInterrupt):
+    """Ctrl-C in the middle of a comparison.
+
+    Attributes:
+        comparison: Of the methods that were finished before.
+    """
+
+    def __init__(self, comparison: Comparison) -> None:
+        super().__init__()
+        self.comparison = comparison
+
+
 def compare(
     path_task: PathTask | str | Path,
     methods: Sequence[str] | None = None,
@@ -146,6 +162,7 @@ def compare(
     Raises:
         InvalidInput: If a method is unknown or does not apply, or none can start.
         UnknownSolver: If the backend is not installed.
+        Interrupted: On Ctrl-C, once a method is finished; it has the comparison of those that are.
 
     Example:
         >>> import qp_twist as qt
@@ -164,7 +181,8 @@ def compare(
     order = {name: index for index, name in enumerate(METHODS)}
     trajectories: dict[str, Trajectory] = {}
     not_run: dict[str, str] = {}
-    for name in sorted(dict.fromkeys(names), key=order.__getitem__):
+    ordered = sorted(dict.fromkeys(names), key=order.__getitem__)
+    for name in ordered:
 
         def report_progress(done: int, name: str = name) -> None:
             if progress is not None:
@@ -177,6 +195,12 @@ def compare(
         except InvalidInput as error:
             # One method that cannot start, such as one that needs the whole twist, stops no other.
             not_run[name] = str(error)
+        except KeyboardInterrupt:
+            if not trajectories:
+                raise
+            left = [n for n in ordered if n not in trajectories and n not in not_run]
+            not_run |= dict.fromkeys(left, "interrupted")
+            raise Interrupted(Comparison(task, solver, trajectories, not_run)) from None
     if not trajectories:
         raise InvalidInput(next(iter(not_run.values())))
     return Comparison(task, solver, trajectories, not_run)
