@@ -18,7 +18,7 @@ import qp_twist as qt
 from qp_twist.cli import main
 from qp_twist.comparison import metrics
 from qp_twist.controller.controller import SINGULARITY
-from qp_twist.path import file_path_schema, task_schema
+from qp_twist.path import file_path_schema, shipped_tasks, task_schema
 from qp_twist.path.methods import METHODS, MethodSettings
 from qp_twist.qp import SCALE_BACKOFF
 from qp_twist.qp.verification import (
@@ -310,6 +310,32 @@ def test_every_command_is_listed_with_its_options(capsys: pytest.CaptureFixture[
         options = set(re.findall(r"--[a-z][\w-]*", help_of(command))) - {"--help"}
         named = {name for cells in rows(body) for name in re.findall(r"--[a-z][\w-]*", cells[0])}
         assert named == options
+
+
+def shown_commands() -> list[str]:
+    """Every command line in a fenced block of a page or of the README."""
+    pages = [*sorted(DOCS.glob("*.md")), DOCS.parent / "README.md"]
+    blocks = [b for p in pages for b in re.findall(r"```sh\n(.*?)```", p.read_text("utf-8"), re.S)]
+    lines = [line.split(" #")[0].strip() for block in blocks for line in block.splitlines()]
+    return sorted({c.strip() for line in lines for c in line.split("&&") if c.strip()})
+
+
+def test_every_command_that_is_shown_can_be_typed() -> None:
+    listed = sections(page("command_line.md"), "##")
+    tasks = {path.stem for path in shipped_tasks()}
+    seen = 0
+    for command in shown_commands():
+        words = command.removeprefix(".venv/bin/").split()
+        if words[0] == "qp-twist":
+            [body] = [text for title, text in listed.items() if f"qp-twist {words[1]}" in title]
+            known = set(re.findall(r"--[a-z][\w-]*", body))
+            assert {word.split("=")[0] for word in words if word.startswith("--")} <= known, command
+            given = [w for w in words[2:3] if re.fullmatch(r"[a-z_]+", w)]
+            assert set(given) <= tasks, command
+            seen += 1
+        elif words[0] == "python" and words[1].endswith(".py"):
+            assert (DOCS.parent / words[1]).exists(), command
+    assert seen > 8
 
 
 def test_every_status_and_every_failure_has_its_entry() -> None:
