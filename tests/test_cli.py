@@ -97,6 +97,16 @@ def test_refused_input_is_one_sentence_and_exit_code_2(
     assert list(tmp_path.iterdir()) == []
 
 
+def test_run_writes_a_report_of_the_pair(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    main(["run", "planar_line", "--method", "qp_minimum_norm", "--out", str(tmp_path / "x.npz"),
+          "--report", str(tmp_path / "report")])  # fmt: skip
+    assert "report.html" in capsys.readouterr().out
+    content = json.loads((tmp_path / "report" / "comparison.json").read_text("utf-8"))
+    assert {"minimum_norm", "qp_minimum_norm"} <= set(content["methods"])
+
+
 def test_brackets_in_a_path_are_no_markup(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import os
 import sys
+import tempfile
 import warnings
 from contextvars import ContextVar
 from pathlib import Path
@@ -85,3 +86,24 @@ def method_names(path_task: PathTask, methods: str | None) -> list[str]:
     if not names:
         raise InvalidInput(f"--methods {methods!r}: no name in it; known: {', '.join(METHODS)}.")
     return [check_method(name) for name in names]
+
+
+def check_folder(folder: Path, option: str = "--out") -> None:
+    """Refuse a folder that cannot be written to, before anything has been computed.
+
+    Tried out in the nearest folder that is there already; nothing stays behind.
+    """
+    existing = folder.absolute()
+    while not existing.exists():
+        existing = existing.parent
+    if not existing.is_dir():
+        which = "this" if existing == folder.absolute() else str(existing)
+        raise InvalidInput(f"{option} {folder}: {which} is a file; give a folder to write to.")
+    try:
+        with tempfile.TemporaryFile(dir=existing):
+            pass
+    except OSError as error:
+        raise InvalidInput(
+            f"{option} {folder}: nothing can be written there ({error.strerror}); give another "
+            "folder."
+        ) from None

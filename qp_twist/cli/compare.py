@@ -5,13 +5,23 @@ from __future__ import annotations
 import dataclasses
 import shlex
 import sys
-import tempfile
 from pathlib import Path
 from typing import Annotated
 
 import tyro
 
-from qp_twist.cli.app import Folder, Names, OptionalFile, Task, app, load, method_names, say, show
+from qp_twist.cli.app import (
+    Folder,
+    Names,
+    OptionalFile,
+    Task,
+    app,
+    check_folder,
+    load,
+    method_names,
+    say,
+    show,
+)
 from qp_twist.cli.progress import method_progress, working
 from qp_twist.comparison import Interrupted, csv_table, notes, rich_table
 from qp_twist.comparison import compare as compare_methods
@@ -59,7 +69,7 @@ def compare(
     names = method_names(path_task, methods)
     folder = out or (None if json or csv else Path("out") / path_task.name)
     if folder is not None:
-        _check_folder(folder)
+        check_folder(folder)
     try:
         with method_progress(names, len(path_task.waypoints) - 1) as progress:
             comparison = compare_methods(
@@ -88,26 +98,6 @@ def compare(
         lines = comparison.report(folder, command=command)
     if not (json or csv):
         say(*(f"wrote {line}" if Path(line).exists() else line for line in lines))
-
-
-def _check_folder(folder: Path) -> None:
-    """Refuse a folder that cannot be written to, before anything has been computed.
-
-    Tried out in the nearest folder that is there already; nothing stays behind.
-    """
-    existing = folder.absolute()
-    while not existing.exists():
-        existing = existing.parent
-    if not existing.is_dir():
-        which = "this" if existing == folder.absolute() else str(existing)
-        raise InvalidInput(f"--out {folder}: {which} is a file; give a folder to write to.")
-    try:
-        with tempfile.TemporaryFile(dir=existing):
-            pass
-    except OSError as error:
-        raise InvalidInput(
-            f"--out {folder}: nothing can be written there ({error.strerror}); give another folder."
-        ) from None
 
 
 def _command(task: str, **options: object) -> str:

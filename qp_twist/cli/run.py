@@ -2,9 +2,21 @@
 
 from __future__ import annotations
 
-from qp_twist.cli.app import File, MethodName, OptionalFile, Solver, Task, app, load, say
+from qp_twist.cli.app import (
+    File,
+    Folder,
+    MethodName,
+    OptionalFile,
+    Solver,
+    Task,
+    app,
+    check_folder,
+    load,
+    say,
+)
 from qp_twist.cli.progress import method_progress, working
-from qp_twist.comparison import metrics
+from qp_twist.comparison import compare, metrics
+from qp_twist.comparison.style import pair_of
 from qp_twist.errors import InvalidInput
 from qp_twist.exchange import ENDINGS, check_trajectory, read_trajectory, write_trajectory
 from qp_twist.following import follow
@@ -22,6 +34,7 @@ def run(
     method: MethodName = "qp",
     solver: Solver = "daqp",
     path: OptionalFile = None,
+    report: Folder = None,
 ) -> None:
     """Follow a task with one method, time it, write the joint trajectory and check the file.
 
@@ -33,9 +46,13 @@ def run(
         method: Method name.
         solver: Backend of the QPs.
         path: Toolpath to follow instead of the task's own, e.g. path.csv.
+        report: Folder for a report, too: the method beside its closed form or QP, as compare
+            runs them.
     """
     path_task = load(task, path)
     check_method(method)
+    if report is not None:
+        check_folder(report, "--report")
     if out.suffix.lower() not in ENDINGS:
         raise InvalidInput(f"--out {out}: expected a file that ends in {', '.join(ENDINGS)}.")
     with method_progress([method], len(path_task.waypoints) - 1) as progress:
@@ -66,3 +83,13 @@ def run(
         if len(timed.slowed) > _STRETCHES:
             say(f"slower at {len(timed.slowed) - _STRETCHES} more stretches")
     say(check.verdict, *check.notes)
+    if report is not None:
+        pair = [n for n in path_task.method_names() if pair_of(n) == pair_of(method)]
+        pair = pair if method in pair else [*pair, method]
+        with method_progress(pair, len(path_task.waypoints) - 1) as progress:
+            comparison = compare(
+                path_task, pair, solver=solver, progress=progress.done, planning=progress.planning
+            )
+        with working("drawing the figures, writing the report"):
+            comparison.report(report)
+        say(f"wrote {report / 'report.html'}")
