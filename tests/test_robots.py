@@ -20,6 +20,7 @@ from scipy.spatial.transform import Rotation
 
 import qp_twist as qt
 from qp_twist.errors import InvalidInput
+from qp_twist.path import load_scene
 from qp_twist.robots import Robot, load_robot
 
 Array = npt.NDArray[np.float64]
@@ -374,6 +375,16 @@ def test_a_package_is_where_the_caller_says(tmp_path: Path) -> None:
     assert mesh_sizes(load_robot(file)) == pytest.approx([0.5])
 
 
+def test_a_package_is_where_the_task_file_says(tmp_path: Path) -> None:
+    write_stl(tmp_path / "elsewhere" / "part.stl", 0.7)
+    parts = link("a", INERTIAL + mesh("package://pkg/part.stl"))
+    write(tmp_path, parts, joint("j", "revolute", "base", "a"))
+    scene = load_scene(tmp_path / "task.toml", "robot.urdf", {"pkg": "elsewhere"})
+    assert mesh_sizes(scene) == pytest.approx([0.7])
+    with pytest.raises(qt.TaskFileError, match=r"packages\.pkg: there is no folder"):
+        load_scene(tmp_path / "task.toml", "robot.urdf", {"pkg": "nowhere"})
+
+
 def test_meshes_of_one_name_and_of_one_file_keep_their_sizes(tmp_path: Path) -> None:
     write_stl(tmp_path / "one" / "part.stl", 0.5)
     write_stl(tmp_path / "two" / "part.stl", 0.8)
@@ -416,8 +427,11 @@ def test_missing_and_unreadable_meshes_are_left_out_and_told(tmp_path: Path) -> 
 def test_a_robot_left_without_a_shape_says_so(tmp_path: Path) -> None:
     file = write(tmp_path, link("a", INERTIAL + mesh("x.stl")), joint("j", "revolute", "base", "a"))
     robot = load_robot(file)
-    assert robot.model.ngeom == 0
     assert "No shape" in robot.left_out[-1]
+    assert_poses_are_those_of_the_tags(robot, np.random.default_rng(3))
+    assert set(robot.model.geom_type) == {int(mujoco.mjtGeom.mjGEOM_CAPSULE)}
+    assert not robot.model.geom_contype.any()
+    assert robot.model.body("a").mass[0] == pytest.approx(2.0)  # rods weigh nothing
     assert load_robot(one_joint(tmp_path)).left_out == ()  # nothing stated, nothing left out
 
 

@@ -191,12 +191,19 @@ def _draw(job: Path) -> None:
     width, height = settings["width"], settings["height"]
     factor = 2 if max(width, height) <= MAX_DOUBLED_PX else 1
     model = _load(settings["scene"], configurations.shape[1])
+    if not model.nlight:  # a URDF has no lights; the camera's own is dim
+        model.vis.headlight.ambient[:] = 0.4
+        model.vis.headlight.diffuse[:] = 0.6
     if factor > 1:
         model.vis.quality.offsamples = 0  # the averaging does its work, and software pays for it
     view = _View(model, factor * width, factor * height, settings["camera"], lines)
 
     view.update(configurations[0])
     picture = view.colours()
+    if not _has_sky(model):
+        # MuJoCo's nothing is black; it lies where the camera's sight ends.
+        end = 0.99 * model.vis.map.zfar * model.stat.extent
+        picture[view.depth() > end] = 1.0
     if len(configurations) > 1:
         # A ghost is blended as a whole wherever it stands before the surroundings and beside the
         # solid arm. With translucent geoms, one would see the shapes that overlap inside the arm.
@@ -212,6 +219,12 @@ def _draw(job: Path) -> None:
     samples = [picture[i::factor, j::factor] for i in range(factor) for j in range(factor)]
     picture = np.clip(np.mean(samples, axis=0), 0.0, 1.0)
     matplotlib_image.imsave(settings["out"], picture, format="png")
+
+
+def _has_sky(model: Any) -> bool:
+    import mujoco
+
+    return bool((model.tex_type == mujoco.mjtTexture.mjTEXTURE_SKYBOX).any())
 
 
 def _load(scene: str, nq: int) -> Any:

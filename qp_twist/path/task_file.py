@@ -8,6 +8,7 @@ import json
 import re
 import tomllib
 import warnings
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -155,7 +156,7 @@ def _with_toolpath(source: Path, table: dict[str, Any], path: str | Path) -> dic
 
 
 def _build(path: Path, file: TaskFile) -> PathTask:
-    robot = load_scene(path, file.robot.scene)
+    robot = load_scene(path, file.robot.scene, file.robot.packages)
     model = robot.model
     ranges = JointRanges.of(model)
     if (ranges.qpos < 0).any():
@@ -204,17 +205,18 @@ def _build(path: Path, file: TaskFile) -> PathTask:
     )
 
 
-def load_scene(path: Path, scene: str) -> Robot:
+def load_scene(path: Path, scene: str, packages: Mapping[str, str] | None = None) -> Robot:
     """The robot of the MJCF or URDF file that the task file at ``path`` calls ``scene``.
 
     Raises:
         TaskFileError: If there is none, or it is refused.
     """
     candidates = [path.parent / scene, shipped_folder("scenes") / scene]
+    folders = {name: path.parent / folder for name, folder in (packages or {}).items()}
     for candidate in candidates:
         if _is_file(candidate):
             try:
-                robot = load_robot(candidate)
+                robot = load_robot(candidate, packages=folders)
             except InvalidInput as error:
                 raise TaskFileError(f"{path}: robot.scene: {error}") from error
             for sentence in robot.left_out:

@@ -33,8 +33,11 @@ def read_urdf(
     meshes = take_meshes(root, file, packages)
     model, compiling = compile_urdf(root, file, meshes, joints.mimics)
     left_out = [*meshes.left_out, *compiling, *joints.left_out]
-    if shapes and model.ngeom == 0:
-        left_out.append("No shape: nothing is left of the shapes that the file states.")
+    if shapes and not (root.findall("link/visual") or root.findall("link/collision")):
+        left_out.append(
+            "No shape: nothing is left of the shapes that the file states; rods from joint to "
+            "joint stand in for them in pictures."
+        )
     return model, joints.velocity_limits, tuple(left_out)
 
 

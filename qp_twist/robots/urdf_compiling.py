@@ -10,6 +10,7 @@ import mujoco
 import numpy as np
 
 from qp_twist.errors import InvalidInput
+from qp_twist.robots.stand_ins import add_rods
 from qp_twist.robots.urdf_joints import Mimic
 from qp_twist.robots.urdf_meshes import Meshes, mesh_shapes
 from qp_twist.robots.wording import listed
@@ -45,11 +46,11 @@ def compile_urdf(
         InvalidInput: If MuJoCo refuses what remains too.
     """
     try:
-        return _compiled(root, meshes.assets, mimics), []
+        return _seen(root, meshes.assets, mimics), []
     except ValueError:
         unphysical, unreadable = _without_what_is_refused(root, meshes.assets)
     try:
-        model = _compiled(root, meshes.assets, mimics, token_inertia=True)
+        model = _seen(root, meshes.assets, mimics, token_inertia=True)
     except ValueError as error:
         raise InvalidInput(f"{file}: MuJoCo cannot load this URDF: {_reason(error)}") from error
     left_out = []
@@ -70,12 +71,27 @@ def compile_urdf(
     return model, left_out
 
 
+def _seen(
+    root: ET.Element,
+    assets: Mapping[str, bytes],
+    mimics: Sequence[Mimic],
+    *,
+    token_inertia: bool = False,
+) -> mujoco.MjModel:
+    """The model; one without a single shape has rods from joint to joint."""
+    model = _compiled(root, assets, mimics, token_inertia=token_inertia)
+    if model.ngeom:
+        return model
+    return _compiled(root, assets, mimics, token_inertia=token_inertia, rods=True)
+
+
 def _compiled(
     root: ET.Element,
     assets: Mapping[str, bytes],
     mimics: Sequence[Mimic] = (),
     *,
     token_inertia: bool = False,
+    rods: bool = False,
 ) -> mujoco.MjModel:
     text = ET.tostring(root, encoding="unicode")
     spec = mujoco.MjSpec.from_string(text, assets=dict(assets))
@@ -83,6 +99,9 @@ def _compiled(
     if token_inertia:
         spec.compiler.boundmass = _TOKEN_MASS
         spec.compiler.boundinertia = _TOKEN_INERTIA
+    if rods:
+        spec.compiler.discardvisual = False
+        add_rods(spec)
     for mimic in mimics:
         coupling = spec.add_equality(
             type=mujoco.mjtEq.mjEQ_JOINT,

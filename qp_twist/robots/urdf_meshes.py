@@ -124,7 +124,8 @@ def _not_found(missing: list[str]) -> list[str]:
             count = f"{len(files)} mesh{'' if len(files) == 1 else 'es'}"
             sentences.append(
                 f"Not found: {count} of the package {package!r}. Say where it is: "
-                f"load_robot(..., packages={{{package!r}: folder}})."
+                f"load_robot(..., packages={{{package!r}: folder}}), or in a task file "
+                f'[robot.packages] {package} = "folder".'
             )
         else:
             sentences.append(f"Not found: {listed('mesh', files)}.")
