@@ -15,6 +15,7 @@ import qp_twist as qt
 from qp_twist.cli import check as _  # noqa: F401  (its command)
 from qp_twist.cli import main
 from qp_twist.exchange import (
+    ENDINGS,
     Check,
     Finding,
     JointRows,
@@ -108,6 +109,31 @@ def test_the_way_between_the_waypoints_counts() -> None:
     assert not between.passes
 
 
+def test_no_row_between_two_waypoints_is_passed_over() -> None:
+    trajectory = corner(velocity=np.inf)
+    t = np.linspace(0.0, 2.0, 2001)
+    q = np.column_stack([np.minimum(t, 1.0), np.maximum(t - 1.0, 0.0)])
+    assert check_trajectory(JointRows(NAMES, q, t), trajectory.path_task).passes
+    q[340, 1] = 0.02  # away and back within 2 ms of the 100 between two waypoints
+    check = check_trajectory(JointRows(NAMES, q, t), trajectory.path_task)
+    assert found(check, "position error").passes
+    between = found(check, "position error between")
+    assert not between.passes
+    assert between.value == pytest.approx(20.0)
+    assert between.where == "waypoints 4 to 5"
+
+
+def test_a_joint_that_leaves_its_range_between_two_rows_is_outside() -> None:
+    q = np.array([[8.9], [8.9]])
+    # Out at 2 m/s, back at 1: with u = t/T the way is T (2u − 3u² + u³), at most 2√3/9 T.
+    T = 0.100025 / (2.0 * np.sqrt(3.0) / 9.0)
+    rows = JointRows(("slide_1",), q, np.array([0.0, T]), np.array([[2.0], [-1.0]]))
+    task = joint_path(slider(), q, None).path_task
+    finding = found(check_trajectory(rows, task, position_tolerance=1.0), "smallest joint margin")
+    assert not finding.passes
+    assert finding.value == pytest.approx(-0.000025 / 9.0)
+
+
 @pytest.mark.parametrize("rows", [7, 20, 22, 101, 1000])
 def test_any_number_of_rows_is_matched_to_the_waypoints_in_their_order(rows: int) -> None:
     trajectory = corner()
@@ -148,6 +174,15 @@ def test_a_path_that_is_passed_twice_is_matched_in_its_order() -> None:
     once = check_trajectory(JointRows(NAMES, dense[:33]), task)
     assert not once.passes
     assert found(once, "position error").value > 100.0
+
+
+def test_a_motion_that_stands_still_fails_in_numbers_that_json_has() -> None:
+    trajectory = corner()
+    still = JointRows(NAMES, np.zeros((5, 2)), np.arange(5.0))
+    check = check_trajectory(still, trajectory.path_task)
+    assert found(check, "position error").value == pytest.approx(1e3 * np.sqrt(2.0))
+    assert not found(check, "feed").passes
+    assert json.loads(json.dumps(check.to_dict(), allow_nan=False))["passes"] is False
 
 
 def test_without_times_only_the_path_is_checked_and_that_is_said() -> None:
@@ -228,7 +263,7 @@ def test_the_command_fails_with_1_and_says_what_and_where(
     with pytest.raises(SystemExit) as caught:
         main(["check", str(line / "off.json"), "planar_line"])
     assert caught.value.code == 1
-    assert "does not pass: position error: 2" in capsys.readouterr().out
+    assert "does not pass: position error: 2" in capsys.readouterr().err
     with pytest.raises(SystemExit) as caught:
         main(["check", str(line / "off.json"), "planar_line", "--json"])
     assert caught.value.code == 1
@@ -254,6 +289,19 @@ def test_a_file_in_degrees_in_another_order_passes(line: Path) -> None:
         lines.append(",".join(map(repr, [0.1 * k, *map(float, q[[2, 0, 1]])])))
     (line / "degrees.csv").write_text("\n".join(lines))
     main(["check", str(line / "degrees.csv"), "planar_line"])
+
+
+@pytest.mark.parametrize("duration", [0.001, 0.005])
+def test_short_pieces_keep_their_limits_in_every_file(duration: float, tmp_path: Path) -> None:
+    s = np.linspace(0.0, 1.0, 201)
+    q = 0.5 * np.column_stack([np.sin(6.0 * s), np.cos(6.0 * s)])
+    moving = joint_path(slider(2), q, evenly(201, duration), velocity=2.0, acceleration=5.0)
+    timed = time_trajectory(moving)
+    for ending in ENDINGS:
+        rows = read_trajectory(write_trajectory(timed, tmp_path / f"short{ending}"))
+        check = check_trajectory(rows, moving.path_task)
+        assert check.passes, (ending, check.verdict)
+        assert found(check, "acceleration limits").value == pytest.approx(100.0, rel=1e-3)
 
 
 def test_written_and_read_the_task_error_is_the_same(tmp_path: Path) -> None:

@@ -139,8 +139,14 @@ def test_ctrl_c_leaves_the_methods_that_are_finished(
 
 
 def test_run_says_what_went_wrong(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    main(["run", "planar_line", "--method", "twa", "--out", str(tmp_path / "x.csv")])
-    assert "leaves the limits" in capsys.readouterr().out
+    with pytest.raises(SystemExit) as caught:
+        main(["run", "planar_line", "--method", "twa", "--out", str(tmp_path / "x.csv"), "--quiet"])
+    assert caught.value.code == 1
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert "does not pass" in err
+    assert "smallest joint margin" in err
+    assert (tmp_path / "x.csv").exists()
 
 
 def test_an_unwritable_folder_is_a_sentence(

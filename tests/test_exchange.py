@@ -114,6 +114,7 @@ DEGREES = np.array([[10.0, -20.0], [30.0, 45.5]])
         "# a robot\n\nt [ms]\tjoint_2_deg\tgripper\tjoint_1_deg\n0\t-20\topen\t10\n"
         "1000\t45.5\t\t30\n",
         "joint_1_deg joint_2_deg\n10 -20\n30 45.5\n",
+        "time_s,joint_1_deg,joint_2_deg\n0,10,-20\n1,30,45.5\n",
         '"time_from_start","position_joint_1 [°]","position_joint_2 [°]"\n0, 10, -20\n'
         "1, 30, 45.5\n",
         "row,joint_1.pos [degrees],joint_2.pos [degrees],joint_1 torque\n1,10,-20,x\n2,30,45.5,y\n",
@@ -126,7 +127,9 @@ def test_columns_are_found_by_name_in_any_order_and_unit(text: str, tmp_path: Pa
     rows = read_trajectory(path, ["joint_1", "joint_2"])
     assert rows.q == pytest.approx(np.radians(DEGREES), abs=1e-15)
     assert rows.velocities is None
-    if rows.times is not None:
+    timed = any(name in text.splitlines()[-3:][0] for name in ("time", "t [ms]"))
+    assert (rows.times is not None) == timed
+    if timed:
         assert rows.times == pytest.approx([0.0, 1.0])
 
 
@@ -166,6 +169,37 @@ def test_messages_of_other_tools_are_understood(
     assert rows.times.tolist() == [1.5]
 
 
+def npy(array: Array) -> bytes:
+    file = io.BytesIO()
+    np.save(file, array)
+    return file.getvalue()
+
+
+def npz(**arrays: Array) -> bytes:
+    file = io.BytesIO()
+    np.savez_compressed(file, **arrays)
+    return file.getvalue()
+
+
+def test_a_damaged_archive_is_refused_wherever_it_is_damaged(tmp_path: Path) -> None:
+    whole = npz(q=np.random.default_rng(0).normal(size=(50, 2)), joint_names=np.array(["a", "b"]))
+    path = tmp_path / "damaged.npz"
+    path.write_bytes(whole)
+    assert read_trajectory(path).q.shape == (50, 2)
+    for at in range(0, len(whole), 37):
+        path.write_bytes(whole[:at] + b"\xff" * 8 + whole[at + 8 :])
+        try:
+            assert read_trajectory(path).q.shape == (50, 2)  # a byte that says nothing
+        except qt.InvalidInput as error:
+            assert str(error).startswith(str(path))
+
+
+def test_metadata_of_another_tool_do_no_harm(tmp_path: Path) -> None:
+    for text in ("no JSON", "[1]"):
+        np.savez(tmp_path / "other.npz", q=np.eye(2), joint_names=["a", "b"], metadata=text)
+        assert read_trajectory(tmp_path / "other.npz").metadata == {}
+
+
 def test_an_archive_of_another_tool_is_understood(tmp_path: Path) -> None:
     np.savez(tmp_path / "other.npz", positions=np.eye(2), time=np.array([0.0, 1.0]))
     rows = read_trajectory(tmp_path / "other.npz", ["a", "b"])
@@ -200,7 +234,28 @@ def test_an_archive_of_another_tool_is_understood(tmp_path: Path) -> None:
             '{"joint_names": ["joint_1"], "points": [{"positions": [1, 2]}]}',
             r"points\[0\].positions: expected 1 numbers",
         ),
+        (
+            "x.json",
+            '{"joint_names": ["joint_1"], "points": [{"positions": [1]}, {"positions": [2], '
+            '"velocities": [1]}]}',
+            r"points\[0\].velocities: expected 1 numbers, got None",
+        ),
+        (
+            "x.json",
+            '{"joint_names": ["joint_1"], "points": [{"positions": [1]}, {"positions": [2], '
+            '"time_from_start": 1}]}',
+            r"points\[0\].time_from_start: expected a finite number, got None",
+        ),
+        ("x.json", "[" * 100_000, "this is no JSON"),
+        (
+            "x.json",
+            f'{{"joint_names": ["joint_1"], "points": [{{"positions": [1{"0" * 400}]}}]}}',
+            r"points\[0\].positions\[0\]: expected a finite number, got 1000",
+        ),
+        ("x.csv", 'joint_1,joint_2\n1,"' + "2" * 200_000, "line 2: no row of cells"),
         ("x.npz", "no archive", "this is no NumPy archive"),
+        ("x.npz", npy(np.zeros((2, 2))), "this is no NumPy archive"),
+        ("x.npz", npz(q=np.zeros((400, 2))).replace(b"q.npy", b"p.npy"), "no array 'q'"),
         ("x.txt", "", r"ends in .csv, .npz, .json"),
     ],
 )

@@ -115,10 +115,12 @@ def test_a_path_that_cannot_be_reached_where_it_is_put_is_said_to_be_so(
     out = tmp_path / "far.toml"
     with pytest.raises(SystemExit) as ended:
         main(["new", SEVEN, "--frame", "tool", "--path", str(tmp_path / "arch.csv"),
-              "--out", str(out), "--place", "5,0,0.3"])  # fmt: skip
+              "--out", str(out), "--place", "5,0,0.31234567"])  # fmt: skip
     assert ended.value.code == 1
     said = capsys.readouterr().out
     assert "NOT REACHED where --place puts it: waypoint 1 at (4.95" in said
+    stated = tomllib.loads(out.read_text("utf-8"))
+    assert stated["path"]["placement"]["position"] == [5, 0, 0.31234567]  # not rounded
     # The file is there, says so, and refuses to run with the same sentence.
     assert "# NOT REACHED" in out.read_text("utf-8")
     with pytest.raises(qt.InvalidInput, match="out of the arm's reach by"):
@@ -260,3 +262,11 @@ def test_of_one_name_the_site_comes_before_the_body() -> None:
     assert choose_frame(model, "tool").kind == "site"
     assert choose_frame(model, "tool", "body").kind == "body"
     assert choose_frame(model, None).why == "the only site that moves"
+
+
+def test_a_robot_whose_frames_have_no_names_is_refused_as_such() -> None:
+    model = mujoco.MjModel.from_xml_string(
+        '<mujoco><worldbody><body><joint/><geom size=".1"/></body></worldbody></mujoco>'
+    )
+    with pytest.raises(qt.InvalidInput, match="no site or body or geom with a name that moves"):
+        choose_frame(model, None)

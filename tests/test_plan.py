@@ -607,8 +607,8 @@ def test_a_method_is_where_the_map_says_and_has_the_margin_that_it_says(
     deburring: qt.Comparison,
 ) -> None:
     task, q = deburring.path_task, deburring.trajectories["qp_gradient"].q
-    roll_map = RollMap.of(task, columns=401, spacing_deg=2.0)
-    assert roll_map.margins.shape == (401, 180, 8)
+    roll_map = RollMap.of(task, columns=401, spacing_deg=4.0)
+    assert roll_map.margins.shape == (401, 90, 8)
     rolls, branches = roll_map.locate(q)
     ranges = qt.JointRanges.of(task.model)
     for k in range(0, 401, 20):
@@ -627,7 +627,7 @@ def test_a_method_is_where_the_map_says_and_has_the_margin_that_it_says(
         assert fine.sigma_min[column, cell, branches[k]] == pytest.approx(sigma[k], abs=0.01)
     arm = OrthoParallelArm.recognise(task.model, task.frame_name, task.frame_type)
     assert arm is not None
-    grid = RollGrid(task, arm, np.radians(2.0), np.full(6, np.inf))
+    grid = RollGrid(task, arm, np.radians(4.0), np.full(6, np.inf))
     step = task.velocity_limits * task.durations[1]
     for k in (0, 139):  # in the middle of an edge, and where the wrist is straight
         before, after = grid.branches(k), grid.branches(k + 1)

@@ -48,6 +48,9 @@ def test_a_motion_is_the_cubic_through_positions_and_velocities(seed: int) -> No
     speeds = np.abs(spline(dense, 1)).max(axis=0)
     assert (np.abs(state.velocities) <= motion.largest_speeds()[piece] * (1 + 1e-9)).all()
     assert motion.largest_speeds() == pytest.approx(speeds, rel=1e-5)
+    lowest, highest = motion.extremes()
+    assert lowest == pytest.approx(spline(dense).min(axis=0), abs=1e-5)
+    assert highest == pytest.approx(spline(dense).max(axis=0), abs=1e-5)
     hardest = np.abs(motion.end_accelerations()).max(axis=0)
     inner = np.linspace(times[:-1] + 1e-9, times[1:] - 1e-9, 3)
     assert hardest == pytest.approx(np.abs(spline(inner, 2)).max(axis=0), rel=1e-5)
@@ -256,7 +259,7 @@ def test_errors_at_the_rows_are_those_of_the_task(seed: int) -> None:
 
 
 def test_rows_are_inserted_where_straight_joints_would_leave_the_path() -> None:
-    task = short(qt.load_task("deburring"), 6)
+    task = short(qt.load_task("deburring"), 6, lines=10 * np.arange(6))
     trajectory = qt.follow(task, "qp")
     straight = path_errors(task, JointMotion(np.arange(6.0), trajectory.q))
     assert straight.position_between.max() > 1e-4
@@ -268,6 +271,8 @@ def test_rows_are_inserted_where_straight_joints_would_leave_the_path() -> None:
     times = np.cumsum(refined.durations)
     assert times[kept] == pytest.approx(np.cumsum(trajectory.durations))
     assert (refined.path_task.durations == refined.durations).all()
+    before = np.searchsorted(kept, np.arange(len(refined.q)), side="right") - 1
+    assert (refined.path_task.lines == 10 * before).all()
     # A look at the joints between them, by another way: the frame against its straight line.
     configuration = mink.Configuration(task.model)
     for k in range(len(refined.q) - 1):
@@ -384,3 +389,24 @@ def test_refused_arguments() -> None:
         time_trajectory(trajectory, position_tolerance=0.0)
     with pytest.raises(qt.InvalidInput, match="slow_down"):
         qt.follow(trajectory.path_task, slow_down="yes")  # type: ignore[arg-type]
+
+
+def test_accelerations_never_take_a_method_off_the_path() -> None:
+    # Entered fast, an arc that sharp cannot be followed by accelerations that are held on the way.
+    task = qt.load_task("deburring")
+    hurried = dataclasses.replace(
+        task,
+        waypoints=task.waypoints[80:125],
+        flipped_waypoints=None,
+        durations=0.05 * np.asarray(task.durations)[80:125],
+        acceleration_limits=np.full(6, 1.0),
+        start=qt.follow(task, "qp_minimum_norm").q[80],
+    )
+    kept = qt.follow(hurried, "qp_gradient", slow_down=True)
+    assert kept.position_error.max() < 1e-8
+    timed = qt.time_trajectory(kept)
+    t = np.linspace(0.0, timed.times[-1], 20_000)
+    assert np.abs(np.gradient(timed.at(t).velocities, t, axis=0)).max() < 1.01
+    assert timed.times[-1] > 2.0 * hurried.durations.sum()
+    lost = qt.follow(hurried, "qp_gradient")
+    assert lost.position_error.max() > 1e-4

@@ -197,6 +197,9 @@ Pass 7
     assert [len(c) for c in plain.chosen(["Inner seam 2", 1]).curves] == [1, 2]
     with pytest.raises(InvalidInput, match=r"no curve 4; it has 3: 'outer', 'Inner seam 2', '3'"):
         plain.chosen([4])
+    head = "x;y;z\nmm;mm;mm\n"
+    again = read_toolpath(write(tmp_path, head + "0;0;0\n1;0;0\n" + head + "2;0;0\n3;0;0\n"))
+    assert [c.name for c in again.curves] == ["1", "2"]
 
 
 def test_repeated_points_are_dropped_and_counted_but_a_turn_in_place_is_kept(
@@ -545,6 +548,10 @@ def test_curves_that_touch_have_their_common_point_once(tmp_path: Path) -> None:
     csv = HEAD + "0,0,0,0,0,1\n10,0,0,0,0,1\n\n10,0,0,0,0,1\n20,0,0,0,0,1\n"
     loaded = qt.load_task(task(tmp_path, "[path.transfer]\n", csv))
     assert loaded.positions[:, 0] == pytest.approx([0, 0.005, 0.01, 0.015, 0.02])
+    # A curve that is nothing but that point, too, and whatever follows it.
+    alone = csv.replace("\n\n", "\n\n10,0,0,0,0,1\n\n")
+    again = qt.load_task(task(tmp_path, "[path.transfer]\n", alone))
+    assert again.positions == pytest.approx(loaded.positions)
 
 
 def test_whole_orientations_are_taken_as_they_are(tmp_path: Path) -> None:

@@ -262,6 +262,12 @@ def test_a_moved_workpiece_takes_the_path_with_it(session):
     assert session.lap is old
 
 
+def test_a_lap_that_ends_while_its_progress_is_read_does_no_harm(session, monkeypatch):
+    read = iter([(0.5, "going on"), None])
+    monkeypatch.setattr(Session, "computing", property(lambda _: next(read)))
+    assert session.status() == "computing: going on (50 %)"
+
+
 def test_a_workpiece_out_of_reach_has_no_lap_but_a_sentence(session):
     far = mink.SE3.from_translation(session.handle + np.array([9.0, 0.0, 0.0]))
     session.place(far)
@@ -355,7 +361,8 @@ def test_a_whole_pose_in_the_hand_holds_the_roll():
 
 def test_a_grasped_session_follows_the_hand_and_goes_back(session):
     session.seek(4)
-    session.grasp()
+    pose = session.grasp()
+    assert pose.as_matrix() == pytest.approx(session.arm.pose.as_matrix())
     before = session.moment().q
     session.drag(moved(session.arm.pose, [0.1, -0.1, 0.0]))
     assert not np.array_equal(session.tick(0.025).q, before)

@@ -1,11 +1,11 @@
-"""A small study: twelve placements of the line for the planar arm."""
+"""A small study: four placements of the line for the planar arm."""
 
 import tempfile
 
 import qp_twist as qt
 
 with tempfile.TemporaryDirectory() as folder:
-    study = qt.study("planar_line", ["placement"], 12, ["minimum_norm", "qp_gradient"], out=folder)
+    study = qt.study("planar_line", ["placement"], 4, ["minimum_norm", "qp_gradient"], out=folder)
     print(study.text())
 
     rows = study.table(["method", "success", "fault", "joint", "waypoint"]).to_pylist()

@@ -66,6 +66,9 @@ def choose_frame(
     ]
     if not sites and len(last) == 1 and "body" in kinds:
         return FrameChoice(last[0], "body", "the last link")
+    if not any(any(moving[found]) for found in kinds):
+        what = " or ".join(kinds)
+        raise InvalidInput(f"the robot has no {what} with a name that moves; name one in its file.")
     raise InvalidInput(
         f"there is more than one frame that the tool can be at; choose with --frame: "
         f"{_listed(moving)}."

@@ -151,7 +151,7 @@ def _path(parts: Parts) -> str:
             [
                 "[path.placement]",
                 *map(_comment, parts.placement_notes),
-                _line(f"position = {_numbers(parts.position)}", "m, of the file's origin"),
+                _line(f"position = {_numbers(parts.position, 9)}", "m, of the file's origin"),
                 _line("rpy_deg = [0, 0, 0]", "and its orientation in the robot's world"),
             ]
         )
@@ -274,5 +274,5 @@ def _key(name: str) -> str:
     return name if name and set(name) <= _BARE else _quoted(name)
 
 
-def _numbers(values: Array) -> str:
-    return "[" + ", ".join(f"{round(float(v), 4) + 0.0:.10g}" for v in values) + "]"
+def _numbers(values: Array, decimals: int = 4) -> str:
+    return "[" + ", ".join(f"{round(float(v), decimals) + 0.0:.12g}" for v in values) + "]"

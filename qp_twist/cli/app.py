@@ -12,7 +12,7 @@ import tempfile
 import warnings
 from contextvars import ContextVar
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, NoReturn
 
 import tyro
 from rich.console import Console, RenderableType
@@ -41,6 +41,12 @@ def say(*lines: str) -> None:
     if not quiet.get():
         for line in lines:
             console().print(line, highlight=False, markup=False, soft_wrap=True)
+
+
+def fail(sentence: str) -> NoReturn:
+    """Say on standard error, also where quiet, what is wrong with what was checked; exit code 1."""
+    print(f"qp-twist: {sentence}", file=sys.stderr)
+    raise SystemExit(1)
 
 
 def show(table: RenderableType) -> None:

@@ -8,7 +8,7 @@ from typing import Annotated
 
 import tyro
 
-from qp_twist.cli.app import OptionalFile, Task, app, load, say
+from qp_twist.cli.app import OptionalFile, Task, app, fail, load, say
 from qp_twist.cli.progress import working
 from qp_twist.exchange import check_trajectory, read_trajectory
 from qp_twist.exchange.check import AXIS_TOLERANCE_DEG, POSITION_TOLERANCE
@@ -53,6 +53,8 @@ def check(
         print(json.dumps(found.to_dict(), ensure_ascii=False, indent=2))
     else:
         say(f"{trajectory}: {found.rows} rows, {found.waypoints} waypoints, {found.matched}")
-        say(found.table().rstrip("\n"), *found.notes, found.verdict)
+        say(found.table().rstrip("\n"), *found.notes)
+        if found.passes:
+            say(found.verdict)
     if not found.passes:
-        raise SystemExit(1)
+        fail(f"{trajectory}: {found.verdict}")

@@ -11,6 +11,7 @@ from qp_twist.cli.app import (
     Task,
     app,
     check_folder,
+    fail,
     load,
     say,
 )
@@ -38,7 +39,8 @@ def run(
 ) -> None:
     """Follow a task with one method, time it, write the joint trajectory and check the file.
 
-    The path is kept: where limits ask for it, it is passed more slowly, and where is said.
+    The path is kept: where limits ask for it, it is passed more slowly, and where is said. Exit
+    code 1: the file is written, but does not pass; what and where is said.
 
     Args:
         task: Name of a shipped task, or path to a .toml file.
@@ -82,7 +84,9 @@ def run(
         say(*(f"slower at {stretch}" for stretch in timed.slowed[:_STRETCHES]))
         if len(timed.slowed) > _STRETCHES:
             say(f"slower at {len(timed.slowed) - _STRETCHES} more stretches")
-    say(check.verdict, *check.notes)
+    say(*check.notes)
+    if check.passes:
+        say(check.verdict)
     if report is not None:
         pair = [n for n in path_task.method_names() if pair_of(n) == pair_of(method)]
         pair = pair if method in pair else [*pair, method]
@@ -93,3 +97,5 @@ def run(
         with working("drawing the figures, writing the report"):
             comparison.report(report)
         say(f"wrote {report / 'report.html'}")
+    if not check.passes:
+        fail(f"{out}: {check.verdict}")

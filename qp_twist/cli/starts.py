@@ -43,7 +43,8 @@ def starts(
         key, values = "q_deg", np.degrees(best.q)
     say("[start]", f"{key} = [{', '.join(f'{value:.10g}' for value in np.round(values, 4) + 0.0)}]")
     if not best.completed:
-        say(f"none of them leads to the end; the best stops, held by {best.stopped_by}")
+        held = f", held by {best.stopped_by}" if best.stopped_by else ""
+        say(f"none of them leads to the end; the best stops after waypoint {best.reached}{held}")
         raise SystemExit(1)
 
 

@@ -31,8 +31,11 @@ FASTER = 1e-3
 """Share by which the feed is exceeded when it counts."""
 FASTER_MATCHED = 0.02
 """The same where the times at the waypoints had to be looked for."""
+_CLOCK = 1e-9
+"""Times in files are rounded to it, s; what speeds and accelerations owe to that does not count."""
 _BAND = 1e-5
-_SAMPLES = 8
+_REST = 1e-6
+"""A joint rests below this speed, rad/s or m/s."""
 
 
 @dataclass(frozen=True)
@@ -180,21 +183,22 @@ def check_trajectory(
     motion, count = rows.motion(), len(path_task.waypoints)
     one_to_one = len(rows.q) == count
     times = motion.times
-    errors = path_errors(path_task, motion, samples=_SAMPLES) if one_to_one else None
+    errors = path_errors(path_task, motion) if one_to_one else None
     if errors is None or not _met(errors, position, float(axis)):
         found = times_at_waypoints(path_task, motion, position, float(axis))
-        nearest = path_errors(path_task, motion, found, _SAMPLES)
+        nearest = path_errors(path_task, motion, found)
         if errors is None or _met(nearest, position, float(axis)):
             errors, times, one_to_one = nearest, found, False
-    place = _Places(times, one_to_one=one_to_one)
+    place = _Places(times, one_to_one=one_to_one, timed=rows.times is not None)
     findings = _of_errors(errors, position, float(axis))
     findings += _of_bands(path_task, motion, times)
     findings += _of_positions(ranges, motion, place)
-    notes = []
+    notes: list[str] = []
     timed = rows.times is not None
     if timed:
         findings += _of_speeds(path_task, ranges, motion, place)
         findings += _of_feed(path_task, times, one_to_one=one_to_one)
+        notes += _unchecked(path_task, ranges, motion)
     elif path_task.durations is not None:
         notes.append("the trajectory has no times: feed, velocities and accelerations unchecked")
     matched = "row by row" if one_to_one else "nearest points in the waypoints' order"
@@ -204,12 +208,15 @@ def check_trajectory(
 class _Places:
     """Names the waypoint nearest to a time."""
 
-    def __init__(self, times: Array, *, one_to_one: bool) -> None:
-        self.times, self.one_to_one = times, one_to_one
+    def __init__(self, times: Array, *, one_to_one: bool, timed: bool) -> None:
+        self.times, self.one_to_one, self.timed = times, one_to_one, timed
 
     def __call__(self, time: float) -> str:
         k = int(np.argmin(np.abs(self.times - time)))
-        return f"waypoint {k + 1}" if self.one_to_one else f"{time:.4g} s, waypoint {k + 1}"
+        if self.one_to_one:
+            return f"waypoint {k + 1}"
+        # Without times the rows are counted.
+        return f"{f'{time:.4g} s' if self.timed else f'row {round(time) + 1}'}, waypoint {k + 1}"
 
 
 def _met(errors: PathErrors, position: float, axis: float) -> bool:
@@ -258,16 +265,16 @@ def _of_bands(path_task: PathTask, motion: JointMotion, times: Array) -> list[Fi
 
 
 def _of_positions(ranges: JointRanges, motion: JointMotion, place: _Places) -> list[Finding]:
-    """The smallest margin, at the rows and between them."""
+    """The smallest margin, at the rows and, exactly, between them."""
     if not ranges.limited.any():
         return []
-    shares = np.arange(_SAMPLES) / _SAMPLES
-    begins, spans = motion.times[:-1, None], np.diff(motion.times)[:, None]
-    times = np.append((begins + spans * shares).ravel(), motion.times[-1])
-    q = motion.at(times).q
-    margins = ranges.margins(q)
+    lowest, highest = motion.extremes()
+    between = np.minimum(ranges.margins(lowest), ranges.margins(highest))
+    # Rows first: of a least margin at a row the row is named, not the piece that ends there.
+    margins = np.vstack([ranges.margins(motion.q), between])
+    times = np.concatenate([motion.times, 0.5 * (motion.times[:-1] + motion.times[1:])])
     k, joint = np.unravel_index(int(np.argmin(margins)), margins.shape)
-    outside = float(np.maximum(ranges.lower - q, q - ranges.upper).max())
+    outside = float(np.maximum(ranges.lower - lowest, highest - ranges.upper).max())
     where = f"{ranges.names[joint]}, {place(times[k])}"
     value = float(margins[k, joint])
     return [Finding("smallest joint margin", value, 0.0, "", where, outside <= OUTSIDE)]
@@ -278,7 +285,10 @@ def _of_speeds(
 ) -> list[Finding]:
     """Largest shares of the velocity and acceleration limits; the speeds where there are none."""
     middles = 0.5 * (motion.times[:-1] + motion.times[1:])
-    speeds = motion.largest_speeds()
+    T = np.diff(motion.times)[:, None]
+    # Of D = Δq/T, of which a cubic's speeds have 1.5 and its accelerations 6/T at most.
+    rounding = np.abs(np.diff(motion.q, axis=0)) * _CLOCK / T**2
+    speeds = np.maximum(motion.largest_speeds() - 1.5 * rounding, 0.0)
     found = []
     limits = path_task.velocity_limits
     if np.isfinite(limits).any():
@@ -290,10 +300,10 @@ def _of_speeds(
         found.append(Finding("joint speed", float(speeds[k, joint]), None, unit, where, True))
     limits = path_task.acceleration_limits
     if np.isfinite(limits).any():
-        accelerations = motion.largest_accelerations()
+        accelerations = np.maximum(motion.largest_accelerations() - 6.0 * rounding / T, 0.0)
         if motion.velocities is None:
             # Straight pieces: what it takes to change from one speed to the next between middles.
-            speeds = np.diff(motion.q, axis=0) / np.diff(motion.times)[:, None]
+            speeds = np.diff(motion.q, axis=0) / T
             accelerations = np.abs(np.diff(speeds, axis=0)) / np.diff(middles)[:, None]
             middles = motion.times[1:-1]
         if len(accelerations):
@@ -301,6 +311,23 @@ def _of_speeds(
                 _share("acceleration", accelerations / limits, ranges.names, middles, place)
             )
     return found
+
+
+def _unchecked(path_task: PathTask, ranges: JointRanges, motion: JointMotion) -> list[str]:
+    """What passes although a robot may refuse it."""
+    notes = []
+    if not np.isfinite(path_task.velocity_limits).any():
+        notes.append("the task states no velocity limits: joint speeds are shown, not checked")
+    if motion.velocities is not None and np.isfinite(path_task.acceleration_limits).any():
+        for end, row in (("begins", 0), ("ends", -1)):
+            speed = np.abs(motion.velocities[row])
+            joint = int(np.argmax(speed))
+            if speed[joint] > _REST:
+                notes.append(
+                    f"the trajectory {end} at speed: {ranges.names[joint]} at {speed[joint]:.3g} "
+                    f"{ranges.units[joint]}/s; the robot has to be brought to it and to rest"
+                )
+    return notes
 
 
 def _share(kind: str, use: Array, names: Sequence[str], times: Array, place: _Places) -> Finding:
@@ -314,7 +341,7 @@ def _of_feed(path_task: PathTask, times: Array, *, one_to_one: bool) -> list[Fin
     """How fast the waypoints are passed, and how long it takes in all."""
     if path_task.durations is None:
         return []
-    took = np.maximum(np.diff(times), np.finfo(float).tiny)
+    took = np.maximum(np.diff(times), _CLOCK)  # a motion that stands still may meet two at once
     use = path_task.durations[1:] / took
     k = int(np.argmax(use))
     passes = bool(use[k] <= 1.0 + (FASTER if one_to_one else FASTER_MATCHED))

@@ -14,6 +14,7 @@ import numpy as np
 from qp_twist.checks import Array
 from qp_twist.errors import InvalidInput
 from qp_twist.exchange.joint_rows import JointRows
+from qp_twist.exchange.metadata import read_metadata
 
 _METADATA = "# metadata "
 _UNITS = {
@@ -27,7 +28,7 @@ _UNITS = {
 _BRACKETS = re.compile(r"^(?P<label>.*?)\s*[\[(](?P<unit>[^\])]*)[\])]$")
 _ENDING = re.compile(r"^(?P<label>.+?)[_ ](?P<unit>rad|deg|mm|ms)(?P<per>(?:[_/ ]?(?:per_)?s)?)$")
 _INDEX = {"", "#", "waypoint", "index", "row", "point", "i", "k", "n", "no", "nr", "id"}
-_TIME = {"t", "time", "times", "time_from_start", "timestamp", "seconds", "sec"}
+_TIME = {"t", "time", "times", "time_from_start", "timestamp", "seconds", "sec", "t_s", "time_s"}
 _KINDS = {
     "position": r"positions?|pos|angle|q|theta",
     "velocity": r"velocity|velocities|vel|speed|dq|qd|qdot",
@@ -78,13 +79,13 @@ def decode(content: bytes, joint_names: tuple[str, ...] | None) -> JointRows:
     lines = []
     for number, line in enumerate(text.splitlines(), start=1):
         if line.startswith(_METADATA):
-            metadata = _metadata(line)
+            metadata = read_metadata(line.removeprefix(_METADATA))
         if line.strip() and not line.lstrip().startswith("#"):
             lines.append((number, line.strip()))
     if len(lines) < 2:
         raise InvalidInput("expected a line of column names and rows below it.")
     delimiter = _delimiter(lines[0][1])
-    names = _cells(lines[0][1], delimiter)
+    names = _cells(lines[0][1], delimiter, lines[0][0])
     if all(_is_number(name, delimiter) for name in names):
         raise InvalidInput(
             f"line {lines[0][0]}: expected the names of the columns, got numbers; put a line with "
@@ -98,7 +99,7 @@ def decode(content: bytes, joint_names: tuple[str, ...] | None) -> JointRows:
     ]
     values = np.empty((len(lines) - 1, len(columns)))
     for row, (number, line) in enumerate(lines[1:]):
-        cells = _cells(line, delimiter)
+        cells = _cells(line, delimiter, number)
         if len(cells) != len(names):
             raise InvalidInput(
                 f"line {number}: expected {len(names)} cells as in the line of names, got "
@@ -176,23 +177,18 @@ def _scale(name: str, unit: str) -> float:
     return _UNITS[above.strip()]
 
 
-def _metadata(line: str) -> dict[str, Any]:
-    try:
-        found = json.loads(line.removeprefix(_METADATA))
-    except json.JSONDecodeError:
-        return {}
-    return found if isinstance(found, dict) else {}
-
-
 def _delimiter(line: str) -> str | None:
     """What stands between the cells; ``None`` for blanks."""
     return next((mark for mark in (";", "\t", ",") if mark in line), None)
 
 
-def _cells(line: str, delimiter: str | None) -> list[str]:
+def _cells(line: str, delimiter: str | None, number: int) -> list[str]:
     if delimiter is None:
         return line.split()
-    [cells] = csv.reader([line], delimiter=delimiter, skipinitialspace=True)
+    try:
+        [cells] = csv.reader([line], delimiter=delimiter, skipinitialspace=True)
+    except csv.Error as error:
+        raise InvalidInput(f"line {number}: no row of cells: {error}.") from None
     return [cell.strip() for cell in cells]
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from typing import Any
 
 import numpy as np
@@ -52,7 +53,7 @@ def decode(content: bytes, joint_names: tuple[str, ...] | None) -> JointRows:
     """
     try:
         document = json.loads(content.decode("utf-8-sig"))
-    except (UnicodeDecodeError, json.JSONDecodeError) as error:
+    except (ValueError, RecursionError) as error:  # no UTF-8 and endless numbers, too
         raise InvalidInput(f"this is no JSON: {error}.") from None
     found = document
     for key in ("goal", "trajectory", "joint_trajectory"):
@@ -81,8 +82,8 @@ def decode(content: bytes, joint_names: tuple[str, ...] | None) -> JointRows:
 
 
 def _array(points: list[dict[str, Any]], key: str, width: int) -> Array | None:
-    """A field of all points, (N, n); ``None`` where the first point has none."""
-    if not points[0].get(key):
+    """A field of all points, (N, n); ``None`` where no point has it."""
+    if not any(point.get(key) for point in points):
         return None
     rows = np.empty((len(points), width))
     for k, point in enumerate(points):
@@ -95,7 +96,7 @@ def _array(points: list[dict[str, Any]], key: str, width: int) -> Array | None:
 
 
 def _times(points: list[dict[str, Any]]) -> Array | None:
-    if "time_from_start" not in points[0]:
+    if not any("time_from_start" in point for point in points):
         return None
     times = np.empty(len(points))
     for k, point in enumerate(points):
@@ -110,6 +111,11 @@ def _times(points: list[dict[str, Any]]) -> Array | None:
 
 
 def _number(name: str, value: object) -> float:
-    if isinstance(value, bool) or not isinstance(value, (int, float)) or not np.isfinite(value):
-        raise InvalidInput(f"{name}: expected a finite number, got {value!r}.")
-    return float(value)
+    if isinstance(value, (int, float)) and not isinstance(value, bool):
+        try:
+            number = float(value)
+        except OverflowError:
+            number = math.inf
+        if math.isfinite(number):
+            return number
+    raise InvalidInput(f"{name}: expected a finite number, got {repr(value)[:60]}.")

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 import numpy as np
 
 from qp_twist.checks import Array
 from qp_twist.geometry import many_twist_errors
 from qp_twist.path import PathTask
 from qp_twist.timing import JointMotion, poses_of
+
+Indices = np.ndarray[tuple[int], np.dtype[np.intp]]
 
 _DENSITY = 8
 """Looks at the motion for each waypoint, at least."""
@@ -28,16 +32,15 @@ def times_at_waypoints(
     its order, and a run-in before the first waypoint or a run-out after the last costs nothing.
     """
     tolerances = position_tolerance, axis_tolerance
-    times, costs = motion.times, _costs(path_task, motion, motion.times, tolerances)
-    at = _in_order(costs)
-    if (costs[np.arange(len(at)), at] >= _ON**2).any():  # the rows alone do not meet all waypoints
+    times = motion.times
+    at, met = _matched(path_task, motion, times, tolerances)
+    if not met.all():  # by the rows alone
         parts = max(1, -(-_DENSITY * len(at) // (len(motion.times) - 1)))
         begins, spans = motion.times[:-1, None], np.diff(motion.times)[:, None]
         times = np.append((begins + spans * np.arange(parts) / parts).ravel(), motion.times[-1])
-        costs = _costs(path_task, motion, times, tolerances)
-        at = _in_order(costs)
+        at, met = _matched(path_task, motion, times, tolerances)
     found = times[at]
-    for k in np.flatnonzero(costs[np.arange(len(at)), at] >= _ON**2).tolist():
+    for k in np.flatnonzero(~met).tolist():
         low, high = times[max(at[k] - 1, 0)], times[min(at[k] + 1, len(times) - 1)]
         for _ in range(_ROUNDS):
             near = np.append(np.linspace(low, high, _REFINED), found[k])
@@ -49,30 +52,36 @@ def times_at_waypoints(
     return ordered
 
 
-def _costs(
+def _matched(
     path_task: PathTask, motion: JointMotion, times: Array, tolerances: tuple[float, float]
-) -> Array:
-    """Cost of every waypoint at every time, (N, K)."""
+) -> tuple[Indices, np.ndarray[tuple[int], np.dtype[np.bool_]]]:
+    """The index of each waypoint's time, (N,), and whether the motion is on the waypoint then."""
     R, p = poses_of(path_task, motion.at(times).q)
-    return np.array(
-        [_cost(path_task, k, R, p, tolerances) for k in range(len(path_task.waypoints))]
-    )
+    count = len(path_task.waypoints)
+    at = _in_order(_cost(path_task, k, R, p, tolerances) for k in range(count))
+    costs = [
+        _cost(path_task, k, R[j : j + 1], p[j : j + 1], tolerances)[0] for k, j in enumerate(at)
+    ]
+    return at, np.array(costs) < _ON**2
 
 
-def _in_order(costs: Array) -> np.ndarray[tuple[int], np.dtype[np.intp]]:
-    """Indices of times, (N,), never decreasing, with the least sum of costs (N, K)."""
-    so_far = np.zeros(costs.shape[1])
-    came_from = np.empty(costs.shape, dtype=np.int32)
-    for k, cost in enumerate(costs):
-        # The least cost up to each time, and where it was reached.
+def _in_order(costs: Iterable[Array]) -> Indices:
+    """Indices of times, (N,), never decreasing, with the least sum of N costs, (K,) each."""
+    so_far: Array | None = None
+    # A bit for each waypoint and time, since a long path has some 1e9 of them.
+    firsts = []
+    for cost in costs:
+        if so_far is None:
+            so_far = np.zeros(len(cost))
+        # The least cost up to each time, and at which times it fell.
         least = np.minimum.accumulate(so_far)
-        new = np.concatenate([[True], so_far[1:] < least[:-1]])
-        came_from[k] = np.maximum.accumulate(np.where(new, np.arange(len(new)), 0))
+        firsts.append(np.packbits(np.concatenate([[True], so_far[1:] < least[:-1]])))
         so_far = least + cost
-    at = np.empty(len(costs), dtype=np.intp)
+    assert so_far is not None
+    at = np.empty(len(firsts), dtype=np.intp)
     at[-1] = int(np.argmin(so_far))
-    for k in range(len(costs) - 1, 0, -1):
-        at[k - 1] = came_from[k, at[k]]
+    for k in range(len(firsts) - 1, 0, -1):
+        at[k - 1] = np.flatnonzero(np.unpackbits(firsts[k], count=at[k] + 1))[-1]
     return at
 
 

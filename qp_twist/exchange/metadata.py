@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from importlib.metadata import version
 from typing import Any
 
@@ -36,6 +37,15 @@ def metadata_of(trajectory: Trajectory | TimedTrajectory) -> dict[str, Any]:
         "position_error_max_m": float(rows.position_error.max()),
         "axis_error_max_rad": float(rows.axis_error.max()),
     }
+
+
+def read_metadata(text: str) -> dict[str, Any]:
+    """The metadata of a file from their JSON; empty where that is not what was written here."""
+    try:
+        found = json.loads(text)
+    except (ValueError, RecursionError):
+        return {}
+    return found if isinstance(found, dict) else {}
 
 
 def _words(projector: TwistProjector) -> dict[str, Any]:

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import io
 import json
-import zipfile
 
 import numpy as np
 
 from qp_twist.checks import Array, float_array
 from qp_twist.errors import InvalidInput
 from qp_twist.exchange.joint_rows import JointRows
+from qp_twist.exchange.metadata import read_metadata
 
 
 def encode(rows: JointRows) -> bytes:
@@ -36,7 +36,7 @@ def decode(content: bytes, joint_names: tuple[str, ...] | None) -> JointRows:
     try:
         with np.load(io.BytesIO(content), allow_pickle=False) as archive:
             arrays = {name: archive[name] for name in archive.files}
-    except (ValueError, OSError, EOFError, zipfile.BadZipFile, AttributeError) as error:
+    except Exception as error:  # what is broken fails in zipfile, zlib or NumPy, each in its way
         raise InvalidInput(f"this is no NumPy archive (.npz): {error}") from None
 
     def found(*names: str) -> Array | None:
@@ -56,5 +56,5 @@ def decode(content: bytes, joint_names: tuple[str, ...] | None) -> JointRows:
         names = joint_names
     else:
         raise InvalidInput("there is no array 'joint_names' that says which column is which.")
-    metadata = json.loads(str(arrays["metadata"])) if "metadata" in arrays else {}
+    metadata = read_metadata(str(arrays.get("metadata", "")))
     return JointRows(names, q, found("times", "time"), found("velocities"), metadata)

@@ -6,6 +6,7 @@ import dataclasses
 from collections.abc import Callable
 from typing import Any
 
+import numpy as np
 from pydantic import ValidationError
 
 from qp_twist.checks import Array, instance
@@ -55,7 +56,8 @@ def follow(
             the task's start. With one it starts where the plan does.
         planning: Called, while a plan is made, with what is being done and the share of it that is.
         slow_down: Whether a waypoint may take longer than the task says, rather than be missed.
-            Methods that know nothing of velocity limits miss none for them.
+            Methods that know nothing of velocity limits miss none for them. Acceleration limits
+            are then left to :func:`~qp_twist.time_trajectory`.
         **options: Settings that replace those of the task file: ``iterations``, ``secondary``,
             ``weight``, ``gain``, ``objective``, and for the peers ``posture_cost`` and
             ``every_iteration``.
@@ -91,8 +93,14 @@ def follow(
             plan = plan_path(path_task, settings.objective, path_task.start, progress=planning)
         motion = plan.motion()
         path_task = dataclasses.replace(path_task, start=motion[0])
-    return walk(
-        path_task,
+    walked = path_task
+    if slow_down:
+        # A path that has been entered fast cannot be kept by accelerations that are held; with
+        # more time it can, and how much more is seen when the whole path is known.
+        free = np.full(path_task.model.nv, np.inf)
+        walked = dataclasses.replace(path_task, acceleration_limits=free)
+    trajectory = walk(
+        walked,
         method,
         settings,
         solver=solver,
@@ -101,6 +109,7 @@ def follow(
         progress=progress,
         stop=stop,
     )
+    return dataclasses.replace(trajectory, path_task=path_task)
 
 
 def _settings(path_task: PathTask, method: str, options: dict[str, Any]) -> MethodSettings:

@@ -79,7 +79,7 @@ def walk(
                 if pace is None or duration is None:
                     attempt(duration)
                 else:
-                    duration = pace.approach(attempt, configuration, resolver, duration)
+                    duration = pace.approach(attempt, configuration, duration)
             except NoSolutionFound as error:
                 recorder.failure = f"no step at waypoint {index + 1}: {error}"
         if recorder.diverged_at is None and not _sane(configuration.q):

@@ -254,7 +254,7 @@ def _extend(pieces: list[_Piece], more: list[_Piece], section: FilePath) -> None
         else:
             way = resampled(ends, section.sampling())
             pieces.append(_Piece("transfer", way.part(np.arange(1, len(way) - 1))))
-    pieces += more
+    pieces += [piece for piece in more if len(piece.curve)]
 
 
 def _two(a: Array | None, b: Array | None) -> Array | None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -92,6 +93,25 @@ def central_configurations(path_task: PathTask, index: int = 0) -> list[CentralC
     return found
 
 
+def as_far_as_inside(
+    near: Array, far: Array, at: Indices, rows: PathRows, inside: Callable[[Array], Mask]
+) -> Array:
+    """On the way from ``near``, inside, to ``far`` (K, nv), by halves: the last that is inside.
+
+    Args:
+        near: Configurations inside.
+        far: Others on the same waypoints.
+        at: The waypoint of each, (K,).
+        rows: Of the path.
+        inside: Which of some configurations count as inside.
+    """
+    for _ in range(_HALVINGS if len(near) else 0):
+        middle, arrived = rows.correct(0.5 * (near + far), at)
+        ok = (arrived & inside(middle))[:, None]
+        near, far = np.where(ok, middle, near), np.where(ok, far, middle)
+    return near
+
+
 def _valleys(q: Array, ranges: JointRanges) -> Indices:
     """Which configurations (K, nv) have the least z around them, the least first."""
     z = ranges.centring(q)
@@ -152,7 +172,9 @@ class _Descent:
         within = self._inside(free)
         lowest = np.where(within[:, None], free, q)
         held = np.flatnonzero(~within)
-        lowest[held] = self._as_far_as_inside(q[held], free[held])
+        lowest[held] = as_far_as_inside(
+            q[held], free[held], self._at(q[held]), self.rows, self._inside
+        )
         if self.rows.freedom[self.index] > 1 and not self.hard_bands:
             # Of more than one free direction some lead on along the limits.
             for number in held[np.argsort(self.ranges.centring(lowest[held]))][:_POLISHED]:
@@ -167,14 +189,6 @@ class _Descent:
         if self.hard_bands and within.any():
             within &= inside_bands(self.hard_bands, *self.rows.chain.poses(q), self.waypoint)
         return within
-
-    def _as_far_as_inside(self, near: Array, far: Array) -> Array:
-        """On the way from ``near``, inside, to ``far`` (K, nv): the last that is inside."""
-        for _ in range(_HALVINGS if len(near) else 0):
-            middle, arrived = self.rows.correct(0.5 * (near + far), self._at(near))
-            ok = (arrived & self._inside(middle))[:, None]
-            near, far = np.where(ok, middle, near), np.where(ok, far, middle)
-        return near
 
     def _along_limits(self, q: Array) -> Array:
         """Sequential quadratic programs in the null space, with the limits as rows."""

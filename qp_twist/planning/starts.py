@@ -10,7 +10,7 @@ from qp_twist.checks import Array
 from qp_twist.kinematics import JointRanges
 from qp_twist.path import PathTask
 from qp_twist.planning.bound import best_of_branches, centred_nearby
-from qp_twist.planning.central import central_configurations
+from qp_twist.planning.central import as_far_as_inside, central_configurations
 from qp_twist.planning.drawn import random_configurations
 from qp_twist.planning.layer import inside_bands
 from qp_twist.planning.path_rows import Indices, Mask, PathRows
@@ -20,7 +20,6 @@ _GRID = np.radians(4.0)
 _AT_A_TIME = 300
 """Random configurations that are moved onto the first waypoint."""
 _TIMES = 10
-_HALVINGS = 30
 
 
 def least_z_start(path_task: PathTask) -> Array | None:
@@ -75,15 +74,13 @@ def _central(path_task: PathTask, waypoints: Sequence[int]) -> list[Array]:
     at = np.repeat(np.asarray(waypoints), [len(q) for q in best])
     q = np.concatenate(best)
     nearer = centred_nearby(q, at, rows, ranges)
-    q = _as_far_as_inside(q, np.where(np.isfinite(nearer), nearer, q), at, rows, ranges)
+    q = _lowered(q, np.where(np.isfinite(nearer), nearer, q), at, rows, ranges)
     q = q[np.lexsort((ranges.centring(q), at))]
     return np.split(q, np.cumsum([len(part) for part in best])[:-1])
 
 
-def _as_far_as_inside(
-    q: Array, there: Array, at: Indices, rows: PathRows, ranges: JointRanges
-) -> Array:
-    """From each of q (K, nv), inside the limits, towards ``there``: the last that is inside."""
+def _lowered(q: Array, there: Array, at: Indices, rows: PathRows, ranges: JointRanges) -> Array:
+    """``there`` where that is inside the limits, else as far from q (K, nv) towards it as is."""
 
     def inside(q: Array) -> Mask:
         found: Mask = ((q >= ranges.lower) & (q <= ranges.upper)).min(axis=1)
@@ -92,10 +89,5 @@ def _as_far_as_inside(
     within = inside(there)
     last = np.where(within[:, None], there, q)
     over = np.flatnonzero(~within)
-    near, far = q[over], there[over]
-    for _ in range(_HALVINGS if len(over) else 0):
-        middle, arrived = rows.correct(0.5 * (near + far), at[over])
-        ok = arrived & inside(middle)
-        near, far = np.where(ok[:, None], middle, near), np.where(ok[:, None], far, middle)
-    last[over] = near
+    last[over] = as_far_as_inside(q[over], there[over], at[over], rows, inside)
     return last

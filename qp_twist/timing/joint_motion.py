@@ -106,6 +106,24 @@ class JointMotion:
         state.accelerations[outside] = 0.0
         return State(*(x[0] for x in state)) if when.ndim == 0 else state
 
+    def extremes(self) -> tuple[Array, Array]:
+        """Lowest and highest q of each piece, exactly, rad or m, (N − 1, nv) each."""
+        ends = [self.q[:-1], self.q[1:]]
+        if self.velocities is None:
+            return np.min(ends, axis=0), np.max(ends, axis=0)
+        T = np.diff(self.times)[:, None]
+        v0 = self.velocities[:-1]
+        a0, a1 = self.end_accelerations()
+        # Where q̇ = v0 + a0 τ + (a1 − a0) τ²/2T is zero; both roots in forms that lose no digits.
+        half = 0.5 * (a1 - a0) / T
+        with np.errstate(divide="ignore", invalid="ignore"):
+            root = np.sqrt(a0**2 - 4.0 * half * v0)
+            turning = -0.5 * (a0 + np.where(a0 < 0.0, -root, root))
+            for tau in (turning / half, v0 / turning):
+                inner = np.clip(np.where(np.isfinite(tau), tau, 0.0), 0.0, T)
+                ends.append(self.q[:-1] + inner * (v0 + inner * (a0 / 2.0 + inner * half / 3.0)))
+        return np.min(ends, axis=0), np.max(ends, axis=0)
+
     def largest_speeds(self) -> Array:
         """Largest |q̇| of each piece between two rows, exactly, rad/s or m/s, (N − 1, nv)."""
         T = np.diff(self.times)[:, None]

@@ -18,7 +18,7 @@ from qp_twist.path import PathTask
 from qp_twist.timing.joint_motion import JointMotion
 
 SAMPLES = 8
-"""Points at which the way between two waypoints is looked at, without its ends."""
+"""Points at which the way from a row or waypoint to the next is looked at, without its ends."""
 _SHORT = 1e-12
 
 
@@ -57,7 +57,7 @@ def path_errors(
         motion: Joints by degree of freedom of the task's robot.
         times: When the motion is at each waypoint, s, (N,), increasing; its rows' times if
             ``None``, which then are as many as the waypoints.
-        samples: Points looked at between two waypoints.
+        samples: Points looked at from each waypoint, and each row between waypoints, to the next.
     """
     when = motion.times if times is None else times
     count = len(when)
@@ -67,10 +67,8 @@ def path_errors(
     in_force = path_task.in_force[:count]
     R, p = poses_of(path_task, motion.at(when).q)
     position, axis = _at(R, p, R_d, p_d, in_force)
-    shares = np.arange(1, samples + 1) / (samples + 1)
-    at = (when[:-1, None] + np.diff(when)[:, None] * shares).ravel()
+    at, k = _looked_at(motion.times, when, samples)
     R, p = poses_of(path_task, motion.at(at).q)
-    k = np.repeat(np.arange(count - 1), samples)
     between = tuple(
         after if after.rank <= before.rank else before
         for before, after in itertools.pairwise(in_force)
@@ -81,13 +79,27 @@ def path_errors(
     R_on = Rotation.from_rotvec(lam[:, None] * turn[k]).as_matrix() @ R_d[k]
     p_on = p_d[k] + lam[:, None] * (p_d[k + 1] - p_d[k])
     linear, angular = _at(R, p, R_on, p_on, rows)
-    shape = (count - 1, samples)
-    return PathErrors(
-        position,
-        axis,
-        linear.reshape(shape).max(axis=1, initial=0.0),
-        angular.reshape(shape).max(axis=1, initial=0.0),
-    )
+    position_between, axis_between = np.zeros(count - 1), np.zeros(count - 1)
+    np.maximum.at(position_between, k, linear)
+    np.maximum.at(axis_between, k, angular)
+    return PathErrors(position, axis, position_between, axis_between)
+
+
+def _looked_at(
+    rows: Array, when: Array, samples: int
+) -> tuple[Array, np.ndarray[tuple[int], np.dtype[np.intp]]]:
+    """Times between waypoints, s, (K,), and the index of the waypoint before each, (K,).
+
+    All rows that are no waypoints, however many lie between two, and points between them: a motion
+    may leave the path from one row to the next.
+    """
+    rows = rows[(rows > when[0]) & (rows < when[-1])]
+    knots = np.union1d(when, rows)
+    shares = np.arange(1, samples + 1) / (samples + 1)
+    between = (knots[:-1, None] + np.diff(knots)[:, None] * shares).ravel()
+    at = np.concatenate([between, np.setdiff1d(rows, when)])
+    before = np.clip(np.searchsorted(when, at, side="right") - 1, 0, len(when) - 2)
+    return at, before
 
 
 def poses_of(path_task: PathTask, q: Array) -> tuple[Array, Array]:

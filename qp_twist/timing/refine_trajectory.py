@@ -22,6 +22,8 @@ from qp_twist.timing.path_errors import path_errors
 _ROUNDS = 12
 _ROOM = 0.5
 """Share of the tolerances that straight pieces may use, so that smooth ones have some left."""
+_MORE = 0.25
+"""Share by which a piece has to be worse than its rows: rows in it could mend no more than that."""
 
 
 def refine_trajectory(
@@ -56,7 +58,8 @@ def refine_trajectory(
             break
         motion = JointMotion(np.arange(len(met), dtype=np.float64), trajectory.q)
         errors = path_errors(task, motion)
-        strays = (errors.position_between > _ROOM * position) | (errors.axis_between > _ROOM * axis)
+        strays = _strays(errors.position, errors.position_between, position)
+        strays |= _strays(errors.axis, errors.axis_between, axis)
         pieces, rows = [], []
         for k in np.flatnonzero(strays & met[:-1] & met[1:] & ~stuck[:-1]).tolist():
             try:
@@ -70,6 +73,12 @@ def refine_trajectory(
         after = np.array(pieces) + 1
         met, stuck = np.insert(met, after, True), np.insert(stuck, after, False)
     return trajectory
+
+
+def _strays(at: Array, between: Array, tolerance: float) -> np.ndarray[Any, np.dtype[np.bool_]]:
+    """Pieces whose error is too large, and larger than that of the rows which they join."""
+    ends = np.maximum(at[:-1], at[1:])
+    return between > np.maximum(_ROOM * tolerance, ends + _MORE * tolerance)
 
 
 def _halfway(task: PathTask, q: Array, k: int) -> Array:
@@ -132,13 +141,9 @@ def _with_waypoints(task: PathTask, pieces: list[int]) -> PathTask:
         first, last = segment.first, segment.first + segment.blend
         fewer = task.in_force[first].rank <= task.in_force[first - 1].rank
         begin = sum(k + 1 < first or (k + 1 == first and not fewer) for k in pieces)
-        inside = sum(first <= k + 1 < last or (k + 1 == first and fewer) for k in pieces)
+        inside = sum(first <= k + 1 < last for k in pieces)  # of a blend, whose rows are fewer
         segments.append(
-            dataclasses.replace(
-                segment,
-                first=first + begin,
-                blend=segment.blend + (inside if segment.blend else 0),
-            )
+            dataclasses.replace(segment, first=first + begin, blend=segment.blend + inside)
         )
     return dataclasses.replace(
         task,
@@ -146,6 +151,10 @@ def _with_waypoints(task: PathTask, pieces: list[int]) -> PathTask:
         flipped_waypoints=None if flipped is None else tuple(flipped),
         durations=_split(task.durations, pieces),
         segments=tuple(segments),
+        # As where a toolpath is resampled: a point between two has the line of the one before.
+        lines=None
+        if task.lines is None
+        else np.insert(task.lines, np.array(pieces) + 1, task.lines[pieces]),
     )
 
 

@@ -196,7 +196,10 @@ def _curves(file: str, lines: Sequence[str], table: _Table, where: Layout) -> li
         values = _numbers(dialect, fields, where, header.width)
         if values is None:
             if _separates(dialect, fields, where, header):
-                title = "" if dialect.names(line) == list(header.names) else _title(dialect, line)
+                # The header once more, or the units below it, is no name.
+                again = table.header_line >= 0 and line == lines[table.header_line]
+                again |= len(fields) == header.width and is_unit_row(fields, header.width)
+                title = "" if again else _title(dialect, line)
                 if curves[-1].positions:
                     curves.append(Rows())
                 curves[-1].name = title or curves[-1].name
@@ -265,9 +268,9 @@ def _refuse(
             other = replace(dialect, decimal="," if dialect.decimal == "." else ".")
             mark = "" if other.number(field) is None else f"; elsewhere it is {dialect.decimal!r}"
             hint = mark and f" with the decimal mark {other.decimal!r}{mark}"
-            raise InvalidInput(f"{place}, {column}: expected a number, got {field!r}{hint}.")
+            raise InvalidInput(f"{place}, {column}: expected a number, got {field[:40]!r}{hint}.")
         if not math.isfinite(value):
-            raise InvalidInput(f"{place}, {column}: expected a finite number, got {field!r}.")
+            raise InvalidInput(f"{place}, {column}: expected a finite number, got {field[:40]!r}.")
     raise InvalidInput(
         f"{place}, {header.call(len(fields))}: missing; the row has {len(fields)} of "
         f"{header.width} columns."

@@ -30,11 +30,15 @@ class Dialect:
         """The fields of a line, stripped of blanks and quotes."""
         if not self.delimiter:
             fields = line.split()
-        elif '"' in line:
-            fields = next(csv.reader([line], delimiter=self.delimiter, skipinitialspace=True), [])
         else:
-            fields = line.split(self.delimiter)
+            fields = self._quoted(line) if '"' in line else line.split(self.delimiter)
         return [field.strip().strip('"').strip() for field in fields]
+
+    def _quoted(self, line: str) -> list[str]:
+        try:
+            return next(csv.reader([line], delimiter=self.delimiter, skipinitialspace=True), [])
+        except csv.Error:  # a field longer than any number; that is said where it is read
+            return line.split(self.delimiter)
 
     def names(self, line: str) -> list[str]:
         """The fields of a header line: a unit in brackets belongs to the name before it."""

@@ -89,17 +89,18 @@ class Page:
 
     def _read(self, moment: Moment) -> None:
         session = self.session
-        if session.arm is not None:
-            text = f"in the hand, by {session.arm.method}: {moment.sentence}"
+        # Each read once: viser's threads and the worker change them in between.
+        arm, lap, computing = session.arm, session.lap, session.computing
+        if arm is not None:
+            text = f"in the hand, by {arm.method}: {moment.sentence}"
             wrong = not moment.sentence.startswith("solved")
         else:
             text = session.status()
-            ok = session.lap is not None and session.lap.status == "ok"
-            wrong = bool(session.problem) or not (ok or session.computing is not None)
+            ok = lap is not None and lap.status == "ok"
+            wrong = bool(session.problem) or not (ok or computing is not None)
         self._write("status", sentence(text, wrong=wrong))
         self._write("bars", joint_bars(session.ranges, moment.q, moment.binding))
         self._write("readings", readings(session.ranges, moment))
-        computing = session.computing
         self._progress.visible = computing is not None
         if computing is not None:
             _set(self._progress, round(100.0 * computing[0], 1))
@@ -245,9 +246,7 @@ class Page:
     def take_hand(self, take: bool) -> None:
         """Take the tool in the hand, its handle where it stands; or go back to the lap."""
         if take:
-            self.session.grasp()
-            assert self.session.arm is not None
-            pose = self.session.arm.pose
+            pose = self.session.grasp()
             self.stage.target.position = pose.translation()
             self.stage.target.wxyz = pose.rotation().wxyz
         else:
@@ -306,17 +305,18 @@ class Page:
 
     def _show(self, moment: Moment) -> None:
         session = self.session
+        task, lap = session.task, session.lap  # another thread may replace them meanwhile
         with self.server.atomic():
             if self._shown is None or not np.array_equal(moment.q, self._shown.q):
                 self.stage.show(moment.q)
             drawn_lap, drawn_task = self._drawn
-            if session.task is not drawn_task:
-                self.stage.draw_path(session.task)
-            if session.lap is not drawn_lap:
-                self.stage.draw_trace(None if session.lap is None else session.lap.trace)
-            self._drawn = (session.lap, session.task)
+            if task is not drawn_task:
+                self.stage.draw_path(task)
+            if lap is not drawn_lap:
+                self.stage.draw_trace(None if lap is None else lap.trace)
+            self._drawn = (lap, task)
             index = int(session.index)
-            waypoint = session.task.waypoints[index]
+            waypoint = task.waypoints[index]
             if waypoint is not self._marked:
                 self.stage.mark(waypoint)
                 self._marked = waypoint

@@ -140,11 +140,11 @@ class Session:
 
     # The hand
 
-    def grasp(self) -> None:
-        """Take the arm in the hand where it stands."""
+    def grasp(self) -> mink.SE3:
+        """Take the arm in the hand where it stands; where its frame is."""
         with self.lock:
             self.playing = False
-            self._grip(self.moment().q, None)
+            return self._grip(self.moment().q, None).pose
 
     def release(self) -> None:
         """Back to the lap."""
@@ -164,10 +164,12 @@ class Session:
             if self.arm is not None:
                 self._grip(self.arm.configuration.q.copy(), self.arm.target)
 
-    def _grip(self, q: Array, target: mink.SE3 | None) -> None:
-        self.arm = LiveArm(self.task, self.settings, q, on_infeasible=self.on_infeasible)
+    def _grip(self, q: Array, target: mink.SE3 | None) -> LiveArm:
+        arm = LiveArm(self.task, self.settings, q, on_infeasible=self.on_infeasible)
         if target is not None:
-            self.arm.target = target
+            arm.target = target
+        self.arm = arm
+        return arm
 
     # The clock
 
@@ -202,8 +204,9 @@ class Session:
         with self.lock:
             if self.problem:
                 return f"{self.settings.method}: no lap: {self.problem}"
-            if self.computing is not None:
-                share, what = self.computing
+            computing = self.computing  # once: the worker ends it at any time
+            if computing is not None:
+                share, what = computing
                 return f"computing: {what} ({100 * share:.0f} %)"
             return f"{self.settings.method}: {self.lap.status if self.lap else 'no lap yet'}"
 

@@ -157,7 +157,7 @@ def _figure(
         figure = Figure(figsize=(8.6, height))
         panel = figure.add_axes((0.085, 0.52 / height, 0.735, 1.0 - 0.7 / height))
         panel.set_yscale(scale)
-        draw_curves(panel, curves, labels=False)
+        draw_curves(panel, curves)
         for segment in path_task.segments:
             begin = segment.first + 1
             panel.axvspan(begin, begin + segment.blend, color=GRID, linewidth=1.0, zorder=0)

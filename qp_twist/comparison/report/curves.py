@@ -19,23 +19,21 @@ _APART = 0.062
 """Least distance of two labels, as a share of a panel's height."""
 
 
-def draw_curves(panel: Axes, curves: Mapping[str, Array], *, labels: bool = True) -> None:
-    """Draw curves over the waypoints, counted from 1. Set the scale and the view first or after.
-
-    Labels are put by :func:`label_ends`, which needs the final view.
-    """
+def draw_curves(panel: Axes, curves: Mapping[str, Array]) -> None:
+    """Draw curves over the waypoints, counted from 1. Set the scale and the view first or after."""
     for name, values in curves.items():
         peaks = np.array([np.argmin(values), np.argmax(values)], dtype=np.intp)
         index = thinned(len(values), peaks)
         style = line_style(name) | {"label": "_"}
         panel.plot(index + 1, values[index], **style, gid=f"{METHOD}{name}")
     panel.margins(x=0.0)
-    if labels:
-        label_ends(panel, curves)
 
 
 def label_ends(panel: Axes, curves: Mapping[str, Array]) -> None:
-    """The method's name at the right of each curve's end, moved apart where they would collide."""
+    """The method's name at the right of each curve's end, moved apart where they would collide.
+
+    Needs the panel's final view.
+    """
     ends = {name: _share(panel, float(values[-1])) for name, values in curves.items()}
     order = sorted(ends, key=ends.__getitem__)
     places = spread([ends[name] for name in order], _APART)
@@ -62,7 +60,7 @@ def spread(places: list[float], apart: float) -> list[float]:
     index = 1
     while index < len(groups):
         half = 0.5 * apart * (len(groups[index - 1]) + len(groups[index]))
-        if index > 0 and centres[index] - centres[index - 1] < half:
+        if centres[index] - centres[index - 1] < half:
             groups[index - 1] += groups.pop(index)
             centres.pop(index)
             centres[index - 1] = sum(groups[index - 1]) / len(groups[index - 1])

@@ -61,7 +61,7 @@ def _draw_joint(
     curves: dict[str, Array] = {
         name: unit * ranges.positions(t.q)[:, dof] for name, t in trajectories.items()
     }
-    draw_curves(panel, curves, labels=False)
+    draw_curves(panel, curves)
     for name, theta in curves.items():
         colour = line_style(name)["color"]
         first = numbers[name]["first_violation"].get(ranges.names[dof])

@@ -80,7 +80,6 @@ def report_page(
         findings={topic: [_marked(s, names) for s in said] for topic, said in found.items()},
         sections=sections,
         choices=[Choice(name, METHODS[name].title, swatch(name), name in first) for name in names],
-        counterparts={name: METHODS[name].counterpart or "" for name in names},
         constrained={name: METHODS[name].constrained for name in names},
         style=(_FOLDER / "page.css").read_text("utf-8"),
         script=(_FOLDER / "page.js").read_text("utf-8"),

@@ -81,7 +81,7 @@ def _versions(solver: str) -> dict[str, str]:
 def _command(path_task: PathTask, content: Mapping[str, Any]) -> str:
     """The command line; of a task made in Python, the call."""
     names = ",".join([*content["methods"], *content.get("not_run", {})])
-    shipped = path_task.name in {path.stem for path in shipped_tasks()}
+    shipped = path_task.source in shipped_tasks()
     if path_task.source is None:
         return f'qt.compare(path_task, methods="{names}".split(","), solver="{content["solver"]}")'
     task = path_task.name if shipped else str(path_task.source)
