@@ -13,6 +13,7 @@ settings.load_profile("qp_twist")
 SHARED = ("deburring", "planar")
 
 
+@pytest.hookimpl(tryfirst=True)  # before xdist reads the marks
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Tests that look at a shared comparison go to one process, which makes it once."""
     for item in items:
