@@ -78,6 +78,8 @@ def test_a_urdf_and_a_csv_become_a_task_that_runs(
           "--out", str(out)])  # fmt: skip
     said = capsys.readouterr().out
     assert "left out of kr16_2.urdf: Not found: 7 meshes" in said
+    assert "free: the roll is joint_a6 alone" in said  # z of tool0 is the last joint's axis
+    assert "no joint speeds" not in said
     assert f"next: qp-twist compare {out}" in said
     text = out.read_text("utf-8")
     stated = tomllib.loads(text)
@@ -156,6 +158,9 @@ def test_several_curves_get_ways_between_them(tmp_path: Path) -> None:
     made = new_task(Request(Path(SEVEN), tmp_path / "two.csv", frame="tool"), tmp_path / "t.toml")
     stated = tomllib.loads(made.path.read_text("utf-8"))
     assert {"approach", "retreat"} <= stated["path"].keys()
+    assert any(note.startswith("ways: 2 curves") for note in made.notes)
+    assert any("no joint speeds" in note for note in made.notes)  # MJCF has none
+    assert not any(note.startswith("free:") for note in made.notes)  # two degrees are free
     assert made.runs
     assert made.path_task.positions[:, 2].max() == pytest.approx(0.35)
 

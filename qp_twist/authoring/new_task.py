@@ -9,7 +9,9 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
+import mink
 import numpy as np
+from scipy.linalg import null_space
 
 from qp_twist.authoring.frame_choice import choose_frame
 from qp_twist.authoring.reach import moved, placements
@@ -19,6 +21,7 @@ from qp_twist.checks import Array, number
 from qp_twist.errors import InvalidInput
 from qp_twist.files import whole_file
 from qp_twist.following import FoundStart, NoStart, first_that_leads_on
+from qp_twist.following.resolver import twist_task
 from qp_twist.kinematics import JointRanges
 from qp_twist.path import PathTask, load_task, shipped_folder
 from qp_twist.planning import central_configurations, what_forbids
@@ -28,6 +31,12 @@ from qp_twist.toolpath import ColumnChoice, Toolpath, read_toolpath
 _PLACEMENTS = 5
 """Placements of the workpiece that are tried with a lap."""
 _STARTS = 6
+_ALONE = 1e-6
+"""A unit vector this near to an axis is the motion of one joint."""
+_NO_SPEEDS = (
+    "limits: the robot file states no joint speeds; put those of the data sheet into "
+    "[limits.velocity], or none is held."
+)
 Progress = Callable[[str], None]
 
 
@@ -121,6 +130,9 @@ def new_task(
         f"path: {_summary(toolpath, path_task)}",
         *(f"left out of {robot.path.name}: {sentence}" for sentence in robot.left_out),
         *(f"path: {note}" for note in toolpath.notes),
+        *_ways(toolpath),
+        *_alone(path_task),
+        *([] if robot.velocity_limits else [_NO_SPEEDS]),
         *(f"workpiece: {note}" for note in parts.placement_notes),
         *(f"start: {note}" for note in parts.start_notes),
     ]
@@ -211,6 +223,32 @@ def _summary(toolpath: Toolpath, path_task: PathTask) -> str:
         f"{points} points {directions}, {1e3 * length:.4g} mm, {len(path_task.waypoints)} "
         f"waypoints, rank {path_task.projector.rank} of {path_task.operational.rank}"
     )
+
+
+def _ways(toolpath: Toolpath) -> list[str]:
+    """What was added between curves."""
+    if len(toolpath.curves) < 2:
+        return []
+    return [
+        f"ways: {len(toolpath.curves)} curves; between them the tool goes away from the part, "
+        "across, and back. Change [path.approach] and [path.retreat], or join the curves in the "
+        "file."
+    ]
+
+
+def _alone(path_task: PathTask) -> list[str]:
+    """Where what is free is the motion of one joint, nothing is to be gained by it."""
+    rows = twist_task(path_task, path_task.projector)
+    rows.set_target(path_task.waypoints[0])
+    state = rows.state(mink.Configuration(path_task.model, path_task.start))
+    free = null_space(state.basis.T @ state.jacobian)
+    if free.shape[1] != 1 or np.abs(free).max() < 1.0 - _ALONE:
+        return []
+    name = JointRanges.of(path_task.model).names[int(np.argmax(np.abs(free)))]
+    return [
+        f"free: the roll is {name} alone, since the frame's z is its axis: the methods differ in "
+        "that joint only, and no other joint gains by it."
+    ]
 
 
 # ---------------------------------------------------------------- where it is, where it starts

@@ -10,7 +10,6 @@ import numpy as np
 import numpy.typing as npt
 from rich import box
 from rich.table import Table
-from scipy.stats import binomtest
 
 from qp_twist.checks import Array
 
@@ -35,6 +34,8 @@ class Rate:
         """Lowest and highest."""
         if not self.of:
             return float("nan"), float("nan")
+        from scipy.stats import binomtest  # half a second that few commands need
+
         found = binomtest(self.count, self.of).proportion_ci(0.95, method="wilson")
         return float(found.low), float(found.high)
 
