@@ -313,3 +313,10 @@ def test_written_and_read_the_task_error_is_the_same(tmp_path: Path) -> None:
         assert check.passes
         value = found(check, "position error").value
         assert value == pytest.approx(1e3 * trajectory.position_error.max(), abs=1e-12)
+
+
+def test_a_file_that_is_not_there_is_a_sentence(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as caught:
+        main(["check", "nosuch.csv", "planar_line"])
+    assert caught.value.code == 2
+    assert "nosuch.csv: cannot be read (No such file or directory)" in capsys.readouterr().err

@@ -211,7 +211,6 @@ def test_a_wrong_argument_is_refused(
     [
         ("\n4;", "\n4;x", "line 6"),
         ("X [mm];Y [mm];Z [mm]", "X;Y;Z", "--unit mm, --unit m or --unit inch"),
-        ("nx;ny;nz", "a;b;n z", "near.csv"),
     ],
 )
 def test_a_broken_toolpath_is_refused_with_its_place(
@@ -224,6 +223,14 @@ def test_a_broken_toolpath_is_refused_with_its_place(
         new_task(Request(Path(SEVEN), near, frame="tool"), near.parent / "task.toml")
     assert sentence in str(refused.value)
     assert [file.name for file in near.parent.iterdir()] == ["near.csv"]
+
+
+def test_a_toolpath_of_one_point_is_refused_by_its_own_name(near: Path) -> None:
+    near.write_text("x_mm,y_mm,z_mm,nx,ny,nz\n500,0,300,0,0,1\n", encoding="utf-8")
+    with pytest.raises(qt.InvalidInput) as refused:
+        new_task(Request(Path(SEVEN), near, frame="tool"), near.parent / "task.toml")
+    assert str(refused.value).startswith("near.csv: ")
+    assert "task.toml" not in str(refused.value)  # there is none
 
 
 def test_units_that_the_file_lacks_are_given(near: Path) -> None:

@@ -24,6 +24,7 @@ from qp_twist.following import FoundStart, NoStart, first_that_leads_on
 from qp_twist.following.resolver import twist_task
 from qp_twist.kinematics import JointRanges
 from qp_twist.path import PathTask, load_task, shipped_folder
+from qp_twist.path.task_file import FILE_KEY
 from qp_twist.planning import central_configurations, what_forbids
 from qp_twist.robots import Robot, load_robot
 from qp_twist.toolpath import ColumnChoice, Toolpath, read_toolpath
@@ -206,7 +207,10 @@ def _loaded(parts: Parts, unfinished: Path, out: Path) -> PathTask:
             warnings.simplefilter("ignore")  # what is left out of the robot is in the file
             task = load_task(str(unfinished))
     except InvalidInput as error:
-        raise InvalidInput(str(error).replace(str(unfinished), str(out))) from error
+        # There is no task file that could be looked at; of a toolpath its own message says where.
+        _, found, of_toolpath = str(error).partition(FILE_KEY)
+        said = of_toolpath if found else str(error).replace(str(unfinished), str(out))
+        raise InvalidInput(said) from error
     return dataclasses.replace(task, name=out.stem)
 
 

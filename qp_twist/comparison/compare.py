@@ -105,6 +105,9 @@ class Comparison:
         folder = Path(folder)
         lines = self.save(folder)
         figures = self.figures()
+        # Figures of an earlier comparison in this folder would be taken for this one's.
+        for name in {"roadmap", *(f"joints_{method}" for method in METHODS)} - set(figures):
+            (folder / f"{name}.png").unlink(missing_ok=True)
         for name, figure in figures.items():
             lines.append(str(joint_figure.save_figure(figure, folder / f"{name}.png")))
         picture = folder / "scene.png"

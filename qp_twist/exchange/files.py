@@ -55,13 +55,17 @@ def read_trajectory(path: str | Path, joint_names: Sequence[str] | None = None) 
         The rows, in rad, m and s.
 
     Raises:
-        InvalidInput: If the file cannot be understood; the message says where.
-        OSError: If it cannot be opened.
+        InvalidInput: If the file cannot be opened or understood; the message says where.
     """
     path = Path(path)
     form = _format(path)
     try:
-        rows = form.decode(path.read_bytes(), None if joint_names is None else tuple(joint_names))
+        content = path.read_bytes()
+    except OSError as error:
+        what = error.strerror or str(error)
+        raise InvalidInput(f"{path}: cannot be read ({what}); check the path.") from None
+    try:
+        rows = form.decode(content, None if joint_names is None else tuple(joint_names))
         return rows if joint_names is None else rows.of_joints(joint_names)
     except InvalidInput as error:
         raise InvalidInput(f"{path}: {error}") from None

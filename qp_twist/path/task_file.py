@@ -41,7 +41,7 @@ from qp_twist.path.task_schema import (
 from qp_twist.robots import Robot, load_robot
 from qp_twist.toolpath import transported
 
-_FILE_KEY = "path.file: "
+FILE_KEY = "path.file: "
 """Begins the messages about a toolpath."""
 
 
@@ -96,9 +96,9 @@ def load_task(task: str | Path, *, path: str | Path | None = None) -> PathTask:
     except TaskFileError:
         raise
     except InvalidInput as error:
-        if path is not None and str(error).startswith(_FILE_KEY):
+        if path is not None and str(error).startswith(FILE_KEY):
             # That key was not read.
-            raise TaskFileError(str(error).removeprefix(_FILE_KEY)) from error
+            raise TaskFileError(str(error).removeprefix(FILE_KEY)) from error
         key = re.match(r"[\w.\[\]]+(?=: )", str(error))
         number = _line_of(text, _split(key[0])) if key else None
         raise TaskFileError(f"{_place(source, number)}: {error}") from error
@@ -280,7 +280,7 @@ def _laid(
     try:
         read = file_waypoints(path, section, held)
     except InvalidInput as error:
-        raise InvalidInput(f"{_FILE_KEY}{error}") from error
+        raise InvalidInput(f"{FILE_KEY}{error}") from error
     if read.toolpath.meaning == "none":
         _refuse_held(path, file, "directions in the toolpath")
     first, own = file_segments(section, projector, operational, read.parts)
