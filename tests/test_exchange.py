@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import json
+import re
 from pathlib import Path
 
 import numpy as np
@@ -219,7 +220,7 @@ def test_an_archive_of_another_tool_is_understood(tmp_path: Path) -> None:
         ("x.csv", "joint_1 [furlong],joint_2\n1,2\n", "the unit 'furlong' is not known"),
         ("x.csv", "joint_1,other\n1,2\n", "no column for joint_2; it has joint_1"),
         ("x.csv", "joint_1,joint_1,joint_2\n1,2,3\n", "two columns hold the positions of joint_1"),
-        ("x.csv", "a,b\n1,2\n", "none of the columns is a joint"),
+        ("x.csv", "a,b\n1,2\n", "none of the columns a, b is a joint"),
         ("x.csv", b"\xff\xfe\x00", "no text in UTF-8"),
         ("x.json", "{", "this is no JSON"),
         ("x.json", '{"points": []}', "expected the fields of trajectory_msgs/JointTrajectory"),
@@ -297,3 +298,36 @@ def test_a_failure_leaves_the_old_file_and_nothing_else(tmp_path: Path) -> None:
     assert list(path.parent.iterdir()) == [path]
     buffer = io.BytesIO(b"\x00\xff")
     assert write_atomically(path, buffer.getvalue()).read_bytes() == b"\x00\xff"
+
+
+@pytest.mark.parametrize(
+    ("text", "sentence"),
+    [
+        (
+            "time,a,b,a velocity\n0,1,2,3\n1,1,2,3\n",
+            "none of b; give those of all joints or of none",
+        ),
+        ("time,t,a,b\n0,0,1,2\n1,1,1,2\n", "two columns hold the time"),
+        ("time,x,y\n0,1,2\n1,1,2\n", "none of the columns time, x, y is a joint of the robot; its"),
+    ],
+)
+def test_a_table_that_says_less_than_it_seems_to_is_refused(
+    text: str, sentence: str, tmp_path: Path
+) -> None:
+    file = tmp_path / "t.csv"
+    file.write_text(text, encoding="utf-8")
+    with pytest.raises(qt.InvalidInput, match=re.escape(sentence)):
+        qt.read_trajectory(file, ["a", "b"])
+
+
+def test_accelerations_of_a_file_are_said_to_be_left_out(tmp_path: Path) -> None:
+    task = qt.load_task("planar_line")
+    file = qt.write_trajectory(qt.follow(task, "minimum_norm"), tmp_path / "t.json")
+    assert not qt.read_trajectory(file).accelerated
+    file.write_text(
+        file.read_text("utf-8").replace('"accelerations": []', '"accelerations": [1, 2, 3]'),
+        "utf-8",
+    )
+    rows = qt.read_trajectory(file)
+    assert rows.accelerated
+    assert any("accelerations of the file" in n for n in qt.check_trajectory(rows, task).notes)

@@ -194,6 +194,11 @@ def check_trajectory(
     findings += _of_bands(path_task, motion, times)
     findings += _of_positions(ranges, motion, place)
     notes: list[str] = []
+    if rows.accelerated:
+        notes.append(
+            "the accelerations of the file are not looked at: checked are cubics between the rows; "
+            "a controller that takes accelerations moves on other curves"
+        )
     timed = rows.times is not None
     if timed:
         findings += _of_speeds(path_task, ranges, motion, place)

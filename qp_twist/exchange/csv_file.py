@@ -107,6 +107,12 @@ def decode(content: bytes, joint_names: tuple[str, ...] | None) -> JointRows:
             )
         for k in used:
             values[row, k] = columns[k].scale * _number(cells[k], delimiter, number, names[k])
+    if not any(column.kind == "position" for column in columns):
+        known = "" if joint_names is None else f"; its joints are {', '.join(joint_names)}"
+        raise InvalidInput(
+            f"none of the columns {', '.join(names)} is a joint of the robot{known}. Name the "
+            "columns as the robot names its joints."
+        )
     return _rows(columns, values, metadata)
 
 
@@ -153,17 +159,24 @@ def _rows(columns: list[_Column], values: Array, metadata: dict[str, Any]) -> Jo
     kinds = [column.kind for column in columns]
     positions = [k for k, kind in enumerate(kinds) if kind == "position"]
     joints = tuple(columns[k].joint for k in positions)
-    if not positions:
-        raise InvalidInput("none of the columns is a joint of the robot.")
     for joint in joints:
         if joints.count(joint) > 1:
             raise InvalidInput(f"two columns hold the positions of {joint}.")
     velocities: Array | None = None
     places = {columns[k].joint: k for k, kind in enumerate(kinds) if kind == "velocity"}
-    if all(joint in places for joint in joints):
+    without = [joint for joint in joints if joint not in places]
+    if places and without and len(without) < len(joints):
+        raise InvalidInput(
+            f"there are velocities, but none of {', '.join(without)}; give those of all joints or "
+            "of none."
+        )
+    if joints and not without:
         velocities = values[:, [places[joint] for joint in joints]]
+    if kinds.count("time") > 1:
+        raise InvalidInput("two columns hold the time; leave one of them.")
     times = values[:, kinds.index("time")] if "time" in kinds else None
-    return JointRows(joints, values[:, positions], times, velocities, metadata)
+    accelerated = "acceleration" in kinds
+    return JointRows(joints, values[:, positions], times, velocities, metadata, accelerated)
 
 
 def _scale(name: str, unit: str) -> float:

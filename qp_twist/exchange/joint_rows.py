@@ -26,6 +26,8 @@ class JointRows:
         times: s, (N,), increasing; ``None`` where there is no clock.
         velocities: rad/s or m/s, (N, n); ``None`` where the joints move straight between rows.
         metadata: Facts of the task that the rows were made for, if the file has them.
+        accelerated: Whether the file states accelerations, too. They are not read: between rows the
+            joints move on cubics here, and a controller that takes them moves otherwise.
     """
 
     joint_names: tuple[str, ...]
@@ -33,6 +35,7 @@ class JointRows:
     times: Array | None = None
     velocities: Array | None = None
     metadata: dict[str, Any] = field(default_factory=dict)
+    accelerated: bool = False
 
     def __post_init__(self) -> None:
         count = len(self.joint_names)

@@ -78,6 +78,7 @@ def decode(content: bytes, joint_names: tuple[str, ...] | None) -> JointRows:
         _times(points),
         _array(points, "velocities", len(names)),
         metadata if isinstance(metadata, dict) else {},
+        any(point.get("accelerations") for point in points),
     )
 
 
