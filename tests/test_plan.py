@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
+import re
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -35,6 +36,9 @@ ROOT = Path(__file__).parents[1]
 Array = np.ndarray
 SEEDS = st.integers(0, 2**32 - 1)
 BLOCKS = ("full", "plane", "line", "none")
+
+DOCS = ROOT / "docs"
+LOWEST_Z = (DOCS / "generated" / "lowest_z.txt").read_text("utf-8")
 
 
 # ---------------------------------------------------------------- kinematics of many configurations
@@ -382,6 +386,11 @@ def test_plans_of_the_deburring_lap_are_as_good_as_known(
     assert plan.certificate.kind == "path"
     if objective == "centering":
         assert plan.value == pytest.approx(qt.JointRanges.of(task.model).centring(plan.q).mean())
+        # What docs/snippets/lowest_z.py prints.
+        words = "from the same start" if from_start else "from any start"
+        shown = next(line for line in LOWEST_Z.splitlines() if words in line)
+        stated = [float(number) for number in re.findall(r"\d\.\d+", shown)]
+        assert stated == pytest.approx([plan.value, plan.bound], abs=1.1e-4)
 
 
 def test_the_widest_plan_of_the_deburring_lap(deburring: qt.Comparison) -> None:

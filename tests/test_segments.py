@@ -14,6 +14,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import qp_twist as qt
+from qp_twist.comparison.roadmap_figure import roadmap_figure
 from qp_twist.following.blending import Ramp, towards
 from qp_twist.path import shipped_folder
 
@@ -323,7 +324,7 @@ def test_waypoints_of_a_file_count_from_1(tmp_path: Path) -> None:
     assert [t.rank for t in task.in_force] == [3, 3, 3, 2, 2, 2, 2, 3, 3, 3]
     assert [(s.first, s.blend) for s in task.segments] == [(3, 2), (7, 0)]
     with pytest.raises(qt.InvalidInput, match=r"roadmap: mine leaves 0, then 1 of 3 joints free"):
-        qt.comparison.roadmap_figure(task, {})
+        roadmap_figure(task, {})
     for method in ("qp_gradient", "twa"):
         error = qt.follow(task, method, iterations=20, gain=0.1)
         assert error.position_error.max() < 2e-9

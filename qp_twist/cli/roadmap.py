@@ -7,8 +7,6 @@ from pathlib import Path
 from qp_twist.cli.app import Names, OptionalFile, Solver, Task, app, load, method_names, say
 from qp_twist.cli.progress import method_progress, working
 from qp_twist.comparison import compare as compare_methods
-from qp_twist.comparison.joint_figure import save_figure
-from qp_twist.comparison.roadmap_figure import check_applies, roadmap_figure
 
 
 @app.command
@@ -26,6 +24,9 @@ def roadmap(
         solver: Backend of the QPs.
         out: PNG file to write; without it out/TASK/roadmap.png.
     """
+    from qp_twist.comparison.joint_figure import save_figure  # with matplotlib
+    from qp_twist.comparison.roadmap_figure import check_applies, roadmap_figure
+
     path_task = load(task)
     names = method_names(path_task, methods)
     target = out or Path("out") / path_task.name / "roadmap.png"

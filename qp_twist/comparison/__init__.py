@@ -6,6 +6,5 @@ from .compare import compare as compare
 from .csv_table import csv_table as csv_table
 from .findings import findings as findings
 from .metrics import metrics as metrics
-from .roadmap_figure import roadmap_figure as roadmap_figure
 from .table import notes as notes
 from .table import rich_table as rich_table

@@ -11,10 +11,9 @@ from typing import TYPE_CHECKING, Any
 
 import mujoco
 
-from qp_twist.comparison import joint_figure, path_figure, roadmap_figure, scene_picture
+from qp_twist.comparison import scene_picture
 from qp_twist.comparison.findings import findings
 from qp_twist.comparison.metrics import metrics
-from qp_twist.comparison.report import report_page
 from qp_twist.comparison.table import plain_table
 from qp_twist.errors import InvalidInput
 from qp_twist.following import Trajectory, follow, with_start, write_atomically
@@ -75,6 +74,9 @@ class Comparison:
         ``roadmap``: what the limits leave, for an industrial arm with a free roll or a planar arm
         with one redundant degree of freedom (the paper's Fig. 4).
         """
+        # Matplotlib takes half a second that those who want numbers need not wait.
+        from qp_twist.comparison import joint_figure, path_figure, roadmap_figure
+
         figures = joint_figure.joint_figures(self.path_task, self.trajectories)
         figures["along_the_path"] = path_figure.path_figure(self.path_task, self.trajectories)
         if roadmap_figure.applies_to(self.path_task):
@@ -102,6 +104,9 @@ class Comparison:
         Returns:
             What was written, one path a line, and a sentence for what could not be.
         """
+        from qp_twist.comparison.joint_figure import save_figure
+        from qp_twist.comparison.report import report_page
+
         folder = Path(folder)
         lines = self.save(folder)
         figures = self.figures()
@@ -109,7 +114,7 @@ class Comparison:
         for name in {"roadmap", *(f"joints_{method}" for method in METHODS)} - set(figures):
             (folder / f"{name}.png").unlink(missing_ok=True)
         for name, figure in figures.items():
-            lines.append(str(joint_figure.save_figure(figure, folder / f"{name}.png")))
+            lines.append(str(save_figure(figure, folder / f"{name}.png")))
         picture = folder / "scene.png"
         with tempfile.TemporaryDirectory() as temporary:
             # The model, not its file: a workpiece may have been put elsewhere.

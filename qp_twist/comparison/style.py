@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import Any
-
-from matplotlib.colors import to_rgb
-from matplotlib.lines import Line2D
+from typing import TYPE_CHECKING, Any
 
 from qp_twist.path import METHODS
+
+if TYPE_CHECKING:
+    from matplotlib.lines import Line2D
 
 # Okabe and Ito's palette, which keeps apart for all common kinds of colour vision. Blue for the
 # twist decomposition and orange for resolved motion rate are the paper's own.
@@ -50,6 +50,8 @@ def pair_of(name: str) -> str:
 
 def line_style(name: str) -> dict[str, Any]:
     """Matplotlib keywords of a method's curve."""
+    from matplotlib.colors import to_rgb
+
     method = METHODS[name]
     colour = to_rgb(_PAIR_COLOURS[pair_of(name)])
     if method.constrained:
@@ -71,6 +73,8 @@ def line_style(name: str) -> dict[str, Any]:
 
 def method_handles(names: Iterable[str]) -> list[Line2D]:
     """Legend entries of the methods' curves."""
+    from matplotlib.lines import Line2D
+
     return [
         Line2D([], [], **{k: v for k, v in line_style(name).items() if k != "zorder"})
         for name in names

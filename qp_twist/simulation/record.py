@@ -5,16 +5,17 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from qp_twist.checks import Array, number
 from qp_twist.controller import Status, Step
 from qp_twist.errors import InvalidInput
 from qp_twist.kinematics import JointRanges
-from qp_twist.simulation.figure import draw
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,6 +109,8 @@ class Record:
 
     def figure(self, title: str = "") -> Figure:
         """Errors, margin, joint speeds and scale over time, in four panels."""
+        from qp_twist.simulation.figure import draw  # matplotlib, which takes half a second
+
         return draw(self, title)
 
     def __repr__(self) -> str:

@@ -15,7 +15,6 @@ import numpy as np
 from rich.console import Console
 
 from qp_twist.checks import one_of, whole_number
-from qp_twist.comparison.joint_figure import save_figure
 from qp_twist.errors import InvalidInput
 from qp_twist.following import write_atomically
 from qp_twist.path import (
@@ -28,7 +27,6 @@ from qp_twist.path import (
 )
 from qp_twist.path.section import Section
 from qp_twist.qp import check_solver
-from qp_twist.studies.figures import fault_figure, map_figure, z_figure
 from qp_twist.studies.rows import Job
 from qp_twist.studies.sample import Sample, Start, check_factors, drawn_columns, section_of
 from qp_twist.studies.store import Store, check_installed
@@ -151,6 +149,9 @@ class Study:
 
     def figures(self) -> dict[str, Figure]:
         """Matplotlib figures by name: ``faults``, ``z``, and ``maps`` where placements vary."""
+        # Matplotlib, which the processes that follow the laps have no use for.
+        from qp_twist.studies.figures import fault_figure, map_figure, z_figure
+
         found = {"faults": fault_figure(self.title, self.summary())}
         table = self.table(["method", "z_over_least"])
         found["z"] = z_figure(self.title, table.to_pydict(), self.job.methods)
@@ -162,6 +163,8 @@ class Study:
 
     def report(self) -> list[str]:
         """Write ``summary.json``, ``summary.txt`` and the figures; return their paths."""
+        from qp_twist.comparison.joint_figure import save_figure
+
         content = {
             "samples": self.count - len(self.missing()),
             "of": self.count,
