@@ -16,10 +16,13 @@ import pytest
 from browser import open_page
 from matplotlib.image import imread
 
-import qp_twist.cli.view  # noqa: F401  (its command)
 from qp_twist.cli import main
 
-COMMAND = "import qp_twist.cli.view; from qp_twist.cli import main; main()"
+# Where the tests run in the background, Ctrl-C is ignored, and what they start inherits that.
+COMMAND = (
+    "import signal; signal.signal(signal.SIGINT, signal.default_int_handler); "
+    "from qp_twist.cli import main; main()"
+)
 SIZE = (1000, 460)
 CANVAS = slice(350, 670)  # columns between the two panels
 
