@@ -36,7 +36,7 @@ build:
 	rm -rf dist build/wheel
 	$(BIN)/pip wheel --quiet --no-deps --wheel-dir dist .
 	python3 -m venv build/wheel
-	build/wheel/bin/pip install --quiet -c constraints.txt dist/*.whl
+	build/wheel/bin/pip install --quiet --no-compile -c constraints.txt dist/*.whl
 	cd build/wheel && bin/qp-twist tasks && bin/qp-twist run planar_line --out line.csv
 
 # Pins what is installed now: names and versions, no addresses.
