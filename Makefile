@@ -34,8 +34,8 @@ figures:
 # The wheel, installed alone in an empty folder, finds its task files and scenes.
 build:
 	rm -rf dist build/wheel
-	$(BIN)/pip wheel --quiet --no-deps --wheel-dir dist .
 	python3 -m venv build/wheel
+	build/wheel/bin/pip wheel --quiet --no-deps --wheel-dir dist .
 	build/wheel/bin/pip install --quiet --no-compile -c constraints.txt dist/*.whl
 	cd build/wheel && bin/qp-twist tasks && bin/qp-twist run planar_line --out line.csv
 
