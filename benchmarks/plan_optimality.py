@@ -30,7 +30,7 @@ from scipy.spatial import cKDTree
 
 import qp_twist as qt
 from qp_twist.checks import Array
-from qp_twist.following import write_atomically
+from qp_twist.files import write_atomically
 from qp_twist.studies.judge import Judge
 from qp_twist.studies.sample import draw, section_of
 

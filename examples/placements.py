@@ -35,7 +35,7 @@ from scipy.spatial import cKDTree
 
 import qp_twist as qt
 from qp_twist.checks import Array
-from qp_twist.following import write_atomically
+from qp_twist.files import write_atomically
 from qp_twist.following.mink_peer import mink_limits, mink_posture
 from qp_twist.following.peer_terms import Posture
 from qp_twist.path.orientation import roll_by_plane

@@ -79,7 +79,6 @@ def _led(path_task: PathTask, q: Array, middle: int, spread: Array) -> bool:
         here = q
         for index in (middle, *way):
             [here], arrived = rows.correct(here[None], np.array([index]), iterations=15)
-            inside = (here >= ranges.lower) & (here <= ranges.upper)
-            if not arrived[0] or not inside.all():
+            if not arrived[0] or not ranges.inside(here):
                 return False
     return True

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -15,6 +14,7 @@ from matplotlib.lines import Line2D
 from qp_twist.checks import Array
 from qp_twist.comparison.metrics import metrics
 from qp_twist.comparison.style import LIMIT, RC, line_style, method_handles
+from qp_twist.files import whole_file
 from qp_twist.following import Trajectory
 from qp_twist.kinematics import JointRanges
 from qp_twist.path import METHODS, PathTask
@@ -75,14 +75,8 @@ def joint_figure(path_task: PathTask, trajectories: Mapping[str, Trajectory], ti
 
 def save_figure(figure: Figure, path: Path) -> Path:
     """Write a PNG beside its place and rename it, so that a failure leaves nothing half-written."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    temporary = path.with_name(f".{path.name}.{os.getpid()}.png")
-    try:
-        with mpl.rc_context(RC):
-            figure.savefig(temporary)
-        os.replace(temporary, path)
-    finally:
-        temporary.unlink(missing_ok=True)
+    with whole_file(path) as unfinished, mpl.rc_context(RC):
+        figure.savefig(unfinished, format="png")
     return path
 
 
@@ -95,34 +89,53 @@ def _draw_joint(
 ) -> None:
     # Degrees for hinges, metres for slides.
     unit = np.degrees(1.0) if ranges.hinge[dof] else 1.0
-    lower, upper = unit * ranges.lower[dof], unit * ranges.upper[dof]
     curves = [unit * ranges.positions(t.q)[:, dof] for t in trajectories.values()]
     for name, theta in zip(trajectories, curves, strict=True):
         index = np.arange(1, len(theta) + 1)
         panel.plot(index, theta, **line_style(name))
         first = numbers[name]["first_violation"].get(ranges.names[dof])
         if first is not None:
-            panel.plot(first, theta[first - 1], "x", color=LIMIT, ms=9, mew=2.2, zorder=6)
-            # Towards the inside of the limits, where there is room.
-            below = theta[first - 1] > unit * ranges.middle[dof]
-            panel.annotate(
-                str(first), (first, theta[first - 1]), textcoords="offset points",
-                xytext=(6, -11 if below else 5), color=LIMIT, fontweight="bold",
-            )  # fmt: skip
+            mark_violation(panel, first, theta[first - 1], unit * ranges.middle[dof])
         _mark_reconfigurations(panel, numbers[name]["reconfigurations"], line_style(name)["color"])
-    if ranges.limited[dof]:
-        for limit in (lower, upper):
-            panel.axhline(limit, color=LIMIT, linewidth=1.2)
-        low, high = joint_view(lower, upper, curves)
-        panel.set_ylim(low, high)
-        for edge, limit in ((low, lower), (high, upper)):
-            panel.axhspan(edge, limit, color=LIMIT, alpha=0.07, linewidth=0)
-    panel.set_title(ranges.names[dof])
-    panel.set_ylabel("degrees" if ranges.hinge[dof] else "m")
+    draw_limits(panel, ranges, dof, curves)
     panel.margins(x=0.01)
 
 
-def joint_view(lower: float, upper: float, curves: Sequence[Array]) -> tuple[float, float]:
+def mark_violation(
+    panel: Axes,
+    waypoint: int,
+    value: float,
+    middle: float,
+    *,
+    size: tuple[float, float] = (9.0, 2.2),
+    gid: str | None = None,
+) -> None:
+    """A red cross of some size and line width, with its waypoint beside it."""
+    panel.plot(
+        waypoint, value, "x", color=LIMIT, ms=size[0], mew=size[1], zorder=6, gid=gid,
+    )  # fmt: skip
+    # Towards the inside of the limits, where there is room.
+    panel.annotate(
+        str(waypoint), (waypoint, value), textcoords="offset points",
+        xytext=(6, -11 if value > middle else 5), color=LIMIT, fontweight="bold", gid=gid,
+    )  # fmt: skip
+
+
+def draw_limits(panel: Axes, ranges: JointRanges, dof: int, curves: Sequence[Array]) -> None:
+    """A joint's limits in red, what lies beyond them shaded, and its name and unit."""
+    if ranges.limited[dof]:
+        unit = np.degrees(1.0) if ranges.hinge[dof] else 1.0
+        lower, upper = unit * ranges.lower[dof], unit * ranges.upper[dof]
+        low, high = _view(lower, upper, curves)
+        panel.set_ylim(low, high)
+        for edge, limit in ((low, lower), (high, upper)):
+            panel.axhline(limit, color=LIMIT, linewidth=1.2)
+            panel.axhspan(edge, limit, color=LIMIT, alpha=0.07, linewidth=0)
+    panel.set_title(ranges.names[dof])
+    panel.set_ylabel("degrees" if ranges.hinge[dof] else "m")
+
+
+def _view(lower: float, upper: float, curves: Sequence[Array]) -> tuple[float, float]:
     """The limits with some room, more where a curve leaves them, but not all that it may take."""
     width = upper - lower
     seen = np.concatenate(curves)

@@ -107,7 +107,7 @@ def _draw_manifolds(
     for waypoint, found in curves:
         for curve in found:
             wrapped = centred(curve, ranges)
-            ok = np.all((wrapped >= ranges.lower) & (wrapped <= ranges.upper), axis=1)
+            ok = ranges.inside(wrapped)
             theta = np.degrees(wrapped[:, dof]).tolist()
             for i in range(len(theta) - 1):
                 if abs(theta[i + 1] - theta[i]) < 90.0:

@@ -1,7 +1,5 @@
 """A method along a path."""
 
-from qp_twist.files import write_atomically as write_atomically
-
 from .follow import follow as follow
 from .found_starts import FoundStart as FoundStart
 from .found_starts import NoStart as NoStart

@@ -101,6 +101,15 @@ class JointRanges:
         """Unit of each degree of freedom's position: ``"rad"`` for hinges, ``"m"`` for slides."""
         return tuple("rad" if hinge else "m" for hinge in self.hinge)
 
+    @property
+    def only_hinges_and_slides(self) -> bool:
+        """Whether every joint is one coordinate of q; ball and free joints are more."""
+        return bool((self.qpos >= 0).all())
+
+    def inside(self, positions: Array) -> np.ndarray[tuple[int, ...], np.dtype[np.bool_]]:
+        """Whether all of the positions (…, nv) are in their ranges, (…)."""
+        return np.asarray(((positions >= self.lower) & (positions <= self.upper)).all(axis=-1))
+
     def centring(self, q: Array) -> Array:
         """z for each configuration of q (…, nq); dimensionless, 1/8 per joint at its limit."""
         offset = self.weight * (self.middle - self.positions(q))

@@ -185,7 +185,7 @@ class _Descent:
         return np.full(len(q), self.index, dtype=np.intp)
 
     def _inside(self, q: Array) -> Mask:
-        within: Mask = ((q >= self.ranges.lower) & (q <= self.ranges.upper)).min(axis=1)
+        within: Mask = self.ranges.inside(q)
         if self.hard_bands and within.any():
             within &= inside_bands(self.hard_bands, *self.rows.chain.poses(q), self.waypoint)
         return within

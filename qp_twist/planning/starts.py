@@ -13,7 +13,7 @@ from qp_twist.planning.bound import best_of_branches, centred_nearby
 from qp_twist.planning.central import as_far_as_inside, central_configurations
 from qp_twist.planning.drawn import random_configurations
 from qp_twist.planning.layer import inside_bands
-from qp_twist.planning.path_rows import Indices, Mask, PathRows
+from qp_twist.planning.path_rows import Indices, PathRows
 from qp_twist.planning.roadmap import Grid, Roadmap
 
 _GRID = np.radians(4.0)
@@ -53,8 +53,7 @@ def random_start(path_task: PathTask, rng: np.random.Generator) -> Array | None:
     for _ in range(_TIMES):
         drawn = random_configurations(ranges, _AT_A_TIME, rng)
         q, arrived = rows.correct(drawn, np.zeros(_AT_A_TIME, dtype=np.intp))
-        inside = ((q >= ranges.lower) & (q <= ranges.upper)).min(axis=1)
-        q = q[arrived & inside]
+        q = q[arrived & ranges.inside(q)]
         poses = rows.chain.poses(q)
         q = q[inside_bands(path_task.bands, *poses, path_task.waypoints[0])]
         if len(q):
@@ -81,13 +80,8 @@ def _central(path_task: PathTask, waypoints: Sequence[int]) -> list[Array]:
 
 def _lowered(q: Array, there: Array, at: Indices, rows: PathRows, ranges: JointRanges) -> Array:
     """``there`` where that is inside the limits, else as far from q (K, nv) towards it as is."""
-
-    def inside(q: Array) -> Mask:
-        found: Mask = ((q >= ranges.lower) & (q <= ranges.upper)).min(axis=1)
-        return found
-
-    within = inside(there)
+    within = ranges.inside(there)
     last = np.where(within[:, None], there, q)
     over = np.flatnonzero(~within)
-    last[over] = as_far_as_inside(q[over], there[over], at[over], rows, inside)
+    last[over] = as_far_as_inside(q[over], there[over], at[over], rows, ranges.inside)
     return last

@@ -8,13 +8,13 @@ killed loses the rows that are not in a part yet, and these are computed again.
 from __future__ import annotations
 
 import contextlib
-import os
 import time
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from qp_twist.errors import InvalidInput
+from qp_twist.files import whole_file
 
 try:
     import fcntl
@@ -188,13 +188,6 @@ class Store:
 
     def _write(self, path: Path, tables: Iterable[pa.Table]) -> None:
         """Write tables to a temporary file, then rename it."""
-        path.parent.mkdir(parents=True, exist_ok=True)
-        temporary = path.with_name(f".{path.name}.{os.getpid()}")
-        try:
-            with pq.ParquetWriter(temporary, self.schema) as writer:
-                for table in tables:
-                    writer.write_table(table)
-            os.replace(temporary, path)
-        except BaseException:
-            temporary.unlink(missing_ok=True)
-            raise
+        with whole_file(path) as unfinished, pq.ParquetWriter(unfinished, self.schema) as writer:
+            for table in tables:
+                writer.write_table(table)

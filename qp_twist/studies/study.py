@@ -16,7 +16,7 @@ from rich.console import Console
 
 from qp_twist.checks import one_of, whole_number
 from qp_twist.errors import InvalidInput
-from qp_twist.following import write_atomically
+from qp_twist.files import write_atomically
 from qp_twist.path import (
     METHODS,
     PathTask,

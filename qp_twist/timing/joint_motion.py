@@ -127,11 +127,10 @@ class JointMotion:
     def largest_speeds(self) -> Array:
         """Largest |q̇| of each piece between two rows, exactly, rad/s or m/s, (N − 1, nv)."""
         T = np.diff(self.times)[:, None]
-        D = np.diff(self.q, axis=0) / T
         if self.velocities is None:
-            return np.abs(D)
+            return np.abs(np.diff(self.q, axis=0) / T)
         v0, v1 = self.velocities[:-1], self.velocities[1:]
-        a0, a1 = _end_accelerations(D, v0, v1, T)
+        a0, a1 = self.end_accelerations()
         turning = np.divide(-a0, a1 - a0, out=np.zeros_like(a0), where=a1 != a0)
         turning = np.clip(turning, 0.0, 1.0)
         between = v0 + turning * T * (a0 + turning * (a1 - a0) / 2.0)

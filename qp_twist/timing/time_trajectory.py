@@ -147,7 +147,7 @@ def time_trajectory(
     )
     task = trajectory.path_task
     ranges = JointRanges.of(task.model)
-    if (ranges.qpos != np.arange(ranges.nq)).any():
+    if not ranges.only_hinges_and_slides:
         raise InvalidInput(
             "time_trajectory: the robot has ball or free joints; only hinges and slides have times."
         )

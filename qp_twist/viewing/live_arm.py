@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from qp_twist.checks import finite_array
+from qp_twist.comparison.style import pair_of
 from qp_twist.controller import Controller, Step
 from qp_twist.following.resolver import range_metric, secondary_objectives
 from qp_twist.kinematics import JointRanges, TwistTask
@@ -61,7 +62,7 @@ class LiveArm:
             on_infeasible: Whether a target that does not fit inside the limits slows the arm down
                 or draws it as close as they let it.
         """
-        self.method = _qp_of(settings.method)
+        self.method = pair_of(settings.method)
         kind = METHODS[self.method]
         model = path_task.model
         self.path_task = with_projector(path_task, settings.projector)
@@ -139,11 +140,6 @@ class LiveArm:
         elif settings.has_weight:
             own = own.model_copy(update={"weight": settings.weight, "gain": settings.gain})
         return own.model_copy(update={"gain": own.gain * WAYPOINTS_PER_S * self.dt})
-
-
-def _qp_of(method: str) -> str:
-    kind = METHODS[method]
-    return method if kind.constrained or kind.counterpart is None else kind.counterpart
 
 
 def _motion_limit(path_task: PathTask) -> MotionLimit:

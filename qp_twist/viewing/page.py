@@ -12,13 +12,14 @@ import mink
 import numpy as np
 import viser
 
+from qp_twist.comparison.roadmap_figure import applies_to
 from qp_twist.path import METHODS
 from qp_twist.viewing.bars import joint_bars
 from qp_twist.viewing.lap import Lap, Moment
 from qp_twist.viewing.port import HOST
 from qp_twist.viewing.projectors import projector_choices
 from qp_twist.viewing.readings import LEGEND, heading, note, readings, sentence
-from qp_twist.viewing.roadmap import has_roadmap, roadmap_pixels
+from qp_twist.viewing.roadmap import roadmap_pixels
 from qp_twist.viewing.session import Session
 from qp_twist.viewing.settings import WEIGHTS, method_choices, solver_choices
 from qp_twist.viewing.stage import Stage
@@ -129,7 +130,7 @@ class Page:
                 "Roadmap", icon=viser.Icon.MAP,
                 hint="what the limits leave of the free motion along the path; takes seconds",
             )  # fmt: skip
-            self._roadmap.visible = has_roadmap(session.base)
+            self._roadmap.visible = applies_to(session.base)
         with gui.add_folder("Method"):
             self._method = gui.add_dropdown(
                 "Method", tuple(method_choices(session.base)), initial_value=settings.method

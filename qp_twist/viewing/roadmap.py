@@ -8,16 +8,10 @@ import numpy as np
 import numpy.typing as npt
 from PIL import Image
 
-from qp_twist.comparison.roadmap_figure import applies_to, roadmap_figure
-from qp_twist.path import PathTask
+from qp_twist.comparison.roadmap_figure import roadmap_figure
 from qp_twist.viewing.lap import Lap
 
 _DPI = 100
-
-
-def has_roadmap(path_task: PathTask) -> bool:
-    """Whether there is one to be drawn: for a free roll, or a planar arm with one to spare."""
-    return applies_to(path_task)
 
 
 def roadmap_pixels(lap: Lap) -> npt.NDArray[np.uint8]:

@@ -10,7 +10,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from qp_twist.checks import Array
-from qp_twist.comparison.joint_speeds import has_speed_limits, peak_speed, speed_shares
+from qp_twist.comparison.joint_speeds import OVER, has_speed_limits, peak_speed, speed_shares
 from qp_twist.comparison.report.curves import draw_curves, label_ends
 from qp_twist.comparison.report.section import Section, figure_html
 from qp_twist.comparison.report.svg import SVG_RC, inline_svg
@@ -127,7 +127,7 @@ def speed_section(path_task: PathTask, trajectories: Trajectories) -> Section:
     for name, trajectory in trajectories.items():
         peak = peak_speed(trajectory)
         if peak is not None:
-            mark = "✗ too fast" if peak.share > 1.0 + 1e-6 else "✓"
+            mark = "✗ too fast" if peak.share > OVER else "✓"
             rows += (
                 f'<tr><th scope="row">{name}</th><td>{peak.joint}</td><td>{peak.waypoint}</td>'
                 f"<td>{100.0 * peak.share:.3g} %</td><td>{mark}</td></tr>"

@@ -10,11 +10,11 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from qp_twist.checks import Array
-from qp_twist.comparison.joint_figure import joint_view
+from qp_twist.comparison.joint_figure import draw_limits, mark_violation
 from qp_twist.comparison.report.curves import draw_curves
 from qp_twist.comparison.report.section import Section, figure_html
 from qp_twist.comparison.report.svg import METHOD, SVG_RC, inline_svg
-from qp_twist.comparison.style import LIMIT, line_style
+from qp_twist.comparison.style import line_style
 from qp_twist.following import Trajectory
 from qp_twist.kinematics import JointRanges
 from qp_twist.path import PathTask
@@ -66,14 +66,8 @@ def _draw_joint(
         colour = line_style(name)["color"]
         first = numbers[name]["first_violation"].get(ranges.names[dof])
         if first is not None:
-            panel.plot(
-                first, theta[first - 1], "x", color=LIMIT, ms=8, mew=2, zorder=6,
-                gid=f"{METHOD}{name}",
-            )  # fmt: skip
-            below = theta[first - 1] > unit * ranges.middle[dof]
-            panel.annotate(
-                str(first), (first, theta[first - 1]), textcoords="offset points",
-                xytext=(6, -11 if below else 5), color=LIMIT, fontweight="bold",
+            mark_violation(
+                panel, first, theta[first - 1], unit * ranges.middle[dof], size=(8.0, 2.0),
                 gid=f"{METHOD}{name}",
             )  # fmt: skip
         steps = numbers[name]["reconfigurations"]
@@ -82,12 +76,4 @@ def _draw_joint(
                 steps, [0.0] * len(steps), "^", color=colour, ms=5, clip_on=False, zorder=6,
                 transform=panel.get_xaxis_transform(), gid=f"{METHOD}{name}",
             )  # fmt: skip
-    if ranges.limited[dof]:
-        lower, upper = unit * ranges.lower[dof], unit * ranges.upper[dof]
-        low, high = joint_view(lower, upper, list(curves.values()))
-        panel.set_ylim(low, high)
-        for edge, limit in ((low, lower), (high, upper)):
-            panel.axhline(limit, color=LIMIT, linewidth=1.2)
-            panel.axhspan(edge, limit, color=LIMIT, alpha=0.07, linewidth=0)
-    panel.set_title(ranges.names[dof])
-    panel.set_ylabel("degrees" if ranges.hinge[dof] else "m")
+    draw_limits(panel, ranges, dof, list(curves.values()))
