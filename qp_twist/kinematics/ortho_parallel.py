@@ -18,6 +18,9 @@ _SAME = 1e-6
 """Lengths (m) and sines of angles below this are zero; the lengths of a scene are rounded."""
 _VERIFIED = 1e-6
 """Largest error of a solution in the model's own kinematics, m and rad."""
+_NOWHERE = np.tile([1e6, 2e6], (6, 1))
+"""Limits that no joint is inside of: ``reach`` drops no branch for them, but computes no singular
+values for what is outside, which are most of its time."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,7 +131,8 @@ class OrthoParallelArm:
             positions: Its origins in the world, m, (K, 3).
         """
         poses = np.linalg.inv(self.base) @ homogeneous(rotations, positions)
-        found = self._solver.reach(RigidTransform.from_matrix(poses @ np.linalg.inv(self.flange)))
+        hands = RigidTransform.from_matrix(poses @ np.linalg.inv(self.flange))
+        found = self._solver.reach(hands, joint_limits=_NOWHERE)
         joints: Array = self.signs * (found.joints - self.offsets)
         return joints
 

@@ -173,7 +173,8 @@ def _solved(
     """The solution u (N, d) of the program at a path q (N, nv)."""
     count, nv = q.shape
     free = basis.shape[2]
-    move = sparse.block_diag(list(basis), format="csr")
+    blocks = np.arange(count + 1)
+    move = sparse.csr_matrix(sparse.bsr_matrix((basis, blocks[:-1], blocks)))
     change = move[nv:] - move[:-nv]
     dq = np.diff(q, axis=0).ravel()
     program = _Program(count * free, radius * np.sqrt(free))
