@@ -23,6 +23,24 @@ def test_imports_go_one_way() -> None:
     assert "1 kept, 0 broken" in done.stdout
 
 
+def test_importing_the_package_loads_nothing_heavy_and_every_name_is_there() -> None:
+    source = """
+import sys
+import qp_twist
+loaded = {"mujoco", "mink", "scipy", "numpy", "matplotlib"} & set(sys.modules)
+assert not loaded, loaded
+missing = [name for name in dir(qp_twist) if not hasattr(qp_twist, name)]
+assert not missing, missing
+print(len(qp_twist.__all__), "matplotlib" in sys.modules)
+"""
+    done = subprocess.run(
+        [sys.executable, "-c", source], capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    count, drawing = done.stdout.split()
+    assert int(count) > 60 and drawing == "False"
+
+
 def test_no_module_is_called_like_a_data_folder() -> None:
     # The wheel puts tasks/ and scenes/ inside the package.
     assert not (ROOT / "qp_twist" / "tasks").exists()

@@ -8,22 +8,13 @@ from collections.abc import Sequence
 
 import mink
 
-from qp_twist import __version__
-
 # Each module adds its command; help lists them in this order.
 from qp_twist.cli import check, compare, new, roadmap, run, starts, study, tasks, view  # noqa: F401
 from qp_twist.cli.app import app, quiet
 
 
-def main(arguments: Sequence[str] | None = None) -> None:
-    """Entry point of ``qp-twist``.
-
-    ``--quiet`` may stand anywhere among the arguments; ``--version`` stands alone.
-    """
-    given = list(sys.argv[1:] if arguments is None else arguments)
-    if given == ["--version"]:
-        print(f"qp-twist {__version__}")
-        return
+def run_command(given: Sequence[str]) -> None:
+    """The command that the arguments name."""
     before = quiet.set("--quiet" in given)
     for stream in (sys.stdout, sys.stderr):
         # A terminal that has no θ shows a question mark instead of a stack trace.
@@ -40,8 +31,5 @@ def main(arguments: Sequence[str] | None = None) -> None:
     except (mink.MinkError, OSError) as error:
         print(f"qp-twist: {error}", file=sys.stderr)
         raise SystemExit(2) from None
-    except KeyboardInterrupt:
-        print("qp-twist: interrupted; files that were written before are whole.", file=sys.stderr)
-        raise SystemExit(130) from None
     finally:
         quiet.reset(before)
