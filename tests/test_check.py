@@ -82,6 +82,33 @@ def test_what_is_wrong_is_named_with_its_size_and_place(
     assert any(problem.startswith(name) for problem in check.problems)
 
 
+def test_who_stands_and_then_rushes_is_in_time_at_the_waypoints_but_does_not_pass() -> None:
+    """Between two waypoints: nine tenths of the time at rest, the way in the last tenth."""
+    trajectory = corner()
+    trajectory = joint_path(slider(2), trajectory.q, evenly(21, 0.1), velocity=np.inf)
+    times = np.arange(21) * 0.1
+    q = np.repeat(trajectory.q, 2, axis=0)[:-1]
+    waiting = np.sort(np.concatenate([times, times[1:] - 0.01]))
+    check = check_trajectory(JointRows(NAMES, q, waiting), trajectory.path_task)
+    assert found(check, "feed").passes
+    assert not found(check, "feed between").passes
+    assert found(check, "feed between").value == pytest.approx(1000.0)
+    steady = check_trajectory(JointRows(NAMES, trajectory.q, times), trajectory.path_task)
+    assert found(steady, "feed between").value == pytest.approx(100.0)
+
+
+def test_a_file_that_says_it_was_made_for_something_else_is_told_of() -> None:
+    trajectory = corner()
+    rows = JointRows.of(trajectory)
+    assert not [n for n in check_trajectory(rows, trajectory.path_task).notes if "metadata" in n]
+    units = dict.fromkeys(NAMES, "deg")
+    lying = rows.metadata | {"task": "another", "robot": 7, "units": units, "frame": "odd"}
+    told = check_trajectory(dataclasses.replace(rows, metadata=lying), trajectory.path_task).notes
+    assert [note for note in told if "task 'another'" in note]
+    assert [note for note in told if "robot '7'" in note]
+    assert len([note for note in told if "'deg'" in note and "'m'" in note]) == 2
+
+
 def test_an_acceleration_is_that_of_the_cubic_or_of_the_change_of_speed() -> None:
     trajectory = corner(acceleration=4.0)
     times = np.arange(21) * 0.1

@@ -89,7 +89,7 @@ def test_the_json_has_the_fields_of_a_joint_trajectory(tmp_path: Path) -> None:
         assert 0 <= stamp["nanosec"] < 10**9
         assert stamp["sec"] + 1e-9 * stamp["nanosec"] == pytest.approx(trajectory.times[k])
     [first] = document["metadata"]["projectors"]
-    assert first == {"first_waypoint": 1, "linear": "full", "angular": "none", "frame": "world"}
+    assert first == {"first_row": 1, "linear": "full", "angular": "none", "frame": "world"}
 
 
 def test_the_csv_is_read_by_any_reader_of_csv(tmp_path: Path) -> None:

@@ -8,6 +8,7 @@ from typing import Annotated
 
 import tyro
 
+from qp_twist.checks import number
 from qp_twist.cli.app import OptionalFile, Task, app, fail, load, say
 from qp_twist.cli.progress import working
 from qp_twist.exchange import check_trajectory, read_trajectory
@@ -40,6 +41,8 @@ def check(
         axis_tolerance_deg: Largest angular task error that passes, degrees.
         json_: Print the findings as JSON.
     """
+    number("--position-tolerance", position_tolerance, above=0.0)
+    number("--axis-tolerance-deg", axis_tolerance_deg, above=0.0)
     path_task = load(task, path)
     rows = read_trajectory(trajectory, JointRanges.of(path_task.model).names)
     with working("checking"):

@@ -13,6 +13,7 @@ from qp_twist.checks import Array, instance, number
 from qp_twist.errors import InvalidInput
 from qp_twist.exchange.joint_rows import JointRows
 from qp_twist.exchange.matching import times_at_waypoints
+from qp_twist.exchange.metadata import disagreements
 from qp_twist.following import Trajectory
 from qp_twist.following.resolver import twist_task
 from qp_twist.kinematics import JointRanges
@@ -31,6 +32,9 @@ FASTER = 1e-3
 """Share by which the feed is exceeded when it counts."""
 FASTER_MATCHED = 0.02
 """The same where the times at the waypoints had to be looked for."""
+RUSHED = 1.5
+"""Share of the feed from which on it counts between two waypoints: a cubic from rest to rest runs
+so much faster in its middle than on its way as a whole."""
 _CLOCK = 1e-9
 """Times in files are rounded to it, s; what speeds and accelerations owe to that does not count."""
 _BAND = 1e-5
@@ -75,7 +79,7 @@ class Check:
         waypoints: Number of waypoints of the task.
         matched: How rows and waypoints were brought together, in words.
         findings: What was looked at, line by line.
-        notes: What could not be looked at, and why.
+        notes: What could not be looked at, and why; what the file says otherwise.
     """
 
     task: str
@@ -153,7 +157,7 @@ def check_trajectory(
     """Measure a trajectory against a task: errors at and between waypoints, limits, speeds.
 
     Everything is computed anew from the joint positions, and from times and velocities where there
-    are any; what the trajectory says of itself is not looked at.
+    are any; of what the trajectory says of itself only that it says otherwise becomes a note.
 
     As many rows as waypoints belong together one by one. With another number of rows, or where rows
     miss waypoints that the motion between them meets, the trajectory has to pass all waypoints in
@@ -173,7 +177,7 @@ def check_trajectory(
     position = number("position_tolerance", position_tolerance, above=0.0)
     axis = np.radians(number("axis_tolerance_deg", axis_tolerance_deg, above=0.0))
     ranges = JointRanges.of(path_task.model)
-    if (ranges.qpos != np.arange(ranges.nq)).any():
+    if not ranges.only_hinges_and_slides:
         raise InvalidInput(
             "check_trajectory: the robot has ball or free joints; only hinges and slides can be "
             "checked."
@@ -193,7 +197,7 @@ def check_trajectory(
     findings = _of_errors(errors, position, float(axis))
     findings += _of_bands(path_task, motion, times)
     findings += _of_positions(ranges, motion, place)
-    notes: list[str] = []
+    notes = disagreements(rows.metadata, path_task)
     if rows.accelerated:
         notes.append(
             "the accelerations of the file are not looked at: checked are cubics between the rows; "
@@ -202,7 +206,7 @@ def check_trajectory(
     timed = rows.times is not None
     if timed:
         findings += _of_speeds(path_task, ranges, motion, place)
-        findings += _of_feed(path_task, times, one_to_one=one_to_one)
+        findings += _of_feed(path_task, times, errors.rate, one_to_one=one_to_one)
         notes += _unchecked(path_task, ranges, motion)
     elif path_task.durations is not None:
         notes.append("the trajectory has no times: feed, velocities and accelerations unchecked")
@@ -342,8 +346,8 @@ def _share(kind: str, use: Array, names: Sequence[str], times: Array, place: _Pl
     return Finding(f"{kind} limits", value, 100.0, "%", where, value <= 100.0 * (1.0 + EXCEEDED))
 
 
-def _of_feed(path_task: PathTask, times: Array, *, one_to_one: bool) -> list[Finding]:
-    """How fast the waypoints are passed, and how long it takes in all."""
+def _of_feed(path_task: PathTask, times: Array, rate: Array, *, one_to_one: bool) -> list[Finding]:
+    """How fast the waypoints are passed, how fast between them, and how long it takes in all."""
     if path_task.durations is None:
         return []
     took = np.maximum(np.diff(times), _CLOCK)  # a motion that stands still may meet two at once
@@ -351,9 +355,20 @@ def _of_feed(path_task: PathTask, times: Array, *, one_to_one: bool) -> list[Fin
     k = int(np.argmax(use))
     passes = bool(use[k] <= 1.0 + (FASTER if one_to_one else FASTER_MATCHED))
     where = f"waypoints {k + 1} to {k + 2}"
+    between = path_task.durations[1:] * rate
+    j = int(np.argmax(between))
+    rushed = bool(between[j] > RUSHED * (1.0 + FASTER_MATCHED))
     total = float(times[-1] - times[0])
     at_feed = f"whole path, {float(path_task.durations.sum()):.4g} s at the feed"
     return [
         Finding("feed", 100.0 * float(use[k]), 100.0, "%", where, passes),
+        Finding(
+            "feed between",
+            100.0 * float(between[j]),
+            100.0 * RUSHED,
+            "%",
+            f"waypoints {j + 1} to {j + 2}",
+            not rushed,
+        ),
         Finding("time", total, None, "s", at_feed, True),
     ]

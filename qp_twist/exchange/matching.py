@@ -7,14 +7,16 @@ from collections.abc import Iterable
 import numpy as np
 
 from qp_twist.checks import Array
-from qp_twist.geometry import many_twist_errors
+from qp_twist.geometry import ProjectorKind, many_twist_errors
 from qp_twist.path import PathTask
-from qp_twist.timing import JointMotion, poses_of
+from qp_twist.timing import JointMotion, poses_of, task_errors
 
 Indices = np.ndarray[tuple[int], np.dtype[np.intp]]
 
 _DENSITY = 8
 """Looks at the motion for each waypoint, at least."""
+_NEAR = 100.0
+"""Linear error, in tolerances, beyond which the angular one does not matter to the matching."""
 _REFINED = 17
 _ROUNDS = 3
 _ON = 1e-3
@@ -39,17 +41,38 @@ def times_at_waypoints(
         begins, spans = motion.times[:-1, None], np.diff(motion.times)[:, None]
         times = np.append((begins + spans * np.arange(parts) / parts).ravel(), motion.times[-1])
         at, met = _matched(path_task, motion, times, tolerances)
-    found = times[at]
-    for k in np.flatnonzero(~met).tolist():
-        low, high = times[max(at[k] - 1, 0)], times[min(at[k] + 1, len(times) - 1)]
-        for _ in range(_ROUNDS):
-            near = np.append(np.linspace(low, high, _REFINED), found[k])
-            cost = _cost(path_task, k, *poses_of(path_task, motion.at(near).q), tolerances)
-            found[k] = near[int(np.argmin(cost))]
-            width = (high - low) / (_REFINED - 1)
-            low, high = max(low, found[k] - width), min(high, found[k] + width)
+    found, missed = times[at], np.flatnonzero(~met)
+    if len(missed):
+        found[missed] = _refined(path_task, motion, times, at[missed], missed, tolerances)
     ordered: Array = np.maximum.accumulate(found)
     return ordered
+
+
+def _refined(
+    path_task: PathTask,
+    motion: JointMotion,
+    times: Array,
+    at: Indices,
+    waypoints: Indices,
+    tolerances: tuple[float, float],
+) -> Array:
+    """Times nearest to some waypoints (M,), beside their samples ``at`` (M,), all at once."""
+    R_d = np.array([path_task.waypoints[k].rotation().as_matrix() for k in waypoints])
+    p_d = np.array([path_task.waypoints[k].translation() for k in waypoints])
+    looks = _REFINED + 1
+    rows = [path_task.in_force[k] for k in waypoints for _ in range(looks)]
+    found = times[at]
+    low, high = times[np.maximum(at - 1, 0)], times[np.minimum(at + 1, len(times) - 1)]
+    for _ in range(_ROUNDS):
+        near = np.column_stack([np.linspace(low, high, _REFINED, axis=1), found])
+        R, p = poses_of(path_task, motion.at(near.ravel()).q)
+        errors = task_errors(R, p, np.repeat(R_d, looks, axis=0), np.repeat(p_d, looks, axis=0),
+                             rows)  # fmt: skip
+        best = _squared(errors, tolerances).reshape(near.shape).argmin(axis=1)
+        found = near[np.arange(len(near)), best]
+        width = (high - low) / (_REFINED - 1)
+        low, high = np.maximum(low, found - width), np.minimum(high, found + width)
+    return found
 
 
 def _matched(
@@ -88,10 +111,23 @@ def _in_order(costs: Iterable[Array]) -> Indices:
 def _cost(
     path_task: PathTask, k: int, R: Array, p: Array, tolerances: tuple[float, float]
 ) -> Array:
-    """Squared task error of poses (K) at waypoint k, in tolerances."""
+    """Squared task error of poses (K) at waypoint k, in tolerances.
+
+    Of poses that are far away in their positions only the linear part: that is enough to tell that
+    they are, and a long path has some 1e8 of them.
+    """
     waypoint, rows = path_task.waypoints[k], path_task.in_force[k]
     R_d, p_d = waypoint.rotation().as_matrix(), waypoint.translation()
-    errors = many_twist_errors(R, p, R_d, p_d, rows)[1]
-    cost: Array = np.sum((errors[:, :3] / tolerances[0]) ** 2, axis=1)
-    cost += np.sum((errors[:, 3:] / tolerances[1]) ** 2, axis=1)
+    if rows.linear.kind is not ProjectorKind.FULL:
+        return _squared(many_twist_errors(R, p, R_d, p_d, rows)[1], tolerances)
+    cost: Array = np.einsum("ki,ki->k", p - p_d, p - p_d) / tolerances[0] ** 2
+    near = np.flatnonzero(cost < _NEAR**2)
+    cost[near] = _squared(many_twist_errors(R[near], p[near], R_d, p_d, rows)[1], tolerances)
     return cost
+
+
+def _squared(errors: Array, tolerances: tuple[float, float]) -> Array:
+    """Squares of task errors (K, 6) in tolerances, (K,)."""
+    squared: Array = np.sum((errors[:, :3] / tolerances[0]) ** 2, axis=1)
+    squared += np.sum((errors[:, 3:] / tolerances[1]) ** 2, axis=1)
+    return squared

@@ -9,6 +9,7 @@ from typing import Any
 from qp_twist.following import Trajectory
 from qp_twist.geometry import Projector, TwistProjector
 from qp_twist.kinematics import JointRanges
+from qp_twist.path import PathTask
 from qp_twist.timing import TimedTrajectory
 
 
@@ -28,10 +29,9 @@ def metadata_of(trajectory: Trajectory | TimedTrajectory) -> dict[str, Any]:
         "robot": task.scene.name,
         "frame": {"name": task.frame_name, "type": task.frame_type},
         "projectors": [
-            {"first_waypoint": first, **_words(projector)}
+            {"first_row": first, **_words(projector)}
             for first, projector in zip(firsts, task.projectors, strict=True)
         ],
-        "waypoints": len(task.waypoints),
         "units": dict(zip(ranges.names, ranges.units, strict=True)),
         "interpolation": None if timed is None else timed.motion.interpolation,
         "position_error_max_m": float(rows.position_error.max()),
@@ -46,6 +46,27 @@ def read_metadata(text: str) -> dict[str, Any]:
     except (ValueError, RecursionError):
         return {}
     return found if isinstance(found, dict) else {}
+
+
+def disagreements(metadata: dict[str, Any], path_task: PathTask) -> list[str]:
+    """Sentences about what the metadata of a file say otherwise than the task it is held against.
+
+    Nothing is decided by them: whoever writes a file may say what he likes in it.
+    """
+    ranges = JointRanges.of(path_task.model)
+    facts = {"task": path_task.name, "robot": path_task.scene.name}
+    told = [(key, metadata[key], fact) for key, fact in facts.items() if key in metadata]
+    frame, units = metadata.get("frame"), metadata.get("units")
+    if isinstance(frame, dict) and "name" in frame:
+        told.append(("frame", frame["name"], path_task.frame_name))
+    if isinstance(units, dict):
+        here = zip(ranges.names, ranges.units, strict=True)
+        told += [(f"unit of {name}", units[name], unit) for name, unit in here if name in units]
+    return [
+        f"the file's metadata say {key} {str(said)[:60]!r}, but it is checked with {fact!r}"
+        for key, said, fact in told
+        if said != fact
+    ]
 
 
 def _words(projector: TwistProjector) -> dict[str, Any]:

@@ -17,6 +17,8 @@ from qp_twist.kinematics.frame import frame_id
 from qp_twist.path import PathTask
 from qp_twist.timing.joint_motion import JointMotion
 
+Indices = np.ndarray[tuple[int], np.dtype[np.intp]]
+
 SAMPLES = 8
 """Points at which the way from a row or waypoint to the next is looked at, without its ends."""
 _SHORT = 1e-12
@@ -31,12 +33,15 @@ class PathErrors:
         axis: At the waypoints, rad, (N,).
         position_between: Largest between a waypoint and the next, m, (N − 1,).
         axis_between: Likewise, rad, (N − 1,).
+        rate: Fastest progress between a waypoint and the next, in shares of that way per second,
+            (N − 1,); 1/s.
     """
 
     position: Array
     axis: Array
     position_between: Array
     axis_between: Array
+    rate: Array
 
 
 def path_errors(
@@ -68,7 +73,7 @@ def path_errors(
     R, p = poses_of(path_task, motion.at(when).q)
     position, axis = _at(R, p, R_d, p_d, in_force)
     at, k = _looked_at(motion.times, when, samples)
-    R, p = poses_of(path_task, motion.at(at).q)
+    (R_0, p_0), (R, p) = (R, p), poses_of(path_task, motion.at(at).q)
     between = tuple(
         after if after.rank <= before.rank else before
         for before, after in itertools.pairwise(in_force)
@@ -82,12 +87,31 @@ def path_errors(
     position_between, axis_between = np.zeros(count - 1), np.zeros(count - 1)
     np.maximum.at(position_between, k, linear)
     np.maximum.at(axis_between, k, angular)
-    return PathErrors(position, axis, position_between, axis_between)
+    ends = [
+        _nearest(R_0[side], p_0[side], (R_d[:-1], p_d[:-1]), (R_d[1:], p_d[1:]), between)
+        for side in (slice(None, -1), slice(1, None))
+    ]
+    pieces = np.arange(count - 1)
+    rate = _rate(
+        np.concatenate([k, pieces, pieces]),
+        np.concatenate([at, when[:-1], when[1:]]),
+        np.concatenate([lam, *ends]),
+    )
+    return PathErrors(position, axis, position_between, axis_between, rate)
 
 
-def _looked_at(
-    rows: Array, when: Array, samples: int
-) -> tuple[Array, np.ndarray[tuple[int], np.dtype[np.intp]]]:
+def _rate(piece: Indices, at: Array, lam: Array) -> Array:
+    """Largest |dλ/dt| of each piece, 1/s, from λ (K,) at times (K,) in pieces (K,)."""
+    order = np.lexsort((at, piece))
+    piece, at, lam = piece[order], at[order], lam[order]
+    took = np.diff(at)
+    same = (piece[1:] == piece[:-1]) & (took > 0.0)
+    rate = np.zeros(int(piece[-1]) + 1)
+    np.maximum.at(rate, piece[1:][same], np.abs(np.diff(lam)[same]) / took[same])
+    return rate
+
+
+def _looked_at(rows: Array, when: Array, samples: int) -> tuple[Array, Indices]:
     """Times between waypoints, s, (K,), and the index of the waypoint before each, (K,).
 
     All rows that are no waypoints, however many lie between two, and points between them: a motion
@@ -149,7 +173,7 @@ def _nearest(
     p: Array,
     before: tuple[Array, Array],
     after: tuple[Array, Array],
-    rows: list[TwistProjector],
+    rows: Sequence[TwistProjector],
 ) -> Array:
     """λ (K,) of the point nearest to each pose on the way from one target to the next."""
     e0 = task_errors(R, p, *before, rows)
