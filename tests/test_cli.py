@@ -116,6 +116,41 @@ def test_brackets_in_a_path_are_no_markup(
     assert file.exists()
 
 
+def test_ctrl_c_while_the_command_is_still_loading_is_a_sentence() -> None:
+    source = """
+import sys
+
+class Interrupting:
+    def find_spec(self, name, *rest):
+        if name == "mujoco":
+            raise KeyboardInterrupt
+
+sys.meta_path.insert(0, Interrupting())
+from qp_twist.cli import main
+main(["tasks"])
+"""
+    done = subprocess.run(
+        [sys.executable, "-c", source], capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 130
+    assert done.stdout == ""
+    assert done.stderr == "qp-twist: interrupted; files that were written before are whole.\n"
+
+
+@pytest.mark.parametrize("name", ["missing/x.csv", "folder.csv"])
+def test_run_refuses_a_file_it_cannot_write_before_it_begins(
+    name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "missing").write_text("a file, no folder")
+    (tmp_path / "folder.csv").mkdir()
+    monkeypatch.setattr("qp_twist.cli.run.follow", None)  # what was called would fail
+    with pytest.raises(SystemExit) as ended:
+        main(["run", "planar_line", "--out", str(tmp_path / name)])
+    assert ended.value.code == 2
+    said = capsys.readouterr().err
+    assert said.startswith("qp-twist: --out ") and "give a" in said and str(tmp_path) in said
+
+
 def test_ctrl_c_leaves_the_methods_that_are_finished(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 import tomllib
 import warnings
 from pathlib import Path
@@ -165,6 +166,20 @@ def test_several_curves_get_ways_between_them(tmp_path: Path) -> None:
     assert made.path_task.positions[:, 2].max() == pytest.approx(0.35)
 
 
+def test_limits_in_degrees_in_a_urdf_are_asked_about(near: Path, tmp_path: Path) -> None:
+    text = KR16.path.read_text("utf-8")
+    lower = re.compile(r'(<joint name="joint_a1".*?lower=")[^"]*(".*?upper=")[^"]*', re.S)
+    (tmp_path / "degrees.urdf").write_text(lower.sub(r"\g<1>-185\g<2>185", text, count=1), "utf-8")
+    for file, asked in ((KR16.path, False), (tmp_path / "degrees.urdf", True)):
+        request = Request(file, near, frame="tool0", place=(0.65, 0.1, 0.3))
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            notes = new_task(request, tmp_path / "task.toml", force=True).notes
+        found = [note for note in notes if "in the other unit?" in note]
+        assert bool(found) is asked
+        assert not asked or "joint_a1 may turn by up to 185 rad" in found[0]
+
+
 # ---------------------------------------------------------------- what is refused
 
 
@@ -185,8 +200,11 @@ def near(tmp_path: Path) -> Path:
         ({"--out": "task.txt"}, "a task file ends in .toml"),
         ({"--place": "1,2"}, "--place '1,2': expected three numbers"),
         ({"--columns": "position=1,2"}, "--columns 'position=1,2': position"),
-        ({"--columns": "positon=1,2,3"}, "keys are position"),
-        ({"--speed": "0"}, "speed: expected a number above 0"),
+        ({"--columns": "position=1,2"}, "a position needs three columns"),
+        ({"--columns": "positon=1,2,3"}, "'positon=1,2,3' has no known key; expected for example"),
+        ({"--columns": "x"}, "'x' has no known key"),
+        ({"--unit": "furlong"}, "('auto', 'mm',"),
+        ({"--speed": "0"}, "--speed: expected a number above 0"),
     ],
 )
 def test_a_wrong_argument_is_refused(

@@ -16,7 +16,7 @@ from scipy.optimize import least_squares
 import qp_twist as qt
 from qp_twist.cli import main
 from qp_twist.cli import starts as _command  # noqa: F401
-from qp_twist.following import find_starts
+from qp_twist.following import find_starts, with_start
 from qp_twist.path.path_task import PathTask
 from qp_twist.planning import central_configurations, least_z_start, what_forbids
 
@@ -301,3 +301,28 @@ def test_the_command_prints_a_start_that_can_be_pasted(
     with pytest.raises(SystemExit) as ended:
         main(["starts", "planar_line", "--count", "0"])
     assert ended.value.code == 2
+
+
+def test_a_found_start_brings_its_roll_along_where_no_rule_states_one(tmp_path: Path) -> None:
+    """Methods of the whole twist then begin on the path, instead of a roll that nobody chose."""
+    angle = np.linspace(-0.3, 0.3, 13)
+    normals = np.column_stack([np.sin(angle), np.zeros(13), np.cos(angle)])
+    points = np.array([0.0, 1000.0, 600.0]) + 300.0 * (normals - [0.0, 0.0, 1.0])
+    lines = [",".join(f"{value:.6f}" for value in row) for row in np.hstack([points, normals])]
+    (tmp_path / "arc.csv").write_text("\n".join(["x [mm],y [mm],z [mm],nx,ny,nz", *lines]))
+    (tmp_path / "arc.toml").write_text(
+        'title = "an arc"\nstart = "central"\n[robot]\nscene = "m16ib_deburring.xml"\n'
+        'frame = "tool"\n[projector]\nlinear = "full"\nangular = {plane = [0, 0, 1]}\n'
+        'frame = "body"\n[path]\nkind = "file"\nfile = "arc.csv"\ntool = "into"\n'
+    )
+    laid = qt.load_task(tmp_path / "arc.toml")
+    task = with_start(laid)
+    frame = mink.Configuration(task.model, task.start).get_transform_frame_to_world("tool", "site")
+    assert np.linalg.norm(task.waypoints[0].minus(frame)) < 1e-6
+    assert np.linalg.norm(laid.waypoints[0].minus(frame)) > 0.1  # it had another one
+    for before, after in zip(laid.waypoints, task.waypoints, strict=True):
+        apart = before.inverse().multiply(after).log()
+        assert np.abs(apart[:5]).max() < 1e-9  # the roll and nothing else
+    comparison = qt.compare(laid, ["rmr", "qp_rmr", "minimum_norm"])
+    starts = np.array([lap.q[0] for lap in comparison.trajectories.values()])
+    np.testing.assert_allclose(starts, np.tile(task.start, (3, 1)), atol=1e-5)

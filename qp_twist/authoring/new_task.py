@@ -38,6 +38,8 @@ _NO_SPEEDS = (
     "limits: the robot file states no joint speeds; put those of the data sheet into "
     "[limits.velocity], or none is held."
 )
+_WIDE = 8.0 * np.pi
+"""A hinge that turns further than this from its zero has its limits in degrees, most likely."""
 Progress = Callable[[str], None]
 
 
@@ -131,6 +133,7 @@ def new_task(
         f"path: {_summary(toolpath, path_task)}",
         *(f"left out of {robot.path.name}: {sentence}" for sentence in robot.left_out),
         *(f"path: {note}" for note in toolpath.notes),
+        *_wide(parts.ranges),
         *_ways(toolpath),
         *_alone(path_task),
         *([] if robot.velocity_limits else [_NO_SPEEDS]),
@@ -237,6 +240,19 @@ def _ways(toolpath: Toolpath) -> list[str]:
         f"ways: {len(toolpath.curves)} curves; between them the tool goes away from the part, "
         "across, and back. Change [path.approach] and [path.retreat], or join the curves in the "
         "file."
+    ]
+
+
+def _wide(ranges: JointRanges) -> list[str]:
+    """Limits that are degrees where radians were meant."""
+    furthest = np.maximum(np.abs(ranges.lower), np.abs(ranges.upper))
+    wide = ranges.hinge & ranges.limited & (furthest > _WIDE)
+    if not wide.any():
+        return []
+    names = ", ".join(name for name, is_wide in zip(ranges.names, wide, strict=True) if is_wide)
+    return [
+        f"limits: {names} may turn by up to {furthest[wide].max():.4g} rad; a URDF states radians, "
+        "an MJCF degrees unless its compiler says radian: are these in the other unit?"
     ]
 
 

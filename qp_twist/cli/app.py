@@ -94,6 +94,13 @@ def method_names(path_task: PathTask, methods: str | None) -> list[str]:
     return [check_method(name) for name in names]
 
 
+def check_file(file: Path, option: str = "--out") -> None:
+    """Refuse a file that cannot be written, before anything has been computed."""
+    if file.is_dir():
+        raise InvalidInput(f"{option} {file}: this is a folder; give a file to write.")
+    check_folder(file.parent, option)
+
+
 def check_folder(folder: Path, option: str = "--out") -> None:
     """Refuse a folder that cannot be written to, before anything has been computed.
 

@@ -9,7 +9,8 @@ import tyro
 from pydantic import ValidationError
 
 from qp_twist.authoring import Request, new_task
-from qp_twist.cli.app import app, say
+from qp_twist.checks import number
+from qp_twist.cli.app import app, check_file, say
 from qp_twist.cli.progress import working
 from qp_twist.errors import InvalidInput
 from qp_twist.path.file_path_schema import ColumnsTable
@@ -22,11 +23,11 @@ def new(
     robot: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="ROBOT")],
     path: Annotated[Path, tyro.conf.arg(metavar="FILE")],
     frame: Text = None,
-    frame_type: Literal["site", "body", "geom"] | None = None,
+    frame_type: Literal["auto", "site", "body", "geom"] = "auto",
     out: Annotated[Path, tyro.conf.arg(metavar="FILE")] = Path("task.toml"),
-    unit: Literal["mm", "m", "inch"] | None = None,
-    angle_unit: Literal["deg", "rad"] | None = None,
-    orientation: Literal["axis", "normal", "quaternion", "rpy", "none"] | None = None,
+    unit: Literal["auto", "mm", "m", "inch"] = "auto",
+    angle_unit: Literal["auto", "deg", "rad"] = "auto",
+    orientation: Literal["auto", "axis", "normal", "quaternion", "rpy", "none"] = "auto",
     columns: Annotated[str | None, tyro.conf.arg(metavar="TEXT")] = None,
     tool: Literal["into", "out"] = "into",
     place: Annotated[str | None, tyro.conf.arg(metavar="X,Y,Z")] = None,
@@ -55,17 +56,18 @@ def new(
         robot=robot,
         toolpath=path,
         frame=frame,
-        frame_type=frame_type,
-        length_unit=unit,
-        angle_unit=angle_unit,
-        orientation=orientation,
+        frame_type=None if frame_type == "auto" else frame_type,
+        length_unit=None if unit == "auto" else unit,
+        angle_unit=None if angle_unit == "auto" else angle_unit,
+        orientation=None if orientation == "auto" else orientation,
         columns=None if columns is None else _columns(columns),
         tool=tool,
         place=None if place is None else _place(place),
-        speed=speed,
+        speed=number("--speed", speed, above=0.0),
     )
-    with working("looking for a start"):
-        task = new_task(request, out, force=force)
+    check_file(out)
+    with working("reading the robot") as say_so:
+        task = new_task(request, out, force=force, progress=say_so)
     say(f"wrote {out}: {task.path_task.title}", *(f"  {note}" for note in task.notes))
     if not task.runs:
         say("  the robot does not come to the end of the path; the notes above say why.")
@@ -86,9 +88,15 @@ def _place(text: str) -> tuple[float, float, float]:
 
 
 def _columns(text: str) -> ColumnsTable:
+    expected = (
+        'expected for example "position=1,2,3;normal=4,5,6"; keys are '
+        f"{', '.join(ColumnsTable.model_fields)}"
+    )
     table: dict[str, object] = {}
     for part in text.split(";"):
-        key, _, names = part.partition("=")
+        key, equals, names = part.partition("=")
+        if not equals or key.strip() not in ColumnsTable.model_fields:
+            raise InvalidInput(f"--columns {text!r}: {part!r} has no known key; {expected}.")
         values = [
             int(name) if name.strip().isdecimal() else name.strip() for name in names.split(",")
         ]
@@ -97,9 +105,10 @@ def _columns(text: str) -> ColumnsTable:
         return ColumnsTable.model_validate(table)
     except ValidationError as error:
         item = error.errors()[0]
-        where = ".".join(map(str, item["loc"]))
+        said = item["msg"].removeprefix("Value error, ")
+        if item["type"] in ("missing", "too_short", "too_long"):
+            said = "a position needs three columns, and a direction as many as it has numbers"
         raise InvalidInput(
-            f"--columns {text!r}: {where}: {item['msg'].removeprefix('Value error, ')}. Expected "
-            'for example "position=1,2,3;normal=4,5,6"; keys are '
-            f"{', '.join(ColumnsTable.model_fields)}."
+            f"--columns {text!r}: {item['loc'][0] if item['loc'] else 'columns'}: {said}; "
+            f"{expected}."
         ) from None

@@ -84,11 +84,14 @@ def sample_progress(samples: int) -> Iterator[Callable[[int], None]]:
 
 
 @contextmanager
-def working(what: str) -> Iterator[None]:
-    """A spinner with a few words while something runs that cannot say how far it is."""
+def working(what: str) -> Iterator[Callable[[str], None]]:
+    """A spinner with a few words while something runs that cannot say how far it is.
+
+    Yields what changes the words.
+    """
     console = terminal()
     if console is None:
-        yield
+        yield lambda words: None
         return
-    with console.status(what):
-        yield
+    with console.status(what) as status:
+        yield status.update

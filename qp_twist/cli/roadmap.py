@@ -4,7 +4,17 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from qp_twist.cli.app import Names, OptionalFile, Solver, Task, app, load, method_names, say
+from qp_twist.cli.app import (
+    Names,
+    OptionalFile,
+    Solver,
+    Task,
+    app,
+    check_file,
+    load,
+    method_names,
+    say,
+)
 from qp_twist.cli.progress import method_progress, working
 from qp_twist.comparison import compare as compare_methods
 
@@ -31,6 +41,7 @@ def roadmap(
     names = method_names(path_task, methods)
     target = out or Path("out") / path_task.name / "roadmap.png"
     check_applies(path_task)
+    check_file(target)
     with method_progress(names, len(path_task.waypoints) - 1) as progress:
         comparison = compare_methods(
             path_task, names, solver=solver, progress=progress.done, planning=progress.planning

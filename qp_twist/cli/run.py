@@ -10,6 +10,7 @@ from qp_twist.cli.app import (
     Solver,
     Task,
     app,
+    check_file,
     check_folder,
     fail,
     load,
@@ -53,6 +54,7 @@ def run(
     """
     path_task = load(task, path)
     check_method(method)
+    check_file(out)
     if report is not None:
         check_folder(report, "--report")
     if out.suffix.lower() not in ENDINGS:

@@ -78,25 +78,35 @@ def _status(trajectory: Trajectory, numbers: dict[str, Any]) -> str:
     if trajectory.failure:
         parts.append(trajectory.failure)
     if numbers["first_violation"]:
-        first = ", ".join(f"{joint} at {i}" for joint, i in numbers["first_violation"].items())
-        parts.append(f"leaves the limits: {first}")
-    missed = (trajectory.position_error > TASK_MET_M) | (trajectory.axis_error > TASK_MET_RAD)
+        names = ", ".join(f"{joint} at {i}" for joint, i in numbers["first_violation"].items())
+        parts.append(f"leaves the limits: {names}")
+    off = trajectory.position_error > TASK_MET_M
+    turned = trajectory.axis_error > TASK_MET_RAD
     scaled = trajectory.scale < 1.0
     if scaled.any():
         names = ", ".join(dict.fromkeys(n for names in trajectory.binding for n in names))
         held = f"held by {names}" if names else "held by no limit that was named"
         since = int(np.argmax(scaled)) + 1
-        parts.append(f"scaled at {int(scaled.sum())} waypoints, first at {since}, {held}")
+        parts.append(f"scaled at {_waypoints(scaled)}, first at {since}, {held}")
     for status in (Status.DEGRADED, Status.RELAXED):
-        at = [index + 1 for index, s in enumerate(trajectory.statuses) if s is status]
-        if at:
-            parts.append(f"{status.name.lower()} at {len(at)} waypoints, first at {at[0]}")
+        at = np.array([s is status for s in trajectory.statuses])
+        if at.any():
+            first = int(np.argmax(at)) + 1
+            parts.append(f"{status.name.lower()} at {_waypoints(at)}, first at {first}")
     left = trajectory.band_excess > BAND_LEFT
     if left.any():
         since = int(np.argmax(left)) + 1
-        parts.append(f"outside a band at {int(left.sum())} waypoints, first at {since}")
-    if missed.any():
+        parts.append(f"outside a band at {_waypoints(left)}, first at {since}")
+    if (off | turned).any():
         one_step = not METHODS[trajectory.method].constrained and not scaled.any()
         why = " (one step a waypoint)" if one_step and trajectory.iterations.max() <= 1 else ""
-        parts.append(f"off the path by more than 0.01 mm at {int(missed.sum())} waypoints{why}")
+        allowed = {f"{1e3 * TASK_MET_M:g} mm": off, f"{np.degrees(TASK_MET_RAD):.1g}°": turned}
+        more = " or ".join(text for text, over in allowed.items() if over.any())
+        parts.append(f"off the path by more than {more} at {_waypoints(off | turned)}{why}")
     return "; ".join(parts) or "ok"
+
+
+def _waypoints(which: np.ndarray[tuple[int], np.dtype[np.bool_]]) -> str:
+    """How many waypoints, in words."""
+    count = int(which.sum())
+    return f"{count} waypoint{'' if count == 1 else 's'}"

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
@@ -185,7 +184,7 @@ def _tried(
 
 def _lap(path_task: PathTask, q: Array, method: str) -> tuple[int, str]:
     """How many waypoints a lap from q keeps to the path, and what ended it."""
-    task = dataclasses.replace(path_task, start=q, best_start=False)
+    task = path_task.started_at(q)
 
     def lost(q: Array, position_error: float, axis_error: float) -> bool:
         return position_error > _KEPT_M or axis_error > _KEPT_RAD

@@ -133,4 +133,4 @@ def with_start(
         start = central_start(path_task)
     else:
         start = plan(path_task, progress=progress).start
-    return dataclasses.replace(path_task, best_start=False, start=start)
+    return path_task.started_at(start)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Literal
@@ -15,11 +15,14 @@ import numpy as np
 from qp_twist.checks import Array
 from qp_twist.errors import InvalidInput
 from qp_twist.geometry import TwistProjector, task_redundancy
-from qp_twist.kinematics import ToleranceBand
+from qp_twist.kinematics import ToleranceBand, frame_pose
 from qp_twist.path.methods import METHODS, MethodSettings
+from qp_twist.path.orientation import poses
 from qp_twist.path.segment import Segment, check_segments, projectors_in_force
 from qp_twist.path.task_schema import IterationSection, StudySection
-from qp_twist.toolpath import Lines, Toolpath
+from qp_twist.toolpath import Lines, Toolpath, transported
+
+FromStart = Literal["nothing", "roll", "orientation"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,6 +56,7 @@ class PathTask:
         bands: Tolerance bands in directions that T leaves free.
         toolpath: The toolpath file as read, where the path is from one.
         lines: Line of that file which each waypoint stands in or comes after, (N,).
+        from_start: What of the waypoints' orientation is that of the frame at the start.
 
     Raises:
         InvalidInput: If the segments do not fit the waypoints, the robot or each other.
@@ -83,6 +87,7 @@ class PathTask:
     study: StudySection | None = None
     toolpath: Toolpath | None = None
     lines: Lines | None = None
+    from_start: FromStart = "nothing"
 
     def __post_init__(self) -> None:
         check_segments(self.operational, self.projector, self.segments, len(self.waypoints))
@@ -106,6 +111,23 @@ class PathTask:
     def redundancy(self) -> int:
         """r_t = rank(T_O) − rank(T_T); where T changes, the smallest on the path."""
         return min(task_redundancy(self.operational, t) for t in self.projectors)
+
+    def started_at(self, start: Array) -> PathTask:
+        """The task with a start (nq,) that was found, and the orientation that it brings along.
+
+        For a method that holds the whole twist, the roll that a path leaves open is the start's;
+        one that was laid before the start was known has another.
+        """
+        waypoints = self.waypoints
+        if self.from_start != "nothing":
+            configuration = mink.Configuration(self.model, start)
+            held, _ = frame_pose(configuration, self.frame_name, self.frame_type)
+            rotations = np.broadcast_to(held, (len(waypoints), 3, 3))
+            if self.from_start == "roll":
+                axes = np.array([w.rotation().as_matrix()[:, 2] for w in waypoints])
+                rotations = transported(held, axes)
+            waypoints = poses(self.positions, rotations)
+        return replace(self, start=start, best_start=False, waypoints=waypoints)
 
     def settings(self, method: str) -> MethodSettings:
         """Settings of a method: its own, with those that the file states in their place.

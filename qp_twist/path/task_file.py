@@ -25,7 +25,7 @@ from qp_twist.limits import per_joint
 from qp_twist.path.file_path import FileWaypoints, file_segments, file_waypoints
 from qp_twist.path.file_path_schema import FilePath
 from qp_twist.path.orientation import poses, roll_by_plane
-from qp_twist.path.path_task import PathTask
+from qp_twist.path.path_task import FromStart, PathTask
 from qp_twist.path.resources import shipped_folder
 from qp_twist.path.section import Section
 from qp_twist.path.segment import Segment
@@ -77,7 +77,9 @@ def load_task(task: str | Path, *, path: str | Path | None = None) -> PathTask:
     except (OSError, UnicodeDecodeError) as error:
         raise TaskFileError(f"{source}: cannot be read: {error}.") from error
     except tomllib.TOMLDecodeError as error:
-        raise TaskFileError(f"{source}: not valid TOML: {error}.") from error
+        twice = "; the same key or table stands in the file twice, or as both"
+        why = twice if "overwrite" in str(error) or "twice" in str(error) else ""
+        raise TaskFileError(f"{source}: not valid TOML: {error}{why}.") from error
     except (ValueError, RecursionError) as error:
         raise TaskFileError(f"{source}: cannot be read: {error}.") from error
     if table.get("start") in ("best", "central"):
@@ -159,7 +161,7 @@ def _build(path: Path, file: TaskFile) -> PathTask:
     robot = load_scene(path, file.robot.scene, file.robot.packages)
     model = robot.model
     ranges = JointRanges.of(model)
-    if (ranges.qpos < 0).any():
+    if not ranges.only_hinges_and_slides:
         joint = ranges.names[int(np.argmax(ranges.qpos < 0))]
         raise TaskFileError(
             f"{path}: robot.scene: joint {joint!r} is a ball or free joint; a path task follows "
@@ -202,6 +204,7 @@ def _build(path: Path, file: TaskFile) -> PathTask:
         study=file.study,
         toolpath=None if laid.read is None else laid.read.toolpath,
         lines=None if laid.read is None else laid.read.lines,
+        from_start=laid.from_start,
     )
 
 
@@ -255,6 +258,7 @@ class _Laid(NamedTuple):
         projector: T of the first waypoint.
         segments: Where another T takes over.
         read: What a toolpath file gave, if the path is from one.
+        from_start: What of the rotations is that of the frame at the start.
     """
 
     positions: Array
@@ -263,6 +267,7 @@ class _Laid(NamedTuple):
     projector: TwistProjector
     segments: tuple[Segment, ...]
     read: FileWaypoints | None = None
+    from_start: FromStart = "nothing"
 
 
 def _laid(
@@ -276,7 +281,9 @@ def _laid(
     segments = tuple(Segment(s.first - 1, s.projector(), s.blend) for s in file.segments)
     section = file.path
     if not isinstance(section, FilePath):
-        return _Laid(*_poses(path, file, held), projector, segments)
+        unstated = isinstance(section, PolylinePath) and section.tool_axis is None
+        whole: FromStart = "orientation" if unstated else "nothing"
+        return _Laid(*_poses(path, file, held), projector, segments, from_start=whole)
     try:
         read = file_waypoints(path, section, held)
     except InvalidInput as error:
@@ -289,8 +296,11 @@ def _laid(
             f"{path}: segments: [path.approach], [path.retreat] and [path.transfer] change T "
             "already; state projectors here or there."
         )
+    brought: FromStart = "nothing"
     if read.rotations is not None:
         rotations, flipped = read.rotations, None
+        if read.toolpath.meaning == "none":
+            brought = "orientation"
     elif file.roll is not None:
         assert read.axes is not None
         normal = np.array(file.roll.plane_normal)
@@ -298,8 +308,8 @@ def _laid(
         flipped = roll_by_plane(read.axes, normal, flip=True)
     else:
         assert read.axes is not None
-        rotations, flipped = transported(held, read.axes), None
-    return _Laid(read.positions, rotations, flipped, first, own or segments, read)
+        rotations, flipped, brought = transported(held, read.axes), None, "roll"
+    return _Laid(read.positions, rotations, flipped, first, own or segments, read, brought)
 
 
 def _refuse_held(path: Path, file: TaskFile, without: str) -> None:

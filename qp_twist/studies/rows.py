@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import time
 import traceback
 from dataclasses import dataclass
@@ -84,7 +83,7 @@ def _rows(job: Job, sample: Sample) -> list[Row]:
     if path_task.best_start is True:
         best = plan(path_task)
         if best.q is not None:
-            path_task = dataclasses.replace(path_task, best_start=False, start=best.start)
+            path_task = path_task.started_at(best.start)
     least = least_mean_z(path_task, looked_at(path_task))
     rows = [_method_row(path_task, sample, name, best, least) for name in job.methods]
     common: Row = {**sample.drawn, "least_z": least if np.isfinite(least) else None}

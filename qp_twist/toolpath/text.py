@@ -17,17 +17,18 @@ def read_lines(path: Path) -> list[str]:
         InvalidInput: If there is no such file, it cannot be read, is empty, or is no text.
     """
     try:
-        if path.is_dir():
-            raise InvalidInput(f"{path}: is a folder; give the toolpath file in it.")
-        if path.stat().st_size > _LARGEST:
-            raise InvalidInput(
-                f"{path}: is larger than {_LARGEST // 1_000_000} MB; split it by curves."
-            )
-        content = path.read_bytes()
+        folder, size = path.is_dir(), path.stat().st_size
+        content = b"" if folder or size > _LARGEST else path.read_bytes()
     except FileNotFoundError:
         raise InvalidInput(f"{path}: there is no such toolpath file.") from None
-    except (OSError, ValueError) as error:
+    except (OSError, ValueError) as error:  # names that no file can have are ValueErrors
         raise InvalidInput(f"{path}: cannot be read: {error}.") from error
+    if folder:
+        raise InvalidInput(f"{path}: is a folder; give the toolpath file in it.")
+    if size > _LARGEST:
+        raise InvalidInput(
+            f"{path}: is larger than {_LARGEST // 1_000_000} MB; split it by curves."
+        )
     text = _decoded(path, content)
     lines = text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
     if not text.strip():
