@@ -200,4 +200,4 @@ def test_of_a_run_that_diverged_the_waypoints_before_count(planar: qt.Comparison
     sentences = findings({"twa": trajectory, "qp": planar.trajectories["qp"]}, {"pink": "No pink."})
     assert "Stopped before the end, of 101 waypoints: twa at waypoint 30." in sentences
     assert sentences[-1] == "pink could not run: No pink."
-    assert planar.findings() == findings(planar.trajectories, planar.not_run)
+    assert planar.findings() == findings(planar.trajectories, planar.not_run, planar.z_bound)

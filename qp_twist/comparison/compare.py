@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import tempfile
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
@@ -16,7 +17,8 @@ from qp_twist.comparison.findings import findings
 from qp_twist.comparison.metrics import metrics
 from qp_twist.comparison.table import plain_table
 from qp_twist.errors import InvalidInput
-from qp_twist.following import Trajectory, follow, with_start, write_atomically
+from qp_twist.files import write_atomically
+from qp_twist.following import Trajectory, follow, with_start
 from qp_twist.path import METHODS, PathTask, check_method, load_task
 from qp_twist.qp import check_solver
 
@@ -50,6 +52,7 @@ class Comparison:
                 name: self.path_task.settings(name).model_dump() for name in self.trajectories
             },
             "methods": {name: metrics(t) for name, t in self.trajectories.items()},
+            **({} if self.z_bound is None else {"mean_z_bound": self.z_bound}),
             **({"not_run": self.not_run} if self.not_run else {}),
         }
 
@@ -58,9 +61,15 @@ class Comparison:
         content = json.dumps(self.to_dict(), indent=2, ensure_ascii=False, allow_nan=False)
         return content + "\n"
 
+    @property
+    def z_bound(self) -> float | None:
+        """What the mean z of no motion can be below; ``None`` where no plan has found it."""
+        bounds = [t.z_bound for t in self.trajectories.values() if t.z_bound is not None]
+        return min((bound for bound in bounds if math.isfinite(bound)), default=None)
+
     def findings(self) -> list[str]:
         """What the comparison shows, in sentences computed from its numbers."""
-        return findings(self.trajectories, self.not_run)
+        return findings(self.trajectories, self.not_run, self.z_bound)
 
     def table(self) -> str:
         """The table as plain text, each closed form next to its QP counterpart."""

@@ -208,7 +208,7 @@ def _best(runs: Sequence[Run], bound: float | None) -> list[str]:
     )
     if bound is not None and bound > 0.0:
         text += f": {z / bound:.3g} times the bound {_digits(bound)} that no motion can be below"
-    elif len(kept) > 1:
+    if len(kept) > 1:
         second = kept[1]
         ratio = _ratio(second.numbers["mean_z"], z)
         where = "at the same value" if ratio < 1.0 + _ALIKE else f"at {ratio:.4g} times that"

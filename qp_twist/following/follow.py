@@ -88,10 +88,12 @@ def follow(
         path_task = dataclasses.replace(path_task, start=path_task.starts[method], best_start=False)
     path_task = with_start(path_task, planning)
     motion: Array | None = None
+    bound: float | None = None
     if settings.secondary == "plan" and not METHODS[method].peer:  # which refuse it
         if plan is None:
             plan = plan_path(path_task, settings.objective, path_task.start, progress=planning)
         motion = plan.motion()
+        bound = plan.bound if plan.objective == "centering" else None
         path_task = dataclasses.replace(path_task, start=motion[0])
     walked = path_task
     if slow_down:
@@ -109,7 +111,7 @@ def follow(
         progress=progress,
         stop=stop,
     )
-    return dataclasses.replace(trajectory, path_task=path_task)
+    return dataclasses.replace(trajectory, path_task=path_task, z_bound=bound)
 
 
 def _settings(path_task: PathTask, method: str, options: dict[str, Any]) -> MethodSettings:

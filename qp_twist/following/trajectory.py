@@ -40,6 +40,8 @@ class Trajectory:
             (N,); 0 inside all bands, and where there is none.
         durations: Time that each waypoint was given, s, (N,): the task's own, or more where
             :func:`~qp_twist.follow` slowed down; ``None`` untimed.
+        z_bound: What the mean z of no motion from this start can be below, where a plan that was
+            followed has found it.
     """
 
     path_task: PathTask
@@ -57,6 +59,7 @@ class Trajectory:
     failure: str
     band_excess: Array
     durations: Array | None
+    z_bound: float | None = None
 
     @property
     def joint_names(self) -> tuple[str, ...]:

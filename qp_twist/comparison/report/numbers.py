@@ -113,9 +113,12 @@ def _row(name: str, numbers: Mapping[str, Any], *, bands: bool) -> str:
     if bands:
         excess = numbers.get("band_excess_max", 0.0)
         cells.append(_cell(significant(excess), bad=excess > BAND_LEFT))
+    title, what = METHODS[name].title, _KINDS[kind(name)]
+    if not title.startswith(what):
+        title = f"{title}, {what}"
     return (
         f'<tr class="{kind(name)}"><th scope="row">{swatch(name)} {name}'
-        f"<br><small>{html.escape(METHODS[name].title)}, {_KINDS[kind(name)]}</small></th>"
+        f"<br><small>{html.escape(title)}</small></th>"
         f"{''.join(cells)}</tr>"
     )
 

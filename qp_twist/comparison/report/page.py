@@ -55,7 +55,7 @@ def report_page(
     first = shown_first(names)
     numbers = content["methods"]
     runs = [Run.of(trajectory) for trajectory in trajectories.values()]
-    found = by_topic(runs, content.get("not_run"))
+    found = by_topic(runs, content.get("not_run"), content.get("mean_z_bound"))
     sections = [
         table_section(content),
         scene_section(path_task, trajectories, picture),
