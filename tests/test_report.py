@@ -12,6 +12,7 @@ import re
 from collections import Counter
 from pathlib import Path
 
+import mujoco
 import numpy as np
 import pytest
 from browser import open_page
@@ -23,6 +24,7 @@ from qp_twist.comparison import csv_table
 from qp_twist.comparison.report.curves import spread
 from qp_twist.comparison.report.recordings import recordings
 from qp_twist.comparison.report.svg import METHOD, inline_svg
+from qp_twist.comparison.sight import sight
 
 METHODS = ["gradient_projection", "qp_gradient", "twa", "qp", "qp_planned", "rmr"]
 SECTIONS = [
@@ -242,3 +244,28 @@ def test_a_folder_that_cannot_be_is_refused_before_the_methods_run(
     with pytest.raises(SystemExit):
         main(["compare", "planar_line", "--json", "--csv"])
     assert "give one of them" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("name", ["deburring", "planar_line"])
+def test_without_a_camera_of_its_own_the_arm_and_the_path_fill_the_sight(name: str) -> None:
+    task = qt.load_task(name)
+    spec = mujoco.MjSpec.from_file(str(task.scene))
+    for camera in list(spec.cameras):
+        spec.delete(camera)
+    bare = dataclasses.replace(task, model=spec.compile())
+    seen = sight(bare)
+    data = mujoco.MjData(bare.model)
+    data.qpos[:] = bare.start
+    mujoco.mj_kinematics(bare.model, data)
+    points = np.vstack([data.xpos[1:], bare.positions]) - (
+        seen.look_at - seen.distance * seen.forward
+    )
+    away = np.degrees(np.arccos(points @ seen.forward / np.linalg.norm(points, axis=1)))
+    assert away.max() < np.degrees(0.5 * seen.fov)
+    assert away.max() > np.degrees(0.5 * seen.fov) / 4.0  # and not lost in the distance
+    camera = sight(task)  # with one, that of the scene
+    at = task.model.camera("overview").id
+    mujoco.mj_forward(task.model, task_data := mujoco.MjData(task.model))
+    np.testing.assert_allclose(
+        camera.look_at - camera.distance * camera.forward, task_data.cam_xpos[at], atol=1e-9
+    )

@@ -11,6 +11,7 @@ import viser
 from mjviser import ViserMujocoScene
 
 from qp_twist.checks import Array
+from qp_twist.comparison.sight import sight
 from qp_twist.geometry import ProjectorKind
 from qp_twist.path import PathTask
 
@@ -45,7 +46,9 @@ class Stage:
             self.scene = ViserMujocoScene(server, self.model, num_envs=1)
             self.scene.camera_tracking_enabled = False
             self.cast_shadows(False)
-            self._aim_camera()
+            seen, camera = sight(path_task), server.initial_camera
+            camera.position = seen.look_at - _FURTHER * seen.distance * seen.forward
+            camera.look_at, camera.fov = seen.look_at, seen.fov
             size = 0.22 * float(self.model.stat.extent)
             axes = _movable_axes(path_task)
             self.target = server.scene.add_transform_controls(
@@ -113,30 +116,6 @@ class Stage:
 
     def _name(self, body: int) -> str:
         return self.model.body(body).name or f"body_{body}"
-
-    def _aim_camera(self) -> None:
-        """From the side from which the scene's camera "overview" looks, else MuJoCo's free camera.
-
-        The model's centre and extent are what is to be seen, between the two panels.
-        """
-        model, camera = self.model, self.server.initial_camera
-        view = model.vis.global_
-        number = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_CAMERA, "overview")
-        look_at = np.array(model.stat.center)
-        if number >= 0:
-            mujoco.mj_forward(model, self.data)
-            position = self.data.cam_xpos[number]
-            forward = -self.data.cam_xmat[number].reshape(3, 3)[:, 2]
-            distance = max(float(forward @ (look_at - position)), 1e-3)
-            look_at = position + distance * forward
-            camera.fov = float(np.radians(model.cam_fovy[number]))
-        else:
-            a, e = np.radians((view.azimuth, view.elevation))
-            forward = np.array([np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e)])
-            camera.fov = float(np.radians(view.fovy))
-            distance = 0.75 * float(model.stat.extent) / np.tan(0.5 * camera.fov)
-        camera.position = look_at - _FURTHER * distance * forward
-        camera.look_at = look_at
 
 
 def _movable_axes(path_task: PathTask) -> tuple[bool, bool, bool]:

@@ -14,6 +14,7 @@ import mujoco
 import numpy as np
 
 from qp_twist.checks import Array
+from qp_twist.comparison.sight import sight
 from qp_twist.following import Trajectory
 from qp_twist.path import PathTask
 
@@ -57,7 +58,10 @@ def recordings(path_task: PathTask, trajectories: Mapping[str, Trajectory]) -> d
             thickness=3.0,
             thickness_units="screen",
         )
-        _place_camera(server, path_task)
+        seen = sight(path_task)
+        server.initial_camera.position = tuple(seen.look_at - seen.distance * seen.forward)
+        server.initial_camera.look_at = tuple(seen.look_at)
+        server.initial_camera.fov = seen.fov
         data = mujoco.MjData(model)
         found = {}
         for name, trajectory in trajectories.items():
@@ -94,25 +98,3 @@ def _frames(q: Array) -> Array:
     index = np.linspace(0, len(q) - 1, min(len(q), FRAMES)).round().astype(int)
     frames: Array = q[index]
     return frames
-
-
-def _place_camera(server: Any, path_task: PathTask) -> None:
-    """Where the scene's camera ``overview`` stands, or in front of the robot."""
-    model = path_task.model
-    data = mujoco.MjData(model)
-    data.qpos[:] = path_task.start
-    mujoco.mj_kinematics(model, data)
-    mujoco.mj_camlight(model, data)
-    camera = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_CAMERA, "overview")
-    centre = np.array(model.stat.center)
-    if camera >= 0:
-        position, forward = data.cam_xpos[camera], -data.cam_xmat[camera].reshape(3, 3)[:, 2]
-        depth = max(float(forward @ (centre - position)), 0.1)
-        server.initial_camera.position = tuple(position)
-        server.initial_camera.look_at = tuple(position + depth * forward)
-        server.initial_camera.fov = float(np.radians(model.cam_fovy[camera]))
-        return
-    server.initial_camera.position = tuple(
-        centre + 1.6 * model.stat.extent * np.array([1, -1, 0.7])
-    )
-    server.initial_camera.look_at = tuple(centre)

@@ -1,0 +1,60 @@
+"""From where a scene is looked at in the browser."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import mujoco
+import numpy as np
+
+from qp_twist.checks import Array
+from qp_twist.path import PathTask
+
+
+class Sight(NamedTuple):
+    """Where a camera looks, and from how far."""
+
+    look_at: Array
+    """m, in the world, (3,)."""
+    forward: Array
+    """Unit vector, (3,)."""
+    distance: float
+    """From the camera to what it looks at, m."""
+    fov: float
+    """Vertical, rad."""
+
+
+def sight(path_task: PathTask) -> Sight:
+    """What the scene's camera ``overview`` sees; without one the robot at its start and the path.
+
+    Then the direction is that of MuJoCo's free camera, and the sphere about all that is to be seen
+    just fits.
+    """
+    model = path_task.model
+    data = mujoco.MjData(model)
+    data.qpos[:] = path_task.start
+    mujoco.mj_kinematics(model, data)
+    mujoco.mj_camlight(model, data)
+    camera = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_CAMERA, "overview")
+    if camera >= 0:
+        position, forward = data.cam_xpos[camera], -data.cam_xmat[camera].reshape(3, 3)[:, 2]
+        distance = max(float(forward @ (model.stat.center - position)), 0.1)
+        fov = float(np.radians(model.cam_fovy[camera]))
+        return Sight(position + distance * forward, forward, distance, fov)
+    view = model.vis.global_
+    a, e = np.radians((view.azimuth, view.elevation))
+    forward = np.array([np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e)])
+    shapes = model.geom_rbound > 0.0  # planes have none and go on for ever
+    reach = model.geom_rbound[shapes, None]
+    points = np.vstack(
+        [
+            data.geom_xpos[shapes] - reach,
+            data.geom_xpos[shapes] + reach,
+            data.xpos[1:],
+            path_task.positions,
+        ]
+    )
+    low, high = points.min(axis=0), points.max(axis=0)
+    fov = float(np.radians(view.fovy))
+    distance = 0.5 * float(np.linalg.norm(high - low)) / np.sin(0.5 * fov)
+    return Sight(0.5 * (low + high), forward, distance, fov)
