@@ -54,6 +54,8 @@ nitpick_ignore = [
     ("py:class", "AngleUnit"),
     ("py:class", "Orientation"),
     ("py:class", "Meaning"),
+    # What of a path's orientation is that of the start.
+    ("py:class", "FromStart"),
     ("py:class", "Column"),
     # Tables of the task file, which have a page of their own.
     ("py:class", "StudySection"),

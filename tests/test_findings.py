@@ -108,7 +108,7 @@ def test_the_best_z_is_that_of_methods_that_kept_everything() -> None:
     )
     assert best == (
         "Of the two methods that kept limits and task, qp_planned has the lowest mean z, 0.0600; "
-        "next is qp_minimum_norm, at 1.5 times that."
+        "next is qp_minimum_norm, at 1.5 times its value."
     )
     assert cost == (
         "It travels 600°, 1.5 times the least (qp_minimum_norm), and takes 300 µs a waypoint, 1.5 "

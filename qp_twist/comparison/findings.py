@@ -211,7 +211,7 @@ def _best(runs: Sequence[Run], bound: float | None) -> list[str]:
     if len(kept) > 1:
         second = kept[1]
         ratio = _ratio(second.numbers["mean_z"], z)
-        where = "at the same value" if ratio < 1.0 + _ALIKE else f"at {ratio:.4g} times that"
+        where = "at the same value" if ratio < 1.0 + _ALIKE else f"at {ratio:.4g} times its value"
         text += f"; next is {second.name}, {where}"
     said = [text + "."]
     if len(kept) > 1:
