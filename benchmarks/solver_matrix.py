@@ -25,11 +25,10 @@ for threads in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "RAYON_NUM_THREADS"):
     os.environ.setdefault(threads, "1")  # before numpy: matrices of a step's size want one thread
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
 
-import qpsolvers
 from problems import NAMED, Case, random_case
 from referee import GAP, LowerBound, broken_constraint
 
-from qp_twist.qp import QuadraticProgram, Verified, solve
+from qp_twist.qp import QuadraticProgram, Verified, installed_solvers, solve
 from qp_twist.qp import backend as backends
 
 
@@ -54,7 +53,7 @@ def examine(name: str, case: Case) -> dict[str, tuple[str, str, float]]:
     """Every backend on one problem."""
     bound = LowerBound(case.problem)
     with _each_call_once():
-        return {s: judge(case, s, bound) for s in qpsolvers.available_solvers}
+        return {s: judge(case, s, bound) for s in installed_solvers()}
 
 
 class _each_call_once:  # noqa: N801
@@ -79,7 +78,7 @@ class Tally:
     """Counts and complaints of each backend."""
 
     def __init__(self) -> None:
-        self.counts: dict[str, Counter[str]] = {s: Counter() for s in qpsolvers.available_solvers}
+        self.counts: dict[str, Counter[str]] = {s: Counter() for s in installed_solvers()}
         self.false: list[str] = []
         self.failed: list[str] = []
         self.gap = 0.0

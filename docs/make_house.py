@@ -35,6 +35,7 @@ ROOMS = {
     "files": "whole or not at all",
     "checks": "of arguments",
     "errors": "of refused input",
+    "fast": "the step as machine code",
 }
 STEPS = {
     1: ("path", "task file → robot, T, waypoints"),

@@ -24,7 +24,7 @@ from referee import (
 )
 
 import qp_twist as qt
-from qp_twist.qp import Multipliers, Verified, solve
+from qp_twist.qp import Multipliers, Verified, installed_solvers, solve
 from qp_twist.qp.solve import FALLBACKS, Refused
 from qp_twist.qp.verification import infeasibility, proof_of_optimality
 
@@ -304,7 +304,7 @@ def test_a_binding_limit_is_named_though_the_multipliers_are_garbage(
 def test_every_backend_on_a_hard_problem(name: str) -> None:
     case = NAMED[name]()
     bound = LowerBound(case.problem)
-    for solver in qpsolvers.available_solvers:
+    for solver in installed_solvers():
         result = solve(case.problem, solver, persist=True)
         assert isinstance(result, Verified) == case.feasible, (solver, result)
         if isinstance(result, Verified):
@@ -320,7 +320,7 @@ ONCE_WRONG = (7941, 11478, 12065, 13950, 19433, 35253, 58778, 67763, 78940, 8101
 def test_no_backend_gets_past_the_referee_where_one_once_did(seed: int) -> None:
     problem = random_case(seed).problem
     bound = LowerBound(problem)
-    for solver in qpsolvers.available_solvers:
+    for solver in installed_solvers():
         result = solve(problem, solver, persist=True)
         if isinstance(result, Verified):
             assert not broken_constraint(problem, result.x)

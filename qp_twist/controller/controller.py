@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import mink
 import mujoco
@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from qp_twist.checks import Array, finite_array, instance, number, one_of
+from qp_twist.controller.composition import composition_known
 from qp_twist.controller.infeasible import finished
 from qp_twist.controller.posed import Posed
 from qp_twist.controller.posing import (
@@ -23,6 +24,7 @@ from qp_twist.controller.posing import (
 )
 from qp_twist.controller.step import NOT_THE_LIMITS, Step
 from qp_twist.errors import InvalidInput
+from qp_twist.fast import COMPILED
 from qp_twist.kinematics import (
     FreeTwistCost,
     SecondaryObjective,
@@ -32,6 +34,9 @@ from qp_twist.kinematics import (
 )
 from qp_twist.limits import BoxLimit, PositionLimit, check_model, gather_limits
 from qp_twist.qp import InfeasibleStep, QuadraticProgram, check_solver, solve
+
+if TYPE_CHECKING:
+    from qp_twist.controller.compiled_step import CompiledStep
 
 TIE_BREAK = 1e-9
 """Default ρ in joint space where other mink tasks decide and ρ only makes the result unique."""
@@ -141,6 +146,7 @@ class Controller:
         self.solver = check_solver(solver)
         self.on_infeasible = one_of("on_infeasible", on_infeasible, ("scale", "relax", "raise"))
         self._check_types()
+        self._checked: mink.Configuration | None = None
         self.metric = np.ones(model.nv)
         if metric is not None:
             self.metric = finite_array("metric", metric, (model.nv,))
@@ -167,6 +173,7 @@ class Controller:
             at_most=LARGEST_WEIGHT,
         )
         self.singularity = number("singularity", singularity, at_least=0.0, at_most=1.0)
+        self._compiled = self._compile(linear, angular) if self.solver == COMPILED else None
 
     def step(
         self,
@@ -194,9 +201,18 @@ class Controller:
             SolverInaccurate: If every installed backend failed on a feasible step.
         """
         dt = number("dt", dt, above=0.0)
-        self._check_configuration(configuration)
+        if self._compiled is None or configuration is not self._checked:
+            self._check_configuration(configuration)
         if velocity is not None:
             self.note(velocity)
+        if self._compiled is not None:
+            plain = self._compiled(
+                configuration, dt, bool(use_secondary), self.limits, self.joint_weight,
+                self.singularity,
+            )  # fmt: skip
+            if plain is not None:
+                self._compiled.tell(plain.velocity)
+                return plain
         with np.errstate(over="ignore", invalid="ignore"):  # the result is checked below
             posed = self._pose(configuration, dt, bool(use_secondary))
         if self.on_infeasible == "raise" and posed.levels.lost:
@@ -219,6 +235,19 @@ class Controller:
         for limit in self.limits:
             if isinstance(limit, BoxLimit):
                 limit.note(velocity)
+
+    def _compile(self, free_linear_cost: float, free_angular_cost: float) -> CompiledStep | None:
+        """The compiled step, where the kernel knows what this controller is composed of."""
+        if not composition_known(self.levels, self.soft_tasks, self.limits):
+            return None
+        from qp_twist.controller.compiled_step import CompiledStep  # with numba
+
+        return CompiledStep(
+            self.model, self.twist_tasks, self.secondary, self.limits, metric=self.metric,
+            twist_space=self.secondary_space == "twist",
+            free_costs=(free_linear_cost, free_angular_cost), nearly_unseen=NEARLY_UNSEEN,
+            fastest=FASTEST,
+        )  # fmt: skip
 
     def _pose(self, configuration: mink.Configuration, dt: float, use_secondary: bool) -> Posed:
         nv = self.model.nv
@@ -287,6 +316,7 @@ class Controller:
                 f"model nq = {self.model.nq}; use a configuration of the same model."
             )
         finite_array("configuration.q", configuration.q, (self.model.nq,))
+        self._checked = configuration
 
     def __repr__(self) -> str:
         return (

@@ -70,6 +70,8 @@ class TwistTask(mink.Task):
             world.
         bands: Ranges to keep in directions that T leaves free. With a T of rank 0 they are all
             that the task asks.
+        target_rotation: R_d, as :meth:`set_target` was given it, (3, 3).
+        target_position: p_d likewise, m, (3,).
 
     Example:
         >>> import mink, qp_twist as qt
@@ -149,8 +151,8 @@ class TwistTask(mink.Task):
         self.max_angular_step = _step_limit("max_angular_step", max_angular_step)
         self._target: mink.SE3 | None = None
         self._feedforward: Array = np.zeros(6)
-        self._target_rotation = np.eye(3)
-        self._target_position = np.zeros(3)
+        self.target_rotation = np.eye(3)
+        self.target_position = np.zeros(3)
         self._dt: float | None = None
 
     @staticmethod
@@ -302,8 +304,8 @@ class TwistTask(mink.Task):
             feedforward = finite_array(f"{self.name} twist", twist, (6,), error=InvalidTarget)
         self._target = target.copy()
         self._feedforward = feedforward
-        self._target_rotation = target.rotation().as_matrix()
-        self._target_position = target.translation().copy()
+        self.target_rotation = target.rotation().as_matrix()
+        self.target_position = target.translation().copy()
 
     def set_target_from_configuration(self, configuration: mink.Configuration) -> None:
         """Make the frame's present pose the target, at rest."""
@@ -435,7 +437,7 @@ class TwistTask(mink.Task):
         rotation, position = frame_pose(configuration, self.frame_name, self.frame_type)
         if not math.isfinite(rotation.sum() + position.sum()):
             raise InvalidInput(f"{self.name}: the pose of the frame is not finite; check q.")
-        target = self._target_rotation, self._target_position, self.feedforward
+        target = self.target_rotation, self.target_position, self.feedforward
         if self.relative_to is None:
             return FramePair(rotation, position, *target)
         if together(configuration.model, self.frame_name, self.frame_type, *self.relative_to):

@@ -30,6 +30,7 @@ class PositionLimit(BoxLimit):
     Attributes:
         lower: θ_min, rad or m, (nv,); −∞ where there is none.
         upper: θ_max, (nv,); ∞ where there is none.
+        hair: What a joint stops short of θ_min and θ_max by, for rounding, rad or m, (2, nv).
     """
 
     kind = "position"
@@ -75,7 +76,7 @@ class PositionLimit(BoxLimit):
         dt = number("dt", dt, above=0.0)
         room = self._room(configuration)
         # From inside, and from where rounding put it, a joint may always stand still.
-        fastest = self._fastest(np.maximum(room - self._hair, 0.0), dt)
+        fastest = self._fastest(np.maximum(room - self.hair, 0.0), dt)
         lower, upper = -fastest[0], fastest[1]
         if (room < -NOTICEABLE).any():
             below, above = room < -NOTICEABLE
@@ -98,7 +99,7 @@ class PositionLimit(BoxLimit):
         """Set θ_min and θ_max, (nv,), in place of the model's."""
         self.lower, self.upper = lower, upper
         ends = np.abs(np.array((lower, upper)))
-        self._hair = HAIR * np.maximum(1.0, np.where(np.isfinite(ends), ends, 0.0))
+        self.hair = HAIR * np.maximum(1.0, np.where(np.isfinite(ends), ends, 0.0))
 
     def _room(self, configuration: mink.Configuration) -> Array:
         """θ − θ_min and θ_max − θ, rad or m, (2, nv); negative outside."""

@@ -10,8 +10,10 @@ from typing import Any
 import numpy as np
 import qpsolvers
 
+from qp_twist import fast
 from qp_twist.checks import Array
 from qp_twist.errors import InvalidInput, UnknownSolver
+from qp_twist.fast import COMPILED
 from qp_twist.qp.problem import QuadraticProgram
 from qp_twist.qp.verification import Multipliers
 
@@ -60,13 +62,27 @@ class RawSolution:
     multipliers: Multipliers
 
 
+def installed_solvers() -> list[str]:
+    """Every backend that can be asked, our own compiled one among them where numba is there."""
+    return [*qpsolvers.available_solvers, *([COMPILED] if fast.installed() else [])]
+
+
+def fastest_solver() -> str:
+    """The compiled one where numba is there, else daqp; of a plain step both give the same."""
+    return COMPILED if fast.installed() else "daqp"
+
+
 def check_solver(solver: str) -> str:
     """``solver`` if qpsolvers can call it.
 
     Raises:
         UnknownSolver: If it is unknown or not installed.
     """
-    installed = qpsolvers.available_solvers
+    installed = installed_solvers()
+    if solver == COMPILED and solver not in installed:
+        raise UnknownSolver(
+            "solver 'compiled' needs numba, which is not installed: pip install 'qp_twist[fast]'."
+        )
     if not isinstance(solver, str) or solver not in installed:
         raise UnknownSolver(
             f"solver {solver!r} is not installed or not known; installed: {', '.join(installed)}. "
@@ -120,8 +136,14 @@ def solve_raw(
             # Without an active row OSQP says on standard output that it has nothing to polish.
             settings["polishing"] = False
         settings |= options or {}
+        if solver == COMPILED and settings:
+            raise InvalidInput(f"solver 'compiled' has no options; got {settings}.")
         try:
-            solution = qpsolvers.solve_problem(posed, solver=solver, **settings)
+            solution: Any = (
+                _compiled(posed)
+                if solver == COMPILED
+                else qpsolvers.solve_problem(posed, solver=solver, **settings)
+            )
         except Exception as error:
             if options and isinstance(error, (TypeError, ValueError, AttributeError)):
                 raise InvalidInput(
@@ -139,6 +161,24 @@ def solve_raw(
             size * _multipliers(solution.z, len(g)) / row_lengths,
             size * _multipliers(solution.z_box, problem.n),
         ),
+    )
+
+
+def _compiled(posed: qpsolvers.Problem) -> Any:
+    """The same program by our own compiled method."""
+    from qp_twist.fast.quadratic_program import solve_program  # with numba
+
+    n = len(posed.q)
+    free = np.full(n, np.inf)
+    return solve_program(
+        posed.P,
+        posed.q,
+        np.zeros((0, n)) if posed.A is None else posed.A,
+        np.zeros(0) if posed.b is None else posed.b,
+        np.zeros((0, n)) if posed.G is None else posed.G,
+        np.zeros(0) if posed.h is None else posed.h,
+        -free if posed.lb is None else posed.lb,
+        free if posed.ub is None else posed.ub,
     )
 
 

@@ -4,11 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import qpsolvers
-
 from qp_twist.errors import InvalidInput
 from qp_twist.path import METHODS, MethodSettings, PathTask, check_method
-from qp_twist.qp import check_solver
+from qp_twist.qp import check_solver, installed_solvers
 from qp_twist.viewing.projectors import OWN
 from qp_twist.viewing.unlimited import can_drop_limits
 
@@ -96,4 +94,4 @@ def method_choices(path_task: PathTask) -> list[str]:
 
 def solver_choices() -> list[str]:
     """The installed backends."""
-    return sorted(qpsolvers.available_solvers)
+    return sorted(installed_solvers())

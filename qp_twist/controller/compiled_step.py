@@ -1,0 +1,224 @@
+"""A controller's step on preallocated arrays, for the compositions that the kernel knows."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import mink
+import mujoco
+import numpy as np
+
+from qp_twist.checks import Array
+from qp_twist.controller.composition import KNOWN_LIMITS
+from qp_twist.controller.plain_step import PlainStep
+from qp_twist.fast import step_kernel as kernel
+from qp_twist.fast import twist_rows
+from qp_twist.geometry import ProjectorKind
+from qp_twist.kinematics import JointCentering, JointRanges, SecondaryObjective, TwistTask
+from qp_twist.kinematics.frame import frame_id
+from qp_twist.limits import DisplacementWindow, MotionLimit, PositionLimit
+from qp_twist.limits.gather import UNLIMITED
+from qp_twist.limits.position_limit import NOTICEABLE
+from qp_twist.qp import verification
+
+_FRAMES = {"world": twist_rows.WORLD, "body": twist_rows.BODY, "target": twist_rows.TARGET}
+_TYPES = dict(zip(KNOWN_LIMITS, (kernel.POSITION, kernel.MOTION, kernel.WINDOW), strict=True))
+_TOLERANCES = np.array(
+    [
+        verification.EQUALITY_TOLERANCE,
+        verification.OPTIMALITY_TOLERANCE,
+        verification.GAIN_TOLERANCE,
+        verification.GAP_TOLERANCE,
+        1e-11,
+    ]
+)
+
+
+class CompiledStep:
+    """The arrays of one controller and the kernel on them.
+
+    What it does not know, and every step that is not a plain one inside all limits, is left to the
+    reference: then :meth:`__call__` returns ``None``.
+    """
+
+    def __init__(
+        self,
+        model: mujoco.MjModel,
+        tasks: Sequence[TwistTask],
+        secondary: Sequence[SecondaryObjective],
+        limits: Sequence[mink.Limit],
+        *,
+        metric: Array,
+        twist_space: bool,
+        free_costs: tuple[float, float],
+        nearly_unseen: float,
+        fastest: float,
+    ) -> None:
+        """Allocate; ``composition_known`` has been asked."""
+        nv, count = model.nv, len(tasks)
+        self._model, self._tasks, self._limits = model, tuple(tasks), list(limits)
+        self._projectors = [task.projector for task in tasks]
+        self._centering = [s for s in secondary if type(s) is JointCentering]
+        self._others = [s for s in secondary if type(s) is not JointCentering]
+        self._ranks = tuple(task.projector.rank for task in tasks)
+        m = sum(self._ranks)
+        self._kinds = np.array([_kinds(task) for task in tasks], dtype=np.int64)
+        self._shapes = np.array([_shape(task) for task in tasks])
+        self._poses, self._targets = np.zeros((count, 12)), np.zeros((count, 18))
+        self._jacobians = np.zeros((count, 6, nv))
+        self._told: list[Any] = [None] * count
+        self._frames = [
+            (mink.FRAME_TO_JAC_FUNC[t.frame_type], frame_id(model, t.frame_name, t.frame_type))
+            for t in tasks
+        ]
+        ranges = self._ranges = JointRanges.of(model)
+        self._addresses = np.array(ranges.qpos, dtype=np.int64)
+        self._middle = ranges.middle
+        self._pull, self._wish = np.zeros(nv), np.zeros(nv)
+        self._gains: list[float] | None = None
+        self._table = np.zeros((len(limits), 7, nv))
+        self._types = np.array([_TYPES[type(limit)] for limit in limits], dtype=np.int64)
+        self._windows: list[tuple[Array, DisplacementWindow]] = []
+        self._motions: list[tuple[Array, MotionLimit]] = []
+        for table, limit in zip(self._table, limits, strict=True):
+            if isinstance(limit, DisplacementWindow):
+                self._windows.append((table, limit))
+                continue
+            assert isinstance(limit, PositionLimit)
+            table[0], table[1], table[2:4] = limit.lower, limit.upper, limit.hair
+            if isinstance(limit, MotionLimit):
+                table[4], table[5] = limit.max_velocity, limit.max_acceleration
+                self._motions.append((table, limit))
+        self._seen: dict[int, Array] = {}
+        self._metric = metric
+        self._free_costs = np.array(free_costs)
+        self._settings = np.array(
+            [twist_space, 0.0, 0.0, nearly_unseen, fastest, NOTICEABLE, UNLIMITED]
+        )
+        self._out = np.zeros(m * nv + nv * nv + m + 5 * nv)
+        self._bound_kinds = np.zeros((2, nv), dtype=np.int64)
+        self._active = np.zeros(nv, dtype=np.int64)
+        self._ints = np.zeros(1 + m + 2 * nv, dtype=np.int64)
+        self._work = np.zeros(2 * nv * nv + 5 * nv + 4 + m + m * m + 48 + 6 * count * nv)
+        self._data: mujoco.MjData | None = None
+        self._qpos = np.zeros(model.nq)
+        self._jacs: list[tuple[Callable[..., None], Array, Array, int]] = []
+        self._views: list[tuple[Array, Array, Array, Array]] = []
+
+    def __call__(
+        self,
+        configuration: mink.Configuration,
+        dt: float,
+        use_secondary: bool,
+        limits: Sequence[mink.Limit],
+        joint_weight: float,
+        singularity: float,
+    ) -> PlainStep | None:
+        """The step; ``None`` where the reference has to look at it.
+
+        What a controller's user may have changed since it was made is given anew, or looked at.
+
+        Raises:
+            mink.TargetNotSet: If a task has no target.
+        """
+        if limits != self._limits:
+            return None
+        if configuration.data is not self._data:
+            self._bind(configuration)
+        for jac, linear, angular, index in self._jacs:
+            jac(self._model, self._data, linear, angular, index)
+        for turned, rotation, moved, position in self._views:
+            turned[:] = rotation
+            moved[:] = position
+        for number, task in enumerate(self._tasks):
+            if task.projector is not self._projectors[number] or task.bands:
+                return None
+            if task.target is None or task.target is not self._told[number]:
+                self._aim(number, task)
+            shape = self._shapes[number]
+            shape[24], shape[25], shape[26] = task.gain, task.max_linear_step, task.max_angular_step
+        if use_secondary:
+            if [s.gain for s in self._centering] != self._gains:
+                self._weigh()
+            if self._others:
+                self._wish[:] = 0.0
+                for other in self._others:
+                    self._wish += other.displacement(configuration)
+        self._look()
+        self._settings[1], self._settings[2] = singularity, joint_weight
+        status = kernel.step_kernel(
+            self._kinds, self._shapes, self._poses, self._targets, self._jacobians, self._qpos,
+            self._addresses, self._middle, self._pull, self._wish, self._table, self._types,
+            self._metric, self._free_costs, self._settings, _TOLERANCES, dt, use_secondary,
+            self._out, self._bound_kinds, self._active, self._ints, self._work,
+        )  # fmt: skip
+        if status != kernel.DONE:
+            return None
+        return PlainStep.made(
+            self._out.copy(), self._bound_kinds.copy(), self._ranks, self._ranges.names
+        )
+
+    def _bind(self, configuration: mink.Configuration) -> None:
+        """Views into the data of another configuration."""
+        self._data = data = configuration.data
+        self._qpos = data.qpos
+        self._jacs, self._views = [], []
+        for number, (task, (jac, index)) in enumerate(zip(self._tasks, self._frames, strict=True)):
+            rows = self._jacobians[number]
+            self._jacs.append((jac, rows[:3], rows[3:], index))
+            rotation = getattr(data, mink.FRAME_TO_XMAT_ATTR[task.frame_type])[index]
+            position = getattr(data, mink.FRAME_TO_POS_ATTR[task.frame_type])[index]
+            pose = self._poses[number]
+            self._views.append((pose[:9], rotation, pose[9:], position))
+
+    def _aim(self, number: int, task: TwistTask) -> None:
+        if task.target is None:
+            raise mink.TargetNotSet(task.name)
+        row = self._targets[number]
+        row[:9] = task.target_rotation.ravel()
+        row[9:12] = task.target_position
+        row[12:] = task.feedforward
+        self._told[number] = task.target
+
+    def _weigh(self) -> None:
+        """The centring objectives' pull towards the middle, by joint."""
+        self._gains = [s.gain for s in self._centering]
+        ranges = self._ranges
+        self._pull[:] = 0.0
+        for objective in self._centering:
+            power = {"gradient": 2, "paper": 1, "natural": 0}[objective.weight]
+            pull = objective.gain * ranges.weight**power
+            self._pull += np.where(ranges.limited, pull, 0.0)
+
+    def _look(self) -> None:
+        """Take over what has changed in the limits since the last step."""
+        for table, window in self._windows:
+            if self._seen.get(id(window)) is not window.reference:
+                table[0], table[1] = window.reference, window.half_width
+                self._seen[id(window)] = window.reference
+        for table, motion in self._motions:
+            if self._seen.get(id(motion)) is not motion.velocity:
+                table[6] = self._seen[id(motion)] = motion.velocity
+
+    def tell(self, velocity: Array) -> None:
+        """As :meth:`~qp_twist.Controller.note`, of a velocity that the kernel has found."""
+        for table, motion in self._motions:
+            motion.velocity = table[6] = velocity.copy()
+            self._seen[id(motion)] = motion.velocity
+
+
+def _kinds(task: TwistTask) -> tuple[int, int, int]:
+    T = task.projector
+    return T.linear.kind.value, T.angular.kind.value, _FRAMES[T.frame]
+
+
+def _shape(task: TwistTask) -> Array:
+    numbers = []
+    for block in (task.projector.linear, task.projector.angular):
+        basis = np.zeros((3, 3))
+        basis[:, : block.rank] = block.basis
+        # Of a projector without an axis there is none to be turned.
+        has_axis = block.kind in (ProjectorKind.PLANE, ProjectorKind.LINE)
+        numbers += [basis.ravel(), block.axis if has_axis else np.zeros(3)]
+    return np.concatenate([*numbers, [task.gain, task.max_linear_step, task.max_angular_step]])

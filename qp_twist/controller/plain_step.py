@@ -1,0 +1,118 @@
+"""The result of the compiled step: numbers now, everything else when it is asked for."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from qp_twist.checks import Array
+from qp_twist.controller.step import Status, Step
+from qp_twist.fast import COMPILED
+from qp_twist.limits import BindingLimit
+from qp_twist.qp import QuadraticProgram
+
+KINDS = ("acceleration", "velocity", "position")
+"""Names of what bounds come from, by the kernel's numbers."""
+DUST = 1e-7
+"""A multiplier below this share of the largest, or of 1, is none."""
+
+
+class Numbers(NamedTuple):
+    """What the kernel leaves behind, in one array."""
+
+    A: Array
+    H: Array
+    b: Array
+    c: Array
+    lower: Array
+    upper: Array
+    x: Array
+    box: Array
+
+    @classmethod
+    def of(cls, out: Array, rows: int, nv: int) -> Numbers:
+        """The parts of the array."""
+        square, after = rows * nv, rows * nv + nv * nv
+        vectors = out[after + rows :].reshape(5, nv)
+        return cls(
+            out[:square].reshape(rows, nv),
+            out[square:after].reshape(nv, nv),
+            out[after : after + rows],
+            *vectors,
+        )
+
+
+class PlainStep(Step):
+    """A step that met all rows at full speed inside all limits, with what it holds made on demand.
+
+    As :class:`Step`, whose other fields are those of any such step.
+    """
+
+    _numbers: Array
+    _kinds: npt.NDArray[np.int64]
+    _ranks: tuple[int, ...]
+    _names: tuple[str, ...]
+
+    @classmethod
+    def made(
+        cls,
+        numbers: Array,
+        kinds: npt.NDArray[np.int64],
+        ranks: tuple[int, ...],
+        names: tuple[str, ...],
+    ) -> PlainStep:
+        """From what the kernel left behind.
+
+        Args:
+            numbers: As :class:`Numbers` reads it; kept.
+            kinds: What the lower and the upper bounds come from, (2, nv); kept.
+            ranks: Rows of each task.
+            names: Of the joints, by degree of freedom.
+        """
+        step = object.__new__(cls)
+        nv = len(names)
+        step.__dict__.update(
+            velocity=numbers[-2 * nv : -nv],
+            scale=1.0,
+            status=Status.SOLVED,
+            solver=COMPILED,
+            _numbers=numbers,
+            _kinds=kinds,
+            _ranks=ranks,
+            _names=names,
+        )
+        return step
+
+    def __getattr__(self, name: str) -> Any:
+        """What was not asked for before."""
+        if name not in ("residuals", "binding", "problem", "sigma_min"):
+            raise AttributeError(name)
+        numbers = Numbers.of(self._numbers, sum(self._ranks), len(self._names))
+        value: Any
+        if name == "residuals":
+            value = tuple(np.split(numbers.A @ numbers.x - numbers.b, np.cumsum(self._ranks)[:-1]))
+        elif name == "binding":
+            value = self._binding(numbers.box)
+        elif name == "sigma_min":
+            sigma = np.linalg.svd(numbers.A, compute_uv=False)
+            value = float(sigma[-1]) if len(sigma) else np.inf
+        else:
+            none = np.zeros((0, len(self._names)))
+            value = QuadraticProgram(
+                numbers.H, numbers.c, numbers.A, numbers.b, none, np.zeros(0),
+                numbers.lower, numbers.upper,
+            )  # fmt: skip
+        self.__dict__[name] = value
+        return value
+
+    def _binding(self, box: Array) -> tuple[BindingLimit, ...]:
+        dust = DUST * max(float(np.abs(box).max(initial=0.0)), 1.0)
+        found = []
+        for dof in np.flatnonzero(np.abs(box) > dust):
+            above = bool(box[dof] > 0.0)
+            kind = KINDS[self._kinds[1 if above else 0, dof]]
+            side = "upper" if above else "lower"
+            found.append(BindingLimit(self._names[dof], kind, side, float(abs(box[dof]))))
+        return tuple(found)
