@@ -2,8 +2,25 @@
 
 __version__: str
 
+from . import authoring as authoring
 from . import closed_form as closed_form
+from . import comparison as comparison
+from . import controller as controller
+from . import errors as errors
+from . import exchange as exchange
+from . import following as following
+from . import geometry as geometry
+from . import kinematics as kinematics
+from . import limits as limits
+from . import path as path
+from . import planning as planning
+from . import qp as qp
+from . import robots as robots
 from . import simulation as simulation
+from . import studies as studies
+from . import timing as timing
+from . import toolpath as toolpath
+from . import viewing as viewing
 from .comparison import Comparison as Comparison
 from .comparison import Interrupted as Interrupted
 from .comparison import compare as compare

@@ -10,6 +10,7 @@ import numpy.typing as npt
 from qp_twist.errors import InvalidInput
 
 Array = npt.NDArray[np.float64]
+Indices = npt.NDArray[np.intp]
 
 
 def finite_array(

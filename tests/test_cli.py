@@ -148,7 +148,16 @@ def test_run_refuses_a_file_it_cannot_write_before_it_begins(
         main(["run", "planar_line", "--out", str(tmp_path / name)])
     assert ended.value.code == 2
     said = capsys.readouterr().err
-    assert said.startswith("qp-twist: --out ") and "give a" in said and str(tmp_path) in said
+    assert said.startswith(f"qp-twist: --out {tmp_path / name}: ")
+    assert said.rstrip().endswith(("give a file to write.", "give a file in another folder."))
+
+
+def test_the_entry_can_be_called_more_than_once(capsys: pytest.CaptureFixture[str]) -> None:
+    import qp_twist.cli
+
+    for _ in range(2):
+        qp_twist.cli.main(["tasks"])
+    assert capsys.readouterr().out.count("deburring_bands") == 2
 
 
 def test_ctrl_c_leaves_the_methods_that_are_finished(

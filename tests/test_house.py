@@ -31,6 +31,7 @@ loaded = {"mujoco", "mink", "scipy", "numpy", "matplotlib"} & set(sys.modules)
 assert not loaded, loaded
 missing = [name for name in dir(qp_twist) if not hasattr(qp_twist, name)]
 assert not missing, missing
+assert qp_twist.planning.Plan is qp_twist.Plan
 print(len(qp_twist.__all__), "matplotlib" in sys.modules)
 """
     done = subprocess.run(

@@ -738,4 +738,6 @@ def test_a_comparison_with_a_plan_names_the_bound_that_no_motion_can_be_below() 
     [best] = [sentence for sentence in comparison.findings() if "lowest mean z" in sentence]
     assert f"{min(values.values()) / bound:.3g} times the bound" in best
     assert qt.compare("planar_line", ["qp_gradient"]).z_bound is None
+    elsewhere = dataclasses.replace(task, starts={"qp_gradient": task.start + 0.1})
+    assert qt.compare(elsewhere, ["qp_gradient", "qp_planned"]).z_bound is None
     assert qt.follow(task, "qp_planned", objective="travel").z_bound is None

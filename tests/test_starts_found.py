@@ -323,6 +323,8 @@ def test_a_found_start_brings_its_roll_along_where_no_rule_states_one(tmp_path: 
     for before, after in zip(laid.waypoints, task.waypoints, strict=True):
         apart = before.inverse().multiply(after).log()
         assert np.abs(apart[:5]).max() < 1e-9  # the roll and nothing else
+    banded = dataclasses.replace(laid, bands=(qt.RollBand([0, 0, 1], 0.3, 1.0),))
+    assert with_start(banded).waypoints == banded.waypoints  # the band stands about the roll laid
     comparison = qt.compare(laid, ["rmr", "qp_rmr", "minimum_norm"])
     starts = np.array([lap.q[0] for lap in comparison.trajectories.values()])
     np.testing.assert_allclose(starts, np.tile(task.start, (3, 1)), atol=1e-5)

@@ -22,7 +22,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         return
     try:
         # What the commands need takes a second to load; Ctrl-C in that second is said, too.
-        from qp_twist.cli.main import run_command
+        from qp_twist.cli.command import run_command
 
         run_command(given)
     except KeyboardInterrupt:

@@ -98,7 +98,13 @@ def check_file(file: Path, option: str = "--out") -> None:
     """Refuse a file that cannot be written, before anything has been computed."""
     if file.is_dir():
         raise InvalidInput(f"{option} {file}: this is a folder; give a file to write.")
-    check_folder(file.parent, option)
+    try:
+        check_folder(file.parent, option)
+    except InvalidInput as error:
+        why = str(error).split(": ", 1)[1].rpartition(";")[0]
+        raise InvalidInput(
+            f"{option} {file}: {file.parent}: {why}; give a file in another folder."
+        ) from None
 
 
 def check_folder(folder: Path, option: str = "--out") -> None:

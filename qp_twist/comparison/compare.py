@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import mujoco
+import numpy as np
 
 from qp_twist.comparison import scene_picture
 from qp_twist.comparison.findings import findings
@@ -24,6 +25,9 @@ from qp_twist.qp import check_solver
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
+_SAME_START = 1e-6
+"""Starts that differ by less were corrected from the same one, rad or m."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,9 +67,16 @@ class Comparison:
 
     @property
     def z_bound(self) -> float | None:
-        """What the mean z of no motion can be below; ``None`` where no plan has found it."""
-        bounds = [t.z_bound for t in self.trajectories.values() if t.z_bound is not None]
-        return min((bound for bound in bounds if math.isfinite(bound)), default=None)
+        """What the mean z of no motion from the start can be below.
+
+        ``None`` where no plan has found it, or the methods started differently.
+        """
+        for lap in self.trajectories.values():
+            if lap.z_bound is not None and math.isfinite(lap.z_bound):
+                starts = np.array([other.q[0] for other in self.trajectories.values()])
+                same = np.abs(starts - lap.q[0]).max() < _SAME_START
+                return lap.z_bound if same else None
+        return None
 
     def findings(self) -> list[str]:
         """What the comparison shows, in sentences computed from its numbers."""

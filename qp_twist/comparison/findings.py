@@ -207,7 +207,10 @@ def _best(runs: Sequence[Run], bound: float | None) -> list[str]:
         f"limits and task, {best.name} has the lowest mean z, {_digits(z)}"
     )
     if bound is not None and bound > 0.0:
-        text += f": {z / bound:.3g} times the bound {_digits(bound)} that no motion can be below"
+        text += (
+            f": {z / bound:.3g} times the bound {_digits(bound)} that no motion from that start "
+        )
+        text += "can be below"
     if len(kept) > 1:
         second = kept[1]
         ratio = _ratio(second.numbers["mean_z"], z)

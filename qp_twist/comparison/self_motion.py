@@ -6,10 +6,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from qp_twist.checks import Array
+from qp_twist.checks import Array, Indices
 from qp_twist.kinematics import JointRanges
 from qp_twist.path import PathTask
-from qp_twist.planning.path_rows import Indices, PathRows
+from qp_twist.planning.path_rows import PathRows
 
 STEP = np.radians(3.0)
 """Length of a predictor step in joint space, rad."""

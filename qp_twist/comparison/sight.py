@@ -27,13 +27,14 @@ class Sight(NamedTuple):
 def sight(path_task: PathTask) -> Sight:
     """What the scene's camera ``overview`` sees; without one the robot at its start and the path.
 
-    Then the direction is that of MuJoCo's free camera, and the sphere about all that is to be seen
-    just fits.
+    Then the direction is that of MuJoCo's free camera, and the sphere about all that moves, and the
+    path, just fits: what stands around may be as large as a hall.
     """
     model = path_task.model
     data = mujoco.MjData(model)
     data.qpos[:] = path_task.start
     mujoco.mj_kinematics(model, data)
+    mujoco.mj_comPos(model, data)  # for cameras that look at a body's mass
     mujoco.mj_camlight(model, data)
     camera = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_CAMERA, "overview")
     if camera >= 0:
@@ -44,17 +45,20 @@ def sight(path_task: PathTask) -> Sight:
     view = model.vis.global_
     a, e = np.radians((view.azimuth, view.elevation))
     forward = np.array([np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e)])
-    shapes = model.geom_rbound > 0.0  # planes have none and go on for ever
+    moving = model.body_weldid != 0
+    shapes = moving[model.geom_bodyid] & (model.geom_rbound > 0.0)
     reach = model.geom_rbound[shapes, None]
     points = np.vstack(
         [
             data.geom_xpos[shapes] - reach,
             data.geom_xpos[shapes] + reach,
-            data.xpos[1:],
+            data.xpos[moving],
+            data.xpos[model.body_parentid[moving]],
             path_task.positions,
         ]
     )
     low, high = points.min(axis=0), points.max(axis=0)
-    fov = float(np.radians(view.fovy))
+    # Of an orthographic view fovy is a length.
+    fov = np.radians(45.0 if view.orthographic else float(view.fovy))
     distance = 0.5 * float(np.linalg.norm(high - low)) / np.sin(0.5 * fov)
     return Sight(0.5 * (low + high), forward, distance, fov)

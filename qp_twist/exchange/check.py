@@ -187,10 +187,11 @@ def check_trajectory(
     motion, count = rows.motion(), len(path_task.waypoints)
     one_to_one = len(rows.q) == count
     times = motion.times
-    errors = path_errors(path_task, motion) if one_to_one else None
+    slack = position, float(axis)
+    errors = path_errors(path_task, motion, slack=slack) if one_to_one else None
     if errors is None or not _met(errors, position, float(axis)):
         found = times_at_waypoints(path_task, motion, position, float(axis))
-        nearest = path_errors(path_task, motion, found)
+        nearest = path_errors(path_task, motion, found, slack=slack)
         if errors is None or _met(nearest, position, float(axis)):
             errors, times, one_to_one = nearest, found, False
     place = _Places(times, one_to_one=one_to_one, timed=rows.times is not None)
@@ -353,11 +354,12 @@ def _of_feed(path_task: PathTask, times: Array, rate: Array, *, one_to_one: bool
     took = np.maximum(np.diff(times), _CLOCK)  # a motion that stands still may meet two at once
     use = path_task.durations[1:] / took
     k = int(np.argmax(use))
-    passes = bool(use[k] <= 1.0 + (FASTER if one_to_one else FASTER_MATCHED))
+    rounding = FASTER if one_to_one else FASTER_MATCHED
+    passes = bool(use[k] <= 1.0 + rounding)
     where = f"waypoints {k + 1} to {k + 2}"
     between = path_task.durations[1:] * rate
     j = int(np.argmax(between))
-    rushed = bool(between[j] > RUSHED * (1.0 + FASTER_MATCHED))
+    rushed = bool(between[j] > RUSHED * (1.0 + rounding))
     total = float(times[-1] - times[0])
     at_feed = f"whole path, {float(path_task.durations.sum()):.4g} s at the feed"
     return [

@@ -6,17 +6,15 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from qp_twist.checks import Array
+from qp_twist.checks import Array, Indices
 from qp_twist.geometry import ProjectorKind, many_twist_errors
 from qp_twist.path import PathTask
 from qp_twist.timing import JointMotion, poses_of, task_errors
 
-Indices = np.ndarray[tuple[int], np.dtype[np.intp]]
-
 _DENSITY = 8
 """Looks at the motion for each waypoint, at least."""
 _NEAR = 100.0
-"""Linear error, in tolerances, beyond which the angular one does not matter to the matching."""
+"""Linear error, in tolerances, beyond which the angular one is not computed."""
 _REFINED = 17
 _ROUNDS = 3
 _ON = 1e-3
@@ -113,8 +111,8 @@ def _cost(
 ) -> Array:
     """Squared task error of poses (K) at waypoint k, in tolerances.
 
-    Of poses that are far away in their positions only the linear part: that is enough to tell that
-    they are, and a long path has some 1e8 of them.
+    Poses that are far away in their positions count as turned as far as can be: a long path has
+    some 1e8 of them, and none of them shall be better than one that is near.
     """
     waypoint, rows = path_task.waypoints[k], path_task.in_force[k]
     R_d, p_d = waypoint.rotation().as_matrix(), waypoint.translation()
@@ -122,6 +120,7 @@ def _cost(
         return _squared(many_twist_errors(R, p, R_d, p_d, rows)[1], tolerances)
     cost: Array = np.einsum("ki,ki->k", p - p_d, p - p_d) / tolerances[0] ** 2
     near = np.flatnonzero(cost < _NEAR**2)
+    cost += (np.pi / tolerances[1]) ** 2
     cost[near] = _squared(many_twist_errors(R[near], p[near], R_d, p_d, rows)[1], tolerances)
     return cost
 

@@ -17,6 +17,7 @@ from qp_twist.following.trajectory import Trajectory
 from qp_twist.following.walk import walk
 from qp_twist.path import METHODS, MethodSettings, PathTask, check_method
 from qp_twist.planning import Plan
+from qp_twist.planning.manifold_net import COVERED
 from qp_twist.qp import check_solver
 
 
@@ -93,7 +94,9 @@ def follow(
         if plan is None:
             plan = plan_path(path_task, settings.objective, path_task.start, progress=planning)
         motion = plan.motion()
-        bound = plan.bound if plan.objective == "centering" else None
+        # With more than two degrees free not everything was looked at: that bound proves nothing.
+        free = path_task.model.nv - min(projector.rank for projector in path_task.in_force)
+        bound = plan.bound if plan.objective == "centering" and free <= COVERED else None
         path_task = dataclasses.replace(path_task, start=motion[0])
     walked = path_task
     if slow_down:

@@ -14,7 +14,8 @@ import numpy as np
 
 from qp_twist.checks import Array
 from qp_twist.errors import InvalidInput
-from qp_twist.geometry import TwistProjector, task_redundancy
+from qp_twist.geometry import ProjectorKind, TwistProjector, task_redundancy
+from qp_twist.geometry.projector import SAME_DIRECTION
 from qp_twist.kinematics import ToleranceBand, frame_pose
 from qp_twist.path.methods import METHODS, MethodSettings
 from qp_twist.path.orientation import poses
@@ -116,10 +117,11 @@ class PathTask:
         """The task with a start (nq,) that was found, and the orientation that it brings along.
 
         For a method that holds the whole twist, the roll that a path leaves open is the start's;
-        one that was laid before the start was known has another.
+        one that was laid before the start was known has another. Where a band or a segment sees
+        that roll, the start was found for the one that was laid, which stays.
         """
         waypoints = self.waypoints
-        if self.from_start != "nothing":
+        if self.from_start != "nothing" and not self._sees_orientation():
             configuration = mink.Configuration(self.model, start)
             held, _ = frame_pose(configuration, self.frame_name, self.frame_type)
             rotations = np.broadcast_to(held, (len(waypoints), 3, 3))
@@ -128,6 +130,23 @@ class PathTask:
                 rotations = transported(held, axes)
             waypoints = poses(self.positions, rotations)
         return replace(self, start=start, best_start=False, waypoints=waypoints)
+
+    def _sees_orientation(self) -> bool:
+        """Whether something that the task asks for changes with what the start brings along."""
+        if self.bands:
+            return True
+        for projector in self.projectors:
+            angular = projector.angular
+            roll = angular.kind is ProjectorKind.PLANE and projector.frame == "body"
+            if roll and self.from_start == "roll" and angular.axis is not None:
+                roll = bool(abs(angular.axis[2]) > 1.0 - SAME_DIRECTION)
+            elif self.from_start == "orientation":
+                roll = False
+            if not roll and angular.kind is not ProjectorKind.NONE:
+                return True
+            if projector.linear.axis is not None and projector.frame == "target":
+                return True
+        return False
 
     def settings(self, method: str) -> MethodSettings:
         """Settings of a method: its own, with those that the file states in their place.

@@ -299,7 +299,7 @@ def _laid(
     brought: FromStart = "nothing"
     if read.rotations is not None:
         rotations, flipped = read.rotations, None
-        if read.toolpath.meaning == "none":
+        if read.toolpath.meaning == "none" and not (section.lead_deg or section.tilt_deg):
             brought = "orientation"
     elif file.roll is not None:
         assert read.axes is not None

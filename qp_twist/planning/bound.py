@@ -7,11 +7,11 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from qp_twist.checks import Array
+from qp_twist.checks import Array, Indices
 from qp_twist.kinematics import JointRanges
 from qp_twist.planning.layer import Layer
 from qp_twist.planning.objective import Objective
-from qp_twist.planning.path_rows import Indices, PathRows
+from qp_twist.planning.path_rows import PathRows
 
 _CANDIDATES = 6
 """Configurations of a layer, of different branches, from which a waypoint's best is looked for."""

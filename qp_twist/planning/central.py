@@ -8,13 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import KDTree
 
-from qp_twist.checks import Array
+from qp_twist.checks import Array, Indices
 from qp_twist.kinematics import JointRanges, OrthoParallelArm
 from qp_twist.path import PathTask
 from qp_twist.planning.bound import centred_nearby
 from qp_twist.planning.drawn import random_configurations
 from qp_twist.planning.layer import centred, inside_bands
-from qp_twist.planning.path_rows import Indices, Mask, PathRows
+from qp_twist.planning.path_rows import Mask, PathRows
 from qp_twist.planning.roll_grid import RollGrid
 from qp_twist.qp import QuadraticProgram, Verified, solve
 

@@ -8,10 +8,10 @@ from dataclasses import dataclass
 import mink
 import numpy as np
 
-from qp_twist.checks import Array
+from qp_twist.checks import Array, Indices
 from qp_twist.kinematics import JointRanges, ToleranceBand
 from qp_twist.kinematics.tolerance_band import FramePair
-from qp_twist.planning.path_rows import Indices, Mask
+from qp_twist.planning.path_rows import Mask
 
 TURN = 2.0 * np.pi
 _WITHIN = 1e-9

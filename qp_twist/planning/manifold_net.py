@@ -9,11 +9,11 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import KDTree
 
-from qp_twist.checks import Array
+from qp_twist.checks import Array, Indices
 from qp_twist.kinematics import JointRanges
 from qp_twist.path import PathTask
 from qp_twist.planning.layer import TURN, Layer, boxed, centred, inside_bands, inside_limits
-from qp_twist.planning.path_rows import Indices, Mask, PathRows
+from qp_twist.planning.path_rows import Mask, PathRows
 
 SEEDS = 300
 """Random configurations from which a waypoint's manifolds are looked for."""

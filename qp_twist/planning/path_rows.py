@@ -5,12 +5,11 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from qp_twist.checks import Array
+from qp_twist.checks import Array, Indices
 from qp_twist.geometry import TwistProjector, many_twist_errors
 from qp_twist.kinematics import SerialChain
 from qp_twist.path import PathTask
 
-Indices = npt.NDArray[np.intp]
 Mask = npt.NDArray[np.bool_]
 
 ON_TASK = 1e-9
@@ -19,7 +18,7 @@ _ITERATIONS = 40
 _LONGEST = 0.3
 """Largest joint displacement of a Newton step, rad or m: the rows hold only nearby."""
 _ROUNDING = 1e-12
-"""Share of AAᵀ by which it is damped: singular values below its root are not divided by."""
+"""Share of the trace of AAᵀ by which it is damped: singular values below its root are given up."""
 
 
 class PathRows:
@@ -143,6 +142,7 @@ def _shortest(rows: Array, sides: Array) -> Array:
     transposed = rows.transpose(0, 2, 1)
     normal = rows @ transposed
     diagonal = np.einsum("kii->ki", normal)
-    diagonal += _ROUNDING * (1.0 + diagonal.sum(axis=1, keepdims=True))
+    trace = diagonal.sum(axis=1, keepdims=True)
+    diagonal += np.where(trace > 0.0, _ROUNDING * trace, 1.0)  # rows of zeros ask for nothing
     shortest: Array = (transposed @ np.linalg.solve(normal, sides[:, :, None]))[:, :, 0]
     return shortest

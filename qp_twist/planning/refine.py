@@ -9,10 +9,10 @@ import numpy as np
 import qpsolvers
 from scipy import sparse
 
-from qp_twist.checks import Array
+from qp_twist.checks import Array, Indices
 from qp_twist.kinematics import JointRanges
 from qp_twist.planning.objective import Objective
-from qp_twist.planning.path_rows import Indices, PathRows
+from qp_twist.planning.path_rows import PathRows
 
 HAIR = 1e-7
 """What the programs stay away from every limit, rad or m, for their own rounding."""

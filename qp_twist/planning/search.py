@@ -8,13 +8,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from qp_twist.checks import Array
+from qp_twist.checks import Array, Indices
 from qp_twist.path import PathTask
 from qp_twist.planning.bound import pointwise_bound
 from qp_twist.planning.certificate import Certificate
 from qp_twist.planning.layer import TURN, Layer
 from qp_twist.planning.objective import Objective
-from qp_twist.planning.path_rows import Indices, PathRows
+from qp_twist.planning.path_rows import PathRows
 from qp_twist.planning.refine import MotionLimits, Refined, refine
 from qp_twist.planning.roadmap import Grid, Roadmap
 from qp_twist.planning.shortest_path import Edges, Way, edges, shortest_way, widest_way

@@ -9,9 +9,8 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial import KDTree
 
-from qp_twist.checks import Array
+from qp_twist.checks import Array, Indices
 from qp_twist.planning.layer import boxed
-from qp_twist.planning.path_rows import Indices
 
 
 class Edges(NamedTuple):

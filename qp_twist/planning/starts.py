@@ -6,14 +6,14 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from qp_twist.checks import Array
+from qp_twist.checks import Array, Indices
 from qp_twist.kinematics import JointRanges
 from qp_twist.path import PathTask
 from qp_twist.planning.bound import best_of_branches, centred_nearby
 from qp_twist.planning.central import as_far_as_inside, central_configurations
 from qp_twist.planning.drawn import random_configurations
 from qp_twist.planning.layer import inside_bands
-from qp_twist.planning.path_rows import Indices, PathRows
+from qp_twist.planning.path_rows import PathRows
 from qp_twist.planning.roadmap import Grid, Roadmap
 
 _GRID = np.radians(4.0)

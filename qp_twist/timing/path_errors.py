@@ -11,13 +11,11 @@ import mujoco
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from qp_twist.checks import Array
+from qp_twist.checks import Array, Indices
 from qp_twist.geometry import TwistProjector, many_twist_errors
 from qp_twist.kinematics.frame import frame_id
 from qp_twist.path import PathTask
 from qp_twist.timing.joint_motion import JointMotion
-
-Indices = np.ndarray[tuple[int], np.dtype[np.intp]]
 
 SAMPLES = 8
 """Points at which the way from a row or waypoint to the next is looked at, without its ends."""
@@ -34,7 +32,7 @@ class PathErrors:
         position_between: Largest between a waypoint and the next, m, (N − 1,).
         axis_between: Likewise, rad, (N − 1,).
         rate: Fastest progress between a waypoint and the next, in shares of that way per second,
-            (N − 1,); 1/s.
+            beyond what errors within a slack can make of it, (N − 1,); 1/s.
     """
 
     position: Array
@@ -45,7 +43,11 @@ class PathErrors:
 
 
 def path_errors(
-    path_task: PathTask, motion: JointMotion, times: Array | None = None, samples: int = SAMPLES
+    path_task: PathTask,
+    motion: JointMotion,
+    times: Array | None = None,
+    samples: int = SAMPLES,
+    slack: tuple[float, float] = (0.0, 0.0),
 ) -> PathErrors:
     r"""Measure a motion against the waypoints and against the way from each to the next.
 
@@ -60,9 +62,10 @@ def path_errors(
     Args:
         path_task: The path.
         motion: Joints by degree of freedom of the task's robot.
-        times: When the motion is at each waypoint, s, (N,), increasing; its rows' times if
+        times: When the motion is at each waypoint, s, (N,), never decreasing; its rows' times if
             ``None``, which then are as many as the waypoints.
         samples: Points looked at from each waypoint, and each row between waypoints, to the next.
+        slack: Errors along the path that are no progress, m and rad.
     """
     when = motion.times if times is None else times
     count = len(when)
@@ -96,18 +99,34 @@ def path_errors(
         np.concatenate([k, pieces, pieces]),
         np.concatenate([at, when[:-1], when[1:]]),
         np.concatenate([lam, *ends]),
+        _within(task_errors(R_d[:-1], p_d[:-1], R_d[1:], p_d[1:], between), slack),
     )
     return PathErrors(position, axis, position_between, axis_between, rate)
 
 
-def _rate(piece: Indices, at: Array, lam: Array) -> Array:
-    """Largest |dλ/dt| of each piece, 1/s, from λ (K,) at times (K,) in pieces (K,)."""
+def _within(way: Array, slack: tuple[float, float]) -> Array:
+    """The share of each way (N − 1, 6) that errors at both ends of a stretch can be, (N − 1,)."""
+    linear, angular = np.linalg.norm(way[:, :3], axis=1), np.linalg.norm(way[:, 3:], axis=1)
+    moves = linear**2 > _SHORT  # as _nearest decides
+    error, length = np.where(moves, slack[0], slack[1]), np.where(moves, linear, angular)
+    within: Array = 2.0 * error / np.maximum(length, _SHORT)
+    return within
+
+
+def _rate(piece: Indices, at: Array, lam: Array, within: Array) -> Array:
+    """Largest |dλ/dt| of each piece, 1/s, from λ (K,) at times (K,) in pieces (K,).
+
+    Of each Δλ that of its piece's errors, ``within`` (N − 1,), is taken off; where two times are
+    the same there is no rate.
+    """
     order = np.lexsort((at, piece))
     piece, at, lam = piece[order], at[order], lam[order]
     took = np.diff(at)
     same = (piece[1:] == piece[:-1]) & (took > 0.0)
-    rate = np.zeros(int(piece[-1]) + 1)
-    np.maximum.at(rate, piece[1:][same], np.abs(np.diff(lam)[same]) / took[same])
+    here = piece[1:][same]
+    moved = np.maximum(np.abs(np.diff(lam)[same]) - within[here], 0.0)
+    rate = np.zeros(len(within))
+    np.maximum.at(rate, here, moved / took[same])
     return rate
 
 

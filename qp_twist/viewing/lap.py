@@ -10,7 +10,7 @@ import mink
 import numpy as np
 
 from qp_twist.checks import Array
-from qp_twist.comparison import metrics
+from qp_twist.comparison.metrics import metrics
 from qp_twist.following import Trajectory, follow, with_start
 from qp_twist.kinematics import frame_pose
 from qp_twist.path import PathTask
