@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import dataclasses
 import itertools
 import re
@@ -23,13 +24,14 @@ from scipy.spatial import KDTree
 import qp_twist as qt
 from qp_twist.geometry import many_twist_errors
 from qp_twist.kinematics import OrthoParallelArm, SerialChain, frame_jacobian, frame_pose
-from qp_twist.planning import RollMap
+from qp_twist.planning import RollMap, motion_limits
 from qp_twist.planning.layer import inside_limits
 from qp_twist.planning.manifold_net import ManifoldNet
 from qp_twist.planning.objective import Objective
 from qp_twist.planning.path_rows import PathRows
 from qp_twist.planning.refine import MotionLimits, refine
 from qp_twist.planning.roll_grid import RollGrid
+from qp_twist.planning.search import Search
 from qp_twist.planning.shortest_path import Edges, shortest_way, widest_way
 
 ROOT = Path(__file__).parents[1]
@@ -741,3 +743,37 @@ def test_a_comparison_with_a_plan_names_the_bound_that_no_motion_can_be_below() 
     elsewhere = dataclasses.replace(task, starts={"qp_gradient": task.start + 0.1})
     assert qt.compare(elsewhere, ["qp_gradient", "qp_planned"]).z_bound is None
     assert qt.follow(task, "qp_planned", objective="travel").z_bound is None
+
+
+def test_a_lap_that_is_off_the_path_is_no_plan() -> None:
+    """The laps of other methods may miss waypoints by up to a centimetre; a plan may not."""
+    task = qt.load_task("planar_line")
+    rows, count = PathRows(task), np.arange(len(task.waypoints))
+    kept = qt.follow(task, "qp_minimum_norm").q
+    far = kept.copy()
+    far[40:] += 0.01  # which looks better than nothing, and is not on its waypoints
+    ranges = qt.JointRanges.of(task.model)
+    limits = motion_limits(task, ranges, None, fixed_start=True)
+    search = Search(task, Objective.of(ranges, "centering"), limits, kept[0], lambda start: [far])
+    for trial in search._tried(kept[0]):
+        assert rows.errors(trial.q, count).max() < 1e-8
+    found = search.run()
+    assert found.path is not None
+    assert rows.errors(found.path.q, count).max() < 1e-8
+
+
+@pytest.mark.parametrize("method_solver", ["daqp", "osqp"])
+def test_a_plan_is_followed_to_rounding_where_it_meets_the_task(method_solver: str) -> None:
+    """Along the limits, too: there a step that is linear at the last waypoint finds no way."""
+    task = qt.load_task("planar_line")
+    ranges = qt.JointRanges.of(task.model)
+    plan = qt.plan(task, start=task.start)
+    # Limits as narrow as the plan just allows: most joints touch one of them somewhere.
+    model = copy.copy(task.model)
+    model.jnt_range[:, 0], model.jnt_range[:, 1] = plan.motion().min(0), plan.motion().max(0)
+    narrow = dataclasses.replace(task, model=model)
+    lap = qt.follow(narrow, "qp_planned", plan=plan, solver=method_solver)
+    np.testing.assert_allclose(lap.q, plan.motion(), atol=1e-7)
+    assert lap.position_error.max() < 1e-8 and not lap.failure
+    assert (qt.JointRanges.of(model).margins(lap.q).min(axis=0) < 1e-6).all()
+    assert ranges.margins(lap.q).min() > 0.0

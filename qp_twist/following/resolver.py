@@ -68,6 +68,10 @@ class Resolver(abc.ABC):
             if isinstance(objective, PostureReference):
                 objective.q_ref = plan[index]
 
+    def lead(self, configuration: mink.Configuration) -> Array | None:
+        """A displacement (nv,) ahead of the first iteration, where a plan is followed."""
+        return None
+
     def begin_waypoint(self, configuration: mink.Configuration, duration: float | None) -> None:
         """Called with the configuration at the last waypoint and the time to the next, s."""
         if self.limits is not None:
@@ -184,6 +188,7 @@ class QpResolver(Resolver):
         self.limits = limits
         model = path_task.model
         self.objectives = secondary_objectives(path_task, self.task, settings)
+        self._planned = settings.secondary == "plan"
         metric = None
         if settings.secondary == "centering" and settings.weight == "natural":
             metric = range_metric(JointRanges.of(model))
@@ -197,10 +202,29 @@ class QpResolver(Resolver):
             limits=limits.limits,
         )
 
-    def displacement(self, configuration: mink.Configuration, *, first: bool) -> Displacement:
-        """One step of the controller, over the whole duration of the waypoint."""
+    def lead(self, configuration: mink.Configuration) -> Array | None:
+        """To the plan, as far as the limits let it; the steps then correct what it does not meet.
+
+        Along a limit and near a fold the rows hold only very nearby: a step that is linear where
+        the last waypoint was finds no way that the plan, which is on its waypoints, has.
+        """
+        if not self._planned:
+            return None
         dt = self.limits.dt
-        step = self.controller.step(configuration, dt, use_secondary=first)
+        limits = gather_limits(self.limits.limits, configuration, dt)
+        wish = total_displacement(self.objectives, configuration)
+        lower, upper = np.minimum(limits.lower * dt, 0.0), np.maximum(limits.upper * dt, 0.0)
+        lead: Array = np.clip(wish, lower, upper)
+        return lead
+
+    def displacement(self, configuration: mink.Configuration, *, first: bool) -> Displacement:
+        """One step of the controller, over the whole duration of the waypoint.
+
+        A plan is followed in every iteration: it meets the task, so that what pulls towards it
+        breaks nothing by curvature.
+        """
+        dt = self.limits.dt
+        step = self.controller.step(configuration, dt, use_secondary=first or self._planned)
         names: tuple[str, ...] = ()
         if step.status is not Status.SOLVED:
             names = tuple(str(limit) for limit in step.binding)

@@ -100,6 +100,9 @@ def _approach(
     recorder: _Recorder,
 ) -> None:
     """Iterate to the waypoint that is the resolver's target."""
+    lead = resolver.lead(configuration)
+    if lead is not None:
+        configuration.integrate_inplace(lead, 1.0)
     for iteration in range(settings.iterations):
         first = iteration == 0
         if not first and _reached(recorder.path_task, resolver.task, configuration):

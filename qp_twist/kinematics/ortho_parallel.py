@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import mujoco
 import numpy as np
 import py_opw_kinematics as opw
-from scipy.spatial.transform import RigidTransform
 
 from qp_twist.checks import Array
 from qp_twist.kinematics.serial_chain import Screw, SerialChain
@@ -21,6 +21,16 @@ _VERIFIED = 1e-6
 _NOWHERE = np.tile([1e6, 2e6], (6, 1))
 """Limits that no joint is inside of: ``reach`` drops no branch for them, but computes no singular
 values for what is outside, which are most of its time."""
+
+
+class _Poses(NamedTuple):
+    """What ``reach`` asks of scipy's RigidTransform, which would orthonormalise every rotation."""
+
+    matrices: Array
+
+    def as_matrix(self) -> Array:
+        """Homogeneous transforms, (K, 4, 4)."""
+        return self.matrices
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,7 +141,7 @@ class OrthoParallelArm:
             positions: Its origins in the world, m, (K, 3).
         """
         poses = np.linalg.inv(self.base) @ homogeneous(rotations, positions)
-        hands = RigidTransform.from_matrix(poses @ np.linalg.inv(self.flange))
+        hands = _Poses(poses @ np.linalg.inv(self.flange))
         found = self._solver.reach(hands, joint_limits=_NOWHERE)
         joints: Array = self.signs * (found.joints - self.offsets)
         return joints

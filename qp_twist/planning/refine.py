@@ -248,22 +248,35 @@ class _Program:
 
     def solution(self, penalty: float) -> Array | None:
         """The minimiser, or ``None``."""
-        added = self._added
-        blocks = []
-        for G, more, _, soft in self.rows:
-            wide = sparse.csr_matrix((more.data, more.indices, more.indptr),
-                                     shape=(more.shape[0], added))  # fmt: skip
-            slack = -np.ones((G.shape[0], 1)) if soft else np.zeros((G.shape[0], 1))
-            blocks.append(sparse.hstack([G, wide, slack]))
-        n = self.size + added + 1
-        P = sparse.block_diag([self.P, sparse.csc_matrix((added + 1, added + 1))], format="csc")
+        n = self.size + self._added + 1
+        # From all entries at once: to stack the blocks takes longer than to solve the program.
+        at, columns, entries = [], [], []
+        before = 0
+        for G, more, g, soft in self.rows:
+            for block, first in ((G.tocoo(), 0), (more.tocoo(), self.size)):
+                at.append(before + block.row)
+                columns.append(first + block.col)
+                entries.append(block.data)
+            if soft:
+                at.append(np.arange(before, before + len(g)))
+                columns.append(np.full(len(g), n - 1))
+                entries.append(np.full(len(g), -1.0))
+            before += len(g)
+        inequalities = sparse.csc_matrix(
+            (np.concatenate(entries), (np.concatenate(at), np.concatenate(columns))),
+            shape=(before, n),
+        )
+        P = sparse.csc_matrix(self.P)
+        P = sparse.csc_matrix(
+            (P.data, P.indices, np.append(P.indptr, np.full(n - self.size, P.nnz))), shape=(n, n)
+        )
         lower, upper = np.full(n, -np.inf), np.full(n, np.inf)
         lower[: self.size], upper[: self.size] = -self.radius, self.radius
         lower[-1] = 0.0
         problem = qpsolvers.Problem(
             P,
             np.concatenate([self.c, *self.more, [penalty]]),
-            sparse.vstack(blocks).tocsc(),
+            inequalities,
             np.concatenate([row[2] for row in self.rows]),
             None,
             None,

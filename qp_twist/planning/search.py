@@ -158,11 +158,16 @@ class Search:
         return replace(found, path=best, certificate=certificate, bound=bound)
 
     def _tried(self, start: Array | None) -> list[Refined]:
-        """The laps of other methods, improved a little."""
-        return [
-            refine(lap, self.rows, self.limits, self.objective, iterations=_TRIAL)
-            for lap in self.laps(start)
-        ]
+        """The laps of other methods that can be brought onto their waypoints, improved a little."""
+        tried, at = [], np.arange(len(self.path_task.waypoints))
+        for lap in self.laps(start):
+            on_path, arrived = self.rows.correct(lap, at)
+            if arrived.all():
+                on_path[0] = lap[0]
+                tried.append(
+                    refine(on_path, self.rows, self.limits, self.objective, iterations=_TRIAL)
+                )
+        return tried
 
     def _bound(self, found: Found) -> float:
         if not all(len(layer.q) for layer in found.layers):
