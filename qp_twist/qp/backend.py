@@ -79,11 +79,12 @@ def check_solver(solver: str) -> str:
         UnknownSolver: If it is unknown or not installed.
     """
     installed = installed_solvers()
-    if solver == COMPILED and solver not in installed:
-        raise UnknownSolver(
-            "solver 'compiled' needs numba, which is not installed: pip install 'qp_twist[fast]'."
-        )
     if not isinstance(solver, str) or solver not in installed:
+        if isinstance(solver, str) and solver == COMPILED:
+            raise UnknownSolver(
+                "solver 'compiled' needs numba, which is not installed: "
+                "pip install 'qp_twist[fast]'."
+            )
         raise UnknownSolver(
             f"solver {solver!r} is not installed or not known; installed: {', '.join(installed)}. "
             "Others come with qpsolvers' extras, e.g. pip install 'qpsolvers[clarabel]'."
