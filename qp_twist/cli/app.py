@@ -98,17 +98,20 @@ def check_file(file: Path, option: str = "--out") -> None:
     """Refuse a file that cannot be written, before anything has been computed."""
     if file.is_dir():
         raise InvalidInput(f"{option} {file}: this is a folder; give a file to write.")
-    try:
-        check_folder(file.parent, option)
-    except InvalidInput as error:
-        why = str(error).split(": ", 1)[1].rpartition(";")[0]
+    if why := _no_folder(file.parent):
         raise InvalidInput(
-            f"{option} {file}: {file.parent}: {why}; give a file in another folder."
-        ) from None
+            f"{option} {file}: {file.parent}: {why[0]}; give a file in another folder."
+        )
 
 
 def check_folder(folder: Path, option: str = "--out") -> None:
-    """Refuse a folder that cannot be written to, before anything has been computed.
+    """Refuse a folder that cannot be written to, before anything has been computed."""
+    if why := _no_folder(folder):
+        raise InvalidInput(f"{option} {folder}: {why[0]}; {why[1]}.")
+
+
+def _no_folder(folder: Path) -> tuple[str, str] | None:
+    """Why nothing can be written to a folder, and what to do; ``None`` if it can.
 
     Tried out in the nearest folder that is there already; nothing stays behind.
     """
@@ -117,12 +120,9 @@ def check_folder(folder: Path, option: str = "--out") -> None:
         existing = existing.parent
     if not existing.is_dir():
         which = "this" if existing == folder.absolute() else str(existing)
-        raise InvalidInput(f"{option} {folder}: {which} is a file; give a folder to write to.")
+        return f"{which} is a file", "give a folder to write to"
     try:
         with tempfile.TemporaryFile(dir=existing):
-            pass
+            return None
     except OSError as error:
-        raise InvalidInput(
-            f"{option} {folder}: nothing can be written there ({error.strerror}); give another "
-            "folder."
-        ) from None
+        return f"nothing can be written there ({error.strerror})", "give another folder"

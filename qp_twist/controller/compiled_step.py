@@ -30,7 +30,7 @@ _TOLERANCES = np.array(
         verification.OPTIMALITY_TOLERANCE,
         verification.GAIN_TOLERANCE,
         verification.GAP_TOLERANCE,
-        1e-11,
+        verification.ROUNDING,
     ]
 )
 
@@ -76,7 +76,7 @@ class CompiledStep:
         self._addresses = np.array(ranges.qpos, dtype=np.int64)
         self._middle = ranges.middle
         self._pull, self._wish = np.zeros(nv), np.zeros(nv)
-        self._gains: list[float] | None = None
+        self._weighed: list[tuple[float, str]] | None = None
         self._table = np.zeros((len(limits), 7, nv))
         self._types = np.array([_TYPES[type(limit)] for limit in limits], dtype=np.int64)
         self._windows: list[tuple[Array, DisplacementWindow]] = []
@@ -90,7 +90,6 @@ class CompiledStep:
             if isinstance(limit, MotionLimit):
                 table[4], table[5] = limit.max_velocity, limit.max_acceleration
                 self._motions.append((table, limit))
-        self._seen: dict[int, Array] = {}
         self._metric = metric
         self._free_costs = np.array(free_costs)
         self._settings = np.array(
@@ -139,8 +138,10 @@ class CompiledStep:
             shape = self._shapes[number]
             shape[24], shape[25], shape[26] = task.gain, task.max_linear_step, task.max_angular_step
         if use_secondary:
-            if [s.gain for s in self._centering] != self._gains:
-                self._weigh()
+            weights = [(s.gain, s.weight) for s in self._centering]
+            if weights != self._weighed:
+                self._weighed = weights
+                self._pull[:] = sum(s.gain * s.stiffness for s in self._centering)
             if self._others:
                 self._wish[:] = 0.0
                 for other in self._others:
@@ -181,31 +182,17 @@ class CompiledStep:
         row[12:] = task.feedforward
         self._told[number] = task.target
 
-    def _weigh(self) -> None:
-        """The centring objectives' pull towards the middle, by joint."""
-        self._gains = [s.gain for s in self._centering]
-        ranges = self._ranges
-        self._pull[:] = 0.0
-        for objective in self._centering:
-            power = {"gradient": 2, "paper": 1, "natural": 0}[objective.weight]
-            pull = objective.gain * ranges.weight**power
-            self._pull += np.where(ranges.limited, pull, 0.0)
-
     def _look(self) -> None:
-        """Take over what has changed in the limits since the last step."""
+        """What moves on with the steps: where windows stand, and the velocity before."""
         for table, window in self._windows:
-            if self._seen.get(id(window)) is not window.reference:
-                table[0], table[1] = window.reference, window.half_width
-                self._seen[id(window)] = window.reference
+            table[0], table[1] = window.reference, window.half_width
         for table, motion in self._motions:
-            if self._seen.get(id(motion)) is not motion.velocity:
-                table[6] = self._seen[id(motion)] = motion.velocity
+            table[6] = motion.velocity
 
     def tell(self, velocity: Array) -> None:
         """As :meth:`~qp_twist.Controller.note`, of a velocity that the kernel has found."""
-        for table, motion in self._motions:
-            motion.velocity = table[6] = velocity.copy()
-            self._seen[id(motion)] = motion.velocity
+        for _, motion in self._motions:
+            motion.velocity = velocity.copy()
 
 
 def _kinds(task: TwistTask) -> tuple[int, int, int]:

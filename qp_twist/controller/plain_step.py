@@ -10,13 +10,11 @@ import numpy.typing as npt
 from qp_twist.checks import Array
 from qp_twist.controller.step import Status, Step
 from qp_twist.fast import COMPILED
-from qp_twist.limits import BindingLimit
+from qp_twist.limits import DUST, BindingLimit, binding_bounds
 from qp_twist.qp import QuadraticProgram
 
 KINDS = ("acceleration", "velocity", "position")
 """Names of what bounds come from, by the kernel's numbers."""
-DUST = 1e-7
-"""A multiplier below this share of the largest, or of 1, is none."""
 
 
 class Numbers(NamedTuple):
@@ -109,10 +107,6 @@ class PlainStep(Step):
 
     def _binding(self, box: Array) -> tuple[BindingLimit, ...]:
         dust = DUST * max(float(np.abs(box).max(initial=0.0)), 1.0)
-        found = []
-        for dof in np.flatnonzero(np.abs(box) > dust):
-            above = bool(box[dof] > 0.0)
-            kind = KINDS[self._kinds[1 if above else 0, dof]]
-            side = "upper" if above else "lower"
-            found.append(BindingLimit(self._names[dof], kind, side, float(abs(box[dof]))))
-        return tuple(found)
+        # The kernel has a number beyond all kinds where there is no bound.
+        lower, upper = np.array((*KINDS, ""), dtype=object)[np.minimum(self._kinds, len(KINDS))]
+        return tuple(binding_bounds(box, dust, self._names, lower, upper))

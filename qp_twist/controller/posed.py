@@ -9,7 +9,7 @@ import numpy as np
 from qp_twist.checks import Array
 from qp_twist.controller.posing import PosedLevels
 from qp_twist.controller.step import Status, Step
-from qp_twist.limits import BindingLimit, GatheredLimits, RowName
+from qp_twist.limits import DUST, BindingLimit, GatheredLimits, RowName, binding_bounds
 from qp_twist.qp import Level, QuadraticProgram
 
 
@@ -93,14 +93,9 @@ class Posed:
         box = box[:nv]
         largest = max(float(np.abs(box).max(initial=0.0)), float(rows.max(initial=0.0)))
         # Interior-point and first-order backends leave dust on inactive limits.
-        dust = 1e-7 * max(largest, floor)
-        active = np.flatnonzero(np.abs(box) > dust)
-        names = limits.names if len(active) else ()
-        found = []
-        for dof in active:
-            side = "upper" if box[dof] > 0.0 else "lower"
-            kind = (limits.upper_kind if side == "upper" else limits.lower_kind)[dof]
-            found.append(BindingLimit(names[dof], kind, side, float(abs(box[dof]))))
+        dust = DUST * max(largest, floor)
+        names = limits.names if (np.abs(box) > dust).any() else ()  # they are looked up
+        found = binding_bounds(box, dust, names, limits.lower_kind, limits.upper_kind)
         for row in np.flatnonzero(rows > dust):
             found.append(BindingLimit(*self.labels[row], "upper", float(rows[row])))
         return tuple(found)

@@ -23,21 +23,30 @@ _MOST = 50
 """Times as many iterations as unknowns and rows are taken before the method gives up."""
 
 
-@njit(cache=True, fastmath=False, error_model="numpy")
-def cholesky_inverse(H, J):
-    """J = L⁻ᵀ of H = LLᵀ, so that JJᵀ = H⁻¹; whether H (n, n) is positive definite."""
-    n = H.shape[0]
-    for i in range(n):  # L into the lower triangle of J
+@njit(cache=True, error_model="numpy")
+def cholesky(S):
+    """L of S = LLᵀ into the lower triangle of S (n, n); whether S is positive definite."""
+    for i in range(S.shape[0]):
         for j in range(i + 1):
-            total = H[i, j]
+            total = S[i, j]
             for k in range(j):
-                total -= J[i, k] * J[j, k]
+                total -= S[i, k] * S[j, k]
             if i == j:
                 if not total > 0.0:
                     return False
-                J[i, i] = math.sqrt(total)
+                S[i, i] = math.sqrt(total)
             else:
-                J[i, j] = total / J[j, j]
+                S[i, j] = total / S[j, j]
+    return True
+
+
+@njit(cache=True, error_model="numpy")
+def cholesky_inverse(H, J):
+    """J = L⁻ᵀ of H = LLᵀ, so that JJᵀ = H⁻¹; whether H (n, n) is positive definite."""
+    n = H.shape[0]
+    J[:] = H
+    if not cholesky(J):
+        return False
     for j in range(n):  # L⁻¹ in place, column by column
         J[j, j] = 1.0 / J[j, j]
         for i in range(j + 1, n):

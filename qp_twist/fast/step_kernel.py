@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numba import njit
 
-from qp_twist.fast.dual_active_set import SOLVED, dual_active_set
+from qp_twist.fast.dual_active_set import SOLVED, cholesky, dual_active_set
 from qp_twist.fast.twist_rows import twist_rows
 
 POSITION, MOTION, WINDOW = 0, 1, 2
@@ -108,20 +108,10 @@ def _well_conditioned(A, threshold, work):
         return False
     for i in range(m):
         for j in range(i + 1):
-            total = 0.0
+            work[i, j] = -threshold * threshold if i == j else 0.0
             for k in range(n):
-                total += A[i, k] * A[j, k]
-            if i == j:
-                total -= threshold * threshold
-            for k in range(j):
-                total -= work[i, k] * work[j, k]
-            if i == j:
-                if not total > 0.0:
-                    return False
-                work[i, i] = math.sqrt(total)
-            else:
-                work[i, j] = total / work[j, j]
-    return True
+                work[i, j] += A[i, k] * A[j, k]
+    return cholesky(work)
 
 
 @njit(cache=True, error_model="numpy")

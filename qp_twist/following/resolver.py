@@ -24,7 +24,7 @@ from qp_twist.kinematics import (
     TwistTask,
     total_displacement,
 )
-from qp_twist.limits import BindingLimit, gather_limits
+from qp_twist.limits import BindingLimit, GatheredLimits, gather_limits
 from qp_twist.path import METHODS, MethodSettings, PathTask
 
 
@@ -153,7 +153,7 @@ class SaturationResolver(Resolver):
         state = self.task.state(configuration)
         dt = self.limits.dt
         limits = gather_limits(self.limits.limits, configuration, dt)
-        lower, upper = np.minimum(limits.lower * dt, 0.0), np.maximum(limits.upper * dt, 0.0)
+        lower, upper = _with_rest(limits, dt)
         result = closed_form.saturation_in_null_space(
             state.jacobian, state.projector, self.task.clamped(state.error), lower, upper,
             optimal=self.optimal,
@@ -213,7 +213,7 @@ class QpResolver(Resolver):
         dt = self.limits.dt
         limits = gather_limits(self.limits.limits, configuration, dt)
         wish = total_displacement(self.objectives, configuration)
-        lower, upper = np.minimum(limits.lower * dt, 0.0), np.maximum(limits.upper * dt, 0.0)
+        lower, upper = _with_rest(limits, dt)
         lead: Array = np.clip(wish, lower, upper)
         return lead
 
@@ -229,6 +229,11 @@ class QpResolver(Resolver):
         if step.status is not Status.SOLVED:
             names = tuple(str(limit) for limit in step.binding)
         return Displacement(step.velocity * dt, step.scale, names, step.status)
+
+
+def _with_rest(limits: GatheredLimits, dt: float) -> tuple[Array, Array]:
+    """Bounds of a displacement, (nv,) each, widened so that every joint may stand still."""
+    return np.minimum(limits.lower * dt, 0.0), np.maximum(limits.upper * dt, 0.0)
 
 
 def make_resolver(

@@ -63,6 +63,11 @@ class JointCentering(SecondaryObjective):
     def direction(self, configuration: mink.Configuration) -> Array:
         """WᵀW(θ̄ − θ), W(θ̄ − θ) or θ̄ − θ, shape (nv,)."""
         offset = self.ranges.middle - self.ranges.positions(configuration.q)
+        return self.stiffness * offset
+
+    @property
+    def stiffness(self) -> Array:
+        """Diagonal of WᵀW, W or 1 in :meth:`direction`; 0 for unlimited joints, shape (nv,)."""
         power = {"gradient": 2, "paper": 1, "natural": 0}[self.weight]
-        direction: Array = np.where(self.ranges.limited, self.ranges.weight**power * offset, 0.0)
-        return direction
+        stiffness: Array = np.where(self.ranges.limited, self.ranges.weight**power, 0.0)
+        return stiffness

@@ -23,7 +23,7 @@ GAP_TOLERANCE = 5e-7
 """Largest duality gap, relative to the same."""
 _TOUCHING, _ON = 1e-6, 1e-9
 """Distances at which a row or bound may touch ``x``, or does, relative to 1 + max |x|."""
-_ROUNDING = 1e-11
+ROUNDING = 1e-11
 """What the sums of the optimality condition lose, as a share of their largest term."""
 
 Mask = npt.NDArray[np.bool_]
@@ -152,7 +152,7 @@ def _excess(
     held = float(np.abs(box[box != 0.0]) @ room)
     gain = float(pull @ np.maximum(g - G @ x, 0.0)) + held
     cost = (size * reach + float(np.abs(problem.c).max(initial=0.0))) * reach
-    lost = _ROUNDING * float(pull @ (np.abs(g) + np.abs(G) @ np.abs(x)))
+    lost = ROUNDING * float(pull @ (np.abs(g) + np.abs(G) @ np.abs(x)))
     try:
         gap = 0.5 * float(residual @ np.linalg.solve(problem.H, residual))
     except np.linalg.LinAlgError:  # of a singular H it says nothing
@@ -160,7 +160,7 @@ def _excess(
     gap += float(pull @ (g - G @ x)) + held
     gap -= float(multipliers.equality @ (problem.A @ x - problem.b))
     ratios = (
-        left / (OPTIMALITY_TOLERANCE * size * reach + _ROUNDING * largest),
+        left / (OPTIMALITY_TOLERANCE * size * reach + ROUNDING * largest),
         gain / (GAIN_TOLERANCE * cost + lost),
         gap / (GAP_TOLERANCE * cost + lost),
     )
