@@ -13,18 +13,16 @@ from qp_twist.checks import Array
 from qp_twist.controller.composition import KNOWN_LIMITS
 from qp_twist.controller.plain_step import PlainStep
 from qp_twist.fast import step_kernel as kernel
-from qp_twist.fast import twist_rows
-from qp_twist.geometry import ProjectorKind
 from qp_twist.kinematics import JointCentering, JointRanges, SecondaryObjective, TwistTask
+from qp_twist.kinematics.compiled_rows import kinds_of, shape_of
 from qp_twist.kinematics.frame import frame_id
 from qp_twist.limits import DisplacementWindow, MotionLimit, PositionLimit
 from qp_twist.limits.gather import UNLIMITED
 from qp_twist.limits.position_limit import NOTICEABLE
 from qp_twist.qp import verification
 
-_FRAMES = {"world": twist_rows.WORLD, "body": twist_rows.BODY, "target": twist_rows.TARGET}
 _TYPES = dict(zip(KNOWN_LIMITS, (kernel.POSITION, kernel.MOTION, kernel.WINDOW), strict=True))
-_TOLERANCES = np.array(
+TOLERANCES = np.array(
     [
         verification.EQUALITY_TOLERANCE,
         verification.OPTIMALITY_TOLERANCE,
@@ -63,8 +61,13 @@ class CompiledStep:
         self._others = [s for s in secondary if type(s) is not JointCentering]
         self._ranks = tuple(task.projector.rank for task in tasks)
         m = sum(self._ranks)
-        self._kinds = np.array([_kinds(task) for task in tasks], dtype=np.int64)
-        self._shapes = np.array([_shape(task) for task in tasks])
+        self._kinds = np.array([kinds_of(task.projector) for task in tasks], dtype=np.int64)
+        self._shapes = np.array(
+            [
+                shape_of(t.projector, t.gain, t.max_linear_step, t.max_angular_step)
+                for t in self._tasks
+            ]
+        )
         self._poses, self._targets = np.zeros((count, 12)), np.zeros((count, 18))
         self._jacobians = np.zeros((count, 6, nv))
         self._told: list[Any] = [None] * count
@@ -77,29 +80,18 @@ class CompiledStep:
         self._middle = ranges.middle
         self._pull, self._wish = np.zeros(nv), np.zeros(nv)
         self._weighed: list[tuple[float, str]] | None = None
-        self._table = np.zeros((len(limits), 7, nv))
-        self._types = np.array([_TYPES[type(limit)] for limit in limits], dtype=np.int64)
-        self._windows: list[tuple[Array, DisplacementWindow]] = []
-        self._motions: list[tuple[Array, MotionLimit]] = []
-        for table, limit in zip(self._table, limits, strict=True):
-            if isinstance(limit, DisplacementWindow):
-                self._windows.append((table, limit))
-                continue
-            assert isinstance(limit, PositionLimit)
-            table[0], table[1], table[2:4] = limit.lower, limit.upper, limit.hair
-            if isinstance(limit, MotionLimit):
-                table[4], table[5] = limit.max_velocity, limit.max_acceleration
-                self._motions.append((table, limit))
+        self._table, self._types = table_of(limits, nv)
+        tables = list(zip(self._table, limits, strict=True))
+        self._windows = [(t, limit) for t, limit in tables if isinstance(limit, DisplacementWindow)]
+        self._motions = [(t, limit) for t, limit in tables if isinstance(limit, MotionLimit)]
         self._metric = metric
         self._free_costs = np.array(free_costs)
-        self._settings = np.array(
-            [twist_space, 0.0, 0.0, nearly_unseen, fastest, NOTICEABLE, UNLIMITED]
-        )
-        self._out = np.zeros(m * nv + nv * nv + m + 5 * nv)
+        self._settings = settings_of(twist_space, 0.0, 0.0, nearly_unseen, fastest)
+        out, work = kernel.sizes(nv, m, count, twist_space)
+        self._out, self._work = np.zeros(out), np.zeros(work)
         self._bound_kinds = np.zeros((2, nv), dtype=np.int64)
         self._active = np.zeros(nv, dtype=np.int64)
         self._ints = np.zeros(1 + m + 2 * nv, dtype=np.int64)
-        self._work = np.zeros(2 * nv * nv + 5 * nv + 4 + m + m * m + 48 + 6 * count * nv)
         self._data: mujoco.MjData | None = None
         self._qpos = np.zeros(model.nq)
         self._jacs: list[tuple[Callable[..., None], Array, Array, int]] = []
@@ -151,7 +143,7 @@ class CompiledStep:
         status = kernel.step_kernel(
             self._kinds, self._shapes, self._poses, self._targets, self._jacobians, self._qpos,
             self._addresses, self._middle, self._pull, self._wish, self._table, self._types,
-            self._metric, self._free_costs, self._settings, _TOLERANCES, dt, use_secondary,
+            self._metric, self._free_costs, self._settings, TOLERANCES, dt, use_secondary,
             self._out, self._bound_kinds, self._active, self._ints, self._work,
         )  # fmt: skip
         if status != kernel.DONE:
@@ -195,17 +187,26 @@ class CompiledStep:
             motion.velocity = velocity.copy()
 
 
-def _kinds(task: TwistTask) -> tuple[int, int, int]:
-    T = task.projector
-    return T.linear.kind.value, T.angular.kind.value, _FRAMES[T.frame]
+def table_of(
+    limits: Sequence[mink.Limit], nv: int
+) -> tuple[Array, np.ndarray[tuple[int], np.dtype[np.int64]]]:
+    """Limits as ``step_kernel.bounds`` takes them, (L, 7, nv), and what they are, (L,)."""
+    table = np.zeros((len(limits), 7, nv))
+    for row, limit in zip(table, limits, strict=True):
+        if isinstance(limit, DisplacementWindow):
+            row[0], row[1] = limit.reference, limit.half_width
+            continue
+        assert isinstance(limit, PositionLimit)
+        row[0], row[1], row[2:4] = limit.lower, limit.upper, limit.hair
+        if isinstance(limit, MotionLimit):
+            row[4], row[5] = limit.max_velocity, limit.max_acceleration
+    return table, np.array([_TYPES[type(limit)] for limit in limits], dtype=np.int64)
 
 
-def _shape(task: TwistTask) -> Array:
-    numbers = []
-    for block in (task.projector.linear, task.projector.angular):
-        basis = np.zeros((3, 3))
-        basis[:, : block.rank] = block.basis
-        # Of a projector without an axis there is none to be turned.
-        has_axis = block.kind in (ProjectorKind.PLANE, ProjectorKind.LINE)
-        numbers += [basis.ravel(), block.axis if has_axis else np.zeros(3)]
-    return np.concatenate([*numbers, [task.gain, task.max_linear_step, task.max_angular_step]])
+def settings_of(
+    twist_space: bool, singularity: float, weight: float, nearly_unseen: float, fastest: float
+) -> Array:
+    """Settings of a controller as ``step_kernel`` takes them, (7,)."""
+    return np.array(
+        [twist_space, singularity, weight, nearly_unseen, fastest, NOTICEABLE, UNLIMITED]
+    )

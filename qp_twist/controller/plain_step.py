@@ -21,25 +21,23 @@ class Numbers(NamedTuple):
     """What the kernel leaves behind, in one array."""
 
     A: Array
-    H: Array
     b: Array
     c: Array
     lower: Array
     upper: Array
     x: Array
     box: Array
+    H: Array
 
     @classmethod
     def of(cls, out: Array, rows: int, nv: int) -> Numbers:
         """The parts of the array."""
-        square, after = rows * nv, rows * nv + nv * nv
-        vectors = out[after + rows :].reshape(5, nv)
-        return cls(
-            out[:square].reshape(rows, nv),
-            out[square:after].reshape(nv, nv),
-            out[after : after + rows],
-            *vectors,
-        )
+        square, after = rows * nv, rows * nv + rows
+        cost = out[after + 5 * nv :]
+        c, lower, upper, x, box = out[after : after + 5 * nv].reshape(5, nv)
+        H = np.diag(cost) if len(cost) == nv else cost.reshape(nv, nv)
+        A, b = out[:square].reshape(rows, nv), out[square:after]
+        return cls(A, b, c, lower, upper, x, box, H)
 
 
 class PlainStep(Step):
@@ -70,9 +68,10 @@ class PlainStep(Step):
             names: Of the joints, by degree of freedom.
         """
         step = object.__new__(cls)
-        nv = len(names)
+        nv, rows = len(names), sum(ranks)
+        first = rows * nv + rows + 3 * nv
         step.__dict__.update(
-            velocity=numbers[-2 * nv : -nv],
+            velocity=numbers[first : first + nv],
             scale=1.0,
             status=Status.SOLVED,
             solver=COMPILED,

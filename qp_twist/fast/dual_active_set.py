@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from numba import njit
+from qp_twist.fast.compiling import plain
 
 SOLVED, NO_ROOM, NOT_CONVEX, ENDLESS = 0, 1, 2, 3
 """What :func:`dual_active_set` returns: solved; no point satisfies the constraints; H is not
@@ -23,7 +23,7 @@ _MOST = 50
 """Times as many iterations as unknowns and rows are taken before the method gives up."""
 
 
-@njit(cache=True, error_model="numpy")
+@plain
 def cholesky(S):
     """L of S = LLᵀ into the lower triangle of S (n, n); whether S is positive definite."""
     for i in range(S.shape[0]):
@@ -40,11 +40,13 @@ def cholesky(S):
     return True
 
 
-@njit(cache=True, error_model="numpy")
+@plain
 def cholesky_inverse(H, J):
     """J = L⁻ᵀ of H = LLᵀ, so that JJᵀ = H⁻¹; whether H (n, n) is positive definite."""
     n = H.shape[0]
-    J[:] = H
+    for i in range(n):
+        for j in range(n):
+            J[i, j] = H[i, j]
     if not cholesky(J):
         return False
     for j in range(n):  # L⁻¹ in place, column by column
@@ -61,22 +63,16 @@ def cholesky_inverse(H, J):
     return True
 
 
-@njit(cache=True, error_model="numpy")
+@plain
 def _normal_in_factor(which, m, n, k, A, G, J, d):
     """d = Jᵀ a for the normal of a constraint, written as aᵀx ≥ …: how it is signed is below."""
-    if which < m:
+    if which < m + k:
         for j in range(n):
-            total = 0.0
-            for i in range(n):
-                total += J[i, j] * A[which, i]
-            d[j] = total
-    elif which < m + k:
-        row = which - m
-        for j in range(n):
-            total = 0.0
-            for i in range(n):
-                total += J[i, j] * G[row, i]
-            d[j] = -total
+            d[j] = 0.0
+        for i in range(n):
+            entry = A[which, i] if which < m else -G[which - m, i]
+            for j in range(n):
+                d[j] += J[i, j] * entry
     elif which < m + k + n:
         row = which - m - k
         for j in range(n):
@@ -87,7 +83,7 @@ def _normal_in_factor(which, m, n, k, A, G, J, d):
             d[j] = -J[row, j]
 
 
-@njit(cache=True, error_model="numpy")
+@plain
 def _side(which, m, n, k, b, g, lower, upper):
     """The right-hand side of a constraint aᵀx ≥ side (equality rows: =)."""
     if which < m:
@@ -99,23 +95,32 @@ def _side(which, m, n, k, b, g, lower, upper):
     return -upper[which - m - k - n]
 
 
-@njit(cache=True, error_model="numpy")
+@plain
 def _add(q, n, d, J, R):
-    """Give the normal with d = Jᵀa the column q of R, turning the free columns of J onto it."""
-    for j in range(n - 1, q, -1):
-        if d[j] != 0.0:
-            length = math.hypot(d[j - 1], d[j])
-            c, s = d[j - 1] / length, d[j] / length
-            d[j - 1], d[j] = length, 0.0
-            for i in range(n):
-                left, right = J[i, j - 1], J[i, j]
-                J[i, j - 1] = c * left + s * right
-                J[i, j] = c * right - s * left
-    for i in range(q + 1):
+    """Give the normal with d = Jᵀa the column q of R, reflecting the free columns of J onto it."""
+    square = 0.0
+    for j in range(q, n):
+        square += d[j] * d[j]
+    length, head = math.sqrt(square), d[q]
+    end = -length if head > 0.0 else length
+    if length > 0.0:
+        # ‖v‖² = 2 for v = (d ± ‖d‖e₁) / √(‖d‖(‖d‖ + |d₁|)), so that 1 − vvᵀ is the reflection.
+        scale = 1.0 / math.sqrt(length * (length + abs(head)))
+        d[q] = head - end
+        for j in range(q, n):
+            d[j] *= scale
+        for i in range(n):
+            along = 0.0
+            for j in range(q, n):
+                along += J[i, j] * d[j]
+            for j in range(q, n):
+                J[i, j] -= along * d[j]
+    for i in range(q):
         R[i, q] = d[i]
+    R[q, q] = end
 
 
-@njit(cache=True, error_model="numpy")
+@plain
 def _drop(place, q, n, J, R, active):
     """Take away column ``place`` of R (q columns) and make R triangular again."""
     for j in range(place, q - 1):
@@ -139,7 +144,7 @@ def _drop(place, q, n, J, R, active):
         R[i, q - 1] = 0.0
 
 
-@njit(cache=True, error_model="numpy")
+@plain
 def _solve_held(q, n, m, k, c, b, g, lower, upper, J, R, active, x, u, t):
     """x that minimises the cost with the active constraints as equalities, and multipliers u.
 
@@ -150,14 +155,15 @@ def _solve_held(q, n, m, k, c, b, g, lower, upper, J, R, active, x, u, t):
         for j in range(i):
             total -= R[j, i] * t[j]
         t[i] = total / R[i, i]
-    for j in range(n):
-        along = 0.0
-        for i in range(n):
-            along += J[i, j] * c[i]
-        if j < q:
-            u[j] = t[j] + along
-        else:
-            t[j] = -along
+    for j in range(q):
+        u[j] = t[j]
+    for j in range(q, n):
+        t[j] = 0.0
+    for i in range(n):
+        for j in range(q):
+            u[j] += J[i, j] * c[i]
+        for j in range(q, n):
+            t[j] -= J[i, j] * c[i]
     for i in range(n):
         total = 0.0
         for j in range(n):
@@ -170,7 +176,7 @@ def _solve_held(q, n, m, k, c, b, g, lower, upper, J, R, active, x, u, t):
         u[i] = total / R[i, i]
 
 
-@njit(cache=True, error_model="numpy")
+@plain
 def _size(x):
     """The largest of |x|, at least 1."""
     size = 1.0
@@ -179,7 +185,7 @@ def _size(x):
     return size
 
 
-@njit(cache=True, error_model="numpy")
+@plain
 def _length(which, m, n, k, G):
     """Of a constraint's normal."""
     if which >= m + k:
@@ -190,7 +196,7 @@ def _length(which, m, n, k, G):
     return math.sqrt(total)
 
 
-@njit(cache=True, error_model="numpy")
+@plain
 def _worst(n, m, k, G, g, lower, upper, x, held, tolerance):
     """The constraint that is violated most, in units of its normal's length, or −1."""
     worst, most = -1, tolerance * _size(x)
@@ -211,18 +217,18 @@ def _worst(n, m, k, G, g, lower, upper, x, held, tolerance):
     return worst
 
 
-@njit(cache=True, error_model="numpy")
-def _outside(q, d):
+@plain
+def _outside(q, n, d):
     """Squares of d, and of its part outside the q normals held."""
     whole, outside = 0.0, 0.0
-    for j in range(len(d)):
+    for j in range(n):
         whole += d[j] * d[j]
         if j >= q:
             outside += d[j] * d[j]
     return whole, outside
 
 
-@njit(cache=True, error_model="numpy")
+@plain
 def _hold_equalities(m, n, k, A, G, J, R, d, active):
     """The independent rows of A as the first active constraints; how many they are."""
     q = 0
@@ -230,7 +236,7 @@ def _hold_equalities(m, n, k, A, G, J, R, d, active):
         if q == n:
             break
         _normal_in_factor(row, m, n, k, A, G, J, d)
-        whole, outside = _outside(q, d[:n])
+        whole, outside = _outside(q, n, d)
         if outside > _RANK * _RANK * whole:
             _add(q, n, d, J, R)
             active[q] = row
@@ -238,7 +244,7 @@ def _hold_equalities(m, n, k, A, G, J, R, d, active):
     return q
 
 
-@njit(cache=True, error_model="numpy")
+@plain
 def _rows_met(A, b, x):
     """Whether x meets the rows of A that depend on others, too: then they do not contradict."""
     for row in range(len(b)):
@@ -251,7 +257,7 @@ def _rows_met(A, b, x):
     return True
 
 
-@njit(cache=True, error_model="numpy")
+@plain
 def _hold_wanted(q, m, n, k, A, G, b, g, lower, upper, J, R, d, active, held):
     """Constraints that were active last time (marked 2 in ``held``), where they fit; how many."""
     for which in range(m, m + k + 2 * n):
@@ -261,7 +267,7 @@ def _hold_wanted(q, m, n, k, A, G, b, g, lower, upper, J, R, d, active, held):
         if q == n or not math.isfinite(_side(which, m, n, k, b, g, lower, upper)):
             continue
         _normal_in_factor(which, m, n, k, A, G, J, d)
-        whole, outside = _outside(q, d[:n])
+        whole, outside = _outside(q, n, d)
         if outside > _APART * whole:
             _add(q, n, d, J, R)
             active[q], held[which] = which, 1
@@ -269,7 +275,7 @@ def _hold_wanted(q, m, n, k, A, G, b, g, lower, upper, J, R, d, active, held):
     return q
 
 
-@njit(cache=True, error_model="numpy")
+@plain
 def _least(u, first, q):
     """The place of the most negative multiplier of an inequality, or −1."""
     least, place = 0.0, -1
@@ -279,7 +285,7 @@ def _least(u, first, q):
     return place
 
 
-@njit(cache=True, error_model="numpy")
+@plain
 def _blocking(u, r, first, q, active):
     """The longest step before a multiplier turns negative, and the place of that one, or −1."""
     longest, place = math.inf, -1
@@ -291,7 +297,7 @@ def _blocking(u, r, first, q, active):
     return longest, place
 
 
-@njit(cache=True, error_model="numpy")
+@plain
 def _violation(which, m, n, k, G, x, side):
     """How far a constraint is from being met, in its own units, at least 0."""
     missing = side
@@ -305,13 +311,13 @@ def _violation(which, m, n, k, G, x, side):
     return max(missing, 0.0)
 
 
-@njit(cache=True, error_model="numpy")
+@plain
 def _enter(which, first, q, m, n, k, A, G, b, g, lower, upper, J, R, d, r, x, u, active, held):
     """Let a violated constraint in and out go those in its way; what happened, and how many."""
     side = _side(which, m, n, k, b, g, lower, upper)
     for _ in range(q - first + 1):
         _normal_in_factor(which, m, n, k, A, G, J, d)
-        whole, outside = _outside(q, d[:n])
+        whole, outside = _outside(q, n, d)
         # How the multipliers of the others fall while the new one grows: r = R⁻¹d₁.
         for i in range(q - 1, -1, -1):
             total = d[i]
@@ -350,7 +356,7 @@ def _enter(which, first, q, m, n, k, A, G, b, g, lower, upper, J, R, d, r, x, u,
     return ENDLESS, q
 
 
-@njit(cache=True, error_model="numpy")
+@plain
 def dual_active_set(H, c, A, b, G, g, lower, upper, active, before, x, u, J, R, held, work):
     r"""Minimise ½xᵀHx + cᵀx subject to Ax = b, Gx ≤ g, lower ≤ x ≤ upper.
 
@@ -390,7 +396,8 @@ def dual_active_set(H, c, A, b, G, g, lower, upper, active, before, x, u, J, R, 
     d, t, r = work[0], work[1], work[2]
     if not cholesky_inverse(H, J):
         return NOT_CONVEX, 0
-    held[:] = 0
+    for i in range(len(held)):
+        held[i] = 0
     for i in range(before):
         held[active[i]] = 2
     q = first = _hold_equalities(m, n, k, A, G, J, R, d, active)

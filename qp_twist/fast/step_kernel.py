@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import math
+from typing import Any, NamedTuple
 
 import numpy as np
-from numba import njit
 
+from qp_twist.fast.box_program import NOBODY, UNDECIDED, box_program
+from qp_twist.fast.compiling import kernel, plain
 from qp_twist.fast.dual_active_set import SOLVED, cholesky, dual_active_set
 from qp_twist.fast.twist_rows import twist_rows
 
@@ -14,11 +16,82 @@ POSITION, MOTION, WINDOW = 0, 1, 2
 """Kinds of limits."""
 ACCELERATION_BOUND, VELOCITY_BOUND, POSITION_BOUND = 0, 1, 2
 """What a bound comes from, in the order in which they give way to each other."""
+NO_BOUND = 9
 DONE, REFUSED = 0, 1
 """The step is verified; or the reference has to look at it."""
 
 
-@njit(cache=True, error_model="numpy")
+class StepArrays(NamedTuple):
+    """What a step reads and writes: the program, its result, and a workspace."""
+
+    A: Any
+    b: Any
+    c: Any
+    lower: Any
+    upper: Any
+    x: Any
+    box: Any
+    h: Any
+    """Diagonal of H in joint space, (nv,); in twist space (0,)."""
+    dense: Any
+    """H in twist space, (nv, nv); in joint space a workspace."""
+    lower_kind: Any
+    upper_kind: Any
+    active: Any
+    ints: Any
+    q: Any
+    y: Any
+    u: Any
+    three: Any
+    root: Any
+    line: Any
+    J: Any
+    R: Any
+    scaled: Any
+    V: Any
+    square: Any
+    free: Any
+    no_rows: Any
+
+
+def sizes(nv: int, m: int, count: int, twist_space: bool) -> tuple[int, int]:
+    """Entries of ``out`` and ``work`` of :func:`step_arrays`."""
+    square = nv * nv
+    out = m * nv + m + 5 * nv + (square if twist_space else nv)
+    work = 3 * square + 5 * nv + 4 + m + 2 * m * nv + m * m + (6 * count * nv if twist_space else 0)
+    return out, work
+
+
+@kernel
+def step_arrays(nv, m, count, twist_space, out, bound_kinds, active, ints, work):
+    """Views of the arrays of ``count`` tasks with m rows together, as long as ``sizes`` says."""
+    square, at = nv * nv, m * nv + m
+    vectors = out[at : at + 5 * nv].reshape(5, nv)
+    cost = out[at + 5 * nv :]
+    dense = (cost if twist_space else work)[:square].reshape(nv, nv)
+    rest = work[3 * square :]
+    three = rest[: 3 * nv + 3].reshape(3, nv + 1)
+    rest = rest[3 * nv + 3 :]
+    after = 2 * nv + 1 + m
+    freed = 6 * count if twist_space else 0
+    last = after + 2 * m * nv + m * m
+    return StepArrays(
+        out[: m * nv].reshape(m, nv), out[m * nv : at],
+        vectors[0], vectors[1], vectors[2], vectors[3], vectors[4],
+        cost[: 0 if twist_space else nv], dense,
+        bound_kinds[0], bound_kinds[1], active, ints,
+        rest[:nv], rest[2 * nv + 1 : after], rest[nv : 2 * nv + 1], three,
+        three[0, :nv], three[1, :nv],
+        work[square : 2 * square].reshape(nv, nv), work[2 * square : 3 * square].reshape(nv, nv),
+        rest[after : after + m * nv].reshape(m, nv),
+        rest[after + m * nv : after + 2 * m * nv].reshape(m, nv),
+        rest[after + 2 * m * nv : last].reshape(m, m),
+        rest[last : last + freed * nv].reshape(freed, nv),
+        work[:0].reshape(0, nv),
+    )  # fmt: skip
+
+
+@plain
 def _stopping_speed(room, acceleration, dt):
     """As ``limits.stopping_speed``, for one joint."""
     if math.isinf(acceleration) or math.isinf(room):
@@ -28,16 +101,23 @@ def _stopping_speed(room, acceleration, dt):
     return room / ((steps + 1.0) * dt) + 0.5 * steps * braking
 
 
-@njit(cache=True, error_model="numpy")
-def _narrow(dof, low, high, kind, lower, upper, lower_kind, upper_kind):
-    """Intersect the bounds of a joint with others; of equal ones the kind that gives way least."""
-    if low > lower[dof] or (low == lower[dof] and kind < lower_kind[dof]):
-        lower[dof], lower_kind[dof] = low, kind
-    if high < upper[dof] or (high == upper[dof] and kind < upper_kind[dof]):
-        upper[dof], upper_kind[dof] = high, kind
+@plain
+def _above(bound, kind, least, least_kind):
+    """The higher of two lower bounds; of equal ones the one whose kind comes first."""
+    if bound > least or (bound == least and kind < least_kind):
+        return bound, kind
+    return least, least_kind
 
 
-@njit(cache=True, error_model="numpy")
+@plain
+def _below(bound, kind, most, most_kind):
+    """The lower of two upper bounds; of equal ones the one whose kind comes first."""
+    if bound < most or (bound == most and kind < most_kind):
+        return bound, kind
+    return most, most_kind
+
+
+@plain
 def bounds(
     limits, types, q, dt, noticeable, unlimited, lower, upper, lower_kind, upper_kind
 ):  # fmt: skip
@@ -58,49 +138,53 @@ def bounds(
         upper_kind: Result.
     """
     for dof in range(len(q)):
-        lower[dof], upper[dof] = -math.inf, math.inf
-        lower_kind[dof] = upper_kind[dof] = 9
+        least, most, from_below, from_above = -math.inf, math.inf, NO_BOUND, NO_BOUND
         for index in range(len(types)):
-            table = limits[index]
+            first, second = limits[index, 0, dof], limits[index, 1, dof]
             if types[index] == WINDOW:
-                moved = table[0, dof] - q[dof]
-                low = min((moved - table[1, dof]) / dt, 0.0)
-                high = max((moved + table[1, dof]) / dt, 0.0)
-                _narrow(dof, low, high, VELOCITY_BOUND, lower, upper, lower_kind, upper_kind)
-                continue
-            below, above = q[dof] - table[0, dof], table[1, dof] - q[dof]
-            if below < -noticeable or above < -noticeable:
-                return False
-            down = max(below - table[2, dof], 0.0)
-            up = max(above - table[3, dof], 0.0)
-            if types[index] == MOTION:
-                fastest, hardest, before = table[4, dof], table[5, dof], table[6, dof]
-                change = hardest * dt
-                _narrow(dof, before - change, before + change, ACCELERATION_BOUND,
-                        lower, upper, lower_kind, upper_kind)  # fmt: skip
-                _narrow(dof, -fastest, fastest, VELOCITY_BOUND,
-                        lower, upper, lower_kind, upper_kind)  # fmt: skip
-                if abs(before) > fastest + noticeable:
-                    return False
-                # Too fast to stop in time: recovering, which the reference tells of.
-                for speed, room in ((-before, below), (before, above)):
-                    within = _stopping_speed(max(room, 0.0) + noticeable, hardest, dt)
-                    if speed - change > within:
-                        return False
-                down, up = _stopping_speed(down, hardest, dt), _stopping_speed(up, hardest, dt)
+                low = min((first - q[dof] - second) / dt, 0.0)
+                high = max((first - q[dof] + second) / dt, 0.0)
+                kind = VELOCITY_BOUND
             else:
-                down, up = down / dt, up / dt
-            _narrow(dof, -down, up, POSITION_BOUND, lower, upper, lower_kind, upper_kind)
-        if not lower[dof] <= upper[dof] or lower[dof] > unlimited or upper[dof] < -unlimited:
+                below, above = q[dof] - first, second - q[dof]
+                if below < -noticeable or above < -noticeable:
+                    return False
+                low = -max(below - limits[index, 2, dof], 0.0)
+                high = max(above - limits[index, 3, dof], 0.0)
+                kind = POSITION_BOUND
+                if types[index] == MOTION:
+                    fastest, hardest = limits[index, 4, dof], limits[index, 5, dof]
+                    before = limits[index, 6, dof]
+                    change = hardest * dt
+                    if abs(before) > fastest + noticeable:
+                        return False
+                    # Too fast to stop in time: recovering, which the reference tells of.
+                    within = _stopping_speed(max(below, 0.0) + noticeable, hardest, dt)
+                    if -before - change > within:
+                        return False
+                    within = _stopping_speed(max(above, 0.0) + noticeable, hardest, dt)
+                    if before - change > within:
+                        return False
+                    slower, faster = before - change, before + change
+                    least, from_below = _above(slower, ACCELERATION_BOUND, least, from_below)
+                    most, from_above = _below(faster, ACCELERATION_BOUND, most, from_above)
+                    least, from_below = _above(-fastest, VELOCITY_BOUND, least, from_below)
+                    most, from_above = _below(fastest, VELOCITY_BOUND, most, from_above)
+                    low = -_stopping_speed(-low, hardest, dt)
+                    high = _stopping_speed(high, hardest, dt)
+                else:
+                    low, high = low / dt, high / dt
+            least, from_below = _above(low, kind, least, from_below)
+            most, from_above = _below(high, kind, most, from_above)
+        if not least <= most or least > unlimited or most < -unlimited:
             return False
-        if lower[dof] < -unlimited:
-            lower[dof] = -math.inf
-        if upper[dof] > unlimited:
-            upper[dof] = math.inf
+        lower[dof] = least if least >= -unlimited else -math.inf
+        upper[dof] = most if most <= unlimited else math.inf
+        lower_kind[dof], upper_kind[dof] = from_below, from_above
     return True
 
 
-@njit(cache=True, error_model="numpy")
+@plain
 def _well_conditioned(A, threshold, work):
     """Whether no singular value of A (m, n) is below a threshold: AAᵀ − threshold²·1 ≻ 0."""
     m, n = A.shape
@@ -114,7 +198,7 @@ def _well_conditioned(A, threshold, work):
     return cholesky(work)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _add_unseen(A, free, metric, weight, nearly, H):
     """Add the joint-space cost on the motion that neither A nor ``free`` see (``_unseen``)."""
     m, n = A.shape
@@ -138,59 +222,30 @@ def _add_unseen(A, free, metric, weight, nearly, H):
                     )  # fmt: skip
 
 
-@njit(cache=True, error_model="numpy")
-def _sizes(H, c, x):
-    """The largest of |H|, of |c| and of |x|."""
-    hardest, steepest, furthest = 1e-300, 0.0, 0.0
-    for i in range(len(c)):
+@plain
+def _excess(hardest, left, largest, gap, c, A, b, lower, upper, x, y, box, tolerances):
+    """What the multipliers leave, in units of its tolerance, as ``verification._excess``.
+
+    ``hardest`` is the largest entry of H, ``left`` that of r = Hx + c + Aᵀy + μ, ``largest`` the
+    largest term in it, and ``gap`` ½rᵀH⁻¹r.
+    """
+    n, steepest, furthest, held = len(c), 0.0, 0.0, 0.0
+    for i in range(n):
         steepest, furthest = max(steepest, abs(c[i])), max(furthest, abs(x[i]))
-        for j in range(len(c)):
-            hardest = max(hardest, abs(H[i, j]))
-    return hardest, steepest, furthest
-
-
-@njit(cache=True, error_model="numpy")
-def _left_of_gradient(H, c, A, x, y, box, residual):
-    """r = Hx + c + Aᵀy + μ into ``residual``; the largest of it, and the largest term in it."""
-    left, largest = 0.0, 0.0
-    for i in range(len(c)):
-        gradient, equality = c[i], 0.0
-        for j in range(len(c)):
-            gradient += H[i, j] * x[j]
-        for row in range(len(y)):
-            equality += A[row, i] * y[row]
-        residual[i] = gradient + equality + box[i]
-        left = max(left, abs(residual[i]))
-        largest = max(largest, abs(c[i]))
-        largest = max(largest, abs(equality))
-        largest = max(largest, abs(box[i]))
-    return left, largest
-
-
-@njit(cache=True, error_model="numpy")
-def _excess(H, c, A, b, lower, upper, x, y, box, J, tolerances, residual):
-    """What the multipliers leave, in units of its tolerance, as ``verification._excess``."""
-    hardest, steepest, furthest = _sizes(H, c, x)
-    left, largest = _left_of_gradient(H, c, A, x, y, box, residual)
-    reach = 1.0 + furthest
-    held, gap = 0.0, 0.0
-    for i in range(len(c)):
+        largest = max(largest, abs(c[i]), abs(box[i]))
         if box[i] > 0.0:
             held += box[i] * (upper[i] - x[i])
         elif box[i] < 0.0:
             held -= box[i] * (x[i] - lower[i])
-        along = 0.0  # rᵀH⁻¹r = ‖Jᵀr‖²
-        for k in range(len(c)):
-            along += J[k, i] * residual[k]
-        gap += 0.5 * along * along
     gap += held
     largest_b, off = 0.0, 0.0
     for row in range(len(b)):
         total = -b[row]
-        for i in range(len(c)):
+        for i in range(n):
             total += A[row, i] * x[i]
         gap -= y[row] * total
         off, largest_b = max(off, abs(total)), max(largest_b, abs(b[row]))
+    reach = 1.0 + furthest
     cost = (hardest * reach + steepest) * reach
     worst = off / (tolerances[0] * (1.0 + largest_b))
     worst = max(worst, left / (tolerances[1] * hardest * reach + tolerances[4] * largest))
@@ -198,8 +253,53 @@ def _excess(H, c, A, b, lower, upper, x, y, box, J, tolerances, residual):
     return max(worst, gap / (tolerances[3] * cost))
 
 
-@njit(cache=True, error_model="numpy")
-def _all_rows(kinds, shapes, poses, targets, jacobians, dt, A, b, free, free_costs, work):
+@plain
+def _pull_of_rows(A, y, residual):
+    """Aᵀy into ``residual``; the largest of it."""
+    n, largest = A.shape[1], 0.0
+    for i in range(n):
+        residual[i] = 0.0
+    for row in range(len(y)):
+        for i in range(n):
+            residual[i] += A[row, i] * y[row]
+    for i in range(n):
+        largest = max(largest, abs(residual[i]))
+    return largest
+
+
+@plain
+def _excess_of_diagonal(h, c, A, b, lower, upper, x, y, box, tolerances, residual):
+    """:func:`_excess` where H = diag h."""
+    hardest, left, gap, largest = 1e-300, 0.0, 0.0, _pull_of_rows(A, y, residual)
+    for i in range(len(c)):
+        term = h[i] * x[i] + c[i] + residual[i] + box[i]
+        hardest, left = max(hardest, h[i]), max(left, abs(term))
+        gap += 0.5 * term * term / h[i]
+    return _excess(hardest, left, largest, gap, c, A, b, lower, upper, x, y, box, tolerances)
+
+
+@plain
+def _excess_of_dense(H, c, A, b, lower, upper, x, y, box, J, tolerances, residual, along):
+    """:func:`_excess` for any H, with JJᵀ = H⁻¹: rᵀH⁻¹r = ‖Jᵀr‖²."""
+    n, hardest, left, gap = len(c), 1e-300, 0.0, 0.0
+    largest = _pull_of_rows(A, y, residual)
+    for i in range(n):
+        residual[i] += c[i] + box[i]
+        along[i] = 0.0
+        for j in range(n):
+            residual[i] += H[i, j] * x[j]
+            hardest = max(hardest, abs(H[i, j]))
+        left = max(left, abs(residual[i]))
+    for k in range(n):
+        for i in range(n):
+            along[i] += J[k, i] * residual[k]
+    for i in range(n):
+        gap += 0.5 * along[i] * along[i]
+    return _excess(hardest, left, largest, gap, c, A, b, lower, upper, x, y, box, tolerances)
+
+
+@plain
+def _all_rows(kinds, shapes, poses, targets, jacobians, dt, A, b, free, free_costs):
     """The rows of all tasks, one below the other; the fastest that they ask for."""
     row, fastest = 0, 0.0
     for index in range(len(kinds)):
@@ -207,7 +307,7 @@ def _all_rows(kinds, shapes, poses, targets, jacobians, dt, A, b, free, free_cos
         first = 6 * index if len(free) else 0
         twist_rows(
             kinds[index], shapes[index], poses[index], targets[index], jacobians[index], dt,
-            A[row : row + rank], b[row : row + rank], free[first : first + 6], free_costs, work,
+            A[row : row + rank], b[row : row + rank], free[first : first + 6], free_costs,
         )  # fmt: skip
         row += rank
     for i in range(row):
@@ -217,7 +317,7 @@ def _all_rows(kinds, shapes, poses, targets, jacobians, dt, A, b, free, free_cos
     return fastest
 
 
-@njit(cache=True, error_model="numpy")
+@plain
 def _wish(qpos, addresses, middle, pull, wish, dt, use_secondary, q, c):
     """Joint positions into q and ḣ into c; the largest entry of ḣ, infinite where q is not."""
     largest = 0.0
@@ -233,8 +333,8 @@ def _wish(qpos, addresses, middle, pull, wish, dt, use_secondary, q, c):
     return largest
 
 
-@njit(cache=True, error_model="numpy")
-def _cost(A, free, metric, weight, nearly, twist_space, H, c, wanted):
+@kernel
+def _twist_cost(A, free, metric, weight, nearly, H, c, wanted):
     """H, and −H ḣ in place of ḣ in c; AᵀA is added behind that, since A ḣ is not wished for."""
     nv = len(c)
     for i in range(nv):
@@ -243,33 +343,23 @@ def _cost(A, free, metric, weight, nearly, twist_space, H, c, wanted):
             H[i, j] = 0.0
             for k in range(len(free)):
                 H[i, j] += free[k, i] * free[k, j]
-        if not twist_space:
-            H[i, i] = weight * metric[i]
-    if twist_space:
-        _add_unseen(A, free, metric, weight, nearly, H)
+    _add_unseen(A, free, metric, weight, nearly, H)
     for i in range(nv):
         c[i] = 0.0
         for j in range(nv):
             c[i] -= H[i, j] * wanted[j]
-    if twist_space:
-        for i in range(nv):
-            for j in range(nv):
-                for k in range(len(A)):
-                    H[i, j] += A[k, i] * A[k, j]
+    for i in range(nv):
+        for j in range(nv):
+            for k in range(len(A)):
+                H[i, j] += A[k, i] * A[k, j]
 
 
-@njit(cache=True, error_model="numpy")
-def _multipliers(m, count, active, u, x, lower, upper, y, box):
-    """x into the box to the last bit, and the multipliers by rows and bounds; whether x is finite.
-
-    The signs are those of ``verification``: Hx + c + Aᵀy + μ = 0.
-    """
-    nv = len(x)
+@plain
+def _multipliers(m, count, active, u, y, box):
+    """Of rows and bounds, from those of the active set: Hx + c + Aᵀy + μ = 0."""
+    nv = len(box)
     for i in range(nv):
         box[i] = 0.0
-        x[i] = min(max(x[i], lower[i]), upper[i])
-        if not math.isfinite(x[i]):
-            return False
     for i in range(count):
         if i < m:
             y[i] = -u[i]
@@ -277,10 +367,92 @@ def _multipliers(m, count, active, u, x, lower, upper, y, box):
             box[active[i] - m] -= u[i]
         else:
             box[active[i] - m - nv] += u[i]
+
+
+@plain
+def _by_active_set(w, tolerances):
+    """The program by Goldfarb and Idnani, begun with what was active last time."""
+    m = len(w.b)
+    before, w.ints[0] = w.ints[0], 0
+    status, count = dual_active_set(
+        w.dense, w.c, w.A, w.b, w.no_rows, w.no_rows[:, 0], w.lower, w.upper, w.active, before,
+        w.x, w.u, w.J, w.R, w.ints[1:], w.three,
+    )  # fmt: skip
+    if status != SOLVED:
+        return REFUSED
+    _multipliers(m, count, w.active, w.u, w.y, w.box)
+    for i in range(m, count):  # for the next step
+        w.active[i - m] = w.active[i]
+    w.ints[0] = count - m
+    if not _into_the_box(w.x, w.lower, w.upper) or not _excess_of_dense(
+        w.dense, w.c, w.A, w.b, w.lower, w.upper, w.x, w.y, w.box, w.J, tolerances, w.three[0],
+        w.three[1],
+    ) <= 1.0:  # fmt: skip
+        return REFUSED
+    return DONE
+
+
+@plain
+def _into_the_box(x, lower, upper):
+    """To the last bit; whether x is finite."""
+    for i in range(len(x)):
+        x[i] = min(max(x[i], lower[i]), upper[i])
+        if not math.isfinite(x[i]):
+            return False
     return True
 
 
-@njit(cache=True, error_model="numpy")
+@plain
+def _in_joint_space(w, metric, weight, tolerances):
+    """The step with a diagonal cost."""
+    m, nv = w.A.shape
+    for i in range(nv):
+        w.h[i] = weight * metric[i]
+        w.c[i] *= -w.h[i]
+    which = box_program(
+        w.h, w.c, w.A, w.b, w.lower, w.upper, w.x, w.y, w.box, w.scaled, w.V, w.square, w.root,
+        w.line,
+    )  # fmt: skip
+    if which == UNDECIDED:
+        for i in range(nv):
+            for j in range(nv):
+                w.dense[i, j] = w.h[i] if i == j else 0.0
+        return _by_active_set(w, tolerances)
+    w.ints[0] = 0
+    if which != NOBODY:
+        w.ints[0], w.active[0] = 1, m + which
+    if (
+        not _into_the_box(w.x, w.lower, w.upper)
+        or not _excess_of_diagonal(
+            w.h, w.c, w.A, w.b, w.lower, w.upper, w.x, w.y, w.box, tolerances, w.line
+        )
+        <= 1.0
+    ):
+        return REFUSED
+    return DONE
+
+
+@kernel
+def verified_velocity(w, limits, types, metric, settings, tolerances, dt):
+    """The joint velocity into ``w.x``, from the rows, q and ḣ (in ``w.c``) that are in ``w``.
+
+    Returns:
+        ``DONE``, or ``REFUSED`` for whatever is not a plain step inside all limits.
+    """
+    if not _well_conditioned(w.A, settings[1], w.square):
+        return REFUSED
+    if not bounds(
+        limits, types, w.q, dt, settings[5], settings[6], w.lower, w.upper, w.lower_kind,
+        w.upper_kind,
+    ):  # fmt: skip
+        return REFUSED
+    if len(w.h):
+        return _in_joint_space(w, metric, settings[2], tolerances)
+    _twist_cost(w.A, w.free, metric, settings[2], settings[3], w.dense, w.c, w.line)
+    return _by_active_set(w, tolerances)
+
+
+@kernel
 def step_kernel(
     kinds, shapes, poses, targets, jacobians, qpos, addresses, middle, pull, wish,
     limits, types, metric, free_costs, settings, tolerances, dt, use_secondary,
@@ -292,49 +464,9 @@ def step_kernel(
         ``DONE``, or ``REFUSED`` for whatever is not a plain step inside all limits.
     """
     nv, m = len(metric), len(ints) - 1 - 2 * len(metric)
-    twist_space = settings[0] > 0.0
-    # Views of the result.
-    A, H = out[: m * nv].reshape(m, nv), out[m * nv : m * nv + nv * nv].reshape(nv, nv)
-    at = (m + nv) * nv
-    b, at = out[at : at + m], at + m
-    vectors = out[at:].reshape(5, nv)
-    c, lower, upper, x, box = vectors[0], vectors[1], vectors[2], vectors[3], vectors[4]
-    # Views of the workspace.
-    J = work[: nv * nv].reshape(nv, nv)
-    R = work[nv * nv : 2 * nv * nv].reshape(nv, nv)
-    at = 2 * nv * nv
-    u, three = work[at : at + nv + 1], work[at + nv + 1 : at + 4 * nv + 4].reshape(3, nv + 1)
-    at += 4 * nv + 4
-    q, y = work[at : at + nv], work[at + nv : at + nv + m]
-    at += nv + m
-    square, small = work[at : at + m * m].reshape(m, m), work[at + m * m : at + m * m + 48]
-    at += m * m + 48
-    freed = 6 * len(kinds) if twist_space else 0
-    free = work[at : at + freed * nv].reshape(freed, nv)
-
-    fastest = _wish(qpos, addresses, middle, pull, wish, dt, use_secondary, q, c)
-    asked = _all_rows(
-        kinds, shapes, poses, targets, jacobians, dt, A, b, free, free_costs, small.reshape(12, 4)
-    )
+    w = step_arrays(nv, m, len(kinds), settings[0] > 0.0, out, bound_kinds, active, ints, work)
+    fastest = _wish(qpos, addresses, middle, pull, wish, dt, use_secondary, w.q, w.c)
+    asked = _all_rows(kinds, shapes, poses, targets, jacobians, dt, w.A, w.b, w.free, free_costs)
     if not (fastest <= settings[4] and asked <= settings[4]):
         return REFUSED
-    if not _well_conditioned(A, settings[1], square):
-        return REFUSED
-    _cost(A, free, metric, settings[2], settings[3], twist_space, H, c, three[0])
-    if not bounds(
-        limits, types, q, dt, settings[5], settings[6], lower, upper, bound_kinds[0], bound_kinds[1]
-    ):
-        return REFUSED
-    before, ints[0] = ints[0], 0
-    status, count = dual_active_set(
-        H, c, A, b, np.empty((0, nv)), np.empty(0), lower, upper, active, before, x, u, J, R,
-        ints[1:], three,
-    )  # fmt: skip
-    if status != SOLVED or not _multipliers(m, count, active, u, x, lower, upper, y, box):
-        return REFUSED
-    if not _excess(H, c, A, b, lower, upper, x, y, box, J, tolerances, q) <= 1.0:
-        return REFUSED
-    for i in range(m, count):  # for the next step
-        active[i - m] = active[i]
-    ints[0] = count - m
-    return DONE
+    return verified_velocity(w, limits, types, metric, settings, tolerances, dt)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from numba import njit
+from qp_twist.fast.compiling import plain
 
 WORLD, BODY, TARGET = 0, 1, 2
 """What the axes of a projector are fixed to."""
@@ -13,202 +13,179 @@ NONE, LINE, PLANE, FULL = 0, 1, 2, 3
 _TINY = 1e-12
 
 
-@njit(cache=True, error_model="numpy")
-def geodesic(start, end, out):
+@plain
+def geodesic(ax, ay, az, bx, by, bz):
     """Rotation vector of the shortest rotation that takes one unit vector to another."""
-    cosine = start[0] * end[0] + start[1] * end[1] + start[2] * end[2]
+    cosine = ax * bx + ay * by + az * bz
     sign = -1.0 if cosine > 0.0 else 1.0
-    x, y, z = end[0] + sign * start[0], end[1] + sign * start[1], end[2] + sign * start[2]
-    out[0] = start[1] * z - start[2] * y
-    out[1] = start[2] * x - start[0] * z
-    out[2] = start[0] * y - start[1] * x
-    sine = math.sqrt(out[0] * out[0] + out[1] * out[1] + out[2] * out[2])
-    if sine < _TINY:
-        if cosine <= 0.0:
-            _half_turn(start, out)
-        return
-    scale = math.atan2(sine, cosine) / sine
-    out[0] *= scale
-    out[1] *= scale
-    out[2] *= scale
+    x, y, z = bx + sign * ax, by + sign * ay, bz + sign * az
+    nx, ny, nz = ay * z - az * y, az * x - ax * z, ax * y - ay * x
+    sine = math.sqrt(nx * nx + ny * ny + nz * nz)
+    scale = 1.0
+    if sine >= _TINY:
+        scale = math.atan2(sine, cosine) / sine
+    elif cosine <= 0.0:
+        nx, ny, nz = _perpendicular(ax, ay, az)
+        scale = math.pi
+    return scale * nx, scale * ny, scale * nz
 
 
-@njit(cache=True, error_model="numpy")
-def _half_turn(e, out):
-    """π about a fixed axis perpendicular to e: the one that is furthest from e's smallest entry."""
-    least = 0
-    if abs(e[1]) < abs(e[least]):
-        least = 1
-    if abs(e[2]) < abs(e[least]):
-        least = 2
-    hx, hy, hz = 0.0, 0.0, 0.0
-    if least == 0:
-        hx = 1.0
-    elif least == 1:
-        hy = 1.0
+@plain
+def _perpendicular(x, y, z):
+    """A fixed unit vector perpendicular to e: e × the axis of e's smallest entry."""
+    if abs(x) <= abs(y) and abs(x) <= abs(z):
+        u, v, w = 0.0, z, -y
+    elif abs(y) <= abs(z):
+        u, v, w = -z, 0.0, x
     else:
-        hz = 1.0
-    x, y, z = e[1] * hz - e[2] * hy, e[2] * hx - e[0] * hz, e[0] * hy - e[1] * hx
-    scale = math.pi / math.sqrt(x * x + y * y + z * z)
-    out[0], out[1], out[2] = scale * x, scale * y, scale * z
+        u, v, w = y, -x, 0.0
+    length = math.sqrt(u * u + v * v + w * w)
+    return u / length, v / length, w / length
 
 
-@njit(cache=True, error_model="numpy")
-def quaternion(R, wxyz):
-    """Unit quaternion of a rotation matrix, by the largest of its four entries (Shepperd 1978)."""
-    trace = R[0, 0] + R[1, 1] + R[2, 2]
-    most, which = trace, -1
-    for i in range(3):
-        if R[i, i] > most:
-            most, which = R[i, i], i
-    if which < 0:
-        s = math.sqrt(1.0 + trace) * 2.0
-        wxyz[0] = 0.25 * s
-        wxyz[1] = (R[2, 1] - R[1, 2]) / s
-        wxyz[2] = (R[0, 2] - R[2, 0]) / s
-        wxyz[3] = (R[1, 0] - R[0, 1]) / s
-        return
-    i, j, k = which, (which + 1) % 3, (which + 2) % 3
-    s = math.sqrt(1.0 + R[i, i] - R[j, j] - R[k, k]) * 2.0
-    wxyz[0] = (R[k, j] - R[j, k]) / s
-    wxyz[1 + i] = 0.25 * s
-    wxyz[1 + j] = (R[j, i] + R[i, j]) / s
-    wxyz[1 + k] = (R[k, i] + R[i, k]) / s
+@plain
+def quaternion(pose, target):
+    """w, x, y, z of R_d Rᵀ, by the largest of its four entries (Shepperd 1978)."""
+    a = target[0] * pose[0] + target[1] * pose[1] + target[2] * pose[2]
+    b = target[0] * pose[3] + target[1] * pose[4] + target[2] * pose[5]
+    c = target[0] * pose[6] + target[1] * pose[7] + target[2] * pose[8]
+    d = target[3] * pose[0] + target[4] * pose[1] + target[5] * pose[2]
+    e = target[3] * pose[3] + target[4] * pose[4] + target[5] * pose[5]
+    f = target[3] * pose[6] + target[4] * pose[7] + target[5] * pose[8]
+    g = target[6] * pose[0] + target[7] * pose[1] + target[8] * pose[2]
+    h = target[6] * pose[3] + target[7] * pose[4] + target[8] * pose[5]
+    i = target[6] * pose[6] + target[7] * pose[7] + target[8] * pose[8]
+    trace = a + e + i
+    if trace >= a and trace >= e and trace >= i:
+        s = 2.0 * math.sqrt(1.0 + trace)
+        return 0.25 * s, (h - f) / s, (c - g) / s, (d - b) / s
+    if a >= e and a >= i:
+        s = 2.0 * math.sqrt(1.0 + a - e - i)
+        return (h - f) / s, 0.25 * s, (d + b) / s, (g + c) / s
+    if e >= i:
+        s = 2.0 * math.sqrt(1.0 + e - i - a)
+        return (c - g) / s, (d + b) / s, 0.25 * s, (h + f) / s
+    s = 2.0 * math.sqrt(1.0 + i - a - e)
+    return (d - b) / s, (g + c) / s, (h + f) / s, 0.25 * s
 
 
-@njit(cache=True, error_model="numpy")
-def _rotation_vector(wxyz, out):
+@plain
+def _rotation_vector(w, x, y, z):
     """Of a unit quaternion, of length at most π, rad."""
-    sign = -1.0 if wxyz[0] < 0.0 else 1.0
-    x, y, z = sign * wxyz[1], sign * wxyz[2], sign * wxyz[3]
     sine = math.sqrt(x * x + y * y + z * z)
+    if w < 0.0:
+        w, x, y, z = -w, -x, -y, -z
     scale = 2.0
     if sine >= _TINY:
-        scale = 2.0 * math.atan2(sine, sign * wxyz[0]) / sine
-    out[0], out[1], out[2] = scale * x, scale * y, scale * z
+        scale = 2.0 * math.atan2(sine, w) / sine
+    return scale * x, scale * y, scale * z
 
 
-@njit(cache=True, error_model="numpy")
-def _twist_about(wxyz, axis, out):
-    """The part of a rotation that turns about an axis, in (−π, π], as a vector."""
-    along = wxyz[1] * axis[0] + wxyz[2] * axis[1] + wxyz[3] * axis[2]
-    if math.hypot(along, wxyz[0]) < _TINY:
-        return
-    angle = 2.0 * math.atan2(along, wxyz[0])
+@plain
+def _turned_about(w, along):
+    """Angle in (−π, π] of the part of a rotation that turns about an axis."""
+    if math.hypot(along, w) < _TINY:
+        return 0.0
+    angle = 2.0 * math.atan2(along, w)
     if angle > math.pi:
         angle -= 2.0 * math.pi
     elif angle <= -math.pi:
         angle += 2.0 * math.pi
-    for i in range(3):
-        out[i] = angle * axis[i]
+    return angle
 
 
-@njit(cache=True, error_model="numpy")
-def angular_error(R, R_d, kind, axis, moves_with_body, work, out):
-    """Δω of a projector's kind and world axis, (3,): as ``geometry.angular_error`` states it.
+@plain
+def _turned(M, x, y, z):
+    """M v, for the rotation in the first nine entries of M."""
+    return (
+        M[0] * x + M[1] * y + M[2] * z,
+        M[3] * x + M[4] * y + M[5] * z,
+        M[6] * x + M[7] * y + M[8] * z,
+    )
 
-    ``work`` is (4, 4).
-    """
-    out[0], out[1], out[2] = 0.0, 0.0, 0.0
+
+@plain
+def _turned_back(M, x, y, z):
+    """Mᵀ v."""
+    return (
+        M[0] * x + M[3] * y + M[6] * z,
+        M[1] * x + M[4] * y + M[7] * z,
+        M[2] * x + M[5] * y + M[8] * z,
+    )
+
+
+@plain
+def angular_error(pose, target, kind, x, y, z, moves_with_body):
+    """Δω of a projector's kind and world axis: as ``geometry.angular_error`` states it."""
     if kind == NONE:
-        return
-    E, wxyz, turned = work[:3, :3], work[3], work[:3, 3]
-    for i in range(3):
-        for j in range(3):
-            E[i, j] = R_d[i, 0] * R[j, 0] + R_d[i, 1] * R[j, 1] + R_d[i, 2] * R[j, 2]
+        return 0.0, 0.0, 0.0
     if kind == PLANE:
-        for i in range(3):
-            turned[i] = 0.0
-            for j in range(3):
-                turned[i] += (E[i, j] if moves_with_body else E[j, i]) * axis[j]
-        if moves_with_body:
-            geodesic(axis, turned, out)
-        else:
-            geodesic(turned, axis, out)
-        return
-    quaternion(E, wxyz)
+        if moves_with_body:  # R_d Rᵀ takes the axis where it shall be
+            ux, uy, uz = _turned_back(pose, x, y, z)
+            ux, uy, uz = _turned(target, ux, uy, uz)
+            return geodesic(x, y, z, ux, uy, uz)
+        ux, uy, uz = _turned_back(target, x, y, z)
+        ux, uy, uz = _turned(pose, ux, uy, uz)
+        return geodesic(ux, uy, uz, x, y, z)
+    qw, qx, qy, qz = quaternion(pose, target)
     if kind == FULL:
-        _rotation_vector(wxyz, out)
-    else:
-        _twist_about(wxyz, axis, out)
+        return _rotation_vector(qw, qx, qy, qz)
+    angle = _turned_about(qw, qx * x + qy * y + qz * z)
+    return angle * x, angle * y, angle * z
 
 
-@njit(cache=True, error_model="numpy")
-def _shorten(vector, longest):
-    length = math.sqrt(vector[0] ** 2 + vector[1] ** 2 + vector[2] ** 2)
-    if length > longest:
-        scale = longest / length
-        vector[0] *= scale
-        vector[1] *= scale
-        vector[2] *= scale
-
-
-@njit(cache=True, error_model="numpy")
-def _in_world(kind, turn, fixed, shape, basis, axis):
-    """Basis (3, kind) and axis (3,) of a block in the world; R of the frame they are fixed to."""
-    given, given_axis = shape[:9].reshape(3, 3), shape[9:12]
-    stays = fixed or kind in (FULL, NONE)
-    for i in range(3):
-        if stays:
-            axis[i] = given_axis[i]
-        else:
-            axis[i] = (
-                turn[i, 0] * given_axis[0] + turn[i, 1] * given_axis[1] + turn[i, 2] * given_axis[2]
-            )
-        for j in range(kind):
-            if stays:
-                basis[i, j] = given[i, j]
-            else:
-                basis[i, j] = (
-                    turn[i, 0] * given[0, j] + turn[i, 1] * given[1, j] + turn[i, 2] * given[2, j]
-                )
-
-
-@njit(cache=True, error_model="numpy")
-def _linear_error(kind, basis, position, target, error):
-    """U Uᵀ(p_d − p), (3,)."""
-    dx, dy, dz = target[0] - position[0], target[1] - position[1], target[2] - position[2]
+@plain
+def linear_error(pose, target, kind, shape, turn, stays):
+    """U Uᵀ(p_d − p)."""
+    x, y, z = target[9] - pose[9], target[10] - pose[10], target[11] - pose[11]
     if kind == FULL:
-        error[0], error[1], error[2] = dx, dy, dz
-        return
-    error[0], error[1], error[2] = 0.0, 0.0, 0.0
+        return x, y, z
+    ex, ey, ez = 0.0, 0.0, 0.0
     for j in range(kind):
-        along = basis[0, j] * dx + basis[1, j] * dy + basis[2, j] * dz
-        for i in range(3):
-            error[i] += basis[i, j] * along
+        u, v, w = _column(shape, j, turn, stays)
+        along = u * x + v * y + w * z
+        ex += along * u
+        ey += along * v
+        ez += along * w
+    return ex, ey, ez
 
 
-@njit(cache=True, error_model="numpy")
-def _rows_of(kind, basis, error, gain, dt, twist, J, A, b):
-    """UᵀJ and Uᵀ(k Δt/dt + t_ff) of a block, with its three rows of J."""
-    for j in range(kind):
-        b[j] = 0.0
-        for i in range(3):
-            b[j] += basis[i, j] * (gain * error[i] / dt + twist[i])
-        for column in range(J.shape[1]):
-            A[j, column] = (
-                basis[0, j] * J[0, column] + basis[1, j] * J[1, column] + basis[2, j] * J[2, column]
-            )
+@plain
+def _column(shape, at, turn, stays):
+    """A column of a basis, which begins at ``at`` of ``shape`` row by row, in the world."""
+    x, y, z = shape[at], shape[at + 3], shape[at + 6]
+    if stays:
+        return x, y, z
+    return _turned(turn, x, y, z)
 
 
-@njit(cache=True, error_model="numpy")
-def _free_of(kind, axis, cost, J, free):
-    """(1 − M) J of a block times its cost, three rows."""
+@plain
+def _axis(shape, at, turn, stays):
+    """The axis, which begins at ``at`` of ``shape``, in the world."""
+    if stays:
+        return shape[at], shape[at + 1], shape[at + 2]
+    return _turned(turn, shape[at], shape[at + 1], shape[at + 2])
+
+
+@plain
+def _free_of(kind, x, y, z, cost, first, J, free):
+    """(1 − M) J of a block times its cost, three rows from ``first`` on."""
     for column in range(J.shape[1]):
-        along = axis[0] * J[0, column] + axis[1] * J[1, column] + axis[2] * J[2, column]
-        for i in range(3):
-            value = 0.0
-            if kind == NONE:
-                value = J[i, column]
-            elif kind == PLANE:
-                value = along * axis[i]
-            elif kind == LINE:
-                value = J[i, column] - along * axis[i]
-            free[i, column] = cost * value
+        u, v, w = J[first, column], J[first + 1, column], J[first + 2, column]
+        along = x * u + y * v + z * w
+        if kind == PLANE:
+            u, v, w = along * x, along * y, along * z
+        elif kind == LINE:
+            u, v, w = u - along * x, v - along * y, w - along * z
+        elif kind == FULL:
+            u, v, w = 0.0, 0.0, 0.0
+        free[first, column] = cost * u
+        free[first + 1, column] = cost * v
+        free[first + 2, column] = cost * w
 
 
-@njit(cache=True, error_model="numpy")
-def twist_rows(kinds, shape, pose, target, J, dt, A, b, free, free_costs, work):
+@plain
+def twist_rows(kinds, shape, pose, target, J, dt, A, b, free, free_costs):
     r"""Rows A q̇ = b of one task, and the rows of what it leaves free, times their costs.
 
     Args:
@@ -223,25 +200,36 @@ def twist_rows(kinds, shape, pose, target, J, dt, A, b, free, free_costs, work):
         b: Result, (r,).
         free: Result, (6, nv), or (0, nv) where it is not wanted: 1 − T, three rows a block.
         free_costs: Of the linear and the angular rows, (2,).
-        work: Workspace, (12, 4).
+
+    Returns:
+        Lengths of the linear and the angular error before they are shortened, m and rad.
     """
-    R, R_d = pose[:9].reshape(3, 3), target[:9].reshape(3, 3)
     body = kinds[2] == BODY
-    turn = R if body else R_d
-    basis, axis, error = work[4:7, :3], work[8:11, 0], work[11, :3]
-    row = 0
+    turn = pose if body else target
+    row, apart, turned = 0, 0.0, 0.0
     for block in range(2):
-        kind, J_block = kinds[block], J[3 * block : 3 * block + 3]
-        _in_world(kind, turn, kinds[2] == WORLD, shape[12 * block :], basis, axis)
+        kind, at, first = kinds[block], 12 * block, 3 * block
+        stays = kinds[2] == WORLD or kind in (FULL, NONE)
+        x, y, z = _axis(shape, at + 9, turn, stays)
         if block == 0:
-            _linear_error(kind, basis, pose[9:], target[9:12], error)
+            ex, ey, ez = linear_error(pose, target, kind, shape, turn, stays)
         else:
-            angular_error(R, R_d, kind, axis, body, work[:4], error)
-        _shorten(error, shape[25 + block])
-        _rows_of(
-            kind, basis, error, shape[24], dt, target[12 + 3 * block :], J_block,
-            A[row:], b[row:],
-        )  # fmt: skip
-        row += kind
-        if len(free):
-            _free_of(kind, axis, free_costs[block], J_block, free[3 * block : 3 * block + 3])
+            ex, ey, ez = angular_error(pose, target, kind, x, y, z, body)
+        apart, turned = turned, math.sqrt(ex * ex + ey * ey + ez * ez)
+        share = shape[24] / dt
+        if turned > shape[25 + block]:
+            share *= shape[25 + block] / turned
+        ex = share * ex + target[12 + first]
+        ey = share * ey + target[13 + first]
+        ez = share * ez + target[14 + first]
+        for j in range(kind):
+            u, v, w = _column(shape, at + j, turn, stays)
+            b[row] = u * ex + v * ey + w * ez
+            for column in range(J.shape[1]):
+                A[row, column] = (
+                    u * J[first, column] + v * J[first + 1, column] + w * J[first + 2, column]
+                )
+            row += 1
+        if free.shape[0]:
+            _free_of(kind, x, y, z, free_costs[block], first, J, free)
+    return apart, turned

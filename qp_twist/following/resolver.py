@@ -27,6 +27,9 @@ from qp_twist.kinematics import (
 from qp_twist.limits import BindingLimit, GatheredLimits, gather_limits
 from qp_twist.path import METHODS, MethodSettings, PathTask
 
+LARGEST_JOINT = 1e6
+"""A joint beyond this many rad has diverged; its error would only overflow."""
+
 
 @dataclass(frozen=True, eq=False)
 class Displacement:

@@ -3,25 +3,29 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING
 
 import mink
 import numpy as np
+import numpy.typing as npt
 
 from qp_twist import closed_form
 from qp_twist.checks import Array
 from qp_twist.controller import Controller, Status
 from qp_twist.errors import InvalidInput
+from qp_twist.fast import COMPILED
 from qp_twist.following.blending import resolvers_along
-from qp_twist.following.resolver import Displacement, Resolver, twist_task
+from qp_twist.following.resolver import LARGEST_JOINT, Displacement, Resolver, twist_task
 from qp_twist.following.slowing import Pace
 from qp_twist.following.trajectory import Trajectory
 from qp_twist.kinematics import TwistTask
 from qp_twist.path import METHODS, MethodSettings, PathTask
 from qp_twist.qp import NoSolutionFound
 
-_LARGEST_JOINT = 1e6
-"""A joint beyond this many rad has diverged; its error would only overflow."""
+if TYPE_CHECKING:
+    from qp_twist.following.compiled_walk import CompiledWalk
+
 _START_ITERATIONS = 200
 
 
@@ -48,49 +52,109 @@ def walk(
                 f"follow: {method} needs a roll rule with two signs; this task has no [roll]."
             )
         waypoints = path_task.flipped_waypoints
-    resolvers = resolvers_along(path_task, waypoints, method, settings, solver)
-    configuration = mink.Configuration(
-        path_task.model,
-        corrected_start(
-            path_task, waypoints[0], task=resolvers[0].task, holds_limits=kind.holds_limits
-        ),
+    compiled = None
+    if not (slow_down and kind.holds_limits):
+        compiled = _compiled(path_task, method, settings, solver, plan)
+    projector = path_task.operational if kind.whole_twist else path_task.projector
+    start = corrected_start(
+        path_task,
+        waypoints[0],
+        task=twist_task(path_task, projector),
+        holds_limits=kind.holds_limits,
     )
-    recorder = _Recorder(path_task)
-    recorder.add(configuration, waypoints[0])
-    pace = Pace() if slow_down and kind.holds_limits else None
+    recorder = _Recorder(path_task, progress, stop)
+    steps = _Steps(path_task, method, settings, solver, plan, slow_down, start, recorder)
+    recorder.add(steps.configuration, waypoints[0])
     began = time.perf_counter()
-    stages = zip(waypoints[1:], resolvers[1:], strict=True)
-    for index, (waypoint, resolver) in enumerate(stages, start=1):
+    while len(recorder.q) < len(waypoints) and not recorder.stopped:
+        if compiled is not None and steps.going:
+            recorder.extend(*compiled.on_from(recorder.q[-1], len(recorder.q)))
+            steps.configuration.update(recorder.q[-1])
+        if len(recorder.q) < len(waypoints) and not recorder.stopped:
+            steps.next_waypoint(waypoints)
+    return recorder.trajectory(method, time.perf_counter() - began)
+
+
+class _Steps:
+    """A robot that the method's resolvers lead from waypoint to waypoint."""
+
+    def __init__(
+        self,
+        path_task: PathTask,
+        method: str,
+        settings: MethodSettings,
+        solver: str,
+        plan: Array | None,
+        slow_down: bool,
+        start: Array,
+        recorder: _Recorder,
+    ) -> None:
+        self.path_task = path_task
+        self.configuration = mink.Configuration(path_task.model, start)
+        self._method, self._settings, self._solver, self._plan = method, settings, solver, plan
+        self._pace = Pace() if slow_down and METHODS[method].holds_limits else None
+        self._recorder = recorder
+        self._resolvers: list[Resolver] = []
+
+    @property
+    def going(self) -> bool:
+        """Whether there was a step, and it was finite, at every waypoint up to now."""
+        return self._recorder.diverged_at is None and not self._recorder.failure
+
+    def next_waypoint(self, waypoints: Sequence[mink.SE3]) -> None:
+        """Approach the next waypoint and record what came of it."""
+        recorder, path_task = self._recorder, self.path_task
+        index = len(recorder.q)
         duration = None if path_task.durations is None else float(path_task.durations[index])
-        if recorder.diverged_at is None and not recorder.failure:
-            resolver.task.set_target(waypoint)
-            if plan is not None:
-                resolver.aim(plan, index)
-
-            def attempt(allowed: float | None, resolver: Resolver = resolver) -> float:
-                recorder.begin()
-                resolver.begin_waypoint(configuration, allowed)
-                _approach(resolver, configuration, settings, recorder)
-                if pace is None or not _sane(configuration.q):
-                    return np.inf
-                return _missed_by(path_task, resolver.task, configuration)
-
+        if self.going:
+            if not self._resolvers:
+                self._resolvers = resolvers_along(
+                    path_task, waypoints, self._method, self._settings, self._solver
+                )
+            resolver = self._resolvers[index]
+            resolver.task.set_target(waypoints[index])
+            if self._plan is not None:
+                resolver.aim(self._plan, index)
             try:
-                if pace is None or duration is None:
-                    attempt(duration)
-                else:
-                    duration = pace.approach(attempt, configuration, duration)
+                duration = self._approach(resolver, duration)
             except NoSolutionFound as error:
                 recorder.failure = f"no step at waypoint {index + 1}: {error}"
-        if recorder.diverged_at is None and not _sane(configuration.q):
+        if recorder.diverged_at is None and not _sane(self.configuration.q):
             recorder.diverged_at = index + 1
-            configuration.update(recorder.q[-1])
-        recorder.add(configuration, waypoint, duration)
-        if progress is not None:
-            progress(index)
-        if stop is not None and stop(recorder.q[-1], *recorder.rows[-1][:2]):
-            break
-    return recorder.trajectory(method, time.perf_counter() - began)
+            self.configuration.update(recorder.q[-1])
+        recorder.add(self.configuration, waypoints[index], duration)
+
+    def _approach(self, resolver: Resolver, duration: float | None) -> float | None:
+        """To the resolver's target; the time that it took, s."""
+
+        def attempt(allowed: float | None) -> float:
+            self._recorder.begin()
+            resolver.begin_waypoint(self.configuration, allowed)
+            _approach(resolver, self.configuration, self._settings, self._recorder)
+            if self._pace is None or not _sane(self.configuration.q):
+                return np.inf
+            return _missed_by(self.path_task, resolver.task, self.configuration)
+
+        if self._pace is not None and duration is not None:
+            return self._pace.approach(attempt, self.configuration, duration)
+        attempt(duration)
+        return duration
+
+
+def _compiled(
+    path_task: PathTask, method: str, settings: MethodSettings, solver: str, plan: Array | None
+) -> CompiledWalk | None:
+    """The walk as machine code, where that is asked for and known."""
+    if solver != COMPILED:
+        return None
+    from qp_twist.following.compiled_walk import CompiledWalk, walk_known  # with numba
+
+    if not walk_known(path_task, method, settings):
+        return None
+    compiled = CompiledWalk(path_task, method, settings)
+    if plan is not None:
+        compiled.toward(plan)
+    return compiled
 
 
 def _approach(
@@ -119,7 +183,7 @@ def _approach(
 
 
 def _sane(q: Array) -> bool:
-    return bool(np.isfinite(q).all() and np.abs(q).max() < _LARGEST_JOINT)
+    return bool(np.isfinite(q).all() and np.abs(q).max() < LARGEST_JOINT)
 
 
 def _reached(path_task: PathTask, task: TwistTask, configuration: mink.Configuration) -> bool:
@@ -169,10 +233,20 @@ def corrected_start(
 
 
 class _Recorder:
-    """Collects a trajectory and what the task's own rows say of it."""
+    """Collects a trajectory and what the task's own rows say of it.
 
-    def __init__(self, path_task: PathTask) -> None:
+    It tells ``progress`` and asks ``stop`` at every waypoint that is done but the first.
+    """
+
+    def __init__(
+        self,
+        path_task: PathTask,
+        progress: Callable[[int], None] | None,
+        stop: Callable[[Array, float, float], bool] | None,
+    ) -> None:
         self.path_task = path_task
+        self._progress, self._stop = progress, stop
+        self.stopped = False
         self.task = twist_task(path_task, path_task.projector)
         self.q: list[Array] = []
         self.rows: list[tuple[float, float, float]] = []
@@ -209,14 +283,6 @@ class _Recorder:
         state = self.task.state(configuration)
         rows = state.basis.T @ state.jacobian
         sigma = np.linalg.svd(rows, compute_uv=False)
-        self.q.append(configuration.q.copy())
-        self.rows.append(
-            (
-                float(np.linalg.norm(state.error[:3])),
-                float(np.linalg.norm(state.error[3:])),
-                float(sigma[-1]) if len(sigma) else 0.0,
-            )
-        )
         if self.task.bands:
             # A flipped waypoint has another roll, but the bands stand about the path's own.
             self.task.set_target(self.path_task.waypoints[len(self.band_excess)])
@@ -228,6 +294,39 @@ class _Recorder:
         self.durations.append(duration or 0.0)
         self._names.clear()
         self.begin()
+        self._done(
+            configuration.q.copy(),
+            float(np.linalg.norm(state.error[:3])),
+            float(np.linalg.norm(state.error[3:])),
+            float(sigma[-1]) if len(sigma) else 0.0,
+        )
+
+    def extend(
+        self, q: Array, iterations: npt.NDArray[np.int64], errors: Array, sigma_min: Array
+    ) -> None:
+        """Waypoints that were done by plain steps, until the caller stops there."""
+        given = self.path_task.durations
+        numbers = zip(q, iterations.tolist(), errors.tolist(), sigma_min.tolist(), strict=True)
+        for here, count, (apart, turned), sigma in numbers:
+            self.scales.append(1.0)
+            self.iterations.append(count)
+            self.binding.append(())
+            self.statuses.append(Status.SOLVED)
+            self.durations.append(0.0 if given is None else float(given[len(self.q)]))
+            self.band_excess.append(0.0)
+            self._done(here.copy(), apart, turned, sigma)
+            if self.stopped:
+                return
+
+    def _done(self, q: Array, apart: float, turned: float, sigma: float) -> None:
+        """A waypoint is done: what is known of it is told."""
+        self.q.append(q)
+        self.rows.append((apart, turned, sigma))
+        index = len(self.q) - 1
+        if index and self._progress is not None:
+            self._progress(index)
+        if index and self._stop is not None:
+            self.stopped = self._stop(q, apart, turned)
 
     def trajectory(self, method: str, seconds: float) -> Trajectory:
         """Everything recorded."""

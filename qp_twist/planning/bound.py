@@ -11,7 +11,7 @@ from qp_twist.checks import Array, Indices
 from qp_twist.kinematics import JointRanges
 from qp_twist.planning.layer import Layer
 from qp_twist.planning.objective import Objective
-from qp_twist.planning.path_rows import PathRows
+from qp_twist.planning.path_rows import PathRows, newton
 
 _CANDIDATES = 6
 """Configurations of a layer, of different branches, from which a waypoint's best is looked for."""
@@ -96,6 +96,10 @@ def centred_nearby(q: Array, at: Indices, rows: PathRows, ranges: JointRanges) -
 
     Nothing holds the limits but z itself.
     """
+    if rows.compiled is not None:
+        q = np.array(q, order="C")
+        rows.compiled.descend(q, at, ranges, newton(), (_ROUNDS, _LONGEST, _SETTLED))
+        return q
     q, arrived = rows.correct(q, at)
     share = np.ones(len(q))
     moving = np.arange(len(q))

@@ -2,13 +2,20 @@
 
 from __future__ import annotations
 
+from functools import cached_property
+from typing import TYPE_CHECKING
+
 import numpy as np
 import numpy.typing as npt
 
+from qp_twist import fast
 from qp_twist.checks import Array, Indices
 from qp_twist.geometry import TwistProjector, many_twist_errors
 from qp_twist.kinematics import SerialChain
 from qp_twist.path import PathTask
+
+if TYPE_CHECKING:
+    from qp_twist.planning.compiled_path import CompiledPath, Newton
 
 Mask = npt.NDArray[np.bool_]
 
@@ -42,6 +49,17 @@ class PathRows:
         ranks = np.array([projector.rank for projector in self._projectors])
         self.freedom: Indices = path_task.model.nv - ranks[self._which]
 
+    @cached_property
+    def compiled(self) -> CompiledPath | None:
+        """The same as machine code, where numba is installed."""
+        if not fast.installed():
+            return None
+        from qp_twist.planning.compiled_path import CompiledPath
+
+        return CompiledPath(
+            self.chain, self._projectors, self._which, self._rotations, self._positions
+        )
+
     def correct(
         self, q: Array, at: Indices, *, iterations: int = _ITERATIONS
     ) -> tuple[Array, Mask]:
@@ -56,7 +74,9 @@ class PathRows:
             The configurations that were reached, (K, nv), and for which of them the task error is
             below :data:`ON_TASK`.
         """
-        q = q.copy()
+        q = np.array(q, order="C")
+        if self.compiled is not None:
+            return q, self.compiled.correct(q, at, newton(iterations))
         arrived = np.zeros(len(q), dtype=bool)
         left = np.arange(len(q))
         for _ in range(iterations):
@@ -129,6 +149,11 @@ class PathRows:
                 (which, transposed @ jacobians, (transposed @ errors[:, :, None])[:, :, 0])
             )
         return found
+
+
+def newton(iterations: int = _ITERATIONS) -> Newton:
+    """What Newton's method does, for :class:`CompiledPath`."""
+    return iterations, ON_TASK, _LONGEST, _ROUNDING
 
 
 def _shortest(rows: Array, sides: Array) -> Array:

@@ -1,0 +1,222 @@
+"""One method along a path, waypoint by waypoint, compiled."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from qp_twist.fast.arm_kernel import pose_and_jacobian
+from qp_twist.fast.compiling import kernel
+from qp_twist.fast.null_space import least_norm, reflect
+from qp_twist.fast.step_kernel import DONE, WINDOW, bounds, step_arrays, verified_velocity
+from qp_twist.fast.twist_rows import twist_rows
+
+_INDEPENDENT = 1e-8
+"""Rows whose smallest pivot is a smaller share of the largest are left to the reference."""
+_STANDS_STILL = 1e-13
+"""A displacement below it is none, rad or m."""
+
+
+class Way(NamedTuple):
+    """What a method does, the same for every waypoint and every lap."""
+
+    program: bool
+    """Whether a step is the QP; otherwise the closed form of minimum norm plus free motion."""
+    twist_space: bool
+    iterations: int
+    every_iteration: bool
+    """Whether the secondary acts in all of them, and a waypoint begins with it (a plan)."""
+    tolerances: npt.NDArray[np.float64]
+    """Position and angle at which a waypoint counts as reached, m and rad, (2,)."""
+    pull: npt.NDArray[np.float64]
+    """h = pull · (reference − θ), (nv,)."""
+    limits: npt.NDArray[np.float64]
+    """As ``step_kernel.bounds`` takes them, (L, 7, nv); of a window the width is one second's."""
+    types: npt.NDArray[np.int64]
+    metric: npt.NDArray[np.float64]
+    free_costs: npt.NDArray[np.float64]
+    settings: npt.NDArray[np.float64]
+    """As ``step_kernel`` takes them, (7,)."""
+    verified: npt.NDArray[np.float64]
+    """Tolerances of the verification, (5,)."""
+    sane: float
+    """A joint beyond it has diverged, rad or m."""
+
+
+class Path(NamedTuple):
+    """What a lap meets: the rows as ``path_kernel.Rows``, and more of every waypoint."""
+
+    kinds: npt.NDArray[np.int64]
+    shapes: npt.NDArray[np.float64]
+    which: npt.NDArray[np.int64]
+    """Number of the projector whose rows a method holds at a waypoint; −1: not known here."""
+    targets: npt.NDArray[np.float64]
+    durations: npt.NDArray[np.float64]
+    """Time from the waypoint before, s, (N,)."""
+    references: npt.NDArray[np.float64]
+    """What the secondary pulls to, rad or m, (N, nv)."""
+
+
+class Lap(NamedTuple):
+    """Arrays for one waypoint at a time."""
+
+    pose: Any
+    J: Any
+    q: Any
+    V: Any
+    R: Any
+    limits: Any
+    out: Any
+    kinds: Any
+    active: Any
+    ints: Any
+    work: Any
+
+
+@kernel
+def _arrays(way):
+    """For a robot of as many degrees of freedom as the metric has entries, and up to 6 rows."""
+    nv = len(way.metric)
+    return Lap(
+        np.zeros(12), np.zeros((6, nv)), np.zeros(nv), np.zeros((6, nv)), np.zeros((6, 6)),
+        way.limits.copy(), np.zeros(6 * nv + 6 + 6 * nv + nv * nv),
+        np.zeros((2, nv), dtype=np.int64), np.zeros(nv, dtype=np.int64),
+        np.zeros(7 + 2 * nv, dtype=np.int64), np.zeros(3 * nv * nv + 27 * nv + 46),
+    )  # fmt: skip
+
+
+@kernel
+def _begin(way, path, at, q, lap):
+    """Open the windows of a waypoint and take its lead; whether there is one."""
+    dt = path.durations[at]
+    for index in range(len(way.types)):
+        if way.types[index] == WINDOW:
+            for dof in range(len(q)):
+                lap.limits[index, 0, dof] = q[dof]
+                lap.limits[index, 1, dof] = way.limits[index, 1, dof] * dt
+    if not way.every_iteration:
+        return True
+    lower, upper = lap.out[: len(q)], lap.out[len(q) : 2 * len(q)]
+    if not bounds(
+        lap.limits, way.types, q, dt, way.settings[5], way.settings[6], lower, upper,
+        lap.kinds[0], lap.kinds[1],
+    ):  # fmt: skip
+        return False
+    for dof in range(len(q)):
+        wish = way.pull[dof] * (path.references[at, dof] - q[dof])
+        q[dof] += min(max(wish, min(lower[dof] * dt, 0.0)), max(upper[dof] * dt, 0.0))
+    return True
+
+
+@kernel
+def _programmed(way, path, at, q, pulls, w, lap):
+    """The step of the QP into ``w.x``, as a displacement; whether it is a plain one."""
+    dt, fastest = path.durations[at], way.settings[4]
+    for row in range(len(w.b)):
+        if not abs(w.b[row]) <= fastest:
+            return False
+    for dof in range(len(q)):
+        w.q[dof], w.c[dof] = q[dof], 0.0
+        if pulls:
+            w.c[dof] = way.pull[dof] * (path.references[at, dof] - q[dof]) / dt
+        if not abs(w.c[dof]) <= fastest:
+            return False
+    status = verified_velocity(w, lap.limits, way.types, way.metric, way.settings, way.verified, dt)
+    for dof in range(len(q)):
+        w.x[dof] *= dt
+    return status == DONE
+
+
+@kernel
+def _closed_form(way, path, at, q, pulls, w, lap):
+    """(TJ)†TΔt + (1 − (TJ)†TJ) h into ``w.x``; whether the rows are independent."""
+    m = len(w.b)
+    if m > len(q) or not reflect(w.A, lap.V[:m], lap.R) >= _INDEPENDENT:
+        return False
+    for dof in range(len(q)):
+        w.x[dof] = 0.0
+        if pulls:
+            w.x[dof] = way.pull[dof] * (path.references[at, dof] - q[dof])
+    least_norm(lap.V[:m], lap.R, w.b, w.x)
+    return True
+
+
+@kernel
+def _approach(arm, way, path, at, q, lap):
+    """Iterate to a waypoint, as ``following.walk`` does; the iterations, −1 for the reference."""
+    kinds, shape = path.kinds[path.which[at]], path.shapes[path.which[at]]
+    if not _begin(way, path, at, q, lap):
+        return -1
+    w = step_arrays(
+        len(q), kinds[0] + kinds[1], 1, way.twist_space, lap.out, lap.kinds, lap.active, lap.ints,
+        lap.work,
+    )  # fmt: skip
+    dt = path.durations[at] if way.program else 1.0
+    for iteration in range(way.iterations):
+        pose_and_jacobian(arm, q, lap.pose, lap.J)
+        apart, turned = twist_rows(
+            kinds, shape, lap.pose, path.targets[at], lap.J, dt, w.A, w.b, w.free, way.free_costs
+        )
+        if iteration > 0 and apart <= way.tolerances[0] and turned <= way.tolerances[1]:
+            return iteration
+        pulls = iteration == 0 or way.every_iteration
+        if way.program:
+            plain = _programmed(way, path, at, q, pulls, w, lap)
+        else:
+            plain = _closed_form(way, path, at, q, pulls, w, lap)
+        if not plain:
+            return -1
+        largest = 0.0
+        for dof in range(len(q)):
+            q[dof] += w.x[dof]
+            largest = max(largest, abs(w.x[dof]))
+            if not abs(q[dof]) < way.sane:
+                return -1
+        if largest < _STANDS_STILL:
+            return iteration + 1
+    return way.iterations
+
+
+@kernel
+def follow(arm, way, path, first, q, iterations):
+    """Fill the rows of q (N, nv) from ``first`` on, from the one before it.
+
+    Args:
+        arm: The robot.
+        way: The method.
+        path: What it follows.
+        first: Number of the first waypoint that is not done, at least 1.
+        q: Configurations, those before ``first`` given.
+        iterations: Result, (N,).
+
+    Returns:
+        The number of the first waypoint that the reference has to look at; N if there is none.
+    """
+    lap = _arrays(way)
+    for at in range(first, len(q)):
+        if path.which[at] < 0:
+            return at
+        if path.which[at] != path.which[at - 1]:
+            lap.ints[0] = 0  # what was active last time belongs to other rows
+        for dof in range(q.shape[1]):
+            lap.q[dof] = q[at - 1, dof]
+        iterations[at] = _approach(arm, way, path, at, lap.q, lap)
+        if iterations[at] < 0:
+            return at
+        for dof in range(q.shape[1]):
+            q[at, dof] = lap.q[dof]
+    return len(q)
+
+
+@kernel
+def measure(arm, kinds, shapes, which, targets, q, errors, rows):
+    """Lengths of the task errors (N, 2), m and rad, and the rows UᵀJ (N, 6, nv) along a path."""
+    pose, J, b, free = np.zeros(12), np.zeros((6, q.shape[1])), np.zeros(6), np.zeros((0, 0))
+    for at in range(len(q)):
+        pose_and_jacobian(arm, q[at], pose, J)
+        number = which[at]
+        errors[at, 0], errors[at, 1] = twist_rows(
+            kinds[number], shapes[number], pose, targets[at], J, 1.0, rows[at], b, free, b
+        )

@@ -1,0 +1,105 @@
+"""A wide system by Householder reflections: its least-norm solution and its null space."""
+
+from __future__ import annotations
+
+import math
+
+from qp_twist.fast.compiling import plain
+
+
+@plain
+def reflect(A, V, R):
+    """Aᵀ = QR for A (m, n), m ≤ n, with Q as a product of reflections.
+
+    Args:
+        A: The rows.
+        V: Result, (m, n): the vectors v of the reflections 1 − vvᵀ, in rows.
+        R: Result, its upper triangle, (m, m).
+
+    Returns:
+        The smallest |R_ii| as a share of the largest.
+    """
+    m, n = A.shape
+    for row in range(m):
+        for i in range(n):
+            V[row, i] = A[row, i]
+        for k in range(row):
+            along = 0.0
+            for i in range(k, n):
+                along += V[k, i] * V[row, i]
+            for i in range(k, n):
+                V[row, i] -= along * V[k, i]
+        square = 0.0
+        for i in range(row, n):
+            square += V[row, i] * V[row, i]
+        for i in range(row):
+            R[i, row] = V[row, i]
+            V[row, i] = 0.0
+        length = math.sqrt(square)
+        head = V[row, row]
+        if length == 0.0:
+            R[row, row] = 0.0
+            continue
+        R[row, row] = -length if head > 0.0 else length
+        # ‖v‖² = 2 for v = (x ± ‖x‖e₁) / √(‖x‖(‖x‖ + |x₁|)), so that 1 − vvᵀ is the reflection.
+        scale = 1.0 / math.sqrt(length * (length + abs(head)))
+        V[row, row] = head - R[row, row]
+        for i in range(row, n):
+            V[row, i] *= scale
+    smallest, largest = math.inf, 0.0
+    for row in range(m):
+        size = abs(R[row, row])
+        smallest, largest = min(smallest, size), max(largest, size)
+    return smallest / largest if largest > 0.0 else 0.0
+
+
+@plain
+def times_q(V, x):
+    """x (n,) becomes Q x."""
+    m, n = V.shape
+    for row in range(m - 1, -1, -1):
+        along = 0.0
+        for i in range(row, n):
+            along += V[row, i] * x[i]
+        for i in range(row, n):
+            x[i] -= along * V[row, i]
+
+
+@plain
+def times_q_transposed(V, x):
+    """x (n,) becomes Qᵀ x."""
+    m, n = V.shape
+    for row in range(m):
+        along = 0.0
+        for i in range(row, n):
+            along += V[row, i] * x[i]
+        for i in range(row, n):
+            x[i] -= along * V[row, i]
+
+
+@plain
+def least_norm(V, R, b, x):
+    """x (n,) = Q (R⁻ᵀb, x₂), with x₂ what Qᵀ of the x given has behind the rows.
+
+    So of all solutions of A x = b it is the one that is nearest to the x given; the shortest one
+    for x = 0.
+    """
+    m = len(b)
+    times_q_transposed(V, x)
+    for row in range(m):
+        total = b[row]
+        for i in range(row):
+            total -= R[i, row] * x[i]
+        x[row] = total / R[row, row]
+    times_q(V, x)
+
+
+@plain
+def null_space(V, N):
+    """Orthonormal basis of the null space of A into the rows of N (n − m, n)."""
+    m, n = V.shape
+    for column in range(n - m):
+        for i in range(n):
+            N[column, i] = 0.0
+        N[column, m + column] = 1.0
+        times_q(V, N[column])

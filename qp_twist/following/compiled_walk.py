@@ -1,0 +1,176 @@
+"""A method along a path as machine code, for the methods and paths that the kernel knows."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import mink
+import numpy as np
+import numpy.typing as npt
+
+from qp_twist.checks import Array, Indices
+from qp_twist.controller.compiled_step import TOLERANCES, settings_of, table_of
+from qp_twist.controller.controller import NEARLY_UNSEEN, SINGULARITY, UNSEEN_WEIGHT
+from qp_twist.controller.posing import FASTEST
+from qp_twist.errors import InvalidInput
+from qp_twist.fast import lap_kernel
+from qp_twist.following.resolver import LARGEST_JOINT, range_metric
+from qp_twist.following.waypoint_limits import WaypointLimits
+from qp_twist.geometry import TwistProjector
+from qp_twist.kinematics import JointCentering, JointRanges, SerialChain
+from qp_twist.kinematics.compiled_rows import arm_of, kinds_of, shape_of
+from qp_twist.path import METHODS, MethodSettings, PathTask
+
+CLOSED_FORMS = ("rmr", "rmr_flipped", "minimum_norm", "gradient_projection")
+"""Closed forms that the kernel knows; of the QPs it knows all."""
+
+
+class CompiledWalk:
+    """A method and a path as arrays, and the kernel on them."""
+
+    def __init__(self, path_task: PathTask, method: str, settings: MethodSettings) -> None:
+        """Lay them out; :func:`walk_known` has been asked."""
+        kind, model = METHODS[method], path_task.model
+        ranges = JointRanges.of(model)
+        chain = SerialChain.of(model, path_task.frame_name, path_task.frame_type)
+        self._arm = arm_of(chain)
+        waypoints = path_task.flipped_waypoints if kind.flipped else path_task.waypoints
+        assert waypoints is not None
+        held: list[TwistProjector | None] = list(path_task.in_force)
+        if kind.whole_twist:
+            held = [path_task.operational] * len(waypoints)
+        else:
+            for segment in path_task.segments:
+                held[segment.first : segment.first + segment.blend] = [None] * segment.blend
+        step = path_task.iteration.max_linear_step, path_task.iteration.max_angular_step
+        durations = path_task.durations
+        if durations is None:
+            durations = np.ones(len(waypoints))
+        self._path = lap_kernel.Path(
+            *_rows(held, *step),
+            _targets(waypoints),
+            np.where(durations > 0.0, durations, 1.0),
+            np.tile(ranges.middle, (len(waypoints), 1)),
+        )
+        self._way = self._way_of(path_task, method, settings, ranges)
+        self._measured = *_rows(path_task.in_force, np.inf, np.inf), self._path.targets
+        self._ranks = np.array([projector.rank for projector in path_task.in_force])
+
+    def toward(self, references: Array) -> None:
+        """Let the secondary pull to these configurations (N, nq), waypoint by waypoint."""
+        self._path = self._path._replace(references=np.ascontiguousarray(references))
+
+    def on_from(
+        self, start: Array, first: int
+    ) -> tuple[Array, npt.NDArray[np.int64], Array, Array]:
+        """Every waypoint from ``first`` on that needs no reference, after the one at ``start``.
+
+        Returns:
+            Configurations (K, nq), iterations (K,), lengths of the task errors (K, 2), m and rad,
+            and the smallest singular values of the rows (K,).
+        """
+        count = len(self._path.which)
+        q = np.zeros((count, len(start)))
+        q[first - 1] = start
+        iterations = np.zeros(count, dtype=np.int64)
+        end = lap_kernel.follow(self._arm, self._way, self._path, first, q, iterations)
+        q = q[first:end]
+        return q, iterations[first:end], *self.measured(q, np.arange(first, end))
+
+    def measured(self, q: Array, at: Indices) -> tuple[Array, Array]:
+        """Lengths of the task errors (K, 2) and smallest singular values (K,) at waypoints."""
+        kinds, shapes, which, targets = self._measured
+        errors, rows = np.zeros((len(q), 2)), np.zeros((len(q), 6, q.shape[1]))
+        lap_kernel.measure(self._arm, kinds, shapes, which[at], targets[at], q, errors, rows)
+        sigma = np.zeros(len(q))
+        ranks = self._ranks[at]
+        for rank in np.unique(ranks[ranks > 0]):
+            here = ranks == rank
+            sigma[here] = np.linalg.svd(rows[here, :rank], compute_uv=False)[:, -1]
+        return errors, sigma
+
+    def _way_of(
+        self, path_task: PathTask, method: str, settings: MethodSettings, ranges: JointRanges
+    ) -> lap_kernel.Way:
+        kind, model = METHODS[method], path_task.model
+        pull, metric = np.zeros(model.nv), np.ones(model.nv)
+        if settings.secondary == "centering":
+            assert settings.weight != "equal"
+            pull = settings.gain * JointCentering(model, settings.weight).stiffness
+            if kind.constrained and settings.weight == "natural":
+                metric = range_metric(ranges)
+        elif settings.secondary == "plan":
+            pull[:] = settings.gain
+        limits = WaypointLimits(path_task)
+        if limits.window is not None:
+            limits.window.half_width = path_task.velocity_limits
+        table, types = table_of(limits.limits if kind.constrained else [], model.nv)
+        twist_space = kind.constrained and kind.space == "twist"
+        weight = UNSEEN_WEIGHT if twist_space else 1.0
+        return lap_kernel.Way(
+            kind.constrained,
+            twist_space,
+            settings.iterations,
+            settings.secondary == "plan",
+            np.array([path_task.iteration.position_tolerance, path_task.iteration.angle_tolerance]),
+            pull,
+            table,
+            types,
+            metric,
+            np.ones(2),
+            settings_of(twist_space, SINGULARITY, weight, NEARLY_UNSEEN, FASTEST),
+            TOLERANCES,
+            LARGEST_JOINT,
+        )
+
+
+def walk_known(path_task: PathTask, method: str, settings: MethodSettings) -> bool:
+    """Whether :class:`CompiledWalk` knows a method on a path.
+
+    Not with tolerance bands or acceleration limits, robots with other joints than hinges and
+    slides, or a secondary other than centering and a plan.
+    """
+    kind = METHODS[method]
+    if kind.peer or not (kind.constrained or method in CLOSED_FORMS):
+        return False
+    known = settings.secondary in ("none", "centering", "plan") and settings.weight != "equal"
+    timed = path_task.durations is not None
+    return (
+        known
+        and not path_task.bands
+        and not (timed and np.isfinite(path_task.acceleration_limits).any())
+        and JointRanges.of(path_task.model).only_hinges_and_slides
+        and not (kind.flipped and path_task.flipped_waypoints is None)
+        and _is_chain(path_task)
+    )
+
+
+def _is_chain(path_task: PathTask) -> bool:
+    try:
+        SerialChain.of(path_task.model, path_task.frame_name, path_task.frame_type)
+    except InvalidInput:
+        return False
+    return True
+
+
+def _rows(
+    projectors: Sequence[TwistProjector | None], *steps: float
+) -> tuple[npt.NDArray[np.int64], Array, npt.NDArray[np.int64]]:
+    """Kinds and shapes of all projectors, and which is meant where; −1 for ``None``."""
+    distinct: list[TwistProjector] = []
+    which = []
+    for projector in projectors:
+        if projector is not None and projector not in distinct:
+            distinct.append(projector)
+        which.append(-1 if projector is None else distinct.index(projector))
+    kinds = np.array([kinds_of(p) for p in distinct], dtype=np.int64).reshape(-1, 3)
+    shapes = np.array([shape_of(p, 1.0, *steps) for p in distinct]).reshape(-1, 27)
+    return kinds, shapes, np.array(which, dtype=np.int64)
+
+
+def _targets(waypoints: Sequence[mink.SE3]) -> Array:
+    rows = [
+        np.concatenate([w.rotation().as_matrix().ravel(), w.translation(), np.zeros(6)])
+        for w in waypoints
+    ]
+    return np.array(rows)

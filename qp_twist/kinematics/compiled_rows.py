@@ -1,0 +1,53 @@
+"""Chains and projectors as the compiled kernels read them. Needs the extra ``fast``."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from qp_twist.checks import Array
+from qp_twist.fast import twist_rows
+from qp_twist.fast.arm_kernel import Arm, frame_about
+from qp_twist.geometry import ProjectorKind, TwistProjector
+from qp_twist.kinematics.serial_chain import SerialChain
+
+_FRAMES = {"world": twist_rows.WORLD, "body": twist_rows.BODY, "target": twist_rows.TARGET}
+
+
+def kinds_of(projector: TwistProjector) -> tuple[int, int, int]:
+    """Of the linear and the angular block, and what the axes are fixed to."""
+    frame = _FRAMES[projector.frame]
+    return projector.linear.kind.value, projector.angular.kind.value, frame
+
+
+def shape_of(projector: TwistProjector, *settings: float) -> Array:
+    """Bases and axes of the two blocks; then gain and the largest steps, m and rad, (27,)."""
+    numbers = []
+    for block in (projector.linear, projector.angular):
+        basis = np.zeros((3, 3))
+        basis[:, : block.rank] = block.basis
+        # Of a projector without an axis there is none to be turned.
+        has_axis = block.kind in (ProjectorKind.PLANE, ProjectorKind.LINE)
+        numbers += [basis.ravel(), block.axis if has_axis else np.zeros(3)]
+    return np.concatenate([*numbers, settings])
+
+
+def arm_of(chain: SerialChain) -> Arm:
+    """A chain with a frame for each joint, its z along the axis."""
+    frames, rotation, origin = [], np.eye(3), np.zeros(3)
+    for screw in chain.screws:
+        turned, anchor = frame_about(screw.axis, screw.anchor)
+        frames.append(_between(rotation, origin, turned, anchor))
+        rotation, origin = turned, anchor
+    return Arm(
+        np.array(frames).reshape(-1, 12),
+        _between(rotation, origin, chain.rotation, chain.position),
+        np.array([screw.reference for screw in chain.screws], dtype=np.float64),
+        np.array(chain.qpos, dtype=np.int64),
+        np.array([screw.dof for screw in chain.screws], dtype=np.int64),
+        np.array([screw.slides for screw in chain.screws], dtype=np.int64),
+    )
+
+
+def _between(rotation: Array, origin: Array, turned: Array, anchor: Array) -> Array:
+    """The second frame as the first one sees it: rotation (9) and origin (3)."""
+    return np.concatenate([(rotation.T @ turned).ravel(), rotation.T @ (anchor - origin)])

@@ -1,0 +1,53 @@
+"""The rows of a path as machine code. Needs the extra ``fast``."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from qp_twist.checks import Array, Indices
+from qp_twist.fast import path_kernel
+from qp_twist.geometry import TwistProjector
+from qp_twist.kinematics import JointRanges, SerialChain
+from qp_twist.kinematics.compiled_rows import arm_of, kinds_of, shape_of
+
+Newton = tuple[int, float, float, float]
+"""Most iterations, the error that counts as none, the largest step, the damping."""
+Descent = tuple[int, float, float]
+"""Most rounds, the largest step, the gain that counts as none."""
+
+
+class CompiledPath:
+    """Newton corrections and descents of z along a path, configuration by configuration."""
+
+    def __init__(
+        self,
+        chain: SerialChain,
+        projectors: Sequence[TwistProjector],
+        which: Indices,
+        rotations: Array,
+        positions: Array,
+    ) -> None:
+        """Lay out the arrays; ``which`` (N,) of the projectors is in force at each waypoint."""
+        count = len(positions)
+        self._arm = arm_of(chain)
+        self._rows = path_kernel.Rows(
+            np.array([kinds_of(projector) for projector in projectors], dtype=np.int64),
+            np.array([shape_of(projector, 1.0, np.inf, np.inf) for projector in projectors]),
+            which.astype(np.int64),
+            np.hstack([rotations.reshape(count, 9), positions, np.zeros((count, 6))]),
+        )
+
+    def correct(self, q: Array, at: Indices, newton: Newton) -> np.ndarray:
+        """Move q (K, nv) onto the waypoints, in place; which arrived, (K,)."""
+        arrived: np.ndarray = path_kernel.correct(self._arm, self._rows, q, at, newton)
+        return arrived
+
+    def descend(
+        self, q: Array, at: Indices, ranges: JointRanges, newton: Newton, descent: Descent
+    ) -> None:
+        """Move q (K, nv) to the least z nearby, in place; NaN where it does not arrive."""
+        path_kernel.centred_nearby(
+            self._arm, self._rows, q, at, ranges.weight, ranges.middle, newton, descent
+        )

@@ -1,0 +1,253 @@
+"""Kinematics, corrections and laps as machine code: the same as the reference."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+import mink
+import mujoco
+import numpy as np
+import pytest
+from arms import random_arm, random_configuration, random_direction
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import qp_twist as qt
+from qp_twist.kinematics import JointRanges, SerialChain, frame_pose
+from qp_twist.planning.bound import centred_nearby
+from qp_twist.planning.path_rows import ON_TASK, PathRows
+
+pytest.importorskip("numba", reason="numba is not installed; pip install -e '.[fast]' brings it.")
+
+Array = np.ndarray
+SEEDS = st.integers(0, 2**32 - 1)
+
+
+# ---------------------------------------------------------------- the parts
+
+
+@settings(max_examples=60, deadline=None)
+@given(SEEDS)
+def test_poses_and_jacobians_are_mujocos(seed: int) -> None:
+    from qp_twist.fast.arm_kernel import poses_and_jacobians
+    from qp_twist.kinematics.compiled_rows import arm_of
+
+    rng = np.random.default_rng(seed)
+    model = random_arm(rng, int(rng.integers(1, 9)), slides=True)
+    q = np.array([random_configuration(model, rng) for _ in range(4)])
+    poses, jacobians = np.zeros((4, 12)), np.zeros((4, 6, model.nv))
+    poses_and_jacobians(arm_of(SerialChain.of(model, "tool", "site")), q, poses, jacobians)
+    for here, pose, jacobian in zip(q, poses, jacobians, strict=True):
+        configuration = mink.Configuration(model, here)
+        rotation, position = frame_pose(configuration, "tool", "site")
+        expected = np.zeros((6, model.nv))
+        site = model.site("tool").id
+        mujoco.mj_jacSite(model, configuration.data, expected[:3], expected[3:], site)
+        np.testing.assert_allclose(pose, np.concatenate([rotation.ravel(), position]), atol=1e-12)
+        np.testing.assert_allclose(jacobian, expected, atol=1e-12)
+
+
+@settings(max_examples=200, deadline=None)
+@given(SEEDS)
+def test_reflections_give_the_pseudoinverse_and_the_null_space(seed: int) -> None:
+    from qp_twist.fast.null_space import least_norm, null_space, reflect
+
+    rng = np.random.default_rng(seed)
+    n = int(rng.integers(1, 9))
+    m = int(rng.integers(0, n + 1))
+    A, b, wish = rng.normal(size=(m, n)), rng.normal(size=m), rng.normal(size=n)
+    V, R, N = np.zeros((m, n)), np.zeros((m, m)), np.zeros((n - m, n))
+    reflect(A, V, R)
+    null_space(V, N)
+    np.testing.assert_allclose(N @ N.T, np.eye(n - m), atol=1e-12)
+    np.testing.assert_allclose(N @ A.T, 0.0, atol=1e-12)
+    inverse = np.linalg.pinv(A)
+    x = wish.copy()
+    least_norm(V, R, b, x)
+    size = 1.0 + np.abs(inverse).max(initial=0.0)
+    np.testing.assert_allclose(x, wish + inverse @ (b - A @ wish), atol=1e-10 * size**2)
+
+
+@settings(max_examples=300, deadline=None)
+@given(SEEDS)
+def test_a_program_on_a_line_is_decided_as_another_solver_decides_it(seed: int) -> None:
+    from qp_twist.fast.box_program import NOBODY, UNDECIDED, box_program
+
+    rng = np.random.default_rng(seed)
+    n = int(rng.integers(1, 9))
+    m = int(rng.integers(max(0, n - 2), n + 1))
+    h, c, A = rng.uniform(0.1, 3.0, n), rng.normal(size=n), rng.normal(size=(m, n))
+    inside = rng.normal(size=n)
+    b = A @ inside
+    lower, upper = inside - rng.uniform(0.0, 1.0, n), inside + rng.uniform(0.0, 1.0, n)
+    lower[rng.random(n) < 0.3] = -np.inf
+    x, y, box = np.zeros(n), np.zeros(m), np.zeros(n)
+    work = np.zeros((m, n)), np.zeros((m, n)), np.zeros((m, m)), np.zeros(n), np.zeros(n)
+    which = box_program(h, c, A, b, lower, upper, x, y, box, *work)
+    assert m < n or which in (NOBODY, UNDECIDED)
+    if which == UNDECIDED:
+        return
+    problem = qt.qp.QuadraticProgram(
+        np.diag(h), c, A, b, np.zeros((0, n)), np.zeros(0), lower, upper
+    )
+    reference = qt.qp.solve(problem, "daqp")
+    assert isinstance(reference, qt.qp.Verified)
+    scale = 1.0 + np.abs(x).max() + np.abs(np.linalg.pinv(A)).max(initial=0.0)
+    np.testing.assert_allclose(x, reference.x, atol=1e-8 * scale)
+    gradient = h * x + c + A.T @ y + box
+    np.testing.assert_allclose(gradient, 0.0, atol=1e-9 * scale**2)
+    assert (box[x < upper - 1e-9] <= 1e-12).all()
+    assert (box[x > lower + 1e-9] >= -1e-12).all()
+
+
+def test_a_line_is_cut_by_bounds_in_a_good_part_of_such_programs() -> None:
+    from qp_twist.fast.box_program import NOBODY, box_program
+
+    rng, cut = np.random.default_rng(0), 0
+    for _ in range(100):
+        A, c = rng.normal(size=(5, 6)), 3.0 * rng.normal(size=6)
+        x, y, box = np.zeros(6), np.zeros(5), np.zeros(6)
+        work = np.zeros((5, 6)), np.zeros((5, 6)), np.zeros((5, 5)), np.zeros(6), np.zeros(6)
+        one = np.ones(6)
+        cut += box_program(one, c, A, 0.1 * A @ one, -one, one, x, y, box, *work) > NOBODY
+    assert cut > 30
+
+
+# ---------------------------------------------------------------- corrections
+
+
+def on_path(rng: np.random.Generator) -> qt.PathTask:
+    """The deburring lap with one of many projectors."""
+    path_task = qt.load_task("deburring")
+    kinds = ("full", "plane", "line", "none")
+
+    def block() -> qt.Projector:
+        kind = kinds[rng.integers(4)]
+        axis = () if kind in ("full", "none") else (random_direction(rng),)
+        return getattr(qt.Projector, kind)(*axis)
+
+    frame = ("world", "body", "target")[rng.integers(3)]
+    projector = qt.TwistProjector(linear=block(), angular=block(), frame=frame)
+    return dataclasses.replace(path_task, projector=projector)
+
+
+@settings(max_examples=12, deadline=None)
+@given(SEEDS)
+def test_corrections_and_descents_are_those_of_the_reference(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    path_task = on_path(rng)
+    ranges = JointRanges.of(path_task.model)
+    compiled, reference = PathRows(path_task), PathRows(path_task)
+    reference.compiled = None
+    assert compiled.compiled is not None
+    q = np.array([random_configuration(path_task.model, rng) for _ in range(40)])
+    at = rng.integers(0, len(path_task.waypoints), 40)
+    there, arrived = compiled.correct(q, at)
+    expected, expected_arrived = reference.correct(q, at)
+    # Newton's method from far away may go either way by rounding; rarely it does.
+    same = np.isclose(there, expected, atol=1e-8).all(axis=1)
+    assert same.mean() > 0.85
+    assert (arrived == expected_arrived).mean() > 0.9
+    assert (compiled.errors(there[arrived], at[arrived]) <= ON_TASK).all()
+    begin, at = expected[expected_arrived & same], at[expected_arrived & same]
+    low = centred_nearby(begin, at, compiled, ranges)
+    expected_low = centred_nearby(begin, at, reference, ranges)
+    finite = np.isfinite(low).all(axis=1)
+    assert (finite == np.isfinite(expected_low).all(axis=1)).all()
+    z, expected_z = ranges.centring(low[finite]), ranges.centring(expected_low[finite])
+    assert np.isclose(z, expected_z, atol=1e-8).mean() > 0.85
+
+
+# ---------------------------------------------------------------- laps
+
+
+def laps(path_task: qt.PathTask, method: str, **options: Any) -> tuple[Any, Any]:
+    both = []
+    for solver in ("daqp", "compiled"):
+        try:
+            both.append(qt.follow(path_task, method, solver=solver, **options))
+        except qt.QpTwistError as error:
+            both.append(str(error))
+    return both[0], both[1]
+
+
+def same_lap(a: Any, b: Any) -> None:
+    if isinstance(a, str) or isinstance(b, str):
+        assert a == b
+        return
+    np.testing.assert_allclose(b.q, a.q, atol=1e-8)
+    for name in ("position_error", "axis_error", "sigma_min", "scale", "band_excess"):
+        np.testing.assert_allclose(getattr(b, name), getattr(a, name), atol=1e-8, err_msg=name)
+    assert (a.iterations == b.iterations).mean() > 0.98
+    assert a.statuses == b.statuses
+    assert a.binding == b.binding
+    assert (a.failure, a.diverged_at) == (b.failure, b.diverged_at)
+    if a.durations is not None:
+        np.testing.assert_array_equal(a.durations, b.durations)
+
+
+METHODS = (
+    "rmr", "rmr_flipped", "minimum_norm", "gradient_projection", "twa", "qp_rmr",
+    "qp_minimum_norm", "qp_gradient", "qp",
+)  # fmt: skip
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("name", ["planar_line", "approach_contact_retreat"])
+def test_a_lap_is_the_reference_lap(name: str, method: str) -> None:
+    same_lap(*laps(qt.load_task(name), method))
+
+
+@settings(max_examples=8, deadline=None)
+@given(SEEDS)
+def test_a_lap_that_limits_hold_is_the_reference_lap(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    path_task = qt.load_task("planar_line")
+    start = path_task.start + rng.normal(scale=0.3, size=path_task.model.nq)
+    slow = rng.uniform(0.05, 0.6) * np.ones(path_task.model.nv)
+    durations = np.full(len(path_task.waypoints), 0.1)
+    durations[0] = 0.0
+    path_task = dataclasses.replace(
+        path_task, start=start, durations=durations, velocity_limits=slow
+    )
+    method = METHODS[rng.integers(len(METHODS))]
+    same_lap(*laps(path_task, method, gain=float(rng.uniform(0.0, 2.0))))
+
+
+def test_a_lap_along_a_plan_is_the_reference_lap() -> None:
+    path_task = qt.load_task("planar_line")
+    same_lap(*laps(path_task, "qp_planned", plan=qt.plan(path_task, start=path_task.start)))
+
+
+def test_most_waypoints_of_a_lap_are_compiled() -> None:
+    from qp_twist.following import compiled_walk
+
+    path_task = qt.load_task("dome_seams")
+    for method in ("rmr", "minimum_norm", "qp_gradient", "qp"):
+        settings_ = path_task.settings(method)
+        assert compiled_walk.walk_known(path_task, method, settings_)
+        walk = compiled_walk.CompiledWalk(path_task, method, settings_)
+        start = qt.follow(path_task, method, solver="daqp", stop=lambda *_: True).q[0]
+        done, *_ = walk.on_from(start, 1)
+        assert len(done) == len(path_task.waypoints) - 1
+
+
+def test_progress_and_stop_are_called_at_every_waypoint() -> None:
+    path_task, seen = qt.load_task("planar_line"), []
+    lap = qt.follow(
+        path_task, "qp_gradient", solver="compiled", progress=seen.append,
+        stop=lambda q, apart, turned: len(seen) == 7,
+    )  # fmt: skip
+    assert seen == [1, 2, 3, 4, 5, 6, 7]
+    assert len(lap.q) == 8
+
+
+def test_what_the_kernel_does_not_know_goes_the_old_way() -> None:
+    from qp_twist.following.compiled_walk import walk_known
+
+    banded, plain = qt.load_task("deburring_bands"), qt.load_task("deburring")
+    for path_task, method in ((banded, "qp"), (plain, "sns"), (plain, "twa"), (plain, "mink")):
+        assert not walk_known(path_task, method, path_task.settings(method))
+    posture = plain.settings("qp").model_copy(update={"secondary": "manipulability"})
+    assert not walk_known(plain, "qp", posture)
