@@ -20,6 +20,7 @@ ROOMS = {
     "comparison": "metrics, table, figures, report",
     "exchange": "trajectory files, their check",
     "timing": "when the arm is where",
+    "batch": "many laps at once",
     "following": "a method along a path",
     "planning": "the whole path, all branches",
     "path": "task files, paths, method names",
@@ -35,7 +36,7 @@ ROOMS = {
     "files": "whole or not at all",
     "checks": "of arguments",
     "errors": "of refused input",
-    "fast": "the step as machine code",
+    "fast": "steps and laps as machine code",
 }
 STEPS = {
     1: ("path", "task file → robot, T, waypoints"),

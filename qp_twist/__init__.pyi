@@ -3,6 +3,7 @@
 __version__: str
 
 from . import authoring as authoring
+from . import batch as batch
 from . import closed_form as closed_form
 from . import comparison as comparison
 from . import controller as controller

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -220,3 +221,87 @@ def measure(arm, kinds, shapes, which, targets, q, errors, rows):
         errors[at, 0], errors[at, 1] = twist_rows(
             kinds[number], shapes[number], pose, targets[at], J, 1.0, rows[at], b, free, b
         )
+
+
+@kernel
+def _move(move, targets, moved):
+    """Targets (N, 18) of a path that is carried by a rigid motion (12)."""
+    for at in range(len(targets)):
+        target, there = targets[at], moved[at]
+        for i in range(3):
+            a, b, c = move[3 * i], move[3 * i + 1], move[3 * i + 2]
+            for j in range(3):
+                there[3 * i + j] = a * target[j] + b * target[3 + j] + c * target[6 + j]
+            there[9 + i] = move[9 + i] + a * target[9] + b * target[10] + c * target[11]
+
+
+@kernel
+def onto_start(arm, way, path, moves, q):
+    """Iterate from q (K, nq), in place, to the first waypoint of paths that are moved.
+
+    ``way`` is that of the correction: no secondary, and limits of position alone. It goes as far as
+    plain steps lead; whether it arrived has to be measured.
+    """
+    lap, targets = _arrays(way), path.targets[:1].copy()
+    first = Path(path.kinds, path.shapes, path.which[:1], targets, np.ones(1), path.references[:1])
+    for k in range(len(q)):
+        _move(moves[k], path.targets[:1], targets)
+        _approach(arm, way, first, 0, q[k], lap)
+
+
+@kernel
+def _summary(errors, weight, middle, q, iterations, numbers):
+    """What :func:`follow_many` says of a lap, from its configurations and errors."""
+    count = len(q)
+    for i in range(len(numbers)):
+        numbers[i] = 0.0
+    numbers[2] = math.inf
+    for at in range(count):
+        numbers[0] = max(numbers[0], errors[at, 0])
+        numbers[1] = max(numbers[1], errors[at, 1])
+        numbers[5] += iterations[at]
+        for dof in range(q.shape[1]):
+            offset = abs(weight[dof] * (q[at, dof] - middle[dof]))
+            if weight[dof] > 0.0:
+                numbers[2] = min(numbers[2], 1.0 - 2.0 * offset)
+            numbers[3] += 0.5 * offset * offset / count
+            if at > 0:
+                numbers[4] = max(numbers[4], abs(q[at, dof] - q[at - 1, dof]))
+
+
+@kernel
+def follow_many(arm, way, path, measured, moves, starts, weight, middle, kept, numbers, ends):
+    """:func:`follow` for many laps, each for itself.
+
+    Args:
+        arm: The robot.
+        way: The method.
+        path: What is followed.
+        measured: Kinds, shapes and numbers of the projectors whose errors count, waypoint by
+            waypoint.
+        moves: Rigid motion of each lap's path: rotation (9) and translation (3), (K, 12).
+        starts: Configurations on the first waypoints, (K, nq).
+        weight: 1/(θ_max − θ_min), 0 where a joint has no range, (nv,).
+        middle: θ̄, (nv,).
+        kept: Result: configurations (K, N, nq); or (0, N, nq), and they are forgotten.
+        numbers: Result, (K, 6): largest position and axis error, m and rad; least margin; mean z;
+            largest step of a joint, rad or m; steps taken.
+        ends: Result: number of the first waypoint that the reference has to look at, (K,).
+    """
+    count, nq = len(path.which), starts.shape[1]
+    targets = path.targets.copy()
+    q, iterations = np.zeros((count, nq)), np.zeros(count, dtype=np.int64)
+    errors, rows = np.zeros((count, 2)), np.zeros((count, 6, nq))
+    moved = Path(path.kinds, path.shapes, path.which, targets, path.durations, path.references)
+    for lap in range(len(starts)):
+        _move(moves[lap], path.targets, targets)
+        for dof in range(nq):
+            q[0, dof] = starts[lap, dof]
+        end = follow(arm, way, moved, 1, q, iterations)
+        ends[lap] = end
+        measure(arm, measured[0], measured[1], measured[2], targets, q[:end], errors, rows)
+        _summary(errors, weight, middle, q[:end], iterations, numbers[lap])
+        if len(kept):
+            for at in range(count):
+                for dof in range(nq):
+                    kept[lap, at, dof] = q[at, dof] if at < end else math.nan

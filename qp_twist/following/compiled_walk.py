@@ -14,13 +14,20 @@ from qp_twist.controller.controller import NEARLY_UNSEEN, SINGULARITY, UNSEEN_WE
 from qp_twist.controller.posing import FASTEST
 from qp_twist.errors import InvalidInput
 from qp_twist.fast import lap_kernel
-from qp_twist.following.resolver import LARGEST_JOINT, range_metric
+from qp_twist.following.resolver import (
+    LARGEST_JOINT,
+    START_ITERATIONS,
+    range_metric,
+    twist_task,
+)
 from qp_twist.following.waypoint_limits import WaypointLimits
 from qp_twist.geometry import TwistProjector
-from qp_twist.kinematics import JointCentering, JointRanges, SerialChain
+from qp_twist.kinematics import JointCentering, JointRanges, SerialChain, TwistTask
 from qp_twist.kinematics.compiled_rows import arm_of, kinds_of, shape_of
+from qp_twist.limits import PositionLimit
 from qp_twist.path import METHODS, MethodSettings, PathTask
 
+Counts = npt.NDArray[np.int64]
 CLOSED_FORMS = ("rmr", "rmr_flipped", "minimum_norm", "gradient_projection")
 """Closed forms that the kernel knows; of the QPs it knows all."""
 
@@ -31,11 +38,11 @@ class CompiledWalk:
     def __init__(self, path_task: PathTask, method: str, settings: MethodSettings) -> None:
         """Lay them out; :func:`walk_known` has been asked."""
         kind, model = METHODS[method], path_task.model
-        ranges = JointRanges.of(model)
+        self._kind, ranges = kind, JointRanges.of(model)
+        self._weight, self._middle = ranges.weight, ranges.middle
         chain = SerialChain.of(model, path_task.frame_name, path_task.frame_type)
         self._arm = arm_of(chain)
-        waypoints = path_task.flipped_waypoints if kind.flipped else path_task.waypoints
-        assert waypoints is not None
+        waypoints = self.waypoints_of(path_task)
         held: list[TwistProjector | None] = list(path_task.in_force)
         if kind.whole_twist:
             held = [path_task.operational] * len(waypoints)
@@ -53,16 +60,38 @@ class CompiledWalk:
             np.tile(ranges.middle, (len(waypoints), 1)),
         )
         self._way = self._way_of(path_task, method, settings, ranges)
+        table, types = table_of([PositionLimit(model)] if kind.holds_limits else [], model.nv)
+        self._correction = self._way._replace(
+            twist_space=False,
+            iterations=START_ITERATIONS,
+            every_iteration=False,
+            pull=np.zeros(model.nv),
+            limits=table,
+            types=types,
+            metric=np.ones(model.nv),
+            settings=settings_of(False, SINGULARITY, 1.0, NEARLY_UNSEEN, FASTEST),
+        )
         self._measured = *_rows(path_task.in_force, np.inf, np.inf), self._path.targets
         self._ranks = np.array([projector.rank for projector in path_task.in_force])
+        # On nothing, so that compiling, or loading what was compiled, is not a lap's time.
+        self.on_from(ranges.middle, len(waypoints))
+
+    def waypoints_of(self, path_task: PathTask) -> Sequence[mink.SE3]:
+        """The waypoints that the method is led by."""
+        waypoints = path_task.flipped_waypoints if self._kind.flipped else path_task.waypoints
+        assert waypoints is not None
+        return waypoints
+
+    def task_of(self, path_task: PathTask) -> TwistTask:
+        """The rows that it holds at the first one."""
+        whole = self._kind.whole_twist
+        return twist_task(path_task, path_task.operational if whole else path_task.projector)
 
     def toward(self, references: Array) -> None:
         """Let the secondary pull to these configurations (N, nq), waypoint by waypoint."""
         self._path = self._path._replace(references=np.ascontiguousarray(references))
 
-    def on_from(
-        self, start: Array, first: int
-    ) -> tuple[Array, npt.NDArray[np.int64], Array, Array]:
+    def on_from(self, start: Array, first: int) -> tuple[Array, Counts, Array, Array]:
         """Every waypoint from ``first`` on that needs no reference, after the one at ``start``.
 
         Returns:
@@ -76,6 +105,31 @@ class CompiledWalk:
         end = lap_kernel.follow(self._arm, self._way, self._path, first, q, iterations)
         q = q[first:end]
         return q, iterations[first:end], *self.measured(q, np.arange(first, end))
+
+    def many(self, moves: Array, starts: Array, kept: Array, numbers: Array, ends: Counts) -> None:
+        """Many laps; the arrays are those of ``lap_kernel.follow_many``."""
+        lap_kernel.follow_many(
+            self._arm, self._way, self._path, self._measured[:3], moves, starts, self._weight,
+            self._middle, kept, numbers, ends,
+        )  # fmt: skip
+
+    def correct_starts(self, moves: Array, starts: Array) -> None:
+        """Towards the first waypoints of paths that are moved, (K, nq) in place."""
+        lap_kernel.onto_start(self._arm, self._correction, self._path, moves, starts)
+
+    def start_errors(self, moves: Array, starts: Array) -> Array:
+        """Lengths of the task errors on the first waypoints of paths that are moved, (K, 2)."""
+        count, target = len(starts), self._path.targets[0]
+        turns = moves[:, :9].reshape(-1, 3, 3)
+        targets = np.zeros((count, 18))
+        targets[:, :9] = (turns @ target[:9].reshape(3, 3)).reshape(-1, 9)
+        targets[:, 9:12] = turns @ target[9:12] + moves[:, 9:]
+        which = np.full(count, self._path.which[0])
+        errors, rows = np.zeros((count, 2)), np.zeros((count, 6, starts.shape[1]))
+        lap_kernel.measure(
+            self._arm, self._path.kinds, self._path.shapes, which, targets, starts, errors, rows
+        )
+        return errors
 
     def measured(self, q: Array, at: Indices) -> tuple[Array, Array]:
         """Lengths of the task errors (K, 2) and smallest singular values (K,) at waypoints."""
@@ -155,7 +209,7 @@ def _is_chain(path_task: PathTask) -> bool:
 
 def _rows(
     projectors: Sequence[TwistProjector | None], *steps: float
-) -> tuple[npt.NDArray[np.int64], Array, npt.NDArray[np.int64]]:
+) -> tuple[Counts, Array, Counts]:
     """Kinds and shapes of all projectors, and which is meant where; −1 for ``None``."""
     distinct: list[TwistProjector] = []
     which = []

@@ -84,7 +84,7 @@ def follow(
             raise InvalidInput(f"follow({name}=…): expected a function, got {function!r}.")
     instance("follow(slow_down=…)", slow_down, bool)
     check_solver(solver)
-    settings = _settings(path_task, check_method(method), options)
+    settings = settings_of(path_task, check_method(method), options)
     if method in path_task.starts:
         path_task = dataclasses.replace(path_task, start=path_task.starts[method], best_start=False)
     path_task = with_start(path_task, planning)
@@ -117,7 +117,12 @@ def follow(
     return dataclasses.replace(trajectory, path_task=path_task, z_bound=bound)
 
 
-def _settings(path_task: PathTask, method: str, options: dict[str, Any]) -> MethodSettings:
+def settings_of(path_task: PathTask, method: str, options: dict[str, Any]) -> MethodSettings:
+    """Settings of a method: the task file's, with options in their place.
+
+    Raises:
+        InvalidInput: If an option is unknown or has a value that it cannot have.
+    """
     merged = {**path_task.settings(method).model_dump(), **options}
     try:
         return MethodSettings.model_validate(merged)

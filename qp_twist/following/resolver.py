@@ -29,6 +29,8 @@ from qp_twist.path import METHODS, MethodSettings, PathTask
 
 LARGEST_JOINT = 1e6
 """A joint beyond this many rad has diverged; its error would only overflow."""
+START_ITERATIONS = 200
+"""Most steps in which a start is corrected onto the first waypoint."""
 
 
 @dataclass(frozen=True, eq=False)

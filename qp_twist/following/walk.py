@@ -16,7 +16,13 @@ from qp_twist.controller import Controller, Status
 from qp_twist.errors import InvalidInput
 from qp_twist.fast import COMPILED
 from qp_twist.following.blending import resolvers_along
-from qp_twist.following.resolver import LARGEST_JOINT, Displacement, Resolver, twist_task
+from qp_twist.following.resolver import (
+    LARGEST_JOINT,
+    START_ITERATIONS,
+    Displacement,
+    Resolver,
+    twist_task,
+)
 from qp_twist.following.slowing import Pace
 from qp_twist.following.trajectory import Trajectory
 from qp_twist.kinematics import TwistTask
@@ -25,8 +31,6 @@ from qp_twist.qp import NoSolutionFound
 
 if TYPE_CHECKING:
     from qp_twist.following.compiled_walk import CompiledWalk
-
-_START_ITERATIONS = 200
 
 
 def walk(
@@ -212,7 +216,7 @@ def corrected_start(
     configuration = mink.Configuration(path_task.model, path_task.start)
     task.set_target(waypoint)
     controller = Controller(path_task.model, [task]) if holds_limits else None
-    for _ in range(_START_ITERATIONS):
+    for _ in range(START_ITERATIONS):
         if _reached(path_task, task, configuration):
             q: Array = configuration.q.copy()
             return q
@@ -226,7 +230,7 @@ def corrected_start(
     error = task.state(configuration).error
     raise InvalidInput(
         f"follow: the start cannot be corrected onto the first waypoint; after "
-        f"{_START_ITERATIONS} steps it is {np.linalg.norm(error[:3]):.3g} m and "
+        f"{START_ITERATIONS} steps it is {np.linalg.norm(error[:3]):.3g} m and "
         f"{np.degrees(np.linalg.norm(error[3:])):.3g} degrees away. Give a start nearer to it, or "
         "move the path into the robot's reach."
     )

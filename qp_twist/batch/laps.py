@@ -1,0 +1,265 @@
+"""Many laps of a path at once: from other starts, with the workpiece elsewhere."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, cast
+
+import mink
+import numpy as np
+import numpy.typing as npt
+
+from qp_twist.batch.threads import need_numba, shared
+from qp_twist.checks import Array, finite_array, instance
+from qp_twist.errors import InvalidInput, QpTwistError
+from qp_twist.fast import COMPILED
+from qp_twist.following import follow as follow_one
+from qp_twist.following.follow import settings_of
+from qp_twist.following.walk import corrected_start
+from qp_twist.kinematics import JointRanges
+from qp_twist.path import METHODS, MethodSettings, PathTask, check_method
+
+if TYPE_CHECKING:
+    from qp_twist.following.compiled_walk import CompiledWalk
+
+
+@dataclass(frozen=True, eq=False)
+class Laps:
+    """What K laps did, of N waypoints each.
+
+    A lap that has no start, or ends before the last waypoint, has numbers of what there is of it.
+
+    Attributes:
+        q: Configurations, rad or m, (K, N, nq), NaN behind a lap's end; ``None`` if not kept.
+        waypoints: How many waypoints each lap has, (K,).
+        position_error: Largest linear task error of each, m, (K,).
+        axis_error: Largest angular one, in the rows of the task, rad, (K,).
+        min_margin: Least margin of a joint, as :meth:`~qp_twist.JointRanges.margins`, (K,).
+        mean_z: Mean of z = ½‖W(θ̄ − θ)‖², (K,).
+        max_step: Largest displacement of a joint from a waypoint to the next, rad or m, (K,).
+        steps: Steps that were taken, (K,).
+        by_reference: Which laps the kernel could not take by itself, (K,).
+        failures: Why laps have no start or no step, by their numbers.
+    """
+
+    q: Array | None
+    waypoints: npt.NDArray[np.int64]
+    position_error: Array
+    axis_error: Array
+    min_margin: Array
+    mean_z: Array
+    max_step: Array
+    steps: npt.NDArray[np.int64]
+    by_reference: npt.NDArray[np.bool_]
+    failures: dict[int, str]
+
+
+def follow(
+    path_task: PathTask,
+    method: str = "qp_gradient",
+    *,
+    starts: npt.ArrayLike | None = None,
+    moves: Sequence[mink.SE3] | npt.ArrayLike | None = None,
+    keep: bool = True,
+    threads: int | None = None,
+    **options: Any,
+) -> Laps:
+    """:func:`qp_twist.follow` for many laps: the same trajectories, to 1e-9.
+
+    Laps of the closed forms ``rmr``, ``rmr_flipped``, ``minimum_norm`` and ``gradient_projection``
+    and of this package's QPs run as machine code on all cores, every step of a QP verified. Of a
+    lap with a waypoint that is not made of plain steps (a limit that scales the task, a
+    singularity) the rest is followed by :func:`qp_twist.follow`, which takes longer.
+
+    Memory: with ``keep=False`` a few numbers a lap, however many waypoints it has.
+
+    Args:
+        path_task: The task.
+        method: Name of the method.
+        starts: Configurations (K, nq), or one (nq,) for all; the task's by default. They are
+            corrected onto the first waypoint.
+        moves: Rigid motions of the workpiece in the world, one a lap: :class:`mink.SE3`, or
+            matrices (K, 4, 4). The waypoints move along with their roll; the roll rule is not
+            applied anew.
+        keep: Whether the configurations are returned.
+        threads: How many; all cores by default.
+        **options: Settings that replace those of the task file, as in :func:`qp_twist.follow`.
+
+    Raises:
+        InvalidInput: If numba is not installed, an argument is wrong, or the method or the path has
+            no compiled form (tolerance bands, acceleration limits, ball joints).
+    """
+    need_numba("batch.follow")
+    from qp_twist.following.compiled_walk import CompiledWalk, walk_known
+
+    instance("batch.follow(path_task, …)", path_task, PathTask)
+    settings = settings_of(path_task, check_method(method), options)
+    if settings.secondary == "plan" or not walk_known(path_task, method, settings):
+        raise InvalidInput(
+            f"batch.follow: {method} on {path_task.name} has no compiled form; follow the laps one "
+            "by one with qp_twist.follow."
+        )
+    if method in path_task.starts:
+        path_task = dataclasses.replace(path_task, start=path_task.starts[method])
+    carried = _moves(moves)
+    begins = _starts(path_task, starts, len(carried))
+    carried = np.broadcast_to(carried, (len(begins), 12)) if len(carried) == 1 else carried
+    return _Batch(
+        path_task, method, settings, CompiledWalk(path_task, method, settings), begins, carried
+    ).run(keep, threads)
+
+
+class _Batch:
+    """The laps of one call."""
+
+    def __init__(
+        self,
+        path_task: PathTask,
+        method: str,
+        settings: MethodSettings,
+        walk: CompiledWalk,
+        starts: Array,
+        moves: Array,
+    ) -> None:
+        self.path_task, self.method, self.settings, self.walk = path_task, method, settings, walk
+        self.starts, self.moves = starts.copy(), np.ascontiguousarray(moves)
+        self.failures: dict[int, str] = {}
+        count = len(starts)
+        self.numbers = np.zeros((count, 6))
+        self.ends = np.zeros(count, dtype=np.int64)
+
+    def run(self, keep: bool, threads: int | None) -> Laps:
+        """All laps by the kernel, and those that it left by the reference."""
+        count, waypoints = len(self.starts), len(self.path_task.waypoints)
+        kept = np.zeros((count if keep else 0, waypoints, self.starts.shape[1]))
+        self._correct_starts(threads)
+        shared(count, lambda part: self._some(part, kept), threads)
+        by_reference = self.ends < waypoints
+        by_reference[list(self.failures)] = True  # those without a start
+        for lap in np.flatnonzero(by_reference):
+            self._by_reference(int(lap), kept)
+        errors, axis, margin, z, step, steps = self.numbers.T
+        return Laps(
+            kept if keep else None, self.ends, errors, axis, margin, z, step,
+            np.nan_to_num(steps).astype(np.int64), by_reference, self.failures,
+        )  # fmt: skip
+
+    def _some(self, part: slice, kept: Array) -> None:
+        self.walk.many(
+            self.moves[part], self.starts[part], kept[part], self.numbers[part], self.ends[part]
+        )
+
+    def _off_start(self) -> npt.NDArray[np.intp]:
+        """Laps whose start is not on their first waypoint."""
+        allowed = self.path_task.iteration
+        apart, turned = self.walk.start_errors(self.moves, self.starts).T
+        reached = (apart <= allowed.position_tolerance) & (turned <= allowed.angle_tolerance)
+        return np.flatnonzero(~reached)
+
+    def _correct_starts(self, threads: int | None) -> None:
+        """Starts that are not on their first waypoint are brought there, as a single lap's is."""
+        off, given = self._off_start(), self.starts.copy()
+        moves, there = self.moves[off], self.starts[off]
+        shared(len(off), lambda part: self.walk.correct_starts(moves[part], there[part]), threads)
+        self.starts[off] = there
+        for lap in self._off_start():
+            self.starts[lap] = given[lap]
+            task = self._task(int(lap))
+            try:
+                self.starts[lap] = corrected_start(
+                    task,
+                    self.walk.waypoints_of(task)[0],
+                    holds_limits=METHODS[self.method].holds_limits,
+                    task=self.walk.task_of(task),
+                )
+            except QpTwistError as error:
+                self.failures[int(lap)] = str(error)
+
+    def _by_reference(self, lap: int, kept: Array) -> None:
+        if lap in self.failures:
+            self.ends[lap], self.numbers[lap] = 0, np.nan
+            kept[lap : lap + 1] = np.nan
+            return
+        try:
+            done = follow_one(
+                self._task(lap), self.method, solver=COMPILED, **self.settings.model_dump()
+            )
+        except QpTwistError as error:
+            self.failures[lap] = str(error)
+            return
+        if done.failure:
+            self.failures[lap] = done.failure
+        ranges = JointRanges.of(self.path_task.model)
+        self.ends[lap] = len(done.q)
+        self.numbers[lap] = (
+            done.position_error.max(), done.axis_error.max(), done.margins.min(initial=np.inf),
+            float(ranges.centring(done.q).mean()),
+            np.abs(np.diff(done.q, axis=0)).max(initial=0.0), done.iterations.sum(),
+        )  # fmt: skip
+        kept[lap : lap + 1, : len(done.q)] = done.q
+
+    def _task(self, lap: int) -> PathTask:
+        """The task of a lap for itself."""
+        move = _pose(self.moves[lap])
+
+        def moved(waypoints: Sequence[mink.SE3]) -> tuple[mink.SE3, ...]:
+            return tuple(move @ waypoint for waypoint in waypoints)
+
+        flipped = self.path_task.flipped_waypoints
+        return dataclasses.replace(
+            self.path_task,
+            waypoints=moved(self.path_task.waypoints),
+            flipped_waypoints=None if flipped is None else moved(flipped),
+            start=self.starts[lap],
+            starts={},
+            best_start=False,
+        )
+
+
+def _pose(move: Array) -> mink.SE3:
+    rotation = mink.SO3.from_matrix(move[:9].reshape(3, 3))
+    return mink.SE3.from_rotation_and_translation(rotation, move[9:])
+
+
+def _moves(moves: Sequence[mink.SE3] | npt.ArrayLike | None) -> Array:
+    """Rotations (9) and translations (3), (K, 12); one that does nothing if there are none."""
+    if moves is None:
+        return np.concatenate([np.eye(3).ravel(), np.zeros(3)])[None]
+    if isinstance(moves, (list, tuple)) and all(isinstance(move, mink.SE3) for move in moves):
+        matrices = np.array([move.as_matrix() for move in moves]).reshape(-1, 4, 4)
+    else:
+        matrices = finite_array("batch.follow(moves=…)", cast(Any, moves), (None, 4, 4))
+    turns = matrices[:, :3, :3]
+    off = np.abs(turns @ turns.transpose(0, 2, 1) - np.eye(3)).max(axis=(1, 2), initial=0.0)
+    off = np.maximum(off, np.abs(matrices[:, 3] - [0.0, 0.0, 0.0, 1.0]).max(axis=1, initial=0.0))
+    wrong = (off > 1e-6) | (np.linalg.det(turns) < 0.0)
+    if wrong.any():
+        raise InvalidInput(
+            f"batch.follow(moves=…): number {int(np.argmax(wrong))} is no rigid motion: a rotation "
+            "and a translation above a row 0, 0, 0, 1."
+        )
+    return np.hstack([turns.reshape(-1, 9), matrices[:, :3, 3]])
+
+
+def _starts(path_task: PathTask, starts: npt.ArrayLike | None, moves: int) -> Array:
+    """One for each lap, (K, nq)."""
+    nq = path_task.model.nq
+    if starts is None:
+        if path_task.best_start:
+            raise InvalidInput(
+                "batch.follow: the task's start has to be found; give starts, from "
+                "qp_twist.find_starts or qp_twist.plan."
+            )
+        given = path_task.start[None]
+    else:
+        shape = (nq,) if np.ndim(starts) == 1 else (None, nq)
+        given = finite_array("batch.follow(starts=…)", starts, shape).reshape(-1, nq)
+    if len(given) == 1:
+        given = np.repeat(given, moves, axis=0)
+    if moves not in (1, len(given)):
+        raise InvalidInput(
+            f"batch.follow: {len(given)} starts and {moves} moves; give one of each for every lap."
+        )
+    return given

@@ -1,0 +1,40 @@
+"""Rows shared out among threads."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+
+from qp_twist import fast
+from qp_twist.checks import number
+from qp_twist.errors import InvalidInput
+
+_AT_A_TIME = 4
+"""Parts a thread: one that has easy rows takes more of them."""
+
+
+def need_numba(name: str) -> None:
+    """Raise a sentence where the extra is not installed."""
+    if not fast.installed():
+        raise InvalidInput(
+            f"{name}: needs numba, which is not installed; pip install 'qp_twist[fast]'."
+        )
+
+
+def shared(rows: int, do: Callable[[slice], None], threads: int | None) -> None:
+    """Call ``do`` for slices that make up all rows, on so many threads; by default on all cores.
+
+    The kernels let go of the interpreter's lock.
+    """
+    workers = os.cpu_count() or 1
+    if threads is not None:
+        workers = int(number("threads", threads, at_least=1, at_most=1024))
+    size = max(1, -(-rows // (_AT_A_TIME * workers)))
+    parts = [slice(first, first + size) for first in range(0, rows, size)]
+    if workers == 1 or len(parts) < 2:
+        for part in parts:
+            do(part)
+        return
+    with ThreadPoolExecutor(workers) as pool:
+        list(pool.map(do, parts))
