@@ -114,17 +114,23 @@ def as_far_as_inside(
 
 def _valleys(q: Array, ranges: JointRanges) -> Indices:
     """Which configurations (K, nv) have the least z around them, the least first."""
+    if not len(q):
+        return np.zeros(0, dtype=np.intp)
     z = ranges.centring(q)
     taken = np.zeros(len(z), dtype=bool)
-    tree = KDTree(q) if len(q) else None
+    tree = KDTree(q)
+    pairs = tree.query_pairs(_VALLEY, output_type="ndarray")
+    first, last = np.concatenate([pairs, pairs[:, ::-1]]).T
+    # The configurations that have a neighbour of less z are none.
+    lowest = np.ones(len(z), dtype=bool)
+    lowest[first[z[last] < z[first]]] = False
     found: list[int] = []
     for number in np.argsort(z, kind="stable"):
-        if len(found) == _MOST or tree is None:
+        if len(found) == _MOST:
             break
-        near = tree.query_ball_point(q[number], _VALLEY)
-        if not taken[number] and z[number] <= z[near].min():
+        if lowest[number] and not taken[number]:
             found.append(int(number))
-        taken[near] = True
+            taken[tree.query_ball_point(q[number], _VALLEY)] = True
     return np.array(found, dtype=np.intp)
 
 

@@ -64,7 +64,10 @@ class RollGrid:
         parts = np.clip(np.ceil(times), 1, FINEST).astype(int)
         number = np.arange(parts.sum()) - np.repeat(np.cumsum(parts) - parts, parts)
         rolls = np.repeat(self.rolls, parts) + self.spacing * number / np.repeat(parts, parts)
-        return self._inside(index, rolls, self._branches(index, rolls))
+        found = np.repeat(grid, parts, axis=0)
+        between = number > 0
+        found[between] = self._branches(index, rolls[between])
+        return self._inside(index, rolls, found)
 
     def branches(self, index: int) -> Array:
         """Joint positions at the rolls of the grid, (R, 8, 6), NaN where out of reach."""
