@@ -24,6 +24,9 @@ from qp_twist.path import METHODS, MethodSettings, PathTask, check_method
 if TYPE_CHECKING:
     from qp_twist.following.compiled_walk import CompiledWalk
 
+Counts = npt.NDArray[np.int64]
+Mask = npt.NDArray[np.bool_]
+
 
 @dataclass(frozen=True, eq=False)
 class Laps:
@@ -45,14 +48,14 @@ class Laps:
     """
 
     q: Array | None
-    waypoints: npt.NDArray[np.int64]
+    waypoints: Counts
     position_error: Array
     axis_error: Array
     min_margin: Array
     mean_z: Array
     max_step: Array
-    steps: npt.NDArray[np.int64]
-    by_reference: npt.NDArray[np.bool_]
+    steps: Counts
+    by_reference: Mask
     failures: dict[int, str]
 
 
