@@ -17,9 +17,9 @@ from qp_twist.errors import InvalidInput, QpTwistError
 from qp_twist.fast import COMPILED
 from qp_twist.following import follow as follow_one
 from qp_twist.following.follow import settings_of
-from qp_twist.following.walk import corrected_start
+from qp_twist.following.walk import start_of
 from qp_twist.kinematics import JointRanges
-from qp_twist.path import METHODS, MethodSettings, PathTask, check_method
+from qp_twist.path import MethodSettings, PathTask, check_method
 
 if TYPE_CHECKING:
     from qp_twist.following.compiled_walk import CompiledWalk
@@ -169,14 +169,8 @@ class _Batch:
         self.starts[off] = there
         for lap in self._off_start():
             self.starts[lap] = given[lap]
-            task = self._task(int(lap))
             try:
-                self.starts[lap] = corrected_start(
-                    task,
-                    self.walk.waypoints_of(task)[0],
-                    holds_limits=METHODS[self.method].holds_limits,
-                    task=self.walk.task_of(task),
-                )
+                self.starts[lap] = start_of(self._task(int(lap)), self.method)
             except QpTwistError as error:
                 self.failures[int(lap)] = str(error)
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -93,11 +93,3 @@ def poses_and_jacobians(arm, q, poses, jacobians):
     """:func:`pose_and_jacobian` for each row of q (K, nq): poses (K, 12), jacobians (K, 6, nv)."""
     for k in range(len(q)):
         pose_and_jacobian(arm, q[k], poses[k], jacobians[k])
-
-
-def frame_about(axis: Any, anchor: Any) -> tuple[Any, Any]:
-    """Some frame with its z along ``axis`` (3,) and its origin at ``anchor`` (3,)."""
-    other = np.eye(3)[np.argmin(np.abs(axis))]
-    x = np.cross(other, axis)
-    x /= np.linalg.norm(x)
-    return np.stack([x, np.cross(axis, x), axis], axis=1), np.asarray(anchor)

@@ -41,6 +41,20 @@ def cholesky(S):
 
 
 @plain
+def cholesky_solve(L, b):
+    """b (n,) becomes the solution of LLᵀx = b, with L in the lower triangle of an array."""
+    n = len(b)
+    for i in range(n):
+        for j in range(i):
+            b[i] -= L[i, j] * b[j]
+        b[i] /= L[i, i]
+    for i in range(n - 1, -1, -1):
+        for j in range(i + 1, n):
+            b[i] -= L[j, i] * b[j]
+        b[i] /= L[i, i]
+
+
+@plain
 def cholesky_inverse(H, J):
     """J = L⁻ᵀ of H = LLᵀ, so that JJᵀ = H⁻¹; whether H (n, n) is positive definite."""
     n = H.shape[0]

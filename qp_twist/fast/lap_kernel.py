@@ -11,7 +11,15 @@ import numpy.typing as npt
 from qp_twist.fast.arm_kernel import pose_and_jacobian
 from qp_twist.fast.compiling import kernel
 from qp_twist.fast.null_space import least_norm, reflect
-from qp_twist.fast.step_kernel import DONE, WINDOW, bounds, step_arrays, verified_velocity
+from qp_twist.fast.path_kernel import Rows
+from qp_twist.fast.step_kernel import (
+    DONE,
+    WINDOW,
+    bounds,
+    sizes,
+    step_arrays,
+    verified_velocity,
+)
 from qp_twist.fast.twist_rows import twist_rows
 
 _INDEPENDENT = 1e-8
@@ -47,13 +55,10 @@ class Way(NamedTuple):
 
 
 class Path(NamedTuple):
-    """What a lap meets: the rows as ``path_kernel.Rows``, and more of every waypoint."""
+    """What a lap meets."""
 
-    kinds: npt.NDArray[np.int64]
-    shapes: npt.NDArray[np.float64]
-    which: npt.NDArray[np.int64]
-    """Number of the projector whose rows a method holds at a waypoint; −1: not known here."""
-    targets: npt.NDArray[np.float64]
+    rows: Rows
+    """That the method holds; where the number of the projector is −1, they are not known here."""
     durations: npt.NDArray[np.float64]
     """Time from the waypoint before, s, (N,)."""
     references: npt.NDArray[np.float64]
@@ -80,11 +85,12 @@ class Lap(NamedTuple):
 def _arrays(way):
     """For a robot of as many degrees of freedom as the metric has entries, and up to 6 rows."""
     nv = len(way.metric)
+    # Those of twist space hold those of joint space.
+    out, work = sizes(nv, 6, 1, True)
     return Lap(
         np.zeros(12), np.zeros((6, nv)), np.zeros(nv), np.zeros((6, nv)), np.zeros((6, 6)),
-        way.limits.copy(), np.zeros(6 * nv + 6 + 6 * nv + nv * nv),
-        np.zeros((2, nv), dtype=np.int64), np.zeros(nv, dtype=np.int64),
-        np.zeros(7 + 2 * nv, dtype=np.int64), np.zeros(3 * nv * nv + 27 * nv + 46),
+        way.limits.copy(), np.zeros(out), np.zeros((2, nv), dtype=np.int64),
+        np.zeros(nv, dtype=np.int64), np.zeros(7 + 2 * nv, dtype=np.int64), np.zeros(work),
     )  # fmt: skip
 
 
@@ -147,7 +153,8 @@ def _closed_form(way, path, at, q, pulls, w, lap):
 @kernel
 def _approach(arm, way, path, at, q, lap):
     """Iterate to a waypoint, as ``following.walk`` does; the iterations, −1 for the reference."""
-    kinds, shape = path.kinds[path.which[at]], path.shapes[path.which[at]]
+    rows = path.rows
+    kinds, shape = rows.kinds[rows.which[at]], rows.shapes[rows.which[at]]
     if not _begin(way, path, at, q, lap):
         return -1
     w = step_arrays(
@@ -158,7 +165,7 @@ def _approach(arm, way, path, at, q, lap):
     for iteration in range(way.iterations):
         pose_and_jacobian(arm, q, lap.pose, lap.J)
         apart, turned = twist_rows(
-            kinds, shape, lap.pose, path.targets[at], lap.J, dt, w.A, w.b, w.free, way.free_costs
+            kinds, shape, lap.pose, rows.targets[at], lap.J, dt, w.A, w.b, w.free, way.free_costs
         )
         if iteration > 0 and apart <= way.tolerances[0] and turned <= way.tolerances[1]:
             return iteration
@@ -197,9 +204,9 @@ def follow(arm, way, path, first, q, iterations):
     """
     lap = _arrays(way)
     for at in range(first, len(q)):
-        if path.which[at] < 0:
+        if path.rows.which[at] < 0:
             return at
-        if path.which[at] != path.which[at - 1]:
+        if path.rows.which[at] != path.rows.which[at - 1]:
             lap.ints[0] = 0  # what was active last time belongs to other rows
         for dof in range(q.shape[1]):
             lap.q[dof] = q[at - 1, dof]
@@ -212,15 +219,16 @@ def follow(arm, way, path, first, q, iterations):
 
 
 @kernel
-def measure(arm, kinds, shapes, which, targets, q, errors, rows):
+def measure(arm, rows, q, errors, found):
     """Lengths of the task errors (N, 2), m and rad, and the rows UᵀJ (N, 6, nv) along a path."""
     pose, J, b, free = np.zeros(12), np.zeros((6, q.shape[1])), np.zeros(6), np.zeros((0, 0))
     for at in range(len(q)):
         pose_and_jacobian(arm, q[at], pose, J)
-        number = which[at]
+        number = rows.which[at]
         errors[at, 0], errors[at, 1] = twist_rows(
-            kinds[number], shapes[number], pose, targets[at], J, 1.0, rows[at], b, free, b
-        )
+            rows.kinds[number], rows.shapes[number], pose, rows.targets[at], J, 1.0, found[at], b,
+            free, b,
+        )  # fmt: skip
 
 
 @kernel
@@ -242,10 +250,12 @@ def onto_start(arm, way, path, moves, q):
     ``way`` is that of the correction: no secondary, and limits of position alone. It goes as far as
     plain steps lead; whether it arrived has to be measured.
     """
-    lap, targets = _arrays(way), path.targets[:1].copy()
-    first = Path(path.kinds, path.shapes, path.which[:1], targets, np.ones(1), path.references[:1])
+    rows = path.rows
+    lap, targets = _arrays(way), rows.targets[:1].copy()
+    held = Rows(rows.kinds, rows.shapes, rows.which[:1], targets)
+    first = Path(held, np.ones(1), path.references[:1])
     for k in range(len(q)):
-        _move(moves[k], path.targets[:1], targets)
+        _move(moves[k], rows.targets[:1], targets)
         _approach(arm, way, first, 0, q[k], lap)
 
 
@@ -277,8 +287,7 @@ def follow_many(arm, way, path, measured, moves, starts, weight, middle, kept, n
         arm: The robot.
         way: The method.
         path: What is followed.
-        measured: Kinds, shapes and numbers of the projectors whose errors count, waypoint by
-            waypoint.
+        measured: The rows whose errors count.
         moves: Rigid motion of each lap's path: rotation (9) and translation (3), (K, 12).
         starts: Configurations on the first waypoints, (K, nq).
         weight: 1/(θ_max − θ_min), 0 where a joint has no range, (nv,).
@@ -288,18 +297,21 @@ def follow_many(arm, way, path, measured, moves, starts, weight, middle, kept, n
             largest step of a joint, rad or m; steps taken.
         ends: Result: number of the first waypoint that the reference has to look at, (K,).
     """
-    count, nq = len(path.which), starts.shape[1]
-    targets = path.targets.copy()
+    rows = path.rows
+    count, nq = len(rows.which), starts.shape[1]
+    targets = rows.targets.copy()
     q, iterations = np.zeros((count, nq)), np.zeros(count, dtype=np.int64)
-    errors, rows = np.zeros((count, 2)), np.zeros((count, 6, nq))
-    moved = Path(path.kinds, path.shapes, path.which, targets, path.durations, path.references)
+    errors, found = np.zeros((count, 2)), np.zeros((count, 6, nq))
+    held = Rows(rows.kinds, rows.shapes, rows.which, targets)
+    seen = Rows(measured.kinds, measured.shapes, measured.which, targets)
+    moved = Path(held, path.durations, path.references)
     for lap in range(len(starts)):
-        _move(moves[lap], path.targets, targets)
+        _move(moves[lap], rows.targets, targets)
         for dof in range(nq):
             q[0, dof] = starts[lap, dof]
         end = follow(arm, way, moved, 1, q, iterations)
         ends[lap] = end
-        measure(arm, measured[0], measured[1], measured[2], targets, q[:end], errors, rows)
+        measure(arm, seen, q[:end], errors, found)
         _summary(errors, weight, middle, q[:end], iterations, numbers[lap])
         if len(kept):
             for at in range(count):

@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from qp_twist.fast.arm_kernel import pose_and_jacobian
 from qp_twist.fast.compiling import kernel
-from qp_twist.fast.dual_active_set import cholesky
+from qp_twist.fast.dual_active_set import cholesky, cholesky_solve
 from qp_twist.fast.null_space import null_space, reflect
 from qp_twist.fast.twist_rows import twist_rows
 
@@ -83,14 +83,7 @@ def _shortest(A, b, rounding, square, step):
         square[i, i] += rounding * trace if trace > 0.0 else 1.0
     if not cholesky(square[:m, :m]):
         return False
-    for i in range(m):
-        for j in range(i):
-            b[i] -= square[i, j] * b[j]
-        b[i] /= square[i, i]
-    for i in range(m - 1, -1, -1):
-        for j in range(i + 1, m):
-            b[i] -= square[j, i] * b[j]
-        b[i] /= square[i, i]
+    cholesky_solve(square, b)
     for k in range(n):
         step[k] = 0.0
         for i in range(m):
@@ -161,14 +154,7 @@ def _along_null_space(N, weight, middle, q, gram, side, step):
         step[dof] = 0.0
     if not cholesky(gram[:d, :d]):
         return 0.0
-    for i in range(d):
-        for j in range(i):
-            side[i] -= gram[i, j] * side[j]
-        side[i] /= gram[i, i]
-    for i in range(d - 1, -1, -1):
-        for j in range(i + 1, d):
-            side[i] -= gram[j, i] * side[j]
-        side[i] /= gram[i, i]
+    cholesky_solve(gram, side[:d])
     expected = 0.0
     for dof in range(n):
         for i in range(d):

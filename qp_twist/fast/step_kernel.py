@@ -54,7 +54,8 @@ class StepArrays(NamedTuple):
     no_rows: Any
 
 
-def sizes(nv: int, m: int, count: int, twist_space: bool) -> tuple[int, int]:
+@plain
+def sizes(nv, m, count, twist_space):
     """Entries of ``out`` and ``work`` of :func:`step_arrays`."""
     square = nv * nv
     out = m * nv + m + 5 * nv + (square if twist_space else nv)

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
-import mink
 import numpy as np
 import numpy.typing as npt
 
@@ -12,18 +9,19 @@ from qp_twist.checks import Array, Indices
 from qp_twist.controller.compiled_step import TOLERANCES, settings_of, table_of
 from qp_twist.controller.controller import NEARLY_UNSEEN, SINGULARITY, UNSEEN_WEIGHT
 from qp_twist.controller.posing import FASTEST
-from qp_twist.errors import InvalidInput
 from qp_twist.fast import lap_kernel
+from qp_twist.fast.arm_kernel import Arm
+from qp_twist.fast.path_kernel import Rows
 from qp_twist.following.resolver import (
     LARGEST_JOINT,
     START_ITERATIONS,
     range_metric,
-    twist_task,
+    waypoints_of,
 )
 from qp_twist.following.waypoint_limits import WaypointLimits
-from qp_twist.geometry import TwistProjector
-from qp_twist.kinematics import JointCentering, JointRanges, SerialChain, TwistTask
-from qp_twist.kinematics.compiled_rows import arm_of, kinds_of, shape_of
+from qp_twist.geometry import TwistProjector, distinct_projectors
+from qp_twist.kinematics import JointCentering, JointRanges, SerialChain
+from qp_twist.kinematics.compiled_rows import arm_of, rows_of
 from qp_twist.limits import PositionLimit
 from qp_twist.path import METHODS, MethodSettings, PathTask
 
@@ -38,24 +36,29 @@ class CompiledWalk:
     def __init__(self, path_task: PathTask, method: str, settings: MethodSettings) -> None:
         """Lay them out; :func:`walk_known` has been asked."""
         kind, model = METHODS[method], path_task.model
-        self._kind, ranges = kind, JointRanges.of(model)
+        ranges = JointRanges.of(model)
         self._weight, self._middle = ranges.weight, ranges.middle
-        chain = SerialChain.of(model, path_task.frame_name, path_task.frame_type)
-        self._arm = arm_of(chain)
-        waypoints = self.waypoints_of(path_task)
+        self._arm = arm_of(SerialChain.of(model, path_task.frame_name, path_task.frame_type))
+        waypoints = waypoints_of(path_task, method)
+        rotations = np.array([waypoint.rotation().as_matrix() for waypoint in waypoints])
+        positions = np.array([waypoint.translation() for waypoint in waypoints])
         held: list[TwistProjector | None] = list(path_task.in_force)
         if kind.whole_twist:
             held = [path_task.operational] * len(waypoints)
         else:
             for segment in path_task.segments:
                 held[segment.first : segment.first + segment.blend] = [None] * segment.blend
-        step = path_task.iteration.max_linear_step, path_task.iteration.max_angular_step
         durations = path_task.durations
         if durations is None:
             durations = np.ones(len(waypoints))
         self._path = lap_kernel.Path(
-            *_rows(held, *step),
-            _targets(waypoints),
+            rows_of(
+                *distinct_projectors(held),
+                rotations,
+                positions,
+                max_linear_step=path_task.iteration.max_linear_step,
+                max_angular_step=path_task.iteration.max_angular_step,
+            ),
             np.where(durations > 0.0, durations, 1.0),
             np.tile(ranges.middle, (len(waypoints), 1)),
         )
@@ -71,21 +74,10 @@ class CompiledWalk:
             metric=np.ones(model.nv),
             settings=settings_of(False, SINGULARITY, 1.0, NEARLY_UNSEEN, FASTEST),
         )
-        self._measured = *_rows(path_task.in_force, np.inf, np.inf), self._path.targets
+        self._measured = rows_of(*distinct_projectors(path_task.in_force), rotations, positions)
         self._ranks = np.array([projector.rank for projector in path_task.in_force])
         # On nothing, so that compiling, or loading what was compiled, is not a lap's time.
         self.on_from(ranges.middle, len(waypoints))
-
-    def waypoints_of(self, path_task: PathTask) -> Sequence[mink.SE3]:
-        """The waypoints that the method is led by."""
-        waypoints = path_task.flipped_waypoints if self._kind.flipped else path_task.waypoints
-        assert waypoints is not None
-        return waypoints
-
-    def task_of(self, path_task: PathTask) -> TwistTask:
-        """The rows that it holds at the first one."""
-        whole = self._kind.whole_twist
-        return twist_task(path_task, path_task.operational if whole else path_task.projector)
 
     def toward(self, references: Array) -> None:
         """Let the secondary pull to these configurations (N, nq), waypoint by waypoint."""
@@ -98,7 +90,7 @@ class CompiledWalk:
             Configurations (K, nq), iterations (K,), lengths of the task errors (K, 2), m and rad,
             and the smallest singular values of the rows (K,).
         """
-        count = len(self._path.which)
+        count = len(self._path.rows.which)
         q = np.zeros((count, len(start)))
         q[first - 1] = start
         iterations = np.zeros(count, dtype=np.int64)
@@ -109,7 +101,7 @@ class CompiledWalk:
     def many(self, moves: Array, starts: Array, kept: Array, numbers: Array, ends: Counts) -> None:
         """Many laps; the arrays are those of ``lap_kernel.follow_many``."""
         lap_kernel.follow_many(
-            self._arm, self._way, self._path, self._measured[:3], moves, starts, self._weight,
+            self._arm, self._way, self._path, self._measured, moves, starts, self._weight,
             self._middle, kept, numbers, ends,
         )  # fmt: skip
 
@@ -119,23 +111,20 @@ class CompiledWalk:
 
     def start_errors(self, moves: Array, starts: Array) -> Array:
         """Lengths of the task errors on the first waypoints of paths that are moved, (K, 2)."""
-        count, target = len(starts), self._path.targets[0]
+        count, target = len(starts), self._path.rows.targets[0]
         turns = moves[:, :9].reshape(-1, 3, 3)
         targets = np.zeros((count, 18))
         targets[:, :9] = (turns @ target[:9].reshape(3, 3)).reshape(-1, 9)
         targets[:, 9:12] = turns @ target[9:12] + moves[:, 9:]
-        which = np.full(count, self._path.which[0])
-        errors, rows = np.zeros((count, 2)), np.zeros((count, 6, starts.shape[1]))
-        lap_kernel.measure(
-            self._arm, self._path.kinds, self._path.shapes, which, targets, starts, errors, rows
-        )
-        return errors
+        which = np.full(count, self._path.rows.which[0])
+        held = self._path.rows._replace(which=which, targets=targets)
+        return _measure(self._arm, held, starts)[0]
 
     def measured(self, q: Array, at: Indices) -> tuple[Array, Array]:
         """Lengths of the task errors (K, 2) and smallest singular values (K,) at waypoints."""
-        kinds, shapes, which, targets = self._measured
-        errors, rows = np.zeros((len(q), 2)), np.zeros((len(q), 6, q.shape[1]))
-        lap_kernel.measure(self._arm, kinds, shapes, which[at], targets[at], q, errors, rows)
+        seen = self._measured
+        seen = seen._replace(which=seen.which[at], targets=seen.targets[at])
+        errors, rows = _measure(self._arm, seen, q)
         sigma = np.zeros(len(q))
         ranks = self._ranks[at]
         for rank in np.unique(ranks[ranks > 0]):
@@ -194,37 +183,11 @@ def walk_known(path_task: PathTask, method: str, settings: MethodSettings) -> bo
         and not path_task.bands
         and not (timed and np.isfinite(path_task.acceleration_limits).any())
         and JointRanges.of(path_task.model).only_hinges_and_slides
-        and not (kind.flipped and path_task.flipped_waypoints is None)
-        and _is_chain(path_task)
     )
 
 
-def _is_chain(path_task: PathTask) -> bool:
-    try:
-        SerialChain.of(path_task.model, path_task.frame_name, path_task.frame_type)
-    except InvalidInput:
-        return False
-    return True
-
-
-def _rows(
-    projectors: Sequence[TwistProjector | None], *steps: float
-) -> tuple[Counts, Array, Counts]:
-    """Kinds and shapes of all projectors, and which is meant where; −1 for ``None``."""
-    distinct: list[TwistProjector] = []
-    which = []
-    for projector in projectors:
-        if projector is not None and projector not in distinct:
-            distinct.append(projector)
-        which.append(-1 if projector is None else distinct.index(projector))
-    kinds = np.array([kinds_of(p) for p in distinct], dtype=np.int64).reshape(-1, 3)
-    shapes = np.array([shape_of(p, 1.0, *steps) for p in distinct]).reshape(-1, 27)
-    return kinds, shapes, np.array(which, dtype=np.int64)
-
-
-def _targets(waypoints: Sequence[mink.SE3]) -> Array:
-    rows = [
-        np.concatenate([w.rotation().as_matrix().ravel(), w.translation(), np.zeros(6)])
-        for w in waypoints
-    ]
-    return np.array(rows)
+def _measure(arm: Arm, rows: Rows, q: Array) -> tuple[Array, Array]:
+    """Lengths of the task errors (K, 2), m and rad, and the rows UᵀJ (K, 6, nv)."""
+    errors, found = np.zeros((len(q), 2)), np.zeros((len(q), 6, q.shape[1]))
+    lap_kernel.measure(arm, rows, q, errors, found)
+    return errors, found

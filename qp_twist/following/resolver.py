@@ -257,6 +257,21 @@ def make_resolver(
     return ClosedFormResolver(path_task, method, settings, projector)
 
 
+def waypoints_of(path_task: PathTask, method: str) -> Sequence[mink.SE3]:
+    """The waypoints that lead a method.
+
+    Raises:
+        InvalidInput: If it wants them flipped, and nothing says how.
+    """
+    if not METHODS[method].flipped:
+        return path_task.waypoints
+    if path_task.flipped_waypoints is None:
+        raise InvalidInput(
+            f"follow: {method} needs a roll rule with two signs; this task has no [roll]."
+        )
+    return path_task.flipped_waypoints
+
+
 def range_metric(ranges: JointRanges) -> Array:
     """Diagonal of WᵀW, (nv,), as a metric: unlimited joints get a small weight instead of none."""
     weight = ranges.weight

@@ -22,6 +22,7 @@ from qp_twist.following.resolver import (
     Displacement,
     Resolver,
     twist_task,
+    waypoints_of,
 )
 from qp_twist.following.slowing import Pace
 from qp_twist.following.trajectory import Trajectory
@@ -48,24 +49,11 @@ def walk(
 
     ``plan`` (N, nq) is what the secondary follows where it is a plan.
     """
-    kind = METHODS[method]
-    waypoints = path_task.waypoints
-    if kind.flipped:
-        if path_task.flipped_waypoints is None:
-            raise InvalidInput(
-                f"follow: {method} needs a roll rule with two signs; this task has no [roll]."
-            )
-        waypoints = path_task.flipped_waypoints
+    waypoints = waypoints_of(path_task, method)
     compiled = None
-    if not (slow_down and kind.holds_limits):
+    if not (slow_down and METHODS[method].holds_limits):
         compiled = _compiled(path_task, method, settings, solver, plan)
-    projector = path_task.operational if kind.whole_twist else path_task.projector
-    start = corrected_start(
-        path_task,
-        waypoints[0],
-        task=twist_task(path_task, projector),
-        holds_limits=kind.holds_limits,
-    )
+    start = start_of(path_task, method)
     recorder = _Recorder(path_task, progress, stop)
     steps = _Steps(path_task, method, settings, solver, plan, slow_down, start, recorder)
     recorder.add(steps.configuration, waypoints[0])
@@ -200,6 +188,23 @@ def _missed_by(path_task: PathTask, task: TwistTask, configuration: mink.Configu
     return max(
         float(np.linalg.norm(error[:3])) / path_task.iteration.position_tolerance,
         float(np.linalg.norm(error[3:])) / path_task.iteration.angle_tolerance,
+    )
+
+
+def start_of(path_task: PathTask, method: str) -> Array:
+    """The task's start, corrected onto the waypoint where a method begins, in its rows there.
+
+    Raises:
+        InvalidInput: If the correction does not arrive, or the method has no waypoints.
+    """
+    kind = METHODS[method]
+    return corrected_start(
+        path_task,
+        waypoints_of(path_task, method)[0],
+        holds_limits=kind.holds_limits,
+        task=twist_task(
+            path_task, path_task.operational if kind.whole_twist else path_task.projector
+        ),
     )
 
 

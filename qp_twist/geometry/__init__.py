@@ -12,4 +12,5 @@ from .twist_error import twist_angle as twist_angle
 from .twist_error import twist_error as twist_error
 from .twist_projector import ProjectorFrame as ProjectorFrame
 from .twist_projector import TwistProjector as TwistProjector
+from .twist_projector import distinct_projectors as distinct_projectors
 from .twist_projector import task_redundancy as task_redundancy

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
 
-from qp_twist.checks import Array, finite_array, instance, one_of
+from qp_twist.checks import Array, Indices, finite_array, instance, one_of
 from qp_twist.errors import InvalidInput
 from qp_twist.geometry.projector import Projector
 
@@ -145,6 +146,24 @@ class TwistProjector:
             frame="world",
         )  # fmt: skip
         return world
+
+
+def distinct_projectors(
+    projectors: Sequence[TwistProjector | None],
+) -> tuple[list[TwistProjector], Indices]:
+    """Each of them once, and the number of the one that is meant at every place.
+
+    The number is −1 for ``None``. Projectors are distinct if they are distinct objects.
+    """
+    distinct: list[TwistProjector] = []
+    which = np.full(len(projectors), -1, dtype=np.intp)
+    for place, projector in enumerate(projectors):
+        if projector is None:
+            continue
+        if projector not in distinct:
+            distinct.append(projector)
+        which[place] = distinct.index(projector)
+    return distinct, which
 
 
 def task_redundancy(operational: TwistProjector, task: TwistProjector) -> int:

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
-from qp_twist.checks import Array
+from qp_twist.checks import Array, Indices
 from qp_twist.fast import twist_rows
-from qp_twist.fast.arm_kernel import Arm, frame_about
+from qp_twist.fast.arm_kernel import Arm
+from qp_twist.fast.path_kernel import Rows
 from qp_twist.geometry import ProjectorKind, TwistProjector
+from qp_twist.geometry.projector import perpendicular
 from qp_twist.kinematics.serial_chain import SerialChain
 
 _FRAMES = {"world": twist_rows.WORLD, "body": twist_rows.BODY, "target": twist_rows.TARGET}
@@ -31,13 +35,42 @@ def shape_of(projector: TwistProjector, *settings: float) -> Array:
     return np.concatenate([*numbers, settings])
 
 
+def rows_of(
+    projectors: Sequence[TwistProjector],
+    which: Indices,
+    rotations: Array,
+    positions: Array,
+    *,
+    max_linear_step: float = np.inf,
+    max_angular_step: float = np.inf,
+) -> Rows:
+    """The task rows of a path of N waypoints.
+
+    Args:
+        projectors: All that are in force somewhere.
+        which: Number of each waypoint's projector, (N,); −1 where none of them is meant.
+        rotations: Of the waypoints, (N, 3, 3).
+        positions: Of the waypoints, m, (N, 3).
+        max_linear_step: Length to which a linear error is shortened, m.
+        max_angular_step: The same of an angular one, rad.
+    """
+    count, steps = len(positions), (max_linear_step, max_angular_step)
+    return Rows(
+        np.array([kinds_of(p) for p in projectors], dtype=np.int64).reshape(-1, 3),
+        np.array([shape_of(p, 1.0, *steps) for p in projectors]).reshape(-1, 27),
+        np.asarray(which, dtype=np.int64),
+        np.hstack([rotations.reshape(count, 9), positions, np.zeros((count, 6))]),
+    )
+
+
 def arm_of(chain: SerialChain) -> Arm:
     """A chain with a frame for each joint, its z along the axis."""
     frames, rotation, origin = [], np.eye(3), np.zeros(3)
     for screw in chain.screws:
-        turned, anchor = frame_about(screw.axis, screw.anchor)
-        frames.append(_between(rotation, origin, turned, anchor))
-        rotation, origin = turned, anchor
+        x = perpendicular(screw.axis)
+        turned = np.stack([x, np.cross(screw.axis, x), screw.axis], axis=1)
+        frames.append(_between(rotation, origin, turned, screw.anchor))
+        rotation, origin = turned, screw.anchor
     return Arm(
         np.array(frames).reshape(-1, 12),
         _between(rotation, origin, chain.rotation, chain.position),

@@ -10,7 +10,7 @@ from qp_twist.checks import Array, Indices
 from qp_twist.fast import path_kernel
 from qp_twist.geometry import TwistProjector
 from qp_twist.kinematics import JointRanges, SerialChain
-from qp_twist.kinematics.compiled_rows import arm_of, kinds_of, shape_of
+from qp_twist.kinematics.compiled_rows import arm_of, rows_of
 
 Newton = tuple[int, float, float, float]
 """Most iterations, the error that counts as none, the largest step, the damping."""
@@ -30,14 +30,8 @@ class CompiledPath:
         positions: Array,
     ) -> None:
         """Lay out the arrays; ``which`` (N,) of the projectors is in force at each waypoint."""
-        count = len(positions)
         self._arm = arm_of(chain)
-        self._rows = path_kernel.Rows(
-            np.array([kinds_of(projector) for projector in projectors], dtype=np.int64),
-            np.array([shape_of(projector, 1.0, np.inf, np.inf) for projector in projectors]),
-            which.astype(np.int64),
-            np.hstack([rotations.reshape(count, 9), positions, np.zeros((count, 6))]),
-        )
+        self._rows = rows_of(projectors, which, rotations, positions)
 
     def correct(self, q: Array, at: Indices, newton: Newton) -> np.ndarray:
         """Move q (K, nv) onto the waypoints, in place; which arrived, (K,)."""

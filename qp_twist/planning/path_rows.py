@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from qp_twist import fast
 from qp_twist.checks import Array, Indices
-from qp_twist.geometry import TwistProjector, many_twist_errors
+from qp_twist.geometry import distinct_projectors, many_twist_errors
 from qp_twist.kinematics import SerialChain
 from qp_twist.path import PathTask
 
@@ -40,12 +40,7 @@ class PathRows:
         self.chain = SerialChain.of(path_task.model, path_task.frame_name, path_task.frame_type)
         self._rotations = np.array([w.rotation().as_matrix() for w in path_task.waypoints])
         self._positions = path_task.positions
-        self._projectors: list[TwistProjector] = []
-        self._which = np.zeros(len(path_task.waypoints), dtype=np.intp)
-        for index, projector in enumerate(path_task.in_force):
-            if projector not in self._projectors:
-                self._projectors.append(projector)
-            self._which[index] = self._projectors.index(projector)
+        self._projectors, self._which = distinct_projectors(path_task.in_force)
         ranks = np.array([projector.rank for projector in self._projectors])
         self.freedom: Indices = path_task.model.nv - ranks[self._which]
 
