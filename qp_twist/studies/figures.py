@@ -50,12 +50,15 @@ def map_figure(title: str, columns: dict[str, Any], methods: tuple[str, ...]) ->
     with mpl.rc_context(RC | {"axes.grid": False}):
         figure = Figure(figsize=(max(7.0, 3.0 * len(views) + 1.2), 2.2 * len(rows) + 1.0),
                         layout="constrained")  # fmt: skip
-        panels = figure.subplots(len(rows), len(views), squeeze=False)
+        widths = [np.ptp(_ends(places[across])) for _, across, _ in views]
+        panels = figure.subplots(len(rows), len(views), squeeze=False, width_ratios=widths)
         for number, (label, mask, values) in enumerate(rows):
             for panel, (view, across, up) in zip(panels[number], views, strict=True):
                 image = _map(panel, places[across], places[up], values, mask)
                 panel.set_aspect("equal")
-                panel.set_title(f"{label}, {view}", pad=8.0)
+                # Beside the first panel the others may be too narrow for both.
+                first = panel is panels[number, 0]
+                panel.set_title(f"{label}, {view}" if first else view, pad=8.0)
                 panel.set_ylabel(f"{up}, m")
                 if number == len(rows) - 1:
                     panel.set_xlabel(f"{across}, m")
