@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -13,6 +14,7 @@ from qp_twist.checks import Array
 from qp_twist.controller.composition import KNOWN_LIMITS
 from qp_twist.controller.plain_step import PlainStep
 from qp_twist.fast import step_kernel as kernel
+from qp_twist.fast.step_arrays import SETTINGS, places
 from qp_twist.kinematics import JointCentering, JointRanges, SecondaryObjective, TwistTask
 from qp_twist.kinematics.compiled_rows import kinds_of, shape_of
 from qp_twist.kinematics.frame import frame_id
@@ -22,6 +24,7 @@ from qp_twist.limits.position_limit import NOTICEABLE
 from qp_twist.qp import verification
 
 _TYPES = dict(zip(KNOWN_LIMITS, (kernel.POSITION, kernel.MOTION, kernel.WINDOW), strict=True))
+step_kernel: Any = kernel.step_kernel
 TOLERANCES = np.array(
     [
         verification.EQUALITY_TOLERANCE,
@@ -60,38 +63,48 @@ class CompiledStep:
         self._centering = [s for s in secondary if type(s) is JointCentering]
         self._others = [s for s in secondary if type(s) is not JointCentering]
         self._ranks = tuple(task.projector.rank for task in tasks)
-        m = sum(self._ranks)
-        self._kinds = np.array([kinds_of(task.projector) for task in tasks], dtype=np.int64)
-        self._shapes = np.array(
-            [
-                shape_of(t.projector, t.gain, t.max_linear_step, t.max_angular_step)
-                for t in self._tasks
-            ]
+        ranges = self._ranges = JointRanges.of(model)
+        table, types = table_of(limits, nv)
+        header = nv, sum(self._ranks), count, len(limits), int(twist_space)
+        at = places(*header)
+        self._floats, self._integers = np.zeros(at.floats), np.zeros(at.integers, dtype=np.int64)
+        self._integers[: len(header)] = header
+        self._integers[at.kinds : at.addresses] = np.ravel([kinds_of(t.projector) for t in tasks])
+        self._integers[at.addresses : at.types] = ranges.qpos
+        self._integers[at.types : at.active] = types
+
+        def part(first: int, *shape: int) -> Array:
+            view: Array = self._floats[first : first + math.prod(shape)].reshape(shape)
+            return view
+
+        part(SETTINGS, len(TOLERANCES))[:] = TOLERANCES
+        part(at.free_costs, 2)[:] = free_costs
+        part(at.middle, nv)[:] = ranges.middle
+        part(at.metric, nv)[:] = metric
+        self._settings = part(0, SETTINGS)
+        self._settings[:] = settings_of(twist_space, 0.0, 0.0, nearly_unseen, fastest)
+        self._pull, self._wish = part(at.pull, nv), part(at.wish, nv)
+        self._shapes, self._poses = part(at.shapes, count, 27), part(at.poses, count, 12)
+        self._targets, self._jacobians = (
+            part(at.targets, count, 18),
+            part(at.jacobians, count, 6, nv),
         )
-        self._poses, self._targets = np.zeros((count, 12)), np.zeros((count, 18))
-        self._jacobians = np.zeros((count, 6, nv))
+        self._table = part(at.limits, len(limits), 7, nv)
+        self._table[:] = table
+        for shape, task in zip(self._shapes, tasks, strict=True):
+            shape[:] = shape_of(task.projector, *_paces(task))
+        self._result = part(at.program, at.work - at.program)
         self._told: list[Any] = [None] * count
+        self._paced = [_paces(task) for task in tasks]
+        self._weighed: list[tuple[float, str]] | None = None
+        self._chosen: tuple[float, float] | None = None
+        tables = list(zip(self._table, limits, strict=True))
+        self._windows = [(t, limit) for t, limit in tables if isinstance(limit, DisplacementWindow)]
+        self._motions = [(t, limit) for t, limit in tables if isinstance(limit, MotionLimit)]
         self._frames = [
             (mink.FRAME_TO_JAC_FUNC[t.frame_type], frame_id(model, t.frame_name, t.frame_type))
             for t in tasks
         ]
-        ranges = self._ranges = JointRanges.of(model)
-        self._addresses = np.array(ranges.qpos, dtype=np.int64)
-        self._middle = ranges.middle
-        self._pull, self._wish = np.zeros(nv), np.zeros(nv)
-        self._weighed: list[tuple[float, str]] | None = None
-        self._table, self._types = table_of(limits, nv)
-        tables = list(zip(self._table, limits, strict=True))
-        self._windows = [(t, limit) for t, limit in tables if isinstance(limit, DisplacementWindow)]
-        self._motions = [(t, limit) for t, limit in tables if isinstance(limit, MotionLimit)]
-        self._metric = metric
-        self._free_costs = np.array(free_costs)
-        self._settings = settings_of(twist_space, 0.0, 0.0, nearly_unseen, fastest)
-        out, work = kernel.sizes(nv, m, count, twist_space)
-        self._out, self._work = np.zeros(out), np.zeros(work)
-        self._bound_kinds = np.zeros((2, nv), dtype=np.int64)
-        self._active = np.zeros(nv, dtype=np.int64)
-        self._ints = np.zeros(1 + m + 2 * nv, dtype=np.int64)
         self._data: mujoco.MjData | None = None
         self._qpos = np.zeros(model.nq)
         self._jacs: list[tuple[Callable[..., None], Array, Array, int]] = []
@@ -122,35 +135,44 @@ class CompiledStep:
         for turned, rotation, moved, position in self._views:
             turned[:] = rotation
             moved[:] = position
-        for number, task in enumerate(self._tasks):
-            if task.projector is not self._projectors[number] or task.bands:
-                return None
-            if task.target is None or task.target is not self._told[number]:
-                self._aim(number, task)
-            shape = self._shapes[number]
-            shape[24], shape[25], shape[26] = task.gain, task.max_linear_step, task.max_angular_step
+        if not self._tasks_known():
+            return None
         if use_secondary:
-            weights = [(s.gain, s.weight) for s in self._centering]
-            if weights != self._weighed:
-                self._weighed = weights
-                self._pull[:] = sum(s.gain * s.stiffness for s in self._centering)
-            if self._others:
-                self._wish[:] = 0.0
-                for other in self._others:
-                    self._wish += other.displacement(configuration)
-        self._look()
-        self._settings[1], self._settings[2] = singularity, joint_weight
-        status = kernel.step_kernel(
-            self._kinds, self._shapes, self._poses, self._targets, self._jacobians, self._qpos,
-            self._addresses, self._middle, self._pull, self._wish, self._table, self._types,
-            self._metric, self._free_costs, self._settings, TOLERANCES, dt, use_secondary,
-            self._out, self._bound_kinds, self._active, self._ints, self._work,
-        )  # fmt: skip
+            self._wish_for(configuration)
+        if self._windows or self._motions:
+            self._look()
+        chosen = singularity, joint_weight
+        if chosen != self._chosen:
+            self._chosen = chosen
+            self._settings[1:3] = chosen
+        status = step_kernel(self._floats, self._integers, self._qpos, dt, use_secondary)
         if status != kernel.DONE:
             return None
-        return PlainStep.made(
-            self._out.copy(), self._bound_kinds.copy(), self._ranks, self._ranges.names
-        )
+        return PlainStep.made(self._result.copy(), self._ranks, self._ranges.names)
+
+    def _tasks_known(self) -> bool:
+        """Take over what has changed of the tasks; whether the kernel still knows them."""
+        for number, task in enumerate(self._tasks):
+            if task.projector is not self._projectors[number] or task.bands:
+                return False
+            if task.target is None or task.target is not self._told[number]:
+                self._aim(number, task)
+            paces = _paces(task)
+            if paces != self._paced[number]:
+                self._paced[number] = paces
+                self._shapes[number, 24:] = paces
+        return True
+
+    def _wish_for(self, configuration: mink.Configuration) -> None:
+        """What the secondary objectives ask for; centering is left to the kernel."""
+        weights = [(s.gain, s.weight) for s in self._centering]
+        if weights != self._weighed:
+            self._weighed = weights
+            self._pull[:] = sum(s.gain * s.stiffness for s in self._centering)
+        if self._others:
+            self._wish[:] = 0.0
+            for other in self._others:
+                self._wish += other.displacement(configuration)
 
     def _bind(self, configuration: mink.Configuration) -> None:
         """Views into the data of another configuration."""
@@ -185,6 +207,11 @@ class CompiledStep:
         """As :meth:`~qp_twist.Controller.note`, of a velocity that the kernel has found."""
         for _, motion in self._motions:
             motion.velocity = velocity.copy()
+
+
+def _paces(task: TwistTask) -> tuple[float, float, float]:
+    """What a task asks for of its error."""
+    return task.gain, task.max_linear_step, task.max_angular_step
 
 
 def table_of(

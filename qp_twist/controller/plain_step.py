@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from qp_twist.checks import Array
 from qp_twist.controller.step import Status, Step
@@ -27,17 +26,19 @@ class Numbers(NamedTuple):
     upper: Array
     x: Array
     box: Array
+    lower_kind: Array
+    upper_kind: Array
     H: Array
 
     @classmethod
     def of(cls, out: Array, rows: int, nv: int) -> Numbers:
         """The parts of the array."""
         square, after = rows * nv, rows * nv + rows
-        cost = out[after + 5 * nv :]
-        c, lower, upper, x, box = out[after : after + 5 * nv].reshape(5, nv)
+        cost = out[after + 7 * nv :]
+        c, lower, upper, x, box, below, above = out[after : after + 7 * nv].reshape(7, nv)
         H = np.diag(cost) if len(cost) == nv else cost.reshape(nv, nv)
         A, b = out[:square].reshape(rows, nv), out[square:after]
-        return cls(A, b, c, lower, upper, x, box, H)
+        return cls(A, b, c, lower, upper, x, box, below, above, H)
 
 
 class PlainStep(Step):
@@ -46,8 +47,10 @@ class PlainStep(Step):
     As :class:`Step`, whose other fields are those of any such step.
     """
 
+    scale = 1.0
+    status = Status.SOLVED
+    solver = COMPILED
     _numbers: Array
-    _kinds: npt.NDArray[np.int64]
     _ranks: tuple[int, ...]
     _names: tuple[str, ...]
 
@@ -55,7 +58,6 @@ class PlainStep(Step):
     def made(
         cls,
         numbers: Array,
-        kinds: npt.NDArray[np.int64],
         ranks: tuple[int, ...],
         names: tuple[str, ...],
     ) -> PlainStep:
@@ -63,7 +65,6 @@ class PlainStep(Step):
 
         Args:
             numbers: As :class:`Numbers` reads it; kept.
-            kinds: What the lower and the upper bounds come from, (2, nv); kept.
             ranks: Rows of each task.
             names: Of the joints, by degree of freedom.
         """
@@ -71,14 +72,7 @@ class PlainStep(Step):
         nv, rows = len(names), sum(ranks)
         first = rows * nv + rows + 3 * nv
         step.__dict__.update(
-            velocity=numbers[first : first + nv],
-            scale=1.0,
-            status=Status.SOLVED,
-            solver=COMPILED,
-            _numbers=numbers,
-            _kinds=kinds,
-            _ranks=ranks,
-            _names=names,
+            velocity=numbers[first : first + nv], _numbers=numbers, _ranks=ranks, _names=names
         )
         return step
 
@@ -91,7 +85,7 @@ class PlainStep(Step):
         if name == "residuals":
             value = tuple(np.split(numbers.A @ numbers.x - numbers.b, np.cumsum(self._ranks)[:-1]))
         elif name == "binding":
-            value = self._binding(numbers.box)
+            value = self._binding(numbers)
         elif name == "sigma_min":
             sigma = np.linalg.svd(numbers.A, compute_uv=False)
             value = float(sigma[-1]) if len(sigma) else np.inf
@@ -104,8 +98,9 @@ class PlainStep(Step):
         self.__dict__[name] = value
         return value
 
-    def _binding(self, box: Array) -> tuple[BindingLimit, ...]:
-        dust = DUST * max(float(np.abs(box).max(initial=0.0)), 1.0)
+    def _binding(self, numbers: Numbers) -> tuple[BindingLimit, ...]:
+        dust = DUST * max(float(np.abs(numbers.box).max(initial=0.0)), 1.0)
         # The kernel has a number beyond all kinds where there is no bound.
-        lower, upper = np.array((*KINDS, ""), dtype=object)[np.minimum(self._kinds, len(KINDS))]
-        return tuple(binding_bounds(box, dust, self._names, lower, upper))
+        kinds = np.minimum((numbers.lower_kind, numbers.upper_kind), len(KINDS)).astype(int)
+        lower, upper = np.array((*KINDS, ""), dtype=object)[kinds]
+        return tuple(binding_bounds(numbers.box, dust, self._names, lower, upper))

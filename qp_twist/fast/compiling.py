@@ -10,8 +10,14 @@ from typing import Any
 
 from numba import njit
 
-kernel: Any = njit(cache=True, error_model="numpy", nogil=True)
-"""For what is called from Python, makes arrays, or returns views of them."""
-plain: Any = njit(cache=True, error_model="numpy", nogil=True, _nrt=False)  # type: ignore[call-overload]
-"""For all other kernels. They neither make nor return arrays, so that nothing has to be counted:
-counting the references to ten small arrays takes longer than a matrix product of theirs."""
+_njit: Any = njit  # some of these options are left out of its signature
+
+kernel: Any = _njit(cache=True, error_model="numpy", nogil=True, _nrt=True)
+"""For what makes arrays."""
+plain: Any = _njit(cache=True, error_model="numpy", nogil=True, _nrt=False)
+"""For all other kernels. They make no arrays, and what they return are views without an owner
+(``views``), so that nothing has to be counted: counting the references to ten small arrays takes
+longer than a matrix product of theirs."""
+part: Any = _njit(cache=True, error_model="numpy", nogil=True, _nrt=False, inline="always")
+"""For a piece of a long kernel, compiled as if it were written there. A kernel is optimised again
+within every kernel that calls it, so that a long chain of calls takes long to compile."""

@@ -9,17 +9,11 @@ import numpy as np
 import numpy.typing as npt
 
 from qp_twist.fast.arm_kernel import pose_and_jacobian
-from qp_twist.fast.compiling import kernel
+from qp_twist.fast.compiling import kernel, part
 from qp_twist.fast.null_space import least_norm, reflect
 from qp_twist.fast.path_kernel import Rows
-from qp_twist.fast.step_kernel import (
-    DONE,
-    WINDOW,
-    bounds,
-    sizes,
-    step_arrays,
-    verified_velocity,
-)
+from qp_twist.fast.step_arrays import program_at, sizes
+from qp_twist.fast.step_kernel import DONE, WINDOW, bounds, verified_velocity
 from qp_twist.fast.twist_rows import twist_rows
 
 _INDEPENDENT = 1e-8
@@ -74,11 +68,10 @@ class Lap(NamedTuple):
     V: Any
     R: Any
     limits: Any
-    out: Any
-    kinds: Any
-    active: Any
-    ints: Any
-    work: Any
+    floats: Any
+    """Of the program, as ``program_at`` reads it."""
+    integers: Any
+    """Its active set."""
 
 
 @kernel
@@ -86,16 +79,15 @@ def _arrays(way):
     """For a robot of as many degrees of freedom as the metric has entries, and up to 6 rows."""
     nv = len(way.metric)
     # Those of twist space hold those of joint space.
-    out, work = sizes(nv, 6, 1, True)
+    program, work, ints = sizes(nv, 6, 1, True)
     return Lap(
         np.zeros(12), np.zeros((6, nv)), np.zeros(nv), np.zeros((6, nv)), np.zeros((6, 6)),
-        way.limits.copy(), np.zeros(out), np.zeros((2, nv), dtype=np.int64),
-        np.zeros(nv, dtype=np.int64), np.zeros(7 + 2 * nv, dtype=np.int64), np.zeros(work),
+        way.limits.copy(), np.zeros(program + work), np.zeros(ints, dtype=np.int64),
     )  # fmt: skip
 
 
-@kernel
-def _begin(way, path, at, q, lap):
+@part
+def _begin(way, path, at, q, w, lap):
     """Open the windows of a waypoint and take its lead; whether there is one."""
     dt = path.durations[at]
     for index in range(len(way.types)):
@@ -105,19 +97,18 @@ def _begin(way, path, at, q, lap):
                 lap.limits[index, 1, dof] = way.limits[index, 1, dof] * dt
     if not way.every_iteration:
         return True
-    lower, upper = lap.out[: len(q)], lap.out[len(q) : 2 * len(q)]
     if not bounds(
-        lap.limits, way.types, q, dt, way.settings[5], way.settings[6], lower, upper,
-        lap.kinds[0], lap.kinds[1],
+        lap.limits, way.types, q, dt, way.settings[5], way.settings[6], w.lower, w.upper,
+        w.lower_kind, w.upper_kind,
     ):  # fmt: skip
         return False
     for dof in range(len(q)):
         wish = way.pull[dof] * (path.references[at, dof] - q[dof])
-        q[dof] += min(max(wish, min(lower[dof] * dt, 0.0)), max(upper[dof] * dt, 0.0))
+        q[dof] += min(max(wish, min(w.lower[dof] * dt, 0.0)), max(w.upper[dof] * dt, 0.0))
     return True
 
 
-@kernel
+@part
 def _programmed(way, path, at, q, pulls, w, lap):
     """The step of the QP into ``w.x``, as a displacement; whether it is a plain one."""
     dt, fastest = path.durations[at], way.settings[4]
@@ -136,7 +127,7 @@ def _programmed(way, path, at, q, pulls, w, lap):
     return status == DONE
 
 
-@kernel
+@part
 def _closed_form(way, path, at, q, pulls, w, lap):
     """(TJ)†TΔt + (1 − (TJ)†TJ) h into ``w.x``; whether the rows are independent."""
     m = len(w.b)
@@ -150,17 +141,14 @@ def _closed_form(way, path, at, q, pulls, w, lap):
     return True
 
 
-@kernel
+@part
 def _approach(arm, way, path, at, q, lap):
     """Iterate to a waypoint, as ``following.walk`` does; the iterations, −1 for the reference."""
     rows = path.rows
     kinds, shape = rows.kinds[rows.which[at]], rows.shapes[rows.which[at]]
-    if not _begin(way, path, at, q, lap):
+    w = program_at(lap.floats, 0, lap.integers, 0, len(q), kinds[0] + kinds[1], 1, way.twist_space)
+    if not _begin(way, path, at, q, w, lap):
         return -1
-    w = step_arrays(
-        len(q), kinds[0] + kinds[1], 1, way.twist_space, lap.out, lap.kinds, lap.active, lap.ints,
-        lap.work,
-    )  # fmt: skip
     dt = path.durations[at] if way.program else 1.0
     for iteration in range(way.iterations):
         pose_and_jacobian(arm, q, lap.pose, lap.J)
@@ -207,7 +195,7 @@ def follow(arm, way, path, first, q, iterations):
         if path.rows.which[at] < 0:
             return at
         if path.rows.which[at] != path.rows.which[at - 1]:
-            lap.ints[0] = 0  # what was active last time belongs to other rows
+            lap.integers[q.shape[1]] = 0  # what was active last time belongs to other rows
         for dof in range(q.shape[1]):
             lap.q[dof] = q[at - 1, dof]
         iterations[at] = _approach(arm, way, path, at, lap.q, lap)

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
 
 import numpy as np
 
 from qp_twist.fast.box_program import NOBODY, UNDECIDED, box_program
-from qp_twist.fast.compiling import kernel, plain
+from qp_twist.fast.compiling import kernel, part, plain
 from qp_twist.fast.dual_active_set import SOLVED, cholesky, dual_active_set
+from qp_twist.fast.step_arrays import given, places, program_at
 from qp_twist.fast.twist_rows import twist_rows
 
 POSITION, MOTION, WINDOW = 0, 1, 2
@@ -19,77 +19,6 @@ ACCELERATION_BOUND, VELOCITY_BOUND, POSITION_BOUND = 0, 1, 2
 NO_BOUND = 9
 DONE, REFUSED = 0, 1
 """The step is verified; or the reference has to look at it."""
-
-
-class StepArrays(NamedTuple):
-    """What a step reads and writes: the program, its result, and a workspace."""
-
-    A: Any
-    b: Any
-    c: Any
-    lower: Any
-    upper: Any
-    x: Any
-    box: Any
-    h: Any
-    """Diagonal of H in joint space, (nv,); in twist space (0,)."""
-    dense: Any
-    """H in twist space, (nv, nv); in joint space a workspace."""
-    lower_kind: Any
-    upper_kind: Any
-    active: Any
-    ints: Any
-    q: Any
-    y: Any
-    u: Any
-    three: Any
-    root: Any
-    line: Any
-    J: Any
-    R: Any
-    scaled: Any
-    V: Any
-    square: Any
-    free: Any
-    no_rows: Any
-
-
-@plain
-def sizes(nv, m, count, twist_space):
-    """Entries of ``out`` and ``work`` of :func:`step_arrays`."""
-    square = nv * nv
-    out = m * nv + m + 5 * nv + (square if twist_space else nv)
-    work = 3 * square + 5 * nv + 4 + m + 2 * m * nv + m * m + (6 * count * nv if twist_space else 0)
-    return out, work
-
-
-@kernel
-def step_arrays(nv, m, count, twist_space, out, bound_kinds, active, ints, work):
-    """Views of the arrays of ``count`` tasks with m rows together, as long as ``sizes`` says."""
-    square, at = nv * nv, m * nv + m
-    vectors = out[at : at + 5 * nv].reshape(5, nv)
-    cost = out[at + 5 * nv :]
-    dense = (cost if twist_space else work)[:square].reshape(nv, nv)
-    rest = work[3 * square :]
-    three = rest[: 3 * nv + 3].reshape(3, nv + 1)
-    rest = rest[3 * nv + 3 :]
-    after = 2 * nv + 1 + m
-    freed = 6 * count if twist_space else 0
-    last = after + 2 * m * nv + m * m
-    return StepArrays(
-        out[: m * nv].reshape(m, nv), out[m * nv : at],
-        vectors[0], vectors[1], vectors[2], vectors[3], vectors[4],
-        cost[: 0 if twist_space else nv], dense,
-        bound_kinds[0], bound_kinds[1], active, ints,
-        rest[:nv], rest[2 * nv + 1 : after], rest[nv : 2 * nv + 1], three,
-        three[0, :nv], three[1, :nv],
-        work[square : 2 * square].reshape(nv, nv), work[2 * square : 3 * square].reshape(nv, nv),
-        rest[after : after + m * nv].reshape(m, nv),
-        rest[after + m * nv : after + 2 * m * nv].reshape(m, nv),
-        rest[after + 2 * m * nv : last].reshape(m, m),
-        rest[last : last + freed * nv].reshape(freed, nv),
-        work[:0].reshape(0, nv),
-    )  # fmt: skip
 
 
 @plain
@@ -200,27 +129,26 @@ def _well_conditioned(A, threshold, work):
 
 
 @kernel
-def _add_unseen(A, free, metric, weight, nearly, H):
-    """Add the joint-space cost on the motion that neither A nor ``free`` see (``_unseen``)."""
-    m, n = A.shape
-    rows = np.empty((m + len(free), n))
-    for i in range(m):
+def _add_unseen(metric, weight, nearly, H, c, wanted):
+    """Add the joint-space cost on motion that the rows in H do not see (``_unseen``)."""
+    n = len(metric)
+    scaled = np.empty((n, n))
+    for i in range(n):
         for j in range(n):
-            rows[i, j] = A[i, j] / math.sqrt(metric[j])
-    for i in range(len(free)):
-        for j in range(n):
-            rows[m + i, j] = free[i, j] / math.sqrt(metric[j])
-    squares, vectors = np.linalg.eigh(rows.T @ rows)
+            scaled[i, j] = H[i, j] / math.sqrt(metric[i] * metric[j])
+    squares, vectors = np.linalg.eigh(scaled)
     largest = squares[n - 1] if squares[n - 1] > 0.0 else 1.0
     for k in range(n):
         unseen = 1.0 - min(1.0, max(squares[k], 0.0) / (nearly * nearly * largest))
         if unseen > 0.0:
             for i in range(n):
                 for j in range(n):
-                    H[i, j] += (
+                    entry = (
                         weight * unseen * vectors[i, k] * vectors[j, k]
                         * math.sqrt(metric[i] * metric[j])
                     )  # fmt: skip
+                    H[i, j] += entry
+                    c[i] -= entry * wanted[j]
 
 
 @plain
@@ -299,7 +227,7 @@ def _excess_of_dense(H, c, A, b, lower, upper, x, y, box, J, tolerances, residua
     return _excess(hardest, left, largest, gap, c, A, b, lower, upper, x, y, box, tolerances)
 
 
-@plain
+@part
 def _all_rows(kinds, shapes, poses, targets, jacobians, dt, A, b, free, free_costs):
     """The rows of all tasks, one below the other; the fastest that they ask for."""
     row, fastest = 0, 0.0
@@ -318,7 +246,7 @@ def _all_rows(kinds, shapes, poses, targets, jacobians, dt, A, b, free, free_cos
     return fastest
 
 
-@plain
+@part
 def _wish(qpos, addresses, middle, pull, wish, dt, use_secondary, q, c):
     """Joint positions into q and ḣ into c; the largest entry of ḣ, infinite where q is not."""
     largest = 0.0
@@ -334,9 +262,25 @@ def _wish(qpos, addresses, middle, pull, wish, dt, use_secondary, q, c):
     return largest
 
 
-@kernel
-def _twist_cost(A, free, metric, weight, nearly, H, c, wanted):
-    """H, and −H ḣ in place of ḣ in c; AᵀA is added behind that, since A ḣ is not wished for."""
+@plain
+def _all_seen(H, metric, nearly, work):
+    """Whether no motion is nearly unseen by rows whose squares are in H, the common case.
+
+    With the trace for the largest eigenvalue of M^(−1/2) H M^(−1/2), which is not above it.
+    """
+    n, trace = len(metric), 0.0
+    for i in range(n):
+        for j in range(i + 1):
+            work[i, j] = H[i, j] / math.sqrt(metric[i] * metric[j])
+        trace += work[i, i]
+    for i in range(n):
+        work[i, i] -= nearly * nearly * trace
+    return cholesky(work)
+
+
+@part
+def _twist_cost(A, free, metric, weight, nearly, H, c, wanted, work):
+    """H with AᵀA, and −(H − AᵀA) ḣ in place of ḣ in c: A ḣ is not wished for."""
     nv = len(c)
     for i in range(nv):
         wanted[i] = c[i]
@@ -344,7 +288,6 @@ def _twist_cost(A, free, metric, weight, nearly, H, c, wanted):
             H[i, j] = 0.0
             for k in range(len(free)):
                 H[i, j] += free[k, i] * free[k, j]
-    _add_unseen(A, free, metric, weight, nearly, H)
     for i in range(nv):
         c[i] = 0.0
         for j in range(nv):
@@ -353,9 +296,11 @@ def _twist_cost(A, free, metric, weight, nearly, H, c, wanted):
         for j in range(nv):
             for k in range(len(A)):
                 H[i, j] += A[k, i] * A[k, j]
+    if not _all_seen(H, metric, nearly, work):
+        _add_unseen(metric, weight, nearly, H, c, wanted)
 
 
-@plain
+@part
 def _multipliers(m, count, active, u, y, box):
     """Of rows and bounds, from those of the active set: Hx + c + Aᵀy + μ = 0."""
     nv = len(box)
@@ -370,7 +315,7 @@ def _multipliers(m, count, active, u, y, box):
             box[active[i] - m - nv] += u[i]
 
 
-@plain
+@part
 def _by_active_set(w, tolerances):
     """The program by Goldfarb and Idnani, begun with what was active last time."""
     m = len(w.b)
@@ -403,7 +348,7 @@ def _into_the_box(x, lower, upper):
     return True
 
 
-@plain
+@part
 def _in_joint_space(w, metric, weight, tolerances):
     """The step with a diagonal cost."""
     m, nv = w.A.shape
@@ -433,7 +378,7 @@ def _in_joint_space(w, metric, weight, tolerances):
     return DONE
 
 
-@kernel
+@plain
 def verified_velocity(w, limits, types, metric, settings, tolerances, dt):
     """The joint velocity into ``w.x``, from the rows, q and ḣ (in ``w.c``) that are in ``w``.
 
@@ -449,25 +394,25 @@ def verified_velocity(w, limits, types, metric, settings, tolerances, dt):
         return REFUSED
     if len(w.h):
         return _in_joint_space(w, metric, settings[2], tolerances)
-    _twist_cost(w.A, w.free, metric, settings[2], settings[3], w.dense, w.c, w.line)
+    _twist_cost(w.A, w.free, metric, settings[2], settings[3], w.dense, w.c, w.line, w.J)
     return _by_active_set(w, tolerances)
 
 
-@kernel
-def step_kernel(
-    kinds, shapes, poses, targets, jacobians, qpos, addresses, middle, pull, wish,
-    limits, types, metric, free_costs, settings, tolerances, dt, use_secondary,
-    out, bound_kinds, active, ints, work,
-):  # fmt: skip
-    """A step; ``controller.compiled_step`` lays out the arrays.
+@plain
+def step_kernel(floats, integers, qpos, dt, use_secondary):
+    """A step; ``controller.compiled_step`` lays out the arrays, as ``Places`` says.
 
     Returns:
         ``DONE``, or ``REFUSED`` for whatever is not a plain step inside all limits.
     """
-    nv, m = len(metric), len(ints) - 1 - 2 * len(metric)
-    w = step_arrays(nv, m, len(kinds), settings[0] > 0.0, out, bound_kinds, active, ints, work)
-    fastest = _wish(qpos, addresses, middle, pull, wish, dt, use_secondary, w.q, w.c)
-    asked = _all_rows(kinds, shapes, poses, targets, jacobians, dt, w.A, w.b, w.free, free_costs)
-    if not (fastest <= settings[4] and asked <= settings[4]):
+    nv, m, count, twist_space = integers[0], integers[1], integers[2], integers[4] != 0
+    at = places(nv, m, count, integers[3], twist_space)
+    g = given(floats, integers, at)
+    w = program_at(floats, at.program, integers, at.active, nv, m, count, twist_space)
+    fastest = _wish(qpos, g.addresses, g.middle, g.pull, g.wish, dt, use_secondary, w.q, w.c)
+    asked = _all_rows(
+        g.kinds, g.shapes, g.poses, g.targets, g.jacobians, dt, w.A, w.b, w.free, g.free_costs
+    )
+    if not (fastest <= g.settings[4] and asked <= g.settings[4]):
         return REFUSED
-    return verified_velocity(w, limits, types, metric, settings, tolerances, dt)
+    return verified_velocity(w, g.limits, g.types, g.metric, g.settings, g.tolerances, dt)
