@@ -12,6 +12,7 @@ import qpsolvers
 from arms import random_arm, random_configuration
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
+from liars import install
 from scipy.optimize import lsq_linear
 
 import qp_twist as qt
@@ -366,7 +367,7 @@ def test_a_lying_backend_is_not_believed(lie: str, monkeypatch: pytest.MonkeyPat
             }[lie]
         return solution
 
-    monkeypatch.setattr(qpsolvers, "solve_problem", solve)
+    install(monkeypatch, solve)
     step = qt.Controller(arm.model, [arm.task], solver="proxqp").step(arm.configuration, 0.1)
     assert step.solver != "proxqp"
     assert step.velocity == pytest.approx(honest.velocity, abs=1e-6)
@@ -384,7 +385,7 @@ def test_when_all_backends_lie_the_step_says_who_returned_what(
 
     arm = Arm(4)
     controller = qt.Controller(arm.model, [arm.task])
-    monkeypatch.setattr(qpsolvers, "solve_problem", solve)
+    install(monkeypatch, solve)
     with pytest.raises(qt.SolverInaccurate, match=r"daqp returned .*; proxqp returned .*"):
         controller.step(arm.configuration, 0.1)
 

@@ -13,6 +13,7 @@ import pytest
 import qpsolvers
 from hypothesis import given
 from hypothesis import strategies as st
+from liars import install
 from problems import NAMED, positive_definite, program, random_case
 from referee import (
     GAP,
@@ -215,7 +216,7 @@ def test_another_backend_steps_in_for_a_liar(
     monkeypatch: pytest.MonkeyPatch, place: str, lie: str
 ) -> None:
     installation = Installation(LIES[lie], ["daqp"])
-    monkeypatch.setattr(qpsolvers, "solve_problem", installation)
+    install(monkeypatch, installation)
     x, solver, refused = PLACES[place]("daqp")
     np.testing.assert_allclose(x, HONEST[place], atol=2e-6)
     if installation.lied["daqp"] and solver not in UNNEEDED:
@@ -229,7 +230,7 @@ def test_an_installation_that_lies_is_an_error_that_names_everybody(
     monkeypatch: pytest.MonkeyPatch, place: str, lie: str
 ) -> None:
     installation = Installation(LIES[lie], FALLBACKS)
-    monkeypatch.setattr(qpsolvers, "solve_problem", installation)
+    install(monkeypatch, installation)
     try:
         x, solver, _ = PLACES[place]("daqp")
     except qt.SolverInaccurate as error:
@@ -244,7 +245,7 @@ def test_an_installation_that_lies_is_an_error_that_names_everybody(
 @pytest.mark.parametrize("lie", [lie for lie in LIES if lie != "zeros"])
 def test_the_lies_are_lies(monkeypatch: pytest.MonkeyPatch, lie: str) -> None:
     """Guards the two tests above: at a plain step and on levels every one of them is an error."""
-    monkeypatch.setattr(qpsolvers, "solve_problem", Installation(LIES[lie], FALLBACKS))
+    install(monkeypatch, Installation(LIES[lie], FALLBACKS))
     for place in ("step", "step in twist space", "two levels"):
         with pytest.raises(qt.SolverInaccurate):
             PLACES[place]("daqp")
@@ -257,7 +258,7 @@ def test_a_right_result_is_taken_whatever_the_multipliers(
     def garbage(solution: qpsolvers.Solution, problem: qpsolvers.Problem) -> None:
         solution.y, solution.z, solution.z_box = np.full(50, np.nan), None, -1e9 * np.ones(6)
 
-    monkeypatch.setattr(qpsolvers, "solve_problem", Installation(garbage, FALLBACKS))
+    install(monkeypatch, Installation(garbage, FALLBACKS))
     x, solver, refused = PLACES[place]("daqp")
     np.testing.assert_allclose(x, HONEST[place], atol=1e-12)
     assert solver in ("daqp", *UNNEEDED)
@@ -274,7 +275,7 @@ def test_without_a_claim_our_own_method_steps_in(
             raise RuntimeError("out of luck")
         solution.found = False
 
-    monkeypatch.setattr(qpsolvers, "solve_problem", Installation(modest, FALLBACKS))
+    install(monkeypatch, Installation(modest, FALLBACKS))
     x, solver, refused = PLACES[place]("daqp")
     np.testing.assert_allclose(x, HONEST[place], atol=2e-6)
     if solver not in UNNEEDED:
@@ -292,7 +293,7 @@ def test_a_binding_limit_is_named_though_the_multipliers_are_garbage(
     configuration = mink.Configuration(DEBURRING.model, DEBURRING.start)
     honest = controller.step(configuration, 0.1)
     assert honest.binding
-    monkeypatch.setattr(qpsolvers, "solve_problem", Installation(garbage, FALLBACKS))
+    install(monkeypatch, Installation(garbage, FALLBACKS))
     step = controller.step(configuration, 0.1)
     assert [str(limit) for limit in step.binding] == [str(limit) for limit in honest.binding]
 

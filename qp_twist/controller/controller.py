@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 import mink
 import mujoco
@@ -13,6 +13,7 @@ import numpy.typing as npt
 from qp_twist.checks import Array, finite_array, instance, number, one_of
 from qp_twist.controller.composition import composition_known
 from qp_twist.controller.infeasible import finished
+from qp_twist.controller.lean_step import LeanStep
 from qp_twist.controller.posed import Posed
 from qp_twist.controller.posing import (
     FASTEST,
@@ -22,6 +23,7 @@ from qp_twist.controller.posing import (
     pose_levels,
     with_soft_bands,
 )
+from qp_twist.controller.prepared_step import PreparedStep
 from qp_twist.controller.step import NOT_THE_LIMITS, Step
 from qp_twist.errors import InvalidInput
 from qp_twist.fast import COMPILED
@@ -34,9 +36,7 @@ from qp_twist.kinematics import (
 )
 from qp_twist.limits import BoxLimit, PositionLimit, check_model, gather_limits
 from qp_twist.qp import InfeasibleStep, QuadraticProgram, check_solver, solve
-
-if TYPE_CHECKING:
-    from qp_twist.controller.compiled_step import CompiledStep
+from qp_twist.qp.workspaces import workspace
 
 TIE_BREAK = 1e-9
 """Default ρ in joint space where other mink tasks decide and ρ only makes the result unique."""
@@ -146,7 +146,7 @@ class Controller:
         self.solver = check_solver(solver)
         self.on_infeasible = one_of("on_infeasible", on_infeasible, ("scale", "relax", "raise"))
         self._check_types()
-        self._checked: mink.Configuration | None = None
+        self._checked = object()  # the configuration that was looked at: none yet
         self.metric = np.ones(model.nv)
         if metric is not None:
             self.metric = finite_array("metric", metric, (model.nv,))
@@ -173,7 +173,7 @@ class Controller:
             at_most=LARGEST_WEIGHT,
         )
         self.singularity = number("singularity", singularity, at_least=0.0, at_most=1.0)
-        self._compiled = self._compile(linear, angular) if self.solver == COMPILED else None
+        self._prepared = self._prepare(linear, angular)
 
     def step(
         self,
@@ -201,17 +201,17 @@ class Controller:
             SolverInaccurate: If every installed backend failed on a feasible step.
         """
         dt = number("dt", dt, above=0.0)
-        if self._compiled is None or configuration is not self._checked:
+        if self._prepared is None or configuration is not self._checked:
             self._check_configuration(configuration)
         if velocity is not None:
             self.note(velocity)
-        if self._compiled is not None:
-            plain = self._compiled(
+        if self._prepared is not None:
+            plain = self._prepared(
                 configuration, dt, bool(use_secondary), self.limits, self.joint_weight,
                 self.singularity,
             )  # fmt: skip
             if plain is not None:
-                self._compiled.tell(plain.velocity)
+                self._prepared.tell(plain.velocity)
                 return plain
         with np.errstate(over="ignore", invalid="ignore"):  # the result is checked below
             posed = self._pose(configuration, dt, bool(use_secondary))
@@ -236,18 +236,26 @@ class Controller:
             if isinstance(limit, BoxLimit):
                 limit.note(velocity)
 
-    def _compile(self, free_linear_cost: float, free_angular_cost: float) -> CompiledStep | None:
-        """The compiled step, where the kernel knows what this controller is composed of."""
+    def _prepare(self, free_linear_cost: float, free_angular_cost: float) -> PreparedStep | None:
+        """A step on preallocated arrays, where this composition and this solver have one."""
         if not composition_known(self.levels, self.soft_tasks, self.limits):
             return None
-        from qp_twist.controller.compiled_step import CompiledStep  # with numba
+        given = self.model, self.twist_tasks, self.secondary, self.limits
+        settings: dict[str, Any] = {
+            "solver": self.solver,
+            "metric": self.metric,
+            "twist_space": self.secondary_space == "twist",
+            "free_costs": (free_linear_cost, free_angular_cost),
+            "nearly_unseen": NEARLY_UNSEEN,
+            "fastest": FASTEST,
+        }
+        if self.solver == COMPILED:
+            from qp_twist.controller.compiled_step import CompiledStep  # with numba
 
-        return CompiledStep(
-            self.model, self.twist_tasks, self.secondary, self.limits, metric=self.metric,
-            twist_space=self.secondary_space == "twist",
-            free_costs=(free_linear_cost, free_angular_cost), nearly_unseen=NEARLY_UNSEEN,
-            fastest=FASTEST,
-        )  # fmt: skip
+            return CompiledStep(*given, **settings)
+        rows = sum(task.projector.rank for task in self.twist_tasks)
+        backend = workspace(self.solver, self.model.nv, rows)
+        return None if backend is None else LeanStep(*given, **settings, backend=backend)
 
     def _pose(self, configuration: mink.Configuration, dt: float, use_secondary: bool) -> Posed:
         nv = self.model.nv

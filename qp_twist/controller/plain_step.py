@@ -1,4 +1,4 @@
-"""The result of the compiled step: numbers now, everything else when it is asked for."""
+"""The result of a plain step: numbers now, everything else when it is asked for."""
 
 from __future__ import annotations
 
@@ -8,16 +8,15 @@ import numpy as np
 
 from qp_twist.checks import Array
 from qp_twist.controller.step import Status, Step
-from qp_twist.fast import COMPILED
 from qp_twist.limits import DUST, BindingLimit, binding_bounds
 from qp_twist.qp import QuadraticProgram
 
 KINDS = ("acceleration", "velocity", "position")
-"""Names of what bounds come from, by the kernel's numbers."""
+"""Names of what bounds come from, by the numbers of ``fast.bounds``."""
 
 
 class Numbers(NamedTuple):
-    """What the kernel leaves behind, in one array."""
+    """What a plain step leaves behind, in one array."""
 
     A: Array
     b: Array
@@ -28,7 +27,13 @@ class Numbers(NamedTuple):
     box: Array
     lower_kind: Array
     upper_kind: Array
-    H: Array
+    cost: Array
+    """H, or its diagonal where it has no other entries."""
+
+    @property
+    def H(self) -> Array:
+        """Of the cost, (nv, nv)."""
+        return np.diag(self.cost) if self.cost.ndim == 1 else self.cost
 
     @classmethod
     def of(cls, out: Array, rows: int, nv: int) -> Numbers:
@@ -36,9 +41,9 @@ class Numbers(NamedTuple):
         square, after = rows * nv, rows * nv + rows
         cost = out[after + 7 * nv :]
         c, lower, upper, x, box, below, above = out[after : after + 7 * nv].reshape(7, nv)
-        H = np.diag(cost) if len(cost) == nv else cost.reshape(nv, nv)
+        cost = cost if len(cost) == nv else cost.reshape(nv, nv)
         A, b = out[:square].reshape(rows, nv), out[square:after]
-        return cls(A, b, c, lower, upper, x, box, below, above, H)
+        return cls(A, b, c, lower, upper, x, box, below, above, cost)
 
 
 class PlainStep(Step):
@@ -49,7 +54,6 @@ class PlainStep(Step):
 
     scale = 1.0
     status = Status.SOLVED
-    solver = COMPILED
     _numbers: Array
     _ranks: tuple[int, ...]
     _names: tuple[str, ...]
@@ -60,19 +64,25 @@ class PlainStep(Step):
         numbers: Array,
         ranks: tuple[int, ...],
         names: tuple[str, ...],
+        solver: str,
     ) -> PlainStep:
-        """From what the kernel left behind.
+        """From what was left behind in a step's arrays.
 
         Args:
             numbers: As :class:`Numbers` reads it; kept.
             ranks: Rows of each task.
             names: Of the joints, by degree of freedom.
+            solver: Name of the backend.
         """
         step = object.__new__(cls)
         nv, rows = len(names), sum(ranks)
         first = rows * nv + rows + 3 * nv
         step.__dict__.update(
-            velocity=numbers[first : first + nv], _numbers=numbers, _ranks=ranks, _names=names
+            velocity=numbers[first : first + nv],
+            solver=solver,
+            _numbers=numbers,
+            _ranks=ranks,
+            _names=names,
         )
         return step
 
@@ -100,7 +110,7 @@ class PlainStep(Step):
 
     def _binding(self, numbers: Numbers) -> tuple[BindingLimit, ...]:
         dust = DUST * max(float(np.abs(numbers.box).max(initial=0.0)), 1.0)
-        # The kernel has a number beyond all kinds where there is no bound.
+        # There is a number beyond all kinds where there is no bound.
         kinds = np.minimum((numbers.lower_kind, numbers.upper_kind), len(KINDS)).astype(int)
         lower, upper = np.array((*KINDS, ""), dtype=object)[kinds]
         return tuple(binding_bounds(numbers.box, dust, self._names, lower, upper))

@@ -2,22 +2,31 @@
 
 Machine code is kept beside the sources. It is made anew where the file of a kernel has changed, not
 where only that of a kernel which it calls has: whoever works on them removes ``__pycache__``.
+
+Without numba what makes no views of arrays runs as it is written, on lists as on arrays.
 """
 
 from __future__ import annotations
 
 from typing import Any
 
-from numba import njit
+from qp_twist.fast import installed
 
-_njit: Any = njit  # some of these options are left out of its signature
 
-kernel: Any = _njit(cache=True, error_model="numpy", nogil=True, _nrt=True)
+def _by_numba(**options: Any) -> Any:
+    if not installed():
+        return lambda function: function
+    from numba import njit
+
+    return njit(cache=True, error_model="numpy", nogil=True, **options)
+
+
+kernel: Any = _by_numba(_nrt=True)
 """For what makes arrays."""
-plain: Any = _njit(cache=True, error_model="numpy", nogil=True, _nrt=False)
+plain: Any = _by_numba(_nrt=False)
 """For all other kernels. They make no arrays, and what they return are views without an owner
 (``views``), so that nothing has to be counted: counting the references to ten small arrays takes
 longer than a matrix product of theirs."""
-part: Any = _njit(cache=True, error_model="numpy", nogil=True, _nrt=False, inline="always")
+part: Any = _by_numba(_nrt=False, inline="always")
 """For a piece of a long kernel, compiled as if it were written there. A kernel is optimised again
 within every kernel that calls it, so that a long chain of calls takes long to compile."""

@@ -9,11 +9,13 @@ import numpy as np
 import numpy.typing as npt
 
 from qp_twist.fast.arm_kernel import pose_and_jacobian
+from qp_twist.fast.bounds import WINDOW, bounds
 from qp_twist.fast.compiling import kernel, part
 from qp_twist.fast.null_space import least_norm, reflect
 from qp_twist.fast.path_kernel import Rows
-from qp_twist.fast.step_arrays import program_at, sizes
-from qp_twist.fast.step_kernel import DONE, WINDOW, bounds, verified_velocity
+from qp_twist.fast.step_arrays import program_at
+from qp_twist.fast.step_kernel import DONE, verified_velocity
+from qp_twist.fast.step_layout import sizes
 from qp_twist.fast.twist_rows import twist_rows
 
 _INDEPENDENT = 1e-8
@@ -36,7 +38,7 @@ class Way(NamedTuple):
     pull: npt.NDArray[np.float64]
     """h = pull · (reference − θ), (nv,)."""
     limits: npt.NDArray[np.float64]
-    """As ``step_kernel.bounds`` takes them, (L, 7, nv); of a window the width is one second's."""
+    """As ``step_kernel.bounds`` takes them, (L, nv, 7); of a window the width is one second's."""
     types: npt.NDArray[np.int64]
     metric: npt.NDArray[np.float64]
     free_costs: npt.NDArray[np.float64]
@@ -93,8 +95,8 @@ def _begin(way, path, at, q, w, lap):
     for index in range(len(way.types)):
         if way.types[index] == WINDOW:
             for dof in range(len(q)):
-                lap.limits[index, 0, dof] = q[dof]
-                lap.limits[index, 1, dof] = way.limits[index, 1, dof] * dt
+                lap.limits[index, dof, 0] = q[dof]
+                lap.limits[index, dof, 1] = way.limits[index, dof, 1] * dt
     if not way.every_iteration:
         return True
     if not bounds(

@@ -6,112 +6,16 @@ import math
 
 import numpy as np
 
+from qp_twist.fast.bounds import bounds
 from qp_twist.fast.box_program import NOBODY, UNDECIDED, box_program
 from qp_twist.fast.compiling import kernel, part, plain
 from qp_twist.fast.dual_active_set import SOLVED, cholesky, dual_active_set
-from qp_twist.fast.step_arrays import given, places, program_at
+from qp_twist.fast.step_arrays import given, program_at
+from qp_twist.fast.step_layout import places
 from qp_twist.fast.twist_rows import twist_rows
 
-POSITION, MOTION, WINDOW = 0, 1, 2
-"""Kinds of limits."""
-ACCELERATION_BOUND, VELOCITY_BOUND, POSITION_BOUND = 0, 1, 2
-"""What a bound comes from, in the order in which they give way to each other."""
-NO_BOUND = 9
 DONE, REFUSED = 0, 1
 """The step is verified; or the reference has to look at it."""
-
-
-@plain
-def _stopping_speed(room, acceleration, dt):
-    """As ``limits.stopping_speed``, for one joint."""
-    if math.isinf(acceleration) or math.isinf(room):
-        return room / dt
-    braking = acceleration * dt
-    steps = math.floor((math.sqrt(1.0 + 8.0 * room / (braking * dt)) - 1.0) / 2.0)
-    return room / ((steps + 1.0) * dt) + 0.5 * steps * braking
-
-
-@plain
-def _above(bound, kind, least, least_kind):
-    """The higher of two lower bounds; of equal ones the one whose kind comes first."""
-    if bound > least or (bound == least and kind < least_kind):
-        return bound, kind
-    return least, least_kind
-
-
-@plain
-def _below(bound, kind, most, most_kind):
-    """The lower of two upper bounds; of equal ones the one whose kind comes first."""
-    if bound < most or (bound == most and kind < most_kind):
-        return bound, kind
-    return most, most_kind
-
-
-@plain
-def bounds(
-    limits, types, q, dt, noticeable, unlimited, lower, upper, lower_kind, upper_kind
-):  # fmt: skip
-    """The box of all limits, (nv,); whether no joint is outside and no two limits contradict.
-
-    Args:
-        limits: A table for each limit, (L, 7, nv): of positions θ_min, θ_max and what the joint
-            stops short of either by; of motions also v_max, a_max and the velocity before; of
-            windows the reference and the half width.
-        types: Of the limits, (L,).
-        q: Joint positions, (nv,).
-        dt: Length of the step, s.
-        noticeable: What counts as outside, rad or m.
-        unlimited: A bound beyond it is none, rad/s or m/s.
-        lower: Result.
-        upper: Result.
-        lower_kind: Result.
-        upper_kind: Result.
-    """
-    for dof in range(len(q)):
-        least, most, from_below, from_above = -math.inf, math.inf, NO_BOUND, NO_BOUND
-        for index in range(len(types)):
-            first, second = limits[index, 0, dof], limits[index, 1, dof]
-            if types[index] == WINDOW:
-                low = min((first - q[dof] - second) / dt, 0.0)
-                high = max((first - q[dof] + second) / dt, 0.0)
-                kind = VELOCITY_BOUND
-            else:
-                below, above = q[dof] - first, second - q[dof]
-                if below < -noticeable or above < -noticeable:
-                    return False
-                low = -max(below - limits[index, 2, dof], 0.0)
-                high = max(above - limits[index, 3, dof], 0.0)
-                kind = POSITION_BOUND
-                if types[index] == MOTION:
-                    fastest, hardest = limits[index, 4, dof], limits[index, 5, dof]
-                    before = limits[index, 6, dof]
-                    change = hardest * dt
-                    if abs(before) > fastest + noticeable:
-                        return False
-                    # Too fast to stop in time: recovering, which the reference tells of.
-                    within = _stopping_speed(max(below, 0.0) + noticeable, hardest, dt)
-                    if -before - change > within:
-                        return False
-                    within = _stopping_speed(max(above, 0.0) + noticeable, hardest, dt)
-                    if before - change > within:
-                        return False
-                    slower, faster = before - change, before + change
-                    least, from_below = _above(slower, ACCELERATION_BOUND, least, from_below)
-                    most, from_above = _below(faster, ACCELERATION_BOUND, most, from_above)
-                    least, from_below = _above(-fastest, VELOCITY_BOUND, least, from_below)
-                    most, from_above = _below(fastest, VELOCITY_BOUND, most, from_above)
-                    low = -_stopping_speed(-low, hardest, dt)
-                    high = _stopping_speed(high, hardest, dt)
-                else:
-                    low, high = low / dt, high / dt
-            least, from_below = _above(low, kind, least, from_below)
-            most, from_above = _below(high, kind, most, from_above)
-        if not least <= most or least > unlimited or most < -unlimited:
-            return False
-        lower[dof] = least if least >= -unlimited else -math.inf
-        upper[dof] = most if most <= unlimited else math.inf
-        lower_kind[dof], upper_kind[dof] = from_below, from_above
-    return True
 
 
 @plain
@@ -400,7 +304,7 @@ def verified_velocity(w, limits, types, metric, settings, tolerances, dt):
 
 @plain
 def step_kernel(floats, integers, qpos, dt, use_secondary):
-    """A step; ``controller.compiled_step`` lays out the arrays, as ``Places`` says.
+    """A step; ``controller.prepared_step`` lays out the arrays, as ``Places`` says.
 
     Returns:
         ``DONE``, or ``REFUSED`` for whatever is not a plain step inside all limits.

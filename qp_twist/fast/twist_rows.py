@@ -1,4 +1,7 @@
-"""Task rows of one frame, compiled: the same equations as ``geometry`` and ``TwistTask``."""
+"""Task rows of one frame: the same equations as ``geometry`` and ``TwistTask``, by scalars.
+
+Runs with and without numba.
+"""
 
 from __future__ import annotations
 
@@ -185,6 +188,33 @@ def _free_of(kind, x, y, z, cost, first, J, free):
 
 
 @plain
+def wanted_twist(block, kinds, shape, pose, target, dt):
+    """What a task asks of its linear (0) or angular (1) block; arguments as in :func:`twist_rows`.
+
+    Returns:
+        The projector's axis and the velocity, m/s or rad/s, in the world; and the length of the
+        error before it is shortened, m or rad.
+    """
+    body = kinds[2] == BODY
+    turn = pose if body else target
+    kind, at, first = kinds[block], 12 * block, 12 + 3 * block
+    stays = kinds[2] == WORLD or kind in (FULL, NONE)
+    x, y, z = _axis(shape, at + 9, turn, stays)
+    if block == 0:
+        ex, ey, ez = linear_error(pose, target, kind, shape, turn, stays)
+    else:
+        ex, ey, ez = angular_error(pose, target, kind, x, y, z, body)
+    length = math.sqrt(ex * ex + ey * ey + ez * ez)
+    share = shape[24] / dt
+    if length > shape[25 + block]:
+        share *= shape[25 + block] / length
+    ex = share * ex + target[first]
+    ey = share * ey + target[first + 1]
+    ez = share * ez + target[first + 2]
+    return x, y, z, ex, ey, ez, length
+
+
+@plain
 def twist_rows(kinds, shape, pose, target, J, dt, A, b, free, free_costs):
     r"""Rows A q̇ = b of one task, and the rows of what it leaves free, times their costs.
 
@@ -204,24 +234,13 @@ def twist_rows(kinds, shape, pose, target, J, dt, A, b, free, free_costs):
     Returns:
         Lengths of the linear and the angular error before they are shortened, m and rad.
     """
-    body = kinds[2] == BODY
-    turn = pose if body else target
+    turn = pose if kinds[2] == BODY else target
     row, apart, turned = 0, 0.0, 0.0
     for block in range(2):
         kind, at, first = kinds[block], 12 * block, 3 * block
         stays = kinds[2] == WORLD or kind in (FULL, NONE)
-        x, y, z = _axis(shape, at + 9, turn, stays)
-        if block == 0:
-            ex, ey, ez = linear_error(pose, target, kind, shape, turn, stays)
-        else:
-            ex, ey, ez = angular_error(pose, target, kind, x, y, z, body)
-        apart, turned = turned, math.sqrt(ex * ex + ey * ey + ez * ez)
-        share = shape[24] / dt
-        if turned > shape[25 + block]:
-            share *= shape[25 + block] / turned
-        ex = share * ex + target[12 + first]
-        ey = share * ey + target[13 + first]
-        ez = share * ez + target[14 + first]
+        x, y, z, ex, ey, ez, length = wanted_twist(block, kinds, shape, pose, target, dt)
+        apart, turned = turned, length
         for j in range(kind):
             u, v, w = _column(shape, at + j, turn, stays)
             b[row] = u * ex + v * ey + w * ez

@@ -7,32 +7,12 @@ from collections.abc import Sequence
 import numpy as np
 
 from qp_twist.checks import Array, Indices
-from qp_twist.fast import twist_rows
 from qp_twist.fast.arm_kernel import Arm
 from qp_twist.fast.path_kernel import Rows
-from qp_twist.geometry import ProjectorKind, TwistProjector
+from qp_twist.geometry import TwistProjector
 from qp_twist.geometry.projector import perpendicular
+from qp_twist.kinematics.projector_shape import kinds_of, shape_of
 from qp_twist.kinematics.serial_chain import SerialChain
-
-_FRAMES = {"world": twist_rows.WORLD, "body": twist_rows.BODY, "target": twist_rows.TARGET}
-
-
-def kinds_of(projector: TwistProjector) -> tuple[int, int, int]:
-    """Of the linear and the angular block, and what the axes are fixed to."""
-    frame = _FRAMES[projector.frame]
-    return projector.linear.kind.value, projector.angular.kind.value, frame
-
-
-def shape_of(projector: TwistProjector, *settings: float) -> Array:
-    """Bases and axes of the two blocks; then gain and the largest steps, m and rad, (27,)."""
-    numbers = []
-    for block in (projector.linear, projector.angular):
-        basis = np.zeros((3, 3))
-        basis[:, : block.rank] = block.basis
-        # Of a projector without an axis there is none to be turned.
-        has_axis = block.kind in (ProjectorKind.PLANE, ProjectorKind.LINE)
-        numbers += [basis.ravel(), block.axis if has_axis else np.zeros(3)]
-    return np.concatenate([*numbers, settings])
 
 
 def rows_of(

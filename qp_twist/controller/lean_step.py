@@ -1,0 +1,223 @@
+"""A controller's plain step without compilation: NumPy for matrices, lists for vectors.
+
+At six joints a NumPy call takes longer than six multiplications in a list.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from scipy.linalg import lapack
+
+from qp_twist import fast
+from qp_twist.checks import Array
+from qp_twist.controller.prepared_step import TOLERANCES, PreparedStep
+from qp_twist.fast.bounds import bounds
+from qp_twist.fast.twist_rows import BODY, FULL, LINE, NONE, PLANE, WORLD, wanted_twist
+from qp_twist.qp.workspaces import Solution, Workspace
+
+_EQUALITY, _OPTIMALITY, _GAIN, _GAP, _ROUNDING = TOLERANCES.tolist()
+_BY_NUMBA = fast.installed()
+"""Whether what runs with and without numba is compiled, and takes arrays instead of lists."""
+
+
+class LeanStep(PreparedStep):
+    """The arrays of one controller, and a backend that keeps its workspace."""
+
+    def __init__(self, *args: Any, backend: Workspace, **kwargs: Any) -> None:
+        """As :class:`PreparedStep`; the backend is of its unknowns and rows."""
+        super().__init__(*args, **kwargs)
+        self._backend = backend
+        nv, m, at = len(self._program.c), sum(self._ranks), self._at
+        self._fastest, self._noticeable, self._unlimited = self._settings[4:].tolist()
+        self._addresses = self._integers[at.addresses : at.types]
+        # Where every coordinate is a joint's, in the order of the joints, nothing is copied.
+        self._in_order = np.array_equal(self._addresses, np.arange(len(self._qpos)))
+        self._types = self._integers[at.types : at.active]
+        self._middle = self._floats[at.middle : at.middle + nv]
+        self._metric = self._floats[at.metric : at.metric + nv]
+        self._free_costs = self._floats[at.free_costs : at.free_costs + 2]
+        self._kinds = self._integers[at.kinds : at.addresses].reshape(-1, 3)
+        self._blocks = [
+            _Block(self, number, block) for number in range(len(self._ranks)) for block in range(2)
+        ]
+        self._square, self._one = np.zeros((m, m)), np.eye(m)
+        self._dense = np.zeros((nv, nv))
+        self._weight = math.nan
+        self._hardest = 0.0
+
+    def _solve(self, dt: float, use_secondary: bool) -> bool:
+        p, q = self._program, self._qpos
+        if not math.isfinite(q.dot(q)):
+            return False
+        if not self._in_order:
+            q = np.where(self._addresses >= 0, q[self._addresses], 0.0)
+        self._wanted(dt)
+        most = self._fastest**2
+        if not (p.b.dot(p.b) <= most and self._bounds(q, dt) and self._well_conditioned()):
+            return False
+        p.c[:] = 0.0
+        if use_secondary:
+            p.c[:] = (self._wish + self._pull * (self._middle - q)) / dt
+            if not p.c.dot(p.c) <= most:
+                return False
+        new_cost = self._cost()
+        if new_cost is None:
+            return False
+        found = self._backend.solve(self._dense, p.c, p.A, p.b, p.lower, p.upper, new_cost=new_cost)
+        return found is not None and self._verified(found)
+
+    def _wanted(self, dt: float) -> None:
+        """The rows and what they ask for."""
+        for number, (pose, target) in enumerate(zip(self._poses, self._targets, strict=True)):
+            given: tuple[Any, ...] = self._kinds[number], self._shapes[number], pose, target
+            if not _BY_NUMBA:
+                given = tuple(array.tolist() for array in given)
+            for block in self._blocks[2 * number : 2 * number + 2]:
+                block.state(given, dt)
+
+    def _bounds(self, q: Array, dt: float) -> bool:
+        p = self._program
+        ends: tuple[Any, ...] = p.lower, p.upper, p.lower_kind, p.upper_kind
+        given: tuple[Any, ...] = self._table, self._types, q
+        if _BY_NUMBA:
+            return bool(bounds(*given, dt, self._noticeable, self._unlimited, *ends))
+        lists: list[list[float]] = [[0.0] * len(p.x) for _ in ends]
+        given = tuple(array.tolist() for array in given)
+        inside: bool = bounds(*given, dt, self._noticeable, self._unlimited, *lists)
+        for end, numbers in zip(ends, lists, strict=True):
+            end[:] = numbers
+        return inside
+
+    def _well_conditioned(self) -> bool:
+        """Whether no singular value of the rows is below the threshold: AAᵀ − threshold²·1 ≻ 0."""
+        A, square = self._program.A, self._square
+        if len(A) > A.shape[1]:
+            return False
+        np.dot(A, A.T, out=square)
+        square -= self._one * self._settings[1] ** 2
+        return _is_positive_definite(square)
+
+    def _cost(self) -> bool | None:
+        """H, and −H ḣ in place of ḣ in c; whether H is another, ``None`` if it is not known."""
+        p, weight = self._program, float(self._settings[2])
+        if p.cost.ndim == 1:
+            changed = weight != self._weight
+            if changed:
+                self._weight = weight
+                p.cost[:] = weight * self._metric
+                self._dense[:] = p.H
+                self._hardest = float(p.cost.max())
+            np.multiply(p.c, -p.cost, out=p.c)
+            return changed
+        free = self._dense
+        free[:] = 0.0
+        for block in self._blocks:
+            block.add_free(free)
+        p.c[:] = -free.dot(p.c)
+        free += p.A.T.dot(p.A)
+        if not self._all_seen(free):
+            return None
+        p.cost[:] = free
+        self._hardest = float(np.abs(free).max())
+        return True
+
+    def _all_seen(self, H: Array) -> bool:
+        """Whether no motion is nearly unseen, as ``step_kernel`` tells it."""
+        root = np.sqrt(self._metric)
+        scaled = H / np.outer(root, root)
+        scaled.flat[:: len(root) + 1] -= self._settings[3] ** 2 * scaled.trace()
+        return _is_positive_definite(scaled)
+
+    def _verified(self, found: Solution) -> bool:
+        """Whether x, moved into the box to the last bit, is proved optimal by the multipliers.
+
+        As ``step_kernel._excess``, and the reference's.
+        """
+        p = self._program
+        lower, upper, box = p.lower.tolist(), p.upper.tolist(), found.box.tolist()
+        # NaN is outside: the comparisons below are written so that it fails.
+        x = [
+            low if value < low else high if value > high else value
+            for value, low, high in zip(found.x.tolist(), lower, upper, strict=True)
+        ]
+        p.x[:], p.box[:] = x, found.box
+        pull = found.y.dot(p.A)
+        residual = p.A.dot(p.x) - p.b
+        explained = p.c + pull + found.box
+        if p.cost.ndim == 1:
+            r = p.cost * p.x + explained
+            gap = 0.5 * float(r.dot(r / p.cost))
+        else:
+            r = p.cost.dot(p.x) + explained
+            _, solved, info = lapack.dposv(p.cost, r)
+            gap = 0.5 * float(r.dot(solved)) if info == 0 else math.inf
+        held = 0.0
+        for value, low, high, force in zip(x, lower, upper, box, strict=True):
+            if force > 0.0:
+                held += force * (high - value)
+            elif force < 0.0:
+                held -= force * (value - low)
+        gap += held - float(found.y.dot(residual))
+        steepest = _largest(p.c)
+        size = max(steepest, _largest(found.box), _largest(pull))
+        reach = 1.0 + _largest(p.x)
+        cost = (self._hardest * reach + steepest) * reach
+        return bool(
+            _largest(residual) <= _EQUALITY * (1.0 + _largest(p.b))
+            and _largest(r) <= _OPTIMALITY * self._hardest * reach + _ROUNDING * size
+            and held <= _GAIN * cost
+            and gap <= _GAP * cost
+        )
+
+
+class _Block:
+    """The linear (0) or angular (1) rows of one task."""
+
+    def __init__(self, step: LeanStep, number: int, block: int) -> None:
+        kinds = step._kinds[number]
+        self._block, self._kind = block, int(kinds[block])
+        shape = step._shapes[number, 12 * block : 12 * block + 9]
+        self._basis = shape.reshape(3, 3)[:, : self._kind].copy()
+        stays = kinds[2] == WORLD or self._kind in (NONE, FULL)
+        turn = step._poses[number] if kinds[2] == BODY else step._targets[number]
+        self._turn = None if stays else turn[:9].reshape(3, 3)
+        self._J = step._jacobians[number, 3 * block : 3 * block + 3]
+        first = sum(step._ranks[:number]) + (int(kinds[0]) if block else 0)
+        rows = slice(first, first + self._kind)
+        self._A, self._b = step._program.A[rows], step._program.b[rows]
+        self._square = float(step._free_costs[block]) ** 2
+        self._axis, self._velocity = (0.0, 0.0, 0.0), np.zeros(3)
+
+    def state(self, given: tuple[Any, ...], dt: float) -> None:
+        """The rows and what they ask for, from kinds, shape, pose and target of the task."""
+        x, y, z, u, v, w, _ = wanted_twist(self._block, *given, dt)
+        self._axis = x, y, z
+        if self._kind == FULL:
+            self._A[:] = self._J
+            self._b[:] = u, v, w
+        elif self._kind != NONE:
+            basis = self._basis if self._turn is None else self._turn.dot(self._basis)
+            np.dot(basis.T, self._J, out=self._A)
+            self._velocity[:] = u, v, w
+            self._velocity.dot(basis, out=self._b)
+
+    def add_free(self, H: Array) -> None:
+        """Add w Jᵀ(1 − M)J."""
+        if self._kind in (NONE, LINE):
+            H += self._square * (self._J.T @ self._J)
+        if self._kind in (PLANE, LINE):
+            along = np.dot(self._axis, self._J)
+            sign = 1.0 if self._kind == PLANE else -1.0
+            H += (sign * self._square) * np.outer(along, along)
+
+
+def _largest(values: Array) -> float:
+    """Of |values|."""
+    return max(map(abs, values.tolist()), default=0.0)
+
+
+def _is_positive_definite(S: Array) -> bool:
+    return bool(lapack.dpotrf(S, overwrite_a=1)[1] == 0)

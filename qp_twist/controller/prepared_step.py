@@ -1,0 +1,246 @@
+"""A controller's plain step on preallocated arrays: what its two ways of solving have in common."""
+
+from __future__ import annotations
+
+import abc
+import math
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import mink
+import mujoco
+import numpy as np
+
+from qp_twist.checks import Array
+from qp_twist.controller.composition import KNOWN_LIMITS
+from qp_twist.controller.plain_step import Numbers, PlainStep
+from qp_twist.fast.bounds import MOTION, POSITION, WINDOW
+from qp_twist.fast.step_layout import SETTINGS, places
+from qp_twist.kinematics import JointCentering, JointRanges, SecondaryObjective, TwistTask
+from qp_twist.kinematics.frame import frame_id
+from qp_twist.kinematics.projector_shape import kinds_of, shape_of
+from qp_twist.limits import DisplacementWindow, MotionLimit, PositionLimit
+from qp_twist.limits.gather import UNLIMITED
+from qp_twist.limits.position_limit import NOTICEABLE
+from qp_twist.qp import verification
+
+_TYPES = dict(zip(KNOWN_LIMITS, (POSITION, MOTION, WINDOW), strict=True))
+TOLERANCES = np.array(
+    [
+        verification.EQUALITY_TOLERANCE,
+        verification.OPTIMALITY_TOLERANCE,
+        verification.GAIN_TOLERANCE,
+        verification.GAP_TOLERANCE,
+        verification.ROUNDING,
+    ]
+)
+
+
+class PreparedStep(abc.ABC):
+    """The arrays of one controller, for compositions of TwistTasks and limits that are boxes.
+
+    What it does not know, and every step that is not a plain one inside all limits, is left to the
+    reference: then :meth:`__call__` returns ``None``.
+    """
+
+    def __init__(
+        self,
+        model: mujoco.MjModel,
+        tasks: Sequence[TwistTask],
+        secondary: Sequence[SecondaryObjective],
+        limits: Sequence[mink.Limit],
+        *,
+        solver: str,
+        metric: Array,
+        twist_space: bool,
+        free_costs: tuple[float, float],
+        nearly_unseen: float,
+        fastest: float,
+    ) -> None:
+        """Allocate; ``composition_known`` has been asked."""
+        nv, count = model.nv, len(tasks)
+        self._solver = solver
+        self._model, self._tasks, self._limits = model, tuple(tasks), list(limits)
+        self._projectors = [task.projector for task in tasks]
+        self._centering = [s for s in secondary if type(s) is JointCentering]
+        self._others = [s for s in secondary if type(s) is not JointCentering]
+        self._ranks = tuple(task.projector.rank for task in tasks)
+        ranges = self._ranges = JointRanges.of(model)
+        table, types = table_of(limits, nv)
+        header = nv, sum(self._ranks), count, len(limits), int(twist_space)
+        at = self._at = places(*header)
+        self._floats, self._integers = np.zeros(at.floats), np.zeros(at.integers, dtype=np.int64)
+        self._integers[: len(header)] = header
+        self._integers[at.kinds : at.addresses] = np.ravel([kinds_of(t.projector) for t in tasks])
+        self._integers[at.addresses : at.types] = ranges.qpos
+        self._integers[at.types : at.active] = types
+
+        def part(first: int, *shape: int) -> Array:
+            view: Array = self._floats[first : first + math.prod(shape)].reshape(shape)
+            return view
+
+        part(SETTINGS, len(TOLERANCES))[:] = TOLERANCES
+        part(at.free_costs, 2)[:] = free_costs
+        part(at.middle, nv)[:] = ranges.middle
+        part(at.metric, nv)[:] = metric
+        self._settings = part(0, SETTINGS)
+        self._settings[:] = settings_of(twist_space, 0.0, 0.0, nearly_unseen, fastest)
+        self._pull, self._wish = part(at.pull, nv), part(at.wish, nv)
+        self._shapes, self._poses = part(at.shapes, count, 27), part(at.poses, count, 12)
+        self._targets, self._jacobians = (
+            part(at.targets, count, 18),
+            part(at.jacobians, count, 6, nv),
+        )
+        self._table = part(at.limits, len(limits), nv, 7)
+        self._table[:] = table
+        for shape, task in zip(self._shapes, tasks, strict=True):
+            shape[:] = shape_of(task.projector, *_paces(task))
+        self._result = part(at.program, at.work - at.program)
+        self._program = Numbers.of(self._result, sum(self._ranks), nv)
+        self._told: list[Any] = [None] * count
+        self._paced = [_paces(task) for task in tasks]
+        self._weighed: list[tuple[float, str]] | None = None
+        self._chosen: tuple[float, float] | None = None
+        tables = list(zip(self._table, limits, strict=True))
+        self._windows = [(t, limit) for t, limit in tables if isinstance(limit, DisplacementWindow)]
+        self._motions = [(t, limit) for t, limit in tables if isinstance(limit, MotionLimit)]
+        self._frames = [
+            (mink.FRAME_TO_JAC_FUNC[t.frame_type], frame_id(model, t.frame_name, t.frame_type))
+            for t in tasks
+        ]
+        self._data: mujoco.MjData | None = None
+        self._qpos = np.zeros(model.nq)
+        self._jacs: list[tuple[Callable[..., None], Array, Array, int]] = []
+        self._views: list[tuple[Array, Array, Array, Array]] = []
+
+    def __call__(
+        self,
+        configuration: mink.Configuration,
+        dt: float,
+        use_secondary: bool,
+        limits: Sequence[mink.Limit],
+        joint_weight: float,
+        singularity: float,
+    ) -> PlainStep | None:
+        """The step; ``None`` where the reference has to look at it.
+
+        What a controller's user may have changed since it was made is given anew, or looked at.
+
+        Raises:
+            mink.TargetNotSet: If a task has no target.
+        """
+        if limits != self._limits:
+            return None
+        if configuration.data is not self._data:
+            self._bind(configuration)
+        for jac, linear, angular, index in self._jacs:
+            jac(self._model, self._data, linear, angular, index)
+        for turned, rotation, moved, position in self._views:
+            turned[:] = rotation
+            moved[:] = position
+        if not self._tasks_known():
+            return None
+        if use_secondary:
+            self._wish_for(configuration)
+        if self._windows or self._motions:
+            self._look()
+        chosen = singularity, joint_weight
+        if chosen != self._chosen:
+            self._chosen = chosen
+            self._settings[1:3] = chosen
+        if not self._solve(dt, use_secondary):
+            return None
+        result = self._result.copy()
+        return PlainStep.made(result, self._ranks, self._ranges.names, self._solver)
+
+    @abc.abstractmethod
+    def _solve(self, dt: float, use_secondary: bool) -> bool:
+        """Write program and result into their places; whether it is a verified, plain step."""
+
+    def _tasks_known(self) -> bool:
+        """Take over what has changed of the tasks; whether the kernel still knows them."""
+        for number, task in enumerate(self._tasks):
+            if task.projector is not self._projectors[number] or task.bands:
+                return False
+            if task.target is None or task.target is not self._told[number]:
+                self._aim(number, task)
+            paces = _paces(task)
+            if paces != self._paced[number]:
+                self._paced[number] = paces
+                self._shapes[number, 24:] = paces
+        return True
+
+    def _wish_for(self, configuration: mink.Configuration) -> None:
+        """What the secondary objectives ask for; centering is left to the kernel."""
+        weights = [(s.gain, s.weight) for s in self._centering]
+        if weights != self._weighed:
+            self._weighed = weights
+            self._pull[:] = sum(s.gain * s.stiffness for s in self._centering)
+        if self._others:
+            self._wish[:] = 0.0
+            for other in self._others:
+                self._wish += other.displacement(configuration)
+
+    def _bind(self, configuration: mink.Configuration) -> None:
+        """Views into the data of another configuration."""
+        self._data = data = configuration.data
+        self._qpos = data.qpos
+        self._jacs, self._views = [], []
+        for number, (task, (jac, index)) in enumerate(zip(self._tasks, self._frames, strict=True)):
+            rows = self._jacobians[number]
+            self._jacs.append((jac, rows[:3], rows[3:], index))
+            rotation = getattr(data, mink.FRAME_TO_XMAT_ATTR[task.frame_type])[index]
+            position = getattr(data, mink.FRAME_TO_POS_ATTR[task.frame_type])[index]
+            pose = self._poses[number]
+            self._views.append((pose[:9], rotation, pose[9:], position))
+
+    def _aim(self, number: int, task: TwistTask) -> None:
+        if task.target is None:
+            raise mink.TargetNotSet(task.name)
+        row = self._targets[number]
+        row[:9] = task.target_rotation.ravel()
+        row[9:12] = task.target_position
+        row[12:] = task.feedforward
+        self._told[number] = task.target
+
+    def _look(self) -> None:
+        """What moves on with the steps: where windows stand, and the velocity before."""
+        for table, window in self._windows:
+            table[:, 0], table[:, 1] = window.reference, window.half_width
+        for table, motion in self._motions:
+            table[:, 6] = motion.velocity
+
+    def tell(self, velocity: Array) -> None:
+        """As :meth:`~qp_twist.Controller.note`, of a velocity that the kernel has found."""
+        for _, motion in self._motions:
+            motion.velocity = velocity.copy()
+
+
+def _paces(task: TwistTask) -> tuple[float, float, float]:
+    """What a task asks for of its error."""
+    return task.gain, task.max_linear_step, task.max_angular_step
+
+
+def table_of(
+    limits: Sequence[mink.Limit], nv: int
+) -> tuple[Array, np.ndarray[tuple[int], np.dtype[np.int64]]]:
+    """Limits as ``fast.bounds`` takes them, (L, nv, 7), and what they are, (L,)."""
+    table = np.zeros((len(limits), nv, 7))
+    for row, limit in zip(table, limits, strict=True):
+        if isinstance(limit, DisplacementWindow):
+            row[:, 0], row[:, 1] = limit.reference, limit.half_width
+            continue
+        assert isinstance(limit, PositionLimit)
+        row[:, 0], row[:, 1], row[:, 2:4] = limit.lower, limit.upper, limit.hair.T
+        if isinstance(limit, MotionLimit):
+            row[:, 4], row[:, 5] = limit.max_velocity, limit.max_acceleration
+    return table, np.array([_TYPES[type(limit)] for limit in limits], dtype=np.int64)
+
+
+def settings_of(
+    twist_space: bool, singularity: float, weight: float, nearly_unseen: float, fastest: float
+) -> Array:
+    """Settings of a controller as ``step_kernel`` takes them, (7,)."""
+    return np.array(
+        [twist_space, singularity, weight, nearly_unseen, fastest, NOTICEABLE, UNLIMITED]
+    )

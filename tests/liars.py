@@ -1,0 +1,35 @@
+"""Backends that say what a test lets them say, in both ways in which they are asked."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+import qpsolvers
+
+from qp_twist.qp.backend import SETTINGS
+from qp_twist.qp.workspaces import KNOWN, Solution, Workspace
+
+
+def install(monkeypatch: pytest.MonkeyPatch, says: Callable[..., Any]) -> None:
+    """Let ``says(problem, solver=…, **options)`` answer for all backends.
+
+    In the place of ``qpsolvers.solve_problem``, and of the backends that keep their memory.
+    """
+    monkeypatch.setattr(qpsolvers, "solve_problem", says)
+    asked: list[qpsolvers.Problem] = []
+    truth = Workspace.solve
+
+    def solve(self: Workspace, H: Any, c: Any, A: Any, b: Any, *box: Any, **told: Any) -> Any:
+        asked[:] = [qpsolvers.Problem(H, c, None, None, A, b, *box)]
+        return truth(self, H, c, A, b, *box, **told)
+
+    monkeypatch.setattr(Workspace, "solve", solve)
+    for name, kind in KNOWN.items():
+
+        def told(self: Workspace, name: str = name) -> Any:
+            said = says(asked[0], solver=name, **SETTINGS[name])
+            return Solution(said.x, said.y, said.z_box) if said.found else None
+
+        monkeypatch.setattr(kind, "_solve", told)

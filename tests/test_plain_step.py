@@ -1,0 +1,295 @@
+"""The plain step, by machine code and by backends that keep their memory: the reference's."""
+
+from __future__ import annotations
+
+import dataclasses
+import pickle
+import subprocess
+import sys
+from typing import Any
+
+import mink
+import mujoco
+import numpy as np
+import pytest
+from arms import random_arm, random_configuration, random_direction
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import qp_twist as qt
+from qp_twist import fast
+from qp_twist.controller.plain_step import PlainStep
+
+Array = np.ndarray
+SOLVERS = ["daqp", *(["compiled"] if fast.installed() else [])]
+"""Those that are exact."""
+
+
+def by_reference(controller: qt.Controller) -> qt.Controller:
+    """The same controller without prepared arrays."""
+    controller._prepared = None
+    return controller
+
+
+# ---------------------------------------------------------------- the step
+
+PROJECTORS = ("full", "plane", "line", "none")
+
+
+def projector(rng: np.random.Generator) -> qt.TwistProjector:
+    def block() -> qt.Projector:
+        kind = PROJECTORS[rng.integers(4)]
+        axis = () if kind in ("full", "none") else (random_direction(rng),)
+        return getattr(qt.Projector, kind)(*axis)
+
+    frame = ("world", "body", "target")[rng.integers(3)]
+    return qt.TwistProjector(linear=block(), angular=block(), frame=frame)
+
+
+def limits(model: mujoco.MjModel, rng: np.random.Generator, q: Array) -> list[mink.Limit]:
+    choice = rng.integers(4)
+    if choice == 0:
+        return []
+    if choice == 1:
+        return [qt.PositionLimit(model, margin=0.01)]
+    if choice == 2:
+        width = rng.uniform(0.0, 0.3, model.nv)
+        return [qt.PositionLimit(model), qt.DisplacementWindow(model, q, width)]
+    return [qt.MotionLimit(model, velocity=rng.uniform(0.3, 3.0), acceleration=rng.uniform(3, 80))]
+
+
+def pair(
+    seed: int, solver: str
+) -> tuple[list[qt.Controller], list[list[qt.TwistTask]], mink.Configuration]:
+    """The same controller by the reference and prepared."""
+    rng = np.random.default_rng(seed)
+    model = random_arm(rng, int(rng.integers(3, 9)), slides=bool(rng.random() < 0.3),
+                       limited=bool(rng.random() < 0.8))  # fmt: skip
+    q = random_configuration(model, rng)
+    configuration = mink.Configuration(model, q)
+    state = rng.bit_generator.state
+    controllers, tasks = [], []
+    for name in ("daqp", solver):
+        rng.bit_generator.state = state
+        given = [
+            qt.TwistTask("tool", "site", projector(rng), gain=float(rng.uniform(0.2, 1.0)),
+                         max_linear_step=float(rng.choice([np.inf, 0.01])))
+        ]  # fmt: skip
+        if rng.random() < 0.3:
+            given.append(qt.TwistTask("link_2", "body", projector(rng)))
+        for task in given:
+            pose = configuration.get_transform_frame_to_world(task.frame_name, task.frame_type)
+            moved = pose.multiply(
+                mink.SE3.exp(10.0 ** rng.uniform(-4.0, -1.0) * rng.normal(size=6))
+            )
+            task.set_target(moved, 0.02 * rng.normal(size=6))
+        weight = ("gradient", "paper", "natural")[rng.integers(3)]
+        secondary: list[Any] = [qt.JointCentering(model, weight, gain=0.3)]
+        if rng.random() < 0.3:
+            secondary.append(qt.PostureReference(model, q + 0.01 * rng.normal(size=len(q))))
+        controllers.append(
+            qt.Controller(
+                model, given, secondary=secondary[: rng.integers(3)],
+                secondary_space=("joint", "twist")[rng.integers(2)], limits=limits(model, rng, q),
+                metric=rng.uniform(0.3, 3.0, model.nv), solver=name,
+            )
+        )  # fmt: skip
+        tasks.append(given)
+    by_reference(controllers[0])
+    return controllers, tasks, configuration
+
+
+def same(a: qt.Step, b: qt.Step) -> None:
+    """Every field, to rounding."""
+    size = 1.0 + np.abs(a.velocity).max()
+    np.testing.assert_allclose(b.velocity, a.velocity, atol=1e-9 * size)
+    assert b.status is a.status
+    assert b.scale == pytest.approx(a.scale, abs=1e-9)
+    assert b.sigma_min == pytest.approx(a.sigma_min, abs=1e-10)
+    assert len(b.residuals) == len(a.residuals)
+    for mine, theirs in zip(b.residuals, a.residuals, strict=True):
+        np.testing.assert_allclose(mine, theirs, atol=1e-9 * size)
+    assert [str(limit) for limit in b.binding] == [str(limit) for limit in a.binding]
+    assert (b.lost, b.recovering) == (a.lost, a.recovering)
+    for field in dataclasses.fields(a.problem):
+        mine, theirs = getattr(b.problem, field.name), getattr(a.problem, field.name)
+        np.testing.assert_allclose(mine, theirs, rtol=1e-9, atol=1e-9 * size, err_msg=field.name)
+
+
+@pytest.mark.parametrize("solver", SOLVERS)
+@settings(max_examples=150, deadline=None)
+@given(seed=st.integers(0, 2**32 - 1))
+def test_a_prepared_step_is_the_reference_step(solver: str, seed: int) -> None:
+    (reference, prepared), _, configuration = pair(seed, solver)
+    for use_secondary in (True, False):
+        try:
+            expected = reference.step(configuration, 0.05, use_secondary=use_secondary)
+        except qt.QpTwistError as error:
+            with pytest.raises(type(error)):
+                prepared.step(configuration, 0.05, use_secondary=use_secondary)
+            return
+        step = prepared.step(configuration, 0.05, use_secondary=use_secondary)
+        if expected.status is qt.Status.SOLVED and not expected.binding:
+            same(expected, step)
+        else:
+            # At a vertex of the limits multipliers may be shared out in more ways than one.
+            size = 1.0 + np.abs(expected.velocity).max()
+            np.testing.assert_allclose(step.velocity, expected.velocity, atol=1e-8 * size)
+            assert step.status is expected.status
+
+
+@pytest.mark.parametrize("solver", ["daqp", "proxqp", "osqp", "compiled"])
+def test_most_steps_are_plain_and_with_limits_that_bind_too(solver: str) -> None:
+    if solver == "compiled":
+        pytest.importorskip("numba", reason="numba is not installed; the extra fast brings it.")
+    path_task = qt.load_task("deburring")
+    found: dict[str, list[qt.Step]] = {}
+    for name in ("reference", solver):
+        task = qt.TwistTask("tool", "site", path_task.projector)
+        controller = qt.Controller(
+            path_task.model, [task], secondary=[qt.JointCentering(path_task.model, "natural")],
+            limits=[qt.MotionLimit(path_task.model, velocity=0.4)],
+            solver="daqp" if name == "reference" else name,
+        )  # fmt: skip
+        if name == "reference":
+            by_reference(controller)
+        configuration = mink.Configuration(path_task.model, path_task.start)
+        found[name] = []
+        for waypoint in path_task.waypoints[:150]:
+            task.set_target(waypoint)
+            found[name].append(controller.step(configuration, 0.05))
+            configuration.integrate_inplace(found[name][-1].velocity, 0.05)
+    plain = [step for step in found[solver] if isinstance(step, PlainStep)]
+    assert len(plain) > 100
+    assert sum(bool(step.binding) for step in plain) > 30
+    for expected, step in zip(found["reference"], found[solver], strict=True):
+        # First-order methods end at their tolerance, where an active bound may look inactive.
+        exact = solver in SOLVERS
+        np.testing.assert_allclose(step.velocity, expected.velocity, atol=1e-7 if exact else 1e-5)
+        if not exact:
+            continue
+        assert [str(x) for x in step.binding] == [str(x) for x in expected.binding]
+        for mine, theirs in zip(step.binding, expected.binding, strict=True):
+            assert mine.multiplier == pytest.approx(theirs.multiplier, rel=1e-4, abs=1e-6)
+
+
+@pytest.mark.skipif(not fast.installed(), reason="numba is not installed; see the extra fast.")
+def test_a_whole_lap_is_the_same() -> None:
+    laps = [qt.follow(qt.load_task("planar_line"), "qp", solver=s) for s in ("daqp", "compiled")]
+    np.testing.assert_allclose(laps[1].q, laps[0].q, atol=1e-8)
+    assert laps[1].binding == laps[0].binding
+
+
+# ---------------------------------------------------------------- what may change under way
+
+
+def plain_controller(
+    solver: str, **options: Any
+) -> tuple[qt.Controller, qt.TwistTask, mink.Configuration]:
+    path_task = qt.load_task("deburring")
+    task = qt.TwistTask("tool", "site", path_task.projector)
+    task.set_target(path_task.waypoints[1])
+    controller = qt.Controller(path_task.model, [task], solver=solver, **options)
+    return controller, task, mink.Configuration(path_task.model, path_task.start)
+
+
+@pytest.mark.parametrize("solver", SOLVERS)
+def test_what_is_changed_between_two_steps_counts(solver: str) -> None:
+    controller, task, configuration = plain_controller(solver)
+    before = controller.step(configuration, 0.1).velocity.copy()
+    task.gain = 0.5
+    np.testing.assert_allclose(controller.step(configuration, 0.1).velocity, 0.5 * before)
+    task.max_linear_step = 1e-4
+    slow = controller.step(configuration, 0.1)
+    assert np.abs(slow.velocity).max() < 0.5 * np.abs(before).max()
+    controller.limits.append(mink.VelocityLimit(controller.model, {"joint_1": 1e-4}))
+    assert abs(controller.step(configuration, 0.1).velocity[0]) <= 1e-4 + 1e-12
+    del controller.limits[-1]
+    same(slow, controller.step(configuration, 0.1))
+    task.projector = qt.TwistProjector(linear=qt.Projector.full(), angular=qt.Projector.none())
+    assert [len(r) for r in controller.step(configuration, 0.1).residuals] == [3]
+
+
+@pytest.mark.parametrize("solver", SOLVERS)
+def test_without_a_target_or_with_joints_that_are_no_numbers_it_is_refused(solver: str) -> None:
+    controller, task, configuration = plain_controller(solver)
+    controller.step(configuration, 0.1)
+    configuration.data.qpos[0] = np.nan
+    with pytest.raises(qt.InvalidInput):
+        controller.step(configuration, 0.1)
+    other = qt.Controller(
+        controller.model, [qt.TwistTask("tool", "site", task.projector)], solver=solver
+    )
+    with pytest.raises(mink.TargetNotSet):
+        other.step(mink.Configuration(controller.model), 0.1)
+    with pytest.raises(qt.InvalidInput, match="dt"):
+        other.step(mink.Configuration(controller.model), 0.0)
+
+
+@pytest.mark.parametrize("solver", SOLVERS)
+def test_two_configurations_and_their_velocities_do_not_mix(solver: str) -> None:
+    model = qt.load_task("deburring").model
+    controller, _, first = plain_controller(
+        solver, limits=[qt.MotionLimit(model, acceleration=1.0)]
+    )
+    second = mink.Configuration(model, first.q + 0.1)
+    controller.step(first, 0.1, velocity=np.zeros(6))
+    there = controller.step(second, 0.1, velocity=np.full(6, 0.05)).velocity
+    again = controller.step(second, 0.1, velocity=np.full(6, 0.05)).velocity
+    np.testing.assert_allclose(there, again, atol=1e-12)
+    np.testing.assert_allclose(controller.limits[0].velocity, again)  # type: ignore[attr-defined]
+
+
+# ---------------------------------------------------------------- the result
+
+
+@pytest.mark.parametrize("solver", SOLVERS)
+def test_a_step_keeps_what_it_says_when_the_next_is_taken(solver: str) -> None:
+    controller, task, configuration = plain_controller(solver)
+    step = controller.step(configuration, 0.1)
+    assert isinstance(step, PlainStep)
+    velocity = step.velocity.copy()
+    task.set_target(qt.load_task("deburring").waypoints[9])
+    controller.step(configuration, 0.1)
+    np.testing.assert_array_equal(step.velocity, velocity)
+    np.testing.assert_allclose(step.problem.A @ velocity, step.problem.b, atol=1e-10)
+    assert "solved" in repr(step) and step.solver == solver and step.refused == ()
+    copied = pickle.loads(pickle.dumps(step))
+    same(step, copied)
+    assert dataclasses.replace(step, scale=0.5).scale == 0.5
+    with pytest.raises(AttributeError):
+        step.nothing  # noqa: B018
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        step.scale = 2.0  # type: ignore[misc]
+
+
+# ---------------------------------------------------------------- without numba
+
+WITHOUT = """
+import importlib.util, sys
+find = importlib.util.find_spec
+importlib.util.find_spec = lambda name, *rest: None if name == "numba" else find(name, *rest)
+sys.path.insert(0, {tests!r})
+from qp_twist import fast
+assert not fast.installed()
+import test_plain_step as t
+import qp_twist as qt
+plain = 0
+for seed in range(60):
+    (reference, prepared), _, configuration = t.pair(seed, "daqp")
+    try:
+        expected = reference.step(configuration, 0.05)
+    except qt.QpTwistError:
+        continue
+    step = prepared.step(configuration, 0.05)
+    plain += isinstance(step, t.PlainStep)
+    if expected.status is qt.Status.SOLVED and not expected.binding:
+        t.same(expected, step)
+assert plain > 15, plain
+assert "numba" not in sys.modules
+"""
+
+
+def test_without_numba_the_same_functions_run_as_they_are_written() -> None:
+    tests = str(__file__).rsplit("/", 1)[0]
+    subprocess.run([sys.executable, "-c", WITHOUT.format(tests=tests)], check=True, timeout=300)
