@@ -16,6 +16,7 @@ ROOMS = {
     "cli": "the command",
     "viewing": "the live page",
     "authoring": "new task files",
+    "bench": "times of steps, ours and others'",
     "studies": "many samples, on many cores",
     "comparison": "metrics, table, figures, report",
     "exchange": "trajectory files, their check",

@@ -9,7 +9,18 @@ from collections.abc import Sequence
 import mink
 
 # Each module adds its command; help lists them in this order.
-from qp_twist.cli import check, compare, new, roadmap, run, starts, study, tasks, view  # noqa: F401
+from qp_twist.cli import (  # noqa: F401
+    bench,
+    check,
+    compare,
+    new,
+    roadmap,
+    run,
+    starts,
+    study,
+    tasks,
+    view,
+)
 from qp_twist.cli.app import app, quiet
 
 

@@ -84,6 +84,24 @@ def sample_progress(samples: int) -> Iterator[Callable[[int], None]]:
 
 
 @contextmanager
+def share_progress() -> Iterator[Callable[[str, float], None]]:
+    """Yield ``report(what, share done)``; drawn on stderr where it is a terminal."""
+    console = terminal()
+    if console is None:
+        yield lambda what, share: None
+        return
+    columns = (
+        BarColumn(bar_width=24),
+        TaskProgressColumn(),
+        TimeElapsedColumn(),
+        TextColumn("{task.description}"),
+    )
+    with Progress(*columns, console=console, transient=True) as progress:
+        bar = progress.add_task("", total=1.0)
+        yield lambda what, share: progress.update(bar, description=what, completed=share)
+
+
+@contextmanager
 def working(what: str) -> Iterator[Callable[[str], None]]:
     """A spinner with a few words while something runs that cannot say how far it is.
 

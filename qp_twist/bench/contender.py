@@ -1,0 +1,71 @@
+"""What takes part: a name, and a function that makes its step for a problem."""
+
+from __future__ import annotations
+
+import enum
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from qp_twist.bench.problem import Problem
+from qp_twist.checks import Array
+from qp_twist.geometry import ProjectorKind
+
+StepOf = Callable[[int], Array | None]
+"""Takes the k-th step of a problem, kinematics included: q̇, rad/s, (nv,); ``None`` of the floor."""
+
+
+class Asked(enum.Enum):
+    """The program that a contender solves, for its error."""
+
+    COMMON = "the program of the problem"
+    UNLIMITED = "the same without limits"
+    SHORTEST = "the same without limits, the wish zero"
+    OTHER = "another one, or none"
+
+
+@dataclass(frozen=True)
+class Contender:
+    """One way to take a step.
+
+    Attributes:
+        name: FAMILY:VARIANT, as ``--only`` takes it.
+        says: What it is, in a few words.
+        asked: Its program.
+        prepare: What is not timed: the robot as the library reads it, targets in its types. It
+            returns what makes the step: controller, tasks, limits. None of these is shared.
+        missing: A sentence where it cannot take part at all; ``None`` where it can.
+        applies: Whether it can take part in a problem.
+    """
+
+    name: str
+    says: str
+    asked: Asked
+    prepare: Callable[[Problem], Callable[[], StepOf]]
+    missing: Callable[[], str | None] = lambda: None
+    applies: Callable[[Problem], bool] = lambda problem: True
+
+    @property
+    def family(self) -> str:
+        """What stands before the colon."""
+        return self.name.partition(":")[0]
+
+
+def one_level(problem: Problem) -> bool:
+    """Whether a problem has no strict priorities."""
+    return len(problem.levels) <= 1
+
+
+def tool_axes(problem: Problem) -> bool:
+    """Whether every frame has to keep its position and its z axis, and there is nothing else.
+
+    Other libraries, and one formula an arm, can say no more than that.
+    """
+    return (
+        one_level(problem)
+        and not len(problem.half_spaces)
+        and all(
+            frame.projector.linear.kind is ProjectorKind.FULL
+            and frame.projector.angular.kind is ProjectorKind.PLANE
+            for frame in problem.frames
+        )
+    )

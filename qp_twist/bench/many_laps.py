@@ -1,0 +1,113 @@
+"""What a step costs where many laps are followed in one call."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from functools import cache
+
+import mink
+import numpy as np
+
+from qp_twist import fast
+from qp_twist.batch import follow
+from qp_twist.bench.accuracy import Accuracy
+from qp_twist.bench.quantiles import Quantiles
+from qp_twist.bench.record import Case, Measured
+from qp_twist.bench.timer import without_collection
+from qp_twist.following import follow as follow_one
+from qp_twist.path import PathTask, load_task
+
+SIZES = (1, 10, 100, 1000, 10_000)
+WAYPOINTS = 21
+METHOD = "qp_gradient"
+THREADS: dict[str, int | None] = {"batch:all_cores": None, "batch:one_thread": 1}
+NAMES = tuple(THREADS)
+
+
+def missing() -> str | None:
+    """Why batches cannot take part."""
+    if fast.installed():
+        return None
+    return "batch.follow needs numba, which is not installed: pip install 'qp_twist[fast]'."
+
+
+@cache
+def piece() -> PathTask:
+    """The first waypoints of the deburring lap."""
+    task = load_task("deburring")
+    return replace(
+        task,
+        waypoints=task.waypoints[:WAYPOINTS],
+        flipped_waypoints=None,
+        durations=None if task.durations is None else task.durations[:WAYPOINTS],
+    )
+
+
+def moves(count: int, seed: int) -> list[mink.SE3]:
+    """Where the workpiece stands: as the task says for the first lap, near there for the others."""
+    rng = np.random.default_rng([seed, 2])
+    middle = mink.SE3.from_translation(piece().positions.mean(axis=0))
+    size = np.array([0.01] * 3 + [np.radians(1.0)] * 3)
+    return [mink.SE3.identity()] + [
+        middle @ mink.SE3.exp(size * rng.uniform(-1.0, 1.0, 6)) @ middle.inverse()
+        for _ in range(count - 1)
+    ]
+
+
+def measure(
+    sizes: tuple[int, ...],
+    names: list[str],
+    times: int,
+    seed: int,
+    done: Callable[[str], None],
+) -> list[Case]:
+    """Time calls of every size, in turns.
+
+    The residual of a call is the largest error at a waypoint, m; its error the largest difference,
+    rad, of the first lap's joints from :func:`qp_twist.follow` by the reference.
+    """
+    task, all_moves = piece(), moves(max(sizes), seed)
+    reference = follow_one(task, METHOD).q
+    rng = np.random.default_rng([seed, 3])
+    taken: dict[tuple[int, str], list[int]] = {(n, name): [] for n in sizes for name in names}
+    worst = dict.fromkeys(taken, 0.0)
+    follow(task, METHOD, moves=all_moves[:1], keep=False)  # compiles, or loads
+    for _ in range(times):
+        for index in rng.permutation(len(taken)).tolist():
+            count, name = key = list(taken)[index]
+            with without_collection():
+                began = time.perf_counter_ns()
+                laps = follow(
+                    task, METHOD, moves=all_moves[:count], keep=False, threads=THREADS[name]
+                )
+                took = time.perf_counter_ns() - began
+            taken[key].append(took // max(1, int(laps.steps.sum())))
+            worst[key] = max(worst[key], float(np.nanmax(laps.position_error)))
+            done(name)
+    cases = []
+    for count in sizes:
+        kept = follow(task, METHOD, moves=all_moves[: min(count, 100)], keep=True).q
+        assert kept is not None
+        apart = float(np.abs(kept[0] - reference).max())
+        results = tuple(
+            Measured(
+                contender=name,
+                warm=Quantiles.of(taken[count, name]),
+                accuracy=Accuracy(residual=worst[count, name], excess=0.0, error=apart),
+            )
+            for name in names
+        )
+        case = Case(
+            group="batch",
+            x=count,
+            title=f"{count:,} laps of {WAYPOINTS} waypoints, time of a step",
+            joints=int(task.model.nv),
+            rows=task.projector.rank,
+            steps=0,
+            active_share=None,
+            results=results,
+        )
+        cases.append(case)
+    return cases

@@ -1,0 +1,207 @@
+"""The bench's problems: three robots for the table, and the series of growing ones."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+
+from qp_twist.bench.chains import TIP, chain_model, site_name
+from qp_twist.bench.exact import NoExactSolution
+from qp_twist.bench.problem import DT, STEPS, Frame, NoProblem, Problem, Truth
+from qp_twist.bench.trajectory import SMALLEST_SIGMA, joint_motion, set_ranges, speeds_of
+from qp_twist.checks import Array
+from qp_twist.geometry import Projector, TwistProjector
+from qp_twist.path import shipped_folder
+
+FULL, NONE = Projector.full(), Projector.none()
+Z = (0.0, 0.0, 1.0)
+AXIS = TwistProjector(linear=FULL, angular=Projector.plane(Z), frame="body")
+"""Position and the direction of the tool axis: five rows."""
+POSITION = TwistProjector(linear=FULL, angular=NONE)
+LEAST_ACTIVE = 0.25
+"""Share of the steps of a problem of the table on which a bound has to be active."""
+GAIN = 0.07
+"""Share of the way to the middle of the ranges that a step is asked to go."""
+_TRIES = 40
+_LOOKED_AT = range(0, STEPS, 8)
+"""The steps by which a drawn trajectory is accepted, whichever are then measured."""
+
+JOINTS = (3, 6, 12, 24, 40, 60)
+ROWS = (1, 2, 3, 4, 5, 6)
+LEVELS = (1, 2, 3, 4)
+HALF_SPACES = (0, 1, 4, 16)
+
+
+@dataclass(frozen=True)
+class Planned:
+    """A problem that has a place in the run, before it is made."""
+
+    group: str
+    x: int
+    title: str
+    make: Callable[[Sequence[int]], tuple[Problem, Truth]]
+
+
+def table(seed: int) -> Iterator[Planned]:
+    """Six, seven and fourteen joints."""
+    six = "six-axis arm (scenes/m16ib_deburring.xml)"
+    seven = "seven-axis arm (scenes/seven_axis_arm.xml)"
+    two = "two seven-axis arms (scenes/two_arms.xml)"
+    bent = (0.3, 0.6, -0.4, 1.3, 0.5, 0.9, 0.2)
+    yield _robot(6, six, "m16ib_deburring.xml", ("tool",), None, 0.35, seed)
+    yield _robot(7, seven, "seven_axis_arm.xml", ("tool",), bent, 0.4, seed)
+    yield _robot(14, two, "two_arms.xml", ("left_tool", "right_tool"), bent + bent, 0.4, seed)
+
+
+def growth(seed: int) -> Iterator[Planned]:
+    """One number at a time."""
+    for joints in JOINTS:
+        yield _series(
+            "joints", joints, f"{joints} joints, position", joints, [(TIP, POSITION)], seed
+        )
+    for rows, projector in zip(ROWS, _by_rank(), strict=True):
+        yield _series("rows", rows, f"7 joints, {rows} rows", 7, [(TIP, projector)], seed)
+    for levels in LEVELS:
+        yield _levels(levels, seed)
+    for rows in HALF_SPACES:
+        title = f"7 joints, 5 rows, {rows} inequality rows"
+        yield _series("inequalities", rows, title, 7, [(TIP, AXIS)], seed, half_spaces=rows)
+
+
+def _by_rank() -> tuple[TwistProjector, ...]:
+    """Twist projectors of ranks 1 to 6."""
+    blocks = (
+        (Projector.line(Z), NONE), (Projector.plane(Z), NONE), (FULL, NONE),
+        (FULL, Projector.line(Z)), (FULL, Projector.plane(Z)), (FULL, FULL),
+    )  # fmt: skip
+    return tuple(TwistProjector(linear=p, angular=r, frame="body") for p, r in blocks)
+
+
+def _robot(
+    joints: int,
+    title: str,
+    scene: str,
+    sites: Sequence[str],
+    middle: Sequence[float] | None,
+    amplitude: float,
+    seed: int,
+) -> Planned:
+    def draw(rng: np.random.Generator, gain: float) -> Problem:
+        model = mujoco.MjModel.from_xml_path(str(shipped_folder("scenes") / scene))
+        centre = model.key("start").qpos if middle is None else np.array(middle)
+        frames = tuple(Frame(site, AXIS) for site in sites)
+        return _along("step", joints, title, model, frames, centre, amplitude, gain, rng)
+
+    return Planned("step", joints, title, lambda steps: _first(draw, steps, [seed, joints]))
+
+
+def _series(
+    group: str,
+    x: int,
+    title: str,
+    joints: int,
+    tasks: Sequence[tuple[str, TwistProjector]],
+    seed: int,
+    *,
+    half_spaces: int = 0,
+) -> Planned:
+    frames = tuple(Frame(site, projector) for site, projector in tasks)
+
+    def draw(rng: np.random.Generator, gain: float) -> Problem:
+        model = chain_model(joints, rng)
+        centre = rng.uniform(-0.5, 0.5, joints) * min(1.0, 12.0 / joints)
+        amplitude = 0.4 * min(1.0, 6.0 / joints)
+        return _along(
+            group, x, title, model, frames, centre, amplitude, gain, rng, half_spaces=half_spaces
+        )
+
+    return Planned(group, x, title, lambda steps: _first(draw, steps, [seed, joints], least=0.0))
+
+
+def _levels(levels: int, seed: int) -> Planned:
+    """Eight rows of a chain of twelve joints, in one to four strict priorities."""
+    line = TwistProjector(linear=Projector.line(Z), angular=NONE, frame="body")
+    axis = TwistProjector(linear=NONE, angular=Projector.plane(Z), frame="body")
+    middle = Frame(site_name(5), line)
+    frames = (Frame(TIP, POSITION), Frame(TIP, axis), middle, Frame(site_name(3), axis))
+    parts: dict[int, tuple[tuple[int, ...], ...]] = {
+        1: ((0, 1, 2, 3),),
+        2: ((0, 1), (2, 3)),
+        3: ((0,), (1,), (2, 3)),
+        4: ((0,), (1,), (2,), (3,)),
+    }
+    title = f"12 joints, 8 rows in {levels} level{'s' if levels > 1 else ''}"
+
+    def draw(rng: np.random.Generator, gain: float) -> Problem:
+        model = chain_model(12, rng)
+        centre = rng.uniform(-0.5, 0.5, 12)
+        return _along(
+            "levels", levels, title, model, frames, centre, 0.3, gain, rng, levels=parts[levels]
+        )
+
+    return Planned(
+        "levels", levels, title, lambda steps: _first(draw, steps, [seed, 12], least=0.0)
+    )
+
+
+def _along(
+    group: str,
+    x: int,
+    title: str,
+    model: mujoco.MjModel,
+    frames: tuple[Frame, ...],
+    centre: Array,
+    amplitude: float,
+    gain: float,
+    rng: np.random.Generator,
+    *,
+    levels: tuple[tuple[int, ...], ...] = (),
+    half_spaces: int = 0,
+) -> Problem:
+    q = joint_motion(centre, amplitude, rng)
+    set_ranges(model, q)
+    G = rng.normal(size=(half_spaces, model.nv))
+    G /= np.linalg.norm(G, axis=1, keepdims=True)
+    # The motion itself keeps them, and a tenth of a rad/s is left.
+    ends = np.diff(q, axis=0) / DT @ G.T + 0.1
+    return Problem(group, x, title, model, frames, q, speeds_of(q), gain, levels, G, ends)
+
+
+def _first(
+    draw: Callable[[np.random.Generator, float], Problem],
+    steps: Sequence[int],
+    seed: Sequence[int],
+    *,
+    least: float = LEAST_ACTIVE,
+) -> tuple[Problem, Truth]:
+    """The first drawn problem that is regular and has a solution at every step.
+
+    Raises:
+        NoProblem: If there is none among many.
+    """
+    for attempt in range(_TRIES):
+        problem = draw(np.random.default_rng([*seed, attempt]), GAIN)
+        if not _regular(problem):
+            continue
+        try:
+            if Truth.of(problem, _LOOKED_AT).active_share < least:
+                continue
+            truth = Truth.of(problem, steps)
+        except NoExactSolution:
+            continue
+        if truth.active_share >= least:
+            return problem, truth
+    raise NoProblem(
+        f"bench: no trajectory among {_TRIES} with a solution at every step (seed {seed[0]}); give "
+        "another --seed."
+    )
+
+
+def _regular(problem: Problem) -> bool:
+    return all(
+        np.linalg.svd(problem.program(k).A, compute_uv=False)[-1] > SMALLEST_SIGMA
+        for k in range(0, STEPS, 4)
+    )

@@ -1,0 +1,114 @@
+r"""The program that one step of every contender with hard rows is asked to solve.
+
+Its rows are written down here from MuJoCo's Jacobian and the poses alone, so that they can judge
+the package's own: nothing of its tasks, limits or controllers is used.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import qpsolvers
+
+from qp_twist.checks import Array
+from qp_twist.geometry import Projector, ProjectorKind
+
+
+@dataclass(frozen=True, eq=False)
+class Program:
+    r"""One step as arrays.
+
+    .. math:: \min_{\dot q}\ \tfrac12\lVert\dot q-\dot q_0\rVert^2 \quad\text{s.t.}\quad
+        A\dot q=b,\quad G\dot q\le g,\quad l\le\dot q\le u
+
+    Attributes:
+        wish: q̇₀, rad/s, (n,).
+        A: UᵀJ, (r, n).
+        b: UᵀΔt/dt, m/s and rad/s, (r,).
+        G: Inequality rows, (m, n).
+        g: Their right-hand sides, (m,).
+        lower: l, rad/s, (n,).
+        upper: u, (n,).
+    """
+
+    wish: Array
+    A: Array
+    b: Array
+    G: Array
+    g: Array
+    lower: Array
+    upper: Array
+
+    def posed(self) -> qpsolvers.Problem:
+        """The same for a solver."""
+        rows, equalities = len(self.g), len(self.b)
+        return qpsolvers.Problem(
+            np.eye(len(self.wish)),
+            -self.wish,
+            self.G if rows else None,
+            self.g if rows else None,
+            self.A if equalities else None,
+            self.b if equalities else None,
+            self.lower,
+            self.upper,
+        )
+
+    def residual(self, velocity: Array) -> float:
+        """‖A q̇ − b‖, m/s and rad/s."""
+        return float(np.linalg.norm(self.A @ velocity - self.b))
+
+    def excess(self, velocity: Array) -> float:
+        """How far q̇ is beyond a bound or a row, at the most; 0 inside, rad/s."""
+        beyond = [self.lower - velocity, velocity - self.upper, self.G @ velocity - self.g]
+        return max(0.0, float(np.concatenate(beyond).max(initial=0.0)))
+
+
+def basis(block: Projector, rotation: Array) -> Array:
+    """Orthonormal columns (3, rank) of a block whose axis is fixed to a frame at ``rotation``."""
+    if block.axis is None:
+        return np.eye(3)[:, : block.rank]
+    _, _, vectors = np.linalg.svd((rotation @ block.axis)[None])
+    return vectors[1:].T if block.kind is ProjectorKind.PLANE else vectors[:1].T
+
+
+def turn_error(block: Projector, here: Array, there: Array) -> Array:
+    """The rotation, as a vector in world axes (3,), that the block asks for.
+
+    Full: the whole of R_e = R_d Rᵀ. A plane: the geodesic that takes the axis e to R_e e. A line:
+    the turn about e that is in R_e.
+    """
+    between = there @ here.T
+    if block.axis is None:
+        return _rotation_vector(between) if block.rank else np.zeros(3)
+    e = here @ block.axis
+    if block.kind is ProjectorKind.PLANE:
+        # A difference first: of nearly equal vectors it is exact, the product's rounding is not.
+        across = np.cross(e, between @ e - e)
+        sine = float(np.linalg.norm(across))
+        return across * (math.atan2(sine, float(e @ between @ e)) / sine) if sine else across
+    twice_sine = np.array(
+        [
+            between[2, 1] - between[1, 2],
+            between[0, 2] - between[2, 0],
+            between[1, 0] - between[0, 1],
+        ]
+    )
+    # tan of half the turn about e, from the quaternion (1 + trace, twice_sine) / norm.
+    turn: Array = 2.0 * math.atan2(float(e @ twice_sine), 1.0 + float(np.trace(between))) * e
+    return turn
+
+
+def _rotation_vector(rotation: Array) -> Array:
+    """Axis times angle of a rotation by less than π, (3,)."""
+    twice_sine = np.array(
+        [
+            rotation[2, 1] - rotation[1, 2],
+            rotation[0, 2] - rotation[2, 0],
+            rotation[1, 0] - rotation[0, 1],
+        ]
+    )
+    size = float(np.linalg.norm(twice_sine))
+    angle = math.atan2(0.5 * size, 0.5 * (float(np.trace(rotation)) - 1.0))
+    return twice_sine * (angle / size) if size else twice_sine

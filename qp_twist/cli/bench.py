@@ -1,0 +1,71 @@
+"""``qp-twist bench``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+
+from qp_twist.cli.app import Folder, Names, OptionalFile, app, check_folder, say, show
+from qp_twist.cli.progress import share_progress, working
+from qp_twist.files import write_atomically
+
+
+@app.command
+def bench(
+    out: Folder = None,
+    quick: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False,
+    only: Names = None,
+    parts: Names = None,
+    compare: OptionalFile = None,
+    seed: Annotated[int, tyro.conf.arg(metavar="N")] = 0,
+) -> None:
+    """Time a step of this package, of mink, pink and PlaCo, and how right each is; print tables.
+
+    The contenders take turns on the same robots and trajectories. Three minutes or so; with --quick
+    half a minute. For times to compare set OMP_NUM_THREADS=1 and let nothing else run.
+
+    Args:
+        out: Folder to write to; without it out/bench.
+        quick: Time a few steps only.
+        only: Contenders by name, or by family (step, mink, placo …), separated by commas.
+        parts: Of steps, growth, batch, separated by commas; without it all.
+        compare: bench.json of an earlier run; print the ratios to it.
+        seed: Of the trajectories and of the order of the contenders.
+    """
+    # Here, since no other command needs it.
+    from qp_twist.bench import PARTS, read_run, write_run
+    from qp_twist.bench import bench as run_bench
+    from qp_twist.bench.figure import draw
+    from qp_twist.bench.ratios import differences
+    from qp_twist.bench.tables import compared, document, sheets
+
+    folder = out or Path("out") / "bench"
+    check_folder(folder)
+    before = None if compare is None else read_run(compare)
+    with share_progress() as progress:
+        run = run_bench(
+            parts=_names(parts) if parts is not None else PARTS,
+            only=None if only is None else _names(only),
+            quick=quick,
+            seed=seed,
+            progress=progress,
+        )
+    for sheet in sheets(run):
+        show(sheet.rich())
+    say(*run.skipped)
+    if before is not None:
+        show(compared(before, run).rich())
+        say(*differences(before, run))
+    with working("drawing the figure"):
+        files = [
+            write_run(run, folder / "bench.json"),
+            write_atomically(folder / "bench.md", document(run)),
+            draw(run, folder / "bench.svg"),
+        ]
+    say(*(f"wrote {file}" for file in files))
+
+
+def _names(given: str) -> list[str]:
+    return [name.strip() for name in given.split(",") if name.strip()]
