@@ -331,6 +331,19 @@ def test_a_library_that_is_not_installed_is_named_with_its_package(
         assert said is not None and f"pip install {package}" in said
 
 
+def test_without_numba_the_rest_is_timed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr("qp_twist.fast.installed", lambda: False)
+    words = ["bench", "--quick", "--only", "step:compiled,batch", "--out", str(tmp_path)]
+    main(words)
+    out = capsys.readouterr().out
+    assert "skipped step:compiled: solver 'compiled' needs numba" in out
+    assert "skipped batch:all_cores, batch:one_thread: batch.follow needs numba" in out
+    assert out.count("pip install 'qp_twist[fast]'") == 2
+    assert read_run(tmp_path / "bench.json").cases == ()
+
+
 def test_every_backend_takes_part() -> None:
     names = [c.name for c in contenders()]
     assert len(set(names)) == len(names)

@@ -89,8 +89,9 @@ def _table(part: Any, steps: list[Case], names: list[str]) -> None:
         label.set_color(colour_of(label.get_text()))
     axes[0].set_ylim(-len(names) + 0.4, 0.6)
     part.suptitle(
-        "Median and p10–p90 of a whole step. Filled: task, limits and, where asked for, the exact "
-        "solution held to 1e-6; open: not.",
+        "Median and p10–p90 of a whole step (closed forms: kinematics given).\n"
+        "Filled: task, limits and, where it is asked for, the exact solution held to 1e-6; open: "
+        "not.",
         fontsize=9, x=0.01, ha="left",
     )  # fmt: skip
 

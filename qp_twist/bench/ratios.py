@@ -95,7 +95,8 @@ def differences(before: Run, now: Run) -> list[str]:
             "these, too."
         )
     if before.machine.threads != now.machine.threads:
-        said.append(f"Threads were set otherwise: {before.machine.threads or 'not at all'} then.")
+        then = ", ".join(f"{name}={n}" for name, n in before.machine.threads.items())
+        said.append(f"Threads were set otherwise: {then or 'not at all'} then.")
     versions = [
         f"{name} {before.machine.versions.get(name, 'none')} → {version}"
         for name, version in now.machine.versions.items()

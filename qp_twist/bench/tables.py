@@ -13,6 +13,7 @@ from qp_twist.bench.ratios import AGAINST, CHECKED, changes, off_by, ratios
 from qp_twist.bench.record import Case, Measured, Run
 
 NONE = "–"
+RATIOS = "Ratios of medians"
 WRONG = 1e-6
 """An answer that is off by more is marked."""
 GROUPS = {
@@ -79,16 +80,16 @@ class Sheet:
 
 
 def sheets(run: Run) -> Iterator[Sheet]:
-    """All tables of a run."""
+    """All tables of a run; the ratios last, where a terminal shows them."""
     steps = [case for case in run.cases if case.group == "step"]
     for case in steps:
         yield _step(case)
-    if any(ratios(case) for case in steps):
-        yield _ratios(steps)
     for group in GROUPS:
         cases = [case for case in run.cases if case.group == group]
         if cases:
             yield _growth(group, cases)
+    if any(ratios(case) for case in steps):
+        yield _ratios(steps)
 
 
 def _step(case: Case) -> Sheet:
@@ -133,7 +134,7 @@ def _ratios(cases: list[Case]) -> Sheet:
                 rows.append((f"{ours} / {other}", *numbers))
                 named.append(f"{other}: {words}")
     return Sheet(
-        "Ratios of medians",
+        RATIOS,
         ("ratio", *(f"n = {case.joints}" for case in cases)),
         tuple(rows),
         note="; ".join(dict.fromkeys(named)) + ".",
@@ -206,14 +207,15 @@ def compared(before: Run, now: Run) -> Sheet:
 
 
 def document(run: Run) -> str:
-    """All tables as Markdown, and on what they were measured."""
+    """All tables as Markdown, the ratios first, and on what they were measured."""
     versions = ", ".join(f"{name} {version}" for name, version in run.machine.versions.items())
     lines = [
         f"Measured {run.created[:10]}{' (quick)' if run.quick else ''} on "
         f"{run.machine.in_words()}; {versions}.",
         "",
     ]
-    for sheet in sheets(run):
+    every = list(sheets(run))
+    for sheet in sorted(every, key=lambda sheet: sheet.title != RATIOS):
         lines += [sheet.markdown(), ""]
     lines += [f"- {sentence}" for sentence in run.skipped]
     return "\n".join(lines).rstrip() + "\n"
