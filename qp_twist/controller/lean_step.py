@@ -64,8 +64,6 @@ class LeanStep(PreparedStep):
             if not p.c.dot(p.c) <= most:
                 return False
         new_cost = self._cost()
-        if new_cost is None:
-            return False
         found = self._backend.solve(self._dense, p.c, p.A, p.b, p.lower, p.upper, new_cost=new_cost)
         return found is not None and self._verified(found)
 
@@ -100,8 +98,8 @@ class LeanStep(PreparedStep):
         square -= self._one * self._settings[1] ** 2
         return _is_positive_definite(square)
 
-    def _cost(self) -> bool | None:
-        """H, and −H ḣ in place of ḣ in c; whether H is another, ``None`` if it is not known."""
+    def _cost(self) -> bool:
+        """H, and −H ḣ in place of ḣ in c; whether H is another than in the step before."""
         p, weight = self._program, float(self._settings[2])
         if p.cost.ndim == 1:
             changed = weight != self._weight
@@ -112,24 +110,28 @@ class LeanStep(PreparedStep):
                 self._hardest = float(p.cost.max())
             np.multiply(p.c, -p.cost, out=p.c)
             return changed
-        free = self._dense
-        free[:] = 0.0
+        wish, H = p.c.copy(), self._dense
+        H[:] = 0.0
         for block in self._blocks:
-            block.add_free(free)
-        p.c[:] = -free.dot(p.c)
-        free += p.A.T.dot(p.A)
-        if not self._all_seen(free):
-            return None
-        p.cost[:] = free
-        self._hardest = float(np.abs(free).max())
+            block.add_free(H)
+        p.c[:] = -H.dot(wish)
+        H += p.A.T.dot(p.A)
+        self._add_unseen(H, wish)
+        p.cost[:] = H
+        self._hardest = float(np.abs(H).max())
         return True
 
-    def _all_seen(self, H: Array) -> bool:
-        """Whether no motion is nearly unseen, as ``step_kernel`` tells it."""
-        root = np.sqrt(self._metric)
-        scaled = H / np.outer(root, root)
-        scaled.flat[:: len(root) + 1] -= self._settings[3] ** 2 * scaled.trace()
-        return _is_positive_definite(scaled)
+    def _add_unseen(self, H: Array, wish: Array) -> None:
+        """Add the joint-space cost on motion that the rows in H do not see, and its pull."""
+        root, nearly = np.sqrt(self._metric), self._settings[3]
+        squares, vectors = np.linalg.eigh(H / np.outer(root, root))
+        largest = squares[-1] if squares[-1] > 0.0 else 1.0
+        unseen = 1.0 - np.clip(squares / (nearly**2 * largest), 0.0, 1.0)
+        if unseen.any():
+            seen_by = root[:, None] * vectors
+            gram = (self._settings[2] * unseen * seen_by).dot(seen_by.T)
+            H += gram
+            self._program.c[:] -= gram.dot(wish)
 
     def _verified(self, found: Solution) -> bool:
         """Whether x, moved into the box to the last bit, is proved optimal by the multipliers.

@@ -16,7 +16,13 @@ from qp_twist.controller.composition import KNOWN_LIMITS
 from qp_twist.controller.plain_step import Numbers, PlainStep
 from qp_twist.fast.bounds import MOTION, POSITION, WINDOW
 from qp_twist.fast.step_layout import SETTINGS, places
-from qp_twist.kinematics import JointCentering, JointRanges, SecondaryObjective, TwistTask
+from qp_twist.kinematics import (
+    JointCentering,
+    JointRanges,
+    PostureReference,
+    SecondaryObjective,
+    TwistTask,
+)
 from qp_twist.kinematics.frame import frame_id
 from qp_twist.kinematics.projector_shape import kinds_of, shape_of
 from qp_twist.limits import DisplacementWindow, MotionLimit, PositionLimit
@@ -62,10 +68,14 @@ class PreparedStep(abc.ABC):
         self._solver = solver
         self._model, self._tasks, self._limits = model, tuple(tasks), list(limits)
         self._projectors = [task.projector for task in tasks]
-        self._centering = [s for s in secondary if type(s) is JointCentering]
-        self._others = [s for s in secondary if type(s) is not JointCentering]
-        self._ranks = tuple(task.projector.rank for task in tasks)
         ranges = self._ranges = JointRanges.of(model)
+        self._centering = [s for s in secondary if type(s) is JointCentering]
+        self._postures = [
+            s for s in secondary if type(s) is PostureReference and ranges.only_hinges_and_slides
+        ]
+        pulls = *self._centering, *self._postures
+        self._others = [s for s in secondary if s not in pulls]
+        self._ranks = tuple(task.projector.rank for task in tasks)
         table, types = table_of(limits, nv)
         header = nv, sum(self._ranks), count, len(limits), int(twist_space)
         at = self._at = places(*header)
@@ -99,7 +109,8 @@ class PreparedStep(abc.ABC):
         self._program = Numbers.of(self._result, sum(self._ranks), nv)
         self._told: list[Any] = [None] * count
         self._paced = [_paces(task) for task in tasks]
-        self._weighed: list[tuple[float, str]] | None = None
+        self._asked: list[tuple[float, str | bytes]] | None = None
+        self._steady = np.zeros(nv)
         self._chosen: tuple[float, float] | None = None
         tables = list(zip(self._table, limits, strict=True))
         self._windows = [(t, limit) for t, limit in tables if isinstance(limit, DisplacementWindow)]
@@ -171,13 +182,19 @@ class PreparedStep(abc.ABC):
         return True
 
     def _wish_for(self, configuration: mink.Configuration) -> None:
-        """What the secondary objectives ask for; centering is left to the kernel."""
-        weights = [(s.gain, s.weight) for s in self._centering]
-        if weights != self._weighed:
-            self._weighed = weights
+        """What the secondary objectives ask for: h = wish + pull · (θ̄ − θ)."""
+        asked: list[tuple[float, str | bytes]] = [(s.gain, s.weight) for s in self._centering]
+        asked += [(s.gain, s.q_ref.tobytes()) for s in self._postures]
+        if asked != self._asked:
+            self._asked = asked
             self._pull[:] = sum(s.gain * s.stiffness for s in self._centering)
+            self._steady[:] = 0.0
+            for s in self._postures:
+                self._pull += s.gain
+                self._steady += s.gain * (self._ranges.positions(s.q_ref) - self._ranges.middle)
+            self._wish[:] = self._steady
         if self._others:
-            self._wish[:] = 0.0
+            self._wish[:] = self._steady
             for other in self._others:
                 self._wish += other.displacement(configuration)
 

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import mink
+import mujoco
 import numpy as np
 import numpy.typing as npt
 
@@ -293,19 +294,28 @@ class TwistTask(mink.Task):
             raise InvalidTarget(
                 f"{self.name}: the target must be a mink.SE3, got {type(target).__name__}."
             )
-        wxyz_xyz = finite_array(f"{self.name} target", target.wxyz_xyz, (7,), error=InvalidTarget)
-        length = float(np.linalg.norm(wxyz_xyz[:4]))
-        if abs(length - 1.0) > 1e-6:
-            raise InvalidTarget(
-                f"{self.name}: the target's quaternion has length {length:.6g}; normalise it."
-            )
+        pose = np.array(target.wxyz_xyz)
+        if not _is_pose(pose):
+            pose = self._checked_pose(target.wxyz_xyz)
         feedforward = np.zeros(6)
         if twist is not None:
             feedforward = finite_array(f"{self.name} twist", twist, (6,), error=InvalidTarget)
-        self._target = target.copy()
+        rotation = np.empty(9)
+        mujoco.mju_quat2Mat(rotation, pose[:4])
+        self._target = mink.SE3(pose)
         self._feedforward = feedforward
-        self.target_rotation = target.rotation().as_matrix()
-        self.target_position = target.translation().copy()
+        self.target_rotation = rotation.reshape(3, 3)
+        self.target_position = pose[4:].copy()
+
+    def _checked_pose(self, wxyz_xyz: npt.ArrayLike) -> Array:
+        """Quaternion and position (7,), if they are some in another form; or what is wrong."""
+        pose = finite_array(f"{self.name} target", wxyz_xyz, (7,), error=InvalidTarget)
+        if not _is_pose(pose):
+            length = float(np.linalg.norm(pose[:4]))
+            raise InvalidTarget(
+                f"{self.name}: the target's quaternion has length {length:.6g}; normalise it."
+            )
+        return pose
 
     def set_target_from_configuration(self, configuration: mink.Configuration) -> None:
         """Make the frame's present pose the target, at rest."""
@@ -491,3 +501,11 @@ def _carrier(relative_to: Any) -> Any:
 def _step_limit(name: str, value: float) -> float:
     unlimited = isinstance(value, float) and value == math.inf
     return value if unlimited else number(name, value, above=0.0)
+
+
+def _is_pose(pose: Array) -> bool:
+    """Whether it is a unit quaternion and a position, all finite."""
+    if pose.dtype != np.float64 or pose.shape != (7,) or not math.isfinite(pose.dot(pose)):
+        return False
+    quaternion = pose[:4]
+    return abs(math.sqrt(quaternion.dot(quaternion)) - 1.0) <= 1e-6
