@@ -25,6 +25,8 @@ import numpy as np
 
 import qp_twist as qt
 
+SEVEN = Path(__file__).parent.parent / "scenes" / "seven_axis_arm.xml"
+
 
 def moves(task: qt.PathTask, count: int) -> list[mink.SE3]:
     rng = np.random.default_rng(0)
@@ -68,6 +70,50 @@ def laps(task: qt.PathTask, method: str, count: int, threads: int) -> tuple[floa
     return time.perf_counter() - began, done
 
 
+def single_steps(count: int = 100_000) -> list[str]:
+    """Closed forms and verified QPs of single configurations, on one thread, for two arms.
+
+    Every target is within a degree of the tool, and the secondary asks for more than the speed
+    limits give: at nearly every step one of them is active.
+    """
+    lines = []
+    for model in (qt.load_task("deburring").model, qt.load_robot(SEVEN).model):
+        rng = np.random.default_rng(0)
+        ranges = qt.JointRanges.of(model)
+        room = 0.35 * (ranges.upper - ranges.lower)
+        q = ranges.middle + room * rng.uniform(-1.0, 1.0, (count, model.nq))
+        found = qt.batch.kinematics(model, "tool", "site", q)
+        # Near a singularity a step is the reference's, which is another figure.
+        regular = np.linalg.svd(found.jacobians, compute_uv=False)[:, -1] > 0.02
+        q, found = q[regular], qt.batch.Kinematics(*(part[regular] for part in found))
+        count = len(q)
+        targets = np.tile(np.eye(4), (count, 1, 1))
+        targets[:, :3, :3], targets[:, :3, 3] = found.rotations, found.positions
+        targets[:, :3, 3] += rng.normal(scale=1e-4, size=(count, 3))
+        task = qt.TwistTask.axis_free("tool", "site")
+        wish = 0.1 * (ranges.middle - q)
+        qt.batch.closed_form(model, task, q[:9], targets[:9], "gradient_projection", h=wish[:9])
+        began = time.perf_counter()
+        qt.batch.closed_form(model, task, q, targets, "gradient_projection", h=wish, threads=1)
+        closed = 1e6 * (time.perf_counter() - began) / count
+        speed = 0.5  # rad/s
+        controller = qt.Controller(
+            model, [task], secondary=[qt.JointCentering(model, "natural", gain=0.3)],
+            limits=[qt.MotionLimit(model, velocity=speed)],
+        )  # fmt: skip
+        qt.batch.step(controller, q[:9], 0.1, targets[:9])
+        began = time.perf_counter()
+        done = qt.batch.step(controller, q, 0.1, targets, threads=1)
+        seconds = time.perf_counter() - began
+        plain = ~done.by_reference
+        active = (np.abs(np.abs(done.velocity) - speed) < 1e-9).any(axis=1)
+        lines.append(
+            f"| {model.nv} | {closed:.2f} | {1e6 * seconds / count:.2f} | "
+            f"{100.0 * active.mean():.0f} | {int((~plain).sum()):,} of {count:,} |"
+        )
+    return lines
+
+
 def memory_mb() -> float:
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
 
@@ -105,6 +151,13 @@ def main() -> int:
             f"| {count:,} | {threads} | {seconds:.1f} | {steps:,} | {1e6 * seconds / steps:.2f} | "
             f"{memory_mb():.0f} | {int((~done.by_reference).sum()):,} |"
         )
+    lines += [
+        "",
+        "| joints | closed form with kinematics, µs | verified QP with kinematics, µs | a limit "
+        "active, % | left to `Controller.step` |",
+        "| --: | --: | --: | --: | --: |",
+        *single_steps(),
+    ]
     text = "\n".join(lines) + "\n"
     print(text)
     if given.markdown is not None:

@@ -7,3 +7,7 @@ from .kinematics import Kinematics as Kinematics
 from .kinematics import kinematics as kinematics
 from .laps import Laps as Laps
 from .laps import follow as follow
+from .steps import FORMS as FORMS
+from .steps import Steps as Steps
+from .steps import closed_form as closed_form
+from .steps import step as step

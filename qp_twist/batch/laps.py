@@ -5,12 +5,13 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, Any
 
 import mink
 import numpy as np
 import numpy.typing as npt
 
+from qp_twist.batch.rigid import pose_of, rigid_motions
 from qp_twist.batch.threads import need_numba, shared
 from qp_twist.checks import Array, finite_array, instance
 from qp_twist.errors import InvalidInput, QpTwistError
@@ -199,7 +200,7 @@ class _Batch:
 
     def _task(self, lap: int) -> PathTask:
         """The task of a lap for itself."""
-        move = _pose(self.moves[lap])
+        move = pose_of(self.moves[lap])
 
         def moved(waypoints: Sequence[mink.SE3]) -> tuple[mink.SE3, ...]:
             return tuple(move @ waypoint for waypoint in waypoints)
@@ -215,29 +216,11 @@ class _Batch:
         )
 
 
-def _pose(move: Array) -> mink.SE3:
-    rotation = mink.SO3.from_matrix(move[:9].reshape(3, 3))
-    return mink.SE3.from_rotation_and_translation(rotation, move[9:])
-
-
 def _moves(moves: Sequence[mink.SE3] | npt.ArrayLike | None) -> Array:
     """Rotations (9) and translations (3), (K, 12); one that does nothing if there are none."""
     if moves is None:
         return np.concatenate([np.eye(3).ravel(), np.zeros(3)])[None]
-    if isinstance(moves, (list, tuple)) and all(isinstance(move, mink.SE3) for move in moves):
-        matrices = np.array([move.as_matrix() for move in moves]).reshape(-1, 4, 4)
-    else:
-        matrices = finite_array("batch.follow(moves=…)", cast(Any, moves), (None, 4, 4))
-    turns = matrices[:, :3, :3]
-    off = np.abs(turns @ turns.transpose(0, 2, 1) - np.eye(3)).max(axis=(1, 2), initial=0.0)
-    off = np.maximum(off, np.abs(matrices[:, 3] - [0.0, 0.0, 0.0, 1.0]).max(axis=1, initial=0.0))
-    wrong = (off > 1e-6) | (np.linalg.det(turns) < 0.0)
-    if wrong.any():
-        raise InvalidInput(
-            f"batch.follow(moves=…): number {int(np.argmax(wrong))} is no rigid motion: a rotation "
-            "and a translation above a row 0, 0, 0, 1."
-        )
-    return np.hstack([turns.reshape(-1, 9), matrices[:, :3, 3]])
+    return rigid_motions("batch.follow(moves=…)", moves)
 
 
 def _starts(path_task: PathTask, starts: npt.ArrayLike | None, moves: int) -> Array:

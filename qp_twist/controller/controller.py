@@ -11,22 +11,20 @@ import numpy as np
 import numpy.typing as npt
 
 from qp_twist.checks import Array, finite_array, instance, number, one_of
-from qp_twist.controller.composition import composition_known
 from qp_twist.controller.infeasible import finished
-from qp_twist.controller.lean_step import LeanStep
 from qp_twist.controller.posed import Posed
 from qp_twist.controller.posing import (
     FASTEST,
+    NEARLY_UNSEEN,
     LevelItem,
     check_magnitudes,
     mink_costs,
     pose_levels,
     with_soft_bands,
 )
-from qp_twist.controller.prepared_step import PreparedStep
+from qp_twist.controller.prepare import prepare
 from qp_twist.controller.step import NOT_THE_LIMITS, Step
 from qp_twist.errors import InvalidInput
-from qp_twist.fast import COMPILED
 from qp_twist.kinematics import (
     FreeTwistCost,
     SecondaryObjective,
@@ -36,14 +34,11 @@ from qp_twist.kinematics import (
 )
 from qp_twist.limits import BoxLimit, PositionLimit, check_model, gather_limits
 from qp_twist.qp import InfeasibleStep, QuadraticProgram, check_solver, solve
-from qp_twist.qp.workspaces import workspace
 
 TIE_BREAK = 1e-9
 """Default ρ in joint space where other mink tasks decide and ρ only makes the result unique."""
 UNSEEN_WEIGHT = 1e-2
 """Default ρ in twist space, where it weighs only the motion that the twist cost does not see."""
-NEARLY_UNSEEN = 1e-4
-"""Singular values of J below this share of the largest count, by degrees, as unseen."""
 SMALLEST_WEIGHT, LARGEST_WEIGHT = 1e-12, 1e12
 """Range of ρ and the entries of M: beyond it they, or other costs, are lost in the arithmetic."""
 SINGULARITY = 1e-3
@@ -173,7 +168,8 @@ class Controller:
             at_most=LARGEST_WEIGHT,
         )
         self.singularity = number("singularity", singularity, at_least=0.0, at_most=1.0)
-        self._prepared = self._prepare(linear, angular)
+        self.free_twist_costs = linear, angular
+        self._prepared = prepare(self, self.solver)
 
     def step(
         self,
@@ -235,27 +231,6 @@ class Controller:
         for limit in self.limits:
             if isinstance(limit, BoxLimit):
                 limit.note(velocity)
-
-    def _prepare(self, free_linear_cost: float, free_angular_cost: float) -> PreparedStep | None:
-        """A step on preallocated arrays, where this composition and this solver have one."""
-        if not composition_known(self.levels, self.soft_tasks, self.limits):
-            return None
-        given = self.model, self.twist_tasks, self.secondary, self.limits
-        settings: dict[str, Any] = {
-            "solver": self.solver,
-            "metric": self.metric,
-            "twist_space": self.secondary_space == "twist",
-            "free_costs": (free_linear_cost, free_angular_cost),
-            "nearly_unseen": NEARLY_UNSEEN,
-            "fastest": FASTEST,
-        }
-        if self.solver == COMPILED:
-            from qp_twist.controller.compiled_step import CompiledStep  # with numba
-
-            return CompiledStep(*given, **settings)
-        rows = sum(task.projector.rank for task in self.twist_tasks)
-        backend = workspace(self.solver, self.model.nv, rows)
-        return None if backend is None else LeanStep(*given, **settings, backend=backend)
 
     def _pose(self, configuration: mink.Configuration, dt: float, use_secondary: bool) -> Posed:
         nv = self.model.nv

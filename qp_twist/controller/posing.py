@@ -16,6 +16,8 @@ from qp_twist.kinematics import BandRows, TwistTask
 from qp_twist.limits import RowName, gather_limits
 from qp_twist.qp import Level, LostDirection, QuadraticProgram, regular_rows
 
+NEARLY_UNSEEN = 1e-4
+"""Singular values of J below this share of the largest count, by degrees, as unseen."""
 FASTEST = 1e9
 """Largest speed that a task or a secondary may ask for, m/s or rad/s."""
 STEEPEST = 1e12

@@ -10,6 +10,7 @@ from typing import Any
 import mink
 import mujoco
 import numpy as np
+import numpy.typing as npt
 
 from qp_twist.checks import Array
 from qp_twist.controller.composition import KNOWN_LIMITS
@@ -153,16 +154,28 @@ class PreparedStep(abc.ABC):
             return None
         if use_secondary:
             self._wish_for(configuration)
-        if self._windows or self._motions:
-            self._look()
-        chosen = singularity, joint_weight
-        if chosen != self._chosen:
-            self._chosen = chosen
-            self._settings[1:3] = chosen
+        self._look(joint_weight, singularity)
         if not self._solve(dt, use_secondary):
             return None
         result = self._result.copy()
         return PlainStep.made(result, self._ranks, self._ranges.names, self._solver)
+
+    def of_any_configuration(
+        self, joint_weight: float, singularity: float
+    ) -> tuple[Array, npt.NDArray[np.int64], Array] | None:
+        """Floats and integers as ``Places`` says, and the tasks' own targets (T, 18).
+
+        Poses, Jacobians and targets are still to be filled in. ``None`` where a task has bands, or
+        what the secondary asks for depends on the configuration in a way of its own.
+        """
+        if self._others or any(task.bands for task in self._tasks):
+            return None
+        for number, task in enumerate(self._tasks):
+            if task.target is not None:
+                self._aim(number, task)
+        self._wish_for(None)
+        self._look(joint_weight, singularity)
+        return self._floats, self._integers, self._targets
 
     @abc.abstractmethod
     def _solve(self, dt: float, use_secondary: bool) -> bool:
@@ -181,7 +194,7 @@ class PreparedStep(abc.ABC):
                 self._shapes[number, 24:] = paces
         return True
 
-    def _wish_for(self, configuration: mink.Configuration) -> None:
+    def _wish_for(self, configuration: mink.Configuration | None) -> None:
         """What the secondary objectives ask for: h = wish + pull · (θ̄ − θ)."""
         asked: list[tuple[float, str | bytes]] = [(s.gain, s.weight) for s in self._centering]
         asked += [(s.gain, s.q_ref.tobytes()) for s in self._postures]
@@ -194,6 +207,7 @@ class PreparedStep(abc.ABC):
                 self._steady += s.gain * (self._ranges.positions(s.q_ref) - self._ranges.middle)
             self._wish[:] = self._steady
         if self._others:
+            assert configuration is not None
             self._wish[:] = self._steady
             for other in self._others:
                 self._wish += other.displacement(configuration)
@@ -220,8 +234,12 @@ class PreparedStep(abc.ABC):
         row[12:] = task.feedforward
         self._told[number] = task.target
 
-    def _look(self) -> None:
-        """What moves on with the steps: where windows stand, and the velocity before."""
+    def _look(self, joint_weight: float, singularity: float) -> None:
+        """What moves on with the steps: where windows stand, the velocity before, and settings."""
+        chosen = singularity, joint_weight
+        if chosen != self._chosen:
+            self._chosen = chosen
+            self._settings[1:3] = chosen
         for table, window in self._windows:
             table[:, 0], table[:, 1] = window.reference, window.half_width
         for table, motion in self._motions:

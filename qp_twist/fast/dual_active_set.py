@@ -406,10 +406,16 @@ def dual_active_set(H, c, A, b, G, g, lower, upper, active, before, x, u, J, R, 
     Returns:
         What happened, and how many constraints are active.
     """
-    n, m, k = c.shape[0], b.shape[0], g.shape[0]
-    d, t, r = work[0], work[1], work[2]
     if not cholesky_inverse(H, J):
         return NOT_CONVEX, 0
+    return active_set(c, A, b, G, g, lower, upper, active, before, x, u, J, R, held, work)
+
+
+@plain
+def active_set(c, A, b, G, g, lower, upper, active, before, x, u, J, R, held, work):
+    """:func:`dual_active_set` where J with JJᵀ = H⁻¹ is known; it is overwritten."""
+    n, m, k = c.shape[0], b.shape[0], g.shape[0]
+    d, t, r = work[0], work[1], work[2]
     for i in range(len(held)):
         held[i] = 0
     for i in range(before):

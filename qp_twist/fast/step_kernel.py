@@ -9,7 +9,7 @@ import numpy as np
 from qp_twist.fast.bounds import bounds
 from qp_twist.fast.box_program import NOBODY, UNDECIDED, box_program
 from qp_twist.fast.compiling import kernel, part, plain
-from qp_twist.fast.dual_active_set import SOLVED, cholesky, dual_active_set
+from qp_twist.fast.dual_active_set import SOLVED, active_set, cholesky, cholesky_inverse
 from qp_twist.fast.step_arrays import given, program_at
 from qp_twist.fast.step_layout import places
 from qp_twist.fast.twist_rows import twist_rows
@@ -219,29 +219,6 @@ def _multipliers(m, count, active, u, y, box):
             box[active[i] - m - nv] += u[i]
 
 
-@part
-def _by_active_set(w, tolerances):
-    """The program by Goldfarb and Idnani, begun with what was active last time."""
-    m = len(w.b)
-    before, w.ints[0] = w.ints[0], 0
-    status, count = dual_active_set(
-        w.dense, w.c, w.A, w.b, w.no_rows, w.no_rows[:, 0], w.lower, w.upper, w.active, before,
-        w.x, w.u, w.J, w.R, w.ints[1:], w.three,
-    )  # fmt: skip
-    if status != SOLVED:
-        return REFUSED
-    _multipliers(m, count, w.active, w.u, w.y, w.box)
-    for i in range(m, count):  # for the next step
-        w.active[i - m] = w.active[i]
-    w.ints[0] = count - m
-    if not _into_the_box(w.x, w.lower, w.upper) or not _excess_of_dense(
-        w.dense, w.c, w.A, w.b, w.lower, w.upper, w.x, w.y, w.box, w.J, tolerances, w.three[0],
-        w.three[1],
-    ) <= 1.0:  # fmt: skip
-        return REFUSED
-    return DONE
-
-
 @plain
 def _into_the_box(x, lower, upper):
     """To the last bit; whether x is finite."""
@@ -253,8 +230,29 @@ def _into_the_box(x, lower, upper):
 
 
 @part
-def _in_joint_space(w, metric, weight, tolerances):
-    """The step with a diagonal cost."""
+def _by_active_set(w):
+    """The program by Goldfarb and Idnani, begun with what was active last time; whether it is done.
+
+    ``w.J`` is the factor of H⁻¹.
+    """
+    m = len(w.b)
+    before, w.ints[0] = w.ints[0], 0
+    status, count = active_set(
+        w.c, w.A, w.b, w.no_rows, w.no_rows[:, 0], w.lower, w.upper, w.active, before, w.x, w.u,
+        w.J, w.R, w.ints[1:], w.three,
+    )  # fmt: skip
+    if status != SOLVED:
+        return False
+    _multipliers(m, count, w.active, w.u, w.y, w.box)
+    for i in range(m, count):  # for the next step
+        w.active[i - m] = w.active[i]
+    w.ints[0] = count - m
+    return True
+
+
+@part
+def _by_box(w, metric, weight):
+    """The step with a diagonal cost, where at most one bound is active; whether it is done."""
     m, nv = w.A.shape
     for i in range(nv):
         w.h[i] = weight * metric[i]
@@ -266,20 +264,13 @@ def _in_joint_space(w, metric, weight, tolerances):
     if which == UNDECIDED:
         for i in range(nv):
             for j in range(nv):
-                w.dense[i, j] = w.h[i] if i == j else 0.0
-        return _by_active_set(w, tolerances)
+                w.J[i, j] = 0.0
+            w.J[i, i] = 1.0 / math.sqrt(w.h[i])
+        return False
     w.ints[0] = 0
     if which != NOBODY:
         w.ints[0], w.active[0] = 1, m + which
-    if (
-        not _into_the_box(w.x, w.lower, w.upper)
-        or not _excess_of_diagonal(
-            w.h, w.c, w.A, w.b, w.lower, w.upper, w.x, w.y, w.box, tolerances, w.line
-        )
-        <= 1.0
-    ):
-        return REFUSED
-    return DONE
+    return True
 
 
 @plain
@@ -296,10 +287,27 @@ def verified_velocity(w, limits, types, metric, settings, tolerances, dt):
         w.upper_kind,
     ):  # fmt: skip
         return REFUSED
+    found = False
     if len(w.h):
-        return _in_joint_space(w, metric, settings[2], tolerances)
-    _twist_cost(w.A, w.free, metric, settings[2], settings[3], w.dense, w.c, w.line, w.J)
-    return _by_active_set(w, tolerances)
+        found = _by_box(w, metric, settings[2])
+    else:
+        _twist_cost(w.A, w.free, metric, settings[2], settings[3], w.dense, w.c, w.line, w.J)
+        if not cholesky_inverse(w.dense, w.J):
+            return REFUSED
+    if not found and not _by_active_set(w):
+        return REFUSED
+    if not _into_the_box(w.x, w.lower, w.upper):
+        return REFUSED
+    if len(w.h):
+        excess = _excess_of_diagonal(
+            w.h, w.c, w.A, w.b, w.lower, w.upper, w.x, w.y, w.box, tolerances, w.line
+        )
+    else:
+        excess = _excess_of_dense(
+            w.dense, w.c, w.A, w.b, w.lower, w.upper, w.x, w.y, w.box, w.J, tolerances, w.root,
+            w.line,
+        )  # fmt: skip
+    return DONE if excess <= 1.0 else REFUSED
 
 
 @plain

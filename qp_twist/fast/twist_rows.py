@@ -215,6 +215,40 @@ def wanted_twist(block, kinds, shape, pose, target, dt):
 
 
 @plain
+def left_free(kind, x, y, z, J, h, first, twist):
+    """Add (1 − M) J h of a block to ``twist`` (6,), three rows from ``first`` on."""
+    u, v, w = 0.0, 0.0, 0.0
+    for dof in range(len(h)):
+        u += J[first, dof] * h[dof]
+        v += J[first + 1, dof] * h[dof]
+        w += J[first + 2, dof] * h[dof]
+    along = x * u + y * v + z * w
+    if kind == PLANE:
+        u, v, w = along * x, along * y, along * z
+    elif kind == LINE:
+        u, v, w = u - along * x, v - along * y, w - along * z
+    elif kind == FULL:
+        u, v, w = 0.0, 0.0, 0.0
+    twist[first] += u
+    twist[first + 1] += v
+    twist[first + 2] += w
+
+
+@plain
+def in_basis(kinds, shape, pose, target, twist, b):
+    """Uᵀt of a twist (6,) into b (r,)."""
+    turn = pose if kinds[2] == BODY else target
+    row = 0
+    for block in range(2):
+        kind, first = kinds[block], 3 * block
+        stays = kinds[2] == WORLD or kind in (FULL, NONE)
+        for j in range(kind):
+            u, v, w = _column(shape, 12 * block + j, turn, stays)
+            b[row] = u * twist[first] + v * twist[first + 1] + w * twist[first + 2]
+            row += 1
+
+
+@plain
 def twist_rows(kinds, shape, pose, target, J, dt, A, b, free, free_costs):
     r"""Rows A q̇ = b of one task, and the rows of what it leaves free, times their costs.
 

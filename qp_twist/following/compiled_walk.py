@@ -6,8 +6,8 @@ import numpy as np
 import numpy.typing as npt
 
 from qp_twist.checks import Array, Indices
-from qp_twist.controller.controller import NEARLY_UNSEEN, SINGULARITY, UNSEEN_WEIGHT
-from qp_twist.controller.posing import FASTEST
+from qp_twist.controller.controller import SINGULARITY, UNSEEN_WEIGHT
+from qp_twist.controller.posing import FASTEST, NEARLY_UNSEEN
 from qp_twist.controller.prepared_step import TOLERANCES, settings_of, table_of
 from qp_twist.fast import lap_kernel
 from qp_twist.fast.arm_kernel import Arm
