@@ -38,12 +38,13 @@ nitpick_ignore_regex = [
     (r"py:.*", r"(Any|Callable|Figure|Literal|Path|Sequence)"),
 ]
 nitpick_ignore = [
-    # Aliases: arrays of float64, int64 and bool, a projector or its matrix, the three frames, a
+    # Aliases: arrays of float64, int64 and bool, poses for many rows, a projector or its matrix, the three frames, a
     # task or a limit, what to do with a task that does not fit, where a sample starts; and a type
     # variable.
     ("py:class", "Array"),
     ("py:class", "Counts"),
     ("py:class", "Mask"),
+    ("py:class", "Targets"),
     ("py:class", "ProjectorLike"),
     ("py:class", "ProjectorFrame"),
     ("py:class", "Item"),

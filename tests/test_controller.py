@@ -384,7 +384,7 @@ def test_when_all_backends_lie_the_step_says_who_returned_what(
         return solution
 
     arm = Arm(4)
-    controller = qt.Controller(arm.model, [arm.task])
+    controller = qt.Controller(arm.model, [arm.task], solver="daqp")
     install(monkeypatch, solve)
     with pytest.raises(qt.SolverInaccurate, match=r"daqp returned .*; proxqp returned .*"):
         controller.step(arm.configuration, 0.1)

@@ -99,7 +99,8 @@ def test_red_and_green_come_with_a_sign(page: str) -> None:
 
 def test_the_command_is_that_which_made_it(page: str) -> None:
     methods = [m for m in qt.METHODS if m in METHODS]
-    assert f"qp-twist compare planar_line --methods {','.join(methods)},pink --solver daqp" in page
+    command = f"qp-twist compare planar_line --methods {','.join(methods)},pink"
+    assert f"{command} --solver {qt.qp.fastest_solver()}" in page
 
 
 def test_the_report_in_a_browser(folder: Path) -> None:

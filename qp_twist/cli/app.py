@@ -27,7 +27,7 @@ app = SubcommandApp()
 Task = Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="TASK")]
 Names = Annotated[str | None, tyro.conf.arg(metavar="A,B,…")]
 MethodName = Annotated[str, tyro.conf.arg(metavar="NAME")]
-Solver = Annotated[str, tyro.conf.arg(metavar="NAME")]
+Solver = Annotated[str | None, tyro.conf.arg(metavar="NAME")]
 Folder = Annotated[Path | None, tyro.conf.arg(metavar="DIR")]
 File = Annotated[Path, tyro.conf.arg(metavar="FILE")]
 OptionalFile = Annotated[Path | None, tyro.conf.arg(metavar="FILE")]

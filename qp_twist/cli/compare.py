@@ -22,7 +22,7 @@ from qp_twist.cli.app import (
     say,
     show,
 )
-from qp_twist.cli.progress import method_progress, working
+from qp_twist.cli.progress import load_machine_code, method_progress, working
 from qp_twist.comparison import Interrupted, csv_table, notes, rich_table
 from qp_twist.comparison import compare as compare_methods
 from qp_twist.errors import InvalidInput
@@ -46,7 +46,8 @@ def compare(
     Args:
         task: Name of a shipped task, or path to a .toml file.
         methods: Method names separated by commas; without it all that apply.
-        solver: Backend of the QPs, e.g. proxqp, osqp; without it daqp, or what the study had.
+        solver: Backend of the QPs, e.g. proxqp, osqp; without it the study's, or machine code
+            where numba is installed, else daqp.
         out: Folder to write to; without it out/TASK, with --json or --csv none.
         path: Toolpath file to follow instead of the task's path.
         json: Print the content of comparison.json, and nothing else.
@@ -71,11 +72,12 @@ def compare(
     if folder is not None:
         check_folder(folder)
     try:
+        load_machine_code(path_task, names, solver)
         with method_progress(names, len(path_task.waypoints) - 1) as progress:
             comparison = compare_methods(
                 path_task,
                 names,
-                solver=solver or "daqp",
+                solver=solver,
                 progress=progress.done,
                 planning=progress.planning,
             )

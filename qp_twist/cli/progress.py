@@ -16,6 +16,9 @@ from rich.progress import (
 )
 
 from qp_twist.cli.app import terminal
+from qp_twist.fast import COMPILED
+from qp_twist.path import PathTask
+from qp_twist.qp import check_solver
 
 
 class MethodProgress:
@@ -113,3 +116,19 @@ def working(what: str) -> Iterator[Callable[[str], None]]:
         return
     with console.status(what) as status:
         yield status.update
+
+
+def load_machine_code(
+    path_task: PathTask, methods: Sequence[str] | None, solver: str | None
+) -> None:
+    """Where laps will run as machine code, load it now; the first time it takes its time."""
+    if check_solver(solver) != COMPILED:
+        return
+    from qp_twist.following.compiled_walk import CompiledWalk, walk_known  # with numba
+
+    for method in path_task.method_names() if methods is None else methods:
+        settings = path_task.settings(method)
+        if walk_known(path_task, method, settings):
+            with working("loading machine code; once on a machine it is made, in half a minute"):
+                CompiledWalk(path_task, method, settings)
+            return

@@ -21,7 +21,7 @@ from qp_twist.comparison import compare as compare_methods
 
 @app.command
 def roadmap(
-    task: Task, methods: Names = None, solver: Solver = "daqp", out: OptionalFile = None
+    task: Task, methods: Names = None, solver: Solver = None, out: OptionalFile = None
 ) -> None:
     """Draw what the limits leave of the free motion along the path, with the methods over it.
 
@@ -31,7 +31,7 @@ def roadmap(
     Args:
         task: Name of a shipped task, or path to a .toml file.
         methods: Method names separated by commas; without it all that apply.
-        solver: Backend of the QPs.
+        solver: Backend of the QPs; without it machine code where numba is installed, else daqp.
         out: PNG file to write; without it out/TASK/roadmap.png.
     """
     from qp_twist.comparison.joint_figure import save_figure  # with matplotlib

@@ -16,7 +16,7 @@ from qp_twist.cli.app import (
     load,
     say,
 )
-from qp_twist.cli.progress import method_progress, working
+from qp_twist.cli.progress import load_machine_code, method_progress, working
 from qp_twist.comparison import compare, metrics
 from qp_twist.comparison.style import pair_of
 from qp_twist.errors import InvalidInput
@@ -34,7 +34,7 @@ def run(
     task: Task,
     out: File,
     method: MethodName = "qp",
-    solver: Solver = "daqp",
+    solver: Solver = None,
     path: OptionalFile = None,
     report: Folder = None,
 ) -> None:
@@ -47,7 +47,7 @@ def run(
         task: Name of a shipped task, or path to a .toml file.
         out: File to write: trajectory.csv, .npz, or .json in the fields of ROS' JointTrajectory.
         method: Method name.
-        solver: Backend of the QPs.
+        solver: Backend of the QPs; without it machine code where numba is installed, else daqp.
         path: Toolpath to follow instead of the task's own, e.g. path.csv.
         report: Folder for a report, too: the method beside its closed form or QP, as compare
             runs them.
@@ -59,6 +59,7 @@ def run(
         check_folder(report, "--report")
     if out.suffix.lower() not in ENDINGS:
         raise InvalidInput(f"--out {out}: expected a file that ends in {', '.join(ENDINGS)}.")
+    load_machine_code(path_task, [method], solver)
     with method_progress([method], len(path_task.waypoints) - 1) as progress:
         trajectory = follow(
             path_task,

@@ -8,7 +8,7 @@ from typing import Annotated, cast
 import tyro
 
 from qp_twist.cli.app import Folder, Names, Solver, Task, app, load, method_names, say, show
-from qp_twist.cli.progress import sample_progress, working
+from qp_twist.cli.progress import load_machine_code, sample_progress, working
 from qp_twist.studies import Start
 from qp_twist.studies import study as run_study
 from qp_twist.studies.summary import rich_table as rich_study_table
@@ -22,7 +22,7 @@ def study(
     methods: Names = None,
     out: Folder = None,
     seed: Annotated[int | None, tyro.conf.arg(metavar="N")] = None,
-    solver: Solver = "daqp",
+    solver: Solver = None,
     start: Annotated[str, tyro.conf.arg(metavar="HOW")] = "auto",
     certify: bool = True,
     jobs: Annotated[int | None, tyro.conf.arg(metavar="N")] = None,
@@ -40,7 +40,8 @@ def study(
         methods: Method names separated by commas; without it all that apply.
         out: Folder to write to; without it out/TASK_study.
         seed: Instead of the task file's.
-        solver: Backend of the QPs, where it does not vary.
+        solver: Backend of the QPs, where it does not vary; without it machine code where numba is
+            installed, else daqp.
         start: Where a sample starts: task, least_z, random, best; auto chooses.
         certify: Where no method succeeds, let a plan decide whether there is a motion.
         jobs: Processes; without it one a core.
@@ -48,12 +49,14 @@ def study(
     """
     path_task = load(task)
     folder = out or Path("out") / f"{path_task.name}_study"
+    names = method_names(path_task, methods)
+    load_machine_code(path_task, names, solver)  # once, and not in every process
     with sample_progress(samples) as progress:
         found = run_study(
             path_task,
             [name.strip() for name in vary.split(",")],
             samples,
-            method_names(path_task, methods),
+            names,
             out=folder,
             seed=seed,
             solver=solver,

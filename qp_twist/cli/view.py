@@ -17,7 +17,7 @@ Port = Annotated[int | None, tyro.conf.arg(metavar="N")]
 def view(
     task: Task,
     method: MethodName = "qp",
-    solver: Solver = "daqp",
+    solver: Solver = None,
     path: OptionalFile = None,
     port: Port = None,
     browser: bool = True,
@@ -29,7 +29,8 @@ def view(
     Args:
         task: Name of a shipped task, or path to a .toml file.
         method: Method name to begin with.
-        solver: Backend of the QPs to begin with.
+        solver: Backend of the QPs to begin with; without it machine code where numba is installed,
+            else daqp.
         path: Toolpath to follow instead of the task's own, e.g. path.csv.
         port: Port of 127.0.0.1; without it the first free one from 8080 on.
         browser: Open the page in a browser, where this runs in a terminal.

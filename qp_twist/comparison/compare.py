@@ -174,7 +174,7 @@ def compare(
     path_task: PathTask | str | Path,
     methods: Sequence[str] | None = None,
     *,
-    solver: str = "daqp",
+    solver: str | None = None,
     progress: Callable[[str, int], None] | None = None,
     planning: Callable[[str, float], None] | None = None,
 ) -> Comparison:
@@ -183,7 +183,8 @@ def compare(
     Args:
         path_task: A task, or what :func:`~qp_twist.load_task` takes.
         methods: Method names; all that make sense for the task if ``None``.
-        solver: Backend of the QP methods.
+        solver: Backend of the QP methods; if ``None`` machine code where numba is installed, else
+            daqp.
         progress: Called with a method's name and the number of its waypoints done.
         planning: Called, while a plan is made, with what is being done and the share of it that is.
 
@@ -198,7 +199,7 @@ def compare(
         >>> comparison.to_dict()["methods"]["qp_minimum_norm"]["violations"]
         0
     """
-    check_solver(solver)
+    solver = check_solver(solver)
     task = path_task if isinstance(path_task, PathTask) else load_task(path_task)
     if methods is not None and not isinstance(methods, (list, tuple)):
         raise InvalidInput(f"compare(methods=…): expected a list of names, got {methods!r}.")

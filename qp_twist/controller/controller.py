@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from qp_twist.checks import Array, finite_array, instance, number, one_of
+from qp_twist.controller.composition import composition_known
 from qp_twist.controller.infeasible import finished
 from qp_twist.controller.posed import Posed
 from qp_twist.controller.posing import (
@@ -33,7 +34,7 @@ from qp_twist.kinematics import (
     total_displacement,
 )
 from qp_twist.limits import BoxLimit, PositionLimit, check_model, gather_limits
-from qp_twist.qp import InfeasibleStep, QuadraticProgram, check_solver, solve
+from qp_twist.qp import InfeasibleStep, QuadraticProgram, check_solver, fastest_solver, solve
 
 TIE_BREAK = 1e-9
 """Default ρ in joint space where other mink tasks decide and ρ only makes the result unique."""
@@ -88,7 +89,7 @@ class Controller:
         secondary: Sequence[SecondaryObjective] = (),
         secondary_space: Literal["joint", "twist"] = "joint",
         limits: Sequence[mink.Limit] | None = None,
-        solver: str = "daqp",
+        solver: str | None = None,
         on_infeasible: Literal["scale", "relax", "raise"] = "scale",
         metric: npt.ArrayLike | None = None,
         joint_weight: float | None = None,
@@ -108,7 +109,9 @@ class Controller:
             secondary: Objectives whose displacements add up to h.
             secondary_space: Whether the free motion follows h in joint space or in twist space.
             limits: Position limits of the model if ``None``; any mink limits; ``[]`` for none.
-            solver: A qpsolvers backend by name. Its results are verified, whatever it says.
+            solver: A qpsolvers backend, or ``"compiled"``; its results are verified, whatever
+                it says. If ``None`` the step is compiled where numba is installed and there is a
+                compiled step of this composition, else it is daqp's.
             on_infeasible: Where the first level does not fit: ``"scale"`` slows it down,
                 ``"relax"`` takes the closest velocity, ``"raise"`` raises
                 :class:`~qp_twist.InfeasibleStep`. Lower levels are always relaxed.
@@ -138,6 +141,9 @@ class Controller:
         self.limits: list[mink.Limit] = (
             [PositionLimit(model)] if limits is None else list(_sequence("limits", limits))
         )
+        if solver is None:
+            known = composition_known(self.levels, self.soft_tasks, self.limits)
+            solver = fastest_solver() if known else "daqp"
         self.solver = check_solver(solver)
         self.on_infeasible = one_of("on_infeasible", on_infeasible, ("scale", "relax", "raise"))
         self._check_types()

@@ -48,9 +48,10 @@ class LeanStep(PreparedStep):
         self._weight = math.nan
         self._hardest = 0.0
 
+    @np.errstate(over="ignore", invalid="ignore")  # what is not finite is refused
     def _solve(self, dt: float, use_secondary: bool) -> bool:
         p, q = self._program, self._qpos
-        if not math.isfinite(q.dot(q)):
+        if not all(map(math.isfinite, q.tolist())):
             return False
         if not self._in_order:
             q = np.where(self._addresses >= 0, q[self._addresses], 0.0)

@@ -25,7 +25,7 @@ def follow(
     path_task: PathTask,
     method: str = "qp",
     *,
-    solver: str = "daqp",
+    solver: str | None = None,
     progress: Callable[[int], None] | None = None,
     stop: Callable[[Array, float, float], bool] | None = None,
     plan: Plan | None = None,
@@ -49,7 +49,8 @@ def follow(
     Args:
         path_task: The task, from :func:`~qp_twist.load_task`.
         method: One of the method names.
-        solver: Backend of the QP methods.
+        solver: Backend of the QP methods; if ``None`` machine code where numba is installed, else
+            daqp.
         progress: Called with the number of waypoints done.
         stop: Called at every waypoint that is done with q (nq,), the position error (m) and the
             axis error (rad). Where it returns true the run ends, and the trajectory with it.
@@ -83,7 +84,7 @@ def follow(
         if function is not None and not callable(function):
             raise InvalidInput(f"follow({name}=…): expected a function, got {function!r}.")
     instance("follow(slow_down=…)", slow_down, bool)
-    check_solver(solver)
+    solver = check_solver(solver)
     settings = settings_of(path_task, check_method(method), options)
     if method in path_task.starts:
         path_task = dataclasses.replace(path_task, start=path_task.starts[method], best_start=False)

@@ -13,6 +13,7 @@ import qpsolvers
 
 from qp_twist.checks import Array
 from qp_twist.errors import InvalidInput
+from qp_twist.fast import COMPILED
 from qp_twist.following.peer_terms import PeerRows, Posture
 from qp_twist.following.resolver import Displacement, Resolver, twist_task
 from qp_twist.following.waypoint_limits import WaypointLimits
@@ -82,10 +83,11 @@ class PeerResolver(Resolver):
         self.task = twist_task(path_task, projector)
         self.limits = limits
         self.timed = path_task.durations is not None
-        self.solver = solver
+        # Our own compiled method is known to nobody else.
+        self.solver = "daqp" if solver == COMPILED else solver
         # A peer at its best has the tolerances that our own QPs have. Polishing is left out: OSQP
         # says on standard output where there is nothing to polish.
-        tuned = {} if method == "mink_default" else SETTINGS.get(solver, {})
+        tuned = {} if method == "mink_default" else SETTINGS.get(self.solver, {})
         self.solver_settings = {key: v for key, v in tuned.items() if key != "polishing"}
         self.set_up(path_task)
 

@@ -220,7 +220,7 @@ def corrected_start(
         task = twist_task(path_task, path_task.in_force[0])
     configuration = mink.Configuration(path_task.model, path_task.start)
     task.set_target(waypoint)
-    controller = Controller(path_task.model, [task]) if holds_limits else None
+    controller = Controller(path_task.model, [task], solver="daqp") if holds_limits else None
     for _ in range(START_ITERATIONS):
         if _reached(path_task, task, configuration):
             q: Array = configuration.q.copy()

@@ -505,7 +505,8 @@ def _step_limit(name: str, value: float) -> float:
 
 def _is_pose(pose: Array) -> bool:
     """Whether it is a unit quaternion and a position, all finite."""
-    if pose.dtype != np.float64 or pose.shape != (7,) or not math.isfinite(pose.dot(pose)):
+    if pose.dtype != np.float64 or pose.shape != (7,):
         return False
-    quaternion = pose[:4]
-    return abs(math.sqrt(quaternion.dot(quaternion)) - 1.0) <= 1e-6
+    if not all(map(math.isfinite, pose.tolist())):
+        return False
+    return abs(math.hypot(*pose[:4].tolist()) - 1.0) <= 1e-6

@@ -72,12 +72,14 @@ def fastest_solver() -> str:
     return COMPILED if fast.installed() else "daqp"
 
 
-def check_solver(solver: str) -> str:
-    """``solver`` if qpsolvers can call it.
+def check_solver(solver: str | None) -> str:
+    """``solver`` if it can be asked; the fastest if it is ``None``.
 
     Raises:
         UnknownSolver: If it is unknown or not installed.
     """
+    if solver is None:
+        return fastest_solver()
     installed = installed_solvers()
     if not isinstance(solver, str) or solver not in installed:
         if isinstance(solver, str) and solver == COMPILED:

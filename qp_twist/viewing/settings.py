@@ -34,7 +34,7 @@ class Settings:
     limits: bool = True
 
     @classmethod
-    def of(cls, path_task: PathTask, method: str, solver: str = "daqp") -> Settings:
+    def of(cls, path_task: PathTask, method: str, solver: str | None = None) -> Settings:
         """A method as the task file has it.
 
         Raises:
