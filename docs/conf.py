@@ -38,9 +38,9 @@ nitpick_ignore_regex = [
     (r"py:.*", r"(Any|Callable|Figure|Literal|Path|Sequence)"),
 ]
 nitpick_ignore = [
-    # Aliases: arrays of float64, int64 and bool, poses for many rows, a projector or its matrix, the three frames, a
-    # task or a limit, what to do with a task that does not fit, where a sample starts; and a type
-    # variable.
+    # Aliases: arrays of float64, int64 and bool, poses of many rows, a projector or its matrix,
+    # the three frames, a task or a limit, what to do with a task that does not fit, where a sample
+    # starts; and a type variable.
     ("py:class", "Array"),
     ("py:class", "Counts"),
     ("py:class", "Mask"),

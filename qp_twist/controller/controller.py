@@ -10,17 +10,17 @@ import mujoco
 import numpy as np
 import numpy.typing as npt
 
-from qp_twist.checks import Array, finite_array, instance, number, one_of
+from qp_twist.checks import finite_array, instance, number, one_of
 from qp_twist.controller.composition import composition_known
 from qp_twist.controller.infeasible import finished
 from qp_twist.controller.posed import Posed
 from qp_twist.controller.posing import (
     FASTEST,
-    NEARLY_UNSEEN,
     LevelItem,
     check_magnitudes,
     mink_costs,
     pose_levels,
+    unseen,
     with_soft_bands,
 )
 from qp_twist.controller.prepare import prepare
@@ -255,7 +255,7 @@ class Controller:
                     *(f.cost[:, None] * f.compute_jacobian(configuration) for f in self.free_costs),
                 ]
             )
-            cost = free.T @ free + self.joint_weight * _unseen(np.vstack([A, free]), self.metric)
+            cost = free.T @ free + self.joint_weight * unseen(np.vstack([A, free]), self.metric)
             # AᵀA is constant where A q̇ = b holds: it changes no solution, but with it H is near
             # JᵀJ instead of near singular.
             H = cost + A.T @ A
@@ -314,23 +314,6 @@ class Controller:
             f"secondary={list(self.secondary)!r}, secondary_space={self.secondary_space!r}, "
             f"solver={self.solver!r}, on_infeasible={self.on_infeasible!r})"
         )
-
-
-def _unseen(rows: Array, metric: Array) -> Array:
-    r"""Gram matrix (nv, nv) of the joint-space cost on the motion that ``rows`` (m, nv) do not see.
-
-    :math:`\mathbf M^{1/2}\mathbf N\mathbf N^T\mathbf M^{1/2}` with N the null space of the rows
-    in the coordinates :math:`\mathbf M^{1/2}\mathbf q`. Nearly singular directions fade in, so
-    that the cost stays positive definite and continuous through a singularity.
-    """
-    root = np.sqrt(metric)
-    _, sigma, right = np.linalg.svd(rows / root)
-    seen = np.zeros(len(metric))
-    largest = sigma[0] if len(sigma) and sigma[0] > 0.0 else 1.0
-    seen[: len(sigma)] = np.minimum(1.0, (sigma / (NEARLY_UNSEEN * largest)) ** 2)
-    directions = right * root
-    gram: Array = directions.T @ ((1.0 - seen)[:, None] * directions)
-    return gram
 
 
 def _levels(

@@ -13,6 +13,7 @@ from scipy.linalg import lapack
 
 from qp_twist import fast
 from qp_twist.checks import Array
+from qp_twist.controller.posing import unseen
 from qp_twist.controller.prepared_step import TOLERANCES, PreparedStep
 from qp_twist.fast.bounds import bounds
 from qp_twist.fast.twist_rows import BODY, FULL, LINE, NONE, PLANE, WORLD, wanted_twist
@@ -112,27 +113,15 @@ class LeanStep(PreparedStep):
             np.multiply(p.c, -p.cost, out=p.c)
             return changed
         wish, H = p.c.copy(), self._dense
-        H[:] = 0.0
-        for block in self._blocks:
-            block.add_free(H)
+        free = np.vstack([block.free_rows() for block in self._blocks])
+        # As the reference has it: AᵀA changes no solution, but makes H better conditioned.
+        np.dot(free.T, free, out=H)
+        H += self._settings[2] * unseen(np.vstack((p.A, free)), self._metric)
         p.c[:] = -H.dot(wish)
         H += p.A.T.dot(p.A)
-        self._add_unseen(H, wish)
         p.cost[:] = H
         self._hardest = float(np.abs(H).max())
         return True
-
-    def _add_unseen(self, H: Array, wish: Array) -> None:
-        """Add the joint-space cost on motion that the rows in H do not see, and its pull."""
-        root, nearly = np.sqrt(self._metric), self._settings[3]
-        squares, vectors = np.linalg.eigh(H / np.outer(root, root))
-        largest = squares[-1] if squares[-1] > 0.0 else 1.0
-        unseen = 1.0 - np.clip(squares / (nearly**2 * largest), 0.0, 1.0)
-        if unseen.any():
-            seen_by = root[:, None] * vectors
-            gram = (self._settings[2] * unseen * seen_by).dot(seen_by.T)
-            H += gram
-            self._program.c[:] -= gram.dot(wish)
 
     def _verified(self, found: Solution) -> bool:
         """Whether x, moved into the box to the last bit, is proved optimal by the multipliers.
@@ -191,7 +180,7 @@ class _Block:
         first = sum(step._ranks[:number]) + (int(kinds[0]) if block else 0)
         rows = slice(first, first + self._kind)
         self._A, self._b = step._program.A[rows], step._program.b[rows]
-        self._square = float(step._free_costs[block]) ** 2
+        self._cost = float(step._free_costs[block])
         self._axis, self._velocity = (0.0, 0.0, 0.0), np.zeros(3)
 
     def state(self, given: tuple[Any, ...], dt: float) -> None:
@@ -207,14 +196,17 @@ class _Block:
             self._velocity[:] = u, v, w
             self._velocity.dot(basis, out=self._b)
 
-    def add_free(self, H: Array) -> None:
-        """Add w Jᵀ(1 − M)J."""
-        if self._kind in (NONE, LINE):
-            H += self._square * (self._J.T @ self._J)
-        if self._kind in (PLANE, LINE):
-            along = np.dot(self._axis, self._J)
-            sign = 1.0 if self._kind == PLANE else -1.0
-            H += (sign * self._square) * np.outer(along, along)
+    def free_rows(self) -> Array:
+        """√w (1 − M)J, whose squares are w Jᵀ(1 − M)J."""
+        if self._kind == FULL:
+            return self._J[:0]
+        along = np.dot(self._axis, self._J)
+        if self._kind == PLANE:
+            return np.atleast_2d(self._cost * along)
+        rows: Array = self._cost * self._J
+        if self._kind == LINE:
+            rows -= self._cost * np.outer(self._axis, along)
+        return rows
 
 
 def _largest(values: Array) -> float:

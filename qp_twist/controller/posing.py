@@ -291,3 +291,20 @@ def check_magnitudes(H: Array, c: Array, wish: Array) -> None:
             f"step: the linear cost reaches {steepest:.3g}, more than {STEEPEST:g} times the "
             "quadratic one; check the targets, costs and gains of the mink tasks."
         )
+
+
+def unseen(rows: Array, metric: Array) -> Array:
+    r"""Gram matrix (nv, nv) of the joint-space cost on the motion that ``rows`` (m, nv) do not see.
+
+    :math:`\mathbf M^{1/2}\mathbf N\mathbf N^T\mathbf M^{1/2}` with N the null space of the rows
+    in the coordinates :math:`\mathbf M^{1/2}\mathbf q`. Nearly singular directions fade in, so
+    that the cost stays positive definite and continuous through a singularity.
+    """
+    root = np.sqrt(metric)
+    _, sigma, right = np.linalg.svd(rows / root)
+    seen = np.zeros(len(metric))
+    largest = sigma[0] if len(sigma) and sigma[0] > 0.0 else 1.0
+    seen[: len(sigma)] = np.minimum(1.0, (sigma / (NEARLY_UNSEEN * largest)) ** 2)
+    directions = right * root
+    gram: Array = directions.T @ ((1.0 - seen)[:, None] * directions)
+    return gram

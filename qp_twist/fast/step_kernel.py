@@ -33,22 +33,30 @@ def _well_conditioned(A, threshold, work):
 
 
 @kernel
-def _add_unseen(metric, weight, nearly, H, c, wanted):
-    """Add the joint-space cost on motion that the rows in H do not see (``_unseen``)."""
-    n = len(metric)
-    scaled = np.empty((n, n))
-    for i in range(n):
-        for j in range(n):
-            scaled[i, j] = H[i, j] / math.sqrt(metric[i] * metric[j])
-    squares, vectors = np.linalg.eigh(scaled)
-    largest = squares[n - 1] if squares[n - 1] > 0.0 else 1.0
+def _add_unseen(A, free, metric, weight, nearly, H, c, wanted):
+    """Add the joint-space cost on motion that no row sees, and its pull (``posing.unseen``).
+
+    By singular values of the rows: the eigenvectors of their squares know a motion that is not
+    seen only to the square of the rows' condition number.
+    """
+    m, n = A.shape
+    scaled = np.empty((m + len(free), n))
+    for j in range(n):
+        for i in range(m):
+            scaled[i, j] = A[i, j] / math.sqrt(metric[j])
+        for i in range(len(free)):
+            scaled[m + i, j] = free[i, j] / math.sqrt(metric[j])
+    _, sigma, right = np.linalg.svd(scaled, True)
+    largest = sigma[0] if sigma[0] > 0.0 else 1.0
     for k in range(n):
-        unseen = 1.0 - min(1.0, max(squares[k], 0.0) / (nearly * nearly * largest))
-        if unseen > 0.0:
+        seen = 0.0
+        if k < len(sigma):
+            seen = min(1.0, (sigma[k] / (nearly * largest)) ** 2)
+        if seen < 1.0:
             for i in range(n):
                 for j in range(n):
                     entry = (
-                        weight * unseen * vectors[i, k] * vectors[j, k]
+                        weight * (1.0 - seen) * right[k, i] * right[k, j]
                         * math.sqrt(metric[i] * metric[j])
                     )  # fmt: skip
                     H[i, j] += entry
@@ -201,7 +209,7 @@ def _twist_cost(A, free, metric, weight, nearly, H, c, wanted, work):
             for k in range(len(A)):
                 H[i, j] += A[k, i] * A[k, j]
     if not _all_seen(H, metric, nearly, work):
-        _add_unseen(metric, weight, nearly, H, c, wanted)
+        _add_unseen(A, free, metric, weight, nearly, H, c, wanted)
 
 
 @part
