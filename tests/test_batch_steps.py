@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import importlib.util
+from pathlib import Path
 from typing import Any
 
 import mink
@@ -158,3 +160,37 @@ def test_what_has_no_compiled_form_is_refused_with_a_sentence() -> None:
         qt.batch.closed_form(MODEL, composed.twist_tasks[0], q, targets, h=np.zeros((3, 6)))
     with pytest.raises(qt.InvalidInput, match="method"):
         qt.batch.closed_form(MODEL, composed.twist_tasks[0], q, targets, "sns")
+
+
+def test_what_is_not_plain_is_left_out_where_that_is_asked_for() -> None:
+    rng = np.random.default_rng(3)
+    composed = controller(rng)
+    q, targets = rows(rng, 50)
+    whole = qt.batch.step(composed, q, 0.05, targets)
+    plain = qt.batch.step(composed, q, 0.05, targets, others=False)
+    np.testing.assert_array_equal(plain.by_reference, whole.by_reference)
+    assert np.isnan(plain.velocity[plain.by_reference]).all()
+    np.testing.assert_array_equal(
+        plain.velocity[~plain.by_reference], whole.velocity[~plain.by_reference]
+    )
+
+
+def test_random_steps_are_proved_by_conditions_that_see_a_wrong_one() -> None:
+    folder = Path(__file__).parents[1] / "benchmarks"
+    spec = importlib.util.spec_from_file_location("false_solved", folder / "false_solved.py")
+    assert spec is not None and spec.loader is not None
+    script = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(script)
+    speed, rng = 0.6, np.random.default_rng(1)
+    composed, q, targets = script.random_steps(MODEL, speed, 400, rng)
+    velocity, solved = script.plain_steps(composed, q, targets)
+    assert solved.sum() > 300
+    problem, x = [p[solved] for p in script.stated(MODEL, q, targets, speed)], velocity[solved]
+    residual, excess, wrong, error = script.proved(*problem, x)
+    assert residual.max() < 1e-10 and excess.max() < 1e-10 and wrong.max() < 1e-6
+    assert np.median(error) < 1e-12
+    free = np.array([np.linalg.svd(A)[2][-1] for A in problem[0]])
+    *_, moved, _ = script.proved(*problem, x + 1e-4 * free)  # still on its rows
+    out = (x + 1e-4 * free < problem[2]) | (x + 1e-4 * free > problem[3])
+    assert ((moved > 1e-6) | out.any(axis=1)).all()
+    assert script.proved(*problem, x + 1e-4)[0].min() > 1e-6

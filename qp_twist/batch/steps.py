@@ -53,6 +53,7 @@ def step(
     targets: Targets | Sequence[Targets] | None = None,
     *,
     use_secondary: bool = True,
+    others: bool = True,
     threads: int | None = None,
 ) -> Steps:
     """:meth:`Controller.step <qp_twist.Controller.step>` for many configurations, to 1e-9.
@@ -69,6 +70,8 @@ def step(
         targets: For each row the target of the task: :class:`mink.SE3`, or matrices (K, 4, 4); for
             several tasks a sequence of such, in their order. The tasks' own by default.
         use_secondary: As for a single step.
+        others: Whether steps that are not plain are taken by ``Controller.step``; without it their
+            velocity is NaN.
         threads: How many; all cores by default.
 
     Raises:
@@ -111,7 +114,9 @@ def step(
 
     shared(len(given), some, threads)
     scale, failures = np.ones(len(given)), dict[int, str]()
-    for k in np.flatnonzero(~done):
+    if not others:
+        velocity[~done], scale[~done] = np.nan, np.nan
+    for k in np.flatnonzero(~done) if others else ():
         try:
             taken = _one(controller, given[k], dt, aims[k], bool(use_secondary))
         except QpTwistError as error:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import enum
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 from qp_twist.bench.problem import Problem
 from qp_twist.checks import Array
@@ -12,6 +13,23 @@ from qp_twist.geometry import ProjectorKind
 
 StepOf = Callable[[int], Array | None]
 """Takes the k-th step of a problem, kinematics included: q̇, rad/s, (nv,); ``None`` of the floor."""
+
+
+@dataclass(frozen=True)
+class Parted:
+    """A step whose call is timed alone, too: kinematics and targets come before it.
+
+    Attributes:
+        before: What is done at step k; it returns what the call takes.
+        call: The step itself.
+    """
+
+    before: Callable[[int], Any]
+    call: Callable[[Any], Array]
+
+    def __call__(self, k: int) -> Array:
+        """The whole step."""
+        return self.call(self.before(k))
 
 
 class Asked(enum.Enum):

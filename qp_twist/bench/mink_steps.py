@@ -7,7 +7,7 @@ from collections.abc import Callable
 import mink
 import numpy as np
 
-from qp_twist.bench.contender import Asked, Contender, StepOf, one_level, tool_axes
+from qp_twist.bench.contender import Asked, Contender, Parted, StepOf, one_level, tool_axes
 from qp_twist.bench.mink_terms import (
     Scene,
     half_spaces,
@@ -50,8 +50,11 @@ def _hard(problem: Problem) -> Callable[[], StepOf]:
         tasks, rows = twist_tasks(problem), half_spaces(problem)
         limits, wish = mink_limits(problem, rows), [posture(problem, 1.0)]
         scene = Scene(problem, tasks, rows)
-        return lambda k: np.asarray(
-            mink.solve_ik(scene.at(k), wish, DT, "daqp", limits=limits, constraints=tasks)
+        return Parted(
+            scene.at,
+            lambda configuration: np.asarray(
+                mink.solve_ik(configuration, wish, DT, "daqp", limits=limits, constraints=tasks)
+            ),
         )
 
     return make
@@ -73,6 +76,11 @@ def _soft(problem: Problem) -> Callable[[], StepOf]:
         ]
         limits, every = mink_limits(problem, []), [*tasks, posture(problem, POSTURE_COST)]
         scene = Scene(problem, tasks, [])
-        return lambda k: np.asarray(mink.solve_ik(scene.at(k), every, DT, "daqp", limits=limits))
+        return Parted(
+            scene.at,
+            lambda configuration: np.asarray(
+                mink.solve_ik(configuration, every, DT, "daqp", limits=limits)
+            ),
+        )
 
     return make

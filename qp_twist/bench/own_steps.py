@@ -8,7 +8,7 @@ from typing import Any, Literal
 
 import mink
 
-from qp_twist.bench.contender import Asked, Contender, StepOf, one_level
+from qp_twist.bench.contender import Asked, Contender, Parted, StepOf, one_level
 from qp_twist.bench.mink_terms import (
     Scene,
     half_spaces,
@@ -81,7 +81,7 @@ def _prepare(
             solver=solver,
         )
         scene = Scene(problem, tasks, rows)
-        return lambda k: controller.step(scene.at(k), DT).velocity
+        return Parted(scene.at, lambda configuration: controller.step(configuration, DT).velocity)
 
     return make
 
@@ -94,8 +94,11 @@ def _drop_in(problem: Problem) -> Callable[[], StepOf]:
         limits, wish = mink_limits(problem, rows), [posture(problem, 1.0)]
         scene = Scene(problem, tasks, rows)
         constraints: list[mink.Task] = [*tasks]
-        return lambda k: solve_ik(
-            scene.at(k), wish, DT, "daqp", limits=limits, constraints=constraints
+        return Parted(
+            scene.at,
+            lambda configuration: solve_ik(
+                configuration, wish, DT, "daqp", limits=limits, constraints=constraints
+            ),
         )
 
     return make

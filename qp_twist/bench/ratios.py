@@ -17,6 +17,21 @@ AGAINST = {
 }
 
 
+def ratios_of_calls(case: Case) -> dict[tuple[str, str], float]:
+    """The same of the calls alone; what has no call of its own is taken whole."""
+    found = {}
+    for ours in CHECKED:
+        mine = case.of(ours)
+        if mine is None or mine.call is None:
+            continue
+        for other in AGAINST:
+            theirs = case.of(other)
+            times = theirs and (theirs.call or theirs.warm)
+            if times:
+                found[ours, other] = mine.call.median / times.median
+    return found
+
+
 def ratios(case: Case) -> dict[tuple[str, str], float]:
     """Median of a checked step over that of another contender, where both were timed."""
     medians = {m.contender: m.warm.median for m in case.results if m.warm}

@@ -29,6 +29,7 @@ class Measured(_Strict):
     Attributes:
         contender: Its name.
         warm: Of its steps, µs; in batches of the steps of a call, on average.
+        call: Of the call alone, without kinematics and targets, µs; where it can be told apart.
         cold: Of making it and its first step, µs.
         first_us: The same the first time in this process, µs: what is loaded once is loaded here.
         accuracy: Of the answers that were timed; ``None`` where there are none, as of the floor.
@@ -38,6 +39,7 @@ class Measured(_Strict):
 
     contender: str
     warm: Quantiles | None
+    call: Quantiles | None = None
     cold: Quantiles | None = None
     first_us: float | None = None
     accuracy: Accuracy | None = None

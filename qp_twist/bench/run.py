@@ -205,6 +205,7 @@ def _measured(
     return Measured(
         contender=contender.name,
         warm=Quantiles.of(timed.warm),
+        call=Quantiles.of(timed.call),
         cold=Quantiles.of(started.again),
         first_us=started.first / 1e3 if started.first else None,
         accuracy=accuracy,

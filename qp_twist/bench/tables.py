@@ -9,7 +9,7 @@ from rich import box
 from rich.table import Table
 from rich.text import Text
 
-from qp_twist.bench.ratios import AGAINST, CHECKED, changes, off_by, ratios
+from qp_twist.bench.ratios import AGAINST, CHECKED, changes, off_by, ratios, ratios_of_calls
 from qp_twist.bench.record import Case, Measured, Run
 
 NONE = "–"
@@ -126,13 +126,18 @@ def _step(case: Case) -> Sheet:
 
 def _ratios(cases: list[Case]) -> Sheet:
     rows, named = [], []
-    for ours in CHECKED:
-        for other, words in AGAINST.items():
-            found = [ratios(case).get((ours, other)) for case in cases]
-            if any(found):
-                numbers = [NONE if value is None else f"{value:.3g}" for value in found]
-                rows.append((f"{ours} / {other}", *numbers))
-                named.append(f"{other}: {words}")
+    for kind, of in (("", ratios), (", the call", ratios_of_calls)):
+        for ours in CHECKED:
+            for other, words in AGAINST.items():
+                found = [of(case).get((ours, other)) for case in cases]
+                if any(found):
+                    numbers = [NONE if value is None else f"{value:.3g}" for value in found]
+                    rows.append((f"{ours} / {other}{kind}", *numbers))
+                    named.append(f"{other}: {words}")
+    named.append(
+        "the call: controller.step, or mink.solve_ik, without kinematics and targets, beside the "
+        "whole of the others"
+    )
     return Sheet(
         RATIOS,
         ("ratio", *(f"n = {case.joints}" for case in cases)),

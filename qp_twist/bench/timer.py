@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from qp_twist.bench.contender import StepOf
+from qp_twist.bench.contender import Parted, StepOf
 from qp_twist.checks import Array
 
 LEAD_IN = 2
@@ -23,12 +23,14 @@ class Timed:
 
     Attributes:
         warm: Time of each step, ns.
+        call: Of its call alone, where it can be told apart.
         velocities: Its answer at each step that was timed last, by the step's number.
         failures: Steps that ended with an exception, or with a velocity that is not finite.
         said: What the first of them said.
     """
 
     warm: list[int] = field(default_factory=list)
+    call: list[int] = field(default_factory=list)
     velocities: dict[int, Array] = field(default_factory=dict)
     failures: int = 0
     said: str = ""
@@ -92,22 +94,30 @@ def cold(
 
 def _run(step: StepOf, block: range, timed: Timed) -> None:
     for k in range(block.start - LEAD_IN, block.stop):
-        began = time.perf_counter_ns()
+        velocity: Array | None
+        began = between = time.perf_counter_ns()
         try:
-            velocity = step(k)
+            if isinstance(step, Parted):
+                given = step.before(k)
+                between = time.perf_counter_ns()
+                velocity = step.call(given)
+            else:
+                velocity = step(k)
         except Exception as error:  # whatever a library raises, its step has failed
             if k in block:
                 timed.failures += 1
                 timed.said = timed.said or f"{type(error).__name__}: {error}".splitlines()[0]
             continue
-        took = time.perf_counter_ns() - began
+        ended = time.perf_counter_ns()
         if k not in block:
             continue
         if velocity is not None and not np.isfinite(velocity).all():
             timed.failures += 1
             timed.said = timed.said or "the velocity is not finite"
             continue
-        timed.warm.append(took)
+        timed.warm.append(ended - began)
+        if isinstance(step, Parted):
+            timed.call.append(ended - between)
         if velocity is not None:
             timed.velocities[k] = np.array(velocity)  # a copy: it may be overwritten
 

@@ -15,6 +15,24 @@ KINDS = ("acceleration", "velocity", "position")
 """Names of what bounds come from, by the numbers of ``fast.bounds``."""
 
 
+class Layout:
+    """What all steps of a controller have in common.
+
+    Attributes:
+        ranks: Rows of each task.
+        rows: Of all of them together.
+        names: Of the joints, by degree of freedom.
+        solver: Name of the backend.
+        velocity: Where q̇ is among the numbers.
+    """
+
+    def __init__(self, ranks: tuple[int, ...], names: tuple[str, ...], solver: str) -> None:
+        """Of a controller's tasks, robot and solver."""
+        self.ranks, self.rows, self.names, self.solver = ranks, sum(ranks), names, solver
+        first = self.rows * len(names) + self.rows + 3 * len(names)
+        self.velocity = slice(first, first + len(names))
+
+
 class Numbers(NamedTuple):
     """What a plain step leaves behind, in one array."""
 
@@ -36,8 +54,9 @@ class Numbers(NamedTuple):
         return np.diag(self.cost) if self.cost.ndim == 1 else self.cost
 
     @classmethod
-    def of(cls, out: Array, rows: int, nv: int) -> Numbers:
+    def of(cls, out: Array, layout: Layout) -> Numbers:
         """The parts of the array."""
+        rows, nv = layout.rows, len(layout.names)
         square, after = rows * nv, rows * nv + rows
         cost = out[after + 7 * nv :]
         c, lower, upper, x, box, below, above = out[after : after + 7 * nv].reshape(7, nv)
@@ -55,52 +74,36 @@ class PlainStep(Step):
     scale = 1.0
     status = Status.SOLVED
     _numbers: Array
-    _ranks: tuple[int, ...]
-    _names: tuple[str, ...]
+    _layout: Layout
 
     @classmethod
-    def made(
-        cls,
-        numbers: Array,
-        ranks: tuple[int, ...],
-        names: tuple[str, ...],
-        solver: str,
-    ) -> PlainStep:
-        """From what was left behind in a step's arrays.
-
-        Args:
-            numbers: As :class:`Numbers` reads it; kept.
-            ranks: Rows of each task.
-            names: Of the joints, by degree of freedom.
-            solver: Name of the backend.
-        """
+    def made(cls, numbers: Array, layout: Layout) -> PlainStep:
+        """From what was left behind in a step's arrays, as :class:`Numbers` reads it; kept."""
         step = object.__new__(cls)
-        nv, rows = len(names), sum(ranks)
-        first = rows * nv + rows + 3 * nv
-        step.__dict__.update(
-            velocity=numbers[first : first + nv],
-            solver=solver,
-            _numbers=numbers,
-            _ranks=ranks,
-            _names=names,
-        )
+        fields = step.__dict__
+        fields["velocity"] = numbers[layout.velocity]
+        fields["_numbers"] = numbers
+        fields["_layout"] = layout
         return step
 
     def __getattr__(self, name: str) -> Any:
         """What was not asked for before."""
-        if name not in ("residuals", "binding", "problem", "sigma_min"):
+        if name not in ("residuals", "binding", "problem", "sigma_min", "solver"):
             raise AttributeError(name)
-        numbers = Numbers.of(self._numbers, sum(self._ranks), len(self._names))
+        layout = self._layout
+        numbers = Numbers.of(self._numbers, layout)
         value: Any
-        if name == "residuals":
-            value = tuple(np.split(numbers.A @ numbers.x - numbers.b, np.cumsum(self._ranks)[:-1]))
+        if name == "solver":
+            value = layout.solver
+        elif name == "residuals":
+            value = tuple(np.split(numbers.A @ numbers.x - numbers.b, np.cumsum(layout.ranks)[:-1]))
         elif name == "binding":
             value = self._binding(numbers)
         elif name == "sigma_min":
             sigma = np.linalg.svd(numbers.A, compute_uv=False)
             value = float(sigma[-1]) if len(sigma) else np.inf
         else:
-            none = np.zeros((0, len(self._names)))
+            none = np.zeros((0, len(layout.names)))
             value = QuadraticProgram(
                 numbers.H, numbers.c, numbers.A, numbers.b, none, np.zeros(0),
                 numbers.lower, numbers.upper,
@@ -113,4 +116,4 @@ class PlainStep(Step):
         # There is a number beyond all kinds where there is no bound.
         kinds = np.minimum((numbers.lower_kind, numbers.upper_kind), len(KINDS)).astype(int)
         lower, upper = np.array((*KINDS, ""), dtype=object)[kinds]
-        return tuple(binding_bounds(numbers.box, dust, self._names, lower, upper))
+        return tuple(binding_bounds(numbers.box, dust, self._layout.names, lower, upper))

@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from qp_twist.checks import Array
 from qp_twist.controller.composition import KNOWN_LIMITS
-from qp_twist.controller.plain_step import Numbers, PlainStep
+from qp_twist.controller.plain_step import Layout, Numbers, PlainStep
 from qp_twist.fast.bounds import MOTION, POSITION, WINDOW
 from qp_twist.fast.step_layout import SETTINGS, places
 from qp_twist.kinematics import (
@@ -66,7 +66,6 @@ class PreparedStep(abc.ABC):
     ) -> None:
         """Allocate; ``composition_known`` has been asked."""
         nv, count = model.nv, len(tasks)
-        self._solver = solver
         self._model, self._tasks, self._limits = model, tuple(tasks), list(limits)
         self._projectors = [task.projector for task in tasks]
         ranges = self._ranges = JointRanges.of(model)
@@ -107,7 +106,8 @@ class PreparedStep(abc.ABC):
         for shape, task in zip(self._shapes, tasks, strict=True):
             shape[:] = shape_of(task.projector, *_paces(task))
         self._result = part(at.program, at.work - at.program)
-        self._program = Numbers.of(self._result, sum(self._ranks), nv)
+        self._layout = Layout(self._ranks, ranges.names, solver)
+        self._program = Numbers.of(self._result, self._layout)
         self._told: list[Any] = [None] * count
         self._paced = [_paces(task) for task in tasks]
         self._asked: list[tuple[float, str | bytes]] | None = None
@@ -115,7 +115,7 @@ class PreparedStep(abc.ABC):
         self._chosen: tuple[float, float] | None = None
         tables = list(zip(self._table, limits, strict=True))
         self._windows = [(t, limit) for t, limit in tables if isinstance(limit, DisplacementWindow)]
-        self._motions = [(t, limit) for t, limit in tables if isinstance(limit, MotionLimit)]
+        self._motions = [(t[:, 6], limit) for t, limit in tables if isinstance(limit, MotionLimit)]
         self._frames = [
             (mink.FRAME_TO_JAC_FUNC[t.frame_type], frame_id(model, t.frame_name, t.frame_type))
             for t in tasks
@@ -157,8 +157,7 @@ class PreparedStep(abc.ABC):
         self._look(joint_weight, singularity)
         if not self._solve(dt, use_secondary):
             return None
-        result = self._result.copy()
-        return PlainStep.made(result, self._ranks, self._ranges.names, self._solver)
+        return PlainStep.made(self._result.copy(), self._layout)
 
     def of_any_configuration(
         self, joint_weight: float, singularity: float
@@ -242,8 +241,8 @@ class PreparedStep(abc.ABC):
             self._settings[1:3] = chosen
         for table, window in self._windows:
             table[:, 0], table[:, 1] = window.reference, window.half_width
-        for table, motion in self._motions:
-            table[:, 6] = motion.velocity
+        for before, motion in self._motions:
+            before[:] = motion.velocity
 
     def tell(self, velocity: Array) -> None:
         """As :meth:`~qp_twist.Controller.note`, of a velocity that the kernel has found."""

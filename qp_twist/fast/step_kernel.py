@@ -265,10 +265,12 @@ def _by_box(w, metric, weight):
     for i in range(nv):
         w.h[i] = weight * metric[i]
         w.c[i] *= -w.h[i]
-    which = box_program(
-        w.h, w.c, w.A, w.b, w.lower, w.upper, w.x, w.y, w.box, w.scaled, w.V, w.square, w.root,
-        w.line,
-    )  # fmt: skip
+    which = UNDECIDED
+    if w.ints[0] < 2 or m + 1 >= nv:  # where more were active last time more will be
+        which = box_program(
+            w.h, w.c, w.A, w.b, w.lower, w.upper, w.x, w.y, w.box, w.scaled, w.V, w.square, w.root,
+            w.line,
+        )  # fmt: skip
     if which == UNDECIDED:
         for i in range(nv):
             for j in range(nv):
