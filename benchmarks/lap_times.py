@@ -1,0 +1,59 @@
+"""What a lap of `deburring` takes, method by method.
+
+    python benchmarks/lap_times.py [--markdown FILE]
+
+Each lap three times, the fastest counts. A minute.
+"""
+
+from __future__ import annotations
+
+import os
+
+for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
+    os.environ[name] = "1"
+
+import argparse
+import sys
+from pathlib import Path
+
+import qp_twist as qt
+
+METHODS = {
+    "minimum_norm": "closed form",
+    "gradient_projection": "closed form",
+    "twa": "closed form",
+    "sns": "closed form with limits",
+    "mink": "mink's step, unverified",
+    "qp_minimum_norm": "",
+    "qp_gradient": "",
+    "qp": "secondary in twist space",
+}
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser.add_argument("--markdown", type=Path)
+    given = parser.parse_args()
+    task = qt.load_task("deburring")
+    solvers = ["daqp", *(["compiled"] if "compiled" in qt.qp.installed_solvers() else [])]
+    lines = [
+        f"| method | steps | {' | '.join(f's a lap, {solver}' for solver in solvers)} | |",
+        f"| :-- | --: |{' --: |' * len(solvers)} :-- |",
+    ]
+    for method, words in METHODS.items():
+        cells = []
+        for solver in solvers:
+            laps = [qt.follow(task, method, solver=solver) for _ in range(3)]
+            seconds = min(lap.seconds for lap in laps)
+            cells.append(f"{seconds:.3f}" if seconds < 0.1 else f"{seconds:.2f}")
+        steps = int(laps[0].iterations.sum())
+        lines.append(f"| `{method}` | {steps} | {' | '.join(cells)} | {words} |")
+    text = "\n".join(lines) + "\n"
+    print(text)
+    if given.markdown is not None:
+        given.markdown.write_text(text, encoding="utf-8")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
