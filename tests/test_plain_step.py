@@ -263,6 +263,34 @@ def test_a_step_keeps_what_it_says_when_the_next_is_taken(solver: str) -> None:
         step.scale = 2.0  # type: ignore[misc]
 
 
+# ---------------------------------------------------------------- what it costs
+
+
+@pytest.mark.parametrize(("solver", "most"), [("daqp", 110), ("compiled", 35)])
+def test_a_prepared_step_makes_few_calls(solver: str, most: int) -> None:
+    """Not a time, but what makes it: calls of functions. The reference makes 750."""
+    if solver == "compiled":
+        pytest.importorskip("numba", reason="numba is not installed; the extra fast brings it.")
+    path_task = qt.load_task("deburring")
+    controller, _, configuration = plain_controller(
+        solver, secondary=[qt.JointCentering(path_task.model)]
+    )
+    for _ in range(3):
+        assert isinstance(controller.step(configuration, 0.1), PlainStep)
+    calls = 0
+
+    def count(frame: Any, event: str, argument: Any) -> None:
+        nonlocal calls
+        calls += event in ("call", "c_call")
+
+    sys.setprofile(count)
+    try:
+        controller.step(configuration, 0.1)
+    finally:
+        sys.setprofile(None)
+    assert calls <= most
+
+
 # ---------------------------------------------------------------- without numba
 
 WITHOUT = """

@@ -44,7 +44,7 @@ class LeanStep(PreparedStep):
         self._blocks = [
             _Block(self, number, block) for number in range(len(self._ranks)) for block in range(2)
         ]
-        self._square, self._one = np.zeros((m, m)), np.eye(m)
+        self._square, self._shift, self._threshold = np.zeros((m, m)), np.zeros((m, m)), 0.0
         self._dense = np.zeros((nv, nv))
         self._weight = math.nan
         self._hardest = 0.0
@@ -97,7 +97,10 @@ class LeanStep(PreparedStep):
         if len(A) > A.shape[1]:
             return False
         np.dot(A, A.T, out=square)
-        square -= self._one * self._settings[1] ** 2
+        threshold = self._settings[1]
+        if threshold != self._threshold:
+            self._threshold, self._shift = threshold, threshold**2 * np.eye(len(A))
+        square -= self._shift
         return _is_positive_definite(square)
 
     def _cost(self) -> bool:
@@ -153,13 +156,21 @@ class LeanStep(PreparedStep):
             elif force < 0.0:
                 held -= force * (value - low)
         gap += held - float(found.y.dot(residual))
-        steepest = _largest(p.c)
+        off, left, hardest = _largest(residual), _largest(r), self._hardest
+        # All that is allowed grows with x, b and c: nearly always it is enough to take them for 0.
+        if (
+            off <= _EQUALITY
+            and left <= _OPTIMALITY * hardest
+            and held <= _GAIN * hardest
+            and gap <= _GAP * hardest
+        ):
+            return True
+        steepest, reach = _largest(p.c), 1.0 + _largest(p.x)
         size = max(steepest, _largest(found.box), _largest(pull))
-        reach = 1.0 + _largest(p.x)
-        cost = (self._hardest * reach + steepest) * reach
+        cost = (hardest * reach + steepest) * reach
         return bool(
-            _largest(residual) <= _EQUALITY * (1.0 + _largest(p.b))
-            and _largest(r) <= _OPTIMALITY * self._hardest * reach + _ROUNDING * size
+            off <= _EQUALITY * (1.0 + _largest(p.b))
+            and left <= _OPTIMALITY * hardest * reach + _ROUNDING * size
             and held <= _GAIN * cost
             and gap <= _GAP * cost
         )

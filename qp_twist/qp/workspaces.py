@@ -57,10 +57,8 @@ class Workspace(abc.ABC):
 
     def _is_one(self, solution: Solution) -> bool:
         """Whether it is made of numbers, as many as there are."""
-        return all(
-            isinstance(part, np.ndarray) and part.dtype == np.float64 and part.shape == (size,)
-            for part, size in zip(solution, (self._n, self._m, self._n), strict=True)
-        )
+        x, y, box = solution
+        return _numbers(x, self._n) and _numbers(y, self._m) and _numbers(box, self._n)
 
     @abc.abstractmethod
     def _set_up(
@@ -74,6 +72,10 @@ class Workspace(abc.ABC):
 
     @abc.abstractmethod
     def _solve(self) -> Solution | None: ...
+
+
+def _numbers(part: Any, size: int) -> bool:
+    return isinstance(part, np.ndarray) and part.dtype == np.float64 and part.shape == (size,)
 
 
 class _Daqp(Workspace):
