@@ -211,6 +211,33 @@ def test_what_is_changed_between_two_steps_counts(solver: str) -> None:
 
 
 @pytest.mark.parametrize("solver", SOLVERS)
+def test_another_composition_under_way_counts_too(solver: str) -> None:
+    model = qt.load_task("deburring").model
+    controller, _, configuration = plain_controller(
+        solver, secondary=[qt.JointCentering(model, gain=0.1)]
+    )
+    before = controller.step(configuration, 0.1)
+    assert isinstance(before, PlainStep)
+    weights = np.linspace(0.5, 3.0, 6)
+    with pytest.raises(ValueError, match="read-only"):
+        controller.metric[0] = 2.0
+    for name, value in (
+        ("metric", weights), ("secondary", ()), ("secondary_space", "twist"), ("solver", "proxqp"),
+    ):  # fmt: skip
+        was = getattr(controller, name)
+        setattr(controller, name, value)
+        changed = controller.step(configuration, 0.1)
+        assert changed.solver == controller.solver
+        if name in ("metric", "secondary"):
+            given = {"secondary": [qt.JointCentering(model, gain=0.1)]} | {name: value}
+            fresh = plain_controller(solver, **given)[0].step(configuration, 0.1)
+            np.testing.assert_allclose(changed.velocity, fresh.velocity, atol=1e-9)
+            assert np.abs(changed.velocity - before.velocity).max() > 1e-6
+        setattr(controller, name, was)
+        same(before, controller.step(configuration, 0.1))
+
+
+@pytest.mark.parametrize("solver", SOLVERS)
 def test_without_a_target_or_with_joints_that_are_no_numbers_it_is_refused(solver: str) -> None:
     controller, task, configuration = plain_controller(solver)
     controller.step(configuration, 0.1)

@@ -87,11 +87,7 @@ def step(
     given = np.ascontiguousarray(finite_array("q", q, (None, controller.model.nq)))
     dt = number("dt", dt, above=0.0)
     prepared = prepare(controller, COMPILED)
-    arrays = (
-        None
-        if prepared is None
-        else prepared.of_any_configuration(controller.joint_weight, controller.singularity)
-    )
+    arrays = None if prepared is None else prepared.of_any_configuration(controller)
     if arrays is None:
         raise InvalidInput(
             "batch.step: this controller has no compiled form: TwistTasks of one level without "

@@ -3,12 +3,31 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, Protocol
 
-from qp_twist.kinematics import TwistTask
+import mink
+import mujoco
+
+from qp_twist.checks import Array
+from qp_twist.kinematics import SecondaryObjective, TwistTask
 from qp_twist.limits import DisplacementWindow, MotionLimit, PositionLimit
 
 KNOWN_LIMITS = (PositionLimit, MotionLimit, DisplacementWindow)
+
+
+class Composition(Protocol):
+    """What a :class:`~qp_twist.Controller` is composed of, as far as a prepared step reads it."""
+
+    model: mujoco.MjModel
+    twist_tasks: tuple[TwistTask, ...]
+    secondary: tuple[SecondaryObjective, ...]
+    secondary_space: str
+    limits: list[mink.Limit]
+    metric: Array
+    joint_weight: float
+    singularity: float
+    free_twist_costs: tuple[float, float]
+    solver: str
 
 
 def composition_known(

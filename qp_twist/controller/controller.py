@@ -156,6 +156,7 @@ class Controller:
                     "metric: every entry must be above 0, from "
                     f"{SMALLEST_WEIGHT:g} to {LARGEST_WEIGHT:g}."
                 )
+        self.metric.flags.writeable = False  # another one is assigned, and then noticed
         linear = number("free_linear_cost", free_linear_cost, at_least=0.0, at_most=1e6)
         angular = number("free_angular_cost", free_angular_cost, at_least=0.0, at_most=1e6)
         self.free_costs = [
@@ -208,10 +209,7 @@ class Controller:
         if velocity is not None:
             self.note(velocity)
         if self._prepared is not None:
-            plain = self._prepared(
-                configuration, dt, bool(use_secondary), self.limits, self.joint_weight,
-                self.singularity,
-            )  # fmt: skip
+            plain = self._prepared(self, configuration, dt, bool(use_secondary))
             if plain is not None:
                 self._prepared.tell(plain.velocity)
                 return plain

@@ -13,6 +13,7 @@ from scipy.linalg import lapack
 
 from qp_twist import fast
 from qp_twist.checks import Array
+from qp_twist.controller.composition import Composition
 from qp_twist.controller.posing import unseen
 from qp_twist.controller.prepared_step import TOLERANCES, PreparedStep
 from qp_twist.fast.bounds import bounds
@@ -27,9 +28,9 @@ _BY_NUMBA = fast.installed()
 class LeanStep(PreparedStep):
     """The arrays of one controller, and a backend that keeps its workspace."""
 
-    def __init__(self, *args: Any, backend: Workspace, **kwargs: Any) -> None:
+    def __init__(self, composed: Composition, solver: str, backend: Workspace) -> None:
         """As :class:`PreparedStep`; the backend is of its unknowns and rows."""
-        super().__init__(*args, **kwargs)
+        super().__init__(composed, solver)
         self._backend = backend
         nv, m, at = len(self._program.c), sum(self._ranks), self._at
         self._fastest, self._noticeable, self._unlimited = self._settings[4:].tolist()
@@ -38,7 +39,6 @@ class LeanStep(PreparedStep):
         self._in_order = np.array_equal(self._addresses, np.arange(len(self._qpos)))
         self._types = self._integers[at.types : at.active]
         self._middle = self._floats[at.middle : at.middle + nv]
-        self._metric = self._floats[at.metric : at.metric + nv]
         self._free_costs = self._floats[at.free_costs : at.free_costs + 2]
         self._kinds = self._integers[at.kinds : at.addresses].reshape(-1, 3)
         self._blocks = [

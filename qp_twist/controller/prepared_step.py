@@ -13,15 +13,15 @@ import numpy as np
 import numpy.typing as npt
 
 from qp_twist.checks import Array
-from qp_twist.controller.composition import KNOWN_LIMITS
+from qp_twist.controller.composition import KNOWN_LIMITS, Composition
 from qp_twist.controller.plain_step import Layout, Numbers, PlainStep
+from qp_twist.controller.posing import FASTEST, NEARLY_UNSEEN
 from qp_twist.fast.bounds import MOTION, POSITION, WINDOW
 from qp_twist.fast.step_layout import SETTINGS, places
 from qp_twist.kinematics import (
     JointCentering,
     JointRanges,
     PostureReference,
-    SecondaryObjective,
     TwistTask,
 )
 from qp_twist.kinematics.frame import frame_id
@@ -50,68 +50,29 @@ class PreparedStep(abc.ABC):
     reference: then :meth:`__call__` returns ``None``.
     """
 
-    def __init__(
-        self,
-        model: mujoco.MjModel,
-        tasks: Sequence[TwistTask],
-        secondary: Sequence[SecondaryObjective],
-        limits: Sequence[mink.Limit],
-        *,
-        solver: str,
-        metric: Array,
-        twist_space: bool,
-        free_costs: tuple[float, float],
-        nearly_unseen: float,
-        fastest: float,
-    ) -> None:
-        """Allocate; ``composition_known`` has been asked."""
-        nv, count = model.nv, len(tasks)
-        self._model, self._tasks, self._limits = model, tuple(tasks), list(limits)
+    def __init__(self, composed: Composition, solver: str) -> None:
+        """Allocate for a composition; ``composition_known`` has been asked."""
+        model, tasks, limits = composed.model, composed.twist_tasks, list(composed.limits)
+        self._model, self._tasks, self._limits = model, tasks, limits
+        self._secondary, self._metric = composed.secondary, composed.metric
+        self._space = composed.secondary_space
         self._projectors = [task.projector for task in tasks]
         ranges = self._ranges = JointRanges.of(model)
-        self._centering = [s for s in secondary if type(s) is JointCentering]
+        self._centering = [s for s in composed.secondary if type(s) is JointCentering]
         self._postures = [
-            s for s in secondary if type(s) is PostureReference and ranges.only_hinges_and_slides
+            s
+            for s in composed.secondary
+            if type(s) is PostureReference and ranges.only_hinges_and_slides
         ]
         pulls = *self._centering, *self._postures
-        self._others = [s for s in secondary if s not in pulls]
+        self._others = [s for s in composed.secondary if s not in pulls]
         self._ranks = tuple(task.projector.rank for task in tasks)
-        table, types = table_of(limits, nv)
-        header = nv, sum(self._ranks), count, len(limits), int(twist_space)
-        at = self._at = places(*header)
-        self._floats, self._integers = np.zeros(at.floats), np.zeros(at.integers, dtype=np.int64)
-        self._integers[: len(header)] = header
-        self._integers[at.kinds : at.addresses] = np.ravel([kinds_of(t.projector) for t in tasks])
-        self._integers[at.addresses : at.types] = ranges.qpos
-        self._integers[at.types : at.active] = types
-
-        def part(first: int, *shape: int) -> Array:
-            view: Array = self._floats[first : first + math.prod(shape)].reshape(shape)
-            return view
-
-        part(SETTINGS, len(TOLERANCES))[:] = TOLERANCES
-        part(at.free_costs, 2)[:] = free_costs
-        part(at.middle, nv)[:] = ranges.middle
-        part(at.metric, nv)[:] = metric
-        self._settings = part(0, SETTINGS)
-        self._settings[:] = settings_of(twist_space, 0.0, 0.0, nearly_unseen, fastest)
-        self._pull, self._wish = part(at.pull, nv), part(at.wish, nv)
-        self._shapes, self._poses = part(at.shapes, count, 27), part(at.poses, count, 12)
-        self._targets, self._jacobians = (
-            part(at.targets, count, 18),
-            part(at.jacobians, count, 6, nv),
-        )
-        self._table = part(at.limits, len(limits), nv, 7)
-        self._table[:] = table
-        for shape, task in zip(self._shapes, tasks, strict=True):
-            shape[:] = shape_of(task.projector, *_paces(task))
-        self._result = part(at.program, at.work - at.program)
         self._layout = Layout(self._ranks, ranges.names, solver)
-        self._program = Numbers.of(self._result, self._layout)
-        self._told: list[Any] = [None] * count
+        self._lay_out(composed)
+        self._told: list[Any] = [None] * len(tasks)
         self._paced = [_paces(task) for task in tasks]
         self._asked: list[tuple[float, str | bytes]] | None = None
-        self._steady = np.zeros(nv)
+        self._steady = np.zeros(model.nv)
         self._chosen: tuple[float, float] | None = None
         tables = list(zip(self._table, limits, strict=True))
         self._windows = [(t, limit) for t, limit in tables if isinstance(limit, DisplacementWindow)]
@@ -125,23 +86,56 @@ class PreparedStep(abc.ABC):
         self._jacs: list[tuple[Callable[..., None], Array, Array, int]] = []
         self._views: list[tuple[Array, Array, Array, Array]] = []
 
+    def _lay_out(self, composed: Composition) -> None:
+        """The two arrays, what in them stays, and views of what changes."""
+        nv, count, ranges = composed.model.nv, len(self._tasks), self._ranges
+        table, types = table_of(self._limits, nv)
+        twist_space = self._space == "twist"
+        header = nv, sum(self._ranks), count, len(types), int(twist_space)
+        at = self._at = places(*header)
+        self._floats, self._integers = np.zeros(at.floats), np.zeros(at.integers, dtype=np.int64)
+        kinds = [kinds_of(projector) for projector in self._projectors]
+        self._integers[: len(header)] = header
+        self._integers[at.kinds : at.addresses] = np.ravel(kinds)
+        self._integers[at.addresses : at.types] = ranges.qpos
+        self._integers[at.types : at.active] = types
+
+        def part(first: int, *shape: int) -> Array:
+            view: Array = self._floats[first : first + math.prod(shape)].reshape(shape)
+            return view
+
+        part(SETTINGS, len(TOLERANCES))[:] = TOLERANCES
+        part(at.free_costs, 2)[:] = composed.free_twist_costs
+        part(at.middle, nv)[:] = ranges.middle
+        part(at.metric, nv)[:] = composed.metric
+        self._settings = part(0, SETTINGS)
+        self._settings[:] = settings_of(twist_space, 0.0, 0.0, NEARLY_UNSEEN, FASTEST)
+        self._pull, self._wish = part(at.pull, nv), part(at.wish, nv)
+        self._shapes, self._poses = part(at.shapes, count, 27), part(at.poses, count, 12)
+        self._targets = part(at.targets, count, 18)
+        self._jacobians = part(at.jacobians, count, 6, nv)
+        self._table = part(at.limits, len(types), nv, 7)
+        self._table[:] = table
+        for shape, task in zip(self._shapes, self._tasks, strict=True):
+            shape[:] = shape_of(task.projector, *_paces(task))
+        self._result = part(at.program, at.work - at.program)
+        self._program = Numbers.of(self._result, self._layout)
+
     def __call__(
         self,
+        composed: Composition,
         configuration: mink.Configuration,
         dt: float,
         use_secondary: bool,
-        limits: Sequence[mink.Limit],
-        joint_weight: float,
-        singularity: float,
     ) -> PlainStep | None:
         """The step; ``None`` where the reference has to look at it.
 
-        What a controller's user may have changed since it was made is given anew, or looked at.
+        That is so, too, where the user has composed the controller otherwise since it was prepared.
 
         Raises:
             mink.TargetNotSet: If a task has no target.
         """
-        if limits != self._limits:
+        if not self._is_of(composed):
             return None
         if configuration.data is not self._data:
             self._bind(configuration)
@@ -154,13 +148,22 @@ class PreparedStep(abc.ABC):
             return None
         if use_secondary:
             self._wish_for(configuration)
-        self._look(joint_weight, singularity)
+        self._look(composed)
         if not self._solve(dt, use_secondary):
             return None
         return PlainStep.made(self._result.copy(), self._layout)
 
+    def _is_of(self, composed: Composition) -> bool:
+        return (
+            composed.limits == self._limits
+            and composed.secondary is self._secondary
+            and composed.metric is self._metric
+            and composed.secondary_space == self._space
+            and composed.solver == self._layout.solver
+        )
+
     def of_any_configuration(
-        self, joint_weight: float, singularity: float
+        self, composed: Composition
     ) -> tuple[Array, npt.NDArray[np.int64], Array] | None:
         """Floats and integers as ``Places`` says, and the tasks' own targets (T, 18).
 
@@ -173,7 +176,7 @@ class PreparedStep(abc.ABC):
             if task.target is not None:
                 self._aim(number, task)
         self._wish_for(None)
-        self._look(joint_weight, singularity)
+        self._look(composed)
         return self._floats, self._integers, self._targets
 
     @abc.abstractmethod
@@ -233,9 +236,9 @@ class PreparedStep(abc.ABC):
         row[12:] = task.feedforward
         self._told[number] = task.target
 
-    def _look(self, joint_weight: float, singularity: float) -> None:
+    def _look(self, composed: Composition) -> None:
         """What moves on with the steps: where windows stand, the velocity before, and settings."""
-        chosen = singularity, joint_weight
+        chosen = composed.singularity, composed.joint_weight
         if chosen != self._chosen:
             self._chosen = chosen
             self._settings[1:3] = chosen
