@@ -152,6 +152,18 @@ def test_what_has_no_compiled_form_is_refused_with_a_sentence() -> None:
         wrong = np.array([t.as_matrix() for t in targets])
         wrong[1, 0] *= 2.0
         qt.batch.step(composed, q, 0.1, wrong)
+    for huge in (1e155, 1e200, np.nan):
+        with pytest.raises(qt.InvalidInput, match=r"no rigid motion|finite"):
+            qt.batch.step(composed, q, 0.1, huge * np.array([t.as_matrix() for t in targets]))
+    with pytest.raises(qt.InvalidInput, match="expected a sequence of"):
+        qt.batch.step(composed, q, 0.1, targets[0])  # type: ignore[arg-type]
+    with pytest.raises(qt.InvalidInput, match="expected a MjModel"):
+        qt.batch.closed_form(None, composed.twist_tasks[0], q, targets)  # type: ignore[arg-type]
+    with pytest.raises(qt.InvalidInput, match="GazeTask"):
+        gaze = qt.TwistTask.gaze("tool", "site")
+        qt.batch.closed_form(MODEL, gaze, q, targets)
+    with pytest.raises(qt.InvalidInput, match="threads"):
+        qt.batch.step(composed, q, 0.1, targets, threads=1.5)  # type: ignore[arg-type]
     with pytest.raises(qt.InvalidInput, match="dt"):
         qt.batch.step(composed, q, 0.0, targets)
     with pytest.raises(mink.TargetNotSet):

@@ -256,15 +256,11 @@ def test_the_numbers_that_choose_a_method_are_those_measured() -> None:
         kept = weights[f"{row['weight']} {row['gain']}"]
         for heading in ("mean z", "travel °", "step °"):
             assert row[heading] == kept[heading]
-    shown = rows_below("performance.md", "## A lap")
-    assert len(shown) == 7
-    for row in shown:
-        assert row["s a lap"] == places[row["method"]]["s a lap"]
 
 
 def test_the_command_that_times_a_step_runs() -> None:
     text = (DOCS / "performance.md").read_text("utf-8")
-    [(setup, statement)] = re.findall(r'timeit -p -s "(.*?)" \\\n"(.*?)"', text, re.DOTALL)
+    [(setup, statement)] = re.findall(r'timeit -p -n 1000 -s "(.*?)" \\\n"(.*?)"', text, re.DOTALL)
     names: Found = {}
     exec(setup, names)
     assert eval(statement, names).status is qt.Status.SOLVED

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import dataclasses
 import pickle
 import subprocess
@@ -238,6 +239,40 @@ def test_another_composition_under_way_counts_too(solver: str) -> None:
 
 
 @pytest.mark.parametrize("solver", SOLVERS)
+def test_limits_that_are_changed_under_way_count(solver: str) -> None:
+    model = qt.load_task("deburring").model
+    limit = qt.PositionLimit(model)
+    controller, task, configuration = plain_controller(solver, limits=[limit])
+    controller.step(configuration, 0.1)
+    limit.lower[:] = configuration.q - 1e-4
+    limit.upper = configuration.q + 1e-4
+    held = controller.step(configuration, 0.1)
+    assert held.status is not qt.Status.SOLVED
+    assert np.abs(held.velocity).max() <= 1e-3 + 1e-9
+    task.relative_to = ("link_1", "body")
+    carried = plain_controller("quadprog", limits=[limit])
+    carried[1].relative_to = ("link_1", "body")
+    np.testing.assert_allclose(
+        controller.step(configuration, 0.1).velocity,
+        carried[0].step(configuration, 0.1).velocity, atol=1e-6,
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("solver", [*SOLVERS, "proxqp", "osqp"])
+def test_a_copy_of_a_controller_has_arrays_of_its_own(solver: str) -> None:
+    controller, task, configuration = plain_controller(solver)
+    before = controller.step(configuration, 0.1)
+    copied = copy.deepcopy(controller)
+    copied.twist_tasks[0].gain = 0.5
+    halved = copied.step(configuration, 0.1)
+    assert isinstance(halved, PlainStep)
+    np.testing.assert_allclose(halved.velocity, 0.5 * before.velocity, atol=1e-6)
+    again = controller.step(configuration, 0.1)
+    np.testing.assert_allclose(again.velocity, before.velocity, atol=1e-6)
+    assert task.gain == 1.0
+
+
+@pytest.mark.parametrize("solver", SOLVERS)
 def test_without_a_target_or_with_joints_that_are_no_numbers_it_is_refused(solver: str) -> None:
     controller, task, configuration = plain_controller(solver)
     controller.step(configuration, 0.1)
@@ -348,3 +383,17 @@ assert "numba" not in sys.modules
 def test_without_numba_the_same_functions_run_as_they_are_written() -> None:
     tests = str(__file__).rsplit("/", 1)[0]
     subprocess.run([sys.executable, "-c", WITHOUT.format(tests=tests)], check=True, timeout=300)
+
+
+@pytest.mark.skipif(not fast.installed(), reason="numba is not installed; see the extra fast.")
+def test_machine_code_that_can_be_kept_nowhere_is_made_all_the_same() -> None:
+    script = """
+import numba.core.caching as c
+c.FunctionCache._impl_class._locator_classes = []
+import numpy as np
+from qp_twist.fast.dual_active_set import cholesky
+S = np.array([[4.0, 0.0], [2.0, 5.0]])
+assert cholesky(S)
+np.testing.assert_allclose(S, [[2.0, 0.0], [1.0, 2.0]])
+"""
+    subprocess.run([sys.executable, "-c", script], check=True, timeout=300)

@@ -13,6 +13,7 @@ from qp_twist.checks import Array, finite_array
 from qp_twist.errors import InvalidInput
 
 
+@np.errstate(over="ignore", invalid="ignore")  # what overflows is no rotation
 def rigid_motions(name: str, motions: Sequence[mink.SE3] | npt.ArrayLike) -> Array:
     """Rotations (9), row by row, and translations (3), (K, 12).
 
@@ -38,7 +39,7 @@ def rigid_motions(name: str, motions: Sequence[mink.SE3] | npt.ArrayLike) -> Arr
     x, y, z = (rows[0][:, axis] for axis in range(3))
     u, v, w = (rows[1][:, axis] for axis in range(3))
     third = np.stack([y * w - z * v, z * u - x * w, x * v - y * u], axis=1)
-    wrong = (off > 1e-6) | (np.einsum("ki,ki->k", third, rows[2]) < 0.0)
+    wrong = ~(off <= 1e-6) | ~(np.einsum("ki,ki->k", third, rows[2]) > 0.0)
     if wrong.any():
         raise InvalidInput(
             f"{name}: number {int(np.argmax(wrong))} is no rigid motion: a rotation and a "

@@ -63,12 +63,14 @@ def step(
     as it is; its acceleration limits count from the velocity that it knows.
 
     Args:
-        controller: TwistTasks of one level, limits that are boxes, and centering or postures; its
-            ``solver`` does not matter.
+        controller: TwistTasks of one level (no GazeTasks, bands or carriers), PositionLimits,
+            MotionLimits and DisplacementWindows, JointCentering and, where all joints are hinges
+            and slides, PostureReferences. Its ``solver`` takes the steps that are not plain.
         q: Configurations, rad or m, (K, nq).
         dt: Length of the steps, s.
         targets: For each row the target of the task: :class:`mink.SE3`, or matrices (K, 4, 4); for
-            several tasks a sequence of such, in their order. The tasks' own by default.
+            several tasks a sequence of such, in their order. They are at rest. By default the
+            tasks' own, with their feed-forward twists.
         use_secondary: As for a single step.
         others: Whether steps that are not plain are taken by ``Controller.step``; without it their
             velocity is NaN.
@@ -90,9 +92,10 @@ def step(
     arrays = None if prepared is None else prepared.of_any_configuration(controller)
     if arrays is None:
         raise InvalidInput(
-            "batch.step: this controller has no compiled form: TwistTasks of one level without "
-            "bands or carriers, limits that are boxes, and centering or postures have one. Take "
-            "the steps one by one with Controller.step."
+            "batch.step: this controller has no compiled form. One has TwistTasks of one level "
+            "(no GazeTasks, bands or carriers), PositionLimits, MotionLimits and "
+            "DisplacementWindows, JointCentering and, where all joints are hinges and slides, "
+            "PostureReferences. Take the steps one by one with Controller.step."
         )
     floats, integers, own = arrays
     tasks = controller.twist_tasks
@@ -135,8 +138,9 @@ def closed_form(
 ) -> Array:
     """A closed form with its kinematics at many configurations: displacements (K, nv), rad or m.
 
-    As the functions of :mod:`qp_twist.closed_form` of J and Δt, the latter times the task's gain
-    and shortened as the task says. Where rows depend on each other, those functions are called.
+    As the functions of :mod:`qp_twist.closed_form` of J and Δt: the error in the task's projector,
+    for RMR in the operational one, times the task's gain and shortened as the task says. Where rows
+    depend on each other, those functions are called.
 
     Args:
         model: The robot.
@@ -157,9 +161,13 @@ def closed_form(
     from qp_twist.fast import batch_kernel
     from qp_twist.kinematics.compiled_rows import arm_of
 
+    instance("batch.closed_form(model, …)", model, mujoco.MjModel)
     instance("batch.closed_form(task=…)", task, TwistTask)
-    if task.bands or task.relative_to is not None:
-        raise InvalidInput("batch.closed_form: a task with bands or a carrier has no such form.")
+    if type(task) is not TwistTask or task.bands or task.relative_to is not None:
+        raise InvalidInput(
+            f"batch.closed_form: {task.name} has no compiled form: TwistTasks have one that are no "
+            "GazeTasks and have neither bands nor a carrier."
+        )
     one_of("batch.closed_form(method=…)", method, FORMS)
     given = np.ascontiguousarray(finite_array("q", q, (None, model.nq)))
     wish = np.zeros((0, model.nv))
@@ -169,7 +177,8 @@ def closed_form(
         wish = np.ascontiguousarray(finite_array("h", h, (len(given), model.nv)))
     held = task.projector
     if method in ("rmr", "twa"):
-        held = operational or TwistProjector(linear=Projector.full(), angular=Projector.full())
+        full = TwistProjector(linear=Projector.full(), angular=Projector.full())
+        held = full if operational is None else operational
         instance("batch.closed_form(operational=…)", held, TwistProjector)
     chain = SerialChain.of(model, task.frame_name, task.frame_type)
     arm, aims = arm_of(chain), _aims((task,), np.zeros((1, 18)), [targets], len(given))[:, 0]
@@ -201,6 +210,11 @@ def _aims(
             if task.target is None:
                 raise mink.TargetNotSet(task.name)
         return aims
+    if not isinstance(targets, (Sequence, np.ndarray)):
+        raise InvalidInput(
+            "targets: expected a sequence of mink.SE3, one for each row, or matrices (K, 4, 4); "
+            f"got {type(targets).__name__}."
+        )
     several = [targets] if len(tasks) == 1 and not _is_list_of_targets(targets) else targets
     if len(several) != len(tasks):
         raise InvalidInput(

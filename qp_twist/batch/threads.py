@@ -7,9 +7,10 @@ from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 
 from qp_twist import fast
-from qp_twist.checks import number
+from qp_twist.checks import whole_number
 from qp_twist.errors import InvalidInput
 
+_MOST = 1024
 _AT_A_TIME = 4
 """Parts a thread: one that has easy rows takes more of them."""
 
@@ -29,7 +30,7 @@ def shared(rows: int, do: Callable[[slice], None], threads: int | None) -> None:
     """
     workers = os.cpu_count() or 1
     if threads is not None:
-        workers = int(number("threads", threads, at_least=1, at_most=1024))
+        workers = min(whole_number("threads", threads, at_least=1), _MOST)
     size = max(1, -(-rows // (_AT_A_TIME * workers)))
     parts = [slice(first, first + size) for first in range(0, rows, size)]
     if workers == 1 or len(parts) < 2:

@@ -123,12 +123,12 @@ def differences(before: Run, now: Run) -> list[str]:
         said.append(f"The seeds differ ({before.seed} then): so do the trajectories.")
     if before.quick != now.quick:
         said.append("One of the runs is quick: it timed fewer steps.")
-    here = {(c.group, c.x, m.contender) for c in now.cases for m in c.results}
-    there = {(c.group, c.x, m.contender) for c in before.cases for m in c.results}
+    here = {m.contender for c in now.cases for m in c.results}
+    there = {m.contender for c in before.cases for m in c.results}
     for names, when in (
-        ({name for *_, name in there - here}, "then"),
-        ({name for *_, name in here - there}, "now"),
+        (there - here, "then"),
+        (here - there, "now"),
     ):
         if names:
-            said.append(f"Timed on some problems only {when}: {', '.join(sorted(names))}.")
+            said.append(f"Took part only {when}: {', '.join(sorted(names))}.")
     return said

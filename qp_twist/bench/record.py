@@ -138,4 +138,6 @@ def read_run(path: Path) -> Run:
     except ValidationError as error:
         first = error.errors()[0]
         where = ".".join(str(part) for part in first["loc"])
-        raise InvalidInput(f"--compare {path}: {where}: {first['msg']}; {what}.") from None
+        raise InvalidInput(
+            f"--compare {path}: the file is damaged: {where} is missing or wrong; {what}."
+        ) from None

@@ -126,6 +126,11 @@ def bench(
     cases = [case for problem in entered if (case := problem.judged()).results]
     if laps:
         cases += many_laps.measure(extent.sizes, laps, extent.calls, seed, meter.one)
+    if not cases:
+        why = " ".join(dict.fromkeys(skipped))
+        raise InvalidInput(
+            f"bench: none of the contenders named takes part in {', '.join(parts)}. {why}".strip()
+        )
     return Run(
         created=datetime.now(UTC).isoformat(timespec="seconds"),
         seed=seed,

@@ -7,6 +7,7 @@ from typing import Annotated
 
 import tyro
 
+from qp_twist.checks import whole_number
 from qp_twist.cli.app import Folder, Names, OptionalFile, app, check_folder, say, show
 from qp_twist.cli.progress import share_progress, working
 from qp_twist.files import write_atomically
@@ -41,6 +42,7 @@ def bench(
     from qp_twist.bench.ratios import differences
     from qp_twist.bench.tables import compared, document, sheets
 
+    whole_number("--seed", seed, at_least=0)
     folder = out or Path("out") / "bench"
     check_folder(folder)
     before = None if compare is None else read_run(compare)

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from threading import Timer
 
 from rich.progress import (
     BarColumn,
@@ -15,7 +17,7 @@ from rich.progress import (
     TimeRemainingColumn,
 )
 
-from qp_twist.cli.app import terminal
+from qp_twist.cli.app import quiet, terminal
 from qp_twist.fast import COMPILED
 from qp_twist.path import PathTask
 from qp_twist.qp import check_solver
@@ -129,6 +131,14 @@ def load_machine_code(
     for method in path_task.method_names() if methods is None else methods:
         settings = path_task.settings(method)
         if walk_known(path_task, method, settings):
-            with working("loading machine code; once on a machine it is made, in half a minute"):
-                CompiledWalk(path_task, method, settings)
+            words = "machine code is made, once on a machine: half a minute"
+            # Loading takes half a second; without a spinner who waits longer is told.
+            late = Timer(3.0, print, [f"note: {words}"], {"file": sys.stderr})
+            if terminal() is None and not quiet.get():
+                late.start()
+            try:
+                with working(f"loading; {words}"):
+                    CompiledWalk(path_task, method, settings)
+            finally:
+                late.cancel()
             return

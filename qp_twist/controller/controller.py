@@ -305,6 +305,16 @@ class Controller:
         finite_array("configuration.q", configuration.q, (self.model.nq,))
         self._checked = configuration
 
+    def __getstate__(self) -> dict[str, Any]:
+        """Without the prepared step: arrays that see into each other would be copied apart."""
+        return self.__dict__ | {"_prepared": None, "_checked": None}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """A copy prepares its own."""
+        self.__dict__.update(state)
+        self._checked = object()
+        self._prepared = prepare(self, self.solver)
+
     def __repr__(self) -> str:
         return (
             f"Controller(levels={[list(level) for level in self.levels]!r}, "

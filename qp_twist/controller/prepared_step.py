@@ -75,6 +75,8 @@ class PreparedStep(abc.ABC):
         self._steady = np.zeros(model.nv)
         self._chosen: tuple[float, float] | None = None
         tables = list(zip(self._table, limits, strict=True))
+        self._ranged = [(t, limit) for t, limit in tables if isinstance(limit, PositionLimit)]
+        self._stated = [_stated(limit) for _, limit in self._ranged]
         self._windows = [(t, limit) for t, limit in tables if isinstance(limit, DisplacementWindow)]
         self._motions = [(t[:, 6], limit) for t, limit in tables if isinstance(limit, MotionLimit)]
         self._frames = [
@@ -186,7 +188,11 @@ class PreparedStep(abc.ABC):
     def _tasks_known(self) -> bool:
         """Take over what has changed of the tasks; whether the kernel still knows them."""
         for number, task in enumerate(self._tasks):
-            if task.projector is not self._projectors[number] or task.bands:
+            if (
+                task.projector is not self._projectors[number]
+                or task.bands
+                or task.relative_to is not None
+            ):
                 return False
             if task.target is None or task.target is not self._told[number]:
                 self._aim(number, task)
@@ -242,6 +248,11 @@ class PreparedStep(abc.ABC):
         if chosen != self._chosen:
             self._chosen = chosen
             self._settings[1:3] = chosen
+        for number, (table, limit) in enumerate(self._ranged):
+            stated = _stated(limit)
+            if stated != self._stated[number]:
+                self._stated[number] = stated
+                table[:] = table_of([limit], len(table))[0][0]
         for table, window in self._windows:
             table[:, 0], table[:, 1] = window.reference, window.half_width
         for before, motion in self._motions:
@@ -251,6 +262,14 @@ class PreparedStep(abc.ABC):
         """As :meth:`~qp_twist.Controller.note`, of a velocity that the kernel has found."""
         for _, motion in self._motions:
             motion.velocity = velocity.copy()
+
+
+def _stated(limit: PositionLimit) -> tuple[bytes, ...]:
+    """The numbers of a limit, which its user may change."""
+    ends = limit.lower.tobytes(), limit.upper.tobytes()
+    if isinstance(limit, MotionLimit):
+        return *ends, limit.max_velocity.tobytes(), limit.max_acceleration.tobytes()
+    return ends
 
 
 def _paces(task: TwistTask) -> tuple[float, float, float]:

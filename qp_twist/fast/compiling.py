@@ -1,6 +1,7 @@
 """How the kernels are compiled.
 
-Machine code is kept beside the sources. It is made anew where the file of a kernel has changed, not
+Machine code is kept beside the sources, or where numba may; where it may nowhere, it is made anew
+in every process. It is made anew where the file of a kernel has changed, not
 where only that of a kernel which it calls has: whoever works on them removes ``__pycache__``.
 
 Without numba what makes no views of arrays runs as it is written, on lists as on arrays.
@@ -18,7 +19,14 @@ def _by_numba(**options: Any) -> Any:
         return lambda function: function
     from numba import njit
 
-    return njit(cache=True, error_model="numpy", nogil=True, **options)
+    def compiled(function: Any) -> Any:
+        settings: Any = {"error_model": "numpy", "nogil": True} | options
+        try:
+            return njit(cache=True, **settings)(function)
+        except RuntimeError:  # there is no folder to keep machine code in
+            return njit(**settings)(function)
+
+    return compiled
 
 
 kernel: Any = _by_numba(_nrt=True)

@@ -171,17 +171,23 @@ def _axis(shape, at, turn, stays):
 
 
 @plain
+def _left(kind, x, y, z, u, v, w):
+    """(1 − M) of a vector, for a projector's kind and axis."""
+    along = x * u + y * v + z * w
+    if kind == PLANE:
+        return along * x, along * y, along * z
+    if kind == LINE:
+        return u - along * x, v - along * y, w - along * z
+    if kind == FULL:
+        return 0.0, 0.0, 0.0
+    return u, v, w
+
+
+@plain
 def _free_of(kind, x, y, z, cost, first, J, free):
     """(1 − M) J of a block times its cost, three rows from ``first`` on."""
     for column in range(J.shape[1]):
-        u, v, w = J[first, column], J[first + 1, column], J[first + 2, column]
-        along = x * u + y * v + z * w
-        if kind == PLANE:
-            u, v, w = along * x, along * y, along * z
-        elif kind == LINE:
-            u, v, w = u - along * x, v - along * y, w - along * z
-        elif kind == FULL:
-            u, v, w = 0.0, 0.0, 0.0
+        u, v, w = _left(kind, x, y, z, J[first, column], J[first + 1, column], J[first + 2, column])
         free[first, column] = cost * u
         free[first + 1, column] = cost * v
         free[first + 2, column] = cost * w
@@ -222,13 +228,7 @@ def left_free(kind, x, y, z, J, h, first, twist):
         u += J[first, dof] * h[dof]
         v += J[first + 1, dof] * h[dof]
         w += J[first + 2, dof] * h[dof]
-    along = x * u + y * v + z * w
-    if kind == PLANE:
-        u, v, w = along * x, along * y, along * z
-    elif kind == LINE:
-        u, v, w = u - along * x, v - along * y, w - along * z
-    elif kind == FULL:
-        u, v, w = 0.0, 0.0, 0.0
+    u, v, w = _left(kind, x, y, z, u, v, w)
     twist[first] += u
     twist[first + 1] += v
     twist[first + 2] += w

@@ -74,8 +74,8 @@ class SerialChain:
             joint = int(model.dof_jntid[dof])
             if ranges.qpos[dof] < 0:
                 raise InvalidInput(
-                    f"SerialChain: {ranges.names[dof]!r}, which moves the frame {frame_name!r}, is "
-                    "a ball or free joint; only chains of hinges and slides are taken."
+                    f"{ranges.names[dof]!r}, which moves the frame {frame_name!r}, is a ball or "
+                    "free joint; only chains of hinges and slides are taken."
                 )
             screws.append(
                 Screw(
