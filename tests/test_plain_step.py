@@ -209,6 +209,9 @@ def test_what_is_changed_between_two_steps_counts(solver: str) -> None:
     same(slow, controller.step(configuration, 0.1))
     task.projector = qt.TwistProjector(linear=qt.Projector.full(), angular=qt.Projector.none())
     assert [len(r) for r in controller.step(configuration, 0.1).residuals] == [3]
+    task.frame_name, task.frame_type = "link_3", "body"
+    other = controller.step(configuration, 0.1)
+    assert not isinstance(other, PlainStep)
 
 
 @pytest.mark.parametrize("solver", SOLVERS)
@@ -244,7 +247,13 @@ def test_limits_that_are_changed_under_way_count(solver: str) -> None:
     limit = qt.PositionLimit(model)
     controller, task, configuration = plain_controller(solver, limits=[limit])
     controller.step(configuration, 0.1)
-    limit.lower[:] = configuration.q - 1e-4
+    with pytest.raises(ValueError, match="read-only"):
+        limit.lower[0] = 0.0
+    with pytest.raises(qt.InvalidInput, match="expected an array of shape"):
+        limit.lower = np.zeros(3)
+    with pytest.raises(qt.InvalidInput, match="NaN"):
+        limit.lower = np.full(6, np.nan)
+    limit.lower = configuration.q - 1e-4
     limit.upper = configuration.q + 1e-4
     held = controller.step(configuration, 0.1)
     assert held.status is not qt.Status.SOLVED

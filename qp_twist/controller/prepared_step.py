@@ -57,6 +57,7 @@ class PreparedStep(abc.ABC):
         self._secondary, self._metric = composed.secondary, composed.metric
         self._space = composed.secondary_space
         self._projectors = [task.projector for task in tasks]
+        self._named = [task.frame_name for task in tasks]
         ranges = self._ranges = JointRanges.of(model)
         self._centering = [s for s in composed.secondary if type(s) is JointCentering]
         self._postures = [
@@ -76,7 +77,7 @@ class PreparedStep(abc.ABC):
         self._chosen: tuple[float, float] | None = None
         tables = list(zip(self._table, limits, strict=True))
         self._ranged = [(t, limit) for t, limit in tables if isinstance(limit, PositionLimit)]
-        self._stated = [_stated(limit) for _, limit in self._ranged]
+        self._revisions = [limit.revision for _, limit in self._ranged]
         self._windows = [(t, limit) for t, limit in tables if isinstance(limit, DisplacementWindow)]
         self._motions = [(t[:, 6], limit) for t, limit in tables if isinstance(limit, MotionLimit)]
         self._frames = [
@@ -192,6 +193,7 @@ class PreparedStep(abc.ABC):
                 task.projector is not self._projectors[number]
                 or task.bands
                 or task.relative_to is not None
+                or task.frame_name is not self._named[number]
             ):
                 return False
             if task.target is None or task.target is not self._told[number]:
@@ -249,9 +251,8 @@ class PreparedStep(abc.ABC):
             self._chosen = chosen
             self._settings[1:3] = chosen
         for number, (table, limit) in enumerate(self._ranged):
-            stated = _stated(limit)
-            if stated != self._stated[number]:
-                self._stated[number] = stated
+            if limit.revision != self._revisions[number]:
+                self._revisions[number] = limit.revision
                 table[:] = table_of([limit], len(table))[0][0]
         for table, window in self._windows:
             table[:, 0], table[:, 1] = window.reference, window.half_width
@@ -262,14 +263,6 @@ class PreparedStep(abc.ABC):
         """As :meth:`~qp_twist.Controller.note`, of a velocity that the kernel has found."""
         for _, motion in self._motions:
             motion.velocity = velocity.copy()
-
-
-def _stated(limit: PositionLimit) -> tuple[bytes, ...]:
-    """The numbers of a limit, which its user may change."""
-    ends = limit.lower.tobytes(), limit.upper.tobytes()
-    if isinstance(limit, MotionLimit):
-        return *ends, limit.max_velocity.tobytes(), limit.max_acceleration.tobytes()
-    return ends
 
 
 def _paces(task: TwistTask) -> tuple[float, float, float]:

@@ -15,6 +15,7 @@ from qp_twist.limits.couplings import share_limits
 from qp_twist.limits.intersection import intersect
 from qp_twist.limits.per_joint import per_joint
 from qp_twist.limits.position_limit import NOTICEABLE, PositionLimit
+from qp_twist.limits.stated import Stated
 from qp_twist.limits.stopping_speed import stopping_speed
 
 
@@ -59,6 +60,7 @@ class MotionLimit(PositionLimit):
     """
 
     kind = "motion"
+    max_velocity, max_acceleration = Stated(), Stated()
 
     def __init__(
         self,
@@ -83,11 +85,12 @@ class MotionLimit(PositionLimit):
                 a joint with an acceleration limit is coupled to another, but not linearly.
         """
         super().__init__(model, margin=margin, recovery_speed=recovery_speed)
-        self.max_velocity = per_joint("velocity", velocity, self.ranges)
-        self.max_acceleration = per_joint("acceleration", acceleration, self.ranges)
+        fastest = per_joint("velocity", velocity, self.ranges)
+        hardest = per_joint("acceleration", acceleration, self.ranges)
         lower, upper = self.lower.copy(), self.upper.copy()
-        share_limits(model, lower, upper, self.max_acceleration, self.max_velocity, self._recovery)
+        share_limits(model, lower, upper, hardest, fastest, self._recovery)
         self._keep_between(lower, upper)
+        self.max_velocity, self.max_acceleration = fastest, hardest
         stated = np.isfinite(self.max_velocity)
         self._recovery = np.where(stated, self.max_velocity, self._recovery)
         self.velocity = np.zeros(model.nv)

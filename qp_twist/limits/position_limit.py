@@ -10,6 +10,7 @@ from qp_twist.checks import Array, number
 from qp_twist.errors import InvalidInput
 from qp_twist.kinematics import JointRanges
 from qp_twist.limits.box_limit import BoxLimit
+from qp_twist.limits.stated import Stated
 
 HAIR = 1e-12
 """How far inside its limit a joint stops, as a share of the limit (rad or m, if that is below 1).
@@ -28,12 +29,14 @@ class PositionLimit(BoxLimit):
     error nor a snap. Velocity and acceleration limits hold.
 
     Attributes:
-        lower: θ_min, rad or m, (nv,); −∞ where there is none.
-        upper: θ_max, (nv,); ∞ where there is none.
+        lower: θ_min, rad or m, (nv,); −∞ where there is none. Another array may be assigned.
+        upper: θ_max, (nv,), likewise; ∞ where there is none.
         hair: What a joint stops short of θ_min and θ_max by, for rounding, rad or m, (2, nv).
     """
 
     kind = "position"
+    lower, upper = Stated(), Stated()
+    revision: int
 
     def __init__(
         self, model: mujoco.MjModel, *, margin: float = 0.0, recovery_speed: float = 0.5
