@@ -55,7 +55,7 @@ def test_many_steps_are_the_steps_one_by_one(seed: int, space: Any) -> None:
         composed.limits[0].velocity = np.zeros(6)  # type: ignore[attr-defined]
         expected = composed.step(mink.Configuration(MODEL, q[k]), 0.05)
         size = 1.0 + np.abs(expected.velocity).max()
-        np.testing.assert_allclose(done.velocity[k], expected.velocity, atol=1e-8 * size)
+        np.testing.assert_allclose(done.velocity[k], expected.velocity, atol=1e-9 * size)
         assert done.scale[k] == pytest.approx(expected.scale, abs=1e-7)
         assert done.by_reference[k] or expected.status is qt.Status.SOLVED
 
