@@ -69,7 +69,7 @@ def measure(
     rad, of the first lap's joints from :func:`qp_twist.follow` by the reference.
     """
     task, all_moves = piece(), moves(max(sizes), seed)
-    reference = follow_one(task, METHOD).q
+    reference = follow_one(task, METHOD, solver="daqp").q
     rng = np.random.default_rng([seed, 3])
     taken: dict[tuple[int, str], list[int]] = {(n, name): [] for n in sizes for name in names}
     worst = dict.fromkeys(taken, 0.0)

@@ -88,27 +88,26 @@ def turn_error(block: Projector, here: Array, there: Array) -> Array:
         across = np.cross(e, between @ e - e)
         sine = float(np.linalg.norm(across))
         return across * (math.atan2(sine, float(e @ between @ e)) / sine) if sine else across
-    twice_sine = np.array(
-        [
-            between[2, 1] - between[1, 2],
-            between[0, 2] - between[2, 0],
-            between[1, 0] - between[0, 1],
-        ]
-    )
+    twice_sine = _twice_sine(between)
     # tan of half the turn about e, from the quaternion (1 + trace, twice_sine) / norm.
     turn: Array = 2.0 * math.atan2(float(e @ twice_sine), 1.0 + float(np.trace(between))) * e
     return turn
 
 
-def _rotation_vector(rotation: Array) -> Array:
-    """Axis times angle of a rotation by less than π, (3,)."""
-    twice_sine = np.array(
+def _twice_sine(rotation: Array) -> Array:
+    """The axis of a rotation times twice the sine of its angle, (3,)."""
+    return np.array(
         [
             rotation[2, 1] - rotation[1, 2],
             rotation[0, 2] - rotation[2, 0],
             rotation[1, 0] - rotation[0, 1],
         ]
     )
+
+
+def _rotation_vector(rotation: Array) -> Array:
+    """Axis times angle of a rotation by less than π, (3,)."""
+    twice_sine = _twice_sine(rotation)
     size = float(np.linalg.norm(twice_sine))
     angle = math.atan2(0.5 * size, 0.5 * (float(np.trace(rotation)) - 1.0))
     return twice_sine * (angle / size) if size else twice_sine

@@ -57,7 +57,7 @@ class PreparedStep(abc.ABC):
         self._secondary, self._metric = composed.secondary, composed.metric
         self._space = composed.secondary_space
         self._projectors = [task.projector for task in tasks]
-        self._named = [task.frame_name for task in tasks]
+        self._named = [(task.frame_name, task.frame_type) for task in tasks]
         ranges = self._ranges = JointRanges.of(model)
         self._centering = [s for s in composed.secondary if type(s) is JointCentering]
         self._postures = [
@@ -193,7 +193,7 @@ class PreparedStep(abc.ABC):
                 task.projector is not self._projectors[number]
                 or task.bands
                 or task.relative_to is not None
-                or task.frame_name is not self._named[number]
+                or (task.frame_name, task.frame_type) != self._named[number]
             ):
                 return False
             if task.target is None or task.target is not self._told[number]:

@@ -6,7 +6,7 @@ import numpy as np
 
 from qp_twist.fast.arm_kernel import pose_and_jacobian
 from qp_twist.fast.compiling import kernel
-from qp_twist.fast.null_space import least_norm, reflect
+from qp_twist.fast.null_space import INDEPENDENT, least_norm, reflect
 from qp_twist.fast.step_arrays import given, program_at
 from qp_twist.fast.step_kernel import DONE, step_kernel
 from qp_twist.fast.step_layout import places
@@ -14,8 +14,6 @@ from qp_twist.fast.twist_rows import in_basis, left_free, twist_rows, wanted_twi
 
 MINIMUM_NORM, GRADIENT_PROJECTION, RMR, TWA = range(4)
 """Closed forms."""
-_INDEPENDENT = 1e-8
-"""Rows whose smallest pivot is a smaller share of the largest are left to the reference."""
 
 
 @kernel
@@ -75,7 +73,7 @@ def closed_forms(arm, kinds, shape, held_kinds, held_shape, form, q, targets, h,
         done[k] = False
         pose_and_jacobian(arm, q[k], pose, J)
         twist_rows(held_kinds, held_shape, pose, targets[k], J, 1.0, A, b, free, ones)
-        if m > nv or not reflect(A, V, R) >= _INDEPENDENT:
+        if m > nv or not reflect(A, V, R) >= INDEPENDENT:
             continue
         done[k] = True
         for dof in range(nv):

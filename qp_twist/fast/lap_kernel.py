@@ -11,15 +11,13 @@ import numpy.typing as npt
 from qp_twist.fast.arm_kernel import pose_and_jacobian
 from qp_twist.fast.bounds import WINDOW, bounds
 from qp_twist.fast.compiling import kernel, part
-from qp_twist.fast.null_space import least_norm, reflect
+from qp_twist.fast.null_space import INDEPENDENT, least_norm, reflect
 from qp_twist.fast.path_kernel import Rows
 from qp_twist.fast.step_arrays import program_at
 from qp_twist.fast.step_kernel import DONE, verified_velocity
 from qp_twist.fast.step_layout import sizes
 from qp_twist.fast.twist_rows import twist_rows
 
-_INDEPENDENT = 1e-8
-"""Rows whose smallest pivot is a smaller share of the largest are left to the reference."""
 _STANDS_STILL = 1e-13
 """A displacement below it is none, rad or m."""
 
@@ -133,7 +131,7 @@ def _programmed(way, path, at, q, pulls, w, lap):
 def _closed_form(way, path, at, q, pulls, w, lap):
     """(TJ)†TΔt + (1 − (TJ)†TJ) h into ``w.x``; whether the rows are independent."""
     m = len(w.b)
-    if m > len(q) or not reflect(w.A, lap.V[:m], lap.R) >= _INDEPENDENT:
+    if m > len(q) or not reflect(w.A, lap.V[:m], lap.R) >= INDEPENDENT:
         return False
     for dof in range(len(q)):
         w.x[dof] = 0.0

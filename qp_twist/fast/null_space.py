@@ -6,6 +6,9 @@ import math
 
 from qp_twist.fast.compiling import plain
 
+INDEPENDENT = 1e-8
+"""Rows whose smallest pivot is a smaller share of the largest are left to the reference."""
+
 
 @plain
 def reflect(A, V, R):

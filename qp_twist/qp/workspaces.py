@@ -162,7 +162,7 @@ class _Osqp(Workspace):
         self._quietly: dict[str, bool] = {"raise_error": False} if told else {}
         self._entries = np.ones((m + 1, n))
         self._ends = np.zeros((2, m + n))
-        self._above = np.triu_indices(n)
+        self._columns_of_upper, self._rows_of_upper = np.tril_indices(n)
         self._pattern = sparse.vstack([sparse.csc_matrix(np.ones((m, n))), sparse.eye(n)], "csc")
 
     def _set_up(self, H: Array, c: Array, A: Array, b: Array, lower: Array, upper: Array) -> None:
@@ -188,9 +188,8 @@ class _Osqp(Workspace):
 
     def _upper(self, H: Array) -> Array:
         """Of the upper triangle, column by column."""
-        entries: Array = H.T[self._above[1], self._above[0]]
-        order = np.lexsort(self._above)
-        return entries[order]
+        entries: Array = H[self._rows_of_upper, self._columns_of_upper]
+        return entries
 
     def _between(self, b: Array, lower: Array, upper: Array) -> Array:
         ends, m = self._ends, self._m
