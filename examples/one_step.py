@@ -27,6 +27,6 @@ controller = qt.Controller(path.model, [task], secondary=[centering], limits=lim
 configuration = mink.Configuration(path.model, path.start + 0.1)
 step = controller.step(configuration, dt=0.01)
 print(step.message)
-print(f"scale {step.scale:.3f}, solver {step.solver}")
+print(f"scale {step.scale:.3f}")
 print("velocity, deg/s:", np.degrees(step.velocity).round(1))
 configuration.integrate_inplace(step.velocity, 0.01)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
+import numpy as np
 import pytest
 import qpsolvers
 
@@ -21,15 +22,17 @@ def install(monkeypatch: pytest.MonkeyPatch, says: Callable[..., Any]) -> None:
     asked: list[qpsolvers.Problem] = []
     truth = Workspace.solve
 
-    def solve(self: Workspace, H: Any, c: Any, A: Any, b: Any, *box: Any, **told: Any) -> Any:
-        asked[:] = [qpsolvers.Problem(H, c, None, None, A, b, *box)]
-        return truth(self, H, c, A, b, *box, **told)
+    def solve(self: Workspace, H: Any, p: Any, **told: Any) -> Any:
+        G, g = (p.G, p.g) if len(p.g) else (None, None)
+        asked[:] = [qpsolvers.Problem(H, p.c, G, g, p.A, p.b, p.lower, p.upper)]
+        return truth(self, H, p, **told)
 
     monkeypatch.setattr(Workspace, "solve", solve)
     for name, kind in KNOWN.items():
 
         def told(self: Workspace, name: str = name) -> Any:
             said = says(asked[0], solver=name, **SETTINGS[name])
-            return Solution(said.x, said.y, said.z_box) if said.found else None
+            rows = np.zeros(0) if asked[0].G is None else said.z
+            return Solution(said.x, said.y, rows, said.z_box) if said.found else None
 
         monkeypatch.setattr(kind, "_solve", told)

@@ -81,12 +81,16 @@ def test_threads_and_the_form_of_targets_make_no_difference_and_nothing_is_chang
     np.testing.assert_array_equal(composed.limits[0].velocity, velocity)  # type: ignore[attr-defined]
 
 
-def test_two_tasks_have_targets_of_their_own() -> None:
+@pytest.mark.parametrize("strict", [False, True])
+def test_two_tasks_have_targets_of_their_own(strict: bool) -> None:
     rng = np.random.default_rng(5)
     tool = qt.TwistTask.point("tool", "site")
     elbow = qt.TwistTask("link_3", "body", qt.TwistProjector(
         linear=qt.Projector.line([0.0, 0.0, 1.0]), angular=qt.Projector.none()))  # fmt: skip
-    composed = by_reference(qt.Controller(MODEL, [tool, elbow], limits=[], solver="daqp"))
+    given: dict[str, Any] = {"tasks": [tool, elbow]}
+    if strict:
+        given = {"levels": [[tool], [elbow]]}
+    composed = by_reference(qt.Controller(MODEL, **given, limits=[], solver="daqp"))
     q, _ = rows(rng, 8)
     targets: list[list[mink.SE3]] = [[], []]
     for here in q:

@@ -59,7 +59,7 @@ def test_beginning_from_any_active_set_ends_at_the_same_point(seed: int) -> None
         x, u = np.zeros(n), np.zeros(n + 1)
         status, count = dual_active_set(
             *problem, active, before, x, u, np.zeros((n, n)), np.zeros((n, n)),
-            np.zeros(m + k + 2 * n, dtype=np.int64), np.zeros((3, n + 1)),
+            np.zeros(m + k + 2 * n, dtype=np.int64), np.zeros((3, n + 1)), np.zeros(k),
         )  # fmt: skip
         assert status == SOLVED
         assert (u[m:count] >= 0.0).all()

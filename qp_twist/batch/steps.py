@@ -59,11 +59,12 @@ def step(
     """:meth:`Controller.step <qp_twist.Controller.step>` for many configurations, to 1e-9.
 
     Every result is verified. Steps that are not plain ones inside all limits (scaled, relaxed, near
-    a singularity) are taken by ``Controller.step`` afterwards, one by one. The controller is left
-    as it is; its acceleration limits count from the velocity that it knows.
+    a singularity, with a level that gives way) are taken by ``Controller.step`` afterwards, one by
+    one. The controller is left as it is; its acceleration limits count from the velocity that it
+    knows.
 
     Args:
-        controller: TwistTasks of one level (no GazeTasks, bands or carriers), PositionLimits,
+        controller: TwistTasks (no GazeTasks, bands or carriers) in any levels, PositionLimits,
             MotionLimits and DisplacementWindows, JointCentering and, where all joints are hinges
             and slides, PostureReferences. Its ``solver`` takes the steps that are not plain.
         q: Configurations, rad or m, (K, nq).
@@ -92,7 +93,7 @@ def step(
     arrays = None if prepared is None else prepared.of_any_configuration(controller)
     if arrays is None:
         raise InvalidInput(
-            "batch.step: this controller has no compiled form. One has TwistTasks of one level "
+            "batch.step: this controller has no compiled form. One has TwistTasks "
             "(no GazeTasks, bands or carriers), PositionLimits, MotionLimits and "
             "DisplacementWindows, JointCentering and, where all joints are hinges and slides, "
             "PostureReferences. Take the steps one by one with Controller.step."

@@ -1,4 +1,4 @@
-"""Which controllers the compiled kernel knows."""
+"""Which controllers have a prepared step."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ import mujoco
 
 from qp_twist.checks import Array
 from qp_twist.kinematics import SecondaryObjective, TwistTask
-from qp_twist.limits import DisplacementWindow, MotionLimit, PositionLimit
+from qp_twist.limits import BoxLimit, DisplacementWindow, MotionLimit, PositionLimit
 
-KNOWN_LIMITS = (PositionLimit, MotionLimit, DisplacementWindow)
+BOXES = (PositionLimit, MotionLimit, DisplacementWindow)
 
 
 class Composition(Protocol):
@@ -23,6 +23,8 @@ class Composition(Protocol):
     secondary: tuple[SecondaryObjective, ...]
     secondary_space: str
     limits: list[mink.Limit]
+    levels: tuple[tuple[Any, ...], ...]
+    soft_tasks: tuple[mink.tasks.BaseTask, ...]
     metric: Array
     joint_weight: float
     singularity: float
@@ -30,17 +32,19 @@ class Composition(Protocol):
     solver: str
 
 
-def composition_known(
-    levels: Sequence[Sequence[Any]], soft_tasks: Sequence[Any], limits: Sequence[Any]
-) -> bool:
-    """Whether a step of this composition can be compiled.
+def composition_known(levels: Sequence[Sequence[Any]], limits: Sequence[Any]) -> bool:
+    """Whether a step of this composition can be prepared.
 
-    One level of TwistTasks whose targets stand in the world, without tolerance bands, no other mink
-    tasks, and limits of this package that are boxes.
+    Levels of TwistTasks whose targets stand in the world and whose bands are hard, and limits that
+    are boxes of this package or rows of any class.
     """
-    return (
-        len(levels) == 1
-        and not soft_tasks
-        and all(type(t) is TwistTask and t.relative_to is None for t in levels[0])
-        and all(type(limit) in KNOWN_LIMITS for limit in limits)
-    )
+    return all(
+        type(t) is TwistTask and t.relative_to is None and not has_soft_bands(t)
+        for level in levels
+        for t in level
+    ) and all(type(limit) in BOXES or not isinstance(limit, BoxLimit) for limit in limits)
+
+
+def has_soft_bands(task: TwistTask) -> bool:
+    """Whether a band of the task may be left, which takes unknowns more than the joints."""
+    return any(band.weight is not None for band in task.bands)

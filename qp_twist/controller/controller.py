@@ -142,7 +142,7 @@ class Controller:
             [PositionLimit(model)] if limits is None else list(_sequence("limits", limits))
         )
         if solver is None:
-            known = composition_known(self.levels, self.soft_tasks, self.limits)
+            known = composition_known(self.levels, self.limits)
             solver = fastest_solver() if known else "daqp"
         self.solver = check_solver(solver)
         self.on_infeasible = one_of("on_infeasible", on_infeasible, ("scale", "relax", "raise"))

@@ -20,7 +20,7 @@ from qp_twist.fast.bounds import bounds
 from qp_twist.fast.twist_rows import BODY, FULL, LINE, NONE, PLANE, WORLD, wanted_twist
 from qp_twist.qp.workspaces import Solution, Workspace
 
-_EQUALITY, _OPTIMALITY, _GAIN, _GAP, _ROUNDING = TOLERANCES.tolist()
+_EQUALITY, _OPTIMALITY, _GAIN, _GAP, _ROUNDING, _BOUND = TOLERANCES.tolist()
 _BY_NUMBA = fast.installed()
 """Whether what runs with and without numba is compiled, and takes arrays instead of lists."""
 
@@ -32,22 +32,28 @@ class LeanStep(PreparedStep):
         """As :class:`PreparedStep`; the backend is of its unknowns and rows."""
         super().__init__(composed, solver)
         self._backend = backend
-        nv, m, at = len(self._program.c), sum(self._ranks), self._at
-        self._fastest, self._noticeable, self._unlimited = self._settings[4:].tolist()
+        nv, m = composed.model.nv, sum(self._ranks)
+        self._square, self._shift, self._threshold = np.zeros((m, m)), np.zeros((m, m)), 0.0
+        self._dense = np.zeros((nv, nv))
+        self._hardest = 0.0
+
+    def _lay_out(self, composed: Composition, room: int) -> None:
+        super()._lay_out(composed, room)
+        nv, at = composed.model.nv, self._at
+        fastest, noticeable, unlimited, steepest = self._settings[4:].tolist()
+        self._fastest, self._steepest = fastest, steepest
+        self._noticeable, self._unlimited = noticeable, unlimited
         self._addresses = self._integers[at.addresses : at.types]
         # Where every coordinate is a joint's, in the order of the joints, nothing is copied.
         self._in_order = np.array_equal(self._addresses, np.arange(len(self._qpos)))
         self._types = self._integers[at.types : at.active]
         self._middle = self._floats[at.middle : at.middle + nv]
         self._free_costs = self._floats[at.free_costs : at.free_costs + 2]
-        self._kinds = self._integers[at.kinds : at.addresses].reshape(-1, 3)
+        self._kinds = self._integers[at.kinds : at.ends].reshape(-1, 3)
         self._blocks = [
             _Block(self, number, block) for number in range(len(self._ranks)) for block in range(2)
         ]
-        self._square, self._shift, self._threshold = np.zeros((m, m)), np.zeros((m, m)), 0.0
-        self._dense = np.zeros((nv, nv))
         self._weight = math.nan
-        self._hardest = 0.0
 
     @np.errstate(over="ignore", invalid="ignore")  # what is not finite is refused
     def _solve(self, dt: float, use_secondary: bool) -> bool:
@@ -66,7 +72,9 @@ class LeanStep(PreparedStep):
             if not p.c.dot(p.c) <= most:
                 return False
         new_cost = self._cost()
-        found = self._backend.solve(self._dense, p.c, p.A, p.b, p.lower, p.upper, new_cost=new_cost)
+        if len(self._linear) and not _largest(p.c) <= self._steepest * self._hardest:
+            return False
+        found = self._backend.solve(self._dense, p, new_cost=new_cost)
         return found is not None and self._verified(found)
 
     def _wanted(self, dt: float) -> None:
@@ -92,7 +100,7 @@ class LeanStep(PreparedStep):
         return inside
 
     def _well_conditioned(self) -> bool:
-        """Whether no singular value of the rows is below the threshold: AAᵀ − threshold²·1 ≻ 0."""
+        """As the kernel of this name: AAᵀ − threshold²·1 ≻ 0, level by level."""
         A, square = self._program.A, self._square
         if len(A) > A.shape[1]:
             return False
@@ -100,12 +108,21 @@ class LeanStep(PreparedStep):
         threshold = self._settings[1]
         if threshold != self._threshold:
             self._threshold, self._shift = threshold, threshold**2 * np.eye(len(A))
-        square -= self._shift
-        return _is_positive_definite(square)
+        if len(self._ends) == 1:
+            square -= self._shift
+            return _is_positive_definite(square)
+        L, info = lapack.dpotrf(square, lower=1, clean=1)
+        first, regular = 0, bool(info == 0)
+        for end in self._ends.tolist():
+            block = L[first:end, first:end]
+            shift = self._shift[first:end, first:end]
+            regular = regular and _is_positive_definite(block.dot(block.T) - shift)
+            first = end
+        return regular
 
     def _cost(self) -> bool:
         """H, and −H ḣ in place of ḣ in c; whether H is another than in the step before."""
-        p, weight = self._program, float(self._settings[2])
+        p, weight, others = self._program, float(self._settings[2]), len(self._linear) > 0
         if p.cost.ndim == 1:
             changed = weight != self._weight
             if changed:
@@ -116,15 +133,26 @@ class LeanStep(PreparedStep):
             np.multiply(p.c, -p.cost, out=p.c)
             return changed
         wish, H = p.c.copy(), self._dense
+        if not self._twist_space:
+            H[:] = np.diag(weight * self._metric)
+            p.c[:] = -weight * self._metric * wish
+        else:
+            self._twist_cost(wish, H)
+        if others:
+            H += self._quadratic
+            p.c[:] += self._linear
+        p.cost[:] = H
+        self._hardest = float(np.abs(H).max())
+        return True
+
+    def _twist_cost(self, wish: Array, H: Array) -> None:
+        p = self._program
         free = np.vstack([block.free_rows() for block in self._blocks])
         # As the reference has it: AᵀA changes no solution, but makes H better conditioned.
         np.dot(free.T, free, out=H)
         H += self._settings[2] * unseen(np.vstack((p.A, free)), self._metric)
         p.c[:] = -H.dot(wish)
         H += p.A.T.dot(p.A)
-        p.cost[:] = H
-        self._hardest = float(np.abs(H).max())
-        return True
 
     def _verified(self, found: Solution) -> bool:
         """Whether x, moved into the box to the last bit, is proved optimal by the multipliers.
@@ -142,6 +170,15 @@ class LeanStep(PreparedStep):
         pull = found.y.dot(p.A)
         residual = p.A.dot(p.x) - p.b
         explained = p.c + pull + found.box
+        over = most = gain = lost = 0.0
+        if len(p.g):
+            np.maximum(found.rows, 0.0, out=p.lam)
+            pushed = p.lam.dot(p.G)
+            explained += pushed
+            room = p.g - p.G.dot(p.x)
+            over, most = -float(room.min()), _largest(pushed)
+            gain = float(p.lam.dot(np.maximum(room, 0.0)))
+            lost = _ROUNDING * float(p.lam.dot(np.abs(p.g) + np.abs(p.G).dot(np.abs(p.x))))
         if p.cost.ndim == 1:
             r = p.cost * p.x + explained
             gap = 0.5 * float(r.dot(r / p.cost))
@@ -156,6 +193,9 @@ class LeanStep(PreparedStep):
             elif force < 0.0:
                 held -= force * (value - low)
         gap += held - float(found.y.dot(residual))
+        if len(p.g):
+            gap += float(p.lam.dot(room))
+            held += gain
         off, left, hardest = _largest(residual), _largest(r), self._hardest
         # All that is allowed grows with x, b and c: nearly always it is enough to take them for 0.
         if (
@@ -163,16 +203,18 @@ class LeanStep(PreparedStep):
             and left <= _OPTIMALITY * hardest
             and held <= _GAIN * hardest
             and gap <= _GAP * hardest
+            and over <= _BOUND
         ):
             return True
         steepest, reach = _largest(p.c), 1.0 + _largest(p.x)
-        size = max(steepest, _largest(found.box), _largest(pull))
+        size = max(steepest, _largest(found.box), _largest(pull), most)
         cost = (hardest * reach + steepest) * reach
         return bool(
             off <= _EQUALITY * (1.0 + _largest(p.b))
             and left <= _OPTIMALITY * hardest * reach + _ROUNDING * size
-            and held <= _GAIN * cost
-            and gap <= _GAP * cost
+            and held <= _GAIN * cost + lost
+            and gap <= _GAP * cost + lost
+            and over <= _BOUND * reach
         )
 
 

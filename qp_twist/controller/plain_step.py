@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from collections.abc import Sequence
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
 from qp_twist.checks import Array
 from qp_twist.controller.step import Status, Step
-from qp_twist.limits import DUST, BindingLimit, binding_bounds
+from qp_twist.limits import DUST, BindingLimit, RowName, binding_bounds
 from qp_twist.qp import QuadraticProgram
-
-KINDS = ("acceleration", "velocity", "position")
-"""Names of what bounds come from, by the numbers of ``fast.bounds``."""
 
 
 class Layout:
@@ -21,16 +19,28 @@ class Layout:
     Attributes:
         ranks: Rows of each task.
         rows: Of all of them together.
+        first: Of the first level.
         names: Of the joints, by degree of freedom.
         solver: Name of the backend.
+        kinds: What bounds come from, by the numbers of ``fast.bounds``.
+        dense: Whether H has entries off its diagonal.
         velocity: Where q̇ is among the numbers.
     """
 
-    def __init__(self, ranks: tuple[int, ...], names: tuple[str, ...], solver: str) -> None:
-        """Of a controller's tasks, robot and solver."""
-        self.ranks, self.rows, self.names, self.solver = ranks, sum(ranks), names, solver
-        first = self.rows * len(names) + self.rows + 3 * len(names)
-        self.velocity = slice(first, first + len(names))
+    def __init__(
+        self,
+        ranks: tuple[int, ...],
+        first: int,
+        names: tuple[str, ...],
+        solver: str,
+        kinds: dict[float, str],
+        dense: bool,
+    ) -> None:
+        """Of a controller's tasks, robot, solver, limits and costs."""
+        self.ranks, self.rows, self.first = ranks, sum(ranks), first
+        self.names, self.solver, self.kinds, self.dense = names, solver, kinds, dense
+        at = self.rows * len(names) + self.rows + 3 * len(names)
+        self.velocity = slice(at, at + len(names))
 
 
 class Numbers(NamedTuple):
@@ -47,6 +57,10 @@ class Numbers(NamedTuple):
     upper_kind: Array
     cost: Array
     """H, or its diagonal where it has no other entries."""
+    G: Array
+    g: Array
+    lam: Array
+    """λ of the rows of G."""
 
     @property
     def H(self) -> Array:
@@ -58,11 +72,22 @@ class Numbers(NamedTuple):
         """The parts of the array."""
         rows, nv = layout.rows, len(layout.names)
         square, after = rows * nv, rows * nv + rows
-        cost = out[after + 7 * nv :]
         c, lower, upper, x, box, below, above = out[after : after + 7 * nv].reshape(7, nv)
-        cost = cost if len(cost) == nv else cost.reshape(nv, nv)
         A, b = out[:square].reshape(rows, nv), out[square:after]
-        return cls(A, b, c, lower, upper, x, box, below, above, cost)
+        after += 7 * nv
+        end = after + (nv * nv if layout.dense else nv)
+        cost = out[after:end].reshape((nv, nv) if layout.dense else (nv,))
+        k = (len(out) - end) // (nv + 2)
+        G, (g, lam) = out[end : end + k * nv].reshape(k, nv), out[end + k * nv :].reshape(2, k)
+        return cls(A, b, c, lower, upper, x, box, below, above, cost, G, g, lam)
+
+
+class Named(Protocol):
+    """What inequality rows come from."""
+
+    @property
+    def names(self) -> list[RowName]:
+        """Name and kind of each of them."""
 
 
 class PlainStep(Step):
@@ -75,15 +100,17 @@ class PlainStep(Step):
     status = Status.SOLVED
     _numbers: Array
     _layout: Layout
+    _rows: Sequence[Named]
 
     @classmethod
-    def made(cls, numbers: Array, layout: Layout) -> PlainStep:
+    def made(cls, numbers: Array, layout: Layout, rows: Sequence[Named]) -> PlainStep:
         """From what was left behind in a step's arrays, as :class:`Numbers` reads it; kept."""
         step = object.__new__(cls)
         fields = step.__dict__
         fields["velocity"] = numbers[layout.velocity]
         fields["_numbers"] = numbers
         fields["_layout"] = layout
+        fields["_rows"] = rows
         return step
 
     def __getattr__(self, name: str) -> Any:
@@ -100,20 +127,41 @@ class PlainStep(Step):
         elif name == "binding":
             value = self._binding(numbers)
         elif name == "sigma_min":
-            sigma = np.linalg.svd(numbers.A, compute_uv=False)
+            sigma = np.linalg.svd(numbers.A[: layout.first], compute_uv=False)
             value = float(sigma[-1]) if len(sigma) else np.inf
         else:
-            none = np.zeros((0, len(layout.names)))
             value = QuadraticProgram(
-                numbers.H, numbers.c, numbers.A, numbers.b, none, np.zeros(0),
+                numbers.H, numbers.c, numbers.A, numbers.b, numbers.G, numbers.g,
                 numbers.lower, numbers.upper,
             )  # fmt: skip
         self.__dict__[name] = value
         return value
 
     def _binding(self, numbers: Numbers) -> tuple[BindingLimit, ...]:
-        dust = DUST * max(float(np.abs(numbers.box).max(initial=0.0)), 1.0)
-        # There is a number beyond all kinds where there is no bound.
-        kinds = np.minimum((numbers.lower_kind, numbers.upper_kind), len(KINDS)).astype(int)
-        lower, upper = np.array((*KINDS, ""), dtype=object)[kinds]
-        return tuple(binding_bounds(numbers.box, dust, self._layout.names, lower, upper))
+        lam, kinds = numbers.lam, self._layout.kinds
+        largest = max(float(np.abs(numbers.box).max(initial=0.0)), float(lam.max(initial=0.0)))
+        dust = DUST * max(largest, 1.0)
+        # There is a number of no kind where there is no bound.
+        lower, upper = (
+            [kinds.get(number, "") for number in side.tolist()]
+            for side in (numbers.lower_kind, numbers.upper_kind)
+        )
+        found = binding_bounds(numbers.box, dust, self._layout.names, lower, upper)
+        pushing = np.flatnonzero(lam > dust).tolist()
+        if pushing:
+            names = [name for source in self._rows for name in source.names]
+            found += [BindingLimit(*names[row], "upper", float(lam[row])) for row in pushing]
+        return tuple(found)
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Without the limits and tasks that inequality rows come from, but with their names."""
+        names = [name for source in self._rows for name in source.names]
+        return self.__dict__ | {"_rows": (_Names(names),) if names else ()}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """As it was."""
+        self.__dict__.update(state)
+
+
+class _Names(NamedTuple):
+    names: list[RowName]

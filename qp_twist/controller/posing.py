@@ -141,7 +141,7 @@ def _evaluate(
                 else:
                     G.append(band.rows)
                     g.append(band.bounds)
-                    labels += [(band.label, "band")] * len(band.bounds)
+                    labels += band.names
         else:
             rows.append(_mink_rows(item, configuration, dt))
     return rows, np.vstack(G), np.concatenate(g)
@@ -253,7 +253,7 @@ def with_soft_bands(
         slack[:, i] = -math.sqrt(cost / float(band.weight or 1.0))
         wide.append(np.hstack([band.rows, slack]))
         sides.append(band.bounds)
-        labels += [(band.label, "band")] * len(band.bounds)
+        labels += band.names
     H = np.zeros((n + k, n + k))
     H[:n, :n] = problem.H
     H[range(n, n + k), range(n, n + k)] = cost

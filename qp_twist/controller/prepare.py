@@ -19,7 +19,7 @@ def prepare(controller: Controller, solver: str) -> PreparedStep | None:
 
     That is so where its composition is another, or the solver keeps no memory.
     """
-    if not composition_known(controller.levels, controller.soft_tasks, controller.limits):
+    if not composition_known(controller.levels, controller.limits):
         return None
     if solver == COMPILED:
         from qp_twist.controller.compiled_step import CompiledStep  # with numba

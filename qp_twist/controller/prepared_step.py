@@ -13,12 +13,21 @@ import numpy as np
 import numpy.typing as npt
 
 from qp_twist.checks import Array
-from qp_twist.controller.composition import KNOWN_LIMITS, Composition
-from qp_twist.controller.plain_step import Layout, Numbers, PlainStep
-from qp_twist.controller.posing import FASTEST, NEARLY_UNSEEN
-from qp_twist.fast.bounds import MOTION, POSITION, WINDOW
-from qp_twist.fast.step_layout import SETTINGS, places
+from qp_twist.controller.composition import BOXES, Composition, has_soft_bands
+from qp_twist.controller.plain_step import Layout, Named, Numbers, PlainStep
+from qp_twist.controller.posing import FASTEST, NEARLY_UNSEEN, STEEPEST, mink_costs
+from qp_twist.fast.bounds import (
+    ACCELERATION_BOUND,
+    MOTION,
+    POSITION,
+    POSITION_BOUND,
+    STATED,
+    VELOCITY_BOUND,
+    WINDOW,
+)
+from qp_twist.fast.step_layout import HEADER, SETTINGS, Sizes, places
 from qp_twist.kinematics import (
+    BandRows,
     JointCentering,
     JointRanges,
     PostureReference,
@@ -26,12 +35,22 @@ from qp_twist.kinematics import (
 )
 from qp_twist.kinematics.frame import frame_id
 from qp_twist.kinematics.projector_shape import kinds_of, shape_of
-from qp_twist.limits import DisplacementWindow, MotionLimit, PositionLimit
-from qp_twist.limits.gather import UNLIMITED
+from qp_twist.limits import (
+    DisplacementWindow,
+    MotionLimit,
+    PositionLimit,
+    StatedLimit,
+    kind_of,
+)
 from qp_twist.limits.position_limit import NOTICEABLE
+from qp_twist.limits.stated_limit import UNLIMITED
 from qp_twist.qp import verification
 
-_TYPES = dict(zip(KNOWN_LIMITS, (POSITION, MOTION, WINDOW), strict=True))
+_TYPES = dict(zip(BOXES, (POSITION, MOTION, WINDOW), strict=True))
+_KINDS = {
+    "acceleration": ACCELERATION_BOUND, "velocity": VELOCITY_BOUND, "position": POSITION_BOUND,
+}  # fmt: skip
+"""Names of what bounds come from, with their numbers."""
 TOLERANCES = np.array(
     [
         verification.EQUALITY_TOLERANCE,
@@ -39,15 +58,18 @@ TOLERANCES = np.array(
         verification.GAIN_TOLERANCE,
         verification.GAP_TOLERANCE,
         verification.ROUNDING,
+        verification.BOUND_TOLERANCE,
     ]
 )
+_NO_ROWS: tuple[Named, ...] = ()
 
 
 class PreparedStep(abc.ABC):
-    """The arrays of one controller, for compositions of TwistTasks and limits that are boxes.
+    """The arrays of one controller, for compositions that ``composition_known`` knows.
 
-    What it does not know, and every step that is not a plain one inside all limits, is left to the
-    reference: then :meth:`__call__` returns ``None``.
+    Limits of other classes, tolerance bands and the costs of other tasks say in Python what they
+    want. What it does not know, and every step that is not a plain one inside all limits, is left
+    to the reference: then :meth:`__call__` returns ``None``.
     """
 
     def __init__(self, composed: Composition, solver: str) -> None:
@@ -55,7 +77,8 @@ class PreparedStep(abc.ABC):
         model, tasks, limits = composed.model, composed.twist_tasks, list(composed.limits)
         self._model, self._tasks, self._limits = model, tasks, limits
         self._secondary, self._metric = composed.secondary, composed.metric
-        self._space = composed.secondary_space
+        self._space, self._soft_tasks = composed.secondary_space, composed.soft_tasks
+        self._twist_space = self._space == "twist" and len(tasks) > 0
         self._projectors = [task.projector for task in tasks]
         self._named = [(task.frame_name, task.frame_type) for task in tasks]
         ranges = self._ranges = JointRanges.of(model)
@@ -68,38 +91,37 @@ class PreparedStep(abc.ABC):
         pulls = *self._centering, *self._postures
         self._others = [s for s in composed.secondary if s not in pulls]
         self._ranks = tuple(task.projector.rank for task in tasks)
-        self._layout = Layout(self._ranks, ranges.names, solver)
-        self._lay_out(composed)
-        self._told: list[Any] = [None] * len(tasks)
-        self._paced = [_paces(task) for task in tasks]
-        self._asked: list[tuple[float, str | bytes]] | None = None
-        self._steady = np.zeros(model.nv)
-        self._chosen: tuple[float, float] | None = None
-        tables = list(zip(self._table, limits, strict=True))
-        self._ranged = [(t, limit) for t, limit in tables if isinstance(limit, PositionLimit)]
-        self._revisions = [limit.revision for _, limit in self._ranged]
-        self._windows = [(t, limit) for t, limit in tables if isinstance(limit, DisplacementWindow)]
-        self._motions = [(t[:, 6], limit) for t, limit in tables if isinstance(limit, MotionLimit)]
+        self._levels = composed.levels
+        ranks = [sum(task.projector.rank for task in level) for level in self._levels]
+        self._ends = np.cumsum(ranks)
+        numbers = numbers_of_kinds(limits)
+        self._layout = Layout(
+            self._ranks, int(self._ends[0]), ranges.names, solver,
+            {number: name for name, number in numbers.items()},
+            self._twist_space or bool(self._soft_tasks),
+        )  # fmt: skip
         self._frames = [
             (mink.FRAME_TO_JAC_FUNC[t.frame_type], frame_id(model, t.frame_name, t.frame_type))
             for t in tasks
         ]
-        self._data: mujoco.MjData | None = None
         self._qpos = np.zeros(model.nq)
-        self._jacs: list[tuple[Callable[..., None], Array, Array, int]] = []
-        self._views: list[tuple[Array, Array, Array, Array]] = []
+        self._lay_out(composed, 0)
 
-    def _lay_out(self, composed: Composition) -> None:
-        """The two arrays, what in them stays, and views of what changes."""
-        nv, count, ranges = composed.model.nv, len(self._tasks), self._ranges
-        table, types = table_of(self._limits, nv)
-        twist_space = self._space == "twist"
-        header = nv, sum(self._ranks), count, len(types), int(twist_space)
-        at = self._at = places(*header)
+    def _lay_out(self, composed: Composition, room: int) -> None:
+        """The two arrays, with room for so many inequality rows, and views of what changes."""
+        nv, count, ranges, limits = composed.model.nv, len(self._tasks), self._ranges, self._limits
+        table, types = table_of(limits, nv)
+        twist_space = self._twist_space
+        size = Sizes(
+            nv, sum(self._ranks), count, len(self._ends), len(types), twist_space,
+            bool(self._soft_tasks), room, 0,
+        )  # fmt: skip
+        at, self._room = places(size), room
+        self._at = at
         self._floats, self._integers = np.zeros(at.floats), np.zeros(at.integers, dtype=np.int64)
-        kinds = [kinds_of(projector) for projector in self._projectors]
-        self._integers[: len(header)] = header
-        self._integers[at.kinds : at.addresses] = np.ravel(kinds)
+        self._integers[: len(size)] = size
+        self._integers[at.kinds : at.ends] = np.ravel([kinds_of(p) for p in self._projectors])
+        self._integers[at.ends : at.addresses] = self._ends
         self._integers[at.addresses : at.types] = ranges.qpos
         self._integers[at.types : at.active] = types
 
@@ -112,16 +134,41 @@ class PreparedStep(abc.ABC):
         part(at.middle, nv)[:] = ranges.middle
         part(at.metric, nv)[:] = composed.metric
         self._settings = part(0, SETTINGS)
-        self._settings[:] = settings_of(twist_space, 0.0, 0.0, NEARLY_UNSEEN, FASTEST)
+        self._settings[:] = settings_of(twist_space, 0.0, 0.0)
         self._pull, self._wish = part(at.pull, nv), part(at.wish, nv)
         self._shapes, self._poses = part(at.shapes, count, 27), part(at.poses, count, 12)
         self._targets = part(at.targets, count, 18)
         self._jacobians = part(at.jacobians, count, 6, nv)
         self._table = part(at.limits, len(types), nv, 7)
         self._table[:] = table
+        others = nv if self._soft_tasks else 0
+        self._quadratic = part(at.costs, others, nv)
+        self._linear = part(at.costs + others * nv, others)
+        self._paced = [_paces(task) for task in self._tasks]
         for shape, task in zip(self._shapes, self._tasks, strict=True):
             shape[:] = shape_of(task.projector, *_paces(task))
-        self._result = part(at.program, at.work - at.program)
+        self._take_rows(0)
+        # What was written into the arrays before this.
+        self._told: list[Any] = [None] * count
+        self._asked: list[tuple[float, str | bytes]] | None = None
+        self._steady = np.zeros(nv)
+        self._chosen: tuple[float, float] | None = None
+        tables = list(zip(self._table, limits, strict=True))
+        self._ranged = [(t, limit) for t, limit in tables if isinstance(limit, PositionLimit)]
+        self._revisions = [limit.revision for _, limit in self._ranged]
+        self._windows = [(t, limit) for t, limit in tables if isinstance(limit, DisplacementWindow)]
+        self._motions = [(t[:, 6], limit) for t, limit in tables if isinstance(limit, MotionLimit)]
+        self._stated = [(t, limit) for t, limit in tables if type(limit) not in BOXES]
+        self._data: mujoco.MjData | None = None
+        self._jacs: list[tuple[Callable[..., None], Array, Array, int]] = []
+        self._views: list[tuple[Array, Array, Array, Array]] = []
+
+    def _take_rows(self, k: int) -> None:
+        """Views for so many inequality rows."""
+        at, nv = self._at, len(self._ranges.names)
+        self._integers[HEADER - 1], self._integers[at.active + nv] = k, 0
+        end = at.work - (self._room - k) * (nv + 2)
+        self._result = self._floats[at.program : end]
         self._program = Numbers.of(self._result, self._layout)
 
     def __call__(
@@ -140,6 +187,9 @@ class PreparedStep(abc.ABC):
         """
         if not self._is_of(composed):
             return None
+        rows = self._listen(composed, configuration, dt)
+        if rows is None:
+            return None
         if configuration.data is not self._data:
             self._bind(configuration)
         for jac, linear, angular, index in self._jacs:
@@ -154,7 +204,7 @@ class PreparedStep(abc.ABC):
         self._look(composed)
         if not self._solve(dt, use_secondary):
             return None
-        return PlainStep.made(self._result.copy(), self._layout)
+        return PlainStep.made(self._result.copy(), self._layout, rows)
 
     def _is_of(self, composed: Composition) -> bool:
         return (
@@ -162,18 +212,57 @@ class PreparedStep(abc.ABC):
             and composed.secondary is self._secondary
             and composed.metric is self._metric
             and composed.secondary_space == self._space
+            and composed.levels is self._levels
+            and composed.soft_tasks is self._soft_tasks
             and composed.solver == self._layout.solver
         )
+
+    def _listen(
+        self, composed: Composition, configuration: mink.Configuration, dt: float
+    ) -> Sequence[Named] | None:
+        """Take over what limits of other classes, bands and other tasks' costs say.
+
+        Returns:
+            What inequality rows come from; ``None`` where a band may be left.
+        """
+        banded = [task for task in self._tasks if task.bands]
+        if not (banded or self._stated or self._soft_tasks or len(self._program.g)):
+            return _NO_ROWS
+        with np.errstate(over="ignore", invalid="ignore"):  # what is not finite is refused
+            stated = [StatedLimit.of(limit, configuration, dt) for _, limit in self._stated]
+            costs = mink_costs(self._soft_tasks, configuration, dt) if self._soft_tasks else None
+        rows: list[StatedLimit | BandRows] = [s for s in stated if s is not None]
+        for task in banded:
+            if has_soft_bands(task):
+                return None
+            rows += task.band_rows(configuration, dt)
+        k = sum(len(said.bounds) for said in rows)
+        if k > self._room:
+            self._lay_out(composed, 2 * k)
+        if k != len(self._program.g):
+            self._take_rows(k)
+        for (table, _), limit in zip(self._stated, stated, strict=True):
+            table[:, 0], table[:, 1] = (-np.inf, np.inf) if limit is None else limit.box[1:]
+        first = 0
+        for said in rows:
+            end = first + len(said.bounds)
+            self._program.G[first:end], self._program.g[first:end] = said.rows, said.bounds
+            first = end
+        if costs is not None:
+            self._quadratic[:], self._linear[:] = costs
+        return rows
 
     def of_any_configuration(
         self, composed: Composition
     ) -> tuple[Array, npt.NDArray[np.int64], Array] | None:
         """Floats and integers as ``Places`` says, and the tasks' own targets (T, 18).
 
-        Poses, Jacobians and targets are still to be filled in. ``None`` where a task has bands, or
-        what the secondary asks for depends on the configuration in a way of its own.
+        Poses, Jacobians and targets are still to be filled in. ``None`` where bands, limits of
+        other classes, costs of other tasks or the secondary depend on the configuration in a way of
+        their own.
         """
-        if self._others or any(task.bands for task in self._tasks):
+        spoken = self._others or self._stated or self._soft_tasks
+        if spoken or any(task.bands for task in self._tasks):
             return None
         for number, task in enumerate(self._tasks):
             if task.target is not None:
@@ -191,7 +280,6 @@ class PreparedStep(abc.ABC):
         for number, task in enumerate(self._tasks):
             if (
                 task.projector is not self._projectors[number]
-                or task.bands
                 or task.relative_to is not None
                 or (task.frame_name, task.frame_type) != self._named[number]
             ):
@@ -274,22 +362,34 @@ def table_of(
     limits: Sequence[mink.Limit], nv: int
 ) -> tuple[Array, np.ndarray[tuple[int], np.dtype[np.int64]]]:
     """Limits as ``fast.bounds`` takes them, (L, nv, 7), and what they are, (L,)."""
-    table = np.zeros((len(limits), nv, 7))
+    table, numbers = np.zeros((len(limits), nv, 7)), numbers_of_kinds(limits)
     for row, limit in zip(table, limits, strict=True):
         if isinstance(limit, DisplacementWindow):
             row[:, 0], row[:, 1] = limit.reference, limit.half_width
-            continue
-        assert isinstance(limit, PositionLimit)
-        row[:, 0], row[:, 1], row[:, 2:4] = limit.lower, limit.upper, limit.hair.T
-        if isinstance(limit, MotionLimit):
-            row[:, 4], row[:, 5] = limit.max_velocity, limit.max_acceleration
-    return table, np.array([_TYPES[type(limit)] for limit in limits], dtype=np.int64)
+        elif isinstance(limit, PositionLimit):
+            row[:, 0], row[:, 1], row[:, 2:4] = limit.lower, limit.upper, limit.hair.T
+            if isinstance(limit, MotionLimit):
+                row[:, 4], row[:, 5] = limit.max_velocity, limit.max_acceleration
+        else:
+            row[:, 0], row[:, 1], row[:, 2] = -np.inf, np.inf, numbers[kind_of(limit)]
+    types = [_TYPES.get(type(limit), STATED) for limit in limits]
+    return table, np.array(types, dtype=np.int64)
 
 
-def settings_of(
-    twist_space: bool, singularity: float, weight: float, nearly_unseen: float, fastest: float
-) -> Array:
-    """Settings of a controller as ``step_kernel`` takes them, (7,)."""
+def numbers_of_kinds(limits: Sequence[mink.Limit]) -> dict[str, float]:
+    """Numbers of what bounds come from: as in ``intersect`` other kinds stand beside velocities."""
+    others = {kind_of(limit) for limit in limits if type(limit) not in BOXES} - set(_KINDS)
+    step = (POSITION_BOUND - VELOCITY_BOUND) / (1 + len(others))
+    return _KINDS | {
+        name: VELOCITY_BOUND + step * (1 + number) for number, name in enumerate(sorted(others))
+    }
+
+
+def settings_of(twist_space: bool, singularity: float, weight: float) -> Array:
+    """Settings of a controller as ``step_kernel`` takes them, (8,)."""
     return np.array(
-        [twist_space, singularity, weight, nearly_unseen, fastest, NOTICEABLE, UNLIMITED]
-    )
+        [
+            twist_space, singularity, weight, NEARLY_UNSEEN, FASTEST, NOTICEABLE, UNLIMITED,
+            STEEPEST,
+        ]
+    )  # fmt: skip

@@ -9,7 +9,7 @@ from qp_twist.fast.compiling import kernel
 from qp_twist.fast.null_space import INDEPENDENT, least_norm, reflect
 from qp_twist.fast.step_arrays import given, program_at
 from qp_twist.fast.step_kernel import DONE, step_kernel
-from qp_twist.fast.step_layout import places
+from qp_twist.fast.step_layout import header, places
 from qp_twist.fast.twist_rows import in_basis, left_free, twist_rows, wanted_twist
 
 MINIMUM_NORM, GRADIENT_PROJECTION, RMR, TWA = range(4)
@@ -31,19 +31,19 @@ def steps(arms, floats, integers, q, targets, dt, use_secondary, velocities, don
         velocities: Result, (K, nv).
         done: Result, which of them are verified, plain steps, (K,).
     """
-    nv, m, count, twist_space = integers[0], integers[1], integers[2], integers[4] != 0
-    at = places(nv, m, count, integers[3], twist_space)
-    g = given(floats, integers, at)
-    w = program_at(floats, at.program, integers, at.active, nv, m, count, twist_space)
+    size = header(integers)
+    at = places(size)
+    g = given(floats, integers, at, size)
+    w = program_at(floats, at.program, integers, at.active, size)
     g.jacobians[:] = 0.0
     for k in range(len(q)):
-        for task in range(count):
+        for task in range(size.tasks):
             pose_and_jacobian(arms[task], q[k], g.poses[task], g.jacobians[task])
             for i in range(18):
                 g.targets[task, i] = targets[k, task, i]
         w.ints[0] = 0  # no row knows what was active in another
         done[k] = step_kernel(floats, integers, q[k], dt, use_secondary) == DONE
-        for dof in range(nv):
+        for dof in range(size.nv):
             velocities[k, dof] = w.x[dof]
 
 

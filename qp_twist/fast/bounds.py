@@ -6,11 +6,12 @@ import math
 
 from qp_twist.fast.compiling import plain
 
-POSITION, MOTION, WINDOW = 0, 1, 2
-"""Kinds of limits."""
-ACCELERATION_BOUND, VELOCITY_BOUND, POSITION_BOUND = 0, 1, 2
-"""What a bound comes from, in the order in which they give way to each other."""
-NO_BOUND = 9
+POSITION, MOTION, WINDOW, STATED = 0, 1, 2, 3
+"""Kinds of limits. What is stated are bounds on velocities, by whatever limit."""
+ACCELERATION_BOUND, VELOCITY_BOUND, POSITION_BOUND = 0.0, 1.0, 2.0
+"""What a bound comes from, in the order in which they give way to each other; numbers between them
+are of limits of other kinds."""
+NO_BOUND = 9.0
 
 
 @plain
@@ -50,7 +51,8 @@ def joint_bounds(kind, q, dt, noticeable, numbers, least, from_below, most, from
         noticeable: What counts as outside, rad or m.
         numbers: Of the joint in the limit's table, (7,): of positions θ_min, θ_max and what the
             joint stops short of either by; of motions also v_max, a_max and the velocity before;
-            of windows the reference and the half width.
+            of windows the reference and the half width; of what is stated the two bounds and what
+        they come from.
         least: Lower bound by the limits before, rad/s or m/s.
         from_below: What it comes from.
         most: Upper bound by the limits before.
@@ -60,6 +62,10 @@ def joint_bounds(kind, q, dt, noticeable, numbers, least, from_below, most, from
         Whether the joint is inside, and can stop in time; the bounds, each with what it comes from.
     """
     first, second = numbers[0], numbers[1]
+    if kind == STATED:
+        least, from_below = _above(first, numbers[2], least, from_below)
+        most, from_above = _below(second, numbers[2], most, from_above)
+        return True, least, from_below, most, from_above
     if kind == WINDOW:
         low = min((first - q - second) / dt, 0.0)
         high = max((first - q + second) / dt, 0.0)

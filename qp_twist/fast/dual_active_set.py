@@ -200,18 +200,7 @@ def _size(x):
 
 
 @plain
-def _length(which, m, n, k, G):
-    """Of a constraint's normal."""
-    if which >= m + k:
-        return 1.0
-    total = 0.0
-    for i in range(n):
-        total += G[which - m, i] ** 2
-    return math.sqrt(total)
-
-
-@plain
-def _worst(n, m, k, G, g, lower, upper, x, held, tolerance):
+def _worst(n, m, k, G, g, lengths, lower, upper, x, held, tolerance):
     """The constraint that is violated most, in units of its normal's length, or −1."""
     worst, most = -1, tolerance * _size(x)
     for i in range(n):
@@ -221,11 +210,10 @@ def _worst(n, m, k, G, g, lower, upper, x, held, tolerance):
             most, worst = x[i] - upper[i], m + k + n + i
     for row in range(k):
         if held[m + row] == 0:
-            total, length = -g[row], _length(m + row, m, n, k, G)
+            total = -g[row]
             for i in range(n):
                 total += G[row, i] * x[i]
-            if length > 0.0:
-                total /= length
+            total /= lengths[row]
             if total > most:
                 most, worst = total, m + row
     return worst
@@ -326,7 +314,9 @@ def _violation(which, m, n, k, G, x, side):
 
 
 @plain
-def _enter(which, first, q, m, n, k, A, G, b, g, lower, upper, J, R, d, r, x, u, active, held):
+def _enter(
+    which, first, q, m, n, k, A, G, b, g, lengths, lower, upper, J, R, d, r, x, u, active, held
+):  # fmt: skip
     """Let a violated constraint in and out go those in its way; what happened, and how many."""
     side = _side(which, m, n, k, b, g, lower, upper)
     for _ in range(q - first + 1):
@@ -345,7 +335,7 @@ def _enter(which, first, q, m, n, k, A, G, b, g, lower, upper, J, R, d, r, x, u,
         step = min(longest, full)
         if step == math.inf:
             excess = _violation(which, m, n, k, G, x, side)
-            if excess > _ROUNDING * _size(x) * _length(which, m, n, k, G):
+            if excess > _ROUNDING * _size(x) * (lengths[which - m] if which < m + k else 1.0):
                 return NO_ROOM, q
             # Those held say the same to rounding, and nothing more is to be had.
             held[which] = 3
@@ -371,7 +361,9 @@ def _enter(which, first, q, m, n, k, A, G, b, g, lower, upper, J, R, d, r, x, u,
 
 
 @plain
-def dual_active_set(H, c, A, b, G, g, lower, upper, active, before, x, u, J, R, held, work):
+def dual_active_set(
+    H, c, A, b, G, g, lower, upper, active, before, x, u, J, R, held, work, lengths
+):  # fmt: skip
     r"""Minimise ½xᵀHx + cᵀx subject to Ax = b, Gx ≤ g, lower ≤ x ≤ upper.
 
     Goldfarb and Idnani, *A numerically stable dual method for solving strictly convex quadratic
@@ -402,17 +394,18 @@ def dual_active_set(H, c, A, b, G, g, lower, upper, active, before, x, u, J, R, 
         R: Workspace, (n, n).
         held: Workspace, (m + k + 2n,).
         work: Workspace, (3, n + 1).
+        lengths: Workspace, (k,).
 
     Returns:
         What happened, and how many constraints are active.
     """
     if not cholesky_inverse(H, J):
         return NOT_CONVEX, 0
-    return active_set(c, A, b, G, g, lower, upper, active, before, x, u, J, R, held, work)
+    return active_set(c, A, b, G, g, lower, upper, active, before, x, u, J, R, held, work, lengths)
 
 
 @plain
-def active_set(c, A, b, G, g, lower, upper, active, before, x, u, J, R, held, work):
+def active_set(c, A, b, G, g, lower, upper, active, before, x, u, J, R, held, work, lengths):
     """:func:`dual_active_set` where J with JJᵀ = H⁻¹ is known; it is overwritten."""
     n, m, k = c.shape[0], b.shape[0], g.shape[0]
     d, t, r = work[0], work[1], work[2]
@@ -420,6 +413,11 @@ def active_set(c, A, b, G, g, lower, upper, active, before, x, u, J, R, held, wo
         held[i] = 0
     for i in range(before):
         held[active[i]] = 2
+    for row in range(k):
+        square = 0.0
+        for i in range(n):
+            square += G[row, i] ** 2
+        lengths[row] = math.sqrt(square) if square > 0.0 else 1.0
     q = first = _hold_equalities(m, n, k, A, G, J, R, d, active)
     if before > 0:
         q = _hold_wanted(q, m, n, k, A, G, b, g, lower, upper, J, R, d, active, held)
@@ -433,12 +431,13 @@ def active_set(c, A, b, G, g, lower, upper, active, before, x, u, J, R, held, wo
         q -= 1
         _solve_held(q, n, m, k, c, b, g, lower, upper, J, R, active, x, u, t)
     for _ in range(_MOST * (n + k) + _MOST):
-        which = _worst(n, m, k, G, g, lower, upper, x, held, _MET)
+        which = _worst(n, m, k, G, g, lengths, lower, upper, x, held, _MET)
         if which < 0:
             return (SOLVED if first == m or _rows_met(A, b, x) else NO_ROOM), q
         status, q = _enter(
-            which, first, q, m, n, k, A, G, b, g, lower, upper, J, R, d, r, x, u, active, held
-        )
+            which, first, q, m, n, k, A, G, b, g, lengths, lower, upper, J, R, d, r, x, u, active,
+            held,
+        )  # fmt: skip
         if status != SOLVED:
             return status, q
         _solve_held(q, n, m, k, c, b, g, lower, upper, J, R, active, x, u, t)

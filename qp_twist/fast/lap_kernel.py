@@ -10,12 +10,12 @@ import numpy.typing as npt
 
 from qp_twist.fast.arm_kernel import pose_and_jacobian
 from qp_twist.fast.bounds import WINDOW, bounds
-from qp_twist.fast.compiling import kernel, part
+from qp_twist.fast.compiling import kernel, part, plain
 from qp_twist.fast.null_space import INDEPENDENT, least_norm, reflect
 from qp_twist.fast.path_kernel import Rows
 from qp_twist.fast.step_arrays import program_at
 from qp_twist.fast.step_kernel import DONE, verified_velocity
-from qp_twist.fast.step_layout import sizes
+from qp_twist.fast.step_layout import Sizes, entries
 from qp_twist.fast.twist_rows import twist_rows
 
 _STANDS_STILL = 1e-13
@@ -41,9 +41,9 @@ class Way(NamedTuple):
     metric: npt.NDArray[np.float64]
     free_costs: npt.NDArray[np.float64]
     settings: npt.NDArray[np.float64]
-    """As ``step_kernel`` takes them, (7,)."""
+    """As ``step_kernel`` takes them, (8,)."""
     verified: npt.NDArray[np.float64]
-    """Tolerances of the verification, (5,)."""
+    """Tolerances of the verification, (6,)."""
     sane: float
     """A joint beyond it has diverged, rad or m."""
 
@@ -72,6 +72,14 @@ class Lap(NamedTuple):
     """Of the program, as ``program_at`` reads it."""
     integers: Any
     """Its active set."""
+    ends: Any
+    """Where the rows of its only level end, (1,)."""
+
+
+@plain
+def _size(nv, rows, twist_space):
+    """Of the program of one task without inequality rows."""
+    return Sizes(nv, rows, 1, 1, 0, twist_space, False, 0, 0)
 
 
 @kernel
@@ -79,10 +87,11 @@ def _arrays(way):
     """For a robot of as many degrees of freedom as the metric has entries, and up to 6 rows."""
     nv = len(way.metric)
     # Those of twist space hold those of joint space.
-    program, work, ints = sizes(nv, 6, 1, True)
+    program, work, ints = entries(_size(nv, 6, True))
     return Lap(
         np.zeros(12), np.zeros((6, nv)), np.zeros(nv), np.zeros((6, nv)), np.zeros((6, 6)),
         way.limits.copy(), np.zeros(program + work), np.zeros(ints, dtype=np.int64),
+        np.zeros(1, dtype=np.int64),
     )  # fmt: skip
 
 
@@ -121,7 +130,12 @@ def _programmed(way, path, at, q, pulls, w, lap):
             w.c[dof] = way.pull[dof] * (path.references[at, dof] - q[dof]) / dt
         if not abs(w.c[dof]) <= fastest:
             return False
-    status = verified_velocity(w, lap.limits, way.types, way.metric, way.settings, way.verified, dt)
+    lap.ends[0] = len(w.b)
+    none, nothing = w.G, w.g  # no costs of other tasks
+    status = verified_velocity(
+        w, lap.ends, lap.limits, way.types, way.metric, none, nothing, way.settings, way.verified,
+        dt,
+    )  # fmt: skip
     for dof in range(len(q)):
         w.x[dof] *= dt
     return status == DONE
@@ -146,7 +160,8 @@ def _approach(arm, way, path, at, q, lap):
     """Iterate to a waypoint, as ``following.walk`` does; the iterations, −1 for the reference."""
     rows = path.rows
     kinds, shape = rows.kinds[rows.which[at]], rows.shapes[rows.which[at]]
-    w = program_at(lap.floats, 0, lap.integers, 0, len(q), kinds[0] + kinds[1], 1, way.twist_space)
+    size = _size(len(q), kinds[0] + kinds[1], way.twist_space)
+    w = program_at(lap.floats, 0, lap.integers, 0, size)
     if not _begin(way, path, at, q, w, lap):
         return -1
     dt = path.durations[at] if way.program else 1.0

@@ -31,7 +31,7 @@ def solve_program(
     x, u, active = np.zeros(n), np.zeros(n + 1), np.zeros(n, dtype=np.int64)
     given = (np.ascontiguousarray(array) for array in (H, c, A, b, G, g, lower, upper))
     work = np.zeros((n, n)), np.zeros((n, n)), np.zeros(m + k + 2 * n, dtype=np.int64)
-    status, count = _solved(*given, active, 0, x, u, *work, np.zeros((3, n + 1)))
+    status, count = _solved(*given, active, 0, x, u, *work, np.zeros((3, n + 1)), np.zeros(k))
     y, z, z_box = np.zeros(m), np.zeros(k), np.zeros(n)
     for number, multiplier in zip(active[:count], u[:count], strict=True):
         if number < m:

@@ -24,7 +24,13 @@ class Given(NamedTuple):
     targets: Any
     jacobians: Any
     limits: Any
+    quadratic: Any
+    """H of other tasks, (nv, nv), or (0, nv)."""
+    linear: Any
+    """Their c, (nv,), or (0,)."""
     kinds: Any
+    ends: Any
+    """Where the rows of each level end, (levels,)."""
     addresses: Any
     types: Any
 
@@ -42,9 +48,13 @@ class Program(NamedTuple):
     lower_kind: Any
     upper_kind: Any
     h: Any
-    """Diagonal of H in joint space, (nv,); in twist space (0,)."""
+    """Diagonal of H where it has no other entries, (nv,); else (0,)."""
     dense: Any
-    """H in twist space, (nv, nv); in joint space a workspace."""
+    """H where it has, (nv, nv); else a workspace."""
+    G: Any
+    g: Any
+    lam: Any
+    """λ of the rows of G, (k,)."""
     q: Any
     y: Any
     u: Any
@@ -56,36 +66,42 @@ class Program(NamedTuple):
     scaled: Any
     V: Any
     square: Any
+    lengths: Any
     free: Any
-    no_rows: Any
     active: Any
     """Those active last time, (nv,), as many as ``ints[0]`` says."""
     ints: Any
 
 
 @plain
-def given(floats, integers, at):
+def given(floats, integers, at, size):
     """Views of what a step is given."""
-    nv, count, limits = integers[0], integers[2], integers[3]
+    nv, count, limits = size.nv, size.tasks, size.limits
+    costs = nv if size.costs else 0
     return Given(
         vector(floats, 0, SETTINGS), vector(floats, SETTINGS, TOLERANCES),
         vector(floats, at.free_costs, 2), vector(floats, at.middle, nv),
         vector(floats, at.pull, nv), vector(floats, at.wish, nv), vector(floats, at.metric, nv),
         matrix(floats, at.shapes, count, 27), matrix(floats, at.poses, count, 12),
         matrix(floats, at.targets, count, 18), stack(floats, at.jacobians, count, 6, nv),
-        stack(floats, at.limits, limits, nv, 7), matrix(integers, at.kinds, count, 3),
-        vector(integers, at.addresses, nv), vector(integers, at.types, limits),
+        stack(floats, at.limits, limits, nv, 7), matrix(floats, at.costs, costs, nv),
+        vector(floats, at.costs + costs * nv, costs), matrix(integers, at.kinds, count, 3),
+        vector(integers, at.ends, size.levels), vector(integers, at.addresses, nv),
+        vector(integers, at.types, limits),
     )  # fmt: skip
 
 
 @plain
-def program_at(floats, first, integers, active, nv, m, count, twist_space):
-    """Views of the program of ``count`` tasks with m rows together; ``sizes`` says how long."""
+def program_at(floats, first, integers, active, size):
+    """Views of a program; ``entries`` says how long it is."""
+    nv, m, k = size.nv, size.m, size.k
+    is_dense = size.twist_space or size.costs
     square, A = nv * nv, first
     b = A + m * nv
     c = b + m
     cost = c + 7 * nv
-    after = cost + (square if twist_space else nv)  # the workspace
+    G = cost + (square if is_dense else nv)
+    after = G + size.room * (nv + 2)  # the workspace
     J = after + square
     R = J + square
     three = R + square
@@ -95,17 +111,18 @@ def program_at(floats, first, integers, active, nv, m, count, twist_space):
     scaled = y + m
     V = scaled + m * nv
     small = V + m * nv
+    lengths = small + m * m
     return Program(
         matrix(floats, A, m, nv), vector(floats, b, m), vector(floats, c, nv),
         vector(floats, c + nv, nv), vector(floats, c + 2 * nv, nv), vector(floats, c + 3 * nv, nv),
         vector(floats, c + 4 * nv, nv), vector(floats, c + 5 * nv, nv),
-        vector(floats, c + 6 * nv, nv), vector(floats, cost, 0 if twist_space else nv),
-        matrix(floats, cost if twist_space else after, nv, nv), vector(floats, q, nv),
+        vector(floats, c + 6 * nv, nv), vector(floats, cost, 0 if is_dense else nv),
+        matrix(floats, cost if is_dense else after, nv, nv), matrix(floats, G, k, nv),
+        vector(floats, G + k * nv, k), vector(floats, G + k * nv + k, k), vector(floats, q, nv),
         vector(floats, y, m), vector(floats, u, nv + 1), matrix(floats, three, 3, nv + 1),
         vector(floats, three, nv), vector(floats, three + nv + 1, nv), matrix(floats, J, nv, nv),
         matrix(floats, R, nv, nv), matrix(floats, scaled, m, nv), matrix(floats, V, m, nv),
-        matrix(floats, small, m, m),
-        matrix(floats, small + m * m, 6 * count if twist_space else 0, nv),
-        matrix(floats, first, 0, nv), vector(integers, active, nv),
-        vector(integers, active + nv, 1 + m + 2 * nv),
+        matrix(floats, small, m, m), vector(floats, lengths, k),
+        matrix(floats, lengths + size.room, 6 * size.tasks if size.twist_space else 0, nv),
+        vector(integers, active, nv), vector(integers, active + nv, 1 + m + k + 2 * nv),
     )  # fmt: skip

@@ -11,7 +11,7 @@ from qp_twist.fast.box_program import NOBODY, UNDECIDED, box_program
 from qp_twist.fast.compiling import kernel, part, plain
 from qp_twist.fast.dual_active_set import SOLVED, active_set, cholesky, cholesky_inverse
 from qp_twist.fast.step_arrays import given, program_at
-from qp_twist.fast.step_layout import places
+from qp_twist.fast.step_layout import header, places
 from qp_twist.fast.twist_rows import twist_rows
 
 DONE, REFUSED = 0, 1
@@ -19,17 +19,35 @@ DONE, REFUSED = 0, 1
 
 
 @plain
-def _well_conditioned(A, threshold, work):
-    """Whether no singular value of A (m, n) is below a threshold: AAᵀ − threshold²·1 ≻ 0."""
+def _well_conditioned(A, ends, threshold, work, scratch):
+    """Whether no singular value of a level's rows is below a threshold.
+
+    Of each level in the null space of those above. AAᵀ = LLᵀ, and there what is left of the squares
+    of a level's rows is made of its own block of L.
+    """
     m, n = A.shape
     if m > n:
         return False
+    square = threshold * threshold
     for i in range(m):
         for j in range(i + 1):
-            work[i, j] = -threshold * threshold if i == j else 0.0
+            work[i, j] = -square if i == j and len(ends) == 1 else 0.0
             for k in range(n):
                 work[i, j] += A[i, k] * A[j, k]
-    return cholesky(work)
+    if not cholesky(work):
+        return False
+    first = 0
+    for level in range(len(ends) if len(ends) > 1 else 0):
+        end = ends[level]
+        for i in range(first, end):
+            for j in range(first, i + 1):
+                scratch[i - first, j - first] = -square if i == j else 0.0
+                for k in range(first, j + 1):
+                    scratch[i - first, j - first] += work[i, k] * work[j, k]
+        if not cholesky(scratch[: end - first, : end - first]):
+            return False
+        first = end
+    return True
 
 
 @kernel
@@ -64,79 +82,91 @@ def _add_unseen(A, free, metric, weight, nearly, H, c, wanted):
 
 
 @plain
-def _excess(hardest, left, largest, gap, c, A, b, lower, upper, x, y, box, tolerances):
-    """What the multipliers leave, in units of its tolerance, as ``verification._excess``.
+def _excess(hardest, left, largest, gap, w, tolerances):
+    """What the multipliers leave, in units of its tolerance, as ``verification`` has it.
 
-    ``hardest`` is the largest entry of H, ``left`` that of r = Hx + c + Aᵀy + μ, ``largest`` the
-    largest term in it, and ``gap`` ½rᵀH⁻¹r.
+    ``hardest`` is the largest entry of H, ``left`` that of r = Hx + c + Aᵀy + Gᵀλ + μ, ``largest``
+    the largest term in it, and ``gap`` ½rᵀH⁻¹r.
     """
-    n, steepest, furthest, held = len(c), 0.0, 0.0, 0.0
+    n, steepest, furthest, held = len(w.c), 0.0, 0.0, 0.0
     for i in range(n):
-        steepest, furthest = max(steepest, abs(c[i])), max(furthest, abs(x[i]))
-        largest = max(largest, abs(c[i]), abs(box[i]))
-        if box[i] > 0.0:
-            held += box[i] * (upper[i] - x[i])
-        elif box[i] < 0.0:
-            held -= box[i] * (x[i] - lower[i])
+        steepest, furthest = max(steepest, abs(w.c[i])), max(furthest, abs(w.x[i]))
+        largest = max(largest, abs(w.c[i]), abs(w.box[i]))
+        if w.box[i] > 0.0:
+            held += w.box[i] * (w.upper[i] - w.x[i])
+        elif w.box[i] < 0.0:
+            held -= w.box[i] * (w.x[i] - w.lower[i])
     gap += held
     largest_b, off = 0.0, 0.0
-    for row in range(len(b)):
-        total = -b[row]
+    for row in range(len(w.b)):
+        total = -w.b[row]
         for i in range(n):
-            total += A[row, i] * x[i]
-        gap -= y[row] * total
-        off, largest_b = max(off, abs(total)), max(largest_b, abs(b[row]))
+            total += w.A[row, i] * w.x[i]
+        gap -= w.y[row] * total
+        off, largest_b = max(off, abs(total)), max(largest_b, abs(w.b[row]))
+    over, lost = 0.0, 0.0
+    for row in range(len(w.g)):
+        room, terms = w.g[row], abs(w.g[row])
+        for i in range(n):
+            room -= w.G[row, i] * w.x[i]
+            terms += abs(w.G[row, i] * w.x[i])
+        over = max(over, -room)
+        if w.lam[row] > 0.0:
+            gap += w.lam[row] * room
+            held += w.lam[row] * max(room, 0.0)
+            lost += tolerances[4] * w.lam[row] * terms
     reach = 1.0 + furthest
     cost = (hardest * reach + steepest) * reach
-    worst = off / (tolerances[0] * (1.0 + largest_b))
+    worst = max(off / (tolerances[0] * (1.0 + largest_b)), over / (tolerances[5] * reach))
     worst = max(worst, left / (tolerances[1] * hardest * reach + tolerances[4] * largest))
-    worst = max(worst, held / (tolerances[2] * cost))
-    return max(worst, gap / (tolerances[3] * cost))
+    worst = max(worst, held / (tolerances[2] * cost + lost))
+    return max(worst, gap / (tolerances[3] * cost + lost))
 
 
 @plain
 def _pull_of_rows(A, y, residual):
-    """Aᵀy into ``residual``; the largest of it."""
-    n, largest = A.shape[1], 0.0
-    for i in range(n):
-        residual[i] = 0.0
-    for row in range(len(y)):
-        for i in range(n):
-            residual[i] += A[row, i] * y[row]
-    for i in range(n):
-        largest = max(largest, abs(residual[i]))
+    """Add Aᵀy to ``residual``; the largest of it."""
+    largest = 0.0
+    for i in range(A.shape[1] if len(y) else 0):
+        total = 0.0
+        for row in range(len(y)):
+            total += A[row, i] * y[row]
+        residual[i] += total
+        largest = max(largest, abs(total))
     return largest
 
 
 @plain
-def _excess_of_diagonal(h, c, A, b, lower, upper, x, y, box, tolerances, residual):
+def _excess_of_diagonal(w, tolerances, residual):
     """:func:`_excess` where H = diag h."""
-    hardest, left, gap, largest = 1e-300, 0.0, 0.0, _pull_of_rows(A, y, residual)
-    for i in range(len(c)):
-        term = h[i] * x[i] + c[i] + residual[i] + box[i]
-        hardest, left = max(hardest, h[i]), max(left, abs(term))
-        gap += 0.5 * term * term / h[i]
-    return _excess(hardest, left, largest, gap, c, A, b, lower, upper, x, y, box, tolerances)
+    hardest, left, gap = 1e-300, 0.0, 0.0
+    for i in range(len(w.c)):
+        residual[i] = w.h[i] * w.x[i] + w.c[i] + w.box[i]
+    largest = max(_pull_of_rows(w.A, w.y, residual), _pull_of_rows(w.G, w.lam, residual))
+    for i in range(len(w.c)):
+        hardest, left = max(hardest, w.h[i]), max(left, abs(residual[i]))
+        gap += 0.5 * residual[i] * residual[i] / w.h[i]
+    return _excess(hardest, left, largest, gap, w, tolerances)
 
 
 @plain
-def _excess_of_dense(H, c, A, b, lower, upper, x, y, box, J, tolerances, residual, along):
+def _excess_of_dense(w, tolerances, residual, along):
     """:func:`_excess` for any H, with JJᵀ = H⁻¹: rᵀH⁻¹r = ‖Jᵀr‖²."""
-    n, hardest, left, gap = len(c), 1e-300, 0.0, 0.0
-    largest = _pull_of_rows(A, y, residual)
+    n, hardest, left, gap = len(w.c), 1e-300, 0.0, 0.0
     for i in range(n):
-        residual[i] += c[i] + box[i]
+        residual[i] = w.c[i] + w.box[i]
         along[i] = 0.0
         for j in range(n):
-            residual[i] += H[i, j] * x[j]
-            hardest = max(hardest, abs(H[i, j]))
-        left = max(left, abs(residual[i]))
+            residual[i] += w.dense[i, j] * w.x[j]
+            hardest = max(hardest, abs(w.dense[i, j]))
+    largest = max(_pull_of_rows(w.A, w.y, residual), _pull_of_rows(w.G, w.lam, residual))
     for k in range(n):
+        left = max(left, abs(residual[k]))
         for i in range(n):
-            along[i] += J[k, i] * residual[k]
+            along[i] += w.J[k, i] * residual[k]
     for i in range(n):
         gap += 0.5 * along[i] * along[i]
-    return _excess(hardest, left, largest, gap, c, A, b, lower, upper, x, y, box, tolerances)
+    return _excess(hardest, left, largest, gap, w, tolerances)
 
 
 @part
@@ -213,18 +243,48 @@ def _twist_cost(A, free, metric, weight, nearly, H, c, wanted, work):
 
 
 @part
-def _multipliers(m, count, active, u, y, box):
-    """Of rows and bounds, from those of the active set: Hx + c + Aᵀy + μ = 0."""
-    nv = len(box)
+def _joint_cost(metric, weight, H, c):
+    """H = ρM, and −Hḣ in place of ḣ in c."""
+    for i in range(len(c)):
+        for j in range(len(c)):
+            H[i, j] = 0.0
+        H[i, i] = weight * metric[i]
+        c[i] *= -H[i, i]
+
+
+@part
+def _add_costs(quadratic, linear, steepest, H, c):
+    """Add the costs of other tasks; whether c is not too steep for the arithmetic."""
+    hardest, largest = 0.0, 0.0
+    for i in range(len(linear)):
+        c[i] += linear[i]
+        # Written so that NaN is the largest of all.
+        if not abs(c[i]) <= largest:
+            largest = abs(c[i])
+        for j in range(len(linear)):
+            H[i, j] += quadratic[i, j]
+            hardest = max(hardest, abs(H[i, j]))
+    return largest <= steepest * hardest
+
+
+@part
+def _multipliers(count, active, u, y, lam, box):
+    """Of rows and bounds, from those of the active set: Hx + c + Aᵀy + Gᵀλ + μ = 0."""
+    m, k, nv = len(y), len(lam), len(box)
     for i in range(nv):
         box[i] = 0.0
+    for row in range(k):
+        lam[row] = 0.0
     for i in range(count):
-        if i < m:
-            y[i] = -u[i]
-        elif active[i] < m + nv:
-            box[active[i] - m] -= u[i]
+        which = active[i]
+        if which < m:
+            y[which] = -u[i]
+        elif which < m + k:
+            lam[which - m] = u[i]
+        elif which < m + k + nv:
+            box[which - m - k] -= u[i]
         else:
-            box[active[i] - m - nv] += u[i]
+            box[which - m - k - nv] += u[i]
 
 
 @plain
@@ -246,12 +306,12 @@ def _by_active_set(w):
     m = len(w.b)
     before, w.ints[0] = w.ints[0], 0
     status, count = active_set(
-        w.c, w.A, w.b, w.no_rows, w.no_rows[:, 0], w.lower, w.upper, w.active, before, w.x, w.u,
-        w.J, w.R, w.ints[1:], w.three,
+        w.c, w.A, w.b, w.G, w.g, w.lower, w.upper, w.active, before, w.x, w.u, w.J, w.R,
+        w.ints[1:], w.three, w.lengths,
     )  # fmt: skip
     if status != SOLVED:
         return False
-    _multipliers(m, count, w.active, w.u, w.y, w.box)
+    _multipliers(count, w.active, w.u, w.y, w.lam, w.box)
     for i in range(m, count):  # for the next step
         w.active[i - m] = w.active[i]
     w.ints[0] = count - m
@@ -260,17 +320,23 @@ def _by_active_set(w):
 
 @part
 def _by_box(w, metric, weight):
-    """The step with a diagonal cost, where at most one bound is active; whether it is done."""
-    m, nv = w.A.shape
+    """The step with a diagonal cost, where at most one bound is active; whether it is done.
+
+    No inequality row then is: one was not, last time, and what comes out meets them all.
+    """
+    m, nv, k = w.A.shape[0], w.A.shape[1], len(w.g)
     for i in range(nv):
         w.h[i] = weight * metric[i]
         w.c[i] *= -w.h[i]
     which = UNDECIDED
-    if w.ints[0] < 2 or m + 1 >= nv:  # where more were active last time more will be
+    few = w.ints[0] == 0 or (w.ints[0] == 1 and w.active[0] >= m + k)
+    if few or (m + 1 >= nv and k == 0):  # where more were active last time more will be
         which = box_program(
             w.h, w.c, w.A, w.b, w.lower, w.upper, w.x, w.y, w.box, w.scaled, w.V, w.square, w.root,
             w.line,
         )  # fmt: skip
+    if which != UNDECIDED and not _rows_kept(w):
+        which = UNDECIDED
     if which == UNDECIDED:
         for i in range(nv):
             for j in range(nv):
@@ -279,18 +345,33 @@ def _by_box(w, metric, weight):
         return False
     w.ints[0] = 0
     if which != NOBODY:
-        w.ints[0], w.active[0] = 1, m + which
+        w.ints[0], w.active[0] = 1, m + k + which
     return True
 
 
 @plain
-def verified_velocity(w, limits, types, metric, settings, tolerances, dt):
+def _rows_kept(w):
+    """Whether x meets all inequality rows, whose multipliers then are 0."""
+    for row in range(len(w.g)):
+        total = -w.g[row]
+        for i in range(len(w.x)):
+            total += w.G[row, i] * w.x[i]
+        if not total <= 0.0:
+            return False
+        w.lam[row] = 0.0
+    return True
+
+
+@plain
+def verified_velocity(
+    w, ends, limits, types, metric, quadratic, linear, settings, tolerances, dt
+):  # fmt: skip
     """The joint velocity into ``w.x``, from the rows, q and ḣ (in ``w.c``) that are in ``w``.
 
     Returns:
         ``DONE``, or ``REFUSED`` for whatever is not a plain step inside all limits.
     """
-    if not _well_conditioned(w.A, settings[1], w.square):
+    if not _well_conditioned(w.A, ends, settings[1], w.square, w.J):
         return REFUSED
     if not bounds(
         limits, types, w.q, dt, settings[5], settings[6], w.lower, w.upper, w.lower_kind,
@@ -301,7 +382,12 @@ def verified_velocity(w, limits, types, metric, settings, tolerances, dt):
     if len(w.h):
         found = _by_box(w, metric, settings[2])
     else:
-        _twist_cost(w.A, w.free, metric, settings[2], settings[3], w.dense, w.c, w.line, w.J)
+        if settings[0] != 0.0:
+            _twist_cost(w.A, w.free, metric, settings[2], settings[3], w.dense, w.c, w.line, w.J)
+        else:
+            _joint_cost(metric, settings[2], w.dense, w.c)
+        if not _add_costs(quadratic, linear, settings[7], w.dense, w.c):
+            return REFUSED
         if not cholesky_inverse(w.dense, w.J):
             return REFUSED
     if not found and not _by_active_set(w):
@@ -309,14 +395,9 @@ def verified_velocity(w, limits, types, metric, settings, tolerances, dt):
     if not _into_the_box(w.x, w.lower, w.upper):
         return REFUSED
     if len(w.h):
-        excess = _excess_of_diagonal(
-            w.h, w.c, w.A, w.b, w.lower, w.upper, w.x, w.y, w.box, tolerances, w.line
-        )
+        excess = _excess_of_diagonal(w, tolerances, w.line)
     else:
-        excess = _excess_of_dense(
-            w.dense, w.c, w.A, w.b, w.lower, w.upper, w.x, w.y, w.box, w.J, tolerances, w.root,
-            w.line,
-        )  # fmt: skip
+        excess = _excess_of_dense(w, tolerances, w.root, w.line)
     return DONE if excess <= 1.0 else REFUSED
 
 
@@ -327,14 +408,16 @@ def step_kernel(floats, integers, qpos, dt, use_secondary):
     Returns:
         ``DONE``, or ``REFUSED`` for whatever is not a plain step inside all limits.
     """
-    nv, m, count, twist_space = integers[0], integers[1], integers[2], integers[4] != 0
-    at = places(nv, m, count, integers[3], twist_space)
-    g = given(floats, integers, at)
-    w = program_at(floats, at.program, integers, at.active, nv, m, count, twist_space)
+    size = header(integers)
+    at = places(size)
+    g = given(floats, integers, at, size)
+    w = program_at(floats, at.program, integers, at.active, size)
     fastest = _wish(qpos, g.addresses, g.middle, g.pull, g.wish, dt, use_secondary, w.q, w.c)
     asked = _all_rows(
         g.kinds, g.shapes, g.poses, g.targets, g.jacobians, dt, w.A, w.b, w.free, g.free_costs
     )
     if not (fastest <= g.settings[4] and asked <= g.settings[4]):
         return REFUSED
-    return verified_velocity(w, g.limits, g.types, g.metric, g.settings, g.tolerances, dt)
+    return verified_velocity(
+        w, g.ends, g.limits, g.types, g.metric, g.quadratic, g.linear, g.settings, g.tolerances, dt
+    )

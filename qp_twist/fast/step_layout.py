@@ -9,12 +9,30 @@ from typing import NamedTuple
 
 from qp_twist.fast.compiling import plain
 
-HEADER = 5
-"""Entries of the integers that say how long everything is: nv, rows, tasks, limits, twist space."""
-SETTINGS = 7
+HEADER = 9
+"""Entries of the integers that say how long everything is, in the order of :class:`Sizes`."""
+SETTINGS = 8
 """Entries of the settings: see ``prepared_step.settings_of``."""
-TOLERANCES = 5
+TOLERANCES = 6
 """Entries of the tolerances of the verification."""
+
+
+class Sizes(NamedTuple):
+    """How long everything in a step is."""
+
+    nv: int
+    m: int
+    """Equality rows of all tasks together."""
+    tasks: int
+    levels: int
+    limits: int
+    twist_space: bool
+    costs: bool
+    """Whether other tasks add their costs."""
+    room: int
+    """Inequality rows that there is room for."""
+    k: int
+    """Inequality rows that there are."""
 
 
 class Places(NamedTuple):
@@ -22,9 +40,10 @@ class Places(NamedTuple):
 
     In the floats: settings and tolerances, costs of the free rows (2), θ̄, pull, wish and metric (nv
     each), then of each task shape (27), pose (12), target (18) and Jacobian (6, nv), of each limit
-    its table (nv, 7), the program, which is what the step leaves behind, and its workspace. In the
-    integers: the header, kinds of the tasks (3 each), addresses of the joints in q (nv), kinds of
-    the limits, and the active set.
+    its table (nv, 7), the costs of other tasks (nv + 1, nv), the program, which is what the step
+    leaves behind, and its workspace. In the integers: the header, kinds of the tasks (3 each),
+    where the rows of each level end, addresses of the joints in q (nv), kinds of the limits, and
+    the active set.
     """
 
     free_costs: int
@@ -37,10 +56,12 @@ class Places(NamedTuple):
     targets: int
     jacobians: int
     limits: int
+    costs: int
     program: int
     work: int
     floats: int
     kinds: int
+    ends: int
     addresses: int
     types: int
     active: int
@@ -48,18 +69,32 @@ class Places(NamedTuple):
 
 
 @plain
-def sizes(nv: int, m: int, count: int, twist_space: bool) -> tuple[int, int, int]:
-    """Entries of the program of ``count`` tasks with m rows together, its workspace, its ints."""
-    square = nv * nv
-    program = m * nv + m + 7 * nv + (square if twist_space else nv)
-    work = 3 * square + 5 * nv + 4 + m + 2 * m * nv + m * m + (6 * count * nv if twist_space else 0)
-    return program, work, 1 + m + 3 * nv
+def header(integers):
+    """What the integers say of how long everything is."""
+    return Sizes(
+        integers[0], integers[1], integers[2], integers[3], integers[4], integers[5] != 0,
+        integers[6] != 0, integers[7], integers[8],
+    )  # fmt: skip
 
 
 @plain
-def places(nv: int, m: int, count: int, limits: int, twist_space: bool) -> Places:
-    """The places of a step with so many rows, tasks and limits."""
-    program, work, ints = sizes(nv, m, count, twist_space)
+def entries(size: Sizes) -> tuple[int, int, int]:
+    """Of the program with all the inequality rows there is room for, its workspace, its ints."""
+    nv, m, room = size.nv, size.m, size.room
+    square = nv * nv
+    dense = size.twist_space or size.costs
+    program = m * nv + m + 7 * nv + (square if dense else nv) + room * (nv + 2)
+    work = 3 * square + 5 * nv + 4 + m + 2 * m * nv + m * m + room
+    if size.twist_space:
+        work += 6 * size.tasks * nv
+    return program, work, 1 + m + room + 3 * nv
+
+
+@plain
+def places(size: Sizes) -> Places:
+    """The places of a step of such sizes."""
+    nv, count = size.nv, size.tasks
+    program, work, ints = entries(size)
     free_costs = SETTINGS + TOLERANCES
     middle = free_costs + 2
     shapes = middle + 4 * nv
@@ -67,12 +102,14 @@ def places(nv: int, m: int, count: int, limits: int, twist_space: bool) -> Place
     targets = poses + 12 * count
     jacobians = targets + 18 * count
     table = jacobians + 6 * nv * count
-    first = table + 7 * nv * limits
-    addresses = HEADER + 3 * count
+    costs = table + 7 * nv * size.limits
+    first = costs + (nv * (nv + 1) if size.costs else 0)
+    ends = HEADER + 3 * count
+    addresses = ends + size.levels
     types = addresses + nv
-    active = types + limits
+    active = types + size.limits
     return Places(
         free_costs, middle, middle + nv, middle + 2 * nv, middle + 3 * nv, shapes, poses, targets,
-        jacobians, table, first, first + program, first + program + work, HEADER, addresses, types,
-        active, active + ints,
+        jacobians, table, costs, first, first + program, first + program + work, HEADER, ends,
+        addresses, types, active, active + ints,
     )  # fmt: skip

@@ -7,7 +7,6 @@ import numpy.typing as npt
 
 from qp_twist.checks import Array, Indices
 from qp_twist.controller.controller import SINGULARITY, UNSEEN_WEIGHT
-from qp_twist.controller.posing import FASTEST, NEARLY_UNSEEN
 from qp_twist.controller.prepared_step import TOLERANCES, settings_of, table_of
 from qp_twist.fast import lap_kernel
 from qp_twist.fast.arm_kernel import Arm
@@ -72,7 +71,7 @@ class CompiledWalk:
             limits=table,
             types=types,
             metric=np.ones(model.nv),
-            settings=settings_of(False, SINGULARITY, 1.0, NEARLY_UNSEEN, FASTEST),
+            settings=settings_of(False, SINGULARITY, 1.0),
         )
         self._measured = rows_of(*distinct_projectors(path_task.in_force), rotations, positions)
         self._ranks = np.array([projector.rank for projector in path_task.in_force])
@@ -161,7 +160,7 @@ class CompiledWalk:
             types,
             metric,
             np.ones(2),
-            settings_of(twist_space, SINGULARITY, weight, NEARLY_UNSEEN, FASTEST),
+            settings_of(twist_space, SINGULARITY, weight),
             TOLERANCES,
             LARGEST_JOINT,
         )

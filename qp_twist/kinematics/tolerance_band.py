@@ -50,6 +50,11 @@ class BandRows(NamedTuple):
     weight: float | None
     """``None``: hard. Otherwise ½·weight·ε² is the cost of G q̇ ≤ g + ε, one ε ≥ 0 for them all."""
 
+    @property
+    def names(self) -> list[tuple[str, str]]:
+        """Name and kind of each row."""
+        return [(self.label, "band")] * len(self.bounds)
+
 
 class ToleranceBand(abc.ABC):
     r"""Base of the bands: a value φ(R, p) of a frame that has to stay in a range.

@@ -10,10 +10,12 @@ from .check_model import check_model as check_model
 from .couplings import share_limits as share_limits
 from .displacement_window import DisplacementWindow as DisplacementWindow
 from .gather import GatheredLimits as GatheredLimits
-from .gather import RowName as RowName
 from .gather import gather_limits as gather_limits
 from .intersection import intersect as intersect
 from .motion_limit import MotionLimit as MotionLimit
 from .per_joint import per_joint as per_joint
 from .position_limit import PositionLimit as PositionLimit
+from .stated_limit import RowName as RowName
+from .stated_limit import StatedLimit as StatedLimit
+from .stated_limit import kind_of as kind_of
 from .stopping_speed import stopping_speed as stopping_speed

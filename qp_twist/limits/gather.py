@@ -4,24 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import mink
 import mujoco
 import numpy as np
 
-from qp_twist.checks import Array, finite_array, float_array, within
+from qp_twist.checks import Array
 from qp_twist.errors import InvalidInput
 from qp_twist.kinematics import JointRanges
-from qp_twist.limits.band_limit import BandLimit
 from qp_twist.limits.box_limit import Box, BoxLimit
 from qp_twist.limits.intersection import Kinds, intersect
-
-RowName = tuple[str, str]
-"""Name and kind of an inequality row, as in :class:`~qp_twist.BindingLimit`."""
-UNLIMITED = 1e12
-"""A velocity bound beyond this is none, rad/s or m/s."""
-_MINK_KINDS = {"ConfigurationLimit": "position", "VelocityLimit": "velocity"}
+from qp_twist.limits.stated_limit import UNLIMITED, RowName, StatedLimit
 
 
 @dataclass(eq=False)
@@ -91,17 +84,13 @@ def gather_limits(
             boxes += limit.boxes(configuration, dt)
             recovering += limit.recovering(configuration, dt)
             continue
-        constraint = limit.compute_qp_inequalities(configuration, dt)
-        if constraint.inactive:
+        stated = StatedLimit.of(limit, configuration, dt)
+        if stated is None:
             continue
-        name = type(limit).__name__
-        G, g = _stated(name, constraint, nv, dt)
-        entries = np.count_nonzero(G, axis=1)
-        boxes.append(_box(_MINK_KINDS.get(name, name), G[entries == 1], g[entries == 1]))
-        general = (entries > 1) & (g < np.inf) | (entries == 0) & (g < 0.0)
-        rows.append(G[general])
-        bounds.append(g[general])
-        labels += [_row_name(limit, int(index)) for index in np.flatnonzero(general)]
+        boxes.append(stated.box)
+        rows.append(stated.rows)
+        bounds.append(stated.bounds)
+        labels += stated.names
     lower, upper, lower_kind, upper_kind = intersect(boxes, configuration.model)
     lower[lower < -UNLIMITED] = -np.inf
     upper[upper > UNLIMITED] = np.inf
@@ -123,39 +112,3 @@ def gather_limits(
         configuration.model,
         tuple(recovering),
     )
-
-
-def _stated(name: str, constraint: mink.Constraint, nv: int, dt: float) -> tuple[Array, Array]:
-    """G and h/dt of a limit of anybody's class, checked; bounds too far away are none."""
-    stated: tuple[Any, Any] = constraint.G, constraint.h
-    G = within(
-        f"{name}: G", finite_array(f"{name}: G of G Δq ≤ h", stated[0], (None, nv)), UNLIMITED
-    )
-    h = float_array(f"{name}: h of G Δq ≤ h", stated[1])
-    if h.shape != (len(G),) or np.isnan(h).any() or (h == -np.inf).any():
-        raise InvalidInput(
-            f"{name}: its rows G Δq ≤ h need h of shape {(len(G),)} without NaN or −∞; it has "
-            f"shape {h.shape}, {h!r}."[:300]
-        )
-    g: Array = h / dt
-    g[g > UNLIMITED] = np.inf
-    return G, g
-
-
-def _row_name(limit: mink.Limit, row: int) -> RowName:
-    if isinstance(limit, mink.CollisionAvoidanceLimit):
-        geoms = [limit.model.geom(g).name or f"geom {g}" for g in limit.geom_id_pairs[row]]
-        return " – ".join(geoms), "collision"
-    if isinstance(limit, BandLimit):
-        return f"{limit.task.name} band row {row}", "band"
-    name = type(limit).__name__
-    return f"{name} row {row}", name
-
-
-def _box(kind: str, rows: Array, bounds: Array) -> Box:
-    """Rows (m, nv) of a single entry each, and their bounds (m,), as a box."""
-    with np.errstate(divide="ignore", invalid="ignore"):
-        bound = bounds[:, None] / rows
-    lower = np.where(rows < 0.0, bound, -np.inf).max(axis=0, initial=-np.inf)
-    upper = np.where(rows > 0.0, bound, np.inf).min(axis=0, initial=np.inf)
-    return Box(kind, lower, upper)
