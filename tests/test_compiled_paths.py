@@ -69,49 +69,84 @@ def test_reflections_give_the_pseudoinverse_and_the_null_space(seed: int) -> Non
     np.testing.assert_allclose(x, wish + inverse @ (b - A @ wish), atol=1e-10 * size**2)
 
 
-@settings(max_examples=300, deadline=None)
-@given(SEEDS)
-def test_a_program_on_a_line_is_decided_as_another_solver_decides_it(seed: int) -> None:
-    from qp_twist.fast.box_program import NOBODY, UNDECIDED, box_program
+def reduced(rng: np.random.Generator, diagonal: bool) -> tuple[Any, Any]:
+    """A feasible program as ``reduced_program`` takes it, and the same for another solver."""
+    from qp_twist.fast.step_arrays import Program
 
-    rng = np.random.default_rng(seed)
     n = int(rng.integers(1, 9))
-    m = int(rng.integers(max(0, n - 2), n + 1))
-    h, c, A = rng.uniform(0.1, 3.0, n), rng.normal(size=n), rng.normal(size=(m, n))
+    m, k = int(rng.integers(0, n + 1)), int(rng.integers(0, 4))
+    p, cuts = n - m, 2 * n + k
+    root = rng.normal(size=(n, n))
+    H = np.diag(rng.uniform(0.1, 3.0, n)) if diagonal else root @ root.T + 0.1 * np.eye(n)
+    c, A, G = rng.normal(size=n), rng.normal(size=(m, n)), rng.normal(size=(k, n))
     inside = rng.normal(size=n)
-    b = A @ inside
+    b, g = A @ inside, G @ inside + rng.uniform(0.0, 0.5, k)
     lower, upper = inside - rng.uniform(0.0, 1.0, n), inside + rng.uniform(0.0, 1.0, n)
     lower[rng.random(n) < 0.3] = -np.inf
-    x, y, box = np.zeros(n), np.zeros(m), np.zeros(n)
-    work = np.zeros((m, n)), np.zeros((m, n)), np.zeros((m, m)), np.zeros(n), np.zeros(n)
-    which = box_program(h, c, A, b, lower, upper, x, y, box, *work)
-    assert m < n or which in (NOBODY, UNDECIDED)
-    if which == UNDECIDED:
-        return
-    problem = qt.qp.QuadraticProgram(
-        np.diag(h), c, A, b, np.zeros((0, n)), np.zeros(0), lower, upper
-    )
-    reference = qt.qp.solve(problem, "daqp")
+    shapes = {
+        "x": n, "box": n, "lam": k, "y": m, "root": n, "line": n, "scaled": (m, n), "V": (m, n),
+        "R": (m, m), "ways": (p, n), "cuts": (cuts, p), "ends": cuts, "lengths": cuts, "zero": p,
+        "z": p, "u": p + 1, "three": (3, p + 1), "Jz": (p, p), "Rz": (p, p), "no_rows": (0, p),
+    }  # fmt: skip
+    given = dict.fromkeys(Program._fields, np.zeros(0)) | {
+        "c": c, "A": A, "b": b, "G": G, "g": g, "lower": lower, "upper": upper,
+        "h": np.diag(H).copy() if diagonal else np.zeros(0),
+        "J": np.linalg.inv(np.linalg.cholesky(H)).T.copy(),
+        "active": np.zeros(n, dtype=np.int64), "ints": np.zeros(1 + cuts, dtype=np.int64),
+    }  # fmt: skip
+    for name, shape in shapes.items():
+        given[name] = np.full(shape, np.nan)  # whatever it held before
+    given["no_rows"] = np.zeros((0, p))
+    return Program(**given), qt.qp.QuadraticProgram(H, c, A, b, G, g, lower, upper)
+
+
+@pytest.mark.parametrize("diagonal", [True, False])
+@settings(max_examples=200, deadline=None)
+@given(SEEDS)
+def test_a_program_in_the_null_space_is_solved_as_another_solver_solves_it(
+    diagonal: bool, seed: int
+) -> None:
+    from qp_twist.fast.reduced_program import reduced_program
+
+    rng = np.random.default_rng(seed)
+    w, problem = reduced(rng, diagonal)
+    reference = qt.qp.solve(problem, "quadprog")
     assert isinstance(reference, qt.qp.Verified)
-    scale = 1.0 + np.abs(x).max() + np.abs(np.linalg.pinv(A)).max(initial=0.0)
-    np.testing.assert_allclose(x, reference.x, atol=1e-8 * scale)
-    gradient = h * x + c + A.T @ y + box
-    np.testing.assert_allclose(gradient, 0.0, atol=1e-9 * scale**2)
-    assert (box[x < upper - 1e-9] <= 1e-12).all()
-    assert (box[x > lower + 1e-9] >= -1e-12).all()
+    n, m = problem.n, len(problem.b)
+    scale = 1.0 + np.abs(reference.x).max() + np.abs(np.linalg.pinv(w.A)).max(initial=0.0)
+    for again in range(3):  # from nothing, from what was active, and from anything
+        if again == 2:
+            w.ints[0] = rng.integers(0, n - m + 1)
+            w.active[: w.ints[0]] = rng.permutation(2 * n + len(w.g))[: w.ints[0]]
+        assert reduced_program(w)
+        np.testing.assert_allclose(w.x, reference.x, atol=1e-8 * scale**2)
+        gradient = problem.H @ w.x + w.c + w.A.T @ w.y + w.G.T @ w.lam + w.box
+        np.testing.assert_allclose(gradient, 0.0, atol=1e-9 * scale**3)
+        assert (w.lam >= 0.0).all() and (w.lam[w.G @ w.x < w.g - 1e-9] == 0.0).all()
+        assert (w.box[w.x < w.upper - 1e-9] <= 0.0).all()
+        assert (w.box[w.x > w.lower + 1e-9] >= 0.0).all()
 
 
-def test_a_line_is_cut_by_bounds_in_a_good_part_of_such_programs() -> None:
-    from qp_twist.fast.box_program import NOBODY, box_program
+def test_bounds_and_rows_are_in_the_way_in_a_good_part_of_such_programs() -> None:
+    from qp_twist.fast.reduced_program import reduced_program
 
-    rng, cut = np.random.default_rng(0), 0
-    for _ in range(100):
-        A, c = rng.normal(size=(5, 6)), 3.0 * rng.normal(size=6)
-        x, y, box = np.zeros(6), np.zeros(5), np.zeros(6)
-        work = np.zeros((5, 6)), np.zeros((5, 6)), np.zeros((5, 5)), np.zeros(6), np.zeros(6)
-        one = np.ones(6)
-        cut += box_program(one, c, A, 0.1 * A @ one, -one, one, x, y, box, *work) > NOBODY
-    assert cut > 30
+    counts = []
+    for seed in range(200):
+        w, _ = reduced(np.random.default_rng(seed), diagonal=True)
+        assert reduced_program(w)
+        counts.append(int(w.ints[0]))
+    assert sum(count == 1 for count in counts) > 40 and sum(count > 2 for count in counts) > 20
+
+
+def test_a_program_without_an_inside_is_not_solved() -> None:
+    """By a bound that another bound contradicts, or that the rows leave no way to meet."""
+    from qp_twist.fast.reduced_program import reduced_program
+
+    for seed in range(60):
+        w, problem = reduced(np.random.default_rng(seed), diagonal=True)
+        w.upper[:] = w.lower[:] = np.linalg.lstsq(w.A, w.b, rcond=None)[0] + 0.1
+        if len(problem.b):
+            assert not reduced_program(w)
 
 
 # ---------------------------------------------------------------- corrections

@@ -311,6 +311,62 @@ def test_two_configurations_and_their_velocities_do_not_mix(solver: str) -> None
     np.testing.assert_allclose(controller.limits[0].velocity, again)  # type: ignore[attr-defined]
 
 
+BALL = """<mujoco><compiler angle="radian"/><worldbody><body name="base" pos="0 0 0.1">
+  <joint name="rail" type="slide" axis="1 0 0" range="-1 1"/>
+  <geom size="0.05" mass="1"/>
+  <body name="wrist" pos="0.2 0 0"><joint name="wrist" type="ball"/><geom size="0.05" mass="1"/>
+    <body name="arm" pos="0.3 0.1 0"><joint name="elbow" axis="0 1 1" range="-2 2"/>
+      <geom name="palm" pos="0.1 0 0" size="0.05" mass="1"/>
+      <body name="hand" pos="0.3 0 0.1"><joint name="hand" axis="1 0 0" range="-2 2"/>
+        <geom size="0.05" mass="1"/><site name="tool" pos="0 0.1 0.2"/></body>
+    </body></body></body>
+  <body name="other"><joint name="turn" axis="0 0 1" range="-1 1"/><geom size="0.05" mass="1"/>
+  </body></worldbody></mujoco>"""
+FREE = BALL.replace('type="slide" axis="1 0 0" range="-1 1"', 'type="free"')
+
+
+@pytest.mark.parametrize("solver", SOLVERS)
+@pytest.mark.parametrize("frame", [("tool", "site"), ("palm", "geom"), ("base", "body")])
+def test_a_ball_joint_in_the_chain_and_joints_beside_it_make_no_difference(
+    solver: str, frame: tuple[str, str]
+) -> None:
+    model = mujoco.MjModel.from_xml_string(BALL)
+    rng = np.random.default_rng(4)
+    found = []
+    q = mink.Configuration(model).integrate(0.2 * rng.normal(size=model.nv), 1.0)
+    configuration = mink.Configuration(model, q)
+    for name in ("daqp", solver):
+        projector = qt.TwistProjector(
+            linear=qt.Projector.line((1, 0, 0)), angular=qt.Projector.none()
+        )
+        task = qt.TwistTask(*frame, projector)
+        task.set_target(configuration.get_transform_frame_to_world(*frame) @ mink.SE3.exp(
+            np.array([0.01, 0.02, 0.0, 0.0, 0.0, 0.0])))  # fmt: skip
+        found.append(qt.Controller(model, [task], solver=name))
+    expected = by_reference(found[0]).step(configuration, 0.1)
+    step = found[1].step(configuration, 0.1)
+    assert isinstance(step, PlainStep)
+    same(expected, step)
+
+
+@pytest.mark.parametrize("solver", SOLVERS)
+def test_a_configuration_of_another_robot_is_refused(solver: str) -> None:
+    """Of as many coordinates and degrees of freedom, but other joints: 7 + 4 + … = 4 + 3 · 1 + …"""
+    parted = FREE.replace(
+        '<joint name="rail" type="free"/>',
+        '<joint type="slide" axis="1 0 0"/><joint type="slide" axis="0 1 0"/>'
+        '<joint type="slide" axis="0 0 1"/><joint type="ball"/>',
+    )
+    one, other = (mujoco.MjModel.from_xml_string(text) for text in (FREE, parted))
+    assert (one.nq, one.nv) == (other.nq, other.nv)
+    task = qt.TwistTask.point("tool", "site")
+    task.set_target_from_configuration(mink.Configuration(one))
+    controller = qt.Controller(one, [task], solver=solver)
+    controller.step(mink.Configuration(one), 0.1)
+    with pytest.raises(qt.InvalidInput, match="same model"):
+        controller.step(mink.Configuration(other), 0.1)
+
+
 # ---------------------------------------------------------------- the result
 
 

@@ -297,7 +297,8 @@ class Controller:
 
     def _check_configuration(self, configuration: mink.Configuration) -> None:
         instance("configuration", configuration, mink.Configuration)
-        if (configuration.model.nq, configuration.model.nv) != (self.model.nq, self.model.nv):
+        of_it = configuration.model.nq, configuration.model.nv, configuration.model.njnt
+        if of_it != (self.model.nq, self.model.nv, self.model.njnt):
             raise InvalidInput(
                 f"step: the configuration has nq = {configuration.model.nq}, the controller's "
                 f"model nq = {self.model.nq}; use a configuration of the same model."

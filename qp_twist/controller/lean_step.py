@@ -46,7 +46,7 @@ class LeanStep(PreparedStep):
         self._addresses = self._integers[at.addresses : at.types]
         # Where every coordinate is a joint's, in the order of the joints, nothing is copied.
         self._in_order = np.array_equal(self._addresses, np.arange(len(self._qpos)))
-        self._types = self._integers[at.types : at.active]
+        self._types = self._integers[at.types : at.links]
         self._middle = self._floats[at.middle : at.middle + nv]
         self._free_costs = self._floats[at.free_costs : at.free_costs + 2]
         self._kinds = self._integers[at.kinds : at.ends].reshape(-1, 3)
@@ -57,6 +57,10 @@ class LeanStep(PreparedStep):
 
     @np.errstate(over="ignore", invalid="ignore")  # what is not finite is refused
     def _solve(self, dt: float, use_secondary: bool) -> bool:
+        self._read_jacobians()
+        for turned, rotation, moved, position in self._views:
+            turned[:] = rotation
+            moved[:] = position
         p, q = self._program, self._qpos
         if not all(map(math.isfinite, q.tolist())):
             return False

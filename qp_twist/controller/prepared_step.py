@@ -123,7 +123,7 @@ class PreparedStep(abc.ABC):
         self._integers[at.kinds : at.ends] = np.ravel([kinds_of(p) for p in self._projectors])
         self._integers[at.ends : at.addresses] = self._ends
         self._integers[at.addresses : at.types] = ranges.qpos
-        self._integers[at.types : at.active] = types
+        self._integers[at.types : at.links] = types
 
         def part(first: int, *shape: int) -> Array:
             view: Array = self._floats[first : first + math.prod(shape)].reshape(shape)
@@ -134,7 +134,8 @@ class PreparedStep(abc.ABC):
         part(at.middle, nv)[:] = ranges.middle
         part(at.metric, nv)[:] = composed.metric
         self._settings = part(0, SETTINGS)
-        self._settings[:] = settings_of(twist_space, 0.0, 0.0)
+        self._singularity, self._weighs = composed.singularity, composed.joint_weight
+        self._settings[:] = settings_of(twist_space, self._singularity, self._weighs)
         self._pull, self._wish = part(at.pull, nv), part(at.wish, nv)
         self._shapes, self._poses = part(at.shapes, count, 27), part(at.poses, count, 12)
         self._targets = part(at.targets, count, 18)
@@ -150,22 +151,23 @@ class PreparedStep(abc.ABC):
         self._take_rows(0)
         # What was written into the arrays before this.
         self._told: list[Any] = [None] * count
-        self._asked: list[tuple[float, str | bytes]] | None = None
         self._steady = np.zeros(nv)
-        self._chosen: tuple[float, float] | None = None
+        self._take_wish()
         tables = list(zip(self._table, limits, strict=True))
         self._ranged = [(t, limit) for t, limit in tables if isinstance(limit, PositionLimit)]
         self._revisions = [limit.revision for _, limit in self._ranged]
         self._windows = [(t, limit) for t, limit in tables if isinstance(limit, DisplacementWindow)]
         self._motions = [(t[:, 6], limit) for t, limit in tables if isinstance(limit, MotionLimit)]
         self._stated = [(t, limit) for t, limit in tables if type(limit) not in BOXES]
+        self._others_speak = bool(self._stated or self._soft_tasks)
+        self._banded = False
         self._data: mujoco.MjData | None = None
         self._jacs: list[tuple[Callable[..., None], Array, Array, int]] = []
         self._views: list[tuple[Array, Array, Array, Array]] = []
 
     def _take_rows(self, k: int) -> None:
         """Views for so many inequality rows."""
-        at, nv = self._at, len(self._ranges.names)
+        at, nv, self._k = self._at, len(self._ranges.names), k
         self._integers[HEADER - 1], self._integers[at.active + nv] = k, 0
         end = at.work - (self._room - k) * (nv + 2)
         self._result = self._floats[at.program : end]
@@ -185,26 +187,26 @@ class PreparedStep(abc.ABC):
         Raises:
             mink.TargetNotSet: If a task has no target.
         """
-        if not self._is_of(composed):
+        if not (self._is_of(composed) and self._tasks_known()):
             return None
-        rows = self._listen(composed, configuration, dt)
-        if rows is None:
-            return None
+        rows: Sequence[Named] = _NO_ROWS
+        if self._others_speak or self._banded or self._k:
+            said = self._listen(composed, configuration, dt)
+            if said is None:
+                return None
+            rows = said
         if configuration.data is not self._data:
             self._bind(configuration)
-        for jac, linear, angular, index in self._jacs:
-            jac(self._model, self._data, linear, angular, index)
-        for turned, rotation, moved, position in self._views:
-            turned[:] = rotation
-            moved[:] = position
-        if not self._tasks_known():
-            return None
         if use_secondary:
             self._wish_for(configuration)
         self._look(composed)
         if not self._solve(dt, use_secondary):
             return None
         return PlainStep.made(self._result.copy(), self._layout, rows)
+
+    def _read_jacobians(self) -> None:
+        for jac, linear, angular, index in self._jacs:
+            jac(self._model, self._data, linear, angular, index)
 
     def _is_of(self, composed: Composition) -> bool:
         return (
@@ -225,21 +227,19 @@ class PreparedStep(abc.ABC):
         Returns:
             What inequality rows come from; ``None`` where a band may be left.
         """
-        banded = [task for task in self._tasks if task.bands]
-        if not (banded or self._stated or self._soft_tasks or len(self._program.g)):
-            return _NO_ROWS
         with np.errstate(over="ignore", invalid="ignore"):  # what is not finite is refused
             stated = [StatedLimit.of(limit, configuration, dt) for _, limit in self._stated]
             costs = mink_costs(self._soft_tasks, configuration, dt) if self._soft_tasks else None
         rows: list[StatedLimit | BandRows] = [s for s in stated if s is not None]
-        for task in banded:
+        for task in self._tasks:
             if has_soft_bands(task):
                 return None
             rows += task.band_rows(configuration, dt)
         k = sum(len(said.bounds) for said in rows)
         if k > self._room:
             self._lay_out(composed, 2 * k)
-        if k != len(self._program.g):
+            self._tasks_known()
+        if k != self._k:
             self._take_rows(k)
         for (table, _), limit in zip(self._stated, stated, strict=True):
             table[:, 0], table[:, 1] = (-np.inf, np.inf) if limit is None else limit.box[1:]
@@ -277,6 +277,7 @@ class PreparedStep(abc.ABC):
 
     def _tasks_known(self) -> bool:
         """Take over what has changed of the tasks; whether the kernel still knows them."""
+        self._banded = False
         for number, task in enumerate(self._tasks):
             if (
                 task.projector is not self._projectors[number]
@@ -284,6 +285,8 @@ class PreparedStep(abc.ABC):
                 or (task.frame_name, task.frame_type) != self._named[number]
             ):
                 return False
+            if task.bands:
+                self._banded = True
             if task.target is None or task.target is not self._told[number]:
                 self._aim(number, task)
             paces = _paces(task)
@@ -294,21 +297,26 @@ class PreparedStep(abc.ABC):
 
     def _wish_for(self, configuration: mink.Configuration | None) -> None:
         """What the secondary objectives ask for: h = wish + pull · (θ̄ − θ)."""
-        asked: list[tuple[float, str | bytes]] = [(s.gain, s.weight) for s in self._centering]
-        asked += [(s.gain, s.q_ref.tobytes()) for s in self._postures]
-        if asked != self._asked:
-            self._asked = asked
-            self._pull[:] = sum(s.gain * s.stiffness for s in self._centering)
-            self._steady[:] = 0.0
-            for s in self._postures:
-                self._pull += s.gain
-                self._steady += s.gain * (self._ranges.positions(s.q_ref) - self._ranges.middle)
-            self._wish[:] = self._steady
+        for objective, gain, mark in self._asked:
+            if objective.gain != gain or _mark(objective) is not mark:
+                self._take_wish()
+                break
         if self._others:
             assert configuration is not None
             self._wish[:] = self._steady
             for other in self._others:
                 self._wish += other.displacement(configuration)
+
+    def _take_wish(self) -> None:
+        """What stays of the wish while the objectives do."""
+        objectives: list[JointCentering | PostureReference] = [*self._centering, *self._postures]
+        self._asked = [(s, s.gain, _mark(s)) for s in objectives]
+        self._pull[:] = sum(s.gain * s.stiffness for s in self._centering)
+        self._steady[:] = 0.0
+        for s in self._postures:
+            self._pull += s.gain
+            self._steady += s.gain * (self._ranges.positions(s.q_ref) - self._ranges.middle)
+        self._wish[:] = self._steady
 
     def _bind(self, configuration: mink.Configuration) -> None:
         """Views into the data of another configuration."""
@@ -334,10 +342,9 @@ class PreparedStep(abc.ABC):
 
     def _look(self, composed: Composition) -> None:
         """What moves on with the steps: where windows stand, the velocity before, and settings."""
-        chosen = composed.singularity, composed.joint_weight
-        if chosen != self._chosen:
-            self._chosen = chosen
-            self._settings[1:3] = chosen
+        if composed.singularity != self._singularity or composed.joint_weight != self._weighs:
+            self._singularity, self._weighs = composed.singularity, composed.joint_weight
+            self._settings[1:3] = self._singularity, self._weighs
         for number, (table, limit) in enumerate(self._ranged):
             if limit.revision != self._revisions[number]:
                 self._revisions[number] = limit.revision
@@ -351,6 +358,11 @@ class PreparedStep(abc.ABC):
         """As :meth:`~qp_twist.Controller.note`, of a velocity that the kernel has found."""
         for _, motion in self._motions:
             motion.velocity = velocity.copy()
+
+
+def _mark(objective: JointCentering | PostureReference) -> object:
+    """What is another object as soon as the objective asks for something else."""
+    return objective.q_ref if isinstance(objective, PostureReference) else objective.weight
 
 
 def _paces(task: TwistTask) -> tuple[float, float, float]:

@@ -13,6 +13,10 @@ from typing import Any
 
 from qp_twist.fast import installed
 
+_REORDERED = {"reassoc", "contract", "nsz"}
+"""Sums may be taken in any order, by as many lanes as there are. NaN and infinity stay what they
+are: comparisons rely on them."""
+
 
 def _by_numba(**options: Any) -> Any:
     if not installed():
@@ -20,7 +24,7 @@ def _by_numba(**options: Any) -> Any:
     from numba import njit
 
     def compiled(function: Any) -> Any:
-        settings: Any = {"error_model": "numpy", "nogil": True} | options
+        settings: Any = {"error_model": "numpy", "nogil": True, "fastmath": _REORDERED} | options
         try:
             return njit(cache=True, **settings)(function)
         except RuntimeError:  # there is no folder to keep machine code in

@@ -98,15 +98,15 @@ def _normal_in_factor(which, m, n, k, A, G, J, d):
 
 
 @plain
-def _side(which, m, n, k, b, g, lower, upper):
+def _side(which, m, k, b, g, lower, upper):
     """The right-hand side of a constraint aᵀx ≥ side (equality rows: =)."""
     if which < m:
         return b[which]
     if which < m + k:
         return -g[which - m]
-    if which < m + k + n:
+    if which < m + k + len(lower):
         return lower[which - m - k]
-    return -upper[which - m - k - n]
+    return -upper[which - m - k - len(lower)]
 
 
 @plain
@@ -165,7 +165,7 @@ def _solve_held(q, n, m, k, c, b, g, lower, upper, J, R, active, x, u, t):
     x = J₁R⁻ᵀs − J₂J₂ᵀc and u = R⁻¹(R⁻ᵀs + J₁ᵀc), with s the active right-hand sides.
     """
     for i in range(q):
-        total = _side(active[i], m, n, k, b, g, lower, upper)
+        total = _side(active[i], m, k, b, g, lower, upper)
         for j in range(i):
             total -= R[j, i] * t[j]
         t[i] = total / R[i, i]
@@ -203,11 +203,12 @@ def _size(x):
 def _worst(n, m, k, G, g, lengths, lower, upper, x, held, tolerance):
     """The constraint that is violated most, in units of its normal's length, or −1."""
     worst, most = -1, tolerance * _size(x)
-    for i in range(n):
+    bounds = len(lower)
+    for i in range(bounds):
         if held[m + k + i] == 0 and lower[i] - x[i] > most:
             most, worst = lower[i] - x[i], m + k + i
-        if held[m + k + n + i] == 0 and x[i] - upper[i] > most:
-            most, worst = x[i] - upper[i], m + k + n + i
+        if held[m + k + bounds + i] == 0 and x[i] - upper[i] > most:
+            most, worst = x[i] - upper[i], m + k + bounds + i
     for row in range(k):
         if held[m + row] == 0:
             total = -g[row]
@@ -262,11 +263,11 @@ def _rows_met(A, b, x):
 @plain
 def _hold_wanted(q, m, n, k, A, G, b, g, lower, upper, J, R, d, active, held):
     """Constraints that were active last time (marked 2 in ``held``), where they fit; how many."""
-    for which in range(m, m + k + 2 * n):
+    for which in range(m, m + k + 2 * len(lower)):
         if held[which] != 2:
             continue
         held[which] = 0
-        if q == n or not math.isfinite(_side(which, m, n, k, b, g, lower, upper)):
+        if q == n or not math.isfinite(_side(which, m, k, b, g, lower, upper)):
             continue
         _normal_in_factor(which, m, n, k, A, G, J, d)
         whole, outside = _outside(q, n, d)
@@ -318,7 +319,7 @@ def _enter(
     which, first, q, m, n, k, A, G, b, g, lengths, lower, upper, J, R, d, r, x, u, active, held
 ):  # fmt: skip
     """Let a violated constraint in and out go those in its way; what happened, and how many."""
-    side = _side(which, m, n, k, b, g, lower, upper)
+    side = _side(which, m, k, b, g, lower, upper)
     for _ in range(q - first + 1):
         _normal_in_factor(which, m, n, k, A, G, J, d)
         whole, outside = _outside(q, n, d)
@@ -394,30 +395,34 @@ def dual_active_set(
         R: Workspace, (n, n).
         held: Workspace, (m + k + 2n,).
         work: Workspace, (3, n + 1).
-        lengths: Workspace, (k,).
+        lengths: Workspace, (k,): of the rows of G.
 
     Returns:
         What happened, and how many constraints are active.
     """
     if not cholesky_inverse(H, J):
         return NOT_CONVEX, 0
-    return active_set(c, A, b, G, g, lower, upper, active, before, x, u, J, R, held, work, lengths)
+    for row in range(len(g)):
+        square = 0.0
+        for i in range(len(c)):
+            square += G[row, i] ** 2
+        lengths[row] = math.sqrt(square) if square > 0.0 else 1.0
+    return active_set(c, A, b, G, g, lengths, lower, upper, active, before, x, u, J, R, held, work)
 
 
 @plain
-def active_set(c, A, b, G, g, lower, upper, active, before, x, u, J, R, held, work, lengths):
-    """:func:`dual_active_set` where J with JJᵀ = H⁻¹ is known; it is overwritten."""
+def active_set(c, A, b, G, g, lengths, lower, upper, active, before, x, u, J, R, held, work):
+    """:func:`dual_active_set` where J with JJᵀ = H⁻¹ is known; it is overwritten.
+
+    There may be no bounds at all, ``lower`` and ``upper`` (0,); and a row of G counts as exceeded
+    in units of its entry of ``lengths``, (k,).
+    """
     n, m, k = c.shape[0], b.shape[0], g.shape[0]
     d, t, r = work[0], work[1], work[2]
     for i in range(len(held)):
         held[i] = 0
     for i in range(before):
         held[active[i]] = 2
-    for row in range(k):
-        square = 0.0
-        for i in range(n):
-            square += G[row, i] ** 2
-        lengths[row] = math.sqrt(square) if square > 0.0 else 1.0
     q = first = _hold_equalities(m, n, k, A, G, J, R, d, active)
     if before > 0:
         q = _hold_wanted(q, m, n, k, A, G, b, g, lower, upper, J, R, d, active, held)

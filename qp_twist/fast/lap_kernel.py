@@ -85,12 +85,13 @@ def _size(nv, rows, twist_space):
 @kernel
 def _arrays(way):
     """For a robot of as many degrees of freedom as the metric has entries, and up to 6 rows."""
-    nv = len(way.metric)
-    # Those of twist space hold those of joint space.
-    program, work, ints = entries(_size(nv, 6, True))
+    nv, floats, integers = len(way.metric), 0, 0
+    for rows in range(7):
+        program, work, ints = entries(_size(nv, rows, way.twist_space))
+        floats, integers = max(floats, program + work), max(integers, ints)
     return Lap(
         np.zeros(12), np.zeros((6, nv)), np.zeros(nv), np.zeros((6, nv)), np.zeros((6, 6)),
-        way.limits.copy(), np.zeros(program + work), np.zeros(ints, dtype=np.int64),
+        way.limits.copy(), np.zeros(floats), np.zeros(integers, dtype=np.int64),
         np.zeros(1, dtype=np.int64),
     )  # fmt: skip
 

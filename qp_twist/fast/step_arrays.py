@@ -50,23 +50,33 @@ class Program(NamedTuple):
     h: Any
     """Diagonal of H where it has no other entries, (nv,); else (0,)."""
     dense: Any
-    """H where it has, (nv, nv); else a workspace."""
+    """H where it has, (nv, nv); else (0, nv)."""
     G: Any
     g: Any
     lam: Any
     """λ of the rows of G, (k,)."""
     q: Any
     y: Any
-    u: Any
-    three: Any
     root: Any
     line: Any
     J: Any
-    R: Any
+    """S of H⁻¹ = SSᵀ where H has entries off its diagonal, (nv, nv)."""
     scaled: Any
     V: Any
-    square: Any
+    R: Any
+    ways: Any
+    """What the rows leave free, (p, nv), p = nv − m."""
+    cuts: Any
+    """Bounds and rows of G on it, (2 nv + k, p)."""
+    ends: Any
     lengths: Any
+    zero: Any
+    z: Any
+    u: Any
+    three: Any
+    Jz: Any
+    Rz: Any
+    no_rows: Any
     free: Any
     active: Any
     """Those active last time, (nv,), as many as ``ints[0]`` says."""
@@ -101,28 +111,35 @@ def program_at(floats, first, integers, active, size):
     c = b + m
     cost = c + 7 * nv
     G = cost + (square if is_dense else nv)
-    after = G + size.room * (nv + 2)  # the workspace
-    J = after + square
-    R = J + square
-    three = R + square
-    q = three + 3 * nv + 3
-    u = q + nv
-    y = u + nv + 1
-    scaled = y + m
+    p, cuts = max(nv - m, 0), 2 * nv + k
+    J = G + size.room * (nv + 2)  # the workspace
+    y = J + square
+    q = y + m
+    scaled = q + 3 * nv
     V = scaled + m * nv
-    small = V + m * nv
-    lengths = small + m * m
+    R = V + m * nv
+    ways = R + m * m
+    z = ways + p * nv
+    Jz = z + 6 * p + 4
+    ends = Jz + 2 * p * p
+    free = ends + (2 * nv + size.room) * (2 + p)
+    diagonal, whole = 0 if is_dense else nv, nv if is_dense else 0
+    free_rows = 6 * size.tasks if size.twist_space else 0
     return Program(
         matrix(floats, A, m, nv), vector(floats, b, m), vector(floats, c, nv),
         vector(floats, c + nv, nv), vector(floats, c + 2 * nv, nv), vector(floats, c + 3 * nv, nv),
         vector(floats, c + 4 * nv, nv), vector(floats, c + 5 * nv, nv),
-        vector(floats, c + 6 * nv, nv), vector(floats, cost, 0 if is_dense else nv),
-        matrix(floats, cost if is_dense else after, nv, nv), matrix(floats, G, k, nv),
-        vector(floats, G + k * nv, k), vector(floats, G + k * nv + k, k), vector(floats, q, nv),
-        vector(floats, y, m), vector(floats, u, nv + 1), matrix(floats, three, 3, nv + 1),
-        vector(floats, three, nv), vector(floats, three + nv + 1, nv), matrix(floats, J, nv, nv),
-        matrix(floats, R, nv, nv), matrix(floats, scaled, m, nv), matrix(floats, V, m, nv),
-        matrix(floats, small, m, m), vector(floats, lengths, k),
-        matrix(floats, lengths + size.room, 6 * size.tasks if size.twist_space else 0, nv),
-        vector(integers, active, nv), vector(integers, active + nv, 1 + m + k + 2 * nv),
+        vector(floats, c + 6 * nv, nv), vector(floats, cost, diagonal),
+        matrix(floats, cost, whole, nv), matrix(floats, G, k, nv), vector(floats, G + k * nv, k),
+        vector(floats, G + k * nv + k, k), vector(floats, q, nv), vector(floats, y, m),
+        vector(floats, q + nv, nv), vector(floats, q + 2 * nv, nv),
+        matrix(floats, J, nv, nv), matrix(floats, scaled, m, nv), matrix(floats, V, m, nv),
+        matrix(floats, R, m, m), matrix(floats, ways, p, nv),
+        matrix(floats, ends + 2 * cuts, cuts, p), vector(floats, ends, cuts),
+        vector(floats, ends + cuts, cuts), vector(floats, z, p),
+        vector(floats, z + p, p), vector(floats, z + 2 * p, p + 1),
+        matrix(floats, z + 3 * p + 1, 3, p + 1), matrix(floats, Jz, p, p),
+        matrix(floats, Jz + p * p, p, p), matrix(floats, ends, 0, p),
+        matrix(floats, free, free_rows, nv),
+        vector(integers, active, nv), vector(integers, active + nv, 1 + cuts),
     )  # fmt: skip

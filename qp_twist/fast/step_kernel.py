@@ -7,9 +7,9 @@ import math
 import numpy as np
 
 from qp_twist.fast.bounds import bounds
-from qp_twist.fast.box_program import NOBODY, UNDECIDED, box_program
 from qp_twist.fast.compiling import kernel, part, plain
-from qp_twist.fast.dual_active_set import SOLVED, active_set, cholesky, cholesky_inverse
+from qp_twist.fast.dual_active_set import cholesky, cholesky_inverse
+from qp_twist.fast.reduced_program import reduced_program
 from qp_twist.fast.step_arrays import given, program_at
 from qp_twist.fast.step_layout import header, places
 from qp_twist.fast.twist_rows import twist_rows
@@ -31,9 +31,10 @@ def _well_conditioned(A, ends, threshold, work, scratch):
     square = threshold * threshold
     for i in range(m):
         for j in range(i + 1):
-            work[i, j] = -square if i == j and len(ends) == 1 else 0.0
+            total = -square if i == j and len(ends) == 1 else 0.0
             for k in range(n):
-                work[i, j] += A[i, k] * A[j, k]
+                total += A[i, k] * A[j, k]
+            work[i, j] = total
     if not cholesky(work):
         return False
     first = 0
@@ -41,9 +42,10 @@ def _well_conditioned(A, ends, threshold, work, scratch):
         end = ends[level]
         for i in range(first, end):
             for j in range(first, i + 1):
-                scratch[i - first, j - first] = -square if i == j else 0.0
+                total = -square if i == j else 0.0
                 for k in range(first, j + 1):
-                    scratch[i - first, j - first] += work[i, k] * work[j, k]
+                    total += work[i, k] * work[j, k]
+                scratch[i - first, j - first] = total
         if not cholesky(scratch[: end - first, : end - first]):
             return False
         first = end
@@ -81,7 +83,7 @@ def _add_unseen(A, free, metric, weight, nearly, H, c, wanted):
                     c[i] -= entry * wanted[j]
 
 
-@plain
+@part
 def _excess(hardest, left, largest, gap, w, tolerances):
     """What the multipliers leave, in units of its tolerance, as ``verification`` has it.
 
@@ -136,7 +138,7 @@ def _pull_of_rows(A, y, residual):
     return largest
 
 
-@plain
+@part
 def _excess_of_diagonal(w, tolerances, residual):
     """:func:`_excess` where H = diag h."""
     hardest, left, gap = 1e-300, 0.0, 0.0
@@ -149,7 +151,7 @@ def _excess_of_diagonal(w, tolerances, residual):
     return _excess(hardest, left, largest, gap, w, tolerances)
 
 
-@plain
+@part
 def _excess_of_dense(w, tolerances, residual, along):
     """:func:`_excess` for any H, with JJᵀ = H⁻¹: rᵀH⁻¹r = ‖Jᵀr‖²."""
     n, hardest, left, gap = len(w.c), 1e-300, 0.0, 0.0
@@ -226,18 +228,22 @@ def _twist_cost(A, free, metric, weight, nearly, H, c, wanted, work):
     nv = len(c)
     for i in range(nv):
         wanted[i] = c[i]
-        for j in range(nv):
-            H[i, j] = 0.0
+        for j in range(i + 1):
+            total = 0.0
             for k in range(len(free)):
-                H[i, j] += free[k, i] * free[k, j]
+                total += free[k, i] * free[k, j]
+            H[i, j] = H[j, i] = total
     for i in range(nv):
-        c[i] = 0.0
+        total = 0.0
         for j in range(nv):
-            c[i] -= H[i, j] * wanted[j]
+            total -= H[i, j] * wanted[j]
+        c[i] = total
     for i in range(nv):
-        for j in range(nv):
+        for j in range(i + 1):
+            total = H[i, j]
             for k in range(len(A)):
-                H[i, j] += A[k, i] * A[k, j]
+                total += A[k, i] * A[k, j]
+            H[i, j] = H[j, i] = total
     if not _all_seen(H, metric, nearly, work):
         _add_unseen(A, free, metric, weight, nearly, H, c, wanted)
 
@@ -268,23 +274,20 @@ def _add_costs(quadratic, linear, steepest, H, c):
 
 
 @part
-def _multipliers(count, active, u, y, lam, box):
-    """Of rows and bounds, from those of the active set: Hx + c + Aᵀy + Gᵀλ + μ = 0."""
-    m, k, nv = len(y), len(lam), len(box)
-    for i in range(nv):
-        box[i] = 0.0
-    for row in range(k):
-        lam[row] = 0.0
-    for i in range(count):
-        which = active[i]
-        if which < m:
-            y[which] = -u[i]
-        elif which < m + k:
-            lam[which - m] = u[i]
-        elif which < m + k + nv:
-            box[which - m - k] -= u[i]
-        else:
-            box[which - m - k - nv] += u[i]
+def _costs(w, metric, quadratic, linear, settings):
+    """H and c of the step, from ḣ in c; and S where H is not diagonal. Whether H ≻ 0."""
+    if len(w.h):
+        for i in range(len(w.h)):
+            w.h[i] = settings[2] * metric[i]
+            w.c[i] *= -w.h[i]
+        return True
+    if settings[0] != 0.0:
+        _twist_cost(w.A, w.free, metric, settings[2], settings[3], w.dense, w.c, w.line, w.J)
+    else:
+        _joint_cost(metric, settings[2], w.dense, w.c)
+    if not _add_costs(quadratic, linear, settings[7], w.dense, w.c):
+        return False
+    return cholesky_inverse(w.dense, w.J)
 
 
 @plain
@@ -297,71 +300,6 @@ def _into_the_box(x, lower, upper):
     return True
 
 
-@part
-def _by_active_set(w):
-    """The program by Goldfarb and Idnani, begun with what was active last time; whether it is done.
-
-    ``w.J`` is the factor of H⁻¹.
-    """
-    m = len(w.b)
-    before, w.ints[0] = w.ints[0], 0
-    status, count = active_set(
-        w.c, w.A, w.b, w.G, w.g, w.lower, w.upper, w.active, before, w.x, w.u, w.J, w.R,
-        w.ints[1:], w.three, w.lengths,
-    )  # fmt: skip
-    if status != SOLVED:
-        return False
-    _multipliers(count, w.active, w.u, w.y, w.lam, w.box)
-    for i in range(m, count):  # for the next step
-        w.active[i - m] = w.active[i]
-    w.ints[0] = count - m
-    return True
-
-
-@part
-def _by_box(w, metric, weight):
-    """The step with a diagonal cost, where at most one bound is active; whether it is done.
-
-    No inequality row then is: one was not, last time, and what comes out meets them all.
-    """
-    m, nv, k = w.A.shape[0], w.A.shape[1], len(w.g)
-    for i in range(nv):
-        w.h[i] = weight * metric[i]
-        w.c[i] *= -w.h[i]
-    which = UNDECIDED
-    few = w.ints[0] == 0 or (w.ints[0] == 1 and w.active[0] >= m + k)
-    if few or (m + 1 >= nv and k == 0):  # where more were active last time more will be
-        which = box_program(
-            w.h, w.c, w.A, w.b, w.lower, w.upper, w.x, w.y, w.box, w.scaled, w.V, w.square, w.root,
-            w.line,
-        )  # fmt: skip
-    if which != UNDECIDED and not _rows_kept(w):
-        which = UNDECIDED
-    if which == UNDECIDED:
-        for i in range(nv):
-            for j in range(nv):
-                w.J[i, j] = 0.0
-            w.J[i, i] = 1.0 / math.sqrt(w.h[i])
-        return False
-    w.ints[0] = 0
-    if which != NOBODY:
-        w.ints[0], w.active[0] = 1, m + k + which
-    return True
-
-
-@plain
-def _rows_kept(w):
-    """Whether x meets all inequality rows, whose multipliers then are 0."""
-    for row in range(len(w.g)):
-        total = -w.g[row]
-        for i in range(len(w.x)):
-            total += w.G[row, i] * w.x[i]
-        if not total <= 0.0:
-            return False
-        w.lam[row] = 0.0
-    return True
-
-
 @plain
 def verified_velocity(
     w, ends, limits, types, metric, quadratic, linear, settings, tolerances, dt
@@ -371,28 +309,16 @@ def verified_velocity(
     Returns:
         ``DONE``, or ``REFUSED`` for whatever is not a plain step inside all limits.
     """
-    if not _well_conditioned(w.A, ends, settings[1], w.square, w.J):
+    if not _well_conditioned(w.A, ends, settings[1], w.R, w.J):
         return REFUSED
     if not bounds(
         limits, types, w.q, dt, settings[5], settings[6], w.lower, w.upper, w.lower_kind,
         w.upper_kind,
     ):  # fmt: skip
         return REFUSED
-    found = False
-    if len(w.h):
-        found = _by_box(w, metric, settings[2])
-    else:
-        if settings[0] != 0.0:
-            _twist_cost(w.A, w.free, metric, settings[2], settings[3], w.dense, w.c, w.line, w.J)
-        else:
-            _joint_cost(metric, settings[2], w.dense, w.c)
-        if not _add_costs(quadratic, linear, settings[7], w.dense, w.c):
-            return REFUSED
-        if not cholesky_inverse(w.dense, w.J):
-            return REFUSED
-    if not found and not _by_active_set(w):
+    if not _costs(w, metric, quadratic, linear, settings):
         return REFUSED
-    if not _into_the_box(w.x, w.lower, w.upper):
+    if not (reduced_program(w) and _into_the_box(w.x, w.lower, w.upper)):
         return REFUSED
     if len(w.h):
         excess = _excess_of_diagonal(w, tolerances, w.line)

@@ -42,8 +42,9 @@ class Places(NamedTuple):
     each), then of each task shape (27), pose (12), target (18) and Jacobian (6, nv), of each limit
     its table (nv, 7), the costs of other tasks (nv + 1, nv), the program, which is what the step
     leaves behind, and its workspace. In the integers: the header, kinds of the tasks (3 each),
-    where the rows of each level end, addresses of the joints in q (nv), kinds of the limits, and
-    the active set.
+    where the rows of each level end, addresses of the joints in q (nv), kinds of the limits, of
+    each task how its frame hangs on the joints (nv), where MuJoCo's numbers are (3 and 2 for each
+    task), and the active set. ``live_step`` reads what is between the kinds and the active set.
     """
 
     free_costs: int
@@ -64,6 +65,8 @@ class Places(NamedTuple):
     ends: int
     addresses: int
     types: int
+    links: int
+    sources: int
     active: int
     integers: int
 
@@ -84,10 +87,10 @@ def entries(size: Sizes) -> tuple[int, int, int]:
     square = nv * nv
     dense = size.twist_space or size.costs
     program = m * nv + m + 7 * nv + (square if dense else nv) + room * (nv + 2)
-    work = 3 * square + 5 * nv + 4 + m + 2 * m * nv + m * m + room
-    if size.twist_space:
-        work += 6 * size.tasks * nv
-    return program, work, 1 + m + room + 3 * nv
+    p, cuts = max(nv - m, 0), 2 * nv + room
+    work = square + 3 * nv + m + 2 * m * nv + m * m + p * nv + 6 * p + 4 + 2 * p * p
+    work += cuts * (2 + p) + (6 * size.tasks * nv if size.twist_space else 0)
+    return program, work, 1 + cuts + nv
 
 
 @plain
@@ -107,9 +110,11 @@ def places(size: Sizes) -> Places:
     ends = HEADER + 3 * count
     addresses = ends + size.levels
     types = addresses + nv
-    active = types + size.limits
+    links = types + size.limits
+    sources = links + nv * count
+    active = sources + 3 + 2 * count
     return Places(
         free_costs, middle, middle + nv, middle + 2 * nv, middle + 3 * nv, shapes, poses, targets,
         jacobians, table, costs, first, first + program, first + program + work, HEADER, ends,
-        addresses, types, active, active + ints,
+        addresses, types, links, sources, active, active + ints,
     )  # fmt: skip

@@ -64,3 +64,26 @@ def stack(
 ) -> tuple[Any, Any]:
     """The same of ``count`` matrices."""
     return _view(base, first, count, rows, columns)
+
+
+@_intrinsic
+def at_address(typing: Any, address: Any, n: Any) -> tuple[Any, Any]:
+    """The ``n`` floats at an address, which their owner has to keep there."""
+    result = types.Array(types.float64, 1, "C")
+
+    def code(context: Any, builder: Any, signature: Any, given: Any) -> Any:
+        word = context.get_value_type(types.intp)
+        size = word(context.get_abi_sizeof(context.get_data_type(types.float64)))
+        count = context.cast(builder, given[1], signature.args[1], types.intp)
+        view = make_array(result)(context, builder)
+        populate_array(
+            view,
+            data=builder.inttoptr(given[0], context.get_data_type(types.float64).as_pointer()),
+            shape=cgutils.pack_array(builder, [count]),
+            strides=cgutils.pack_array(builder, [size]),
+            itemsize=size,
+            meminfo=None,
+        )
+        return view._getvalue()
+
+    return result(address, n), code

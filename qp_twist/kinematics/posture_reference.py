@@ -33,7 +33,18 @@ class PostureReference(SecondaryObjective):
             InvalidInput: If ``q_ref`` has the wrong shape or is not finite.
         """
         super().__init__(model, gain, cost=cost)
-        self.q_ref = finite_array("PostureReference(q_ref=…)", q_ref, (model.nq,))
+        self.q_ref = q_ref  # as an array
+
+    @property
+    def q_ref(self) -> Array:
+        """Reference configuration, rad or m, (nq,); another one is assigned as a whole."""
+        return self._q_ref
+
+    @q_ref.setter
+    def q_ref(self, value: npt.ArrayLike) -> None:
+        q_ref = finite_array("PostureReference(q_ref=…)", value, (self.model.nq,))
+        q_ref.flags.writeable = False  # a step sees that it is another one
+        self._q_ref = q_ref
 
     def direction(self, configuration: mink.Configuration) -> Array:
         """q_ref − q in the tangent space, rad or m, shape (nv,)."""

@@ -70,7 +70,7 @@ class SerialChain:
         rotation, position = frame_pose(configuration, frame_name, frame_type)
         ranges = JointRanges.of(model)
         screws = []
-        for dof in _dofs_above(model, frame_name, frame_type):
+        for dof in dofs_above(model, frame_name, frame_type):
             joint = int(model.dof_jntid[dof])
             if ranges.qpos[dof] < 0:
                 raise InvalidInput(
@@ -151,7 +151,7 @@ def cross_rows(a: Array, b: Array) -> Array:
     return product
 
 
-def _dofs_above(model: mujoco.MjModel, frame_name: str | int, frame_type: str) -> list[int]:
+def dofs_above(model: mujoco.MjModel, frame_name: str | int, frame_type: str) -> list[int]:
     """Degrees of freedom between the world and a frame, from the world on."""
     body = {
         "body": lambda: model.body(frame_name).id,

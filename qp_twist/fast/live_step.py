@@ -1,0 +1,59 @@
+"""A step from where MuJoCo has put the joints and frames, compiled."""
+
+from __future__ import annotations
+
+from qp_twist.fast.compiling import part, plain
+from qp_twist.fast.step_kernel import step_kernel
+from qp_twist.fast.step_layout import header, places
+from qp_twist.fast.views import at_address, matrix, stack, vector
+
+GIVEN, ELSEWHERE = -2, -1
+"""What stands in place of a joint: the task's Jacobian is given; the joint does not move it."""
+
+
+@part
+def _jacobian(links, axes, anchors, origin, J):
+    """World-aligned Jacobian of a frame at ``origin``, joint by joint: a and a × (p − p₀), or a, 0.
+
+    ``links`` says of each degree of freedom 2 · joint, and 1 more where it slides; axes and anchors
+    are MuJoCo's, (njnt · 3,).
+    """
+    for dof in range(len(links)):
+        for row in range(6):
+            J[row, dof] = 0.0
+        if links[dof] == ELSEWHERE:
+            continue
+        at = 3 * (links[dof] // 2)
+        x, y, z = axes[at], axes[at + 1], axes[at + 2]
+        if links[dof] % 2:
+            J[0, dof], J[1, dof], J[2, dof] = x, y, z
+            continue
+        u, v, w = origin[0] - anchors[at], origin[1] - anchors[at + 1], origin[2] - anchors[at + 2]
+        J[0, dof], J[1, dof], J[2, dof] = y * w - z * v, z * u - x * w, x * v - y * u
+        J[3, dof], J[4, dof], J[5, dof] = x, y, z
+
+
+@plain
+def live_step(floats, integers, nq, joints, dt, use_secondary):
+    """:func:`~qp_twist.fast.step_kernel.step_kernel`, with poses and Jacobians read from MuJoCo.
+
+    Its addresses lie in the integers from ``Places.sources`` on: of q (nq), axes and anchors of the
+    joints, and of each task's frame the rotation (9) and the position (3).
+    """
+    size = header(integers)
+    at = places(size)
+    sources = vector(integers, at.sources, 3 + 2 * size.tasks)
+    links = matrix(integers, at.links, size.tasks, size.nv)
+    poses = matrix(floats, at.poses, size.tasks, 12)
+    jacobians = stack(floats, at.jacobians, size.tasks, 6, size.nv)
+    axes, anchors = at_address(sources[1], 3 * joints), at_address(sources[2], 3 * joints)
+    for task in range(size.tasks):
+        rotation = at_address(sources[3 + 2 * task], 9)
+        position = at_address(sources[4 + 2 * task], 3)
+        for i in range(9):
+            poses[task, i] = rotation[i]
+        for i in range(3):
+            poses[task, 9 + i] = position[i]
+        if links[task, 0] != GIVEN:
+            _jacobian(links[task], axes, anchors, position, jacobians[task])
+    return step_kernel(floats, integers, at_address(sources[0], nq), dt, use_secondary)
