@@ -22,10 +22,14 @@ def install(monkeypatch: pytest.MonkeyPatch, says: Callable[..., Any]) -> None:
     asked: list[qpsolvers.Problem] = []
     truth = Workspace.solve
 
-    def solve(self: Workspace, H: Any, p: Any, **told: Any) -> Any:
-        G, g = (p.G, p.g) if len(p.g) else (None, None)
-        asked[:] = [qpsolvers.Problem(H, p.c, G, g, p.A, p.b, p.lower, p.upper)]
-        return truth(self, H, p, **told)
+    def solve(
+        self: Workspace, H: Any, c: Any, rows: Any, lower: Any, upper: Any, **told: Any
+    ) -> Any:
+        n, m = self._n, self._m
+        G, g = (rows[m:], upper[n + m :]) if len(rows) > m else (None, None)
+        b = upper[n : n + m]
+        asked[:] = [qpsolvers.Problem(H, c, G, g, rows[:m], b, lower[:n], upper[:n])]
+        return truth(self, H, c, rows, lower, upper, **told)
 
     monkeypatch.setattr(Workspace, "solve", solve)
     for name, kind in KNOWN.items():
@@ -33,6 +37,8 @@ def install(monkeypatch: pytest.MonkeyPatch, says: Callable[..., Any]) -> None:
         def told(self: Workspace, name: str = name) -> Any:
             said = says(asked[0], solver=name, **SETTINGS[name])
             rows = np.zeros(0) if asked[0].G is None else said.z
-            return Solution(said.x, said.y, rows, said.z_box) if said.found else None
+            if not said.found:
+                return None
+            return Solution(said.x, np.concatenate((said.z_box, said.y, rows)))
 
         monkeypatch.setattr(kind, "_solve", told)

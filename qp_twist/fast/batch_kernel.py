@@ -8,7 +8,7 @@ from qp_twist.fast.arm_kernel import pose_and_jacobian
 from qp_twist.fast.compiling import kernel
 from qp_twist.fast.null_space import INDEPENDENT, least_norm, reflect
 from qp_twist.fast.step_arrays import given, program_at
-from qp_twist.fast.step_kernel import DONE, step_kernel
+from qp_twist.fast.step_kernel import DONE, step
 from qp_twist.fast.step_layout import header, places
 from qp_twist.fast.twist_rows import in_basis, left_free, twist_rows, wanted_twist
 
@@ -42,7 +42,7 @@ def steps(arms, floats, integers, q, targets, dt, use_secondary, velocities, don
             for i in range(18):
                 g.targets[task, i] = targets[k, task, i]
         w.ints[0] = 0  # no row knows what was active in another
-        done[k] = step_kernel(floats, integers, q[k], dt, use_secondary) == DONE
+        done[k] = step(g, w, q[k], dt, use_secondary) == DONE
         for dof in range(size.nv):
             velocities[k, dof] = w.x[dof]
 

@@ -6,6 +6,7 @@ import math
 
 from qp_twist.fast.compiling import part, plain
 from qp_twist.fast.dual_active_set import SOLVED, active_set
+from qp_twist.fast.in_plane import in_plane
 from qp_twist.fast.null_space import reflect, times_q, times_q_transposed
 
 _RANK = 1e-9
@@ -182,13 +183,27 @@ def _cut(w):
 
 
 @part
-def _enter(w, before):
-    """Move x inside, as little as can be, with λ and μ; whether there is an inside."""
-    m, n = w.A.shape
-    _ways(w)
-    if not _cut(w):
-        return False
-    p, bounds = n - m, 2 * n
+def _on_line(w):
+    """The z of one unknown that is nearest to 0, with what is active; how many are, −1 for no z."""
+    least, most, first, last = -math.inf, math.inf, 0, 0
+    for which in range(len(w.ends)):
+        slope = w.cuts[which, 0]
+        if slope > 0.0 and w.ends[which] < most * slope:
+            most, last = w.ends[which] / slope, which
+        elif slope < 0.0 and w.ends[which] < least * slope:
+            least, first = w.ends[which] / slope, which
+    if not least <= most:
+        return -1
+    w.z[0] = min(max(0.0, least), most)
+    w.active[0] = first if w.z[0] > 0.0 else last
+    w.u[0] = -w.z[0] / w.cuts[w.active[0], 0]
+    return 0 if w.z[0] == 0.0 else 1
+
+
+@part
+def _nearest(w, before):
+    """The z nearest to 0, with what is active; how many are, −1 where there is no such z."""
+    p = len(w.z)
     for i in range(p):
         for j in range(p):
             w.Jz[i, j] = 0.0
@@ -198,20 +213,36 @@ def _enter(w, before):
         w.zero, w.no_rows, none, w.cuts, w.ends, w.lengths, none, none, w.active, min(before, p),
         w.z, w.u, w.Jz, w.Rz, w.ints[1:], w.three,
     )  # fmt: skip
-    if status != SOLVED:
+    return count if status == SOLVED else -1
+
+
+@part
+def _enter(w, before):
+    """Move x inside, as little as can be, with λ and μ; whether there is an inside."""
+    n, count = len(w.x), 0
+    _ways(w)
+    if not _cut(w):
+        return False
+    if len(w.z) == 1:
+        count = _on_line(w)
+    elif len(w.z) == 2:
+        count = in_plane(w.cuts, w.ends, w.lengths, w.active, w.z, w.u)
+    elif len(w.z) > 2:
+        count = _nearest(w, before)
+    if count < 0:
         return False
     w.ints[0] = count
     for i in range(n):
-        for j in range(p):
+        for j in range(len(w.z)):
             w.x[i] += w.ways[j, i] * w.z[j]
     for k in range(count):
         which = w.active[k]
         if which < n:
             w.x[which], w.box[which] = w.lower[which], w.box[which] - w.u[k]
-        elif which < bounds:
+        elif which < 2 * n:
             w.x[which - n], w.box[which - n] = w.upper[which - n], w.box[which - n] + w.u[k]
         else:
-            w.lam[which - bounds] = w.u[k]
+            w.lam[which - 2 * n] = w.u[k]
     return True
 
 

@@ -327,6 +327,20 @@ def verified_velocity(
     return DONE if excess <= 1.0 else REFUSED
 
 
+@part
+def step(g, w, qpos, dt, use_secondary):
+    """A step from what is given to w; what :func:`step_kernel` returns."""
+    fastest = _wish(qpos, g.addresses, g.middle, g.pull, g.wish, dt, use_secondary, w.q, w.c)
+    asked = _all_rows(
+        g.kinds, g.shapes, g.poses, g.targets, g.jacobians, dt, w.A, w.b, w.free, g.free_costs
+    )
+    if not (fastest <= g.settings[4] and asked <= g.settings[4]):
+        return REFUSED
+    return verified_velocity(
+        w, g.ends, g.limits, g.types, g.metric, g.quadratic, g.linear, g.settings, g.tolerances, dt
+    )
+
+
 @plain
 def step_kernel(floats, integers, qpos, dt, use_secondary):
     """A step; ``controller.prepared_step`` lays out the arrays, as ``Places`` says.
@@ -338,12 +352,4 @@ def step_kernel(floats, integers, qpos, dt, use_secondary):
     at = places(size)
     g = given(floats, integers, at, size)
     w = program_at(floats, at.program, integers, at.active, size)
-    fastest = _wish(qpos, g.addresses, g.middle, g.pull, g.wish, dt, use_secondary, w.q, w.c)
-    asked = _all_rows(
-        g.kinds, g.shapes, g.poses, g.targets, g.jacobians, dt, w.A, w.b, w.free, g.free_costs
-    )
-    if not (fastest <= g.settings[4] and asked <= g.settings[4]):
-        return REFUSED
-    return verified_velocity(
-        w, g.ends, g.limits, g.types, g.metric, g.quadratic, g.linear, g.settings, g.tolerances, dt
-    )
+    return step(g, w, qpos, dt, use_secondary)
