@@ -10,7 +10,9 @@ from qp_twist.controller.composition import Composition
 from qp_twist.controller.prepared_step import PreparedStep
 from qp_twist.fast.live_step import ELSEWHERE, GIVEN, live_step
 from qp_twist.fast.step_kernel import DONE
+from qp_twist.kinematics import TwistTask
 from qp_twist.kinematics.serial_chain import dofs_above
+from qp_twist.kinematics.twist_task import AT_REST
 
 
 class CompiledStep(PreparedStep):
@@ -30,7 +32,17 @@ class CompiledStep(PreparedStep):
                 continue
             slides = ~self._ranges.hinge[dofs]
             links[number, dofs] = 2 * model.dof_jntid[dofs] + slides
+        self._aims = self._floats[at.aims : at.jacobians].reshape(-1, 7)
+        self._moving = [True] * len(self._tasks)
         self._sources = self._integers[at.sources : at.active]
+
+    def _aim(self, number: int, task: TwistTask) -> None:
+        assert task.target is not None
+        self._aims[number] = task.target.wxyz_xyz
+        moves = task.feedforward is not AT_REST
+        if moves or self._moving[number]:
+            self._targets[number, 12:] = task.feedforward
+            self._moving[number] = moves
 
     def _bind(self, configuration: mink.Configuration) -> None:
         super()._bind(configuration)

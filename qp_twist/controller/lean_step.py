@@ -31,8 +31,7 @@ _SHORTEST = 1e-100
 class LeanStep(PreparedStep):
     """The arrays of one controller, and a backend that keeps its workspace.
 
-    All constraints are lower ≤ Wq̇ ≤ upper, with the identity, the rows of the tasks and the
-    inequality rows one below the other in W.
+    All constraints are lower ≤ Wq̇ ≤ upper, as :class:`Numbers` has them and daqp wants them.
     """
 
     def __init__(self, composed: Composition, solver: str, backend: Workspace) -> None:
@@ -41,7 +40,7 @@ class LeanStep(PreparedStep):
         nv, m = composed.model.nv, sum(task.projector.rank for task in composed.twist_tasks)
         self._square, self._shift, self._threshold = np.zeros((m, m)), np.zeros((m, m)), 0.0
         self._dense = np.zeros((nv, nv))
-        self._proof = Proof(nv, m)
+        self._proof = Proof()
         super().__init__(composed, solver)
 
     def _lay_out(self, composed: Composition, room: int) -> None:
@@ -52,25 +51,25 @@ class LeanStep(PreparedStep):
         self._in_order = np.array_equal(addresses, np.arange(len(self._qpos)))
         self._addresses, self._types = addresses, self._integers[at.types : at.links]
         self._costs = self._floats[at.free_costs : at.free_costs + 2].tolist()
-        self._kinds = self._integers[at.kinds : at.ends].reshape(-1, 3)
+        kinds = self._integers[at.kinds : at.ends].reshape(-1, 3)
+        self._given = list(zip(kinds, self._shapes, self._poses, self._targets, strict=True))
         self._weight, self._asking = math.nan, (math.nan, math.nan)
         self._bounds = bounds_of(self._limits, self._table, self._types)
 
     def _take_rows(self, k: int) -> None:
         super()._take_rows(k)
-        nv, kinds = len(self._ranges.names), [kinds_of(p) for p in self._projectors]
-        m = sum(self._ranks)
-        self._W = np.vstack((np.eye(nv), np.zeros((m + k, nv))))
-        self._lower, self._upper = np.full(nv + m + k, -np.inf), np.full(nv + m + k, np.inf)
-        self._rows, self._equalities = slice(nv, None), slice(nv, nv + m)
-        self._A, self._b = self._W[self._equalities], self._upper[self._equalities]
-        first, self._blocks = 0, list[list[tuple[BlockRows, Array, Array]]]()
-        for number, kind in enumerate(kinds):
-            parts = []
+        p, first = self._program, 0
+        self._A, self._b = p.A, p.b
+        self._equalities = slice(len(p.c), len(p.c) + p.m)
+        p.lower_ends[self._equalities.stop :] = -np.inf
+        self._bounding = p.lower, p.upper
+        self._blocks: list[list[tuple[BlockRows, Array, Array]]] = []
+        for number, projector in enumerate(self._projectors):
+            kinds, parts = kinds_of(projector), []
             for block in range(2):
-                end = first + int(kind[block])
+                end = first + int(kinds[block])
                 rows = BlockRows(
-                    block, kind, self._shapes[number], self._jacobians[number],
+                    block, kinds, self._shapes[number], self._jacobians[number],
                     self._poses[number], self._targets[number],
                 )  # fmt: skip
                 parts.append((rows, self._A[first:end], self._b[first:end]))
@@ -82,7 +81,7 @@ class LeanStep(PreparedStep):
         self._asking = math.nan, math.nan
 
     def _solve(self, dt: float, use_secondary: bool) -> bool:
-        q, p, nv = self._qpos, self._program, len(self._ranges.names)
+        q, p = self._qpos, self._program
         if not (dt >= _SHORTEST and all(map(math.isfinite, q.tolist()))):
             return False
         if not self._in_order:
@@ -90,10 +89,9 @@ class LeanStep(PreparedStep):
         self._state_rows(dt)
         if not self._bounds.is_current:
             self._bounds = bounds_of(self._limits, self._table, self._types)
-        lower, upper = self._lower, self._upper
         if not (
             self._b.dot(self._b) <= FASTEST**2
-            and self._bounds.state(q, dt, lower[:nv], upper[:nv])
+            and self._bounds.state(q, dt, *self._bounding)
             and self._well_conditioned()
         ):
             return False
@@ -101,25 +99,16 @@ class LeanStep(PreparedStep):
         if new_cost is None:
             return False
         found = self._backend.solve(
-            self._dense, p.c, self._W[self._rows], lower, upper, new_cost=new_cost
+            self._dense, p.c, p.rows, p.lower_ends, p.upper_ends, new_cost=new_cost
         )
         if found is None:
             return False
-        p.x[:] = found.x
-        if not self._proof.holds(p.c, self._W, lower, upper, p.x, found.multipliers):
+        p.x[:], p.multipliers[:] = found
+        if not self._proof.holds(p):
             return False
-        self._leave(found.multipliers)
-        return True
-
-    def _leave(self, multipliers: Array) -> None:
-        """What the step keeps, beside c, x and the inequality rows, which are in place."""
-        p, nv = self._program, len(self._ranges.names)
-        p.A[:], p.b[:] = self._A, self._b
-        p.lower[:], p.upper[:], p.box[:] = self._lower[:nv], self._upper[:nv], multipliers[:nv]
-        if self._k:
-            p.lam[:] = multipliers[-self._k :]
-        if any(p.box.tolist()):
+        if self._proof.on_bounds:
             p.lower_kind[:], p.upper_kind[:] = self._bounds.kinds()
+        return True
 
     def tell(self, velocity: Array) -> None:
         """As :meth:`PreparedStep.tell`."""
@@ -133,18 +122,13 @@ class LeanStep(PreparedStep):
         for turned, rotation, moved, position in self._views:
             turned[:] = rotation
             moved[:] = position
-        for number, parts in enumerate(self._blocks):
-            given: tuple[Any, ...] = (
-                self._kinds[number], self._shapes[number], self._poses[number],
-                self._targets[number],
-            )  # fmt: skip
+        for arrays, parts in zip(self._given, self._blocks, strict=True):
+            given: tuple[Any, ...] = arrays
             if not _BY_NUMBA:
-                given = tuple(array.tolist() for array in given)
+                given = tuple(array.tolist() for array in arrays)
             for rows, A, b in parts:
                 rows.state(given, dt, A, b)
-        self._lower[self._equalities] = self._b
-        if self._k:
-            self._W[-self._k :], self._upper[-self._k :] = self._program.G, self._program.g
+        self._program.lower_ends[self._equalities] = self._b
 
     def _well_conditioned(self) -> bool:
         """As the kernel of this name: AAᵀ − threshold²·1 ≻ 0, level by level."""

@@ -39,47 +39,87 @@ class Layout:
         """Of a controller's tasks, robot, solver, limits and costs."""
         self.ranks, self.rows, self.first = ranks, sum(ranks), first
         self.names, self.solver, self.kinds, self.dense = names, solver, kinds, dense
-        at = self.rows * len(names) + self.rows + 3 * len(names)
-        self.velocity = slice(at, at + len(names))
+        self.velocity = slice(len(names), 2 * len(names))
 
 
 class Numbers(NamedTuple):
-    """What a plain step leaves behind, in one array."""
+    """What a plain step leaves behind, in one array: lower ≤ Wq̇ ≤ upper and its multipliers.
 
-    A: Array
-    b: Array
+    W is the identity with the rows below it, those of the tasks first.
+    """
+
     c: Array
-    lower: Array
-    upper: Array
     x: Array
-    box: Array
     lower_kind: Array
     upper_kind: Array
     cost: Array
     """H, or its diagonal where it has no other entries."""
-    G: Array
-    g: Array
-    lam: Array
-    """λ of the rows of G."""
+    rows: Array
+    """A above G, (m + k, nv)."""
+    upper_ends: Array
+    """Upper bounds, b and g, (nv + m + k,)."""
+    lower_ends: Array
+    """Lower bounds, and, where a backend wants it, b and −∞."""
+    multipliers: Array
+    """μ of the bounds, y and λ."""
+    m: int
 
     @property
     def H(self) -> Array:
         """Of the cost, (nv, nv)."""
         return np.diag(self.cost) if self.cost.ndim == 1 else self.cost
 
+    @property
+    def A(self) -> Array:
+        """Equality rows, (m, nv)."""
+        return self.rows[: self.m]
+
+    @property
+    def b(self) -> Array:
+        """Their right-hand side, (m,)."""
+        return self.upper_ends[len(self.c) : len(self.c) + self.m]
+
+    @property
+    def G(self) -> Array:
+        """Inequality rows, (k, nv)."""
+        return self.rows[self.m :]
+
+    @property
+    def g(self) -> Array:
+        """Their right-hand side, (k,)."""
+        return self.upper_ends[len(self.c) + self.m :]
+
+    @property
+    def lower(self) -> Array:
+        """Lower bounds, (nv,)."""
+        return self.lower_ends[: len(self.c)]
+
+    @property
+    def upper(self) -> Array:
+        """Upper bounds, (nv,)."""
+        return self.upper_ends[: len(self.c)]
+
+    @property
+    def box(self) -> Array:
+        """μ, (nv,)."""
+        return self.multipliers[: len(self.c)]
+
+    @property
+    def lam(self) -> Array:
+        """λ, (k,)."""
+        return self.multipliers[len(self.c) + self.m :]
+
     @classmethod
     def of(cls, out: Array, layout: Layout) -> Numbers:
         """The parts of the array."""
-        rows, nv = layout.rows, len(layout.names)
-        square, after = rows * nv, rows * nv + rows
-        c, lower, upper, x, box, below, above = out[after : after + 7 * nv].reshape(7, nv)
-        A, b = out[:square].reshape(rows, nv), out[square:after]
-        after += 7 * nv
-        end = after + (nv * nv if layout.dense else nv)
-        cost = out[after:end].reshape((nv, nv) if layout.dense else (nv,))
-        k = (len(out) - end) // (nv + 2)
-        G, (g, lam) = out[end : end + k * nv].reshape(k, nv), out[end + k * nv :].reshape(2, k)
-        return cls(A, b, c, lower, upper, x, box, below, above, cost, G, g, lam)
+        m, nv = layout.rows, len(layout.names)
+        first = 4 * nv + (nv * nv if layout.dense else nv)
+        count = (len(out) - first - 3 * nv) // (nv + 3)  # m + k
+        c, x, below, above = out[: 4 * nv].reshape(4, nv)
+        cost = out[4 * nv : first].reshape((nv, nv) if layout.dense else (nv,))
+        rows = out[first : first + count * nv].reshape(count, nv)
+        upper, lower, multipliers = out[first + count * nv :].reshape(3, nv + count)
+        return cls(c, x, below, above, cost, rows, upper, lower, multipliers, m)
 
 
 class Named(Protocol):

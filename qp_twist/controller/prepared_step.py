@@ -169,7 +169,7 @@ class PreparedStep(abc.ABC):
         """Views for so many inequality rows."""
         at, nv, self._k = self._at, len(self._ranges.names), k
         self._integers[HEADER - 1], self._integers[at.active + nv] = k, 0
-        end = at.work - (self._room - k) * (nv + 2)
+        end = at.work - (self._room - k) * (nv + 3)
         self._result = self._floats[at.program : end]
         self._program = Numbers.of(self._result, self._layout)
 
@@ -266,7 +266,7 @@ class PreparedStep(abc.ABC):
             return None
         for number, task in enumerate(self._tasks):
             if task.target is not None:
-                self._aim(number, task)
+                PreparedStep._aim(self, number, task)
         self._wish_for(None)
         self._look(composed)
         return self._floats, self._integers, self._targets
@@ -287,8 +287,12 @@ class PreparedStep(abc.ABC):
                 return False
             if task.bands:
                 self._banded = True
-            if task.target is None or task.target is not self._told[number]:
+            target = task.target
+            if target is not self._told[number] or target is None:
+                if target is None:
+                    raise mink.TargetNotSet(task.name)
                 self._aim(number, task)
+                self._told[number] = target
             paces = _paces(task)
             if paces != self._paced[number]:
                 self._paced[number] = paces
@@ -332,13 +336,11 @@ class PreparedStep(abc.ABC):
             self._views.append((pose[:9], rotation, pose[9:], position))
 
     def _aim(self, number: int, task: TwistTask) -> None:
-        if task.target is None:
-            raise mink.TargetNotSet(task.name)
+        """Take over a task's target."""
         row = self._targets[number]
         row[:9] = task.target_rotation.ravel()
         row[9:12] = task.target_position
         row[12:] = task.feedforward
-        self._told[number] = task.target
 
     def _look(self, composed: Composition) -> None:
         """What moves on with the steps: where windows stand, the velocity before, and settings."""

@@ -33,9 +33,24 @@ def _jacobian(links, axes, anchors, origin, J):
         J[3, dof], J[4, dof], J[5, dof] = x, y, z
 
 
+@part
+def _aim(aim, target):
+    """Rotation and position of a target from its unit quaternion and position."""
+    w, x, y, z = aim[0], aim[1], aim[2], aim[3]
+    target[0], target[4] = w * w + x * x - y * y - z * z, w * w - x * x + y * y - z * z
+    target[8] = w * w - x * x - y * y + z * z
+    target[1], target[3] = 2.0 * (x * y - w * z), 2.0 * (x * y + w * z)
+    target[2], target[6] = 2.0 * (x * z + w * y), 2.0 * (x * z - w * y)
+    target[5], target[7] = 2.0 * (y * z - w * x), 2.0 * (y * z + w * x)
+    for i in range(3):
+        target[9 + i] = aim[4 + i]
+
+
 @plain
 def live_step(floats, integers, nq, joints, dt, use_secondary):
     """:func:`~qp_twist.fast.step_kernel.step_kernel`, with poses and Jacobians read from MuJoCo.
+
+    Targets are taken from where they stand as quaternions.
 
     Its addresses lie in the integers from ``Places.sources`` on: of q (nq), axes and anchors of the
     joints, and of each task's frame the rotation (9) and the position (3).
@@ -45,6 +60,8 @@ def live_step(floats, integers, nq, joints, dt, use_secondary):
     sources = vector(integers, at.sources, 3 + 2 * size.tasks)
     links = matrix(integers, at.links, size.tasks, size.nv)
     poses = matrix(floats, at.poses, size.tasks, 12)
+    aims = matrix(floats, at.aims, size.tasks, 7)
+    targets = matrix(floats, at.targets, size.tasks, 18)
     jacobians = stack(floats, at.jacobians, size.tasks, 6, size.nv)
     axes, anchors = at_address(sources[1], 3 * joints), at_address(sources[2], 3 * joints)
     for task in range(size.tasks):
@@ -54,6 +71,7 @@ def live_step(floats, integers, nq, joints, dt, use_secondary):
             poses[task, i] = rotation[i]
         for i in range(3):
             poses[task, 9 + i] = position[i]
+        _aim(aims[task], targets[task])
         if links[task, 0] != GIVEN:
             _jacobian(links[task], axes, anchors, position, jacobians[task])
     return step_kernel(floats, integers, at_address(sources[0], nq), dt, use_secondary)

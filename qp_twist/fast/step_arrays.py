@@ -36,27 +36,31 @@ class Given(NamedTuple):
 
 
 class Program(NamedTuple):
-    """What a step reads and writes: the program, its result, and a workspace."""
+    """What a step reads and writes: the program and its result, as ``Numbers`` has it; a workspace.
 
-    A: Any
-    b: Any
+    The two kinds of costs, three kinds of rows and their ends and multipliers have names of their
+    own here.
+    """
+
     c: Any
-    lower: Any
-    upper: Any
     x: Any
-    box: Any
     lower_kind: Any
     upper_kind: Any
     h: Any
     """Diagonal of H where it has no other entries, (nv,); else (0,)."""
     dense: Any
     """H where it has, (nv, nv); else (0, nv)."""
+    A: Any
     G: Any
+    upper: Any
+    b: Any
     g: Any
+    lower: Any
+    box: Any
+    y: Any
     lam: Any
     """λ of the rows of G, (k,)."""
     q: Any
-    y: Any
     root: Any
     line: Any
     J: Any
@@ -106,15 +110,16 @@ def program_at(floats, first, integers, active, size):
     """Views of a program; ``entries`` says how long it is."""
     nv, m, k = size.nv, size.m, size.k
     is_dense = size.twist_space or size.costs
-    square, A = nv * nv, first
-    b = A + m * nv
-    c = b + m
-    cost = c + 7 * nv
-    G = cost + (square if is_dense else nv)
+    square, cost = nv * nv, first + 4 * nv
+    diagonal, whole = 0 if is_dense else nv, nv if is_dense else 0
+    A = cost + (square if is_dense else nv)
+    G = A + m * nv
+    upper = G + k * nv
+    lower = upper + nv + m + k
+    box = lower + nv + m + k
     p, cuts = max(nv - m, 0), 2 * nv + k
-    J = G + size.room * (nv + 2)  # the workspace
-    y = J + square
-    q = y + m
+    J = A + (m + size.room) * (nv + 3) + 3 * nv  # the workspace
+    q = J + square
     scaled = q + 3 * nv
     V = scaled + m * nv
     R = V + m * nv
@@ -123,15 +128,15 @@ def program_at(floats, first, integers, active, size):
     Jz = z + 6 * p + 4
     ends = Jz + 2 * p * p
     free = ends + (2 * nv + size.room) * (2 + p)
-    diagonal, whole = 0 if is_dense else nv, nv if is_dense else 0
     free_rows = 6 * size.tasks if size.twist_space else 0
     return Program(
-        matrix(floats, A, m, nv), vector(floats, b, m), vector(floats, c, nv),
-        vector(floats, c + nv, nv), vector(floats, c + 2 * nv, nv), vector(floats, c + 3 * nv, nv),
-        vector(floats, c + 4 * nv, nv), vector(floats, c + 5 * nv, nv),
-        vector(floats, c + 6 * nv, nv), vector(floats, cost, diagonal),
-        matrix(floats, cost, whole, nv), matrix(floats, G, k, nv), vector(floats, G + k * nv, k),
-        vector(floats, G + k * nv + k, k), vector(floats, q, nv), vector(floats, y, m),
+        vector(floats, first, nv), vector(floats, first + nv, nv),
+        vector(floats, first + 2 * nv, nv), vector(floats, first + 3 * nv, nv),
+        vector(floats, cost, diagonal), matrix(floats, cost, whole, nv),
+        matrix(floats, A, m, nv), matrix(floats, G, k, nv),
+        vector(floats, upper, nv), vector(floats, upper + nv, m),
+        vector(floats, upper + nv + m, k), vector(floats, lower, nv), vector(floats, box, nv),
+        vector(floats, box + nv, m), vector(floats, box + nv + m, k), vector(floats, q, nv),
         vector(floats, q + nv, nv), vector(floats, q + 2 * nv, nv),
         matrix(floats, J, nv, nv), matrix(floats, scaled, m, nv), matrix(floats, V, m, nv),
         matrix(floats, R, m, m), matrix(floats, ways, p, nv),

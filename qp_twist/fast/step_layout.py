@@ -39,7 +39,8 @@ class Places(NamedTuple):
     """First entries of what a step is given and leaves behind.
 
     In the floats: settings and tolerances, costs of the free rows (2), θ̄, pull, wish and metric (nv
-    each), then of each task shape (27), pose (12), target (18) and Jacobian (6, nv), of each limit
+    each), then of each task shape (27), pose (12), target (18), its pose as quaternion and position
+    (7), which ``live_step`` turns into the former, and Jacobian (6, nv), of each limit
     its table (nv, 7), the costs of other tasks (nv + 1, nv), the program, which is what the step
     leaves behind, and its workspace. In the integers: the header, kinds of the tasks (3 each),
     where the rows of each level end, addresses of the joints in q (nv), kinds of the limits, of
@@ -55,6 +56,7 @@ class Places(NamedTuple):
     shapes: int
     poses: int
     targets: int
+    aims: int
     jacobians: int
     limits: int
     costs: int
@@ -86,9 +88,9 @@ def entries(size: Sizes) -> tuple[int, int, int]:
     nv, m, room = size.nv, size.m, size.room
     square = nv * nv
     dense = size.twist_space or size.costs
-    program = m * nv + m + 7 * nv + (square if dense else nv) + room * (nv + 2)
+    program = 7 * nv + (square if dense else nv) + (m + room) * (nv + 3)
     p, cuts = max(nv - m, 0), 2 * nv + room
-    work = square + 3 * nv + m + 2 * m * nv + m * m + p * nv + 6 * p + 4 + 2 * p * p
+    work = square + 3 * nv + 2 * m * nv + m * m + p * nv + 6 * p + 4 + 2 * p * p
     work += cuts * (2 + p) + (6 * size.tasks * nv if size.twist_space else 0)
     return program, work, 1 + cuts + nv
 
@@ -103,7 +105,8 @@ def places(size: Sizes) -> Places:
     shapes = middle + 4 * nv
     poses = shapes + 27 * count
     targets = poses + 12 * count
-    jacobians = targets + 18 * count
+    aims = targets + 18 * count
+    jacobians = aims + 7 * count
     table = jacobians + 6 * nv * count
     costs = table + 7 * nv * size.limits
     first = costs + (nv * (nv + 1) if size.costs else 0)
@@ -115,6 +118,6 @@ def places(size: Sizes) -> Places:
     active = sources + 3 + 2 * count
     return Places(
         free_costs, middle, middle + nv, middle + 2 * nv, middle + 3 * nv, shapes, poses, targets,
-        jacobians, table, costs, first, first + program, first + program + work, HEADER, ends,
+        aims, jacobians, table, costs, first, first + program, first + program + work, HEADER, ends,
         addresses, types, links, sources, active, active + ints,
     )  # fmt: skip

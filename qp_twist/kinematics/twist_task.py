@@ -71,8 +71,6 @@ class TwistTask(mink.Task):
             world.
         bands: Ranges to keep in directions that T leaves free. With a T of rank 0 they are all
             that the task asks.
-        target_rotation: R_d, as :meth:`set_target` was given it, (3, 3).
-        target_position: p_d likewise, m, (3,).
 
     Example:
         >>> import mink, qp_twist as qt
@@ -151,9 +149,8 @@ class TwistTask(mink.Task):
         self.max_linear_step = _step_limit("max_linear_step", max_linear_step)
         self.max_angular_step = _step_limit("max_angular_step", max_angular_step)
         self._target: mink.SE3 | None = None
-        self._feedforward: Array = np.zeros(6)
-        self.target_rotation = np.eye(3)
-        self.target_position = np.zeros(3)
+        self._feedforward, self._pose = AT_REST, _AT_THE_ORIGIN
+        self._rotation: Array | None = None
         self._dt: float | None = None
 
     @staticmethod
@@ -274,8 +271,23 @@ class TwistTask(mink.Task):
 
     @property
     def feedforward(self) -> Array:
-        """Twist of the target, as set by :meth:`set_target`."""
+        """Twist of the target, as set by :meth:`set_target`; read-only at rest."""
         return self._feedforward
+
+    @property
+    def target_rotation(self) -> Array:
+        """R_d, as :meth:`set_target` was given it, (3, 3)."""
+        if self._rotation is None:
+            rotation = np.empty(9)
+            mujoco.mju_quat2Mat(rotation, self._pose[:4])
+            self._rotation = rotation.reshape(3, 3)
+        return self._rotation
+
+    @property
+    def target_position(self) -> Array:
+        """p_d likewise, m, (3,)."""
+        position: Array = self._pose[4:]
+        return position
 
     def set_target(self, target: mink.SE3, twist: npt.ArrayLike | None = None) -> None:
         """Set the target pose, and its twist where it moves.
@@ -297,15 +309,11 @@ class TwistTask(mink.Task):
         pose = np.array(target.wxyz_xyz)
         if not _is_pose(pose):
             pose = self._checked_pose(target.wxyz_xyz)
-        feedforward = np.zeros(6)
+        feedforward = AT_REST
         if twist is not None:
             feedforward = finite_array(f"{self.name} twist", twist, (6,), error=InvalidTarget)
-        rotation = np.empty(9)
-        mujoco.mju_quat2Mat(rotation, pose[:4])
-        self._target = mink.SE3(pose)
+        self._target, self._pose, self._rotation = mink.SE3(pose), pose, None
         self._feedforward = feedforward
-        self.target_rotation = rotation.reshape(3, 3)
-        self.target_position = pose[4:].copy()
 
     def _checked_pose(self, wxyz_xyz: npt.ArrayLike) -> Array:
         """Quaternion and position (7,), if they are some in another form; or what is wrong."""
@@ -501,6 +509,11 @@ def _carrier(relative_to: Any) -> Any:
 def _step_limit(name: str, value: float) -> float:
     unlimited = isinstance(value, float) and value == math.inf
     return value if unlimited else number(name, value, above=0.0)
+
+
+AT_REST, _AT_THE_ORIGIN = np.zeros(6), np.eye(7)[0]
+"""The twist of every target that does not move, one object; and the pose of none."""
+AT_REST.flags.writeable = _AT_THE_ORIGIN.flags.writeable = False
 
 
 def _is_pose(pose: Array) -> bool:
