@@ -1,12 +1,14 @@
 """A million random steps: is any called solved that is not?
 
-    python benchmarks/false_solved.py [--steps 1000000] [--solver daqp] [--markdown FILE]
+    python benchmarks/false_solved.py [--steps 1000000] [--solver daqp] [--rows 3] [--markdown FILE]
 
 Configurations anywhere inside the limits, singular ones among them, targets from a hair to a
 decimetre away, speed limits that are often active. Whatever the kernel calls solved is checked in
 NumPy by the conditions of Karush, Kuhn and Tucker: the rows and bounds are stated again, from
 `qt.batch.kinematics`, and so is the solution, from the bounds that are touched. Half a minute; with
-another solver the steps are taken one by one, in five.
+another solver the steps are taken one by one, in five. With `--rows` each step has so many random
+inequality rows, too, and what is called solved is held against quadprog's solution of the program
+that is stated again; it is taken one by one.
 """
 
 from __future__ import annotations
@@ -19,6 +21,7 @@ from pathlib import Path
 import mink
 import mujoco
 import numpy as np
+import qpsolvers
 
 import qp_twist as qt
 
@@ -120,14 +123,72 @@ def proved(
     return residual, excess, wrong.max(axis=1), np.abs(x - exact).max(axis=1)
 
 
+class Rows(mink.Limit):
+    """G q̇ ≤ g."""
+
+    def __init__(self, nv: int) -> None:
+        self.G, self.g = np.zeros((0, nv)), np.zeros(0)
+
+    def compute_qp_inequalities(
+        self, configuration: mink.Configuration, dt: float
+    ) -> mink.Constraint:
+        return mink.Constraint(G=self.G, h=self.g * dt)
+
+
+def with_rows(count: int, rows: int, solver: str, model: mujoco.MjModel, speed: float) -> str:
+    """A line of the table of steps with inequality rows."""
+    rng = np.random.default_rng([model.nv, rows])
+    controller, q, targets = random_steps(model, speed, count, rng, solver)
+    A, b, lower, upper, wish = stated(model, q, targets, speed)
+    [task], [motion], limit = controller.twist_tasks, controller.limits, Rows(model.nv)
+    controller = qt.Controller(
+        model, [task], secondary=controller.secondary, limits=[motion, limit], solver=solver
+    )
+    configuration, one = mink.Configuration(model), np.eye(model.nv)
+    solved = pushed = 0
+    false, worst = np.zeros(3, dtype=int), np.zeros(2)
+    for k in range(count):
+        configuration.update(q[k])
+        task.set_target(mink.SE3.from_matrix(targets[k]))
+        motion.note(np.zeros(model.nv))
+        limit.G, limit.g = rng.normal(size=(rows, model.nv)), rng.uniform(0.0, 0.5, rows)
+        step = controller.step(configuration, DT)
+        if step.status is not qt.Status.SOLVED:
+            continue
+        x = step.velocity
+        exact = qpsolvers.solve_qp(
+            one, -wish[k], limit.G, limit.g, A[k], b[k], lower[k], upper[k], solver="quadprog"
+        )
+        size = 1.0 + np.abs(x).max()
+        residual = np.abs(A[k] @ x - b[k]).max()
+        excess = max((lower[k] - x).max(), (x - upper[k]).max(), (limit.G @ x - limit.g).max())
+        error = np.inf if exact is None else np.abs(x - exact).max()
+        sigma = np.linalg.svd(A[k], compute_uv=False)
+        solved, pushed = solved + 1, pushed + bool(any(x.kind == "Rows" for x in step.binding))
+        # Where the rows hang on each other quadprog's solution is no exacter than that.
+        fine = sigma[0] / sigma[-1] <= 1e6
+        false += [
+            residual > 1e-8 * (1.0 + np.abs(b[k]).max()), excess > 1e-8 * size,
+            fine and error > 1e-6 * size,
+        ]  # fmt: skip
+        worst = np.maximum(worst, [residual, error if fine else 0.0])
+    return (
+        f"| {model.nv} | {count:,} | {solved:,} | {100 * pushed / solved:.0f} | "
+        + " | ".join(f"{kind:,}" for kind in false)
+        + f" | {worst[0]:.0e} | {worst[1]:.0e} |"
+    )
+
+
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("--steps", type=int, default=1_000_000)
     parser.add_argument("--solver", default="compiled")
+    parser.add_argument("--rows", type=int, default=0)
     parser.add_argument("--markdown", type=Path)
     given = parser.parse_args()
+    active = "a row active" if given.rows else "a limit active"
     lines = [
-        "| joints | steps | called solved | a limit active, % | not on their rows | outside their "
+        f"| joints | steps | called solved | {active}, % | not on their rows | outside their "
         "bounds | not optimal | largest residual | largest error where cond ≤ 10⁶ |",
         "| --: | --: | --: | --: | --: | --: | --: | --: | --: |",
     ]
@@ -135,6 +196,10 @@ def main() -> int:
     chunk = 25_000
     six, seven = qt.load_task("deburring").model, ROOT / "scenes" / "seven_axis_arm.xml"
     for model, speed in ((six, 0.6), (qt.load_robot(seven).model, 0.6)):
+        if given.rows:
+            lines.append(with_rows(given.steps // 2, given.rows, given.solver, model, speed))
+            false += sum(int(kind) for kind in lines[-1].split(" | ")[4:7])
+            continue
         began, counts, worst = time.perf_counter(), np.zeros(6, dtype=int), np.zeros(2)
         for number in range(-(-given.steps // (2 * chunk))):
             rng = np.random.default_rng([model.nv, number])

@@ -43,7 +43,8 @@ class Proof:
         """
         n, m, x = len(p.x), p.m, p.x.tolist()
         if len(p.rows) > m:
-            np.maximum(p.lam, 0.0, out=p.lam)
+            lam = p.lam
+            np.maximum(lam, 0.0, out=lam)
         low, high, pulls = p.lower_ends.tolist(), p.upper_ends.tolist(), p.multipliers.tolist()
         held = over = gap = 0.0
         inside = True
@@ -65,9 +66,10 @@ class Proof:
         off = max(map(abs, room[:m]), default=0.0)
         for pull, left in zip(pulls[n : n + m], room, strict=False):
             gap += pull * left
-        for pull, left in zip(pulls[n + m :], room[m:], strict=True):
-            over = max(over, -left)
-            held, gap = held + pull * max(left, 0.0), gap + pull * min(left, 0.0)
+        if len(room) > m:
+            for pull, left in zip(pulls[n + m :], room[m:], strict=True):
+                over = max(over, -left)
+                held, gap = held + pull * max(left, 0.0), gap + pull * min(left, 0.0)
         r, excess = self._residual(p)
         gap += held + excess
         left, hardest = max(map(abs, r), default=0.0), self.hardest

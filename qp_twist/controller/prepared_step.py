@@ -336,10 +336,11 @@ class PreparedStep(abc.ABC):
             self._views.append((pose[:9], rotation, pose[9:], position))
 
     def _aim(self, number: int, task: TwistTask) -> None:
-        """Take over a task's target."""
-        row = self._targets[number]
-        row[:9] = task.target_rotation.ravel()
-        row[9:12] = task.target_position
+        """Take over a task's target, which is set."""
+        assert task.target is not None
+        row, pose = self._targets[number], task.target.wxyz_xyz
+        mujoco.mju_quat2Mat(row[:9], pose[:4])
+        row[9:12] = pose[4:]
         row[12:] = task.feedforward
 
     def _look(self, composed: Composition) -> None:
