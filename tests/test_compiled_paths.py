@@ -69,6 +69,27 @@ def test_reflections_give_the_pseudoinverse_and_the_null_space(seed: int) -> Non
     np.testing.assert_allclose(x, wish + inverse @ (b - A @ wish), atol=1e-10 * size**2)
 
 
+@settings(max_examples=100, deadline=None)
+@given(SEEDS)
+def test_what_dependent_rows_do_not_see_is_what_their_singular_vectors_do_not(seed: int) -> None:
+    from qp_twist.fast.null_space import null_space, row_space
+
+    rng = np.random.default_rng(seed)
+    n = int(rng.integers(1, 9))
+    rank = int(rng.integers(0, n + 1))
+    count = rank + int(rng.integers(0, 5)) if rank else int(rng.integers(0, 3))
+    A = rng.normal(size=(count, rank)) @ rng.normal(size=(rank, n))
+    A[rng.random(count) < 0.2] = 0.0
+    V = np.full((n, n), np.nan)
+    found = row_space(A, V)
+    sigma, right = np.linalg.svd(A)[1:] if count else (np.zeros(0), np.eye(n))
+    assert found == (sigma > 1e-9).sum()
+    N = np.zeros((n - found, n))
+    null_space(V[:found], N)
+    np.testing.assert_allclose(N @ N.T, np.eye(n - found), atol=1e-12)
+    np.testing.assert_allclose(N.T @ N, right[found:].T @ right[found:], atol=1e-7)
+
+
 def reduced(rng: np.random.Generator, diagonal: bool) -> tuple[Any, Any]:
     """A feasible program as ``reduced_program`` takes it, and the same for another solver."""
     from qp_twist.fast.step_arrays import Program

@@ -106,3 +106,39 @@ def null_space(V, N):
             N[column, i] = 0.0
         N[column, m + column] = 1.0
         times_q(V, N[column])
+
+
+@plain
+def row_space(A, V):
+    """Reflections that take the rows of A (m, n), however many depend on others, to a triangle.
+
+    Args:
+        A: The rows.
+        V: Result, (n, n): those of the independent rows, as :func:`reflect` has them.
+
+    Returns:
+        How many rows are independent.
+    """
+    m, n = A.shape
+    rank = 0
+    for row in range(m):
+        if rank == n:
+            break
+        v, whole, left = V[rank], 0.0, 0.0
+        for i in range(n):
+            v[i] = A[row, i]
+            whole += v[i] * v[i]
+        times_q_transposed(V[:rank], v)
+        for i in range(rank):
+            v[i] = 0.0
+        for i in range(rank, n):
+            left += v[i] * v[i]
+        if not left > INDEPENDENT * INDEPENDENT * whole:
+            continue
+        length, head = math.sqrt(left), v[rank]
+        scale = 1.0 / math.sqrt(length * (length + abs(head)))
+        v[rank] = head + length if head > 0.0 else head - length
+        for i in range(rank, n):
+            v[i] *= scale
+        rank += 1
+    return rank

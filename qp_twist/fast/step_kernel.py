@@ -9,6 +9,7 @@ import numpy as np
 from qp_twist.fast.bounds import bounds
 from qp_twist.fast.compiling import kernel, part, plain
 from qp_twist.fast.dual_active_set import cholesky, cholesky_inverse
+from qp_twist.fast.null_space import null_space, row_space
 from qp_twist.fast.reduced_program import reduced_program
 from qp_twist.fast.step_arrays import given, program_at
 from qp_twist.fast.step_layout import header, places
@@ -52,31 +53,64 @@ def _well_conditioned(A, ends, threshold, work, scratch):
     return True
 
 
-@kernel
-def _add_unseen(A, free, metric, weight, nearly, H, c, wanted):
-    """Add the joint-space cost on motion that no row sees, and its pull (``posing.unseen``).
+@plain
+def _clear_cut(H, metric, N, nearly, work):
+    """Whether every motion is either in the null space N (p, n) or well seen.
 
-    By singular values of the rows: the eigenvectors of their squares know a motion that is not
-    seen only to the square of the rows' condition number.
+    By eigenvalues: with those of N lifted to the trace, none is small.
+    """
+    n, trace = len(metric), 0.0
+    for i in range(n):
+        trace += H[i, i] / metric[i]
+    for i in range(n):
+        for j in range(i + 1):
+            total = H[i, j] / math.sqrt(metric[i] * metric[j])
+            for k in range(len(N)):
+                total += trace * N[k, i] * N[k, j]
+            work[i, j] = total
+        work[i, i] -= nearly * nearly * trace
+    return cholesky(work)
+
+
+@kernel
+def _unseen(A, free, metric, nearly, H, work):
+    """Directions of motion in joints times √metric, (p, n), and how far each is unseen, (p,).
+
+    Nearly always they are the null space of the rows. Else by singular values of these: the
+    eigenvectors of their squares know a motion that is not seen only to the square of the rows'
+    condition number.
     """
     m, n = A.shape
-    scaled = np.empty((m + len(free), n))
+    scaled, V = np.empty((m + len(free), n)), np.empty((n, n))
     for j in range(n):
+        root = math.sqrt(metric[j])
         for i in range(m):
-            scaled[i, j] = A[i, j] / math.sqrt(metric[j])
+            scaled[i, j] = A[i, j] / root
         for i in range(len(free)):
-            scaled[m + i, j] = free[i, j] / math.sqrt(metric[j])
+            scaled[m + i, j] = free[i, j] / root
+    rank = row_space(scaled, V)
+    N = np.empty((n - rank, n))
+    null_space(V[:rank], N)
+    if _clear_cut(H, metric, N, nearly, work):
+        return N, np.ones(len(N))
     _, sigma, right = np.linalg.svd(scaled, True)
-    largest = sigma[0] if sigma[0] > 0.0 else 1.0
-    for k in range(n):
-        seen = 0.0
-        if k < len(sigma):
-            seen = min(1.0, (sigma[k] / (nearly * largest)) ** 2)
-        if seen < 1.0:
+    unseen, largest = np.ones(n), sigma[0] if sigma[0] > 0.0 else 1.0
+    for k in range(len(sigma)):
+        unseen[k] -= min(1.0, (sigma[k] / (nearly * largest)) ** 2)
+    return right, unseen
+
+
+@kernel
+def _add_unseen(A, free, metric, weight, nearly, H, c, wanted, work):
+    """Add the joint-space cost on motion that no row sees, and its pull (``posing.unseen``)."""
+    n = len(metric)
+    directions, unseen = _unseen(A, free, metric, nearly, H, work)
+    for k in range(len(unseen)):
+        if unseen[k] > 0.0:
             for i in range(n):
                 for j in range(n):
                     entry = (
-                        weight * (1.0 - seen) * right[k, i] * right[k, j]
+                        weight * unseen[k] * directions[k, i] * directions[k, j]
                         * math.sqrt(metric[i] * metric[j])
                     )  # fmt: skip
                     H[i, j] += entry
@@ -245,7 +279,7 @@ def _twist_cost(A, free, metric, weight, nearly, H, c, wanted, work):
                 total += A[k, i] * A[k, j]
             H[i, j] = H[j, i] = total
     if not _all_seen(H, metric, nearly, work):
-        _add_unseen(A, free, metric, weight, nearly, H, c, wanted)
+        _add_unseen(A, free, metric, weight, nearly, H, c, wanted, work)
 
 
 @part
