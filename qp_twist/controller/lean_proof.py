@@ -9,7 +9,7 @@ from scipy.linalg import lapack
 
 from qp_twist.checks import Array
 from qp_twist.controller.plain_step import Numbers
-from qp_twist.controller.prepared_step import TOLERANCES
+from qp_twist.controller.step_tables import TOLERANCES
 
 _EQUALITY, _OPTIMALITY, _GAIN, _GAP, _ROUNDING, _BOUND = TOLERANCES.tolist()
 

@@ -7,7 +7,7 @@ import numpy.typing as npt
 
 from qp_twist.checks import Array, Indices
 from qp_twist.controller.controller import SINGULARITY, UNSEEN_WEIGHT
-from qp_twist.controller.prepared_step import TOLERANCES, settings_of, table_of
+from qp_twist.controller.step_tables import TOLERANCES, settings_of, table_of
 from qp_twist.fast import lap_kernel
 from qp_twist.fast.arm_kernel import Arm
 from qp_twist.fast.path_kernel import Rows

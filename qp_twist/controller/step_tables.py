@@ -1,0 +1,78 @@
+"""Limits, settings and tolerances as the arrays that a prepared step and the kernels take."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import mink
+import numpy as np
+
+from qp_twist.checks import Array
+from qp_twist.controller.composition import BOXES
+from qp_twist.controller.posing import FASTEST, NEARLY_UNSEEN, STEEPEST
+from qp_twist.fast.bounds import (
+    ACCELERATION_BOUND,
+    MOTION,
+    POSITION,
+    POSITION_BOUND,
+    STATED,
+    VELOCITY_BOUND,
+    WINDOW,
+)
+from qp_twist.limits import DisplacementWindow, MotionLimit, PositionLimit, kind_of
+from qp_twist.limits.position_limit import NOTICEABLE
+from qp_twist.limits.stated_limit import UNLIMITED
+from qp_twist.qp import verification
+
+_TYPES = dict(zip(BOXES, (POSITION, MOTION, WINDOW), strict=True))
+_KINDS = {
+    "acceleration": ACCELERATION_BOUND, "velocity": VELOCITY_BOUND, "position": POSITION_BOUND,
+}  # fmt: skip
+"""Names of what bounds come from, with their numbers."""
+TOLERANCES = np.array(
+    [
+        verification.EQUALITY_TOLERANCE,
+        verification.OPTIMALITY_TOLERANCE,
+        verification.GAIN_TOLERANCE,
+        verification.GAP_TOLERANCE,
+        verification.ROUNDING,
+        verification.BOUND_TOLERANCE,
+    ]
+)
+
+
+def table_of(
+    limits: Sequence[mink.Limit], nv: int
+) -> tuple[Array, np.ndarray[tuple[int], np.dtype[np.int64]]]:
+    """Limits as ``fast.bounds`` takes them, (L, nv, 7), and what they are, (L,)."""
+    table, numbers = np.zeros((len(limits), nv, 7)), numbers_of_kinds(limits)
+    for row, limit in zip(table, limits, strict=True):
+        if isinstance(limit, DisplacementWindow):
+            row[:, 0], row[:, 1] = limit.reference, limit.half_width
+        elif isinstance(limit, PositionLimit):
+            row[:, 0], row[:, 1], row[:, 2:4] = limit.lower, limit.upper, limit.hair.T
+            if isinstance(limit, MotionLimit):
+                row[:, 4], row[:, 5] = limit.max_velocity, limit.max_acceleration
+        else:
+            row[:, 0], row[:, 1], row[:, 2] = -np.inf, np.inf, numbers[kind_of(limit)]
+    types = [_TYPES.get(type(limit), STATED) for limit in limits]
+    return table, np.array(types, dtype=np.int64)
+
+
+def numbers_of_kinds(limits: Sequence[mink.Limit]) -> dict[str, float]:
+    """Numbers of what bounds come from: as in ``intersect`` other kinds stand beside velocities."""
+    others = {kind_of(limit) for limit in limits if type(limit) not in BOXES} - set(_KINDS)
+    step = (POSITION_BOUND - VELOCITY_BOUND) / (1 + len(others))
+    return _KINDS | {
+        name: VELOCITY_BOUND + step * (1 + number) for number, name in enumerate(sorted(others))
+    }
+
+
+def settings_of(twist_space: bool, singularity: float, weight: float) -> Array:
+    """Settings of a controller as ``step_kernel`` takes them, (8,)."""
+    return np.array(
+        [
+            twist_space, singularity, weight, NEARLY_UNSEEN, FASTEST, NOTICEABLE, UNLIMITED,
+            STEEPEST,
+        ]
+    )  # fmt: skip
