@@ -1,0 +1,106 @@
+"""What a step takes where limits, bands, levels or other tasks are added to it.
+
+    python benchmarks/prepared_steps.py [--markdown FILE]
+
+The call alone, at one configuration of `deburring`, the best of many; prepared, compiled and with
+daqp, and posed anew by a backend that keeps no memory. Half a minute.
+"""
+
+from __future__ import annotations
+
+import os
+
+for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
+    os.environ[name] = "1"
+
+import argparse
+import sys
+import timeit
+from pathlib import Path
+from typing import Any
+
+import mink
+import numpy as np
+
+import qp_twist as qt
+
+PATH = qt.load_task("deburring")
+MODEL = PATH.model
+SOLVERS = {"compiled": 1000, "daqp": 400, "quadprog": 60}
+"""Backends, and how many calls are timed at once."""
+
+
+class HalfSpaces(mink.Limit):
+    """Four rows G q̇ ≤ 1, as any app's own limit may state them."""
+
+    def __init__(self) -> None:
+        self.G = np.random.default_rng(0).normal(size=(4, MODEL.nv))
+
+    def compute_qp_inequalities(
+        self, configuration: mink.Configuration, dt: float
+    ) -> mink.Constraint:
+        return mink.Constraint(G=self.G, h=np.full(4, dt))
+
+
+def controller(added: str, solver: str) -> qt.Controller:
+    """Position limits, a tool axis and centring, with something added."""
+    tool = qt.TwistTask.axis_free("tool", "site")
+    tasks: list[Any] = [tool]
+    limits: list[mink.Limit] = [qt.PositionLimit(MODEL)]
+    options: dict[str, Any] = {}
+    if added == "two levels":
+        none = qt.Projector.none()
+        parts = [
+            qt.TwistProjector(linear=qt.Projector.full(), angular=none),
+            qt.TwistProjector(linear=none, angular=qt.Projector.plane((0, 0, 1)), frame="body"),
+        ]
+        tasks, options = [], {"levels": [[qt.TwistTask("tool", "site", part)] for part in parts]}
+    elif added == "four rows of a limit":
+        limits.append(HalfSpaces())
+    elif added == "a `mink.PostureTask` as a cost":
+        tasks.append(mink.PostureTask(MODEL, cost=1.0))
+        tasks[-1].set_target(PATH.start)
+    elif added == "a roll band":
+        tool.bands = [qt.RollBand((0, 0, 1), -0.5, 0.5)]
+    elif added == "mink's `ConfigurationLimit` and `VelocityLimit`":
+        limits = [mink.ConfigurationLimit(MODEL), mink.VelocityLimit(MODEL, {"joint_1": 1.0})]
+    composed = qt.Controller(
+        MODEL, tasks, secondary=[qt.JointCentering(MODEL)], limits=limits, solver=solver, **options
+    )
+    for task in composed.twist_tasks:
+        task.set_target(PATH.waypoints[1])
+    return composed
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser.add_argument("--markdown", type=Path)
+    given = parser.parse_args()
+    solvers = {s: n for s, n in SOLVERS.items() if s in qt.qp.installed_solvers()}
+    lines = [
+        f"| µs | {' | '.join(solvers)} |".replace("quadprog", "posed anew (quadprog)"),
+        f"| :-- |{' --: |' * len(solvers)}",
+    ]
+    configuration = mink.Configuration(MODEL, PATH.start)
+    for added in (
+        "bounds alone", "two levels", "four rows of a limit", "a `mink.PostureTask` as a cost",
+        "a roll band", "mink's `ConfigurationLimit` and `VelocityLimit`",
+    ):  # fmt: skip
+        cells = []
+        for solver, count in solvers.items():
+            composed = controller(added, solver)
+            step = composed.step(configuration, 0.01)
+            assert step.status is qt.Status.SOLVED, step.message
+            call = timeit.Timer(lambda composed=composed: composed.step(configuration, 0.01))
+            seconds = min(call.repeat(15, count)) / count
+            cells.append(f"{1e6 * seconds:.1f}" if seconds < 1e-5 else f"{1e6 * seconds:.0f}")
+        lines.append(f"| {added} | {' | '.join(cells)} |")
+    text = "\n".join(lines) + "\n"
+    print(text)
+    if given.markdown is not None:
+        given.markdown.write_text(text, encoding="utf-8")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
