@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -131,3 +133,21 @@ def one_of(name: str, value: str, allowed: tuple[str, ...]) -> str:
     if not isinstance(value, str) or value not in allowed:
         raise InvalidInput(f"{name}: expected one of {', '.join(allowed)}; got {value!r}.")
     return value
+
+
+class _Checked:
+    """Without ``__get__``, so that reading finds the instance's own entry as fast as any other."""
+
+    def __init__(self, check: Callable[[Any, str, Any], Any]) -> None:
+        self._check = check
+
+    def __set_name__(self, owner: type, name: str) -> None:
+        self._name = name
+
+    def __set__(self, instance: Any, value: Any) -> None:
+        instance.__dict__[self._name] = self._check(instance, self._name, value)
+
+
+def checked(check: Callable[[Any, str, Any], Any]) -> Any:
+    """An attribute that holds what ``check(instance, name, value)`` makes of what is assigned."""
+    return _Checked(check)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Sequence
 from typing import Any, Literal
 
@@ -10,7 +11,7 @@ import mujoco
 import numpy as np
 import numpy.typing as npt
 
-from qp_twist.checks import finite_array, instance, number, one_of
+from qp_twist.checks import Array, checked, finite_array, float_array, instance, number, one_of
 from qp_twist.controller.composition import composition_known
 from qp_twist.controller.infeasible import finished
 from qp_twist.controller.posed import Posed
@@ -31,6 +32,7 @@ from qp_twist.kinematics import (
     SecondaryObjective,
     TwistTask,
     frame_pose,
+    same_structure,
     total_displacement,
 )
 from qp_twist.limits import BoxLimit, PositionLimit, check_model, gather_limits
@@ -44,6 +46,17 @@ SMALLEST_WEIGHT, LARGEST_WEIGHT = 1e-12, 1e12
 """Range of ρ and the entries of M: beyond it they, or other costs, are lost in the arithmetic."""
 SINGULARITY = 1e-3
 """Singular value of the task rows, m/rad or 1, below which a direction is slowed down."""
+
+
+def _metric(controller: Any, name: str, value: npt.ArrayLike) -> Array:
+    """The diagonal of M, which cannot be written into: another one is assigned, and so noticed."""
+    metric = finite_array(name, value, (controller.model.nv,))
+    if not ((metric >= SMALLEST_WEIGHT) & (metric <= LARGEST_WEIGHT)).all():
+        raise InvalidInput(
+            f"metric: every entry must be above 0, from {SMALLEST_WEIGHT:g} to {LARGEST_WEIGHT:g}."
+        )
+    metric.flags.writeable = False
+    return metric
 
 
 class Controller:
@@ -79,6 +92,14 @@ class Controller:
         >>> step.status.name, step.velocity.shape
         ('SOLVED', (6,))
     """
+
+    metric: Array = checked(_metric)
+    joint_weight: float = checked(
+        lambda _, name, value: number(name, value, at_least=SMALLEST_WEIGHT, at_most=LARGEST_WEIGHT)
+    )
+    singularity: float = checked(
+        lambda _, name, value: number(name, value, at_least=0.0, at_most=1.0)
+    )
 
     def __init__(
         self,
@@ -148,15 +169,7 @@ class Controller:
         self.on_infeasible = one_of("on_infeasible", on_infeasible, ("scale", "relax", "raise"))
         self._check_types()
         self._checked = object()  # the configuration that was looked at: none yet
-        self.metric = np.ones(model.nv)
-        if metric is not None:
-            self.metric = finite_array("metric", metric, (model.nv,))
-            if not ((self.metric >= SMALLEST_WEIGHT) & (self.metric <= LARGEST_WEIGHT)).all():
-                raise InvalidInput(
-                    "metric: every entry must be above 0, from "
-                    f"{SMALLEST_WEIGHT:g} to {LARGEST_WEIGHT:g}."
-                )
-        self.metric.flags.writeable = False  # another one is assigned, and then noticed
+        self.metric = np.ones(model.nv) if metric is None else float_array("metric", metric)
         linear = number("free_linear_cost", free_linear_cost, at_least=0.0, at_most=1e6)
         angular = number("free_angular_cost", free_angular_cost, at_least=0.0, at_most=1e6)
         self.free_costs = [
@@ -168,15 +181,9 @@ class Controller:
             joint_weight = UNSEEN_WEIGHT
             if self.secondary_space == "joint":
                 joint_weight = TIE_BREAK if self.soft_tasks and not self.secondary else 1.0
-        self.joint_weight = number(
-            "joint_weight",
-            joint_weight,
-            at_least=SMALLEST_WEIGHT,
-            at_most=LARGEST_WEIGHT,
-        )
-        self.singularity = number("singularity", singularity, at_least=0.0, at_most=1.0)
+        self.joint_weight, self.singularity = joint_weight, singularity
         self.free_twist_costs = linear, angular
-        self._prepared = prepare(self, self.solver)
+        self._prepared, self._free = prepare(self, self.solver), threading.Lock()
 
     def step(
         self,
@@ -208,11 +215,16 @@ class Controller:
             self._check_configuration(configuration)
         if velocity is not None:
             self.note(velocity)
-        if self._prepared is not None:
-            plain = self._prepared(self, configuration, dt, bool(use_secondary))
-            if plain is not None:
-                self._prepared.tell(plain.velocity)
-                return plain
+        # In another thread, or in a step that a limit takes, the arrays are in use: then anew.
+        if self._prepared is not None and self._free.acquire(blocking=False):
+            try:
+                plain = self._prepared(self, configuration, dt, bool(use_secondary))
+                if plain is not None:
+                    self._prepared.tell(plain.velocity)
+                    return plain
+            finally:
+                self._free.release()
+            self._check_configuration(configuration)
         with np.errstate(over="ignore", invalid="ignore"):  # the result is checked below
             posed = self._pose(configuration, dt, bool(use_secondary))
         if self.on_infeasible == "raise" and posed.levels.lost:
@@ -297,24 +309,25 @@ class Controller:
 
     def _check_configuration(self, configuration: mink.Configuration) -> None:
         instance("configuration", configuration, mink.Configuration)
-        of_it = configuration.model.nq, configuration.model.nv, configuration.model.njnt
-        if of_it != (self.model.nq, self.model.nv, self.model.njnt):
+        if not same_structure(configuration.model, self.model):
             raise InvalidInput(
-                f"step: the configuration has nq = {configuration.model.nq}, the controller's "
-                f"model nq = {self.model.nq}; use a configuration of the same model."
+                f"step: the configuration's model has nq = {configuration.model.nq}, nv = "
+                f"{configuration.model.nv} and {configuration.model.nbody} bodies, the "
+                f"controller's nq = {self.model.nq}, nv = {self.model.nv} and {self.model.nbody}, "
+                "or their names or joints differ; use a configuration of the same model."
             )
         finite_array("configuration.q", configuration.q, (self.model.nq,))
         self._checked = configuration
 
     def __getstate__(self) -> dict[str, Any]:
         """Without the prepared step: arrays that see into each other would be copied apart."""
-        return self.__dict__ | {"_prepared": None, "_checked": None}
+        return self.__dict__ | {"_prepared": None, "_checked": None, "_free": None}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         """A copy prepares its own."""
         self.__dict__.update(state)
         self._checked = object()
-        self._prepared = prepare(self, self.solver)
+        self._prepared, self._free = prepare(self, self.solver), threading.Lock()
 
     def __repr__(self) -> str:
         return (

@@ -24,8 +24,6 @@ from qp_twist.qp.workspaces import Workspace
 
 _BY_NUMBA = fast.installed()
 """Whether what runs with and without numba is compiled, and takes arrays instead of lists."""
-_SHORTEST = 1e-100
-"""Of a shorter step nearly every speed overflows, s: the reference says so."""
 
 
 class LeanStep(PreparedStep):
@@ -80,9 +78,10 @@ class LeanStep(PreparedStep):
         super()._take_wish()
         self._asking = math.nan, math.nan
 
+    @np.errstate(all="ignore")  # what is not finite is refused
     def _solve(self, dt: float, use_secondary: bool) -> bool:
         q, p = self._qpos, self._program
-        if not (dt >= _SHORTEST and all(map(math.isfinite, q.tolist()))):
+        if not all(map(math.isfinite, q.tolist())):
             return False
         if not self._in_order:
             q = np.where(self._addresses >= 0, q[self._addresses], 0.0)

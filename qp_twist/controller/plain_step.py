@@ -147,7 +147,7 @@ class PlainStep(Step):
         """From what was left behind in a step's arrays, as :class:`Numbers` reads it; kept."""
         step = object.__new__(cls)
         fields = step.__dict__
-        fields["velocity"] = numbers[layout.velocity]
+        fields["velocity"] = numbers[layout.velocity].copy()  # the user may write into it
         fields["_numbers"] = numbers
         fields["_layout"] = layout
         fields["_rows"] = rows
@@ -195,7 +195,8 @@ class PlainStep(Step):
 
     def __getstate__(self) -> dict[str, Any]:
         """Without the limits and tasks that inequality rows come from, but with their names."""
-        names = [name for source in self._rows for name in source.names]
+        sources = self.__dict__.get("_rows", ())  # none if it was made by dataclasses.replace
+        names = [name for source in sources for name in source.names]
         return self.__dict__ | {"_rows": (_Names(names),) if names else ()}
 
     def __setstate__(self, state: dict[str, Any]) -> None:

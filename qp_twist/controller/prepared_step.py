@@ -24,6 +24,7 @@ from qp_twist.kinematics import (
     JointRanges,
     PostureReference,
     TwistTask,
+    checked_displacement,
 )
 from qp_twist.kinematics.frame import frame_id
 from qp_twist.kinematics.projector_shape import kinds_of, shape_of
@@ -282,7 +283,7 @@ class PreparedStep(abc.ABC):
             assert configuration is not None
             self._wish[:] = self._steady
             for other in self._others:
-                self._wish += other.displacement(configuration)
+                self._wish += checked_displacement(other, configuration)
 
     def _take_wish(self) -> None:
         """What stays of the wish while the objectives do."""

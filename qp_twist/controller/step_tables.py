@@ -60,12 +60,21 @@ def table_of(
 
 
 def numbers_of_kinds(limits: Sequence[mink.Limit]) -> dict[str, float]:
-    """Numbers of what bounds come from: as in ``intersect`` other kinds stand beside velocities."""
-    others = {kind_of(limit) for limit in limits if type(limit) not in BOXES} - set(_KINDS)
-    step = (POSITION_BOUND - VELOCITY_BOUND) / (1 + len(others))
-    return _KINDS | {
-        name: VELOCITY_BOUND + step * (1 + number) for number, name in enumerate(sorted(others))
-    }
+    """Numbers of what bounds come from, as ``intersect`` orders them.
+
+    Other kinds stand beside velocities, before or behind them as in the list.
+    """
+    found: dict[str, None] = {}
+    for limit in limits:
+        kind = "velocity"
+        if type(limit) not in BOXES:
+            kind = kind_of(limit)
+        found.setdefault("" if type(limit) is PositionLimit else kind)
+    names = [name for name in found if name not in ("", "acceleration", "position")]
+    at = names.index("velocity") if "velocity" in names else len(names)
+    step = 1.0 / (1 + len(names))
+    others = {name: VELOCITY_BOUND + step * (i - at) for i, name in enumerate(names)}
+    return others | _KINDS
 
 
 def settings_of(twist_space: bool, singularity: float, weight: float) -> Array:

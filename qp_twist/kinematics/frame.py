@@ -10,6 +10,22 @@ from qp_twist.checks import Array, instance
 from qp_twist.errors import InvalidInput
 
 
+def same_structure(one: mujoco.MjModel, other: mujoco.MjModel) -> bool:
+    """Whether two models have the same joints, bodies, geoms and sites under the same ids.
+
+    Then what is looked up in the one is found in the other, whatever their sizes and masses.
+    """
+    if one is other:
+        return True
+    sizes = ("nq", "nv", "njnt", "nbody", "ngeom", "nsite")
+    arrays = ("jnt_type", "jnt_bodyid", "body_parentid", "geom_bodyid", "site_bodyid")
+    return (
+        all(getattr(one, size) == getattr(other, size) for size in sizes)
+        and one.names == other.names
+        and all(np.array_equal(getattr(one, a), getattr(other, a)) for a in arrays)
+    )
+
+
 def frame_id(model: mujoco.MjModel, name: str | int, frame_type: str) -> int:
     """Id of a body, geom or site.
 

@@ -8,7 +8,7 @@ import mink
 import mujoco
 import numpy as np
 
-from qp_twist.checks import Array, one_of
+from qp_twist.checks import Array, checked, one_of
 from qp_twist.kinematics.joint_ranges import JointRanges
 from qp_twist.kinematics.secondary import SecondaryObjective
 
@@ -40,6 +40,12 @@ class JointCentering(SecondaryObjective):
         array([0.5, 0.5, 0.5])
     """
 
+    weight: str = checked(
+        lambda _, name, value: one_of(
+            f"JointCentering({name}=…)", value, ("gradient", "paper", "natural")
+        )
+    )
+
     def __init__(
         self,
         model: mujoco.MjModel,
@@ -57,7 +63,7 @@ class JointCentering(SecondaryObjective):
             cost: Weight where the objective is used as a plain mink task.
         """
         super().__init__(model, gain, cost=cost)
-        self.weight = one_of("JointCentering(weight=…)", weight, ("gradient", "paper", "natural"))
+        self.weight = weight
         self.ranges = JointRanges.of(model)
 
     def direction(self, configuration: mink.Configuration) -> Array:

@@ -9,7 +9,8 @@ import mink
 import mujoco
 import numpy as np
 
-from qp_twist.checks import Array, instance, number
+from qp_twist.checks import Array, float_array, instance, number
+from qp_twist.errors import InvalidInput
 
 
 class SecondaryObjective(mink.Task):
@@ -55,5 +56,18 @@ def total_displacement(
     """Sum of the objectives' h, shape (nv,); zero for none."""
     total = np.zeros(configuration.model.nv)
     for objective in objectives:
-        total += objective.displacement(configuration)
+        total += checked_displacement(objective, configuration)
     return total
+
+
+def checked_displacement(objective: SecondaryObjective, configuration: mink.Configuration) -> Array:
+    """h of an objective of anybody's class, shape (nv,).
+
+    Raises:
+        InvalidInput: If it is no such array.
+    """
+    name, nv = f"{type(objective).__name__}: its displacement", configuration.model.nv
+    displacement = float_array(name, objective.displacement(configuration))
+    if displacement.shape != (nv,):
+        raise InvalidInput(f"{name}: expected shape ({nv},), got {displacement.shape}.")
+    return displacement

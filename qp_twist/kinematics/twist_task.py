@@ -11,7 +11,7 @@ import mujoco
 import numpy as np
 import numpy.typing as npt
 
-from qp_twist.checks import Array, finite_array, instance, number, unit_vector
+from qp_twist.checks import Array, checked, finite_array, instance, number, unit_vector
 from qp_twist.errors import InvalidInput, InvalidTarget
 from qp_twist.geometry import Projector, TwistProjector, clamp_twist, resolved_twist_error
 from qp_twist.kinematics.frame import (
@@ -39,6 +39,11 @@ class TaskState(NamedTuple):
     """J of the frame, relative to what carries the target, shape (6, nv)."""
     feedforward: Array
     """Twist of the target relative to what carries it, m/s and rad/s, shape (6,)."""
+
+
+def _step_limit(_: Any, name: str, value: float) -> float:
+    unlimited = isinstance(value, float) and value == math.inf
+    return value if unlimited else number(name, value, above=0.0)
 
 
 class TwistTask(mink.Task):
@@ -80,6 +85,9 @@ class TwistTask(mink.Task):
         >>> task.compute_jacobian(mink.Configuration(path_task.model)).shape
         (5, 6)
     """
+
+    max_linear_step: float = checked(_step_limit)
+    max_angular_step: float = checked(_step_limit)
 
     def __init__(
         self,
@@ -146,8 +154,7 @@ class TwistTask(mink.Task):
         self.projector = projector
         self.relative_to = relative_to
         self.bands = check_bands(self.name, bands, projector)
-        self.max_linear_step = _step_limit("max_linear_step", max_linear_step)
-        self.max_angular_step = _step_limit("max_angular_step", max_angular_step)
+        self.max_linear_step, self.max_angular_step = max_linear_step, max_angular_step
         self._target: mink.SE3 | None = None
         self._feedforward, self._pose = AT_REST, _AT_THE_ORIGIN
         self._rotation: Array | None = None
@@ -271,21 +278,22 @@ class TwistTask(mink.Task):
 
     @property
     def feedforward(self) -> Array:
-        """Twist of the target, as set by :meth:`set_target`; read-only at rest."""
+        """Twist of the target, as set by :meth:`set_target`; read-only."""
         return self._feedforward
 
     @property
     def target_rotation(self) -> Array:
-        """R_d, as :meth:`set_target` was given it, (3, 3)."""
+        """R_d, as :meth:`set_target` was given it, (3, 3); read-only."""
         if self._rotation is None:
             rotation = np.empty(9)
             mujoco.mju_quat2Mat(rotation, self._pose[:4])
+            rotation.flags.writeable = False
             self._rotation = rotation.reshape(3, 3)
         return self._rotation
 
     @property
     def target_position(self) -> Array:
-        """p_d likewise, m, (3,)."""
+        """p_d likewise, m, (3,); read-only."""
         position: Array = self._pose[4:]
         return position
 
@@ -309,9 +317,11 @@ class TwistTask(mink.Task):
         pose = np.array(target.wxyz_xyz)
         if not _is_pose(pose):
             pose = self._checked_pose(target.wxyz_xyz)
+        pose.flags.writeable = False  # another one is set, and then noticed
         feedforward = AT_REST
         if twist is not None:
             feedforward = finite_array(f"{self.name} twist", twist, (6,), error=InvalidTarget)
+            feedforward.flags.writeable = False
         self._target, self._pose, self._rotation = mink.SE3(pose), pose, None
         self._feedforward = feedforward
 
@@ -504,11 +514,6 @@ def _carrier(relative_to: Any) -> Any:
             f"got {relative_to!r}."
         )
     return relative_to[1]
-
-
-def _step_limit(name: str, value: float) -> float:
-    unlimited = isinstance(value, float) and value == math.inf
-    return value if unlimited else number(name, value, above=0.0)
 
 
 AT_REST, _AT_THE_ORIGIN = np.zeros(6), np.eye(7)[0]

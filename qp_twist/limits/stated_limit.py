@@ -49,6 +49,11 @@ class StatedLimit:
             InvalidInput: If what it states are no rows, or no numbers.
         """
         constraint = limit.compute_qp_inequalities(configuration, dt)
+        if not isinstance(constraint, mink.Constraint):
+            raise InvalidInput(
+                f"{type(limit).__name__}: compute_qp_inequalities has to return a mink.Constraint, "
+                f"it returned {constraint!r}."[:300]
+            )
         if constraint.inactive:
             return None
         nv = configuration.model.nv
@@ -85,8 +90,7 @@ def _stated(name: str, constraint: mink.Constraint, nv: int, dt: float) -> tuple
 def _in_order(G: Any, h: Any, nv: int) -> bool:
     """Whether these are arrays as they should be, at a glance: a tenth of what checking takes."""
     return bool(
-        isinstance(G, np.ndarray)
-        and isinstance(h, np.ndarray)
+        type(G) is type(h) is np.ndarray
         and G.dtype == h.dtype == np.float64
         and h.ndim == 1
         and G.shape == (len(h), nv)

@@ -1,0 +1,255 @@
+"""What a first user of prepared steps ran into: other robots and threads, what is written into."""
+
+from __future__ import annotations
+
+import copy
+import dataclasses
+import pickle
+import sys
+import threading
+import warnings
+from typing import Any
+
+import mink
+import mujoco
+import numpy as np
+import pytest
+from test_plain_step import SOLVERS, by_reference, plain_controller, same
+
+import qp_twist as qt
+from qp_twist.controller.plain_step import PlainStep
+
+ARM = """<mujoco><compiler angle="radian"/><worldbody>{before}
+  <body pos="0 0 .1"><joint name="j1" axis="0 0 1" range="-2 2"/><geom size=".02"/>
+  <body pos="{reach} 0 0"><joint name="j2" axis="0 1 0" range="-2 2"/><geom size=".02"/>
+  <body pos=".3 0 0"><joint name="j3" axis="0 1 0" range="-2 2"/><geom size=".02"/>
+  <site name="tip" pos=".2 0 0"/>{behind}</body></body></body></worldbody></mujoco>"""
+
+
+def arm(before: str = "", reach: float = 0.3, behind: str = "") -> mujoco.MjModel:
+    return mujoco.MjModel.from_xml_string(ARM.format(before=before, reach=reach, behind=behind))
+
+
+@pytest.mark.parametrize("solver", SOLVERS)
+@pytest.mark.parametrize("sites", ["<site name='a'/>", "<site name='a'/><site name='b'/>"])
+def test_the_same_arm_with_other_sites_is_another_robot(solver: str, sites: str) -> None:
+    one, other = arm(before=sites), arm(behind="<site name='c' pos='.2 .1 .3'/>")
+    task = qt.TwistTask.point("tip", "site")
+    for model, theirs in ((one, other), (other, one)):
+        task.set_target_from_configuration(mink.Configuration(model))
+        controller = qt.Controller(model, [task], limits=[], solver=solver)
+        with pytest.raises(qt.InvalidInput, match="same model"):
+            controller.step(mink.Configuration(theirs, np.array([0.3, 0.4, 0.5])), 0.1)
+
+
+@pytest.mark.parametrize("solver", SOLVERS)
+def test_the_same_robot_read_again_or_with_other_lengths_is_taken(solver: str) -> None:
+    task = qt.TwistTask.point("tip", "site")
+    task.set_target(mink.SE3.from_translation(np.array([0.6, 0.2, 0.05])))
+    controllers = [qt.Controller(arm(), [task], limits=[], solver=s) for s in ("daqp", solver)]
+    by_reference(controllers[0])
+    for reach in (0.3, 0.5):
+        there = mink.Configuration(arm(reach=reach), np.array([0.3, 0.4, 0.5]))
+        expected, step = (controller.step(there, 0.1) for controller in controllers)
+        same(expected, step)
+
+
+@pytest.mark.parametrize("solver", SOLVERS)
+def test_one_controller_in_two_threads_gives_each_its_own_step(solver: str) -> None:
+    model = qt.load_task("deburring").model
+    controller, _, first = plain_controller(solver)
+    places = [first, mink.Configuration(model, first.q + 0.1)]
+    wanted = [controller.step(place, 0.1).velocity for place in places]
+    assert np.abs(wanted[0] - wanted[1]).max() > 1e-3
+    worst = [0.0, 0.0]
+
+    def work(i: int) -> None:
+        for _ in range(300):
+            found = controller.step(places[i], 0.1).velocity
+            worst[i] = max(worst[i], float(np.abs(found - wanted[i]).max()))
+
+    before = sys.getswitchinterval()
+    sys.setswitchinterval(1e-6)
+    try:
+        threads = [threading.Thread(target=work, args=(i,)) for i in range(2)]
+        for thread in threads:
+            thread.start()
+        for thread in threads:
+            thread.join()
+    finally:
+        sys.setswitchinterval(before)
+    assert max(worst) < 1e-7
+
+
+def test_a_limit_that_takes_a_step_of_its_own_does_not_disturb_the_one_it_is_asked_in() -> None:
+    controller, _, configuration = plain_controller("daqp")
+    free = controller.step(configuration, 0.1).velocity.copy()
+
+    class Asks(mink.Limit):
+        def compute_qp_inequalities(self, configuration: Any, dt: float) -> mink.Constraint:
+            other = mink.Configuration(controller.model, configuration.q + 0.2)
+            asked.limits, kept = [], asked.limits
+            asked.step(other, dt)
+            asked.limits = kept
+            return mink.Constraint()
+
+    asked = plain_controller("daqp", limits=[qt.PositionLimit(controller.model), Asks()])[0]
+    np.testing.assert_allclose(asked.step(configuration, 0.1).velocity, free, atol=1e-9)
+
+
+def test_what_a_task_was_told_cannot_be_written_into() -> None:
+    controller, task, configuration = plain_controller("daqp")
+    assert task.target is not None
+    task.set_target(task.target, np.full(6, 0.01))
+    controller.step(configuration, 0.1)
+    for array in (
+        task.feedforward, task.target_position, task.target_rotation, task.target.wxyz_xyz,
+    ):  # fmt: skip
+        with pytest.raises(ValueError, match="read-only"):
+            array[0] = 0.5
+
+
+@pytest.mark.parametrize("solver", SOLVERS)
+def test_a_velocity_that_is_written_into_changes_no_report(solver: str) -> None:
+    controller, _, configuration = plain_controller(solver)
+    step = controller.step(configuration, 0.1)
+    velocity = step.velocity
+    velocity *= 0.5
+    assert np.abs(step.residuals[0]).max() < 1e-9
+
+
+@pytest.mark.parametrize("solver", SOLVERS)
+def test_a_step_made_from_another_can_be_copied(solver: str) -> None:
+    controller, _, configuration = plain_controller(solver)
+    made = dataclasses.replace(controller.step(configuration, 0.1), scale=0.5)
+    for copied in (copy.copy(made), copy.deepcopy(made), pickle.loads(pickle.dumps(made))):
+        assert copied.scale == 0.5
+        np.testing.assert_array_equal(copied.velocity, made.velocity)
+
+
+class Fixed(mink.Limit):
+    """|q̇| ≤ speed, of a class that the package does not know."""
+
+    def __init__(self, nv: int, speed: float) -> None:
+        self.G, self.h = np.vstack([np.eye(nv), -np.eye(nv)]), np.full(2 * nv, speed)
+
+    def compute_qp_inequalities(self, configuration: Any, dt: float) -> mink.Constraint:
+        return mink.Constraint(G=self.G, h=self.h * dt)
+
+
+class AaaLimit(Fixed):
+    pass
+
+
+class ZzzLimit(Fixed):
+    pass
+
+
+@pytest.mark.parametrize("solver", SOLVERS)
+@pytest.mark.parametrize("order", ["avz", "vaz", "zva", "za", "va"])
+def test_of_limits_that_say_the_same_the_first_is_named(solver: str, order: str) -> None:
+    model = qt.load_task("deburring").model
+    speeds = {model.joint(i).name: 0.01 for i in range(model.njnt)}
+    found = []
+    for name in ("daqp", solver):
+        limits = {
+            "a": AaaLimit(6, 0.01), "z": ZzzLimit(6, 0.01), "v": mink.VelocityLimit(model, speeds),
+        }  # fmt: skip
+        wish = qt.PostureReference(model, np.full(6, 0.5))
+        controller, _, configuration = plain_controller(
+            name, limits=[limits[letter] for letter in order], secondary=[wish]
+        )
+        controller.twist_tasks[0].gain = 0.01
+        found.append((controller, configuration))
+    by_reference(found[0][0])
+    expected, step = (controller.step(place, 0.1) for controller, place in found)
+    assert isinstance(step, PlainStep) and step.binding
+    assert [str(x) for x in step.binding] == [str(x) for x in expected.binding]
+
+
+@pytest.mark.parametrize("solver", SOLVERS)
+@pytest.mark.parametrize("gain", [1e300, np.inf, np.nan])
+def test_what_overflows_is_refused_without_warnings(solver: str, gain: float) -> None:
+    controller, task, configuration = plain_controller(solver)
+    task.gain = gain
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        with pytest.raises(qt.InvalidInput):
+            controller.step(configuration, 0.1)
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("joint_weight", 0.0), ("joint_weight", np.inf), ("joint_weight", "a"),
+        ("singularity", np.inf), ("singularity", None), ("metric", np.ones(3)),
+        ("metric", np.zeros(6)), ("metric", None),
+    ],
+)  # fmt: skip
+def test_a_controller_checks_what_it_is_assigned(name: str, value: Any) -> None:
+    controller, _, configuration = plain_controller("daqp")
+    before = controller.step(configuration, 0.1)
+    with pytest.raises(qt.InvalidInput, match=name):
+        setattr(controller, name, value)
+    same(before, copy.deepcopy(controller).step(configuration, 0.1))
+
+
+@pytest.mark.parametrize("value", ["a", None, 0.0, np.nan])
+def test_a_task_and_an_objective_check_what_they_are_assigned(value: Any) -> None:
+    controller, task, _ = plain_controller("daqp")
+    with pytest.raises(qt.InvalidInput, match="max_linear_step"):
+        task.max_linear_step = value
+    with pytest.raises(qt.InvalidInput, match="weight"):
+        qt.JointCentering(controller.model).weight = value
+
+
+@pytest.mark.parametrize("solver", SOLVERS)
+@pytest.mark.parametrize("returned", [None, (np.eye(6), np.ones(6))])
+def test_a_limit_that_returns_no_constraint_is_named(solver: str, returned: Any) -> None:
+    class Odd(mink.Limit):
+        def compute_qp_inequalities(self, configuration: Any, dt: float) -> Any:
+            return returned
+
+    controller, _, configuration = plain_controller(solver, limits=[Odd()])
+    with pytest.raises(qt.InvalidInput, match=r"Odd: .*mink.Constraint"):
+        controller.step(configuration, 0.1)
+
+
+@pytest.mark.parametrize("solver", SOLVERS)
+@pytest.mark.filterwarnings("ignore:the matrix subclass")
+def test_rows_may_be_matrices_or_masked(solver: str) -> None:
+    expected = None
+    for kind in (np.array, np.asmatrix, np.ma.masked_array):
+        limit = Fixed(6, 0.5)
+        limit.G = kind(limit.G)
+        controller, _, configuration = plain_controller(solver, limits=[limit])
+        step = controller.step(configuration, 0.1)
+        expected = step if expected is None else expected
+        same(expected, step)
+
+
+@pytest.mark.parametrize("solver", SOLVERS)
+@pytest.mark.parametrize("wish", [np.ones(3), np.ones((6, 1)), None, "a"])
+def test_a_wish_of_another_shape_is_refused_with_the_name_of_who_has_it(
+    solver: str, wish: Any
+) -> None:
+    class Wishes(qt.SecondaryObjective):
+        def direction(self, configuration: mink.Configuration) -> Any:
+            return wish
+
+        def displacement(self, configuration: mink.Configuration) -> Any:
+            return wish
+
+    model = qt.load_task("deburring").model
+    controller, _, configuration = plain_controller(solver, secondary=[Wishes(model)])
+    with pytest.raises(qt.InvalidInput, match="Wishes: its displacement"):
+        controller.step(configuration, 0.1)
+
+
+@pytest.mark.parametrize("solver", SOLVERS)
+def test_a_joint_that_became_no_number_is_told_by_its_place(solver: str) -> None:
+    controller, _, configuration = plain_controller(solver)
+    controller.step(configuration, 0.1)
+    configuration.data.qpos[2] = np.nan
+    with pytest.raises(qt.InvalidInput, match=r"configuration\.q"):
+        controller.step(configuration, 0.1)
