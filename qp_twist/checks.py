@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import operator
 from collections.abc import Callable
 from typing import Any
 
@@ -136,16 +137,18 @@ def one_of(name: str, value: str, allowed: tuple[str, ...]) -> str:
 
 
 class _Checked:
-    """Without ``__get__``, so that reading finds the instance's own entry as fast as any other."""
+    """Makes way for a property whose getter is C's: it is read at every step."""
 
     def __init__(self, check: Callable[[Any, str, Any], Any]) -> None:
         self._check = check
 
     def __set_name__(self, owner: type, name: str) -> None:
-        self._name = name
+        kept, check = f"_{name}", self._check
 
-    def __set__(self, instance: Any, value: Any) -> None:
-        instance.__dict__[self._name] = self._check(instance, self._name, value)
+        def assign(instance: Any, value: Any) -> None:
+            setattr(instance, kept, check(instance, name, value))
+
+        setattr(owner, name, property(operator.attrgetter(kept), assign))
 
 
 def checked(check: Callable[[Any, str, Any], Any]) -> Any:

@@ -216,7 +216,7 @@ class Controller:
         if velocity is not None:
             self.note(velocity)
         # In another thread, or in a step that a limit takes, the arrays are in use: then anew.
-        if self._prepared is not None and self._free.acquire(blocking=False):
+        if self._prepared is not None and self._free.acquire(False):
             try:
                 plain = self._prepared(self, configuration, dt, bool(use_secondary))
                 if plain is not None:

@@ -24,7 +24,6 @@ class Layout:
         solver: Name of the backend.
         kinds: What bounds come from, by the numbers of ``fast.bounds``.
         dense: Whether H has entries off its diagonal.
-        velocity: Where q̇ is among the numbers.
     """
 
     def __init__(
@@ -39,7 +38,6 @@ class Layout:
         """Of a controller's tasks, robot, solver, limits and costs."""
         self.ranks, self.rows, self.first = ranks, sum(ranks), first
         self.names, self.solver, self.kinds, self.dense = names, solver, kinds, dense
-        self.velocity = slice(len(names), 2 * len(names))
 
 
 class Numbers(NamedTuple):
@@ -138,17 +136,22 @@ class PlainStep(Step):
 
     scale = 1.0
     status = Status.SOLVED
-    _numbers: Array
+    _numbers: bytes
     _layout: Layout
     _rows: Sequence[Named]
 
     @classmethod
-    def made(cls, numbers: Array, layout: Layout, rows: Sequence[Named]) -> PlainStep:
-        """From what was left behind in a step's arrays, as :class:`Numbers` reads it; kept."""
+    def made(
+        cls, velocity: Array, numbers: Array, layout: Layout, rows: Sequence[Named]
+    ) -> PlainStep:
+        """From what was left behind in a step's arrays, as :class:`Numbers` reads it.
+
+        The velocity is a copy of its own: whoever scales it changes nothing else.
+        """
         step = object.__new__(cls)
         fields = step.__dict__
-        fields["velocity"] = numbers[layout.velocity].copy()  # the user may write into it
-        fields["_numbers"] = numbers
+        fields["velocity"] = velocity.copy()
+        fields["_numbers"] = numbers.tobytes()
         fields["_layout"] = layout
         fields["_rows"] = rows
         return step
@@ -158,7 +161,7 @@ class PlainStep(Step):
         if name not in ("residuals", "binding", "problem", "sigma_min", "solver"):
             raise AttributeError(name)
         layout = self._layout
-        numbers = Numbers.of(self._numbers, layout)
+        numbers = Numbers.of(np.frombuffer(self._numbers).copy(), layout)
         value: Any
         if name == "solver":
             value = layout.solver

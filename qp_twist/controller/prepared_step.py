@@ -176,7 +176,7 @@ class PreparedStep(abc.ABC):
         self._look(composed)
         if not self._solve(dt, use_secondary):
             return None
-        return PlainStep.made(self._result.copy(), self._layout, rows)
+        return PlainStep.made(self._program.x, self._result, self._layout, rows)
 
     def _read_jacobians(self) -> None:
         for jac, linear, angular, index in self._jacs:

@@ -317,7 +317,7 @@ class TwistTask(mink.Task):
         pose = np.array(target.wxyz_xyz)
         if not _is_pose(pose):
             pose = self._checked_pose(target.wxyz_xyz)
-        pose.flags.writeable = False  # another one is set, and then noticed
+        pose.setflags(write=False)  # another one is set, and then noticed
         feedforward = AT_REST
         if twist is not None:
             feedforward = finite_array(f"{self.name} twist", twist, (6,), error=InvalidTarget)
