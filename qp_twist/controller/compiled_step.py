@@ -34,7 +34,8 @@ class CompiledStep(PreparedStep):
             links[number, dofs] = 2 * model.dof_jntid[dofs] + slides
         self._aims = self._floats[at.aims : at.jacobians].reshape(-1, 7)
         self._moving = [True] * len(self._tasks)
-        self._sources = self._integers[at.sources : at.active]
+        self._sources = self._integers[at.sources : at.active - 2]
+        self._integers[at.active - 2 : at.active] = model.nq, model.njnt
 
     def _aim(self, number: int, task: TwistTask) -> None:
         assert task.target is not None
@@ -55,9 +56,7 @@ class CompiledStep(PreparedStep):
 
     def _solve(self, dt: float, use_secondary: bool) -> bool:
         self._read_jacobians()
-        status: int = live_step(
-            self._floats, self._integers, self._model.nq, self._model.njnt, dt, use_secondary
-        )
+        status: int = live_step(self._floats, self._integers, dt, use_secondary)
         return status == DONE
 
 

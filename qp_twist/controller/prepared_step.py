@@ -275,10 +275,12 @@ class PreparedStep(abc.ABC):
 
     def _wish_for(self, configuration: mink.Configuration | None) -> None:
         """What the secondary objectives ask for: h = wish + pull · (θ̄ − θ)."""
-        for objective, gain, mark in self._asked:
-            if objective.gain != gain or _mark(objective) is not mark:
+        for centering, gain, weight in self._asked_centering:
+            if centering.gain != gain or centering.weight != weight:
                 self._take_wish()
-                break
+        for posture, gain, q_ref in self._asked_postures:
+            if posture.gain != gain or posture.q_ref is not q_ref:
+                self._take_wish()
         if self._others:
             assert configuration is not None
             self._wish[:] = self._steady
@@ -287,8 +289,8 @@ class PreparedStep(abc.ABC):
 
     def _take_wish(self) -> None:
         """What stays of the wish while the objectives do."""
-        objectives: list[JointCentering | PostureReference] = [*self._centering, *self._postures]
-        self._asked = [(s, s.gain, _mark(s)) for s in objectives]
+        self._asked_centering = [(s, s.gain, s.weight) for s in self._centering]
+        self._asked_postures = [(s, s.gain, s.q_ref) for s in self._postures]
         self._pull[:] = sum(s.gain * s.stiffness for s in self._centering)
         self._steady[:] = 0.0
         for s in self._postures:
@@ -335,11 +337,6 @@ class PreparedStep(abc.ABC):
         """As :meth:`~qp_twist.Controller.note`, of a velocity that the kernel has found."""
         for _, motion in self._motions:
             motion.velocity = velocity.copy()
-
-
-def _mark(objective: JointCentering | PostureReference) -> object:
-    """What is another object as soon as the objective asks for something else."""
-    return objective.q_ref if isinstance(objective, PostureReference) else objective.weight
 
 
 def _paces(task: TwistTask) -> tuple[float, float, float]:

@@ -47,17 +47,19 @@ def _aim(aim, target):
 
 
 @plain
-def live_step(floats, integers, nq, joints, dt, use_secondary):
+def live_step(floats, integers, dt, use_secondary):
     """:func:`~qp_twist.fast.step_kernel.step_kernel`, with poses and Jacobians read from MuJoCo.
 
     Targets are taken from where they stand as quaternions.
 
     Its addresses lie in the integers from ``Places.sources`` on: of q (nq), axes and anchors of the
-    joints, and of each task's frame the rotation (9) and the position (3).
+    joints, and of each task's frame the rotation (9) and the position (3); then nq, and how many
+    joints there are.
     """
     size = header(integers)
     at = places(size)
-    sources = vector(integers, at.sources, 3 + 2 * size.tasks)
+    sources = vector(integers, at.sources, 5 + 2 * size.tasks)
+    nq, joints = sources[3 + 2 * size.tasks], sources[4 + 2 * size.tasks]
     links = matrix(integers, at.links, size.tasks, size.nv)
     poses = matrix(floats, at.poses, size.tasks, 12)
     aims = matrix(floats, at.aims, size.tasks, 7)

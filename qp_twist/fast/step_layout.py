@@ -45,7 +45,8 @@ class Places(NamedTuple):
     leaves behind, and its workspace. In the integers: the header, kinds of the tasks (3 each),
     where the rows of each level end, addresses of the joints in q (nv), kinds of the limits, of
     each task how its frame hangs on the joints (nv), where MuJoCo's numbers are (3 and 2 for each
-    task), and the active set. ``live_step`` reads what is between the kinds and the active set.
+    task) and how many (2), and the active set. ``live_step`` reads what is between the kinds and
+    the active set.
     """
 
     free_costs: int
@@ -115,7 +116,7 @@ def places(size: Sizes) -> Places:
     types = addresses + nv
     links = types + size.limits
     sources = links + nv * count
-    active = sources + 3 + 2 * count
+    active = sources + 5 + 2 * count
     return Places(
         free_costs, middle, middle + nv, middle + 2 * nv, middle + 3 * nv, shapes, poses, targets,
         aims, jacobians, table, costs, first, first + program, first + program + work, HEADER, ends,
