@@ -36,7 +36,7 @@ class Way(NamedTuple):
     pull: npt.NDArray[np.float64]
     """h = pull · (reference − θ), (nv,)."""
     limits: npt.NDArray[np.float64]
-    """As ``step_kernel.bounds`` takes them, (L, nv, 7); of a window the width is one second's."""
+    """As ``fast.bounds`` takes them, (L, nv, 7); of a window the width is one second's."""
     types: npt.NDArray[np.int64]
     metric: npt.NDArray[np.float64]
     free_costs: npt.NDArray[np.float64]

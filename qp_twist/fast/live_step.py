@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from qp_twist.fast.compiling import part, plain
-from qp_twist.fast.step_kernel import step_kernel
+from qp_twist.fast.step_arrays import given, program_at
+from qp_twist.fast.step_kernel import step
 from qp_twist.fast.step_layout import header, places
-from qp_twist.fast.views import at_address, matrix, stack, vector
+from qp_twist.fast.views import at_address, matrix, vector
 
 GIVEN, ELSEWHERE = -2, -1
 """What stands in place of a joint: the task's Jacobian is given; the joint does not move it."""
@@ -48,32 +49,34 @@ def _aim(aim, target):
 
 @plain
 def live_step(floats, integers, dt, use_secondary):
-    """:func:`~qp_twist.fast.step_kernel.step_kernel`, with poses and Jacobians read from MuJoCo.
+    """A step; ``controller.prepared_step`` lays out the arrays, as ``Places`` says.
 
-    Targets are taken from where they stand as quaternions.
+    Targets are taken from where they stand as quaternions, poses and Jacobians from MuJoCo.
 
     Its addresses lie in the integers from ``Places.sources`` on: of q (nq), axes and anchors of the
     joints, and of each task's frame the rotation (9) and the position (3); then nq, and how many
     joints there are.
+
+    Returns:
+        ``DONE``, or ``REFUSED`` for whatever is not a plain step inside all limits.
     """
     size = header(integers)
     at = places(size)
+    g = given(floats, integers, at, size)
+    w = program_at(floats, at.program, integers, at.active, size)
     sources = vector(integers, at.sources, 5 + 2 * size.tasks)
     nq, joints = sources[3 + 2 * size.tasks], sources[4 + 2 * size.tasks]
     links = matrix(integers, at.links, size.tasks, size.nv)
-    poses = matrix(floats, at.poses, size.tasks, 12)
     aims = matrix(floats, at.aims, size.tasks, 7)
-    targets = matrix(floats, at.targets, size.tasks, 18)
-    jacobians = stack(floats, at.jacobians, size.tasks, 6, size.nv)
     axes, anchors = at_address(sources[1], 3 * joints), at_address(sources[2], 3 * joints)
     for task in range(size.tasks):
         rotation = at_address(sources[3 + 2 * task], 9)
         position = at_address(sources[4 + 2 * task], 3)
         for i in range(9):
-            poses[task, i] = rotation[i]
+            g.poses[task, i] = rotation[i]
         for i in range(3):
-            poses[task, 9 + i] = position[i]
-        _aim(aims[task], targets[task])
+            g.poses[task, 9 + i] = position[i]
+        _aim(aims[task], g.targets[task])
         if links[task, 0] != GIVEN:
-            _jacobian(links[task], axes, anchors, position, jacobians[task])
-    return step_kernel(floats, integers, at_address(sources[0], nq), dt, use_secondary)
+            _jacobian(links[task], axes, anchors, position, g.jacobians[task])
+    return step(g, w, at_address(sources[0], nq), dt, use_secondary)

@@ -11,8 +11,6 @@ from qp_twist.fast.compiling import kernel, part, plain
 from qp_twist.fast.dual_active_set import cholesky, cholesky_inverse
 from qp_twist.fast.null_space import null_space, row_space
 from qp_twist.fast.reduced_program import reduced_program
-from qp_twist.fast.step_arrays import given, program_at
-from qp_twist.fast.step_layout import header, places
 from qp_twist.fast.twist_rows import twist_rows
 
 DONE, REFUSED = 0, 1
@@ -363,7 +361,7 @@ def verified_velocity(
 
 @part
 def step(g, w, qpos, dt, use_secondary):
-    """A step from what is given to w; what :func:`step_kernel` returns."""
+    """A step from what is given to w; what :func:`verified_velocity` returns."""
     fastest = _wish(qpos, g.addresses, g.middle, g.pull, g.wish, dt, use_secondary, w.q, w.c)
     asked = _all_rows(
         g.kinds, g.shapes, g.poses, g.targets, g.jacobians, dt, w.A, w.b, w.free, g.free_costs
@@ -373,17 +371,3 @@ def step(g, w, qpos, dt, use_secondary):
     return verified_velocity(
         w, g.ends, g.limits, g.types, g.metric, g.quadratic, g.linear, g.settings, g.tolerances, dt
     )
-
-
-@plain
-def step_kernel(floats, integers, qpos, dt, use_secondary):
-    """A step; ``controller.prepared_step`` lays out the arrays, as ``Places`` says.
-
-    Returns:
-        ``DONE``, or ``REFUSED`` for whatever is not a plain step inside all limits.
-    """
-    size = header(integers)
-    at = places(size)
-    g = given(floats, integers, at, size)
-    w = program_at(floats, at.program, integers, at.active, size)
-    return step(g, w, qpos, dt, use_secondary)
