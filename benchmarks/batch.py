@@ -22,6 +22,7 @@ from pathlib import Path
 import mink
 import mujoco
 import numpy as np
+from publishing import publish
 
 import qp_twist as qt
 
@@ -158,10 +159,7 @@ def main() -> int:
         "| --: | --: | --: | --: | --: |",
         *single_steps(),
     ]
-    text = "\n".join(lines) + "\n"
-    print(text)
-    if given.markdown is not None:
-        given.markdown.write_text(text, encoding="utf-8")
+    publish("\n".join(lines) + "\n", given.markdown)
     return 0
 
 

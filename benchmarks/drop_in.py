@@ -19,6 +19,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
 import mink
 import mink_problems
 import qpsolvers
+from publishing import publish
 
 import qp_twist as qt
 
@@ -47,10 +48,7 @@ def main() -> None:
     ]
     for name, entry in worst.items():
         lines.append(f"| {name} | " + " | ".join(f"{value:.0e}" for value in entry) + " |")
-    text = "\n".join(lines) + "\n"
-    print(text)
-    if given.markdown:
-        given.markdown.write_text(text, encoding="utf-8")
+    publish("\n".join(lines) + "\n", given.markdown)
 
 
 if __name__ == "__main__":

@@ -22,6 +22,7 @@ import mink
 import mujoco
 import numpy as np
 import qpsolvers
+from publishing import publish
 
 import qp_twist as qt
 
@@ -227,10 +228,7 @@ def main() -> int:
             + f" | {worst[0]:.0e} | {worst[1]:.0e} |"
         )
         print(f"{model.nv} joints: {time.perf_counter() - began:.0f} s", file=sys.stderr)
-    text = "\n".join(lines) + "\n"
-    print(text)
-    if given.markdown is not None:
-        given.markdown.write_text(text, encoding="utf-8")
+    publish("\n".join(lines) + "\n", given.markdown)
     return 1 if false else 0
 
 

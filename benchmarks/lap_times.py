@@ -16,6 +16,8 @@ import argparse
 import sys
 from pathlib import Path
 
+from publishing import publish
+
 import qp_twist as qt
 
 METHODS = {
@@ -48,10 +50,7 @@ def main() -> int:
             cells.append(f"{seconds:.3f}" if seconds < 0.1 else f"{seconds:.2f}")
         steps = int(laps[0].iterations.sum())
         lines.append(f"| `{method}` | {steps} | {' | '.join(cells)} | {words} |")
-    text = "\n".join(lines) + "\n"
-    print(text)
-    if given.markdown is not None:
-        given.markdown.write_text(text, encoding="utf-8")
+    publish("\n".join(lines) + "\n", given.markdown)
     return 0
 
 

@@ -25,6 +25,7 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "examples"))
 
 from placements import InverseKinematics, dead_end
+from publishing import publish
 
 import qp_twist as qt
 from qp_twist.files import write_atomically
@@ -94,10 +95,7 @@ def main() -> int:
             found[sample] = end
             print(f"\r{number} of {len(missing)}", end="", file=sys.stderr, flush=True)
             write_atomically(kept, json.dumps(found))
-    text = text_of(rows, found)
-    print(text)
-    if given.text is not None:
-        given.text.write_text(text, encoding="utf-8")
+    publish(text_of(rows, found), given.text)
     return 0
 
 

@@ -21,6 +21,7 @@ from typing import Any
 
 import mink
 import numpy as np
+from publishing import publish
 
 import qp_twist as qt
 
@@ -95,10 +96,7 @@ def main() -> int:
             seconds = min(call.repeat(15, count)) / count
             cells.append(f"{1e6 * seconds:.1f}" if seconds < 1e-5 else f"{1e6 * seconds:.0f}")
         lines.append(f"| {added} | {' | '.join(cells)} |")
-    text = "\n".join(lines) + "\n"
-    print(text)
-    if given.markdown is not None:
-        given.markdown.write_text(text, encoding="utf-8")
+    publish("\n".join(lines) + "\n", given.markdown)
     return 0
 
 

@@ -136,6 +136,12 @@ def one_of(name: str, value: str, allowed: tuple[str, ...]) -> str:
     return value
 
 
+def read_only(array: Array) -> Array:
+    """The same array, which from now on cannot be written into."""
+    array.setflags(write=False)
+    return array
+
+
 class _Checked:
     """Makes way for a property whose getter is C's: it is read at every step."""
 

@@ -199,8 +199,11 @@ def test_what_is_not_plain_is_left_out_where_that_is_asked_for() -> None:
     )
 
 
-def test_random_steps_are_proved_by_conditions_that_see_a_wrong_one() -> None:
+def test_random_steps_are_proved_by_conditions_that_see_a_wrong_one(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     folder = Path(__file__).parents[1] / "benchmarks"
+    monkeypatch.syspath_prepend(folder)  # as where it is run
     spec = importlib.util.spec_from_file_location("false_solved", folder / "false_solved.py")
     assert spec is not None and spec.loader is not None
     script = importlib.util.module_from_spec(spec)

@@ -137,17 +137,23 @@ def test_most_of_these_steps_are_plain_and_rows_bind_in_some(solver: str) -> Non
 # ---------------------------------------------------------------- what changes under way
 
 
+PATH = qt.load_task("deburring")
+MODEL = PATH.model
+
+
+def at_start() -> mink.Configuration:
+    return mink.Configuration(MODEL, PATH.start)
+
+
 def deburring(
     solver: str, *limits: mink.Limit, **task: Any
 ) -> tuple[qt.Controller, mink.Configuration]:
-    path_task = qt.load_task("deburring")
-    tool = qt.TwistTask("tool", "site", path_task.projector, **task)
-    tool.set_target(path_task.waypoints[1])
-    model = path_task.model
+    tool = qt.TwistTask("tool", "site", PATH.projector, **task)
+    tool.set_target(PATH.waypoints[1])
     controller = qt.Controller(
-        model, [tool], secondary=[qt.JointCentering(model)], limits=limits, solver=solver
+        MODEL, [tool], secondary=[qt.JointCentering(MODEL)], limits=limits, solver=solver
     )
-    return controller, mink.Configuration(model, path_task.start)
+    return controller, at_start()
 
 
 def self_motion(step: qt.Step) -> Array:
@@ -271,16 +277,14 @@ def test_a_level_that_needs_a_direction_of_the_one_above_is_left_to_the_referenc
     solver: str,
 ) -> None:
     """The rows of both together are regular enough; what is left of the second alone is not."""
-    path_task = qt.load_task("deburring")
-    model = path_task.model
-    configuration = mink.Configuration(model, path_task.start)
+    configuration = at_start()
     point = qt.TwistProjector(linear=qt.Projector.full(), angular=qt.Projector.none())
     found = []
     for name in ("daqp", solver):
         first, second = (qt.TwistTask("tool", "site", point) for _ in range(2))
         for task, waypoint in ((first, 1), (second, 3)):
-            task.set_target(path_task.waypoints[waypoint])
-        found.append(qt.Controller(model, levels=[[first], [second]], solver=name))
+            task.set_target(PATH.waypoints[waypoint])
+        found.append(qt.Controller(MODEL, levels=[[first], [second]], solver=name))
     by_reference(found[0])
     expected, step = (controller.step(configuration, 0.1) for controller in found)
     assert step.status is expected.status is qt.Status.PRIORITIZED
@@ -289,23 +293,21 @@ def test_a_level_that_needs_a_direction_of_the_one_above_is_left_to_the_referenc
 
 @pytest.mark.parametrize("solver", SOLVERS)
 def test_the_smallest_singular_value_is_of_the_first_level(solver: str) -> None:
-    path_task = qt.load_task("deburring")
-    model = path_task.model
-    configuration = mink.Configuration(model, path_task.start)
+    configuration = at_start()
     none = qt.Projector.none()
     point = qt.TwistProjector(linear=qt.Projector.full(), angular=none)
     axis = qt.TwistProjector(linear=none, angular=qt.Projector.plane((0.0, 0.0, 1.0)))
     tasks = [qt.TwistTask("tool", "site", part) for part in (point, axis)]
     for task in tasks:
-        task.set_target(path_task.waypoints[1])
-    step = qt.Controller(model, levels=[tasks[:1], tasks[1:]], solver=solver).step(
+        task.set_target(PATH.waypoints[1])
+    step = qt.Controller(MODEL, levels=[tasks[:1], tasks[1:]], solver=solver).step(
         configuration, 0.1
     )
     assert isinstance(step, PlainStep)
     rows = tasks[0].velocity_rows(configuration, 0.1)[0]
     assert step.sigma_min == pytest.approx(np.linalg.svd(rows, compute_uv=False)[-1])
     assert [len(part) for part in step.residuals] == [3, 2]
-    together = qt.Controller(model, tasks, solver="quadprog").step(configuration, 0.1)
+    together = qt.Controller(MODEL, tasks, solver="quadprog").step(configuration, 0.1)
     np.testing.assert_allclose(step.velocity, together.velocity, atol=1e-8)
 
 
@@ -314,17 +316,15 @@ def test_the_smallest_singular_value_is_of_the_first_level(solver: str) -> None:
 
 @pytest.mark.parametrize("solver", SOLVERS)
 def test_a_posture_task_that_is_moved_under_way_counts(solver: str) -> None:
-    path_task = qt.load_task("deburring")
-    model = path_task.model
-    configuration = mink.Configuration(model, path_task.start)
-    tool = qt.TwistTask("tool", "site", path_task.projector)
-    tool.set_target(path_task.waypoints[1])
-    posture = mink.PostureTask(model, cost=1.0)
-    controller = qt.Controller(model, [tool, posture], solver=solver)
+    configuration = at_start()
+    tool = qt.TwistTask("tool", "site", PATH.projector)
+    tool.set_target(PATH.waypoints[1])
+    posture = mink.PostureTask(MODEL, cost=1.0)
+    controller = qt.Controller(MODEL, [tool, posture], solver=solver)
     with pytest.raises(mink.TargetNotSet):
         controller.step(configuration, 0.1)
     for shift in (0.0, 0.2):
-        posture.set_target(path_task.start + shift)
+        posture.set_target(PATH.start + shift)
         step = controller.step(configuration, 0.1)
         assert isinstance(step, PlainStep)
         theirs = mink.solve_ik(

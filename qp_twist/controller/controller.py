@@ -11,7 +11,15 @@ import mujoco
 import numpy as np
 import numpy.typing as npt
 
-from qp_twist.checks import Array, checked, finite_array, float_array, instance, number, one_of
+from qp_twist.checks import (
+    Array,
+    checked,
+    finite_array,
+    instance,
+    number,
+    one_of,
+    read_only,
+)
 from qp_twist.controller.composition import composition_known
 from qp_twist.controller.infeasible import finished
 from qp_twist.controller.posed import Posed
@@ -55,8 +63,7 @@ def _metric(controller: Any, name: str, value: npt.ArrayLike) -> Array:
         raise InvalidInput(
             f"metric: every entry must be above 0, from {SMALLEST_WEIGHT:g} to {LARGEST_WEIGHT:g}."
         )
-    metric.flags.writeable = False
-    return metric
+    return read_only(metric)
 
 
 class Controller:
@@ -169,7 +176,9 @@ class Controller:
         self.on_infeasible = one_of("on_infeasible", on_infeasible, ("scale", "relax", "raise"))
         self._check_types()
         self._checked = object()  # the configuration that was looked at: none yet
-        self.metric = np.ones(model.nv) if metric is None else float_array("metric", metric)
+        self.metric = (
+            np.ones(model.nv) if metric is None else metric  # type: ignore[assignment]
+        )
         linear = number("free_linear_cost", free_linear_cost, at_least=0.0, at_most=1e6)
         angular = number("free_angular_cost", free_angular_cost, at_least=0.0, at_most=1e6)
         self.free_costs = [

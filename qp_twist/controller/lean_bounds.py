@@ -23,10 +23,10 @@ class AnyBounds:
     def __init__(self, table: Array, types: np.ndarray[tuple[int], np.dtype[np.int64]]) -> None:
         """From the tables that ``fast.bounds`` takes."""
         self._given = table, types
+        self._kinds = np.zeros((2, table.shape[1]))
 
     def state(self, q: Array, dt: float, lower: Array, upper: Array) -> bool:
         """Write the bounds; whether no joint is outside and no two limits contradict."""
-        self._kinds = np.zeros((2, len(q)))
         ends = lower, upper, self._kinds[0], self._kinds[1]
         given = *self._given, q
         if installed():  # then it takes arrays

@@ -50,7 +50,14 @@ class LeanStep(PreparedStep):
         self._addresses, self._types = addresses, self._integers[at.types : at.links]
         self._costs = self._floats[at.free_costs : at.free_costs + 2].tolist()
         kinds = self._integers[at.kinds : at.ends].reshape(-1, 3)
-        self._given = list(zip(kinds, self._shapes, self._poses, self._targets, strict=True))
+        self._given: list[tuple[Any, ...]] = list(
+            zip(kinds, self._shapes, self._poses, self._targets, strict=True)
+        )
+        self._blocks = [
+            BlockRows(block, kind, shape, J, pose, target)
+            for (kind, shape, pose, target), J in zip(self._given, self._jacobians, strict=True)
+            for block in range(2)
+        ]
         self._weight, self._asking = math.nan, (math.nan, math.nan)
         self._bounds = bounds_of(self._limits, self._table, self._types)
 
@@ -61,18 +68,12 @@ class LeanStep(PreparedStep):
         self._equalities = slice(len(p.c), len(p.c) + p.m)
         p.lower_ends[self._equalities.stop :] = -np.inf
         self._bounding = p.lower, p.upper
-        self._blocks: list[list[tuple[BlockRows, Array, Array]]] = []
-        for number, projector in enumerate(self._projectors):
-            kinds, parts = kinds_of(projector), []
-            for block in range(2):
-                end = first + int(kinds[block])
-                rows = BlockRows(
-                    block, kinds, self._shapes[number], self._jacobians[number],
-                    self._poses[number], self._targets[number],
-                )  # fmt: skip
-                parts.append((rows, self._A[first:end], self._b[first:end]))
+        self._places: list[tuple[Array, Array]] = []
+        for kinds in map(kinds_of, self._projectors):
+            for kind in kinds[:2]:
+                end = first + int(kind)
+                self._places.append((self._A[first:end], self._b[first:end]))
                 first = end
-            self._blocks.append(parts)
 
     def _take_wish(self) -> None:
         super()._take_wish()
@@ -121,12 +122,11 @@ class LeanStep(PreparedStep):
         for turned, rotation, moved, position in self._views:
             turned[:] = rotation
             moved[:] = position
-        for arrays, parts in zip(self._given, self._blocks, strict=True):
-            given: tuple[Any, ...] = arrays
-            if not _BY_NUMBA:
-                given = tuple(array.tolist() for array in arrays)
-            for rows, A, b in parts:
-                rows.state(given, dt, A, b)
+        given: list[tuple[Any, ...]] = self._given
+        if not _BY_NUMBA:
+            given = [tuple(array.tolist() for array in arrays) for arrays in given]
+        for number, (rows, place) in enumerate(zip(self._blocks, self._places, strict=True)):
+            rows.state(given[number // 2], dt, *place)
         self._program.lower_ends[self._equalities] = self._b
 
     def _well_conditioned(self) -> bool:
@@ -195,13 +195,7 @@ class LeanStep(PreparedStep):
 
     def _twist_cost(self, wish: Array, H: Array) -> None:
         costs = self._costs
-        free = np.vstack(
-            [
-                rows.free_rows(cost)
-                for parts in self._blocks
-                for (rows, _, _), cost in zip(parts, costs, strict=True)
-            ]
-        )
+        free = np.vstack([rows.free_rows(costs[i % 2]) for i, rows in enumerate(self._blocks)])
         # As the reference has it: AᵀA changes no solution, but makes H better conditioned.
         np.dot(free.T, free, out=H)
         H += self._weighs * unseen(np.vstack((self._A, free)), self._metric)

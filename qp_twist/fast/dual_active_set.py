@@ -5,21 +5,22 @@ from __future__ import annotations
 import math
 
 from qp_twist.fast.compiling import plain
+from qp_twist.fast.null_space import reflection
 
 SOLVED, NO_ROOM, NOT_CONVEX, ENDLESS = 0, 1, 2, 3
 """What :func:`dual_active_set` returns: solved; no point satisfies the constraints; H is not
 positive definite; more iterations than any finite run needs."""
-_PARALLEL = 1e-14
+PARALLEL = 1e-14
 """Square of the part of a normal outside those held, as a share of the whole, that is none."""
 _RANK = 1e-9
 """A row of equalities whose part outside the others is below this share depends on them."""
 _APART = 1e-8
 """The same, squared, for a constraint that was active last time."""
-_MET = 1e-12
+MET = 1e-12
 """What a constraint may be exceeded by, as a share of the largest |x|, or of 1."""
-_ROUNDING = 1e-9
+ROUNDING = 1e-9
 """The same, where those that are held leave no way to do better."""
-_MOST = 50
+MOST = 50
 """Times as many iterations as unknowns and rows are taken before the method gives up."""
 
 
@@ -115,14 +116,8 @@ def _add(q, n, d, J, R):
     square = 0.0
     for j in range(q, n):
         square += d[j] * d[j]
-    length, head = math.sqrt(square), d[q]
-    end = -length if head > 0.0 else length
-    if length > 0.0:
-        # ‖v‖² = 2 for v = (d ± ‖d‖e₁) / √(‖d‖(‖d‖ + |d₁|)), so that 1 − vvᵀ is the reflection.
-        scale = 1.0 / math.sqrt(length * (length + abs(head)))
-        d[q] = head - end
-        for j in range(q, n):
-            d[j] *= scale
+    end = reflection(d[:n], q, math.sqrt(square))
+    if end != 0.0:
         for i in range(n):
             along = 0.0
             for j in range(q, n):
@@ -255,7 +250,7 @@ def _rows_met(A, b, x):
         for i in range(len(x)):
             total += A[row, i] * x[i]
             length += A[row, i] ** 2
-        if not abs(total) <= _ROUNDING * (_size(x) * math.sqrt(length) + abs(b[row])):
+        if not abs(total) <= ROUNDING * (_size(x) * math.sqrt(length) + abs(b[row])):
             return False
     return True
 
@@ -331,12 +326,12 @@ def _enter(
             r[i] = total / R[i, i]
         longest, place = _blocking(u, r, first, q, active)
         full = math.inf
-        if outside > _PARALLEL * whole and q < n:
+        if outside > PARALLEL * whole and q < n:
             full = _violation(which, m, n, k, G, x, side) / outside
         step = min(longest, full)
         if step == math.inf:
             excess = _violation(which, m, n, k, G, x, side)
-            if excess > _ROUNDING * _size(x) * (lengths[which - m] if which < m + k else 1.0):
+            if excess > ROUNDING * _size(x) * (lengths[which - m] if which < m + k else 1.0):
                 return NO_ROOM, q
             # Those held say the same to rounding, and nothing more is to be had.
             held[which] = 3
@@ -435,8 +430,8 @@ def active_set(c, A, b, G, g, lengths, lower, upper, active, before, x, u, J, R,
         _drop(place, q, n, J, R, active)
         q -= 1
         _solve_held(q, n, m, k, c, b, g, lower, upper, J, R, active, x, u, t)
-    for _ in range(_MOST * (n + k) + _MOST):
-        which = _worst(n, m, k, G, g, lengths, lower, upper, x, held, _MET)
+    for _ in range(MOST * (n + k) + MOST):
+        which = _worst(n, m, k, G, g, lengths, lower, upper, x, held, MET)
         if which < 0:
             return (SOLVED if first == m or _rows_met(A, b, x) else NO_ROOM), q
         status, q = _enter(

@@ -5,22 +5,17 @@ from __future__ import annotations
 import math
 
 from qp_twist.fast.compiling import part, plain
+from qp_twist.fast.dual_active_set import MET, MOST, PARALLEL
 
 CORNER, ALONE, CONTRARY = 0, 1, 2
 """Two lines meet in a corner that both push to; one pushes alone; they are parallel, and their
 half-planes have nothing in common."""
-_MET = 1e-12
-"""What a half-plane may be left by, as a share of the largest |z|, or of 1."""
-_PARALLEL = 1e-14
-"""Square of the sine of an angle that is none."""
-_MOST = 50
-"""Times as many rounds as there are half-planes are taken before the method gives up."""
 
 
 @part
 def _most_left(rows, ends, lengths, count, active, z):
     """The half-plane that z is furthest from, of those that are not held; −1 if it is in all."""
-    worst, most = -1, _MET * max(1.0, abs(z[0]), abs(z[1]))
+    worst, most = -1, MET * max(1.0, abs(z[0]), abs(z[1]))
     for which in range(len(ends)):
         left = (rows[which, 0] * z[0] + rows[which, 1] * z[1] - ends[which]) / lengths[which]
         if left > most:
@@ -52,7 +47,7 @@ def _meet(rows, ends, one, new, z, u):
     """Take z to where two lines meet, with their multipliers; whether both push there."""
     ax, ay, bx, by = rows[one, 0], rows[one, 1], rows[new, 0], rows[new, 1]
     det = ax * by - ay * bx
-    if det * det <= _PARALLEL * (ax * ax + ay * ay) * (bx * bx + by * by):
+    if det * det <= PARALLEL * (ax * ax + ay * ay) * (bx * bx + by * by):
         return CONTRARY if ax * bx + ay * by < 0.0 else ALONE
     x, y = (ends[one] * by - ends[new] * ay) / det, (ax * ends[new] - bx * ends[one]) / det
     u[0], u[1] = (y * bx - x * by) / det, (x * ay - y * ax) / det
@@ -83,7 +78,7 @@ def in_plane(rows, ends, lengths, active, z, u):
     """
     count = 0
     z[0] = z[1] = 0.0
-    for _ in range(_MOST * (1 + len(ends))):
+    for _ in range(MOST * (1 + len(ends))):
         new = _most_left(rows, ends, lengths, count, active, z)
         if new < 0:
             return count

@@ -4,10 +4,31 @@ from __future__ import annotations
 
 import math
 
-from qp_twist.fast.compiling import plain
+from qp_twist.fast.compiling import part, plain
 
 INDEPENDENT = 1e-8
 """Rows whose smallest pivot is a smaller share of the largest are left to the reference."""
+
+
+@part
+def reflection(v, first, length):
+    """v becomes that of the reflection 1 − vvᵀ which takes v from ``first`` on onto its first entry.
+
+    ``length`` is that of what it takes. Where it is 0 there is nothing to reflect.
+
+    Returns:
+        What the first entry becomes.
+    """
+    if length == 0.0:
+        return 0.0
+    head = v[first]
+    end = -length if head > 0.0 else length
+    # ‖v‖² = 2 for v = (x ± ‖x‖e₁) / √(‖x‖(‖x‖ + |x₁|)).
+    scale = 1.0 / math.sqrt(length * (length + abs(head)))
+    v[first] = head - end
+    for i in range(first, len(v)):
+        v[i] *= scale
+    return end
 
 
 @plain
@@ -38,17 +59,7 @@ def reflect(A, V, R):
         for i in range(row):
             R[i, row] = V[row, i]
             V[row, i] = 0.0
-        length = math.sqrt(square)
-        head = V[row, row]
-        if length == 0.0:
-            R[row, row] = 0.0
-            continue
-        R[row, row] = -length if head > 0.0 else length
-        # ‖v‖² = 2 for v = (x ± ‖x‖e₁) / √(‖x‖(‖x‖ + |x₁|)), so that 1 − vvᵀ is the reflection.
-        scale = 1.0 / math.sqrt(length * (length + abs(head)))
-        V[row, row] = head - R[row, row]
-        for i in range(row, n):
-            V[row, i] *= scale
+        R[row, row] = reflection(V[row], row, math.sqrt(square))
     smallest, largest = math.inf, 0.0
     for row in range(m):
         size = abs(R[row, row])
@@ -135,10 +146,6 @@ def row_space(A, V):
             left += v[i] * v[i]
         if not left > INDEPENDENT * INDEPENDENT * whole:
             continue
-        length, head = math.sqrt(left), v[rank]
-        scale = 1.0 / math.sqrt(length * (length + abs(head)))
-        v[rank] = head + length if head > 0.0 else head - length
-        for i in range(rank, n):
-            v[i] *= scale
+        reflection(v, rank, math.sqrt(left))
         rank += 1
     return rank

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from qp_twist.fast.compiling import part, plain
-from qp_twist.fast.dual_active_set import SOLVED, active_set
+from qp_twist.fast.dual_active_set import ROUNDING, SOLVED, active_set
 from qp_twist.fast.in_plane import in_plane
 from qp_twist.fast.null_space import reflect, times_q, times_q_transposed
 
@@ -13,8 +13,6 @@ _RANK = 1e-9
 """Rows whose smallest pivot is below this share of the largest are not taken as independent."""
 _FIXED = 1e-8
 """A constraint of which less than this share is left in the null space is decided by the rows."""
-_ROUNDING = 1e-9
-"""What such a constraint may be exceeded by, as a share of the largest |x|, or of 1."""
 
 
 @part
@@ -161,7 +159,7 @@ def _cut(w):
         w.ends[i], w.ends[n + i] = w.x[i] - w.lower[i], w.upper[i] - w.x[i]
         w.lengths[i] = w.lengths[n + i] = 1.0
         if left <= (_FIXED * w.root[i]) ** 2:
-            room = room and min(w.ends[i], w.ends[n + i]) >= -_ROUNDING * size
+            room = room and min(w.ends[i], w.ends[n + i]) >= -ROUNDING * size
             w.ends[i] = w.ends[n + i] = math.inf
     for row in range(len(w.g)):
         at, end, square, whole, left = 2 * n + row, w.g[row], 0.0, 0.0, 0.0
@@ -177,7 +175,7 @@ def _cut(w):
             left += total * total
         w.ends[at], w.lengths[at] = end, math.sqrt(square) if square > 0.0 else 1.0
         if left <= (_FIXED * whole) ** 2:
-            room = room and end >= -_ROUNDING * size * w.lengths[at]
+            room = room and end >= -ROUNDING * size * w.lengths[at]
             w.ends[at] = math.inf
     return room
 

@@ -7,7 +7,7 @@ import mujoco
 import numpy as np
 import numpy.typing as npt
 
-from qp_twist.checks import Array, finite_array
+from qp_twist.checks import Array, checked, finite_array, read_only
 from qp_twist.kinematics.secondary import SecondaryObjective
 
 
@@ -16,7 +16,16 @@ class PostureReference(SecondaryObjective):
 
     The difference is MuJoCo's, so ball and free joints are handled. Keep the gain small along a
     path: a gain of 1 asks for the whole way in one step.
+
+    Attributes:
+        q_ref: Reference configuration, rad or m, (nq,); another one is assigned as a whole.
     """
+
+    q_ref: Array = checked(
+        lambda objective, name, value: read_only(
+            finite_array(f"PostureReference({name}=…)", value, (objective.model.nq,))
+        )
+    )
 
     def __init__(
         self, model: mujoco.MjModel, q_ref: npt.ArrayLike, gain: float = 1.0, *, cost: float = 1.0
@@ -33,18 +42,7 @@ class PostureReference(SecondaryObjective):
             InvalidInput: If ``q_ref`` has the wrong shape or is not finite.
         """
         super().__init__(model, gain, cost=cost)
-        self.q_ref = q_ref  # as an array
-
-    @property
-    def q_ref(self) -> Array:
-        """Reference configuration, rad or m, (nq,); another one is assigned as a whole."""
-        return self._q_ref
-
-    @q_ref.setter
-    def q_ref(self, value: npt.ArrayLike) -> None:
-        q_ref = finite_array("PostureReference(q_ref=…)", value, (self.model.nq,))
-        q_ref.flags.writeable = False  # a step sees that it is another one
-        self._q_ref = q_ref
+        self.q_ref = q_ref  # type: ignore[assignment]  # anything is taken, and made an array
 
     def direction(self, configuration: mink.Configuration) -> Array:
         """q_ref − q in the tangent space, rad or m, shape (nv,)."""

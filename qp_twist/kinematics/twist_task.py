@@ -11,7 +11,7 @@ import mujoco
 import numpy as np
 import numpy.typing as npt
 
-from qp_twist.checks import Array, checked, finite_array, instance, number, unit_vector
+from qp_twist.checks import Array, checked, finite_array, instance, number, read_only, unit_vector
 from qp_twist.errors import InvalidInput, InvalidTarget
 from qp_twist.geometry import Projector, TwistProjector, clamp_twist, resolved_twist_error
 from qp_twist.kinematics.frame import (
@@ -287,8 +287,7 @@ class TwistTask(mink.Task):
         if self._rotation is None:
             rotation = np.empty(9)
             mujoco.mju_quat2Mat(rotation, self._pose[:4])
-            rotation.flags.writeable = False
-            self._rotation = rotation.reshape(3, 3)
+            self._rotation = read_only(rotation).reshape(3, 3)
         return self._rotation
 
     @property
@@ -317,11 +316,11 @@ class TwistTask(mink.Task):
         pose = np.array(target.wxyz_xyz)
         if not _is_pose(pose):
             pose = self._checked_pose(target.wxyz_xyz)
-        pose.setflags(write=False)  # another one is set, and then noticed
         feedforward = AT_REST
         if twist is not None:
             feedforward = finite_array(f"{self.name} twist", twist, (6,), error=InvalidTarget)
-            feedforward.flags.writeable = False
+            read_only(feedforward)
+        read_only(pose)  # another one is set, and then noticed
         self._target, self._pose, self._rotation = mink.SE3(pose), pose, None
         self._feedforward = feedforward
 
@@ -516,9 +515,8 @@ def _carrier(relative_to: Any) -> Any:
     return relative_to[1]
 
 
-AT_REST, _AT_THE_ORIGIN = np.zeros(6), np.eye(7)[0]
+AT_REST, _AT_THE_ORIGIN = read_only(np.zeros(6)), read_only(np.eye(7)[0])
 """The twist of every target that does not move, one object; and the pose of none."""
-AT_REST.flags.writeable = _AT_THE_ORIGIN.flags.writeable = False
 
 
 def _is_pose(pose: Array) -> bool:

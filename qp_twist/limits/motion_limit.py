@@ -15,7 +15,7 @@ from qp_twist.limits.couplings import share_limits
 from qp_twist.limits.intersection import intersect
 from qp_twist.limits.per_joint import per_joint
 from qp_twist.limits.position_limit import NOTICEABLE, PositionLimit
-from qp_twist.limits.stated import Stated
+from qp_twist.limits.stated import stated
 from qp_twist.limits.stopping_speed import stopping_speed
 
 
@@ -60,7 +60,8 @@ class MotionLimit(PositionLimit):
     """
 
     kind = "motion"
-    max_velocity, max_acceleration = Stated(), Stated()
+    max_velocity: Array = stated()
+    max_acceleration: Array = stated()
 
     def __init__(
         self,

@@ -10,7 +10,7 @@ from qp_twist.checks import Array, number
 from qp_twist.errors import InvalidInput
 from qp_twist.kinematics import JointRanges
 from qp_twist.limits.box_limit import BoxLimit
-from qp_twist.limits.stated import Stated
+from qp_twist.limits.stated import stated
 
 HAIR = 1e-12
 """How far inside its limit a joint stops, as a share of the limit (rad or m, if that is below 1).
@@ -35,7 +35,8 @@ class PositionLimit(BoxLimit):
     """
 
     kind = "position"
-    lower, upper = Stated(), Stated()
+    lower: Array = stated()
+    upper: Array = stated()
     revision: int
 
     def __init__(
