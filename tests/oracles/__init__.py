@@ -1,0 +1,1 @@
+"""Independent referees and recorded behaviour that the tests compare against."""
