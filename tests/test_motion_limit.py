@@ -104,7 +104,8 @@ class Drive:
             lower = np.max([box.lower for box in boxes], axis=0)
             upper = np.min([box.upper for box in boxes], axis=0)
             self.gaps.append(float((lower - upper).max() * dt))
-            lower, upper, _, _ = intersect(boxes, model)
+            box = intersect(boxes, model)
+            lower, upper = box.lower, box.upper
             assert (lower <= upper).all()
             velocity = choose(lower, upper)
             configuration.integrate_inplace(velocity, dt)
@@ -274,7 +275,10 @@ def test_of_contradicting_limits_position_gives_way_to_velocity_and_both_to_acce
 
     def common(*boxes: tuple[str, float, float]) -> tuple[float, float, str, str]:
         limits = [Box(kind, np.array([low]), np.array([high])) for kind, low, high in boxes]
-        forth, back = intersect(limits, model), intersect(limits[::-1], model)
+        forth, back = (
+            (box.lower, box.upper, box.lower_kind, box.upper_kind)
+            for box in (intersect(limits, model), intersect(limits[::-1], model))
+        )
         assert [x[0] for x in forth] == [x[0] for x in back]
         return tuple(x[0] for x in forth)
 

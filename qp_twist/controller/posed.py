@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from qp_twist.checks import Array
-from qp_twist.controller.posing import PosedLevels
+from qp_twist.controller.posing import PosedLevels, stacked
 from qp_twist.controller.step import Status, Step
 from qp_twist.limits import DUST, BindingLimit, GatheredLimits, RowName, binding_bounds
 from qp_twist.qp import Level, QuadraticProgram
@@ -45,11 +45,11 @@ class Posed:
         """Add the levels' own inequality rows to a program whose G holds the hard rows."""
         hard = Level(np.zeros((0, problem.n)), np.zeros(0), problem.G, problem.g)
         padded = [level.padded(problem.n) for level in levels.levels]
-        whole = replace(
-            problem,
-            G=np.vstack([problem.G, *(level.G for level in padded)]),
-            g=np.concatenate([problem.g, *(level.g for level in padded)]),
-        )
+        own = [(level.G, level.g) for level in padded if len(level.g)]
+        whole = problem
+        if own:
+            G, g = stacked([(problem.G, problem.g), *own], problem.n)
+            whole = replace(problem, G=G, g=g)
         return cls(whole, hard, padded, levels, limits, labels + levels.labels)
 
     def step(
@@ -94,8 +94,11 @@ class Posed:
         largest = max(float(np.abs(box).max(initial=0.0)), float(rows.max(initial=0.0)))
         # Interior-point and first-order backends leave dust on inactive limits.
         dust = DUST * max(largest, floor)
-        names = limits.names if (np.abs(box) > dust).any() else ()  # they are looked up
-        found = binding_bounds(box, dust, names, limits.lower_kind, limits.upper_kind)
+        found = []
+        if (np.abs(box) > dust).any():  # names are looked up, and so are kinds
+            found = binding_bounds(
+                box, dust, limits.names, limits.box.lower_kind, limits.box.upper_kind
+            )
         for row in np.flatnonzero(rows > dust):
             found.append(BindingLimit(*self.labels[row], "upper", float(rows[row])))
         return tuple(found)

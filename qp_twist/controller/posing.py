@@ -66,7 +66,16 @@ class PosedLevels:
     @property
     def equality(self) -> tuple[Array, Array]:
         """A and b of all levels, stacked."""
-        return np.vstack([v.A for v in self.levels]), np.concatenate([v.b for v in self.levels])
+        return stacked([(v.A, v.b) for v in self.levels], 0)
+
+
+def stacked(blocks: Sequence[tuple[Array, Array]], n: int) -> tuple[Array, Array]:
+    """Rows (m, n) and right-hand sides (m,), one block below the other."""
+    if len(blocks) == 1:
+        return blocks[0]
+    if not blocks:
+        return np.zeros((0, n)), np.zeros(0)
+    return np.vstack([A for A, _ in blocks]), np.concatenate([b for _, b in blocks])
 
 
 def pose_levels(
@@ -92,15 +101,14 @@ def pose_levels(
     soft_bands: list[BandRows] = []
     for index, items in enumerate(levels):
         rows, G, g = _evaluate(items, configuration, dt, labels, soft_bands)
-        A = np.vstack([np.zeros((0, nv)), *(r.A for r in rows)])
-        b = np.concatenate([np.zeros(0), *(r.b for r in rows)])
+        A, b = stacked([(r.A, r.b) for r in rows], nv)
         _check_speed("the tasks ask", b)
         if index == 0:
             regular = regular_rows(A, b, threshold)
             sigma_min = regular.sigma_min
             lost = lost_where(items, rows, regular.lost, configuration)
         else:
-            above = np.vstack([v.A for v in posed]), np.concatenate([v.b for v in posed])
+            above = stacked([(v.A, v.b) for v in posed], nv)
             regular = regular_rows(A, b, threshold, above=above)
             lower_lost |= bool(regular.lost)
         posed.append(Level(regular.A, regular.b, G, g))
@@ -125,13 +133,12 @@ def _evaluate(
     """
     nv = configuration.model.nv
     rows: list[TaskRows] = []
-    G, g = [np.zeros((0, nv))], [np.zeros(0)]
+    inequalities: list[tuple[Array, Array]] = []
     for item in items:
         if isinstance(item, mink.Limit):
             gathered = gather_limits([item], configuration, dt)
             matrix, bounds, names = gathered.as_rows()
-            G.append(matrix)
-            g.append(bounds)
+            inequalities.append((matrix, bounds))
             labels += names
         elif isinstance(item, TwistTask):
             rows.append(TaskRows(*item.velocity_rows(configuration, dt)))
@@ -139,12 +146,11 @@ def _evaluate(
                 if band.weight is not None:
                     soft_bands.append(band)
                 else:
-                    G.append(band.rows)
-                    g.append(band.bounds)
+                    inequalities.append((band.rows, band.bounds))
                     labels += band.names
         else:
             rows.append(_mink_rows(item, configuration, dt))
-    return rows, np.vstack(G), np.concatenate(g)
+    return rows, *stacked(inequalities, nv)
 
 
 def lost_where(

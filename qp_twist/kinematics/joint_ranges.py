@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import mujoco
 import numpy as np
 
-from qp_twist.checks import Array, float_array, instance
+from qp_twist.checks import Array, float_array, instance, read_only
 from qp_twist.errors import InvalidInput
 
 _SCALAR = (int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE))
@@ -65,26 +66,26 @@ class JointRanges:
         hinge = model.jnt_type[model.dof_jntid] == mujoco.mjtJoint.mjJNT_HINGE
         return cls(lower, upper, qpos, hinge, tuple(names), int(model.nq))
 
-    @property
+    @cached_property
     def limited(self) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
         """Which degrees of freedom have a range of finite, non-zero width, shape (nv,)."""
         width = self.upper - self.lower
-        return np.isfinite(width) & (width > 0.0)
+        return read_only(np.isfinite(width) & (width > 0.0))
 
-    @property
+    @cached_property
     def middle(self) -> Array:
         """θ̄, the middle of each range; 0 where there is none, shape (nv,)."""
         middle = np.zeros_like(self.lower)
         limited = self.limited
         middle[limited] = 0.5 * (self.lower[limited] + self.upper[limited])
-        return middle
+        return read_only(middle)
 
-    @property
+    @cached_property
     def weight(self) -> Array:
         """Diagonal of W, that is 1/(θ_max − θ_min), or 0 without a range; 1/rad or 1/m, (nv,)."""
         weight = np.zeros_like(self.lower)
         weight[self.limited] = 1.0 / (self.upper - self.lower)[self.limited]
-        return weight
+        return read_only(weight)
 
     def positions(self, q: Array) -> Array:
         """Joint positions by degree of freedom, from q of shape (…, nq); 0 for ball and free."""
@@ -93,15 +94,16 @@ class JointRanges:
         if values.ndim == 0 or values.shape[-1] != self.nq:
             raise InvalidInput(f"q: expected an array of shape (…, {self.nq}), got {values.shape}.")
         positions: Array = values[..., self.qpos]  # a copy
-        positions[..., self.qpos < 0] = 0.0
+        if not self.only_hinges_and_slides:
+            positions[..., self.qpos < 0] = 0.0
         return positions
 
-    @property
+    @cached_property
     def units(self) -> tuple[str, ...]:
         """Unit of each degree of freedom's position: ``"rad"`` for hinges, ``"m"`` for slides."""
         return tuple("rad" if hinge else "m" for hinge in self.hinge)
 
-    @property
+    @cached_property
     def only_hinges_and_slides(self) -> bool:
         """Whether every joint is one coordinate of q; ball and free joints are more."""
         return bool((self.qpos >= 0).all())

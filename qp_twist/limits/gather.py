@@ -13,7 +13,7 @@ from qp_twist.checks import Array
 from qp_twist.errors import InvalidInput
 from qp_twist.kinematics import JointRanges
 from qp_twist.limits.box_limit import Box, BoxLimit
-from qp_twist.limits.intersection import Kinds, intersect
+from qp_twist.limits.intersection import Intersection, intersect
 from qp_twist.limits.stated_limit import UNLIMITED, RowName, StatedLimit
 
 
@@ -22,10 +22,7 @@ class GatheredLimits:
     """lower ≤ q̇ ≤ upper and G q̇ ≤ g, with the kind of limit each bound comes from.
 
     Attributes:
-        lower: Lower velocity bounds, rad/s or m/s, shape (nv,).
-        upper: Upper velocity bounds, shape (nv,).
-        lower_kind: Kind of the limit that set each lower bound.
-        upper_kind: Kind of the limit that set each upper bound.
+        box: The bounds on single joints.
         rows: G, shape (m, nv).
         bounds: g, shape (m,).
         row_labels: Name and kind of each row.
@@ -33,15 +30,22 @@ class GatheredLimits:
         recovering: Sentences about joints that are outside their limits.
     """
 
-    lower: Array
-    upper: Array
-    lower_kind: Kinds
-    upper_kind: Kinds
+    box: Intersection
     rows: Array
     bounds: Array
     row_labels: list[RowName]
     model: mujoco.MjModel
     recovering: tuple[str, ...] = ()
+
+    @property
+    def lower(self) -> Array:
+        """Lower velocity bounds, rad/s or m/s, (nv,)."""
+        return self.box.lower
+
+    @property
+    def upper(self) -> Array:
+        """Upper velocity bounds, (nv,)."""
+        return self.box.upper
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -56,8 +60,8 @@ class GatheredLimits:
         return (
             np.vstack([identity[above], -identity[below], self.rows]),
             np.concatenate([self.upper[above], -self.lower[below], self.bounds]),
-            [(names[i], self.upper_kind[i]) for i in above]
-            + [(names[i], self.lower_kind[i]) for i in below]
+            [(names[i], self.box.upper_kind[i]) for i in above]
+            + [(names[i], self.box.lower_kind[i]) for i in below]
             + self.row_labels,
         )
 
@@ -77,7 +81,7 @@ def gather_limits(
     """
     nv = configuration.model.nv
     boxes: list[Box] = []
-    rows, bounds, labels = [np.zeros((0, nv))], [np.zeros(0)], list[RowName]()
+    rows, bounds, labels = list[Array](), list[Array](), list[RowName]()
     recovering: list[str] = []
     for limit in limits:
         if isinstance(limit, BoxLimit):
@@ -88,27 +92,31 @@ def gather_limits(
         if stated is None:
             continue
         boxes.append(stated.box)
-        rows.append(stated.rows)
-        bounds.append(stated.bounds)
-        labels += stated.names
-    lower, upper, lower_kind, upper_kind = intersect(boxes, configuration.model)
-    lower[lower < -UNLIMITED] = -np.inf
-    upper[upper > UNLIMITED] = np.inf
-    impossible = (lower > UNLIMITED) | (upper < -UNLIMITED)
-    if impossible.any():
-        joint = JointRanges.of(configuration.model).names[int(np.argmax(impossible))]
-        raise InvalidInput(
-            f"limits: joint {joint!r} would have to move faster than {UNLIMITED:g}; check the "
-            "ranges and limits given, and dt."
-        )
+        if len(stated.bounds):
+            rows.append(stated.rows)
+            bounds.append(stated.bounds)
+            labels += stated.names
+    box = intersect(boxes, configuration.model)
+    _take_far_for_none(box, configuration.model)
     return GatheredLimits(
-        lower,
-        upper,
-        lower_kind,
-        upper_kind,
-        np.vstack(rows),
-        np.concatenate(bounds),
+        box,
+        np.vstack(rows) if rows else np.zeros((0, nv)),
+        np.concatenate(bounds) if rows else np.zeros(0),
         labels,
         configuration.model,
         tuple(recovering),
     )
+
+
+def _take_far_for_none(box: Intersection, model: mujoco.MjModel) -> None:
+    """Bounds too far away to mean anything become infinite."""
+    lower, upper = box.lower, box.upper
+    impossible = (lower > UNLIMITED) | (upper < -UNLIMITED)
+    if impossible.any():
+        joint = JointRanges.of(model).names[int(np.argmax(impossible))]
+        raise InvalidInput(
+            f"limits: joint {joint!r} would have to move faster than {UNLIMITED:g}; check the "
+            "ranges and limits given, and dt."
+        )
+    lower[lower < -UNLIMITED] = -np.inf
+    upper[upper > UNLIMITED] = np.inf

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
 
 import mujoco
 import numpy as np
 import numpy.typing as npt
 
-from qp_twist.checks import Array
+from qp_twist.checks import Array, Indices
 from qp_twist.errors import InvalidInput
 from qp_twist.kinematics import JointRanges
 from qp_twist.limits.box_limit import Box
@@ -19,13 +21,43 @@ _ORDER = {"acceleration": 0, "position": 2}
 _ROUNDING = 1e-9
 
 
-def intersect(boxes: Sequence[Box], model: mujoco.MjModel) -> tuple[Array, Array, Kinds, Kinds]:
-    """Lower and upper bounds common to all boxes, and the kind that set each; all (nv,).
+@dataclass(eq=False)
+class Intersection:
+    """Bounds common to several boxes; which limit set each is worked out when it is asked for.
+
+    Attributes:
+        lower: Lower velocity bounds, rad/s or m/s, (nv,).
+        upper: Upper velocity bounds, (nv,).
+    """
+
+    lower: Array
+    upper: Array
+    _boxes: Sequence[Box]
+    _settled: dict[int, tuple[str, str]]
+
+    @cached_property
+    def lower_kind(self) -> Kinds:
+        """Kind of the limit that set each lower bound, (nv,); of an infinite one it means nothing."""
+        return self._kinds(0, np.array([box.lower for box in self._boxes]).argmax(axis=0))
+
+    @cached_property
+    def upper_kind(self) -> Kinds:
+        """Likewise of each upper bound."""
+        return self._kinds(1, np.array([box.upper for box in self._boxes]).argmin(axis=0))
+
+    def _kinds(self, side: int, origin: Indices) -> Kinds:
+        kinds = np.array([box.kind for box in self._boxes], dtype=object)[origin]
+        for dof, both in self._settled.items():
+            kinds[dof] = both[side]
+        return kinds
+
+
+def intersect(boxes: Sequence[Box], model: mujoco.MjModel) -> Intersection:
+    """Bounds common to all boxes, (nv,).
 
     Where no velocity satisfies two of them (a start outside a range, a joint too fast to stop) a
     velocity limit gives way to an acceleration limit, and a position limit to any other: it takes
-    the velocity that the other still allows and that is nearest to its own. The kind of an infinite
-    bound means nothing.
+    the velocity that the other still allows and that is nearest to its own.
 
     Raises:
         InvalidInput: If a bound is not a number, or two limits contradict each other and neither
@@ -38,16 +70,22 @@ def intersect(boxes: Sequence[Box], model: mujoco.MjModel) -> tuple[Array, Array
                 f"limits: a {box.kind} limit has bounds of shape {box.lower.shape} and "
                 f"{box.upper.shape}, the model needs ({nv},)."
             )
-    ordered = [Box("", np.full(nv, -np.inf), np.full(nv, np.inf))]
-    ordered += sorted(boxes, key=lambda box: _ORDER.get(box.kind, 1))
-    names = np.array([box.kind for box in ordered], dtype=object)
-    lowers, uppers = np.array([box.lower for box in ordered]), np.array([b.upper for b in ordered])
-    lower_origin, upper_origin = lowers.argmax(axis=0), uppers.argmin(axis=0)
-    lower, upper = lowers.max(axis=0), uppers.min(axis=0)
-    lower_kind, upper_kind = names[lower_origin], names[upper_origin]
-    for dof in np.flatnonzero(~((lower <= upper) & (lower < np.inf) & (upper > -np.inf))):
-        lower[dof], upper[dof], lower_kind[dof], upper_kind[dof] = _settle(ordered, int(dof), model)
-    return lower, upper, lower_kind, upper_kind
+    ordered = sorted(boxes, key=lambda box: _ORDER.get(box.kind, 1)) or [_none(nv)]
+    lower, upper = ordered[0].lower.copy(), ordered[0].upper.copy()
+    for box in ordered[1:]:
+        np.maximum(lower, box.lower, out=lower)
+        np.minimum(upper, box.upper, out=upper)
+    meet = (lower <= upper) & (lower < np.inf) & (upper > -np.inf)
+    settled: dict[int, tuple[str, str]] = {}
+    if not meet.all():
+        for dof in np.flatnonzero(~meet).tolist():
+            lower[dof], upper[dof], *kinds = _settle(ordered, dof, model)
+            settled[dof] = kinds[0], kinds[1]
+    return Intersection(lower, upper, ordered, settled)
+
+
+def _none(nv: int) -> Box:
+    return Box("", np.full(nv, -np.inf), np.full(nv, np.inf))
 
 
 def _settle(

@@ -112,8 +112,8 @@ class MotionLimit(PositionLimit):
 
     def bounds(self, configuration: mink.Configuration, dt: float) -> tuple[Array, Array]:
         """What the limits have in common, rad/s or m/s, each (nv,)."""
-        lower, upper, _, _ = intersect(self.boxes(configuration, dt), configuration.model)
-        return lower, upper
+        box = intersect(self.boxes(configuration, dt), configuration.model)
+        return box.lower, box.upper
 
     def recovering(self, configuration: mink.Configuration, dt: float) -> tuple[str, ...]:
         """A sentence for each joint outside its range, too fast, or too fast to stop in time."""

@@ -92,10 +92,13 @@ class PositionLimit(BoxLimit):
 
     def recovering(self, configuration: mink.Configuration, dt: float) -> tuple[str, ...]:
         """A sentence for each joint outside its range."""
+        room = self._room(configuration)
+        if (room >= -NOTICEABLE).all():
+            return ()
         return tuple(
             f"{self.ranges.names[dof]} is {-beyond[dof]:.3g} {self.ranges.units[dof]} {side} its "
             "range"
-            for side, beyond in zip(("below", "above"), self._room(configuration), strict=True)
+            for side, beyond in zip(("below", "above"), room, strict=True)
             for dof in np.flatnonzero(beyond < -NOTICEABLE)
         )
 

@@ -116,11 +116,10 @@ def solve_raw(
     """
     size = float(np.abs(problem.H).max(initial=0.0)) or 1.0
     A, b, equality_lengths = _unit_rows(problem.A, problem.b)
-    lift = np.eye(len(b))
+    lift = None
     if again and len(b):
         A, b, lift = _orthonormal_rows(A, b)
     G, g, row_lengths = _unit_rows(problem.G, problem.g)
-    bounded = bool(np.isfinite(problem.lower).any() or np.isfinite(problem.upper).any())
     posed = qpsolvers.Problem(
         problem.H / size,
         problem.c / size,
@@ -128,43 +127,49 @@ def solve_raw(
         g if len(g) else None,
         A if len(b) else None,
         b if len(b) else None,
-        problem.lower if bounded else None,
-        problem.upper if bounded else None,
+        problem.lower if (problem.lower > -np.inf).any() else None,
+        problem.upper if (problem.upper < np.inf).any() else None,
     )
-    with warnings.catch_warnings():
-        # OSQP's wrapper warns of its sparse conversion, and of each infeasible problem.
-        warnings.simplefilter("ignore")
-        settings = SETTINGS.get(solver, {}) | (RETRY.get(solver, {}) if again else {})
-        if solver == "osqp" and not len(b):
-            # Without an active row OSQP says on standard output that it has nothing to polish.
-            settings["polishing"] = False
-        settings |= options or {}
-        if solver == COMPILED and settings:
-            raise InvalidInput(f"solver 'compiled' has no options; got {settings}.")
-        try:
-            solution: Any = (
-                _compiled(posed)
-                if solver == COMPILED
-                else qpsolvers.solve_problem(posed, solver=solver, **settings)
-            )
-        except Exception as error:
-            if options and isinstance(error, (TypeError, ValueError, AttributeError)):
-                raise InvalidInput(
-                    f"solver {solver!r} does not take the options {dict(options)}: {error}"
-                ) from error
-            # A backend that refuses a problem has not solved it; the caller decides what follows.
-            # Each raises exceptions of its own (OSQP's are neither ValueError nor qpsolvers').
-            return RawSolution(None, False, Multipliers.none(problem))
+    settings = SETTINGS.get(solver, {}) | (RETRY.get(solver, {}) if again else {})
+    if solver == "osqp" and not len(b):
+        # Without an active row OSQP says on standard output that it has nothing to polish.
+        settings["polishing"] = False
+    settings |= options or {}
+    if solver == COMPILED and settings:
+        raise InvalidInput(f"solver 'compiled' has no options; got {settings}.")
+    try:
+        solution = _asked(posed, solver, settings)
+    except Exception as error:
+        if options and isinstance(error, (TypeError, ValueError, AttributeError)):
+            raise InvalidInput(
+                f"solver {solver!r} does not take the options {dict(options)}: {error}"
+            ) from error
+        # A backend that refuses a problem has not solved it; the caller decides what follows.
+        # Each raises exceptions of its own (OSQP's are neither ValueError nor qpsolvers').
+        return RawSolution(None, False, Multipliers.none(problem))
+    y = _multipliers(solution.y, len(b))
     # Copies: some backends return views of memory that the next solve overwrites.
     return RawSolution(
         x=_numbers(solution.x),
         found=bool(solution.found),
         multipliers=Multipliers(
-            size * (lift @ _multipliers(solution.y, len(b))) / equality_lengths,
+            size * (y if lift is None else lift @ y) / equality_lengths,
             size * _multipliers(solution.z, len(g)) / row_lengths,
             size * _multipliers(solution.z_box, problem.n),
         ),
     )
+
+
+def _asked(posed: qpsolvers.Problem, solver: str, settings: dict[str, Any]) -> Any:
+    """The backend's answer."""
+    if solver == COMPILED:
+        return _compiled(posed)
+    if solver != "osqp":
+        return qpsolvers.solve_problem(posed, solver=solver, **settings)
+    with warnings.catch_warnings():
+        # OSQP's wrapper warns of its sparse conversion, and of each infeasible problem.
+        warnings.simplefilter("ignore")
+        return qpsolvers.solve_problem(posed, solver=solver, **settings)
 
 
 def _compiled(posed: qpsolvers.Problem) -> Any:
@@ -187,7 +192,9 @@ def _compiled(posed: qpsolvers.Problem) -> Any:
 
 def _unit_rows(rows: Array, bounds: Array) -> tuple[Array, Array, Array]:
     """Rows and right-hand sides divided by the rows' lengths, and the lengths."""
-    lengths = np.linalg.norm(rows, axis=1)
+    if not len(bounds):
+        return rows, bounds, bounds
+    lengths = np.sqrt((rows * rows).sum(axis=1))
     # A row of rounding dust, such as that of a direction in which the arm cannot move, stays dust:
     # stretched to length one it would contradict the others.
     lengths[lengths <= DUST * lengths.max(initial=0.0)] = 1.0

@@ -85,6 +85,10 @@ def regular_rows(
     none = np.zeros((0, n)), np.zeros(0)
     if m == 0:
         return RegularRows(A, b, *none, np.inf, ())
+    if above is None and m <= n:
+        sigma = np.linalg.svd(A, compute_uv=False)
+        if sigma[-1] >= threshold:  # nearly always
+            return RegularRows(A, b, *none, float(sigma[-1]), ())
     basis, rate = np.eye(n), b
     if above is not None:
         lengths = np.linalg.norm(above[0], axis=1)

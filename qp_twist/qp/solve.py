@@ -77,7 +77,7 @@ def solve(
     for name, again in attempts:
         result = verified(problem, solve_raw(problem, name, again=again, options=options), name)
         if not isinstance(result, str):
-            return replace(result, refused=tuple(says))
+            return replace(result, refused=tuple(says)) if says else result
         claimed |= not result.startswith("no solution")
         says.append(f"{name}{' (again)' if again else ''} returned {result}")
     return Refused(tuple(says), claimed)
@@ -90,7 +90,7 @@ def verified(problem: QuadraticProgram, raw: RawSolution, solver: str) -> Verifi
     wrong = infeasibility(problem, raw.x)
     if not wrong:
         assert raw.x is not None
-        x = np.clip(raw.x, problem.lower, problem.upper)
+        x = np.minimum(np.maximum(raw.x, problem.lower), problem.upper)
         if (x != raw.x).any():
             # An excess within the tolerance was cut off; what that costs the rows is looked at.
             wrong = infeasibility(problem, x)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -45,6 +46,29 @@ class Multipliers(NamedTuple):
         return cls(np.zeros(len(problem.b)), np.zeros(len(problem.g)), np.zeros(problem.n))
 
 
+class Residuals(NamedTuple):
+    """How far a point is from the constraints of a program, row by row."""
+
+    equality: Array
+    """A x − b, (m,)."""
+    room: Array
+    """g − G x, (k,)."""
+    above: Array
+    """x − lower, (n,)."""
+    below: Array
+    """upper − x, (n,)."""
+
+    @classmethod
+    def at(cls, problem: QuadraticProgram, x: Array) -> Residuals:
+        """Of a point x (n,)."""
+        return cls(
+            problem.A @ x - problem.b,
+            problem.g - problem.G @ x,
+            x - problem.lower,
+            problem.upper - x,
+        )
+
+
 def infeasibility(problem: QuadraticProgram, x: Array | None) -> str:
     """Which constraint of ``problem`` the claimed result ``x`` breaks; empty if none.
 
@@ -54,21 +78,24 @@ def infeasibility(problem: QuadraticProgram, x: Array | None) -> str:
         return "no result"
     if x.shape != (problem.n,):
         return f"a result of shape {x.shape} for {problem.n} unknowns"
-    if not np.isfinite(x).all():
+    size = 1.0 + _largest(x)
+    if not size < np.inf:  # NaN neither
         return "a result that is not finite"
-    size = 1.0 + float(np.abs(x).max(initial=0.0))
-    equality = float(np.abs(problem.A @ x - problem.b).max(initial=0.0))
-    if not equality <= EQUALITY_TOLERANCE * (1.0 + float(np.abs(problem.b).max(initial=0.0))):
+    left = Residuals.at(problem, x)
+    equality = _largest(left.equality)
+    if not equality <= EQUALITY_TOLERANCE * (1.0 + _largest(problem.b)):
         return f"an equality residual of {equality:.2e}"
-    row = float((problem.G @ x - problem.g).max(initial=0.0))
-    if not row <= BOUND_TOLERANCE * size:
-        return f"an inequality row exceeded by {row:.2e}"
-    excess = max(
-        float((problem.lower - x).max(initial=0.0)), float((x - problem.upper).max(initial=0.0))
-    )
+    if len(left.room) and not -left.room.min() <= BOUND_TOLERANCE * size:
+        return f"an inequality row exceeded by {-left.room.min():.2e}"
+    excess = -min(float(left.above.min()), float(left.below.min())) if problem.n else 0.0
     if not excess <= BOUND_TOLERANCE * size:
         return f"a bound exceeded by {excess:.2e}"
     return ""
+
+
+def _largest(values: Array) -> float:
+    """max |values|; 0 of none, NaN if there is one."""
+    return float(np.abs(values).max()) if values.size else 0.0
 
 
 def proof_of_optimality(
@@ -86,20 +113,20 @@ def proof_of_optimality(
     the best ones are found by non-negative least squares (Lawson and Hanson 1974).
     """
     gradient = problem.H @ x + problem.c
-    active = _Active.at(problem, x, _TOUCHING)
+    left = Residuals.at(problem, x)
+    active = _Active.at(problem, x, left, _TOUCHING)
+    # A multiplier of the wrong sign, or of what x does not touch, counts as none.
     multipliers = Multipliers(
         claimed.equality,
-        np.where(active.rows, np.maximum(claimed.rows, 0.0), 0.0),
-        np.where(active.upper, np.maximum(claimed.box, 0.0), 0.0)
-        + np.where(active.lower, np.minimum(claimed.box, 0.0), 0.0),
+        np.where(active.rows & (claimed.rows > 0.0), claimed.rows, 0.0),
+        np.where(np.where(claimed.box > 0.0, active.upper, active.lower), claimed.box, 0.0),
     )
-    with np.errstate(over="ignore", invalid="ignore"):  # a claim may be anything
-        excess = _excess(problem, x, gradient, multipliers)
+    excess = _excess(problem, x, gradient, left, multipliers)
     for close in (_ON, _TOUCHING):
         if excess <= 1.0:
             break
-        multipliers = _best(problem, gradient, _Active.at(problem, x, close))
-        excess = _excess(problem, x, gradient, multipliers)
+        multipliers = _best(problem, gradient, _Active.at(problem, x, left, close))
+        excess = _excess(problem, x, gradient, left, multipliers)
     if excess <= 1.0:
         return multipliers
     return f"a point that is not optimal ({excess:.1e} times the tolerance)"
@@ -113,17 +140,20 @@ class _Active(NamedTuple):
     upper: Mask
 
     @classmethod
-    def at(cls, problem: QuadraticProgram, x: Array, close: float) -> _Active:
-        close = close * (1.0 + float(np.abs(x).max(initial=0.0)))
-        return cls(
-            problem.G @ x >= problem.g - close * (1.0 + np.abs(problem.G).sum(axis=1)),
-            x <= problem.lower + close,
-            x >= problem.upper - close,
-        )
+    def at(cls, problem: QuadraticProgram, x: Array, left: Residuals, close: float) -> _Active:
+        close = close * (1.0 + _largest(x))
+        rows = left.room <= close
+        if len(left.room):
+            rows = left.room <= close * (1.0 + np.abs(problem.G).sum(axis=1))
+        return cls(rows, left.above <= close, left.below <= close)
 
 
 def _excess(
-    problem: QuadraticProgram, x: Array, gradient: Array, multipliers: Multipliers
+    problem: QuadraticProgram,
+    x: Array,
+    gradient: Array,
+    left: Residuals,
+    multipliers: Multipliers,
 ) -> float:
     r"""The largest of what the multipliers leave of three conditions, in units of its tolerance.
 
@@ -139,32 +169,32 @@ def _excess(
     by which no point that satisfies the constraints exactly has a lower cost. A small r is much
     where H is ill-conditioned, and so is a small residual where rows nearly depend on each other.
     """
-    equality, rows = problem.A.T @ multipliers.equality, problem.G.T @ multipliers.rows
-    residual = gradient + equality + rows + multipliers.box
-    left = float(np.abs(residual).max(initial=0.0))
-    size = max(float(np.abs(problem.H).max(initial=0.0)), 1e-300)
-    reach = 1.0 + float(np.abs(x).max(initial=0.0))
-    terms = (problem.c, equality, rows, multipliers.box)
-    largest = max(float(np.abs(term).max(initial=0.0)) for term in terms)
-    on, box = multipliers.rows != 0.0, multipliers.box
-    G, g, pull = problem.G[on], problem.g[on], multipliers.rows[on]
-    room = np.where(box > 0.0, problem.upper - x, x - problem.lower)[box != 0.0]
-    held = float(np.abs(box[box != 0.0]) @ room)
-    gain = float(pull @ np.maximum(g - G @ x, 0.0)) + held
-    cost = (size * reach + float(np.abs(problem.c).max(initial=0.0))) * reach
-    lost = ROUNDING * float(pull @ (np.abs(g) + np.abs(G) @ np.abs(x)))
+    y, box = multipliers.equality, multipliers.box
+    terms = np.array([problem.c, problem.A.T @ y, problem.G.T @ multipliers.rows, box])
+    residual = gradient + terms[1:].sum(axis=0)
+    size, reach = max(_largest(problem.H), 1e-300), 1.0 + _largest(x)
+    cost = (size * reach + _largest(problem.c)) * reach
+    room = np.where(box > 0.0, left.below, np.where(box < 0.0, left.above, 0.0))
+    gain = float(np.abs(box) @ room)
     try:
         gap = 0.5 * float(residual @ np.linalg.solve(problem.H, residual))
     except np.linalg.LinAlgError:  # of a singular H it says nothing
         gap = 0.0
-    gap += float(pull @ (g - G @ x)) + held
-    gap -= float(multipliers.equality @ (problem.A @ x - problem.b))
+    gap += gain - float(y @ left.equality)
+    lost = 0.0
+    if multipliers.rows.any():
+        on = np.flatnonzero(multipliers.rows)
+        pull, room = multipliers.rows[on], left.room[on]
+        gain += float(pull @ np.maximum(room, 0.0))
+        gap += float(pull @ room)
+        terms_of_rows = np.abs(problem.g[on]) + np.abs(problem.G[on]) @ np.abs(x)
+        lost = ROUNDING * float(pull @ terms_of_rows)
     ratios = (
-        left / (OPTIMALITY_TOLERANCE * size * reach + ROUNDING * largest),
+        _largest(residual) / (OPTIMALITY_TOLERANCE * size * reach + ROUNDING * _largest(terms)),
         gain / (GAIN_TOLERANCE * cost + lost),
         gap / (GAP_TOLERANCE * cost + lost),
     )
-    return max(ratios) if np.isfinite(ratios).all() else np.inf
+    return max(ratios) if all(map(math.isfinite, ratios)) else math.inf
 
 
 def _best(
