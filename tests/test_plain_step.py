@@ -1,4 +1,4 @@
-"""The plain step, by machine code and by backends that keep their memory: the reference's."""
+"""The plain step as machine code: the reference's."""
 
 from __future__ import annotations
 
@@ -18,12 +18,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import qp_twist as qt
-from qp_twist import fast
 from qp_twist.controller.plain_step import PlainStep
 
 Array = np.ndarray
-SOLVERS = ["daqp", *(["compiled"] if fast.installed() else [])]
-"""Those that are exact."""
+SOLVERS = ["compiled"]
+"""Those with a plain step of their own."""
 
 
 def by_reference(controller: qt.Controller) -> qt.Controller:
@@ -139,10 +138,8 @@ def test_a_prepared_step_is_the_reference_step(solver: str, seed: int) -> None:
             assert step.status is expected.status
 
 
-@pytest.mark.parametrize("solver", ["daqp", "proxqp", "osqp", "compiled"])
+@pytest.mark.parametrize("solver", SOLVERS)
 def test_most_steps_are_plain_and_with_limits_that_bind_too(solver: str) -> None:
-    if solver == "compiled":
-        pytest.importorskip("numba", reason="numba is not installed; the extra fast brings it.")
     path_task = qt.load_task("deburring")
     found: dict[str, list[qt.Step]] = {}
     for name in ("reference", solver):
@@ -174,7 +171,6 @@ def test_most_steps_are_plain_and_with_limits_that_bind_too(solver: str) -> None
             assert mine.multiplier == pytest.approx(theirs.multiplier, rel=1e-4, abs=1e-6)
 
 
-@pytest.mark.skipif(not fast.installed(), reason="numba is not installed; see the extra fast.")
 def test_a_whole_lap_is_the_same() -> None:
     laps = [qt.follow(qt.load_task("planar_line"), "qp", solver=s) for s in ("daqp", "compiled")]
     np.testing.assert_allclose(laps[1].q, laps[0].q, atol=1e-8)
@@ -267,7 +263,7 @@ def test_limits_that_are_changed_under_way_count(solver: str) -> None:
     )  # fmt: skip
 
 
-@pytest.mark.parametrize("solver", [*SOLVERS, "proxqp", "osqp"])
+@pytest.mark.parametrize("solver", SOLVERS)
 def test_a_copy_of_a_controller_has_arrays_of_its_own(solver: str) -> None:
     controller, task, configuration = plain_controller(solver)
     before = controller.step(configuration, 0.1)
@@ -393,14 +389,11 @@ def test_a_step_keeps_what_it_says_when_the_next_is_taken(solver: str) -> None:
 # ---------------------------------------------------------------- what it costs
 
 
-@pytest.mark.parametrize(("solver", "most"), [("daqp", 85), ("compiled", 25)])
-def test_a_prepared_step_makes_few_calls(solver: str, most: int) -> None:
-    """Not a time, but what makes it: calls of functions. The reference makes 750."""
-    if solver == "compiled":
-        pytest.importorskip("numba", reason="numba is not installed; the extra fast brings it.")
+def test_a_compiled_step_makes_few_calls() -> None:
+    """Not a time, but what makes it: calls of functions. The reference makes hundreds."""
     path_task = qt.load_task("deburring")
     controller, _, configuration = plain_controller(
-        solver, secondary=[qt.JointCentering(path_task.model)]
+        "compiled", secondary=[qt.JointCentering(path_task.model)]
     )
     for _ in range(3):
         assert isinstance(controller.step(configuration, 0.1), PlainStep)
@@ -415,42 +408,12 @@ def test_a_prepared_step_makes_few_calls(solver: str, most: int) -> None:
         controller.step(configuration, 0.1)
     finally:
         sys.setprofile(None)
-    assert calls <= most
+    assert calls <= 25
 
 
-# ---------------------------------------------------------------- without numba
-
-WITHOUT = """
-import importlib.util, sys
-find = importlib.util.find_spec
-importlib.util.find_spec = lambda name, *rest: None if name == "numba" else find(name, *rest)
-sys.path.insert(0, {tests!r})
-from qp_twist import fast
-assert not fast.installed()
-import test_plain_step as t
-import qp_twist as qt
-plain = 0
-for seed in range(60):
-    (reference, prepared), _, configuration = t.pair(seed, "daqp")
-    try:
-        expected = reference.step(configuration, 0.05)
-    except qt.QpTwistError:
-        continue
-    step = prepared.step(configuration, 0.05)
-    plain += isinstance(step, t.PlainStep)
-    if expected.status is qt.Status.SOLVED and not expected.binding:
-        t.same(expected, step)
-assert plain > 15, plain
-assert "numba" not in sys.modules
-"""
+# ---------------------------------------------------------------- machine code
 
 
-def test_without_numba_the_same_functions_run_as_they_are_written() -> None:
-    tests = str(__file__).rsplit("/", 1)[0]
-    subprocess.run([sys.executable, "-c", WITHOUT.format(tests=tests)], check=True, timeout=300)
-
-
-@pytest.mark.skipif(not fast.installed(), reason="numba is not installed; see the extra fast.")
 def test_machine_code_that_can_be_kept_nowhere_is_made_all_the_same() -> None:
     script = """
 import numba.core.caching as c

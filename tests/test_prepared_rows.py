@@ -113,10 +113,8 @@ def test_with_rows_levels_and_costs_it_is_the_reference_step(solver: str, seed: 
         same(expected, step)
 
 
-@pytest.mark.parametrize("solver", ["daqp", "proxqp", "osqp", "compiled"])
+@pytest.mark.parametrize("solver", SOLVERS)
 def test_most_of_these_steps_are_plain_and_rows_bind_in_some(solver: str) -> None:
-    if solver == "compiled":
-        pytest.importorskip("numba", reason="numba is not installed; the extra fast brings it.")
     plain = pushed = 0
     for seed in range(80):
         (reference, prepared), configuration = controllers(seed, solver)
@@ -162,7 +160,7 @@ def self_motion(step: qt.Step) -> Array:
     return direction
 
 
-@pytest.mark.parametrize("solver", [*SOLVERS, "proxqp", "osqp"])
+@pytest.mark.parametrize("solver", SOLVERS)
 def test_rows_may_come_and_go_from_step_to_step(solver: str) -> None:
     rows = HalfSpaces(np.zeros((0, 6)), np.zeros(0))
     controller, configuration = deburring(solver, rows)

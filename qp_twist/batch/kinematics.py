@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 import numpy.typing as npt
 
-from qp_twist.batch.threads import need_numba, shared
+from qp_twist.batch.threads import shared
 from qp_twist.checks import Array, finite_array
 from qp_twist.kinematics import SerialChain
 
@@ -42,11 +42,10 @@ def kinematics(
         threads: How many; all cores by default.
 
     Raises:
-        InvalidInput: If numba is not installed, an array has the wrong shape or is not finite, or a
-            ball or free joint moves the frame.
+        InvalidInput: If an array has the wrong shape or is not finite, or a ball or free joint
+            moves the frame.
         mink.InvalidFrame: If the model has no such frame.
     """
-    need_numba("batch.kinematics")
     from qp_twist.fast.arm_kernel import poses_and_jacobians
     from qp_twist.kinematics.compiled_rows import arm_of
 

@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from qp_twist.batch.rigid import pose_of, rigid_motions
-from qp_twist.batch.threads import need_numba, shared
+from qp_twist.batch.threads import shared
 from qp_twist.checks import Array, finite_array, instance
 from qp_twist.errors import InvalidInput, QpTwistError
 from qp_twist.fast import COMPILED
@@ -92,10 +92,9 @@ def follow(
         **options: Settings that replace those of the task file, as in :func:`qp_twist.follow`.
 
     Raises:
-        InvalidInput: If numba is not installed, an argument is wrong, or the method or the path has
+        InvalidInput: If an argument is wrong, or the method or the path has
             no compiled form (tolerance bands, acceleration limits, ball joints).
     """
-    need_numba("batch.follow")
     from qp_twist.following.compiled_walk import CompiledWalk, walk_known
 
     instance("batch.follow(path_task, …)", path_task, PathTask)

@@ -13,12 +13,11 @@ import numpy.typing as npt
 
 from qp_twist import closed_form as one_by_one
 from qp_twist.batch.rigid import pose_of, rigid_motions
-from qp_twist.batch.threads import need_numba, shared
+from qp_twist.batch.threads import shared
 from qp_twist.checks import Array, finite_array, instance, number, one_of
 from qp_twist.controller import Controller
-from qp_twist.controller.prepare import prepare
+from qp_twist.controller.composition import composition_known
 from qp_twist.errors import InvalidInput, QpTwistError
-from qp_twist.fast import COMPILED
 from qp_twist.geometry import Projector, TwistProjector
 from qp_twist.kinematics import SerialChain, TwistTask
 from qp_twist.kinematics.projector_shape import kinds_of, shape_of
@@ -78,19 +77,20 @@ def step(
         threads: How many; all cores by default.
 
     Raises:
-        InvalidInput: If numba is not installed, an argument is wrong, or the controller has no
+        InvalidInput: If an argument is wrong, or the controller has no
             compiled form.
         mink.TargetNotSet: If no targets are given and a task has none.
     """
-    need_numba("batch.step")
+    from qp_twist.controller.compiled_step import CompiledStep
     from qp_twist.fast import batch_kernel
     from qp_twist.kinematics.compiled_rows import arm_of
 
     instance("batch.step(controller, …)", controller, Controller)
     given = np.ascontiguousarray(finite_array("q", q, (None, controller.model.nq)))
     dt = number("dt", dt, above=0.0)
-    prepared = prepare(controller, COMPILED)
-    arrays = None if prepared is None else prepared.of_any_configuration(controller)
+    arrays = None
+    if composition_known(controller.levels, controller.limits):
+        arrays = CompiledStep(controller).of_any_configuration(controller)
     if arrays is None:
         raise InvalidInput(
             "batch.step: this controller has no compiled form. One has TwistTasks "
@@ -155,10 +155,9 @@ def closed_form(
         threads: How many; all cores by default.
 
     Raises:
-        InvalidInput: If numba is not installed or an argument is wrong.
+        InvalidInput: If an argument is wrong.
         mink.InvalidFrame: If the model has no such frame.
     """
-    need_numba("batch.closed_form")
     from qp_twist.fast import batch_kernel
     from qp_twist.kinematics.compiled_rows import arm_of
 

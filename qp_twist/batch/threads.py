@@ -6,21 +6,11 @@ import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 
-from qp_twist import fast
 from qp_twist.checks import whole_number
-from qp_twist.errors import InvalidInput
 
 _MOST = 1024
 _AT_A_TIME = 4
 """Parts a thread: one that has easy rows takes more of them."""
-
-
-def need_numba(name: str) -> None:
-    """Raise a sentence where the extra is not installed."""
-    if not fast.installed():
-        raise InvalidInput(
-            f"{name}: needs numba, which is not installed; pip install 'qp_twist[fast]'."
-        )
 
 
 def shared(rows: int, do: Callable[[slice], None], threads: int | None) -> None:

@@ -10,7 +10,6 @@ from functools import cache
 import mink
 import numpy as np
 
-from qp_twist import fast
 from qp_twist.batch import follow
 from qp_twist.bench.accuracy import Accuracy
 from qp_twist.bench.quantiles import Quantiles
@@ -28,9 +27,7 @@ NAMES = tuple(THREADS)
 
 def missing() -> str | None:
     """Why batches cannot take part."""
-    if fast.installed():
-        return None
-    return "batch.follow needs numba, which is not installed: pip install 'qp_twist[fast]'."
+    return None
 
 
 @cache

@@ -1,26 +1,150 @@
-"""A controller's plain step as machine code. Needs the extra ``fast``."""
+"""A controller's plain step as machine code, on arrays that are allocated once."""
 
 from __future__ import annotations
 
+import math
+from collections.abc import Callable, Sequence
+from typing import Any
+
 import mink
+import mujoco
 import numpy as np
+import numpy.typing as npt
 
 from qp_twist.checks import Array
-from qp_twist.controller.composition import Composition
-from qp_twist.controller.prepared_step import PreparedStep
+from qp_twist.controller.composition import BOXES, Composition, has_soft_bands
+from qp_twist.controller.plain_step import Layout, Named, Numbers, PlainStep
+from qp_twist.controller.posing import mink_costs
+from qp_twist.controller.step_tables import TOLERANCES, numbers_of_kinds, settings_of, table_of
+from qp_twist.fast import COMPILED
 from qp_twist.fast.live_step import ELSEWHERE, GIVEN, live_step
 from qp_twist.fast.step_kernel import DONE
-from qp_twist.kinematics import TwistTask
+from qp_twist.fast.step_layout import HEADER, SETTINGS, Sizes, places
+from qp_twist.kinematics import (
+    BandRows,
+    JointCentering,
+    JointRanges,
+    PostureReference,
+    TwistTask,
+    checked_displacement,
+)
+from qp_twist.kinematics.frame import frame_id
+from qp_twist.kinematics.projector_shape import kinds_of, shape_of
 from qp_twist.kinematics.serial_chain import dofs_above
 from qp_twist.kinematics.twist_task import AT_REST
+from qp_twist.limits import (
+    DisplacementWindow,
+    MotionLimit,
+    PositionLimit,
+    StatedLimit,
+)
+
+_NO_ROWS: tuple[Named, ...] = ()
 
 
-class CompiledStep(PreparedStep):
-    """The arrays of one controller and the kernel on them."""
+class CompiledStep:
+    """The arrays of one controller and the kernel on them, for what ``composition_known`` knows.
+
+    Limits of other classes, tolerance bands and the costs of other tasks say in Python what they
+    want. What it does not know, and every step that is not a plain one inside all limits, is left
+    to the reference: then :meth:`__call__` returns ``None``.
+    """
+
+    def __init__(self, composed: Composition) -> None:
+        """Allocate for a composition; ``composition_known`` has been asked."""
+        model, tasks, limits = composed.model, composed.twist_tasks, list(composed.limits)
+        self._model, self._tasks, self._limits = model, tasks, limits
+        self._secondary, self._metric = composed.secondary, composed.metric
+        self._space, self._soft_tasks = composed.secondary_space, composed.soft_tasks
+        self._twist_space = self._space == "twist" and len(tasks) > 0
+        self._projectors = [task.projector for task in tasks]
+        self._named = [(task.frame_name, task.frame_type) for task in tasks]
+        ranges = self._ranges = JointRanges.of(model)
+        self._centering = [s for s in composed.secondary if type(s) is JointCentering]
+        self._postures = [
+            s
+            for s in composed.secondary
+            if type(s) is PostureReference and ranges.only_hinges_and_slides
+        ]
+        pulls = *self._centering, *self._postures
+        self._others = [s for s in composed.secondary if s not in pulls]
+        self._ranks = tuple(task.projector.rank for task in tasks)
+        self._levels = composed.levels
+        ranks = [sum(task.projector.rank for task in level) for level in self._levels]
+        self._ends = np.cumsum(ranks)
+        numbers = numbers_of_kinds(limits)
+        self._layout = Layout(
+            self._ranks, int(self._ends[0]), ranges.names,
+            {number: name for name, number in numbers.items()},
+            self._twist_space or bool(self._soft_tasks),
+        )  # fmt: skip
+        self._frames = [
+            (mink.FRAME_TO_JAC_FUNC[t.frame_type], frame_id(model, t.frame_name, t.frame_type))
+            for t in tasks
+        ]
+        self._lay_out(composed, 0)
 
     def _lay_out(self, composed: Composition, room: int) -> None:
-        super()._lay_out(composed, room)
-        model, at = composed.model, self._at
+        """The two arrays, with room for so many inequality rows, and views of what changes."""
+        nv, count, ranges, limits = composed.model.nv, len(self._tasks), self._ranges, self._limits
+        table, types = table_of(limits, nv)
+        twist_space = self._twist_space
+        size = Sizes(
+            nv, sum(self._ranks), count, len(self._ends), len(types), twist_space,
+            bool(self._soft_tasks), room, 0,
+        )  # fmt: skip
+        at, self._room = places(size), room
+        self._at = at
+        self._floats, self._integers = np.zeros(at.floats), np.zeros(at.integers, dtype=np.int64)
+        self._integers[: len(size)] = size
+        self._integers[at.kinds : at.ends] = np.ravel([kinds_of(p) for p in self._projectors])
+        self._integers[at.ends : at.addresses] = self._ends
+        self._integers[at.addresses : at.types] = ranges.qpos
+        self._integers[at.types : at.links] = types
+
+        def part(first: int, *shape: int) -> Array:
+            view: Array = self._floats[first : first + math.prod(shape)].reshape(shape)
+            return view
+
+        part(SETTINGS, len(TOLERANCES))[:] = TOLERANCES
+        part(at.free_costs, 2)[:] = composed.free_twist_costs
+        part(at.middle, nv)[:] = ranges.middle
+        part(at.metric, nv)[:] = composed.metric
+        self._settings = part(0, SETTINGS)
+        self._singularity, self._weighs = composed.singularity, composed.joint_weight
+        self._settings[:] = settings_of(twist_space, self._singularity, self._weighs)
+        self._pull, self._wish = part(at.pull, nv), part(at.wish, nv)
+        self._shapes = part(at.shapes, count, 27)
+        self._targets = part(at.targets, count, 18)
+        self._jacobians = part(at.jacobians, count, 6, nv)
+        self._table = part(at.limits, len(types), nv, 7)
+        self._table[:] = table
+        others = nv if self._soft_tasks else 0
+        self._quadratic = part(at.costs, others, nv)
+        self._linear = part(at.costs + others * nv, others)
+        self._paced = [_paces(task) for task in self._tasks]
+        for shape, task in zip(self._shapes, self._tasks, strict=True):
+            shape[:] = shape_of(task.projector, *_paces(task))
+        self._take_rows(0)
+        # What was written into the arrays before this.
+        self._told: list[Any] = [None] * count
+        self._steady = np.zeros(nv)
+        self._take_wish()
+        tables = list(zip(self._table, limits, strict=True))
+        self._ranged = [(t, limit) for t, limit in tables if isinstance(limit, PositionLimit)]
+        self._revisions = [limit.revision for _, limit in self._ranged]
+        self._windows = [(t, limit) for t, limit in tables if isinstance(limit, DisplacementWindow)]
+        self._motions = [(t[:, 6], limit) for t, limit in tables if isinstance(limit, MotionLimit)]
+        self._stated = [(t, limit) for t, limit in tables if type(limit) not in BOXES]
+        self._others_speak = bool(self._stated or self._soft_tasks)
+        self._banded = False
+        self._data: mujoco.MjData | None = None
+        self._jacs: list[tuple[Callable[..., None], Array, Array, int]] = []
+        self._lay_out_kinematics(composed.model)
+
+    def _lay_out_kinematics(self, model: mujoco.MjModel) -> None:
+        """Which joint moves which frame, and where the kernel finds MuJoCo's arrays."""
+        at = self._at
         links = self._integers[at.links : at.sources].reshape(-1, model.nv)
         links[:] = ELSEWHERE
         self._given: list[int] = []
@@ -37,7 +161,176 @@ class CompiledStep(PreparedStep):
         self._sources = self._integers[at.sources : at.active - 2]
         self._integers[at.active - 2 : at.active] = model.nq, model.njnt
 
+    def _take_rows(self, k: int) -> None:
+        """Views for so many inequality rows."""
+        at, nv, self._k = self._at, len(self._ranges.names), k
+        self._integers[HEADER - 1], self._integers[at.active + nv] = k, 0
+        end = at.work - (self._room - k) * (nv + 3)
+        self._result = self._floats[at.program : end]
+        self._program = Numbers.of(self._result, self._layout)
+
+    def __call__(
+        self,
+        composed: Composition,
+        configuration: mink.Configuration,
+        dt: float,
+        use_secondary: bool,
+    ) -> PlainStep | None:
+        """The step; ``None`` where the reference has to look at it.
+
+        That is so, too, where the user has composed the controller otherwise since it was prepared.
+
+        Raises:
+            mink.TargetNotSet: If a task has no target.
+        """
+        if not (self._is_of(composed) and self._tasks_known()):
+            return None
+        rows: Sequence[Named] = _NO_ROWS
+        if self._others_speak or self._banded or self._k:
+            said = self._listen(composed, configuration, dt)
+            if said is None:
+                return None
+            rows = said
+        if configuration.data is not self._data:
+            self._bind(configuration)
+        if use_secondary:
+            self._wish_for(configuration)
+        self._look(composed)
+        for jac, linear, angular, index in self._jacs:
+            jac(self._model, self._data, linear, angular, index)
+        if live_step(self._floats, self._integers, dt, use_secondary) != DONE:
+            return None
+        return PlainStep.made(self._program.x, self._result, self._layout, rows)
+
+    def _is_of(self, composed: Composition) -> bool:
+        return (
+            composed.limits == self._limits
+            and composed.secondary is self._secondary
+            and composed.metric is self._metric
+            and composed.secondary_space == self._space
+            and composed.levels is self._levels
+            and composed.soft_tasks is self._soft_tasks
+            and composed.solver == COMPILED
+        )
+
+    def _listen(
+        self, composed: Composition, configuration: mink.Configuration, dt: float
+    ) -> Sequence[Named] | None:
+        """Take over what limits of other classes, bands and other tasks' costs say.
+
+        Returns:
+            What inequality rows come from; ``None`` where a band may be left.
+        """
+        with np.errstate(over="ignore", invalid="ignore"):  # what is not finite is refused
+            stated = [StatedLimit.of(limit, configuration, dt) for _, limit in self._stated]
+            costs = mink_costs(self._soft_tasks, configuration, dt) if self._soft_tasks else None
+        rows: list[StatedLimit | BandRows] = [s for s in stated if s is not None]
+        for task in self._tasks:
+            if has_soft_bands(task):
+                return None
+            rows += task.band_rows(configuration, dt)
+        k = sum(len(said.bounds) for said in rows)
+        if k > self._room:
+            self._lay_out(composed, 2 * k)
+            self._tasks_known()
+        if k != self._k:
+            self._take_rows(k)
+        for (table, _), limit in zip(self._stated, stated, strict=True):
+            table[:, 0], table[:, 1] = (-np.inf, np.inf) if limit is None else limit.box[1:]
+        first = 0
+        for said in rows:
+            end = first + len(said.bounds)
+            self._program.G[first:end], self._program.g[first:end] = said.rows, said.bounds
+            first = end
+        if costs is not None:
+            self._quadratic[:], self._linear[:] = costs
+        return rows
+
+    def of_any_configuration(
+        self, composed: Composition
+    ) -> tuple[Array, npt.NDArray[np.int64], Array] | None:
+        """Floats and integers as ``Places`` says, and the tasks' own targets (T, 18).
+
+        Poses, Jacobians and targets are still to be filled in. ``None`` where bands, limits of
+        other classes, costs of other tasks or the secondary depend on the configuration in a way of
+        their own.
+        """
+        spoken = self._others or self._stated or self._soft_tasks
+        if spoken or any(task.bands for task in self._tasks):
+            return None
+        for number, task in enumerate(self._tasks):
+            if task.target is not None:
+                row, pose = self._targets[number], task.target.wxyz_xyz
+                mujoco.mju_quat2Mat(row[:9], pose[:4])
+                row[9:12], row[12:] = pose[4:], task.feedforward
+        self._wish_for(None)
+        self._look(composed)
+        return self._floats, self._integers, self._targets
+
+    def _tasks_known(self) -> bool:
+        """Take over what has changed of the tasks; whether the kernel still knows them."""
+        self._banded = False
+        for number, task in enumerate(self._tasks):
+            if (
+                task.projector is not self._projectors[number]
+                or task.relative_to is not None
+                or (task.frame_name, task.frame_type) != self._named[number]
+            ):
+                return False
+            if task.bands:
+                self._banded = True
+            target = task.target
+            if target is not self._told[number] or target is None:
+                if target is None:
+                    raise mink.TargetNotSet(task.name)
+                self._aim(number, task)
+                self._told[number] = target
+            paces = _paces(task)
+            if paces != self._paced[number]:
+                self._paced[number] = paces
+                self._shapes[number, 24:] = paces
+        return True
+
+    def _wish_for(self, configuration: mink.Configuration | None) -> None:
+        """What the secondary objectives ask for: h = wish + pull · (θ̄ − θ)."""
+        for centering, gain, weight in self._asked_centering:
+            if centering.gain != gain or centering.weight != weight:
+                self._take_wish()
+        for posture, gain, q_ref in self._asked_postures:
+            if posture.gain != gain or posture.q_ref is not q_ref:
+                self._take_wish()
+        if self._others:
+            assert configuration is not None
+            self._wish[:] = self._steady
+            for other in self._others:
+                self._wish += checked_displacement(other, configuration)
+
+    def _take_wish(self) -> None:
+        """What stays of the wish while the objectives do."""
+        self._asked_centering = [(s, s.gain, s.weight) for s in self._centering]
+        self._asked_postures = [(s, s.gain, s.q_ref) for s in self._postures]
+        self._pull[:] = sum(s.gain * s.stiffness for s in self._centering)
+        self._steady[:] = 0.0
+        for s in self._postures:
+            self._pull += s.gain
+            self._steady += s.gain * (self._ranges.positions(s.q_ref) - self._ranges.middle)
+        self._wish[:] = self._steady
+
+    def _bind(self, configuration: mink.Configuration) -> None:
+        """Where the kernel finds the data of another configuration."""
+        self._data = data = configuration.data  # it is kept, and with it what is at the addresses
+        arrays = [data.qpos, data.xaxis, data.xanchor]
+        self._jacs = []
+        for number, (task, (jac, index)) in enumerate(zip(self._tasks, self._frames, strict=True)):
+            arrays.append(getattr(data, mink.FRAME_TO_XMAT_ATTR[task.frame_type])[index])
+            arrays.append(getattr(data, mink.FRAME_TO_POS_ATTR[task.frame_type])[index])
+            if number in self._given:
+                rows = self._jacobians[number]
+                self._jacs.append((jac, rows[:3], rows[3:], index))
+        self._sources[:] = [_address(array) for array in arrays]
+
     def _aim(self, number: int, task: TwistTask) -> None:
+        """Take over a task's target, which is set."""
         assert task.target is not None
         self._aims[number] = task.target.wxyz_xyz
         moves = task.feedforward is not AT_REST
@@ -45,19 +338,29 @@ class CompiledStep(PreparedStep):
             self._targets[number, 12:] = task.feedforward
             self._moving[number] = moves
 
-    def _bind(self, configuration: mink.Configuration) -> None:
-        super()._bind(configuration)
-        data = configuration.data  # it is kept, and with it what is at these addresses
-        arrays = [data.qpos, data.xaxis, data.xanchor]
-        for _, rotation, _, position in self._views:
-            arrays += [rotation, position]
-        self._sources[:] = [_address(array) for array in arrays]
-        self._jacs = [self._jacs[number] for number in self._given]
+    def _look(self, composed: Composition) -> None:
+        """What moves on with the steps: where windows stand, the velocity before, and settings."""
+        if composed.singularity != self._singularity or composed.joint_weight != self._weighs:
+            self._singularity, self._weighs = composed.singularity, composed.joint_weight
+            self._settings[1:3] = self._singularity, self._weighs
+        for number, (table, limit) in enumerate(self._ranged):
+            if limit.revision != self._revisions[number]:
+                self._revisions[number] = limit.revision
+                table[:] = table_of([limit], len(table))[0][0]
+        for table, window in self._windows:
+            table[:, 0], table[:, 1] = window.reference, window.half_width
+        for before, motion in self._motions:
+            before[:] = motion.velocity
 
-    def _solve(self, dt: float, use_secondary: bool) -> bool:
-        self._read_jacobians()
-        status: int = live_step(self._floats, self._integers, dt, use_secondary)
-        return status == DONE
+    def tell(self, velocity: Array) -> None:
+        """As :meth:`~qp_twist.Controller.note`, of a velocity that the kernel has found."""
+        for _, motion in self._motions:
+            motion.velocity = velocity.copy()
+
+
+def _paces(task: TwistTask) -> tuple[float, float, float]:
+    """What a task asks for of its error."""
+    return task.gain, task.max_linear_step, task.max_angular_step
 
 
 def _address(array: Array) -> int:

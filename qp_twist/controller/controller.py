@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Sequence
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import mink
 import mujoco
@@ -32,9 +32,9 @@ from qp_twist.controller.posing import (
     unseen,
     with_soft_bands,
 )
-from qp_twist.controller.prepare import prepare
 from qp_twist.controller.step import NOT_THE_LIMITS, Step
 from qp_twist.errors import InvalidInput
+from qp_twist.fast import COMPILED
 from qp_twist.kinematics import (
     FreeTwistCost,
     SecondaryObjective,
@@ -44,7 +44,10 @@ from qp_twist.kinematics import (
     total_displacement,
 )
 from qp_twist.limits import BoxLimit, PositionLimit, check_model, gather_limits
-from qp_twist.qp import InfeasibleStep, QuadraticProgram, check_solver, fastest_solver, solve
+from qp_twist.qp import InfeasibleStep, QuadraticProgram, check_solver, solve
+
+if TYPE_CHECKING:
+    from qp_twist.controller.compiled_step import CompiledStep
 
 TIE_BREAK = 1e-9
 """Default ρ in joint space where other mink tasks decide and ρ only makes the result unique."""
@@ -138,8 +141,8 @@ class Controller:
             secondary_space: Whether the free motion follows h in joint space or in twist space.
             limits: Position limits of the model if ``None``; any mink limits; ``[]`` for none.
             solver: A qpsolvers backend, or ``"compiled"``; its results are verified, whatever
-                it says. If ``None`` the step is compiled where numba is installed and there is a
-                compiled step of this composition, else it is daqp's.
+                it says. If ``None`` the step is compiled where there is a compiled step of this
+                composition, else it is daqp's.
             on_infeasible: Where the first level does not fit: ``"scale"`` slows it down,
                 ``"relax"`` takes the closest velocity, ``"raise"`` raises
                 :class:`~qp_twist.InfeasibleStep`. Lower levels are always relaxed.
@@ -171,7 +174,7 @@ class Controller:
         )
         if solver is None:
             known = composition_known(self.levels, self.limits)
-            solver = fastest_solver() if known else "daqp"
+            solver = COMPILED if known else "daqp"
         self.solver = check_solver(solver)
         self.on_infeasible = one_of("on_infeasible", on_infeasible, ("scale", "relax", "raise"))
         self._check_types()
@@ -192,7 +195,7 @@ class Controller:
                 joint_weight = TIE_BREAK if self.soft_tasks and not self.secondary else 1.0
         self.joint_weight, self.singularity = joint_weight, singularity
         self.free_twist_costs = linear, angular
-        self._prepared, self._free = prepare(self, self.solver), threading.Lock()
+        self._prepared, self._free = self._compiled_step(), threading.Lock()
 
     def step(
         self,
@@ -256,6 +259,14 @@ class Controller:
         for limit in self.limits:
             if isinstance(limit, BoxLimit):
                 limit.note(velocity)
+
+    def _compiled_step(self) -> CompiledStep | None:
+        """The kernel's arrays; ``None`` for another solver, or what the kernel does not know."""
+        if self.solver != COMPILED or not composition_known(self.levels, self.limits):
+            return None
+        from qp_twist.controller.compiled_step import CompiledStep  # numba takes half a second
+
+        return CompiledStep(self)
 
     def _pose(self, configuration: mink.Configuration, dt: float, use_secondary: bool) -> Posed:
         nv = self.model.nv
@@ -336,7 +347,7 @@ class Controller:
         """A copy prepares its own."""
         self.__dict__.update(state)
         self._checked = object()
-        self._prepared, self._free = prepare(self, self.solver), threading.Lock()
+        self._prepared, self._free = self._compiled_step(), threading.Lock()
 
     def __repr__(self) -> str:
         return (

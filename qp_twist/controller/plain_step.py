@@ -9,6 +9,7 @@ import numpy as np
 
 from qp_twist.checks import Array
 from qp_twist.controller.step import Status, Step
+from qp_twist.fast import COMPILED
 from qp_twist.limits import DUST, BindingLimit, RowName, binding_bounds
 from qp_twist.qp import QuadraticProgram
 
@@ -21,7 +22,6 @@ class Layout:
         rows: Of all of them together.
         first: Of the first level.
         names: Of the joints, by degree of freedom.
-        solver: Name of the backend.
         kinds: What bounds come from, by the numbers of ``fast.bounds``.
         dense: Whether H has entries off its diagonal.
     """
@@ -31,13 +31,12 @@ class Layout:
         ranks: tuple[int, ...],
         first: int,
         names: tuple[str, ...],
-        solver: str,
         kinds: dict[float, str],
         dense: bool,
     ) -> None:
-        """Of a controller's tasks, robot, solver, limits and costs."""
+        """Of a controller's tasks, robot, limits and costs."""
         self.ranks, self.rows, self.first = ranks, sum(ranks), first
-        self.names, self.solver, self.kinds, self.dense = names, solver, kinds, dense
+        self.names, self.kinds, self.dense = names, kinds, dense
 
 
 class Numbers(NamedTuple):
@@ -136,6 +135,7 @@ class PlainStep(Step):
 
     scale = 1.0
     status = Status.SOLVED
+    solver = COMPILED
     _numbers: bytes
     _layout: Layout
     _rows: Sequence[Named]
@@ -158,14 +158,12 @@ class PlainStep(Step):
 
     def __getattr__(self, name: str) -> Any:
         """What was not asked for before."""
-        if name not in ("residuals", "binding", "problem", "sigma_min", "solver"):
+        if name not in ("residuals", "binding", "problem", "sigma_min"):
             raise AttributeError(name)
         layout = self._layout
         numbers = Numbers.of(np.frombuffer(self._numbers).copy(), layout)
         value: Any
-        if name == "solver":
-            value = layout.solver
-        elif name == "residuals":
+        if name == "residuals":
             value = tuple(np.split(numbers.A @ numbers.x - numbers.b, np.cumsum(layout.ranks)[:-1]))
         elif name == "binding":
             value = self._binding(numbers)

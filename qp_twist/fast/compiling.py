@@ -3,15 +3,11 @@
 Machine code is kept beside the sources, or where numba may; where it may nowhere, it is made anew
 in every process. It is made anew where the file of a kernel has changed, not
 where only that of a kernel which it calls has: whoever works on them removes ``__pycache__``.
-
-Without numba what makes no views of arrays runs as it is written, on lists as on arrays.
 """
 
 from __future__ import annotations
 
 from typing import Any
-
-from qp_twist.fast import installed
 
 _REORDERED = {"reassoc", "contract", "nsz"}
 """Sums may be taken in any order, by as many lanes as there are. NaN and infinity stay what they
@@ -19,8 +15,6 @@ are: comparisons rely on them."""
 
 
 def _by_numba(**options: Any) -> Any:
-    if not installed():
-        return lambda function: function
     from numba import njit
 
     def compiled(function: Any) -> Any:

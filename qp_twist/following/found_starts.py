@@ -9,12 +9,12 @@ import numpy as np
 
 from qp_twist.checks import Array, instance, whole_number
 from qp_twist.errors import InvalidInput
+from qp_twist.fast import COMPILED
 from qp_twist.following.walk import walk
 from qp_twist.kinematics import JointRanges
 from qp_twist.path import PathTask, check_method
 from qp_twist.planning import CentralConfiguration, central_configurations, what_forbids
 from qp_twist.planning.path_rows import PathRows
-from qp_twist.qp import fastest_solver
 
 _KEPT_M, _KEPT_RAD = 1e-5, 1e-5
 """A lap ends where it is further off the path."""
@@ -191,7 +191,7 @@ def _lap(path_task: PathTask, q: Array, method: str) -> tuple[int, str]:
         return position_error > _KEPT_M or axis_error > _KEPT_RAD
 
     try:
-        lap = walk(task, method, task.settings(method), solver=fastest_solver(), stop=lost)
+        lap = walk(task, method, task.settings(method), solver=COMPILED, stop=lost)
     except InvalidInput as error:  # what T leaves free may still be outside a limit of the method
         return 0, str(error)
     off = (lap.position_error > _KEPT_M) | (lap.axis_error > _KEPT_RAD)

@@ -10,11 +10,11 @@ import numpy.typing as npt
 
 from qp_twist.checks import Array, finite_array, instance
 from qp_twist.errors import InvalidInput
+from qp_twist.fast import COMPILED
 from qp_twist.following.found_starts import central_start
 from qp_twist.following.walk import corrected_start, walk
 from qp_twist.path import PathTask, check_method
 from qp_twist.planning import Plan, make_plan
-from qp_twist.qp import fastest_solver
 
 SEEDS = ("qp_gradient", "qp_minimum_norm")
 """Methods whose trajectories the search may start from."""
@@ -108,9 +108,7 @@ def _lap(
 
     settings = path_task.settings(method)
     try:
-        trajectory = walk(
-            path_task, method, settings, solver=fastest_solver(), progress=report, stop=lost
-        )
+        trajectory = walk(path_task, method, settings, solver=COMPILED, progress=report, stop=lost)
     except InvalidInput:  # its start cannot be corrected
         return None
     errors = trajectory.position_error[-1], trajectory.axis_error[-1]

@@ -37,7 +37,7 @@ class Intersection:
 
     @cached_property
     def lower_kind(self) -> Kinds:
-        """Kind of the limit that set each lower bound, (nv,); of an infinite one it means nothing."""
+        """Kind of the limit that set each lower bound, (nv,); where it is infinite, any."""
         return self._kinds(0, np.array([box.lower for box in self._boxes]).argmax(axis=0))
 
     @cached_property

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
-from qp_twist import fast
 from qp_twist.checks import Array, Indices
 from qp_twist.geometry import distinct_projectors, many_twist_errors
 from qp_twist.kinematics import SerialChain
@@ -46,9 +45,7 @@ class PathRows:
 
     @cached_property
     def compiled(self) -> CompiledPath | None:
-        """The same as machine code, where numba is installed."""
-        if not fast.installed():
-            return None
+        """The same as machine code."""
         from qp_twist.planning.compiled_path import CompiledPath
 
         return CompiledPath(

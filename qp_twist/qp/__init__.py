@@ -2,7 +2,6 @@
 
 from .active_set import null_basis as null_basis
 from .backend import check_solver as check_solver
-from .backend import fastest_solver as fastest_solver
 from .backend import installed_solvers as installed_solvers
 from .failures import InfeasibleStep as InfeasibleStep
 from .failures import NoSolutionFound as NoSolutionFound

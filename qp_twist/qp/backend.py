@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 import qpsolvers
 
-from qp_twist import fast
 from qp_twist.checks import Array
 from qp_twist.errors import InvalidInput, UnknownSolver
 from qp_twist.fast import COMPILED
@@ -63,30 +62,20 @@ class RawSolution:
 
 
 def installed_solvers() -> list[str]:
-    """Every backend that can be asked, our own compiled one among them where numba is there."""
-    return [*qpsolvers.available_solvers, *([COMPILED] if fast.installed() else [])]
-
-
-def fastest_solver() -> str:
-    """The compiled one where numba is there, else daqp; of a plain step both give the same."""
-    return COMPILED if fast.installed() else "daqp"
+    """Every backend that can be asked, our own compiled one among them."""
+    return [*qpsolvers.available_solvers, COMPILED]
 
 
 def check_solver(solver: str | None) -> str:
-    """``solver`` if it can be asked; the fastest if it is ``None``.
+    """``solver`` if it can be asked; the compiled one if it is ``None``.
 
     Raises:
         UnknownSolver: If it is unknown or not installed.
     """
     if solver is None:
-        return fastest_solver()
+        return COMPILED
     installed = installed_solvers()
     if not isinstance(solver, str) or solver not in installed:
-        if isinstance(solver, str) and solver == COMPILED:
-            raise UnknownSolver(
-                "solver 'compiled' needs numba, which is not installed: "
-                "pip install 'qp_twist[fast]'."
-            )
         raise UnknownSolver(
             f"solver {solver!r} is not installed or not known; installed: {', '.join(installed)}. "
             "Others come with qpsolvers' extras, e.g. pip install 'qpsolvers[clarabel]'."

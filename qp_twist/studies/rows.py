@@ -12,11 +12,11 @@ import numpy as np
 
 from qp_twist.comparison.metrics import metrics
 from qp_twist.errors import QpTwistError
+from qp_twist.fast import COMPILED
 from qp_twist.following import Trajectory, follow, plan
 from qp_twist.following.planned import SEEDS
 from qp_twist.path import METHODS, PathTask
 from qp_twist.planning import Plan, least_mean_z
-from qp_twist.qp import fastest_solver
 from qp_twist.studies.judge import Fault, Judge
 from qp_twist.studies.sample import Sample, Start, draw, section_of
 
@@ -107,7 +107,7 @@ def _is_followed(path_task: PathTask, sample: Sample) -> bool:
     for method in SEEDS:
         judge = Judge(path_task, section_of(path_task))
         try:
-            lap = follow(path_task, method, solver=fastest_solver(), stop=judge.stop)
+            lap = follow(path_task, method, solver=COMPILED, stop=judge.stop)
         except QpTwistError:  # it has no start
             continue
         if judge.fault(lap) is None:
