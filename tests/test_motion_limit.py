@@ -260,14 +260,14 @@ def test_each_bound_knows_which_limit_set_it() -> None:
     gathered = gather_limits([limit], q, 0.1)
     assert gathered.upper[:3] == pytest.approx([0.1, 0.2, 0.5])
     assert gathered.lower[:3] == pytest.approx([-19.9, -0.2, -0.5])
-    assert list(gathered.upper_kind[:3]) == ["position", "acceleration", "velocity"]
-    assert list(gathered.lower_kind[:3]) == ["position", "acceleration", "velocity"]
+    assert list(gathered.box.upper_kind[:3]) == ["position", "acceleration", "velocity"]
+    assert list(gathered.box.lower_kind[:3]) == ["position", "acceleration", "velocity"]
     assert np.isinf(gathered.upper[3:]).all()
     limit.note([0.0, 0.0, -1.5, 0.0, 0.0, 0.0])
     gathered = gather_limits([limit], q, 0.1)
     # Too fast: both bounds are what the acceleration limit allows.
     assert gathered.lower[2] == gathered.upper[2] == pytest.approx(-0.6)
-    assert gathered.lower_kind[2] == gathered.upper_kind[2] == "acceleration"
+    assert gathered.box.lower_kind[2] == gathered.box.upper_kind[2] == "acceleration"
 
 
 def test_of_contradicting_limits_position_gives_way_to_velocity_and_both_to_acceleration() -> None:

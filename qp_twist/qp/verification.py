@@ -121,7 +121,8 @@ def proof_of_optimality(
         np.where(active.rows & (claimed.rows > 0.0), claimed.rows, 0.0),
         np.where(np.where(claimed.box > 0.0, active.upper, active.lower), claimed.box, 0.0),
     )
-    excess = _excess(problem, x, gradient, left, multipliers)
+    with np.errstate(over="ignore", invalid="ignore"):  # a claim may be anything
+        excess = _excess(problem, x, gradient, left, multipliers)
     for close in (_ON, _TOUCHING):
         if excess <= 1.0:
             break
