@@ -329,3 +329,34 @@ def test_a_posture_task_that_is_moved_under_way_counts(solver: str) -> None:
             configuration, [posture], 0.1, "daqp", damping=1e-9, constraints=[tool]
         )
         np.testing.assert_allclose(step.velocity, theirs, atol=1e-5)
+
+
+def test_limits_of_mink_on_single_joints_are_read_once_and_seen_when_they_change() -> None:
+    """They are not asked at every step; what is written into them counts all the same."""
+    speeds = {MODEL.joint(i).name: 0.5 for i in range(MODEL.njnt)}
+    ranges, velocity = mink.ConfigurationLimit(MODEL, gain=0.5), mink.VelocityLimit(MODEL, speeds)
+
+    def refused(*_: Any) -> mink.Constraint:
+        raise AssertionError("a limit on single joints was asked for its rows")
+
+    changes = (
+        lambda: None,
+        lambda: setattr(velocity, "limit", np.full(MODEL.nv, 0.2)),
+        lambda: ranges.upper.__setitem__(slice(None), PATH.start + 0.03),
+        lambda: setattr(ranges, "gain", 0.4),
+    )
+    compiled, configuration = deburring("compiled", ranges, velocity)
+    reference = by_reference(deburring("daqp", ranges, velocity)[0])
+    found: list[Array] = []
+    for change in changes:
+        change()
+        expected = reference.step(configuration, 0.1)
+        with pytest.MonkeyPatch.context() as patch:
+            for kind in (mink.ConfigurationLimit, mink.VelocityLimit):
+                patch.setattr(kind, "compute_qp_inequalities", refused)
+            step = compiled.step(configuration, 0.1)
+        assert isinstance(step, PlainStep)
+        np.testing.assert_allclose(step.velocity, expected.velocity, atol=1e-9)
+        assert [str(x) for x in step.binding] == [str(x) for x in expected.binding]
+        assert not any(np.allclose(step.velocity, other, atol=1e-3) for other in found)
+        found.append(step.velocity)

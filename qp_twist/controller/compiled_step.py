@@ -15,7 +15,14 @@ from qp_twist.checks import Array
 from qp_twist.controller.composition import BOXES, Composition, has_soft_bands
 from qp_twist.controller.plain_step import Layout, Named, Numbers, PlainStep
 from qp_twist.controller.posing import mink_costs
-from qp_twist.controller.step_tables import TOLERANCES, numbers_of_kinds, settings_of, table_of
+from qp_twist.controller.step_tables import (
+    TOLERANCES,
+    is_box_of_mink,
+    numbers_of_kinds,
+    settings_of,
+    state_of_mink,
+    table_of,
+)
 from qp_twist.fast import COMPILED
 from qp_twist.fast.live_step import ELSEWHERE, GIVEN, live_step
 from qp_twist.fast.step_kernel import DONE
@@ -135,7 +142,13 @@ class CompiledStep:
         self._revisions = [limit.revision for _, limit in self._ranged]
         self._windows = [(t, limit) for t, limit in tables if isinstance(limit, DisplacementWindow)]
         self._motions = [(t[:, 6], limit) for t, limit in tables if isinstance(limit, MotionLimit)]
-        self._stated = [(t, limit) for t, limit in tables if type(limit) not in BOXES]
+        self._mink_boxes = [(t, limit) for t, limit in tables if is_box_of_mink(limit)]
+        self._mink_states = [state_of_mink(limit) for _, limit in self._mink_boxes]
+        self._stated = [
+            (t, limit)
+            for t, limit in tables
+            if type(limit) not in BOXES and not is_box_of_mink(limit)
+        ]
         self._others_speak = bool(self._stated or self._soft_tasks)
         self._banded = False
         self._data: mujoco.MjData | None = None
@@ -347,6 +360,11 @@ class CompiledStep:
             if limit.revision != self._revisions[number]:
                 self._revisions[number] = limit.revision
                 table[:] = table_of([limit], len(table))[0][0]
+        for number, (table, box) in enumerate(self._mink_boxes):
+            state = state_of_mink(box)
+            if state != self._mink_states[number]:
+                self._mink_states[number] = state
+                table[:] = table_of([box], len(table))[0][0]
         for table, window in self._windows:
             table[:, 0], table[:, 1] = window.reference, window.half_width
         for before, motion in self._motions:

@@ -12,6 +12,7 @@ from qp_twist.controller.composition import BOXES
 from qp_twist.controller.posing import FASTEST, NEARLY_UNSEEN, STEEPEST
 from qp_twist.fast.bounds import (
     ACCELERATION_BOUND,
+    MINK_RANGE,
     MOTION,
     POSITION,
     POSITION_BOUND,
@@ -24,7 +25,7 @@ from qp_twist.limits.position_limit import NOTICEABLE
 from qp_twist.limits.stated_limit import UNLIMITED
 from qp_twist.qp import verification
 
-_TYPES = dict(zip(BOXES, (POSITION, MOTION, WINDOW), strict=True))
+_TYPES: dict[type, int] = dict(zip(BOXES, (POSITION, MOTION, WINDOW), strict=True))
 _KINDS = {
     "acceleration": ACCELERATION_BOUND, "velocity": VELOCITY_BOUND, "position": POSITION_BOUND,
 }  # fmt: skip
@@ -55,8 +56,44 @@ def table_of(
                 row[:, 4], row[:, 5] = limit.max_velocity, limit.max_acceleration
         else:
             row[:, 0], row[:, 1], row[:, 2] = -np.inf, np.inf, numbers[kind_of(limit)]
-    types = [_TYPES.get(type(limit), STATED) for limit in limits]
+        if is_box_of_mink(limit):
+            write_box_of_mink(row, limit)
+    types = [
+        MINK_RANGE if type(limit) is mink.ConfigurationLimit and is_box_of_mink(limit)
+        else _TYPES.get(type(limit), STATED)
+        for limit in limits
+    ]  # fmt: skip
     return table, np.array(types, dtype=np.int64)
+
+
+def is_box_of_mink(limit: mink.Limit) -> bool:
+    """Whether it is a limit of mink's on single joints, which need not be asked at every step.
+
+    A limited ball joint is none: its row turns with the joint.
+    """
+    if type(limit) is mink.ConfigurationLimit:
+        return len(limit._ball_qposadr) == 0
+    return type(limit) is mink.VelocityLimit
+
+
+def write_box_of_mink(row: Array, limit: mink.Limit) -> None:
+    """The numbers of such a limit into its table (nv, 7), as ``fast.bounds`` takes them."""
+    if limit.projection_matrix is None:
+        return
+    dofs = limit.indices
+    if isinstance(limit, mink.VelocityLimit):
+        row[dofs, 0], row[dofs, 1] = -limit.limit, limit.limit
+        return
+    qpos = limit.model.jnt_qposadr[limit.model.dof_jntid[dofs]]
+    row[dofs, 0], row[dofs, 1] = limit.lower[qpos], limit.upper[qpos]
+    row[:, 2] = limit.gain
+
+
+def state_of_mink(limit: mink.Limit) -> tuple[object, ...]:
+    """What may be written into such a limit between two steps, in a form that can be compared."""
+    if isinstance(limit, mink.VelocityLimit):
+        return limit.limit.tobytes(), limit.indices.tobytes()
+    return limit.lower.tobytes(), limit.upper.tobytes(), limit.gain
 
 
 def numbers_of_kinds(limits: Sequence[mink.Limit]) -> dict[str, float]:

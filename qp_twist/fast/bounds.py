@@ -6,8 +6,9 @@ import math
 
 from qp_twist.fast.compiling import plain
 
-POSITION, MOTION, WINDOW, STATED = 0, 1, 2, 3
-"""Kinds of limits. What is stated are bounds on velocities, by whatever limit."""
+POSITION, MOTION, WINDOW, STATED, MINK_RANGE = 0, 1, 2, 3, 4
+"""Kinds of limits. What is stated are bounds on velocities, by whatever limit; a range of mink's is
+approached at a share of the way to its end each step, and snaps back from outside."""
 ACCELERATION_BOUND, VELOCITY_BOUND, POSITION_BOUND = 0.0, 1.0, 2.0
 """What a bound comes from, in the order in which they give way to each other; numbers between them
 are of limits of other kinds."""
@@ -52,7 +53,7 @@ def joint_bounds(kind, q, dt, noticeable, numbers, least, from_below, most, from
         numbers: Of the joint in the limit's table, (7,): of positions θ_min, θ_max and what the
             joint stops short of either by; of motions also v_max, a_max and the velocity before;
             of windows the reference and the half width; of what is stated the two bounds and what
-        they come from.
+            they come from; of mink's ranges the two ends and the share.
         least: Lower bound by the limits before, rad/s or m/s.
         from_below: What it comes from.
         most: Upper bound by the limits before.
@@ -65,6 +66,11 @@ def joint_bounds(kind, q, dt, noticeable, numbers, least, from_below, most, from
     if kind == STATED:
         least, from_below = _above(first, numbers[2], least, from_below)
         most, from_above = _below(second, numbers[2], most, from_above)
+        return True, least, from_below, most, from_above
+    if kind == MINK_RANGE:
+        share = numbers[2] / dt
+        least, from_below = _above(share * (first - q), POSITION_BOUND, least, from_below)
+        most, from_above = _below(share * (second - q), POSITION_BOUND, most, from_above)
         return True, least, from_below, most, from_above
     if kind == WINDOW:
         low = min((first - q - second) / dt, 0.0)
