@@ -502,7 +502,7 @@ def test_gathered_rows_are_called_band() -> None:
     task.set_target(path_task.waypoints[0])
     gathered = gather_limits([qt.BandLimit(task)], configuration, 0.1)
     assert len(gathered.rows) == 16
-    assert gathered.row_labels[0] == ("TwistTask('tool', 'site') band row 0", "band")
+    assert gathered.sources[0].names[0] == ("TwistTask('tool', 'site') band row 0", "band")
     [rows] = task.band_rows(configuration, 0.1)
     assert gathered.rows == pytest.approx(rows.rows)
     assert gathered.bounds == pytest.approx(rows.bounds)

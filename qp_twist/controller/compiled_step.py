@@ -13,11 +13,10 @@ import numpy.typing as npt
 
 from qp_twist.checks import Array
 from qp_twist.controller.composition import BOXES, Composition, has_soft_bands
-from qp_twist.controller.plain_step import Layout, Named, Numbers, PlainStep
+from qp_twist.controller.plain_step import Layout, Numbers, PlainStep
 from qp_twist.controller.posing import mink_costs
 from qp_twist.controller.step_tables import (
     TOLERANCES,
-    is_box_of_mink,
     numbers_of_kinds,
     settings_of,
     state_of_mink,
@@ -42,8 +41,10 @@ from qp_twist.kinematics.twist_task import AT_REST
 from qp_twist.limits import (
     DisplacementWindow,
     MotionLimit,
+    Named,
     PositionLimit,
     StatedLimit,
+    is_mink_box,
 )
 
 _NO_ROWS: tuple[Named, ...] = ()
@@ -142,12 +143,10 @@ class CompiledStep:
         self._revisions = [limit.revision for _, limit in self._ranged]
         self._windows = [(t, limit) for t, limit in tables if isinstance(limit, DisplacementWindow)]
         self._motions = [(t[:, 6], limit) for t, limit in tables if isinstance(limit, MotionLimit)]
-        self._mink_boxes = [(t, limit) for t, limit in tables if is_box_of_mink(limit)]
+        self._mink_boxes = [(t, limit) for t, limit in tables if is_mink_box(limit)]
         self._mink_states = [state_of_mink(limit) for _, limit in self._mink_boxes]
         self._stated = [
-            (t, limit)
-            for t, limit in tables
-            if type(limit) not in BOXES and not is_box_of_mink(limit)
+            (t, limit) for t, limit in tables if type(limit) not in BOXES and not is_mink_box(limit)
         ]
         self._others_speak = bool(self._stated or self._soft_tasks)
         self._banded = False

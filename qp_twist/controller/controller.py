@@ -295,11 +295,11 @@ class Controller:
         c += linear
         check_magnitudes(H, c, wish)
         limits = gather_limits(self.limits, configuration, dt)
-        problem, soft_labels = with_soft_bands(
+        problem = with_soft_bands(
             QuadraticProgram(H, c, A, b, limits.rows, limits.bounds, limits.lower, limits.upper),
             levels.soft_bands,
         )
-        return Posed.of(problem, levels, limits, [*limits.row_labels, *soft_labels])
+        return Posed.of(problem, levels, limits, [*limits.sources, *levels.soft_bands])
 
     def _check_types(self) -> None:
         if self.model.nv == 0:

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from qp_twist.checks import Array
 from qp_twist.controller.step import Status, Step
 from qp_twist.fast import COMPILED
-from qp_twist.limits import DUST, BindingLimit, RowName, binding_bounds
+from qp_twist.limits import DUST, BindingLimit, Named, RowName, binding_bounds
+from qp_twist.limits.intersection import Intersection
 from qp_twist.qp import QuadraticProgram
 
 
@@ -119,14 +120,6 @@ class Numbers(NamedTuple):
         return cls(c, x, below, above, cost, rows, upper, lower, multipliers, m)
 
 
-class Named(Protocol):
-    """What inequality rows come from."""
-
-    @property
-    def names(self) -> list[RowName]:
-        """Name and kind of each of them."""
-
-
 class PlainStep(Step):
     """A step that met all rows at full speed inside all limits, with what it holds made on demand.
 
@@ -139,12 +132,20 @@ class PlainStep(Step):
     _numbers: bytes
     _layout: Layout
     _rows: Sequence[Named]
+    _box: Intersection | None
 
     @classmethod
     def made(
-        cls, velocity: Array, numbers: Array, layout: Layout, rows: Sequence[Named]
+        cls,
+        velocity: Array,
+        numbers: Array,
+        layout: Layout,
+        rows: Sequence[Named],
+        box: Intersection | None = None,
     ) -> PlainStep:
         """From what was left behind in a step's arrays, as :class:`Numbers` reads it.
+
+        ``box`` knows which limit set each bound, where the numbers do not.
 
         The velocity is a copy of its own: whoever scales it changes nothing else.
         """
@@ -154,6 +155,7 @@ class PlainStep(Step):
         fields["_numbers"] = numbers.tobytes()
         fields["_layout"] = layout
         fields["_rows"] = rows
+        fields["_box"] = box
         return step
 
     def __getattr__(self, name: str) -> Any:
@@ -182,11 +184,15 @@ class PlainStep(Step):
         lam, kinds = numbers.lam, self._layout.kinds
         largest = max(float(np.abs(numbers.box).max(initial=0.0)), float(lam.max(initial=0.0)))
         dust = DUST * max(largest, 1.0)
-        # There is a number of no kind where there is no bound.
-        lower, upper = (
-            [kinds.get(number, "") for number in side.tolist()]
-            for side in (numbers.lower_kind, numbers.upper_kind)
-        )
+        lower: Any
+        upper: Any
+        if self._box is not None:
+            lower, upper = self._box.lower_kind, self._box.upper_kind
+        else:  # there is a number of no kind where there is no bound
+            lower, upper = (
+                [kinds.get(number, "") for number in side.tolist()]
+                for side in (numbers.lower_kind, numbers.upper_kind)
+            )
         found = binding_bounds(numbers.box, dust, self._layout.names, lower, upper)
         pushing = np.flatnonzero(lam > dust).tolist()
         if pushing:

@@ -9,7 +9,7 @@ import numpy as np
 from qp_twist.checks import Array
 from qp_twist.controller.posing import PosedLevels, stacked
 from qp_twist.controller.step import Status, Step
-from qp_twist.limits import DUST, BindingLimit, GatheredLimits, RowName, binding_bounds
+from qp_twist.limits import DUST, BindingLimit, GatheredLimits, Named, binding_bounds
 from qp_twist.qp import Level, QuadraticProgram
 
 
@@ -24,7 +24,7 @@ class Posed:
         padded: The levels on all unknowns.
         levels: The levels as the tasks state them.
         limits: The gathered limits.
-        labels: Name of each row of ``problem.G``.
+        sources: What the rows of ``problem.G`` come from, which knows their names.
     """
 
     problem: QuadraticProgram
@@ -32,7 +32,7 @@ class Posed:
     padded: list[Level]
     levels: PosedLevels
     limits: GatheredLimits
-    labels: list[RowName]
+    sources: list[Named]
 
     @classmethod
     def of(
@@ -40,7 +40,7 @@ class Posed:
         problem: QuadraticProgram,
         levels: PosedLevels,
         limits: GatheredLimits,
-        labels: list[RowName],
+        sources: list[Named],
     ) -> Posed:
         """Add the levels' own inequality rows to a program whose G holds the hard rows."""
         hard = Level(np.zeros((0, problem.n)), np.zeros(0), problem.G, problem.g)
@@ -50,7 +50,7 @@ class Posed:
         if own:
             G, g = stacked([(problem.G, problem.g), *own], problem.n)
             whole = replace(problem, G=G, g=g)
-        return cls(whole, hard, padded, levels, limits, labels + levels.labels)
+        return cls(whole, hard, padded, levels, limits, sources + levels.sources)
 
     def step(
         self,
@@ -99,6 +99,8 @@ class Posed:
             found = binding_bounds(
                 box, dust, limits.names, limits.box.lower_kind, limits.box.upper_kind
             )
-        for row in np.flatnonzero(rows > dust):
-            found.append(BindingLimit(*self.labels[row], "upper", float(rows[row])))
+        if (rows > dust).any():
+            names = [name for source in self.sources for name in source.names]
+            for row in np.flatnonzero(rows > dust):
+                found.append(BindingLimit(*names[row], "upper", float(rows[row])))
         return tuple(found)

@@ -13,7 +13,7 @@ import numpy as np
 from qp_twist.checks import Array, finite_array, within
 from qp_twist.errors import InvalidInput
 from qp_twist.kinematics import BandRows, TwistTask
-from qp_twist.limits import RowName, gather_limits
+from qp_twist.limits import Named, gather_limits
 from qp_twist.qp import Level, LostDirection, QuadraticProgram, regular_rows
 
 NEARLY_UNSEEN = 1e-4
@@ -46,7 +46,7 @@ class PosedLevels:
             directions of a level follow it as a level of their own, so that limits slow these down
             before they slow down the rest.
         first: How many of ``levels`` belong to the first level as stated, 1 or 2.
-        labels: Name and kind of each inequality row, in order of levels.
+        sources: What the inequality rows come from, in order of levels.
         tasks: Rows as the tasks state them, for each level.
         sigma_min: Smallest singular value of the first level's rows.
         lost: What singularities take from the first level.
@@ -56,7 +56,7 @@ class PosedLevels:
 
     levels: list[Level]
     first: int
-    labels: list[RowName]
+    sources: list[Named]
     tasks: list[list[TaskRows]]
     sigma_min: float
     lost: tuple[LostDirection, ...]
@@ -94,13 +94,13 @@ def pose_levels(
     """
     nv = configuration.model.nv
     posed: list[Level] = []
-    labels: list[RowName] = []
+    sources: list[Named] = []
     tasks: list[list[TaskRows]] = []
     first, sigma_min, lower_lost = 1, np.inf, False
     lost: tuple[LostDirection, ...] = ()
     soft_bands: list[BandRows] = []
     for index, items in enumerate(levels):
-        rows, G, g = _evaluate(items, configuration, dt, labels, soft_bands)
+        rows, G, g = _evaluate(items, configuration, dt, sources, soft_bands)
         A, b = stacked([(r.A, r.b) for r in rows], nv)
         _check_speed("the tasks ask", b)
         if index == 0:
@@ -117,19 +117,19 @@ def pose_levels(
         if index == 0:
             first = len(posed)
         tasks.append(rows)
-    return PosedLevels(posed, first, labels, tasks, sigma_min, lost, lower_lost, soft_bands)
+    return PosedLevels(posed, first, sources, tasks, sigma_min, lost, lower_lost, soft_bands)
 
 
 def _evaluate(
     items: Sequence[LevelItem],
     configuration: mink.Configuration,
     dt: float,
-    labels: list[RowName],
+    sources: list[Named],
     soft_bands: list[BandRows],
 ) -> tuple[list[TaskRows], Array, Array]:
     """Rows of a level's tasks, and its inequality rows.
 
-    The names of the latter are added to ``labels``, the soft bands to ``soft_bands``.
+    What the latter come from is added to ``sources``, the soft bands to ``soft_bands``.
     """
     nv = configuration.model.nv
     rows: list[TaskRows] = []
@@ -137,9 +137,9 @@ def _evaluate(
     for item in items:
         if isinstance(item, mink.Limit):
             gathered = gather_limits([item], configuration, dt)
-            matrix, bounds, names = gathered.as_rows()
+            matrix, bounds, source = gathered.as_rows()
             inequalities.append((matrix, bounds))
-            labels += names
+            sources.append(source)
         elif isinstance(item, TwistTask):
             rows.append(TaskRows(*item.velocity_rows(configuration, dt)))
             for band in item.band_rows(configuration, dt):
@@ -147,7 +147,7 @@ def _evaluate(
                     soft_bands.append(band)
                 else:
                     inequalities.append((band.rows, band.bounds))
-                    labels += band.names
+                    sources.append(band)
         else:
             rows.append(_mink_rows(item, configuration, dt))
     return rows, *stacked(inequalities, nv)
@@ -210,36 +210,69 @@ def _checked(
     return rows, finite_array(f"{name}: its error", residual[1], (len(rows),))
 
 
-def mink_objective(
-    task: mink.tasks.BaseTask, configuration: mink.Configuration
-) -> tuple[Array, Array]:
-    """H and c of a mink task on Δq."""
-    residual = task.compute_qp_residual(configuration)
-    if residual is None:
-        objective = task.compute_qp_objective(configuration)
-        return objective.H, objective.c
-    rows, error = _checked(task, residual, configuration)
-    damping = residual[2]
-    return rows.T @ rows + damping * np.eye(rows.shape[1]), -(error @ rows)
-
-
 def mink_costs(
     tasks: Sequence[mink.tasks.BaseTask], configuration: mink.Configuration, dt: float
 ) -> tuple[Array, Array]:
-    """H and c of mink tasks on q̇: theirs are on Δq = q̇ dt, here divided by dt²."""
+    r"""H and c of mink tasks on q̇: theirs are on Δq = q̇ dt, here divided by dt².
+
+    Tasks that state weighted rows W, errors e and a damping μ are stacked, as mink does:
+
+    .. math:: \mathbf H = \mathbf W^T\mathbf W + \textstyle\sum\mu\,\mathbf 1, \qquad
+              \mathbf c = -\mathbf W^T\mathbf e
+
+    Raises:
+        InvalidInput: If what a task states is not finite or of the wrong shape.
+    """
     nv = configuration.model.nv
+    stated: list[tuple[Any, Any]] = []
+    damping = 0.0
     H, c = np.zeros((nv, nv)), np.zeros(nv)
     for task in tasks:
-        hessian, linear = mink_objective(task, configuration)
-        H += hessian
-        c += linear / dt
-    return H, c
+        residual = task.compute_qp_residual(configuration)
+        if residual is None:
+            objective = task.compute_qp_objective(configuration)
+            H += objective.H
+            c += objective.c
+            continue
+        stated.append((residual[0], residual[1]))
+        damping += residual[2]
+    if stated:
+        W, e = _stack_of_costs(tasks, stated, configuration)
+        H += W.T @ W
+        H.flat[:: nv + 1] += damping
+        c -= e @ W
+    return H, c / dt
 
 
-def with_soft_bands(
-    problem: QuadraticProgram, bands: Sequence[BandRows]
-) -> tuple[QuadraticProgram, list[RowName]]:
-    r"""The program with one slack ε ≥ 0 for each soft band, and the names of the rows added.
+def _stack_of_costs(
+    tasks: Sequence[mink.tasks.BaseTask],
+    stated: Sequence[tuple[Any, Any]],
+    configuration: mink.Configuration,
+) -> tuple[Array, Array]:
+    """Weighted rows and errors one below the other; what is no array of numbers is named."""
+    nv = configuration.model.nv
+    try:
+        W, e = np.vstack([rows for rows, _ in stated]), np.concatenate([e for _, e in stated])
+        # Written so that NaN is out of order.
+        if (
+            W.shape == (len(e), nv)
+            and W.dtype == e.dtype == np.float64
+            and np.abs(W).max(initial=0.0) <= LARGEST_ROW
+            and math.isfinite(e.sum())
+        ):
+            return W, e
+    except (TypeError, ValueError):
+        pass
+    blocks = []
+    for task in tasks:
+        residual = task.compute_qp_residual(configuration)
+        if residual is not None:
+            blocks.append(_checked(task, residual, configuration))
+    return stacked(blocks, nv)
+
+
+def with_soft_bands(problem: QuadraticProgram, bands: Sequence[BandRows]) -> QuadraticProgram:
+    r"""The program with one slack ε ≥ 0 for each soft band.
 
     .. math:: \mathbf G\dot{\mathbf q} - \varepsilon \le \mathbf g, \quad
               \text{cost } \tfrac12 w\,\varepsilon^2
@@ -248,18 +281,16 @@ def with_soft_bands(
     one size are what the optimality of a result can be told by.
     """
     if not bands:
-        return problem, []
+        return problem
     n, k = problem.n, len(bands)
     cost = float(np.abs(problem.H).max())
     wide = [np.hstack([problem.G, np.zeros((len(problem.g), k))])]
     sides = [problem.g]
-    labels: list[RowName] = []
     for i, band in enumerate(bands):
         slack = np.zeros((len(band.bounds), k))
         slack[:, i] = -math.sqrt(cost / float(band.weight or 1.0))
         wide.append(np.hstack([band.rows, slack]))
         sides.append(band.bounds)
-        labels += band.names
     H = np.zeros((n + k, n + k))
     H[:n, :n] = problem.H
     H[range(n, n + k), range(n, n + k)] = cost
@@ -272,7 +303,7 @@ def with_soft_bands(
         np.concatenate(sides),
         np.concatenate([problem.lower, np.zeros(k)]),
         np.concatenate([problem.upper, np.full(k, np.inf)]),
-    ), labels
+    )
 
 
 def _check_speed(what: str, values: Array) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from typing import Any, Literal
 
@@ -18,11 +18,13 @@ from qp_twist.controller.posing import (
     check_magnitudes,
     lost_where,
     mink_costs,
+    stacked,
 )
 from qp_twist.controller.step import NOT_THE_LIMITS, Step
 from qp_twist.errors import InvalidInput
 from qp_twist.kinematics import TwistTask
-from qp_twist.limits import BoxLimit, check_model, gather_limits
+from qp_twist.kinematics.joint_ranges import joint_names
+from qp_twist.limits import BoxLimit, GatheredLimits, check_model, default_limit, gather_limits
 from qp_twist.qp import (
     InfeasibleStep,
     Level,
@@ -37,7 +39,6 @@ from qp_twist.qp import (
 
 DEPENDENT = 1e-9
 """Default of ``singularity``: rows that depend on each other to this much count once."""
-_OF_MINK = (mink.Limit, mink.tasks.BaseTask)
 
 
 def solve_ik(
@@ -127,68 +128,108 @@ def ik_step(
     dt = number("dt", dt, above=0.0)
     check_solver(solver)
     one_of("on_infeasible", on_infeasible, ("scale", "relax", "raise"))
-    limits = [mink.ConfigurationLimit(configuration.model)] if limits is None else limits
-    nv = configuration.model.nv
-    _check_all("tasks", tasks, mink.tasks.BaseTask, nv)
-    _check_all("limits", limits, mink.Limit, nv)
-    _check_all("constraints", constraints or [], mink.Task, nv)
-    if nv == 0:
+    threshold = number("singularity", singularity, at_least=0.0, at_most=1.0)
+    model = configuration.model
+    costs = _listed("tasks", tasks, model.nv)
+    stated = [default_limit(model)] if limits is None else _listed("limits", limits, model.nv)
+    exact = _listed("constraints", constraints or (), model.nv)
+    if model.nv == 0:
         raise InvalidInput("solve_ik: the model has no joints to move.")
-    finite_array("configuration.q", configuration.q, (configuration.model.nq,))
+    finite_array("configuration.q", configuration.q, (model.nq,))
     configuration.check_limits(safety_break=safety_break)
-    for task in (*tasks, *(constraints or [])):
+    for task in (*costs, *exact):
         if isinstance(task, TwistTask):
             task.set_dt(dt)  # for its feed-forward
-    H, c = mink_costs(tasks, configuration, dt)
-    H += number("damping", damping, at_least=0.0) * np.eye(nv)
-    check_magnitudes(H, c, np.zeros(nv))
-    levels = _levels(constraints or [], configuration, dt, singularity)
-    if on_infeasible == "raise" and levels.lost:
-        names = ", ".join(str(lost) for lost in levels.lost)
-        raise InfeasibleStep(f"infeasible step: {NOT_THE_LIMITS}: {names}.")
-    gathered = gather_limits(limits, configuration, dt)
-    problem = QuadraticProgram(
-        H, c, *levels.equality, gathered.rows, gathered.bounds, gathered.lower, gathered.upper
-    )
-    posed = Posed.of(problem, levels, gathered, list(gathered.row_labels))
-    result = solve(posed.problem, solver, options=kwargs)
-    if kwargs and isinstance(result, Refused):
-        again, before = solve(posed.problem, solver), result.says
-        result = replace(again, refused=before) if isinstance(again, Verified) else again
-    step = finished(posed, result, solver, on_infeasible)
-    for limit in limits:
+    H, c = mink_costs(costs, configuration, dt)
+    H.flat[:: model.nv + 1] += _damping(damping, model.nv)
+    check_magnitudes(H, c, c[:0])
+    rows = [_constraint_rows(task, configuration, dt) for task in exact]
+    gathered = gather_limits(stated, configuration, dt)
+    step = None
+    if not kwargs and not gathered.recovering:
+        step = _by_kernel((H, c), rows, gathered, threshold)
+    if step is None:
+        levels = _levels(exact, rows, configuration, threshold)
+        step = _by_reference((H, c), levels, gathered, solver, on_infeasible, kwargs)
+    for limit in stated:
         if isinstance(limit, BoxLimit):
             limit.note(step.velocity)
     return step
 
 
+def _by_kernel(
+    cost: tuple[Array, Array], rows: list[TaskRows], limits: GatheredLimits, threshold: float
+) -> Step | None:
+    """The step where it is a plain one: all rows met at full speed inside all limits."""
+    from qp_twist.controller.compiled_program import CompiledProgram  # numba takes half a second
+
+    n = len(cost[1])
+    A, b = stacked([(r.A, r.b) for r in rows], n)
+    program = CompiledProgram.of(n, len(b), len(limits.bounds))
+    if not program.solve(cost, (A, b), (limits.rows, limits.bounds), limits.box, threshold):
+        return None
+    ranks = tuple(len(r.b) for r in rows)
+    return program.step(ranks, joint_names(limits.model), limits.box, limits.sources)
+
+
+def _by_reference(
+    cost: tuple[Array, Array],
+    levels: PosedLevels,
+    limits: GatheredLimits,
+    solver: str,
+    on_infeasible: str,
+    options: dict[str, Any],
+) -> Step:
+    """The step by a backend of qpsolvers, whatever becomes of it."""
+    if on_infeasible == "raise" and levels.lost:
+        names = ", ".join(str(lost) for lost in levels.lost)
+        raise InfeasibleStep(f"infeasible step: {NOT_THE_LIMITS}: {names}.")
+    problem = QuadraticProgram(
+        *cost, *levels.equality, limits.rows, limits.bounds, limits.lower, limits.upper
+    )
+    posed = Posed.of(problem, levels, limits, list(limits.sources))
+    result = solve(posed.problem, solver, options=options)
+    if options and isinstance(result, Refused):
+        again, before = solve(posed.problem, solver), result.says
+        result = replace(again, refused=before) if isinstance(again, Verified) else again
+    return finished(posed, result, solver, on_infeasible)
+
+
+def _damping(damping: Any, nv: int) -> float | Array:
+    """mink's damping: a number, or one for each degree of freedom."""
+    if np.ndim(damping) == 0:
+        return number("damping", damping, at_least=0.0)
+    found = finite_array("damping", damping, (nv,))
+    if (found < 0.0).any():
+        raise InvalidInput(f"damping: expected numbers of at least 0, got {found.min():g}.")
+    return found
+
+
+def _constraint_rows(task: mink.Task, configuration: mink.Configuration, dt: float) -> TaskRows:
+    """J q̇ = −k e/dt of a constraint."""
+    name, nv = type(task).__name__, configuration.model.nv
+    jacobian = finite_array(
+        f"{name}: its Jacobian", task.compute_jacobian(configuration), (None, nv)
+    )
+    error = finite_array(f"{name}: its error", task.compute_error(configuration), (len(jacobian),))
+    return TaskRows(jacobian, -task.gain * error / dt)
+
+
 def _levels(
     constraints: Sequence[mink.Task],
+    rows: list[TaskRows],
     configuration: mink.Configuration,
-    dt: float,
-    singularity: float,
+    threshold: float,
 ) -> PosedLevels:
-    """The constraints as one level, J q̇ = −k e/dt."""
+    """The constraints, with their rows, as one level."""
     nv = configuration.model.nv
-    rows, lost, regular = [], list[LostDirection](), list[TaskRows]()
-    threshold = number("singularity", singularity, at_least=0.0, at_most=1.0)
-    for task in constraints:
-        name = type(task).__name__
-        jacobian = finite_array(
-            f"{name}: its Jacobian", task.compute_jacobian(configuration), (None, nv)
-        )
-        error = finite_array(
-            f"{name}: its error", task.compute_error(configuration), (len(jacobian),)
-        )
-        rows.append(TaskRows(jacobian, -task.gain * error / dt))
+    lost, regular = list[LostDirection](), list[tuple[Array, Array]]()
+    for task, stated in zip(constraints, rows, strict=True):
         # What a task cannot do for itself is given up; the rest of it stays.
-        own = regular_rows(rows[-1].A, rows[-1].b, threshold)
-        lost += lost_where([task], rows[-1:], own.lost, configuration)
-        regular.append(
-            TaskRows(np.vstack([own.A, own.damped]), np.concatenate([own.b, own.damped_b]))
-        )
-    A = np.vstack([np.zeros((0, nv)), *(r.A for r in regular)])
-    b = np.concatenate([np.zeros(0), *(r.b for r in regular)])
+        own = regular_rows(stated.A, stated.b, threshold)
+        lost += lost_where([task], [stated], own.lost, configuration)
+        regular.append((np.vstack([own.A, own.damped]), np.concatenate([own.b, own.damped_b])))
+    A, b = stacked(regular, nv)
     whole = regular_rows(A, b, threshold)
     none = np.zeros((0, nv)), np.zeros(0)
     levels = [Level(whole.A, whole.b, *none)]
@@ -196,21 +237,35 @@ def _levels(
         # Constraints that contradict each other: none gives way, together they stand (s = 0).
         levels = [Level(A, b, *none)]
     else:
-        lost += lost_where(constraints, regular, whole.lost, configuration)
+        blocks = [TaskRows(*block) for block in regular]
+        lost += lost_where(constraints, blocks, whole.lost, configuration)
         if len(whole.damped_b):
             levels.append(Level(whole.damped, whole.damped_b, *none))
     return PosedLevels(levels, len(levels), [], [rows], whole.sigma_min, tuple(lost), False, [])
 
 
-def _check_all(name: str, items: Any, expected: type, nv: int) -> None:
+_ASKED = {
+    "tasks": ("compute_qp_residual",),
+    "limits": ("compute_qp_inequalities",),
+    "constraints": ("compute_error", "compute_jacobian"),
+}
+"""What mink calls of an item of each list."""
+
+
+def _listed(name: str, items: Any, nv: int) -> Sequence[Any]:
+    """The items, each of which has what mink would call; any iterable will do."""
     if not isinstance(items, (list, tuple)):
-        raise InvalidInput(f"solve_ik: {name} is a list of mink {name}; got {items!r}.")
+        if isinstance(items, (str, bytes)) or not isinstance(items, Iterable):
+            raise InvalidInput(f"solve_ik: {name} is a list of mink {name}; got {items!r}.")
+        items = list(items)
+    found: Sequence[Any] = items
     for index, item in enumerate(items):
-        if not isinstance(item, expected):
-            belongs = "limits" if isinstance(item, mink.Limit) else "tasks"
-            hint = f" It belongs into {belongs}=." if isinstance(item, _OF_MINK) else ""
+        if not all(hasattr(item, asked) for asked in _ASKED[name]):
+            others = [other for other, calls in _ASKED.items() if hasattr(item, calls[0])]
+            hint = f" It belongs into {others[0]}=." if others else ""
             raise InvalidInput(
                 f"solve_ik: {name}[{index}] is {type(item).__name__}, which is none of mink's "
                 f"{name}.{hint}"
             )
         check_model(f"solve_ik: {name}[{index}]", item, nv)
+    return found

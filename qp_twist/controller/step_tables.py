@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import mink
 import numpy as np
@@ -20,7 +21,14 @@ from qp_twist.fast.bounds import (
     VELOCITY_BOUND,
     WINDOW,
 )
-from qp_twist.limits import DisplacementWindow, MotionLimit, PositionLimit, kind_of
+from qp_twist.limits import (
+    DisplacementWindow,
+    MotionLimit,
+    PositionLimit,
+    is_mink_box,
+    kind_of,
+    qpos_of,
+)
 from qp_twist.limits.position_limit import NOTICEABLE
 from qp_twist.limits.stated_limit import UNLIMITED
 from qp_twist.qp import verification
@@ -56,27 +64,17 @@ def table_of(
                 row[:, 4], row[:, 5] = limit.max_velocity, limit.max_acceleration
         else:
             row[:, 0], row[:, 1], row[:, 2] = -np.inf, np.inf, numbers[kind_of(limit)]
-        if is_box_of_mink(limit):
+        if is_mink_box(limit):
             write_box_of_mink(row, limit)
     types = [
-        MINK_RANGE if type(limit) is mink.ConfigurationLimit and is_box_of_mink(limit)
+        MINK_RANGE if type(limit) is mink.ConfigurationLimit and is_mink_box(limit)
         else _TYPES.get(type(limit), STATED)
         for limit in limits
     ]  # fmt: skip
     return table, np.array(types, dtype=np.int64)
 
 
-def is_box_of_mink(limit: mink.Limit) -> bool:
-    """Whether it is a limit of mink's on single joints, which need not be asked at every step.
-
-    A limited ball joint is none: its row turns with the joint.
-    """
-    if type(limit) is mink.ConfigurationLimit:
-        return len(limit._ball_qposadr) == 0
-    return type(limit) is mink.VelocityLimit
-
-
-def write_box_of_mink(row: Array, limit: mink.Limit) -> None:
+def write_box_of_mink(row: Array, limit: Any) -> None:
     """The numbers of such a limit into its table (nv, 7), as ``fast.bounds`` takes them."""
     if limit.projection_matrix is None:
         return
@@ -84,12 +82,12 @@ def write_box_of_mink(row: Array, limit: mink.Limit) -> None:
     if isinstance(limit, mink.VelocityLimit):
         row[dofs, 0], row[dofs, 1] = -limit.limit, limit.limit
         return
-    qpos = limit.model.jnt_qposadr[limit.model.dof_jntid[dofs]]
+    qpos = qpos_of(limit)
     row[dofs, 0], row[dofs, 1] = limit.lower[qpos], limit.upper[qpos]
     row[:, 2] = limit.gain
 
 
-def state_of_mink(limit: mink.Limit) -> tuple[object, ...]:
+def state_of_mink(limit: Any) -> tuple[object, ...]:
     """What may be written into such a limit between two steps, in a form that can be compared."""
     if isinstance(limit, mink.VelocityLimit):
         return limit.limit.tobytes(), limit.indices.tobytes()

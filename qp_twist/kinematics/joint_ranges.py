@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from weakref import WeakKeyDictionary
 
 import mujoco
 import numpy as np
@@ -70,7 +71,9 @@ class JointRanges:
     def limited(self) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
         """Which degrees of freedom have a range of finite, non-zero width, shape (nv,)."""
         width = self.upper - self.lower
-        return read_only(np.isfinite(width) & (width > 0.0))
+        limited = np.isfinite(width) & (width > 0.0)
+        limited.setflags(write=False)
+        return limited
 
     @cached_property
     def middle(self) -> Array:
@@ -123,3 +126,14 @@ class JointRanges:
         offset = np.abs(self.positions(q) - self.middle) * 2.0 * self.weight
         margins: Array = np.where(self.limited, 1.0 - offset, np.inf)
         return margins
+
+
+_names: WeakKeyDictionary[mujoco.MjModel, tuple[str, ...]] = WeakKeyDictionary()
+
+
+def joint_names(model: mujoco.MjModel) -> tuple[str, ...]:
+    """Name of the joint that owns each degree of freedom, looked up once a model."""
+    found = _names.get(model)
+    if found is None:
+        found = _names[model] = JointRanges.of(model).names
+    return found

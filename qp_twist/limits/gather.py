@@ -4,17 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import mink
 import mujoco
 import numpy as np
 
-from qp_twist.checks import Array
+from qp_twist.checks import Array, Indices
 from qp_twist.errors import InvalidInput
 from qp_twist.kinematics import JointRanges
 from qp_twist.limits.box_limit import Box, BoxLimit
 from qp_twist.limits.intersection import Intersection, intersect
-from qp_twist.limits.stated_limit import UNLIMITED, RowName, StatedLimit
+from qp_twist.limits.mink_box import is_mink_box, mink_box
+from qp_twist.limits.stated_limit import UNLIMITED, Named, RowName, StatedLimit
 
 
 @dataclass(eq=False)
@@ -25,7 +27,7 @@ class GatheredLimits:
         box: The bounds on single joints.
         rows: G, shape (m, nv).
         bounds: g, shape (m,).
-        row_labels: Name and kind of each row.
+        sources: What the rows come from, which knows their names.
         model: The robot.
         recovering: Sentences about joints that are outside their limits.
     """
@@ -33,7 +35,7 @@ class GatheredLimits:
     box: Intersection
     rows: Array
     bounds: Array
-    row_labels: list[RowName]
+    sources: list[Named]
     model: mujoco.MjModel
     recovering: tuple[str, ...] = ()
 
@@ -52,18 +54,33 @@ class GatheredLimits:
         """Joint name of each degree of freedom; looked up only where a message needs it."""
         return JointRanges.of(self.model).names
 
-    def as_rows(self) -> tuple[Array, Array, list[RowName]]:
-        """All limits as rows G q̇ ≤ g, the bounds too, with a name and kind for each."""
+    def as_rows(self) -> tuple[Array, Array, Named]:
+        """All limits as rows G q̇ ≤ g, the bounds too, and what knows their names."""
         identity = np.eye(len(self.lower))
         above, below = np.flatnonzero(self.upper < np.inf), np.flatnonzero(self.lower > -np.inf)
-        names = self.names
         return (
             np.vstack([identity[above], -identity[below], self.rows]),
             np.concatenate([self.upper[above], -self.lower[below], self.bounds]),
-            [(names[i], self.box.upper_kind[i]) for i in above]
-            + [(names[i], self.box.lower_kind[i]) for i in below]
-            + self.row_labels,
+            _AsRows(self, above, below),
         )
+
+
+class _AsRows(NamedTuple):
+    """Limits of which the bounds are rows, too: upper ones, lower ones, then the other rows."""
+
+    limits: GatheredLimits
+    above: Indices
+    below: Indices
+
+    @property
+    def names(self) -> list[RowName]:
+        """Name and kind of each row."""
+        box, joints = self.limits.box, self.limits.names
+        return [
+            *((joints[i], box.upper_kind[i]) for i in self.above),
+            *((joints[i], box.lower_kind[i]) for i in self.below),
+            *(name for source in self.limits.sources for name in source.names),
+        ]
 
 
 def gather_limits(
@@ -81,12 +98,15 @@ def gather_limits(
     """
     nv = configuration.model.nv
     boxes: list[Box] = []
-    rows, bounds, labels = list[Array](), list[Array](), list[RowName]()
+    rows, bounds, sources = list[Array](), list[Array](), list[Named]()
     recovering: list[str] = []
     for limit in limits:
         if isinstance(limit, BoxLimit):
             boxes += limit.boxes(configuration, dt)
             recovering += limit.recovering(configuration, dt)
+            continue
+        if is_mink_box(limit):
+            boxes.append(mink_box(limit, configuration, dt))
             continue
         stated = StatedLimit.of(limit, configuration, dt)
         if stated is None:
@@ -95,14 +115,14 @@ def gather_limits(
         if len(stated.bounds):
             rows.append(stated.rows)
             bounds.append(stated.bounds)
-            labels += stated.names
+            sources.append(stated)
     box = intersect(boxes, configuration.model)
     _take_far_for_none(box, configuration.model)
     return GatheredLimits(
         box,
         np.vstack(rows) if rows else np.zeros((0, nv)),
         np.concatenate(bounds) if rows else np.zeros(0),
-        labels,
+        sources,
         configuration.model,
         tuple(recovering),
     )

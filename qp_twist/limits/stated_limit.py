@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Protocol
 
 import mink
 import numpy as np
@@ -16,6 +16,16 @@ from qp_twist.limits.box_limit import Box
 
 RowName = tuple[str, str]
 """Name and kind of an inequality row, as in :class:`~qp_twist.BindingLimit`."""
+
+
+class Named(Protocol):
+    """What inequality rows come from: names are looked up only where a message needs them."""
+
+    @property
+    def names(self) -> list[RowName]:
+        """Name and kind of each of the rows."""
+
+
 UNLIMITED = 1e12
 """A velocity bound beyond this is none, rad/s or m/s."""
 _MINK_KINDS = {"ConfigurationLimit": "position", "VelocityLimit": "velocity"}
@@ -68,7 +78,7 @@ class StatedLimit:
 
     @property
     def names(self) -> list[RowName]:
-        """Of the rows; looked up only where a message needs them."""
+        """Of the rows."""
         return [_row_name(self.limit, int(row)) for row in self.which]
 
 

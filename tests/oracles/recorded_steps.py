@@ -24,9 +24,8 @@ import numpy.typing as npt
 if __name__ == "__main__":  # run as a script
     sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from oracles.compositions import Composition, composition
-
 import qp_twist as qt
+from oracles.compositions import Composition, composition
 
 Array = npt.NDArray[np.float64]
 

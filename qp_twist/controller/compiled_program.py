@@ -1,0 +1,96 @@
+"""Programs that mink tasks and limits have stated, solved by the kernel."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Sequence
+
+import numpy as np
+
+from qp_twist.checks import Array
+from qp_twist.controller.plain_step import Layout, Numbers, PlainStep
+from qp_twist.controller.step_tables import TOLERANCES
+from qp_twist.fast.program_step import program_step
+from qp_twist.fast.step_kernel import DONE
+from qp_twist.fast.step_layout import HEADER, Sizes, entries
+from qp_twist.limits import Named
+from qp_twist.limits.intersection import Intersection
+
+_MOST = 64
+"""Shapes of programs for which arrays are kept."""
+_mine = threading.local()
+
+
+class CompiledProgram:
+    """Arrays for programs of one shape: n unknowns, m equality rows, k inequality rows."""
+
+    def __init__(self, n: int, m: int, k: int) -> None:
+        size = Sizes(n, m, 0, 1, 0, False, True, k, k)
+        program, work, ints = entries(size)
+        self._floats = np.zeros(program + work)
+        self._integers = np.zeros(HEADER + ints, dtype=np.int64)
+        self._integers[: len(size)] = size
+        self._ends = np.array([m])
+        self._result = self._floats[:program]
+        layout = Layout((m,), m, ("",) * n, {}, dense=True)
+        self._numbers = Numbers.of(self._result, layout)
+
+    @classmethod
+    def of(cls, n: int, m: int, k: int) -> CompiledProgram:
+        """The arrays of a shape, which every thread has for itself."""
+        kept: dict[tuple[int, int, int], CompiledProgram] = _mine.__dict__.setdefault("kept", {})
+        found = kept.get((n, m, k))
+        if found is None:
+            if len(kept) >= _MOST:
+                kept.clear()
+            found = kept[n, m, k] = cls(n, m, k)
+        return found
+
+    def solve(
+        self,
+        cost: tuple[Array, Array],
+        equality: tuple[Array, Array],
+        inequality: tuple[Array, Array],
+        box: Intersection,
+        threshold: float,
+    ) -> bool:
+        """Whether the program has a verified solution that meets every row; then it is kept here.
+
+        Args:
+            cost: H, positive definite, (n, n), and c, (n,).
+            equality: A, (m, n), and b, (m,).
+            inequality: G, (k, n), and g, (k,).
+            box: Bounds.
+            threshold: Singular value of A below which the reference has to look at it.
+        """
+        w = self._numbers
+        n, m = len(w.c), w.m
+        w.cost[:], w.c[:] = cost
+        w.lower_ends[:n], w.upper_ends[:n] = box.lower, box.upper
+        if m:
+            w.rows[:m], w.upper_ends[n : n + m] = equality
+        if len(w.rows) > m:
+            w.rows[m:], w.upper_ends[n + m :] = inequality
+        self._integers[HEADER + n] = 0  # begun anew: the program may be another user's
+        status: int = program_step(
+            self._floats, self._integers, self._ends, HEADER, threshold, TOLERANCES
+        )
+        return status == DONE
+
+    def step(
+        self,
+        ranks: tuple[int, ...],
+        names: tuple[str, ...],
+        box: Intersection,
+        rows: Sequence[Named],
+    ) -> PlainStep:
+        """The step of the program solved last.
+
+        Args:
+            ranks: Equality rows of each constraint.
+            names: Of the joints, by degree of freedom.
+            box: Bounds.
+            rows: What the inequality rows come from.
+        """
+        layout = Layout(ranks, self._numbers.m, names, {}, dense=True)
+        return PlainStep.made(self._numbers.x, self._result, layout, rows, box)
