@@ -253,3 +253,111 @@ def test_a_joint_that_became_no_number_is_told_by_its_place(solver: str) -> None
     configuration.data.qpos[2] = np.nan
     with pytest.raises(qt.InvalidInput, match=r"configuration\.q"):
         controller.step(configuration, 0.1)
+
+
+# ---------------------------------------------------------------- model and data replaced
+
+LONGER = arm(behind="<body pos='.1 0 0'><joint name='j4' axis='0 1 0'/><geom size='.02'/></body>")
+SHORTER = mujoco.MjModel.from_xml_string(
+    "<mujoco><worldbody><body><joint name='j1'/><geom size='.1'/></body></worldbody></mujoco>"
+)
+RENAMED = mujoco.MjModel.from_xml_string(
+    ARM.format(before="", reach=0.3, behind="").replace("j3", "k3")
+)
+
+
+def data_of(model: mujoco.MjModel) -> mujoco.MjData:
+    return mink.Configuration(model, np.full(model.nq, 0.3)).data
+
+
+def other_data(model: mujoco.MjModel) -> Any:
+    return lambda configuration: setattr(configuration, "data", data_of(model))
+
+
+def other_model(model: Any) -> Any:
+    return lambda configuration: setattr(configuration, "model", model)
+
+
+REPLACED = {
+    "data of the same robot": other_data(arm()),
+    "data of one with other lengths": other_data(arm(reach=0.5)),
+    "data of one with other names": other_data(RENAMED),
+    "data of a longer robot": other_data(LONGER),
+    "data of a shorter robot": other_data(SHORTER),
+    "no data": lambda configuration: setattr(configuration, "data", None),
+    "data deleted": lambda configuration: delattr(configuration, "data"),
+    "data reset": lambda configuration: mujoco.mj_resetData(
+        configuration.model, configuration.data
+    ),
+    "the same robot read again": other_model(arm()),
+    "a model with other names": other_model(RENAMED),
+    "a longer model": other_model(LONGER),
+    "a shorter model": other_model(SHORTER),
+    "no model": other_model(None),
+}
+
+
+@pytest.mark.parametrize("solver", SOLVERS)
+@pytest.mark.parametrize("change", REPLACED)
+def test_a_configuration_that_was_changed_after_a_step_is_looked_at_again(
+    change: str, solver: str
+) -> None:
+    """The same as without a step before, and as the reference: a step, or a sentence."""
+    task = qt.TwistTask.point("tip", "site")
+    task.set_target(mink.SE3.from_translation(np.array([0.6, 0.2, 0.05])))
+    outcomes = []
+    for prepared, steps_before in ((False, 0), (True, 0), (True, 1)):
+        model = arm()
+        controller = qt.Controller(model, [task], limits=[], solver=solver)
+        if not prepared:
+            by_reference(controller)
+        configuration = mink.Configuration(model, np.array([0.3, 0.4, 0.5]))
+        for _ in range(steps_before):
+            controller.step(configuration, 0.1)
+        REPLACED[change](configuration)
+        try:
+            outcomes.append(controller.step(configuration, 0.1).velocity)
+        except qt.InvalidInput as error:
+            assert "configuration" in str(error)
+            outcomes.append(str(error))
+    expected = outcomes[0]
+    taken = ("data of the same robot", "data of one with other lengths", "data reset",
+             "the same robot read again")  # fmt: skip
+    assert isinstance(expected, np.ndarray) == (change in taken)
+    for outcome in outcomes[1:]:
+        if isinstance(expected, str):
+            assert outcome == expected
+        else:
+            np.testing.assert_allclose(outcome, expected, rtol=1e-9, atol=1e-9)
+
+
+@pytest.mark.parametrize("solver", SOLVERS)
+def test_a_copy_of_a_configuration_goes_its_own_way(solver: str) -> None:
+    task = qt.TwistTask.point("tip", "site")
+    task.set_target(mink.SE3.from_translation(np.array([0.6, 0.2, 0.05])))
+    model = arm()
+    controller = qt.Controller(model, [task], limits=[], solver=solver)
+    configuration = mink.Configuration(model, np.array([0.3, 0.4, 0.5]))
+    expected = controller.step(configuration, 0.1).velocity
+    other = copy.copy(configuration)
+    np.testing.assert_array_equal(controller.step(other, 0.1).velocity, expected)
+    other.data = data_of(SHORTER)
+    with pytest.raises(qt.InvalidInput, match=r"configuration\.data belongs to a model"):
+        controller.step(other, 0.1)
+    np.testing.assert_array_equal(controller.step(configuration, 0.1).velocity, expected)
+
+
+def test_foreign_data_are_refused_wherever_a_frame_is_read() -> None:
+    """MuJoCo reads what the model says is there, without a look at the sizes of the data."""
+    task = qt.TwistTask.point("tip", "site")
+    configuration = mink.Configuration(arm(), np.array([0.3, 0.4, 0.5]))
+    task.set_target_from_configuration(configuration)
+    configuration.data = data_of(SHORTER)
+    for read in (
+        task.compute_error,
+        task.compute_jacobian,
+        task.set_target_from_configuration,
+        lambda there: qt.solve_ik(there, [task], 0.1, "daqp"),
+    ):
+        with pytest.raises(qt.InvalidInput, match=r"configuration\.data belongs to a model"):
+            read(configuration)

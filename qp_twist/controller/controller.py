@@ -39,6 +39,7 @@ from qp_twist.kinematics import (
     FreeTwistCost,
     SecondaryObjective,
     TwistTask,
+    check_configuration,
     frame_pose,
     same_structure,
     total_displacement,
@@ -57,6 +58,8 @@ SMALLEST_WEIGHT, LARGEST_WEIGHT = 1e-12, 1e12
 """Range of ρ and the entries of M: beyond it they, or other costs, are lost in the arithmetic."""
 SINGULARITY = 1e-3
 """Singular value of the task rows, m/rad or 1, below which a direction is slowed down."""
+_NOT_CHECKED: tuple[Any, Any, Any] = (object(), None, None)
+"""In place of a configuration, its model and its data: is nothing that anyone can pass."""
 
 
 def _metric(controller: Any, name: str, value: npt.ArrayLike) -> Array:
@@ -178,7 +181,8 @@ class Controller:
         self.solver = check_solver(solver)
         self.on_infeasible = one_of("on_infeasible", on_infeasible, ("scale", "relax", "raise"))
         self._check_types()
-        self._checked = object()  # the configuration that was looked at: none yet
+        # The last configuration that was checked, its model and its data.
+        self._checked = _NOT_CHECKED
         self.metric = (
             np.ones(model.nv) if metric is None else metric  # type: ignore[assignment]
         )
@@ -223,7 +227,15 @@ class Controller:
             SolverInaccurate: If every installed backend failed on a feasible step.
         """
         dt = number("dt", dt, above=0.0)
-        if self._prepared is None or configuration is not self._checked:
+        # Model and data are attributes that anyone can replace between two steps; the prepared step
+        # reads the data's memory.
+        checked, model, data = self._checked
+        if (
+            self._prepared is None
+            or configuration is not checked
+            or getattr(configuration, "data", None) is not data
+            or getattr(configuration, "model", None) is not model
+        ):
             self._check_configuration(configuration)
         if velocity is not None:
             self.note(velocity)
@@ -328,7 +340,7 @@ class Controller:
             frame_pose(probe, task.frame_name, task.frame_type)
 
     def _check_configuration(self, configuration: mink.Configuration) -> None:
-        instance("configuration", configuration, mink.Configuration)
+        check_configuration(configuration)
         if not same_structure(configuration.model, self.model):
             raise InvalidInput(
                 f"step: the configuration's model has nq = {configuration.model.nq}, nv = "
@@ -337,7 +349,7 @@ class Controller:
                 "or their names or joints differ; use a configuration of the same model."
             )
         finite_array("configuration.q", configuration.q, (self.model.nq,))
-        self._checked = configuration
+        self._checked = configuration, configuration.model, configuration.data
 
     def __getstate__(self) -> dict[str, Any]:
         """Without the prepared step: arrays that see into each other would be copied apart."""
@@ -346,7 +358,7 @@ class Controller:
     def __setstate__(self, state: dict[str, Any]) -> None:
         """A copy prepares its own."""
         self.__dict__.update(state)
-        self._checked = object()
+        self._checked = _NOT_CHECKED
         self._prepared, self._free = self._compiled_step(), threading.Lock()
 
     def __repr__(self) -> str:

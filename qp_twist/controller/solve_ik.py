@@ -9,7 +9,7 @@ from typing import Any, Literal
 import mink
 import numpy as np
 
-from qp_twist.checks import Array, finite_array, instance, number, one_of
+from qp_twist.checks import Array, finite_array, number, one_of
 from qp_twist.controller.infeasible import finished
 from qp_twist.controller.posed import Posed
 from qp_twist.controller.posing import (
@@ -22,7 +22,7 @@ from qp_twist.controller.posing import (
 )
 from qp_twist.controller.step import NOT_THE_LIMITS, Step
 from qp_twist.errors import InvalidInput
-from qp_twist.kinematics import TwistTask
+from qp_twist.kinematics import TwistTask, check_configuration
 from qp_twist.kinematics.joint_ranges import joint_names
 from qp_twist.limits import BoxLimit, GatheredLimits, check_model, default_limit, gather_limits
 from qp_twist.qp import (
@@ -124,7 +124,7 @@ def ik_step(
     **kwargs: Any,
 ) -> Step:
     """:func:`solve_ik` with its whole :class:`~qp_twist.Step`; residuals are of the constraints."""
-    instance("configuration", configuration, mink.Configuration)
+    check_configuration(configuration)
     dt = number("dt", dt, above=0.0)
     check_solver(solver)
     one_of("on_infeasible", on_infeasible, ("scale", "relax", "raise"))

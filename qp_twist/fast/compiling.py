@@ -1,12 +1,12 @@
 """How the kernels are compiled.
 
-Machine code is kept beside the sources, or where numba may; where it may nowhere, it is made anew
-in every process. It is made anew where the file of a kernel has changed, not
-where only that of a kernel which it calls has: whoever works on them removes ``__pycache__``.
+Machine code is kept on disk and belongs to the contents of all files of this folder
+(:mod:`~qp_twist.fast.code_cache`); where it can be kept nowhere, every process compiles for itself.
 """
 
 from __future__ import annotations
 
+import contextlib
 from typing import Any
 
 _REORDERED = {"reassoc", "contract", "nsz"}
@@ -17,12 +17,15 @@ are: comparisons rely on them."""
 def _by_numba(**options: Any) -> Any:
     from numba import njit
 
+    from qp_twist.fast.code_cache import KernelCache
+
     def compiled(function: Any) -> Any:
         settings: Any = {"error_model": "numpy", "nogil": True, "fastmath": _REORDERED} | options
-        try:
-            return njit(cache=True, **settings)(function)
-        except RuntimeError:  # there is no folder to keep machine code in
-            return njit(**settings)(function)
+        dispatcher = njit(**settings)(function)
+        # No folder to keep machine code in, or no sources to tell which code it is: none is kept.
+        with contextlib.suppress(RuntimeError):
+            dispatcher._cache = KernelCache(function)  # what njit(cache=True) does with its own
+        return dispatcher
 
     return compiled
 

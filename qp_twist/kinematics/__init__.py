@@ -1,6 +1,7 @@
 """Tasks and secondary objectives: plain mink tasks."""
 
 from .cone_band import ConeBand as ConeBand
+from .frame import check_configuration as check_configuration
 from .frame import frame_jacobian as frame_jacobian
 from .frame import frame_pose as frame_pose
 from .frame import relative_jacobian as relative_jacobian

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import mink
 import mujoco
 import numpy as np
@@ -24,6 +26,27 @@ def same_structure(one: mujoco.MjModel, other: mujoco.MjModel) -> bool:
         and one.names == other.names
         and all(np.array_equal(getattr(one, a), getattr(other, a)) for a in arrays)
     )
+
+
+def check_configuration(configuration: mink.Configuration) -> None:
+    """Refuse what is no configuration, or one whose data belong to another model than its own.
+
+    Both are plain attributes that anyone can replace, and MuJoCo reads what the model says is there
+    without a look at the data's sizes.
+    """
+    instance("configuration", configuration, mink.Configuration)
+    # As whatever was put there.
+    model: Any = getattr(configuration, "model", None)
+    data: Any = getattr(configuration, "data", None)
+    instance("configuration.model", model, mujoco.MjModel)
+    instance("configuration.data", data, mujoco.MjData)
+    if not same_structure(data.model, model):
+        raise InvalidInput(
+            f"configuration.data belongs to a model with nq = {data.model.nq}, nv = "
+            f"{data.model.nv} and {data.model.nbody} bodies, configuration.model has nq = "
+            f"{model.nq}, nv = {model.nv} and {model.nbody}, or their names or joints differ; "
+            "make a new mink.Configuration(model, q)."
+        )
 
 
 def frame_id(model: mujoco.MjModel, name: str | int, frame_type: str) -> int:
@@ -52,7 +75,7 @@ def frame_pose(
     configuration: mink.Configuration, name: str | int, frame_type: str
 ) -> tuple[Array, Array]:
     """Rotation (3, 3) of a frame to the world and its origin (3,) in the world, m."""
-    instance("configuration", configuration, mink.Configuration)
+    check_configuration(configuration)
     index = frame_id(configuration.model, name, frame_type)
     data = configuration.data
     rotation = getattr(data, mink.FRAME_TO_XMAT_ATTR[frame_type])[index].reshape(3, 3).copy()
@@ -66,7 +89,7 @@ def frame_jacobian(configuration: mink.Configuration, name: str | int, frame_typ
     Rows are (linear, angular) in world axes, reference point the frame's origin (paper, eq. *t*).
     mink's ``get_frame_jacobian`` is the same with both blocks turned into the frame's own axes.
     """
-    instance("configuration", configuration, mink.Configuration)
+    check_configuration(configuration)
     index = frame_id(configuration.model, name, frame_type)
     jacobian = np.empty((6, configuration.model.nv))
     mink.FRAME_TO_JAC_FUNC[frame_type](

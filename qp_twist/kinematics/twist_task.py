@@ -11,10 +11,11 @@ import mujoco
 import numpy as np
 import numpy.typing as npt
 
-from qp_twist.checks import Array, checked, finite_array, instance, number, read_only, unit_vector
+from qp_twist.checks import Array, checked, finite_array, number, read_only, unit_vector
 from qp_twist.errors import InvalidInput, InvalidTarget
 from qp_twist.geometry import Projector, TwistProjector, clamp_twist, resolved_twist_error
 from qp_twist.kinematics.frame import (
+    check_configuration,
     frame_jacobian,
     frame_pose,
     relative_jacobian,
@@ -336,7 +337,7 @@ class TwistTask(mink.Task):
 
     def set_target_from_configuration(self, configuration: mink.Configuration) -> None:
         """Make the frame's present pose the target, at rest."""
-        instance("configuration", configuration, mink.Configuration)
+        check_configuration(configuration)
         pose = configuration.get_transform_frame_to_world(self.frame_name, self.frame_type)
         if self.relative_to is not None:
             carrier = configuration.get_transform_frame_to_world(*self.relative_to)

@@ -1,0 +1,141 @@
+"""Machine code is kept for exactly the sources that it was made from.
+
+In copies of the package's folder of kernels, each with its own cache, so that nothing is compiled
+but two functions of a line each and one small kernel.
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import qp_twist
+
+pytest.importorskip("numba", reason="numba is not installed; pip install -e '.[fast]' brings it.")
+
+FAST = Path(qp_twist.__file__).parent / "fast"
+INNER = """
+from qp_twist.fast.compiling import plain
+FACTOR = 2.0
+@plain
+def scaled(x):
+    return FACTOR * x
+"""
+OUTER = """
+from qp_twist.fast.compiling import plain
+from qp_twist.fast.inner import scaled
+@plain
+def shifted(x):
+    return scaled(x) + 1.0
+"""
+CALL = """
+from qp_twist.fast.outer import shifted
+print(shifted(10.0), sum(shifted.stats.cache_hits.values()))
+"""
+
+
+@pytest.fixture
+def package(tmp_path: Path) -> Path:
+    """A package of two kernels, one of which calls the other, which lies in another file."""
+    folder = tmp_path / "qp_twist" / "fast"
+    folder.mkdir(parents=True)
+    (tmp_path / "qp_twist" / "__init__.py").touch()
+    for name in ("__init__", "compiling", "code_cache"):
+        shutil.copy(FAST / f"{name}.py", folder)
+    (folder / "inner.py").write_text(INNER)
+    (folder / "outer.py").write_text(OUTER)
+    return folder
+
+
+def started(folder: Path, script: str = CALL, **variables: str) -> subprocess.Popen[str]:
+    # Without Python's own cache, which takes two edits within a second for one.
+    at_home = {"PYTHONPATH": str(folder.parents[1]), "PYTHONDONTWRITEBYTECODE": "1"}
+    kept = {key: value for key, value in os.environ.items() if not key.startswith("NUMBA_")}
+    return subprocess.Popen(
+        [sys.executable, "-c", script], env=kept | at_home | variables, stdout=subprocess.PIPE,
+        text=True, cwd=folder.parents[1],
+    )  # fmt: skip
+
+
+def printed(process: subprocess.Popen[str]) -> list[float]:
+    out, _ = process.communicate(timeout=300)
+    assert process.returncode == 0
+    return [float(word) for word in out.split()]
+
+
+def run(folder: Path, script: str = CALL, **variables: str) -> list[float]:
+    """What a new process prints: here the result, and how often it found machine code."""
+    return printed(started(folder, script, **variables))
+
+
+def kept(folder: Path) -> list[str]:
+    return sorted(file.name for file in folder.rglob("*.nb[ic]"))
+
+
+def test_an_edit_of_a_kernel_reaches_the_kernels_that_call_it(package: Path) -> None:
+    assert run(package) == [21.0, 0]
+    first = kept(package)
+    assert run(package) == [21.0, 1]  # nothing changed: the machine code of before
+    (package / "inner.py").write_text(INNER.replace("2.0", "3.0"))
+    assert run(package) == [31.0, 0]
+    # Nothing piles up: the files of the former sources are gone.
+    assert len(kept(package)) == len(first) and not set(kept(package)) & set(first)
+    (package / "inner.py").write_text(INNER)
+    assert run(package)[0] == 21.0
+
+
+def test_a_constant_of_another_file_reaches_a_kernel_of_this_package(tmp_path: Path) -> None:
+    folder = tmp_path / "qp_twist" / "fast"
+    shutil.copytree(FAST, folder, ignore=shutil.ignore_patterns("__pycache__"))
+    (tmp_path / "qp_twist" / "__init__.py").touch()
+    # The nearest point of x ≥ 1 and y ≥ 2: (1, 2), where both half-planes are held.
+    script = """
+import numpy as np
+from qp_twist.fast.in_plane import in_plane
+z, u, active = np.zeros(2), np.zeros(2), np.zeros(2, dtype=np.int64)
+print(in_plane(np.diag([-1.0, -1.0]), np.array([-1.0, -2.0]), np.ones(2), active, z, u), *z)
+"""
+    assert run(folder, script) == [2, 1.0, 2.0]
+    constants = folder / "dual_active_set.py"
+    assert "\nMOST = 50\n" in constants.read_text()
+    constants.write_text(constants.read_text().replace("\nMOST = 50\n", "\nMOST = 0\n"))
+    assert run(folder, script)[0] == -1  # no iteration is allowed any more
+
+
+def test_what_is_compiled_after_an_edit_of_the_sources_is_not_kept(package: Path) -> None:
+    inner = package / "inner.py"
+    script = f"""
+from pathlib import Path
+import qp_twist.fast.inner
+Path({str(inner)!r}).write_text({INNER.replace("2.0", "5.0")!r})
+{CALL}
+"""
+    assert run(package, script) == [21.0, 0]  # of what was imported
+    assert not kept(package)
+    assert run(package) == [51.0, 0]  # of what stands in the files now
+    inner.write_text(INNER)
+    assert run(package) == [21.0, 0]
+
+
+def test_processes_that_compile_at_once_do_not_disturb_each_other(package: Path) -> None:
+    together = [started(package) for _ in range(4)]
+    assert [printed(process)[0] for process in together] == [21.0] * 4
+    assert run(package) == [21.0, 1]
+
+
+def test_beside_sources_that_are_read_only_the_cache_lies_in_the_users_folder(
+    package: Path, tmp_path: Path
+) -> None:
+    (package / "__pycache__").touch()  # a file where the folder would be: nobody can write into it
+    home = tmp_path / "home"
+    for found in (0, 1):
+        assert run(package, XDG_CACHE_HOME=str(home), HOME=str(home)) == [21.0, found]
+    assert not kept(package) and kept(home)
+    asked_for = tmp_path / "asked for"
+    assert run(package, NUMBA_CACHE_DIR=str(asked_for)) == [21.0, 0]
+    assert kept(asked_for)
