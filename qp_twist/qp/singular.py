@@ -22,7 +22,8 @@ class LostDirection:
         sigma: Singular value of the task rows in this direction.
         direction: Unit vector in the task rows, in the order of ``Step.residuals``, (m,).
         share: Share of the speed asked for that is kept, σ²/threshold².
-        missing: Speed that is not delivered, m/s or rad/s.
+        missing: Speed that is not delivered, m/s or rad/s; of a scaled step: of the scaled speed.
+            Where limits leave the slowed direction less than its share, it is more.
         where: The direction in words: a task, and its part of the twist in world axes.
     """
 
