@@ -17,6 +17,7 @@ from scipy.optimize import linprog, lsq_linear
 
 import qp_twist as qt
 from qp_twist.limits import gather_limits
+from qp_twist.qp.verification import EQUALITY_TOLERANCE
 
 Array = npt.NDArray[np.float64]
 SEEDS = st.integers(0, 10**6)
@@ -87,6 +88,52 @@ def test_ill_conditioned_levels_have_a_result_too(kind: str, seed: int) -> None:
         assert difference <= SAME * size
         if difference < -SAME * size:
             break  # better than the oracle, which is then no measure for what comes below
+
+
+# ------------------------------------------------------------------------ what is zero, or small
+
+
+@given(SEEDS, st.floats(-4.0, 4.0))
+@settings(max_examples=60)
+def test_what_the_tolerance_does_not_resolve_changes_neither_scale_nor_result(
+    seed: int, digits: float
+) -> None:
+    """A first level that is met, and its right-hand side moved by up to the stated tolerance."""
+    rng = np.random.default_rng(seed)
+    n = int(rng.integers(2, 9))
+    A = rng.normal(size=(int(rng.integers(1, n)), n)) * 10.0**digits
+    if rng.random() < 0.4:
+        A = np.vstack([A, rng.normal(size=(1, len(A))) @ A])  # rows that have to agree
+    lower, upper = -rng.uniform(0.0, 1.0, n), rng.uniform(0.0, 1.0, n)
+    met = np.zeros(n) if rng.random() < 0.5 else rng.uniform(lower, upper)
+    b = A @ met
+    away = rng.normal(size=len(b))
+    tolerance = EQUALITY_TOLERANCE * (np.linalg.norm(A, axis=1).max() + np.abs(b).max())
+    away *= tolerance * 0.99 * 10.0 ** rng.choice([0.0, -1.0, -6.0, -11.0]) / np.linalg.norm(away)
+    below = (np.eye(n), np.full(n, 9.0))
+    still = qt.solve_levels([(A, b), below], lower, upper)
+    moved = qt.solve_levels([(A, b + away), below], lower, upper)
+    assert still.scale == moved.scale == 1.0
+    assert np.linalg.norm(moved.residuals[0]) <= 1.01 * tolerance
+
+
+@pytest.mark.parametrize("size", [1e-3, 1e-5, 1e-6, 1e-7])
+@given(seed=SEEDS)
+@settings(max_examples=15)
+def test_a_small_demand_is_scaled_as_a_large_one(size: float, seed: int) -> None:
+    """The largest scale does not depend on the unit, down to what counts as met."""
+    J, goal, lower, upper, _ = saturated(seed)
+    large = qt.solve_levels([(J, goal)], lower, upper)
+    small = qt.solve_levels([(J, size * goal)], size * lower, size * upper)
+    closest = qt.solve_levels([(J, goal)], lower, upper, on_infeasible="relax")
+    missing = size * np.linalg.norm(closest.residuals[0])
+    demand = size * np.abs(goal).max()
+    tolerance = EQUALITY_TOLERANCE * (np.linalg.norm(J, axis=1).max() + demand)
+    if missing > 1.01 * tolerance:
+        assert small.scale == pytest.approx(large.scale, abs=1e-6 + 1e-12 / demand)
+    elif missing < 0.99 * tolerance:
+        assert small.scale == 1.0
+        assert np.linalg.norm(small.residuals[0]) <= 1.01 * tolerance
 
 
 @given(SEEDS)
@@ -329,6 +376,83 @@ def test_a_lower_task_does_not_touch_a_higher_one_on_an_arm(seed: int) -> None:
         together = first([[arm.twist], [arm.frame, arm.com], [arm.posture]], mode)
         assert together.scale == pytest.approx(alone.scale, abs=1e-7)
         np.testing.assert_allclose(together.residuals[0], alone.residuals[0], atol=1e-7)
+
+
+class Offset(mink.PostureTask):
+    """A posture task whose error is off by a little, as that of an integrated configuration is."""
+
+    off: Array | float = 0.0
+
+    def compute_error(self, configuration: mink.Configuration) -> Array:
+        return super().compute_error(configuration) + self.off
+
+
+@pytest.mark.parametrize("mode", ["scale", "relax", "raise"])
+@given(seed=SEEDS)
+@settings(max_examples=12)
+def test_a_level_that_is_met_is_met_whatever_rounding_leaves_of_it(mode: Any, seed: int) -> None:
+    """Posture of two joints, met up to the tolerance, over a target that is out of reach."""
+    rng, dt = np.random.default_rng(seed), 0.01
+    arm = Arm(seed)
+    posture = Offset(arm.model, cost=np.concatenate([np.ones(2), np.zeros(6)]))
+    posture.set_target(arm.configuration.q)
+    pose = arm.configuration.get_transform_frame_to_world("tool", "site")
+    arm.twist.set_target(pose.plus(np.array([5.0, 5.0, 5.0, 0.0, 0.0, 0.0])))
+    limit = mink.VelocityLimit(arm.model, {arm.model.joint(i).name: 1.0 for i in range(8)})
+    controller = qt.Controller(
+        arm.model, levels=[[posture], [arm.twist]], limits=[limit], on_infeasible=mode
+    )
+    met = controller.step(arm.configuration, dt)
+    assert met.status in (qt.Status.PRIORITIZED, qt.Status.DEGRADED)
+    for size in (1e-25, 4e-19, 1e-17, 1e-15, 1e-13, 1e-11, 0.99 * EQUALITY_TOLERANCE * dt):
+        away = rng.normal(size=8)
+        away[2:] = 0.0
+        posture.off = size * away / np.linalg.norm(away)
+        step = controller.step(arm.configuration, dt)
+        assert (step.status, step.scale) == (met.status, 1.0), size
+        np.testing.assert_allclose(step.velocity, met.velocity, atol=1e-6)
+
+
+TWO_ARMS = """
+<mujoco><compiler angle="radian"/><worldbody>
+  <body pos="0 0.4 0"><joint name="a1" axis="0 0 1"/><geom size="0.02"/>
+    <body pos="0.4 0 0"><joint name="a2" axis="0 0 1"/><geom size="0.02"/>
+      <body pos="0.4 0 0"><joint name="a3" axis="0 0 1"/><geom size="0.02"/>
+        <site name="left" pos="0.2 0 0"/></body></body></body>
+  <body pos="0 -0.4 0"><joint name="b1" axis="0 0 1"/><geom size="0.02"/>
+    <body pos="0.4 0 0"><joint name="b2" axis="0 0 1"/><geom size="0.02"/>
+      <body pos="0.4 0 0"><joint name="b3" axis="0 0 1"/><geom size="0.02"/>
+        <site name="right" pos="0.2 0 0"/></body></body></body>
+</worldbody></mujoco>"""
+
+
+@pytest.mark.parametrize("solver", [None, "daqp", "proxqp"])
+@pytest.mark.parametrize("on_infeasible", ["scale", "relax"])
+def test_one_arm_holds_still_while_the_other_cannot_follow(
+    solver: str | None, on_infeasible: Any
+) -> None:
+    """What is left of the held arm's error is rounding; the task is not scaled by it."""
+    model = mujoco.MjModel.from_xml_string(TWO_ARMS)
+    plane = qt.TwistProjector(linear=qt.Projector.plane([0, 0, 1]), angular=qt.Projector.none())
+    hold, track = (qt.TwistTask(name, "site", plane) for name in ("left", "right"))
+    configuration = mink.Configuration(model, np.array([0.3, 0.7, -0.4, 0.2, 0.9, -0.3]))
+    start = [configuration.get_transform_frame_to_world(n, "site") for n in ("left", "right")]
+    hold.set_target(start[0])
+    limit = mink.VelocityLimit(model, {model.joint(i).name: 0.5 for i in range(6)})
+    controller = qt.Controller(
+        model, levels=[[hold], [track]], limits=[limit], solver=solver, on_infeasible=on_infeasible
+    )
+    seen = set()
+    for k in range(300):
+        away = np.array([0.6 * np.sin(0.05 * k), 0.5 * np.cos(0.03 * k), 0.0])
+        track.set_target(mink.SE3.from_translation(start[1].translation() + away))
+        step = controller.step(configuration, 0.01)
+        assert step.scale == 1.0
+        assert np.abs(step.residuals[0]).max() <= 1e-8
+        seen.add(step.status)
+        configuration.integrate_inplace(step.velocity, 0.01)
+    assert seen <= {qt.Status.SOLVED, qt.Status.PRIORITIZED}
+    assert qt.Status.PRIORITIZED in seen
 
 
 TWO_LINKS = """

@@ -224,6 +224,22 @@ def test_of_dependent_rows_the_part_in_their_range_counts(optimal: bool) -> None
     assert still.displacement.tolist() == [0.0, 0.0]
 
 
+@pytest.mark.parametrize("optimal", [False, True])
+@pytest.mark.parametrize("rest", [0.0, 4e-19, 1e-14, 9e-9])
+def test_a_task_that_is_met_up_to_rounding_is_not_scaled(optimal: bool, rest: float) -> None:
+    """A joint stands at its bound, and what is left of the task would move it beyond."""
+    result = saturation_in_null_space(
+        [[1.0, 0.0]], None, [rest], [-1.0, -1.0], [0.0, 1.0], optimal=optimal
+    )
+    assert result.scale == 1.0
+    assert result.proven
+    np.testing.assert_array_equal(result.displacement, 0.0)
+    real = saturation_in_null_space(
+        [[1.0, 0.0]], None, [1e-6], [-1.0, -1.0], [2.5e-7, 1.0], optimal=optimal
+    )
+    assert real.scale == pytest.approx(0.25)
+
+
 @FORMS
 def test_wrong_input_is_refused(optimal: bool) -> None:
     def call(**wrong: Any) -> None:

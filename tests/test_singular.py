@@ -228,6 +228,40 @@ def _crossings() -> list[float]:
     return found
 
 
+@given(SEEDS)
+@settings(max_examples=40)
+def test_a_scaled_step_at_a_singularity_is_off_in_the_lost_direction_only(seed: int) -> None:
+    """A stretched arm with tight speed limits: the other direction holds at the scale, exactly."""
+    rng = np.random.default_rng(seed)
+    count = int(rng.integers(2, 6))
+    model = planar_arm(rng.uniform(0.2, 0.6, count).tolist())
+    q = 10.0 ** rng.uniform(-9.0, -3.5, count) * rng.normal(size=count)
+    q[0] = rng.uniform(-1.0, 1.0)
+    configuration = mink.Configuration(model, q)
+    task = qt.TwistTask("tip", "site", PLANE)
+    tip = configuration.get_transform_frame_to_world("tip", "site").translation()
+    away = np.append(0.3 * rng.normal(size=2), 0.0)
+    task.set_target(mink.SE3.from_translation(tip + away))
+    speeds = {model.joint(i).name: float(rng.uniform(0.01, 0.2)) for i in range(count)}
+    controller = qt.Controller(model, tasks=[task], limits=[mink.VelocityLimit(model, speeds)])
+    step = controller.step(configuration, 0.02)
+    if step.status is not qt.Status.SCALED:
+        return
+    A, b = task.velocity_rows(configuration, 0.02)
+    residual = A @ step.velocity - step.scale * b
+    np.testing.assert_allclose(residual, step.residuals[0], atol=1e-12)
+    (lost,) = step.lost
+    off = residual @ lost.direction
+    np.testing.assert_allclose(residual - off * lost.direction, 0.0, atol=1e-8)
+    # Not more than that is promised of it; the other direction cannot be any faster.
+    assert abs(off) >= lost.missing * (1.0 - 1e-5) - 1e-9
+    assert abs(off) <= step.scale * np.linalg.norm(b) * (1.0 + 1e-9)
+    assert "of all directions but the lost ones" in step.message
+    kept = np.array([-lost.direction[1], lost.direction[0]])
+    reach = np.abs(kept @ A) @ np.array(list(speeds.values()))
+    assert step.scale * abs(kept @ b) == pytest.approx(reach, rel=1e-3)
+
+
 def test_raise_raises_where_a_direction_is_lost() -> None:
     with pytest.raises(qt.InfeasibleStep, match="singular in a direction") as caught:
         stretched(1e-4, on_infeasible="raise")

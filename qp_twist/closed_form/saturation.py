@@ -11,6 +11,7 @@ from qp_twist.checks import Array, float_array
 from qp_twist.closed_form.rows import RANK_TOLERANCE, ProjectorLike, task_rows
 from qp_twist.closed_form.saturation_path import saturation_path
 from qp_twist.errors import InvalidInput
+from qp_twist.qp.verification import row_tolerance
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,7 +69,8 @@ def saturation_in_null_space(
     form it gives a proof of the largest s.
 
     Where the rows of A are dependent b counts with its part in their range, as with the
-    pseudo-inverse: the rest is met by no displacement, at any scale.
+    pseudo-inverse: the rest is met by no displacement, at any scale. A task that bounds keep from
+    being met by no more than 1e-8 (longest row of A + max |b|) is met: its scale is 1.
 
     Args:
         jacobian: J, shape (6, n); (m, n) without a projector.
@@ -93,6 +95,11 @@ def saturation_in_null_space(
     rank = int((sigma > RANK_TOLERANCE * sigma.max(initial=0.0)).sum())
     Q, c = vt[:rank], (u.T @ b)[:rank] / sigma[:rank]
     step, scale, held, proven = saturation_path(Q, c, low, high, release=optimal)
+    if scale < 1.0:
+        closest = np.clip(c @ Q, low, high)
+        if np.linalg.norm(A @ (closest - c @ Q)) <= row_tolerance(A, b):
+            # A task that is met up to rounding, by a joint at its bound.
+            return Saturation(closest, 1.0, closest != c @ Q, True)
     return Saturation(np.clip(step, low, high), scale, held, proven)
 
 

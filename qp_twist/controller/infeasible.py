@@ -46,8 +46,12 @@ def resolve_infeasible(posed: Posed, refused: Refused, solver: str, on_infeasibl
         InfeasibleStep: If the first level does not fit and ``on_infeasible`` is ``"raise"``.
         SolverInaccurate: If the step is feasible and no backend solved it.
     """
-    first = posed.padded[0]
-    largest = largest_scale(_first_level(posed, first))
+    first, problem = posed.padded[0], posed.problem
+    # Whether the first level fits is asked of its residual, which has a unit: of a task that is met
+    # up to rounding the largest scale may be anything.
+    closest = lexicographic([posed.hard, first], problem.lower, problem.upper)
+    fits = posed.hard.met(closest.x) and first.met(closest.x)
+    largest = LargestScale.full(closest.x) if fits else largest_scale(_first_level(posed, first))
     if largest is None or largest.scale < 1.0 - SCALE_BACKOFF:
         if on_infeasible == "raise":
             raise _infeasible(posed, largest)

@@ -78,7 +78,7 @@ class Posed:
             solver=solver,
             problem=self.problem if problem is None else problem,
             sigma_min=self.levels.sigma_min,
-            lost=self.levels.lost,
+            lost=tuple(replace(d, missing=scale * d.missing) for d in self.levels.lost),
             recovering=self.limits.recovering,
             refused=refused,
         )

@@ -38,8 +38,9 @@ class Step:
 
     Attributes:
         velocity: q̇ in the model's tangent space, rad/s or m/s, shape (nv,).
-        scale: s in A q̇ = s b of the first level: 1 where it is met at full speed. A relaxed step
-            has no such s and says 1: look at its residuals.
+        scale: s in A q̇ = s b of the first level: 1 where it is met at full speed. What is
+            missing beyond that lies in the directions that are ``lost``. A relaxed step has no such
+            s and says 1: look at its residuals.
         residuals: A q̇ − s b for each task (s = 1 below the first level), m/s and rad/s, in the rows
             of its basis; in the order of ``Controller.tasks``.
         binding: The limits that hold the step back.
@@ -69,7 +70,8 @@ class Step:
         """The step in a sentence, with the limits that bind."""
         text = f"{self.status.name.lower()}: {self.status.value}"
         if self.status is Status.SCALED:
-            text += f" (scale {self.scale:.4g})"
+            but = ", of all directions but the lost ones" if self.lost else ""
+            text += f" (scale {self.scale:.4g}{but})"
             if not self.binding:
                 text += f"; {NOT_THE_LIMITS}"
         if self.lost:

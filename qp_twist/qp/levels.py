@@ -10,9 +10,10 @@ import numpy as np
 
 from qp_twist.checks import Array
 from qp_twist.qp.active_set import RANK_TOLERANCE, constrained_least_squares, null_basis
+from qp_twist.qp.verification import row_tolerance
 
 SATISFIED = 1e-9
-"""A level whose rows are met to this, relative to 1 + max |b|, counts as met."""
+"""Excess at which an inequality row counts as met, relative to 1 + |g| + its length."""
 _HELD = 1e-8
 """Rows with a multiplier above this share of the level's first gradient are held below it."""
 _ROUNDING = 1e-13
@@ -49,11 +50,11 @@ class Level:
         )
 
     def met(self, x: Array) -> bool:
-        """Whether the level is met at ``x``."""
-        left = np.abs(self.A @ x - self.b).max(initial=0.0)
+        """Whether the level is met at ``x``: its equality rows to their :func:`row_tolerance`."""
+        left = float(np.linalg.norm(self.A @ x - self.b))
         excess = (self.G @ x - self.g) / (1.0 + np.abs(self.g) + np.linalg.norm(self.G, axis=1))
-        size = 1.0 + np.abs(self.b).max(initial=0.0)
-        return bool(left <= SATISFIED * size and excess.max(initial=0.0) <= SATISFIED)
+        met = left <= row_tolerance(self.A, self.b)
+        return bool(met and excess.max(initial=0.0) <= SATISFIED)
 
 
 class RowOrigin(NamedTuple):

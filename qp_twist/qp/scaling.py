@@ -31,6 +31,11 @@ class LargestScale:
     box_multipliers: Array
     row_multipliers: Array
 
+    @classmethod
+    def full(cls, x: Array, rows: int = 0) -> LargestScale:
+        """s = 1 at a point, of a program with so many inequality rows."""
+        return cls(1.0, x, np.zeros(len(x)), np.zeros(rows))
+
 
 def largest_scale(problem: QuadraticProgram) -> LargestScale | None:
     r"""The linear program for the design's s.
@@ -62,7 +67,7 @@ def largest_scale(problem: QuadraticProgram) -> LargestScale | None:
         return None
     scale = float(found.x[n]) / speed
     if scale >= 1.0 - 1e-12:
-        return LargestScale(1.0, found.x[:n], np.zeros(n), np.zeros(len(problem.g)))
+        return LargestScale.full(found.x[:n], len(problem.g))
     # The gradient of the distance ½(s − 1)² is (s − 1) times that of s.
     gain = 1.0 / ((speed - found.x[n]) * speed)
     return LargestScale(

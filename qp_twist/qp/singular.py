@@ -8,11 +8,10 @@ import numpy as np
 
 from qp_twist.checks import Array
 from qp_twist.qp.active_set import null_basis
+from qp_twist.qp.verification import row_tolerance
 
 _GONE = 1e-3
 """Below this share of the threshold a direction is left to the secondary objectives."""
-_LOST = 1e-9
-"""A loss of speed below this, m/s or rad/s, is not reported."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -23,7 +22,8 @@ class LostDirection:
         sigma: Singular value of the task rows in this direction.
         direction: Unit vector in the task rows, in the order of ``Step.residuals``, (m,).
         share: Share of the speed asked for that is kept, σ²/threshold².
-        missing: Speed that is not delivered, m/s or rad/s.
+        missing: Speed that is not delivered, m/s or rad/s; of a scaled step: of the scaled speed.
+            Where limits leave the slowed direction less than its share, it is more.
         where: The direction in words: a task, and its part of the twist in world axes.
     """
 
@@ -106,10 +106,11 @@ def regular_rows(
     regular = left[:, :first].T
     kept, sides = [none[0]], [none[1]]
     lost = []
+    noticeable = row_tolerance(A, b)
     for i in singular:
         share = (sigma[i] / threshold) ** 2
         missing = float((1.0 - share) * abs(rate[i]))
-        if missing > _LOST * (1.0 + np.abs(b).max()):
+        if missing > noticeable:
             lost.append(LostDirection(float(sigma[i]), left[:, i].copy(), float(share), missing))
         if sigma[i] > _GONE * threshold:
             kept.append(right[i : i + 1] @ basis.T)

@@ -13,7 +13,7 @@ from qp_twist.checks import Array
 from qp_twist.qp.problem import QuadraticProgram
 
 EQUALITY_TOLERANCE = 1e-8
-"""Largest equality residual, relative to 1 + max |b|; m/s and rad/s."""
+"""Largest equality residual, relative to 1 + max |b|; m/s and rad/s. Less is zero."""
 BOUND_TOLERANCE = 1e-8
 """Largest excess over a bound or row, relative to 1 + max |x|."""
 OPTIMALITY_TOLERANCE = 1e-6
@@ -67,6 +67,18 @@ class Residuals(NamedTuple):
             x - problem.lower,
             problem.upper - x,
         )
+
+
+def row_tolerance(A: Array, b: Array) -> float:
+    """Length of A x − b below which the rows are met: 1e-8 (longest row + max |b|), unit of b.
+
+    In a step b is in m/s and rad/s, and the longest row times 1 rad/s is a speed, so that this is a
+    hundred-millionth of a speed that is asked for, or that the robot has. A right-hand side below
+    1e-8 times the longest row is zero: standing still meets it. The result does not depend on the
+    unit of the rows.
+    """
+    longest = float(np.linalg.norm(A, axis=1).max(initial=0.0)) or 1.0
+    return EQUALITY_TOLERANCE * (longest + float(np.abs(b).max(initial=0.0)))
 
 
 def infeasibility(problem: QuadraticProgram, x: Array | None) -> str:
