@@ -1,18 +1,22 @@
 """Sphinx configuration: ``sphinx-build -W --keep-going -b html docs docs/_build/html``.
 
-The build needs no network. The pages' mathematics is drawn in the reader's browser by MathJax,
-which the browser fetches from its CDN; without a network the formulas stay as TeX source.
+Neither the build nor a reader's browser needs a network: docs/mathml.py writes the formulas as
+MathML, which browsers draw by themselves.
 """
 
 from __future__ import annotations
 
 import enum
 import inspect
+import sys
+from pathlib import Path
 from typing import Any
 
 from sphinx.util.inspect import stringify_signature
 
 import qp_twist
+
+sys.path.insert(0, str(Path(__file__).parent))  # for mathml
 
 project = "qp_twist"
 author = "The qp_twist developers"
@@ -23,7 +27,7 @@ extensions = [
     "myst_parser",
     "sphinx.ext.autodoc",
     "sphinx.ext.napoleon",
-    "sphinx.ext.mathjax",
+    "mathml",
 ]
 source_suffix = {".md": "markdown"}
 exclude_patterns = ["_build", "generated", "snippets"]
@@ -80,6 +84,7 @@ napoleon_numpy_docstring = False
 napoleon_use_ivar = True
 
 html_theme = "furo"
+html_math_renderer = "mathml"
 html_title = f"qp_twist {release}"
 html_static_path = ["_static"]
 html_css_files = ["qp_twist.css"]

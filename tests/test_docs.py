@@ -14,6 +14,7 @@ from types import ModuleType
 
 import numpy as np
 import pytest
+from browser import open_page
 
 import qp_twist as qt
 from qp_twist.cli import main
@@ -413,22 +414,109 @@ def test_figures_are_small() -> None:
     assert sum(sizes.values()) < 3_000_000
 
 
-def test_the_site_builds_without_a_warning_and_asks_only_for_mathjax(tmp_path: Path) -> None:
-    for package in ("sphinx", "furo", "myst_parser"):
+@pytest.fixture(scope="module")
+def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The site, built without a warning."""
+    for package in ("sphinx", "furo", "myst_parser", "math_core"):
         if importlib.util.find_spec(package) is None:
             pytest.skip(f"{package} is not installed; pip install -e '.[docs]' brings it.")
+    folder = tmp_path_factory.mktemp("site")
     done = subprocess.run(
         [
             *(sys.executable, "-m", "sphinx", "-W", "--keep-going", "-q", "-b", "html"),
-            *("-d", tmp_path / "doctrees", DOCS, tmp_path / "html"),
+            *("-d", folder / "doctrees", DOCS, folder / "html"),
         ],
         capture_output=True,
         text=True,
         check=False,
     )
     assert done.returncode == 0, done.stderr
+    return folder / "html"
+
+
+@pytest.mark.xdist_group("site")
+def test_the_site_needs_no_network(site: Path) -> None:
     asked = set()
-    for html in (tmp_path / "html").glob("*.html"):
-        text = html.read_text("utf-8")
-        asked |= set(re.findall(r"<(?:script|img|link)[^>]*(?:src|href)=\"(https?://[^\"]+)", text))
-    assert all("mathjax" in address for address in asked), asked
+    for file in [*site.glob("*.html"), *site.rglob("*.css")]:
+        text = file.read_text("utf-8")
+        asked |= set(
+            re.findall(r"<(?:script|img|link|iframe)[^>]*(?:src|href)=\"(\w*:?//[^\"]+)", text)
+        )
+        asked |= set(re.findall(r"(?:url\(|@import)[\s\"']*(\w*:?//[^\"')]+)", text))
+    assert asked == set()
+
+
+@pytest.mark.xdist_group("site")
+def test_every_formula_is_drawn_by_the_browser_itself(site: Path) -> None:
+    count = 0
+    for file in site.glob("*.html"):
+        text = file.read_text("utf-8")
+        assert "MathJax" not in text
+        assert r"\mathbf" not in text
+        assert r"\dot" not in text
+        count += text.count("<math")
+    assert count > 190
+    drawn = (site / "equations.html").read_text("utf-8")
+    # Bold T, a dagger, a dot above, a fraction, cases, braces below.
+    for mark in ("𝐓", "†", "˙", "<mfrac>", "<mtable", "⏟"):
+        assert mark in drawn, mark
+
+
+@pytest.mark.xdist_group("site")
+def test_a_reference_to_an_equation_has_the_equations_number(site: Path) -> None:
+    text = (site / "equations.html").read_text("utf-8")
+    numbers = dict(
+        re.findall(
+            r'id="equation-([\w-]+)"(?:(?!id="equation).)*?class="eqno">\((\d+)\)', text, re.S
+        )
+    )
+    assert {label.replace("_", "-").lower() for label in PAPER_LABELS} <= {
+        label.replace("_", "-").lower() for label in numbers
+    }
+    assert len(set(numbers.values())) == len(numbers)
+    references = [
+        reference
+        for file in site.glob("*.html")
+        for reference in re.findall(
+            r'href="(?:equations\.html)?#equation-([\w-]+)">\((\d+)\)', file.read_text("utf-8")
+        )
+    ]
+    assert len(references) > 10
+    for label, number in references:
+        assert numbers[label] == number
+
+
+@pytest.mark.xdist_group("site")
+def test_pages_fit_a_phone_and_draw_their_formulas_without_a_network(site: Path) -> None:
+    with open_page() as opened:
+        tab = opened.page
+        tab.context.set_offline(True)
+        for name in ("equations", "step", "index"):
+            opened.go(site / f"{name}.html")
+            assert tab.locator("math").count() > 0
+            heights = "[...document.querySelectorAll('math')].map(m => m.getBoundingClientRect())"
+            assert tab.evaluate(f"{heights}.every(box => box.height > 5 && box.width > 3)")
+            for width in (360, 390, 768, 1280):
+                tab.set_viewport_size({"width": width, "height": 800})
+                assert tab.evaluate("document.scrollingElement.scrollWidth") <= width, name
+        # A fraction is drawn as one: it is higher than a line.
+        opened.go(site / "equations.html")
+        assert tab.locator("mfrac").first.bounding_box()["height"] > 20
+        assert opened.requests == []
+
+
+def test_a_formula_that_cannot_be_drawn_is_a_warning(caplog: pytest.LogCaptureFixture) -> None:
+    pytest.importorskip("math_core", reason="pip install -e '.[docs]' brings it")
+    renderer = runpy.run_path(str(DOCS / "mathml.py"))
+    assert renderer["mathml"](r"\frac{a}{b}", block=False).startswith("<math><mfrac>")
+    with caplog.at_level("WARNING"):
+        assert renderer["mathml"](r"\nocommand{<}", block=False) == "<code>\\nocommand{&lt;}</code>"
+    assert "cannot be written as MathML" in caplog.text
+    pieces = renderer["pieces"]
+    assert pieces(r"a = b, \qquad c = \underbrace{d \quad e}_{f}") == [
+        "a = b,", r"c = \underbrace{d \quad e}_{f}",
+    ]  # fmt: skip
+    assert pieces("a\n\nb") == ["a", "b"]
+    assert pieces(r"a &= b \\ c &= d") == [r"\begin{aligned}a &= b \\ c &= d\end{aligned}"]
+    cases = r"w = \begin{cases} 1 & \quad x \\ 2 & y \end{cases}"
+    assert pieces(cases + r" \quad z") == [cases, "z"]

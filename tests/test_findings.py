@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
+import math
+import re
 from typing import Any
 
 import numpy as np
@@ -39,7 +42,7 @@ def said(topic: str, *runs: Run, **options: Any) -> list[str]:
 def test_methods_that_kept_the_limits_are_named_with_their_margins() -> None:
     (sentence,) = said(LIMITS, run("qp", min_margin=0.0), run("twa", min_margin=0.125))
     assert sentence == (
-        "All two methods stayed inside the joint limits. Smallest margin, 1 mid-range and 0 at a "
+        "Both methods stayed inside the joint limits. Smallest margin, 1 mid-range and 0 at a "
         "limit: twa 0.125 and qp 0.000."
     )
     (alone,) = said(LIMITS, run("qp"))
@@ -53,8 +56,8 @@ def test_the_first_violation_is_that_of_all_joints_and_methods() -> None:
     )  # fmt: skip
     assert inside.startswith("One of three methods stayed inside")
     assert left == (
-        "The first to leave them was rmr: joint_4 at waypoint 3; then twa (joint_2 at 7). rmr was "
-        "out by up to 175 % of half a joint's range, the furthest."
+        "The first to leave was rmr (joint_4 at waypoint 3), then twa (joint_2 at waypoint 7). rmr "
+        "was out by up to 175 % of half a joint's range, the furthest."
     )
     _, left = said(LIMITS, outside("twa", -0.5, joint_2=7), outside("rmr", -0.1, a=3), run("qp"))
     assert left.endswith("twa was out by up to 50.0 % of half a joint's range, the furthest.")
@@ -62,8 +65,12 @@ def test_the_first_violation_is_that_of_all_joints_and_methods() -> None:
 
 def test_where_all_left_the_limits_or_there_are_none() -> None:
     nobody, left = said(LIMITS, outside("twa", -0.5, joint_2=7))
-    assert nobody == "No method stayed inside the joint limits (one ran)."
-    assert left.endswith("It was out by up to 50.0 % of half a joint's range.")
+    assert nobody == "twa did not stay inside the joint limits."
+    assert left.startswith("It left them with joint_2 at waypoint 7. It was out by up to 50.0 %")
+    neither, _ = said(LIMITS, outside("twa", -0.5, a=7), outside("rmr", -0.1, a=3))
+    assert neither == "Neither method stayed inside the joint limits."
+    *_, one = said(LIMITS, outside("twa", -0.5, a=7), run("qp"), run("sns"))
+    assert one.startswith("The one that left them: twa (a at waypoint 7). It was out by")
     free = [run("twa", min_margin=None), run("qp", min_margin=None)]
     assert said(LIMITS, *free) == ["No joint has limits, so that there were none to keep."]
     assert said(BEST, *free) == []
@@ -85,12 +92,15 @@ def test_joints_that_are_too_fast_are_named_the_fastest_first() -> None:
 
 def test_who_met_the_task() -> None:
     assert said(TASK, run("qp"), run("twa"))[0].startswith(
-        "Every waypoint was met by all to 0.01 mm"
+        "Every waypoint was met by all methods to 0.01 mm"
     )
+    assert said(TASK, run("qp")) == ["qp met every waypoint to 0.01 mm and 0.000573°."]
     off = run("twa", position_error_max_m=2.5e-3, axis_error_max_rad=np.radians(0.5))
     (sentence,) = said(TASK, run("qp"), off)
     assert sentence.endswith("at some waypoint: twa (by up to 2.50 mm and 0.500°).")
     nobody, _ = said(TASK, off)
+    assert nobody == "twa did not meet every waypoint to 0.01 mm and 0.000573°."
+    nobody, _ = said(TASK, off, off)
     assert nobody.startswith("No method met every waypoint")
     *_, stopped, band = said(
         TASK, run("qp"), run("rmr", reached=17), run("twa", band_excess_max=0.1)
@@ -107,16 +117,17 @@ def test_the_best_z_is_that_of_methods_that_kept_everything() -> None:
         run("twa", mean_z=0.05, position_error_max_m=1e-3, status="off (one step a waypoint)"),
     )
     assert best == (
-        "Of the two methods that kept limits and task, qp_planned has the lowest mean z, 0.0600; "
-        "next is qp_minimum_norm, at 1.5 times its value."
+        "Of the two methods that kept limits and task, qp_planned has the lower mean z, 0.0600; "
+        "next is qp_minimum_norm with 0.0900."
     )
     assert cost == (
-        "It travels 600°, 1.5 times the least (qp_minimum_norm), and takes 300 µs a waypoint, 1.5 "
-        "times the least (qp_minimum_norm); its error is at most 1.0e-06 mm."
+        "It travels 600°, 1.50 times the least (qp_minimum_norm), and takes 300 µs a waypoint "
+        "(Python), 1.50 times the least in Python (qp_minimum_norm); its error is at most 1.00e-06 "
+        "mm."
     )
     assert lower == (
-        "A lower mean z came with a fault: twa (0.0500) was off the path by up to 1.00 mm, taking "
-        "one step a waypoint."
+        "A lower mean z came with a fault: twa (0.0500) was off the path by up to 1.00 mm (one "
+        "step a waypoint)."
     )
 
 
@@ -124,28 +135,115 @@ def test_the_best_z_beside_a_bound_an_equal_or_nobody() -> None:
     assert said(BEST, run("qp")) == []
     two = [run("qp"), run("qp_gradient")]
     assert "1.25 times the bound 0.0800" in said(BEST, *two, bound=0.08)[0]
-    best, cost = said(BEST, *two)
-    assert "at the same value" in best
-    assert "400°, the least, and takes 100 µs a waypoint, the least" in cost
-    alone = said(BEST, run("qp"), outside("twa", -0.5, joint_2=7))
-    assert alone == [
-        "Of the one method that kept limits and task, qp has the lowest mean z, 0.100."
+    assert "0.100, the bound 0.100 that no motion" in said(BEST, *two, bound=0.09999)[0]
+    assert said(BEST, *two) == [
+        "Of the two methods that kept limits and task, both have the same mean z to three digits, "
+        "0.100."
     ]
+    alone = said(BEST, run("qp"), outside("twa", -0.5, joint_2=7))
+    assert alone == ["qp alone kept limits and task; its mean z is 0.100."]
     (nobody,) = said(BEST, outside("qp", -0.5, a=7), outside("twa", -0.5, a=7))
     assert nobody.startswith("No method kept limits and task")
+
+
+def test_what_the_printed_digits_cannot_tell_apart_is_a_tie() -> None:
+    """Two methods of 0.08817 and 0.08821 are 0.0882 both: none of them has the lowest."""
+    first, *costs = said(
+        BEST, run("mink", mean_z=0.08821, travel_deg=763.4), run("qp_gradient", mean_z=0.08817),
+        run("sns", mean_z=0.0934, travel_deg=300.2), run("qp_minimum_norm", mean_z=0.09344),
+        run("minimum_norm", mean_z=0.2, travel_deg=299.8),
+    )  # fmt: skip
+    assert first == (
+        "Of the five methods that kept limits and task, mink and qp_gradient have the same lowest "
+        "mean z to three digits, 0.0882; next are sns and qp_minimum_norm with 0.0934."
+    )
+    assert costs[0].startswith("mink travels 763°, 2.55 times the least (sns and minimum_norm)")
+    assert costs[1].startswith("qp_gradient travels 400°, 1.33 times the least (sns and")
+    # Nor is either of two the first, the furthest, or faulty for a lower z.
+    *_, left = said(LIMITS, outside("twa", -0.5, a=7), outside("rmr", -0.5001, b=7))
+    assert left == (
+        "The first to leave were twa (a at waypoint 7) and rmr (b at waypoint 7). twa and rmr were "
+        "out by up to 50.0 % of half a joint's range, the furthest."
+    )
+    off = run("twa", mean_z=0.09996, position_error_max_m=1e-3)
+    assert not any("lower mean z came" in s for s in said(BEST, run("qp"), run("sns"), off))
+
+
+def test_times_are_compared_like_with_like() -> None:
+    """Compiled code beside Python says nothing of the methods."""
+    fast = dataclasses.replace(run("qp", time_per_waypoint_us=25.0), compiled=1.0)
+    slow = run("twa", time_per_waypoint_us=2000.0)
+    pair, _ = said(PAIRS, slow, fast)
+    assert pair == (
+        "twa was as good as qp. Relative to qp: mean z ×1.00, travel ×1.00, time not comparable "
+        "(2000 µs a waypoint in Python, 25 µs compiled)."
+    )
+    compiled = dataclasses.replace(slow, compiled=1.0)
+    assert "time ×80 (both compiled)." in said(PAIRS, compiled, fast)[0]
+    partly = dataclasses.replace(slow, compiled=0.875)
+    assert "(2000 µs a waypoint 88 % compiled, 25 µs compiled)" in said(PAIRS, partly, fast)[0]
+    peer = run("mink", time_per_waypoint_us=9000.0)
+    gradient = dataclasses.replace(run("qp_gradient"), compiled=1.0)
+    assert "by another library, 100 µs compiled)" in said(PAIRS, peer, gradient)[0]
+    best = dataclasses.replace(run("qp_planned", mean_z=0.05), compiled=1.0)
+    _, cost = said(BEST, best, slow, dataclasses.replace(fast, name="sns"))
+    assert (
+        "takes 100 µs a waypoint (compiled), 4.00 times the least of those compiled (sns);" in cost
+    )
+    _, cost = said(BEST, best, slow)
+    assert "takes 100 µs a waypoint (compiled); its error" in cost
+
+
+WRONG = re.compile(
+    r"\bnan\b|\binf\b|\d times of|\bone methods|All (one|two)|1 methods|1 waypoints|None\b(?! of)"
+    r"|  |\.\.|\(\)"
+)
+
+
+@pytest.mark.parametrize("count", [1, 2, 3])
+@pytest.mark.parametrize(
+    "changed",
+    [
+        {}, {"mean_z": math.nan}, {"mean_z": math.inf}, {"mean_z": 0.0}, {"travel_deg": 0.0},
+        {"travel_deg": math.inf}, {"position_error_max_m": math.inf},
+        {"axis_error_max_rad": math.nan}, {"time_per_waypoint_us": 0.0}, {"min_margin": None},
+        {"violations": 3, "first_violation": {"j": 4}, "min_margin": -0.3},
+        {"violations": 3, "first_violation": {"j": 4}, "min_margin": -math.inf},
+        {"band_excess_max": 0.5}, {"mean_z": 3e7, "travel_deg": 2e9},
+    ],
+    ids=str,
+)  # fmt: skip
+def test_whatever_the_numbers_the_sentences_are_sentences(
+    changed: dict[str, Any], count: int
+) -> None:
+    for names in itertools.permutations(("twa", "qp", "mink"), count):
+        for which in range(count + 1):  # one run is changed, or all are
+            if "min_margin" in changed and changed["min_margin"] is None and which < count:
+                continue  # the joints are the same for all methods
+            runs = [
+                run(name, **(changed if which in (i, count) else {}))
+                for i, name in enumerate(names)
+            ]
+            for sentence in itertools.chain(*by_topic(runs, bound=0.09).values()):
+                assert WRONG.search(sentence) is None, sentence
+                assert sentence[-1] == "." and sentence.isprintable()
 
 
 @pytest.mark.parametrize(
     ("closed", "qp", "sentence"),
     [
-        ({}, {}, "twa was as good as qp: mean z 100 %, travel 100 %, time 100 % of the QP's."),
+        ({}, {}, "twa was as good as qp. Relative to qp: mean z ×1.00, travel ×1.00, time ×1.00 "
+         "(both in Python)."),
         ({"mean_z": 0.1049, "time_per_waypoint_us": 25.0}, {},
-         "twa was as good as qp: mean z 105 %, travel 100 %, time 25 % of the QP's."),
-        ({"mean_z": 0.106}, {}, "twa kept limits and task, but was not as good as qp: mean z 106"),
-        ({"travel_deg": 200.0}, {}, "twa was better than qp: mean z 100 %, travel 50 %"),
-        ({"mean_z": 0.5, "travel_deg": 200.0}, {}, "twa traded one thing for another beside qp:"),
-        ({"mean_z": 5.0}, {"mean_z": 0.0}, "twa kept limits and task, but was not as good as qp: "
-         "mean z ∞"),
+         "twa was as good as qp. Relative to qp: mean z ×1.05, travel ×1.00, time ×0.25 (both"),
+        ({"mean_z": 0.1054}, {}, "twa was as good as qp. Relative to qp: mean z ×1.05,"),
+        ({"mean_z": 0.106}, {}, "twa kept limits and task, but was not as good as qp. Relative to "
+         "qp: mean z ×1.06"),
+        ({"travel_deg": 200.0}, {}, "twa was better than qp. Relative to qp: mean z ×1.00, travel "
+         "×0.50"),
+        ({"mean_z": 0.5, "travel_deg": 200.0}, {}, "twa traded one thing for another beside qp."),
+        ({"mean_z": 5.0}, {"mean_z": 0.0}, "twa kept limits and task, but was not as good as qp. "
+         "Relative to qp: mean z above 0 instead of 0,"),
         ({"violations": 3, "first_violation": {"j": 4}}, {},
          "twa was not as good as qp: it left the joint limits (j at waypoint 4), while qp kept"),
         ({}, {"position_error_max_m": 0.02},

@@ -43,8 +43,18 @@ class WithoutDrawing(qt.Comparison):
 @pytest.fixture(scope="module")
 def folder(planar: qt.Comparison, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Where the report of some methods was written, with a method that did not run."""
-    chosen = {name: planar.trajectories[name] for name in planar.trajectories if name in METHODS}
-    task = dataclasses.replace(planar.path_task, title="Line & <end point>")
+    # With a clock and joint speed limits, so that the page has all its tables.
+    durations = np.full(len(planar.path_task.waypoints), 0.1)
+    durations[0] = 0.0
+    task = dataclasses.replace(
+        planar.path_task, title="Line & <end point>", durations=durations,
+        velocity_limits=np.full(3, 5.0),
+    )  # fmt: skip
+    chosen = {
+        name: dataclasses.replace(trajectory, path_task=task, durations=durations)
+        for name, trajectory in planar.trajectories.items()
+        if name in METHODS
+    }
     comparison = WithoutDrawing(task, planar.solver, chosen, {"pink": "no <pink> here"})
     out = tmp_path_factory.mktemp("report")
     lines = comparison.report(out)
@@ -61,9 +71,10 @@ def test_the_page_begins_with_what_it_shows_and_has_all_sections(page: str) -> N
     assert re.findall(r'<section id="([^"]*)"', page) == SECTIONS
     assert page.startswith('<!DOCTYPE html>\n<html lang="en">')
     shows = page[page.index('id="shows"') : page.index('id="table"')]
-    assert "<code>twa</code>: joint_2 at waypoint 2" in shows
+    assert "<code>twa</code> (joint_2 at waypoint 2)" in shows
     assert "pink could not run: no &lt;pink&gt; here." in shows
     assert "Line &amp; &lt;end point&gt;" in page
+    assert "6 methods, 101 waypoints." in page
     assert len(page.encode()) < 2_500_000
 
 
@@ -147,6 +158,44 @@ def test_the_report_in_a_browser(folder: Path) -> None:
         assert blue > 0.01
         assert opened.requests == []
         assert opened.errors == []
+
+
+def test_the_report_is_no_wider_than_a_phone(folder: Path, tmp_path: Path) -> None:
+    """Nothing is cut off: what is wider than the page scrolls in itself."""
+    text = (folder / "report.html").read_text("utf-8")
+    still = tmp_path / "report.html"  # without players, which are slow where software draws
+    still.write_text(re.sub(r"<iframe[^>]*></iframe>", "<iframe></iframe>", text), "utf-8")
+    with open_page() as opened:
+        tab = opened.page
+        tab.add_init_script("window.IntersectionObserver = class { observe() {} };")
+        opened.go(still)
+        assert tab.locator("table").count() == 3
+        for scheme in ("light", "dark"):
+            tab.emulate_media(color_scheme=scheme)
+            for width in (320, 360, 390, 768, 1280):
+                tab.set_viewport_size({"width": width, "height": 800})
+                assert tab.evaluate("document.scrollingElement.scrollWidth") <= width
+                cut = tab.evaluate(
+                    """() => [...document.querySelectorAll("main *")].filter(element => {
+                        if (element.getBoundingClientRect().right <= innerWidth + 1) return false;
+                        while (element = element.parentElement)
+                            if (getComputedStyle(element).overflowX !== "visible") return false;
+                        return true;
+                    }).length"""
+                )
+                assert cut == 0
+        tab.set_viewport_size({"width": 360, "height": 800})
+        # The method's name leaves most of the table's window to its numbers.
+        name, table = tab.locator(".metrics th[scope=row]"), tab.locator(".metrics").locator("..")
+        assert name.first.bounding_box()["width"] < 0.5 * table.bounding_box()["width"]
+        drawing = tab.locator("#joints .drawing")
+        inside = "element => [element.scrollWidth, element.clientWidth]"
+        fits, window = drawing.evaluate(inside)
+        assert fits <= window
+        drawing.click()
+        enlarged, window = drawing.evaluate(inside)
+        assert enlarged > 1.5 * window
+        assert tab.evaluate("document.scrollingElement.scrollWidth") <= 360
 
 
 def _pixels(png: bytes) -> np.ndarray:

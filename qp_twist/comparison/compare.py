@@ -15,7 +15,7 @@ import numpy as np
 
 from qp_twist.comparison import scene_picture
 from qp_twist.comparison.findings import findings
-from qp_twist.comparison.metrics import metrics
+from qp_twist.comparison.metrics import compiled_share, metrics
 from qp_twist.comparison.table import plain_table
 from qp_twist.errors import InvalidInput
 from qp_twist.files import write_atomically
@@ -56,6 +56,7 @@ class Comparison:
                 name: self.path_task.settings(name).model_dump() for name in self.trajectories
             },
             "methods": {name: metrics(t) for name, t in self.trajectories.items()},
+            "compiled": {name: compiled_share(t) for name, t in self.trajectories.items()},
             **({} if self.z_bound is None else {"mean_z_bound": self.z_bound}),
             **({"not_run": self.not_run} if self.not_run else {}),
         }

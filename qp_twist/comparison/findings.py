@@ -3,19 +3,20 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import chain
 from typing import Any
 
 from qp_twist.comparison.joint_speeds import OVER, PeakSpeed, peak_speed
-from qp_twist.comparison.metrics import BAND_LEFT, TASK_MET_M, TASK_MET_RAD, metrics
+from qp_twist.comparison.metrics import BAND_LEFT, TASK_MET_M, TASK_MET_RAD, compiled_share, metrics
 from qp_twist.following import Trajectory
 from qp_twist.path import METHODS
 
 AS_GOOD = 0.05
 """Two runs that keep limits and task are as good as each other up to this share of z and travel."""
-_ALIKE = 1e-3
+_COMPARED = {"mean_z": "mean z", "travel_deg": "travel"}
+"""What runs are compared by, and its name."""
 _MORE_MM, _MORE_DEG = 1e3, math.degrees(1.0)
 
 
@@ -29,6 +30,7 @@ class Run:
         reached: Number of waypoints that it went through before it ended or diverged.
         waypoints: Number of waypoints of the path.
         speed: Its highest joint speed; ``None`` where the task has no clock or no such limits.
+        compiled: Share of its waypoints that compiled code reached.
     """
 
     name: str
@@ -36,6 +38,7 @@ class Run:
     reached: int
     waypoints: int
     speed: PeakSpeed | None = None
+    compiled: float = 0.0
 
     @classmethod
     def of(cls, trajectory: Trajectory) -> Run:
@@ -49,6 +52,7 @@ class Run:
             reached,
             len(trajectory.path_task.waypoints),
             peak_speed(trajectory),
+            compiled_share(trajectory),
         )
 
     @property
@@ -77,12 +81,24 @@ class Run:
             faults.append(f"needed {_speed(self.speed)}")
         if not self.on_path:
             one_step = "one step a waypoint" in self.numbers["status"]
-            steps = ", taking one step a waypoint" if one_step else ""
-            faults.append(f"was off the path by up to {_error(self)}{steps}")
+            steps = " (one step a waypoint)" if one_step else ""
+            faults.append(f"was off the path by {_off_by(self)}{steps}")
         if self.numbers.get("band_excess_max", 0.0) > BAND_LEFT:
             excess = self.numbers["band_excess_max"]
             faults.append(f"left a tolerance band by up to {excess:.2g} (m or rad)")
+        unknown = [what for key, what in _COMPARED.items() if not math.isfinite(self.numbers[key])]
+        if unknown:
+            faults.append(f"had no finite {_listed(unknown)}")
         return faults
+
+    @property
+    def code(self) -> str:
+        """What its time was taken in; times compare only where it is the same."""
+        if METHODS[self.name].peer:
+            return "another library"
+        if self.compiled >= 1.0:
+            return "compiled"
+        return "Python" if self.compiled <= 0.0 else f"{100 * self.compiled:.0f} % compiled"
 
 
 def findings(
@@ -122,37 +138,60 @@ def _limits(runs: Sequence[Run]) -> list[str]:
     margins = {r.name: r.numbers["min_margin"] for r in runs}
     if all(margin is None for margin in margins.values()):
         return ["No joint has limits, so that there were none to keep."]
-    inside = sorted((r for r in runs if r.inside), key=lambda r: -margins[r.name])
+    # Equal as printed: in the order in which they ran.
+    inside = sorted((r for r in runs if r.inside), key=lambda r: -float(_margin(margins[r.name])))
     outside = sorted((r for r in runs if not r.inside), key=lambda r: _first_violation(r)[1])
     if not inside:
-        said = [f"No method stayed inside the joint limits ({_number(len(runs))} ran)."]
+        who = _either(
+            len(runs),
+            f"{runs[0].name} did not stay",
+            _either(len(runs) - 1, "Neither method", f"None of {_number(len(runs))} methods")
+            + " stayed",
+        )
+        said = [f"{who} inside the joint limits."]
     else:
         if len(runs) == 1:
             who = inside[0].name
         elif outside:
             who = f"{_number(len(inside)).capitalize()} of {_number(len(runs))} methods"
         else:
-            who = f"All {_number(len(runs))} methods"
+            who = _either(len(runs) - 1, "Both methods", f"All {_number(len(runs))} methods")
         names = _listed([f"{r.name} {_margin(margins[r.name])}" for r in inside])
         said = [
             f"{who} stayed inside the joint limits. Smallest margin, 1 mid-range and 0 at a limit: "
             f"{names}."
         ]
     if outside:
-        first = outside[0]
-        joint, waypoint = _first_violation(first)
-        text = f"The first to leave them was {first.name}: {joint} at waypoint {waypoint}"
-        if outside[1:]:
-            others = [
-                f"{r.name} ({_first_violation(r)[0]} at {_first_violation(r)[1]})"
-                for r in outside[1:]
-            ]
-            text += f"; then {_listed(others)}"
-        worst = min(outside, key=lambda r: margins[r.name])
-        beyond = f"{_digits(-100.0 * margins[worst.name])} % of half a joint's range"
-        which = "It was" if not outside[1:] else f"{worst.name} was"
-        said.append(f"{text}. {which} out by up to {beyond}{', the furthest' * bool(outside[1:])}.")
+        said.append(_left_limits(outside, len(runs)))
     return said
+
+
+def _left_limits(outside: Sequence[Run], count: int) -> str:
+    """Who of ``count`` left the limits, in the order of the waypoints, and how far."""
+
+    def where(run: Run) -> str:
+        joint, waypoint = _first_violation(run)
+        return f"{run.name} ({joint} at waypoint {waypoint})"
+
+    earliest = _first_violation(outside[0])[1]
+    first = [r for r in outside if _first_violation(r)[1] == earliest]
+    later = [r for r in outside if r not in first]
+    if count == 1:
+        joint, waypoint = _first_violation(outside[0])
+        text = f"It left them with {joint} at waypoint {waypoint}"
+    elif not later and len(first) == 1:
+        text = f"The one that left them: {where(first[0])}"
+    else:
+        text = f"The first to leave {_either(len(first), 'was', 'were')} "
+        text += _listed([where(r) for r in first])
+    if later:
+        text += f", then {_listed([where(r) for r in later])}"
+    furthest, beyond = _extreme(outside, lambda r: -100.0 * r.numbers["min_margin"], largest=True)
+    out = f"out by up to {beyond} % of half a joint's range"
+    if len(outside) == 1:
+        return f"{text}. It was {out}."
+    who = f"{_listed([r.name for r in furthest])} {_either(len(furthest), 'was', 'were')}"
+    return f"{text}. {who} {out}, the furthest."
 
 
 def _speeds(runs: Sequence[Run]) -> list[str]:
@@ -162,8 +201,8 @@ def _speeds(runs: Sequence[Run]) -> list[str]:
     fast = [r for r in timed if r.speed is not None and r.speed.share > OVER]
     if not fast:
         return [
-            "At the task's feed no joint was faster than its limit in "
-            f"{_either(len(timed), 'the run', 'any run')}."
+            "At the task's feed no joint was faster than its limit, on average between two "
+            f"waypoints{_either(len(timed), '', ', in any run')}."
         ]
     fast.sort(key=lambda r: -r.speed.share if r.speed is not None else 0.0)
     too_fast = [f"{r.name} ({_speed(r.speed)})" for r in fast if r.speed is not None]
@@ -174,13 +213,16 @@ def _task(runs: Sequence[Run]) -> list[str]:
     said = []
     off = [r for r in runs if not r.on_path]
     tolerance = f"{_MORE_MM * TASK_MET_M:g} mm and {_digits(_MORE_DEG * TASK_MET_RAD)}°"
-    if not off:
-        said.append(f"Every waypoint was met by {_either(len(runs), 'it', 'all')} to {tolerance}.")
+    if len(runs) == 1:
+        met = "met" if not off else "did not meet"
+        said.append(f"{runs[0].name} {met} every waypoint to {tolerance}.")
+    elif not off:
+        said.append(f"Every waypoint was met by all methods to {tolerance}.")
     elif len(off) == len(runs):
         said.append(f"No method met every waypoint to {tolerance}.")
     if off:
         off.sort(key=lambda r: -r.numbers["position_error_max_m"])
-        errors = _listed([f"{r.name} (by up to {_error(r)})" for r in off])
+        errors = _listed([f"{r.name} (by {_off_by(r)})" for r in off])
         said.append(f"Off the path by more than {tolerance} at some waypoint: {errors}.")
     ended = [r for r in runs if r.reached < r.waypoints]
     if ended:
@@ -197,50 +239,70 @@ def _task(runs: Sequence[Run]) -> list[str]:
 def _best(runs: Sequence[Run], bound: float | None) -> list[str]:
     if len(runs) < 2 or all(r.numbers["min_margin"] is None for r in runs):
         return []
-    kept = sorted((r for r in runs if not r.faults), key=lambda r: float(r.numbers["mean_z"]))
+    kept = [r for r in runs if not r.faults]
     if not kept:
         return ["No method kept limits and task all the way, so that none can be called best in z."]
-    best = kept[0]
-    z = best.numbers["mean_z"]
-    text = (
-        f"Of the {_either(len(kept), 'one method', f'{_number(len(kept))} methods')} that kept "
-        f"limits and task, {best.name} has the lowest mean z, {_digits(z)}"
-    )
+    best, z = _extreme(kept, _mean_z)
+    names = _listed([r.name for r in best])
+    if len(kept) == 1:
+        text = f"{names} alone kept limits and task; its mean z is {z}"
+    else:
+        of = _either(len(kept) - 1, "two", _number(len(kept)))
+        lowest = _either(len(kept) - 1, "lower", "lowest")
+        text = f"Of the {of} methods that kept limits and task, "
+        if len(best) == 1:
+            text += f"{names} has the {lowest} mean z, {z}"
+        elif len(best) == len(kept):
+            text += (
+                f"{_either(len(kept) - 1, 'both', 'all')} have the same mean z to three digits, {z}"
+            )
+        else:
+            text += f"{names} have the same lowest mean z to three digits, {z}"
     if bound is not None and bound > 0.0:
+        ratio = _digits(min(map(_mean_z, best)) / bound)
+        times = "" if ratio == "1.00" else f"{ratio} times "
+        text += f", {times}the bound {_digits(bound)} that no motion from that start can be below"
+    others = [r for r in kept if r not in best]
+    if others:
+        second, value = _extreme(others, _mean_z)
         text += (
-            f": {z / bound:.3g} times the bound {_digits(bound)} that no motion from that start "
+            f"; next {_either(len(second), 'is', 'are')} {_listed([r.name for r in second])} with "
+            f"{value}"
         )
-        text += "can be below"
-    if len(kept) > 1:
-        second = kept[1]
-        ratio = _ratio(second.numbers["mean_z"], z)
-        where = "at the same value" if ratio < 1.0 + _ALIKE else f"at {ratio:.4g} times its value"
-        text += f"; next is {second.name}, {where}"
     said = [text + "."]
-    if len(kept) > 1:
-        said.append(_cost(best, kept))
-    lower = [r for r in runs if r.faults and r.numbers["mean_z"] < z * (1.0 - _ALIKE)]
+    if len(kept) > 1 and len(best) < len(kept):
+        said += [_cost(run, kept, named=len(best) > 1) for run in best]
+    lower = [r for r in runs if r.faults and _mean_z(r) < float(z) and _digits(_mean_z(r)) != z]
     if lower:
-        reasons = [f"{r.name} ({_digits(r.numbers['mean_z'])}) {_listed(r.faults)}" for r in lower]
+        reasons = [f"{r.name} ({_digits(_mean_z(r))}) {_listed(r.faults)}" for r in lower]
         said.append(f"A lower mean z came with a fault: {'; '.join(reasons)}.")
     return said
 
 
-def _cost(best: Run, kept: Sequence[Run]) -> str:
+def _cost(run: Run, kept: Sequence[Run], *, named: bool) -> str:
     """What the best z was paid with: travel, time and error beside the least of those that kept."""
-    parts = []
-    for key, what, unit in (
-        ("travel_deg", "travels", "°"), ("time_per_waypoint_us", "takes", " µs a waypoint"),
-    ):  # fmt: skip
-        least = min(kept, key=lambda r: float(r.numbers[key]))
-        mine, theirs = best.numbers[key], least.numbers[key]
-        text = f"{what} {mine:.0f}{unit}"
-        if least is best:
-            text += ", the least"
-        elif theirs > 0.0:
-            text += f", {_times(mine, theirs)} the least ({least.name})"
-        parts.append(text)
-    return f"It {', and '.join(parts)}; its error is at most {_error(best)}."
+    travel, time = run.numbers["travel_deg"], run.numbers["time_per_waypoint_us"]
+    parts = [f"travels {travel:.0f}°" + _beside_least(run, kept, "travel_deg")]
+    alike = [r for r in kept if r.code == run.code]
+    taken = f"takes {time:.0f} µs a waypoint ({run.code})"
+    if len(alike) > 1:
+        taken += _beside_least(run, alike, "time_per_waypoint_us", f" {_of_code(run.code)}")
+    parts.append(taken)
+    who = run.name if named else "It"
+    return f"{who} {', and '.join(parts)}; its error is at most {_error(run)}."
+
+
+def _beside_least(run: Run, runs: Sequence[Run], key: str, of: str = "") -> str:
+    """A number beside the least of all, as an end of a sentence: equal as printed is equal."""
+    least, shown = _extreme(runs, lambda r: float(r.numbers[key]), digits="{:.0f}".format)
+    if run in least:
+        equal = _either(len(least), "the least", "as little as any other")
+        return f", {equal}{of}"
+    low = min(float(r.numbers[key]) for r in least)
+    names = _listed([r.name for r in least]) if len(least) < 4 else f"{_number(len(least))} methods"
+    if low <= 0.0:
+        return f" beside {shown}, the least{of} ({names})"
+    return f", {_digits(run.numbers[key] / low)} times the least{of} ({names})"
 
 
 def _pairs(runs: Sequence[Run]) -> list[str]:
@@ -254,7 +316,8 @@ def _pairs(runs: Sequence[Run]) -> list[str]:
     if said:
         said.append(
             f"“As good” means: limits and task kept, mean z and travel no more than "
-            f"{100 * AS_GOOD:g} % above. Times are wall times of one run on one machine."
+            f"{100 * AS_GOOD:g} % above. Times are wall times of one run on one machine, and are "
+            "compared where both methods ran compiled or both in Python."
         )
     return said
 
@@ -276,20 +339,60 @@ def _pair(closed: Run, qp: Run) -> str:
             f"{closed.name} was better than {qp.name}: it kept limits and task, while {qp.name} "
             f"{_listed(qp.faults)}."
         )
+    # As printed: what the digits cannot tell decides nothing.
     z = _ratio(closed.numbers["mean_z"], qp.numbers["mean_z"])
     travel = _ratio(closed.numbers["travel_deg"], qp.numbers["travel_deg"])
     low, high = 1.0 / (1.0 + AS_GOOD), 1.0 + AS_GOOD
-    amounts = f"mean z {_share(z)}, travel {_share(travel)}, time "
-    amounts += _share(
-        _ratio(closed.numbers["time_per_waypoint_us"], qp.numbers["time_per_waypoint_us"])
-    )
     if max(z, travel) <= high:
         verdict = "was better than" if min(z, travel) < low else "was as good as"
     elif min(z, travel) < low:
         verdict = "traded one thing for another beside"
     else:
         verdict = "kept limits and task, but was not as good as"
-    return f"{closed.name} {verdict} {qp.name}: {amounts} of the QP's."
+    return (
+        f"{closed.name} {verdict} {qp.name}. Relative to {qp.name}: mean z {_factor(z)}, travel "
+        f"{_factor(travel)}, {_time_beside(closed, qp)}."
+    )
+
+
+def _time_beside(closed: Run, qp: Run) -> str:
+    """The time of a pair: a ratio where both ran in the same code, else both times and codes."""
+    mine, theirs = (float(r.numbers["time_per_waypoint_us"]) for r in (closed, qp))
+    if closed.code == qp.code:
+        return f"time {_factor(_ratio(mine, theirs))} (both {_in_code(qp.code)})"
+    return (
+        f"time not comparable ({mine:.0f} µs a waypoint {_in_code(closed.code)}, "
+        f"{theirs:.0f} µs {_in_code(qp.code)})"
+    )
+
+
+def _in_code(code: str) -> str:
+    return {"Python": "in Python", "another library": "by another library"}.get(code, code)
+
+
+def _of_code(code: str) -> str:
+    names = {"Python": "in Python", "another library": "of other libraries"}
+    return names.get(code, f"of those {code}")
+
+
+def _extreme(
+    runs: Sequence[Run],
+    value: Callable[[Run], float],
+    *,
+    largest: bool = False,
+    digits: Callable[[float], str] | None = None,
+) -> tuple[list[Run], str]:
+    """The runs whose value is the smallest or the largest as printed, and how it is printed.
+
+    Runs that the printed digits cannot tell apart share the place.
+    """
+    shown = digits or _digits
+    text = shown((max if largest else min)(map(value, runs)))
+    return [r for r in runs if shown(value(r)) == text], text
+
+
+def _mean_z(run: Run) -> float:
+    return float(run.numbers["mean_z"])
 
 
 def _first_violation(run: Run) -> tuple[str, int]:
@@ -304,27 +407,28 @@ def _error(run: Run) -> str:
     return text + (f" and {_digits(_MORE_DEG * angle)}°" if angle > 0.0 else "")
 
 
+def _off_by(run: Run) -> str:
+    """How far a run is off the path, which may be anything where it diverged."""
+    errors = run.numbers["position_error_max_m"], run.numbers["axis_error_max_rad"]
+    return f"up to {_error(run)}" if all(map(math.isfinite, errors)) else "an unknown amount"
+
+
 def _speed(speed: PeakSpeed) -> str:
     times = f"{speed.share:.3g}" if speed.share >= 1.005 else f"{speed.share:.6g}"
     return f"{speed.joint} at {times} times its speed limit at waypoint {speed.waypoint}"
 
 
 def _ratio(value: float, other: float) -> float:
-    """``value / other``, and 1 where both are nothing."""
+    """``value / other`` to the digits that are printed; 1 where both are nothing."""
     if abs(value - other) <= 1e-12:
         return 1.0
-    return value / other if other else math.inf
+    return round(value / other, 2) if other else math.inf
 
 
-def _share(ratio: float) -> str:
-    return (
-        f"{100.0 * ratio:.0f} %" if ratio < 10.0 else f"{ratio:.0f} times" if ratio < 1e6 else "∞"
-    )
-
-
-def _times(value: float, least: float) -> str:
-    ratio = _ratio(value, least)
-    return "the same as" if abs(ratio - 1.0) < _ALIKE else f"{ratio:.3g} times"
+def _factor(ratio: float) -> str:
+    if not math.isfinite(ratio):
+        return "above 0 instead of 0"
+    return f"×{ratio:.2f}" if ratio < 10.0 else f"×{ratio:.0f}"
 
 
 def _margin(margin: float | None) -> str:
@@ -335,11 +439,15 @@ def _margin(margin: float | None) -> str:
 
 def _digits(value: float) -> str:
     """Three significant digits, without a power of ten where one is not needed."""
+    if not math.isfinite(value):
+        return "an unknown number of" if math.isnan(value) else "∞" if value > 0.0 else "−∞"
     if value == 0.0:
         return "0"
-    if 1e-4 <= abs(value) < 1e5:
-        return f"{value:.{max(0, 2 - math.floor(math.log10(abs(value))))}f}"
-    return f"{value:.1e}"
+    if 1e-4 <= abs(value) < 999.5:
+        return f"{value:#.3g}".rstrip(".")
+    if 999.5 <= abs(value) < 1e5:
+        return f"{value:.0f}"
+    return f"{value:.2e}"
 
 
 def _number(count: int) -> str:

@@ -32,7 +32,8 @@ def metrics(trajectory: Trajectory) -> dict[str, Any]:
     ``travel_deg``: sum of |Δθ| over hinges and waypoints; ``max_step_deg``: the largest of them.
     ``reconfigurations``: waypoints reached by a step above 15° in a hinge.
     ``closure_rad``: ‖θ_end − θ_start‖. ``sigma_min``: smallest singular value of UᵀJ on the path.
-    ``time_per_waypoint_us``: wall time, kinematics and all.
+    ``time_per_waypoint_us``: wall time, kinematics and all; it compares methods only where the same
+    share of the waypoints was :func:`compiled <compiled_share>`.
     ``band_excess_max``: largest excess of a tolerance band, only where the task has bands.
     ``status``: the run in a sentence.
     """
@@ -68,6 +69,11 @@ def metrics(trajectory: Trajectory) -> dict[str, Any]:
         numbers["band_excess_max"] = float(trajectory.band_excess.max())
     numbers["status"] = _status(trajectory, numbers)
     return numbers
+
+
+def compiled_share(trajectory: Trajectory) -> float:
+    """Share of the waypoints after the start that compiled code reached, 0 to 1."""
+    return min(1.0, trajectory.compiled / max(1, len(trajectory.q) - 1))
 
 
 def _status(trajectory: Trajectory, numbers: dict[str, Any]) -> str:

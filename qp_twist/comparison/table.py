@@ -46,7 +46,8 @@ def rich_table(comparison: dict[str, Any]) -> Table:
     for index, name in enumerate(methods):
         following = methods[index + 1] if index + 1 < len(methods) else None
         together = following is not None and pair_of(following) == pair_of(name)
-        table.add_row(*_row(name, comparison["methods"][name]), end_section=not together)
+        cells = _row(name, comparison["methods"][name], comparison["compiled"][name])
+        table.add_row(*cells, end_section=not together)
     return table
 
 
@@ -69,7 +70,13 @@ def notes(comparison: dict[str, Any]) -> list[str]:
     ] + [f"{name}: not run: {why}" for name, why in comparison.get("not_run", {}).items()]
 
 
-def _row(name: str, numbers: dict[str, Any]) -> list[Text | str]:
+def time_in_code(microseconds: float, compiled: float) -> str:
+    """A time a waypoint, with a sign where compiled code reached all waypoints, or some."""
+    sign = "*" if compiled >= 1.0 else "(*)" if compiled > 0.0 else ""
+    return f"{whole(microseconds)}{sign}"
+
+
+def _row(name: str, numbers: dict[str, Any], compiled: float) -> list[Text | str]:
     first = numbers["first_violation"]
     where = "\n".join(f"{joint} at {index}" for joint, index in first.items()) or "no"
     margin = numbers["min_margin"]
@@ -84,7 +91,7 @@ def _row(name: str, numbers: dict[str, Any]) -> list[Text | str]:
         whole(numbers["travel_deg"]),
         significant(numbers["max_step_deg"], digits=2),
         significant(numbers["sigma_min"]),
-        whole(numbers["time_per_waypoint_us"]),
+        time_in_code(numbers["time_per_waypoint_us"], compiled),
     ]
     if "band_excess_max" in numbers:
         excess = numbers["band_excess_max"]

@@ -42,6 +42,7 @@ class Trajectory:
             :func:`~qp_twist.follow` slowed down; ``None`` untimed.
         z_bound: What the mean z of no motion from this start can be below, where a plan that was
             followed has found it.
+        compiled: Number of waypoints that were reached by compiled code; the rest by Python.
     """
 
     path_task: PathTask
@@ -60,6 +61,7 @@ class Trajectory:
     band_excess: Array
     durations: Array | None
     z_bound: float | None = None
+    compiled: int = 0
 
     @property
     def joint_names(self) -> tuple[str, ...]:

@@ -267,6 +267,7 @@ class _Recorder:
         self.durations: list[float] = []
         self.diverged_at: int | None = None
         self.failure = ""
+        self.compiled = 0
         self._names = dict[str, None]()
         self.begin()
 
@@ -323,6 +324,7 @@ class _Recorder:
             self.statuses.append(Status.SOLVED)
             self.durations.append(0.0 if given is None else float(given[len(self.q)]))
             self.band_excess.append(0.0)
+            self.compiled += 1
             self._done(here.copy(), apart, turned, sigma)
             if self.stopped:
                 return
@@ -356,4 +358,5 @@ class _Recorder:
             failure=self.failure,
             band_excess=np.array(self.band_excess),
             durations=None if self.path_task.durations is None else np.array(self.durations),
+            compiled=self.compiled,
         )

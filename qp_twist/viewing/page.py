@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import contextlib
-import io
+import logging
+import math
 import threading
 import time
 from typing import Any
@@ -12,11 +12,11 @@ import mink
 import numpy as np
 import viser
 
+from qp_twist.comparison.local_server import LocalServer
 from qp_twist.comparison.roadmap_figure import applies_to
 from qp_twist.path import METHODS
 from qp_twist.viewing.bars import joint_bars
 from qp_twist.viewing.lap import Lap, Moment
-from qp_twist.viewing.port import HOST
 from qp_twist.viewing.projectors import projector_choices
 from qp_twist.viewing.readings import LEGEND, heading, note, readings, sentence
 from qp_twist.viewing.roadmap import roadmap_pixels
@@ -28,15 +28,8 @@ RATE_HZ = 40.0
 """Of the clock: steps of the arm in the hand, and pictures."""
 _READ_EVERY = 3
 """Clock ticks between two updates of what is read; nobody reads faster."""
+log = logging.getLogger(__name__)
 _LIMITS = {"slow down": "scale", "come as close as they let it": "relax"}
-
-
-class LocalServer(viser.ViserServer):
-    """A server for this machine alone: viser can hand a page on by a server elsewhere."""
-
-    def request_share_url(self, verbose: bool = True) -> str | None:
-        """Refused."""
-        return None
 
 
 class Page:
@@ -54,9 +47,8 @@ class Page:
             port: A free port of this machine.
         """
         self.session = session
-        with contextlib.redirect_stdout(io.StringIO()):  # it prints addresses of its own
-            self.server = LocalServer(host=HOST, port=port, label="qp-twist", verbose=False)
-        self.url = f"http://{HOST}:{self.server.get_port()}"
+        self.server = LocalServer(port, label="qp-twist")
+        self.url = self.server.url
         self.server.gui.configure_theme(
             control_width="medium", show_logo=False, show_share_button=False,
             brand_color=(0, 114, 178),
@@ -174,8 +166,12 @@ class Page:
 
         def on(handle: Any, action: Any) -> None:
             def changed(event: Any) -> None:
-                if event.client is not None:
-                    action(handle.value)
+                if event.client is None:
+                    return
+                if not _offered(handle):
+                    log.warning("ignored a value of %s that it does not offer", handle.label)
+                    return
+                action(handle.value)
 
             handle.on_update(changed)
 
@@ -258,10 +254,14 @@ class Page:
         self._enable()
 
     async def _target_moved(self, event: Any) -> None:
-        self.session.drag(_pose(event.target))
+        pose = _pose(event.target)
+        if pose is not None:
+            self.session.drag(pose)
 
     async def _workpiece_moved(self, event: Any) -> None:
-        self.session.place(_pose(event.target))
+        pose = _pose(event.target)
+        if pose is not None:
+            self.session.place(pose)
 
     def _draw_roadmap(self) -> None:
         """Draw it, in viser's thread of the click, and show it in a window of its own."""
@@ -336,8 +336,7 @@ class Page:
     def close(self) -> None:
         """End the server and the session's worker."""
         self.session.close()
-        with contextlib.redirect_stdout(io.StringIO()):
-            self.server.stop()
+        self.server.stop()
 
 
 def _set(handle: Any, value: object) -> None:
@@ -351,8 +350,25 @@ def _known(weight: str) -> str:
     return weight if weight in WEIGHTS else WEIGHTS[0]
 
 
-def _pose(handle: Any) -> mink.SE3:
-    rotation = mink.SO3(np.array(handle.wxyz, dtype=np.float64)).normalize()
-    return mink.SE3.from_rotation_and_translation(
-        rotation, np.array(handle.position, dtype=np.float64)
-    )
+def _offered(handle: Any) -> bool:
+    """Whether a control's value is one of those that it offers; a message can hold any other."""
+    value = handle.value
+    if hasattr(handle, "options"):
+        return value in handle.options
+    if hasattr(handle, "min"):
+        return bool(handle.min <= value <= handle.max)
+    return True
+
+
+def _pose(handle: Any) -> mink.SE3 | None:
+    """Where a handle of the scene stands; ``None`` where its message held no pose."""
+    numbers = [*np.ravel(handle.wxyz).tolist(), *np.ravel(handle.position).tolist()]
+    try:
+        fits = len(numbers) == 7 and all(map(math.isfinite, numbers)) and any(numbers[:4])
+    except TypeError:  # of something else than numbers
+        fits = False
+    if not fits:
+        log.warning("ignored a message of the page (no pose for %s)", handle.name)
+        return None
+    wxyz, position = np.array(numbers[:4]), np.array(numbers[4:])
+    return mink.SE3.from_rotation_and_translation(mink.SO3(wxyz).normalize(), position)

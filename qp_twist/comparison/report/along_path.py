@@ -133,10 +133,11 @@ def speed_section(path_task: PathTask, trajectories: Trajectories) -> Section:
                 f"<td>{100.0 * peak.share:.3g} %</td><td>{mark}</td></tr>"
             )
     table = (
+        '<div class="scroll" tabindex="0" role="region" aria-label="The fastest of each method">'
         '<table class="plain"><caption>The fastest of each method</caption><thead><tr>'
         '<th scope="col">method</th><th scope="col">joint</th><th scope="col">waypoint</th>'
         '<th scope="col">of its limit</th><th scope="col">kept</th></tr></thead>'
-        f"<tbody>{rows}</tbody></table>"
+        f"<tbody>{rows}</tbody></table></div>"
     )
     note = "<p>At the task's feed; mean speed on the way to each waypoint.</p>"
     return Section("speed", title, note + body + table)

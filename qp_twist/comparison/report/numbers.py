@@ -18,7 +18,7 @@ from qp_twist.comparison.report.section import Section, figure_html, kind
 from qp_twist.comparison.report.svg import SVG_RC, inline_svg
 from qp_twist.comparison.report.swatch import swatch
 from qp_twist.comparison.style import line_style, pair_of
-from qp_twist.comparison.table import significant, whole
+from qp_twist.comparison.table import significant, time_in_code, whole
 from qp_twist.path import METHODS
 
 _COLUMNS = (
@@ -34,8 +34,9 @@ def table_section(content: Mapping[str, Any]) -> Section:
     bands = any("band_excess_max" in numbers for numbers in methods.values())
     columns = (*_COLUMNS, "band excess m or rad") if bands else _COLUMNS
     heads = "".join(f'<th scope="col">{name}</th>' for name in columns)
+    compiled = content["compiled"]
     bodies = "".join(
-        f"<tbody>{''.join(_row(name, methods[name], bands=bands) for name in pair)}</tbody>"
+        f"<tbody>{''.join(_row(n, methods[n], compiled[n], bands=bands) for n in pair)}</tbody>"
         for _, pair in groupby(methods, key=pair_of)
     )
     notes = [
@@ -50,7 +51,7 @@ def table_section(content: Mapping[str, Any]) -> Section:
         "10⁻⁵ rad. The margin is 1 in the middle of a joint's range, 0 at a limit, negative "
         "outside; z = ½‖W(θ̄ − θ)‖²; errors are the largest, in the task's rows; travel is the sum "
         "of all hinges' displacements; σ min is that of the task's rows; times are wall times, "
-        "kinematics included.</p>"
+        "kinematics included, of compiled code where they have a *, else of Python.</p>"
         '<div class="scroll" tabindex="0" role="region" aria-label="Table of metrics">'
         f'<table class="metrics"><thead><tr>{heads}</tr></thead>{bodies}</table></div>{remarks}'
     )
@@ -61,7 +62,7 @@ def times_section(content: Mapping[str, Any]) -> Section:
     """Wall time a waypoint, a point a method, logarithmic."""
     methods: Mapping[str, Any] = content["methods"]
     times = {name: numbers["time_per_waypoint_us"] for name, numbers in methods.items()}
-    names = list(times)
+    names, compiled = list(times), content["compiled"]
     with mpl.rc_context(SVG_RC):
         height = 0.22 * len(names) + 0.75
         figure = Figure(figsize=(8.6, height))
@@ -74,8 +75,8 @@ def times_section(content: Mapping[str, Any]) -> Section:
             panel.plot([low, times[name]], [row, row], color=colour, linewidth=1.0)
             panel.plot(times[name], row, "o", color=colour, markerfacecolor=hollow, ms=6, zorder=3)
             panel.annotate(
-                f"{times[name]:.0f}", (times[name], row), xytext=(7, 0), va="center",
-                textcoords="offset points", fontsize=8,
+                time_in_code(times[name], compiled[name]), (times[name], row), va="center",
+                xytext=(7, 0), textcoords="offset points", fontsize=8,
             )  # fmt: skip
         panel.set_xlim(low, 2.0 * max(times.values()))
         panel.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
@@ -87,14 +88,15 @@ def times_section(content: Mapping[str, Any]) -> Section:
         panel.set_xlabel("µs a waypoint")
     caption = (
         "Wall time for each waypoint, all its iterations and the kinematics included: filled for "
-        "QPs of this package, open for closed forms, grey for other libraries' steps. One run on "
+        "QPs of this package, open for closed forms, grey for other libraries' steps. Times with a "
+        "* are of compiled code, the others of Python; only those of one kind compare. One run on "
         "one machine; the plan of qp_planned is made before and not counted."
     )
     svg = inline_svg(figure, "times", caption)
     return Section("times", "Step times", figure_html(svg, caption))
 
 
-def _row(name: str, numbers: Mapping[str, Any], *, bands: bool) -> str:
+def _row(name: str, numbers: Mapping[str, Any], compiled: float, *, bands: bool) -> str:
     first = numbers["first_violation"]
     where = ", ".join(f"{joint} at {waypoint}" for joint, waypoint in first.items())
     margin = numbers["min_margin"]
@@ -108,7 +110,7 @@ def _row(name: str, numbers: Mapping[str, Any], *, bands: bool) -> str:
         _cell(whole(numbers["travel_deg"])),
         _cell(significant(numbers["max_step_deg"], digits=2)),
         _cell(significant(numbers["sigma_min"])),
-        _cell(whole(numbers["time_per_waypoint_us"])),
+        _cell(time_in_code(numbers["time_per_waypoint_us"], compiled)),
     ]
     if bands:
         excess = numbers.get("band_excess_max", 0.0)

@@ -21,6 +21,11 @@
     });
   }
 
+  // On a phone a figure is as wide as the page until it is tapped: page.css has the two widths.
+  for (const drawing of document.querySelectorAll(".drawing")) {
+    drawing.addEventListener("click", () => drawing.classList.toggle("large"));
+  }
+
   // The scene: the player with a method's recording put into its head. It is there only while it is
   // near the window: without a graphics card it slows down the whole page.
   const recordings = {};

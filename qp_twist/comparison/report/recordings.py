@@ -5,7 +5,6 @@ from __future__ import annotations
 import base64
 import contextlib
 import copy
-import io
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -79,18 +78,14 @@ def recordings(path_task: PathTask, trajectories: Mapping[str, Trajectory]) -> d
 
 @contextlib.contextmanager
 def _server() -> Iterator[Any]:
-    """A viser server that nobody is told of: only a server can serialize a scene.
+    """A viser server that answers nobody: only a server can serialize a scene."""
+    from qp_twist.comparison.local_server import LocalServer
 
-    What it prints when it starts and ends is swallowed.
-    """
-    import viser
-
-    with contextlib.redirect_stdout(io.StringIO()):
-        server = viser.ViserServer(host="127.0.0.1", port=0, verbose=False)
-        try:
-            yield server
-        finally:
-            server.stop()
+    server = LocalServer(0, names=())
+    try:
+        yield server
+    finally:
+        server.stop()
 
 
 def _frames(q: Array) -> Array:

@@ -1,0 +1,251 @@
+"""A viser server for this machine alone, which serves no page but its own.
+
+viser accepts a websocket whatever page opened it, and whatever name the page was reached by. Any
+web page that is open in a browser of this machine could then send it the messages of the live page:
+directly (cross-site WebSocket hijacking), or under a host name of its own that it lets point at
+127.0.0.1 (DNS rebinding). :class:`LocalServer` looks at each request before viser does.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import http.client
+import inspect
+import io
+import logging
+import re
+import threading
+from collections.abc import Awaitable, Callable, Iterator, Sequence
+from importlib.metadata import version
+from typing import Any
+
+import viser
+import websockets.asyncio.server as asyncio_server
+from websockets.asyncio.server import ServerConnection
+from websockets.datastructures import Headers
+from websockets.exceptions import InvalidMessage
+from websockets.frames import CloseCode
+from websockets.http11 import Request, Response
+
+from qp_twist.errors import QpTwistError
+
+HOST = "127.0.0.1"
+"""The address that is served."""
+NAMES = (HOST, "localhost", "[::1]")
+"""The names of this machine by which a page may be asked for; none that DNS can give away."""
+_FOREIGN = "foreign.invalid"
+"""A name that no machine has (RFC 2606): with it a server checks whether it refuses."""
+_LONGEST = 200
+_MOST = 20
+"""Different refusals that are logged; a page may try for ever."""
+_REPLACING = threading.Lock()
+"""Held while the function that viser starts its server by is replaced."""
+
+log = logging.getLogger(__name__)
+
+
+class OpenServer(QpTwistError):
+    """The server would have answered any web page, so it was ended."""
+
+
+class LocalServer(viser.ViserServer):
+    """A viser server that answers only its own page, opened on this machine.
+
+    ========================  ==============================================================
+    request                   answered if
+    ========================  ==============================================================
+    every one                 its ``Host`` is one of ``names``, with any port, and its address
+                              has no query
+    with an ``Origin``        that is ``http://`` and the ``Host``: a page of this server
+    for a websocket           it has such an ``Origin``; browsers always send one
+    ========================  ==============================================================
+
+    All others get 403 Forbidden. The port in ``Host`` is free, since that is what a forwarded port
+    looks like (``ssh -L``). A query is refused because viser's page takes the server that it obeys
+    from it (``?websocket=``), and that server may run scripts in the page. The page cannot be put
+    into a frame of another page, nor ask other servers for anything (``Content-Security-Policy``).
+
+    A message that cannot be read ends its connection, and is one line of the log.
+    """
+
+    def __init__(self, port: int, names: Sequence[str] = NAMES, **options: Any) -> None:
+        """Serve at 127.0.0.1.
+
+        Args:
+            port: Of this machine; 0 for a free one.
+            names: The names by which it may be asked for; none: it answers nobody.
+            options: Of :class:`viser.ViserServer`.
+
+        Raises:
+            OpenServer: If it answers what it must refuse, as a later version of viser might.
+        """
+        requests = _RequestFilter(names)
+        with contextlib.redirect_stdout(io.StringIO()), _filtering(requests):
+            super().__init__(host=HOST, port=port, verbose=False, **options)
+        if not _refuses(self.get_port()):
+            self.stop()
+            raise OpenServer(
+                f"the page is not served: viser {viser.__version__} with websockets "
+                f"{version('websockets')} would take commands from any web page; install the "
+                "versions of constraints.txt."
+            )
+        requests.logs = True
+
+    @property
+    def url(self) -> str:
+        """Where the page is."""
+        return f"http://{HOST}:{self.get_port()}"
+
+    def request_share_url(self, verbose: bool = True) -> str | None:
+        """Refuse: viser would hand the page on by a server elsewhere."""
+        return None
+
+    def stop(self) -> None:
+        """End, without the line that viser prints."""
+        with contextlib.redirect_stdout(io.StringIO()):
+            super().stop()
+
+
+class _RequestFilter:
+    """Decides which requests are answered.
+
+    Attributes:
+        logs: Whether refusals are logged.
+    """
+
+    def __init__(self, names: Sequence[str]) -> None:
+        self._host = re.compile(rf"({'|'.join(map(re.escape, names)) or '(?!)'})(:[0-9]{{1,5}})?")
+        self._logged: set[str] = set()
+        self.logs = False
+
+    def refusal(self, request: Request) -> str | None:
+        """Why a request is not answered; ``None`` if it is."""
+        headers = request.headers
+        hosts, origins = headers.get_all("Host"), headers.get_all("Origin")
+        if len(hosts) != 1 or self._host.fullmatch(hosts[0].lower()) is None:
+            return f"a request for the host {_shown(hosts)}, which is not this page's"
+        if origins and [o.lower() for o in origins] != [f"http://{hosts[0]}".lower()]:
+            return f"a request of another page, {_shown(origins)}"
+        if not origins and headers.get_all("Upgrade"):
+            return "a websocket that no page of this server asked for (it has no Origin)"
+        if "?" in request.path:
+            return "an address with a query: the page's own has none"
+        return None
+
+    def log_refusal(self, why: str) -> None:
+        """Log one line for each different refusal."""
+        if self.logs and why not in self._logged and len(self._logged) < _MOST:
+            self._logged.add(why)
+            log.warning("refused %s", why)
+
+
+@contextlib.contextmanager
+def _filtering(requests: _RequestFilter) -> Iterator[None]:
+    """Filter the requests of the viser server that is started meanwhile.
+
+    viser has no option for a filter. It starts its server by ``websockets.asyncio.server.serve``,
+    which has one (``process_request``): that function is replaced while the server starts.
+    :func:`_refuses` then checks that viser used the replacement.
+    """
+    original = asyncio_server.serve
+
+    def serve(
+        handler: Callable[[ServerConnection], Awaitable[None]],
+        *arguments: Any,
+        process_request: Callable[[ServerConnection, Request], Any] | None = None,
+        **options: Any,
+    ) -> Any:
+        async def look(connection: ServerConnection, request: Request) -> Response | None:
+            why = requests.refusal(request)
+            if why is not None:
+                requests.log_refusal(why)
+                return connection.respond(http.HTTPStatus.FORBIDDEN, f"Refused: {why}.\n")
+            response = process_request and process_request(connection, request)
+            if inspect.isawaitable(response):
+                response = await response
+            if response is not None:
+                _confine(response.headers, request.headers["Host"])
+            return response
+
+        async def handle(connection: ServerConnection) -> None:
+            try:
+                await handler(connection)
+            except Exception as error:
+                log.warning("ended a connection: a message cannot be read (%s)", _named(error))
+                await connection.close(CloseCode.INVALID_DATA, "a message cannot be read")
+
+        asyncio.get_running_loop().set_exception_handler(_log_failed_task)
+        return original(handle, *arguments, process_request=look, logger=_server_log(), **options)
+
+    with _REPLACING:
+        asyncio_server.serve = serve  # type: ignore[misc, assignment]
+        try:
+            yield
+        finally:
+            asyncio_server.serve = original  # type: ignore[misc]
+
+
+def _confine(headers: Headers, host: str) -> None:
+    """The page stays out of other pages' frames, and asks no other server for anything."""
+    headers["Content-Security-Policy"] = (
+        f"frame-ancestors 'none'; connect-src 'self' ws://{host} data: blob:"
+    )
+
+
+def _refuses(port: int) -> bool:
+    """Whether a request under a foreign name, and a websocket of a foreign page, are refused."""
+    upgrade = {
+        "Host": f"{HOST}:{port}", "Origin": f"http://{_FOREIGN}", "Connection": "Upgrade",
+        "Upgrade": "websocket", "Sec-WebSocket-Version": "13",
+        "Sec-WebSocket-Key": "AAAAAAAAAAAAAAAAAAAAAA==",
+    }  # fmt: skip
+    for headers in ({"Host": _FOREIGN}, upgrade):
+        connection = http.client.HTTPConnection(HOST, port, timeout=10.0)
+        try:
+            connection.request("GET", "/", headers=headers)
+            if connection.getresponse().status != http.HTTPStatus.FORBIDDEN:
+                return False
+        except (OSError, http.client.HTTPException):
+            return False
+        finally:
+            connection.close()
+    return True
+
+
+def _log_failed_task(loop: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
+    """A task of viser's failed: a message could be read, but says something impossible."""
+    error = context.get("exception")
+    why = context["message"] if error is None else _named(error)
+    log.warning("ignored a message of the page (%s)", why)
+
+
+def _server_log() -> logging.Logger:
+    """Of requests that are no HTTP, a line; of those that were given up, nothing."""
+    server = log.getChild("requests")
+    if not server.filters:
+        server.addFilter(_to_one_line)
+    return server
+
+
+def _to_one_line(record: logging.LogRecord) -> bool:
+    error = record.exc_info[1] if record.exc_info else None
+    if error is None:
+        return record.levelno < logging.WARNING
+    if not isinstance(error, InvalidMessage) or isinstance(error.__cause__, EOFError):
+        return False
+    record.msg, record.args, record.exc_info = "refused a request (%s)", (_named(error),), None
+    return True
+
+
+def _named(error: BaseException) -> str:
+    text = f"{type(error).__name__}: {error}".strip(": ")
+    cause = f", {error.__cause__}" if error.__cause__ else ""
+    return _shown([text + cause], quotes=False)
+
+
+def _shown(values: Sequence[str], quotes: bool = True) -> str:
+    """Values of a stranger, fit for a terminal."""
+    text = ", ".join(values)[:_LONGEST]
+    text = "".join(c if c.isprintable() and c.isascii() else "?" for c in text)
+    return f"“{text}”" if quotes else text
