@@ -69,7 +69,8 @@ class MethodSettings(Section):
     posture_cost: Annotated[float, Field(ge=0.0, allow_inf_nan=False)] = Field(
         default=1e-3,
         description="of a peer's posture, beside 1 for the task's rows; where these are hard "
-        "constraints only its being above 0 matters",
+        "constraints only its being above 0 matters, and where they are scaled its square competes "
+        "with the scale, whose weight is 1",
     )
     every_iteration: bool = Field(
         default=False,
