@@ -1,10 +1,11 @@
 """Draw the figures and write the tables and outputs that the pages show.
 
-    python docs/make_figures.py [--out FOLDER]
+    python docs/make_figures.py [NAME ...] [--out FOLDER]
 
-Everything comes from the library: the comparisons that ``qp-twist compare`` makes, the same methods
-at other settings, and the printed output of the snippets. Takes about two minutes. Wall times are
-left out, since no two machines agree on them.
+A NAME is that of a table, a text or a figure below docs/generated or docs/figures, without its
+ending, or of a task; without one all are made, which takes about two minutes. Everything comes from
+the library: the comparisons that ``qp-twist compare`` makes, the same methods at other settings,
+and the printed output of the snippets. Wall times are left out: no two machines agree on them.
 """
 
 from __future__ import annotations
@@ -23,10 +24,12 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+import matplotlib as mpl
 import numpy as np
 
 import qp_twist as qt
 from qp_twist.comparison import metrics
+from qp_twist.comparison.style import LIMIT, RC, line_style
 
 DOCS = Path(__file__).parent
 FIGURES = {
@@ -41,21 +44,32 @@ FIGURES = {
 def main() -> None:
     """Write everything below the folder given."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("names", nargs="*", help="what to make; all if absent")
     parser.add_argument("--out", type=Path, default=DOCS, help="folder to write to; docs if absent")
-    out = parser.parse_args().out
-    for name in FIGURES:
+    given = parser.parse_args()
+    out: Path = given.out
+
+    def wanted(name: str) -> bool:
+        return not given.names or name in given.names
+
+    for name in filter(wanted, FIGURES):
         comparison = qt.compare(name)
         table = comparison_table(comparison)
         write(out / "generated" / f"{name}.md", table)
         if (name, out) == ("deburring", DOCS):
             put_into_readme(table)
         draw(comparison, out / "figures")
-    for name, table in settings_tables().items():
-        write(out / "generated" / f"{name}.md", table)
+    for name, (task, runs) in SETTINGS.items():
+        if wanted(name):
+            write(out / "generated" / f"{name}.md", settings_table(qt.load_task(task), runs))
+    if wanted("planar_line_gains"):
+        draw_gains(out / "figures" / "planar_line_gains.svg")
     for snippet in snippets_with_output():
-        write(out / "generated" / f"{snippet.stem}.txt", output_of(snippet))
-    write(out / "generated" / "mink_app.diff", app_difference())
-    write(out / "generated" / "mink_app.txt", app_output())
+        if wanted(snippet.stem):
+            write(out / "generated" / f"{snippet.stem}.txt", output_of(snippet))
+    if wanted("mink_app"):
+        write(out / "generated" / "mink_app.diff", app_difference())
+        write(out / "generated" / "mink_app.txt", app_output())
 
 
 def put_into_readme(table: str) -> None:
@@ -140,40 +154,38 @@ def speed_share(trajectory: qt.Trajectory) -> float:
     return float((steps / (task.velocity_limits * task.durations[1:, None])).max())
 
 
-def settings_tables() -> dict[str, str]:
-    """Methods at other settings than the task files'."""
-    deburring, planar = qt.load_task("deburring"), qt.load_task("planar_line")
-    return {
-        "deburring_twa": settings_table(
-            deburring,
-            [
-                ("twa", {"gain": gain, "iterations": iterations})
-                for iterations, gains in ((1, (0.0, 0.01, 0.1, 0.3, 1.0)), (3, (0.1, 0.3, 1.0)))
-                for gain in gains
-            ]
-            + [("qp", {"gain": gain}) for gain in (0.0, 0.01, 0.1, 0.3, 1.0)],
-        ),
-        "deburring_gradient": settings_table(
-            deburring,
-            [
-                ("qp_gradient", {"weight": weight, "gain": gain})
-                for weight, gains in (
-                    ("gradient", (0.1, 0.3, 1.0, 3.0)),
-                    ("paper", (0.01, 0.1, 0.3, 1.0)),
-                    ("natural", (0.01, 0.05, 0.1, 0.3, 1.0)),
-                )
-                for gain in gains
-            ],
-        ),
-        "planar_line_twa": settings_table(
-            planar,
-            [
-                (method, {"gain": gain})
-                for gain in (0.001, 0.01, 0.03, 0.1, 1.0)
-                for method in ("twa", "qp")
-            ],
-        ),
-    }
+PLANAR_GAINS = (0.0, 0.0005, 0.001, 0.003, 0.006, 0.01, 0.03, 0.1, 1.0)
+SETTINGS: dict[str, tuple[str, list[tuple[str, dict[str, Any]]]]] = {
+    "deburring_twa": (
+        "deburring",
+        [
+            ("twa", {"gain": gain, "iterations": iterations})
+            for iterations, gains in (
+                (1, (0.0, 0.001, 0.003, 0.01, 0.1, 0.3, 1.0)),
+                (3, (0.1, 0.3, 1.0)),
+            )
+            for gain in gains
+        ]
+        + [("qp", {"gain": gain}) for gain in (0.0, 0.001, 0.003, 0.01, 0.1, 0.3, 1.0)],
+    ),
+    "deburring_gradient": (
+        "deburring",
+        [
+            ("qp_gradient", {"weight": weight, "gain": gain})
+            for weight, gains in (
+                ("gradient", (0.1, 0.3, 1.0, 3.0)),
+                ("paper", (0.01, 0.1, 0.3, 1.0)),
+                ("natural", (0.01, 0.05, 0.1, 0.3, 1.0)),
+            )
+            for gain in gains
+        ],
+    ),
+    "planar_line_twa": (
+        "planar_line",
+        [(method, {"gain": gain}) for gain in PLANAR_GAINS for method in ("twa", "qp")],
+    ),
+}
+"""Task and runs of the tables of methods at other settings than the task files'."""
 
 
 def settings_table(task: qt.PathTask, runs: Sequence[tuple[str, dict[str, Any]]]) -> str:
@@ -205,6 +217,76 @@ def markdown_table(rows: Sequence[dict[str, str]]) -> str:
     lines = [head, [":--" if title in left else "--:" for title in head]]
     lines += [list(row.values()) for row in rows]
     return "".join(f"| {' | '.join(line)} |\n" for line in lines)
+
+
+# ---------------------------------------------------------------- the gain on the planar line
+
+
+SHOWN_GAIN = 0.003
+
+
+def draw_gains(path: Path) -> None:
+    """Mean z of twa and qp over the gain, and the joints of the paper's Fig. 4 at a small one."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    task = qt.load_task("planar_line")
+    ranges = qt.JointRanges.of(task.model)
+    shortest = qt.follow(task, "minimum_norm")
+    # No motion has less than the plan's bound, and here the plan has no more.
+    lowest = qt.plan(task).bound
+    gains = np.geomspace(1e-4, 0.1, 31)
+    with mpl.rc_context(RC | {"svg.fonttype": "none", "svg.hashsalt": path.stem}):
+        figure = Figure(figsize=(7.2, 6.4), layout="constrained")
+        FigureCanvasAgg(figure)
+        top, bottom = figure.subfigures(2, 1, height_ratios=[1.0, 1.0])
+        ax = top.subplots()
+        for method in ("twa", "qp"):
+            runs = [qt.follow(task, method, gain=gain) for gain in gains]
+            ax.plot(gains, [run.z.mean() for run in runs], **line_style(method))
+            outside = [run.margins.min() < -1e-9 for run in runs]
+            if any(outside):
+                ax.axvline(
+                    gains[outside.index(True)],
+                    color=LIMIT,
+                    label=f"from here on {method} leaves the limits",
+                )
+        none = qt.follow(task, "twa", gain=0.0).z.mean()
+        for level, colour, side, words in (
+            (shortest.z.mean(), "#009E73", "bottom", "minimum norm"),
+            (none, "#555555", "top", "twa at gain 0"),
+            (lowest, "#000000", "bottom", "least at each waypoint"),
+        ):
+            ax.axhline(level, color=colour, linewidth=1.0, linestyle=(0, (1, 1.5)))
+            ax.annotate(
+                f"{words}, {level:.4f}", (0.99, level), xycoords=("axes fraction", "data"),
+                xytext=(0, 3 if side == "bottom" else -3), textcoords="offset points",
+                ha="right", va=side, fontsize=8, color=colour,
+                bbox={"facecolor": "white", "edgecolor": "none", "pad": 1.0},
+            )  # fmt: skip
+        ax.set_xscale("log")
+        ax.set_ylim(0.0515, 0.0600)
+        ax.set_xlabel("gain (weight paper)")
+        ax.set_title("Mean z over the line")
+        ax.legend(loc="upper left")
+        avoiding = qt.follow(task, "twa", gain=SHOWN_GAIN)
+        still = qt.follow(task, "twa", gain=0.0)
+        for joint, panel in enumerate(bottom.subplots(1, 3)):
+            for run, style, words in (
+                (shortest, {"color": "#009E73"}, "minimum norm"),
+                (avoiding, {"color": "#0072B2"}, f"twa, gain {SHOWN_GAIN}"),
+                (still, {"color": "#0072B2", "linestyle": (0, (1, 1.5))}, "twa, gain 0"),
+            ):
+                panel.plot(np.arange(1, len(run.q) + 1), np.degrees(run.q[:, joint]), **style,
+                           label=words)  # fmt: skip
+            for limit in (ranges.lower[joint], ranges.upper[joint]):
+                panel.axhline(np.degrees(limit), color=LIMIT, linewidth=1.2)
+            panel.set_title(f"{ranges.names[joint]}, degrees")
+            panel.set_xlabel("waypoint")
+        bottom.legend(*panel.get_legend_handles_labels(), loc="outside lower center", ncols=3)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        figure.savefig(path, metadata={"Date": None})
+    print(f"wrote {path}")
 
 
 # ---------------------------------------------------------------- snippets

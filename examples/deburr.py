@@ -18,7 +18,7 @@ controller = qt.Controller(
     [tool],
     # Roll is spent on keeping the joints near the middle of their ranges.
     secondary=[qt.JointCentering(path.model, weight="natural", gain=0.01)],
-    metric=ranges.weight**2,
+    metric=ranges.metric,
     limits=[qt.MotionLimit(path.model, velocity=path.velocity_limits, acceleration=20.0)],
 )
 start = path.waypoints[0]

@@ -21,8 +21,8 @@ limits = [qt.PositionLimit(path.model), mink.VelocityLimit(path.model, speeds)]
 
 # What the free motion is spent on: staying near the middle of the joint ranges.
 centering = qt.JointCentering(path.model, weight="natural", gain=0.05)
-W = qt.JointRanges.of(path.model).weight
-controller = qt.Controller(path.model, [task], secondary=[centering], limits=limits, metric=W**2)
+metric = qt.JointRanges.of(path.model).metric
+controller = qt.Controller(path.model, [task], secondary=[centering], limits=limits, metric=metric)
 
 configuration = mink.Configuration(path.model, path.start + 0.1)
 step = controller.step(configuration, dt=0.01)

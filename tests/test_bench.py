@@ -31,10 +31,10 @@ from qp_twist.bench.problem import DT, Problem, Truth
 from qp_twist.bench.problems import growth, table
 from qp_twist.bench.program import Program
 from qp_twist.bench.quantiles import Quantiles
-from qp_twist.bench.ratios import changes, differences, ratios
+from qp_twist.bench.ratios import changes, differences, ratios, ratios_of_calls
 from qp_twist.bench.record import Case, Measured
 from qp_twist.bench.run import contenders
-from qp_twist.bench.tables import compared, document, sheets
+from qp_twist.bench.tables import RATIOS, compared, document, sheets
 from qp_twist.bench.timer import LEAD_IN, blocks_of, interleaved
 from qp_twist.checks import Array
 from qp_twist.cli import main
@@ -331,6 +331,18 @@ def test_a_library_that_is_not_installed_is_named_with_its_package(
         assert said is not None and f"pip install {package}" in said
 
 
+def test_placo_does_not_give_up_its_scale_for_the_posture() -> None:
+    """The motion fits, so that the largest scale is 1: nothing of the task is to be missing."""
+    pytest.importorskip("placo")
+    steps = range(0, 190, 10)
+    [scaled] = [c for c in placo_steps() if c.name == "placo:scaled"]
+    for planned in table(0):
+        problem, truth = planned.make(steps)
+        step = scaled.prepare(problem)()
+        accuracy = Accuracy.of(scaled.asked, {k: np.array(step(k)) for k in steps}, truth)
+        assert accuracy is not None and accuracy.residual < 1e-6
+
+
 def test_where_nobody_takes_part_earlier_results_are_kept(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -421,7 +433,7 @@ def times(median: float, width: float = 1.0) -> Quantiles:
 def one_case(**medians: float) -> Case:
     results = tuple(
         Measured(
-            contender=name.replace("_", ":"),
+            contender=name.replace("_", ":").replace("::", "_"),
             warm=times(median),
             accuracy=Accuracy(residual=0.0, excess=0.0, error=1e-9),
         )
@@ -452,6 +464,23 @@ def test_ratios_are_of_medians() -> None:
         ("step:compiled", "mink:hard"): 0.15,
         ("step:compiled", "placo:hard"): 3.0,
     }
+
+
+def test_a_call_is_held_against_a_call() -> None:
+    """PlaCo's step has its kinematics in it: our call without ours is no match for it."""
+    case = one_case(step_compiled=30.0, solve__ik_daqp=600.0, mink_hard=200.0, placo_hard=24.0)
+    calls = {"step:compiled": 18.0, "mink:hard": 180.0}
+    results = tuple(
+        m.model_copy(update={"call": times(calls[m.contender])}) if m.contender in calls else m
+        for m in case.results
+    )
+    case = case.model_copy(update={"results": results})
+    assert ratios_of_calls(case) == {("step:compiled", "mink:hard"): 0.1}
+    [sheet] = [sheet for sheet in sheets(one_run(case)) if sheet.title == RATIOS]
+    named = {row[0]: row[1] for row in sheet.rows}
+    assert named["step:compiled / placo:hard"] == "1.25"
+    assert named["solve_ik:daqp / mink:hard"] == "3"
+    assert not [name for name in named if "placo" in name and "call" in name]
 
 
 def test_a_change_is_called_one_only_where_the_spans_are_apart() -> None:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import importlib
 import importlib.util
+import inspect
 import re
 import runpy
 import subprocess
@@ -22,7 +24,7 @@ from qp_twist.comparison import metrics
 from qp_twist.controller.controller import SINGULARITY
 from qp_twist.path import file_path_schema, shipped_tasks, task_schema
 from qp_twist.path.methods import METHODS, MethodSettings
-from qp_twist.qp import SCALE_BACKOFF
+from qp_twist.qp import SCALE_BACKOFF, check_solver
 from qp_twist.qp.verification import (
     BOUND_TOLERANCE,
     EQUALITY_TOLERANCE,
@@ -293,8 +295,10 @@ def test_every_method_is_listed_with_what_it_does_by_default() -> None:
     for name, method in METHODS.items():
         settings = method.defaults
         entry = f"| `{name}` | iterations {settings.iterations}, secondary `{settings.secondary}`"
+        if settings.secondary == "centering":
+            entry += f", weight `{settings.weight}`"
         if settings.secondary != "none":
-            entry += f", weight `{settings.weight}`, gain {settings.gain}"
+            entry += f", gain {settings.gain}"
         assert f"{entry} |\n" in text
         assert f"`{name}`" in page("command_line.md")
 
@@ -322,6 +326,39 @@ def test_every_command_is_listed_with_its_options(capsys: pytest.CaptureFixture[
         options = set(re.findall(r"--[a-z][\w-]*", help_of(command))) - {"--help"}
         named = {name for cells in rows(body) for name in re.findall(r"--[a-z][\w-]*", cells[0])}
         assert named == options
+
+
+NAMED_BY_THE_TASK = {"out/TASK", "out/TASK/roadmap.png", "out/TASK_study", "out/bench"}
+"""Defaults that a command works out; its help has to say the same words."""
+
+
+@pytest.mark.parametrize("command", [
+    "new", "starts", "compare", "run", "check", "view", "roadmap", "study", "bench",
+])  # fmt: skip
+def test_every_default_of_a_command_is_that_of_its_function(command: str) -> None:
+    function = getattr(importlib.import_module(f"qp_twist.cli.{command}"), command)
+    parameters = inspect.signature(function).parameters
+    told = " ".join((inspect.getdoc(function) or "").split())
+    [body] = [t for title, t in sections(page("command_line.md"), "##").items()
+              if f"qp-twist {command}" in title]  # fmt: skip
+    for option, stated, _ in rows(body):
+        name = re.findall(r"--([a-z][\w-]*)", option)[0].replace("-", "_")
+        default = parameters.get(name, parameters.get(f"{name}_")).default  # type: ignore[union-attr]
+        literal = re.fullmatch(r"`([^`]*)`", stated)
+        if default is inspect.Parameter.empty:
+            assert stated == "required"
+        elif isinstance(default, bool):
+            assert stated == (f"`--{name}`" if default else "")
+        elif name == "solver":
+            assert stated.endswith("`compiled` where numba is installed, else `daqp`")
+            assert check_solver(None) in ("compiled", "daqp")
+            assert "machine code where numba is installed, else daqp" in told
+        elif default is None or default == "auto":
+            assert literal is None or literal[1] in NAMED_BY_THE_TASK | {"auto"}, option
+            assert default == "auto" or literal is None or literal[1] in told
+        else:
+            assert literal is not None, option
+            assert literal[1] == str(default) or float(literal[1]) == default, option
 
 
 def shown_commands() -> list[str]:
@@ -385,7 +422,7 @@ def test_every_equation_of_the_paper_is_there_under_its_label() -> None:
 def test_every_test_that_a_page_names_exists() -> None:
     tests = (ROOT / "tests" / "test_equivalences.py").read_text("utf-8")
     named = re.findall(r"`(test_\w+)`", page("equations.md"))
-    assert len(named) == 5
+    assert len(named) == 8
     for name in named:
         assert f"def {name}(" in tests
 

@@ -155,6 +155,96 @@ def test_with_more_joints_it_uses_the_redundancy_of_task_and_manipulator(
     assert formula - paper == pytest.approx(left_out, abs=1e-8)
 
 
+@given(SEEDS, KINDS, KINDS, FRAMES)
+@settings(max_examples=300)
+def test_with_h_in_the_null_space_the_secondary_of_the_decomposition_is_gradient_projection(
+    seed: int, linear: str, angular: str, frame: str
+) -> None:
+    """TJh = 0 makes J†(1 − T)Jh = h, which the orthogonal projector gives for any such h."""
+    s = Situation(seed, 6, linear, angular, frame)
+    assume(s.regular_arm())
+    assume(s.regular_task())
+    h = s.h - _least_norm(s.T @ s.J, s.T @ s.J @ s.h)
+    oblique = closed_form.twa(s.J, s.T, 0.0 * s.dt, h)
+    orthogonal = closed_form.gradient_projection(s.J, s.T, 0.0 * s.dt, s.h)
+    assert oblique == pytest.approx(h, abs=1e-8)
+    assert orthogonal == pytest.approx(h, abs=1e-8)
+    # The first terms remain two: J†TΔt leaves the free twist zero, (TJ)†TΔt is the shortest.
+    whole = closed_form.twa(s.J, s.T, s.dt, h)
+    first_terms = np.linalg.solve(s.J, s.T @ s.dt) - _least_norm(s.T @ s.J, s.T @ s.dt)
+    gradient = closed_form.gradient_projection(s.J, s.T, s.dt, s.h)
+    assert whole - gradient == pytest.approx(first_terms, abs=1e-7)
+
+
+@given(SEEDS, st.sampled_from(["full", "plane", "line"]))
+@settings(max_examples=100)
+def test_the_twist_space_cost_depends_on_the_origin_of_the_frame(seed: int, angular: str) -> None:
+    """Two frames of one link, the same task on its orientation: only their origins differ."""
+    rng = np.random.default_rng(seed)
+    model = random_arm(rng, 6)
+    projector = qt.TwistProjector(linear=qt.Projector.none(), angular=_projector(angular, rng))
+    configuration = mink.Configuration(model, random_configuration(model, rng))
+    posture = qt.PostureReference(model, random_configuration(model, rng), 0.3)
+    turn = mink.SO3.exp(0.1 * rng.normal(size=3))
+    found: dict[str, list[np.ndarray]] = {"joint": [], "twist": [], "oracle": []}
+    for name, kind in (("tool", "site"), ("link_6", "body")):
+        task = qt.TwistTask(name, kind, projector)
+        pose = configuration.get_transform_frame_to_world(name, kind)
+        task.set_target(
+            mink.SE3.from_rotation_and_translation(turn @ pose.rotation(), pose.translation())
+        )
+        state = task.state(configuration)
+        assume(_smallest(state.jacobian) > 3e-2)
+        free = (np.eye(6) - projector.matrix) @ state.jacobian @ posture.displacement(configuration)
+        asked = projector.matrix @ state.error + free
+        found["oracle"].append(np.linalg.solve(state.jacobian, asked))
+        for space in ("joint", "twist"):
+            controller = qt.Controller(
+                model, [task], secondary=[posture], secondary_space=space, limits=[]
+            )
+            found[space].append(controller.step(configuration, DT).velocity * DT)
+    assert found["joint"][0] == pytest.approx(found["joint"][1], abs=EXACT)
+    np.testing.assert_allclose(found["twist"], found["oracle"], rtol=0, atol=TWIST_SPACE)
+    assert np.abs(found["twist"][0] - found["twist"][1]).max() > 1e-4
+
+
+@given(SEEDS, FRAMES)
+@settings(max_examples=100)
+def test_the_weight_of_the_free_twist_counts_only_where_it_cannot_all_be_had(
+    seed: int, frame: str
+) -> None:
+    """One direction of translation and one of rotation are free: w weighs m/s against rad/s."""
+    s = Situation(seed, 6, "plane", "plane", frame)
+    assume(s.regular_arm())
+
+    def velocity(cost: float, limits: list[mink.Limit]) -> np.ndarray:
+        controller = qt.Controller(
+            s.model, [s.task], secondary=[s.posture], secondary_space="twist", limits=limits,
+            free_angular_cost=cost,
+        )  # fmt: skip
+        step = controller.step(s.configuration, DT)
+        assume(step.status is qt.Status.SOLVED)
+        return step.velocity
+
+    free = velocity(1.0, [])
+    assert velocity(20.0, []) == pytest.approx(free, abs=1e-5)
+    fastest = int(np.argmax(np.abs(free)))
+    name = s.model.joint(fastest).name
+    held: list[mink.Limit] = [mink.VelocityLimit(s.model, {name: 0.8 * abs(free[fastest])})]
+    rows = np.eye(6) - s.T
+    for cost in (1.0, 20.0):
+        # An oracle: the least ‖·‖_w over the line of velocities with this joint at its limit.
+        A = np.vstack([s.state.basis.T @ s.J, np.eye(6)[fastest]])
+        b = np.append(s.state.basis.T @ s.dt / DT, 0.8 * free[fastest])
+        base = _least_norm(A, b)
+        along = np.linalg.svd(A)[2][-1]
+        w = np.array([1.0, 1.0, 1.0, cost, cost, cost])
+        off = w * (rows @ s.J @ (base - s.h / DT))
+        move = w * (rows @ s.J @ along)
+        expected = base - along * (move @ off) / (move @ move)
+        assert velocity(cost, held) == pytest.approx(expected, abs=1e-5)
+
+
 @pytest.mark.parametrize("solver", ["proxqp", "osqp"])
 @given(seed=SEEDS, joints=st.integers(6, 8), frame=FRAMES)
 @settings(max_examples=60)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -180,3 +182,42 @@ def test_the_path_is_the_one_of_the_facts(deburring: qt.Comparison) -> None:
     radius = np.sqrt(0.3**2 - 0.125**2)
     lap = 4 * 2 * radius * np.arcsin(0.125 / radius)
     assert np.linalg.norm(np.diff(positions, axis=0), axis=1).sum() == pytest.approx(lap, abs=1e-4)
+
+
+def planar_twa(gain: float, q: np.ndarray) -> tuple[float, float]:
+    """Mean z and smallest margin of the literal formula on the planar line, by hand in 3 × 3."""
+    lengths, middle = np.array([2.0, 1.5, 1.0]), np.array([np.pi / 4, np.pi / 4, np.pi / 2])
+    W, path = 0.5 / middle, [q]
+    for k in range(1, 101):
+        target = np.array([-1.0 + 0.02 * k, 2.0])
+        angles = np.cumsum(q)
+        links = lengths[:, None] * np.column_stack([np.cos(angles), np.sin(angles)])
+        reach = np.cumsum(links[::-1], axis=0)[::-1]  # from each joint to the end
+        J = np.vstack([-reach[:, 1], reach[:, 0], np.ones(3)])
+        error = np.append(target - links.sum(axis=0), 0.0)
+        h = gain * W * (middle - q)
+        q = q + np.linalg.solve(J, error + np.array([0.0, 0.0, 1.0]) * (J @ h))
+        path.append(q)
+    off = np.array(path) - middle
+    return float(0.5 * np.mean(np.sum((W * off) ** 2, axis=1))), float(
+        (1 - abs(off / middle)).min()
+    )
+
+
+def test_at_small_gains_the_formula_avoids_limits_on_the_planar_line() -> None:
+    """The region that docs/examples.md draws; at larger gains z is above minimum norm."""
+    task = qt.load_task("planar_line")
+    lap = qt.follow(task, "minimum_norm")
+    shortest, start = lap.z.mean(), lap.q[0]
+    for gain, stated in ((0.0005, 0.0545), (0.003, 0.0535), (0.006, 0.0540)):
+        z, margin = planar_twa(gain, start)
+        lap = qt.follow(task, "twa", gain=gain)
+        assert z == pytest.approx(stated, abs=6e-5)
+        assert lap.z.mean() == pytest.approx(z, abs=1e-9)
+        assert lap.margins.min() == pytest.approx(margin, abs=1e-9)
+        assert z < planar_twa(0.0, start)[0] < shortest
+        assert margin > 0.3
+    assert planar_twa(0.008, start)[0] > shortest
+    assert planar_twa(0.05, start)[1] < 0.0
+    text = " ".join((Path(__file__).parents[1] / "docs" / "examples.md").read_text("utf-8").split())
+    assert "its mean z is 0.0545 to 0.0535 to 0.0540" in text

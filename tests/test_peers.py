@@ -235,7 +235,7 @@ def test_what_mink_has_no_words_for_is_refused(
 
 
 def test_bands_are_refused_and_equal_costs_are_for_peers_only() -> None:
-    with pytest.raises(qt.InvalidInput, match="mink has no tolerance bands"):
+    with pytest.raises(qt.InvalidInput, match="tolerance bands are not put into the words of mink"):
         qt.follow(qt.load_task("deburring_bands"), "mink")
     with pytest.raises(qt.InvalidInput, match="'equal' is for the posture tasks"):
         qt.follow(PIECE, "qp_gradient", weight="equal")

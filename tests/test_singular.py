@@ -101,6 +101,27 @@ def test_regular_rows_are_left_alone_and_a_threshold_of_zero_is_off() -> None:
     assert empty.sigma_min == np.inf
 
 
+def test_the_threshold_compares_metres_with_radians_and_so_knows_the_size_of_an_arm() -> None:
+    """The same arm a thousand times smaller: no configuration of it is above ε = 1e-3."""
+    q = np.array([0.3, 1.2])
+    steps = {}
+    for size, epsilon in ((1.0, EPSILON), (1e-3, EPSILON), (1e-3, 1e-3 * EPSILON)):
+        model = planar_arm([0.5 * size, 0.4 * size])
+        task = qt.TwistTask("tip", "site", PLANE)
+        configuration = mink.Configuration(model, q)
+        pose = configuration.get_transform_frame_to_world("tip", "site")
+        moved = pose.translation() + size * np.array([0.01, -0.02, 0.0])
+        task.set_target(mink.SE3.from_rotation_and_translation(pose.rotation(), moved))
+        sigma = np.linalg.svd(task.state(configuration).jacobian[:2], compute_uv=False)
+        assert bool(sigma[-1] < EPSILON) == (size < 1.0)
+        controller = qt.Controller(model, [task], limits=[], singularity=epsilon)
+        steps[size, epsilon] = controller.step(configuration, 0.1)
+    full, small, told = steps.values()
+    assert [s.status.name for s in (full, small, told)] == ["SOLVED", "DEGRADED", "SOLVED"]
+    np.testing.assert_allclose(told.velocity, full.velocity, rtol=1e-6)
+    assert np.abs(small.velocity).max() < 0.5 * np.abs(full.velocity).max()
+
+
 def test_more_rows_than_joints_are_dependent() -> None:
     A, b = np.array([[1.0], [1.0]]), np.array([1.0, 3.0])
     regular = regular_rows(A, b, EPSILON)

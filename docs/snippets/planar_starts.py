@@ -34,11 +34,14 @@ print(
 
 starts = configurations(*path.positions[0][:2])
 starts = starts[np.linspace(0, len(starts) - 1, 12).astype(int)]
-for method, gain in (("twa", 0.03), ("twa", 0.1), ("twa", 1.0), ("gradient_projection", 1.0)):
+for method, gain in (
+    ("minimum_norm", 0.0), ("twa", 0.0), ("twa", 0.003), ("twa", 0.006), ("twa", 0.03),
+    ("twa", 0.1), ("twa", 1.0), ("gradient_projection", 1.0),
+):  # fmt: skip
     runs = [qt.follow(dataclasses.replace(path, start=q), method, gain=gain) for q in starts]
     outside = sum(bool((run.margins[1:] < -1e-9).any()) for run in runs)
     mean = np.mean([run.z.mean() for run in runs])
     print(
-        f"{method}, gain {gain:<4}: leaves the limits from {outside:2} of {len(starts)} starts, "
+        f"{method}, gain {gain:<5}: leaves the limits from {outside:2} of {len(starts)} starts, "
         f"mean z {mean:.4f}"
     )

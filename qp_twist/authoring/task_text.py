@@ -13,6 +13,7 @@ from qp_twist.authoring.frame_choice import FrameChoice
 from qp_twist.authoring.request import Request
 from qp_twist.checks import Array
 from qp_twist.kinematics import JointRanges
+from qp_twist.path import DEFAULT_METHOD, METHODS
 from qp_twist.toolpath import Toolpath
 
 _COLUMN = 36
@@ -234,16 +235,17 @@ def _limits(parts: Parts) -> str:
 
 
 def _methods() -> str:
+    default = METHODS[DEFAULT_METHOD].defaults
     return "\n".join(
         [
             _comment(
                 "How the free motion is spent, for each method; what is not stated has the "
                 "method's own value."
             ),
-            _line("[methods.qp_gradient]", "towards the middle of the joint ranges"),
-            'weight = "natural"',
-            _line("gain = 0.05", "share of the way a waypoint"),
-            _line("[methods.qp]", "the same, measured in the twist space"),
+            _line(f"[methods.{DEFAULT_METHOD}]", "towards the middle of the joint ranges"),
+            f'weight = "{default.weight}"',
+            _line(f"gain = {default.gain}", "share of the way a waypoint"),
+            _line("[methods.qp]", "the paper's secondary, in twist space"),
             "gain = 0.05",
             _line("[methods.twa]", "its closed form"),
             "gain = 0.05",

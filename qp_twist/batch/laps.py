@@ -20,7 +20,7 @@ from qp_twist.following import follow as follow_one
 from qp_twist.following.follow import settings_of
 from qp_twist.following.walk import start_of
 from qp_twist.kinematics import JointRanges
-from qp_twist.path import MethodSettings, PathTask, check_method
+from qp_twist.path import DEFAULT_METHOD, MethodSettings, PathTask, check_method
 
 if TYPE_CHECKING:
     from qp_twist.following.compiled_walk import CompiledWalk
@@ -62,7 +62,7 @@ class Laps:
 
 def follow(
     path_task: PathTask,
-    method: str = "qp_gradient",
+    method: str = DEFAULT_METHOD,
     *,
     starts: npt.ArrayLike | None = None,
     moves: Sequence[mink.SE3] | npt.ArrayLike | None = None,

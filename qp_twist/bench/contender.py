@@ -76,7 +76,7 @@ def one_level(problem: Problem) -> bool:
 def tool_axes(problem: Problem) -> bool:
     """Whether every frame has to keep its position and its z axis, and there is nothing else.
 
-    Other libraries, and one formula an arm, can say no more than that.
+    The contenders of other libraries are set up for that, and one formula an arm says no more.
     """
     return (
         one_level(problem)

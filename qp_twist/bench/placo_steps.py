@@ -15,8 +15,13 @@ from qp_twist.errors import InvalidInput
 from qp_twist.following.peer import peer_module
 from qp_twist.kinematics import JointRanges
 
-SOFT_POSTURE = 1e-6
-"""Weight of the posture beside soft tasks, the square of pink's cost."""
+POSTURE = {"hard": 1.0, "soft": 1e-6, "scaled": 1e-4}
+"""Weight of the posture by the tasks' priority.
+
+Beside soft tasks it is the square of pink's cost. A scale is itself a soft cost, of weight 1, which
+PlaCo does not let anyone change: a posture of weight 1 buys motion with it where the whole task
+fits. With 1e-4 the task is whole to 2e-7, and PlaCo's own regularisation of 1e-8 is still small.
+"""
 
 
 def placo_steps() -> list[Contender]:
@@ -71,7 +76,7 @@ def _prepare(priority: str, problem: Problem) -> Callable[[], StepOf]:
             turns.append(solver.add_axisalign_task(frame, z, z))
             turns[-1].configure(f"axis {i}", priority, 1.0)
         wish = solver.add_joints_task()
-        wish.configure("posture", "soft", SOFT_POSTURE if priority == "soft" else 1.0)
+        wish.configure("posture", "soft", POSTURE[priority])
         q_robot = robot.state.q.copy()
 
         def step(k: int) -> Any:

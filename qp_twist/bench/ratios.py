@@ -17,28 +17,25 @@ AGAINST = {
 }
 
 
-def ratios_of_calls(case: Case) -> dict[tuple[str, str], float]:
-    """The same of the calls alone; what has no call of its own is taken whole."""
-    found = {}
-    for ours in CHECKED:
-        mine = case.of(ours)
-        if mine is None or mine.call is None:
-            continue
-        for other in AGAINST:
-            theirs = case.of(other)
-            times = theirs and (theirs.call or theirs.warm)
-            if times:
-                found[ours, other] = mine.call.median / times.median
-    return found
+PLUG_IN = "solve_ik:daqp"
+"""What an app that changes one import gets: it stands beside mink's own call alone."""
+PAIRS = (*((ours, other) for ours in CHECKED for other in AGAINST), (PLUG_IN, "mink:hard"))
 
 
 def ratios(case: Case) -> dict[tuple[str, str], float]:
-    """Median of a checked step over that of another contender, where both were timed."""
-    medians = {m.contender: m.warm.median for m in case.results if m.warm}
+    """Median of a whole step of ours over another's whole step, where both were timed."""
+    return _ratios({m.contender: m.warm.median for m in case.results if m.warm})
+
+
+def ratios_of_calls(case: Case) -> dict[tuple[str, str], float]:
+    """The same of the calls alone, where both have one: a call is not held against a whole step."""
+    return _ratios({m.contender: m.call.median for m in case.results if m.call})
+
+
+def _ratios(medians: dict[str, float]) -> dict[tuple[str, str], float]:
     return {
         (ours, other): medians[ours] / medians[other]
-        for ours in CHECKED
-        for other in AGAINST
+        for ours, other in PAIRS
         if ours in medians and other in medians
     }
 

@@ -22,7 +22,7 @@ from qp_twist.comparison.style import pair_of
 from qp_twist.errors import InvalidInput
 from qp_twist.exchange import ENDINGS, check_trajectory, read_trajectory, write_trajectory
 from qp_twist.following import follow
-from qp_twist.path import check_method
+from qp_twist.path import DEFAULT_METHOD, PathTask, check_method
 from qp_twist.timing import refine_trajectory, time_trajectory
 
 _STRETCHES = 8
@@ -33,7 +33,7 @@ _STRETCHES = 8
 def run(
     task: Task,
     out: File,
-    method: MethodName = "qp",
+    method: MethodName = DEFAULT_METHOD,
     solver: Solver = None,
     path: OptionalFile = None,
     report: Folder = None,
@@ -76,6 +76,7 @@ def run(
         names = trajectory.joint_names
         check = check_trajectory(read_trajectory(out, names), trajectory.path_task)
     say(f"wrote {out}: {len(trajectory.q)} waypoints, {method}: {trajectory.summary}")
+    say(f"{method}: {path_task.settings(method)} ({_stated_by(path_task, method)})")
     status = metrics(trajectory)["status"]
     if status != "ok":
         say(f"{method}: {status}")
@@ -102,3 +103,10 @@ def run(
         say(f"wrote {report / 'report.html'}")
     if not check.passes:
         fail(f"{out}: {check.verdict}")
+
+
+def _stated_by(path_task: PathTask, method: str) -> str:
+    """Who says on what the free motion is spent: the task file, or nobody."""
+    stated = path_task.methods.get(method)
+    own = stated is None or not stated.model_fields_set & {"secondary", "weight", "gain"}
+    return "default" if own else "of the task file"

@@ -13,13 +13,14 @@ from qp_twist.cli.progress import sample_progress
 from qp_twist.errors import InvalidInput
 from qp_twist.following import FoundStart, find_starts
 from qp_twist.kinematics import JointRanges
+from qp_twist.path import DEFAULT_METHOD
 
 
 @app.command
 def starts(
     task: Task,
     count: Annotated[int, tyro.conf.arg(metavar="N")] = 8,
-    method: MethodName = "qp_gradient",
+    method: MethodName = DEFAULT_METHOD,
 ) -> None:
     """List where the robot may start: the most central configurations, and how far each leads.
 

@@ -9,6 +9,7 @@ from typing import Annotated
 import tyro
 
 from qp_twist.cli.app import MethodName, OptionalFile, Solver, Task, app, load, say
+from qp_twist.path import DEFAULT_METHOD
 
 Port = Annotated[int | None, tyro.conf.arg(metavar="N")]
 
@@ -16,7 +17,7 @@ Port = Annotated[int | None, tyro.conf.arg(metavar="N")]
 @app.command
 def view(
     task: Task,
-    method: MethodName = "qp",
+    method: MethodName = DEFAULT_METHOD,
     solver: Solver = None,
     path: OptionalFile = None,
     port: Port = None,

@@ -152,8 +152,9 @@ class Controller:
             metric: Diagonal of M, positive, shape (nv,); ones if ``None``.
             joint_weight: ρ. By default 1 in joint space (1e-9 if other mink tasks decide, and no
                 secondary), 0.01 in twist space.
-            free_linear_cost: Square root of w for the linear rows of 1 − T, 1/m.
-            free_angular_cost: Square root of w for the angular rows of 1 − T, 1/rad.
+            free_linear_cost: Square root of w for the linear rows of 1 − T, s/m.
+            free_angular_cost: Square root of w for the angular rows of 1 − T, s/rad; its ratio
+                to the linear one is the length in m that 1 rad/s counts for.
             singularity: Singular value of the task rows below which a direction is slowed down, so
                 that the step stays bounded (:func:`~qp_twist.qp.regular_rows`); 0: never.
 

@@ -14,7 +14,6 @@ from qp_twist.fast.path_kernel import Rows
 from qp_twist.following.resolver import (
     LARGEST_JOINT,
     START_ITERATIONS,
-    range_metric,
     waypoints_of,
 )
 from qp_twist.following.waypoint_limits import WaypointLimits
@@ -139,8 +138,8 @@ class CompiledWalk:
         if settings.secondary == "centering":
             assert settings.weight != "equal"
             pull = settings.gain * JointCentering(model, settings.weight).stiffness
-            if kind.constrained and settings.weight == "natural":
-                metric = range_metric(ranges)
+            if kind.constrained and settings.metric != "1":
+                metric = ranges.metric
         elif settings.secondary == "plan":
             pull[:] = settings.gain
         limits = WaypointLimits(path_task)

@@ -15,7 +15,7 @@ from qp_twist.following.planned import plan as plan_path
 from qp_twist.following.planned import with_start
 from qp_twist.following.trajectory import Trajectory
 from qp_twist.following.walk import walk
-from qp_twist.path import METHODS, MethodSettings, PathTask, check_method
+from qp_twist.path import DEFAULT_METHOD, METHODS, MethodSettings, PathTask, check_method
 from qp_twist.planning import Plan
 from qp_twist.planning.manifold_net import COVERED
 from qp_twist.qp import check_solver
@@ -23,7 +23,7 @@ from qp_twist.qp import check_solver
 
 def follow(
     path_task: PathTask,
-    method: str = "qp",
+    method: str = DEFAULT_METHOD,
     *,
     solver: str | None = None,
     progress: Callable[[int], None] | None = None,
@@ -48,7 +48,7 @@ def follow(
 
     Args:
         path_task: The task, from :func:`~qp_twist.load_task`.
-        method: One of the method names.
+        method: One of the method names; ``"qp_gradient"`` if none is given, the joint-space QP.
         solver: Backend of the QP methods; if ``None`` machine code where numba is installed, else
             daqp.
         progress: Called with the number of waypoints done.
@@ -60,7 +60,8 @@ def follow(
         slow_down: Whether a waypoint may take longer than the task says, rather than be missed.
             Methods that know nothing of velocity limits miss none for them. Acceleration limits
             are then left to :func:`~qp_twist.time_trajectory`.
-        **options: Settings that replace those of the task file: ``iterations``, ``secondary``,
+        **options: Settings that replace those of the task file, which replace the method's own
+            (:data:`~qp_twist.path.methods.METHODS`): ``iterations``, ``secondary``,
             ``weight``, ``gain``, ``objective``, and for the peers ``posture_cost`` and
             ``every_iteration``.
 

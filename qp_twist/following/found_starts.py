@@ -12,7 +12,7 @@ from qp_twist.errors import InvalidInput
 from qp_twist.fast import COMPILED
 from qp_twist.following.walk import walk
 from qp_twist.kinematics import JointRanges
-from qp_twist.path import PathTask, check_method
+from qp_twist.path import DEFAULT_METHOD, PathTask, check_method
 from qp_twist.planning import CentralConfiguration, central_configurations, what_forbids
 from qp_twist.planning.path_rows import PathRows
 
@@ -70,7 +70,7 @@ def find_starts(
     path_task: PathTask,
     count: int = 8,
     *,
-    method: str = "qp_gradient",
+    method: str = DEFAULT_METHOD,
     laps: bool = True,
     progress: Callable[[int, int], None] | None = None,
 ) -> list[FoundStart]:
@@ -118,7 +118,7 @@ def first_that_leads_on(
     path_task: PathTask,
     count: int = 8,
     *,
-    method: str = "qp_gradient",
+    method: str = DEFAULT_METHOD,
     progress: Callable[[int, int], None] | None = None,
 ) -> FoundStart:
     """The start of :func:`find_starts` that comes first, without laps of those behind it.

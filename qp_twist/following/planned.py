@@ -13,10 +13,10 @@ from qp_twist.errors import InvalidInput
 from qp_twist.fast import COMPILED
 from qp_twist.following.found_starts import central_start
 from qp_twist.following.walk import corrected_start, walk
-from qp_twist.path import PathTask, check_method
+from qp_twist.path import DEFAULT_METHOD, PathTask, check_method
 from qp_twist.planning import Plan, make_plan
 
-SEEDS = ("qp_gradient", "qp_minimum_norm")
+SEEDS = (DEFAULT_METHOD, "qp_minimum_norm")
 """Methods whose trajectories the search may start from."""
 _ON_PATH_M, _ON_PATH_RAD = 1e-2, 1e-1
 """Beyond such errors a trajectory is not worth improving."""

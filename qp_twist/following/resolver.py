@@ -194,16 +194,13 @@ class QpResolver(Resolver):
         model = path_task.model
         self.objectives = secondary_objectives(path_task, self.task, settings)
         self._planned = settings.secondary == "plan"
-        metric = None
-        if settings.secondary == "centering" and settings.weight == "natural":
-            metric = range_metric(JointRanges.of(model))
         self.controller = Controller(
             model,
             tasks=[self.task],
             secondary=self.objectives,
             secondary_space=self.method.space,
             solver=solver,
-            metric=metric,
+            metric=None if settings.metric == "1" else JointRanges.of(model).metric,
             limits=limits.limits,
         )
 
@@ -270,14 +267,6 @@ def waypoints_of(path_task: PathTask, method: str) -> Sequence[mink.SE3]:
             f"follow: {method} needs a roll rule with two signs; this task has no [roll]."
         )
     return path_task.flipped_waypoints
-
-
-def range_metric(ranges: JointRanges) -> Array:
-    """Diagonal of WᵀW, (nv,), as a metric: unlimited joints get a small weight instead of none."""
-    weight = ranges.weight
-    smallest = weight[weight > 0.0].min(initial=1.0)
-    metric: Array = np.where(weight > 0.0, weight, 1e-2 * smallest) ** 2
-    return metric
 
 
 def twist_task(path_task: PathTask, projector: TwistProjector) -> TwistTask:

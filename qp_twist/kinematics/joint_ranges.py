@@ -90,6 +90,17 @@ class JointRanges:
         weight[self.limited] = 1.0 / (self.upper - self.lower)[self.limited]
         return read_only(weight)
 
+    @property
+    def metric(self) -> Array:
+        """Diagonal of WᵀW as a metric M, which has no zeros, 1/rad² or 1/m², (nv,).
+
+        A joint without a range has a hundredth of the smallest weight of the others, squared.
+        """
+        weight = self.weight
+        smallest = weight[weight > 0.0].min(initial=1.0)
+        metric: Array = np.where(weight > 0.0, weight, 1e-2 * smallest) ** 2
+        return metric
+
     def positions(self, q: Array) -> Array:
         """Joint positions by degree of freedom, from q of shape (…, nq); 0 for ball and free."""
         plain = isinstance(q, np.ndarray) and q.dtype == np.float64

@@ -1,5 +1,6 @@
 """Paths and task files."""
 
+from .methods import DEFAULT_METHOD as DEFAULT_METHOD
 from .methods import METHODS as METHODS
 from .methods import Method as Method
 from .methods import MethodSettings as MethodSettings

@@ -1,4 +1,10 @@
-"""The methods by name: what they are, what stands beside what, and how each is run by default."""
+"""The methods by name, which one runs by default, and with which settings each of them does.
+
+The defaults of the whole package are stated here and nowhere else: :data:`DEFAULT_METHOD`, the
+fields of :class:`MethodSettings`, and in :data:`METHODS` what single methods have otherwise.
+docs/choose.md says what they were measured on. What a task file states in ``[methods.NAME]`` comes
+before them, and an option of ``follow`` before both.
+"""
 
 from __future__ import annotations
 
@@ -30,8 +36,15 @@ MethodName = Literal[
 ]
 
 
+DEFAULT_METHOD: MethodName = "qp_gradient"
+"""What runs where no method is named."""
+
+
 class MethodSettings(Section):
-    """How one method is run: a ``[methods.NAME]`` table of a task file."""
+    """How one method is run: a ``[methods.NAME]`` table of a task file.
+
+    The defaults of weight and gain are those of :data:`DEFAULT_METHOD`.
+    """
 
     iterations: Annotated[int, Field(ge=1, le=1000)] = Field(
         default=20, description="most iterations for a waypoint"
@@ -40,12 +53,12 @@ class MethodSettings(Section):
         default="none", description="what the free motion is spent on"
     )
     weight: Literal["gradient", "paper", "natural", "equal"] = Field(
-        default="gradient",
+        default="natural",
         description="of centering: h = WᵀW(θ̄ − θ), the paper's W(θ̄ − θ), or θ̄ − θ with the "
         "joint-space cost measured in WᵀW; equal: peers only, the same cost for every joint",
     )
     gain: Annotated[float, Field(ge=0.0, allow_inf_nan=False)] = Field(
-        default=1.0, description="of the secondary, per waypoint"
+        default=0.05, description="of the secondary, per waypoint"
     )
     objective: Literal["centering", "travel", "margin"] = Field(
         default="centering", description="of the plan, where that is the secondary"
@@ -56,13 +69,30 @@ class MethodSettings(Section):
     posture_cost: Annotated[float, Field(ge=0.0, allow_inf_nan=False)] = Field(
         default=1e-3,
         description="of a peer's posture, beside 1 for the task's rows; where these are hard "
-        "constraints only its being above 0 matters",
+        "constraints only its being above 0 matters, and where they are scaled its square competes "
+        "with the scale, whose weight is 1",
     )
     every_iteration: bool = Field(
         default=False,
         description="of a peer: whether the posture pulls in every iteration, not only in the "
         "first of a waypoint",
     )
+
+    @property
+    def metric(self) -> Literal["1", "WᵀW"]:
+        """M of the joint-space cost ‖q̇ − ḣ‖²_M of a QP of this package."""
+        natural = self.secondary == "centering" and self.weight == "natural"
+        return "WᵀW" if natural else "1"
+
+    def __str__(self) -> str:
+        """The secondary and its numbers, e.g. ``centering, weight natural, gain 0.05``."""
+        match self.secondary:
+            case "none":
+                return "no secondary"
+            case "centering":
+                return f"centering, weight {self.weight}, gain {self.gain:g}"
+            case name:
+                return f"{name}, gain {self.gain:g}"
 
 
 @dataclass(frozen=True)
@@ -104,9 +134,10 @@ class Method:
         return self.constrained or self.name == "sns" or bool(self.peer)
 
 
+_CENTERING = MethodSettings(secondary="centering")
+# The closed forms as they are published: one step a waypoint, along the paper's direction or −∇z.
 _TWA = MethodSettings(iterations=1, secondary="centering", weight="paper", gain=1.0)
 _GRADIENT = MethodSettings(iterations=1, secondary="centering", weight="gradient", gain=1.0)
-_PEER = MethodSettings(secondary="centering", weight="natural", gain=0.02)
 # What a first program with mink has: a posture task as it is built, one step a target.
 _FIRST_PROGRAM = MethodSettings(
     iterations=1, secondary="centering", weight="equal", gain=1.0, posture_cost=1e-2,
@@ -132,24 +163,24 @@ METHODS: dict[str, Method] = {
         ),
         Method(
             "qp_gradient", "QP, joint-space cost", True, "gradient_projection",
-            defaults=_GRADIENT.model_copy(update={"iterations": 20}),
+            defaults=_CENTERING,
         ),
-        Method("mink", "mink's own step", False, "qp_gradient", peer="mink", defaults=_PEER),
+        Method("mink", "mink's own step", False, "qp_gradient", peer="mink", defaults=_CENTERING),
         Method(
             "mink_default", "mink's own step, as first written", False, "qp_gradient", peer="mink",
             on_request=True, defaults=_FIRST_PROGRAM,
         ),
         Method(
             "pink", "pink's own step", False, "qp_gradient", peer="pink", on_request=True,
-            defaults=_PEER,
+            defaults=_CENTERING,
         ),
         Method(
             "placo_hard", "placo's own step, task hard", False, "qp_gradient", peer="placo",
-            on_request=True, defaults=_PEER,
+            on_request=True, defaults=_CENTERING,
         ),
         Method(
             "placo_scaled", "placo's own step, task scaled", False, "qp_gradient", peer="placo",
-            on_request=True, defaults=_PEER,
+            on_request=True, defaults=_CENTERING,
         ),
         Method("twa", "twist decomposition, TWA", False, "qp", space="twist", defaults=_TWA),
         Method(
@@ -158,7 +189,7 @@ METHODS: dict[str, Method] = {
         ),
         Method(
             "qp_planned", "QP along a plan", True, None,
-            defaults=MethodSettings(secondary="plan"),
+            defaults=MethodSettings(secondary="plan", gain=1.0),  # all the way to the plan
         ),
     )
 }  # fmt: skip

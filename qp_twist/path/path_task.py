@@ -167,7 +167,7 @@ class PathTask:
             for name, method in METHODS.items()
             if not method.on_request
             and not (method.flipped and self.flipped_waypoints is None)
-            # Other libraries have no tolerance bands.
+            # Bands are not put into the words of other libraries.
             and not (method.peer and self.bands)
             # An arm with fewer joints than operational directions cannot fix its whole twist.
             and not (method.whole_twist and self.operational.rank > self.model.nv)

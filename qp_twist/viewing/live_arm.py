@@ -11,7 +11,7 @@ import numpy.typing as npt
 from qp_twist.checks import finite_array
 from qp_twist.comparison.style import pair_of
 from qp_twist.controller import Controller, Step
-from qp_twist.following.resolver import range_metric, secondary_objectives
+from qp_twist.following.resolver import secondary_objectives
 from qp_twist.kinematics import JointRanges, TwistTask
 from qp_twist.limits import MotionLimit
 from qp_twist.path import METHODS, MethodSettings, PathTask
@@ -78,7 +78,6 @@ class LiveArm:
             bands=() if kind.whole_twist else self.path_task.bands,
         )
         method = self._method_settings(settings)
-        natural = method.secondary == "centering" and method.weight == "natural"
         self.ranges = JointRanges.of(model)
         self.controller = Controller(
             model,
@@ -88,7 +87,7 @@ class LiveArm:
             limits=[_motion_limit(path_task)] if settings.limits else [],
             solver=settings.solver,
             on_infeasible=on_infeasible,
-            metric=range_metric(self.ranges) if natural else None,
+            metric=None if method.metric == "1" else self.ranges.metric,
         )
         self.configuration = mink.Configuration(model, finite_array("LiveArm(q)", q, (model.nq,)))
         self.roll = Roll(path_task)

@@ -29,8 +29,8 @@ class Settings:
     method: str
     solver: str = "daqp"
     projector: str = OWN
-    gain: float = 1.0
-    weight: str = "gradient"
+    gain: float = MethodSettings().gain
+    weight: str = MethodSettings().weight
     limits: bool = True
 
     @classmethod
