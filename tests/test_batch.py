@@ -15,8 +15,6 @@ import qp_twist as qt
 from qp_twist.kinematics import frame_pose
 from qp_twist.path import PathTask
 
-pytest.importorskip("numba", reason="numba is not installed; pip install -e '.[fast]' brings it.")
-
 Array = np.ndarray
 
 
@@ -135,7 +133,7 @@ def test_poses_and_jacobians_of_many_configurations(seed: int) -> None:
         np.testing.assert_allclose(found.jacobians[row], expected, atol=1e-12)
 
 
-def test_what_cannot_be_done_is_a_sentence(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_cannot_be_done_is_a_sentence() -> None:
     path_task = small(qt.load_task("deburring"), 5)
     for arguments, said in (
         ({"method": "sns"}, "has no compiled form"),
@@ -151,6 +149,3 @@ def test_what_cannot_be_done_is_a_sentence(monkeypatch: pytest.MonkeyPatch) -> N
     ):
         with pytest.raises(qt.InvalidInput, match=said):
             qt.batch.follow(path_task, **{"method": "qp_gradient", **arguments})  # type: ignore[arg-type]
-    monkeypatch.setattr("qp_twist.fast.installed", lambda: False)
-    with pytest.raises(qt.InvalidInput, match="needs numba"):
-        qt.batch.follow(path_task)

@@ -15,8 +15,6 @@ from hypothesis import strategies as st
 
 import qp_twist as qt
 
-pytest.importorskip("numba", reason="numba is not installed; pip install -e '.[fast]' brings it.")
-
 Array = np.ndarray
 DEBURRING = qt.load_task("deburring")
 MODEL = DEBURRING.model

@@ -346,14 +346,14 @@ def test_placo_does_not_give_up_its_scale_for_the_posture() -> None:
 def test_where_nobody_takes_part_earlier_results_are_kept(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr("qp_twist.fast.installed", lambda: False)
+    monkeypatch.setitem(sys.modules, "placo", None)
     (tmp_path / "bench.json").write_text("of before")
     with pytest.raises(SystemExit) as ended:
-        main(["bench", "--quick", "--only", "step:compiled,batch", "--out", str(tmp_path)])
+        main(["bench", "--quick", "--only", "placo:hard,placo:soft", "--out", str(tmp_path)])
     assert ended.value.code == 2
     said = capsys.readouterr().err
     assert "none of the contenders named takes part" in said
-    assert "skipped step:compiled: solver 'compiled' needs numba" in said
+    assert "skipped placo:hard" in said
     assert "skipped batch:all_cores, batch:one_thread: batch.follow needs numba" in said
     assert said.count("pip install 'qp_twist[fast]'") == 2
     assert (tmp_path / "bench.json").read_text() == "of before"

@@ -16,8 +16,6 @@ import pytest
 
 import qp_twist
 
-pytest.importorskip("numba", reason="numba is not installed; pip install -e '.[fast]' brings it.")
-
 FAST = Path(qp_twist.__file__).parent / "fast"
 INNER = """
 from qp_twist.fast.compiling import plain

@@ -9,12 +9,8 @@ from hypothesis import strategies as st
 from problems import NAMED, random_case
 
 import qp_twist as qt
-from qp_twist import fast
-from qp_twist.qp import Verified, check_solver, solve
+from qp_twist.qp import Verified, solve
 from qp_twist.qp.backend import solve_raw
-
-pytest.importorskip("numba", reason="numba is not installed; pip install -e '.[fast]' brings it.")
-
 
 # ---------------------------------------------------------------- the program
 
@@ -68,13 +64,6 @@ def test_beginning_from_any_active_set_ends_at_the_same_point(seed: int) -> None
 
 
 # ---------------------------------------------------------------- the name
-
-
-def test_without_numba_the_name_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
-    assert check_solver("compiled") == "compiled"
-    monkeypatch.setattr(fast, "installed", lambda: False)
-    with pytest.raises(qt.UnknownSolver, match=r"pip install 'qp_twist\[fast\]'"):
-        check_solver("compiled")
 
 
 def test_it_has_no_options() -> None:

@@ -18,8 +18,6 @@ from qp_twist.kinematics import JointRanges, SerialChain, frame_pose
 from qp_twist.planning.bound import centred_nearby
 from qp_twist.planning.path_rows import ON_TASK, PathRows
 
-pytest.importorskip("numba", reason="numba is not installed; pip install -e '.[fast]' brings it.")
-
 Array = np.ndarray
 SEEDS = st.integers(0, 2**32 - 1)
 

@@ -25,11 +25,6 @@ THREADS: dict[str, int | None] = {"batch:all_cores": None, "batch:one_thread": 1
 NAMES = tuple(THREADS)
 
 
-def missing() -> str | None:
-    """Why batches cannot take part."""
-    return None
-
-
 @cache
 def piece() -> PathTask:
     """The first waypoints of the deburring lap."""

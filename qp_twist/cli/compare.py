@@ -46,8 +46,7 @@ def compare(
     Args:
         task: Name of a shipped task, or path to a .toml file.
         methods: Method names separated by commas; without it all that apply.
-        solver: Backend of the QPs, e.g. proxqp, osqp; without it the study's, or machine code
-            where numba is installed, else daqp.
+        solver: Backend of the QPs, e.g. proxqp, osqp; without it the study's, or machine code.
         out: Folder to write to; without it out/TASK, with --json or --csv none.
         path: Toolpath file to follow instead of the task's path.
         json: Print the content of comparison.json, and nothing else.

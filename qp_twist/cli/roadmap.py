@@ -31,7 +31,7 @@ def roadmap(
     Args:
         task: Name of a shipped task, or path to a .toml file.
         methods: Method names separated by commas; without it all that apply.
-        solver: Backend of the QPs; without it machine code where numba is installed, else daqp.
+        solver: Backend of the QPs; without it machine code.
         out: PNG file to write; without it out/TASK/roadmap.png.
     """
     from qp_twist.comparison.joint_figure import save_figure  # with matplotlib

@@ -47,7 +47,7 @@ def run(
         task: Name of a shipped task, or path to a .toml file.
         out: File to write: trajectory.csv, .npz, or .json in the fields of ROS' JointTrajectory.
         method: Method name.
-        solver: Backend of the QPs; without it machine code where numba is installed, else daqp.
+        solver: Backend of the QPs; without it machine code.
         path: Toolpath to follow instead of the task's own, e.g. path.csv.
         report: Folder for a report, too: the method beside its closed form or QP, as compare
             runs them.

@@ -40,8 +40,7 @@ def study(
         methods: Method names separated by commas; without it all that apply.
         out: Folder to write to; without it out/TASK_study.
         seed: Instead of the task file's.
-        solver: Backend of the QPs, where it does not vary; without it machine code where numba is
-            installed, else daqp.
+        solver: Backend of the QPs, where it does not vary; without it machine code.
         start: Where a sample starts: task, least_z, random, best; auto chooses.
         certify: Where no method succeeds, let a plan decide whether there is a motion.
         jobs: Processes; without it one a core.

@@ -30,8 +30,7 @@ def view(
     Args:
         task: Name of a shipped task, or path to a .toml file.
         method: Method name to begin with.
-        solver: Backend of the QPs to begin with; without it machine code where numba is installed,
-            else daqp.
+        solver: Backend of the QPs to begin with; without it machine code.
         path: Toolpath to follow instead of the task's own, e.g. path.csv.
         port: Port of 127.0.0.1; without it the first free one from 8080 on.
         browser: Open the page in a browser, where this runs in a terminal.

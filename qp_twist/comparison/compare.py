@@ -184,8 +184,7 @@ def compare(
     Args:
         path_task: A task, or what :func:`~qp_twist.load_task` takes.
         methods: Method names; all that make sense for the task if ``None``.
-        solver: Backend of the QP methods; if ``None`` machine code where numba is installed, else
-            daqp.
+        solver: Backend of the QP methods; machine code if ``None``.
         progress: Called with a method's name and the number of its waypoints done.
         planning: Called, while a plan is made, with what is being done and the share of it that is.
 

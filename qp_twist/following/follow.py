@@ -49,8 +49,7 @@ def follow(
     Args:
         path_task: The task, from :func:`~qp_twist.load_task`.
         method: One of the method names; ``"qp_gradient"`` if none is given, the joint-space QP.
-        solver: Backend of the QP methods; if ``None`` machine code where numba is installed, else
-            daqp.
+        solver: Backend of the QP methods; machine code if ``None``.
         progress: Called with the number of waypoints done.
         stop: Called at every waypoint that is done with q (nq,), the position error (m) and the
             axis error (rad). Where it returns true the run ends, and the trajectory with it.

@@ -251,8 +251,7 @@ def study(
         methods: Method names; all that make sense for the task if ``None``.
         out: Folder for the results.
         seed: Instead of the file's.
-        solver: Backend of the QP methods, where it does not vary; if ``None`` machine code where
-            numba is installed, else daqp.
+        solver: Backend of the QP methods, where it does not vary; machine code if ``None``.
         start: Where a sample starts: ``task``, as in the file; ``least_z`` or ``random``, inside
             the limits on the first waypoint; ``best``, as a plan does; ``auto``: random where the
             start varies, the task's own where nothing moves the first waypoint, else of least z.
