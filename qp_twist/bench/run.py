@@ -106,9 +106,6 @@ def bench(
         growing = [c for c in present if only is not None or c.name in GROWING]
         planned += [(p, growing, extent.rounds[1]) for p in growth(seed)]
     laps = [n for n in many_laps.NAMES if "batch" in parts and _named(n, only)]
-    if laps and (why := many_laps.missing()):
-        skipped.append(f"skipped {', '.join(laps)}: {why}")
-        laps = []
     taking = [(plan, who, rounds) for plan, who, rounds in planned if who]
     turns = sum(len(who) * rounds for _, who, rounds in taking)
     in_batches = len(laps) * len(extent.sizes) * extent.calls
