@@ -199,7 +199,9 @@ def _levels(
         lost += lost_where(constraints, regular, whole.lost, configuration)
         if len(whole.damped_b):
             levels.append(Level(whole.damped, whole.damped_b, *none))
-    return PosedLevels(levels, len(levels), [], [rows], whole.sigma_min, tuple(lost), False, [])
+    return PosedLevels(
+        levels, [0] * len(levels), [], [rows], whole.sigma_min, tuple(lost), False, []
+    )
 
 
 def _check_all(name: str, items: Any, expected: type, nv: int) -> None:
