@@ -1,7 +1,7 @@
 # Short ways to the usual commands; needs .venv (see CONTRIBUTING.md).
 BIN := .venv/bin
 
-.PHONY: format check test docs site figures build constraints
+.PHONY: format check test kernels docs site figures build constraints
 
 format:
 	$(BIN)/ruff check --fix .
@@ -15,6 +15,10 @@ check:
 
 test:
 	$(BIN)/pytest
+
+# The numerical tests on kernels that OpenBLAS takes on other processors.
+kernels:
+	$(BIN)/python .ci/kernels.py
 
 # The site with every figure and number drawn anew, which takes minutes; make site takes them as they
 # are kept in the repository.

@@ -124,10 +124,10 @@ def _cascade(
     """Level by level from ``start``, then the costs on what is left."""
     problem = posed.problem
     levels = [
-        replace(level, b=scale * level.b) if index < posed.levels.first else level
-        for index, level in enumerate(posed.padded)
+        replace(level, b=scale * level.b) if stated == 0 else level
+        for stated, level in zip(posed.levels.stated, posed.padded, strict=True)
     ]
-    cascade = lexicographic([posed.hard, *levels], problem.lower, problem.upper, start)
+    cascade = lexicographic([posed.hard, *levels], problem.lower, problem.upper, start, refine=True)
     if not posed.hard.met(cascade.x):
         status = Status.RELAXED
     if status is Status.PRIORITIZED:
@@ -140,6 +140,7 @@ def _cascade(
         raise _inaccurate(posed, result)
     if binding is None:
         binding = posed.binding(cascade.box_multipliers, np.array(cascade.row_multipliers))
+    gaps = cascade.gaps(result.x)[1:]
     return posed.step(
         result.x,
         status,
@@ -148,6 +149,8 @@ def _cascade(
         scale=scale,
         problem=problem.with_rows(np.concatenate([level.b for level in levels])),
         refused=refused + result.refused,
+        gaps=posed.levels.as_stated(gaps),
+        proven=all(level.proven(gap) for level, gap in zip(levels, gaps, strict=True)),
     )
 
 

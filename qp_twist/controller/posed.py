@@ -62,6 +62,8 @@ class Posed:
         scale: float = 1.0,
         problem: QuadraticProgram | None = None,
         refused: tuple[str, ...] = (),
+        gaps: tuple[float, ...] = (),
+        proven: bool = True,
     ) -> Step:
         """The step that goes with a solution of the program."""
         velocity = x[: len(self.limits.lower)]
@@ -81,6 +83,8 @@ class Posed:
             lost=tuple(replace(d, missing=scale * d.missing) for d in self.levels.lost),
             recovering=self.limits.recovering,
             refused=refused,
+            gaps=gaps,
+            proven=proven,
         )
 
     def binding(self, box: Array, rows: Array, floor: float = 0.0) -> tuple[BindingLimit, ...]:

@@ -45,7 +45,7 @@ class PosedLevels:
         levels: Rows that a bounded velocity can meet, from the most important on. The singular
             directions of a level follow it as a level of their own, so that limits slow these down
             before they slow down the rest.
-        first: How many of ``levels`` belong to the first level as stated, 1 or 2.
+        stated: Number of the level as stated, for each of ``levels``.
         sources: What the inequality rows come from, in order of levels.
         tasks: Rows as the tasks state them, for each level.
         sigma_min: Smallest singular value of the first level's rows.
@@ -55,7 +55,7 @@ class PosedLevels:
     """
 
     levels: list[Level]
-    first: int
+    stated: list[int]
     sources: list[Named]
     tasks: list[list[TaskRows]]
     sigma_min: float
@@ -67,6 +67,13 @@ class PosedLevels:
     def equality(self) -> tuple[Array, Array]:
         """A and b of all levels, stacked."""
         return stacked([(v.A, v.b) for v in self.levels], 0)
+
+    def as_stated(self, values: Sequence[float]) -> tuple[float, ...]:
+        """Values of ``levels`` added up for each level as stated."""
+        sums = [0.0] * (max(self.stated) + 1)
+        for number, value in zip(self.stated, values, strict=True):
+            sums[number] += value
+        return tuple(sums)
 
 
 def stacked(blocks: Sequence[tuple[Array, Array]], n: int) -> tuple[Array, Array]:
@@ -96,7 +103,7 @@ def pose_levels(
     posed: list[Level] = []
     sources: list[Named] = []
     tasks: list[list[TaskRows]] = []
-    first, sigma_min, lower_lost = 1, np.inf, False
+    stated, sigma_min, lower_lost = list[int](), np.inf, False
     lost: tuple[LostDirection, ...] = ()
     soft_bands: list[BandRows] = []
     for index, items in enumerate(levels):
@@ -114,10 +121,9 @@ def pose_levels(
         posed.append(Level(regular.A, regular.b, G, g))
         if len(regular.damped_b):
             posed.append(Level(regular.damped, regular.damped_b, G[:0], g[:0]))
-        if index == 0:
-            first = len(posed)
+        stated += [index] * (len(posed) - len(stated))
         tasks.append(rows)
-    return PosedLevels(posed, first, sources, tasks, sigma_min, lost, lower_lost, soft_bands)
+    return PosedLevels(posed, stated, sources, tasks, sigma_min, lost, lower_lost, soft_bands)
 
 
 def _evaluate(

@@ -241,7 +241,9 @@ def _levels(
         lost += lost_where(constraints, blocks, whole.lost, configuration)
         if len(whole.damped_b):
             levels.append(Level(whole.damped, whole.damped_b, *none))
-    return PosedLevels(levels, len(levels), [], [rows], whole.sigma_min, tuple(lost), False, [])
+    return PosedLevels(
+        levels, [0] * len(levels), [], [rows], whole.sigma_min, tuple(lost), False, []
+    )
 
 
 _ASKED = {

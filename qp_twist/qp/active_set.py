@@ -28,6 +28,8 @@ class ActiveSetResult(NamedTuple):
     """Non-negative multiplier of each row of C, (m,)."""
     optimal: bool
     """Whether the optimality conditions hold; otherwise z is only feasible and no worse."""
+    working: tuple[int, ...]
+    """Rows of C on which z is the minimum; they are independent."""
 
 
 def constrained_least_squares(
@@ -64,14 +66,14 @@ def constrained_least_squares(
         # rounding, and would never be short enough.
         if arrived > 1 or _length(step) <= _STILL * (1.0 + _length(z)):
             if not working:
-                return ActiveSetResult(z, multipliers, True)
+                return ActiveSetResult(z, multipliers, True, ())
             gradient = B.T @ residual
             values = np.linalg.lstsq(C[working].T, gradient, rcond=None)[0]
             negative = values < -_SIGN_TOLERANCE * (1.0 + np.abs(gradient).max())
             wrong = np.flatnonzero(negative & ~np.isin(working, back))
             if not len(wrong):
                 multipliers[working] = np.maximum(values, 0.0)
-                return ActiveSetResult(z, multipliers, True)
+                return ActiveSetResult(z, multipliers, True, tuple(working))
             # The most negative is the fastest; the lowest index cannot cycle.
             drop = (
                 min(wrong, key=lambda i: working[i])
@@ -104,7 +106,7 @@ def constrained_least_squares(
             free[blocking] = False
             basis = _without(basis, C[blocking])
             inverse = basis @ _inverse(B @ basis, smallest)
-    return ActiveSetResult(z, multipliers, False)
+    return ActiveSetResult(z, multipliers, False, tuple(working))
 
 
 def null_basis(rows: Array, n: int, *, tolerance: float = RANK_TOLERANCE) -> Array:
@@ -114,6 +116,13 @@ def null_basis(rows: Array, n: int, *, tolerance: float = RANK_TOLERANCE) -> Arr
     _, sigma, right = np.linalg.svd(rows)
     basis: Array = right[int((sigma > tolerance).sum()) :].T
     return basis
+
+
+def clear_cut(rows: Array) -> bool:
+    """Whether no singular value of the rows is within a factor of 10 of the rank's threshold."""
+    sigma = np.linalg.svd(rows, compute_uv=False)
+    close = (sigma > 0.1 * RANK_TOLERANCE) & (sigma < 10.0 * RANK_TOLERANCE)
+    return not close.any()
 
 
 def _complement(rows: Array, n: int) -> Array:

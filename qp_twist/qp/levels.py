@@ -2,14 +2,22 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 
 from qp_twist.checks import Array
-from qp_twist.qp.active_set import RANK_TOLERANCE, constrained_least_squares, null_basis
+from qp_twist.qp.active_set import (
+    RANK_TOLERANCE,
+    clear_cut,
+    constrained_least_squares,
+    null_basis,
+)
+from qp_twist.qp.refinement import Held, Refined, refined, sums
 from qp_twist.qp.verification import row_tolerance
 
 SATISFIED = 1e-9
@@ -18,6 +26,11 @@ _HELD = 1e-8
 """Rows with a multiplier above this share of the level's first gradient are held below it."""
 _ROUNDING = 1e-13
 """What a residual loses to rounding, as a share of its terms."""
+_LAST_DIGITS = 1e-15
+"""A multiplier that is smaller, as a share of its terms, has no sign."""
+
+
+Mask = npt.NDArray[np.bool_]
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,12 +62,36 @@ class Level:
             np.pad(self.A, ((0, 0), (0, more))), self.b, np.pad(self.G, ((0, 0), (0, more))), self.g
         )
 
+    def proven(self, gap: float) -> bool:
+        """Whether a gap counts as none: ten times the :func:`row_tolerance`."""
+        A, b = np.vstack([self.A, self.G]), np.concatenate([self.b, self.g])
+        return gap <= 10.0 * row_tolerance(A, b)
+
     def met(self, x: Array) -> bool:
         """Whether the level is met at ``x``: its equality rows to their :func:`row_tolerance`."""
         left = float(np.linalg.norm(self.A @ x - self.b))
         excess = (self.G @ x - self.g) / (1.0 + np.abs(self.g) + np.linalg.norm(self.G, axis=1))
         met = left <= row_tolerance(self.A, self.b)
         return bool(met and excess.max(initial=0.0) <= SATISFIED)
+
+
+class Achieved(NamedTuple):
+    """What a level achieves at its optimum: B x = B·anchor + rest, B its rows that are not met."""
+
+    B: Array
+    r: Array
+    anchor: Array
+    rest: Array
+    uncertain: float
+    """How far B·anchor + rest may be from the optimum, in the rows' unit; ∞ if not known."""
+    gain: float
+    """How much shorter the residual may get in directions that the rows hardly see."""
+
+    def gap(self, x: Array) -> float:
+        """How much longer B x − r may be than at the optimum."""
+        away = sums([(self.B, self.anchor), (self.B, -x)], self.rest)
+        left = float(np.linalg.norm(sums([(self.B, x)], -self.r)))
+        return min(left, float(np.linalg.norm(away)) + self.uncertain + self.gain)
 
 
 class RowOrigin(NamedTuple):
@@ -84,6 +121,12 @@ class Cascade:
             upper one, (n,).
         row_multipliers: The same for all inequality rows given, in order of levels.
         optimal: Whether every level's optimality conditions held.
+        pinned: Unknowns that are fixed, or frozen at a bound, (n,).
+        held: The rows of G that are frozen, and those that the levels so far decide.
+        refine: Whether levels are refined to the last digits, and what they achieve is kept.
+        achieved: What each level achieves.
+        clear: Whether the rank of all rows so far is clear cut; if not, the levels below may be
+            left more, or less, room than they have.
     """
 
     x: Array
@@ -93,12 +136,17 @@ class Cascade:
     G: Array
     g: Array
     box_multipliers: Array
+    pinned: Mask
+    held: Held
     row_origins: list[int] = field(default_factory=list)
     row_multipliers: list[float] = field(default_factory=list)
+    refine: bool = False
+    achieved: list[Achieved] = field(default_factory=list)
     optimal: bool = True
+    clear: bool = True
 
     @classmethod
-    def from_point(cls, x: Array, lower: Array, upper: Array) -> Cascade:
+    def from_point(cls, x: Array, lower: Array, upper: Array, *, refine: bool = False) -> Cascade:
         """Start from a point; it is moved inside the bounds. Fixed unknowns do not move."""
         n = len(x)
         moving = np.flatnonzero(upper > lower)
@@ -110,7 +158,18 @@ class Cascade:
             np.zeros((0, n)),
             np.zeros(0),
             np.zeros(n),
+            upper <= lower,
+            Held.none(n),
+            refine=refine,
         )
+
+    def gaps(self, x: Array) -> tuple[float, ...]:
+        """For each level, by how much its residual at ``x`` may be longer than at its optimum.
+
+        In the unit of the rows. It is what is left of the optimality conditions, summed without
+        rounding, and what that does to the levels below, to first order. Needs ``refine``.
+        """
+        return tuple(level.gap(x) for level in self.achieved)
 
     def rows(self) -> tuple[Array, Array, list[RowOrigin]]:
         """C, d and where each row comes from.
@@ -148,6 +207,7 @@ class Cascade:
         the levels below from degenerating.
         """
         if not len(level.b) + len(level.g):
+            self.achieved += [self._nothing()] * self.refine
             return
         C, d, origins = self.rows()
         p, k = self.basis.shape[1], len(level.g)
@@ -179,13 +239,21 @@ class Cascade:
             self.optimal &= found.optimal
             self._move(found.z[:p])
             multipliers = found.multipliers
+            working = [origins[i] for i in found.working if i < len(d)]
         else:
-            multipliers = np.zeros(len(d) + k)
+            multipliers, working = np.zeros(len(d) + k), []
+        if self.refine:
+            exceeded = level.G @ self.x - level.g > _ROUNDING * terms
+            B = np.vstack([level.A, level.G[exceeded]])
+            r = np.concatenate([level.b, level.g[exceeded]])
+            self.achieved.append(self._refine(B, r, working, size))
         violated = level.G @ self.x - level.g > SATISFIED * (1.0 + np.abs(level.g) + heavy)
         multipliers[multipliers <= dust] = 0.0
         held = np.flatnonzero(multipliers[: len(d)])
         for i in held:
             self._note(origins[i], float(multipliers[i]))
+        if self.refine:
+            self._hold(self.achieved[-1], [origins[i] for i in held])
         self._freeze(level, violated, C[held])
         first = len(self.row_multipliers)
         self.row_multipliers += list(multipliers[len(d) :] / heavy)
@@ -196,6 +264,83 @@ class Cascade:
     def _move(self, z: Array) -> None:
         self.x = np.clip(self.x + self.basis @ z, self.lower, self.upper)
 
+    def _nothing(self) -> Achieved:
+        n = len(self.x)
+        return Achieved(np.zeros((0, n)), np.zeros(0), self.x, np.zeros(0), 0.0, 0.0)
+
+    def _refine(self, B: Array, r: Array, working: list[RowOrigin], size: float) -> Achieved:
+        """Move to the optimum of min ‖B x − r‖ on the constraints that were found active."""
+        if not len(r):
+            return self._nothing()
+        pinned, active = self.pinned.copy(), []
+        for origin in working:
+            i = origin.number
+            if origin.side:
+                pinned[i] = True
+                self.x[i] = self.upper[i] if origin.side > 0.0 else self.lower[i]
+            else:
+                active.append(i)
+        G, g = self.G[active], self.g[active]
+        held = self.held.plus(G, self.x, sums([(G, -self.x)], g), 0.0)
+        free = np.flatnonzero(~pinned)
+        found = refined(self.x, B, r, held, free, smallest=RANK_TOLERANCE * size)
+        step = found.x - self.x
+        share = self._share(step, pinned, active)
+        lost = (1.0 - share) * float(np.linalg.norm(B @ step))
+        moved = self.x + share * step if lost else found.x
+        self.x = np.clip(moved, self.lower, self.upper)
+        gain, wrong = self._gain(B, working, held, found, pinned)
+        uncertain = found.uncertain + lost + wrong / found.weakest
+        if gain > row_tolerance(B, r):
+            uncertain, gain = uncertain + gain, 0.0
+        rest = np.zeros(len(r)) if lost else found.rest
+        return Achieved(B, r, self.x.copy(), rest, uncertain if self.clear else np.inf, gain)
+
+    def _share(self, step: Array, pinned: Mask, active: list[int]) -> float:
+        """How much of a step the constraints allow that are not active."""
+        open_rows = np.setdiff1d(np.arange(len(self.g)), active)
+        G, g = self.G[open_rows], self.g[open_rows]
+        moving = ~pinned
+        speed = np.concatenate([step[moving], -step[moving], G @ step])
+        room = np.concatenate(
+            [(self.upper - self.x)[moving], (self.x - self.lower)[moving], g - G @ self.x]
+        )
+        # Beyond a constraint by rounding is not beyond it.
+        sizes = np.concatenate([np.ones(2 * int(moving.sum())), np.linalg.norm(G, axis=1)])
+        ahead = speed > np.maximum(room, 0.0) + _ROUNDING * sizes
+        return float((np.maximum(room, 0.0)[ahead] / speed[ahead]).min(initial=1.0))
+
+    def _gain(
+        self, B: Array, working: list[RowOrigin], held: Held, found: Refined, pinned: Mask
+    ) -> tuple[float, float]:
+        """By how much ‖B x − r‖ could fall by what multipliers leave; their wrong signs."""
+        rho, multipliers = found.residual, found.multipliers
+        slope = sums([(B.T, rho), (held.rows.T, -multipliers)])
+        slope[np.abs(slope) <= _LAST_DIGITS * (np.abs(B.T) @ np.abs(rho))] = 0.0
+        unexplained = np.where(pinned, 0.0, np.abs(slope))
+        for origin in working:
+            if origin.side:
+                unexplained[origin.number] = max(-origin.side * slope[origin.number], 0.0)
+        # Rows that are active now come last; others may pull either way.
+        active = sum(origin.side == 0.0 for origin in working)
+        wrong = float(np.maximum(-multipliers[len(multipliers) - active :], 0.0).sum())
+        width = np.minimum(self.upper - self.lower, 2.0 * (1.0 + np.abs(self.x).max()))
+        gained = float(unexplained @ width) + wrong * float(width.max())
+        # From ½‖·‖²: along its slope, and at most down to zero.
+        length, shorter = float(np.linalg.norm(rho)), math.sqrt(2.0 * gained)
+        gain = min(shorter, gained / length) if length > 0.0 else shorter
+        return gain, wrong + float(unexplained[pinned].sum())
+
+    def _hold(self, achieved: Achieved, stopped: list[RowOrigin]) -> None:
+        """Keep what a level achieved, and the bounds and rows that stood in its way."""
+        for origin in stopped:
+            if origin.side:
+                self.pinned[origin.number] = True
+                continue
+            G, g = self.G[[origin.number]], self.g[[origin.number]]
+            self.held = self.held.plus(G, self.x, sums([(G, -self.x)], g), 0.0)
+        self.held = self.held.plus(achieved.B, achieved.anchor, achieved.rest, achieved.uncertain)
+
     def _note(self, origin: RowOrigin, multiplier: float) -> None:
         """Keep the multiplier of a row that stands in a level's way, unless a higher level has."""
         value = multiplier / origin.length
@@ -205,18 +350,23 @@ class Cascade:
         elif self.row_multipliers[self.row_origins[origin.number]] == 0.0:
             self.row_multipliers[self.row_origins[origin.number]] = value
 
-    def _freeze(
-        self, level: Level, violated: np.ndarray[tuple[int], np.dtype[np.bool_]], held: Array
-    ) -> None:
+    def _freeze(self, level: Level, violated: Mask, held: Array) -> None:
         """Hold what ``level`` achieved, and the rows (k, p) that stood in its way."""
         unique = np.vstack([level.A, level.G[violated]])
         size = np.linalg.norm(unique, axis=1)
         fixed = unique[size > 0.0] @ self.basis / size[size > 0.0, None]
-        self.basis = self.basis @ null_basis(np.vstack([fixed, held]), self.basis.shape[1])
+        rows = np.vstack([fixed, held])
+        self.clear &= clear_cut(rows)
+        self.basis = self.basis @ null_basis(rows, self.basis.shape[1])
 
 
 def lexicographic(
-    levels: Sequence[Level], lower: Array, upper: Array, start: Array | None = None
+    levels: Sequence[Level],
+    lower: Array,
+    upper: Array,
+    start: Array | None = None,
+    *,
+    refine: bool = False,
 ) -> Cascade:
     """The points inside the bounds that are optimal for the levels, one strictly after the other.
 
@@ -225,8 +375,10 @@ def lexicographic(
         lower: Bounds, −∞ where there is none, (n,).
         upper: Bounds, (n,).
         start: Where to start from, (n,); zero if ``None``.
+        refine: Whether to refine each level to the last digits, and to know how far it may be off.
     """
-    cascade = Cascade.from_point(np.zeros(len(lower)) if start is None else start, lower, upper)
+    begin = np.zeros(len(lower)) if start is None else start
+    cascade = Cascade.from_point(begin, lower, upper, refine=refine)
     for level in levels:
         cascade.minimise(level)
     return cascade

@@ -34,12 +34,19 @@ class Solution:
         scale: s of the first level; 1 where it is met, or was relaxed.
         residuals: For each level A x − s b (s = 1 below the first level), (m,) each.
         binding: The bounds that keep a level from being met; entry i of x is called ``"x[i]"``.
+        gaps: For each level, by how much its residual may be longer than at its optimum, in the
+            unit of its rows.
+        proven: Whether every gap is at most 1e-7 (longest row + max |b|) of its level. If not, a
+            level above one with a gap has rows that nearly depend on each other, and what it leaves
+            to the levels below is decided by rounding: state such rows once, or in one level.
     """
 
     x: Array
     scale: float
     residuals: tuple[Array, ...]
     binding: tuple[BindingLimit, ...]
+    gaps: tuple[float, ...]
+    proven: bool
 
 
 def solve_levels(
@@ -100,8 +107,8 @@ def solve_levels(
         np.eye(n), -wish, parsed[0].A, parsed[0].b, parsed[0].G, parsed[0].g, low, high
     )
     scale, start, multipliers = 1.0, np.clip(wish, low, high), None
-    cascade = lexicographic(parsed[:1], low, high, start)
-    if not parsed[0].met(cascade.x) and on_infeasible != "relax":
+    closest = lexicographic(parsed[:1], low, high, start).x
+    if not parsed[0].met(closest) and on_infeasible != "relax":
         largest = largest_scale(problem)
         if on_infeasible == "raise":
             raise InfeasibleStep(
@@ -113,17 +120,18 @@ def solve_levels(
             scale = largest.scale * (1.0 - SCALE_BACKOFF)
             start, multipliers = largest.x, largest.box_multipliers
             parsed[0] = replace(parsed[0], b=scale * parsed[0].b)
-            cascade = lexicographic(parsed[:1], low, high, start)
-    for level in parsed[1:]:
-        cascade.minimise(level)
+    cascade = lexicographic(parsed, low, high, start, refine=True)
     result = solve_within(problem, cascade, solver)
     if isinstance(result, Refused):
         raise SolverInaccurate(f"solve_levels: {'; '.join(result.says)}.", problem)
+    gaps = cascade.gaps(result.x)
     return Solution(
         result.x,
         scale,
         tuple(level.A @ result.x - level.b for level in parsed),
         _binding(cascade.box_multipliers if multipliers is None else multipliers),
+        gaps,
+        all(level.proven(gap) for level, gap in zip(parsed, gaps, strict=True)),
     )
 
 
