@@ -81,7 +81,8 @@ def test_a_urdf_and_a_csv_become_a_task_that_runs(
     assert "left out of kr16_2.urdf: Not found: 7 meshes" in said
     assert "free: the roll is joint_a6 alone" in said  # z of tool0 is the last joint's axis
     assert "no joint speeds" not in said
-    assert f"next: qp-twist compare {out}" in said
+    assert f"next: qp-twist run {out} --method qp_gradient --out kr16_joints.csv" in said
+    assert "run by qp_gradient: passes" in said
     text = out.read_text("utf-8")
     stated = tomllib.loads(text)
     assert stated["path"]["file"] == "../arch.csv"  # relative to the task file
