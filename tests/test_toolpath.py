@@ -672,7 +672,7 @@ def test_feeds_of_apt_become_the_times_of_their_stretches(tmp_path: Path) -> Non
     assert loaded.durations.sum() == pytest.approx(2 + 10 + 6 + 3 + 2)
     said = " ".join(loaded.toolpath.notes)
     assert "FEDRAT without a unit (line 8) is read as mm per minute" in said
-    assert "RAPID (1 times)" in said
+    assert "RAPID (once)" in said
     # Without [feed] the file is the clock, and the ways have the feed of what is next to them.
     alone = qt.load_task(task(tmp_path, PLACED + WAYS, old="seam.csv", new="seam.apt"))
     assert alone.durations is not None

@@ -101,6 +101,7 @@ def new_task(
     report("reading the robot", 0.0)
     robot, scene = _robot(request.robot, out)
     frame = choose_frame(robot.model, request.frame, request.frame_type)
+    report("reading the toolpath", 0.0)
     toolpath = _toolpath(request)
     _refuse_far(request, robot, frame, toolpath)
     parts = Parts(
@@ -224,7 +225,7 @@ def _hint(error: InvalidInput) -> str:
     if isinstance(error, UnclearColumns):
         found = error.suggestion
         said = [found.option if found else '--columns "position=1,2,3;normal=4,5,6"']
-    return f" For qp-twist new: {' or '.join(said)}." if said else ""
+    return f" For qp-twist new: {' or '.join(said)}" if said else ""
 
 
 def _refuse_far(request: Request, robot: Robot, frame: FrameChoice, toolpath: Toolpath) -> None:
@@ -397,5 +398,6 @@ def _rounded(q: Array, ranges: JointRanges) -> Array:
     low, high = ranges.lower * scale, ranges.upper * scale
     shown = np.where(shown < low, np.ceil(low * 1e4) * 1e-4, shown)
     shown = np.where(shown > high, np.floor(high * 1e4) * 1e-4, shown)
-    rounded: Array = shown / scale
+    # As a task file is read, so that a trial and a run of the file begin with the same numbers.
+    rounded: Array = np.radians(shown) if ranges.hinge.all() else shown
     return rounded

@@ -183,9 +183,10 @@ class Search:
         if run.kept == count:
             assert run.check is not None
             return dataclasses.replace(trial, why=f"a run {run.check.verdict}")
-        many = f"the best of {tried} starts" if tried > 1 else "a start"
-        of = f" ({starts} were found)" if tried < starts else ""
-        why = f"from {many}{of} {trial.method} keeps to {run.kept} of {count} waypoints"
+        which = f"the best of {tried} starts"
+        if tried < starts:
+            which = f"the first of {starts} starts" if tried == 1 else f"{which} of {starts}"
+        why = f"from {which} {trial.method} keeps to {run.kept} of {count} waypoints"
         if not central_configurations(trial.path_task, run.kept):
             forbids = what_forbids(trial.path_task, run.kept)
             return dataclasses.replace(trial, why=f"{why}: {forbids}", impossible=True)

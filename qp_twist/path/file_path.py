@@ -228,7 +228,10 @@ def _placed(curve: Curve, turn: Array, origin: Array) -> Curve:
 
 def _of_curve(section: FilePath, curve: Curve, held: Array, toolpath: Toolpath) -> list[_Piece]:
     """The ways to a curve, along it and from it."""
-    curve = resampled(curve, section.sampling())
+    try:
+        curve = resampled(curve, section.sampling())
+    except InvalidInput as error:
+        raise InvalidInput(f"{toolpath.source.name}: {error}") from error
     # From the surface to the holder; the frame's z points the other way if the tool is "into".
     sign = -1.0 if section.tool == "into" else 1.0
     normals = curve.vectors

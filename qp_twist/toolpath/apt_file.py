@@ -198,7 +198,7 @@ class _Reader:
         found = []
         if self.rapids:
             found.append(
-                f"RAPID ({self.rapids} times): the tool gets there by [path.approach], "
+                f"RAPID ({_times(self.rapids)}): the tool gets there by [path.approach], "
                 "[path.retreat] and [path.transfer], at the speed of [feed]."
             )
         if self.without_unit:
@@ -345,6 +345,10 @@ class _Reader:
             )
             self.unit = "mm"
         return self._length()
+
+
+def _times(count: int) -> str:
+    return "once" if count == 1 else f"{count} times"
 
 
 def _lines(numbers: Sequence[int]) -> str:

@@ -18,6 +18,8 @@ from qp_twist.toolpath.turning import angles_between, turns_between
 
 LARGEST = 100.0
 """Coordinates beyond it, m, are taken for a wrong unit."""
+FASTEST = 100.0
+"""Feeds above it, m/s, are taken for a wrong unit."""
 SAME_POINT = 1e-9
 """Points nearer to each other, m, are the same."""
 SAME_DIRECTION = 1e-9
@@ -130,7 +132,7 @@ def unit_question(unit: LengthUnit, size: float, most: float, *, unit_in_file: b
 def _curve(orientation: Orientation, rows: Rows, name: str, call: str, problems: Problems) -> Curve:
     positions = np.array(rows.positions, dtype=np.float64)
     lines = np.array(rows.lines, dtype=np.int64)
-    feeds = _feeds(rows)
+    feeds = _feeds(rows, problems)
     if orientation == "none":
         return Curve(name, positions, None, None, lines, feeds)
     values = np.array(rows.directions, dtype=np.float64)
@@ -144,10 +146,18 @@ def _curve(orientation: Orientation, rows: Rows, name: str, call: str, problems:
     return Curve(name, positions, None, rotations, lines, feeds)
 
 
-def _feeds(rows: Rows) -> Array | None:
+def _feeds(rows: Rows, problems: Problems) -> Array | None:
     """Feeds of the motions to the points; none leads to the first one of a curve."""
     feeds = np.array(rows.feeds or [np.nan], dtype=np.float64)
     feeds[0] = np.nan
+    fast = np.flatnonzero(feeds > FASTEST)
+    if len(fast):
+        many = f" (and to {len(fast) - 1} points more)" if len(fast) > 1 else ""
+        problems.add(
+            rows.lines[fast[0]],
+            f"the feed to this point{many} is {feeds[fast[0]]:.4g} m/s, more than {FASTEST:g} m/s; "
+            "check its unit",
+        )
     return feeds if np.isfinite(feeds).any() else None
 
 

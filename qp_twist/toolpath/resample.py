@@ -78,9 +78,10 @@ def _refuse_opposite(curve: Curve) -> None:
     flat = _turns(curve, np.arange(len(curve))) > FLAT
     if flat.any():
         first = int(np.argmax(flat))
+        more = f", and in {flat.sum() - 1} places more" if flat.sum() > 1 else ""
         raise InvalidInput(
             f"the direction is turned round from line {curve.lines[first]} to line "
-            f"{curve.lines[first + 1]}, and which way the tool should turn is open; give a "
+            f"{curve.lines[first + 1]}{more}, and which way the tool should turn is open; give a "
             "direction in between, or correct the sign."
         )
 
