@@ -16,7 +16,6 @@ import pytest
 
 import qp_twist as qt
 from qp_twist.cli import main
-from qp_twist.following.found_starts import first_that_leads_on
 from qp_twist.path import DEFAULT_METHOD, METHODS, MethodSettings, shipped_tasks
 from qp_twist.viewing.settings import Settings
 
@@ -38,9 +37,7 @@ def test_the_default_that_a_page_states_is_that_of_the_package(page: str) -> Non
     assert (MethodSettings().weight, MethodSettings().gain) == (settings.weight, settings.gain)
 
 
-@pytest.mark.parametrize(
-    "function", [qt.follow, qt.batch.follow, qt.find_starts, first_that_leads_on]
-)
+@pytest.mark.parametrize("function", [qt.follow, qt.batch.follow, qt.find_starts])
 def test_a_function_without_a_method_takes_the_default(function: Callable[..., Any]) -> None:
     assert inspect.signature(function).parameters["method"].default == DEFAULT_METHOD
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import time
 from pathlib import Path
 
 import mink
@@ -15,8 +16,9 @@ from scipy.spatial.transform import Rotation
 import qp_twist as qt
 from qp_twist.checks import Array
 from qp_twist.errors import InvalidInput
+from qp_twist.kinematics import JointRanges, SerialChain, largest_reach
 from qp_twist.path import leaned as leaned_in_a_study
-from qp_twist.toolpath import ColumnChoice, Orientation, read_toolpath
+from qp_twist.toolpath import MOST, ColumnChoice, Orientation, UnclearColumns, read_toolpath
 
 QUICK = settings(
     max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
@@ -237,7 +239,8 @@ HEAD = "x [mm],y [mm],z [mm],nx,ny,nz\n"
         (HEAD + "0,0,0,0,0,1\n1,0,0,1e999,0,1\n", r"line 3, column 'nx': .*finite"),
         (HEAD + "0,0,0,0,0,1\n1,0,0,0,0,0\n", r"line 3, column 'nx', .*: the normal is zero"),
         (HEAD + "0,0,0,0,0,1\n999999,0,0,0,0,1\n", r"line 3: the point is 1000 m from the origin"),
-        ("x [m],y [m],z [m]\n0,0,0\n250,0,0\n", r'line 3: .* millimetres, say length_unit = "mm"'),
+        ("x [m],y [m],z [m]\n0,0,0\n250,0,0\n",
+         r"line 3: .* is the file in mm\? the file says m, so write mm there"),
         ("x;y;z\n1,5;2;3\n1.5;2;3\n", r"unit of column 'x', column 'y', .* length_unit = \"mm\""),
         ("x [mm];y [mm];z [mm]\n1,5;2;3\n1.5;2;3\n",
          r"line 2, .*'1,5' with the decimal mark ','; elsewhere it is '.'"),
@@ -339,7 +342,12 @@ def test_apt_lines_become_curves(tmp_path: Path) -> None:
     )
     assert first.lines.tolist() == [10, 13, 14, 16]
     assert second.vectors == pytest.approx(np.array([[0, 0, 1.0]] * 3))
-    assert toolpath.notes == ("left out, since only RAPID leads there and on: 1 of the points.",)
+    left_out, rapid = toolpath.notes
+    assert left_out == "left out, since only RAPID leads there and on: 1 of the points."
+    assert rapid.startswith("RAPID (3 times): the tool gets there by [path.approach]")
+    # The feed is stated after the first point, to which RAPID leads, and holds until the end.
+    assert first.feeds == pytest.approx([math.nan, *[0.25 / 60] * 3], nan_ok=True)
+    assert second.feeds == pytest.approx([math.nan, *[0.25 / 60] * 2], nan_ok=True)
 
 
 def test_apt_in_inches_without_axes(tmp_path: Path) -> None:
@@ -638,3 +646,267 @@ def test_the_shipped_toolpath_lies_on_its_dome_and_is_followed() -> None:
     assert trajectory.position_error.max() < 1e-8
     assert trajectory.axis_error.max() < 1e-8
     assert trajectory.scale.min() == 1.0
+
+
+# ---------------------------------------------------------------- feeds
+
+
+def test_feeds_of_apt_become_the_times_of_their_stretches(tmp_path: Path) -> None:
+    """Against times added up by hand: 20 mm at 600, 10 mm at 60 and 30 mm at 300 mm/min."""
+    apt = (
+        "UNITS/MM\nRAPID\nGOTO/0,0,0,0,0,1\nFEDRAT/600,MMPM\nGOTO/20,0,0\nFEDRAT/MMPM,60\n"
+        "GOTO/30,0,0\nFEDRAT/300\nGOTO/60,0,0\n"
+    )
+    write(tmp_path, apt, "seam.apt")
+    plain = task(tmp_path, PLACED + WAYS + "[feed]\nspeed = 0.01\n", old="seam.csv", new="seam.apt")
+    loaded = qt.load_task(plain)
+    assert loaded.durations is not None and loaded.toolpath is not None
+    lengths = np.linalg.norm(np.diff(loaded.positions, axis=0), axis=1)
+    cut = loaded.positions[:, 2] < 0.6 + 1e-9
+    x = loaded.positions[:, 1] - 1.0  # x of the file is y of the world
+    for first, last, feed in ((0, 0.02, 0.01), (0.02, 0.03, 0.001), (0.03, 0.06, 0.005)):
+        here = cut[1:] & cut[:-1] & (x[1:] > first + 1e-9) & (x[1:] < last + 1e-9)
+        assert lengths[here] / loaded.durations[1:][here] == pytest.approx(feed)
+        assert loaded.durations[1:][here].sum() == pytest.approx((last - first) / feed)
+    # The ways to and from the path at the task's speed: 30 mm in and 20 mm out at 10 mm/s.
+    assert loaded.durations.sum() == pytest.approx(2 + 10 + 6 + 3 + 2)
+    said = " ".join(loaded.toolpath.notes)
+    assert "FEDRAT without a unit (line 8) is read as mm per minute" in said
+    assert "RAPID (once)" in said
+    # Without [feed] the file is the clock, and the ways have the feed of what is next to them.
+    alone = qt.load_task(task(tmp_path, PLACED + WAYS, old="seam.csv", new="seam.apt"))
+    assert alone.durations is not None
+    assert alone.durations.sum() == pytest.approx(2 + 10 + 6 + 3 + 4)
+    ours = '"seam.apt"\nfeeds = "task"'
+    other = task(tmp_path, PLACED + "[feed]\nspeed = 0.01\n", old='"seam.csv"', new=ours)
+    assert qt.load_task(other).durations.sum() == pytest.approx(6)
+    clock = qt.load_task(task(tmp_path, "[feed]\ndt = 0.5\n", old="seam.csv", new="seam.apt"))
+    assert set(clock.durations[1:]) == {0.5}
+    assert "feed.dt is the time of every waypoint" in clock.toolpath.notes[-1]
+
+
+def test_a_stretch_without_a_feed_and_a_task_without_one_is_refused(tmp_path: Path) -> None:
+    text = "UNITS/MM\nGOTO/0,0,0,0,0,1\nGOTO/20,0,0\nFEDRAT/60,MMPM\nGOTO/30,0,0\n"
+    write(tmp_path, text, "seam.apt")
+    with pytest.raises(
+        qt.TaskFileError, match=r"states feeds, but none for line 3; add .feed. with"
+    ):
+        qt.load_task(task(tmp_path, old="seam.csv", new="seam.apt"))
+
+
+@pytest.mark.parametrize(
+    ("words", "metres_per_second"),
+    [
+        ("FEDRAT/250.0,MMPM", 0.25 / 60), ("FEDRAT/ 10 , IPM", 0.254 / 60),
+        ("FEDRAT/IPM,10", 0.254 / 60), ("fedrat / 1.5D+02", 0.15 / 60), ("FEED/2,MPM", 2 / 60),
+        ("SPINDL/RPM,3000,CLW\nFEDRAT/.1,MMPR", 0.1e-3 * 50),
+        ("SPINDL/3000,RPM,CLW\nSPINDL/ON\nFEDRAT/.01,IPR", 0.254e-3 * 50),
+        ("FEDRAT/600,UPM", 0.01), ("FEDRAT/.2,MMPM\nFEDRAT/600,PERMIN", 0.01),
+    ],
+)  # fmt: skip
+def test_feeds_are_read_in_every_unit(tmp_path: Path, words: str, metres_per_second: float) -> None:
+    text = f"UNITS/MM\nGOTO/0,0,0\n{words}\nGOTO/1,0,0\nRAPID\nGOTO/9,0,0\nGOTO/10,0,0\n"
+    toolpath = read_toolpath(write(tmp_path, text))
+    first, second = toolpath.curves
+    assert first.feeds == pytest.approx([math.nan, metres_per_second], nan_ok=True)
+    assert second.feeds == pytest.approx([math.nan, metres_per_second], nan_ok=True)
+    assert toolpath.feeds == pytest.approx((metres_per_second, metres_per_second))
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        ("FEDRAT/0,MMPM", "line 3: FEDRAT: expected a feed above 0, got 0"),
+        ("FEDRAT/-5,MMPM", "line 3: FEDRAT: expected a feed above 0, got -5"),
+        ("FEDRAT/FAST", "line 3: FEDRAT/FAST: expected a number and its unit, one of MMPM, "),
+        ("FEDRAT/5,KNOTS", "line 3: FEDRAT/5,KNOTS: expected a number and its unit"),
+        ("FEDRAT/", "line 3: FEDRAT/: expected a number and its unit"),
+        ("FEDRAT/1,2,MMPM", "line 3: FEDRAT/1,2,MMPM: expected a number"),
+        ("FEDRAT/1e999,MMPM", "line 3: FEDRAT: '1E999' is too large"),
+        ("FEDRAT/.1,MMPR", "line 3: FEDRAT: MMPR is a feed per turn of the spindle, and no SPINDL"),
+        ("SPINDL/100,SFM\nFEDRAT/.1,MMPR", "line 4: FEDRAT: MMPR is a feed per turn"),
+    ],
+)  # fmt: skip
+def test_a_feed_that_is_none_is_refused(tmp_path: Path, words: str, message: str) -> None:
+    with pytest.raises(InvalidInput, match=message):
+        read_toolpath(write(tmp_path, f"UNITS/MM\nGOTO/0,0,0\n{words}\nGOTO/1,0,0\n"))
+
+
+@pytest.mark.parametrize(
+    ("name", "unit", "scale"),
+    [
+        ("feed [mm/min]", None, 1e-3 / 60), ("Feed_Rate_mmpm", None, 1e-3 / 60),
+        ("speed (m/s)", None, 1.0), ("v;F [in/min]", None, 0.0254 / 60), ("feed", "mm/s", 1e-3),
+        ("velocity_mm/s", None, 1e-3),
+    ],
+)  # fmt: skip
+def test_a_column_of_feeds_is_read(
+    tmp_path: Path, name: str, unit: str | None, scale: float
+) -> None:
+    more = ";7" * name.count(";")
+    text = f"x [mm];y [mm];z [mm];{name}\n0;0;0{more};0\n1;0;0{more};5\n2;0;0{more};6\n"
+    [curve] = read_toolpath(write(tmp_path, text), feed_unit=unit).curves  # type: ignore[arg-type]
+    assert curve.feeds == pytest.approx([math.nan, 5 * scale, 6 * scale], nan_ok=True)
+    with pytest.raises(InvalidInput, match=r"line 3, column .*: expected a feed above 0, got -1"):
+        read_toolpath(write(tmp_path, text.replace(";5", ";-1")), feed_unit=unit)  # type: ignore[arg-type]
+
+
+def test_a_column_of_feeds_without_a_unit_is_not_dropped_in_silence(tmp_path: Path) -> None:
+    path = write(tmp_path, "x [mm];y [mm];z [mm];feed\n0;0;0;1\n1;0;0;5\n")
+    toolpath = read_toolpath(path)
+    assert toolpath.feeds is None
+    assert "column 'feed' may state feeds, but not in which unit" in toolpath.notes[-1]
+    chosen = read_toolpath(path, columns=ColumnChoice(feed=4), feed_unit="mm/s")
+    assert chosen.feeds == pytest.approx((5e-3, 5e-3))
+    with pytest.raises(InvalidInput, match=r"the unit of column 'feed' is not said; add feed_unit"):
+        read_toolpath(path, columns=ColumnChoice(feed=4))
+
+
+def test_what_is_left_out_of_a_path_keeps_the_points_where_the_feed_changes(
+    tmp_path: Path,
+) -> None:
+    rows = "".join(f"{x};0;0;{300 if x < 12 else 60}\n" for x in range(21))
+    csv = "x [mm];y [mm];z [mm];feed [mm/min]\n" + rows
+    keys = '"seam.csv"\nchord_error = 0.001'
+    loaded = qt.load_task(task(tmp_path, csv=csv, old='"seam.csv"', new=keys))
+    assert loaded.durations is not None
+    # 11 mm at 5 mm/s and 9 mm at 1 mm/s, in steps of 5 mm at most.
+    assert loaded.durations.sum() == pytest.approx(11 / 5 + 9 / 1)
+    assert len(loaded.waypoints) == 1 + 3 + 2
+
+
+# ---------------------------------------------------------------- all errors at once
+
+
+def test_all_that_is_wrong_with_a_file_is_said_at_once(tmp_path: Path) -> None:
+    rows = [f"{x},0,0,0,0,1" for x in range(60)]
+    for line, row in ((3, "1,O.5,0,0,0,1"), (7, "1,0,0,0,0"), (9, "1,0,nan,0,0,1"),
+                      (12, "1,0,0,0,0,0"), (20, "1,0,0,0,0,1,2")):  # fmt: skip
+        rows[line - 2] = row
+    with pytest.raises(InvalidInput) as refused:
+        read_toolpath(write(tmp_path, HEAD + "\n".join(rows)))
+    said = str(refused.value).split("\n  ")
+    assert said[0] == "path.csv: 5 problems:"
+    assert [line.split(":")[0] for line in said[1:]] == [
+        "line 3, column 'y [mm]'", "line 7, column 'nz'", "line 9, column 'z [mm]'",
+        "line 12, column 'nx', column 'ny', column 'nz'", "line 20",
+    ]  # fmt: skip
+    rows[5:50] = ["1,2,x,0,0,1"] * 45
+    with pytest.raises(InvalidInput) as refused:
+        read_toolpath(write(tmp_path, HEAD + "\n".join(rows)))
+    said = str(refused.value).split("\n  ")
+    assert said[0] == "path.csv: 46 problems:"
+    assert len(said) == 1 + 20 + 1
+    assert said[-1] == "and 26 more."
+    apt = "GOTO/0,0,0\nFEDRAT/0\nWIGGLE/3\nGOTO/1,x,0\nGOTO/1,0,0,0,0,0\nGOTO/2,0,0\n"
+    with pytest.raises(InvalidInput) as refused:
+        read_toolpath(write(tmp_path, apt))
+    said = str(refused.value).split("\n  ")
+    assert [line.split(":")[0] for line in said[1:]] == [
+        "line 1", "line 2", "line 3", "line 4", "line 5, i, j, k"
+    ]  # fmt: skip
+
+
+# ---------------------------------------------------------------- what a table may be
+
+
+T = np.linspace(0, 1, 30)
+POSITION = np.column_stack([300 * T, 40 * np.sin(3 * T), 100 + 10 * T**2])
+NORMAL = np.column_stack([0.3 * np.sin(T), 0.2 * np.cos(T), 1 + 0 * T])
+NORMAL /= np.linalg.norm(NORMAL, axis=1, keepdims=True)
+QUATERNION = np.column_stack([0.6 * NORMAL, 0.8 + 0 * T])
+DEGREES = np.column_stack([170 + 10 * T, 5 * T, 90 * T])
+ROWS = np.arange(30)
+
+
+@pytest.mark.parametrize(
+    ("parts", "option"),
+    [
+        ([ROWS + 1, POSITION, NORMAL], '"position=2,3,4;normal=5,6,7"'),
+        ([0.02 * ROWS, POSITION, NORMAL], '"position=2,3,4;normal=5,6,7"'),
+        ([ROWS, 0.02 * ROWS, POSITION, NORMAL], '"position=3,4,5;normal=6,7,8"'),
+        ([POSITION, QUATERNION], '"position=1,2,3;quaternion_wxyz=4,5,6,7"'),
+        ([ROWS, POSITION, QUATERNION], '"position=2,3,4;quaternion_wxyz=5,6,7,8"'),
+        ([NORMAL, POSITION], '"position=4,5,6;normal=1,2,3"'),
+        ([POSITION, NORMAL, 500 + 0 * T], '"position=1,2,3;normal=4,5,6"'),
+        ([POSITION, DEGREES], '"position=1,2,3;rpy=4,5,6" --angle-unit deg'),
+        ([ROWS, POSITION, np.radians(DEGREES)], '"position=2,3,4;rpy=5,6,7" --angle-unit rad'),
+        ([10 * ROWS, POSITION], '"position=2,3,4"'),
+        # x in whole millimetres is no index where three columns would be missing without it.
+        ([ROWS, POSITION[:, 1:], NORMAL], '"position=1,2,3;normal=4,5,6"'),
+        # A flat part and a tool straight down: not the quaternion (0, 0, 0, 1).
+        ([0.1 * ROWS, POSITION[:, :2], 0 * T, 0 * NORMAL + [0, 0, 1]],
+         '"position=2,3,4;normal=5,6,7"'),
+        ([POSITION, 0 * QUATERNION + [0, 1, 0, 0]], '"position=1,2,3;quaternion_wxyz=4,5,6,7"'),
+    ],
+)  # fmt: skip
+@pytest.mark.parametrize("header", ["", "u,"])
+def test_the_columns_that_are_suggested_fit_the_numbers(
+    tmp_path: Path, parts: list[Array], option: str, header: str
+) -> None:
+    table = np.column_stack(parts)
+    lines = [",".join(f"{v:.9g}" for v in row) for row in table]
+    names = ",".join(f"col{k}" for k in range(table.shape[1])) + "\n" if header else ""
+    with pytest.raises(UnclearColumns) as refused:
+        read_toolpath(write(tmp_path, names + "\n".join(lines)), length_unit="mm")
+    suggestion = refused.value.suggestion
+    assert suggestion is not None
+    assert suggestion.option == f"--columns {option}"
+    assert "By the numbers in it: [path.columns] position = [" in str(refused.value)
+    # The suggestion is read without a further question.
+    unit = suggestion.angle_unit
+    columns = ColumnChoice(**suggestion.columns)  # type: ignore[arg-type]
+    read = read_toolpath(
+        tmp_path / "path.csv", columns=columns, length_unit="mm", angle_unit=unit  # type: ignore[arg-type]
+    )  # fmt: skip
+    at = [k - 1 for k in suggestion.columns["position"]]
+    assert read.curves[0].positions * 1e3 == pytest.approx(table[:, at], abs=1e-6)
+
+
+# ---------------------------------------------------------------- extent, unit and number
+
+
+def test_a_path_that_no_robot_of_this_size_reaches_is_refused_with_its_likely_unit(
+    tmp_path: Path,
+) -> None:
+    csv = "x [m],y [m],z [m]\n" + "".join(f"{x},0,80\n" for x in range(0, 80, 2))
+    began = time.perf_counter()
+    with pytest.raises(qt.TaskFileError, match=r"80 m and it is 78 m across; the robot reaches"):
+        qt.load_task(task(tmp_path, csv=csv))
+    assert time.perf_counter() - began < 2.0
+    with pytest.raises(qt.TaskFileError, match=r"is the file in mm\? the file says m, so write mm"):
+        qt.load_task(task(tmp_path, csv=csv))
+    bare = csv.replace(" [m]", "")
+    with pytest.raises(
+        qt.TaskFileError, match=r'is the file in mm\? if it is, say length_unit = "mm"'
+    ):
+        qt.load_task(
+            task(tmp_path, csv=bare, old='"seam.csv"', new='"seam.csv"\nlength_unit = "m"')
+        )
+    huge = csv.replace("\n78,", "\n2e9,").replace("[m]", "[mm]")
+    with pytest.raises(
+        qt.TaskFileError, match=r"in no unit that is known would it be small enough"
+    ):
+        qt.load_task(task(tmp_path, csv=huge))
+    small = qt.load_task(task(tmp_path, csv=csv.replace("[m]", "[mm]")))
+    assert len(small.waypoints) == 40
+
+
+def test_the_reach_is_above_what_random_configurations_reach() -> None:
+    """An upper bound, and for an arm without offsets in its folds a tight one."""
+    for name in ("deburring", "planar_line"):
+        loaded = qt.load_task(name)
+        chain = SerialChain.of(loaded.model, loaded.frame_name, loaded.frame_type)
+        ranges = JointRanges.of(loaded.model)
+        reach = largest_reach(chain, ranges)
+        drawn = np.random.default_rng(0).uniform(-np.pi, np.pi, (20_000, loaded.model.nv))
+        apart = np.linalg.norm(chain.poses(drawn)[1] - chain.screws[0].anchor, axis=1)
+        assert 0.7 * reach < apart.max() <= reach * (1 + 1e-12)
+
+
+def test_the_number_of_waypoints_is_bounded_over_all_curves(tmp_path: Path) -> None:
+    half = MOST // 2 + 10
+    csv = HEAD + f"0,0,0,0,0,1\n{half * 1e-3},0,0,0,0,1\n\n0,1,0,0,0,1\n{half * 1e-3},1,0,0,0,1\n"
+    path = task(tmp_path, "[path.transfer]\n", csv, "max_spacing = 0.005", "max_spacing = 1e-6")
+    with pytest.raises(qt.TaskFileError, match=r"make \d+ waypoints or more; at most"):
+        qt.load_task(path)

@@ -2,36 +2,38 @@
 
 from __future__ import annotations
 
-import dataclasses
 import os
+import tempfile
 import warnings
-from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import mink
 import numpy as np
 from scipy.linalg import null_space
 
-from qp_twist.authoring.frame_choice import choose_frame
-from qp_twist.authoring.reach import moved, placements
+from qp_twist.authoring.frame_choice import FrameChoice, choose_frame
 from qp_twist.authoring.request import Request
-from qp_twist.authoring.task_text import Parts, task_text
+from qp_twist.authoring.search import METHOD, PLANNED, Progress, Search, Searched, Trial
+from qp_twist.authoring.task_text import Parts, feeds_in_words, task_text
 from qp_twist.checks import Array, number
 from qp_twist.errors import InvalidInput
+from qp_twist.exchange import Check, run_task
 from qp_twist.files import whole_file
-from qp_twist.following import FoundStart, NoStart, first_that_leads_on
+from qp_twist.following import FoundStart
 from qp_twist.following.resolver import twist_task
-from qp_twist.kinematics import JointRanges
+from qp_twist.kinematics import JointRanges, SerialChain, largest_reach
 from qp_twist.path import PathTask, load_task, shipped_folder
 from qp_twist.path.task_file import FILE_KEY
-from qp_twist.planning import central_configurations, what_forbids
 from qp_twist.robots import Robot, load_robot
-from qp_twist.toolpath import ColumnChoice, Toolpath, read_toolpath
+from qp_twist.toolpath import (
+    ColumnChoice,
+    Toolpath,
+    UnclearColumns,
+    read_toolpath,
+    unit_question,
+)
 
-_PLACEMENTS = 5
-"""Placements of the workpiece that are tried with a lap."""
-_STARTS = 6
 _ALONE = 1e-6
 """A unit vector this near to an axis is the motion of one joint."""
 _NO_SPEEDS = (
@@ -40,7 +42,10 @@ _NO_SPEEDS = (
 )
 _WIDE = 8.0 * np.pi
 """A hinge that turns further than this from its zero has its limits in degrees, most likely."""
-Progress = Callable[[str], None]
+_FAR = 10.0
+"""A path further from the robot than so many times its reach is asked about."""
+_SMALL = 2e-3
+"""A path that is smaller than this, m, is asked about."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,30 +57,22 @@ class NewTask:
         path_task: What it says.
         start: Where it starts; ``None`` if no start was found.
         notes: What was decided, a sentence each.
+        check: What ``qp-twist run`` finds of the trajectory that it makes of the file by
+            ``method``; ``None`` where no run came to the end of the path.
+        method: By which the task was run.
     """
 
     path: Path
     path_task: PathTask
     start: FoundStart | None
     notes: tuple[str, ...]
+    check: Check | None
+    method: str
 
     @property
     def runs(self) -> bool:
-        """Whether a lap from the start kept to the whole path."""
-        return self.start is not None and self.start.completed
-
-
-@dataclass(frozen=True, eq=False)
-class _Outcome:
-    """How far the robot gets with the workpiece somewhere."""
-
-    shift: Array
-    start: FoundStart | None
-    why: str
-
-    @property
-    def completed(self) -> bool:
-        return self.start is not None and self.start.completed
+        """Whether a run of the file passes its check."""
+        return self.check is not None and self.check.passes
 
 
 def new_task(
@@ -84,26 +81,29 @@ def new_task(
     """Write a task file for a robot and a toolpath.
 
     The frame, the projector and the workpiece's placement follow from the two files, unless they
-    are given; the start is the most central one from which a lap comes to the end. Where the robot
-    does not reach the path as the file has it, and no placement is given, the workpiece is moved to
-    where it does.
+    are given; the start is the most central one from which a run comes to the end of the path.
+    Where the robot cannot reach the path as the file has it, and no placement is given, the
+    workpiece is moved to where it can. The verdict is that of a run of the written file.
 
     Args:
         request: The files, and what is given.
         out: The file to write; its paths are relative to its folder.
         force: Whether a file that is there is overwritten.
-        progress: Called with what is being done.
+        progress: Called with what is being done and the share of the search's time that is spent.
 
     Raises:
         InvalidInput: If a file is refused, the frame is not clear, or ``out`` is there.
     """
     _check_out(out, force)
     number("speed", request.speed, above=0.0)
-    say = progress or (lambda what: None)
-    say("reading the robot")
+    number("search_seconds", request.search_seconds, above=0.0)
+    report = progress or (lambda what, share: None)
+    report("reading the robot", 0.0)
     robot, scene = _robot(request.robot, out)
     frame = choose_frame(robot.model, request.frame, request.frame_type)
+    report("reading the toolpath", 0.0)
     toolpath = _toolpath(request)
+    _refuse_far(request, robot, frame, toolpath)
     parts = Parts(
         request=request,
         title=f"{_model_name(robot)} along {request.toolpath.name}",
@@ -115,32 +115,47 @@ def new_task(
         velocity_limits=robot.velocity_limits,
         left_out=robot.left_out,
         position=np.array(request.place or (0.0, 0.0, 0.0)),
+        rpy_deg=np.array(request.place_rpy_deg),
     )
     with whole_file(out) as unfinished:
         path_task = _loaded(parts, unfinished, out)
-        outcome = _reached(path_task, request, say)
-        parts = dataclasses.replace(
+        search = Search(request.search_seconds, report, lambda q: _rounded(q, parts.ranges))
+        searched = search.run(path_task, elsewhere=request.place is None)
+        best = searched.best
+        if best.placement is not None:
+            parts = replace(parts, position=best.placement.position, rpy_deg=best.placement.rpy_deg)
+        parts = replace(
             parts,
-            position=parts.position + outcome.shift,
-            placement_notes=_placement_notes(request, outcome),
-            start=None if outcome.start is None else _rounded(outcome.start.q, parts.ranges),
-            start_notes=_start_notes(outcome),
+            placement_notes=_placement_notes(request, searched),
+            start=None if best.start is None else best.start.q,
+            start_notes=_start_notes(searched),
         )
         path_task = _loaded(parts, unfinished, out)
-    path_task = dataclasses.replace(path_task, name=out.stem, source=out)
+        check = _run_once_more(path_task, best, report) if best.passes else None
+    path_task = replace(path_task, name=out.stem, source=out)
     notes = [
         f"frame: {frame.kind} {frame.name!r}" + (f", {frame.why}" if frame.why else ""),
         f"path: {_summary(toolpath, path_task)}",
+        *_of_feed(request, toolpath),
         *(f"left out of {robot.path.name}: {sentence}" for sentence in robot.left_out),
         *(f"path: {note}" for note in toolpath.notes),
+        *_small(toolpath),
         *_wide(parts.ranges),
         *_ways(toolpath),
         *_alone(path_task),
         *([] if robot.velocity_limits else [_NO_SPEEDS]),
         *(f"workpiece: {note}" for note in parts.placement_notes),
         *(f"start: {note}" for note in parts.start_notes),
+        *([] if check is None else [f"run by {best.method}: {check.verdict}"]),
     ]
-    return NewTask(out, path_task, outcome.start, tuple(notes))
+    return NewTask(out, path_task, best.start, tuple(notes), check, best.method)
+
+
+def _run_once_more(path_task: PathTask, best: Trial, report: Progress) -> Check | None:
+    """What the written file does, as it is read."""
+    report("running the task as it is written", 1.0)
+    with tempfile.TemporaryDirectory() as folder:
+        return run_task(path_task, best.method, Path(folder) / "run.csv", give_up=True).check
 
 
 def _check_out(out: Path, force: bool) -> None:
@@ -189,17 +204,53 @@ def _toolpath(request: Request) -> Toolpath:
             length_unit=request.length_unit,
             angle_unit=request.angle_unit,
             orientation=request.orientation,
+            feed_unit=request.feed_unit,
         )
     except InvalidInput as error:
-        options = {
-            "add length_unit": "--unit mm, --unit m or --unit inch",
-            "add angle_unit": "--angle-unit deg or --angle-unit rad",
-            "orientation =": "--orientation normal, axis, rpy or none",
-            "path.columns": '--columns "position=1,2,3;normal=4,5,6"',
-        }
-        said = [option for words, option in options.items() if words in str(error)]
-        hint = f" For qp-twist new: {' or '.join(said)}." if said else ""
-        raise InvalidInput(f"{error}{hint}") from error
+        raise InvalidInput(f"{error}{_hint(error)}") from error
+
+
+def _hint(error: InvalidInput) -> str:
+    """Which options say what a message about a toolpath asks for."""
+    text = str(error)
+    options = {
+        "add length_unit": "--unit mm, --unit m or --unit inch",
+        'say length_unit = "mm"': "--unit mm",
+        'say length_unit = "inch"': "--unit inch",
+        "add angle_unit": "--angle-unit deg or --angle-unit rad",
+        "add feed_unit": "--feed-unit mm/min or another",
+        "orientation =": "--orientation normal, axis, rpy or none",
+    }
+    said = [option for words, option in options.items() if words in text]
+    if isinstance(error, UnclearColumns):
+        found = error.suggestion
+        said = [found.option if found else '--columns "position=1,2,3;normal=4,5,6"']
+    return f" For qp-twist new: {' or '.join(said)}" if said else ""
+
+
+def _refuse_far(request: Request, robot: Robot, frame: FrameChoice, toolpath: Toolpath) -> None:
+    """Ask about a unit with which the path is many times the robot's reach away from it.
+
+    Whether the path is too large as a whole is asked where the task is loaded.
+    """
+    if request.place is not None or request.length_unit is not None:
+        return
+    chain = SerialChain.of(robot.model, frame.name, frame.kind)
+    reach = largest_reach(chain, JointRanges.of(robot.model))
+    if not chain.screws or not np.isfinite(reach):
+        return
+    positions = np.concatenate([curve.positions for curve in toolpath.curves])
+    apart = float(np.linalg.norm(positions - chain.screws[0].anchor, axis=1).min())
+    largest = float(np.abs(positions).max())
+    question = unit_question(
+        toolpath.unit, largest, 2.0 * reach, unit_in_file=toolpath.unit_in_file
+    )
+    if apart > _FAR * reach and question.startswith("is the file"):
+        raise InvalidInput(
+            f"{request.toolpath.name}: its coordinates reach {largest:.3g} m, and the robot "
+            f"{reach:.3g} m at most: {question}. If it is in {toolpath.unit}, say "
+            f"--unit {toolpath.unit}, or --place where it stands."
+        )
 
 
 def _loaded(parts: Parts, unfinished: Path, out: Path) -> PathTask:
@@ -213,8 +264,8 @@ def _loaded(parts: Parts, unfinished: Path, out: Path) -> PathTask:
         # There is no task file that could be looked at; of a toolpath its own message says where.
         _, found, of_toolpath = str(error).partition(FILE_KEY)
         said = of_toolpath if found else str(error).replace(str(unfinished), str(out))
-        raise InvalidInput(said) from error
-    return dataclasses.replace(task, name=out.stem)
+        raise InvalidInput(f"{said}{_hint(error)}") from error
+    return replace(task, name=out.stem)
 
 
 def _summary(toolpath: Toolpath, path_task: PathTask) -> str:
@@ -230,6 +281,24 @@ def _summary(toolpath: Toolpath, path_task: PathTask) -> str:
         f"{points} points {directions}, {1e3 * length:.4g} mm, {len(path_task.waypoints)} "
         f"waypoints, rank {path_task.projector.rank} of {path_task.operational.rank}"
     )
+
+
+def _of_feed(request: Request, toolpath: Toolpath) -> list[str]:
+    """The feeds of the file, and where they do not say anything."""
+    if toolpath.feeds is None:
+        return []
+    return [
+        f"feed: {feeds_in_words(toolpath)}, as the file states it; where it does not, "
+        f"{request.speed:g} m/s."
+    ]
+
+
+def _small(toolpath: Toolpath) -> list[str]:
+    """A path in metres that was read as millimetres."""
+    extent = toolpath.extent
+    if toolpath.unit == "m" or extent > _SMALL:
+        return []
+    return [f"path: it is only {1e3 * extent:.3g} mm across: is the file in m?"]
 
 
 def _ways(toolpath: Toolpath) -> list[str]:
@@ -274,68 +343,50 @@ def _alone(path_task: PathTask) -> list[str]:
 # ---------------------------------------------------------------- where it is, where it starts
 
 
-def _reached(path_task: PathTask, request: Request, say: Progress) -> _Outcome:
-    """The start of the path where it is, or where the robot reaches it."""
-    say("looking for a start")
-    here = _tried(path_task, np.zeros(3))
-    if here.completed or request.place is not None:
-        return here
-    best = here
-    say("looking for a place for the workpiece")
-    for number_, shift in enumerate(placements(path_task)):
-        if number_ == _PLACEMENTS:
-            break
-        say(f"looking for a start, placement {number_ + 1}")
-        there = _tried(moved(path_task, shift), shift)
-        if there.completed:
-            return dataclasses.replace(there, why=here.why)
-    return best
-
-
-def _tried(path_task: PathTask, shift: Array) -> _Outcome:
-    try:
-        start = first_that_leads_on(path_task, _STARTS)
-    except NoStart as error:
-        return _Outcome(shift, None, error.why)
-    why = ""
-    if not start.completed:
-        why = f"a lap keeps to {start.reached} of {start.waypoints} waypoints"
-        if not central_configurations(path_task, start.reached):
-            why += f": {what_forbids(path_task, start.reached)}"
-        elif start.stopped_by:
-            why += f", held by {start.stopped_by}"
-    return _Outcome(shift, start, why)
-
-
-def _placement_notes(request: Request, outcome: _Outcome) -> list[str]:
-    if outcome.completed and not outcome.shift.any():
+def _placement_notes(request: Request, searched: Searched) -> list[str]:
+    best, here = searched.best, searched.here
+    if here.passes:
         return [] if request.place else ["where the file has it, in the axes of the robot's world."]
-    if outcome.completed:
-        to = ", ".join(f"{value:.3g}" for value in outcome.shift)
+    if best.passes:
         return [
-            f"MOVED to ({to}) m, since with the file's origin in that of the robot's world "
-            f"{outcome.why}. Measure where it really is, and put that here."
+            f"MOVED to {best.placement}, since with the file's frame in the origin of the robot's "
+            f"world {here.why}. Measure where it really is, and put that here."
         ]
-    asked = "where --place puts it" if request.place else "where the file has it, nor elsewhere"
-    return [
-        f"NOT REACHED {asked}: {outcome.why}. Change position or rpy_deg, or free more of the "
-        "orientation in [projector]."
-    ]
+    asked = "where --place puts it" if request.place else "where the file has it"
+    said = f"NOT REACHED {asked}: {here.why}. "
+    if searched.places is not None:
+        said += f"None of {searched.places} is one that a run was found for"
+        said += f" ({searched.run} of them were run)" if searched.run else ""
+        said += ". "
+    if searched.ended:
+        said += f"The search was ended {searched.ended}; --search-time gives it more. "
+    if not here.impossible and not request.place:
+        said += "It was not moved, since no waypoint was found that cannot be reached. "
+    return [f"{said}Change position or rpy_deg, or free more of the orientation in [projector]."]
 
 
-def _start_notes(outcome: _Outcome) -> list[str]:
-    start = outcome.start
+def _start_notes(searched: Searched) -> list[str]:
+    best = searched.best
+    start = best.start
     if start is None:
-        return ["none is inside the limits."]
+        return ["none is inside the limits." if best.impossible else "none was tried."]
     margin = f"{100.0 * start.margin:.0f} %" if np.isfinite(start.margin) else "all"
+    which = "that of a plan of the whole path" if best.method != METHOD else (
+        "the most central one found whose run comes furthest"
+    )  # fmt: skip
     notes = [
-        f"the most central one found whose lap comes furthest: {margin} of the half range left in "
-        f"the joint that is nearest to a limit, z = {start.z:.3g}."
+        f"{which}: {margin} of the half range left in the joint that is nearest to a limit, "
+        f"z = {start.z:.3g}."
     ]
-    if not start.completed:
+    if best.method != METHOD:
         notes.append(
-            f'{outcome.why}. A plan may get further: start = "best" above all tables, and method '
-            "qp_planned."
+            f"{METHOD} does not come to the end from any start that was tried; {best.method} does:"
+            f" run it with --method {best.method}."
+        )
+    if not best.passes:
+        notes.append(
+            f'{best.why}. A plan may get further: start = "best" above all tables, and method '
+            f"{PLANNED}."
         )
     return notes
 
@@ -347,5 +398,6 @@ def _rounded(q: Array, ranges: JointRanges) -> Array:
     low, high = ranges.lower * scale, ranges.upper * scale
     shown = np.where(shown < low, np.ceil(low * 1e4) * 1e-4, shown)
     shown = np.where(shown > high, np.floor(high * 1e4) * 1e-4, shown)
-    rounded: Array = shown / scale
+    # As a task file is read, so that a trial and a run of the file begin with the same numbers.
+    rounded: Array = np.radians(shown) if ranges.hinge.all() else shown
     return rounded

@@ -1,84 +1,300 @@
-"""Where a workpiece stands so that a robot reaches the whole path."""
+"""Where a workpiece may stand so that a robot reaches the whole path."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import dataclasses
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 import mink
 import numpy as np
+from scipy.spatial.transform import Rotation
 
-from qp_twist.checks import Array
+from qp_twist.checks import Array, Indices
+from qp_twist.geometry import ProjectorKind
 from qp_twist.kinematics import JointRanges
 from qp_twist.path import PathTask, placed
+from qp_twist.path.orientation import poses
 from qp_twist.planning import random_configurations
+from qp_twist.planning.bound import centred_nearby
 from qp_twist.planning.path_rows import PathRows
 
-_DRAWN = 4000
+_DRAWN = 6000
 """Random configurations whose poses are candidates for the middle of the path."""
-_TRIED = 60
-_LOOKED_AT = 9
+_PER_KIND = 240
+"""Candidates of each kind of orientation that are followed along the path, half of them the most
+central ones, half of them any."""
+_LOOKED_AT = 13
 """Waypoints that have to be reachable, evenly spread."""
 _LEANING = np.radians(30.0)
+"""How far from the asked orientation a random configuration may be to be led to it."""
+_NEAR = 1.0
+"""How far the configuration may be moved by what the task leaves free, rad or m."""
+_UPRIGHT = 0.1
+"""Share of the directions' lengths that has to lie across the vertical for a turn about it to
+matter."""
+_PARALLEL = 1e-9
+"""Sine of the angle between directions that are parallel or opposite."""
 _ROUND = 2
-"""Decimals of a placement, m."""
+"""Decimals of a placement, m; its angles are whole degrees."""
 
 
-def placements(path_task: PathTask, *, seed: int = 0) -> Iterator[Array]:
-    """Displacements of a path, m, (3,), at which the robot reaches it.
+@dataclass(frozen=True, eq=False)
+class Placement:
+    """Where the frame of a toolpath stands in the robot's world.
 
-    Those above the floor, z = 0, come first, and of them those with the robot in the middle of its
-    ranges where it is at the middle of the path.
+    Attributes:
+        position: Of its origin, m, (3,).
+        rpy_deg: Its orientation, R = Rz Ry Rx, degrees, (3,).
+        start: A configuration on the first waypoint from which Newton's method leads along the
+            path, (nv,).
+        margin: 1 − |θ − θ̄|/half-range of the joint that comes nearest to a limit on the way.
+        sunk: Whether some of the path lies below z = 0, where most robots have their floor.
+    """
 
-    Random configurations inside the limits, whose tool is nearly oriented as the middle waypoint
-    asks, say where that waypoint could be; the others are then reached from there by Newton's
-    method, inside the limits or not. Orientations stay, and so does what the task asks of them.
+    position: Array
+    rpy_deg: Array
+    start: Array
+    margin: float
+    sunk: bool
+
+    @property
+    def turned(self) -> bool:
+        """Whether it is not only displaced."""
+        return bool(self.rpy_deg.any())
+
+    def of(self, path_task: PathTask) -> PathTask:
+        """The task whose toolpath, in the world's axes and origin so far, stands here."""
+        rotation = mink.SO3.from_rpy_radians(*np.radians(self.rpy_deg))
+        return placed(path_task, rotation, np.zeros(3), self.position)
+
+    def __str__(self) -> str:
+        """A clause for people."""
+        to = ", ".join(f"{value:.4g}" for value in self.position)
+        turned = ", ".join(f"{value:.4g}" for value in self.rpy_deg)
+        return f"({to}) m" + (f", turned by rpy ({turned})°" if self.turned else "")
+
+
+@dataclass(frozen=True, eq=False)
+class Placements:
+    """What a search for placements found.
+
+    Attributes:
+        found: Those at which some waypoints, evenly spread, are reached one after the other, the
+            most promising first.
+        tried: How many were tried.
+        lower: Smallest coordinates of the middle of the path among these, m, (3,).
+        upper: Largest ones, m, (3,).
+        tilt_deg: Largest angle among them between the file's z and the world's.
+    """
+
+    found: tuple[Placement, ...]
+    tried: int
+    lower: Array
+    upper: Array
+    tilt_deg: float
+
+    def __str__(self) -> str:
+        """What was searched, for people."""
+        if not self.tried:
+            return "no place was found to be tried"
+        box = ", ".join(
+            f"{axis} {low:.2g} … {high:.2g}"
+            for axis, low, high in zip("xyz", self.lower, self.upper, strict=True)
+        )
+        return (
+            f"{self.tried} places tried, with the middle of the path within {box} m, turned about "
+            f"the vertical by any angle and tilted by up to {self.tilt_deg:.0f}°"
+        )
+
+
+def placements(path_task: PathTask, *, seed: int = 0) -> Placements:
+    """Places of a path at which the robot reaches it, as far as waypoints spread along it tell.
+
+    Random configurations inside the limits say where the middle waypoint could be: with the
+    orientation that the file has, with that turned about the vertical, and with any other. From
+    there the other waypoints are reached by Newton's method, one after the other, with the
+    configuration brought to the middle of its ranges by what the task leaves free. First come
+    places above the floor, z = 0; of them those with the file's own orientation, then those turned
+    about the vertical, by turns.
 
     Args:
-        path_task: The task, whose waypoints are somewhere.
+        path_task: The task, whose toolpath stands in the world's origin and axes.
         seed: Of the random configurations.
     """
-    rows, ranges = PathRows(path_task), JointRanges.of(path_task.model)
-    count = len(path_task.waypoints)
-    middle = count // 2
-    drawn = random_configurations(ranges, _DRAWN, np.random.default_rng(seed))
-    _, positions = rows.chain.poses(drawn)
-    turned = _turned_away(path_task, drawn, middle) > _LEANING
+    ranges, rng = JointRanges.of(path_task.model), np.random.default_rng(seed)
+    drawn = random_configurations(ranges, _DRAWN, rng)
+    q, R, kinds = _candidates(path_task, drawn, rng)
+    if not len(q):
+        return Placements((), 0, np.zeros(3), np.zeros(3), 0.0)
+    rpy_deg = np.round(Rotation.from_matrix(R).as_euler("xyz", degrees=True)) + 0.0
+    R = Rotation.from_euler("xyz", rpy_deg, degrees=True).as_matrix()
+    middle = len(path_task.waypoints) // 2
+    _, positions = PathRows(path_task).chain.poses(q)
+    at_middle = path_task.positions[middle]
+    p = np.round(positions - R @ at_middle, _ROUND) + 0.0
+    start, margin = _followed(path_task, ranges, q, R, p)
+    lowest = (R[:, 2] @ path_task.positions.T).min(axis=1) + p[:, 2]
+    places = [
+        Placement(p[k], rpy_deg[k], start[k], float(margin[k]), bool(lowest[k] < 0.0))
+        for k in range(len(q))
+    ]
+    found: list[Placement] = []
+    for sunk in (False, True):
+        by_kind = [
+            sorted(
+                (places[k] for k in np.flatnonzero(kinds == kind)
+                 if np.isfinite(margin[k]) and places[k].sunk is sunk),
+                key=lambda place: -place.margin,
+            )
+            for kind in range(3)
+        ]  # fmt: skip
+        found += _by_turns(by_kind)
+    centre = R @ at_middle + p
+    tilt = float(np.degrees(np.arccos(np.clip(R[:, 2, 2], -1.0, 1.0)).max()))
+    return Placements(tuple(found), len(q), centre.min(axis=0), centre.max(axis=0), tilt)
+
+
+def _by_turns(lists: Sequence[list[Placement]]) -> list[Placement]:
+    """Two of each list, by turns."""
+    longest = max(map(len, lists))
+    return [place for k in range(0, longest, 2) for one in lists for place in one[k : k + 2]]
+
+
+def _candidates(
+    path_task: PathTask, drawn: Array, rng: np.random.Generator
+) -> tuple[Array, Array, Indices]:
+    """Configurations (K, nv) with rotations of the workpiece (K, 3, 3) and their kinds (K,).
+
+    Kind 0: none; 1: about the vertical; 2: any.
+    """
+    ranges, middle = JointRanges.of(path_task.model), len(path_task.waypoints) // 2
+    chain = PathRows(path_task).chain
+    rotations, positions = chain.poses(drawn)
+    axes = _seen(path_task, middle)
+    file = path_task.waypoints[middle].rotation().as_matrix() @ axes  # (3, s)
+    robot = rotations @ axes  # (K, 3, s)
+    upright = _about_vertical(file, robot, rng)
+    turned = upright @ file
+    tilted = _onto(turned, robot) @ upright
+    none = np.broadcast_to(np.eye(3), upright.shape)
+    off = [_apart(file[None], robot), _apart(turned, robot), np.zeros(len(drawn))]
+    central = np.argsort(ranges.centring(drawn), kind="stable")
     # Most robots stand on the floor of their world, and their workpieces do.
-    lowest = (path_task.positions - path_task.positions[middle])[:, 2].min()
-    sunk = positions[:, 2] + lowest < 0.0
-    likely = drawn[np.lexsort((ranges.centring(drawn), sunk, turned))][:_TRIED]
-    _, positions = rows.chain.poses(likely)
+    offsets = path_task.positions - path_task.positions[middle]
+    found: list[tuple[Array, Array, Indices]] = []
+    for kind, (R, leaning) in enumerate(zip((none, upright, tilted), off, strict=True)):
+        sunk = (R[:, 2] @ offsets.T).min(axis=1) + positions[:, 2] < 0.0
+        for below, most in ((False, _PER_KIND), (True, _PER_KIND // 4)):
+            fits = central[(leaning <= _LEANING)[central] & (sunk == below)[central]]
+            rest = fits[most // 2 :]
+            chosen = np.concatenate([fits[: most // 2], rng.permutation(rest)[: most // 2]])
+            found.append((drawn[chosen], R[chosen], np.full(len(chosen), kind)))
+    q, R, kinds = (np.concatenate(parts) for parts in zip(*found, strict=True))
+    return q, R, kinds
+
+
+def _seen(path_task: PathTask, index: int) -> Array:
+    """The axes of the frame whose directions the task asks for at a waypoint, columns (3, s)."""
+    angular = path_task.in_force[index].angular
+    if angular.kind is ProjectorKind.NONE:
+        return np.zeros((3, 0))
+    if angular.kind is ProjectorKind.PLANE and path_task.in_force[index].frame == "body":
+        assert angular.axis is not None
+        return angular.axis[:, None]
+    return np.eye(3)
+
+
+def _about_vertical(file: Array, robot: Array, rng: np.random.Generator) -> Array:
+    """Turns about the vertical (K, 3, 3) that bring directions (3, s) nearest to (K, 3, s).
+
+    Where the directions do not see such a turn it is random.
+    """
+    sine = (file[0] * robot[:, 1] - file[1] * robot[:, 0]).sum(axis=-1)
+    cosine = (file[0] * robot[:, 0] + file[1] * robot[:, 1]).sum(axis=-1)
+    angle = np.arctan2(sine, cosine)
+    blind = np.hypot(sine, cosine) <= _UPRIGHT
+    angle[blind] = rng.uniform(-np.pi, np.pi, int(blind.sum()))
+    turns: Array = Rotation.from_rotvec(angle[:, None] * [0.0, 0.0, 1.0]).as_matrix()
+    return turns
+
+
+def _onto(a: Array, b: Array) -> Array:
+    """Turns (K, 3, 3) that take directions (K, 3, s) onto others with the same angles.
+
+    Of one direction the least turn; of opposite ones, where that is any half turn, none is made.
+    """
+    if a.shape[2] > 1:
+        whole: Array = b @ a.transpose(0, 2, 1)
+        return whole
+    rotvec = np.zeros((len(b), 3))
+    if a.shape[2]:
+        rotvec = np.cross(a[:, :, 0], b[:, :, 0])
+        sine = np.linalg.norm(rotvec, axis=1)
+        angle = np.arctan2(sine, (a * b).sum(axis=(1, 2)))
+        rotvec *= np.where(sine > _PARALLEL, angle / np.maximum(sine, _PARALLEL), 0.0)[:, None]
+    least: Array = Rotation.from_rotvec(rotvec).as_matrix()
+    return least
+
+
+def _apart(a: Array, b: Array) -> Array:
+    """Largest angle between directions (K, 3, s) and (K, 3, s), rad, (K,)."""
+    cosines = np.clip((a * b).sum(axis=1), -1.0, 1.0)
+    found: Array = np.arccos(cosines).max(axis=1, initial=0.0)
+    return found
+
+
+def _followed(
+    path_task: PathTask, ranges: JointRanges, q: Array, R: Array, p: Array
+) -> tuple[Array, Array]:
+    """Newton's method from the middle to both ends of paths placed by R (K, 3, 3) and p (K, 3).
+
+    All places at once: they are the waypoints of one path.
+
+    Returns:
+        Configurations on the first waypoints (K, nv), and the least margin on the way (K,), NaN
+        where a waypoint was not reached inside the limits.
+    """
+    count = len(path_task.waypoints)
     spread = np.unique(np.linspace(0, count - 1, min(count, _LOOKED_AT)).round().astype(int))
-    for q, position in zip(likely, positions, strict=True):
-        shift = np.round(position - path_task.positions[middle], _ROUND)
-        if _led(moved(path_task, shift), q, middle, spread):
-            yield shift
+    middle = int(np.searchsorted(spread, count // 2))
+    spread[middle] = count // 2
+    own = np.array([path_task.waypoints[k].rotation().as_matrix() for k in spread])
+    rotations = (R[:, None] @ own).reshape(-1, 3, 3)
+    positions = (path_task.positions[spread] @ R.transpose(0, 2, 1) + p[:, None]).reshape(-1, 3)
+    held = path_task.in_force[count // 2]
+    rows = PathRows(
+        dataclasses.replace(
+            path_task,
+            waypoints=poses(positions, rotations),
+            flipped_waypoints=None,
+            projector=held,
+            segments=(),
+            durations=None,
+            lines=None,
+        )
+    )
+    first = np.arange(len(q)) * len(spread)
+    begin, margin = _settled(rows, ranges, q, first + middle)
+    start = begin
+    for way in (range(middle + 1, len(spread)), range(middle - 1, -1, -1)):
+        here = begin
+        for index in way:
+            here, kept = _settled(rows, ranges, here, first + index)
+            margin = np.minimum(margin, kept)
+        start = here
+    return start, margin
 
 
-def moved(path_task: PathTask, shift: Array) -> PathTask:
-    """The task with its path displaced, m, (3,)."""
-    return placed(path_task, mink.SO3.identity(), np.zeros(3), shift)
-
-
-def _turned_away(path_task: PathTask, q: Array, index: int) -> Array:
-    """By how much the task's angular rows are missed at configurations, rad, (K,)."""
-    rows = PathRows(path_task)
-    at = np.full(len(q), index)
-    _, positions = rows.chain.poses(q)
-    # With the distance left out of the norm, the orientation remains.
-    errors = rows.errors(q, at) ** 2
-    apart = ((positions - path_task.positions[index]) ** 2).sum(axis=1)
-    left: Array = np.sqrt(np.maximum(errors - apart, 0.0))
-    return left
-
-
-def _led(path_task: PathTask, q: Array, middle: int, spread: Array) -> bool:
-    """Whether q leads from the middle to both ends of a path without leaving a limit."""
-    rows, ranges = PathRows(path_task), JointRanges.of(path_task.model)
-    for way in (spread[spread >= middle], spread[spread < middle][::-1]):
-        here = q
-        for index in (middle, *way):
-            [here], arrived = rows.correct(here[None], np.array([index]), iterations=15)
-            if not arrived[0] or not ranges.inside(here):
-                return False
-    return True
+def _settled(rows: PathRows, ranges: JointRanges, q: Array, at: Indices) -> tuple[Array, Array]:
+    """Onto waypoints and to the least z nearby; margins (K,), NaN where that leads nowhere."""
+    corrected, arrived = rows.correct(q, at, iterations=20)
+    margin = np.where(arrived, ranges.margins(corrected).min(axis=1, initial=np.inf), np.nan)
+    central = centred_nearby(corrected, at, rows, ranges)
+    better = ranges.margins(central).min(axis=1, initial=np.inf)
+    # Never by a turn of a joint: from one waypoint to the next the robot has to follow.
+    near = np.abs(central - corrected).max(axis=1) <= _NEAR
+    take = arrived & near & (better > margin)
+    found = np.where(take[:, None], central, corrected)
+    margin = np.where(take, better, margin)
+    return np.where(np.isfinite(found), found, q), np.where(margin >= 0.0, margin, np.nan)

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Literal
 
 from qp_twist.path.file_path_schema import ColumnsTable
-from qp_twist.toolpath import AngleUnit, LengthUnit, Orientation
+from qp_twist.toolpath import AngleUnit, FeedUnit, LengthUnit, Orientation
 
 
 @dataclass(frozen=True)
@@ -22,11 +22,14 @@ class Request:
         length_unit: Of a file that does not say it.
         angle_unit: Of roll, pitch and yaw in such a file.
         orientation: Which columns of direction count.
+        feed_unit: Of a column of feeds, where its header does not say it.
         columns: Columns without usual names.
         tool: Whether the frame's z points into the part.
         place: Where the origin of the toolpath's frame stands in the world, m; ``None``: in the
             world's origin, or elsewhere if the robot does not reach it there.
-        speed: Along the path, m/s.
+        place_rpy_deg: How that frame is turned, R = Rz Ry Rx, degrees; with ``place`` only.
+        speed: Along the path where the toolpath states no feed, m/s.
+        search_seconds: Time that the search for a start and a placement may take, s.
     """
 
     robot: Path
@@ -36,7 +39,10 @@ class Request:
     length_unit: LengthUnit | None = None
     angle_unit: AngleUnit | None = None
     orientation: Orientation | None = None
+    feed_unit: FeedUnit | None = None
     columns: ColumnsTable | None = None
     tool: Literal["into", "out"] = "into"
     place: tuple[float, float, float] | None = None
+    place_rpy_deg: tuple[float, float, float] = (0.0, 0.0, 0.0)
     speed: float = 0.05
+    search_seconds: float = 60.0

@@ -35,6 +35,7 @@ class Parts:
         velocity_limits: Of a URDF, by joint name, rad/s or m/s.
         left_out: Sentences on what the robot file states and the model lacks.
         position: Of the toolpath's frame in the world, m.
+        rpy_deg: Its orientation there, degrees.
         placement_notes: Sentences on where the workpiece stands.
         start: Joint positions, rad or m, (nv,); ``None``: to be found when the task is run.
         start_notes: Sentences on the start.
@@ -50,6 +51,7 @@ class Parts:
     velocity_limits: dict[str, float]
     left_out: Sequence[str]
     position: Array
+    rpy_deg: Array
     placement_notes: Sequence[str] = ()
     start: Array | None = None
     start_notes: Sequence[str] = field(default=())
@@ -73,7 +75,7 @@ def task_text(parts: Parts) -> str:
     blocks += [_robot(parts), _projector(parts), _path(parts)]
     if parts.start is not None:
         blocks.append(_start(parts))
-    blocks += [_feed(request), _limits(parts), _methods()]
+    blocks += [_feed(parts), _limits(parts), _methods()]
     return "\n\n".join(blocks) + "\n"
 
 
@@ -126,6 +128,10 @@ def _path(parts: Parts) -> str:
         lines.append(_line('# length_unit = "mm"', "the file says its unit itself"))
     if request.angle_unit:
         lines.append(f'angle_unit = "{request.angle_unit}"')
+    if request.feed_unit:
+        lines.append(f'feed_unit = "{request.feed_unit}"')
+    if toolpath.feeds is not None:
+        lines.append(_line('feeds = "file"', f'{feeds_in_words(toolpath)}; "task": [feed] alone'))
     if request.orientation:
         lines.append(f'orientation = "{request.orientation}"')
     elif toolpath.meaning in ("normal", "axis"):
@@ -153,12 +159,22 @@ def _path(parts: Parts) -> str:
                 "[path.placement]",
                 *map(_comment, parts.placement_notes),
                 _line(f"position = {_numbers(parts.position, 9)}", "m, of the file's origin"),
-                _line("rpy_deg = [0, 0, 0]", "and its orientation in the robot's world"),
+                _line(
+                    f"rpy_deg = {_numbers(parts.rpy_deg, 9)}",
+                    "and its orientation in the robot's world",
+                ),
             ]
         )
     )
     blocks.append(_leads(curves > 1))
     return "\n\n".join(blocks)
+
+
+def feeds_in_words(toolpath: Toolpath) -> str:
+    """The feeds that a toolpath states, in mm/min."""
+    assert toolpath.feeds is not None
+    lowest, highest = (f"{60e3 * feed:.4g}" for feed in toolpath.feeds)
+    return f"{lowest} mm/min" if lowest == highest else f"{lowest} to {highest} mm/min"
 
 
 def _leads(needed: bool) -> str:
@@ -191,11 +207,14 @@ def _start(parts: Parts) -> str:
     return "\n".join(lines)
 
 
-def _feed(request: Request) -> str:
+def _feed(parts: Parts) -> str:
+    speed = f"speed = {parts.request.speed:g}"
+    of_file = parts.toolpath.feeds is not None
+    comment = "m/s, where the file has no feed" if of_file else "m/s, along the path"
     return "\n".join(
         [
             "[feed]",
-            _line(f"speed = {request.speed:g}", "m/s, along the path; it slows down at limits"),
+            _line(speed, f"{comment}; it slows down at limits"),
             _line("# angular_speed_deg = 30", "of the tool, degrees/s; the slower one counts"),
         ]
     )

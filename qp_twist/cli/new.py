@@ -2,19 +2,26 @@
 
 from __future__ import annotations
 
+import time
+from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
+from shlex import quote
 from typing import Annotated, Literal
 
+import numpy as np
 import tyro
 from pydantic import ValidationError
 
 from qp_twist.authoring import Request, new_task
 from qp_twist.checks import number
 from qp_twist.cli.app import app, check_file, say
-from qp_twist.cli.progress import working
+from qp_twist.cli.progress import share_progress
 from qp_twist.errors import InvalidInput
 from qp_twist.path.file_path_schema import ColumnsTable
 
+_LONG = 2.0
+"""A search of more seconds than this says how it is ended."""
 Text = Annotated[str | None, tyro.conf.arg(metavar="NAME")]
 
 
@@ -28,10 +35,14 @@ def new(
     unit: Literal["auto", "mm", "m", "inch"] = "auto",
     angle_unit: Literal["auto", "deg", "rad"] = "auto",
     orientation: Literal["auto", "axis", "normal", "quaternion", "rpy", "none"] = "auto",
+    feed_unit: Literal["auto", "mm/min", "mm/s", "m/min", "m/s", "inch/min"] = "auto",
     columns: Annotated[str | None, tyro.conf.arg(metavar="TEXT")] = None,
     tool: Literal["into", "out"] = "into",
-    place: Annotated[str | None, tyro.conf.arg(metavar="X,Y,Z")] = None,
+    place: Annotated[
+        str | None, tyro.conf.arg(metavar="X,Y,Z[,ROLL_DEG,PITCH_DEG,YAW_DEG]")
+    ] = None,
     speed: Annotated[float, tyro.conf.arg(metavar="M/S")] = 0.05,
+    search_time: Annotated[float, tyro.conf.arg(metavar="S")] = 60.0,
     force: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False,
 ) -> None:
     """Write a commented task file for a robot and a toolpath; it runs as it is.
@@ -45,11 +56,15 @@ def new(
         unit: Of positions, where the toolpath does not say it.
         angle_unit: Of roll, pitch and yaw, likewise.
         orientation: Which columns of direction count, where there are several.
+        feed_unit: Of a column of feeds, likewise.
         columns: Columns without usual names, e.g. "position=1,2,3;normal=4,5,6".
         tool: Whether the frame's z points into the part or out of it.
-        place: Where the toolpath's origin stands in the robot's world, m, e.g. 0.5,0,0.2; without
-            it in the world's origin, or elsewhere if it is out of reach there.
-        speed: Along the path, m/s.
+        place: Where the toolpath's frame stands in the robot's world: its origin in m, and how it
+            is turned in degrees (R = Rz Ry Rx), e.g. 0.5,0,0.2 or 0.5,0,0.2,0,0,90; without it in
+            the world's origin, or elsewhere if it cannot be reached there.
+        speed: Along the path where the toolpath states no feed, m/s.
+        search_time: That looking for a start and a place may take, s; Ctrl-C ends it with the best
+            so far.
         force: Overwrite the task file.
     """
     request = Request(
@@ -60,31 +75,58 @@ def new(
         length_unit=None if unit == "auto" else unit,
         angle_unit=None if angle_unit == "auto" else angle_unit,
         orientation=None if orientation == "auto" else orientation,
+        feed_unit=None if feed_unit == "auto" else feed_unit,
         columns=None if columns is None else _columns(columns),
         tool=tool,
-        place=None if place is None else _place(place),
         speed=number("--speed", speed, above=0.0),
+        search_seconds=number("--search-time", search_time, above=0.0),
     )
+    if place is not None:
+        position, rpy_deg = _place(place)
+        request = replace(request, place=position, place_rpy_deg=rpy_deg)
     check_file(out)
-    with working("reading the robot") as say_so:
-        task = new_task(request, out, force=force, progress=say_so)
+    with share_progress() as report:
+        task = new_task(request, out, force=force, progress=_with_hint(report))
     say(f"wrote {out}: {task.path_task.title}", *(f"  {note}" for note in task.notes))
     if not task.runs:
         say("  the robot does not come to the end of the path; the notes above say why.")
         raise SystemExit(1)
-    shown = str(out) if len(out.parts) > 1 else f"./{out}"
-    say(f"next: qp-twist compare {shown}")
+    shown = quote(str(out) if len(out.parts) > 1 else f"./{out}")
+    say(
+        f"next: qp-twist run {shown} --method {task.method} --out {quote(out.stem)}_joints.csv",
+        f"or, all methods side by side: qp-twist compare {shown}",
+    )
 
 
-def _place(text: str) -> tuple[float, float, float]:
+def _with_hint(report: Callable[[str, float], None]) -> Callable[[str, float], None]:
+    """After two seconds also that the search can be ended."""
+    began = time.monotonic()
+
+    def say_so(what: str, share: float) -> None:
+        long = time.monotonic() - began > _LONG
+        report(f"{what}; Ctrl-C ends the search with the best so far" if long else what, share)
+
+    return say_so
+
+
+Three = tuple[float, float, float]
+
+
+def _place(text: str) -> tuple[Three, Three]:
+    """Position in m, and roll, pitch and yaw in degrees."""
     try:
-        x, y, z = (float(part) for part in text.split(","))
+        numbers = [float(part) for part in text.split(",")]
     except ValueError:
+        numbers = []
+    if len(numbers) not in (3, 6) or not np.isfinite(numbers).all():
+        got = f"; got {len(numbers)}" if numbers else ""
         raise InvalidInput(
-            f"--place {text!r}: expected three numbers in metres, e.g. --place 0.5,0,0.2 (with a "
-            "negative first one --place=-0.5,0,0.2)."
-        ) from None
-    return x, y, z
+            f"--place {text!r}: expected three numbers in metres, e.g. --place 0.5,0,0.2, or six, "
+            "the last three roll, pitch and yaw in degrees, e.g. --place 0.5,0,0.2,0,0,90 (with a "
+            f"negative first one --place=-0.5,0,0.2){got}."
+        )
+    x, y, z, roll, pitch, yaw = [*numbers, 0.0, 0.0, 0.0][:6]
+    return (x, y, z), (roll, pitch, yaw)
 
 
 def _columns(text: str) -> ColumnsTable:
@@ -100,7 +142,7 @@ def _columns(text: str) -> ColumnsTable:
         values = [
             int(name) if name.strip().isdecimal() else name.strip() for name in names.split(",")
         ]
-        table[key.strip()] = values[0] if key.strip() == "curve" else tuple(values)
+        table[key.strip()] = values[0] if key.strip() in ("curve", "feed") else tuple(values)
     try:
         return ColumnsTable.model_validate(table)
     except ValidationError as error:

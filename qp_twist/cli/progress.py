@@ -32,6 +32,9 @@ class MethodProgress:
     def planning(self, what: str, share: float) -> None:
         """A plan is being made, and so much of a part of it is done."""
 
+    def says(self, what: str) -> None:
+        """What is done with all waypoints."""
+
 
 class _Bar(MethodProgress):
     def __init__(self, progress: Progress, methods: Sequence[str], waypoints: int) -> None:
@@ -49,6 +52,9 @@ class _Bar(MethodProgress):
         self._progress.update(
             self._plan, description=f"plan: {what}", completed=share, visible=True
         )
+
+    def says(self, what: str) -> None:
+        self._progress.update(self._bar, description=what)
 
 
 @contextmanager

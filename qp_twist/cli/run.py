@@ -20,10 +20,8 @@ from qp_twist.cli.progress import load_machine_code, method_progress, working
 from qp_twist.comparison import compare, metrics
 from qp_twist.comparison.style import pair_of
 from qp_twist.errors import InvalidInput
-from qp_twist.exchange import ENDINGS, check_trajectory, read_trajectory, write_trajectory
-from qp_twist.following import follow
+from qp_twist.exchange import ENDINGS, run_task
 from qp_twist.path import DEFAULT_METHOD, PathTask, check_method
-from qp_twist.timing import refine_trajectory, time_trajectory
 
 _STRETCHES = 8
 """Most stretches that are listed one by one."""
@@ -61,20 +59,17 @@ def run(
         raise InvalidInput(f"--out {out}: expected a file that ends in {', '.join(ENDINGS)}.")
     load_machine_code(path_task, [method], solver)
     with method_progress([method], len(path_task.waypoints) - 1) as progress:
-        trajectory = follow(
+        done = run_task(
             path_task,
             method,
+            out,
             solver=solver,
-            slow_down=True,
-            progress=lambda done: progress.done(method, done),
+            progress=lambda waypoints: progress.done(method, waypoints),
             planning=progress.planning,
+            timing=lambda: progress.says("timing and checking"),
         )
-    with working("timing and checking"):
-        rows = refine_trajectory(trajectory)
-        timed = None if path_task.durations is None else time_trajectory(rows)
-        write_trajectory(timed or rows, out)
-        names = trajectory.joint_names
-        check = check_trajectory(read_trajectory(out, names), trajectory.path_task)
+    trajectory, rows, timed, check = done.trajectory, done.rows, done.timed, done.check
+    assert rows is not None and check is not None  # nothing was given up
     say(f"wrote {out}: {len(trajectory.q)} waypoints, {method}: {trajectory.summary}")
     say(f"{method}: {path_task.settings(method)} ({_stated_by(path_task, method)})")
     status = metrics(trajectory)["status"]

@@ -7,3 +7,5 @@ from .files import ENDINGS as ENDINGS
 from .files import read_trajectory as read_trajectory
 from .files import write_trajectory as write_trajectory
 from .joint_rows import JointRows as JointRows
+from .task_run import TaskRun as TaskRun
+from .task_run import run_task as run_task

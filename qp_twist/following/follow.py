@@ -6,7 +6,6 @@ import dataclasses
 from collections.abc import Callable
 from typing import Any
 
-import numpy as np
 from pydantic import ValidationError
 
 from qp_twist.checks import Array, instance
@@ -99,14 +98,8 @@ def follow(
         free = path_task.model.nv - min(projector.rank for projector in path_task.in_force)
         bound = plan.bound if plan.objective == "centering" and free <= COVERED else None
         path_task = dataclasses.replace(path_task, start=motion[0])
-    walked = path_task
-    if slow_down:
-        # A path that has been entered fast cannot be kept by accelerations that are held; with
-        # more time it can, and how much more is seen when the whole path is known.
-        free = np.full(path_task.model.nv, np.inf)
-        walked = dataclasses.replace(path_task, acceleration_limits=free)
     trajectory = walk(
-        walked,
+        path_task,
         method,
         settings,
         solver=solver,
@@ -115,7 +108,7 @@ def follow(
         progress=progress,
         stop=stop,
     )
-    return dataclasses.replace(trajectory, path_task=path_task, z_bound=bound)
+    return dataclasses.replace(trajectory, z_bound=bound)
 
 
 def settings_of(path_task: PathTask, method: str, options: dict[str, Any]) -> MethodSettings:

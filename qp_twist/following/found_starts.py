@@ -80,8 +80,9 @@ def find_starts(
     it; they come from every branch of the closed-form inverse kinematics of an industrial arm, or
     from many random seeds on any other one (hinges and slides, with and without limits). A lap from
     each of them says how far it leads: what is best at the first waypoint may end at a limit or a
-    singularity later. Those whose lap is completed come first, by z; the others by how far they
-    come.
+    singularity later. Where joint speeds ask for it, it passes the path more slowly than the feed,
+    as ``follow(…, slow_down=True)`` does. Those whose lap is completed come first, by z; the others
+    by how far they come.
 
     Args:
         path_task: The task, from :func:`~qp_twist.load_task`.
@@ -112,31 +113,6 @@ def find_starts(
     if not laps:
         return sorted(found, key=lambda start: start.z)
     return sorted(found, key=lambda start: (-start.reached, start.z))
-
-
-def first_that_leads_on(
-    path_task: PathTask,
-    count: int = 8,
-    *,
-    method: str = DEFAULT_METHOD,
-    progress: Callable[[int, int], None] | None = None,
-) -> FoundStart:
-    """The start of :func:`find_starts` that comes first, without laps of those behind it.
-
-    Raises:
-        NoStart: If no start is inside the limits.
-    """
-    candidates = sorted(_chosen(_candidates(path_task), count), key=lambda found: found.z)
-    best: FoundStart | None = None
-    for number, start in enumerate(_tried(path_task, candidates, check_method(method), True)):
-        if progress is not None:
-            progress(number + 1, len(candidates))
-        if best is None or start.reached > best.reached:
-            best = start
-        if best.completed:
-            break
-    assert best is not None
-    return best
 
 
 def central_start(path_task: PathTask) -> Array:
@@ -184,14 +160,14 @@ def _tried(
 
 
 def _lap(path_task: PathTask, q: Array, method: str) -> tuple[int, str]:
-    """How many waypoints a lap from q keeps to the path, and what ended it."""
+    """How many waypoints a lap from q keeps to the path, slowed down, and what ended it."""
     task = path_task.started_at(q)
 
     def lost(q: Array, position_error: float, axis_error: float) -> bool:
         return position_error > _KEPT_M or axis_error > _KEPT_RAD
 
     try:
-        lap = walk(task, method, task.settings(method), solver=COMPILED, stop=lost)
+        lap = walk(task, method, task.settings(method), solver=COMPILED, slow_down=True, stop=lost)
     except InvalidInput as error:  # what T leaves free may still be outside a limit of the method
         return 0, str(error)
     off = (lap.position_error > _KEPT_M) | (lap.axis_error > _KEPT_RAD)

@@ -32,6 +32,11 @@ class Pace:
     def __init__(self) -> None:
         self.factor = 1.0
 
+    @property
+    def at_feed(self) -> bool:
+        """Whether the next waypoint begins with the time that the task gives it."""
+        return self.factor <= GROWTH
+
     def approach(
         self,
         attempt: Callable[[float], float],

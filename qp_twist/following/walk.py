@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import time
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING
@@ -47,20 +48,25 @@ def walk(
 ) -> Trajectory:
     """:func:`~qp_twist.follow` with its arguments checked.
 
-    ``plan`` (N, nq) is what the secondary follows where it is a plan.
+    ``plan`` (N, nq) is what the secondary follows where it is a plan. With ``slow_down``
+    acceleration limits are left to :func:`~qp_twist.time_trajectory`: a path that has been entered
+    fast cannot be kept by accelerations that are held; with more time it can, and how much more is
+    seen when the whole path is known.
     """
+    walked = path_task
+    if slow_down:
+        free = np.full(path_task.model.nv, np.inf)
+        walked = dataclasses.replace(path_task, acceleration_limits=free)
     waypoints = waypoints_of(path_task, method)
-    compiled = None
-    if not (slow_down and METHODS[method].holds_limits):
-        compiled = _compiled(path_task, method, settings, solver, plan)
-    start = start_of(path_task, method)
+    compiled = _compiled(walked, method, settings, solver, plan)
+    start = start_of(walked, method)
     recorder = _Recorder(path_task, progress, stop)
-    steps = _Steps(path_task, method, settings, solver, plan, slow_down, start, recorder)
+    steps = _Steps(walked, method, settings, solver, plan, slow_down, start, recorder)
     recorder.add(steps.configuration, waypoints[0])
     began = time.perf_counter()
     while len(recorder.q) < len(waypoints) and not recorder.stopped:
-        if compiled is not None and steps.going:
-            recorder.extend(*compiled.on_from(recorder.q[-1], len(recorder.q)))
+        if compiled is not None and steps.at_feed:
+            recorder.extend(*steps.kept(*compiled.on_from(recorder.q[-1], len(recorder.q))))
             steps.configuration.update(recorder.q[-1])
         if len(recorder.q) < len(waypoints) and not recorder.stopped:
             steps.next_waypoint(waypoints)
@@ -92,6 +98,23 @@ class _Steps:
     def going(self) -> bool:
         """Whether there was a step, and it was finite, at every waypoint up to now."""
         return self._recorder.diverged_at is None and not self._recorder.failure
+
+    @property
+    def at_feed(self) -> bool:
+        """Whether the next waypoint is approached in the time that the task gives it."""
+        return self.going and (self._pace is None or self._pace.at_feed)
+
+    def kept(
+        self, q: Array, iterations: npt.NDArray[np.int64], errors: Array, sigma_min: Array
+    ) -> tuple[Array, npt.NDArray[np.int64], Array, Array]:
+        """Of waypoints that were done at the feed those before the first that needs more time."""
+        count = len(q)
+        if self._pace is not None:
+            missed = (errors > self.path_task.iteration.tolerances).any(axis=1)
+            count = int(np.argmax(missed)) if missed.any() else count
+            if count:
+                self._pace.factor = 1.0
+        return q[:count], iterations[:count], errors[:count], sigma_min[:count]
 
     def next_waypoint(self, waypoints: Sequence[mink.SE3]) -> None:
         """Approach the next waypoint and record what came of it."""
@@ -185,10 +208,8 @@ def _reached(path_task: PathTask, task: TwistTask, configuration: mink.Configura
 def _missed_by(path_task: PathTask, task: TwistTask, configuration: mink.Configuration) -> float:
     """The task error in tolerances, the larger of the linear and the angular one."""
     error = task.state(configuration).error
-    return max(
-        float(np.linalg.norm(error[:3])) / path_task.iteration.position_tolerance,
-        float(np.linalg.norm(error[3:])) / path_task.iteration.angle_tolerance,
-    )
+    errors = np.linalg.norm(error[:3]), np.linalg.norm(error[3:])
+    return float((np.array(errors) / path_task.iteration.tolerances).max())
 
 
 def start_of(path_task: PathTask, method: str) -> Array:

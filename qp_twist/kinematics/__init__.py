@@ -13,6 +13,7 @@ from .joint_ranges import JointRanges as JointRanges
 from .manipulability import Manipulability as Manipulability
 from .ortho_parallel import OrthoParallelArm as OrthoParallelArm
 from .posture_reference import PostureReference as PostureReference
+from .reach import largest_reach as largest_reach
 from .roll_band import RollBand as RollBand
 from .secondary import SecondaryObjective as SecondaryObjective
 from .secondary import checked_displacement as checked_displacement

@@ -17,6 +17,7 @@ from qp_twist.path.orientation import lean_turns
 from qp_twist.path.segment import Segment, check_segments
 from qp_twist.path.shapes import polyline
 from qp_twist.toolpath import (
+    MOST,
     SAME_DIRECTION,
     SAME_POINT,
     Curve,
@@ -26,6 +27,7 @@ from qp_twist.toolpath import (
     read_toolpath,
     resampled,
     turns_between,
+    unit_question,
 )
 
 Part = Literal["approach", "contact", "retreat", "transfer"]
@@ -42,6 +44,8 @@ class FileWaypoints:
         lines: Line of the file that a waypoint stands in or comes after, (N,).
         parts: What each is part of.
         toolpath: The file as read.
+        feeds: That the file states for the motion to each, m/s, (N,), NaN where it states none;
+            ``None`` if it states none at all, or they do not count.
     """
 
     positions: Array
@@ -50,6 +54,7 @@ class FileWaypoints:
     lines: Lines
     parts: tuple[Part, ...]
     toolpath: Toolpath
+    feeds: Array | None
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,16 +65,20 @@ class _Piece:
     curve: Curve
 
 
-def file_waypoints(task_file: Path, section: FilePath, held: Array) -> FileWaypoints:
+def file_waypoints(
+    task_file: Path, section: FilePath, held: Array, reach: float = np.inf
+) -> FileWaypoints:
     """Read a toolpath and lay waypoints along it.
 
     Args:
         task_file: The file that names it.
         section: How.
         held: Orientation of the frame where the file states none, (3, 3).
+        reach: Largest distance of the frame from the robot's first joint, m.
 
     Raises:
-        InvalidInput: If the toolpath is refused, or does not fit the keys.
+        InvalidInput: If the toolpath is refused, is larger than the robot can reach anywhere, makes
+            too many waypoints, or does not fit the keys.
     """
     toolpath = read_toolpath(
         task_file.parent / section.file,
@@ -78,9 +87,11 @@ def file_waypoints(task_file: Path, section: FilePath, held: Array) -> FileWaypo
         length_unit=section.length_unit,
         angle_unit=section.angle_unit,
         orientation=section.orientation,
+        feed_unit=section.feed_unit,
     )
     if section.curves is not None:
         toolpath = toolpath.chosen(section.curves)
+    refuse_too_large(toolpath, reach)
     ways = (section.approach, section.retreat, section.transfer)
     if len(toolpath.curves) > 1 and ways == (None, None, None):
         begins = ", ".join(str(curve.lines[0]) for curve in toolpath.curves[:10])
@@ -94,7 +105,9 @@ def file_waypoints(task_file: Path, section: FilePath, held: Array) -> FileWaypo
     turn, origin = _rotation(placement), np.array(placement.position)
     pieces: list[_Piece] = []
     for read in toolpath.curves:
+        _refuse_too_many(pieces, toolpath, section)
         _extend(pieces, _of_curve(section, _placed(read, turn, origin), held, toolpath), section)
+    _refuse_too_many(pieces, toolpath, section)
     curve = _joined(pieces)
     if len(curve) < 2:
         raise InvalidInput(f"{toolpath.source.name}: a path needs at least two points.")
@@ -105,7 +118,35 @@ def file_waypoints(task_file: Path, section: FilePath, held: Array) -> FileWaypo
         lines=curve.lines,
         parts=tuple(piece.part for piece in pieces for _ in range(len(piece.curve))),
         toolpath=toolpath,
+        feeds=curve.feeds if section.feeds == "file" else None,
     )
+
+
+def refuse_too_large(toolpath: Toolpath, reach: float) -> None:
+    """Refuse a path with two points further apart than any two that the robot reaches.
+
+    Raises:
+        InvalidInput: With the unit in which it would fit, if there is one.
+    """
+    extent = toolpath.extent
+    if extent <= 2.0 * reach:
+        return
+    largest = max(float(np.abs(curve.positions).max()) for curve in toolpath.curves)
+    question = unit_question(toolpath.unit, extent, 2.0 * reach, unit_in_file=toolpath.unit_in_file)
+    raise InvalidInput(
+        f"{toolpath.source.name}: its coordinates reach {largest:.3g} m and it is {extent:.3g} m "
+        f"across; the robot reaches {reach:.3g} m at most from its first joint: {question}."
+    )
+
+
+def _refuse_too_many(pieces: list[_Piece], toolpath: Toolpath, section: FilePath) -> None:
+    count = sum(len(piece.curve) for piece in pieces)
+    if count > MOST:
+        raise InvalidInput(
+            f"{toolpath.source.name}: max_spacing = {section.max_spacing:g} m and max_turn_deg = "
+            f"{section.max_turn_deg:g} make {count} waypoints or more; at most {MOST} are made. "
+            "Choose larger ones, leave points out by chord_error, or divide the path by curves."
+        )
 
 
 def file_segments(
@@ -187,7 +228,10 @@ def _placed(curve: Curve, turn: Array, origin: Array) -> Curve:
 
 def _of_curve(section: FilePath, curve: Curve, held: Array, toolpath: Toolpath) -> list[_Piece]:
     """The ways to a curve, along it and from it."""
-    curve = resampled(curve, section.sampling())
+    try:
+        curve = resampled(curve, section.sampling())
+    except InvalidInput as error:
+        raise InvalidInput(f"{toolpath.source.name}: {error}") from error
     # From the surface to the holder; the frame's z points the other way if the tool is "into".
     sign = -1.0 if section.tool == "into" else 1.0
     normals = curve.vectors
@@ -234,7 +278,7 @@ def _lead(curve: Curve, end: Literal[0, -1], away: Array, table: LeadTable) -> C
     ends = [far, curve.positions[0]] if end == 0 else [curve.positions[-1], far]
     points = polyline(np.array(ends), steps)
     index = np.full(steps, 0 if end == 0 else len(curve) - 1)
-    return replace(curve.part(index), positions=points[:-1] if end == 0 else points[1:])
+    return replace(curve.part(index), positions=points[:-1] if end == 0 else points[1:], feeds=None)
 
 
 def _extend(pieces: list[_Piece], more: list[_Piece], section: FilePath) -> None:
@@ -247,6 +291,7 @@ def _extend(pieces: list[_Piece], more: list[_Piece], section: FilePath) -> None
             vectors=_two(last.vectors, first.vectors),
             rotations=_two(last.rotations, first.rotations),
             lines=np.array([last.lines[-1], first.lines[0]]),
+            feeds=None,
         )
         if _same(last, first):
             # Nowhere to go, and no time for it: the point is there once.
@@ -285,4 +330,12 @@ def _joined(pieces: list[_Piece]) -> Curve:
         stacked([curve.vectors for curve in curves]),
         stacked([curve.rotations for curve in curves]),
         np.concatenate([curve.lines for curve in curves]),
+        stacked(
+            [
+                np.full(len(curve), np.nan) if curve.feeds is None else curve.feeds
+                for curve in curves
+            ]
+        )
+        if any(curve.feeds is not None for curve in curves)
+        else None,
     )

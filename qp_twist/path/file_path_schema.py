@@ -9,7 +9,15 @@ from pydantic import Field, PlainValidator, model_validator
 
 from qp_twist.path.projector_schema import OwnProjector
 from qp_twist.path.section import Number, Positive, Section, Vector
-from qp_twist.toolpath import AngleUnit, ColumnChoice, Format, LengthUnit, Orientation, Sampling
+from qp_twist.toolpath import (
+    AngleUnit,
+    ColumnChoice,
+    FeedUnit,
+    Format,
+    LengthUnit,
+    Orientation,
+    Sampling,
+)
 
 LeanAngle = Annotated[float, Field(gt=-90.0, lt=90.0)]
 
@@ -38,6 +46,7 @@ class ColumnsTable(Section):
     quaternion_xyzw: Quadruple | None = None
     rpy: Triple | None = None
     curve: Name | None = Field(default=None, description="where its entry changes a curve begins")
+    feed: Name | None = Field(default=None, description="of the motion to each point")
 
     def choice(self) -> ColumnChoice:
         """The same for a reader."""
@@ -98,6 +107,10 @@ class FilePath(Section):
     length_unit: LengthUnit | None = None
     angle_unit: AngleUnit | None = None
     orientation: Orientation | None = None
+    feed_unit: FeedUnit | None = None
+    feeds: Literal["file", "task"] = Field(
+        default="file", description="whose feeds count: the file's where it states one, or [feed]"
+    )
     tool: Literal["into", "out"] = "into"
     lead_deg: LeanAngle = 0.0
     tilt_deg: LeanAngle = 0.0

@@ -9,6 +9,7 @@ import re
 import tomllib
 import warnings
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -19,8 +20,8 @@ from pydantic import ValidationError
 
 from qp_twist.checks import Array, unit_vector
 from qp_twist.errors import InvalidInput, TaskFileError
-from qp_twist.geometry import TwistProjector, rotation_vector, task_redundancy
-from qp_twist.kinematics import JointRanges, check_bands, frame_pose
+from qp_twist.geometry import ProjectorKind, TwistProjector, rotation_vector, task_redundancy
+from qp_twist.kinematics import JointRanges, SerialChain, check_bands, frame_pose, largest_reach
 from qp_twist.limits import per_joint
 from qp_twist.path.file_path import FileWaypoints, file_segments, file_waypoints
 from qp_twist.path.file_path_schema import FilePath
@@ -31,7 +32,6 @@ from qp_twist.path.section import Section
 from qp_twist.path.segment import Segment
 from qp_twist.path.shapes import polyline, spherical_patch_edges, with_leads
 from qp_twist.path.task_schema import (
-    FeedSection,
     PolylinePath,
     PosesPath,
     SphericalPatchPath,
@@ -176,7 +176,17 @@ def _build(path: Path, file: TaskFile) -> PathTask:
         rotation, _ = frame_pose(configuration, file.robot.frame, file.robot.frame_type)
     except mink.InvalidFrame as error:
         raise TaskFileError(f"{path}: robot.frame: {error}") from error
-    laid = _laid(path, file, rotation, projector, operational)
+    reach = np.inf
+    if projector.linear.kind is ProjectorKind.FULL:
+        chain = SerialChain.of(model, file.robot.frame, file.robot.frame_type)
+        reach = largest_reach(chain, ranges)
+    laid = _laid(path, file, rotation, projector, operational, reach)
+    durations, notes = _durations(path, file, laid)
+    toolpath = None
+    if laid.read is not None:
+        toolpath = laid.read.toolpath
+        toolpath = replace(toolpath, notes=(*toolpath.notes, *notes))
+    timed = durations is not None
     return PathTask(
         name=path.stem,
         title=file.title,
@@ -190,9 +200,9 @@ def _build(path: Path, file: TaskFile) -> PathTask:
         waypoints=poses(laid.positions, laid.rotations),
         flipped_waypoints=None if laid.flipped is None else poses(laid.positions, laid.flipped),
         start=start,
-        durations=_durations(path, file.feed, laid.positions, laid.rotations),
-        velocity_limits=_limits(path, file, ranges, "velocity", robot.velocity_limits),
-        acceleration_limits=_limits(path, file, ranges, "acceleration", {}),
+        durations=durations,
+        velocity_limits=_limits(path, file, ranges, "velocity", robot.velocity_limits, timed=timed),
+        acceleration_limits=_limits(path, file, ranges, "acceleration", {}, timed=timed),
         iteration=file.iteration,
         methods={str(name): settings for name, settings in file.methods.items()},
         segments=laid.segments,
@@ -202,7 +212,7 @@ def _build(path: Path, file: TaskFile) -> PathTask:
         if laid.flipped is None or file.roll is None
         else unit_vector("roll.plane_normal", file.roll.plane_normal),
         study=file.study,
-        toolpath=None if laid.read is None else laid.read.toolpath,
+        toolpath=toolpath,
         lines=None if laid.read is None else laid.read.lines,
         from_start=laid.from_start,
     )
@@ -276,8 +286,13 @@ def _laid(
     held: Array,
     projector: TwistProjector,
     operational: TwistProjector,
+    reach: float,
 ) -> _Laid:
-    """The path of the task; ``held`` (3, 3) is the frame's orientation at the start."""
+    """The path of the task.
+
+    ``held`` (3, 3) is the frame's orientation at the start; a toolpath that is larger than
+    ``reach`` (m) lets the robot pass is refused before it is resampled.
+    """
     segments = tuple(Segment(s.first - 1, s.projector(), s.blend) for s in file.segments)
     section = file.path
     if not isinstance(section, FilePath):
@@ -285,7 +300,7 @@ def _laid(
         whole: FromStart = "orientation" if unstated else "nothing"
         return _Laid(*_poses(path, file, held), projector, segments, from_start=whole)
     try:
-        read = file_waypoints(path, section, held)
+        read = file_waypoints(path, section, held, reach)
     except InvalidInput as error:
         raise InvalidInput(f"{FILE_KEY}{error}") from error
     if read.toolpath.meaning == "none":
@@ -370,19 +385,33 @@ def _pose_rotation(pose: Any) -> Array:
     return matrix
 
 
-def _durations(
-    path: Path, feed: FeedSection | None, positions: Array, rotations: Array
-) -> Array | None:
-    """Time for each waypoint, s, (N,): the slower of the linear and the angular feed."""
-    if feed is None:
-        return None
-    if feed.dt is not None:
-        return np.concatenate([[0.0], np.full(len(positions) - 1, feed.dt)])
-    assert feed.speed is not None
-    durations = np.zeros(len(positions))
-    durations[1:] = np.linalg.norm(np.diff(positions, axis=0), axis=1) / feed.speed
-    if feed.angular_speed_deg is not None:
-        turns = [np.linalg.norm(rotation_vector(b @ a.T)) for a, b in itertools.pairwise(rotations)]
+def _durations(path: Path, file: TaskFile, laid: _Laid) -> tuple[Array | None, list[str]]:
+    """Time for each waypoint, s, (N,), and what is to be said of it.
+
+    The slower of the linear and the angular feed. Where a toolpath states a feed, that is the
+    linear one; elsewhere it is ``feed.speed``, and without [feed] that of the nearest stretch.
+    """
+    feed = file.feed
+    of_file = None if laid.read is None else laid.read.feeds
+    if feed is not None and feed.dt is not None:
+        notes = ["the feeds in the file are not used: feed.dt is the time of every waypoint."]
+        durations = np.concatenate([[0.0], np.full(len(laid.positions) - 1, feed.dt)])
+        return durations, notes if of_file is not None else []
+    if feed is None and of_file is None:
+        return None, []
+    if feed is not None:
+        assert feed.speed is not None
+        speeds = np.full(len(laid.positions), feed.speed)
+        if of_file is not None:
+            speeds = np.where(np.isnan(of_file), speeds, of_file)
+    else:
+        assert laid.read is not None
+        speeds = _nearest_feeds(path, laid.read)
+    durations = np.zeros(len(laid.positions))
+    durations[1:] = np.linalg.norm(np.diff(laid.positions, axis=0), axis=1) / speeds[1:]
+    if feed is not None and feed.angular_speed_deg is not None:
+        pairs = itertools.pairwise(laid.rotations)
+        turns = [np.linalg.norm(rotation_vector(b @ a.T)) for a, b in pairs]
         durations[1:] = np.maximum(durations[1:], turns / np.radians(feed.angular_speed_deg))
     standing = np.flatnonzero(durations[1:] <= 0.0)
     if len(standing):
@@ -391,18 +420,45 @@ def _durations(
             "position, so speed alone gives them no time; add feed.angular_speed_deg, or use "
             "feed.dt."
         )
-    return durations
+    if not np.isfinite(durations).all():
+        raise TaskFileError(f"{path}: feed: it is so low that the path takes no finite time.")
+    return durations, []
+
+
+def _nearest_feeds(path: Path, read: FileWaypoints) -> Array:
+    """The feeds of a toolpath, and on the ways between its curves those of the next or last."""
+    for curve in read.toolpath.curves:
+        open_ = np.ones(len(curve) - 1, dtype=bool)
+        if curve.feeds is not None:
+            open_ = np.isnan(curve.feeds[1:])
+        if open_.any():
+            raise TaskFileError(
+                f"{path}: feed: {read.toolpath.source.name} states feeds, but none for line "
+                f"{curve.lines[1:][open_][0]}; add [feed] with the speed (m/s) where it states "
+                'none, or leave its feeds out by feeds = "task" in [path].'
+            )
+    assert read.feeds is not None
+    stated = np.flatnonzero(~np.isnan(read.feeds))
+    following = np.searchsorted(stated, np.arange(len(read.feeds)))
+    feeds: Array = read.feeds[stated[np.minimum(following, len(stated) - 1)]]
+    return feeds
 
 
 def _limits(
-    path: Path, file: TaskFile, ranges: JointRanges, kind: str, of_robot: dict[str, float]
+    path: Path,
+    file: TaskFile,
+    ranges: JointRanges,
+    kind: str,
+    of_robot: dict[str, float],
+    *,
+    timed: bool,
 ) -> Array:
     """Limits by joint, (nv,): those of the file; where it has none, and a clock, the robot's."""
     stated: dict[str, float] = getattr(file.limits, kind)
-    if not stated and file.feed is not None:
+    if not stated and timed:
         return per_joint(f"{kind} limits of the robot", of_robot, ranges)
     limits = per_joint(f"limits.{kind}", stated, ranges)
-    if stated and file.feed is None:
+    if stated and not timed:
         raise TaskFileError(
             f"{path}: limits.{kind}: {kind} limits need a clock; add [feed] with speed or dt."
         )

@@ -5,8 +5,10 @@ from __future__ import annotations
 import math
 from typing import Annotated, Literal, Self
 
+import numpy as np
 from pydantic import AfterValidator, Field, model_validator
 
+from qp_twist.checks import Array
 from qp_twist.geometry import Projector, ProjectorFrame
 from qp_twist.kinematics import BoxBand, ConeBand, RollBand, SlabBand, ToleranceBand
 from qp_twist.path.file_path_schema import FilePath
@@ -249,6 +251,11 @@ class IterationSection(Section):
     def angle_tolerance(self) -> float:
         """Angular tolerance, rad."""
         return math.radians(self.angle_tolerance_deg)
+
+    @property
+    def tolerances(self) -> Array:
+        """Linear and angular tolerance, m and rad, (2,)."""
+        return np.array([self.position_tolerance, self.angle_tolerance])
 
     @property
     def max_angular_step(self) -> float:

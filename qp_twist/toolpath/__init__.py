@@ -2,12 +2,16 @@
 
 from .assemble import SAME_DIRECTION as SAME_DIRECTION
 from .assemble import SAME_POINT as SAME_POINT
+from .assemble import unit_question as unit_question
 from .columns import AngleUnit as AngleUnit
 from .columns import ColumnChoice as ColumnChoice
+from .columns import FeedUnit as FeedUnit
 from .columns import LengthUnit as LengthUnit
 from .columns import Orientation as Orientation
+from .columns import UnclearColumns as UnclearColumns
 from .read import Format as Format
 from .read import read_toolpath as read_toolpath
+from .resample import MOST as MOST
 from .resample import Sampling as Sampling
 from .resample import resampled as resampled
 from .toolpath import Curve as Curve

@@ -9,16 +9,23 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 from qp_twist.errors import InvalidInput
+from qp_twist.toolpath.suggest import Suggestion
 
 Orientation = Literal["axis", "normal", "quaternion", "rpy", "none"]
 LengthUnit = Literal["m", "mm", "inch"]
 AngleUnit = Literal["deg", "rad"]
+FeedUnit = Literal["mm/min", "mm/s", "m/min", "m/s", "inch/min"]
 Column = str | int
 
 LENGTHS: dict[LengthUnit, float] = {"mm": 1e-3, "m": 1.0, "inch": 0.0254}
 """Metres in a unit."""
 ANGLES: dict[AngleUnit, float] = {"deg": math.radians(1.0), "rad": 1.0}
 """Radians in a unit."""
+FEEDS: dict[FeedUnit, float] = {
+    "mm/min": 1e-3 / 60.0, "mm/s": 1e-3, "m/min": 1.0 / 60.0, "m/s": 1.0,
+    "inch/min": 0.0254 / 60.0,
+}  # fmt: skip
+"""Metres per second in a unit."""
 
 _UNITS = {
     "m": "m", "meter": "m", "meters": "m", "metre": "m", "metres": "m",
@@ -27,10 +34,13 @@ _UNITS = {
     "deg": "deg", "degree": "deg", "degrees": "deg", "°": "deg", "grad": "grad",
     "rad": "rad", "radian": "rad", "radians": "rad",
     "cm": "cm", "um": "µm", "µm": "µm", "μm": "µm", "ft": "ft", "feet": "ft",
+    "mm/min": "mm/min", "mmpm": "mm/min", "mm/s": "mm/s", "mm/sec": "mm/s", "m/min": "m/min",
+    "m/s": "m/s", "m/sec": "m/s", "in/min": "inch/min", "inch/min": "inch/min", "ipm": "inch/min",
 }  # fmt: skip
 """Units as headers write them; those that are no ``LengthUnit`` or ``AngleUnit`` are refused."""
 
-_SIZES = {"position": 3, "axis": 3, "normal": 3, "quaternion": 4, "rpy": 3, "angles": 3, "curve": 1}
+_SIZES = {"position": 3, "axis": 3, "normal": 3, "quaternion": 4, "rpy": 3, "angles": 3, "curve": 1,
+          "feed": 1}  # fmt: skip
 
 
 def _usual_names() -> dict[str, tuple[str, int]]:
@@ -53,6 +63,8 @@ def _usual_names() -> dict[str, tuple[str, int]]:
     names.update({c: ("rpy", i) for i, c in enumerate(("roll", "pitch", "yaw"))})
     for c in ("curve", "curveid", "curvename", "pass", "contour", "stroke"):
         names[c] = ("curve", 0)
+    for c in ("feed", "feedrate", "f", "speed", "velocity", "pathspeed", "tcpspeed"):
+        names[c] = ("feed", 0)
     return names
 
 
@@ -71,6 +83,7 @@ class ColumnChoice:
         quaternion_xyzw: w last.
         rpy: Roll about x, pitch about y, yaw about z.
         curve: Where its entry changes, another curve begins.
+        feed: Of the motion to each point.
     """
 
     position: tuple[Column, ...] | None = None
@@ -80,6 +93,22 @@ class ColumnChoice:
     quaternion_xyzw: tuple[Column, ...] | None = None
     rpy: tuple[Column, ...] | None = None
     curve: Column | None = None
+    feed: Column | None = None
+
+
+class UnclearColumns(InvalidInput):
+    """A table whose header does not say what its columns are.
+
+    Attributes:
+        message: Without the suggestion.
+        suggestion: What they may be by their numbers, if these tell.
+    """
+
+    def __init__(self, message: str, suggestion: Suggestion | None = None) -> None:
+        example = "For example: [path.columns] position = [1, 2, 3], normal = [4, 5, 6]."
+        super().__init__(f"{message} {suggestion or example}")
+        self.message = message
+        self.suggestion = suggestion
 
 
 @dataclass(frozen=True)
@@ -174,17 +203,19 @@ class Layout:
         orientation: What the other columns state.
         direction: Their indices; a quaternion's w first.
         curve: Index of the curve's name.
+        feed: Index of the feed.
     """
 
     position: tuple[int, ...]
     orientation: Orientation
     direction: tuple[int, ...]
     curve: int | None
+    feed: int | None = None
 
     @property
     def numbers(self) -> tuple[int, ...]:
-        """Indices of the columns that must hold numbers."""
-        return self.position + self.direction
+        """Indices of the columns that must hold numbers: position, direction, feed."""
+        return self.position + self.direction + (() if self.feed is None else (self.feed,))
 
 
 def split_unit(name: str) -> tuple[str, str | None]:
@@ -194,7 +225,11 @@ def split_unit(name: str) -> tuple[str, str | None]:
         written = bracket[2].strip().lower()
         # What is in brackets but no unit, as in "nx [-]", says nothing.
         return bracket[1], _UNITS.get(written, written if written.isalpha() else None)
-    suffix = re.fullmatch(r"(.*?)\s*[\s_./-]\s*([a-zµμ°]+)", name.strip(), re.IGNORECASE)
+    suffix = re.fullmatch(
+        r"(.*?)\s*[\s_./-]\s*((?:mm|m|in|inch)/(?:min|sec|s)|[a-zµμ°]+)",
+        name.strip(),
+        re.IGNORECASE,
+    )
     if suffix and suffix[1] and suffix[2].lower() in _UNITS:
         return suffix[1], _UNITS[suffix[2].lower()]
     return name.strip(), None
@@ -228,28 +263,41 @@ def has_position(names: Sequence[str]) -> bool:
     return len(usual(names).get("position", {})) == 3
 
 
-def layout(header: Header, choice: ColumnChoice, orientation: Orientation | None) -> Layout:
+def layout(
+    header: Header,
+    choice: ColumnChoice,
+    orientation: Orientation | None,
+    feed_unit: FeedUnit | None = None,
+) -> Layout:
     """Where everything stands: as stated, else by usual names, else in the only way possible.
+
+    A column of feeds counts where its unit is known: ``speed`` alone may be that of a spindle.
 
     Raises:
         InvalidInput: If that does not settle it.
+        UnclearColumns: If the columns have to be stated.
     """
     position = _stated(header, "position", choice.position, 3)
     stated = _stated_direction(header, choice)
     settled = set() if position is None else {"position"}
     if stated is not None or orientation == "none":
-        settled |= _SIZES.keys() - {"position", "curve"}
-    groups = _groups(header, settled)
+        settled |= _SIZES.keys() - {"position", "curve", "feed"}
+    if choice.feed is not None:
+        settled.add("feed")
+    feed = header.index("feed", choice.feed) if choice.feed is not None else None
+    groups = _groups(header, settled, feed_unit)
     if position is None:
         position = groups.get("position")
+    if feed is None and "feed" in groups:
+        [feed] = groups["feed"]
     if position is None:
         if header.names:
-            raise InvalidInput(
+            raise UnclearColumns(
                 f"{header.file}: no columns x, y, z among {', '.join(map(repr, header.names))}; "
-                'say which they are: [path.columns] position = ["…", "…", "…"] in the task file.'
+                "say which they are in [path.columns] of the task file."
             )
         if stated is None or header.width < 3:
-            return _without_header(header, choice, orientation)
+            return _without_header(header, choice, orientation, feed)
         position = (0, 1, 2)
     curve = header.index("curve", choice.curve) if choice.curve is not None else None
     if curve is None and "curve" in groups:
@@ -263,18 +311,26 @@ def layout(header: Header, choice: ColumnChoice, orientation: Orientation | None
         found = ("none", ()) if orientation == "none" else stated
     else:
         found = _usual_direction(header, groups, orientation)
-    taken = {*position, *found[1]}
-    if len(taken) < len(position) + len(found[1]):
+    where = Layout(position, found[0], found[1], curve, feed)
+    if len(set(where.numbers)) < len(where.numbers):
         raise InvalidInput(f"{header.file}: columns: a column is stated twice.")
-    return Layout(position, found[0], found[1], curve)
+    return where
 
 
-def _groups(header: Header, settled: set[str]) -> dict[str, tuple[int, ...]]:
+def _groups(
+    header: Header, settled: set[str], feed_unit: FeedUnit | None
+) -> dict[str, tuple[int, ...]]:
     """The whole groups among the usual names of a header, without those settled otherwise."""
     groups = {}
     for group, places in usual(header.names).items():
         if group in settled:
             continue
+        if group == "feed":
+            # The same names are used for what is no feed; the unit tells.
+            known = [i for i in places[0] if split_unit(header.names[i])[1] in FEEDS]
+            places = {0: known or (places[0] if feed_unit is not None else [])}  # noqa: PLW2901
+            if not places[0]:
+                continue
         twice = [columns for columns in places.values() if len(columns) > 1]
         if twice:
             raise InvalidInput(
@@ -361,16 +417,16 @@ def _usual_direction(
 
 
 def _without_header(
-    header: Header, choice: ColumnChoice, orientation: Orientation | None
+    header: Header, choice: ColumnChoice, orientation: Orientation | None, feed: int | None
 ) -> Layout:
     """A table whose columns have no names and were not stated."""
     curve = None if choice.curve is None else header.index("curve", choice.curve)
-    if header.width == 3 and orientation in (None, "none"):
+    if header.width == 3 and orientation in (None, "none") and feed is None:
         return Layout((0, 1, 2), "none", (), curve)
-    if header.width == 6 and orientation in ("axis", "normal", "rpy"):
+    if header.width == 6 and orientation in ("axis", "normal", "rpy") and feed is None:
         return Layout((0, 1, 2), orientation, (3, 4, 5), curve)
-    raise InvalidInput(
+    raise UnclearColumns(
         f"{header.file}: {header.width} columns and no header line with x, y, z; say what they "
-        "are in the task file, counted from 1: [path.columns] position = [1, 2, 3], "
-        "normal = [4, 5, 6] (or axis, quaternion_wxyz, quaternion_xyzw, rpy)."
+        "are in [path.columns] of the task file, counted from 1: position, and normal, axis, "
+        "quaternion_wxyz, quaternion_xyzw or rpy."
     )

@@ -8,26 +8,37 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import NoReturn
 
+import numpy as np
+
+from qp_twist.checks import Array
 from qp_twist.errors import InvalidInput
 from qp_twist.toolpath.assemble import Rows, assembled
 from qp_twist.toolpath.columns import (
     ANGLES,
+    FEEDS,
     LENGTHS,
     AngleUnit,
     ColumnChoice,
+    FeedUnit,
     Header,
     Layout,
     LengthUnit,
     Orientation,
+    UnclearColumns,
     has_position,
     is_unit_row,
     layout,
+    split_unit,
+    usual,
 )
 from qp_twist.toolpath.dialect import Dialect, detected
+from qp_twist.toolpath.problems import Problems
+from qp_twist.toolpath.suggest import suggested
 from qp_twist.toolpath.toolpath import Toolpath
 
+_LOOKED_AT = 500
+"""Rows by whose numbers columns are suggested."""
 _COMMENT = re.compile(r"\s*(?:#|//|%)")
 _SPREADSHEET_ERROR = re.compile(r"\s*\"?#(?:N/?A|VALUE!|REF!|DIV/0!|NUM!|NAME\?|NULL!)")
 
@@ -40,6 +51,7 @@ def read_csv(
     orientation: Orientation | None,
     length_unit: LengthUnit | None,
     angle_unit: AngleUnit | None,
+    feed_unit: FeedUnit | None,
 ) -> Toolpath:
     """The toolpath of a table.
 
@@ -47,26 +59,66 @@ def read_csv(
     curve; the text names it.
 
     Raises:
-        InvalidInput: If the table is not clear, or a row is broken; with line and column.
+        InvalidInput: If the table is not clear, or rows are broken; with line and column of each.
+        UnclearColumns: If the columns have to be stated; with a suggestion where there is one.
     """
     dialect = detected(path.name, (line for line in lines if not _is_comment(line)))
     table = _Table.of(path.name, lines, dialect, choice)
     header = table.header
-    where = layout(header, choice, orientation)
+    try:
+        where = layout(header, choice, orientation, feed_unit)
+    except UnclearColumns as error:
+        raise UnclearColumns(error.message, suggested(_some_rows(lines, table))) from None
     scale = header.unit("length_unit", where.position, length_unit, LENGTHS)
-    angle = 1.0
+    angle, feed = 1.0, 1.0
     if where.orientation == "rpy":
         angle = header.unit("angle_unit", where.direction, angle_unit, ANGLES)
-    curves = _curves(path.name, lines, table, where)
+    if where.feed is not None:
+        feed = header.unit("feed_unit", (where.feed,), feed_unit, FEEDS)
+    problems = Problems(path.name)
+    curves = _curves(lines, table, where, problems)
     for rows in curves:
         rows.positions = [tuple(scale * v for v in p) for p in rows.positions]
+        rows.feeds = [feed * v for v in rows.feeds]
         if angle != 1.0:
             rows.directions = [tuple(angle * v for v in d) for d in rows.directions]
     used = {*where.numbers, *(() if where.curve is None else (where.curve,))}
     unused = [header.call(i) for i in range(header.width) if i not in used]
     notes = [f"not used: {', '.join(unused)}."] if unused else []
+    notes += _of_feeds(header, where)
     call = ", ".join(header.call(i) for i in where.direction)
-    return assembled(path, where.orientation, curves, call, notes)
+    [unit] = [name for name, metres in LENGTHS.items() if metres == scale]
+    stated = bool(header.names) and split_unit(header.names[where.position[0]])[1] is not None
+    return assembled(
+        path, where.orientation, curves, call, notes, problems, unit=unit, unit_in_file=stated
+    )
+
+
+def _of_feeds(header: Header, where: Layout) -> list[str]:
+    """What is not used although it is called like a feed."""
+    if where.feed is not None:
+        return []
+    named = usual(header.names).get("feed", {}).get(0, [])
+    if not named:
+        return []
+    return [
+        f"{' and '.join(header.call(i) for i in named)} may state feeds, but not in which unit; "
+        'write it into the header, e.g. "feed [mm/min]", or add feed_unit = "mm/min" to [path].'
+    ]
+
+
+def _some_rows(lines: Sequence[str], table: _Table) -> Array:
+    """The numbers of the first rows, (N, columns), NaN where there is none."""
+    found = []
+    for line in itertools.islice(lines, table.first, table.first + 2 * _LOOKED_AT):
+        fields = table.dialect.split(line)
+        if not _is_comment(line) and len(fields) >= table.header.width and any(fields):
+            numbers = [table.dialect.number(f) for f in fields[: table.header.width]]
+            if sum(value is not None for value in numbers) >= 3:
+                found.append([np.nan if value is None else value for value in numbers])
+        if len(found) == _LOOKED_AT:
+            break
+    return np.array(found, dtype=np.float64).reshape(len(found), table.header.width)
 
 
 def _is_comment(line: str) -> bool:
@@ -179,8 +231,8 @@ def _title(dialect: Dialect, line: str) -> str:
     return " ".join(field for field in dialect.split(line) if field)
 
 
-def _curves(file: str, lines: Sequence[str], table: _Table, where: Layout) -> list[Rows]:
-    """The rows of all curves, checked one by one."""
+def _curves(lines: Sequence[str], table: _Table, where: Layout, problems: Problems) -> list[Rows]:
+    """The rows of all curves, checked one by one; what is wrong with a row is a problem."""
     dialect, header = table.dialect, table.header
     curves = [Rows(table.title)]
     label: str | None = None
@@ -204,16 +256,24 @@ def _curves(file: str, lines: Sequence[str], table: _Table, where: Layout) -> li
                     curves.append(Rows())
                 curves[-1].name = title or curves[-1].name
                 continue
-            _refuse(file, index + 1, dialect, fields, where, header)
+            _explain(problems, index + 1, dialect, fields, where, header)
+            continue
         if where.curve is not None:
             name = fields[where.curve]
             if label is not None and name != label and curves[-1].positions:
                 curves.append(Rows())
             label = name
             curves[-1].name = name
-        curves[-1].positions.append(values[:3])
-        curves[-1].directions.append(values[3:])
-        curves[-1].lines.append(index + 1)
+        rows = curves[-1]
+        rows.positions.append(values[:3])
+        rows.directions.append(values[3 : 3 + len(where.direction)])
+        rows.lines.append(index + 1)
+        if where.feed is not None:
+            rows.feeds.append(values[-1])
+            # No motion leads to the first point of a curve; tables often have 0 there.
+            if values[-1] <= 0.0 and len(rows.positions) > 1:
+                what = f"expected a feed above 0, got {values[-1]:g}"
+                problems.add(index + 1, what, header.call(where.feed))
     return curves
 
 
@@ -242,36 +302,43 @@ def _separates(dialect: Dialect, fields: Sequence[str], where: Layout, header: H
     return _is_text(dialect, fields)
 
 
-def _refuse(
-    file: str, line: int, dialect: Dialect, fields: list[str], where: Layout, header: Header
-) -> NoReturn:
+def _explain(
+    problems: Problems,
+    line: int,
+    dialect: Dialect,
+    fields: list[str],
+    where: Layout,
+    header: Header,
+) -> None:
     """Say what is wrong with a row."""
-    place = f"{file}, line {line}"
     count = len(_stripped(fields))
     if count > header.width:
-        raise InvalidInput(
-            f"{place}: {count} columns, where {header.width} are expected; the row reads "
-            f"{' | '.join(fields)[:80]!r}."
+        problems.add(
+            line,
+            f"{count} columns, where {header.width} are expected; the row reads "
+            f"{' | '.join(fields)[:80]!r}",
         )
+        return
     for index in where.numbers:
         column = header.call(index)
         field = fields[index] if index < len(fields) else ""
         value = dialect.number(field)
         if not field:
-            raise InvalidInput(
-                f"{place}, {column}: the number is missing; the row has {count} of "
-                f"{header.width} columns."
-                if count < header.width
-                else f"{place}, {column}: the number is missing."
-            )
-        if value is None:
+            short = f"; the row has {count} of {header.width} columns"
+            what = f"the number is missing{short if count < header.width else ''}"
+        elif value is None:
             other = replace(dialect, decimal="," if dialect.decimal == "." else ".")
             mark = "" if other.number(field) is None else f"; elsewhere it is {dialect.decimal!r}"
             hint = mark and f" with the decimal mark {other.decimal!r}{mark}"
-            raise InvalidInput(f"{place}, {column}: expected a number, got {field[:40]!r}{hint}.")
-        if not math.isfinite(value):
-            raise InvalidInput(f"{place}, {column}: expected a finite number, got {field[:40]!r}.")
-    raise InvalidInput(
-        f"{place}, {header.call(len(fields))}: missing; the row has {len(fields)} of "
-        f"{header.width} columns."
+            what = f"expected a number, got {field[:40]!r}{hint}"
+        elif not math.isfinite(value):
+            what = f"expected a finite number, got {field[:40]!r}"
+        else:
+            continue
+        problems.add(line, what, column)
+        return
+    problems.add(
+        line,
+        f"missing; the row has {len(fields)} of {header.width} columns",
+        header.call(len(fields)),
     )

@@ -8,7 +8,13 @@ from typing import Literal
 
 from qp_twist.errors import InvalidInput
 from qp_twist.toolpath.apt_file import read_apt
-from qp_twist.toolpath.columns import AngleUnit, ColumnChoice, LengthUnit, Orientation
+from qp_twist.toolpath.columns import (
+    AngleUnit,
+    ColumnChoice,
+    FeedUnit,
+    LengthUnit,
+    Orientation,
+)
 from qp_twist.toolpath.csv_file import read_csv
 from qp_twist.toolpath.text import read_lines
 from qp_twist.toolpath.toolpath import Toolpath
@@ -24,6 +30,7 @@ def read_toolpath(
     length_unit: LengthUnit | None = None,
     angle_unit: AngleUnit | None = None,
     orientation: Orientation | None = None,
+    feed_unit: FeedUnit | None = None,
 ) -> Toolpath:
     """Read a toolpath from a table (CSV) or APT-CL.
 
@@ -36,13 +43,14 @@ def read_toolpath(
         length_unit: Of the positions.
         angle_unit: Of roll, pitch and yaw.
         orientation: Which columns of direction count.
+        feed_unit: Of a column of feeds.
 
     Returns:
-        The curves, in metres, with unit vectors or rotations.
+        The curves, in metres, with unit vectors or rotations, and the feeds that the file states.
 
     Raises:
-        InvalidInput: If the file cannot be read, is not clear, or has a broken row; with the line
-            and the column.
+        InvalidInput: If the file cannot be read, is not clear, or has broken rows; with the line
+            and the column of each, the first twenty of them.
 
     Example:
         >>> from qp_twist.path import shipped_folder
@@ -62,7 +70,12 @@ def read_toolpath(
             orientation=orientation,
             length_unit=length_unit,
             angle_unit=angle_unit,
+            feed_unit=feed_unit,
         )
     if columns is not None:
         raise InvalidInput(f"{path.name}: an APT file has no columns; leave columns out.")
+    if feed_unit is not None:
+        raise InvalidInput(
+            f"{path.name}: an APT file states the unit of a feed in FEDRAT; leave feed_unit out."
+        )
     return read_apt(path, lines, orientation=orientation, length_unit=length_unit)

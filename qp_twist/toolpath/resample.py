@@ -51,8 +51,8 @@ def resampled(curve: Curve, sampling: Sampling) -> Curve:
     First points are left out: of the points between two that stay, each is nearer than
     ``chord_error`` to the chord, and the direction interpolated over the arc length differs there
     by less than ``axis_error``. A chord's distance is a convex function along the path, so the
-    whole path is as near; ends, corners and points where the tool turns in place stay. Then every
-    chord is divided into
+    whole path is as near; ends, corners, points where the tool turns in place and points where the
+    feed changes stay. Then every chord is divided into
 
     .. math:: \max\left(\left\lceil \frac{\ell}{\text{max\_spacing}} \right\rceil,
         \left\lceil \frac{\theta}{\text{max\_turn}} \right\rceil\right)
@@ -78,9 +78,10 @@ def _refuse_opposite(curve: Curve) -> None:
     flat = _turns(curve, np.arange(len(curve))) > FLAT
     if flat.any():
         first = int(np.argmax(flat))
+        more = f", and in {flat.sum() - 1} places more" if flat.sum() > 1 else ""
         raise InvalidInput(
             f"the direction is turned round from line {curve.lines[first]} to line "
-            f"{curve.lines[first + 1]}, and which way the tool should turn is open; give a "
+            f"{curve.lines[first + 1]}{more}, and which way the tool should turn is open; give a "
             "direction in between, or correct the sign."
         )
 
@@ -106,6 +107,9 @@ def _kept(curve: Curve, chord_error: float, axis_error: float) -> npt.NDArray[np
     stays[1:] |= standing
     units = steps / np.where(standing, 1.0, lengths)[:, None]
     stays[1:-1] |= angles_between(units[:-1], units[1:]) > CORNER
+    if curve.feeds is not None:
+        feeds = np.nan_to_num(curve.feeds, nan=-1.0)
+        stays[1:-1] |= feeds[1:-1] != feeds[2:]
     fixed = np.flatnonzero(stays)
     spans = list(zip(fixed[:-1].tolist(), fixed[1:].tolist(), strict=True))
     while spans:
@@ -182,10 +186,14 @@ def _divided(curve: Curve, kept: npt.NDArray[np.intp], sampling: Sampling) -> Cu
     if curve.rotations is not None:
         r = curve.rotations
         rotations = with_last(rotations_at(r[begin], r[end], shares), r)
+    feeds = None
+    if curve.feeds is not None:
+        feeds = with_last(curve.feeds[end], curve.feeds)
     return Curve(
         curve.name,
         with_last(between, positions),
         vectors,
         rotations,
         np.concatenate([curve.lines[begin], curve.lines[-1:]]),
+        feeds,
     )

@@ -12,6 +12,7 @@ import numpy.typing as npt
 
 from qp_twist.checks import Array
 from qp_twist.errors import InvalidInput
+from qp_twist.toolpath.columns import LengthUnit
 
 Lines = npt.NDArray[np.int64]
 Meaning = Literal["axis", "normal", "rotation", "none"]
@@ -27,6 +28,8 @@ class Curve:
         vectors: Tool axes or surface normals, unit vectors, (N, 3); ``None`` if the file has none.
         rotations: Of the tool to the frame of the file, (N, 3, 3); ``None`` likewise.
         lines: Line of the file that each point stands in, from 1, (N,).
+        feeds: Feed of the motion to each point, m/s, (N,), NaN where the file states none; ``None``
+            if it states none at all.
     """
 
     name: str
@@ -34,6 +37,7 @@ class Curve:
     vectors: Array | None
     rotations: Array | None
     lines: Lines
+    feeds: Array | None = None
 
     def __len__(self) -> int:
         return len(self.positions)
@@ -47,6 +51,7 @@ class Curve:
             vectors=None if self.vectors is None else self.vectors[index],
             rotations=None if self.rotations is None else self.rotations[index],
             lines=self.lines[index],
+            feeds=None if self.feeds is None else self.feeds[index],
         )
 
 
@@ -60,12 +65,35 @@ class Toolpath:
             surface normal, away from the part; the whole rotation of the tool; or nothing.
         curves: The curves, in the order of the file.
         notes: What was left out or assumed, a sentence each.
+        unit: In which the positions stand in the file.
+        unit_in_file: Whether the file states it itself.
     """
 
     source: Path
     meaning: Meaning
     curves: tuple[Curve, ...]
     notes: tuple[str, ...] = ()
+    unit: LengthUnit = "m"
+    unit_in_file: bool = True
+
+    @property
+    def feeds(self) -> tuple[float, float] | None:
+        """Lowest and highest feed that the file states, m/s; ``None`` if it states none."""
+        stated = [curve.feeds for curve in self.curves if curve.feeds is not None]
+        if not stated:
+            return None
+        feeds = np.concatenate(stated)
+        return float(np.nanmin(feeds)), float(np.nanmax(feeds))
+
+    @property
+    def extent(self) -> float:
+        """A lower bound on the largest distance between two of its points, m.
+
+        The largest of the distances from the first point and the sides of the bounding box.
+        """
+        positions = np.concatenate([curve.positions for curve in self.curves])
+        from_first = np.linalg.norm(positions - positions[0], axis=1).max()
+        return float(max(from_first, np.ptp(positions, axis=0).max()))
 
     def chosen(self, curves: Sequence[str | int]) -> Toolpath:
         """The toolpath of some of its curves, in the order asked for.

@@ -100,12 +100,27 @@ def transported(first: Array, axes: Array) -> Array:
     Returns:
         Rotations (N, 3, 3).
     """
-    rotation, found = first, []
-    for axis in axes:
-        rotation = least_turn(rotation[:, 2], axis) @ rotation
-        # Rounding would add up over a long path: z is set, x is made perpendicular to it.
-        x = rotation[:, 0] - axis * (axis @ rotation[:, 0])
-        x /= np.linalg.norm(x)
-        rotation = np.column_stack([x, np.cross(axis, x), axis])
-        found.append(rotation)
-    return np.array(found)
+    turns = _least_turns(np.vstack([first[:, 2], axes[:-1]]), axes)
+    x, found = first[:, 0], np.empty_like(axes)
+    for k, axis in enumerate(axes):
+        x = turns[k] @ x
+        # Rounding would add up over a long path: x is made perpendicular to z.
+        x = x - axis * (axis @ x)
+        x /= np.sqrt(x @ x)
+        found[k] = x
+    return np.stack([found, np.cross(axes, found), axes], axis=-1)
+
+
+def _least_turns(a: Array, b: Array) -> Array:
+    """:func:`least_turn` of many pairs of unit vectors (N, 3), as (N, 3, 3)."""
+    v = np.cross(a, b)
+    cosine = (a * b).sum(axis=1)
+    cross = np.zeros((len(a), 3, 3))
+    cross[:, [2, 0, 1], [1, 2, 0]] = v
+    cross[:, [1, 2, 0], [2, 0, 1]] = -v
+    opposite = np.flatnonzero(cosine < -1.0 + 1e-12)
+    share = 1.0 / (1.0 + np.maximum(cosine, -1.0 + 1e-12))
+    found: Array = np.eye(3) + cross + share[:, None, None] * (cross @ cross)
+    for k in opposite.tolist():
+        found[k] = least_turn(a[k], b[k])
+    return found

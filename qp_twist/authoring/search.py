@@ -1,0 +1,306 @@
+"""Whether a robot does a task: starts and placements, each tried by running the task."""
+
+from __future__ import annotations
+
+import dataclasses
+import tempfile
+import time
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from qp_twist.authoring.reach import Placement, Placements, placements
+from qp_twist.checks import Array
+from qp_twist.errors import InvalidInput
+from qp_twist.exchange import TaskRun, run_task
+from qp_twist.fast import COMPILED
+from qp_twist.following import FoundStart, NoStart, find_starts, plan
+from qp_twist.following.compiled_walk import CompiledWalk, walk_known
+from qp_twist.kinematics import JointRanges
+from qp_twist.path import PathTask
+from qp_twist.planning import central_configurations, what_forbids
+
+METHOD = "qp_gradient"
+"""By which a start is judged."""
+PLANNED = "qp_planned"
+"""By which it is judged where no start leads to the end by :data:`METHOD`."""
+_STARTS = 48
+"""Most starts that are tried where the workpiece is."""
+_STARTS_ELSEWHERE = 4
+_MOST_PLACES = 60
+"""Placements that are run."""
+_SHARE_HERE = 0.6
+"""Of the search's time, for where the workpiece is."""
+
+Progress = Callable[[str, float], None]
+"""Called with what is being done, and the share of it that is done."""
+
+
+class _TimeIsUp(Exception):
+    """Ends a plan."""
+
+
+@dataclass(frozen=True, eq=False)
+class Trial:
+    """How far the robot gets with the workpiece somewhere.
+
+    Attributes:
+        path_task: The task there.
+        placement: Where; ``None``: where the task file has it.
+        start: The start that leads furthest; ``None`` if there is none inside the limits.
+        method: By which it does.
+        run: What came of running the task from that start.
+        why: Why not to the end; empty if it does.
+        impossible: Whether a waypoint has no configuration inside the limits.
+    """
+
+    path_task: PathTask
+    placement: Placement | None
+    start: FoundStart | None
+    method: str = METHOD
+    run: TaskRun | None = None
+    why: str = ""
+    impossible: bool = False
+
+    @property
+    def passes(self) -> bool:
+        """Whether the task was run to its end and passed its check."""
+        return self.run is not None and self.run.passes
+
+
+@dataclass(frozen=True, eq=False)
+class Searched:
+    """What a search ended with.
+
+    Attributes:
+        best: The trial that got furthest.
+        here: The trial where the workpiece is.
+        places: What was searched for other placements, if they were.
+        run: How many of these were run.
+        ended: Why the search ended before it was through; empty if it was not.
+    """
+
+    best: Trial
+    here: Trial
+    places: Placements | None = None
+    run: int = 0
+    ended: str = ""
+
+
+class Search:
+    """Looks for a start, and for a place of the workpiece, within a time.
+
+    Every verdict is that of :func:`~qp_twist.exchange.run_task`, which ``qp-twist run`` calls, too.
+
+    Args:
+        seconds: That the search may take.
+        report: Called with what is being done, and the share of the time that is spent.
+        rounded: A start as the task file will have it.
+    """
+
+    def __init__(self, seconds: float, report: Progress, rounded: Callable[[Array], Array]) -> None:
+        self.seconds = seconds
+        self._report, self._rounded = report, rounded
+        self._began = time.monotonic()
+        self._folder = Path()
+
+    def run(self, path_task: PathTask, *, elsewhere: bool) -> Searched:
+        """Search where the workpiece is, and then, if the robot cannot do it there, elsewhere.
+
+        The workpiece is only displaced where some waypoint cannot be reached as it stands; where a
+        start that leads on was merely not found, it stays.
+
+        Interrupted (Ctrl-C), it returns what it has.
+        """
+        loaded(path_task, self._report)
+        self._began = time.monotonic()
+        here = best = Trial(path_task, None, None, why="no start was tried")
+        places: Placements | None = None
+        count = 0
+        ended = ""
+        with tempfile.TemporaryDirectory() as folder:
+            self._folder = Path(folder)
+            try:
+                for trial in self._here(path_task):
+                    here = best = trial
+                if not here.passes and not here.impossible and self._spent(_SHARE_HERE):
+                    ended = f"after {self._elapsed()} s"
+                if here.passes or not elsewhere or not here.impossible:
+                    return Searched(best, here, ended=ended)
+                self._say("looking for places for the workpiece")
+                places = placements(path_task)
+                for place in places.found[:_MOST_PLACES]:
+                    if self._spent():
+                        ended = f"after {self._elapsed()} s"
+                        break
+                    count += 1
+                    self._say(f"placement {count} of {min(len(places.found), _MOST_PLACES)}")
+                    trial = self._there(path_task, place)
+                    if trial.passes:
+                        best = trial
+                        break
+            except KeyboardInterrupt:
+                ended = f"by you after {self._elapsed()} s"
+        return Searched(best, here, places, count, ended)
+
+    # ------------------------------------------------------------ where the workpiece is
+
+    def _here(self, path_task: PathTask) -> Iterable[Trial]:
+        """Trials where the workpiece is, each at least as good as the one before."""
+        self._say("looking for a start")
+        best = Trial(path_task, None, None)
+        tried = 0
+        try:
+            starts = find_starts(path_task, _STARTS, laps=False)
+        except NoStart as error:
+            yield dataclasses.replace(best, why=error.why, impossible=True)
+            return
+        for start in starts:
+            tried += 1
+            self._say(f"start {tried} of {len(starts)}")
+            best = _further(best, self._from(path_task, start, METHOD))
+            yield best
+            if best.passes:
+                return
+            if tried == 1 or self._spent(_SHARE_HERE):
+                best = self._explained(best, tried, len(starts))
+                yield best
+                if best.impossible or self._spent(_SHARE_HERE):
+                    return
+        best = self._explained(best, tried, len(starts))
+        yield best
+        if not best.impossible:
+            yield from self._by_plan(path_task, best)
+
+    def _explained(self, trial: Trial, tried: int, starts: int) -> Trial:
+        """Why a trial does not pass: a waypoint without a configuration, or what held it back."""
+        run, count = trial.run, len(trial.path_task.waypoints)
+        if run is None or run.kept == 0:
+            return dataclasses.replace(trial, why=trial.why or "no start leads to the path")
+        if run.kept == count:
+            assert run.check is not None
+            return dataclasses.replace(trial, why=f"a run {run.check.verdict}")
+        which = f"the best of {tried} starts"
+        if tried < starts:
+            which = f"the first of {starts} starts" if tried == 1 else f"{which} of {starts}"
+        why = f"from {which} {trial.method} keeps to {run.kept} of {count} waypoints"
+        if not central_configurations(trial.path_task, run.kept):
+            forbids = what_forbids(trial.path_task, run.kept)
+            return dataclasses.replace(trial, why=f"{why}: {forbids}", impossible=True)
+        if run.held_by:
+            why += f", held by {run.held_by}"
+        return dataclasses.replace(trial, why=why)
+
+    def _by_plan(self, path_task: PathTask, best: Trial) -> Iterable[Trial]:
+        """The start of a plan, by the method and then by following the plan."""
+        free = np.full(path_task.model.nv, np.inf)
+        freed = dataclasses.replace(path_task, velocity_limits=free, acceleration_limits=free)
+        try:
+            found = plan(freed, progress=self._planning)
+            if found.q is None:
+                why = f"{best.why}; nor is there a plan: {found.certificate}"
+                yield dataclasses.replace(best, why=why, impossible=True)
+                return
+            start = self._as_found(path_task, found.start)
+            for method in (METHOD, PLANNED):
+                trial = self._from(path_task, start, method, planning=self._planning)
+                if trial.passes:
+                    yield trial
+                    return
+        except (_TimeIsUp, InvalidInput):
+            return
+
+    def _planning(self, what: str, share: float) -> None:
+        self._say(f"plan of the whole path: {what}")
+        if self._spent(_SHARE_HERE):
+            raise _TimeIsUp
+
+    # ------------------------------------------------------------ elsewhere
+
+    def _there(self, path_task: PathTask, place: Placement) -> Trial:
+        """A trial with the workpiece at a place."""
+        task = place.of(path_task)
+        try:
+            starts = find_starts(task, _STARTS_ELSEWHERE, laps=False)
+        except NoStart:
+            starts = []
+        best = Trial(task, place, None)
+        for start in (*starts, self._as_found(task, place.start)):
+            best = _further(best, self._from(task, start, METHOD, place))
+            if best.passes:
+                break
+        return best
+
+    # ------------------------------------------------------------ one trial
+
+    def _from(
+        self,
+        path_task: PathTask,
+        start: FoundStart,
+        method: str,
+        place: Placement | None = None,
+        planning: Progress | None = None,
+    ) -> Trial:
+        """The task run from a start, as the task file will have it."""
+        start = dataclasses.replace(start, q=self._rounded(start.q))
+        task = path_task.started_at(start.q)
+        reached = 1
+
+        def following(done: int) -> None:
+            nonlocal reached
+            reached = done + 1
+            if self._spent():
+                raise _TimeIsUp
+
+        out = self._folder / "trial.csv"
+        try:
+            run = run_task(task, method, out, give_up=True, progress=following, planning=planning)
+        except InvalidInput as error:
+            return Trial(path_task, place, start, method, why=str(error))
+        except _TimeIsUp:
+            why = f"the time of the search was up at waypoint {reached} of {start.waypoints}"
+            start = dataclasses.replace(start, reached=reached)
+            return Trial(path_task, place, start, method, why=why)
+        start = dataclasses.replace(start, reached=run.kept, stopped_by=run.held_by)
+        return Trial(path_task, place, start, method, run)
+
+    def _as_found(self, path_task: PathTask, q: Array) -> FoundStart:
+        ranges = JointRanges.of(path_task.model)
+        return FoundStart(
+            q=q,
+            branch=None,
+            margin=float(ranges.margins(q).min(initial=np.inf)),
+            z=float(ranges.centring(q)),
+            sigma_min=np.nan,
+            reached=0,
+            waypoints=len(path_task.waypoints),
+        )
+
+    # ------------------------------------------------------------ time
+
+    def _say(self, what: str) -> None:
+        self._report(what, min(1.0, (time.monotonic() - self._began) / self.seconds))
+
+    def _spent(self, share: float = 1.0) -> bool:
+        return time.monotonic() - self._began > share * self.seconds
+
+    def _elapsed(self) -> str:
+        return f"{time.monotonic() - self._began:.0f}"
+
+
+def loaded(path_task: PathTask, report: Progress) -> None:
+    """Load the machine code of the runs, so that making it is not a part of the search's time."""
+    settings = path_task.settings(METHOD)
+    if COMPILED == COMPILED and walk_known(path_task, METHOD, settings):
+        report("loading; machine code is made, once on a machine: half a minute", 0.0)
+        CompiledWalk(path_task, METHOD, settings)
+
+
+def _further(best: Trial, trial: Trial) -> Trial:
+    """Whichever of two trials gets further; the first of equal ones."""
+    if best.start is None or trial.passes:
+        return trial
+    kept = [0 if one.run is None else one.run.kept for one in (best, trial)]
+    return trial if kept[1] > kept[0] else best
