@@ -15,14 +15,13 @@ from qp_twist.authoring.reach import Placement, Placements, placements
 from qp_twist.checks import Array
 from qp_twist.errors import InvalidInput
 from qp_twist.exchange import TaskRun, run_task
-from qp_twist.fast import COMPILED
 from qp_twist.following import FoundStart, NoStart, find_starts, plan
 from qp_twist.following.compiled_walk import CompiledWalk, walk_known
 from qp_twist.kinematics import JointRanges
-from qp_twist.path import PathTask
+from qp_twist.path import DEFAULT_METHOD, PathTask
 from qp_twist.planning import central_configurations, what_forbids
 
-METHOD = "qp_gradient"
+METHOD = DEFAULT_METHOD
 """By which a start is judged."""
 PLANNED = "qp_planned"
 """By which it is judged where no start leads to the end by :data:`METHOD`."""
