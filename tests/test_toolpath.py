@@ -689,7 +689,7 @@ def test_a_stretch_without_a_feed_and_a_task_without_one_is_refused(tmp_path: Pa
     text = "UNITS/MM\nGOTO/0,0,0,0,0,1\nGOTO/20,0,0\nFEDRAT/60,MMPM\nGOTO/30,0,0\n"
     write(tmp_path, text, "seam.apt")
     with pytest.raises(
-        qt.TaskFileError, match="states feeds, but none for line 3; add .feed. with"
+        qt.TaskFileError, match=r"states feeds, but none for line 3; add .feed. with"
     ):
         qt.load_task(task(tmp_path, old="seam.csv", new="seam.apt"))
 
