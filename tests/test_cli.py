@@ -143,7 +143,7 @@ def test_run_refuses_a_file_it_cannot_write_before_it_begins(
 ) -> None:
     (tmp_path / "missing").write_text("a file, no folder")
     (tmp_path / "folder.csv").mkdir()
-    monkeypatch.setattr("qp_twist.cli.run.follow", None)  # what was called would fail
+    monkeypatch.setattr("qp_twist.cli.run.run_task", None)  # a call would fail
     with pytest.raises(SystemExit) as ended:
         main(["run", "planar_line", "--out", str(tmp_path / name)])
     assert ended.value.code == 2

@@ -355,11 +355,17 @@ def _placement_notes(request: Request, searched: Searched) -> list[str]:
     asked = "where --place puts it" if request.place else "where the file has it"
     said = f"NOT REACHED {asked}: {here.why}. "
     if searched.places is not None:
-        said += f"None of {searched.places} is one that a run was found for"
-        said += f" ({searched.run} of them were run)" if searched.run else ""
-        said += ". "
+        promising = len(searched.places.found)
+        said += f"Elsewhere: of {searched.places}, "
+        said += (
+            f"{promising} are reached at the waypoints that were looked at; of these "
+            f"{searched.run} were run, none to the end. "
+            if promising
+            else "none is reached at all the waypoints that were looked at. "
+        )
     if searched.ended:
-        said += f"The search was ended {searched.ended}; --search-time gives it more. "
+        more = "" if searched.by_user else "; --search-time gives it more"
+        said += f"The search was ended {searched.ended}{more}. "
     if not here.impossible and not request.place:
         said += "It was not moved, since no waypoint was found that cannot be reached. "
     return [f"{said}Change position or rpy_deg, or free more of the orientation in [projector]."]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import mink
@@ -108,7 +108,9 @@ class Placements:
         )
 
 
-def placements(path_task: PathTask, *, seed: int = 0) -> Placements:
+def placements(
+    path_task: PathTask, *, seed: int = 0, progress: Callable[[], None] | None = None
+) -> Placements:
     """Places of a path at which the robot reaches it, as far as waypoints spread along it tell.
 
     Random configurations inside the limits say where the middle waypoint could be: with the
@@ -121,6 +123,7 @@ def placements(path_task: PathTask, *, seed: int = 0) -> Placements:
     Args:
         path_task: The task, whose toolpath stands in the world's origin and axes.
         seed: Of the random configurations.
+        progress: Called from time to time.
     """
     ranges, rng = JointRanges.of(path_task.model), np.random.default_rng(seed)
     drawn = random_configurations(ranges, _DRAWN, rng)
@@ -133,7 +136,7 @@ def placements(path_task: PathTask, *, seed: int = 0) -> Placements:
     _, positions = PathRows(path_task).chain.poses(q)
     at_middle = path_task.positions[middle]
     p = np.round(positions - R @ at_middle, _ROUND) + 0.0
-    start, margin = _followed(path_task, ranges, q, R, p)
+    start, margin = _followed(path_task, ranges, q, R, p, progress or (lambda: None))
     lowest = (R[:, 2] @ path_task.positions.T).min(axis=1) + p[:, 2]
     places = [
         Placement(p[k], rpy_deg[k], start[k], float(margin[k]), bool(lowest[k] < 0.0))
@@ -245,7 +248,12 @@ def _apart(a: Array, b: Array) -> Array:
 
 
 def _followed(
-    path_task: PathTask, ranges: JointRanges, q: Array, R: Array, p: Array
+    path_task: PathTask,
+    ranges: JointRanges,
+    q: Array,
+    R: Array,
+    p: Array,
+    progress: Callable[[], None],
 ) -> tuple[Array, Array]:
     """Newton's method from the middle to both ends of paths placed by R (K, 3, 3) and p (K, 3).
 
@@ -280,6 +288,7 @@ def _followed(
     for way in (range(middle + 1, len(spread)), range(middle - 1, -1, -1)):
         here = begin
         for index in way:
+            progress()
             here, kept = _settled(rows, ranges, here, first + index)
             margin = np.minimum(margin, kept)
         start = here

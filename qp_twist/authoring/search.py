@@ -78,7 +78,8 @@ class Searched:
         here: The trial where the workpiece is.
         places: What was searched for other placements, if they were.
         run: How many of these were run.
-        ended: Why the search ended before it was through; empty if it was not.
+        ended: When, and by whom, the search was ended before it was through; empty if it was not.
+        by_user: Whether it was interrupted.
     """
 
     best: Trial
@@ -86,6 +87,7 @@ class Searched:
     places: Placements | None = None
     run: int = 0
     ended: str = ""
+    by_user: bool = False
 
 
 class Search:
@@ -128,8 +130,9 @@ class Search:
                     ended = f"after {self._elapsed()} s"
                 if here.passes or not elsewhere or not here.impossible:
                     return Searched(best, here, ended=ended)
-                self._say("looking for places for the workpiece")
-                places = placements(path_task)
+                what = "looking for places for the workpiece"
+                self._say(what)
+                places = placements(path_task, progress=lambda: self._say(what))
                 for place in places.found[:_MOST_PLACES]:
                     if self._spent():
                         ended = f"after {self._elapsed()} s"
@@ -142,6 +145,7 @@ class Search:
                         break
             except KeyboardInterrupt:
                 ended = f"by you after {self._elapsed()} s"
+                return Searched(best, here, places, count, ended, by_user=True)
         return Searched(best, here, places, count, ended)
 
     # ------------------------------------------------------------ where the workpiece is
