@@ -28,8 +28,9 @@ from qp_twist.planning import RollMap, motion_limits
 from qp_twist.planning.layer import inside_limits
 from qp_twist.planning.manifold_net import ManifoldNet
 from qp_twist.planning.objective import Objective
+from qp_twist.planning.path_constraints import PathConstraints
 from qp_twist.planning.path_rows import PathRows
-from qp_twist.planning.refine import MotionLimits, refine
+from qp_twist.planning.refine import refine
 from qp_twist.planning.roll_grid import RollGrid
 from qp_twist.planning.search import Search
 from qp_twist.planning.shortest_path import Edges, shortest_way, widest_way
@@ -312,7 +313,7 @@ def test_refining_is_as_good_as_a_general_optimiser(objective: object, step: flo
     rows, ranges = PathRows(task), qt.JointRanges.of(task.model)
     goal = Objective.of(ranges, objective)
     start, _ = rows.correct(np.tile(task.start, (6, 1)), np.arange(6))
-    limits = MotionLimits(
+    limits = PathConstraints(
         ranges, np.full((5, 3), step), np.full((4, 3), np.inf), np.ones(5), fixed_start=False
     )
     mine = refine(start, rows, limits, goal)

@@ -1,5 +1,7 @@
 """Projectors and twist errors: pure functions of arrays."""
 
+from .many_errors import cross_rows as cross_rows
+from .many_errors import geodesics as geodesics
 from .many_errors import many_twist_errors as many_twist_errors
 from .projector import Projector as Projector
 from .projector import ProjectorKind as ProjectorKind

@@ -9,13 +9,16 @@ import numpy as np
 import numpy.typing as npt
 
 from qp_twist.checks import Array, number, one_of, unit_vector
-from qp_twist.geometry import ProjectorKind, TwistProjector, geodesic
+from qp_twist.geometry import ProjectorKind, TwistProjector, cross_rows, geodesic, geodesics
 from qp_twist.geometry.projector import perpendicular
-from qp_twist.geometry.twist_error import cross
 from qp_twist.kinematics.tolerance_band import FramePair, Range, ToleranceBand, keeps
 
 FACES = 16
 """Sides of the polygon around a cone; its corners stand out by 1/cos(π/16) − 1 = 2 %."""
+_NO_SWING = 1e-12
+"""Angle below which no direction of the swing is told, rad."""
+_AROUND = 2.0 * math.pi / FACES * np.arange(FACES)
+_COSINES, _SINES = np.cos(_AROUND), np.sin(_AROUND)
 
 
 class ConeBand(ToleranceBand):
@@ -39,7 +42,7 @@ class ConeBand(ToleranceBand):
     Beyond 90° the two exchange their parts.
     """
 
-    kind = "cone"
+    kind, unit = "cone", "rad"
 
     def __init__(
         self,
@@ -74,55 +77,78 @@ class ConeBand(ToleranceBand):
         self.range = Range.checked("ConeBand", lower, upper, "rad")
         self.frame = one_of("ConeBand(frame=…)", frame, ("target", "world"))
 
+    @property
+    def ranges(self) -> tuple[Range, ...]:
+        """The range of the angle, rad."""
+        return (self.range,)
+
     def angle(self, pair: FramePair) -> float:
         """θ, rad."""
-        u, n = self._directions(pair)
-        return float(np.linalg.norm(geodesic(n, u)))
+        return float(self.values(pair)[0])
 
-    def half_spaces(
-        self, pair: FramePair, dt: float, projector: TwistProjector
-    ) -> tuple[Array, Array]:
-        """The polygon's sides and the lower end; see :meth:`ToleranceBand.half_spaces`."""
-        blocks = [(np.zeros((0, 3)), np.zeros(0))]
+    def values(self, pair: FramePair) -> Array:
+        """θ, rad, (1,)."""
         u, n = self._directions(pair)
-        reach = self.recovery_speed * dt
+        angle: Array = np.linalg.norm(geodesics(n, u), axis=-1, keepdims=True)
+        return angle
+
+    def gradients(self, pair: FramePair) -> Array:
+        """(0, k), (1, 6): what turns u away from n fastest; some way of doing so at 0 and at π."""
+        u, n = self._directions(pair)
+        axis, _, _ = _swing(u, n)
+        return np.concatenate([np.zeros_like(axis), axis], axis=-1)[..., None, :]
+
+    def rows(self, pair: FramePair, reach: float = math.inf) -> tuple[Array, Array]:
+        """The polygon's sides and the lower end; see :meth:`ToleranceBand.rows`."""
+        u, n = self._directions(pair)
+        blocks = []
         # θ is never above π nor below 0: an end there is none.
-        if not self._fixed(projector) and self.range.upper < math.pi:
+        if self.range.upper < math.pi:
             blocks.append(disc_rows(u, n, self.range.upper, reach))
-        if not self._fixed(projector) and self.range.lower > 0.0:
+        if self.range.lower > 0.0:
             blocks.append(disc_rows(u, -n, math.pi - self.range.lower, reach))
-        gradients = np.vstack([rows for rows, _ in blocks])
-        bounds = np.concatenate([rooms for _, rooms in blocks]) / dt
-        if self.frame == "target":
-            bounds = bounds + gradients @ pair.target_twist[3:]
-        return np.hstack([np.zeros_like(gradients), gradients]), bounds
+        if not blocks:
+            return np.zeros((*u.shape[:-1], 1, 0, 6)), np.zeros((*u.shape[:-1], 1, 0))
+        angular = np.concatenate([rows for rows, _ in blocks], axis=-2)
+        rooms = np.concatenate([rooms for _, rooms in blocks], axis=-1)
+        rows = np.concatenate([np.zeros_like(angular), angular], axis=-1)
+        return rows[..., None, :, :], rooms[..., None, :]
 
-    def excess(self, pair: FramePair) -> float:
-        """How far the angle is outside its range, rad; 0 inside."""
-        return self.range.excess(self.angle(pair))
+    def carried(self, pair: FramePair) -> Array:
+        """The target's own turn, where the reference turns with it."""
+        carried = np.zeros_like(pair.target_twist)
+        if self.frame == "target":
+            carried[..., 3:] = pair.target_twist[..., 3:]
+        return carried
+
+    def growth(self, pair: FramePair, shift: Array, turn: Array) -> Array:
+        """The turn itself, (1,): an angle between two directions changes no faster than they do."""
+        return np.broadcast_to(turn, pair.position.shape[:-1])[..., None]
+
+    def fixed(self, projector: TwistProjector) -> tuple[bool, ...]:
+        """Whether T holds the angle: all of the rotation, or one of the two directions in both."""
+        if self.frame == "world":
+            return (False,)
+        angular = projector.angular
+        if angular.kind is ProjectorKind.FULL:
+            return (True,)
+        return (
+            angular.kind is ProjectorKind.PLANE
+            and projector.frame != "world"
+            and (keeps(angular.complement, self.axis) or keeps(angular.complement, self.reference)),
+        )
 
     def contradiction(self, projector: TwistProjector) -> str | None:
         """In words: the task holds the angle at a value which the range leaves out."""
         held = float(np.linalg.norm(geodesic(self.reference, self.axis)))
-        if self._fixed(projector) and self.range.excess(held) > 1e-9:
+        if self.fixed(projector)[0] and self.range.excess(held) > 1e-9:
             return f"it holds the angle at {math.degrees(held):.6g}°, outside the band"
         return None
 
     def _directions(self, pair: FramePair) -> tuple[Array, Array]:
-        return pair.rotation @ self.axis, pair.axes(self.frame) @ self.reference
-
-    def _fixed(self, projector: TwistProjector) -> bool:
-        """Whether T holds the angle: all of the rotation, or one of the two directions in both."""
-        if self.frame == "world":
-            return False
-        angular = projector.angular
-        if angular.kind is ProjectorKind.FULL:
-            return True
-        return (
-            angular.kind is ProjectorKind.PLANE
-            and projector.frame != "world"
-            and (keeps(angular.complement, self.axis) or keeps(angular.complement, self.reference))
-        )
+        """u and n, (3,) each, one of each for every frame."""
+        u: Array = pair.rotation @ self.axis
+        return u, np.broadcast_to(pair.axes(self.frame) @ self.reference, u.shape)
 
     def __repr__(self) -> str:
         lower, upper = np.degrees(self.range)
@@ -133,22 +159,35 @@ class ConeBand(ToleranceBand):
 
 
 def disc_rows(u: Array, n: Array, radius: float, reach: float) -> tuple[Array, Array]:
-    """Rows on ω (k, 3) that keep the angle between u and n within a radius, and the rooms (k,).
+    """Rows on ω (16, 3) that keep the angle between u and n within a radius, and the rooms (16,).
 
     Args:
-        u: Unit vector that turns with ω.
+        u: Unit vector that turns with ω, (3,), or many.
         n: Unit vector that stays.
         radius: Largest angle, rad.
         reach: What recovery may demand, rad: from further outside the disc shrinks by this much.
     """
-    swing = geodesic(n, u)
-    angle = float(np.linalg.norm(swing))
-    k = swing / angle if angle > 1e-12 else perpendicular(n)
-    e = cross(k, n)
-    radius = max(radius, angle - reach)
+    k, e, angle = _swing(u, n)
+    within = np.maximum(radius, angle - reach)
+    sideways = angle[..., None] * n - _cotangent(angle)[..., None] * e
+    rows = _COSINES[:, None] * k[..., None, :] + _SINES[:, None] * sideways[..., None, :]
+    rooms = within[..., None] - angle[..., None] * _COSINES
     # Beyond the quarter turn a sideways motion brings u nearer to n: the row along e is enough.
-    faces = FACES if max(angle, radius) < math.pi / 2 else 1
-    turn = 2.0 * math.pi / FACES * np.arange(faces)
-    sideways = angle * n - (angle / math.tan(angle) if angle > 1e-12 else 1.0) * e
-    rows = np.outer(np.cos(turn), k) + np.outer(np.sin(turn), sideways)
-    return rows, radius - angle * np.cos(turn)
+    rooms[..., 1:][np.maximum(angle, within) >= math.pi / 2] = math.inf
+    return rows, rooms
+
+
+def _swing(u: Array, n: Array) -> tuple[Array, Array, Array]:
+    """k, the axis of the swing from n to u, e = k × n, (3,) each, and the angle, rad, ()."""
+    swing = geodesics(n, u)
+    angle = np.linalg.norm(swing, axis=-1)
+    k = swing / np.where(angle > _NO_SWING, angle, 1.0)[..., None]
+    for where in np.argwhere(angle <= _NO_SWING):
+        k[tuple(where)] = perpendicular(n[tuple(where)])
+    return k, cross_rows(k, n), angle
+
+
+def _cotangent(angle: Array) -> Array:
+    """θ cot θ, which is 1 at 0."""
+    swung = angle > _NO_SWING
+    return np.where(swung, angle / np.tan(np.where(swung, angle, 1.0)), 1.0)

@@ -4,35 +4,36 @@ from __future__ import annotations
 
 import math
 
-import mink
 import numpy as np
 import numpy.typing as npt
 
 from qp_twist.checks import Array, one_of, unit_vector
 from qp_twist.errors import InvalidInput
-from qp_twist.geometry import ProjectorFrame, ProjectorKind, TwistProjector, twist_angle
-from qp_twist.geometry.twist_error import cross
-from qp_twist.kinematics.tolerance_band import FramePair, Range, ToleranceBand, keeps, two_sided
+from qp_twist.geometry import ProjectorFrame, ProjectorKind, TwistProjector
+from qp_twist.kinematics.tolerance_band import FramePair, Range, ToleranceBand, keeps
 
 SWUNG_OVER = 1e-3
 """Cosine of half the swing below which the roll counts as undefined: 0.1° short of a half turn."""
+_TURN = 2.0 * math.pi
 
 
 class RollBand(ToleranceBand):
     r"""Keep the roll of the frame relative to its target in a range.
 
     The roll φ is the twist angle of :math:`\mathbf E = \mathbf R\mathbf R_d^T` about the axis a.
-    With the quaternion (η, ε) of E and s = a·ε,
+    With w the vector of the skew part :math:`\mathbf E - \mathbf E^T`,
 
     .. math::
 
-        \varphi = 2\,\mathrm{atan2}(s, \eta), \qquad
-        \nabla_\omega\varphi = \frac{\eta^2\,\mathbf a + \eta\,\boldsymbol\epsilon\times\mathbf a
-        + s\,\boldsymbol\epsilon}{\eta^2 + s^2}
+        \varphi = \mathrm{atan2}(\mathbf a\cdot\mathbf w,\;
+        \mathrm{tr}\,\mathbf E - \mathbf a\cdot\mathbf E\mathbf a), \qquad
+        \nabla_\omega\varphi = \frac{\mathbf a + \mathbf E\mathbf a}
+        {1 + \mathbf a\cdot\mathbf E\mathbf a}
 
-    (differentiate η̇ = −½ ω·ε, ε̇ = ½(ηω + ω×ε)). It is a while the frame is aligned with its
-    target but for the roll. An axis fixed to the body and one fixed to the target have the same
-    roll. Where the axis has swung by a half turn there is no roll: the band has no rows there.
+    (with the quaternion (η, ε) of E and s = a·ε it is 2 atan2(s, η); differentiate η̇ = −½ ω·ε,
+    ε̇ = ½(ηω + ω×ε)). The gradient's length is 1/cos(swing/2): it is a while the frame is aligned
+    with its target but for the roll. An axis fixed to the body and one fixed to the target have the
+    same roll. Where the axis has swung by a half turn there is no roll: the band has no rows there.
 
     Example:
         >>> import math, qp_twist as qt
@@ -40,7 +41,7 @@ class RollBand(ToleranceBand):
         RollBand([0.0, 0.0, 1.0], -30°…30°, frame='body')
     """
 
-    kind = "roll"
+    kind, unit = "roll", "rad"
 
     def __init__(
         self,
@@ -68,63 +69,85 @@ class RollBand(ToleranceBand):
         super().__init__(weight, recovery_speed)
         self.axis = unit_vector("RollBand(axis=…)", axis)
         self.range = Range.checked("RollBand", lower, upper, "rad")
-        turn = 2.0 * math.pi
-        if max(-self.range.lower, self.range.upper) > turn:
+        if max(-self.range.lower, self.range.upper) > _TURN:
             raise InvalidInput("RollBand: give ends between −2π and 2π (they are in rad).")
-        if self.range.upper - self.range.lower >= turn:
+        if self.range.upper - self.range.lower >= _TURN:
             raise InvalidInput(
                 "RollBand: a range of a whole turn or more holds every roll; leave the band out."
             )
         self.frame = one_of("RollBand(frame=…)", frame, ("body", "target", "world"))
 
+    @property
+    def ranges(self) -> tuple[Range, ...]:
+        """The range of the roll, rad."""
+        return (self.range,)
+
     def roll(self, pair: FramePair) -> float:
         """φ, within half a turn of the middle of the range, rad."""
+        return float(self.values(pair)[0])
+
+    def values(self, pair: FramePair) -> Array:
+        """φ, within half a turn of the middle of the range, rad, (1,)."""
+        a, E = self._axis(pair), pair.error
+        skew = E - E.swapaxes(-1, -2)
+        w = np.stack([skew[..., 2, 1], skew[..., 0, 2], skew[..., 1, 0]], axis=-1)
+        trace = E[..., 0, 0] + E[..., 1, 1] + E[..., 2, 2]
+        along = (a * w).sum(axis=-1)
+        roll = np.arctan2(along, trace - (a * _turned(E, a)).sum(axis=-1))
         middle = 0.5 * (self.range.lower + self.range.upper)
-        error = pair.rotation @ pair.target_rotation.T
-        return middle + math.remainder(twist_angle(error, self._axis(pair)) - middle, 2.0 * math.pi)
+        wrapped: Array = roll - _TURN * np.round((roll - middle) / _TURN)
+        return wrapped[..., None]
 
-    def half_spaces(
-        self, pair: FramePair, dt: float, projector: TwistProjector
-    ) -> tuple[Array, Array]:
-        """At most two rows; see :meth:`ToleranceBand.half_spaces`."""
-        a, error = self._axis(pair), pair.rotation @ pair.target_rotation.T
-        eta, *xyz = mink.SO3.from_matrix(np.ascontiguousarray(error)).wxyz
-        epsilon = np.array(xyz)
-        s = float(a @ epsilon)
-        if self._fixed(projector) or math.hypot(eta, s) < SWUNG_OVER:
-            return np.zeros((0, 6)), np.zeros(0)
-        gradient = np.zeros(6)
-        gradient[3:] = eta * (eta * a + cross(epsilon, a)) + s * epsilon
-        gradient /= eta**2 + s**2
-        # E turns with ω − E ω_d; an axis that the target carries along makes it ω − ω_d.
-        carried = pair.target_twist[3:]
-        if self.frame == "world":
-            carried = error @ carried
-        rooms = self.range.rooms(self.roll(pair), self.recovery_speed * dt)
-        return two_sided(gradient, rooms, -float(gradient[3:] @ carried), dt)
+    def gradients(self, pair: FramePair) -> Array:
+        """(1, 6); see :meth:`ToleranceBand.gradients`."""
+        a = self._axis(pair)
+        turned = _turned(pair.error, a)
+        cosine = (a * turned).sum(axis=-1)  # of the swing
+        defined = 0.5 * (1.0 + cosine) > SWUNG_OVER**2
+        share = np.where(defined, 1.0 / np.where(defined, 1.0 + cosine, 1.0), 0.0)
+        gradient = np.zeros((*cosine.shape, 1, 6))
+        gradient[..., 0, 3:] = share[..., None] * (a + turned)
+        return gradient
 
-    def excess(self, pair: FramePair) -> float:
-        """How far the roll is outside its range, rad; 0 inside."""
-        return self.range.excess(self.roll(pair))
+    def carried(self, pair: FramePair) -> Array:
+        """E turns with ω − E ω_d; an axis that the target carries along makes it ω − ω_d."""
+        carried = np.zeros_like(pair.target_twist)
+        omega = pair.target_twist[..., 3:]
+        carried[..., 3:] = _turned(pair.error, omega) if self.frame == "world" else omega
+        return carried
+
+    def growth(self, pair: FramePair, shift: Array, turn: Array) -> Array:
+        """turn / cos(swing/2) at the largest swing on the way, (1,); ∞ where that is a half turn.
+
+        The length of the gradient is 1/cos(swing/2); the swing changes no faster than both turn.
+        """
+        a = self._axis(pair)
+        cosine = (a * _turned(pair.error, a)).sum(axis=-1)
+        swing = np.minimum(np.arccos(np.clip(cosine, -1.0, 1.0)) + turn, math.pi)
+        with np.errstate(divide="ignore"):
+            growth: Array = np.where(swing < math.pi, turn / np.cos(0.5 * swing), math.inf)
+        return growth[..., None]
+
+    def fixed(self, projector: TwistProjector) -> tuple[bool, ...]:
+        """Whether T holds the roll at 0: about an axis in the range of its block there is none."""
+        if projector.angular.kind is ProjectorKind.FULL:
+            return (True,)
+        same = (self.frame == "world") == (projector.frame == "world")
+        return (same and keeps(projector.angular, self.axis),)
 
     def contradiction(self, projector: TwistProjector) -> str | None:
         """In words: the task holds the roll at 0, which the range leaves out."""
         middle = 0.5 * (self.range.lower + self.range.upper)
-        nearest = middle + math.remainder(-middle, 2.0 * math.pi)
-        if self._fixed(projector) and self.range.excess(nearest) > 1e-9:
+        nearest = middle + math.remainder(-middle, _TURN)
+        if self.fixed(projector)[0] and self.range.excess(nearest) > 1e-9:
             return "it holds the roll about this axis at 0, outside the band"
         return None
 
     def _axis(self, pair: FramePair) -> Array:
         # R a and R_d a have the same roll: Rᵀ E R = R_dᵀ E R_d. The target's does not depend on R.
-        return pair.axes("target" if self.frame == "body" else self.frame) @ self.axis
-
-    def _fixed(self, projector: TwistProjector) -> bool:
-        """Whether T holds the roll at 0: about an axis in the range of its block there is none."""
-        if projector.angular.kind is ProjectorKind.FULL:
-            return True
-        same = (self.frame == "world") == (projector.frame == "world")
-        return same and keeps(projector.angular, self.axis)
+        axes = pair.axes("target" if self.frame == "body" else self.frame)
+        axis: Array = axes @ self.axis
+        return axis
 
     def __repr__(self) -> str:
         lower, upper = np.degrees(self.range)
@@ -132,3 +155,9 @@ class RollBand(ToleranceBand):
             f"RollBand({self.axis.round(6).tolist()}, {lower:.6g}°…{upper:.6g}°, "
             f"frame={self.frame!r})"
         )
+
+
+def _turned(rotations: Array, vectors: Array) -> Array:
+    """R v for each of some rotations (…, 3, 3) and vectors (…, 3)."""
+    turned: Array = (rotations @ vectors[..., None])[..., 0]
+    return turned

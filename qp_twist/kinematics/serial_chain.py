@@ -11,6 +11,7 @@ import numpy as np
 
 from qp_twist.checks import Array, instance
 from qp_twist.errors import InvalidInput
+from qp_twist.geometry import cross_rows
 from qp_twist.kinematics.frame import frame_pose
 from qp_twist.kinematics.joint_ranges import JointRanges
 
@@ -140,15 +141,6 @@ def _turned(rotations: Array, vector: Array) -> Array:
     """R v for each R (K, 3, 3) of one v (3,), (K, 3), as one product of two matrices."""
     turned: Array = (rotations.reshape(-1, 3) @ vector).reshape(-1, 3)
     return turned
-
-
-def cross_rows(a: Array, b: Array) -> Array:
-    """a × b row by row, (K, 3); a fifth of the time that numpy's own takes."""
-    product = np.empty(np.broadcast_shapes(a.shape, b.shape))
-    product[..., 0] = a[..., 1] * b[..., 2] - a[..., 2] * b[..., 1]
-    product[..., 1] = a[..., 2] * b[..., 0] - a[..., 0] * b[..., 2]
-    product[..., 2] = a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
-    return product
 
 
 def dofs_above(model: mujoco.MjModel, frame_name: str | int, frame_type: str) -> list[int]:

@@ -6,9 +6,8 @@ import numpy as np
 import numpy.typing as npt
 
 from qp_twist.checks import Array, finite_array, one_of, unit_vector
-from qp_twist.geometry import ProjectorFrame, ProjectorKind, TwistProjector
-from qp_twist.geometry.twist_error import cross
-from qp_twist.kinematics.tolerance_band import FramePair, Range, ToleranceBand, keeps, two_sided
+from qp_twist.geometry import ProjectorFrame, ProjectorKind, TwistProjector, cross_rows
+from qp_twist.kinematics.tolerance_band import FramePair, Range, ToleranceBand, keeps
 
 
 class SlabBand(ToleranceBand):
@@ -27,7 +26,7 @@ class SlabBand(ToleranceBand):
         SlabBand([0.0, 0.0, 1.0], -0.001…0.001 m, frame='target')
     """
 
-    kind = "slab"
+    kind, unit = "slab", "m"
 
     def __init__(
         self,
@@ -57,43 +56,62 @@ class SlabBand(ToleranceBand):
         self.range = Range.checked("SlabBand", lower, upper, "m")
         self.frame = one_of("SlabBand(frame=…)", frame, ("target", "world", "body"))
 
+    @property
+    def ranges(self) -> tuple[Range, ...]:
+        """The range of the distance, m."""
+        return (self.range,)
+
     def distance(self, pair: FramePair) -> float:
         """n·(p − p_d), m."""
-        normal = pair.axes(self.frame) @ self.normal
-        return float(normal @ (pair.position - pair.target_position))
+        return float(self.values(pair)[0])
 
-    def half_spaces(
-        self, pair: FramePair, dt: float, projector: TwistProjector
-    ) -> tuple[Array, Array]:
-        """At most two rows; see :meth:`ToleranceBand.half_spaces`."""
-        if self._fixed(projector):
-            return np.zeros((0, 6)), np.zeros(0)
-        normal = pair.axes(self.frame) @ self.normal
-        arm = cross(normal, pair.position - pair.target_position)
-        turned = np.concatenate([normal, arm])
-        still = np.concatenate([normal, np.zeros(3)])
-        gradient = turned if self.frame == "body" else still
-        drift = -float(normal @ pair.target_twist[:3])
+    def values(self, pair: FramePair) -> Array:
+        """n·(p − p_d), m, (1,)."""
+        apart = pair.position - pair.target_position
+        distance: Array = (self._normal(pair) * apart).sum(axis=-1, keepdims=True)
+        return distance
+
+    def gradients(self, pair: FramePair) -> Array:
+        """(n, 0), or (n, n × (p − p_d)) where the normal turns with the body, (1, 6)."""
+        normal, apart = self._normal(pair), pair.position - pair.target_position
+        gradient = np.zeros((*apart.shape[:-1], 1, 6))
+        gradient[..., 0, :3] = normal
+        if self.frame == "body":
+            gradient[..., 0, 3:] = cross_rows(normal, apart)
+        return gradient
+
+    def carried(self, pair: FramePair) -> Array:
+        """The velocity of the target, or of the point that it carries along where the frame is."""
+        carried = np.zeros_like(pair.target_twist)
+        carried[..., :3] = pair.target_twist[..., :3]
         if self.frame == "target":
-            drift += float(arm @ pair.target_twist[3:])
-        rooms = self.range.rooms(self.distance(pair), self.recovery_speed * dt)
-        return two_sided(gradient, rooms, drift, dt)
+            apart = pair.position - pair.target_position
+            carried[..., :3] += cross_rows(pair.target_twist[..., 3:], apart)
+        return carried
 
-    def excess(self, pair: FramePair) -> float:
-        """How far the frame is outside the slab, m; 0 inside."""
-        return self.range.excess(self.distance(pair))
+    def growth(self, pair: FramePair, shift: Array, turn: Array) -> Array:
+        """shift + turn · the largest distance from the target on the way, (1,)."""
+        apart = np.linalg.norm(pair.position - pair.target_position, axis=-1)
+        growth: Array = shift + turn * (apart + shift)
+        return growth[..., None]
+
+    def fixed(self, projector: TwistProjector) -> tuple[bool, ...]:
+        """Whether T holds the distance at 0."""
+        linear = projector.linear
+        held = linear.kind is ProjectorKind.FULL or (
+            self.frame == projector.frame and keeps(linear, self.normal)
+        )
+        return (held,)
 
     def contradiction(self, projector: TwistProjector) -> str | None:
         """In words: the task holds the distance at 0, which the range leaves out."""
-        if self._fixed(projector) and self.range.excess(0.0) > 0.0:
+        if self.fixed(projector)[0] and self.range.excess(0.0) > 0.0:
             return f"it holds the distance along {self.normal.round(6).tolist()} at 0, outside it"
         return None
 
-    def _fixed(self, projector: TwistProjector) -> bool:
-        linear = projector.linear
-        return linear.kind is ProjectorKind.FULL or (
-            self.frame == projector.frame and keeps(linear, self.normal)
-        )
+    def _normal(self, pair: FramePair) -> Array:
+        normal: Array = pair.axes(self.frame) @ self.normal
+        return normal
 
     def __repr__(self) -> str:
         return (
@@ -109,7 +127,7 @@ class BoxBand(ToleranceBand):
         slabs: The three of them.
     """
 
-    kind = "box"
+    kind, unit = "box", "m"
 
     def __init__(
         self,
@@ -140,18 +158,30 @@ class BoxBand(ToleranceBand):
             for normal, low, high in zip(np.eye(3), self.lower, self.upper, strict=True)
         )
 
-    def half_spaces(
-        self, pair: FramePair, dt: float, projector: TwistProjector
-    ) -> tuple[Array, Array]:
-        """Two rows for each axis that T leaves free; see :meth:`ToleranceBand.half_spaces`."""
-        rows, bounds = zip(
-            *(slab.half_spaces(pair, dt, projector) for slab in self.slabs), strict=True
-        )
-        return np.vstack(rows), np.concatenate(bounds)
+    @property
+    def ranges(self) -> tuple[Range, ...]:
+        """The range along each axis, m."""
+        return tuple(slab.range for slab in self.slabs)
 
-    def excess(self, pair: FramePair) -> float:
-        """How far the frame is outside along the worst axis, m; 0 inside."""
-        return max(slab.excess(pair) for slab in self.slabs)
+    def values(self, pair: FramePair) -> Array:
+        """The position along each axis, m, (3,)."""
+        return np.concatenate([slab.values(pair) for slab in self.slabs], axis=-1)
+
+    def gradients(self, pair: FramePair) -> Array:
+        """Of each axis, (3, 6)."""
+        return np.concatenate([slab.gradients(pair) for slab in self.slabs], axis=-2)
+
+    def carried(self, pair: FramePair) -> Array:
+        """The same for all three."""
+        return self.slabs[0].carried(pair)
+
+    def growth(self, pair: FramePair, shift: Array, turn: Array) -> Array:
+        """The same for all three, (3,)."""
+        return np.repeat(self.slabs[0].growth(pair, shift, turn), 3, axis=-1)
+
+    def fixed(self, projector: TwistProjector) -> tuple[bool, ...]:
+        """Which of the three distances T holds at 0."""
+        return tuple(slab.fixed(projector)[0] for slab in self.slabs)
 
     def contradiction(self, projector: TwistProjector) -> str | None:
         """That of the first axis which has one."""

@@ -9,16 +9,17 @@ from typing import NamedTuple
 
 import numpy as np
 
-from qp_twist.checks import Array, number
+from qp_twist.checks import Array, number, read_only
 from qp_twist.errors import InvalidInput
 from qp_twist.geometry import Projector, TwistProjector
 
 HEAVIEST = 1e12
 """Largest weight of a soft band: beyond it the other costs are lost in the arithmetic."""
+_WORLD = read_only(np.eye(3))
 
 
 class FramePair(NamedTuple):
-    """A frame and its target, in the world."""
+    """A frame and its target, in the world; or many, with their number N before every shape."""
 
     rotation: Array
     """R of the frame, shape (3, 3)."""
@@ -34,8 +35,13 @@ class FramePair(NamedTuple):
     def axes(self, frame: str) -> Array:
         """Rotation to the world of what a band's vectors are fixed to, (3, 3)."""
         if frame == "world":
-            return np.eye(3)
+            return _WORLD
         return self.rotation if frame == "body" else self.target_rotation
+
+    @property
+    def error(self) -> Array:
+        """E = R R_dᵀ, (3, 3)."""
+        return self.rotation @ self.target_rotation.swapaxes(-1, -2)
 
 
 class BandRows(NamedTuple):
@@ -57,7 +63,7 @@ class BandRows(NamedTuple):
 
 
 class ToleranceBand(abc.ABC):
-    r"""Base of the bands: a value φ(R, p) of a frame that has to stay in a range.
+    r"""Base of the bands: values φ(R, p) of a frame, each of which has to stay in a range.
 
     A step of length dt from φ, with ∇φ acting on the frame's twist and φ̇_d what the target's own
     motion adds, asks
@@ -71,13 +77,18 @@ class ToleranceBand(abc.ABC):
     ``recovery_speed``, or in one step where that is slower. The range holds after integration to
     second order in the step (:doc:`equations`).
 
+    Everything but :meth:`half_spaces` and :meth:`excess` takes one frame or N at once: shapes below
+    are of one, with N before them if there are N.
+
     Attributes:
         kind: ``"roll"``, ``"cone"``, ``"slab"`` or ``"box"``.
+        unit: Of the values, ``"rad"`` or ``"m"``.
         weight: ``None`` for a hard band, else the weight of the soft one.
         recovery_speed: Largest speed of return that is demanded outside, rad/s or m/s.
     """
 
     kind: str
+    unit: str
 
     def __init__(self, weight: float | None, recovery_speed: float) -> None:
         name = type(self).__name__
@@ -86,28 +97,88 @@ class ToleranceBand(abc.ABC):
         self.weight = weight
         self.recovery_speed = number(f"{name}(recovery_speed=…)", recovery_speed, above=0.0)
 
+    @property
     @abc.abstractmethod
+    def ranges(self) -> tuple[Range, ...]:
+        """The range of each of the k values, rad or m."""
+
+    @abc.abstractmethod
+    def values(self, pair: FramePair) -> Array:
+        """φ, rad or m, (k,)."""
+
+    @abc.abstractmethod
+    def gradients(self, pair: FramePair) -> Array:
+        """∇φ on the frame's twist (linear, angular), world axes, (k, 6); 0 where φ is undefined."""
+
+    @abc.abstractmethod
+    def carried(self, pair: FramePair) -> Array:
+        """The twist (6,) with which the frame keeps its values while its target moves."""
+
+    @abc.abstractmethod
+    def fixed(self, projector: TwistProjector) -> tuple[bool, ...]:
+        """Which of the values a task with this T holds by itself."""
+
+    @abc.abstractmethod
+    def growth(self, pair: FramePair, shift: Array, turn: Array) -> Array:
+        """Most that any margin can change on a motion, rad or m, (k,).
+
+        Args:
+            pair: Where the motion begins.
+            shift: Length of the frame's and of the target's way together, m, ().
+            turn: Angle by which both turn, together, rad, ().
+        """
+
+    @abc.abstractmethod
+    def contradiction(self, projector: TwistProjector) -> str | None:
+        """Why a task with this T can never be inside the band, in words; ``None`` if it can."""
+
+    def margins(self, pair: FramePair) -> Array:
+        """Distance of each value from the nearer end of its range, rad or m, (k,); ≥ 0 inside."""
+        lower, upper = np.array(self.ranges).T
+        values = self.values(pair)
+        margins: Array = np.minimum(values - lower, upper - values)
+        return margins
+
+    def rows(self, pair: FramePair, reach: float = math.inf) -> tuple[Array, Array]:
+        """What keeps the values in their ranges, to first order: rows · displacement ≤ rooms.
+
+        Args:
+            pair: Where the frame and its target are.
+            reach: Most that a value outside its range is asked to come back by, rad or m.
+
+        Returns:
+            Rows (k, s, 6) on a displacement of the frame (linear, angular), m and rad, and rooms
+            (k, s), rad or m: s for each value, with ∞ where there is nothing to ask.
+        """
+        lower, upper = np.array(self.ranges).T
+        values, gradients = self.values(pair), self.gradients(pair)
+        rooms = np.maximum(np.stack([values - lower, upper - values], axis=-1), -reach)
+        rooms[~gradients.any(axis=-1)] = math.inf
+        return np.stack([-gradients, gradients], axis=-2), rooms
+
     def half_spaces(
         self, pair: FramePair, dt: float, projector: TwistProjector
     ) -> tuple[Array, Array]:
         """Rows on the frame's twist (linear, angular), world axes, and their bounds.
 
         Args:
-            pair: Where the frame and its target are.
+            pair: Where one frame and its target are.
             dt: Length of the step, s.
             projector: T of the task; what it fixes by itself needs no row.
 
         Returns:
             Rows (k, 6) and bounds (k,), rad/s or m/s; k may be 0.
         """
+        free = ~np.array(self.fixed(projector))
+        rows, rooms = self.rows(pair, self.recovery_speed * dt)
+        rows, rooms = rows[free].reshape(-1, 6), rooms[free].ravel()
+        asked = np.isfinite(rooms)
+        rows, rooms = rows[asked], rooms[asked]
+        return rows, rooms / dt + rows @ self.carried(pair)
 
-    @abc.abstractmethod
     def excess(self, pair: FramePair) -> float:
-        """How far the frame is outside the band, rad or m; 0 inside."""
-
-    @abc.abstractmethod
-    def contradiction(self, projector: TwistProjector) -> str | None:
-        """Why a task with this T can never be inside the band, in words; ``None`` if it can."""
+        """How far one frame is outside the band, rad or m; 0 inside."""
+        return max(0.0, -float(self.margins(pair).min()))
 
 
 class Range(NamedTuple):
@@ -131,33 +202,9 @@ class Range(NamedTuple):
             raise InvalidInput(f"{name}: lower = {ends[0]} is above upper = {ends[1]}.")
         return cls(lower, upper)
 
-    def rooms(self, value: float, reach: float) -> tuple[float, float]:
-        """How much the value may fall and rise in a step; negative: how much it has to come back.
-
-        Args:
-            value: Where it is, rad or m.
-            reach: What recovery may demand in this step, rad or m.
-        """
-        return value - min(self.lower, value + reach), max(self.upper, value - reach) - value
-
     def excess(self, value: float) -> float:
         """Distance of a value from the range; 0 inside."""
         return max(self.lower - value, value - self.upper, 0.0)
-
-
-def two_sided(
-    gradient: Array, rooms: tuple[float, float], drift: float, dt: float
-) -> tuple[Array, Array]:
-    """Rows (2, 6) and bounds (2,) of a value with the given rooms, falling first.
-
-    Args:
-        gradient: ∇φ on the twist of the frame, shape (6,).
-        rooms: How far it may fall and rise, rad or m.
-        drift: φ̇_d, what the target's motion adds to φ̇, rad/s or m/s.
-        dt: Length of the step, s.
-    """
-    fall, rise = rooms
-    return np.stack([-gradient, gradient]), np.array([fall / dt + drift, rise / dt - drift])
 
 
 def keeps(projector: Projector, axis: Array) -> bool:

@@ -11,10 +11,11 @@ from scipy.spatial import KDTree
 from qp_twist.checks import Array, Indices
 from qp_twist.kinematics import JointRanges, OrthoParallelArm
 from qp_twist.path import PathTask
-from qp_twist.planning.bound import centred_nearby
+from qp_twist.planning.bound import settled_nearby
 from qp_twist.planning.drawn import random_configurations
-from qp_twist.planning.layer import centred, inside_bands
-from qp_twist.planning.path_rows import Mask, PathRows
+from qp_twist.planning.hard_bands import Mask
+from qp_twist.planning.layer import centred
+from qp_twist.planning.path_rows import PathRows
 from qp_twist.planning.roll_grid import RollGrid
 from qp_twist.qp import QuadraticProgram, Verified, solve
 
@@ -27,8 +28,6 @@ _MOST = 48
 _SEEDS, _ITERATIONS, _PROJECTIONS = 300, 20, 20
 _ENOUGH = 60
 """With so many seeds inside at once, the others are let go."""
-_AGAIN = 3
-"""Times that steps along the null space begin anew."""
 _POLISHED = 6
 """Of those that a limit holds, so many are led on along their limits."""
 _ALIKE = 0.02
@@ -71,7 +70,7 @@ def central_configurations(path_task: PathTask, index: int = 0) -> list[CentralC
         index: Of the waypoint, from 0.
     """
     rows, ranges = PathRows(path_task), JointRanges.of(path_task.model)
-    descent = _Descent(path_task, rows, ranges, index)
+    descent = _Descent(rows, ranges, index)
     arm = OrthoParallelArm.recognise(path_task.model, path_task.frame_name, path_task.frame_type)
     if arm is not None and RollGrid.applies(path_task, index):
         joints = np.full(path_task.model.nv, 2.0 * _GRID)
@@ -137,11 +136,7 @@ def _valleys(q: Array, ranges: JointRanges) -> Indices:
 class _Descent:
     """Down to the least z nearby, on the waypoint and inside limits and hard bands."""
 
-    def __init__(
-        self, path_task: PathTask, rows: PathRows, ranges: JointRanges, index: int
-    ) -> None:
-        self.hard_bands = [band for band in path_task.bands if band.weight is None]
-        self.waypoint = path_task.waypoints[index]
+    def __init__(self, rows: PathRows, ranges: JointRanges, index: int) -> None:
         self.rows = rows
         self.ranges = ranges
         self.index = index
@@ -149,7 +144,8 @@ class _Descent:
     def random(self) -> Array:
         """Random configurations, brought onto the waypoint and inside, (K, nv).
 
-        By turns onto the nearest position inside the ranges and back onto the waypoint.
+        By turns onto the nearest position inside the ranges and back onto the waypoint and into the
+        bands.
         """
         drawn = random_configurations(self.ranges, _SEEDS, np.random.default_rng(0))
         q, arrived = self.rows.correct(drawn, self._at(drawn), iterations=_ITERATIONS)
@@ -159,11 +155,16 @@ class _Descent:
         q = np.vstack([middle, q[arrived][turned]])
         inside = self._inside(q)
         kept, q = [q[inside]], q[~inside]
+        if self.rows.bands:
+            q, arrived = self.rows.correct_inside(q, self._at(q), iterations=8)
+            inside = self._inside(q)
+            kept.append(q[arrived & inside])
+            q = q[arrived & ~inside]
         for _ in range(_PROJECTIONS if inside.sum() < _ENOUGH else 0):
             if not len(q):
                 break
             clipped = np.clip(q, self.ranges.lower, self.ranges.upper)
-            q, arrived = self.rows.correct(clipped, self._at(q), iterations=8)
+            q, arrived = self.rows.correct_inside(clipped, self._at(q), iterations=8)
             inside = self._inside(q)
             kept.append(q[arrived & inside])
             q = q[arrived & ~inside]
@@ -171,18 +172,16 @@ class _Descent:
 
     def lowest(self, q: Array) -> Array:
         """From configurations q (K, nv), each inside."""
-        free = q
-        for _ in range(_AGAIN):  # wide ranges are longer than one call goes
-            lower = centred_nearby(free.copy(), self._at(q), self.rows, self.ranges)
-            free = np.where(np.isfinite(lower), lower, free)
+        lower = settled_nearby(q, self._at(q), self.rows, self.ranges)
+        free = np.where(np.isfinite(lower), lower, q)
         within = self._inside(free)
         lowest = np.where(within[:, None], free, q)
         held = np.flatnonzero(~within)
         lowest[held] = as_far_as_inside(
             q[held], free[held], self._at(q[held]), self.rows, self._inside
         )
-        if self.rows.freedom[self.index] > 1 and not self.hard_bands:
-            # Of more than one free direction some lead on along the limits.
+        if self.rows.freedom[self.index] > 1:
+            # Of more than one free direction some lead on along the limits and bands.
             for number in held[np.argsort(self.ranges.centring(lowest[held]))][:_POLISHED]:
                 lowest[number] = self._along_limits(lowest[number])
         return lowest
@@ -192,12 +191,12 @@ class _Descent:
 
     def _inside(self, q: Array) -> Mask:
         within: Mask = self.ranges.inside(q)
-        if self.hard_bands and within.any():
-            within &= inside_bands(self.hard_bands, *self.rows.chain.poses(q), self.waypoint)
+        if self.rows.bands:
+            within &= self.rows.bands.inside(q, self._at(q))
         return within
 
     def _along_limits(self, q: Array) -> Array:
-        """Sequential quadratic programs in the null space, with the limits as rows."""
+        """Sequential quadratic programs in the null space, with limits and hard bands as rows."""
         radius = _FIRST
         for _ in range(_ROUNDS):
             there = self._stepped(q, radius)
@@ -238,6 +237,9 @@ class _Descent:
         weighted = weight[:, None] * basis
         G = np.vstack([basis, -basis])
         g = np.concatenate([self.ranges.upper - q, q - self.ranges.lower]) - _HAIR
+        if self.rows.bands:
+            rows, rooms, _ = self.rows.bands.rows(q[None], np.array([self.index]))
+            G, g = np.vstack([G, rows[0] @ basis]), np.append(g, rooms[0] - _HAIR)
         bounded = np.isfinite(g)
         problem = QuadraticProgram(
             # Joints without limits weigh nothing; a little keeps them where they are.

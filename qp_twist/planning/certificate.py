@@ -17,34 +17,45 @@ class Certificate:
     Attributes:
         kind: ``"path"``: there is a motion; ``"unreachable"``: waypoints that the arm does not
             reach; ``"limits"``: waypoints with no configuration inside the joint limits;
-            ``"speed"``: two waypoints between which every connection breaks the speed limits.
+            ``"band"``: waypoints with no configuration inside both the joint limits and the hard
+            tolerance bands; ``"speed"``: two waypoints between which every connection breaks the
+            speed limits. With a ``detail``, the last two say what the best motion breaks that was
+            found, and prove nothing.
         waypoints: Those waypoints, counted from 1; of many that are out of reach or outside the
             limits, twelve.
         joints: The joints that forbid it.
         grid: At which grid it was looked for.
         covered: Whether the layers hold all configurations to the grid's spacing; where a task
-            leaves more than two degrees free they do not, and "none" means "none was found".
-        detail: How near the search came, where the grid has a motion that the limits do not allow.
+            leaves more than two degrees free they do not, nor where hard bands cut nets of
+            self-motion manifolds in pieces, and "none" means "none was found".
+        detail: How near the search came, where the grid has a motion that cannot be brought inside.
+        bands: The hard bands that forbid it, by number and as they print.
     """
 
-    kind: Literal["path", "unreachable", "limits", "speed"]
+    kind: Literal["path", "unreachable", "limits", "band", "speed"]
     grid: Grid
     waypoints: tuple[int, ...] = ()
     joints: tuple[str, ...] = ()
     covered: bool = True
     detail: str = ""
+    bands: tuple[str, ...] = ()
 
     def __str__(self) -> str:
         where = _listed(self.waypoints)
-        joints = " and ".join(self.joints)
+        joints, bands = " and ".join(self.joints), " and ".join(self.bands)
         match self.kind:
             case "path":
                 text = "there is a motion inside all limits"
+                text += " and hard bands" if self.bands else ""
             case "unreachable":
                 text = f"the arm does not reach {where} in any configuration"
             case "limits":
                 text = f"no configuration at {where} is inside the limits"
                 text += f"; forbidden by {joints}" if joints else ""
+            case "band" if not self.detail:
+                text = f"no configuration at {where} is inside both the joint limits and {bands}"
+            case "band":
+                text = f"no motion was found that keeps {bands}"
             case "speed" if not self.detail:
                 text = f"between {where} every connection breaks the speed limits"
                 text += f", of {joints} at least" if joints else ""
@@ -54,7 +65,7 @@ class Certificate:
         if self.detail:
             text += f"; {self.detail}"
         if not self.covered:
-            text += "; more than two degrees are free there, so that this is no proof"
+            text += "; configurations there were sampled, not all looked at: this is no proof"
         return text + "."
 
 

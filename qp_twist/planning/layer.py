@@ -2,20 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
-import mink
 import numpy as np
 
 from qp_twist.checks import Array, Indices
-from qp_twist.kinematics import JointRanges, ToleranceBand
-from qp_twist.kinematics.tolerance_band import FramePair
-from qp_twist.planning.path_rows import Mask
+from qp_twist.kinematics import JointRanges
+from qp_twist.planning.hard_bands import WITHIN, HardBands
 
 TURN = 2.0 * np.pi
-_WITHIN = 1e-9
-"""Excess over a band that is rounding, rad or m."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,12 +22,15 @@ class Layer:
         branch: Number of the branch that each belongs to, (K,).
         solutions: How many configurations the waypoint has without limits, turns not counted.
         outside: Which joints forbid it, where no configuration is inside the limits.
+        bands: Which hard bands forbid it, where some are inside the limits and none inside the
+            bands.
     """
 
     q: Array
     branch: Indices
     solutions: int
     outside: tuple[str, ...] = ()
+    bands: tuple[str, ...] = ()
 
 
 def inside_limits(q: Array, branch: Indices, ranges: JointRanges) -> Layer:
@@ -59,25 +57,30 @@ def centred(q: Array, ranges: JointRanges) -> Array:
     return q - TURN * np.where(ranges.hinge, turns, 0.0)
 
 
-def inside_bands(
-    bands: Sequence[ToleranceBand], rotations: Array, positions: Array, waypoint: mink.SE3
-) -> Mask:
-    """Which of K poses, rotations (K, 3, 3) and positions (K, 3), are inside the hard bands."""
-    hard = [band for band in bands if band.weight is None]
-    if not hard:
-        return np.ones(len(rotations), dtype=bool)
-    target, goal = waypoint.rotation().as_matrix(), waypoint.translation()
-    pairs = (
-        FramePair(rotation, position, target, goal, np.zeros(6))
-        for rotation, position in zip(rotations, positions, strict=True)
-    )
-    return np.array([all(b.excess(pair) <= _WITHIN for b in hard) for pair in pairs], dtype=bool)
-
-
 def boxed(q: Array, period: Array) -> Array:
     """Coordinates (K, nv) in [0, period) where a period is not 0: a tree's box of that size."""
     wrapped: Array = np.where(period > 0.0, np.mod(q, np.where(period > 0.0, period, 1.0)), q)
     return wrapped
+
+
+def empty_layer(q: Array, ranges: JointRanges, bands: HardBands, index: int) -> Layer:
+    """The layer of a waypoint none of whose configurations q (K, nv) is inside limits and bands."""
+    layer = inside_limits(q, np.zeros(len(q), dtype=np.intp), ranges)
+    forbidden: tuple[str, ...] = ()
+    if len(layer.q):
+        forbidden = forbidding_bands(layer.q, bands, index)[0]
+    return replace(layer, q=layer.q[:0], branch=layer.branch[:0], bands=forbidden)
+
+
+def forbidding_bands(q: Array, bands: HardBands, index: int) -> tuple[tuple[str, ...], Array]:
+    """The bands that the configuration of q (K, nv) that is nearest to fit is outside of.
+
+    Returns:
+        Their names, and all margins of that configuration, rad or m, (k,).
+    """
+    margins = bands.margins(q, np.full(len(q), index))
+    nearest: Array = margins[np.argmax(margins.min(axis=1))]
+    return tuple(bands.names[k] for k in np.flatnonzero(nearest < -WITHIN)), nearest
 
 
 def _forbidding(q: Array, ranges: JointRanges) -> tuple[str, ...]:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
@@ -12,26 +10,31 @@ from scipy.spatial import KDTree
 from qp_twist.checks import Array, Indices
 from qp_twist.kinematics import JointRanges
 from qp_twist.path import PathTask
-from qp_twist.planning.layer import TURN, Layer, boxed, centred, inside_bands, inside_limits
-from qp_twist.planning.path_rows import Mask, PathRows
+from qp_twist.planning.layer import TURN, Layer, boxed, centred, empty_layer, inside_limits
+from qp_twist.planning.path_rows import PathRows
 
 SEEDS = 300
 """Random configurations from which a waypoint's manifolds are looked for."""
+_AGAIN = 3
+"""Times that as many are drawn again where none ends inside."""
 COVERED = 2
 """Free degrees up to which manifolds are covered; beyond, only what was found before is carried."""
 _THIN = 0.6
 """Nodes nearer than this share of the spacing are one."""
 _MOST = 20_000
 """Nodes of a waypoint."""
+_CARRIED = 500
+"""Nodes of a waypoint with hard bands where more than two degrees are free."""
 
 
 class ManifoldNet:
     """Self-motion manifolds inside the limits, as nets of configurations.
 
-    Newton's method brings random configurations onto the task; from each of them the net grows in
-    steps along the null space of the task rows until it meets itself or a limit. A manifold on
-    which no seed falls is not found. Where the task leaves more than two degrees free the net would
-    be too large: there the configurations of the layer before are carried over.
+    Newton's method brings random configurations onto the task and into its hard bands; from each of
+    them the net grows in steps along the null space of the task rows until it meets itself or a
+    limit. A manifold on which no seed falls is not found. Where the task leaves more than two
+    degrees free the net would be too large: there the configurations of the layer before are
+    carried over.
 
     Attributes:
         spacing: Between neighbours, rad or m in joint space.
@@ -54,16 +57,21 @@ class ManifoldNet:
         seeds = self._random(SEEDS)
         if before is not None:
             seeds = np.vstack([centred(before.q, self.ranges), seeds])
-        q, arrived = self.rows.correct(seeds, np.full(len(seeds), index))
-        q = centred(q[arrived], self.ranges)
-        nodes = self._thinned(q[self._inside(q, index)], None)
-        if not len(nodes):
-            none = inside_limits(q, np.zeros(len(q), dtype=np.intp), self.ranges)
-            # Where it is the bands that forbid it, some may be inside the limits.
-            return replace(none, q=none.q[:0], branch=none.branch[:0])
+        for _ in range(1 + _AGAIN):
+            q, arrived = self.rows.correct(seeds, np.full(len(seeds), index))
+            q = centred(q[arrived], self.ranges)
+            nodes, _ = self._brought_inside(q, index)
+            if len(nodes):
+                break
+            seeds = self._random(SEEDS)
+        else:
+            return empty_layer(q, self.ranges, self.rows.bands, index)
+        nodes = self._thinned(centred(nodes, self.ranges), None)
         freedom = int(self.rows.freedom[index])
         if 0 < freedom <= COVERED:
             nodes = self._grown(nodes, index, freedom)
+        elif self.rows.bands and len(nodes) > _CARRIED:  # every one of which is brought inside
+            nodes = nodes[self._rng.permutation(len(nodes))[:_CARRIED]]
         return inside_limits(nodes, self._components(nodes), self.ranges)
 
     def _random(self, count: int) -> Array:
@@ -85,8 +93,11 @@ class ManifoldNet:
             start = np.repeat(frontier, len(directions), axis=0)
             found, arrived = self.rows.correct(ahead, np.full(len(ahead), index), iterations=8)
             near = np.linalg.norm(found - start, axis=1) < 2.0 * self.spacing
-            found = centred(found[arrived & near], self.ranges)
-            frontier = self._thinned(found[self._inside(found, index)], nodes)
+            found, which = self._brought_inside(found[arrived & near], index)
+            if self.rows.bands:
+                start = start[arrived & near][which]
+                found = found[np.linalg.norm(found - start, axis=1) < 2.0 * self.spacing]
+            frontier = self._thinned(centred(found, self.ranges), nodes)
             nodes = np.vstack([nodes, frontier])
         return nodes
 
@@ -116,13 +127,20 @@ class ManifoldNet:
         labels: Indices = connected_components(graph, directed=False)[1].astype(np.intp)
         return labels
 
-    def _inside(self, q: Array, index: int) -> Mask:
-        """Which configurations are inside the limits, turns not counted, and the hard bands."""
+    def _brought_inside(self, q: Array, index: int) -> tuple[Array, Indices]:
+        """Those of q (K, nv), on the waypoint, that are inside the limits, turns not counted.
+
+        What is outside a hard band is brought back into it, if it can be.
+
+        Returns:
+            The configurations, and which of q they come from.
+        """
+        within = np.ones(len(q), dtype=bool)
+        if self.rows.bands:
+            q, within = self.rows.correct_inside(q, np.full(len(q), index), iterations=8)
         at = centred(q, self.ranges)
-        within = (at >= self.ranges.lower) & (at <= self.ranges.upper)
-        inside: Mask = np.logical_and.reduce(within, axis=1)
-        waypoint = self.path_task.waypoints[index]
-        return inside & inside_bands(self.path_task.bands, *self.rows.chain.poses(q), waypoint)
+        which = np.flatnonzero(self.ranges.inside(at) & within)
+        return q[which], which
 
     def _tree(self, q: Array) -> KDTree:
         return KDTree(boxed(q, self._period), boxsize=self._period)

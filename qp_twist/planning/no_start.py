@@ -9,7 +9,7 @@ from qp_twist.geometry import ProjectorKind
 from qp_twist.kinematics import JointRanges, SerialChain
 from qp_twist.path import PathTask
 from qp_twist.planning.drawn import random_configurations
-from qp_twist.planning.layer import centred
+from qp_twist.planning.layer import centred, forbidding_bands
 from qp_twist.planning.path_rows import PathRows
 
 _SEEDS = 300
@@ -45,10 +45,7 @@ def what_forbids(path_task: PathTask, index: int = 0) -> str:
     nearest = int(np.argmin(beyond.max(axis=1)))
     over = np.flatnonzero(beyond[nearest] > 0.0)
     if not len(over):
-        return (
-            f"the configurations at {where} that are inside the joint limits are outside a hard "
-            "tolerance band"
-        )
+        return _outside_bands(rows, q[ranges.inside(q)], index)
     always = np.flatnonzero((beyond > 0.0).all(axis=0))
     said = " and ".join(
         f"{ranges.names[dof]} by {_amount(beyond[nearest, dof], bool(ranges.hinge[dof]))}"
@@ -62,6 +59,20 @@ def what_forbids(path_task: PathTask, index: int = 0) -> str:
         names = " and ".join(ranges.names[dof] for dof in always)
         text += f", and in every one that was found by {names}"
     return text
+
+
+def _outside_bands(rows: PathRows, q: Array, index: int) -> str:
+    """The sentence for a waypoint some of whose configurations q (K, nv) are inside the limits."""
+    forbidding, margins = forbidding_bands(q, rows.bands, index)
+    said = " and ".join(
+        f"{name} by {_amount(-margin, unit == 'rad')}"
+        for name, unit, margin in zip(rows.bands.names, rows.bands.units, margins, strict=True)
+        if name in forbidding
+    )
+    return (
+        f"no configuration that was found at waypoint {index + 1} is inside both the joint limits "
+        f"and the hard tolerance bands; the nearest one inside the limits is outside {said}"
+    )
 
 
 def _amount(beyond: float, hinge: bool) -> str:

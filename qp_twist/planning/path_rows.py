@@ -6,23 +6,25 @@ from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
-import numpy.typing as npt
 
 from qp_twist.checks import Array, Indices
 from qp_twist.geometry import distinct_projectors, many_twist_errors
 from qp_twist.kinematics import SerialChain
 from qp_twist.path import PathTask
+from qp_twist.planning.hard_bands import HardBands, Mask
 
 if TYPE_CHECKING:
     from qp_twist.planning.compiled_path import CompiledPath, Newton
-
-Mask = npt.NDArray[np.bool_]
 
 ON_TASK = 1e-9
 """Task error at which a configuration counts as on its waypoint, m and rad."""
 _ITERATIONS = 40
 _LONGEST = 0.3
 """Largest joint displacement of a Newton step, rad or m: the rows hold only nearby."""
+_INSET = 1e-6
+"""What is brought into a band comes to stand this far inside, rad or m."""
+_RETURNS = 12
+"""Most steps into the bands."""
 _ROUNDING = 1e-12
 """Share of the trace of AAᵀ by which it is damped: singular values below its root are given up."""
 
@@ -32,11 +34,13 @@ class PathRows:
 
     Attributes:
         chain: The arm up to the controlled frame.
+        bands: The hard tolerance bands of the path.
         freedom: Degrees of freedom that the rows leave at each waypoint, (N,).
     """
 
     def __init__(self, path_task: PathTask) -> None:
         self.chain = SerialChain.of(path_task.model, path_task.frame_name, path_task.frame_type)
+        self.bands = HardBands(path_task, self.chain)
         self._rotations = np.array([w.rotation().as_matrix() for w in path_task.waypoints])
         self._positions = path_task.positions
         self._projectors, self._which = distinct_projectors(path_task.in_force)
@@ -86,6 +90,34 @@ class PathRows:
             left = np.concatenate(still)
         return q, arrived
 
+    def correct_inside(
+        self, q: Array, at: Indices, *, iterations: int = _ITERATIONS
+    ) -> tuple[Array, Mask]:
+        """As :meth:`correct`, and into the hard bands: which are on their waypoints and inside.
+
+        What is outside a band takes steps of least norm that keep the rows and bring the values
+        back to the nearer end.
+        """
+        q, arrived = self.correct(q, at, iterations=iterations)
+        if not self.bands:
+            return q, arrived
+        inside = arrived & self.bands.inside(q, at)
+        left = np.flatnonzero(arrived & ~inside)
+        for _ in range(_RETURNS):
+            if not len(left):
+                break
+            back, sides = self.bands.returns(q[left], at[left], _INSET)
+            step = np.zeros((len(left), q.shape[1]))
+            for which, rows, errors in self._groups(q[left], at[left]):
+                stacked = np.concatenate([rows, back[which]], axis=1)
+                step[which] = _shortest(stacked, np.concatenate([errors, sides[which]], axis=1))
+            longest = np.abs(step).max(axis=1, initial=_LONGEST)
+            q[left] += step * (_LONGEST / longest)[:, None]
+            q[left], arrived = self.correct(q[left], at[left], iterations=iterations)
+            inside[left] = arrived & self.bands.inside(q[left], at[left])
+            left = left[arrived & ~inside[left]]
+        return q, inside
+
     def shortest(self, q: Array, at: Indices) -> Array:
         """The step of least norm that the rows at the waypoints ask for, rad or m, (K, nv)."""
         steps = np.zeros(q.shape)
@@ -120,6 +152,21 @@ class PathRows:
             if rows.shape[1]:
                 smallest[which] = np.linalg.svd(rows, compute_uv=False)[:, -1]
         return smallest
+
+    def multipliers(self, q: Array, at: Indices, gradient: Array) -> tuple[Array, Array]:
+        """How a function with a gradient (K, nv) changes with the task error, at its minimum.
+
+        Lengths of the linear and the angular multipliers, (AAᵀ)⁻¹A · gradient with A = UᵀJ, in
+        units of the function per m and per rad, (K,) each.
+        """
+        linear, angular = np.zeros(len(q)), np.zeros(len(q))
+        for which, rows, _ in self._groups(q, at):
+            inverse = np.linalg.pinv(rows.transpose(0, 2, 1), rcond=1e-9)
+            found = (inverse @ gradient[which][:, :, None])[:, :, 0]
+            split = self._projectors[self._which[at[which[0]]]].linear.rank
+            linear[which] = np.linalg.norm(found[:, :split], axis=1)
+            angular[which] = np.linalg.norm(found[:, split:], axis=1)
+        return linear, angular
 
     def _groups(self, q: Array, at: Indices) -> list[tuple[Indices, Array, Array]]:
         """For each projector: the configurations it holds at, UᵀJ and UᵀΔt."""

@@ -10,11 +10,12 @@ import numpy.typing as npt
 
 from qp_twist.checks import Array, finite_array, instance, number
 from qp_twist.errors import InvalidInput
-from qp_twist.kinematics import JointRanges
+from qp_twist.kinematics import JointRanges, SerialChain
 from qp_twist.path import PathTask
 from qp_twist.planning.certificate import Certificate
+from qp_twist.planning.hard_bands import WITHIN, HardBands
 from qp_twist.planning.objective import Objective
-from qp_twist.planning.refine import MotionLimits
+from qp_twist.planning.path_constraints import PathConstraints
 from qp_twist.planning.search import Laps, Progress, Search
 
 UNTIMED_STEP = np.radians(15.0)
@@ -102,6 +103,7 @@ def make_plan(
         if outside.any():
             name = ranges.names[int(np.argmax(outside))]
             raise InvalidInput(f"plan: the start is outside the limits of {name}.")
+        _check_inside_bands(limits, first)
     found = Search(path_task, goal, limits, first, laps, progress).run()
     path = found.path
     return Plan(
@@ -114,10 +116,26 @@ def make_plan(
     )
 
 
+def _check_inside_bands(limits: PathConstraints, start: Array) -> None:
+    """Refuse a given start (nv,) outside a hard band."""
+    assert limits.bands is not None
+    margins = limits.bands.margins(start[None], np.zeros(1, dtype=np.intp))[0]
+    outside = np.flatnonzero(margins < -WITHIN)
+    if len(outside):
+        k = int(outside[0])
+        amount = f"{-np.degrees(margins[k]):.3g}°"
+        if limits.bands.units[k] == "m":
+            amount = f"{-1e3 * margins[k]:.3g} mm"
+        raise InvalidInput(
+            f"plan: the start on the first waypoint is outside {limits.bands.names[k]} by "
+            f"{amount}; give one inside, or none (start=None) to have it found."
+        )
+
+
 def motion_limits(
     path_task: PathTask, ranges: JointRanges, max_step_deg: float | None, *, fixed_start: bool
-) -> MotionLimits:
-    """What the task's clock, speeds and accelerations allow between the waypoints."""
+) -> PathConstraints:
+    """What a joint path along the task has to keep at its waypoints and between them."""
     count = len(path_task.waypoints)
     durations = np.ones(count - 1) if path_task.durations is None else path_task.durations[1:]
     steps = np.full((count - 1, path_task.model.nv), np.inf)
@@ -129,4 +147,6 @@ def motion_limits(
     # Velocities count as constant between waypoints, and change where these meet.
     times = 0.5 * (durations[1:] + durations[:-1])
     speed_changes = path_task.acceleration_limits * times[:, None]
-    return MotionLimits(ranges, steps, speed_changes, durations, fixed_start)
+    chain = SerialChain.of(path_task.model, path_task.frame_name, path_task.frame_type)
+    bands = HardBands(path_task, chain)
+    return PathConstraints(ranges, steps, speed_changes, durations, fixed_start, bands)

@@ -2,22 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
 import qpsolvers
 from scipy import sparse
 
-from qp_twist.checks import Array, Indices
+from qp_twist.checks import Array
 from qp_twist.kinematics import JointRanges
+from qp_twist.planning.hard_bands import WITHIN
 from qp_twist.planning.objective import Objective
+from qp_twist.planning.path_constraints import PathConstraints
 from qp_twist.planning.path_rows import PathRows
 
 HAIR = 1e-7
-"""What the programs stay away from every limit, rad or m, for their own rounding."""
-WITHIN = 1e-9
-"""Excess over a limit that is rounding, rad or m."""
+"""What the programs stay away from every constraint, rad or m, for their own rounding."""
 _TIE_BREAK = 1e-6
 """Weight of the mean z where the objective does not decide."""
 ITERATIONS, _SETTLING = 40, 6
@@ -28,53 +28,14 @@ _SETTLED = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
-class MotionLimits:
-    """What holds between and at the waypoints.
-
-    Attributes:
-        ranges: Of the joints.
-        steps: Largest displacement of each joint to each waypoint from the one before, rad or m,
-            (N − 1, nv).
-        speed_changes: Largest change of velocity at each waypoint but the first and last, rad/s or
-            m/s, (N − 2, nv); infinite without acceleration limits.
-        durations: Time to each waypoint from the one before, s, (N − 1,).
-        fixed_start: Whether the first configuration is given.
-    """
-
-    ranges: JointRanges
-    steps: Array
-    speed_changes: Array
-    durations: Array
-    fixed_start: bool
-
-    def excess(self, q: Array) -> float:
-        """By how much a path (N, nv) breaks a limit, rad or m; at most 0 where it breaks none."""
-        return float(self._beyond(q).max())
-
-    def broken(self, q: Array) -> Indices:
-        """The waypoints at which a path (N, nv) breaks a limit, from 0; of a step the second."""
-        return np.flatnonzero(self._beyond(q) > WITHIN)
-
-    def _beyond(self, q: Array) -> Array:
-        beyond: Array = np.maximum(self.ranges.lower - q, q - self.ranges.upper).max(axis=1)
-        dq = np.diff(q, axis=0)
-        beyond[1:] = np.maximum(beyond[1:], (np.abs(dq) - self.steps).max(axis=1))
-        if np.isfinite(self.speed_changes).any():
-            change = np.abs(np.diff(dq / self.durations[:, None], axis=0)) - self.speed_changes
-            beyond[1:-1] = np.maximum(
-                beyond[1:-1], change.max(axis=1, initial=-np.inf) * self.durations.min()
-            )
-        return beyond
-
-
-@dataclass(frozen=True, eq=False)
 class Refined:
     """A joint path and what is wrong with it.
 
     Attributes:
         q: The path, (N, nv).
         value: Of the objective.
-        excess: By how much it breaks a limit, rad or m; at most :data:`WITHIN` if none.
+        excess: By how much it breaks a constraint, rad or m; at most
+            :data:`~qp_twist.planning.hard_bands.WITHIN` if none.
     """
 
     q: Array
@@ -83,14 +44,14 @@ class Refined:
 
     @property
     def feasible(self) -> bool:
-        """Whether it breaks no limit."""
+        """Whether it breaks no constraint."""
         return self.excess <= WITHIN
 
 
 def refine(
     q: Array,
     rows: PathRows,
-    limits: MotionLimits,
+    limits: PathConstraints,
     objective: Objective,
     progress: Callable[[float], None] | None = None,
     iterations: int = ITERATIONS,
@@ -107,8 +68,10 @@ def refine(
         \quad\text{s.t.}\quad \text{ranges, steps and changes of speed within } \sigma,\quad
         \lVert\mathbf u\rVert_\infty \le \rho,\; \sigma \ge 0,
 
-    sparse, for all waypoints together. A path that breaks limits is brought inside them where the
-    penalty μ can. The radius ρ shrinks where the linear model was wrong.
+    sparse, for all waypoints together. A path that breaks constraints is brought inside them where
+    the penalty μ can. The radius ρ shrinks where the linear model was wrong. Hard bands have the
+    rows of :meth:`~qp_twist.planning.hard_bands.HardBands.rows`: of a cone the sides of a polygon
+    around it, so that it is held in all directions.
     """
     here, radius = _judged(q, limits, objective), _FIRST
     for iteration in range(iterations):
@@ -135,7 +98,7 @@ def refine(
     return here
 
 
-def _judged(q: Array, limits: MotionLimits, objective: Objective) -> Refined:
+def _judged(q: Array, limits: PathConstraints, objective: Objective) -> Refined:
     return Refined(q, objective.value(q), limits.excess(q))
 
 
@@ -147,7 +110,7 @@ def _merit(path: Refined, objective: Objective) -> float:
 def _step(
     here: Refined,
     rows: PathRows,
-    limits: MotionLimits,
+    limits: PathConstraints,
     objective: Objective,
     radius: float,
     *,
@@ -168,7 +131,12 @@ def _step(
 
 
 def _solved(
-    q: Array, basis: Array, limits: MotionLimits, objective: Objective, radius: float, settle: bool
+    q: Array,
+    basis: Array,
+    limits: PathConstraints,
+    objective: Objective,
+    radius: float,
+    settle: bool,
 ) -> Array | None:
     """The solution u (N, d) of the program at a path q (N, nv)."""
     count, nv = q.shape
@@ -202,8 +170,33 @@ def _solved(
                 limits.durations.min() * (limits.speed_changes.ravel()
                                           - sign * (rate[nv:] - rate[:-nv])) - HAIR,
             )  # fmt: skip
+    if limits.bands:
+        for rows, rooms in _band_rows(q, move, limits):
+            program.soft_rows(rows, rooms)
     x = program.solution(objective.penalty)
     return None if x is None else x[: count * free].reshape(count, free)
+
+
+def _band_rows(
+    q: Array, move: sparse.csr_matrix, limits: PathConstraints
+) -> Iterator[tuple[sparse.csr_matrix, Array]]:
+    """The rows of the hard bands on u, at and between waypoints, and their right-hand sides.
+
+    Half of what is allowed between waypoints is left for the points between those looked at.
+    """
+    bands, nv = limits.bands, q.shape[1]
+    assert bands is not None
+    at, share = limits.points_between()
+    joints = (nv * at[:, None] + np.arange(nv)).ravel()
+    of_end = sparse.diags(np.repeat(share, nv))
+    between = move[joints] + of_end @ (move[joints + nv] - move[joints])
+    for (rows, rooms, of), kept, moved in (
+        (bands.rows(q, np.arange(len(q))), np.minimum(HAIR, 0.25 * bands.halves), move),
+        (bands.rows_between(q, at, share), -0.5 * limits.allowed_between, between),
+    ):
+        blocks = np.arange(len(rows) + 1)
+        on_q = sparse.csr_matrix(sparse.bsr_matrix((rows, blocks[:-1], blocks)))
+        yield on_q @ moved, (rooms - kept[of]).ravel()
 
 
 class _Program:

@@ -58,7 +58,18 @@ class Roadmap:
         )
 
     def covers(self, index: int) -> bool:
-        """Whether the layer of a waypoint holds all that there is, to the grid's spacing."""
+        """Whether the layer of a waypoint holds all that there is, to the grid's spacing.
+
+        Hard bands may cut a self-motion manifold into pieces on which no seed falls; of rolls it is
+        known on which side of a band they are.
+        """
+        if self._closed_form(index):
+            assert self._rolls is not None
+            return self._rolls.settled(index)
+        return self.samples_all(index) and not self.rows.bands
+
+    def samples_all(self, index: int) -> bool:
+        """The same without hard bands."""
         return self._closed_form(index) or int(self.rows.freedom[index]) <= COVERED
 
     def layers(

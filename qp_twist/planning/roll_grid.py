@@ -4,15 +4,20 @@ from __future__ import annotations
 
 import numpy as np
 
-from qp_twist.checks import Array
+from qp_twist.checks import Array, Indices
 from qp_twist.geometry import ProjectorKind
 from qp_twist.kinematics import JointRanges, OrthoParallelArm
 from qp_twist.kinematics.serial_chain import turns
 from qp_twist.path import PathTask
-from qp_twist.planning.layer import TURN, Layer, inside_bands, inside_limits
+from qp_twist.planning.hard_bands import WITHIN, HardBands, Mask
+from qp_twist.planning.layer import TURN, Layer, empty_layer, inside_limits
 
 FINEST = 16
 """Most parts of a grid interval in which the joints run fast."""
+_HALVINGS = 12
+"""Times that a grid interval in which a band may begin or end is halved."""
+_MOST_STRETCHES = 20_000
+"""So many stretches of rolls are not halved again."""
 
 
 class RollGrid:
@@ -22,6 +27,7 @@ class RollGrid:
         arm: The inverse kinematics.
         spacing: Of the grid, rad.
         rolls: Of the grid, against each waypoint's own, rad.
+        bands: The hard tolerance bands.
     """
 
     def __init__(
@@ -43,6 +49,7 @@ class RollGrid:
         self.spacing = TURN / count
         self.rolls = np.linspace(0.0, TURN, count, endpoint=False)
         self._joints = joints
+        self.bands = HardBands(path_task, arm.chain)
 
     @staticmethod
     def applies(path_task: PathTask, index: int) -> bool:
@@ -67,7 +74,16 @@ class RollGrid:
         found = np.repeat(grid, parts, axis=0)
         between = number > 0
         found[between] = self._branches(index, rolls[between])
+        if self.bands:
+            edges, _ = self._edges(index)
+            rolls = np.concatenate([rolls, edges])
+            found = np.concatenate([found, self._branches(index, edges)])
         return self._inside(index, rolls, found)
+
+    def settled(self, index: int) -> bool:
+        """Whether the bands have been looked at, at a waypoint, at every roll there is."""
+        single = self.path_task.in_force[index].angular.kind is ProjectorKind.FULL
+        return not self.bands or single or self._edges(index)[1]
 
     def branches(self, index: int) -> Array:
         """Joint positions at the rolls of the grid, (R, 8, 6), NaN where out of reach."""
@@ -84,12 +100,67 @@ class RollGrid:
         return axis
 
     def _inside(self, index: int, rolls: Array, found: Array) -> Layer:
-        waypoint = self.path_task.waypoints[index]
-        positions = np.broadcast_to(waypoint.translation(), (len(rolls), 3))
-        rotations = self._rotations(index, rolls)
-        found = found[inside_bands(self.path_task.bands, rotations, positions, waypoint)]
-        row, branch = np.nonzero(np.isfinite(found).all(axis=2))
-        return inside_limits(found[row, branch], branch, self.ranges)
+        inside = np.ones(len(rolls), dtype=bool)
+        if self.bands:
+            inside = self._margins(index, rolls) >= -WITHIN
+        reached = np.isfinite(found).all(axis=2)
+        row, branch = np.nonzero(reached & inside[:, None])
+        layer = inside_limits(found[row, branch], branch, self.ranges)
+        if self.bands and not len(layer.q):
+            return empty_layer(found[reached], self.ranges, self.bands, index)
+        return layer
+
+    def _edges(self, index: int) -> tuple[Array, bool]:
+        """The rolls just inside the bands' ends, and whether the side of all others is known.
+
+        Stretches of the grid with one end inside are halved, and those with both ends outside until
+        the margins cannot rise to 0 on the way to their middle. So a band narrower than the grid's
+        spacing is found, too.
+        """
+        width = self.spacing
+        ends = np.stack([self.rolls, self.rolls + width])
+        first = self._margins(index, self.rolls) >= 0.0
+        inside = np.stack([first, np.roll(first, -1)])
+        for _ in range(_HALVINGS):
+            kept = self._open(index, ends, inside, width)
+            ends, inside = ends[:, kept], inside[:, kept]
+            if not 0 < ends.shape[1] < _MOST_STRETCHES:
+                break
+            width *= 0.5
+            middle = ends[0] + width
+            within = self._margins(index, middle) >= 0.0
+            ends = np.hstack([[ends[0], middle], [middle, ends[1]]])
+            inside = np.hstack([[inside[0], within], [within, inside[1]]])
+        mixed = inside[0] != inside[1]
+        edges = np.unique(np.where(inside[0], ends[0], ends[1])[mixed])
+        # Beside an end of a band nothing is decided, however short the stretch is.
+        left = ends[0, ~mixed & self._open(index, ends, inside, width)]
+        beside = np.abs(left[:, None] - edges).min(axis=1, initial=np.inf) < 3.0 * width
+        return edges, bool(beside.all())
+
+    def _margins(self, index: int, rolls: Array) -> Array:
+        """The least margin of the bands at some rolls, rad or m, (K,)."""
+        margins: Array = self.bands.margins_of(*self._poses(index, rolls)).min(axis=1)
+        return margins
+
+    def _open(self, index: int, ends: Array, inside: Mask, width: float) -> Mask:
+        """Which stretches of rolls, their ends (2, C), hold an end of a band, or may hold one."""
+        open_: Mask = inside[0] != inside[1]
+        outside = ~inside.any(axis=0)
+        if not outside.any():
+            return open_
+        reached = np.ones((2, int(outside.sum())), dtype=bool)
+        for end in (0, 1):
+            poses = self._poses(index, ends[end, outside])
+            risen = self.bands.margins_of(*poses) + self.bands.change(*poses, 0.5 * width)
+            reached[end] = (risen >= 0.0).all(axis=1)
+        open_[outside] = reached.any(axis=0)
+        return open_
+
+    def _poses(self, index: int, rolls: Array) -> tuple[Array, Array, Indices]:
+        position = self.path_task.waypoints[index].translation()
+        positions = np.broadcast_to(position, (len(rolls), 3))
+        return self._rotations(index, rolls), positions, np.full(len(rolls), index)
 
     def _branches(self, index: int, rolls: Array) -> Array:
         rotations = self._rotations(index, rolls)

@@ -12,8 +12,9 @@ from qp_twist.errors import InvalidInput
 from qp_twist.geometry import ProjectorKind, twist_angle
 from qp_twist.kinematics import JointRanges, OrthoParallelArm
 from qp_twist.path import PathTask
+from qp_twist.planning.hard_bands import Mask
 from qp_twist.planning.layer import TURN, centred
-from qp_twist.planning.path_rows import Mask, PathRows
+from qp_twist.planning.path_rows import PathRows
 from qp_twist.planning.plan import motion_limits
 from qp_twist.planning.roll_grid import RollGrid
 

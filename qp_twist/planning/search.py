@@ -12,10 +12,13 @@ from qp_twist.checks import Array, Indices
 from qp_twist.path import PathTask
 from qp_twist.planning.bound import pointwise_bound
 from qp_twist.planning.certificate import Certificate
+from qp_twist.planning.hard_bands import SHARES, Mask
 from qp_twist.planning.layer import TURN, Layer
+from qp_twist.planning.manifold_net import COVERED
 from qp_twist.planning.objective import Objective
+from qp_twist.planning.path_constraints import PathConstraints, Violation
 from qp_twist.planning.path_rows import PathRows
-from qp_twist.planning.refine import MotionLimits, Refined, refine
+from qp_twist.planning.refine import ITERATIONS, Refined, refine
 from qp_twist.planning.roadmap import Grid, Roadmap
 from qp_twist.planning.shortest_path import Edges, Way, edges, shortest_way, widest_way
 
@@ -37,8 +40,12 @@ _ABOUT = 30
 """Waypoints to either side of one that breaks limits, which are looked for again."""
 _LOOKED_WITHIN = (0.05, 0.2, 0.6)
 """Shares above the layers' least mean z within which a way is looked for first: few nodes are."""
+_POINTS = 6
+"""Times that points between waypoints are added at which a band was left."""
 _STRICTNESS = (1.0, 1e3)
 """Times the price, one after the other: first for the best way, then for one that is possible."""
+_LOOSE = {"rad": np.radians([3.0, 1.0]), "m": np.array([5e-3, 1e-3])}
+"""What an edge of the grid may leave a band on its way then: the programs make the way smooth."""
 
 
 @dataclass(frozen=True)
@@ -72,11 +79,12 @@ class Found:
     """The outcome of a search.
 
     Attributes:
-        path: The best path that breaks no limit, if there is one.
+        path: The best path that breaks no constraint, if there is one.
         certificate: Why, or why not.
         layers: Of the last stage.
         waypoints: Of those layers, from 0.
-        bound: What no path can be better than; NaN where a waypoint has no configuration.
+        bound: What no path can be better than; NaN where a waypoint has no configuration, and of
+            centering and margin where one leaves more than two degrees free.
     """
 
     path: Refined | None
@@ -102,7 +110,7 @@ class Search:
         self,
         path_task: PathTask,
         objective: Objective,
-        limits: MotionLimits,
+        limits: PathConstraints,
         start: Array | None,
         laps: Laps | None = None,
         progress: Progress | None = None,
@@ -138,13 +146,13 @@ class Search:
             found = self._stage(stage, best)
             if found.path is not None:
                 break
-            if best is None and found.certificate.kind in ("unreachable", "limits"):
+            if best is None and not all(len(layer.q) for layer in found.layers):
                 # What is empty on the finest grid stays so: no need to look at the others.
                 proven = self._proven_empty(found)
                 if proven is not None:
                     return proven
         best = self._better(best, found.path)
-        bound = self._bound(found)
+        first, bound = best, self._bound(found, best)
         if self.start is None and (best is None or not _alike(bound, best.value)):
             tried = self._tried(None if best is None else best.q[0])
         for trial in tried:
@@ -153,9 +161,11 @@ class Search:
             if best is None or near or self.objective.better(trial.value, best.value):
                 best = self._better(best, self._refined(trial.q))
         if best is None:
-            return replace(found, bound=bound)
-        certificate = Certificate("path", found.certificate.grid)
-        return replace(found, path=best, certificate=certificate, bound=bound)
+            return replace(found, bound=self._stated(bound))
+        certificate = Certificate("path", found.certificate.grid, bands=self.rows.bands.names)
+        if best is not first:
+            bound = self._bound(found, best)
+        return replace(found, path=best, certificate=certificate, bound=self._stated(bound))
 
     def _tried(self, start: Array | None) -> list[Refined]:
         """The laps of other methods that can be brought onto their waypoints, improved a little."""
@@ -164,15 +174,26 @@ class Search:
             on_path, arrived = self.rows.correct(lap, at)
             if arrived.all():
                 on_path[0] = lap[0]
-                tried.append(
-                    refine(on_path, self.rows, self.limits, self.objective, iterations=_TRIAL)
-                )
+                tried.append(self._improved(on_path, iterations=_TRIAL))
         return tried
 
-    def _bound(self, found: Found) -> float:
+    def _bound(self, found: Found, best: Refined | None) -> float:
         if not all(len(layer.q) for layer in found.layers):
             return np.nan
-        return pointwise_bound(self.objective, self.rows, found.layers, found.waypoints, self.start)
+        return pointwise_bound(
+            self.path_task,
+            self.objective,
+            self.rows,
+            found.layers,
+            found.waypoints,
+            self.start,
+            None if best is None else best.q,
+        )
+
+    def _stated(self, bound: float) -> float:
+        """The bound, where valleys of z and of the margin have been looked for everywhere."""
+        pointwise = self.objective.centering > 0.0 or self.objective.margin
+        return np.nan if pointwise and int(self.rows.freedom.max()) > COVERED else bound
 
     def _better(self, a: Refined | None, b: Refined | None) -> Refined | None:
         if b is None or not b.feasible:
@@ -193,7 +214,7 @@ class Search:
             layers[0] = Layer(self.start[None], np.full(1, -1), 1)
         empty = [i for i, layer in zip(waypoints, layers, strict=True) if not len(layer.q)]
         if empty:
-            certificate = _empty(waypoints, layers, grid, covered)
+            certificate = _empty(waypoints, layers, grid, roadmap)
             return Found(None, certificate, layers, waypoints)
         # The grid's way may be a little worse than the best one between its nodes.
         rounded = _ROUNDED_TRAVEL if self.objective.travel else _ROUNDED
@@ -231,7 +252,10 @@ class Search:
         whole, count = path.q.copy(), len(path.q)
         grid = self._grid(_STAGES[-1])
         roadmap = Roadmap(self.path_task, self.rows, grid)
-        for first, last in _stretches(self.limits.broken(whole), count):
+        broken = self.limits.broken(whole)
+        if not len(broken):  # what is left of a band is between the waypoints
+            return None
+        for first, last in _stretches(broken, count):
             waypoints = list(range(first, last + 1))
             layers = roadmap.layers(waypoints)
             for end, held in ((0, first > 0 or self.start is not None), (-1, last < count - 1)):
@@ -269,8 +293,7 @@ class Search:
         layers = roadmap.layers(waypoints)
         if all(len(layer.q) for layer in layers):
             return None
-        covered = all(roadmap.covers(index) for index in waypoints)
-        return Found(None, _empty(waypoints, layers, grid, covered), layers, waypoints)
+        return Found(None, _empty(waypoints, layers, grid, roadmap), layers, waypoints)
 
     def _typical_step(self) -> float:
         """How far a joint may move between two waypoints."""
@@ -315,6 +338,22 @@ class Search:
                 cost += objective.travel * np.degrees(apart.sum(axis=1))
             return cost
 
+        def kept(number: int, edge: Edges) -> Mask:
+            """Whether the bands are kept on the way to the next waypoint, as far as a grid can."""
+            at = waypoints[number]
+            if waypoints[number + 1] > at + 1:  # joints do not go straight there
+                return np.ones(len(edge.start), dtype=bool)
+            begin = layers[number].q[edge.start]
+            end = begin + self._unwound(layers[number + 1].q[edge.end] - begin)
+            inside = np.ones(len(begin), dtype=bool)
+            for share in SHARES:
+                here = np.full(len(begin), at), np.full(len(begin), share)
+                inside &= (bands.margins_between(begin, end, *here) >= -loose).all(axis=1)
+            return inside
+
+        bands, attempt = self.rows.bands, _STRICTNESS.index(strictness)
+        loose = np.array([_LOOSE[unit][attempt] for unit in bands.units])
+        valid = kept if bands else None
         weight = (objective.centering + objective.margin) / len(layers)
         price = _PRICE * weight + _PRICE_OF_TRAVEL * objective.travel
         centering = [weight * objective.ranges.centring(layer.q) for layer in layers]
@@ -323,18 +362,18 @@ class Search:
             for share in _LOOKED_WITHIN:
                 at_most = least * (1.0 + share)
                 if 0.0 < at_most < known:
-                    way = shortest_way(centering, connections, along, at_most=at_most)
+                    way = shortest_way(centering, connections, along, at_most=at_most, valid=valid)
                     if len(way.nodes) == len(layers):
                         return way
-            return shortest_way(centering, connections, along, at_most=known)
+            return shortest_way(centering, connections, along, at_most=known, valid=valid)
         margins = [objective.margins(layer.q) for layer in layers]
-        widest = widest_way(margins, connections, at_least=known)
+        widest = widest_way(margins, connections, at_least=known, valid=valid)
         if not np.isfinite(widest.value):
             return widest
         # Many ways are as wide; of them the most central.
         narrow = [margin < widest.value for margin in margins]
         centering = [np.where(n, np.inf, cost) for n, cost in zip(narrow, centering, strict=True)]
-        return shortest_way(centering, connections, along)
+        return shortest_way(centering, connections, along, valid=valid)
 
     def _unwound(self, difference: Array) -> Array:
         """Differences of configurations less whole turns that do not matter."""
@@ -353,10 +392,34 @@ class Search:
         return path if arrived.all() else None
 
     def _refined(self, path: Array) -> Refined:
-        return refine(
-            path, self.rows, self.limits, self.objective,
-            lambda share: self._progress("off the grid", share),
-        )  # fmt: skip
+        return self._improved(path, lambda share: self._progress("off the grid", share))
+
+    def _improved(
+        self,
+        path: Array,
+        progress: Callable[[float], None] | None = None,
+        iterations: int = ITERATIONS,
+    ) -> Refined:
+        """The best path nearby that keeps the constraints at the waypoints and between them.
+
+        Where the straight line in joints leaves a band between two waypoints by more than it may,
+        the point where it does so most is a row of the programs from then on.
+        """
+        limits = self.limits
+        for _ in range(1 + _POINTS):
+            found = refine(path, self.rows, limits, self.objective, progress, iterations)
+            if not self.rows.bands or not found.feasible:
+                break
+            path = found.q
+            beyond, share = limits.beyond_between(path)
+            left = np.flatnonzero((beyond > 0.0).any(axis=1))
+            if not len(left):
+                break
+            found = replace(found, excess=float(beyond.max()))
+            at, shares = limits.points
+            points = np.concatenate([at, left]), np.concatenate([shares, share[left]])
+            limits = replace(limits, points=points)
+        return found
 
     def _blocked(
         self, way: Way, layers: list[Layer], waypoints: list[int], grid: Grid, covered: bool
@@ -374,9 +437,12 @@ class Search:
         return Certificate("speed", grid, (before + 1, after + 1), joints, covered)
 
     def _too_fast(self, path: Refined | None, grid: Grid, covered: bool) -> Certificate:
-        """The grid has a way that cannot be brought inside the limits."""
+        """The grid has a way that cannot be brought inside the constraints."""
         if path is None:
             return Certificate("speed", grid, (), (), covered, "the grid's way leaves the path")
+        worst = self.limits.worst(path.q)
+        if worst.kind == "band":
+            return _left(worst, grid, covered)
         step = np.abs(np.diff(path.q, axis=0)) / self.limits.steps
         number, joint = np.unravel_index(int(np.argmax(step)), step.shape)
         name = self.limits.ranges.names[int(joint)]
@@ -386,6 +452,23 @@ class Search:
             f"step that {name} may do"
         )
         return Certificate("speed", grid, (first, first + 1), (name,), covered, detail)
+
+
+def _left(worst: Violation, grid: Grid, covered: bool) -> Certificate:
+    """The best path that was found leaves a band."""
+    amount = f"{np.degrees(worst.excess):.3g}°"
+    if worst.unit == "m":
+        amount = f"{1e3 * worst.excess:.3g} mm"
+    if worst.between:
+        where: tuple[int, ...] = (worst.waypoint, worst.waypoint + 1)
+        detail = (
+            f"between waypoints {where[0]} and {where[1]}, where joints go straight, the best is "
+            f"outside by {amount} more than what is allowed there; put more waypoints there"
+        )
+    else:
+        where = (worst.waypoint + 1,)
+        detail = f"at waypoint {where[0]} the best is outside by {amount}"
+    return Certificate("band", grid, where, (), covered, detail, (worst.name,))
 
 
 def _alike(value: float, best: float) -> bool:
@@ -405,13 +488,20 @@ def _stretches(broken: Indices, count: int) -> list[tuple[int, int]]:
 
 
 def _empty(
-    waypoints: Sequence[int], layers: Sequence[Layer], grid: Grid, covered: bool
+    waypoints: Sequence[int], layers: Sequence[Layer], grid: Grid, roadmap: Roadmap
 ) -> Certificate:
-    """Waypoints that are not reached; if all are, those outside the limits."""
+    """Waypoints that are not reached; if all are, those outside the limits, or else the bands."""
     pairs = list(zip(waypoints, layers, strict=True))
     unreached = tuple(index + 1 for index, layer in pairs if layer.solutions == 0)
+    sampled = all(roadmap.samples_all(index) for index in waypoints)
     if unreached:
-        return Certificate("unreachable", grid, unreached, (), covered)
-    outside = [(index + 1, layer.outside) for index, layer in pairs if not len(layer.q)]
-    joints = tuple(dict.fromkeys(name for _, names in outside for name in names))
-    return Certificate("limits", grid, tuple(index for index, _ in outside), joints, covered)
+        return Certificate("unreachable", grid, unreached, (), sampled)
+    outside = [(index + 1, layer.outside) for index, layer in pairs if layer.outside]
+    if outside:
+        joints = tuple(dict.fromkeys(name for _, names in outside for name in names))
+        at = tuple(index for index, _ in outside)
+        return Certificate("limits", grid, at, joints, sampled)
+    barred = [(index, layer.bands) for index, layer in pairs if not len(layer.q)]
+    names = tuple(dict.fromkeys(name for _, bands in barred for name in bands))
+    proven = all(roadmap.covers(index) for index, _ in barred)
+    return Certificate("band", grid, tuple(k + 1 for k, _ in barred), (), proven, bands=names)

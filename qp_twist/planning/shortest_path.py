@@ -2,15 +2,21 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 from scipy.spatial import KDTree
 
 from qp_twist.checks import Array, Indices
 from qp_twist.planning.layer import boxed
+
+Mask = npt.NDArray[np.bool_]
+_ROUNDS = 4
+"""Times that the best edge to each node is asked for; then all that are left."""
 
 
 class Edges(NamedTuple):
@@ -38,6 +44,8 @@ class Way:
 
 Connections = Callable[[int, Indices], Edges]
 """Makes the edges from some nodes of a layer to the next layer; all at once would fill memory."""
+Valid = Callable[[int, Edges], Mask]
+"""Which edges to the next layer can be gone, (E,): asked of the best edge to each node only."""
 
 
 def edges(q: Array, after: Array, largest_step: Array, period: Array) -> Edges:
@@ -67,6 +75,7 @@ def shortest_way(
     edge_cost: Callable[[int, Edges], Array],
     *,
     at_most: float = np.inf,
+    valid: Valid | None = None,
 ) -> Way:
     """The way of least Σ node costs + Σ edge costs.
 
@@ -76,6 +85,7 @@ def shortest_way(
         edge_cost: Costs (E,) of the edges from the layer of a number to the next.
         at_most: A value that is known to be possible. A node is given up as soon as what leads to
             it and the least costs of the layers ahead are more.
+        valid: Says which edges can be gone, where that is not known of all beforehand.
     """
     least = np.array([cost.min(initial=np.inf) for cost in node_costs])
     ahead = np.append(np.cumsum(least[::-1])[::-1][1:], 0.0)
@@ -84,9 +94,8 @@ def shortest_way(
     for number in range(len(node_costs) - 1):
         edge = connections(number, np.flatnonzero(np.isfinite(best[-1])))
         values = best[-1][edge.start] + edge_cost(number, edge)
-        reached = np.full(len(node_costs[number + 1]), np.inf)
-        np.minimum.at(reached, edge.end, values)
-        came.append(_arguments(reached, edge, values))
+        reached, before = _least(values, edge, len(node_costs[number + 1]), number, valid)
+        came.append(before)
         best.append(_within(reached + node_costs[number + 1], at_most - ahead[number + 1]))
         if not np.isfinite(best[-1]).any():
             break
@@ -94,7 +103,11 @@ def shortest_way(
 
 
 def widest_way(
-    node_widths: Sequence[Array], connections: Connections, *, at_least: float = -np.inf
+    node_widths: Sequence[Array],
+    connections: Connections,
+    *,
+    at_least: float = -np.inf,
+    valid: Valid | None = None,
 ) -> Way:
     """The way whose smallest node width is largest.
 
@@ -102,15 +115,16 @@ def widest_way(
         node_widths: For each layer, (K,).
         connections: Makes the edges.
         at_least: A width that is known to be possible; narrower nodes are given up.
+        valid: As for :func:`shortest_way`.
     """
     best = [-_within(-node_widths[0], -at_least)]
     came: list[Indices] = []
     for number in range(len(node_widths) - 1):
         edge = connections(number, np.flatnonzero(np.isfinite(best[-1])))
-        values = best[-1][edge.start]
-        most = np.full(len(node_widths[number + 1]), -np.inf)
-        np.maximum.at(most, edge.end, values)
-        came.append(_arguments(most, edge, values))
+        values = -best[-1][edge.start]
+        least, before = _least(values, edge, len(node_widths[number + 1]), number, valid)
+        most = -least
+        came.append(before)
         best.append(-_within(-np.minimum(most, node_widths[number + 1]), -at_least))
         if not np.isfinite(best[-1]).any():
             break
@@ -123,12 +137,36 @@ def _within(costs: Array, most: float) -> Array:
     return within
 
 
-def _arguments(chosen: Array, edge: Edges, values: Array) -> Indices:
-    """For each node of the second layer one of the first that gives it its value."""
-    before = np.zeros(len(chosen), dtype=np.intp)
-    giving = values == chosen[edge.end]
-    before[edge.end[giving]] = edge.start[giving]
-    return before
+def _least(
+    values: Array, edge: Edges, count: int, number: int, valid: Valid | None
+) -> tuple[Array, Indices]:
+    """Least value (count,) of the valid edges to each node of the second layer, and their starts.
+
+    To ask of every edge whether it is valid would take too long: only the best to each node is
+    asked about, and where it is not, the next best.
+    """
+    asked = np.zeros(len(values), dtype=bool)
+    values = values.copy()
+    for attempt in itertools.count():
+        reached = np.full(count, np.inf)
+        np.minimum.at(reached, edge.end, values)
+        before = np.zeros(count, dtype=np.intp)
+        giving = values == reached[edge.end]
+        before[edge.end[giving]] = edge.start[giving]
+        if valid is None:
+            break
+        chosen = giving & np.isfinite(values) & (edge.start == before[edge.end]) & ~asked
+        if attempt >= _ROUNDS:  # all edges to the nodes whose best ones could not be gone
+            failing = np.zeros(count, dtype=bool)
+            failing[edge.end[chosen]] = True
+            chosen = failing[edge.end] & np.isfinite(values) & ~asked
+        asked |= chosen
+        which = np.flatnonzero(chosen)
+        ok = valid(number, Edges(edge.start[which], edge.end[which]))
+        values[which[~ok]] = np.inf
+        if ok.all():
+            break
+    return reached, before
 
 
 def _back(best: list[Array], came: list[Indices], count: int, *, smallest: bool) -> Way:

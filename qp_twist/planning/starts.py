@@ -9,10 +9,10 @@ import numpy as np
 from qp_twist.checks import Array, Indices
 from qp_twist.kinematics import JointRanges
 from qp_twist.path import PathTask
-from qp_twist.planning.bound import best_of_branches, centred_nearby
+from qp_twist.planning.bound import best_of_branches, settled_nearby
 from qp_twist.planning.central import as_far_as_inside, central_configurations
 from qp_twist.planning.drawn import random_configurations
-from qp_twist.planning.layer import inside_bands
+from qp_twist.planning.hard_bands import Mask
 from qp_twist.planning.path_rows import PathRows
 from qp_twist.planning.roadmap import Grid, Roadmap
 
@@ -47,15 +47,14 @@ def random_start(path_task: PathTask, rng: np.random.Generator) -> Array | None:
     """A random configuration (nv,) on the first waypoint; ``None`` if none inside limits is found.
 
     Configurations drawn uniformly between the limits (hinges without: over a turn) are moved onto
-    the waypoint by Newton's method; the first that ends inside limits and hard bands is taken.
+    the waypoint and into its hard bands by Newton's method; the first that ends inside the limits,
+    too, is taken.
     """
     rows, ranges = PathRows(path_task), JointRanges.of(path_task.model)
     for _ in range(_TIMES):
         drawn = random_configurations(ranges, _AT_A_TIME, rng)
-        q, arrived = rows.correct(drawn, np.zeros(_AT_A_TIME, dtype=np.intp))
+        q, arrived = rows.correct_inside(drawn, np.zeros(_AT_A_TIME, dtype=np.intp))
         q = q[arrived & ranges.inside(q)]
-        poses = rows.chain.poses(q)
-        q = q[inside_bands(path_task.bands, *poses, path_task.waypoints[0])]
         if len(q):
             start: Array = q[0]
             return start
@@ -72,16 +71,23 @@ def _central(path_task: PathTask, waypoints: Sequence[int]) -> list[Array]:
     ]
     at = np.repeat(np.asarray(waypoints), [len(q) for q in best])
     q = np.concatenate(best)
-    nearer = centred_nearby(q, at, rows, ranges)
+    nearer = settled_nearby(q, at, rows, ranges)
     q = _lowered(q, np.where(np.isfinite(nearer), nearer, q), at, rows, ranges)
     q = q[np.lexsort((ranges.centring(q), at))]
     return np.split(q, np.cumsum([len(part) for part in best])[:-1])
 
 
 def _lowered(q: Array, there: Array, at: Indices, rows: PathRows, ranges: JointRanges) -> Array:
-    """``there`` where that is inside the limits, else as far from q (K, nv) towards it as is."""
-    within = ranges.inside(there)
+    """``there`` where that is inside limits and bands, else as far from q (K, nv) to it as is."""
+
+    def inside(q: Array, at: Indices) -> Mask:
+        within: Mask = ranges.inside(q) & rows.bands.inside(q, at)
+        return within
+
+    within = inside(there, at)
     last = np.where(within[:, None], there, q)
     over = np.flatnonzero(~within)
-    last[over] = as_far_as_inside(q[over], there[over], at[over], rows, ranges.inside)
+    last[over] = as_far_as_inside(
+        q[over], there[over], at[over], rows, lambda middle: inside(middle, at[over])
+    )
     return last

@@ -1,0 +1,252 @@
+"""The hard tolerance bands of a path, for many configurations at many waypoints at once."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+from scipy.spatial.transform import Rotation
+
+from qp_twist.checks import Array, Indices
+from qp_twist.errors import InvalidInput
+from qp_twist.kinematics import FramePair, SerialChain, ToleranceBand, check_bands
+from qp_twist.path import PathTask
+
+Mask = npt.NDArray[np.bool_]
+
+WITHIN = 1e-9
+"""Excess over a band at a waypoint that is rounding, rad or m."""
+BETWEEN = {"rad": 1e-3, "m": 1e-4}
+"""Most that a motion may leave a band between two waypoints, where its joints go straight."""
+NARROWEST = 1e-6
+"""Width below which a range is no range, rad or m: Newton's method holds waypoints to 1e-9."""
+SHARES = (0.25, 0.5, 0.75)
+"""Of the way to the next waypoint: there searches look at bands, and programs at first."""
+_FINEST = 20
+"""Times that a stretch between two waypoints is halved until it counts as not proved."""
+
+
+class HardBands:
+    r"""The hard bands of a path task; soft ones are costs, which a plan does not weigh.
+
+    Each value φ of a band (its roll, its angle, its distances) has a margin
+    :math:`\min(\varphi - lower,\; upper - \varphi)`, rad or m, that is not negative inside. Values
+    that the projector in force holds by itself have a margin of ∞ there.
+
+    Attributes:
+        names: What each of the k margins is of, as messages call it.
+        units: ``"rad"`` or ``"m"`` of each.
+        halves: Half the width of each range, rad or m, (k,).
+    """
+
+    def __init__(self, path_task: PathTask, chain: SerialChain) -> None:
+        """Take the bands of a task whose frame ``chain`` moves.
+
+        Raises:
+            InvalidInput: If a band contradicts a projector of the path, or has no width.
+        """
+        hard = [(k, band) for k, band in enumerate(path_task.bands) if band.weight is None]
+        self.chain = chain
+        self.bands: tuple[ToleranceBand, ...] = tuple(band for _, band in hard)
+        self.names = tuple(
+            f"bands[{k}], {band!r}" + ("" if len(band.ranges) == 1 else f", along {'xyz'[axis]}")
+            for k, band in hard
+            for axis in range(len(band.ranges))
+        )
+        self.units = tuple(band.unit for band in self.bands for _ in band.ranges)
+        ranges = [range_ for band in self.bands for range_ in band.ranges]
+        self.halves: Array = np.array([0.5 * (r.upper - r.lower) for r in ranges])
+        if not self.bands:
+            return
+        for projector in {id(T): T for T in path_task.in_force}.values():
+            check_bands(path_task.name, self.bands, projector)
+        for name, half in zip(self.names, self.halves, strict=True):
+            if 2.0 * half < NARROWEST:
+                raise InvalidInput(
+                    f"{path_task.name}: {name} is narrower than {NARROWEST:g} rad or m; hold that "
+                    "direction by the projector, or widen the band."
+                )
+        self._rotations = np.array([w.rotation().as_matrix() for w in path_task.waypoints])
+        self._positions = path_task.positions
+        turned = self._rotations[1:] @ self._rotations[:-1].transpose(0, 2, 1)
+        #: Of the target from each waypoint to the next, rad, (N − 1, 3).
+        self._turns: Array = Rotation.from_matrix(turned).as_rotvec()
+        self._fixed: Mask = np.array(
+            [[f for band in self.bands for f in band.fixed(T)] for T in path_task.in_force]
+        )
+
+    def __len__(self) -> int:
+        return len(self.bands)
+
+    def margins(self, q: Array, at: Indices) -> Array:
+        """Margins (K, k) of configurations q (K, nv) at waypoints of numbers (K,), rad or m."""
+        if not self.bands:
+            return np.zeros((len(q), 0))
+        return self.margins_of(*self.chain.poses(q), at)
+
+    def margins_of(self, rotations: Array, positions: Array, at: Indices) -> Array:
+        """The same of poses of the frame: rotations (K, 3, 3) and origins (K, 3)."""
+        if not self.bands:
+            return np.zeros((len(rotations), 0))
+        margins = self._margins(self._pair(rotations, positions, at))
+        return np.where(self._fixed[at], np.inf, margins)
+
+    def inside(self, q: Array, at: Indices) -> Mask:
+        """Which of the configurations q (K, nv) are inside all bands, (K,)."""
+        return np.asarray((self.margins(q, at) >= -WITHIN).all(axis=1))
+
+    def rows(self, q: Array, at: Indices) -> tuple[Array, Array, Indices]:
+        """What keeps the margins above 0, to first order: rows · Δq ≤ rooms.
+
+        Returns:
+            Rows (K, m, nv), rooms (K, m), rad or m, some of them ∞, and which margin each row is
+            of, (m,).
+        """
+        rotations, positions, J = self.chain.poses_and_jacobians(q)
+        return self._rows(self._pair(rotations, positions, at), J, self._fixed[at])
+
+    def rows_between(self, q: Array, at: Indices, share: Array) -> tuple[Array, Array, Indices]:
+        """The same of a path q (N, nv), at shares (K,) of the way from waypoints to the next."""
+        way = q[at] + share[:, None] * (q[at + 1] - q[at])
+        rotations, positions, J = self.chain.poses_and_jacobians(way)
+        held = self._fixed[at] & self._fixed[at + 1]
+        return self._rows(self._on_the_way(rotations, positions, at, share), J, held)
+
+    def _rows(self, pair: FramePair, J: Array, fixed: Mask) -> tuple[Array, Array, Indices]:
+        found, of, first = [], [], 0
+        for band in self.bands:
+            rows, rooms = band.rows(pair)
+            values = np.arange(first, first + rows.shape[1])
+            rooms = np.where(fixed[:, values, None], np.inf, rooms)
+            found.append((rows.reshape(len(J), -1, 6), rooms.reshape(len(J), -1)))
+            of.append(np.repeat(values, rows.shape[2]))
+            first += rows.shape[1]
+        rows = np.concatenate([block for block, _ in found], axis=1)
+        rooms = np.concatenate([rooms for _, rooms in found], axis=1)
+        return rows @ J, rooms, np.concatenate(of)
+
+    def returns(self, q: Array, at: Indices, inset: float) -> tuple[Array, Array]:
+        """Where margins are negative, what brings them back to ``inset``: rows · Δq = sides.
+
+        Returns:
+            Rows (K, k, nv) and sides (K, k), rad or m; zeros where a margin is not negative.
+        """
+        rotations, positions, J = self.chain.poses_and_jacobians(q)
+        pair = self._pair(rotations, positions, at)
+        margins = np.where(self._fixed[at], np.inf, self._margins(pair))
+        values = np.concatenate([band.values(pair) for band in self.bands], axis=1)
+        lower, _ = np.array([range_ for band in self.bands for range_ in band.ranges]).T
+        rising = np.where(values - lower - self.halves < 0.0, 1.0, -1.0)
+        gradients = np.concatenate([band.gradients(pair) for band in self.bands], axis=1)
+        outside = margins < -WITHIN
+        rows = np.where(outside[:, :, None], rising[:, :, None] * gradients, 0.0) @ J
+        depth = np.minimum(inset, 0.5 * self.halves)
+        return rows, np.where(outside, depth - np.where(outside, margins, 0.0), 0.0)
+
+    def change(self, rotations: Array, positions: Array, at: Indices, turn: float) -> Array:
+        """Most that each margin changes while the frame turns by ``turn``, rad, (K, k)."""
+        pair = self._pair(rotations, positions, at)
+        angle = np.full(len(rotations), turn)
+        return np.concatenate([b.growth(pair, 0.0 * angle, angle) for b in self.bands], axis=1)
+
+    def margins_between(self, begin: Array, end: Array, at: Indices, share: Array) -> Array:
+        """Margins (K, k) at shares (K,) of the way from waypoints to the next, rad or m.
+
+        Args:
+            begin: Configurations at the waypoints, (K, nv).
+            end: At the next ones; between them joints go straight, and the target with them.
+            at: Numbers of the waypoints, (K,).
+            share: Of the way, from 0 to 1.
+        """
+        poses = self.chain.poses(begin + share[:, None] * (end - begin))
+        margins = self._margins(self._on_the_way(*poses, at, share))
+        return np.where(self._fixed[at] & self._fixed[at + 1], np.inf, margins)
+
+    def between(self, q: Array) -> tuple[Array, Array]:
+        r"""How far a joint path (N, nv) leaves the bands between its waypoints, at most, rad or m.
+
+        From a waypoint to the next the joints go straight, and the target goes with them: its
+        position straight, its orientation by the shortest rotation, all in the same proportion. A
+        stretch of that way on which frame and target together turn by at most w and move by at most
+        v changes a margin by at most :meth:`~qp_twist.ToleranceBand.growth`; so a margin m in its
+        middle proves m − growth(v/2, w/2) for all of it. Stretches are halved until that is inside
+        the tolerance, or says by how much it is not to a quarter of the tolerance.
+
+        Returns:
+            For each way and margin an upper bound of the excess, (N − 1, k): at most
+            :data:`BETWEEN` where the tolerance is proved, ∞ where nothing is. And the share of each
+            way at which the largest is, (N − 1,).
+        """
+        count = len(q) - 1
+        worst, where = np.full((count, len(self.names)), -np.inf), np.zeros(count)
+        if not self.bands:
+            return worst, where
+        tolerance = np.array([BETWEEN[unit] for unit in self.units])
+        held = self._fixed[:-1] & self._fixed[1:]
+        dq = np.diff(q, axis=0)
+        angle, shift = self._motion(q)
+        angle = angle + np.linalg.norm(self._turns, axis=1)
+        shift = shift + np.linalg.norm(np.diff(self._positions, axis=0), axis=1)
+        k, begin, length = np.arange(count), np.zeros(count), 1.0
+        for depth in range(_FINEST + 1):
+            share = begin + 0.5 * length
+            rotations, positions = self.chain.poses(q[k] + share[:, None] * dq[k])
+            pair = self._on_the_way(rotations, positions, k, share)
+            half = 0.5 * length
+            growth = np.concatenate(
+                [band.growth(pair, half * shift[k], half * angle[k]) for band in self.bands], axis=1
+            )
+            beyond = np.where(held[k], -np.inf, growth - self._margins(pair))
+            settled = (beyond <= tolerance) | (growth <= 0.25 * tolerance)
+            done = settled.all(axis=1) | (depth == _FINEST)
+            beyond[~settled] = np.inf
+            for most, way, there in zip(beyond[done], k[done], share[done], strict=True):
+                if most.max() > worst[way].max():
+                    where[way] = there
+                np.maximum(worst[way], most, out=worst[way])
+            length *= 0.5
+            k, begin = np.tile(k[~done], 2), np.concatenate([begin[~done], begin[~done] + length])
+            if not len(k):
+                break
+        return worst, where
+
+    def _motion(self, q: Array) -> tuple[Array, Array]:
+        """Most that the frame turns, rad, and moves, m, to each next waypoint, (N − 1,)."""
+        angle, shift = np.zeros(len(q) - 1), np.zeros(len(q) - 1)
+        # From the frame inwards: its distance from a joint's anchor is at most the links between.
+        lever, at = 0.0, self.chain.position
+        for screw, address in zip(self.chain.screws[::-1], self.chain.qpos[::-1], strict=True):
+            travel = np.abs(np.diff(q[:, address]))
+            lever, at = lever + float(np.linalg.norm(screw.anchor - at)), screw.anchor
+            if screw.slides:
+                shift += travel
+                lever += float(np.abs(q[:, address] - screw.reference).max())
+            else:
+                angle += travel
+                shift += lever * travel
+        return angle, shift
+
+    def _on_the_way(
+        self, rotations: Array, positions: Array, at: Indices, share: Array
+    ) -> FramePair:
+        """Frames and their targets, at rest, at shares of the way from waypoints to the next.
+
+        The target's position goes straight, its orientation by the shortest rotation.
+        """
+        share = share[:, None]
+        turned = Rotation.from_rotvec(share * self._turns[at]).as_matrix()
+        return FramePair(
+            rotations,
+            positions,
+            turned @ self._rotations[at],
+            (1.0 - share) * self._positions[at] + share * self._positions[at + 1],
+            np.zeros((len(at), 6)),
+        )
+
+    def _margins(self, pair: FramePair) -> Array:
+        return np.concatenate([band.margins(pair) for band in self.bands], axis=1)
+
+    def _pair(self, rotations: Array, positions: Array, at: Indices) -> FramePair:
+        """Frames and the waypoints that they belong to, at rest."""
+        return FramePair(
+            rotations, positions, self._rotations[at], self._positions[at], np.zeros((len(at), 6))
+        )
