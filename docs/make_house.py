@@ -24,6 +24,7 @@ ROOMS = {
     "batch": "many laps at once",
     "following": "a method along a path",
     "planning": "the whole path, all branches",
+    "referee": "what a motion keeps, proven",
     "path": "task files, paths, method names",
     "toolpath": "CSV and APT files, resampling",
     "simulation": "the controller in closed loop",

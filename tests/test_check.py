@@ -7,6 +7,7 @@ import json
 from pathlib import Path
 
 import mink
+import mujoco
 import numpy as np
 import pytest
 from joint_paths import evenly, joint_path, short, slider
@@ -238,7 +239,8 @@ def test_without_times_only_the_path_is_checked_and_that_is_said() -> None:
     trajectory = corner()
     check = check_trajectory(trajectory, trajectory.path_task)
     assert check.passes
-    assert "no times" in check.notes[0]
+    assert check.unchecked == ("feed, joint speeds and accelerations not checked: no times",)
+    assert check.verdict.startswith(f"passes; {check.unchecked[0]}")
     assert {f.name for f in check.findings}.isdisjoint({"velocity limits", "feed", "time"})
 
 
@@ -278,6 +280,339 @@ def test_tolerances_and_joints_are_checked() -> None:
         check_trajectory(JointRows(NAMES, np.zeros((1, 2))), trajectory.path_task)
 
 
+# ---------------------------------------------------------------- how exactly
+
+
+def line_task(count: int = 5, *, velocity: float = np.inf, acceleration: float = np.inf,
+              durations: float | None = 1.0) -> tuple[qt.PathTask, Array]:  # fmt: skip
+    """One slide along x, waypoints a metre apart; within ± 9 m."""
+    q = np.arange(float(count))[:, None]
+    time = None if durations is None else evenly(count, durations)
+    path = joint_path(slider(), q, time, velocity=velocity, acceleration=acceleration)
+    return path.path_task, q
+
+
+def verdict(task: qt.PathTask, q: Array, *args: Array, **options: float) -> Check:
+    return check_trajectory(JointRows(("slide_1",), q, *args), task, **options)
+
+
+@pytest.mark.parametrize(("over", "passes"), [(-1e-3, True), (5e-7, True), (1e-5, False)])
+def test_a_speed_may_exceed_its_limit_by_a_millionth(over: float, passes: bool) -> None:
+    task, q = line_task(velocity=1.0 / (1.0 + over))
+    check = verdict(task, q, np.arange(5.0))
+    assert found(check, "velocity limits").passes == passes
+    assert found(check, "velocity limits").value == pytest.approx(100.0 * (1.0 + over), abs=1e-6)
+    assert check.passes == passes
+
+
+@pytest.mark.parametrize("smooth", [False, True])
+@pytest.mark.parametrize(("over", "passes"), [(-1e-3, True), (5e-7, True), (1e-5, False)])
+def test_an_acceleration_may_exceed_its_limit_by_a_millionth(
+    over: float, passes: bool, smooth: bool
+) -> None:
+    # From rest to rest 6 D/T²; straight, from 1 m/s to −1 m/s within 1 s between the middles.
+    q = np.array([[0.0], [1.0], [0.0], [1.0]])
+    largest = 6.0 if smooth else 2.0
+    task = joint_path(slider(), q, evenly(4, 1.0), acceleration=largest / (1.0 + over)).path_task
+    rows = (np.zeros((4, 1)),) if smooth else ()
+    check = verdict(task, q, np.arange(4.0), *rows)
+    assert found(check, "acceleration limits").passes == passes
+    assert found(check, "acceleration limits").value == pytest.approx(100.0 * (1.0 + over))
+
+
+@pytest.mark.parametrize(("end", "sign"), [("lower", -1.0), ("upper", 1.0)])
+@pytest.mark.parametrize(("beyond", "passes"), [(-1e-3, True), (5e-7, True), (1e-5, False)])
+def test_a_joint_may_be_outside_by_what_files_round(
+    end: str, sign: float, beyond: float, passes: bool
+) -> None:
+    q = sign * (9.0 + beyond - np.arange(3.0)[:, None])
+    task = joint_path(slider(), q, None).path_task
+    margin = found(verdict(task, q), "smallest joint margin")
+    assert margin.passes == passes, end
+    assert margin.where == "slide_1, waypoint 1"
+    assert margin.value == pytest.approx(-beyond / 9.0, abs=1e-12)
+
+
+@pytest.mark.parametrize(("share", "passes"), [(0.5, True), (1.0005, True), (1.002, False)])
+def test_the_feed_may_be_exceeded_by_a_thousandth(share: float, passes: bool) -> None:
+    task, q = line_task()
+    times = np.array([0.0, 1.0, 1.0 + 1.0 / share, 3.0 + 1.0 / share, 6.0])
+    check = verdict(task, q, times)
+    feed = found(check, "feed")
+    assert feed.passes == passes
+    if share > 1.0:
+        assert (feed.value, feed.where) == (pytest.approx(100.0 * share), "waypoints 2 to 3")
+    assert found(check, "time").value == 6.0
+
+
+@pytest.mark.parametrize(("share", "passes"), [(1.01, True), (1.018, True), (1.03, False)])
+def test_where_times_had_to_be_looked_for_the_feed_is_held_to_two_hundredths(
+    share: float, passes: bool
+) -> None:
+    task = line_task()[0]
+    t = np.linspace(0.0, 4.0 / share, 81)
+    check = verdict(task, np.linspace(0.0, 4.0, 81)[:, None], t)
+    assert check.matched != "row by row"
+    assert found(check, "feed").passes == passes
+    assert found(check, "feed").value == pytest.approx(100.0 * share, rel=2e-3)
+
+
+@pytest.mark.parametrize(("share", "passes"), [(1.0, True), (1.018, True), (1.03, False)])
+def test_between_two_waypoints_the_feed_may_be_that_of_a_cubic_from_rest_to_rest(
+    share: float, passes: bool
+) -> None:
+    """1.5 in the middle, beyond errors along the way; here they are none to speak of."""
+    task, q = line_task(2)
+    for tolerance in (1e-7, 1e-4):
+        options = {"position_tolerance": tolerance}
+        straight = verdict(
+            task, np.array([[0.0], [0.01], [0.99], [1.0]]),
+            np.array([0.0, 0.17, 0.17 + 0.98 / (1.5 * share), 1.0]), **options,
+        )  # fmt: skip
+        assert found(straight, "feed between").passes == passes
+        assert found(straight, "feed between").value == pytest.approx(150.0 * share, rel=5e-3)
+    # Row by row it is a thousandth.
+    share = 1.0 + 0.05 * (share - 1.0)
+    rest = np.zeros((2, 1))
+    slow = verdict(task, q, np.array([0.0, 1.0 / share]), rest, position_tolerance=1e-7)
+    assert found(slow, "feed between").passes == passes
+
+
+def test_times_that_are_rounded_do_no_harm_and_excuse_no_jump() -> None:
+    """As in JSON: whole nanoseconds. What moves within one of them moves fast all the same."""
+    task, q = line_task(3, velocity=1.0, durations=None)
+    for T in (1e-3, 1e-4):
+        rows = np.array([0.0, T, 2.0 * T])[:, None]
+        exact = joint_path(slider(), rows, None, velocity=1.0).path_task
+        at = np.array([0.0, T - 1e-9, 2.0 * T])
+        assert found(verdict(exact, rows, at), "velocity limits").passes
+        at[1] -= 1e-8
+        assert not found(verdict(exact, rows, at), "velocity limits").passes
+    for T in (1e-12, 1e-10, 1e-9, 1e-8):
+        for velocities in (None, np.zeros((3, 1))):
+            rows = (np.array([0.0, T, 2.0 * T]), *([] if velocities is None else [velocities]))
+            speed = found(verdict(task, q, *rows), "velocity limits")
+            assert not speed.passes
+            assert speed.value >= 100.0 / (T + 1.1e-9)
+
+
+@pytest.mark.parametrize(
+    ("angle", "passes"), [(1.0, True), (1.0 + 5e-6, True), (1.0 + 5e-5, False)]
+)
+def test_a_hard_band_may_be_left_by_a_hundredth_of_a_millimetre_or_a_thousandth_of_a_degree(
+    angle: float, passes: bool
+) -> None:
+    """At a waypoint; between them by the tolerances, each band in its unit."""
+    task, q = line_task(3, durations=None)
+    moved = q.copy()
+    moved[1] += angle - 1.0
+    bands = (qt.SlabBand([1, 0, 0], -1.0, 0.0), qt.SlabBand([1, 0, 0], -0.5, 0.0, weight=1.0))
+    free = qt.TwistProjector(linear=qt.Projector.plane([1, 0, 0]), angular=qt.Projector.none())
+    banded = dataclasses.replace(task, bands=bands, projector=free)
+    check = verdict(banded, moved)
+    band = found(check, "outside a band")
+    assert band.passes == passes
+    assert band.value == pytest.approx(angle - 1.0, abs=1e-12)
+    assert band.where == ("waypoint 1" if angle == 1.0 else "waypoint 2")
+    # A soft one is no limit.
+    soft = verdict(dataclasses.replace(banded, bands=bands[1:]), moved)
+    assert not [f for f in soft.findings if "band" in f.name]
+
+
+def elbow(limit: float) -> tuple[qt.PathTask, Array]:
+    """A frame that rolls about its own z, 0.4 rad from each waypoint to the next and back."""
+    model = mujoco.MjModel.from_xml_string(
+        '<mujoco><compiler angle="radian"/><worldbody><body><joint name="slide_1" axis="0 0 1" '
+        'range="-3 3"/><geom size="0.1"/><site name="tool"/></body></worldbody></mujoco>'
+    )
+    q = np.zeros((3, 1))
+    task = joint_path(model, q, None).path_task
+    band = qt.RollBand([0, 0, 1], -limit, limit)
+    return dataclasses.replace(task, bands=(band,)), q
+
+
+@pytest.mark.parametrize(("over", "passes"), [(-0.1, True), (0.9, True), (1.1, False)])
+def test_between_the_waypoints_a_hard_band_is_held_to_the_tolerance(
+    over: float, passes: bool
+) -> None:
+    """A joint that rolls away and comes back between two waypoints: a cubic, 4/27 high at 1/3."""
+    tolerance = np.radians(0.05)
+    task, q = elbow(0.2)
+    v = (0.2 + over * tolerance) * 27.0 / 4.0
+    velocities = np.array([[v], [0.0], [0.0]])
+    check = verdict(task, q, np.arange(3.0), velocities)
+    band = found(check, "outside a band between")
+    assert band.passes == passes
+    assert band.value == pytest.approx(max(over, 0.0) * tolerance, rel=0.02)
+    assert band.where == "waypoints 1 to 2, roll band"
+    assert band.bound is not None
+    assert band.bound >= max(over, 0.0) * tolerance * (1.0 - 1e-9)
+    assert found(check, "outside a band").passes
+
+
+@pytest.mark.parametrize(("over", "passes"), [(0.9, True), (1.1, False)])
+def test_the_default_tolerances_are_a_tenth_of_a_millimetre_and_a_twentieth_of_a_degree(
+    over: float, passes: bool
+) -> None:
+    task, q = line_task(3, durations=None)
+    moved = q.copy()
+    moved[2] -= 1e-4 * over
+    assert verdict(task, moved).passes == passes
+    turning, still = elbow(3.0)
+    angular = qt.TwistProjector(linear=qt.Projector.full(), angular=qt.Projector.line([0, 0, 1]))
+    turning = dataclasses.replace(turning, projector=angular, bands=())
+    still += np.radians(0.05) * over
+    check = verdict(turning, still)
+    assert check.passes == passes
+    assert found(check, "axis error").value == pytest.approx(0.05 * over)
+
+
+@pytest.mark.parametrize(("share", "passes"), [(0.995, False), (1.001, True)])
+def test_what_lies_between_the_points_looked_at_decides(share: float, passes: bool) -> None:
+    """An arc over its chord is highest in the middle, which is none of the ninths."""
+    model = mujoco.MjModel.from_xml_string(
+        '<mujoco><compiler angle="radian"/><worldbody><body><joint name="slide_1" axis="0 0 1" '
+        'range="-9 9"/><geom size="0.1"/><site name="tool" pos="2 0 0"/></body></worldbody>'
+        "</mujoco>"
+    )
+    q = np.array([[0.0], [0.2]])
+    task = joint_path(model, q, None).path_task
+    height = 2.0 * (1.0 - np.cos(0.1))
+    check = verdict(task, q, position_tolerance=share * height)
+    between = found(check, "position error between")
+    assert between.passes == passes
+    assert between.bound is not None
+    assert 1e3 * height <= between.bound <= 1.02e3 * height
+    assert between.value <= 1e3 * height * (1.0 + 1e-9)
+
+
+def test_what_is_not_proven_does_not_pass_and_is_said_so() -> None:
+    finding = Finding("axis error between", 0.04, 0.05, "°", "waypoints 1 to 2", False, 0.2)
+    assert not finding.proven
+    assert str(finding) == (
+        "axis error between: 0.04 ° at waypoints 1 to 2, limit 0.05 °, but not proven: between the "
+        "points looked at it may be up to 0.2 °; put rows closer together there"
+    )
+    assert Finding("x", 0.2, 0.1, "", "here", False, 0.3).proven
+    assert Finding("x", 0.2, None, "", "here", True).proven
+
+
+@pytest.mark.parametrize("end", [0, 1])
+def test_a_trajectory_that_begins_or_ends_at_speed_says_so(end: int) -> None:
+    task, q = line_task(2, acceleration=100.0)
+    for speed, said in ((5e-7, False), (1e-3, True)):
+        velocities = np.zeros((2, 1))
+        velocities[end] = -speed
+        notes = verdict(task, q, np.array([0.0, 2.0]), velocities).notes
+        assert bool([n for n in notes if ("begins", "ends")[end] + " at speed" in n]) == said
+
+
+# ---------------------------------------------------------------- what could not be checked
+
+
+def test_a_verdict_says_first_what_was_not_checked_and_passes_with_it() -> None:
+    task, q = line_task(velocity=2.0, acceleration=100.0)
+    plain = verdict(task, q, np.arange(5.0))
+    assert plain.verdict == "passes: 5 rows do rows"
+    for change, sentence in (
+        ({"velocity_limits": np.array([np.inf])}, "joint speeds not checked: no limits known"),
+        (
+            {"acceleration_limits": np.array([np.inf])},
+            "joint accelerations not checked: no limits known",
+        ),
+    ):
+        check = verdict(dataclasses.replace(task, **change), q, np.arange(5.0))
+        assert check.passes
+        assert check.verdict == f"passes; {sentence} (5 rows do rows)"
+        assert check.to_dict()["unchecked"] == [sentence]
+    assert verdict(task, q).unchecked == (
+        "feed, joint speeds and accelerations not checked: no times",
+    )
+    fast = verdict(task, q, np.arange(5.0) / 4.0)
+    assert fast.verdict.startswith("does not pass: velocity limits: 200 %")
+
+
+def test_single_joints_without_limits_and_models_without_ranges_are_named() -> None:
+    trajectory = corner(velocity=np.array([2.0, np.inf]), acceleration=40.0)
+    rows = JointRows(NAMES, trajectory.q, np.arange(21) * 0.1)
+    check = check_trajectory(rows, trajectory.path_task)
+    assert check.unchecked == ("joint speeds of slide_2 not checked: no limits known",)
+    model = mujoco.MjModel.from_xml_string(
+        "<mujoco><worldbody><body>"
+        + "".join(f'<joint name="j{i}"/>' for i in range(6))
+        + '<geom size="0.1"/><site name="tool"/></body></worldbody><equality>'
+        '<joint joint1="j0" joint2="j1"/></equality></mujoco>'
+    )
+    limits = np.array([1.0, *[np.inf] * 5])
+    task = joint_path(model, np.zeros((3, 6)), evenly(3, 1.0), limits, 1.0).path_task
+    names = tuple(f"j{i}" for i in range(6))
+    assert check_trajectory(JointRows(names, np.zeros((3, 6)), np.arange(3.0)), task).unchecked == (
+        "joint speeds of j1, j2, j3 and 2 more not checked: no limits known",
+        "joint ranges not checked: the model states none",
+        "couplings of joints not checked",
+    )
+
+
+def named_arm(name: str, lengths: tuple[float, float] = (0.425, 0.3922)) -> mujoco.MjModel:
+    """An arm with the joint axes of a UR5e, all but its base and wherever it stands."""
+    upper, lower = lengths
+    return mujoco.MjModel.from_xml_string(
+        f"""<mujoco model="{name}"><compiler angle="radian"/><worldbody>
+        <body pos="1 2 3" euler="0.3 0.4 0.5"><joint name="a" axis="0 0 1"/><geom size="0.1"/>
+        <body pos="0 0 0.16"><joint name="b" axis="0 1 0"/><geom size="0.1"/>
+        <body pos="{upper} 0 0"><joint name="c" axis="0 1 0"/><geom size="0.1"/>
+        <body pos="{lower} 0 0"><joint name="d" axis="0 1 0"/><geom size="0.1"/>
+        <body pos="0 0.1333 0"><joint name="e" axis="0 0 -1"/><geom size="0.1"/>
+        <body pos="0 0 -0.0997"><joint name="f" axis="0 1 0"/><geom size="0.1"/>
+        <site name="tool" pos="0 0.1 0"/>
+        </body></body></body></body></body></body></worldbody></mujoco>"""
+    )
+
+
+def test_a_known_robot_is_checked_against_its_data_sheet_which_is_named() -> None:
+    """7.5 rad/s on an arm that can do 180°/s."""
+    q = np.array([0.1, -1.0, 1.2, 0.3, 0.4, 0.5]) + np.outer([0.0, 0.75, 1.5], np.ones(6))
+    arm = named_arm("ur5e")
+    trajectory = joint_path(arm, q, evenly(3, 0.1))
+    names = tuple("abcdef")
+    task = trajectory.path_task
+    check = check_trajectory(JointRows(names, q, np.arange(3) * 0.1), task, position_tolerance=1.0)
+    speeds = found(check, "velocity limits")
+    assert not speeds.passes
+    assert speeds.value == pytest.approx(100.0 * 7.5 / np.pi)
+    assert check.verdict.endswith("speeds checked against the Universal Robots UR5e's data sheet")
+    assert (task.velocity_limits == np.inf).all()  # what steps and plans hold does not change
+    slow = JointRows(names, q, np.arange(3) * 1.0)
+    check = check_trajectory(slow, task, position_tolerance=1.0, axis_tolerance_deg=90.0)
+    assert found(check, "velocity limits").passes
+    assert check.sources == ("speeds checked against the Universal Robots UR5e's data sheet",)
+    assert "joint speeds" not in " ".join(check.unchecked)
+    # What the task states wins, joint by joint.
+    stated = dataclasses.replace(task, velocity_limits=np.array([0.5, *[np.inf] * 5]))
+    check = check_trajectory(slow, stated, position_tolerance=1.0)
+    assert found(check, "velocity limits").value == pytest.approx(150.0)
+    assert check.sources
+    stated = dataclasses.replace(task, velocity_limits=np.full(6, 9.0))
+    check = check_trajectory(slow, stated, position_tolerance=1.0)
+    assert found(check, "velocity limits").value == pytest.approx(100.0 * 0.75 / 9.0)
+    assert not check.sources
+
+
+@pytest.mark.parametrize(
+    ("name", "lengths"),
+    [("my_arm", (0.425, 0.3922)), ("ur5e", (0.425, 0.40)), ("ur5e_long", (0.5, 0.3922)),
+     ("ur5", (0.425, 0.3922)), ("ur10e", (0.425, 0.3922))],
+)  # fmt: skip
+def test_another_arm_of_the_name_or_another_name_of_the_arm_is_not_known(
+    name: str, lengths: tuple[float, float]
+) -> None:
+    q = np.array([0.1, -1.0, 1.2, 0.3, 0.4, 0.5]) + np.outer(0.1 * np.arange(3.0), np.ones(6))
+    task = joint_path(named_arm(name, lengths), q, evenly(3, 1.0)).path_task
+    assert task.known_speeds is None
+    check = check_trajectory(JointRows(tuple("abcdef"), q, np.arange(3.0)), task)
+    assert check.unchecked[0] == "joint speeds not checked: no limits known"
+
+
 # ---------------------------------------------------------------- the command
 
 
@@ -303,7 +638,8 @@ def test_the_command_passes_with_0_and_prints_the_table(
     out = capsys.readouterr().out
     assert "101 rows, 101 waypoints, row by row" in out
     assert "smallest joint margin" in out
-    assert out.splitlines()[-1] == "passes: 101 rows do planar_line"
+    unknown = "joint speeds and accelerations not checked: no times"
+    assert out.splitlines()[-1] == f"passes; {unknown} (101 rows do planar_line)"
 
 
 def test_the_command_fails_with_1_and_says_what_and_where(

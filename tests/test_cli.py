@@ -57,7 +57,7 @@ def test_run_keeps_the_path_between_the_waypoints_too(
     main(["run", "planar_line", "--method", "qp", "--out", str(file)])
     out = capsys.readouterr().out
     assert "rows more between waypoints" in out
-    assert out.splitlines()[-1].startswith("passes: ")
+    assert out.splitlines()[-1].startswith("passes; joint ")
     assert len(json.loads(file.read_text("utf-8"))["points"]) > 101
 
 

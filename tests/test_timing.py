@@ -225,6 +225,8 @@ def test_the_error_between_waypoints_is_that_of_the_arc_over_its_chord() -> None
     assert errors.position == pytest.approx(0.0, abs=1e-12)
     expected = [2.0 * (1.0 - np.cos(0.1)), 2.0 * (1.0 - np.cos(0.15))]
     assert errors.position_between == pytest.approx(expected, rel=1e-3)
+    assert (errors.position_bound >= expected).all()
+    assert errors.position_bound[1] <= 1.2 * expected[1]
     assert not errors.axis_between.any()
     # The angle of the frame turns with the chord: nothing is left of it.
     angle = qt.TwistProjector(linear=qt.Projector.none(), angular=qt.Projector.line([0, 0, 1]))

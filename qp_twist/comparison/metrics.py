@@ -35,7 +35,8 @@ def metrics(trajectory: Trajectory) -> dict[str, Any]:
     ``time_per_waypoint_us``: wall time, kinematics and all; it compares methods only where the same
     share of the waypoints was :func:`compiled <compiled_share>`.
     ``band_excess_max``: largest excess of a tolerance band, only where the task has bands.
-    ``status``: the run in a sentence.
+    ``status``: the run in a sentence. Like the errors it is about the waypoints; what lies between
+    them is asked by :attr:`~qp_twist.Trajectory.between` and :func:`~qp_twist.check_trajectory`.
     """
     ranges = JointRanges.of(trajectory.path_task.model)
     q = ranges.positions(trajectory.q)

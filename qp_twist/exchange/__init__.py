@@ -1,7 +1,8 @@
 """Joint trajectories as files, and whether one of them does a task."""
 
+from qp_twist.referee import Finding as Finding
+
 from .check import Check as Check
-from .check import Finding as Finding
 from .check import check_trajectory as check_trajectory
 from .files import ENDINGS as ENDINGS
 from .files import read_trajectory as read_trajectory

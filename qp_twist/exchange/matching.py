@@ -9,7 +9,7 @@ import numpy as np
 from qp_twist.checks import Array, Indices
 from qp_twist.geometry import ProjectorKind, many_twist_errors
 from qp_twist.path import PathTask
-from qp_twist.timing import JointMotion, poses_of, task_errors
+from qp_twist.referee import JointMotion, poses_of, task_errors
 
 _DENSITY = 8
 """Looks at the motion for each waypoint, at least."""
@@ -30,6 +30,9 @@ def times_at_waypoints(
     task errors, each in tolerances: by dynamic programming over densely sampled times, then each
     time refined beside its sample. So a path that crosses itself or is passed twice is matched in
     its order, and a run-in before the first waypoint or a run-out after the last costs nothing.
+
+    This is a search and no verdict: times that are not the best give larger errors at the
+    waypoints, and what lies between them is proven for whatever times are found.
     """
     tolerances = position_tolerance, axis_tolerance
     times = motion.times

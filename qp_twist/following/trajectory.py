@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -13,13 +14,15 @@ from qp_twist.controller import Status
 from qp_twist.files import write_atomically
 from qp_twist.kinematics import JointRanges
 from qp_twist.path import PathTask
+from qp_twist.referee import PathErrors, straight_errors
 
 
 @dataclass(frozen=True, eq=False)
 class Trajectory:
     """What :func:`~qp_twist.follow` returns. N waypoints; row 0 is the start.
 
-    A run that was stopped has fewer rows than the path has waypoints.
+    A run that was stopped has fewer rows than the path has waypoints. Its errors are those at the
+    waypoints; ``between`` proves what lies between them.
 
     Attributes:
         path_task: The task that was followed.
@@ -78,13 +81,23 @@ class Trajectory:
         """z = ½‖W(θ̄ − θ)‖² at every waypoint, (N,)."""
         return JointRanges.of(self.path_task.model).centring(self.q)
 
+    @cached_property
+    def between(self) -> PathErrors:
+        """How far joints that move straight from waypoint to waypoint stray from the path: proven.
+
+        Raises:
+            InvalidInput: If there are fewer than two rows, a row is not finite, or a joint is
+                neither hinge nor slide.
+        """
+        return straight_errors(self.path_task, self.q)
+
     @property
     def summary(self) -> str:
-        """Largest errors and smallest margin in one line."""
+        """Largest errors and smallest margin at the waypoints in one line."""
         return (
             f"position error ≤ {1e3 * self.position_error.max():.3g} mm, axis error ≤ "
             f"{np.degrees(self.axis_error.max()):.3g}°, smallest joint margin "
-            f"{self.margins.min(initial=np.inf):.3g}"
+            f"{self.margins.min(initial=np.inf):.3g} (at the waypoints)"
         )
 
     def __repr__(self) -> str:

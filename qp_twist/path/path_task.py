@@ -16,11 +16,12 @@ from qp_twist.checks import Array
 from qp_twist.errors import InvalidInput
 from qp_twist.geometry import ProjectorKind, TwistProjector, task_redundancy
 from qp_twist.geometry.projector import SAME_DIRECTION
-from qp_twist.kinematics import ToleranceBand, frame_pose
+from qp_twist.kinematics import JointRanges, ToleranceBand, frame_pose
 from qp_twist.path.methods import METHODS, MethodSettings
 from qp_twist.path.orientation import poses
 from qp_twist.path.segment import Segment, check_segments, projectors_in_force
 from qp_twist.path.task_schema import IterationSection, StudySection
+from qp_twist.robots import KnownRobot, known_speeds
 from qp_twist.toolpath import Lines, Toolpath, transported
 
 FromStart = Literal["nothing", "roll", "orientation"]
@@ -107,6 +108,22 @@ class PathTask:
     def in_force(self) -> tuple[TwistProjector, ...]:
         """The projector whose rows hold at each waypoint; in a blend that of the common rows."""
         return projectors_in_force(self.projector, self.segments, len(self.waypoints))
+
+    @cached_property
+    def known_speeds(self) -> tuple[KnownRobot, Array] | None:
+        """The known robot that the arm is, and its largest joint speeds, rad/s or m/s, (nv,).
+
+        ∞ for joints that are not its own; ``None`` where the robot is not known. The limits of the
+        task, ``velocity_limits``, do not change by it: these are what a verdict asks where the task
+        states none.
+        """
+        names = (self.scene.stem, self.scene.parent.name)
+        found = known_speeds(self.model, self.frame_name, self.frame_type, names)
+        if found is None:
+            return None
+        robot, by_joint = found
+        joints = JointRanges.of(self.model).names
+        return robot, np.array([by_joint.get(name, np.inf) for name in joints])
 
     @property
     def redundancy(self) -> int:

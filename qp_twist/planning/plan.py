@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
@@ -17,6 +18,14 @@ from qp_twist.planning.hard_bands import WITHIN, HardBands
 from qp_twist.planning.objective import Objective
 from qp_twist.planning.path_constraints import PathConstraints
 from qp_twist.planning.search import Laps, Progress, Search
+from qp_twist.referee import (
+    Finding,
+    JointMotion,
+    PathErrors,
+    Tolerances,
+    examine,
+    straight_errors,
+)
 
 UNTIMED_STEP = np.radians(15.0)
 """Largest step of a joint to the next waypoint where nothing limits it, rad or m.
@@ -28,6 +37,10 @@ Above it a step counts as a reconfiguration (the comparison's ``reconfigurations
 @dataclass(frozen=True, eq=False)
 class Plan:
     """A joint motion along a path task, or why there is none.
+
+    The configurations keep the path at the waypoints. Between two of them the joints move straight;
+    how far that strays from the path is proven by ``between``, and ``examined`` asks the motion
+    about everything that a check asks.
 
     Attributes:
         path_task: The task.
@@ -72,6 +85,59 @@ class Plan:
         if self.q is None:
             raise InvalidInput(f"{self.path_task.name}: no plan: {self.certificate}")
         return self.q
+
+    @cached_property
+    def between(self) -> PathErrors:
+        """How far the motion strays between its waypoints, the joints moving straight: proven.
+
+        Largest values that were found, and bounds that hold for every instant: of position and
+        axis, m and rad, and of the hard tolerance bands.
+
+        Raises:
+            InvalidInput: If there is no motion; the message says why.
+        """
+        return straight_errors(self.path_task, self.motion())
+
+    @property
+    def promise(self) -> str:
+        """What the motion keeps, at the waypoints and between them, in a sentence.
+
+        Raises:
+            InvalidInput: If there is no motion; the message says why.
+        """
+        found = self.between
+        if not len(found.position_between):
+            return "on the path at its one waypoint"
+        text = (
+            "on the path at the waypoints; between them, the joints moving straight, within "
+            f"{1e3 * found.position_bound.max():.3g} mm and "
+            f"{np.degrees(found.axis_bound.max()):.3g}° of it"
+        )
+        for unit, scale, name in (("m", 1e3, " mm"), ("rad", 180.0 / np.pi, "°")):
+            columns = [b for b, of in enumerate(found.band_units) if of == unit]
+            if columns:
+                excess = scale * found.bands_bound[:, columns].max()
+                text += f", outside hard bands by at most {excess:.3g}{name}"
+        return text
+
+    def examined(self, tolerances: Tolerances | None = None) -> tuple[Finding, ...]:
+        """What a check finds of the motion, the joints moving straight between its waypoints.
+
+        At the task's clock, where it has one. A trajectory that is to pass has rows between the
+        waypoints where this does not: follow the plan, and
+        :func:`~qp_twist.refine_trajectory`.
+
+        Args:
+            tolerances: Largest task errors that pass; 0.1 mm and 0.05° if ``None``.
+
+        Raises:
+            InvalidInput: If there is no motion; the message says why.
+        """
+        q, durations = self.motion(), self.path_task.durations
+        times = np.arange(len(q), dtype=np.float64)
+        if durations is not None:
+            times = np.cumsum(durations)
+        return examine(self.path_task, JointMotion(times, q), tolerances)
 
 
 def make_plan(
@@ -144,6 +210,10 @@ def motion_limits(
     if max_step_deg is not None:
         steps = np.minimum(steps, np.radians(number("max_step_deg", max_step_deg, above=0.0)))
     steps = np.where(np.isfinite(steps), steps, UNTIMED_STEP)
+    # Who turns by more than half a turn comes to the same place the other way round; a joint with a
+    # range may be unable to, one without a range never has a reason to turn on between waypoints.
+    endless = ranges.hinge & ~ranges.limited
+    steps[:, endless] = np.minimum(steps[:, endless], np.pi)
     # Velocities count as constant between waypoints, and change where these meet.
     times = 0.5 * (durations[1:] + durations[:-1])
     speed_changes = path_task.acceleration_limits * times[:, None]

@@ -1,4 +1,9 @@
-"""What counts as success: the first fault of a joint path, if it has one."""
+"""What counts as success: the first fault of a joint path at its waypoints, if it has one.
+
+Between the waypoints nothing is judged but the length of the joints' steps: a study counts at how
+many placements a method meets its waypoints. Whether a trajectory keeps the path between them is
+asked of the one that a robot is to run, by :func:`~qp_twist.check_trajectory`.
+"""
 
 from __future__ import annotations
 

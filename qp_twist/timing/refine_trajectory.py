@@ -16,8 +16,7 @@ from qp_twist.following import Trajectory
 from qp_twist.following.resolver import twist_task
 from qp_twist.following.walk import corrected_start
 from qp_twist.path import PathTask
-from qp_twist.timing.joint_motion import JointMotion
-from qp_twist.timing.path_errors import path_errors
+from qp_twist.referee import JointMotion, path_errors
 
 _ROUNDS = 12
 _ROOM = 0.5
@@ -35,7 +34,8 @@ def refine_trajectory(
     move, most of all in what the task leaves free, the further the task's rows stray: with the
     secondary's whole gain by millimetres. Halfway between such waypoints another is put, halfway in
     position and orientation, and the middle of the joints is corrected onto it by the shortest
-    steps in the limits; again until every piece stays within half the tolerances.
+    steps in the limits; again until every piece stays within half the tolerances, and within hard
+    tolerance bands but for as much.
 
     Args:
         trajectory: From :func:`~qp_twist.follow`.
@@ -57,9 +57,12 @@ def refine_trajectory(
         if len(met) < 2:
             break
         motion = JointMotion(np.arange(len(met), dtype=np.float64), trajectory.q)
-        errors = path_errors(task, motion)
+        errors = path_errors(task, motion, tolerances=(_ROOM * position, _ROOM * axis))
         strays = _strays(errors.position, errors.position_between, position)
         strays |= _strays(errors.axis, errors.axis_between, axis)
+        for band, unit in enumerate(errors.band_units):
+            tolerance = position if unit == "m" else axis
+            strays |= _strays(errors.bands[:, band], errors.bands_between[:, band], tolerance)
         pieces, rows = [], []
         for k in np.flatnonzero(strays & met[:-1] & met[1:] & ~stuck[:-1]).tolist():
             try:

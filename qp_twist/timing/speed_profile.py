@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from qp_twist.checks import Array
-from qp_twist.timing.joint_motion import JointMotion
+from qp_twist.referee import JointMotion
 
 _ROUNDS = 100
 _ROUNDING = 1e-10

@@ -12,8 +12,7 @@ from qp_twist.errors import InvalidInput
 from qp_twist.following import Trajectory
 from qp_twist.kinematics import JointRanges
 from qp_twist.path import PathTask
-from qp_twist.timing.joint_motion import JointMotion, State
-from qp_twist.timing.path_errors import PathErrors, path_errors
+from qp_twist.referee import JointMotion, PathErrors, State, path_errors
 from qp_twist.timing.speed_profile import SpeedProfile, speed_profile
 
 _SLOWED = 1e-6
@@ -160,7 +159,7 @@ def time_trajectory(
         profile, errors = _smooth(task, q, floor, tolerances)
     else:
         profile = _straight(task, q, floor)
-        errors = path_errors(task, profile.motion)
+        errors = path_errors(task, profile.motion, tolerances=tolerances)
     slowed = _slowed(profile, feed, ranges.names)
     stops = tuple(int(k) for k in np.flatnonzero(profile.pace[1:-1] == 0.0) + 1)
     return TimedTrajectory(trajectory, profile.motion, slowed, stops, errors)
@@ -196,8 +195,8 @@ def _smooth(
 ) -> tuple[SpeedProfile, PathErrors]:
     """Cubics between as few stops as the tolerances allow."""
     limits = task.velocity_limits, task.acceleration_limits
-    straight = path_errors(task, _straight(task, q, floor).motion)
-    may_help = _within(straight, tolerances)
+    straight = path_errors(task, _straight(task, q, floor).motion, tolerances=tolerances)
+    may_help = straight.kept(*tolerances)
     D = np.diff(q, axis=0) / floor[:, None]
     turn = np.linalg.norm(np.diff(D, axis=0), axis=1)
     turn = np.concatenate([[0.0], turn, [0.0]])
@@ -205,22 +204,14 @@ def _smooth(
     rests[[0, -1]] = True
     for _ in range(_ROUNDS):
         profile = speed_profile(q, floor, *limits, rests)
-        errors = path_errors(task, profile.motion)
-        leaves = may_help & ~_within(errors, tolerances) & ~(rests[:-1] & rests[1:])
+        errors = path_errors(task, profile.motion, tolerances=tolerances)
+        leaves = may_help & ~errors.kept(*tolerances) & ~(rests[:-1] & rests[1:])
         if not leaves.any():
             break
         pieces = np.flatnonzero(leaves)
         at_begin = rests[pieces + 1] | (~rests[pieces] & (turn[pieces] >= turn[pieces + 1]))
         rests[np.where(at_begin, pieces, pieces + 1)] = True
     return profile, errors
-
-
-def _within(
-    errors: PathErrors, tolerances: tuple[float, float]
-) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
-    """Which pieces stay within the tolerances, (N − 1,)."""
-    position, axis = tolerances
-    return (errors.position_between <= position) & (errors.axis_between <= axis)
 
 
 def _slowed(profile: SpeedProfile, feed: Array, names: tuple[str, ...]) -> tuple[Slowed, ...]:

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from qp_twist.checks import Array, finite_array, float_array
+from qp_twist.checks import Array, Indices, finite_array, float_array
 from qp_twist.errors import InvalidInput
 
 
@@ -137,6 +137,29 @@ class JointMotion:
         largest: Array = np.max(np.abs([v0, v1, between]), axis=0)
         return largest
 
+    def largest_within(self, piece: Indices, begin: Array, end: Array) -> tuple[Array, Array]:
+        """Largest |q̇| and |q̈| within parts of the pieces between rows, exactly, (K, nv) each.
+
+        Args:
+            piece: Index of the row before each part, (K,).
+            begin: When the part begins, s, (K,), inside its piece.
+            end: When it ends, s, (K,).
+        """
+        T = np.diff(self.times)[piece][:, None]
+        D = (self.q[piece + 1] - self.q[piece]) / T
+        if self.velocities is None:
+            return np.abs(D), np.zeros_like(D)
+        v0, v1 = self.velocities[piece], self.velocities[piece + 1]
+        a0, a1 = _end_accelerations(D, v0, v1, T)
+        jerk = (a1 - a0) / T
+        with np.errstate(divide="ignore", invalid="ignore"):
+            turning = -a0 / jerk  # where the speed is extreme
+        first, last = ((t - self.times[piece])[:, None] for t in (begin, end))
+        turning = np.clip(np.where(np.isfinite(turning), turning, first), first, last)
+        speeds = [v0 + tau * (a0 + tau * jerk / 2.0) for tau in (first, turning, last)]
+        accelerations = [a0 + tau * jerk for tau in (first, last)]
+        return np.max(np.abs(speeds), axis=0), np.max(np.abs(accelerations), axis=0)
+
     def end_accelerations(self) -> tuple[Array, Array]:
         """q̈ at the begin and at the end of each piece, rad/s² or m/s², (N − 1, nv) each."""
         T = np.diff(self.times)[:, None]
@@ -150,7 +173,7 @@ class JointMotion:
         largest: Array = np.max(np.abs(self.end_accelerations()), axis=0)
         return largest
 
-    def _places(self, when: Array) -> tuple[np.ndarray[tuple[int], np.dtype[np.intp]], Array]:
+    def _places(self, when: Array) -> tuple[Indices, Array]:
         """Index of the piece at each time, (K,), and how much of it is over, (K, 1)."""
         last = len(self.times) - 2
         piece = np.clip(np.searchsorted(self.times, when, side="right") - 1, 0, last)

@@ -1,0 +1,19 @@
+"""The referee: what a joint motion keeps of its task, at the waypoints and proven between them."""
+
+from .displacement import Displacement as Displacement
+from .displacement import LeverArms as LeverArms
+from .findings import AXIS_TOLERANCE_DEG as AXIS_TOLERANCE_DEG
+from .findings import POSITION_TOLERANCE as POSITION_TOLERANCE
+from .findings import Finding as Finding
+from .findings import Passing as Passing
+from .findings import Tolerances as Tolerances
+from .findings import errors_of as errors_of
+from .findings import examine as examine
+from .findings import speed_limits as speed_limits
+from .joint_motion import JointMotion as JointMotion
+from .joint_motion import State as State
+from .path_errors import PathErrors as PathErrors
+from .path_errors import path_errors as path_errors
+from .path_errors import poses_of as poses_of
+from .path_errors import straight_errors as straight_errors
+from .path_errors import task_errors as task_errors

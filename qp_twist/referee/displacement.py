@@ -1,0 +1,81 @@
+"""How far a frame can move, and stray from its chord, while its joints move."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from qp_twist.checks import Array
+from qp_twist.kinematics import SerialChain
+from qp_twist.referee.joint_motion import JointMotion
+
+
+class Displacement(NamedTuple):
+    r"""Bounds over stretches of a motion, each passed as s goes from 0 to 1; (K,) each.
+
+    A vector x(s) differs from the chord between its ends by at most max‖x″‖/8.
+    """
+
+    turn: Array
+    """Largest ‖ω‖ of the frame, rad."""
+    turn_change: Array
+    """Largest Σ|q̈| of the hinges, rad; with turn² it bounds the second derivative of R."""
+    bend: Array
+    """Largest ‖p″‖ of the frame's origin, m."""
+
+
+@dataclass(frozen=True, eq=False)
+class LeverArms:
+    r"""Bounds of a frame's first and second derivatives with respect to the joints of its chain.
+
+    For a hinge j the frame's origin is never further from its axis than r_j, the sum of the lengths
+    of the links from j on and of the travels of the slides among them. With i before j in the chain
+
+    .. math::
+
+        \Big\|\frac{\partial^2\mathbf p}{\partial q_i\,\partial q_j}\Big\|
+        = \|\mathbf z_i \times (\mathbf z_j \times (\mathbf p - \mathbf a_j))\| \le r_j,
+
+    1 in place of r_j where j is a slide, and 0 where i is one.
+
+    Attributes:
+        dofs: Degrees of freedom of the chain, from the world on, (n,).
+        hinge: Which of them are hinges, (n,).
+        lever: r of the hinges, m; 1 for slides, (n,).
+    """
+
+    dofs: np.ndarray[tuple[int], np.dtype[np.intp]]
+    hinge: np.ndarray[tuple[int], np.dtype[np.bool_]]
+    lever: Array
+
+    @classmethod
+    def of(cls, chain: SerialChain, motion: JointMotion) -> LeverArms:
+        """For a frame and the travels of the slides that occur in a motion."""
+        screws = chain.screws
+        dofs = np.array([screw.dof for screw in screws], dtype=np.intp)
+        hinge = np.array([not screw.slides for screw in screws], dtype=bool)
+        lever = np.ones(len(screws))
+        extremes = np.array(motion.extremes())
+        beyond, after = 0.0, chain.position
+        for j in range(len(screws) - 1, -1, -1):
+            screw = screws[j]
+            link = after - screw.anchor
+            if screw.slides:
+                travel = np.abs(extremes[:, :, screw.dof] - screw.reference).max()
+                beyond += float(travel)
+            else:
+                lever[j] = float(np.linalg.norm(np.cross(screw.axis, link))) + beyond
+            beyond += float(np.linalg.norm(link))
+            after = screw.anchor
+        return cls(dofs, hinge, lever)
+
+    def displacement(self, speeds: Array, accelerations: Array, took: Array) -> Displacement:
+        """Bounds for joints no faster than ``speeds`` (K, nv), which take ``took`` (K,), s."""
+        dq = speeds[:, self.dofs] * took[:, None]
+        ddq = accelerations[:, self.dofs] * (took**2)[:, None]
+        turns = np.where(self.hinge, dq, 0.0)
+        before = np.cumsum(turns, axis=1) - turns
+        bend = (self.lever * (ddq + dq * (turns + 2.0 * before))).sum(axis=1)
+        return Displacement(turns.sum(axis=1), np.where(self.hinge, ddq, 0.0).sum(axis=1), bend)
