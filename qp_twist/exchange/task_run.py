@@ -11,14 +11,13 @@ import numpy.typing as npt
 
 from qp_twist.checks import Array
 from qp_twist.exchange.check import (
-    AXIS_TOLERANCE_DEG,
-    POSITION_TOLERANCE,
     Check,
     check_trajectory,
 )
 from qp_twist.exchange.files import read_trajectory, write_trajectory
 from qp_twist.following import Trajectory, follow
 from qp_twist.path import PathTask
+from qp_twist.referee import AXIS_TOLERANCE_DEG, POSITION_TOLERANCE
 from qp_twist.timing import TimedTrajectory, refine_trajectory, time_trajectory
 
 Mask = npt.NDArray[np.bool_]
