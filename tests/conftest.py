@@ -18,12 +18,13 @@ NOT_NUMERICAL = (
     "bench", "check", "cli", "docs", "examples", "exchange", "findings", "gallery", "house",
     "new_task", "peers", "refusals", "report", "resample", "robots", "scenes", "study",
     "task_file", "toolpath", "view", "viewing",
-    "batch", "comparison", "compiled_paths", "named_tasks", "paper_examples", "placements", "plan",
-    "simulation", "starts_found", "timing",
+    "batch", "batch_steps", "comparison", "compiled_paths", "named_tasks", "paper_examples",
+    "placements", "plan", "simulation", "starts_found", "timing",
 )  # fmt: skip
 """Modules ``test_…`` without the mark ``numerical``: files, pages, pictures and commands; and
-motions along whole paths, which take minutes and are made of the steps that the others test. All
-others have it, new ones as well, and run on several kernels of OpenBLAS (``.ci/kernels.py``)."""
+motions along whole paths and many steps at once, which take minutes and are made of the steps that
+the others test. All others have it, new ones as well, and run on several kernels of OpenBLAS
+(``.ci/kernels.py``)."""
 
 
 @pytest.hookimpl(tryfirst=True)  # before xdist reads the marks
