@@ -11,7 +11,7 @@ import numpy as np
 import qpsolvers
 
 from qp_twist import fast
-from qp_twist.checks import Array
+from qp_twist.checks import Array, did_you_mean
 from qp_twist.errors import InvalidInput, UnknownSolver
 from qp_twist.fast import COMPILED
 from qp_twist.qp.problem import QuadraticProgram
@@ -87,9 +87,11 @@ def check_solver(solver: str | None) -> str:
                 "solver 'compiled' needs numba, which is not installed: "
                 "pip install 'qp_twist[fast]'."
             )
+        hint = did_you_mean(str(solver), installed)
         raise UnknownSolver(
-            f"solver {solver!r} is not installed or not known; installed: {', '.join(installed)}. "
-            "Others come with qpsolvers' extras, e.g. pip install 'qpsolvers[clarabel]'."
+            f"solver {solver!r} is not installed or not known{hint} Installed: "
+            f"{', '.join(installed)}. Others come with qpsolvers' extras, e.g. pip install "
+            "'qpsolvers[clarabel]'."
         )
     return solver
 
