@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import difflib
 import math
 import operator
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import Any
 
 import numpy as np
@@ -134,6 +135,12 @@ def one_of(name: str, value: str, allowed: tuple[str, ...]) -> str:
     if not isinstance(value, str) or value not in allowed:
         raise InvalidInput(f"{name}: expected one of {', '.join(allowed)}; got {value!r}.")
     return value
+
+
+def did_you_mean(name: str, known: Iterable[str]) -> str:
+    """``"; did you mean 'deburring'?"``, or ``"."`` where no known name is near."""
+    close = difflib.get_close_matches(name, list(dict.fromkeys(known)), n=2)
+    return f"; did you mean {' or '.join(map(repr, close))}?" if close else "."
 
 
 def read_only(array: Array) -> Array:

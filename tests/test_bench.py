@@ -406,13 +406,14 @@ def test_a_run_survives_its_file(run: Run, tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        (None, "there is no such file"),
+        (None, "there is no such bench.json"),
         ("not json", "this is not JSON (line 1"),
         ("[1, 2]", "qp-twist bench did not write this file"),
         ('{"task": "deburring"}', "qp-twist bench did not write this file"),
         ('{"format": "qp-twist bench", "version": 0}', "has format version 0"),
         ('{"format": "qp-twist bench", "version": 1, "seed": "x"}', "created is missing or wrong"),
-        (b"\xff\xfe", "it is not text"),
+        (b"\xff\xfe", "expected a bench.json in UTF-8"),
+        (2000 * "[" + 2000 * "]", "nested too deep"),
     ],
 )
 def test_what_is_no_run_is_refused(text: str | bytes | None, said: str, tmp_path: Path) -> None:
@@ -534,10 +535,13 @@ def test_the_command_writes_what_it_prints_and_compares(
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (["--only", "minx"], "--only 'minx': not known; known: floor:mujoco"),
+        (["--only", "minx"], "--only 'minx': not known; did you mean 'mink'? Known: floor:mujoco"),
         (["--only", ","], "--only: no name in it"),
-        (["--parts", "step"], "--parts 'step': not known; known: steps, growth, batch"),
-        (["--compare", "nowhere.json"], "--compare nowhere.json: there is no such file"),
+        (
+            ["--parts", "step"],
+            "--parts 'step': not known; did you mean 'steps'? Known: steps, growth, batch",
+        ),
+        (["--compare", "nowhere.json"], "--compare nowhere.json: there is no such bench.json"),
         (["--out", "taken/there"], "taken is a file"),
     ],
 )

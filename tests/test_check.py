@@ -704,4 +704,4 @@ def test_a_file_that_is_not_there_is_a_sentence(capsys: pytest.CaptureFixture[st
     with pytest.raises(SystemExit) as caught:
         main(["check", "nosuch.csv", "planar_line"])
     assert caught.value.code == 2
-    assert "nosuch.csv: cannot be read (No such file or directory)" in capsys.readouterr().err
+    assert "nosuch.csv: there is no such trajectory file" in capsys.readouterr().err

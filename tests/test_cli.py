@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -13,6 +14,8 @@ import pytest
 
 from qp_twist import PathTask, Trajectory
 from qp_twist.cli import main
+from qp_twist.cli.command import COMMANDS
+from qp_twist.cli.names import options_of
 
 
 def test_tasks_lists_every_file_with_a_line(capsys: pytest.CaptureFixture[str]) -> None:
@@ -77,6 +80,22 @@ def test_roadmap_draws_one_figure(task: str, tmp_path: Path) -> None:
         (["run", "planar_line", "--method", "fancy", "--out", "x.csv"], "unknown method 'fancy'"),
         (["run", "planar_line", "--out", "x.xlsx"], "ends in .csv"),
         (["roadmap", "approach_contact_retreat"], "planar arms"),
+        (["chek", "x.csv", "deburring"], "no command 'chek'; did you mean 'check'?"),
+        (["what"], "no command 'what'. Commands: bench, check,"),
+        (["--versoin"], "no option --versoin before the command; did you mean '--version'?"),
+        (
+            ["run", "deburring", "--mehtod", "qp"],
+            "run: there is no option --mehtod; did you mean --method?",
+        ),
+        (["run", "deburring", "--mehtod=qp"], "no option --mehtod; did you mean --method?"),
+        (["tasks", "--quite"], "tasks: there is no option --quite; did you mean --quiet?"),
+        (["compare", "deburing"], "no shipped task 'deburing'; did you mean 'deburring'"),
+        (
+            ["compare", "deburring", "--methods", "qp_gradent"],
+            "'qp_gradent'; did you mean 'qp_gradient'?",
+        ),
+        (["compare", "deburring", "--solver", "dapq"], "; did you mean 'daqp'?"),
+        (["study", "planar_line", "--vary", "placment"], "'placment'; did you mean 'placement'?"),
     ],
 )
 def test_refused_input_is_one_sentence_and_exit_code_2(
@@ -95,6 +114,55 @@ def test_refused_input_is_one_sentence_and_exit_code_2(
     assert err.startswith("qp-twist: ")
     assert out == ""
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("command", sorted(COMMANDS))
+def test_every_option_that_a_command_has_is_known(
+    command: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """By tyro's help, which lists an option in the first column of a box."""
+    with pytest.raises(SystemExit) as ended:
+        main([command, "--help"])
+    assert ended.value.code == 0
+    lines = re.findall(r"^[│ ] ((?:-h, )?--[\w-]+(?:, --[\w-]+)?)", capsys.readouterr().out, re.M)
+    listed = {option for line in lines for option in line.split(", ")}
+    assert listed == {*options_of(COMMANDS[command]), "-h"} - {"--quiet"}
+
+
+@pytest.mark.parametrize("buffered", [True, False])
+@pytest.mark.parametrize(
+    "arguments",
+    [["--version"], ["--help"], ["tasks"], ["check", "line.csv", "planar_line", "--json"]],
+)
+def test_output_that_nobody_reads_any_more_ends_a_command_without_a_word(
+    arguments: list[str], buffered: bool, tmp_path: Path
+) -> None:
+    """As ``qp-twist tasks | head -1``; the exit code is that of other tools then, 128 + SIGPIPE."""
+    if "line.csv" in arguments:
+        main(["run", "planar_line", "--quiet", "--out", str(tmp_path / "line.csv")])
+    reader, writer = os.pipe()
+    os.close(reader)
+    ended = subprocess.run(
+        [sys.executable, "-m", "qp_twist", *arguments], stdout=writer, stderr=subprocess.PIPE,
+        cwd=tmp_path, timeout=300, env=os.environ | {"PYTHONUNBUFFERED": "" if buffered else "1"},
+        check=False,
+    )  # fmt: skip
+    os.close(writer)
+    assert (ended.returncode, ended.stderr) == (141, b"")
+
+
+def test_output_that_does_not_fit_on_the_disk_is_one_sentence(tmp_path: Path) -> None:
+    if not Path("/dev/full").exists():
+        pytest.skip("this system has no /dev/full")
+    for buffered in ("", "1"):
+        with Path("/dev/full").open("w") as full:
+            ended = subprocess.run(
+                [sys.executable, "-m", "qp_twist", "tasks"], stdout=full, stderr=subprocess.PIPE,
+                cwd=tmp_path, timeout=300, env=os.environ | {"PYTHONUNBUFFERED": buffered},
+                check=False, text=True,
+            )  # fmt: skip
+        assert ended.returncode == 2
+        assert ended.stderr == "qp-twist: [Errno 28] No space left on device\n"
 
 
 def test_run_writes_a_report_of_the_pair(

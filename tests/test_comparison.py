@@ -99,7 +99,7 @@ def test_methods_come_in_the_tables_order_whatever_was_asked() -> None:
 
 
 def test_wrong_methods_are_refused() -> None:
-    with pytest.raises(qt.InvalidInput, match=r"'fancy'; methods: rmr, "):
+    with pytest.raises(qt.InvalidInput, match=r"'fancy'. Methods: rmr, "):
         qt.compare("planar_line", methods=["fancy"])
     with pytest.raises(qt.InvalidInput, match="empty"):
         qt.compare("planar_line", methods=[])

@@ -395,7 +395,7 @@ def test_when_all_backends_lie_the_step_says_who_returned_what(
 
 def test_an_unknown_solver_is_named_with_those_that_are_there() -> None:
     arm = Arm(1)
-    with pytest.raises(qt.UnknownSolver, match=r"'nosuch'.*installed: .*daqp"):
+    with pytest.raises(qt.UnknownSolver, match=r"'nosuch'.*Installed: .*daqp"):
         qt.Controller(arm.model, [arm.task], solver="nosuch")
 
 

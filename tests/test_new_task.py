@@ -519,7 +519,7 @@ def near(tmp_path: Path) -> Path:
 @pytest.mark.parametrize(
     ("change", "sentence"),
     [
-        ({"robot": "robot.urdf"}, "robot.urdf: there is no such file"),
+        ({"robot": "robot.urdf"}, "robot.urdf: there is no such MJCF or URDF file"),
         ({"--path": "edge.csv"}, "edge.csv"),
         ({"--frame": "tol"}, "the robot has no frame 'tol'; did you mean 'tool'?"),
         ({"--frame": "base"}, "--frame: the frame 'base' does not move"),

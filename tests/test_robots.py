@@ -20,6 +20,7 @@ from scipy.spatial.transform import Rotation
 
 import qp_twist as qt
 from qp_twist.errors import InvalidInput
+from qp_twist.kinematics import JointRanges
 from qp_twist.path import load_scene
 from qp_twist.robots import Robot, load_robot
 
@@ -622,9 +623,9 @@ def test_what_only_mujoco_sees_is_refused_in_its_words(
 
 def test_what_is_no_file_or_folder_is_refused(tmp_path: Path) -> None:
     file = one_joint(tmp_path)
-    with pytest.raises(InvalidInput, match="there is no such file"):
+    with pytest.raises(InvalidInput, match="there is no such MJCF or URDF file"):
         load_robot(tmp_path / "missing.urdf")
-    with pytest.raises(InvalidInput, match="is a folder; name the MJCF or URDF file in it"):
+    with pytest.raises(InvalidInput, match="is a folder; give the MJCF or URDF file in it"):
         load_robot(tmp_path)
     with pytest.raises(InvalidInput, match="expected a str or a Path, got int"):
         load_robot(3)  # type: ignore[arg-type]
@@ -632,6 +633,62 @@ def test_what_is_no_file_or_folder_is_refused(tmp_path: Path) -> None:
         load_robot(file, packages={"arm": tmp_path / "nowhere"})
     with pytest.raises(InvalidInput, match="expected folders by package name, got str"):
         load_robot(file, packages="arm")  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("levels", [150, 3_000, 100_000])
+def test_elements_that_are_nested_too_deep_are_refused(levels: int, tmp_path: Path) -> None:
+    nested = levels * "<sensor>" + levels * "</sensor>"
+    with pytest.raises(InvalidInput, match="nested more than 100 deep"):
+        load_robot(write(tmp_path, link("a"), joint("j", "revolute", "base", "a", RANGE), nested))
+
+
+ONE_JOINT = """<mujoco><compiler angle="radian"/><worldbody><body name="arm" pos="0 0 0">
+  <joint name="j" axis="0 0 1" pos="0 0 0" range="-2 2"/><geom name="g" pos="0 0 0" size="1"/>
+  <site name="tip" pos="0 0 0"/></body></worldbody><keyframe><key qpos="0"/></keyframe></mujoco>"""
+
+
+# MuJoCo takes each of them; at a NaN it prints a warning.
+@pytest.mark.parametrize("number", ["nan", "inf", "1e200"])
+@pytest.mark.parametrize(
+    ("stated", "instead", "said"),
+    [
+        ('name="arm" pos="0 0 0"', 'name="arm" pos="0 {} 0"', "body 'arm': pos = ["),
+        ('pos="0 0 0" range', 'pos="{} 0 0" range', "joint 'j': pos = ["),
+        ('name="tip" pos="0 0 0"', 'name="tip" pos="0 0 {}"', "site 'tip': pos = ["),
+        ('key qpos="0"', 'key qpos="{}"', "a keyframe's qpos = [["),
+    ],
+)
+def test_a_number_that_cannot_be_computed_with_is_named(
+    stated: str, instead: str, said: str, number: str, tmp_path: Path
+) -> None:
+    file = tmp_path / "arm.xml"
+    assert stated in ONE_JOINT
+    file.write_text(ONE_JOINT.replace(stated, instead.format(number)), "utf-8")
+    mujoco.MjModel.from_xml_path(str(file))
+    with pytest.raises(InvalidInput, match=re.escape(said)):
+        load_robot(file)
+
+
+def test_a_range_may_be_infinite_but_not_nan(tmp_path: Path) -> None:
+    file = tmp_path / "arm.xml"
+    file.write_text(ONE_JOINT.replace('range="-2 2"', 'range="-2 inf"'), "utf-8")
+    assert load_robot(file).model.njnt == 1
+    file.write_text(ONE_JOINT.replace('range="-2 2"', 'range="-2 nan"'), "utf-8")
+    with pytest.raises(InvalidInput, match=r"joint 'j': range = \[-2. nan\]"):
+        load_robot(file)
+    # MuJoCo takes it for no range at all, so that a model of that kind has to be looked at, too.
+    with pytest.raises(InvalidInput, match="the range of j is not a number"):
+        JointRanges.of(mujoco.MjModel.from_xml_path(str(file)))
+
+
+def test_a_step_says_whether_the_model_or_the_configuration_is_not_finite() -> None:
+    model = mujoco.MjModel.from_xml_string(
+        ONE_JOINT.replace('name="arm" pos="0 0 0"', 'pos="0 nan 0"')
+    )
+    task = qt.TwistTask.point("tip", "site")
+    task.set_target(mink.SE3.identity())
+    with pytest.raises(InvalidInput, match="not finite although q is; check the model's positions"):
+        task.compute_error(mink.Configuration(model))
 
 
 # ---------------------------------------------------------------- in a task file

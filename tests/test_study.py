@@ -415,7 +415,7 @@ def test_a_study_is_not_mixed_with_another(twelve: qt.Study, tmp_path: Path) -> 
 @pytest.mark.parametrize(
     ("arguments", "sentence"),
     [
-        ({"vary": ["colour"]}, "cannot vary 'colour'; what can be varied: robot, placement"),
+        ({"vary": ["colour"]}, "cannot vary 'colour'. What can be varied: robot, placement"),
         ({"vary": ["tool"]}, r"add a table \[study.tool\]"),
         ({"vary": "placement"}, "lists of names"),
         ({"vary": []}, "vary is empty"),

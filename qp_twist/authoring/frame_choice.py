@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import difflib
 from dataclasses import dataclass
 from typing import Literal
 
 import mujoco
 
+from qp_twist.checks import did_you_mean
 from qp_twist.errors import InvalidInput
 
 FrameType = Literal["site", "body", "geom"]
@@ -101,9 +101,8 @@ def _not_there(
         if name in moving["site"] + moving["body"] + moving["geom"]:
             text = f"there is no {kinds[0]} {name!r} that moves"
         return f"--frame: {text}; those that do: {_listed(moving)}."
-    close = difflib.get_close_matches(name, known, n=3, cutoff=0.5)
-    hint = f"; did you mean {' or '.join(map(repr, close))}?" if close else "."
     what = kinds[0] if len(kinds) == 1 else "frame"
+    hint = did_you_mean(name, known)
     return f"--frame: the robot has no {what} {name!r}{hint} It has {_listed(moving)}."
 
 

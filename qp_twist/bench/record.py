@@ -12,7 +12,7 @@ from qp_twist.bench.accuracy import Accuracy
 from qp_twist.bench.machine import Machine
 from qp_twist.bench.quantiles import Quantiles
 from qp_twist.errors import InvalidInput
-from qp_twist.files import write_atomically
+from qp_twist.files import read_text, write_atomically
 
 FORMAT = "qp-twist bench"
 VERSION = 1
@@ -112,18 +112,17 @@ def read_run(path: Path) -> Run:
     """
     what = "give the bench.json of an earlier run"
     try:
-        text = path.read_text("utf-8")
-    except FileNotFoundError:
-        raise InvalidInput(f"--compare {path}: there is no such file; {what}.") from None
-    except (OSError, UnicodeDecodeError) as error:
-        why = error.strerror if isinstance(error, OSError) else "it is not text"
-        raise InvalidInput(f"--compare {path}: cannot be read ({why}); {what}.") from None
+        text = read_text(path, "bench.json")
+    except InvalidInput as error:
+        raise InvalidInput(f"--compare {error}") from None
     try:
         content = json.loads(text)
     except json.JSONDecodeError as error:
         raise InvalidInput(
             f"--compare {path}: this is not JSON (line {error.lineno}: {error.msg}); {what}."
         ) from None
+    except RecursionError:
+        raise InvalidInput(f"--compare {path}: its lists are nested too deep; {what}.") from None
     if not isinstance(content, dict) or content.get("format") != FORMAT:
         raise InvalidInput(f"--compare {path}: qp-twist bench did not write this file; {what}.")
     if content.get("version") != VERSION:

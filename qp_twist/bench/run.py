@@ -25,6 +25,7 @@ from qp_twist.bench.problems import Planned, growth, table
 from qp_twist.bench.quantiles import Quantiles
 from qp_twist.bench.record import Case, Measured, Run
 from qp_twist.bench.timer import Cold, Timed, blocks_of, cold, interleaved
+from qp_twist.checks import did_you_mean
 from qp_twist.errors import InvalidInput
 
 PARTS = ("steps", "growth", "batch")
@@ -251,7 +252,8 @@ def _check(
         if name not in known and name not in also:
             families = f"; families: {', '.join(dict.fromkeys(also))}" if also else ""
             raise InvalidInput(
-                f"{option} {name!r}: not known; known: {', '.join(dict.fromkeys(known))}{families}."
+                f"{option} {name!r}: not known{did_you_mean(name, [*known, *also])} Known: "
+                f"{', '.join(dict.fromkeys(known))}{families}."
             )
 
 

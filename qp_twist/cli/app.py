@@ -1,7 +1,8 @@
 """What the commands share: the application, their arguments' types, and how they speak.
 
 Exit codes: 0 done; 1 checked, and something is wrong; 2 the input was refused (the message says
-why); 130 interrupted.
+why); 130 interrupted; 141 whoever read the output has read enough (``| head -1``), as of any tool
+that is ended by SIGPIPE.
 """
 
 from __future__ import annotations
@@ -23,6 +24,14 @@ from qp_twist.errors import InvalidInput
 from qp_twist.path import METHODS, PathTask, check_method, load_task
 
 app = SubcommandApp()
+
+
+class _Console(Console):
+    """Hands on that nobody reads the output any more; rich itself would end with exit code 1."""
+
+    def on_broken_pipe(self) -> None:
+        raise BrokenPipeError
+
 
 Task = Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="TASK")]
 Names = Annotated[str | None, tyro.conf.arg(metavar="A,B,…")]
@@ -57,15 +66,15 @@ def show(table: RenderableType) -> None:
 
 def console() -> Console:
     """A console that never squeezes the table: better a wrapped line than numbers cut off."""
-    found = Console()
+    found = _Console()
     if not found.is_terminal:
-        return Console(width=WIDTH, color_system=None)
-    return found if found.width >= WIDTH else Console(width=WIDTH)
+        return _Console(width=WIDTH, color_system=None)
+    return found if found.width >= WIDTH else _Console(width=WIDTH)
 
 
 def terminal() -> Console | None:
     """Standard error as a console, if a person is looking at it and wants to see progress."""
-    found = Console(stderr=True)
+    found = _Console(stderr=True)
     looking = found.is_terminal and sys.stdout.isatty() and os.environ.get("TERM") != "dumb"
     return found if looking and not quiet.get() else None
 

@@ -9,7 +9,8 @@ from collections.abc import Sequence
 import mink
 
 # Each module adds its command; help lists them in this order.
-from qp_twist.cli import (  # noqa: F401
+from qp_twist.cli import (
+    REFUSED,
     bench,
     check,
     compare,
@@ -22,6 +23,12 @@ from qp_twist.cli import (  # noqa: F401
     view,
 )
 from qp_twist.cli.app import app, quiet
+from qp_twist.cli.names import check_names
+
+COMMANDS = {
+    module.__name__.rpartition(".")[2]: getattr(module, module.__name__.rpartition(".")[2])
+    for module in (bench, check, compare, new, roadmap, run, starts, study, tasks, view)
+}
 
 
 def run_command(given: Sequence[str]) -> None:
@@ -32,6 +39,7 @@ def run_command(given: Sequence[str]) -> None:
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="replace")
     try:
+        check_names(given, COMMANDS)
         app.cli(
             prog="qp-twist",
             description="QP-based task-priority control for tasks of fewer than six degrees of "
@@ -39,8 +47,8 @@ def run_command(given: Sequence[str]) -> None:
             "--version prints the version.",
             args=[argument for argument in given if argument != "--quiet"],
         )
-    except (mink.MinkError, OSError) as error:
+    except mink.MinkError as error:
         print(f"qp-twist: {error}", file=sys.stderr)
-        raise SystemExit(2) from None
+        raise SystemExit(REFUSED) from None
     finally:
         quiet.reset(before)

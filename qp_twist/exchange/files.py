@@ -9,7 +9,7 @@ from typing import NamedTuple
 from qp_twist.errors import InvalidInput
 from qp_twist.exchange import csv_file, json_file, npz_file
 from qp_twist.exchange.joint_rows import JointRows
-from qp_twist.files import write_atomically
+from qp_twist.files import read_bytes, write_atomically
 from qp_twist.following import Trajectory
 from qp_twist.timing import TimedTrajectory
 
@@ -59,11 +59,7 @@ def read_trajectory(path: str | Path, joint_names: Sequence[str] | None = None) 
     """
     path = Path(path)
     form = _format(path)
-    try:
-        content = path.read_bytes()
-    except OSError as error:
-        what = error.strerror or str(error)
-        raise InvalidInput(f"{path}: cannot be read ({what}); check the path.") from None
+    content = read_bytes(path, "trajectory file")
     try:
         rows = form.decode(content, None if joint_names is None else tuple(joint_names))
         return rows if joint_names is None else rows.of_joints(joint_names)

@@ -58,12 +58,13 @@ class JointRanges:
             if model.jnt_type[joint] not in _SCALAR:
                 continue
             qpos[dof] = model.jnt_qposadr[joint]
+            # MuJoCo takes a range with a NaN for none.
+            if np.isnan(model.jnt_range[joint]).any():
+                raise InvalidInput(
+                    f"model: the range of {names[dof]} is not a number; check the scene."
+                )
             if model.jnt_limited[joint]:
                 lower[dof], upper[dof] = model.jnt_range[joint]
-                if np.isnan(model.jnt_range[joint]).any():
-                    raise InvalidInput(
-                        f"model: the range of {names[dof]} is not a number; check the scene."
-                    )
         hinge = model.jnt_type[model.dof_jntid] == mujoco.mjtJoint.mjJNT_HINGE
         return cls(lower, upper, qpos, hinge, tuple(names), int(model.nq))
 

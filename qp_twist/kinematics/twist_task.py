@@ -464,7 +464,11 @@ class TwistTask(mink.Task):
             raise mink.TargetNotSet(self.name)
         rotation, position = frame_pose(configuration, self.frame_name, self.frame_type)
         if not math.isfinite(rotation.sum() + position.sum()):
-            raise InvalidInput(f"{self.name}: the pose of the frame is not finite; check q.")
+            finite = bool(np.isfinite(configuration.q).all())
+            cause = (
+                " although q is; check the model's positions and axes" if finite else "; check q"
+            )
+            raise InvalidInput(f"{self.name}: the pose of the frame is not finite{cause}.")
         target = self.target_rotation, self.target_position, self.feedforward
         if self.relative_to is None:
             return FramePair(rotation, position, *target)

@@ -12,7 +12,7 @@ import mink
 import mujoco
 import numpy as np
 
-from qp_twist.checks import Array
+from qp_twist.checks import Array, did_you_mean
 from qp_twist.errors import InvalidInput
 from qp_twist.geometry import ProjectorKind, TwistProjector, task_redundancy
 from qp_twist.geometry.projector import SAME_DIRECTION
@@ -205,5 +205,6 @@ def check_method(method: str) -> str:
         InvalidInput: If there is no such method.
     """
     if not isinstance(method, str) or method not in METHODS:
-        raise InvalidInput(f"unknown method {method!r}; methods: {', '.join(METHODS)}.")
+        hint = did_you_mean(str(method), METHODS)
+        raise InvalidInput(f"unknown method {method!r}{hint} Methods: {', '.join(METHODS)}.")
     return method

@@ -5,6 +5,7 @@ from __future__ import annotations
 import difflib
 import itertools
 import json
+import os
 import re
 import tomllib
 import warnings
@@ -18,8 +19,9 @@ import mujoco
 import numpy as np
 from pydantic import ValidationError
 
-from qp_twist.checks import Array, unit_vector
+from qp_twist.checks import Array, did_you_mean, unit_vector
 from qp_twist.errors import InvalidInput, TaskFileError
+from qp_twist.files import read_text
 from qp_twist.geometry import ProjectorKind, TwistProjector, rotation_vector, task_redundancy
 from qp_twist.kinematics import JointRanges, SerialChain, check_bands, frame_pose, largest_reach
 from qp_twist.limits import per_joint
@@ -72,10 +74,10 @@ def load_task(task: str | Path, *, path: str | Path | None = None) -> PathTask:
     """
     source = _find(task)
     try:
-        text = source.read_text(encoding="utf-8-sig")
+        text = read_text(source, "task file")
         table = tomllib.loads(text)
-    except (OSError, UnicodeDecodeError) as error:
-        raise TaskFileError(f"{source}: cannot be read: {error}.") from error
+    except InvalidInput as error:
+        raise TaskFileError(str(error)) from None
     except tomllib.TOMLDecodeError as error:
         twice = "; the same key or table stands in the file twice, or as both"
         why = twice if "overwrite" in str(error) or "twice" in str(error) else ""
@@ -119,25 +121,15 @@ def _find(task: str | Path) -> Path:
         raise TaskFileError(f"load_task: expected a name or a path, got {task!r}.")
     text = str(task)
     if text.endswith(".toml") or "/" in text or "\\" in text:
-        path = Path(task)
-        if not _is_file(path):
-            raise TaskFileError(f"{path}: there is no such task file.")
-        return path
-    path = shipped_folder("tasks") / f"{text}.toml"
-    if not _is_file(path):
-        names = ", ".join(p.stem for p in shipped_tasks())
+        return Path(task)
+    shipped = {path.stem: path for path in shipped_tasks()}
+    if text not in shipped:
+        names = ", ".join(shipped)
         raise TaskFileError(
-            f"there is no shipped task {text!r}; shipped: {names}. A file of your own is given by "
-            f"its path, e.g. ./{text}.toml."
+            f"there is no shipped task {text!r}{did_you_mean(text, shipped)} Shipped: {names}. A "
+            f"file of your own is given by its path, e.g. ./{text}.toml."
         )
-    return path
-
-
-def _is_file(path: Path) -> bool:
-    try:
-        return path.is_file()
-    except (OSError, ValueError):  # a name that no file can have
-        return False
+    return shipped[text]
 
 
 def _with_toolpath(source: Path, table: dict[str, Any], path: str | Path) -> dict[str, Any]:
@@ -227,7 +219,7 @@ def load_scene(path: Path, scene: str, packages: Mapping[str, str] | None = None
     candidates = [path.parent / scene, shipped_folder("scenes") / scene]
     folders = {name: path.parent / folder for name, folder in (packages or {}).items()}
     for candidate in candidates:
-        if _is_file(candidate):
+        if os.path.lexists(candidate):
             try:
                 robot = load_robot(candidate, packages=folders)
             except InvalidInput as error:

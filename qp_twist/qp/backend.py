@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import qpsolvers
 
-from qp_twist.checks import Array
+from qp_twist.checks import Array, did_you_mean
 from qp_twist.errors import InvalidInput, UnknownSolver
 from qp_twist.fast import COMPILED
 from qp_twist.qp.problem import QuadraticProgram
@@ -76,9 +76,11 @@ def check_solver(solver: str | None) -> str:
         return COMPILED
     installed = installed_solvers()
     if not isinstance(solver, str) or solver not in installed:
+        hint = did_you_mean(str(solver), installed)
         raise UnknownSolver(
-            f"solver {solver!r} is not installed or not known; installed: {', '.join(installed)}. "
-            "Others come with qpsolvers' extras, e.g. pip install 'qpsolvers[clarabel]'."
+            f"solver {solver!r} is not installed or not known{hint} Installed: "
+            f"{', '.join(installed)}. Others come with qpsolvers' extras, e.g. pip install "
+            "'qpsolvers[clarabel]'."
         )
     return solver
 

@@ -9,6 +9,7 @@ import numpy as np
 
 from qp_twist.checks import Array, float_array
 from qp_twist.errors import InvalidInput
+from qp_twist.files import check_regular
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,6 +61,7 @@ class QuadraticProgram:
             f"QuadraticProgram.load: {str(path)[:200]!r} is not what QuadraticProgram.save writes"
         )
         try:
+            check_regular(Path(path))
             with np.load(path, allow_pickle=False) as file:
                 arrays = {f.name: float_array(f.name, file[f.name]) for f in fields(cls)}
         except Exception as error:  # numpy and zipfile raise a dozen different ones on junk

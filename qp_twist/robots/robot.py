@@ -10,6 +10,8 @@ from pathlib import Path
 import mujoco
 
 from qp_twist.errors import InvalidInput
+from qp_twist.files import check_regular, read_bytes
+from qp_twist.robots.finite import not_computable
 from qp_twist.robots.urdf import read_urdf
 
 
@@ -63,7 +65,7 @@ def load_robot(
 
     Raises:
         InvalidInput: If there is no such file, it is neither MJCF nor URDF, it contradicts itself,
-            or its robot has no joint.
+            a number in it is NaN or infinite, or its robot has no joint.
     """
     file, folders = _file(path), _folders(packages)
     text = _text(file)
@@ -77,6 +79,11 @@ def load_robot(
         raise InvalidInput(
             f"{file}: expected an MJCF (<mujoco>) or a URDF (<robot>), but the file {found}; "
             "give a robot in one of the two formats."
+        )
+    if wrong := not_computable(robot.model):
+        raise InvalidInput(
+            f"{file}: {wrong} cannot be computed with; expected finite numbers, up to 1e10. Mend "
+            "it in the file."
         )
     if robot.model.njnt == 0:
         raise InvalidInput(f"{file}: the robot has no joint that moves; give one that has.")
@@ -95,10 +102,7 @@ def _file(path: str | Path) -> Path:
     if not isinstance(path, (str, Path)):
         raise InvalidInput(f"path: expected a str or a Path, got {type(path).__name__}.")
     file = Path(path)
-    if file.is_dir():
-        raise InvalidInput(f"{file}: is a folder; name the MJCF or URDF file in it.")
-    if not file.is_file():
-        raise InvalidInput(f"{file}: there is no such file; check the path.")
+    check_regular(file, "MJCF or URDF file")
     return file
 
 
@@ -118,10 +122,7 @@ def _folders(packages: Mapping[str, str | Path] | None) -> dict[str, Path]:
 
 def _text(file: Path) -> str:
     """The file without its comments, lines kept: MuJoCo allows comments that are not XML."""
-    try:
-        text = file.read_text(encoding="utf-8-sig", errors="replace")
-    except OSError as error:
-        raise InvalidInput(f"{file}: cannot be read ({error.strerror}).") from error
+    text = read_bytes(file).decode("utf-8-sig", errors="replace")
     return re.sub(r"<!--.*?-->", lambda comment: "\n" * comment[0].count("\n"), text, flags=re.S)
 
 

@@ -13,6 +13,9 @@ from qp_twist.robots.urdf_compiling import compile_urdf
 from qp_twist.robots.urdf_joints import read_joints
 from qp_twist.robots.urdf_meshes import take_meshes
 
+_DEEPEST = 100
+"""Levels of elements. MuJoCo's reader ends at 500, and Python's writer at about a thousand."""
+
 
 def read_urdf(
     text: str, file: Path, packages: Mapping[str, Path]
@@ -41,11 +44,24 @@ def read_urdf(
     return model, joints.velocity_limits, tuple(left_out)
 
 
+def _depth(root: ET.Element) -> int:
+    """How deep the elements are nested; without recursion, which ends at a thousand."""
+    depth, level = 0, [root]
+    while level:
+        depth, level = depth + 1, [child for element in level for child in element]
+    return depth
+
+
 def _parsed(text: str, file: Path) -> ET.Element:
     try:
         root = ET.fromstring(text)
     except ET.ParseError as error:
         raise InvalidInput(f"{file}: is not well-formed XML ({error}); mend it there.") from error
+    if _depth(root) > _DEEPEST:
+        raise InvalidInput(
+            f"{file}: its elements are nested more than {_DEEPEST} deep, where a URDF needs six; "
+            "an element is not closed, or this is no URDF."
+        )
     for element in root.iter():
         values = " ".join(element.attrib.values())
         if "xacro}" in element.tag or "${" in values or "$(" in values:

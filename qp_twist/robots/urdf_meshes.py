@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import os
 import re
 import xml.etree.ElementTree as ET
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import NamedTuple
 
+from qp_twist.errors import InvalidInput
+from qp_twist.files import read_bytes
 from qp_twist.robots.wording import listed
 
 _IN_PACKAGE = re.compile(r"(?:package|model)://([^/]+)/(.+)")
@@ -46,6 +49,7 @@ def take_meshes(root: ET.Element, file: Path, packages: Mapping[str, Path]) -> M
     assets: dict[str, bytes] = {}
     originals: dict[str, str] = {}
     missing: dict[str, None] = {}
+    unreadable: dict[Path, str] = {}
     for link, shape, mesh in mesh_shapes(root):
         stated = mesh.get("filename", "")
         found = _found(stated, file, folder, packages)
@@ -55,11 +59,17 @@ def take_meshes(root: ET.Element, file: Path, packages: Mapping[str, Path]) -> M
             continue
         key = (found, mesh.get("scale"))
         if key not in names:
+            try:
+                content = read_bytes(found, "mesh")
+            except InvalidInput as error:
+                link.remove(shape)
+                unreadable[found] = f"Not readable: {error}"
+                continue
             names[key] = _free_name(found, assets)
-            assets[names[key]] = found.read_bytes()
+            assets[names[key]] = content
             originals[names[key]] = stated
         mesh.set("filename", names[key])
-    return Meshes(assets, originals, _not_found(list(missing)))
+    return Meshes(assets, originals, [*_not_found(list(missing)), *unreadable.values()])
 
 
 def mesh_shapes(root: ET.Element) -> Iterator[tuple[ET.Element, ET.Element, ET.Element]]:
@@ -99,7 +109,7 @@ def _found(stated: str, file: Path, folder: Path, packages: Mapping[str, Path]) 
         plain = stated.removeprefix("file://")
         places = [file.parent / plain, folder / plain]
     places.append(folder / Path(stated).name)
-    return next((place for place in places if place.is_file()), None)
+    return next((p for p in places if os.path.lexists(p) and not p.is_dir()), None)
 
 
 def _free_name(found: Path, assets: Mapping[str, bytes]) -> str:

@@ -10,7 +10,7 @@ from typing import Any, Literal
 import mink
 import numpy as np
 
-from qp_twist.checks import Array
+from qp_twist.checks import Array, did_you_mean
 from qp_twist.errors import InvalidInput
 from qp_twist.kinematics import JointRanges, frame_pose
 from qp_twist.path import METHODS, PathTask, leaned, load_scene, placed
@@ -71,7 +71,8 @@ def check_factors(path_task: PathTask, vary: Collection[str]) -> tuple[str, ...]
     for name in vary:
         if name not in FACTORS:
             raise InvalidInput(
-                f"study: cannot vary {name!r}; what can be varied: {', '.join(FACTORS)}."
+                f"study: cannot vary {name!r}{did_you_mean(str(name), FACTORS)} What can be "
+                f"varied: {', '.join(FACTORS)}."
             )
         if name != "start" and getattr(section, name) is None:
             raise InvalidInput(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import io
 import json
+import os
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from importlib.metadata import version
@@ -16,7 +17,7 @@ from rich.console import Console
 
 from qp_twist.checks import one_of, whole_number
 from qp_twist.errors import InvalidInput
-from qp_twist.files import write_atomically
+from qp_twist.files import read_text, write_atomically
 from qp_twist.path import (
     METHODS,
     PathTask,
@@ -377,11 +378,11 @@ def _fingerprint(path_task: PathTask) -> str:
 
 
 def _read(file: Path) -> dict[str, Any]:
-    if not file.exists():
+    if not os.path.lexists(file):
         raise InvalidInput(f"{file.parent}: holds no study (no {file.name}).")
     try:
-        return _Settings.model_validate_json(file.read_text("utf-8")).model_dump()
-    except (OSError, ValueError) as error:
+        return _Settings.model_validate_json(read_text(file)).model_dump()
+    except ValueError as error:
         said = str(error).partition("\n")[0]
         raise InvalidInput(
             f"{file}: cannot be read: {said}. A study writes it; put it back, or give another "

@@ -6,8 +6,7 @@ import codecs
 from pathlib import Path
 
 from qp_twist.errors import InvalidInput
-
-_LARGEST = 500_000_000
+from qp_twist.files import read_bytes
 
 
 def read_lines(path: Path) -> list[str]:
@@ -16,19 +15,7 @@ def read_lines(path: Path) -> list[str]:
     Raises:
         InvalidInput: If there is no such file, it cannot be read, is empty, or is no text.
     """
-    try:
-        folder, size = path.is_dir(), path.stat().st_size
-        content = b"" if folder or size > _LARGEST else path.read_bytes()
-    except FileNotFoundError:
-        raise InvalidInput(f"{path}: there is no such toolpath file.") from None
-    except (OSError, ValueError) as error:  # names that no file can have are ValueErrors
-        raise InvalidInput(f"{path}: cannot be read: {error}.") from error
-    if folder:
-        raise InvalidInput(f"{path}: is a folder; give the toolpath file in it.")
-    if size > _LARGEST:
-        raise InvalidInput(
-            f"{path}: is larger than {_LARGEST // 1_000_000} MB; split it by curves."
-        )
+    content = read_bytes(path, "toolpath file")
     text = _decoded(path, content)
     lines = text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
     if not text.strip():

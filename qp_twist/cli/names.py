@@ -1,0 +1,66 @@
+"""Commands and options that were misspelled."""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, get_args, get_type_hints
+
+import tyro
+
+from qp_twist.checks import did_you_mean
+from qp_twist.errors import InvalidInput
+
+_POSITIONAL = get_args(tyro.conf.Positional[int])[1]
+_ONE_FLAG = get_args(tyro.conf.FlagCreatePairsOff[bool])[1]
+_ALWAYS = ("--help", "--quiet")
+
+
+def check_names(given: Sequence[str], commands: Mapping[str, Callable[..., Any]]) -> None:
+    """Refuse a command or an option that there is none of, and say which is near.
+
+    Everything else about the arguments is left to tyro.
+
+    Args:
+        given: The words of the command line.
+        commands: The functions of the commands, by name.
+
+    Raises:
+        InvalidInput: If the first word is no command, or one that begins with ``--`` no option.
+    """
+    words = [word.partition("=")[0] for word in given if word != "--quiet"]
+    if not words or words[0] in ("-h", "--help"):
+        return
+    command, *rest = words
+    if command not in commands:
+        if command.startswith("-"):
+            hint = did_you_mean(command, [*_ALWAYS, "--version"])
+            raise InvalidInput(f"there is no option {command} before the command{hint}")
+        hint = did_you_mean(command, commands)
+        raise InvalidInput(
+            f"there is no command {command!r}{hint} Commands: {', '.join(sorted(commands))}."
+        )
+    known = options_of(commands[command])
+    for word in rest:
+        if word.startswith("--") and word.replace("_", "-") not in known:
+            hint = did_you_mean(word, known).replace("'", "")
+            raise InvalidInput(
+                f"{command}: there is no option {word}{hint} Options: {', '.join(known)}; "
+                f"qp-twist {command} --help explains them."
+            )
+
+
+def options_of(command: Callable[..., Any]) -> list[str]:
+    """The options that tyro makes of a command's parameters."""
+    hints = get_type_hints(command, include_extras=True)
+    options = []
+    for name in inspect.signature(command).parameters:
+        conf = get_args(hints[name])[1:]
+        if _POSITIONAL in conf:
+            continue
+        option = name.rstrip("_").replace("_", "-")
+        options.append(f"--{option}")
+        is_flag = hints[name] is bool or get_args(hints[name])[:1] == (bool,)
+        if is_flag and _ONE_FLAG not in conf:
+            options.append(f"--no-{option}")
+    return [*options, *_ALWAYS]
