@@ -20,6 +20,7 @@ from qp_twist.comparison.table import plain_table
 from qp_twist.errors import InvalidInput
 from qp_twist.files import write_atomically
 from qp_twist.following import Trajectory, follow, with_start
+from qp_twist.notebook import html_table
 from qp_twist.path import METHODS, PathTask, check_method, load_task
 from qp_twist.qp import check_solver
 
@@ -157,6 +158,29 @@ class Comparison:
 
     def __repr__(self) -> str:
         return f"Comparison({self.path_task.name!r}, {list(self.trajectories)})"
+
+    def _repr_html_(self) -> str:
+        """A small table, for notebooks; :meth:`table` and :meth:`report` say more."""
+        rows: list[tuple[object, ...]] = []
+        for name, numbers in self.to_dict()["methods"].items():
+            margin = numbers["min_margin"]
+            rows.append(
+                (
+                    name,
+                    numbers["violations"],
+                    "–" if margin is None else float(margin),
+                    float(numbers["mean_z"]),
+                    1e3 * numbers["position_error_max_m"],
+                    math.degrees(numbers["axis_error_max_rad"]),
+                    float(numbers["travel_deg"]),
+                    numbers["status"],
+                )
+            )
+        rows += [(name, *[""] * 6, f"not run: {why}") for name, why in self.not_run.items()]
+        heads = ("method", "violations", "least margin", "mean z", "position error, mm",
+                 "axis error, °", "travel, °", "status")  # fmt: skip
+        count = len(self.path_task.waypoints)
+        return html_table(f"{self.path_task.name}, {count} waypoints", rows, heads)
 
 
 class Interrupted(KeyboardInterrupt):

@@ -47,6 +47,10 @@ class JointRows:
         if self.velocities is not None:
             finite_array("velocities", self.velocities, self.q.shape)
 
+    def __repr__(self) -> str:
+        clock = "untimed" if self.times is None else f"{self.times[-1] - self.times[0]:.6g} s"
+        return f"JointRows({len(self.q)} rows of {list(self.joint_names)}, {clock})"
+
     @classmethod
     def of(cls, trajectory: Trajectory | TimedTrajectory) -> JointRows:
         """The rows of a trajectory; with times and velocities if it is timed."""

@@ -65,6 +65,13 @@ class FoundStart:
         """Whether the lap reached the last waypoint."""
         return self.reached == self.waypoints
 
+    def __repr__(self) -> str:
+        branch = "" if self.branch is None else f"branch {self.branch}, "
+        return (
+            f"FoundStart({branch}z {self.z:.4f}, margin {self.margin:.3g}, reaches {self.reached} "
+            f"of {self.waypoints} waypoints)"
+        )
+
 
 def find_starts(
     path_task: PathTask,

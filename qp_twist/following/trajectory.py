@@ -13,6 +13,7 @@ from qp_twist.checks import Array
 from qp_twist.controller import Status
 from qp_twist.files import write_atomically
 from qp_twist.kinematics import JointRanges
+from qp_twist.notebook import html_table
 from qp_twist.path import PathTask
 from qp_twist.referee import PathErrors, straight_errors
 
@@ -102,6 +103,21 @@ class Trajectory:
 
     def __repr__(self) -> str:
         return f"Trajectory({self.path_task.name!r}, {self.method!r}, {self.summary})"
+
+    def _repr_html_(self) -> str:
+        """A small table, for notebooks."""
+        rows: list[tuple[str, object]] = [
+            ("waypoints", f"{len(self.q)} of {len(self.path_task.waypoints)}"),
+            ("largest position error, mm", 1e3 * float(self.position_error.max())),
+            ("largest axis error, °", float(np.degrees(self.axis_error.max()))),
+            ("smallest joint margin", float(self.margins.min(initial=np.inf))),
+            ("mean z", float(self.z.mean())),
+        ]
+        if self.path_task.bands:
+            rows.append(("largest band excess, rad or m", float(self.band_excess.max())))
+        if self.failure:
+            rows.append(("failure", self.failure))
+        return html_table(f"{self.method} along {self.path_task.name}", rows)
 
     def save(self, path: str | Path) -> Path:
         """Write the joint trajectory as CSV: a commented header, joint names with units, rows.

@@ -68,6 +68,10 @@ class JointRanges:
         hinge = model.jnt_type[model.dof_jntid] == mujoco.mjtJoint.mjJNT_HINGE
         return cls(lower, upper, qpos, hinge, tuple(names), int(model.nq))
 
+    def __repr__(self) -> str:
+        limited = int(self.limited.sum())
+        return f"JointRanges({list(self.names)}, {limited} of {len(self.names)} limited)"
+
     @cached_property
     def limited(self) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
         """Which degrees of freedom have a range of finite, non-zero width, shape (nv,)."""

@@ -56,6 +56,10 @@ class CentralConfiguration:
     z: float
     branch: int | None
 
+    def __repr__(self) -> str:
+        branch = "" if self.branch is None else f", branch {self.branch}"
+        return f"CentralConfiguration(z {self.z:.4f}{branch})"
+
 
 def central_configurations(path_task: PathTask, index: int = 0) -> list[CentralConfiguration]:
     """The local minima of z on a waypoint, the least first; none if none is inside the limits.

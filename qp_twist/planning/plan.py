@@ -12,6 +12,7 @@ import numpy.typing as npt
 from qp_twist.checks import Array, finite_array, instance, number
 from qp_twist.errors import InvalidInput
 from qp_twist.kinematics import JointRanges, SerialChain
+from qp_twist.notebook import html_table
 from qp_twist.path import PathTask
 from qp_twist.planning.certificate import Certificate
 from qp_twist.planning.hard_bands import WITHIN, HardBands
@@ -44,12 +45,16 @@ class Plan:
 
     Attributes:
         path_task: The task.
-        q: The motion, (N, nq), every configuration on its waypoint, inside the joint limits, and no
-            step longer than allowed; ``None`` if there is none.
+        q: The motion, (N, nq), every configuration on its waypoint, inside the joint limits and the
+            hard tolerance bands, and no step longer than allowed; ``None`` if there is none. On the
+            straight line in joints between two waypoints bands are left by 10⁻³ rad or 10⁻⁴ m at
+            most, which is proved (:data:`~qp_twist.planning.hard_bands.BETWEEN`).
         value: Of the objective: mean z (centering), degrees (travel, margin), or the weighted sum;
             NaN if there is no motion.
-        bound: What no motion can be better than: the value if each waypoint stood alone, to first
-            order in their spacing; NaN where a waypoint has no configuration.
+        bound: What no motion can be better than, each waypoint taken for itself
+            (:func:`~qp_twist.planning.bound.pointwise_bound` says what is proved); NaN where a
+            waypoint has no configuration, and of centering and margin where one leaves more than
+            two degrees free.
         certificate: Why there is a motion or none, as a sentence and as data.
         objective: As it was asked for.
     """
@@ -138,6 +143,39 @@ class Plan:
         if durations is not None:
             times = np.cumsum(durations)
         return examine(self.path_task, JointMotion(times, q), tolerances)
+
+    def __repr__(self) -> str:
+        count = len(self.path_task.waypoints)
+        return f"Plan({self.path_task.name!r}, {self._result()}, {count} waypoints)"
+
+    def _repr_html_(self) -> str:
+        """A small table, for notebooks."""
+        rows: list[tuple[str, str]] = [("objective", str(self.objective))]
+        if self.q is not None:
+            rows += [("value", self._amount(self.value)), ("bound", self._amount(self.bound))]
+        rows += [
+            ("waypoints", str(len(self.path_task.waypoints))),
+            ("certificate", str(self.certificate)),
+        ]
+        return html_table(f"Plan of {self.path_task.name}", rows)
+
+    def _result(self) -> str:
+        """Objective, value and bound, or why there is no motion."""
+        if self.q is None:
+            return f"{self.objective}: none: {self.certificate}"
+        sign = "<=" if self.objective == "margin" else ">="
+        bound = "no bound"
+        if np.isfinite(self.bound):
+            bound = f"{sign} bound {self._amount(self.bound).removeprefix('mean z ')}"
+        return f"{self.objective}: {self._amount(self.value)} {bound}"
+
+    def _amount(self, value: float) -> str:
+        """A value or bound with its unit."""
+        if np.isnan(value):
+            return "not known"
+        if self.objective == "centering":
+            return f"mean z {value:.4f}"
+        return f"{value:.2f}°" if isinstance(self.objective, str) else f"{value:.5g}"
 
 
 def make_plan(

@@ -82,6 +82,13 @@ class RollMap:
             stuck[:, order],
         )
 
+    def __repr__(self) -> str:
+        waypoints, rolls, branches = self.margins.shape
+        return (
+            f"RollMap({self.path_task.name!r}, {waypoints} waypoints, {rolls} rolls, "
+            f"{branches} branches)"
+        )
+
     def locate(self, q: Array) -> tuple[Array, Indices]:
         """Rolls (N,), rad in [−π, π), and branches (N,) of a joint path q (N, nv).
 

@@ -68,6 +68,11 @@ class JointMotion:
         if self.velocities is not None:
             finite_array("velocities", self.velocities, q.shape)
 
+    def __repr__(self) -> str:
+        rows, joints = self.q.shape
+        span = self.times[-1] - self.times[0]
+        return f"JointMotion({rows} rows, {joints} joints, {span:.6g} s, {self.interpolation})"
+
     @property
     def interpolation(self) -> str:
         """``"cubic"`` with velocities, else ``"linear"``."""

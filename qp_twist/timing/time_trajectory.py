@@ -11,6 +11,7 @@ from qp_twist.checks import Array, instance, number
 from qp_twist.errors import InvalidInput
 from qp_twist.following import Trajectory
 from qp_twist.kinematics import JointRanges
+from qp_twist.notebook import html_table
 from qp_twist.path import PathTask
 from qp_twist.referee import JointMotion, PathErrors, State, path_errors
 from qp_twist.timing.speed_profile import SpeedProfile, speed_profile
@@ -108,6 +109,20 @@ class TimedTrajectory:
             f"TimedTrajectory({task!r}, {self.trajectory.method!r}, {self.times[-1]:.6g} s, "
             f"{len(self.slowed)} stretches slowed, {len(self.stops)} stops)"
         )
+
+    def _repr_html_(self) -> str:
+        """A small table, for notebooks."""
+        between = self.errors.position_between.max(initial=0.0)
+        rows: list[tuple[str, object]] = [
+            ("waypoints", len(self.q)),
+            ("time, s", float(self.times[-1])),
+            ("stretches slower than the feed", len(self.slowed)),
+            ("stops between the ends", len(self.stops)),
+            ("position error at waypoints, mm", 1e3 * float(self.errors.position.max())),
+            ("position error between them, mm", 1e3 * float(between)),
+        ]
+        caption = f"{self.trajectory.method} along {self.trajectory.path_task.name}, timed"
+        return html_table(caption, rows)
 
 
 def time_trajectory(

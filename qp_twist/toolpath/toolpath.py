@@ -42,6 +42,9 @@ class Curve:
     def __len__(self) -> int:
         return len(self.positions)
 
+    def __repr__(self) -> str:
+        return f"Curve({self.name!r}, {len(self)} points)"
+
     def part(self, index: npt.ArrayLike) -> Curve:
         """The points of some indices, or of a mask."""
         index = np.asarray(index)

@@ -1,0 +1,109 @@
+"""What results look like at a prompt and in a notebook: one line, or a small table."""
+
+from __future__ import annotations
+
+import dataclasses
+import re
+from html.parser import HTMLParser
+
+import numpy as np
+import pytest
+
+import qp_twist as qt
+from qp_twist.following import find_starts
+from qp_twist.planning import RollMap, central_configurations
+
+
+class Reader(HTMLParser):
+    """Checks that every tag is closed, and collects the text."""
+
+    def __init__(self, page: str) -> None:
+        super().__init__()
+        self.open: list[str] = []
+        self.text: list[str] = []
+        self.tags: set[str] = set()
+        self.feed(page)
+        self.close()
+        assert not self.open
+
+    def handle_starttag(self, tag: str, attrs: object) -> None:
+        self.open.append(tag)
+        self.tags.add(tag)
+
+    def handle_endtag(self, tag: str) -> None:
+        assert self.open.pop() == tag
+
+    def handle_data(self, data: str) -> None:
+        self.text.append(data)
+
+
+def line(steps: int = 20, **changes: object) -> qt.PathTask:
+    task = qt.load_task("planar_line")
+    waypoints = task.waypoints[::steps]
+    timed = {"durations": np.append(0.0, np.full(len(waypoints) - 1, 2.0))}
+    return dataclasses.replace(
+        task, waypoints=waypoints, flipped_waypoints=None, **(timed | changes)
+    )
+
+
+def shown(result: object) -> str:
+    """Its repr: one line, not long."""
+    text = repr(result)
+    assert "\n" not in text
+    assert "array(" not in text
+    assert len(text) < 300
+    return text
+
+
+def test_a_plan_prints_its_value_and_bound_in_one_line() -> None:
+    plan = qt.plan(line())
+    found = re.fullmatch(
+        r"Plan\('planar_line', centering: mean z (0\.\d{4}) >= bound (0\.\d{4}), 6 waypoints\)",
+        shown(plan),
+    )
+    assert found is not None
+    assert [float(x) for x in found.groups()] == pytest.approx([plan.value, plan.bound], abs=5e-5)
+    assert re.search(r"margin: \d+\.\d\d° <= bound \d+\.\d\d°", shown(qt.plan(line(), "margin")))
+    weights = {"centering": 1.0, "travel": 0.001}
+    assert "'travel': 0.001}: 0." in shown(qt.plan(line(), weights))
+
+
+def test_a_plan_that_is_none_says_why() -> None:
+    task = line()
+    task.model.jnt_range[1] = np.radians([0.0, 30.0])
+    plan = qt.plan(task)
+    assert "centering: none: no configuration at waypoint" in shown(plan)
+    page = Reader(plan._repr_html_())
+    assert str(plan.certificate) in page.text
+
+
+@pytest.mark.parametrize("name", ["planar <b>line</b>", 'a "quoted" & <script>alert(1)</script>'])
+def test_tables_are_small_closed_and_escaped(name: str) -> None:
+    task = line(name=name)
+    plan, run = qt.plan(task), qt.follow(task, "qp")
+    comparison = qt.compare(task, ["qp", "minimum_norm"])
+    for result in (plan, run, comparison, qt.time_trajectory(run)):
+        text = result._repr_html_()
+        assert len(text) < 6000
+        page = Reader(text)
+        assert page.tags <= {"table", "caption", "b", "thead", "tbody", "tr", "th", "td"}
+        assert any(name in part for part in page.text)
+        assert "http" not in text
+    assert f"{plan.value:.4f}" in "".join(Reader(plan._repr_html_()).text)
+    assert {"qp", "minimum_norm"} <= set(Reader(comparison._repr_html_()).text)
+    left_out = dataclasses.replace(comparison, not_run={"rmr": "no <i>room</i>"})
+    assert "not run: no <i>room</i>" in Reader(left_out._repr_html_()).text
+
+
+def test_other_results_are_one_line_too() -> None:
+    task = line()
+    run = qt.follow(task, "qp")
+    timed = qt.time_trajectory(run)
+    results = [
+        run, timed, timed.motion, qt.JointRows.of(run), qt.JointRows.of(timed),
+        qt.JointRanges.of(task.model), qt.compare(task, ["qp"]), task,
+        *find_starts(task, 1), *central_configurations(task)[:1],
+        RollMap.of(qt.load_task("deburring"), columns=3, spacing_deg=30.0),
+    ]  # fmt: skip
+    for result in results:
+        assert shown(result).startswith(f"{type(result).__name__}(")
