@@ -47,6 +47,7 @@ nitpick_ignore = [
     # starts; and a type variable.
     ("py:class", "Array"),
     ("py:class", "Counts"),
+    ("py:class", "Indices"),
     ("py:class", "Mask"),
     ("py:class", "Targets"),
     ("py:class", "ProjectorLike"),
@@ -59,6 +60,8 @@ nitpick_ignore = [
     # What a toolpath's columns and units can be; the toolpaths' page lists them.
     ("py:class", "Format"),
     ("py:class", "LengthUnit"),
+    ("py:class", "FeedUnit"),
+    ("py:class", "TypeAliasForwardRef"),
     ("py:class", "AngleUnit"),
     ("py:class", "Orientation"),
     ("py:class", "Meaning"),
@@ -67,6 +70,10 @@ nitpick_ignore = [
     ("py:class", "Column"),
     # Tables of the task file, which have a page of their own.
     ("py:class", "StudySection"),
+    # The range of a band, and the axes by which a robot is known: of no use by themselves.
+    ("py:class", "qp_twist.kinematics.tolerance_band.Range"),
+    ("py:class", "_Axes"),
+    ("py:class", "qp_twist.robots.known_robots._Axes"),
     ("py:class", "IterationSection"),
     ("py:class", "MethodSettings"),
     ("py:class", "qp_twist.path.methods.MethodSettings"),

@@ -136,7 +136,7 @@ def examine(
         passing: When the motion is at each waypoint; if ``None``, it has a row for each, and its
             times are a clock's if the task has one.
         errors: From :func:`~qp_twist.timing.path_errors` for these tolerances, times and
-            :func:`fastest_progress`, where they are known.
+            ``fastest_progress``, where they are known.
 
     Raises:
         InvalidInput: If the robot has joints that are neither hinges nor slides, or the task a band
