@@ -12,6 +12,7 @@ import pytest
 from arms import random_arm, random_configuration
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
+from scipy.linalg import null_space
 
 import qp_twist as qt
 from qp_twist import closed_form
@@ -280,6 +281,59 @@ def test_the_planar_arm_with_three_of_six_rows_needs_no_special_case() -> None:
     assert closed_form.twa(J, T, error, h) == pytest.approx(oracle, abs=1e-12)
     restricted = closed_form.twa(J, T, error, h, operational=path_task.operational)
     assert restricted == pytest.approx(oracle, abs=1e-12)
+
+
+BLOCKS = {
+    "full": lambda e: np.eye(3),
+    "plane": lambda e: np.eye(3) - np.outer(e, e) / (e @ e),
+    "line": lambda e: np.outer(e, e) / (e @ e),
+    "none": lambda e: np.zeros((3, 3)),
+}
+
+
+@given(SEEDS, st.integers(6, 9), KINDS, KINDS)
+@settings(max_examples=200)
+def test_of_a_twist_the_closed_forms_take_the_part_that_the_task_prescribes(
+    seed: int, joints: int, linear: str, angular: str
+) -> None:
+    """With Δt outside the range of T, where a task's own error never is.
+
+    Held against the equations that define each resolution, with T written out.
+    """
+    rng = np.random.default_rng(seed)
+    J = rng.normal(size=(6, joints))
+    assume(_smallest(J) > 0.1)
+    T = np.zeros((6, 6))
+    T[:3, :3] = BLOCKS[linear](rng.normal(size=3))
+    T[3:, 3:] = BLOCKS[angular](rng.normal(size=3))
+    one, h, dt = np.eye(6), rng.normal(size=joints), rng.normal(size=6)
+    weight, bound = rng.uniform(0.5, 2.0, joints), np.full(joints, 1e3)
+    free = null_space(J)  # of the whole J, (n, n − 6)
+    own = null_space(T @ J, rcond=1e-9)  # of the task's rows
+    assume(linear == angular == "full" or np.linalg.norm(dt - T @ dt) > 0.1)
+
+    twa = closed_form.twa(J, T, dt, h)
+    assert J @ twa == pytest.approx(T @ dt + (one - T) @ J @ h, abs=1e-8)
+    assert free.T @ twa == pytest.approx(np.zeros(joints - 6), abs=1e-8)
+    whole = closed_form.twa(J, T, dt, h, manipulator_redundancy=True)
+    assert J @ whole == pytest.approx(T @ dt + (one - T) @ J @ h, abs=1e-8)
+    assert free.T @ whole == pytest.approx(free.T @ h, abs=1e-8)
+    # T as T_O: the rows of T alone are inverted, and nothing of h is left in twist space.
+    alone = closed_form.twa(J, T, dt, h, operational=T)
+    assert T @ J @ alone == pytest.approx(T @ dt, abs=1e-8)
+    assert own.T @ alone == pytest.approx(np.zeros(own.shape[1]), abs=1e-8)
+
+    for step, along in (
+        (closed_form.minimum_norm(J, T, dt), 0.0 * h),
+        (closed_form.resolved_motion_rate(J, dt, T), 0.0 * h),
+        (closed_form.gradient_projection(J, T, dt, h), h),
+        (closed_form.saturation_in_null_space(J, T, dt, -bound, bound).displacement, 0.0 * h),
+    ):
+        assert T @ J @ step == pytest.approx(T @ dt, abs=1e-8)
+        assert own.T @ step == pytest.approx(own.T @ along, abs=1e-8)
+    shortest = closed_form.weighted_least_norm(J, T, dt, weight)
+    assert T @ J @ shortest == pytest.approx(T @ dt, abs=1e-8)
+    assert own.T @ (weight * shortest) == pytest.approx(np.zeros(own.shape[1]), abs=1e-8)
 
 
 @given(SEEDS)

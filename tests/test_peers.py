@@ -60,9 +60,14 @@ def installed(method: str) -> bool:
 
 @pytest.mark.parametrize(
     "method",
-    ["mink", *(pytest.param(m, marks=pytest.mark.skipif(not installed(m), reason="not installed"))
-               for m in OTHERS)],
-)  # fmt: skip
+    [
+        "mink",
+        *(
+            pytest.param(m, marks=pytest.mark.skipif(not installed(m), reason=f"no {m} here"))
+            for m in OTHERS
+        ),
+    ],
+)
 def test_well_configured_a_peer_equals_the_joint_space_qp(method: str) -> None:
     ours, theirs = qt.follow(PIECE, "qp_gradient"), qt.follow(PIECE, method)
     # Soft costs and rows of another linearisation: beside what the secondary does, next to nothing.
