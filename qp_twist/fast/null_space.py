@@ -12,7 +12,7 @@ INDEPENDENT = 1e-8
 
 @part
 def reflection(v, first, length):
-    """v becomes that of the reflection 1 − vvᵀ which takes v from ``first`` on onto its first entry.
+    """v becomes the v of the reflection 1 − vvᵀ that takes v[first:] onto its first entry.
 
     ``length`` is that of what it takes. Where it is 0 there is nothing to reflect.
 
