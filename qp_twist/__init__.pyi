@@ -16,6 +16,7 @@ from . import limits as limits
 from . import path as path
 from . import planning as planning
 from . import qp as qp
+from . import referee as referee
 from . import robots as robots
 from . import simulation as simulation
 from . import studies as studies

@@ -495,6 +495,7 @@ def test_what_is_not_proven_does_not_pass_and_is_said_so() -> None:
     )
     assert Finding("x", 0.2, 0.1, "", "here", False, 0.3).proven
     assert Finding("x", 0.2, None, "", "here", True).proven
+    assert Finding("x", 0.05, 0.1, "", "here", True).proven
 
 
 @pytest.mark.parametrize("end", [0, 1])
@@ -505,6 +506,19 @@ def test_a_trajectory_that_begins_or_ends_at_speed_says_so(end: int) -> None:
         velocities[end] = -speed
         notes = verdict(task, q, np.array([0.0, 2.0]), velocities).notes
         assert bool([n for n in notes if ("begins", "ends")[end] + " at speed" in n]) == said
+
+
+def test_places_are_counted_from_1() -> None:
+    """Rows, and waypoints: of a joint that leaves its range at row 8, at waypoint 4."""
+    rows = np.repeat(np.arange(6.0), 2)[:-1, None]
+    rows[1::2] += 0.5
+    task = joint_path(slider(), np.arange(6.0)[:, None] + 4.0, None).path_task
+    rows = np.sort(rows + 4.0, axis=0)
+    rows[7] = 9.5
+    margin = found(verdict(task, rows), "smallest joint margin")
+    assert margin.where == "slide_1, row 8, waypoint 4"
+    timed = found(verdict(task, rows, 0.5 * np.arange(11.0)), "smallest joint margin")
+    assert timed.where == "slide_1, 3.5 s, waypoint 4"
 
 
 # ---------------------------------------------------------------- what could not be checked

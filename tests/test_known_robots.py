@@ -59,7 +59,7 @@ def test_each_line_of_the_table_is_complete() -> None:
         assert len(robot.axes.offsets) == count - 2
         assert robot.source
         assert (robot.speeds == np.radians(robot.speeds_deg)).all()
-        assert min(robot.speeds_deg) > 60.0 and max(robot.speeds_deg) < 700.0
+        assert all(60.0 < speed < 700.0 for speed in robot.speeds_deg)
 
 
 def test_slides_ball_joints_and_shapeless_arms_are_not_known() -> None:

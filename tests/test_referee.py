@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import itertools
 
+import mink
 import mujoco
 import numpy as np
 import pytest
@@ -280,6 +281,28 @@ def test_what_passes_is_within_the_tolerances_and_what_is_well_within_passes(
     assert passes == (share >= 1.0) or 0.99 < share < 1.01
 
 
+@pytest.mark.parametrize("samples", [0, 1, 2])
+def test_a_target_that_turns_is_part_of_the_bound(samples: int) -> None:
+    """The frame does not turn, the target does, by 3 rad: bands seen from it swing past."""
+    q = np.array([[0.0, 0.0], [1.0, 0.0]])
+    task = joint_path(slider(2), q, None).path_task
+    turned = [
+        mink.SE3.from_rotation_and_translation(mink.SO3.from_z_radians(angle), w.translation())
+        for angle, w in zip((-1.5, 1.5), task.waypoints, strict=True)
+    ]
+    bands = (
+        qt.SlabBand([0, 1, 0], -0.05, 0.05),
+        qt.ConeBand([1, 0, 0], [1, 0, 0], 3.0, 0.9),
+        qt.RollBand([0, 0, 1], 0.5, 2.0),
+    )
+    task = dataclasses.replace(task, waypoints=tuple(turned), bands=bands)
+    motion = JointMotion(np.arange(2.0), q + np.array([0.0, 0.1]))
+    errors = path_errors(task, motion, samples=samples, work=0)
+    excess = dense(task, motion, 0, 20_000)[2].max(axis=0)
+    assert excess[:2] == pytest.approx([0.05, 0.9], abs=1e-3)
+    assert (errors.bands_bound[0] >= excess - 1e-8).all()
+
+
 # ---------------------------------------------------------------- limits of the joints
 
 
@@ -348,6 +371,25 @@ def test_progress_is_proven_where_no_two_instants_are_too_fast(seed: int, fastes
         np.abs(np.diff(lam) / np.diff(u)).max() < 0.99 * fastest
     ):
         assert errors.rate_kept[0]
+
+
+@pytest.mark.parametrize(("share", "kept"), [(0.97, True), (1.03, False)])
+def test_progress_beyond_the_rate_is_excused_as_far_as_errors_can_be_it(
+    share: float, kept: bool
+) -> None:
+    """Twice the rate for so long that the tolerance at both ends makes up for it, or does not."""
+    within, fastest = 0.2, 1.5
+    late = share * within / fastest
+    rows = np.array([[0.0], [2.0 * fastest * late * 1e-3], [1e-3]])
+    for forth in (rows, rows[::-1]):
+        task = joint_path(slider(), forth[[0, 2]], evenly(2, 1.0)).path_task
+        times = np.array([0.0, late if forth is rows else 1.0 - late, 1.0])
+        motion = JointMotion(times, forth)
+        errors = path_errors(
+            task, motion, times[[0, 2]], tolerances=(1e-4, 1e-3), fastest=np.array([fastest])
+        )
+        assert errors.rate_kept[0] == kept
+        assert kept or errors.rate[0] > fastest
 
 
 def test_a_tip_that_rushes_forth_and_back_on_its_way_is_seen() -> None:
@@ -424,6 +466,8 @@ def test_a_plan_says_what_it_keeps_between_its_waypoints() -> None:
     assert plan.promise.endswith("outside hard bands by at most 0°")
     assert {f.name for f in plan.examined()} >= {"position error between", "feed between"}
     assert all(f.passes for f in plan.examined())
+    untimed = dataclasses.replace(plan, path_task=dataclasses.replace(task, durations=None))
+    assert {f.name for f in untimed.examined()}.isdisjoint({"feed", "time", "joint speed"})
     tight = plan.examined(Tolerances(position=0.5 * height))
     assert [f.name for f in tight if not f.passes] == ["position error between"]
     with pytest.raises(qt.InvalidInput, match="no plan"):
