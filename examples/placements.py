@@ -1,13 +1,17 @@
 """Which methods finish the deburring lap wherever the part stands?
 
-    python examples/placements.py [--placements 1000] [--methods a,b] [--jobs 2] [--seed 0]
-                                  [--out placements.json] [--markdown table.md] [--resume]
+    python examples/placements.py [--placements 1000] [--methods a,b] [--gains 0.05,0.1,1]
+                                  [--starts 3] [--jobs 2] [--seed 0] [--out placements.json]
+                                  [--markdown table.md] [--resume]
 
 Places the part at random, starts where the joints are nearest to the middle of their ranges, and
 follows the lap with every method. A lap is over at its first fault: a joint outside its range, an
 error above 0.1 mm or 0.05°, a joint step above 15°. A placement is feasible if some sequence of
 joint positions has none of these faults; where no method finds one, a search over the roll, all
 branches of the inverse kinematics and all full turns decides. Needs py-opw-kinematics.
+
+With ``--gains`` every method that has a secondary runs at each of these gains, and the table has
+each at its default and at the best of them, held against ``qp_gradient`` placement by placement.
 """
 
 from __future__ import annotations
@@ -32,6 +36,7 @@ import numpy as np
 import py_opw_kinematics as opw
 from scipy.optimize import minimize_scalar
 from scipy.spatial import cKDTree
+from scipy.stats import binomtest
 
 import qp_twist as qt
 from qp_twist.checks import Array
@@ -307,14 +312,45 @@ def mink_equality(gain: float) -> Follower:
 
 
 # The settings of the task file, but with iterations for everyone: none shall fail by the curvature
-# of the path alone. The paper's twa takes one iteration at gain 1 and stands beside a tuned one.
+# of the path alone. The paper's twa takes one iteration at gain 1. The tuned ones have the best of
+# a few gains that were tried; --gains tries the same for every method.
 FOLLOWERS: dict[str, Follower] = {
     **{name: library(name, iterations=ITERATIONS) for name, m in qt.METHODS.items() if not m.peer},
     "twa": library("twa"),
     "twa_tuned": library("twa", iterations=ITERATIONS, gain=0.1),
-    "mink_soft": library("mink", iterations=ITERATIONS, gain=0.1),
+    "mink_soft": library("mink", iterations=ITERATIONS),
+    "mink_tuned": library("mink", iterations=ITERATIONS, gain=0.1),
     "mink_equality": mink_equality(gain=0.05),
 }
+TUNED: dict[str, tuple[float, Callable[[float], Follower]]] = {
+    **{
+        name: (
+            qt.METHODS[method].defaults.gain,
+            lambda gain, method=method: library(method, iterations=ITERATIONS, gain=gain),
+        )
+        for name, method in (
+            ("gradient_projection", "gradient_projection"),
+            ("qp_gradient", "qp_gradient"),
+            ("twa", "twa"),
+            ("qp", "qp"),
+            ("mink_soft", "mink"),
+        )
+    },
+    "mink_equality": (0.05, mink_equality),
+}
+"""Gain by default, and the method at a gain: what has a secondary. ``NAME@GAIN`` runs it."""
+REFERENCE = "qp_gradient"
+"""What the others are held against."""
+
+
+def follower(name: str) -> Follower:
+    """A method by name, or at a gain.
+
+    Raises:
+        KeyError: If there is none.
+    """
+    method, at, gain = name.partition("@")
+    return TUNED[method][1](float(gain)) if at else FOLLOWERS[name]
 
 
 # ---------------------------------------------------------------- one placement
@@ -325,12 +361,15 @@ def fixes_roll(name: str) -> bool:
     return name in qt.METHODS and qt.METHODS[name].whole_twist
 
 
+def flipped(name: str) -> bool:
+    """Whether a method takes the roll rule's other sign."""
+    return name in qt.METHODS and qt.METHODS[name].flipped
+
+
 def starts_of(name: str, task: qt.PathTask, arm: InverseKinematics) -> list[Array]:
     """Where a method may start, the least z first."""
-    poses = task.waypoints
-    if name in qt.METHODS and qt.METHODS[name].flipped:
-        assert task.flipped_waypoints is not None
-        poses = task.flipped_waypoints
+    poses = task.flipped_waypoints if flipped(name) else task.waypoints
+    assert poses is not None
     return arm.starts(poses[0], roll_is_free=not fixes_roll(name))[:STARTS]
 
 
@@ -339,7 +378,7 @@ def run_lap(task: qt.PathTask, name: str, start: Array) -> dict[str, Any]:
     judge = Judge(task, start)
     began = time.process_time()
     try:
-        FOLLOWERS[name](dataclasses.replace(task, start=start), judge)
+        follower(name)(dataclasses.replace(task, start=start), judge)
     except (qt.QpTwistError, mink.MinkError) as error:
         judge.fault, judge.waypoints = type(error).__name__, judge.waypoints + 1
     seconds = round(time.process_time() - began, 4)
@@ -353,33 +392,43 @@ def study() -> tuple[qt.PathTask, InverseKinematics]:
     return task, InverseKinematics(task)
 
 
-def run_placement(seed: int, names: Sequence[str], known: dict[str, Any]) -> dict[str, Any]:
+def run_placement(
+    seed: int, names: Sequence[str], known: dict[str, Any], *, count: int = STARTS
+) -> dict[str, Any]:
     """What ``known`` lacks of one placement: whether it is feasible, and laps by method.
 
     A lap from the start of least z; where it has a fault though the placement is feasible, others
-    from the next starts, until one has none.
+    from the next of ``count`` starts, until one has none.
     """
     shipped, arm = study()
     task = placed(shipped, *placement(seed, known["index"]))
     result: dict[str, Any] = {"laps": {}, **known}
     laps: dict[str, list[dict[str, Any]]] = result["laps"]
-    starts = {name: starts_of(name, task, arm) for name in names}
+    looked: dict[tuple[bool, bool], list[Array]] = {}
+
+    def starts(name: str) -> list[Array]:
+        """The same for all methods that leave the roll free: looked for once."""
+        kind = fixes_roll(name), flipped(name)
+        if kind not in looked:
+            looked[kind] = starts_of(name, task, arm)
+        return looked[kind]
+
     for name in names:
         if name not in laps:
-            laps[name] = [run_lap(task, name, start) for start in starts[name][:1]] or [NO_START]
+            laps[name] = [run_lap(task, name, start) for start in starts(name)[:1]] or [NO_START]
     # A lap without a fault proves it feasible; the search is for the others.
     solved = {name for name in names if laps[name][0]["fault"] is None}
-    free = arm.starts(task.waypoints[0])[:1]
     if any(not fixes_roll(name) for name in solved):
         result["feasible_from_start"] = True
     elif "feasible_from_start" not in result:
+        free = starts(REFERENCE)[:1]
         result["feasible_from_start"] = any(dead_end(task, arm, s) is None for s in free)
     if solved or result["feasible_from_start"]:
         result["feasible"] = True
     elif "feasible" not in result:
-        result["feasible"] = bool(free) and dead_end(task, arm) is None
-    for name in names if result["feasible"] else ():
-        for start in starts[name][len(laps[name]) :]:
+        result["feasible"] = bool(starts(REFERENCE)) and dead_end(task, arm) is None
+    for name in names if result["feasible"] and count > 1 else ():
+        for start in starts(name)[len(laps[name]) : count]:
             if laps[name][-1]["fault"] is None:
                 break
             laps[name].append(run_lap(task, name, start))
@@ -390,7 +439,12 @@ def run_placement(seed: int, names: Sequence[str], known: dict[str, Any]) -> dic
 
 
 def run_study(
-    seed: int, count: int, names: Sequence[str], jobs: int, known: dict[int, dict[str, Any]]
+    seed: int,
+    count: int,
+    names: Sequence[str],
+    jobs: int,
+    known: dict[int, dict[str, Any]],
+    starts: int = STARTS,
 ) -> Iterator[dict[str, Any]]:
     """Results of placements in the order in which they are done."""
     # One thread a process: the matrices are small, and the processes have the cores.
@@ -398,7 +452,8 @@ def run_study(
         os.environ[variable] = "1"
     todo = [known.get(index, {"index": index}) for index in range(count)]
     with multiprocessing.get_context("spawn").Pool(jobs) as pool:
-        yield from pool.imap_unordered(functools.partial(run_placement, seed, names), todo)
+        work = functools.partial(run_placement, seed, names, count=starts)
+        yield from pool.imap_unordered(work, todo)
 
 
 def table(results: Sequence[dict[str, Any]], names: Sequence[str]) -> str:
@@ -418,9 +473,9 @@ def table(results: Sequence[dict[str, Any]], names: Sequence[str]) -> str:
         solved = [lap for lap in first if lap["fault"] is None]
         cells = [
             f"`{name}`",
-            share(r["laps"][name][0] for r in from_start),
-            share(first),
-            share(r["laps"][name][-1] for r in feasible),
+            share_within(r["laps"][name][0] for r in from_start),
+            share_within(first),
+            share_within(r["laps"][name][-1] for r in feasible),
             faults(lap["fault"] for lap in first),
             f"{statistics.median(lap['seconds'] for lap in solved):.2f}" if solved else "–",
         ]
@@ -428,10 +483,72 @@ def table(results: Sequence[dict[str, Any]], names: Sequence[str]) -> str:
     return "\n".join(lines) + "\n"
 
 
-def share(laps: Iterable[dict[str, Any]]) -> str:
-    """Laps without a fault, in per cent."""
+def table_of_gains(results: Sequence[dict[str, Any]], names: Sequence[str]) -> str:
+    """Each method at its default and at its best, and each against the reference, in Markdown."""
+    counted = [r for r in results if r["feasible_from_start"]]
+    done = {n: np.array([r["laps"][n][0]["fault"] is None for r in counted]) for n in names}
+    at: dict[str, dict[float, str]] = {}
+    for name in names:
+        method, _, gain = name.partition("@")
+        at.setdefault(method, {})[float(gain or -1)] = name
+    default = {m: at[m][TUNED[m][0] if m in TUNED else min(at[m])] for m in at}
+    best = {  # where several are, the default
+        m: max(at[m].values(), key=lambda name, m=m: (done[name].sum(), name == default[m]))
+        for m in at
+    }
+    tried = sorted({gain for gains in at.values() for gain in gains if gain >= 0.0})
+    lines = [
+        f"{len(results)} placements, of which {len(counted)} are feasible from the start of least "
+        f"z. Gains tried: {', '.join(f'{gain:g}' for gain in tried)}.",
+        "",
+        "| method | default gain | finishes % | won : lost | best gain | finishes % | won : lost |",
+        "| :-- | --: | --: | --: | --: | --: | --: |",
+    ]
+    for method in at:
+        cells = [f"`{method}`"]
+        for chosen in (default, best):
+            mine, reference = done[chosen[method]], done[chosen[REFERENCE]]
+            cells += [
+                chosen[method].partition("@")[2] or "–",
+                within(int(mine.sum()), len(mine)),
+                "–" if method == REFERENCE else pairs(mine, reference),
+            ]
+        lines.append(f"| {' | '.join(cells)} |")
+    lines += ["", "Laps finished of the same placements, by gain:", ""]
+    lines += [
+        f"| method | {' | '.join(f'{gain:g}' for gain in tried)} |",
+        f"| :-- |{' --: |' * len(tried)}",
+    ]
+    for method, gains in at.items():
+        if method in TUNED:
+            row = [str(int(done[gains[g]].sum())) if g in gains else "–" for g in tried]
+            lines.append(f"| `{method}` | {' | '.join(row)} |")
+    return "\n".join(lines) + "\n"
+
+
+def pairs(mine: Array, reference: Array) -> str:
+    """Placements that one finishes and the other does not; bold where that is no coincidence.
+
+    McNemar's test, exact: of the placements on which they differ each is as likely to win, were
+    there no difference. Bold is p < 0.05, two-sided.
+    """
+    won, lost = int((mine & ~reference).sum()), int((reference & ~mine).sum())
+    p = binomtest(won, won + lost).pvalue if won + lost else 1.0
+    return f"**{won} : {lost}**" if p < 0.05 else f"{won} : {lost}"
+
+
+def within(done: int, of: int) -> str:
+    """A share in per cent with its 95 % interval (Wilson)."""
+    if not of:
+        return "–"
+    low, high = binomtest(done, of).proportion_ci(method="wilson")
+    return f"{100.0 * done / of:.1f} ({100.0 * low:.1f}–{100.0 * high:.1f})"
+
+
+def share_within(laps: Iterable[dict[str, Any]]) -> str:
+    """Laps without a fault, in per cent, with the interval."""
     done = [lap["fault"] is None for lap in laps]
-    return f"{100.0 * sum(done) / len(done):.1f}" if done else "–"
+    return within(sum(done), len(done))
 
 
 def faults(found: Iterable[str | None]) -> str:
@@ -453,6 +570,8 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--placements", type=int, default=1000)
     parser.add_argument("--methods", default=",".join(FOLLOWERS), help="comma-separated names")
+    parser.add_argument("--gains", help="comma-separated: methods with a secondary at each of them")
+    parser.add_argument("--starts", type=int, default=STARTS, help="most starts of a placement")
     parser.add_argument("--jobs", type=int, default=2, help="processes")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--out", type=Path, default=Path("placements.json"))
@@ -463,6 +582,16 @@ def main() -> None:
     for name in names:
         if name not in FOLLOWERS:
             parser.error(f"unknown method {name!r}; there are: {', '.join(FOLLOWERS)}")
+    if args.gains:
+        if REFERENCE not in names:
+            parser.error(f"--gains needs {REFERENCE} among --methods, the others stand beside it")
+        own = {TUNED[name][0] for name in names if name in TUNED}
+        gains = sorted(own | {float(gain) for gain in args.gains.split(",")})
+        names = [
+            name if gain is None else f"{name}@{gain:g}"
+            for name in names
+            for gain in (gains if name in TUNED else [None])
+        ]
     results: dict[int, dict[str, Any]] = {}
     if args.resume and args.out.exists():
         kept = json.loads(args.out.read_text("utf-8"))
@@ -470,7 +599,7 @@ def main() -> None:
             parser.error(f"{args.out} was made with --seed {kept['seed']}")
         results = {r["index"]: r for r in kept["placements"]}
     began = time.perf_counter()
-    runs = run_study(args.seed, args.placements, names, args.jobs, results)
+    runs = run_study(args.seed, args.placements, names, args.jobs, results, args.starts)
     for done, result in enumerate(runs, start=1):
         results[result["index"]] = result
         if done % 20 == 0 or done == args.placements:
@@ -478,7 +607,8 @@ def main() -> None:
             write_atomically(args.out, json.dumps(content) + "\n")
             passed = time.perf_counter() - began
             print(f"{done} of {args.placements}, {passed:.0f} s", file=sys.stderr, flush=True)
-    text = table([results[index] for index in range(args.placements)], names)
+    found = [results[index] for index in range(args.placements)]
+    text = table_of_gains(found, names) if args.gains else table(found, names)
     print(text)
     if args.markdown:
         write_atomically(args.markdown, text)

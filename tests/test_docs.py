@@ -227,6 +227,32 @@ def test_numbers_in_the_text_are_those_of_the_runs(
     assert all(m[name]["violations"] == 0 for name in m if METHODS[name].holds_limits)
 
 
+def test_shares_of_placements_are_those_of_the_script_and_called_worse_only_where_they_are() -> (
+    None
+):
+    made = {r[0]: r for r in rows((DOCS / "generated" / "placements.md").read_text("utf-8"))}
+    tuned = {"`mink`, tuned: gain 0.1": "`mink_tuned`", "`twa`, tuned: gain 0.1": "`twa_tuned`",
+             "`qp`, gain 1": "`qp`"}  # fmt: skip
+    [table] = re.findall(r"\| method \| finishes % .*?\n\n", page("choose.md"), re.DOTALL)
+    stated = rows(table)
+    assert len(stated) == 10
+    for method, first, of_three, _ in stated:
+        row = made[tuned.get(method, method)]
+        assert (first, of_three) == (row[1], row[3])
+
+    def interval(method: str) -> tuple[float, float]:
+        [low, high] = re.findall(r"\(([\d.]+)–([\d.]+)\)", made[f"`{method}`"][1])[0]
+        return float(low), float(high)
+
+    alike = ["gradient_projection", "sns", "qp_minimum_norm", "qp_gradient", "mink_tuned"]
+    assert max(interval(m)[0] for m in alike) <= min(interval(m)[1] for m in alike)
+    for worse in ("minimum_norm", "twa_tuned", "qp"):
+        assert interval(worse)[1] < min(interval(m)[0] for m in alike)
+    gains = " ".join((DOCS / "generated" / "placements_gains.md").read_text("utf-8").split())
+    assert "| `qp` | 156 | 157 | 159 | 154 | 144 |" in gains
+    assert "finishes 144 at gain 1 and 159 at its best, 0.1" in " ".join(page("choose.md").split())
+
+
 # ---------------------------------------------------------------- what is listed
 
 

@@ -261,8 +261,50 @@ def test_the_command_writes_its_results_and_takes_them_up_again(tmp_path: Path) 
         assert after["laps"]["twa"][0]["fault"] is not None
     table = markdown.read_text("utf-8")
     assert table.startswith("1 placements. A motion without a fault exists for 1 of them; ")
-    assert "| `minimum_norm` | 100.0 | 100.0 | 100.0 | – |" in table
-    assert "| `twa` | 0.0 | 0.0 | 0.0 |" in table
+    assert f"| `minimum_norm` | {' | '.join(3 * ['100.0 (20.7–100.0)'])} | – |" in table
+    assert f"| `twa` | {' | '.join(3 * ['0.0 (0.0–79.3)'])} |" in table
+
+
+def outcome(**finished: bool) -> dict[str, Any]:
+    """A placement by what finished on it; ``_at_`` stands for @, ``_p_`` for the point."""
+    laps = {
+        name.replace("_at_", "@").replace("_p_", "."): [{"fault": None if done else "error"}]
+        for name, done in finished.items()
+    }
+    return {"feasible_from_start": True, "feasible": True, "laps": laps}
+
+
+def test_an_interval_is_wilsons_and_pairs_are_counted_on_the_same_placements() -> None:
+    z, k, n = 1.959964, 949, 971  # the solutions p of |k/n − p| = z √(p (1 − p)/n)
+    low, high = sorted(np.roots([n + z * z, -(2 * k + z * z), k * k / n]).real)
+    assert study.within(k, n) == f"{100 * k / n:.1f} ({100 * low:.1f}–{100 * high:.1f})"
+    first = np.array([True] * 90 + [False] * 10)
+    second = first.copy()
+    second[:9] = False  # nine that only the first finishes, then one that only the second does
+    second[-1] = True
+    # Two-sided exact: 2 (C(10, 0) + C(10, 1)) / 2¹⁰ = 0.021.
+    assert study.pairs(first, second) == "**9 : 1**"
+    assert study.pairs(second, first) == "**1 : 9**"
+    second[:3] = True  # 6 : 1 would come about in 2 (1 + 7) / 2⁷ = 12.5 % of cases
+    assert study.pairs(first, second) == "6 : 1"
+    assert study.pairs(first, first) == "0 : 0"
+
+
+def test_each_method_stands_at_its_default_and_at_its_best() -> None:
+    names = ["minimum_norm", "qp_gradient@0.05", "qp_gradient@1", "qp@0.05", "qp@1"]
+    found = [
+        outcome(minimum_norm=True, qp_gradient_at_0_p_05=True, qp_gradient_at_1=True,
+                qp_at_0_p_05=True, qp_at_1=index > 1)
+        for index in range(4)
+    ]  # fmt: skip
+    table = study.table_of_gains(found, names)
+    assert table.startswith("4 placements, of which 4 are feasible from the start of least z.")
+    all_, half = study.within(4, 4), study.within(2, 4)
+    assert f"| `qp` | 1 | {half} | 0 : 2 | 0.05 | {all_} | 0 : 0 |" in table
+    # Where several gains are best, the default is taken.
+    assert f"| `qp_gradient` | 0.05 | {all_} | – | 0.05 | {all_} | – |" in table
+    assert f"| `minimum_norm` | – | {all_} | 0 : 0 | – | {all_} | 0 : 0 |" in table
+    assert "| `qp` | 4 | 2 |" in table
 
 
 # ---------------------------------------------------------------- what the study needs of follow
