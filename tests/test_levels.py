@@ -142,8 +142,9 @@ def test_rows_that_leave_a_rank_to_rounding_are_not_proven(apart: float) -> None
     """Two rows say the same of x, but for the last digits; the level below sees the difference."""
     rows = np.array([[1.0, 0.0, 0.0], [1.0, apart, 0.0]])
     below = np.array([[0.0, 1.0, 1.0]])
+    last = np.array([[0.0, 1.0, -1.0]])
     solution = qt.solve_levels(
-        [(rows, [0.5, 0.5 + 0.3 * apart]), (below, [9.0])], [-1.0] * 3, [1.0] * 3
+        [(rows, [0.5, 0.5 + 0.3 * apart]), (below, [9.0]), (last, [-5.0])], [-1.0] * 3, [1.0] * 3
     )
     # Held, the difference leaves x[1] at 0.3; not held, x[1] goes up to 1.
     true = 9.0 - 1.3 if apart > 1e-10 else 9.0 - 2.0

@@ -28,6 +28,8 @@ _ROUNDING = 1e-13
 """What a residual loses to rounding, as a share of its terms."""
 _LAST_DIGITS = 1e-15
 """A multiplier that is smaller, as a share of its terms, has no sign."""
+_UNKNOWN = 1e100
+"""An uncertainty that exceeds every residual, but does not overflow."""
 
 
 Mask = npt.NDArray[np.bool_]
@@ -83,7 +85,7 @@ class Achieved(NamedTuple):
     anchor: Array
     rest: Array
     uncertain: float
-    """How far B·anchor + rest may be from the optimum, in the rows' unit; ∞ if not known."""
+    """How far B·anchor + rest may be from the optimum, in the rows' unit."""
     gain: float
     """How much shorter the residual may get in directions that the rows hardly see."""
 
@@ -294,7 +296,7 @@ class Cascade:
         if gain > row_tolerance(B, r):
             uncertain, gain = uncertain + gain, 0.0
         rest = np.zeros(len(r)) if lost else found.rest
-        return Achieved(B, r, self.x.copy(), rest, uncertain if self.clear else np.inf, gain)
+        return Achieved(B, r, self.x.copy(), rest, uncertain if self.clear else _UNKNOWN, gain)
 
     def _share(self, step: Array, pinned: Mask, active: list[int]) -> float:
         """How much of a step the constraints allow that are not active."""
