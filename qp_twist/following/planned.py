@@ -46,9 +46,11 @@ def plan(
         |\mathbf q_{k+1} - \mathbf q_k| \le \mathbf s_k,
 
     with **s** from the task's speed limits and clock, ``max_step_deg`` and, where neither says
-    anything, 15°. Acceleration limits hold between the waypoints, too. The layers have the
+    anything, 15°. Acceleration limits hold between the waypoints, too. Hard tolerance bands hold at
+    the waypoints, to 1e-9, and on the straight line in joints between them, to 1e-3 rad and 1e-4 m,
+    which is proved; soft ones are costs of a step, which a plan does not weigh. The layers have the
     closed-form inverse kinematics where the arm has one, else nets of its self-motion manifolds
-    grown from random seeds. Hard tolerance bands narrow them.
+    grown from random seeds.
 
     Args:
         path_task: The task, from :func:`~qp_twist.load_task`.
@@ -68,7 +70,8 @@ def plan(
         certificate says why; nothing is raised.
 
     Raises:
-        InvalidInput: If an argument is wrong, or the start cannot be corrected.
+        InvalidInput: If an argument is wrong, the start cannot be corrected or is outside a hard
+            band, or a band has no width or contradicts a projector of the path.
 
     Example:
         >>> import qp_twist as qt
