@@ -48,11 +48,11 @@ class Plan:
         q: The motion, (N, nq), every configuration on its waypoint, inside the joint limits and the
             hard tolerance bands, and no step longer than allowed; ``None`` if there is none. On the
             straight line in joints between two waypoints bands are left by 10⁻³ rad or 10⁻⁴ m at
-            most, which is proved (:data:`~qp_twist.planning.hard_bands.BETWEEN`).
+            most, which is proved (``planning.hard_bands.BETWEEN``).
         value: Of the objective: mean z (centering), degrees (travel, margin), or the weighted sum;
             NaN if there is no motion.
         bound: What no motion can be better than, each waypoint taken for itself
-            (:func:`~qp_twist.planning.bound.pointwise_bound` says what is proved); NaN where a
+            (``planning.bound.pointwise_bound`` says what is proved); NaN where a
             waypoint has no configuration, and of centering and margin where one leaves more than
             two degrees free.
         certificate: Why there is a motion or none, as a sentence and as data.
