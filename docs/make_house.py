@@ -36,6 +36,7 @@ ROOMS = {
     "kinematics": "twist task, objectives",
     "geometry": "projectors, twist errors",
     "files": "whole or not at all",
+    "notebook": "small tables for notebooks",
     "checks": "of arguments",
     "errors": "of refused input",
     "fast": "steps and laps as machine code",

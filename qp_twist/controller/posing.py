@@ -261,7 +261,9 @@ def _stack_of_costs(
         W, e = np.vstack([rows for rows, _ in stated]), np.concatenate([e for _, e in stated])
         # Written so that NaN is out of order.
         if (
-            W.shape == (len(e), nv)
+            W.ndim == 2
+            and e.shape == W.shape[:1]
+            and W.shape[1] == nv
             and W.dtype == e.dtype == np.float64
             and np.abs(W).max(initial=0.0) <= LARGEST_ROW
             and math.isfinite(e.sum())
