@@ -114,7 +114,8 @@ def test_tables_repeat_the_number(template: qt.Trajectory) -> None:
     outside = np.radians([45.0, 91.0, 90.0])
     q = np.array(at(4, outside, np.radians([45.0, 45.0, 90.0])))
     content = {
-        "task": "by hand", "waypoints": COUNT, "solver": "daqp", "compiled": [],
+        "task": "by hand", "waypoints": COUNT, "solver": "daqp",
+        "compiled": {"minimum_norm": False},
         "methods": {"minimum_norm": metrics(made(template, q=q))},
     }  # fmt: skip
     assert "joint_2 at 4" in csv_table(content)

@@ -38,7 +38,7 @@ def test_only_what_may_be_missing_is_skipped(
     done = subprocess.run(
         [
             *(sys.executable, "-m", "pytest", processes, "-p", "no:cacheprovider"),
-            "--continue-on-collection-errors",
+            "--continue-on-collection-errors", "-rN",
         ],
         cwd=tmp_path, capture_output=True, text=True, timeout=300, check=False,
         env=inherited | ({} if allowed is None else {"QP_TWIST_MAY_SKIP": allowed}),

@@ -15,6 +15,8 @@ _CORRECTIONS = 5
 """Most corrections; where rows are not close to dependent the second one is rounding."""
 _SETTLED = 1e-15
 """A correction that changes the rows by less than this share of their terms is rounding."""
+_SQUARED = float(np.sqrt(np.finfo(float).tiny))
+"""The square of a smaller number is not a number any more, so that nothing is gained by it."""
 _SPLIT = 2.0**27 + 1.0
 """Splits a number into two halves of 26 bits (Veltkamp 1968)."""
 
@@ -100,7 +102,7 @@ def refined(x: Array, B: Array, r: Array, held: Held, free: Indices, *, smallest
     inverse, N = right[:rank].T @ (left[:, :rank] / sigma[:rank]).T, right[rank:].T
     worst = float(sigma[0] / sigma[rank - 1]) if rank else 1.0
     left, sigma, right = np.linalg.svd(B_free @ N, full_matrices=False)
-    kept = int((sigma > smallest).sum())
+    kept = int((sigma > max(smallest, _SQUARED)).sum())
     U, S, V = left[:, :kept], sigma[:kept], right[:kept].T
     worst += float(S[0] / S[-1]) if kept else 0.0
     weakest = float(S[-1]) if kept else math.inf
