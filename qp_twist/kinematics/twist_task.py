@@ -209,12 +209,14 @@ class TwistTask(mink.Task):
         self.projector = projector
         self.relative_to = relative_to
         super().__init__(
-            cost=1.0, gain=number("gain", gain), lm_damping=number("lm_damping", lm_damping)
+            cost=np.ones(projector.rank),
+            gain=number("gain", gain),
+            lm_damping=number("lm_damping", lm_damping),
         )
         self.set_position_cost(linear_cost if position_cost is None else position_cost)
         self.set_orientation_cost(angular_cost if orientation_cost is None else orientation_cost)
         if cost is not None:
-            self.cost = cost
+            self.set_cost(cost)
         self.bands = check_bands(self.name, bands, projector)
         self.max_linear_step, self.max_angular_step = max_linear_step, max_angular_step
         self._target: mink.SE3 | None = None
@@ -372,7 +374,7 @@ class TwistTask(mink.Task):
 
     def set_cost(self, cost: npt.ArrayLike) -> None:
         """Weigh all rows, a number or (r,), as mink's other tasks do."""
-        self.cost = cost
+        self.cost = _costs(self, "cost", cost)
 
     def _one_cost(self, name: str, value: npt.ArrayLike) -> float:
         """The cost that all rows of a block share."""
