@@ -111,7 +111,7 @@ def solve_ik(
 
     Raises:
         mink.NotWithinConfigurationLimits: If ``safety_break`` is set and a joint is outside.
-        UnknownSolver: If there is no such backend; it is a :class:`qpsolvers.SolverNotFound`, too.
+        UnknownSolver: If there is no such backend; it is a ``qpsolvers.SolverNotFound``, too.
         InvalidInput: If an argument has the wrong type or range, or a task is not finite.
         InfeasibleStep: If the constraints do not fit and ``on_infeasible`` is ``"raise"``; as
             :class:`SolverInaccurate` a subclass of :class:`mink.NoSolutionFound`.
