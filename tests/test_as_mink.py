@@ -524,6 +524,41 @@ def test_what_is_edited_is_noticed(name: str, passed: bool) -> None:
     assert (np.abs(after - before).max() > 1e-3) == (passed != of_the_model)
 
 
+CHAIN = """<mujoco><compiler angle="radian" autolimits="true"/><worldbody>
+<body><joint name="a" axis="0 0 1" range="0.05 0.31"/><geom size="0.1"/>
+<body pos="1 0 0"><joint name="b" axis="0 0 1" range="0.05 0.31"/><geom size="0.1"/>
+<body pos="1 0 0"><joint name="c" axis="0 0 1" range="0.05 0.31"/><geom size="0.1"/>
+<site name="tip" pos="1 0 0"/></body></body></body>
+</worldbody></mujoco>"""
+
+
+@pytest.mark.parametrize(
+    ("made", "indices"),
+    [
+        (mink.ConfigurationLimit, [0]), (mink.ConfigurationLimit, []),
+        (lambda model: mink.VelocityLimit(model, {"a": 0.2, "b": 0.2}), [2, 1]),
+        (lambda model: mink.VelocityLimit(model, {"a": 0.2, "b": 0.2}), []),
+    ],
+)  # fmt: skip
+def test_a_controller_notices_that_a_limit_is_about_other_joints(
+    made: Callable[[mujoco.MjModel], Any], indices: list[int]
+) -> None:
+    model = mujoco.MjModel.from_xml_string(CHAIN)
+    c, limit = mink.Configuration(model, np.array([0.1, 0.3, 0.2])), made(model)
+    pull = qt.TwistProjector(linear=qt.Projector.line([1, 0, 0]), angular=qt.Projector.none())
+    task = qt.TwistTask("tip", "site", pull)
+    tip = c.get_transform_frame_to_world("tip", "site")
+    task.set_target(mink.SE3.from_translation(np.array([-0.05, 0.0, 0.0])) @ tip)
+    controller = qt.Controller(model, [task], limits=[limit])
+    before = controller.step(c, 0.1).velocity
+    limit.indices = np.array(indices, dtype=int)
+    limit.projection_matrix = np.eye(3)[indices] if indices else None
+    after = controller.step(c, 0.1).velocity
+    anew = qt.Controller(model, [task], limits=[limit], solver="daqp").step(c, 0.1).velocity
+    np.testing.assert_allclose(after, anew, atol=1e-8)
+    assert np.abs(after - before).max() > 1e-3
+
+
 def test_a_model_is_not_kept(case: Case) -> None:
     model = mujoco.MjModel.from_xml_string(ARM)
     c, tasks = tight(model)
