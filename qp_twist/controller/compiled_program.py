@@ -8,11 +8,11 @@ from collections.abc import Sequence
 import numpy as np
 
 from qp_twist.checks import Array
-from qp_twist.controller.plain_step import Layout, Numbers, PlainStep
+from qp_twist.controller.plain_step import Layout, PlainStep
 from qp_twist.controller.step_tables import TOLERANCES
 from qp_twist.fast.program_step import program_step
 from qp_twist.fast.step_kernel import DONE
-from qp_twist.fast.step_layout import HEADER, Sizes, entries
+from qp_twist.fast.step_record import HEADER, PROGRAM, Sizes
 from qp_twist.limits import Named
 from qp_twist.limits.intersection import Intersection
 
@@ -25,15 +25,14 @@ class CompiledProgram:
     """Arrays for programs of one shape: n unknowns, m equality rows, k inequality rows."""
 
     def __init__(self, n: int, m: int, k: int) -> None:
-        size = Sizes(n, m, 0, 1, 0, False, True, k, k)
-        program, work, ints = entries(size)
-        self._floats = np.zeros(program + work)
-        self._integers = np.zeros(HEADER + ints, dtype=np.int64)
-        self._integers[: len(size)] = size
+        self._size = size = Sizes(n, m, 0, 1, 0, n, 0, 0, k)
+        floats, integers = PROGRAM.lengths(size)
+        self._floats = np.zeros(floats)
+        self._integers = np.zeros(HEADER + integers, dtype=np.int64)
+        self._integers[:HEADER] = size
         self._ends = np.array([m])
-        self._result = self._floats[:program]
-        layout = Layout((m,), m, ("",) * n, {}, dense=True)
-        self._numbers = Numbers.of(self._result, layout)
+        self._result = self._floats[: PROGRAM.end(size, "gain_lam")]
+        self._program = PROGRAM.arrays(self._floats, self._integers[HEADER:], size)
 
     @classmethod
     def of(cls, n: int, m: int, k: int) -> CompiledProgram:
@@ -63,18 +62,15 @@ class CompiledProgram:
             box: Bounds.
             threshold: Singular value of A below which the reference has to look at it.
         """
-        w = self._numbers
-        n, m = len(w.c), w.m
-        w.cost[:], w.c[:] = cost
-        w.lower_ends[:n], w.upper_ends[:n] = box.lower, box.upper
-        if m:
-            w.rows[:m], w.upper_ends[n : n + m] = equality
-        if len(w.rows) > m:
-            w.rows[m:], w.upper_ends[n + m :] = inequality
-        self._integers[HEADER + n] = 0  # begun anew: the program may be another user's
-        status: int = program_step(
-            self._floats, self._integers, self._ends, HEADER, threshold, TOLERANCES
-        )
+        w = self._program
+        w.dense[:], w.c[:] = cost
+        w.lower[:], w.upper[:] = box.lower, box.upper
+        if len(w.b):
+            w.A[:], w.b[:] = equality
+        if len(w.g):
+            w.G[:], w.g[:] = inequality
+        w.ints[0] = 0  # begun anew: the program may be another user's
+        status: int = program_step(self._floats, self._integers, self._ends, threshold, TOLERANCES)
         return status == DONE
 
     def step(
@@ -92,5 +88,5 @@ class CompiledProgram:
             box: Bounds.
             rows: What the inequality rows come from.
         """
-        layout = Layout(ranks, self._numbers.m, names, {}, dense=True)
-        return PlainStep.made(self._numbers.x, self._result, layout, rows, box)
+        layout = Layout(ranks, len(self._program.b), names, {})
+        return PlainStep.made(self._program.x, self._result, self._size, layout, rows, box)

@@ -30,6 +30,7 @@ class Composition(Protocol):
     singularity: float
     free_twist_costs: tuple[float, float]
     solver: str
+    on_infeasible: str
 
 
 def composition_known(levels: Sequence[Sequence[Any]], limits: Sequence[Any]) -> bool:

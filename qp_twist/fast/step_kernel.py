@@ -8,17 +8,18 @@ import numpy as np
 
 from qp_twist.fast.bounds import bounds
 from qp_twist.fast.compiling import kernel, part, plain
-from qp_twist.fast.dual_active_set import cholesky, cholesky_inverse
+from qp_twist.fast.dual_active_set import NO_ROOM, SOLVED, cholesky, cholesky_inverse
+from qp_twist.fast.largest_scale import largest_scale
 from qp_twist.fast.null_space import null_space, row_space
 from qp_twist.fast.reduced_program import reduced_program
 from qp_twist.fast.twist_rows import twist_rows
 
-DONE, REFUSED = 0, 1
-"""The step is verified; or the reference has to look at it."""
+DONE, REFUSED, SCALED = 0, 1, 2
+"""The step is verified; the reference has to look at it; it is verified at a reduced speed."""
 
 
 @plain
-def _well_conditioned(A, ends, threshold, work, scratch):
+def well_conditioned(A, ends, threshold, work, scratch):
     """Whether no singular value of a level's rows is below a threshold.
 
     Of each level in the null space of those above. AAᵀ = LLᵀ, and there what is left of the squares
@@ -148,13 +149,14 @@ def _excess(hardest, left, largest, gap, w, tolerances):
         if w.lam[row] > 0.0:
             gap += w.lam[row] * room
             held += w.lam[row] * max(room, 0.0)
-            lost += tolerances[4] * w.lam[row] * terms
+            lost += tolerances.rounding * w.lam[row] * terms
     reach = 1.0 + furthest
     cost = (hardest * reach + steepest) * reach
-    worst = max(off / (tolerances[0] * (1.0 + largest_b)), over / (tolerances[5] * reach))
-    worst = max(worst, left / (tolerances[1] * hardest * reach + tolerances[4] * largest))
-    worst = max(worst, held / (tolerances[2] * cost + lost))
-    return max(worst, gap / (tolerances[3] * cost + lost))
+    worst = max(off / (tolerances.equality * (1.0 + largest_b)), over / (tolerances.bound * reach))
+    least = tolerances.optimality * hardest * reach + tolerances.rounding * largest
+    worst = max(worst, left / least)
+    worst = max(worst, held / (tolerances.gain * cost + lost))
+    return max(worst, gap / (tolerances.gap * cost + lost))
 
 
 @plain
@@ -223,7 +225,7 @@ def _all_rows(kinds, shapes, poses, targets, jacobians, dt, A, b, free, free_cos
 
 
 @part
-def _wish(qpos, addresses, middle, pull, wish, dt, use_secondary, q, c):
+def _desired(qpos, addresses, middle, stiffness, displacement, dt, use_secondary, q, c):
     """Joint positions into q and ḣ into c; the largest entry of ḣ, infinite where q is not."""
     largest = 0.0
     for dof in range(len(q)):
@@ -232,7 +234,7 @@ def _wish(qpos, addresses, middle, pull, wish, dt, use_secondary, q, c):
             return math.inf
         c[dof] = 0.0
         if use_secondary:
-            c[dof] = (wish[dof] + pull[dof] * (middle[dof] - q[dof])) / dt
+            c[dof] = (displacement[dof] + stiffness[dof] * (middle[dof] - q[dof])) / dt
         if not abs(c[dof]) <= largest:
             largest = abs(c[dof])
     return largest
@@ -310,14 +312,16 @@ def _costs(w, metric, quadratic, linear, settings):
     """H and c of the step, from ḣ in c; and S where H is not diagonal. Whether H ≻ 0."""
     if len(w.h):
         for i in range(len(w.h)):
-            w.h[i] = settings[2] * metric[i]
+            w.h[i] = settings.weight * metric[i]
             w.c[i] *= -w.h[i]
         return True
-    if settings[0] != 0.0:
-        _twist_cost(w.A, w.free, metric, settings[2], settings[3], w.dense, w.c, w.line, w.J)
+    if settings.twist_space != 0.0:
+        _twist_cost(
+            w.A, w.free, metric, settings.weight, settings.nearly_unseen, w.dense, w.c, w.line, w.J
+        )
     else:
-        _joint_cost(metric, settings[2], w.dense, w.c)
-    if not _add_costs(quadratic, linear, settings[7], w.dense, w.c):
+        _joint_cost(metric, settings.weight, w.dense, w.c)
+    if not _add_costs(quadratic, linear, settings.steepest, w.dense, w.c):
         return False
     return cholesky_inverse(w.dense, w.J)
 
@@ -332,6 +336,29 @@ def _into_the_box(x, lower, upper):
     return True
 
 
+@part
+def solved_program(w, scales, tolerances):
+    """The verified solution of a program into ``w.x``; at a reduced speed if ``scales``."""
+    w.scale[0] = 1.0
+    status = reduced_program(w)
+    if status == NO_ROOM and scales:
+        w.scale[0] = largest_scale(w)
+        if w.scale[0] == 0.0:
+            return REFUSED
+        for row in range(len(w.b)):
+            w.b[row] *= w.scale[0]
+        status = reduced_program(w)
+    if status != SOLVED or not _into_the_box(w.x, w.lower, w.upper):
+        return REFUSED
+    if len(w.h):
+        excess = _excess_of_diagonal(w, tolerances, w.line)
+    else:
+        excess = _excess_of_dense(w, tolerances, w.root, w.line)
+    if not excess <= 1.0:
+        return REFUSED
+    return DONE if w.scale[0] == 1.0 else SCALED
+
+
 @plain
 def verified_velocity(
     w, ends, limits, types, metric, quadratic, linear, settings, tolerances, dt
@@ -339,34 +366,30 @@ def verified_velocity(
     """The joint velocity into ``w.x``, from the rows, q and ḣ (in ``w.c``) that are in ``w``.
 
     Returns:
-        ``DONE``, or ``REFUSED`` for whatever is not a plain step inside all limits.
+        ``DONE`` or ``SCALED``, or ``REFUSED`` where the reference has to look at the step.
     """
-    if not _well_conditioned(w.A, ends, settings[1], w.R, w.J):
+    if not well_conditioned(w.A, ends, settings.singularity, w.R, w.J):
         return REFUSED
     if not bounds(
-        limits, types, w.q, dt, settings[5], settings[6], w.lower, w.upper, w.lower_kind,
-        w.upper_kind,
+        limits, types, w.q, dt, settings.noticeable, settings.unlimited, w.lower, w.upper,
+        w.lower_kind, w.upper_kind,
     ):  # fmt: skip
         return REFUSED
     if not _costs(w, metric, quadratic, linear, settings):
         return REFUSED
-    if not (reduced_program(w) and _into_the_box(w.x, w.lower, w.upper)):
-        return REFUSED
-    if len(w.h):
-        excess = _excess_of_diagonal(w, tolerances, w.line)
-    else:
-        excess = _excess_of_dense(w, tolerances, w.root, w.line)
-    return DONE if excess <= 1.0 else REFUSED
+    return solved_program(w, settings.scales != 0.0 and len(ends) == 1, tolerances)
 
 
 @part
 def step(g, w, qpos, dt, use_secondary):
     """A step from what is given to w; what :func:`verified_velocity` returns."""
-    fastest = _wish(qpos, g.addresses, g.middle, g.pull, g.wish, dt, use_secondary, w.q, w.c)
+    fastest = _desired(
+        qpos, g.addresses, g.middle, g.stiffness, g.displacement, dt, use_secondary, w.q, w.c
+    )
     asked = _all_rows(
         g.kinds, g.shapes, g.poses, g.targets, g.jacobians, dt, w.A, w.b, w.free, g.free_costs
     )
-    if not (fastest <= g.settings[4] and asked <= g.settings[4]):
+    if not (fastest <= g.settings.fastest and asked <= g.settings.fastest):
         return REFUSED
     return verified_velocity(
         w, g.ends, g.limits, g.types, g.metric, g.quadratic, g.linear, g.settings, g.tolerances, dt
