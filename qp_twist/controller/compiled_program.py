@@ -11,8 +11,8 @@ from qp_twist.checks import Array
 from qp_twist.controller.plain_step import Layout, PlainStep
 from qp_twist.controller.step_tables import TOLERANCES
 from qp_twist.fast.program_step import program_step
-from qp_twist.fast.step_kernel import DONE
 from qp_twist.fast.step_record import HEADER, PROGRAM, Sizes
+from qp_twist.fast.verified_program import REFUSED
 from qp_twist.limits import Named
 from qp_twist.limits.intersection import Intersection
 
@@ -71,7 +71,7 @@ class CompiledProgram:
             w.G[:], w.g[:] = inequality
         w.ints[0] = 0  # begun anew: the program may be another user's
         status: int = program_step(self._floats, self._integers, self._ends, threshold, TOLERANCES)
-        return status == DONE
+        return status != REFUSED
 
     def step(
         self,

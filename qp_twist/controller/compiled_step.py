@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import Any, Protocol
 
 import mink
 import mujoco
@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from qp_twist.checks import Array
-from qp_twist.controller.composition import BOXES, Composition, has_soft_bands
+from qp_twist.controller.composition import BOXES, has_soft_bands, rows_known
 from qp_twist.controller.plain_step import Layout, PlainStep
 from qp_twist.controller.posing import mink_costs
 from qp_twist.controller.step_tables import (
@@ -23,13 +23,16 @@ from qp_twist.controller.step_tables import (
 )
 from qp_twist.fast import COMPILED
 from qp_twist.fast.live_step import ELSEWHERE, GIVEN_JACOBIAN, live_step
-from qp_twist.fast.step_kernel import REFUSED, SCALED
-from qp_twist.fast.step_record import GIVEN, HEADER, PROGRAM, Given, Program, Sizes
+from qp_twist.fast.step_kernel import GIVEN, STATED, Given
+from qp_twist.fast.step_record import HEADER, PROGRAM, Program, Sizes
+from qp_twist.fast.verified_program import REFUSED, SCALED
 from qp_twist.kinematics import (
     BandRows,
+    FreeTwistCost,
     JointCentering,
     JointRanges,
     PostureReference,
+    SecondaryObjective,
     TwistTask,
     checked_displacement,
 )
@@ -49,12 +52,32 @@ from qp_twist.limits import (
 _NO_ROWS: tuple[Named, ...] = ()
 
 
+class Composition(Protocol):
+    """What a :class:`~qp_twist.Controller` is composed of, as far as the kernel reads it."""
+
+    model: mujoco.MjModel
+    twist_tasks: tuple[TwistTask, ...]
+    secondary: tuple[SecondaryObjective, ...]
+    secondary_space: str
+    limits: list[mink.Limit]
+    levels: tuple[tuple[Any, ...], ...]
+    soft_tasks: tuple[mink.tasks.BaseTask, ...]
+    metric: Array
+    joint_weight: float
+    singularity: float
+    free_twist_costs: tuple[float, float]
+    free_costs: list[FreeTwistCost]
+    solver: str
+    on_infeasible: str
+
+
 class CompiledStep:
     """The arrays of one controller and the kernel on them, for what ``composition_known`` knows.
 
-    Limits of other classes, tolerance bands and the costs of other tasks say in Python what they
-    want. What it does not know, and every step that is neither met nor scaled, is left
-    to the reference: then :meth:`__call__` returns ``None``.
+    Limits of other classes, tolerance bands, tasks of derived classes or with a carried target, and
+    the costs of other tasks say in Python what they want. What it does not know, and every step
+    that is neither met nor scaled, is left to the reference: then :meth:`__call__` returns
+    ``None``.
     """
 
     def __init__(self, composed: Composition) -> None:
@@ -109,7 +132,11 @@ class CompiledStep:
         self._integers = np.zeros(self._first_integer + integers, dtype=np.int64)
         g: Given = GIVEN.arrays(self._floats, self._integers[HEADER:], size)
         self._given = g
-        g.kinds[:] = [kinds_of(p) for p in self._projectors]
+        self._asked = [n for n, task in enumerate(self._tasks) if not rows_known(task)]
+        g.kinds[:] = [
+            (task.projector.rank, 0, STATED) if n in self._asked else kinds_of(task.projector)
+            for n, task in enumerate(self._tasks)
+        ]
         g.ends[:], g.addresses[:], g.types[:] = self._ends, self._ranges.qpos, types
         g.tolerances[:] = TOLERANCES  # type: ignore[index]
         g.free_costs[:], g.middle[:] = composed.free_twist_costs, self._ranges.middle
@@ -133,7 +160,7 @@ class CompiledStep:
         self._stated = [
             (t, limit) for t, limit in tables if type(limit) not in BOXES and not is_mink_box(limit)
         ]
-        self._others_speak = bool(self._stated or self._soft_tasks)
+        self._others_speak = bool(self._stated or self._soft_tasks or self._asked)
         self._banded = False
         self._data: mujoco.MjData | None = None
         self._jacs: list[tuple[Callable[..., None], Array, Array, int]] = []
@@ -146,6 +173,8 @@ class CompiledStep:
         self._without_links: list[int] = []
         for number, task in enumerate(self._tasks):
             dofs = dofs_above(model, task.frame_name, task.frame_type)
+            if number in self._asked:
+                continue
             if (self._ranges.qpos[dofs] < 0).any():  # a ball or free joint
                 g.links[number] = GIVEN_JACOBIAN
                 self._without_links.append(number)
@@ -243,7 +272,26 @@ class CompiledStep:
             first = end
         if costs is not None:
             self._given.quadratic[:], self._given.linear[:] = costs
+        if self._asked and not self._ask(composed, configuration, dt):
+            return None
         return rows
+
+    def _ask(self, composed: Composition, configuration: mink.Configuration, dt: float) -> bool:
+        """Take over the rows of tasks that state them; whether they are as many as before."""
+        ends = np.cumsum(self._ranks)
+        for number in self._asked:
+            task = self._tasks[number]
+            last, first = int(ends[number]), int(ends[number]) - self._ranks[number]
+            A, b = task.velocity_rows(configuration, dt)
+            if len(b) != last - first:
+                return False
+            self._given.stated_rows[first:last], self._given.stated_sides[first:last] = A, b
+            if self._twist_space:
+                cost = composed.free_costs[number]
+                free = cost.cost[:, None] * cost.compute_jacobian(configuration)
+                block = self._given.stated_free[6 * number : 6 * number + 6]
+                block[:], block[: len(free)] = 0.0, free
+        return True
 
     def of_any_configuration(
         self, composed: Composition
@@ -254,7 +302,7 @@ class CompiledStep:
         other classes, costs of other tasks or the secondary depend on the configuration in a way of
         their own.
         """
-        spoken = self._others or self._stated or self._soft_tasks
+        spoken = self._others or self._stated or self._soft_tasks or self._asked
         if spoken or any(task.bands for task in self._tasks):
             return None
         for number, task in enumerate(self._tasks):
@@ -272,7 +320,7 @@ class CompiledStep:
         for number, task in enumerate(self._tasks):
             if (
                 task.projector is not self._projectors[number]
-                or task.relative_to is not None
+                or rows_known(task) is (number in self._asked)
                 or (task.frame_name, task.frame_type) != self._named[number]
             ):
                 return False
@@ -282,7 +330,8 @@ class CompiledStep:
             if target is not self._known_targets[number] or target is None:
                 if target is None:
                     raise mink.TargetNotSet(task.name)
-                self._aim(number, task)
+                if number not in self._asked:
+                    self._aim(number, task)
                 self._known_targets[number] = target
             paces = _paces(task)
             if paces != self._paced[number]:

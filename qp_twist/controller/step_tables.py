@@ -21,7 +21,8 @@ from qp_twist.fast.bounds import (
     VELOCITY_BOUND,
     WINDOW,
 )
-from qp_twist.fast.step_record import Settings, Tolerances
+from qp_twist.fast.step_kernel import Settings
+from qp_twist.fast.verified_program import Tolerances
 from qp_twist.limits import (
     DisplacementWindow,
     MotionLimit,

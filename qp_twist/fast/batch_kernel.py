@@ -7,9 +7,9 @@ import numpy as np
 from qp_twist.fast.arm_kernel import pose_and_jacobian
 from qp_twist.fast.compiling import kernel
 from qp_twist.fast.null_space import INDEPENDENT, least_norm, reflect
-from qp_twist.fast.step_kernel import REFUSED, step
-from qp_twist.fast.step_record import read_step
+from qp_twist.fast.step_kernel import read_step, step
 from qp_twist.fast.twist_rows import in_basis, left_free, twist_rows, wanted_twist
+from qp_twist.fast.verified_program import REFUSED
 
 MINIMUM_NORM, GRADIENT_PROJECTION, RMR, TWA = range(4)
 """Closed forms."""

@@ -13,9 +13,10 @@ from qp_twist.fast.bounds import WINDOW, bounds
 from qp_twist.fast.compiling import kernel, part, plain
 from qp_twist.fast.null_space import INDEPENDENT, least_norm, reflect
 from qp_twist.fast.path_kernel import Rows
-from qp_twist.fast.step_kernel import DONE, verified_velocity
-from qp_twist.fast.step_record import Settings, Sizes, Tolerances, read_program
+from qp_twist.fast.step_kernel import Settings, verified_velocity
+from qp_twist.fast.step_record import Sizes, read_program
 from qp_twist.fast.twist_rows import twist_rows
+from qp_twist.fast.verified_program import DONE, Tolerances
 
 _STANDS_STILL = 1e-13
 """A displacement below it is none, rad or m."""

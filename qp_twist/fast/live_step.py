@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from qp_twist.fast.compiling import part, plain
-from qp_twist.fast.step_kernel import step
-from qp_twist.fast.step_record import read_step
+from qp_twist.fast.step_kernel import read_step, step
 from qp_twist.fast.views import at_address
 
 GIVEN_JACOBIAN, ELSEWHERE = -2, -1

@@ -4,12 +4,8 @@ from __future__ import annotations
 
 from qp_twist.fast.compiling import plain
 from qp_twist.fast.dual_active_set import cholesky_inverse
-from qp_twist.fast.step_kernel import (
-    REFUSED,
-    solved_program,
-    well_conditioned,
-)
 from qp_twist.fast.step_record import HEADER, read_program, read_sizes
+from qp_twist.fast.verified_program import REFUSED, solved_program, well_conditioned
 
 
 @plain

@@ -1,4 +1,4 @@
-"""What a step is given, what it leaves behind and its workspace, each declared once."""
+"""The program of a step, its result and its workspace, declared once."""
 
 from __future__ import annotations
 
@@ -29,80 +29,6 @@ class Sizes(NamedTuple):
 
 HEADER = len(Sizes._fields)
 """Entries of the integers that hold the sizes, before everything else."""
-
-
-class Settings(NamedTuple):
-    """Numbers of a controller."""
-
-    twist_space: float
-    """Not 0 where the cost is that of twist space."""
-    singularity: float
-    """Singular value of the rows below which the reference has to look at them."""
-    weight: float
-    """ρ."""
-    nearly_unseen: float
-    """Share of the largest singular value below which motion counts, by degrees, as unseen."""
-    fastest: float
-    """Largest speed that a task or a secondary may ask for, m/s or rad/s."""
-    noticeable: float
-    """What counts as outside a limit, rad or m."""
-    unlimited: float
-    """A bound beyond it is none, rad/s or m/s."""
-    steepest: float
-    """Largest linear cost of other tasks, relative to the largest quadratic one."""
-    scales: float
-    """Not 0 where rows that do not fit are slowed down; else the reference looks at them."""
-
-
-class Tolerances(NamedTuple):
-    """Of the verification; :mod:`qp_twist.qp.verification` says what each is."""
-
-    equality: float
-    optimality: float
-    gain: float
-    gap: float
-    rounding: float
-    bound: float
-
-
-class Given(NamedTuple):
-    """What a step is given; the arrays are those of ``twist_rows`` and ``bounds``."""
-
-    settings: Settings
-    tolerances: Tolerances
-    free_costs: Annotated[Floats, 2]
-    """Roots of the weights of the rows of 1 − T, linear and angular."""
-    middle: Annotated[Floats, "nv"]
-    """θ̄ of the secondary h = displacement + stiffness (θ̄ − θ), rad or m."""
-    stiffness: Annotated[Floats, "nv"]
-    displacement: Annotated[Floats, "nv"]
-    metric: Annotated[Floats, "nv"]
-    """Diagonal of M."""
-    shapes: Annotated[Floats, "tasks", 27]
-    poses: Annotated[Floats, "tasks", 12]
-    """R and p of the frames."""
-    targets: Annotated[Floats, "tasks", 18]
-    """R_d, p_d and the twist of the targets."""
-    target_poses: Annotated[Floats, "tasks", 7]
-    """Unit quaternions and positions, which ``live_step`` turns into the former."""
-    jacobians: Annotated[Floats, "tasks", 6, "nv"]
-    limits: Annotated[Floats, "limits", "nv", 7]
-    quadratic: Annotated[Floats, "others", "nv"]
-    """H of other tasks."""
-    linear: Annotated[Floats, "others"]
-    """Their c."""
-    kinds: Annotated[Integers, "tasks", 3]
-    """Of the tasks' projectors."""
-    ends: Annotated[Integers, "levels"]
-    """Where the rows of each level end."""
-    addresses: Annotated[Integers, "nv"]
-    """Of the joints in q; −1 where a degree of freedom has none of its own."""
-    types: Annotated[Integers, "limits"]
-    """Kinds of the limits."""
-    links: Annotated[Integers, "tasks", "nv"]
-    """Of each task how its frame hangs on the joints: see ``live_step``."""
-    sources: Annotated[Integers, "5 + 2 * tasks"]
-    """Where MuJoCo's arrays are, and how many joints there are: see ``live_step``."""
 
 
 class Program(NamedTuple):
@@ -172,8 +98,8 @@ class Program(NamedTuple):
     ints: Annotated[Integers, "1 + 2 * nv + k"]
 
 
-GIVEN, PROGRAM = Record(Given, Sizes), Record(Program, Sizes)
-read_given, read_program = reader(GIVEN), reader(PROGRAM)
+PROGRAM = Record(Program, Sizes)
+read_program = reader(PROGRAM)
 
 
 @plain
@@ -183,12 +109,3 @@ def read_sizes(integers):
         integers[0], integers[1], integers[2], integers[3], integers[4], integers[5], integers[6],
         integers[7], integers[8],
     )  # fmt: skip
-
-
-@plain
-def read_step(floats, integers):
-    """Sizes, what is given and the program of a step, from the two arrays that it lies in."""
-    size = read_sizes(integers)
-    given, i, j = read_given(floats, 0, integers, HEADER, size)
-    program, _, _ = read_program(floats, i, integers, j, size)
-    return size, given, program
