@@ -12,15 +12,21 @@ from qp_twist.checks import Array, Indices
 from qp_twist.controller.plain_step import Layout, PlainStep
 from qp_twist.controller.posing import STEEPEST, WeightedRows
 from qp_twist.controller.step_tables import TOLERANCES
-from qp_twist.fast.program_step import DEPENDENT, keep_independent, program_step
+from qp_twist.fast.program_step import (
+    DEPENDENT,
+    TOO_FAST,
+    keep_independent,
+    program_step,
+    slower_step,
+)
 from qp_twist.fast.stated_limits import (
     append_ball_ranges,
     append_rows,
     narrow_box,
     narrow_to_range,
 )
-from qp_twist.fast.step_kernel import DONE
-from qp_twist.fast.step_layout import HEADER, Sizes, entries
+from qp_twist.fast.step_record import HEADER, PROGRAM, Sizes
+from qp_twist.fast.verified_program import DONE, SCALED
 from qp_twist.limits import Box, MinkRange, Named, RowsOf, StatedRows, kind_of
 from qp_twist.limits.stated_limit import UNLIMITED
 from qp_twist.qp.verification import EQUALITY_TOLERANCE
@@ -61,7 +67,7 @@ class CompiledProgram:
         self._k, self._in_order = 0, True
         # Programs by m and the inequality rows that they have room for.
         self._kept: dict[tuple[int, int], _Arrays] = {}
-        self._result = np.zeros(0)
+        self._size, self._result = Sizes(n, 0, 0, 1, 0, n, 0, 0, 0), np.zeros(0)
         self._dependent: tuple[Array, Array] | None = None
 
     @classmethod
@@ -184,31 +190,32 @@ class CompiledProgram:
             self._sources.append((limit, self._k, end))
             self._k = end
 
-    def solve(self, dt: float, threshold: float) -> bool:
+    def solve(self, dt: float, threshold: float, scales: bool = False) -> bool:
         """Whether the program has a verified solution that meets every row; then it is kept here.
 
         Args:
             dt: Length of the step, s.
             threshold: Singular value of A below which the reference has to look at it. Rows that
                 depend on others altogether, and ask for the same, count once.
+            scales: Whether A x = s b at the largest s will do where A x = b does not fit.
         """
         if not self._in_order:
             return False
-        status = self._solve(dt, threshold, self._m)
+        status = self._solve(dt, threshold, self._m, scales)
         if status == DEPENDENT:
             m = self._m
             A, b = self._A[:m].copy(), self._b[:m].copy()
             kept = keep_independent(self._A, self._b, m, _GONE, np.empty((m, self.n)))
             if kept < m:
-                status = self._solve(dt, threshold, kept)
-                off = float(np.abs(A @ self.velocity - b).max())
+                status = self._solve(dt, threshold, kept, scales)
+                off = float(np.abs(A @ self.velocity - self.scale * b).max())
                 if not off <= EQUALITY_TOLERANCE * (1.0 + float(np.abs(b).max())):
                     status = DEPENDENT
                 self._dependent = A, b
             self._A[:m], self._b[:m] = A, b
-        return bool(status == DONE)
+        return status in (DONE, SCALED)
 
-    def _solve(self, dt: float, threshold: float, m: int) -> int:
+    def _solve(self, dt: float, threshold: float, m: int, scales: bool) -> int:
         k = self._k
         room = 0 if k == 0 else max(8, 1 << (k - 1).bit_length())
         arrays = self._kept.get((m, room))
@@ -216,24 +223,26 @@ class CompiledProgram:
             if len(self._kept) >= _MOST:
                 self._kept.clear()
             arrays = self._kept[m, room] = _Arrays(self.n, m, room)
-        self._result = arrays.floats[: arrays.length(k)]
+        self._size, self._result = arrays.begin(k)
         status: int = program_step(
             self._H, self._c, self._lift, STEEPEST, dt, self._A, self._b, self._box, self._rows,
-            self._ends, k, UNLIMITED, arrays.floats, arrays.integers, arrays.level_ends, HEADER,
-            threshold, TOLERANCES, arrays.R, arrays.work, arrays.held,
+            self._ends, UNLIMITED, arrays.floats, arrays.integers, arrays.level_ends, threshold,
+            TOLERANCES, arrays.R, arrays.work, arrays.held,
         )  # fmt: skip
+        if status == TOO_FAST and scales:
+            status = slower_step(arrays.floats, arrays.integers, TOLERANCES)
         return status
-
-    @property
-    def equality(self) -> tuple[Array, Array]:
-        """A and b as they were stated, copies."""
-        return self._A[: self._m].copy(), self._b[: self._m].copy()
 
     @property
     def velocity(self) -> Array:
         """q̇ of the program solved last, (n,), in arrays that the next one uses."""
         velocity: Array = self._result[self.n : 2 * self.n]
         return velocity
+
+    @property
+    def scale(self) -> float:
+        """s of A x = s b, likewise."""
+        return float(self._result[PROGRAM.end(self._size, "scale") - 1])
 
     def step(self, ranks: tuple[int, ...], names: tuple[str, ...]) -> PlainStep:
         """The step of the program solved last.
@@ -242,48 +251,49 @@ class CompiledProgram:
             ranks: Equality rows of each constraint.
             names: Of the joints, by degree of freedom.
         """
-        rows = sum(ranks) if self._dependent is None else self._rows_kept()
         sources: list[Named] = [
             _rows_of(limit, self._which[first:end].copy(), names)
             for limit, first, end in self._sources
         ]
-        layout = Layout(
-            ranks if self._dependent is None else (rows,), rows, names, self._kinds, dense=True
-        )
-        step = PlainStep.made(self.velocity, self._result, layout, sources)
+        if self._dependent is not None:
+            ranks_laid_down: tuple[int, ...] = (self._size.m,)
+        else:
+            ranks_laid_down = ranks
+        layout = Layout(ranks_laid_down, self._size.m, names, self._kinds)
+        step = PlainStep.made(self.velocity, self._result, self._size, layout, sources)
+        if self.scale < 1.0:
+            step.slowed(self.scale)
         if self._dependent is not None:
             A, b = self._dependent
-            apart = np.split(A @ self.velocity - b, np.cumsum(ranks)[:-1])
+            apart = np.split(A @ self.velocity - self.scale * b, np.cumsum(ranks)[:-1])
             sigma = np.linalg.svd(A, compute_uv=False)
             smallest = 0.0 if len(A) > self.n else float(sigma[-1])
             step.__dict__.update(residuals=tuple(apart), sigma_min=smallest)
         return step
-
-    def _rows_kept(self) -> int:
-        """Equality rows of the program solved last."""
-        n, k = self.n, self._k
-        return (len(self._result) - 7 * n - n * n) // (n + 3) - k
 
 
 class _Arrays:
     """What the kernel works in: m equality rows, room for so many inequality rows."""
 
     def __init__(self, n: int, m: int, room: int) -> None:
-        size = Sizes(n, m, 0, 1, 0, False, True, room, room)
-        program, work, ints = entries(size)
-        self._n, self._m = n, m
-        self.floats = np.zeros(program + work)
-        self.integers = np.zeros(HEADER + ints, dtype=np.int64)
-        self.integers[: len(size)] = size
+        self._most = Sizes(n, m, 0, 1, 0, n, 0, 0, room)
+        floats, integers = PROGRAM.lengths(self._most)
+        self.floats = np.zeros(floats)
+        self.integers = np.zeros(HEADER + integers, dtype=np.int64)
         self.level_ends = np.array([m])
         self.R = np.zeros((n, n))
         self.work = np.zeros((4 + -(-room // (n + 1)), n + 1))
         self.held = np.zeros(m + room + 3 * n, dtype=np.int64)
+        self._by_rows: dict[int, tuple[Sizes, Array]] = {}
 
-    def length(self, k: int) -> int:
-        """Entries of a program with k inequality rows."""
-        n = self._n
-        return 7 * n + n * n + (self._m + k) * (n + 3)
+    def begin(self, k: int) -> tuple[Sizes, Array]:
+        """Sizes of a program with k inequality rows, and where it is left behind."""
+        found = self._by_rows.get(k)
+        if found is None:
+            size = self._most._replace(k=k)
+            found = self._by_rows[k] = size, self.floats[: PROGRAM.end(size, "gain_lam")]
+        self.integers[:HEADER] = found[0]
+        return found
 
 
 class _BallRows:

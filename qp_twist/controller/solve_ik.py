@@ -240,7 +240,7 @@ def _solved(
                 program.add_box(box)
     for rows in request.rows:
         program.add_equality(rows.A, rows.b)
-    if not options and program.solve(dt, threshold):
+    if not options and program.solve(dt, threshold, on_infeasible == "scale"):
         return request, program
     return request, _by_reference(
         request, program.cost(dt), configuration, solver, on_infeasible, threshold, options
