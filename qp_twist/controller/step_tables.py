@@ -89,9 +89,10 @@ def write_box_of_mink(row: Array, limit: Any) -> None:
 
 def state_of_mink(limit: Any) -> tuple[object, ...]:
     """What may be written into such a limit between two steps, in a form that can be compared."""
+    about = limit.indices.tobytes(), limit.projection_matrix is None
     if isinstance(limit, mink.VelocityLimit):
-        return limit.limit.tobytes(), limit.indices.tobytes()
-    return limit.lower.tobytes(), limit.upper.tobytes(), limit.gain
+        return (limit.limit.tobytes(), *about)
+    return (limit.lower.tobytes(), limit.upper.tobytes(), limit.gain, *about)
 
 
 def numbers_of_kinds(limits: Sequence[mink.Limit]) -> dict[str, float]:
