@@ -334,10 +334,11 @@ def test_what_is_proved_between_waypoints_holds_at_every_sample(seed: int) -> No
     for k in range(2):
         for share in shares:
             sampled[k] = np.maximum(sampled[k], excess(k, share))
-        # Nor does it cry wolf: where more than the tolerance is said to be left, it is.
-        worst = int(np.argmax(proved[k]))
-        if allowed < proved[k, worst] < np.inf:
-            assert excess(k, most_at[k])[worst] >= proved[k, worst] - 0.25 * allowed - 1e-12
+    # Nor does it cry wolf: where more than the tolerance is said to be left, it is.
+    there = np.array([excess(k, most_at[k]).max() for k in range(2)])
+    left = proved.max(axis=1) > allowed
+    assert (there[left] > allowed * (1.0 - 1e-5)).all()
+    assert not left.any() or proved.max() <= 1.021 * there.max()
     assert (sampled <= proved + 1e-12).all()
 
 

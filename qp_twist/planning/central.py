@@ -8,12 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import KDTree
 
-from qp_twist.checks import Array, Indices
+from qp_twist.checks import Array, Indices, Mask
 from qp_twist.kinematics import JointRanges, OrthoParallelArm
 from qp_twist.path import PathTask
 from qp_twist.planning.bound import settled_nearby
 from qp_twist.planning.drawn import random_configurations
-from qp_twist.planning.hard_bands import Mask
 from qp_twist.planning.layer import centred
 from qp_twist.planning.path_rows import PathRows
 from qp_twist.planning.roll_grid import RollGrid

@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 from scipy.spatial.transform import Rotation
 
-from qp_twist.checks import Array, Indices
+from qp_twist.checks import Array, Indices, Mask
 from qp_twist.errors import InvalidInput
-from qp_twist.kinematics import FramePair, SerialChain, ToleranceBand, check_bands
+from qp_twist.kinematics import FramePair, SerialChain, Stretch, ToleranceBand, check_bands
 from qp_twist.path import PathTask
+from qp_twist.referee import PROVEN, bands_left
 
-Mask = npt.NDArray[np.bool_]
+Poses = tuple[Array, Array]
 
 WITHIN = 1e-9
 """Excess over a band at a waypoint that is rounding, rad or m."""
@@ -21,8 +21,6 @@ NARROWEST = 1e-6
 """Width below which a range is no range, rad or m: Newton's method holds waypoints to 1e-9."""
 SHARES = (0.25, 0.5, 0.75)
 """Of the way to the next waypoint: there searches look at bands, and programs at first."""
-_FINEST = 20
-"""Times that a stretch between two waypoints is halved until it counts as not proved."""
 
 
 class HardBands:
@@ -45,7 +43,7 @@ class HardBands:
             InvalidInput: If a band contradicts a projector of the path, or has no width.
         """
         hard = [(k, band) for k, band in enumerate(path_task.bands) if band.weight is None]
-        self.chain = chain
+        self.chain, self._path_task = chain, path_task
         self.bands: tuple[ToleranceBand, ...] = tuple(band for _, band in hard)
         self.names = tuple(
             f"bands[{k}], {band!r}" + ("" if len(band.ranges) == 1 else f", along {'xyz'[axis]}")
@@ -142,11 +140,19 @@ class HardBands:
         depth = np.minimum(inset, 0.5 * self.halves)
         return rows, np.where(outside, depth - np.where(outside, margins, 0.0), 0.0)
 
-    def change(self, rotations: Array, positions: Array, at: Indices, turn: float) -> Array:
-        """Most that each margin changes while the frame turns by ``turn``, rad, (K, k)."""
-        pair = self._pair(rotations, positions, at)
-        angle = np.full(len(rotations), turn)
-        return np.concatenate([b.growth(pair, 0.0 * angle, angle) for b in self.bands], axis=1)
+    def may_hold(self, ends: tuple[Poses, Poses], at: Indices, turn: float) -> Mask:
+        """Whether a frame that turns in place may be inside all bands somewhere on its way, (K,).
+
+        Args:
+            ends: Rotations (K, 3, 3) and origins (K, 3) of the frame before and after.
+            at: Numbers of the waypoints, (K,).
+            turn: Angle by which it turns, evenly, rad.
+        """
+        none = np.zeros(len(at))
+        stretch = Stretch(none + turn, none, none, none, none, none)
+        before, after = (self._pair(*poses, at) for poses in ends)
+        held = [band.may_hold(before, after, stretch) for band in self.bands]
+        return np.asarray((np.concatenate(held, axis=1) | self._fixed[at]).all(axis=1))
 
     def margins_between(self, begin: Array, end: Array, at: Indices, share: Array) -> Array:
         """Margins (K, k) at shares (K,) of the way from waypoints to the next, rad or m.
@@ -162,68 +168,23 @@ class HardBands:
         return np.where(self._fixed[at] & self._fixed[at + 1], np.inf, margins)
 
     def between(self, q: Array) -> tuple[Array, Array]:
-        r"""How far a joint path (N, nv) leaves the bands between its waypoints, at most, rad or m.
+        """How far a joint path (N, nv) leaves the bands between its waypoints, at most, rad or m.
 
-        From a waypoint to the next the joints go straight, and the target goes with them: its
-        position straight, its orientation by the shortest rotation, all in the same proportion. A
-        stretch of that way on which frame and target together turn by at most w and move by at most
-        v changes a margin by at most :meth:`~qp_twist.ToleranceBand.growth`; so a margin m in its
-        middle proves m − growth(v/2, w/2) for all of it. Stretches are halved until that is inside
-        the tolerance, or says by how much it is not to a quarter of the tolerance.
+        The joints go straight, and the target goes with them: its position straight, its
+        orientation by the shortest rotation, all in the same proportion. Proved by the referee
+        (:func:`~qp_twist.referee.bands_left`).
 
         Returns:
             For each way and margin an upper bound of the excess, (N − 1, k): at most
-            :data:`BETWEEN` where the tolerance is proved, ∞ where nothing is. And the share of each
-            way at which the largest is, (N − 1,).
+            :data:`BETWEEN` where the tolerance is proved. And the share of each way at which the
+            largest was found, (N − 1,).
         """
-        count = len(q) - 1
-        worst, where = np.full((count, len(self.names)), -np.inf), np.zeros(count)
         if not self.bands:
-            return worst, where
-        tolerance = np.array([BETWEEN[unit] for unit in self.units])
+            return np.zeros((len(q) - 1, 0)), np.zeros(len(q) - 1)
+        within = tuple(BETWEEN[unit] / (1.0 + PROVEN) for unit in ("m", "rad"))
         held = self._fixed[:-1] & self._fixed[1:]
-        dq = np.diff(q, axis=0)
-        angle, shift = self._motion(q)
-        angle = angle + np.linalg.norm(self._turns, axis=1)
-        shift = shift + np.linalg.norm(np.diff(self._positions, axis=0), axis=1)
-        k, begin, length = np.arange(count), np.zeros(count), 1.0
-        for depth in range(_FINEST + 1):
-            share = begin + 0.5 * length
-            rotations, positions = self.chain.poses(q[k] + share[:, None] * dq[k])
-            pair = self._on_the_way(rotations, positions, k, share)
-            half = 0.5 * length
-            growth = np.concatenate(
-                [band.growth(pair, half * shift[k], half * angle[k]) for band in self.bands], axis=1
-            )
-            beyond = np.where(held[k], -np.inf, growth - self._margins(pair))
-            settled = (beyond <= tolerance) | (growth <= 0.25 * tolerance)
-            done = settled.all(axis=1) | (depth == _FINEST)
-            beyond[~settled] = np.inf
-            for most, way, there in zip(beyond[done], k[done], share[done], strict=True):
-                if most.max() > worst[way].max():
-                    where[way] = there
-                np.maximum(worst[way], most, out=worst[way])
-            length *= 0.5
-            k, begin = np.tile(k[~done], 2), np.concatenate([begin[~done], begin[~done] + length])
-            if not len(k):
-                break
-        return worst, where
-
-    def _motion(self, q: Array) -> tuple[Array, Array]:
-        """Most that the frame turns, rad, and moves, m, to each next waypoint, (N − 1,)."""
-        angle, shift = np.zeros(len(q) - 1), np.zeros(len(q) - 1)
-        # From the frame inwards: its distance from a joint's anchor is at most the links between.
-        lever, at = 0.0, self.chain.position
-        for screw, address in zip(self.chain.screws[::-1], self.chain.qpos[::-1], strict=True):
-            travel = np.abs(np.diff(q[:, address]))
-            lever, at = lever + float(np.linalg.norm(screw.anchor - at)), screw.anchor
-            if screw.slides:
-                shift += travel
-                lever += float(np.abs(q[:, address] - screw.reference).max())
-            else:
-                angle += travel
-                shift += lever * travel
-        return angle, shift
+        left = bands_left(self._path_task, q, (within[0], within[1]), held)
+        return left.bound, left.share
 
     def _on_the_way(
         self, rotations: Array, positions: Array, at: Indices, share: Array
@@ -239,7 +200,6 @@ class HardBands:
             positions,
             turned @ self._rotations[at],
             (1.0 - share) * self._positions[at] + share * self._positions[at + 1],
-            np.zeros((len(at), 6)),
         )
 
     def _margins(self, pair: FramePair) -> Array:
@@ -247,6 +207,4 @@ class HardBands:
 
     def _pair(self, rotations: Array, positions: Array, at: Indices) -> FramePair:
         """Frames and the waypoints that they belong to, at rest."""
-        return FramePair(
-            rotations, positions, self._rotations[at], self._positions[at], np.zeros((len(at), 6))
-        )
+        return FramePair(rotations, positions, self._rotations[at], self._positions[at])

@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from qp_twist.checks import Array, Indices
+from qp_twist.checks import Array, Indices, Mask
 from qp_twist.geometry import distinct_projectors, many_twist_errors
 from qp_twist.kinematics import SerialChain
 from qp_twist.path import PathTask
-from qp_twist.planning.hard_bands import HardBands, Mask
+from qp_twist.planning.hard_bands import HardBands
 
 if TYPE_CHECKING:
     from qp_twist.planning.compiled_path import CompiledPath, Newton

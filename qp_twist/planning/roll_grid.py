@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from qp_twist.checks import Array, Indices
+from qp_twist.checks import Array, Indices, Mask
 from qp_twist.geometry import ProjectorKind
 from qp_twist.kinematics import JointRanges, OrthoParallelArm
 from qp_twist.kinematics.serial_chain import turns
 from qp_twist.path import PathTask
-from qp_twist.planning.hard_bands import WITHIN, HardBands, Mask
+from qp_twist.planning.hard_bands import WITHIN, HardBands
 from qp_twist.planning.layer import TURN, Layer, empty_layer, inside_limits
 
 FINEST = 16
@@ -149,12 +149,8 @@ class RollGrid:
         outside = ~inside.any(axis=0)
         if not outside.any():
             return open_
-        reached = np.ones((2, int(outside.sum())), dtype=bool)
-        for end in (0, 1):
-            poses = self._poses(index, ends[end, outside])
-            risen = self.bands.margins_of(*poses) + self.bands.change(*poses, 0.5 * width)
-            reached[end] = (risen >= 0.0).all(axis=1)
-        open_[outside] = reached.any(axis=0)
+        before, after = (self._poses(index, rolls) for rolls in ends[:, outside])
+        open_[outside] = self.bands.may_hold((before[:2], after[:2]), before[2], width)
         return open_
 
     def _poses(self, index: int, rolls: Array) -> tuple[Array, Array, Indices]:

@@ -8,11 +8,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from qp_twist.checks import Array, Indices
+from qp_twist.checks import Array, Indices, Mask
 from qp_twist.path import PathTask
 from qp_twist.planning.bound import pointwise_bound
 from qp_twist.planning.certificate import Certificate
-from qp_twist.planning.hard_bands import SHARES, Mask
+from qp_twist.planning.hard_bands import SHARES
 from qp_twist.planning.layer import TURN, Layer
 from qp_twist.planning.manifold_net import COVERED
 from qp_twist.planning.objective import Objective
