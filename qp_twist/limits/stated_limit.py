@@ -10,6 +10,7 @@ import mink
 import numpy as np
 
 from qp_twist.checks import Array, finite_array, float_array, within
+from qp_twist.constraints import Constraint
 from qp_twist.errors import InvalidInput
 from qp_twist.limits.band_limit import BandLimit
 from qp_twist.limits.box_limit import Box
@@ -85,7 +86,7 @@ class StatedLimit:
 def kind_of(limit: mink.Limit) -> str:
     """How messages call a limit that is none of ours."""
     name = type(limit).__name__
-    return _MINK_KINDS.get(name, name)
+    return limit.kind if isinstance(limit, Constraint) else _MINK_KINDS.get(name, name)
 
 
 def _stated(name: str, constraint: mink.Constraint, nv: int, dt: float) -> tuple[Array, Array]:
@@ -128,6 +129,8 @@ def _row_name(limit: mink.Limit, row: int) -> RowName:
         return " – ".join(geoms), "collision"
     if isinstance(limit, BandLimit):
         return f"{limit.task.name} band row {row}", "band"
+    if isinstance(limit, Constraint) and row < len(limit.names):
+        return limit.names[row], limit.kind
     name = type(limit).__name__
     return f"{name} row {row}", name
 

@@ -158,7 +158,7 @@ class _Descent:
         q = np.vstack([middle, q[arrived][turned]])
         inside = self._inside(q)
         kept, q = [q[inside]], q[~inside]
-        if self.rows.bands:
+        if self.rows.hard:
             q, arrived = self.rows.correct_inside(q, self._at(q), iterations=8)
             inside = self._inside(q)
             kept.append(q[arrived & inside])
@@ -194,8 +194,8 @@ class _Descent:
 
     def _inside(self, q: Array) -> Mask:
         within: Mask = self.ranges.inside(q)
-        if self.rows.bands:
-            within &= self.rows.bands.inside(q, self._at(q))
+        if self.rows.hard:
+            within &= self.rows.hard.inside(q, self._at(q))
         return within
 
     def _along_limits(self, q: Array) -> Array:
@@ -240,8 +240,8 @@ class _Descent:
         weighted = weight[:, None] * basis
         G = np.vstack([basis, -basis])
         g = np.concatenate([self.ranges.upper - q, q - self.ranges.lower]) - _HAIR
-        if self.rows.bands:
-            rows, rooms, _ = self.rows.bands.rows(q[None], np.array([self.index]))
+        if self.rows.hard:
+            rows, rooms, _ = self.rows.hard.rows(q[None], np.array([self.index]))
             G, g = np.vstack([G, rows[0] @ basis]), np.append(g, rooms[0] - _HAIR)
         bounded = np.isfinite(g)
         problem = QuadraticProgram(

@@ -9,7 +9,7 @@ import numpy as np
 
 from qp_twist.checks import Array, Indices
 from qp_twist.kinematics import JointRanges
-from qp_twist.planning.hard_bands import BETWEEN, SHARES, WITHIN, HardBands
+from qp_twist.planning.hard_constraints import BETWEEN, SHARES, WITHIN, HardConstraints
 
 Kind = Literal["position", "velocity", "acceleration", "band"]
 
@@ -19,7 +19,7 @@ class Margins(NamedTuple):
 
     kind: Kind
     names: tuple[str, ...]
-    """Of the joints or bands, (k)."""
+    """Of the joints, bands or constraints, (k)."""
     units: tuple[str, ...]
     """Of the margins, ``"rad"`` or ``"m"``, (k)."""
     values: Array
@@ -33,7 +33,7 @@ class Violation(NamedTuple):
 
     kind: Kind
     name: str
-    """Of the joint or band."""
+    """Of the joint, band or constraint."""
     waypoint: int
     """From 0; of a step, and between two waypoints, the second."""
     excess: float
@@ -58,10 +58,10 @@ class PathConstraints:
             m/s, (N − 2, nv); infinite without acceleration limits.
         durations: Time to each waypoint from the one before, s, (N − 1,).
         fixed_start: Whether the first configuration is given.
-        bands: The hard tolerance bands, if there are any.
-        points: Where on the ways between waypoints the bands are looked at, beside
-            :data:`~qp_twist.planning.hard_bands.SHARES` of each of them: numbers of the waypoints
-            before, and shares, (K,) each.
+        hard: The hard bands and the constraints of the task, if there are any.
+        points: Where on the ways between waypoints those are looked at, beside
+            :data:`~qp_twist.planning.hard_constraints.SHARES` of each of them: numbers of the
+            waypoints before, and shares, (K,) each.
     """
 
     ranges: JointRanges
@@ -69,22 +69,21 @@ class PathConstraints:
     speed_changes: Array
     durations: Array
     fixed_start: bool
-    bands: HardBands | None = None
+    hard: HardConstraints | None = None
     points: tuple[Indices, Array] = (np.zeros(0, dtype=np.intp), np.zeros(0))
 
     def margins(self, q: Array) -> list[Margins]:
         """The margins of a joint path q (N, nv) at its waypoints, by kind.
 
         Those of a step stand at its second waypoint. Those of accelerations are of the displacement
-        in the shortest step that would make up for them. Bands are looked at between
-        waypoints, too, at :meth:`points_between`, where :data:`BETWEEN` is allowed.
+        in the shortest step that would make up for them. Bands and constraints are looked at
+        between waypoints, too, at :meth:`points_between`, where :data:`BETWEEN` is allowed.
         """
         names = self.ranges.names
         units = self.ranges.units
         found = [
-            Margins("position", names, units,
-                    np.minimum(q - self.ranges.lower, self.ranges.upper - q)),
-        ]  # fmt: skip
+            Margins("position", names, units, self.ranges.room(q)),
+        ]
         dq = np.diff(q, axis=0)
         steps = np.full(q.shape, np.inf)
         steps[1:] = self.steps - np.abs(dq)
@@ -94,26 +93,26 @@ class PathConstraints:
             change = np.abs(np.diff(dq / self.durations[:, None], axis=0))
             changes[1:-1] = (self.speed_changes - change) * self.durations.min()
             found.append(Margins("acceleration", names, units, changes))
-        if self.bands:
-            margins = self.bands.margins(q, np.arange(len(q)))
-            found.append(Margins("band", self.bands.names, self.bands.units, margins))
+        if self.hard:
+            margins = self.hard.margins(q, np.arange(len(q)))
+            found.append(Margins("band", self.hard.names, self.hard.units, margins))
             at, share = self.points_between()
             between = np.full(margins.shape, np.inf)
-            there = self.bands.margins_between(q[at], q[at + 1], at, share)
+            there = self.hard.margins_between(q[at], q[at + 1], at, share)
             np.minimum.at(between, at + 1, there + self.allowed_between)
-            found.append(Margins("band", self.bands.names, self.bands.units, between, True))
+            found.append(Margins("band", self.hard.names, self.hard.units, between, True))
         return found
 
     def points_between(self) -> tuple[Indices, Array]:
-        """Where bands are looked at between waypoints: numbers of the ones before, shares, (K,)."""
+        """Where that is looked at between waypoints: numbers of the ones before, shares, (K,)."""
         count, (at, share) = len(self.steps), self.points
         every = np.repeat(np.arange(count), len(SHARES))
         return np.concatenate([every, at]), np.concatenate([np.tile(SHARES, count), share])
 
     @property
     def allowed_between(self) -> Array:
-        """:data:`BETWEEN` in the unit of each band's margins, (k,)."""
-        return np.array([BETWEEN[unit] for unit in (self.bands.units if self.bands else ())])
+        """:data:`BETWEEN` in the unit of each margin, (k,)."""
+        return np.array([BETWEEN[unit] for unit in (self.hard.units if self.hard else ())])
 
     def excess(self, q: Array) -> float:
         """By how much a path (N, nv) breaks a constraint, rad or m; at most 0 if none."""
@@ -125,7 +124,7 @@ class PathConstraints:
         return np.flatnonzero(np.min(least, axis=0) < -WITHIN)
 
     def beyond_between(self, q: Array) -> tuple[Array, Array]:
-        """How far a path is outside its bands between waypoints, beyond what is allowed, at most.
+        """How far a path is outside between waypoints, beyond what is allowed there, at most.
 
         Joint ranges, speeds and changes of speed hold between waypoints where they hold at them,
         since joints go straight.
@@ -134,9 +133,9 @@ class PathConstraints:
             Of each way and band, rad or m, (N − 1, k), at most 0 where that is proved; and at which
             share of each way the largest is, (N − 1,).
         """
-        if not self.bands:
+        if not self.hard:
             return np.full((len(q) - 1, 0), -np.inf), np.zeros(len(q) - 1)
-        excess, share = self.bands.between(q)
+        excess, share = self.hard.between(q)
         return excess - self.allowed_between, share
 
     def worst(self, q: Array) -> Violation:
@@ -145,10 +144,10 @@ class PathConstraints:
         for kept in self.margins(q):
             found.append(_furthest(kept.kind, kept.names, kept.units, -kept.values, kept.between))
         worst = max(found, key=lambda violation: violation.excess)
-        if worst.excess > WITHIN or not self.bands:
+        if worst.excess > WITHIN or not self.hard:
             return worst
-        beyond = np.vstack([np.full(len(self.bands.names), -np.inf), self.beyond_between(q)[0]])
-        return _furthest("band", self.bands.names, self.bands.units, beyond, between=True)
+        beyond = np.vstack([np.full(len(self.hard.names), -np.inf), self.beyond_between(q)[0]])
+        return _furthest("band", self.hard.names, self.hard.units, beyond, between=True)
 
 
 def _furthest(

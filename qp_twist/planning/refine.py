@@ -11,7 +11,7 @@ from scipy import sparse
 
 from qp_twist.checks import Array
 from qp_twist.kinematics import JointRanges
-from qp_twist.planning.hard_bands import WITHIN
+from qp_twist.planning.hard_constraints import WITHIN
 from qp_twist.planning.objective import Objective
 from qp_twist.planning.path_constraints import PathConstraints
 from qp_twist.planning.path_rows import PathRows
@@ -35,7 +35,7 @@ class Refined:
         q: The path, (N, nv).
         value: Of the objective.
         excess: By how much it breaks a constraint, rad or m; at most
-            :data:`~qp_twist.planning.hard_bands.WITHIN` if none.
+            :data:`~qp_twist.planning.hard_constraints.WITHIN` if none.
     """
 
     q: Array
@@ -69,9 +69,10 @@ def refine(
         \lVert\mathbf u\rVert_\infty \le \rho,\; \sigma \ge 0,
 
     sparse, for all waypoints together. A path that breaks constraints is brought inside them where
-    the penalty μ can. The radius ρ shrinks where the linear model was wrong. Hard bands have the
-    rows of :meth:`~qp_twist.planning.hard_bands.HardBands.rows`: of a cone the sides of a polygon
-    around it, so that it is held in all directions.
+    the penalty μ can. The radius ρ shrinks where the linear model was wrong. Hard bands and
+    constraints have the rows of
+    :meth:`~qp_twist.planning.hard_constraints.HardConstraints.rows`: of a cone the sides of a
+    polygon around it, so that it is held in all directions.
     """
     here, radius = _judged(q, limits, objective), _FIRST
     for iteration in range(iterations):
@@ -170,7 +171,7 @@ def _solved(
                 limits.durations.min() * (limits.speed_changes.ravel()
                                           - sign * (rate[nv:] - rate[:-nv])) - HAIR,
             )  # fmt: skip
-    if limits.bands:
+    if limits.hard:
         for rows, rooms in _band_rows(q, move, limits):
             program.soft_rows(rows, rooms)
     x = program.solution(objective.penalty)
@@ -180,11 +181,11 @@ def _solved(
 def _band_rows(
     q: Array, move: sparse.csr_matrix, limits: PathConstraints
 ) -> Iterator[tuple[sparse.csr_matrix, Array]]:
-    """The rows of the hard bands on u, at and between waypoints, and their right-hand sides.
+    """The rows of what is hard on u, at and between waypoints, and their right-hand sides.
 
     Half of what is allowed between waypoints is left for the points between those looked at.
     """
-    bands, nv = limits.bands, q.shape[1]
+    bands, nv = limits.hard, q.shape[1]
     assert bands is not None
     at, share = limits.points_between()
     joints = (nv * at[:, None] + np.arange(nv)).ravel()

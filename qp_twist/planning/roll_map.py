@@ -64,7 +64,7 @@ class RollMap:
         count = len(path_task.waypoints)
         waypoints = np.unique(np.linspace(0, count - 1, min(columns, count)).round().astype(int))
         q = np.array([centred(grid.branches(index), ranges) for index in waypoints])
-        room = np.minimum(q - ranges.lower, ranges.upper - q).min(axis=3)
+        room = ranges.room(q).min(axis=3)
         steps = motion_limits(path_task, ranges, None, fixed_start=False).steps
         stuck = np.zeros(room.shape, dtype=bool)
         for k, (a, b) in enumerate(itertools.pairwise(waypoints)):

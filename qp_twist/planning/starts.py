@@ -80,7 +80,7 @@ def _lowered(q: Array, there: Array, at: Indices, rows: PathRows, ranges: JointR
     """``there`` where that is inside limits and bands, else as far from q (K, nv) to it as is."""
 
     def inside(q: Array, at: Indices) -> Mask:
-        within: Mask = ranges.inside(q) & rows.bands.inside(q, at)
+        within: Mask = ranges.inside(q) & rows.hard.inside(q, at)
         return within
 
     within = inside(there, at)

@@ -15,7 +15,7 @@ from .joint_motion import State as State
 from .path_errors import PROVEN as PROVEN
 from .path_errors import Outside as Outside
 from .path_errors import PathErrors as PathErrors
-from .path_errors import bands_left as bands_left
+from .path_errors import constraints_left as constraints_left
 from .path_errors import path_errors as path_errors
 from .path_errors import poses_of as poses_of
 from .path_errors import straight_errors as straight_errors

@@ -1,19 +1,39 @@
-"""What a frame has to keep at and between the waypoints: its size at poses, and a bound between.
+"""What a motion has to keep at and between the waypoints: its size at poses, and a bound between.
 
-Each measure states its values for many poses at once, 0 or more, and how large they can become
-while frame and target move from one pose to the next. So "kept between two waypoints" can be
+Each measure states its values at many instants at once, 0 or more, and how large they can become
+while joints, frame and target move from one to the next. So "kept between two waypoints" can be
 proven.
 """
 
 from __future__ import annotations
 
 import abc
+from typing import NamedTuple
 
 import numpy as np
 
 from qp_twist.checks import Array
+from qp_twist.constraints import Constraint
 from qp_twist.geometry import ProjectorKind, TwistProjector, many_twist_errors
 from qp_twist.kinematics import FramePair, Stretch, ToleranceBand, TurnAbout, angle_of_chord
+
+
+class Poses(NamedTuple):
+    """A motion at K instants."""
+
+    q: Array
+    """The joints, rad or m, (K, nv)."""
+    pair: FramePair
+    """The frame and its target."""
+
+
+class Passage(NamedTuple):
+    """What happens from one instant to the next, K times."""
+
+    stretch: Stretch
+    """What frame and target do at most."""
+    travel: Array
+    """How far each joint moves at most, forth and back counted, rad or m, (K, nv)."""
 
 
 class Measure(abc.ABC):
@@ -28,11 +48,11 @@ class Measure(abc.ABC):
     width = 1
 
     @abc.abstractmethod
-    def at(self, poses: FramePair) -> Array:
+    def at(self, poses: Poses) -> Array:
         """Their values at each pose, at least 0, (K, width)."""
 
     @abc.abstractmethod
-    def most(self, before: FramePair, after: FramePair, stretch: Stretch) -> Array:
+    def most(self, before: Poses, after: Poses, passage: Passage) -> Array:
         """What they cannot exceed on the way from each pose to the next, (K, width)."""
 
 
@@ -48,20 +68,22 @@ class PositionError(Measure):
         whole = kind in (ProjectorKind.FULL, ProjectorKind.NONE)
         self._frame = "world" if whole else projector.frame
 
-    def at(self, poses: FramePair) -> Array:
+    def at(self, poses: Poses) -> Array:
         """‖M_v (p_d − p)‖, m, (K, 1)."""
-        apart = (poses.target_position - poses.position)[:, None]
-        seen = apart @ poses.axes(self._frame) @ self.projector.linear.basis
+        pair = poses.pair
+        apart = (pair.target_position - pair.position)[:, None]
+        seen = apart @ pair.axes(self._frame) @ self.projector.linear.basis
         norm: Array = np.linalg.norm(seen, axis=2)
         return norm
 
-    def most(self, before: FramePair, after: FramePair, stretch: Stretch) -> Array:
+    def most(self, before: Poses, after: Poses, passage: Passage) -> Array:
         """The larger end and what the curve of the error is away from its chord."""
         if self.projector.linear.kind is ProjectorKind.NONE:
-            return np.zeros((len(stretch.turn), 1))
-        away = stretch.off_chord(before, after, self._frame)
+            return np.zeros((len(before.q), 1))
+        ends, stretch = (before.pair, after.pair), passage.stretch
+        away = stretch.off_chord(*ends, self._frame)
         if self._frame == "target":
-            away = away + stretch.slipped(before, after, self._frame)
+            away = away + stretch.slipped(*ends, self._frame)
         return np.maximum(self.at(before), self.at(after)) + away[:, None]
 
 
@@ -81,23 +103,23 @@ class AxisError(Measure):
             assert projector.angular.axis is not None
             self._turn = TurnAbout(projector.angular.axis, projector.frame)
 
-    def at(self, poses: FramePair) -> Array:
+    def at(self, poses: Poses) -> Array:
         """The length, rad, (K, 1)."""
         if not self.projector.angular.rank:
-            return np.zeros((len(poses.position), 1))
-        error = many_twist_errors(*poses[:4], self.projector)[1]
+            return np.zeros((len(poses.q), 1))
+        error = many_twist_errors(*poses.pair[:4], self.projector)[1]
         norm: Array = np.linalg.norm(error[:, 3:], axis=1, keepdims=True)
         return norm
 
-    def most(self, before: FramePair, after: FramePair, stretch: Stretch) -> Array:
+    def most(self, before: Poses, after: Poses, passage: Passage) -> Array:
         """The larger end and what the error is away from its chord."""
         if not self.projector.angular.rank:
-            return np.zeros((len(stretch.turn), 1))
+            return np.zeros((len(before.q), 1))
         if self._turn is not None:
-            begin, end, away = self._turn.between(before, after, stretch)
+            begin, end, away = self._turn.between(before.pair, after.pair, passage.stretch)
             return np.minimum(np.maximum(np.abs(begin), np.abs(end)) + away, np.pi)[:, None]
         ends = np.maximum(self.at(before), self.at(after))
-        off = stretch.off_chord_of_angle(target=True)
+        off = passage.stretch.off_chord_of_angle(target=True)
         return angle_of_chord(2.0 * np.sin(0.5 * ends) + off[:, None])
 
 
@@ -107,10 +129,27 @@ class BandExcess(Measure):
     def __init__(self, band: ToleranceBand) -> None:
         self.band, self.unit, self.width = band, band.unit, len(band.ranges)
 
-    def at(self, poses: FramePair) -> Array:
+    def at(self, poses: Poses) -> Array:
         """What its margins are below 0."""
-        return np.maximum(-self.band.margins(poses), 0.0)
+        return np.maximum(-self.band.margins(poses.pair), 0.0)
 
-    def most(self, before: FramePair, after: FramePair, stretch: Stretch) -> Array:
+    def most(self, before: Poses, after: Poses, passage: Passage) -> Array:
         """What its least margins are below 0."""
-        return np.maximum(-self.band.least(before, after, stretch), 0.0)
+        least = self.band.least(before.pair, after.pair, passage.stretch)
+        return np.maximum(-least, 0.0)
+
+
+class ConstraintExcess(Measure):
+    """How far configurations are outside a constraint, rad or m."""
+
+    def __init__(self, constraint: Constraint) -> None:
+        self.constraint = constraint
+        self.unit, self.width = constraint.units[0], len(constraint.names)
+
+    def at(self, poses: Poses) -> Array:
+        """What its margins are below 0."""
+        return np.maximum(-self.constraint.margins(poses.q), 0.0)
+
+    def most(self, before: Poses, after: Poses, passage: Passage) -> Array:
+        """What its least margins are below 0."""
+        return np.maximum(-self.constraint.least(before.q, after.q, passage.travel), 0.0)

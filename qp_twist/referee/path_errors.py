@@ -18,7 +18,15 @@ from qp_twist.kinematics.frame import frame_id
 from qp_twist.path import PathTask
 from qp_twist.referee.displacement import LeverArms
 from qp_twist.referee.joint_motion import JointMotion
-from qp_twist.referee.measures import AxisError, BandExcess, Measure, PositionError
+from qp_twist.referee.measures import (
+    AxisError,
+    BandExcess,
+    ConstraintExcess,
+    Measure,
+    Passage,
+    Poses,
+    PositionError,
+)
 from qp_twist.referee.way import Way
 
 SAMPLES = 8
@@ -41,7 +49,7 @@ _CHUNK = 40_000
 
 @dataclass(frozen=True, eq=False)
 class PathErrors:
-    """Task errors of a motion, in the rows of the task only, and the excess of its hard bands.
+    """Task errors of a motion, in the rows of the task only, and what it leaves that is hard.
 
     What is "between" a waypoint and the next has a largest value that was found at single points,
     and a bound that was proven for all of them.
@@ -49,8 +57,8 @@ class PathErrors:
     Attributes:
         position: At the waypoints, m, (N,).
         axis: At the waypoints, rad, (N,).
-        bands: How far the frame is outside each of the task's hard bands at the waypoints, m or
-            rad, (N, B).
+        bands: How far the motion is outside each of the task's hard bands, and after them each of
+            its constraints, at the waypoints, m or rad, (N, B).
         position_between: Largest found between a waypoint and the next, m, (N − 1,).
         axis_between: Likewise, rad, (N − 1,).
         bands_between: Likewise, m or rad, (N − 1, B).
@@ -60,7 +68,7 @@ class PathErrors:
         rate: Fastest progress found between a waypoint and the next, in shares of that way per
             second, beyond what errors within the tolerances can make of it, (N − 1,); 1/s.
         rate_kept: Whether the rate that was given is proven not to be exceeded, (N − 1,).
-        band_units: ``"m"`` or ``"rad"`` of each band.
+        band_units: ``"m"`` or ``"rad"`` of each band and constraint.
     """
 
     position: Array
@@ -79,7 +87,8 @@ class PathErrors:
     def kept(self, position: float, axis: float) -> Mask:
         """Between which waypoints tolerances, m and rad, are proven to be kept, (N − 1,).
 
-        Bands are held to the tolerance of their unit there: the path itself is known no better.
+        Bands and constraints are held to the tolerance of their unit there: the path itself is
+        known no better.
         """
         kept = (self.position_bound <= (1.0 + PROVEN) * position) & (
             self.axis_bound <= (1.0 + PROVEN) * axis
@@ -133,7 +142,7 @@ def path_errors(
     track = _Track(path_task, motion, when, tolerances)
     R, p = poses_of(path_task, motion.at(when).q)
     position, axis = _at(R, p, track.targets, path_task.in_force[: len(when)])
-    bands = track.by_band(track.kept_at(FramePair(R, p, *track.targets)))
+    bands = track.by_band(track.kept_at(Poses(motion.at(when).q, FramePair(R, p, *track.targets))))
     proof = _Proof(track, work)
     left, right = proof.start(samples)
     rate, kept = proof.rates(left, right, fastest)
@@ -150,7 +159,7 @@ def path_errors(
         track.by_band(bound[:, 2:]),
         rate,
         kept,
-        tuple(measure.unit for measure in track.bands),
+        tuple(measure.unit for measure in track.kept),
     )
 
 
@@ -171,20 +180,20 @@ def straight_errors(path_task: PathTask, q: Array) -> PathErrors:
 
 
 class Outside(NamedTuple):
-    """How far a motion leaves the hard bands of its task from each waypoint to the next."""
+    """How far a motion leaves hard bands and constraints from each waypoint to the next."""
 
     found: Array
-    """Largest that was found of each value of a band, rad or m, (N − 1, k)."""
+    """Largest that was found of each value of a band and each margin, rad or m, (N − 1, k)."""
     bound: Array
     """What it is proven not to exceed, (N − 1, k)."""
     share: Array
     """Where on each way the largest was found, from 0 to 1, (N − 1,)."""
 
 
-def bands_left(
+def constraints_left(
     path_task: PathTask, q: Array, tolerances: tuple[float, float], exempt: Mask | None = None
 ) -> Outside:
-    """How far joints that go straight from waypoint to waypoint leave the hard bands: proven.
+    """How far joints that go straight between waypoints leave hard bands and constraints: proven.
 
     By the subdivision of :func:`path_errors`, but against a target that goes with the joints, at
     the same share of each way, and without the task's own errors.
@@ -216,6 +225,8 @@ class _Points(NamedTuple):
     """How far along the way, before it is cut to [0, 1]."""
     share: Array
     """λ, in [0, 1]."""
+    q: Array
+    """Joints, rad or m, (K, nv)."""
     R: Array
     p: Array
     R_d: Array
@@ -228,8 +239,8 @@ class _Points(NamedTuple):
         return _Points(*(part[which] for part in self))  # type: ignore[arg-type]
 
     @property
-    def poses(self) -> FramePair:
-        return FramePair(self.R, self.p, self.R_d, self.p_d)
+    def poses(self) -> Poses:
+        return Poses(self.q, FramePair(self.R, self.p, self.R_d, self.p_d))
 
 
 def _joined(one: _Points, other: _Points) -> _Points:
@@ -262,78 +273,83 @@ class _Track:
         self.way = Way(R_d, p_d, fewer)
         self.chain = SerialChain.of(path_task.model, path_task.frame_name, path_task.frame_type)
         self.arms = LeverArms.of(self.chain, motion)
-        self.bands = [BandExcess(band) for band in path_task.bands if band.weight is None]
+        #: Of hard bands and constraints.
+        self.kept: list[Measure] = [
+            *(BandExcess(band) for band in path_task.bands if band.weight is None),
+            *map(ConstraintExcess, path_task.constraints),
+        ]
         #: Of each projector its own measures, then those that hold on every way.
         self._measures: list[list[Measure]] = [
-            [*([] if with_joints else [PositionError(t), AxisError(t)]), *self.bands]
+            [*([] if with_joints else [PositionError(t), AxisError(t)]), *self.kept]
             for t in self.way.projectors
         ]
         #: Of each column of values, (M,).
         self.units = (
             *(() if with_joints else ("m", "rad")),
-            *(band.unit for band in self.bands for _ in range(band.width)),
+            *(measure.unit for measure in self.kept for _ in range(measure.width)),
         )
         by_unit = dict(zip(("m", "rad"), tolerances or (np.nan, np.nan), strict=True))
         #: The tolerance of each column; NaN where there is none, (M,).
         self.limits = np.array([by_unit[unit] for unit in self.units])
 
     def by_band(self, values: Array) -> Array:
-        """The largest of the values of each band, (K, B), of all of them, (K, k)."""
-        ends = np.cumsum([band.width for band in self.bands])
-        parts = np.split(values, ends[:-1], axis=1) if self.bands else []
+        """The largest of each band and each constraint, (K, B), of all their values, (K, k)."""
+        ends = np.cumsum([measure.width for measure in self.kept])
+        parts = np.split(values, ends[:-1], axis=1) if self.kept else []
         return np.array([part.max(axis=1) for part in parts]).reshape(len(parts), len(values)).T
 
-    def kept_at(self, poses: FramePair) -> Array:
-        """What the bands' values are outside by at some poses, (K, k)."""
-        return _columns([band.at(poses) for band in self.bands], len(poses.position))
+    def kept_at(self, poses: Poses) -> Array:
+        """What bands and constraints are left by at some poses, (K, k)."""
+        return _columns([measure.at(poses) for measure in self.kept], len(poses.q))
 
     def points(self, way: Indices, row: Indices, time: Array) -> _Points:
         """The motion at times, measured against the way from a waypoint to the next."""
-        R, p = self.chain.poses(self.motion.at(time).q)
+        q = self.motion.at(time).q
+        R, p = self.chain.poses(q)
         begin, end = self.when[way], self.when[way + 1]
         even = (time - begin) / np.where(end > begin, end - begin, 1.0)
         raw, share = (even, even) if self._with_joints else self.way.progress(R, p, way, even)
-        poses = FramePair(R, p, *self.way.at(way, share))
+        pair = FramePair(R, p, *self.way.at(way, share))
         values = np.empty((len(time), len(self.units)))
         for which, measures in self._groups(way):
-            here = FramePair(*(part[which] for part in poses[:4]))
+            here = Poses(q[which], FramePair(*(part[which] for part in pair[:4])))
             values[which] = _columns([measure.at(here) for measure in measures], len(which))
-        return _Points(way, row, time, raw, share, *poses[:4], values)
+        return _Points(way, row, time, raw, share, q, *pair[:4], values)
 
-    def stretches(self, left: _Points, right: _Points) -> tuple[Stretch, Array]:
+    def stretches(self, left: _Points, right: _Points) -> tuple[Passage, Array]:
         """What may happen from points to others, and how far λ may be from its chord, (K,)."""
         took = right.time - left.time
         speeds = self.motion.largest_within(left.row, left.time, right.time)
         turn, turn_change, bend = self.arms.displacement(*speeds, took)
+        travel = speeds[0] * took[:, None]
         target_turn = self.way.turns[left.way] * np.abs(right.share - left.share)
         if self._with_joints:
             none = np.zeros(len(took))
-            return Stretch(turn, turn_change, bend, target_turn, none, none), none
+            stretch = Stretch(turn, turn_change, bend, target_turn, none, none)
+            return Passage(stretch, travel), none
         curve = self.way.curve(left.way, turn**2 + turn_change, bend)
         # λ is cut to [0, 1] pose by pose, the targets go evenly from the one end's to the other's:
         # that differs where the cut begins or ends between the two.
         beyond = [side.raw - side.share for side in (left, right)]
         cut = np.where(np.sign(beyond[0]) == np.sign(beyond[1]), 0.0, np.maximum(*np.abs(beyond)))
         slip = np.where(self.way.straight[left.way], np.minimum(curve + cut, 1.0), 0.0)
-        return (
-            Stretch(
-                turn,
-                turn_change,
-                bend,
-                target_turn,
-                slip * self.way.lengths[left.way],
-                slip * self.way.turns[left.way],
-            ),
-            curve,
+        stretch = Stretch(
+            turn,
+            turn_change,
+            bend,
+            target_turn,
+            slip * self.way.lengths[left.way],
+            slip * self.way.turns[left.way],
         )
+        return Passage(stretch, travel), curve
 
     def most(self, left: _Points, right: _Points) -> Array:
         """Bounds of the measures between points and others, (K, M)."""
-        stretch = self.stretches(left, right)[0]
+        stretch, travel = self.stretches(left, right)[0]
         bounds = np.empty((len(left.time), len(self.units)))
         for which, measures in self._groups(left.way):
             ends = left.take(which).poses, right.take(which).poses
-            here = Stretch(*(part[which] for part in stretch))
+            here = Passage(Stretch(*(part[which] for part in stretch)), travel[which])
             bounds[which] = _columns([m.most(*ends, here) for m in measures], len(which))
         return bounds
 
@@ -463,7 +479,7 @@ class _Proof:
             if not len(left.time):
                 return rate, kept
             # A change of λ that no tolerance has to excuse first: most motions end here.
-            stretch, curve = track.stretches(left, right)
+            (stretch, _), curve = track.stretches(left, right)
             took = np.maximum(right.time - left.time, np.finfo(float).tiny)
             moved_most = (
                 np.linalg.norm(right.p - left.p, axis=1) + stretch.bend / 2.0,
