@@ -2,30 +2,25 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Literal, NamedTuple
+from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
+from scipy import sparse
 
 from qp_twist.checks import Array, Indices
 from qp_twist.kinematics import JointRanges
 from qp_twist.planning.hard_constraints import BETWEEN, SHARES, WITHIN, HardConstraints
-
-Kind = Literal["position", "velocity", "acceleration", "band"]
-
-
-class Margins(NamedTuple):
-    """The margins of a joint path in one kind of constraint."""
-
-    kind: Kind
-    names: tuple[str, ...]
-    """Of the joints, bands or constraints, (k)."""
-    units: tuple[str, ...]
-    """Of the margins, ``"rad"`` or ``"m"``, (k)."""
-    values: Array
-    """At each waypoint, not negative inside, ∞ where there is nothing to keep, (N, k)."""
-    between: bool = False
-    """Whether they are on the way from the waypoint before."""
+from qp_twist.planning.path_limits import (
+    AtWaypoints,
+    BetweenWaypoints,
+    Kind,
+    LinearLimit,
+    Margins,
+    PathLimit,
+)
 
 
 class Violation(NamedTuple):
@@ -72,47 +67,46 @@ class PathConstraints:
     hard: HardConstraints | None = None
     points: tuple[Indices, Array] = (np.zeros(0, dtype=np.intp), np.zeros(0))
 
-    def margins(self, q: Array) -> list[Margins]:
-        """The margins of a joint path q (N, nv) at its waypoints, by kind.
+    @cached_property
+    def kept(self) -> tuple[PathLimit, ...]:
+        """All of them, each with its margins and rows.
 
-        Those of a step stand at its second waypoint. Those of accelerations are of the displacement
-        in the shortest step that would make up for them. Bands and constraints are looked at
-        between waypoints, too, at :meth:`points_between`, where :data:`BETWEEN` is allowed.
+        The margins of a step stand at its second waypoint. Those of accelerations are of the
+        displacement in the shortest step that would make up for them.
         """
-        names = self.ranges.names
-        units = self.ranges.units
-        found = [
-            Margins("position", names, units, self.ranges.room(q)),
+        count, nv = len(self.steps) + 1, len(self.ranges.names)
+        whole = sparse.identity(count * nv, format="csr")
+        change = whole[nv:] - whole[:-nv]
+        found: list[PathLimit] = [
+            LinearLimit("position", self.ranges, whole, self.ranges.lower, self.ranges.upper, 0),
+            LinearLimit("velocity", self.ranges, change, -self.steps, self.steps, 1),
         ]
-        dq = np.diff(q, axis=0)
-        steps = np.full(q.shape, np.inf)
-        steps[1:] = self.steps - np.abs(dq)
-        found.append(Margins("velocity", names, units, steps))
         if np.isfinite(self.speed_changes).any():
-            changes = np.full(q.shape, np.inf)
-            change = np.abs(np.diff(dq / self.durations[:, None], axis=0))
-            changes[1:-1] = (self.speed_changes - change) * self.durations.min()
-            found.append(Margins("acceleration", names, units, changes))
+            shortest = self.durations.min()
+            speed = sparse.diags(shortest / np.repeat(self.durations, nv)) @ change
+            most = shortest * self.speed_changes
+            changes = (speed[nv:] - speed[:-nv]).tocsr()
+            found.append(LinearLimit("acceleration", self.ranges, changes, -most, most, 1))
         if self.hard:
-            margins = self.hard.margins(q, np.arange(len(q)))
-            found.append(Margins("band", self.hard.names, self.hard.units, margins))
-            at, share = self.points_between()
-            between = np.full(margins.shape, np.inf)
-            there = self.hard.margins_between(q[at], q[at + 1], at, share)
-            np.minimum.at(between, at + 1, there + self.allowed_between)
-            found.append(Margins("band", self.hard.names, self.hard.units, between, True))
-        return found
+            every = np.repeat(np.arange(count - 1), len(SHARES))
+            at, share = self.points
+            found.append(AtWaypoints(self.hard))
+            found.append(
+                BetweenWaypoints(
+                    self.hard,
+                    np.concatenate([every, at]),
+                    np.concatenate([np.tile(SHARES, count - 1), share]),
+                )
+            )
+        return tuple(found)
 
-    def points_between(self) -> tuple[Indices, Array]:
-        """Where that is looked at between waypoints: numbers of the ones before, shares, (K,)."""
-        count, (at, share) = len(self.steps), self.points
-        every = np.repeat(np.arange(count), len(SHARES))
-        return np.concatenate([every, at]), np.concatenate([np.tile(SHARES, count), share])
+    def margins(self, q: Array) -> list[Margins]:
+        """The margins of a joint path q (N, nv) at its waypoints, and some between them."""
+        return [limit.margins(q) for limit in self.kept]
 
-    @property
-    def allowed_between(self) -> Array:
-        """:data:`BETWEEN` in the unit of each margin, (k,)."""
-        return np.array([BETWEEN[unit] for unit in (self.hard.units if self.hard else ())])
+    def rows(self, q: Array) -> Iterator[tuple[sparse.csr_matrix, Array]]:
+        """What keeps the margins above 0, to first order: rows · Δq ≤ rooms, Δq (N·nv,)."""
+        return (limit.rows(q) for limit in self.kept)
 
     def excess(self, q: Array) -> float:
         """By how much a path (N, nv) breaks a constraint, rad or m; at most 0 if none."""
@@ -136,7 +130,7 @@ class PathConstraints:
         if not self.hard:
             return np.full((len(q) - 1, 0), -np.inf), np.zeros(len(q) - 1)
         excess, share = self.hard.between(q)
-        return excess - self.allowed_between, share
+        return excess - np.array([BETWEEN[unit] for unit in self.hard.units]), share
 
     def worst(self, q: Array) -> Violation:
         """Where a path (N, nv) is furthest outside, at its waypoints or else between them."""

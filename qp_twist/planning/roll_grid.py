@@ -51,6 +51,7 @@ class RollGrid:
         self.spacing = TURN / count
         self.rolls = np.linspace(0.0, TURN, count, endpoint=False)
         self._joints = joints
+        self._known: dict[int, tuple[Array, bool]] = {}
         self.hard = HardConstraints(path_task, arm.chain)
 
     @staticmethod
@@ -124,6 +125,8 @@ class RollGrid:
         the margins cannot rise to 0 on the way to their middle. So a band narrower than the grid's
         spacing is found, too.
         """
+        if index in self._known:
+            return self._known[index]
         width = self.spacing
         ends = np.stack([self.rolls, self.rolls + width])
         first = self._margins(index, self.rolls) >= 0.0
@@ -143,7 +146,8 @@ class RollGrid:
         # Beside an end of a band nothing is decided, however short the stretch is.
         left = ends[0, ~mixed & self._open(index, ends, inside, width)]
         beside = np.abs(left[:, None] - edges).min(axis=1, initial=np.inf) < 3.0 * width
-        return edges, bool(beside.all())
+        self._known[index] = edges, bool(beside.all())
+        return self._known[index]
 
     def _margins(self, index: int, rolls: Array) -> Array:
         """The least margin of the bands at some rolls, rad or m, (K,)."""
