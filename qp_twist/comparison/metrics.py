@@ -68,6 +68,8 @@ def metrics(trajectory: Trajectory) -> dict[str, Any]:
     }
     if trajectory.path_task.bands:
         numbers["band_excess_max"] = float(trajectory.band_excess.max())
+    if trajectory.path_task.constraints:
+        numbers["constraint_excess_max"] = float(trajectory.constraint_excess.max())
     numbers["status"] = _status(trajectory, numbers)
     return numbers
 
@@ -100,10 +102,13 @@ def _status(trajectory: Trajectory, numbers: dict[str, Any]) -> str:
         if at.any():
             first = int(np.argmax(at)) + 1
             parts.append(f"{status.name.lower()} at {_waypoints(at)}, first at {first}")
-    left = trajectory.band_excess > BAND_LEFT
-    if left.any():
-        since = int(np.argmax(left)) + 1
-        parts.append(f"outside a band at {_waypoints(left)}, first at {since}")
+    for what, excess in (
+        ("a band", trajectory.band_excess), ("a constraint", trajectory.constraint_excess)
+    ):  # fmt: skip
+        left = excess > BAND_LEFT
+        if left.any():
+            since = int(np.argmax(left)) + 1
+            parts.append(f"outside {what} at {_waypoints(left)}, first at {since}")
     if (off | turned).any():
         one_step = not METHODS[trajectory.method].constrained and not scaled.any()
         why = " (one step a waypoint)" if one_step and trajectory.iterations.max() <= 1 else ""
