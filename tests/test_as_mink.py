@@ -407,7 +407,7 @@ def laid_down(limits: list[mink.Limit], c: mink.Configuration) -> CompiledProgra
     program.begin()
     for limit in limits:
         if isinstance(limit, mink.ConfigurationLimit):
-            found = range_of(limit, c.model.nv)
+            found = range_of(limit, c.model)
             assert found is not None
             program.add_range(found, c.data.qpos, DT)
         elif isinstance(limit, mink.VelocityLimit):
@@ -577,6 +577,30 @@ def test_two_models_of_one_size_do_not_mix() -> None:
         c, tasks = tight(model)
         expected = mink.solve_ik(c, tasks, DT, "daqp")
         np.testing.assert_allclose(qt.solve_ik(c, tasks, DT, "daqp"), expected, atol=1e-6)
+
+
+@pytest.mark.parametrize("size", [3, 1000])
+def test_bounds_of_another_size_are_a_sentence(case: Case, size: int) -> None:
+    class Wrong(qt.limits.BoxLimit):
+        def bounds(self, configuration: mink.Configuration, dt: float) -> Any:
+            return np.full(size, -1.0), np.full(size, 1.0)
+
+    with pytest.raises(qt.InvalidInput, match=rf"bounds of shape \({size},\)"):
+        qt.solve_ik(case.c, [case.posture], DT, "daqp", limits=[Wrong()])
+
+
+def test_a_limit_of_a_model_with_as_many_degrees_of_freedom_is_not_taken_for_its_own() -> None:
+    """Six hinges, and a free joint: seven coordinates, of which the limit knows six."""
+    hinges = "".join(
+        f'<body pos="0 0 0.1"><joint name="j{k}" axis="0 1 0" range="-1 1"/><geom size="0.1"/>'
+        for k in range(6)
+    )
+    chain = f"<mujoco><worldbody>{hinges}{'</body>' * 6}</worldbody></mujoco>"
+    free = "<mujoco><worldbody><body><freejoint/><geom size='0.1'/></body></worldbody></mujoco>"
+    arm, drone = (mujoco.MjModel.from_xml_string(text) for text in (chain, free))
+    for model, other in ((arm, drone), (drone, arm)):
+        assert range_of(mink.ConfigurationLimit(other), model) is None
+        assert range_of(mink.ConfigurationLimit(model), model) is not None
 
 
 def test_minks_lines_of_the_log_are_written_where_somebody_reads_them(

@@ -17,6 +17,8 @@ RECONFIGURATION_DEG = 15.0
 """A step larger than this in any joint is a reconfiguration, degrees."""
 TASK_MET_M = 1e-5
 TASK_MET_RAD = 1e-5
+EXCESSES = {"band_excess_max": "tolerance band", "constraint_excess_max": "constraint"}
+"""Columns that only tasks have which state such a thing, and what is left where they are not 0."""
 BAND_LEFT = 1e-5
 """A band counts as left from here on, rad or m."""
 
@@ -34,7 +36,8 @@ def metrics(trajectory: Trajectory) -> dict[str, Any]:
     ``closure_rad``: ‖θ_end − θ_start‖. ``sigma_min``: smallest singular value of UᵀJ on the path.
     ``time_per_waypoint_us``: wall time, kinematics and all; it compares methods only where the same
     share of the waypoints was :func:`compiled <compiled_share>`.
-    ``band_excess_max``: largest excess of a tolerance band, only where the task has bands.
+    ``band_excess_max``, ``constraint_excess_max``: largest excess of a tolerance band and of a
+    constraint, only where the task has such.
     ``status``: the run in a sentence. Like the errors it is about the waypoints; what lies between
     them is asked by :attr:`~qp_twist.Trajectory.between` and :func:`~qp_twist.check_trajectory`.
     """

@@ -68,7 +68,7 @@ class Constraint(mink.Limit):
 
         Of margins :math:`m_0` at the begin and :math:`m_1` at the end, and a change of at most c
         in sum, none on the way is below :math:`(m_0 + m_1 - c)/2`. A constraint that knows more
-        about its margins may say more.
+        about its margins may say more, of every motion within that travel, be it straight or not.
 
         Args:
             before: Where the motions begin, (N, nq).

@@ -124,8 +124,11 @@ class CompiledProgram:
         self._A[first : self._m], self._b[first : self._m] = A, b
 
     def add_box(self, box: Box) -> None:
-        """Bounds."""
-        self._in_order &= narrow_box(box.lower, box.upper, self._number(box.kind), self._box)
+        """Bounds, each (n,); of others the reference says what is wrong."""
+        lower, upper = box.lower, box.upper
+        self._in_order &= _are_bounds(lower, self.n) and _are_bounds(upper, self.n)
+        if self._in_order:
+            self._in_order = narrow_box(lower, upper, self._number(box.kind), self._box)
 
     def add_range(self, limit: MinkRange, q: Array, dt: float) -> None:
         """A range of mink's, at joint positions q (nq,)."""
@@ -291,6 +294,11 @@ def _rows_of(limit: mink.Limit | MinkRange, which: Indices, names: tuple[str, ..
     if isinstance(limit, MinkRange):
         return _BallRows(limit, which, names)
     return RowsOf(limit, which)
+
+
+def _are_bounds(values: Any, n: int) -> bool:
+    """Whether these are n floats; the kernel takes it for granted."""
+    return type(values) is np.ndarray and values.dtype == np.float64 and values.shape == (n,)
 
 
 def _longer(array: Any, length: int) -> Any:

@@ -291,13 +291,12 @@ def _finding(
     limit: Any, configuration: mink.Configuration, dt: float
 ) -> MinkRange | StatedRows | tuple[Box, ...]:
     """What a limit says: mink's own on single joints are known and need not state their rows."""
-    nv = configuration.model.nv
     if type(limit) is mink.ConfigurationLimit:
-        found = range_of(limit, nv)
+        found = range_of(limit, configuration.model)
         if found is not None:
             return found
     elif type(limit) is mink.VelocityLimit:
-        speeds = speeds_of(limit, nv)
+        speeds = speeds_of(limit, configuration.model.nv)
         if speeds is not None:
             return (speeds,)
     elif _is_a(limit, BoxLimit):

@@ -80,14 +80,16 @@ class MinkRange(NamedTuple):
         return 2 * len(self.dofs)
 
 
-def range_of(limit: mink.ConfigurationLimit, nv: int) -> MinkRange | None:
-    """Of a limit; ``None`` where it is for another model, or changed beyond what is known here.
+def range_of(limit: mink.ConfigurationLimit, model: mujoco.MjModel) -> MinkRange | None:
+    """What a limit states; ``None`` if it is for a model of other sizes, or not as mink makes it.
 
-    Its numbers are read anew each time; of what was looked up before, that it still belongs to the
-    same arrays.
+    Its numbers are read anew each time. Where its joints are is looked up once, and again when the
+    arrays that say so are replaced.
     """
     known = _addresses_of(limit)
-    if known.nv != nv or (limit.projection_matrix is None) != (len(known.dofs) == 0):
+    if (known.nq, known.nv) != (model.nq, model.nv):
+        return None
+    if (limit.projection_matrix is None) != (len(known.dofs) == 0):
         return None
     lower: object = limit.lower
     upper: object = limit.upper
@@ -144,7 +146,7 @@ def default_range(model: mujoco.MjModel) -> MinkRange:
     ranges = model.jnt_range.tobytes() + model.jnt_limited.tobytes()
     kept = _of_models.get(model)
     if kept is None or kept[0] != ranges:
-        made = range_of(mink.ConfigurationLimit(model), model.nv)
+        made = range_of(mink.ConfigurationLimit(model), model)
         assert made is not None
         # Arrays alone: what refers to the model would keep it for ever.
         kept = _of_models[model] = ranges, made
