@@ -649,6 +649,32 @@ def test_dependent_constraints_are_solved_where_mink_states_them() -> None:
         np.testing.assert_allclose(step.velocity, expected, atol=1e-5)
 
 
+@pytest.mark.parametrize("twice", [False, True])
+@pytest.mark.parametrize("seed", range(4))
+def test_steps_that_are_too_fast_are_slowed_down_as_the_reference_does(
+    seed: int, twice: bool
+) -> None:
+    """By the kernel; with an option for a backend the reference takes over."""
+    c = mink_problems.configuration(seed)
+    rng = np.random.default_rng(seed)
+    task = mink_problems.twist(c, rng)
+    posture, frame = mink_problems.posture(c, rng), mink_problems.frame(c, rng)
+    joints = [f"{side}_{k}" for side in ("left", "right") for k in range(1, 8)]
+    speeds = {joint: rng.uniform(0.02, 0.3) for joint in (*joints, "cart_x", "cart_y", "cart_yaw")}
+    limits = [mink.VelocityLimit(c.model, speeds), mink_problems._collision_limit(c)]
+    given = {"limits": limits, "constraints": [task, task] if twice else [task]}
+    step = qt.ik_step(c, [posture, frame], DT, "daqp", **given)
+    reference = qt.ik_step(c, [posture, frame], DT, "daqp", primal_tol=1e-11, **given)
+    assert (step.solver, reference.solver) == ("compiled", "daqp")
+    assert step.status is reference.status is qt.Status.SCALED
+    assert step.scale == pytest.approx(reference.scale, abs=1e-6)
+    np.testing.assert_allclose(step.velocity, reference.velocity, atol=1e-4)
+    assert {str(x) for x in step.binding} == {str(x) for x in reference.binding}
+    assert len(step.residuals) == 1 + twice
+    for residual in step.residuals:
+        np.testing.assert_allclose(residual, 0.0, atol=1e-8)
+
+
 def test_rows_that_depend_but_ask_for_something_else_are_not_called_solved(case: Case) -> None:
     once = Constraint(case.twist, 1.0)
     less = Constraint(case.twist, 0.5)

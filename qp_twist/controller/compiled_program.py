@@ -12,14 +12,20 @@ from qp_twist.checks import Array, Indices
 from qp_twist.controller.plain_step import Layout, PlainStep
 from qp_twist.controller.posing import STEEPEST, WeightedRows
 from qp_twist.controller.step_tables import TOLERANCES
-from qp_twist.fast.program_step import DEPENDENT, keep_independent, program_step
+from qp_twist.fast.program_step import (
+    DEPENDENT,
+    TOO_FAST,
+    keep_independent,
+    program_step,
+    slower_step,
+)
 from qp_twist.fast.stated_limits import (
     append_ball_ranges,
     append_rows,
     narrow_box,
     narrow_to_range,
 )
-from qp_twist.fast.step_record import HEADER, PROGRAM, Program, Sizes
+from qp_twist.fast.step_record import HEADER, PROGRAM, Sizes
 from qp_twist.fast.verified_program import DONE, SCALED
 from qp_twist.limits import Box, MinkRange, Named, RowsOf, StatedRows, kind_of
 from qp_twist.limits.stated_limit import UNLIMITED
@@ -61,8 +67,7 @@ class CompiledProgram:
         self._k, self._in_order = 0, True
         # Programs by m and the inequality rows that they have room for.
         self._kept: dict[tuple[int, int], _Arrays] = {}
-        self._result, self._size = np.zeros(0), Sizes(n, 0, 0, 1, 0, n, 0, 0, 0)
-        self._scales = self._slowed = False
+        self._size, self._result = Sizes(n, 0, 0, 1, 0, n, 0, 0, 0), np.zeros(0)
         self._dependent: tuple[Array, Array] | None = None
 
     @classmethod
@@ -185,34 +190,32 @@ class CompiledProgram:
             self._sources.append((limit, self._k, end))
             self._k = end
 
-    def solve(self, dt: float, threshold: float, scales: bool) -> bool:
-        """Whether the program has a verified solution; then it is kept here.
+    def solve(self, dt: float, threshold: float, scales: bool = False) -> bool:
+        """Whether the program has a verified solution that meets every row; then it is kept here.
 
         Args:
             dt: Length of the step, s.
             threshold: Singular value of A below which the reference has to look at it. Rows that
                 depend on others altogether, and ask for the same, count once.
-            scales: Whether equality rows that do not fit are slowed down; else all are met.
+            scales: Whether A x = s b at the largest s will do where A x = b does not fit.
         """
         if not self._in_order:
             return False
-        self._scales = scales
-        status = self._solve(dt, threshold, self._m)
+        status = self._solve(dt, threshold, self._m, scales)
         if status == DEPENDENT:
             m = self._m
             A, b = self._A[:m].copy(), self._b[:m].copy()
             kept = keep_independent(self._A, self._b, m, _GONE, np.empty((m, self.n)))
             if kept < m:
-                status = self._solve(dt, threshold, kept)
-                off = float(np.abs(A @ self.velocity - b).max())
+                status = self._solve(dt, threshold, kept, scales)
+                off = float(np.abs(A @ self.velocity - self.scale * b).max())
                 if not off <= EQUALITY_TOLERANCE * (1.0 + float(np.abs(b).max())):
                     status = DEPENDENT
                 self._dependent = A, b
             self._A[:m], self._b[:m] = A, b
-        self._slowed = status == SCALED
-        return bool(status in (DONE, SCALED))
+        return status in (DONE, SCALED)
 
-    def _solve(self, dt: float, threshold: float, m: int) -> int:
+    def _solve(self, dt: float, threshold: float, m: int, scales: bool) -> int:
         k = self._k
         room = 0 if k == 0 else max(8, 1 << (k - 1).bit_length())
         arrays = self._kept.get((m, room))
@@ -220,25 +223,26 @@ class CompiledProgram:
             if len(self._kept) >= _MOST:
                 self._kept.clear()
             arrays = self._kept[m, room] = _Arrays(self.n, m, room)
-        self._size = arrays.size._replace(k=k)
-        self._result = arrays.floats[: PROGRAM.end(self._size, "gain_lam")]
+        self._size, self._result = arrays.begin(k)
         status: int = program_step(
             self._H, self._c, self._lift, STEEPEST, dt, self._A, self._b, self._box, self._rows,
-            self._ends, k, UNLIMITED, arrays.floats, arrays.integers, arrays.level_ends, threshold,
-            TOLERANCES, self._scales, arrays.R, arrays.work, arrays.held,
+            self._ends, UNLIMITED, arrays.floats, arrays.integers, arrays.level_ends, threshold,
+            TOLERANCES, arrays.R, arrays.work, arrays.held,
         )  # fmt: skip
+        if status == TOO_FAST and scales:
+            status = slower_step(arrays.floats, arrays.integers, TOLERANCES)
         return status
-
-    @property
-    def equality(self) -> tuple[Array, Array]:
-        """A and b as they were stated, copies."""
-        return self._A[: self._m].copy(), self._b[: self._m].copy()
 
     @property
     def velocity(self) -> Array:
         """q̇ of the program solved last, (n,), in arrays that the next one uses."""
         velocity: Array = self._result[self.n : 2 * self.n]
         return velocity
+
+    @property
+    def scale(self) -> float:
+        """s of A x = s b, likewise."""
+        return float(self._result[PROGRAM.end(self._size, "scale") - 1])
 
     def step(self, ranks: tuple[int, ...], names: tuple[str, ...]) -> PlainStep:
         """The step of the program solved last.
@@ -247,20 +251,21 @@ class CompiledProgram:
             ranks: Equality rows of each constraint.
             names: Of the joints, by degree of freedom.
         """
-        rows = self._size.m
         sources: list[Named] = [
             _rows_of(limit, self._which[first:end].copy(), names)
             for limit, first, end in self._sources
         ]
-        layout = Layout(ranks if self._dependent is None else (rows,), rows, names, self._kinds)
+        if self._dependent is not None:
+            ranks_laid_down: tuple[int, ...] = (self._size.m,)
+        else:
+            ranks_laid_down = ranks
+        layout = Layout(ranks_laid_down, self._size.m, names, self._kinds)
         step = PlainStep.made(self.velocity, self._result, self._size, layout, sources)
-        if self._slowed:
-            none = np.zeros(0, dtype=np.int64)
-            left: Program = PROGRAM.arrays(self._result, none, self._size, "scale")
-            step.slowed(float(left.scale[0]))
+        if self.scale < 1.0:
+            step.slowed(self.scale)
         if self._dependent is not None:
             A, b = self._dependent
-            apart = np.split(A @ self.velocity - b, np.cumsum(ranks)[:-1])
+            apart = np.split(A @ self.velocity - self.scale * b, np.cumsum(ranks)[:-1])
             sigma = np.linalg.svd(A, compute_uv=False)
             smallest = 0.0 if len(A) > self.n else float(sigma[-1])
             step.__dict__.update(residuals=tuple(apart), sigma_min=smallest)
@@ -271,15 +276,24 @@ class _Arrays:
     """What the kernel works in: m equality rows, room for so many inequality rows."""
 
     def __init__(self, n: int, m: int, room: int) -> None:
-        self.size = Sizes(n, m, tasks=0, levels=1, limits=0, dense=n, free=0, others=0, k=room)
-        floats, integers = PROGRAM.lengths(self.size)
+        self._most = Sizes(n, m, 0, 1, 0, n, 0, 0, room)
+        floats, integers = PROGRAM.lengths(self._most)
         self.floats = np.zeros(floats)
         self.integers = np.zeros(HEADER + integers, dtype=np.int64)
-        self.integers[:HEADER] = self.size
         self.level_ends = np.array([m])
         self.R = np.zeros((n, n))
         self.work = np.zeros((4 + -(-room // (n + 1)), n + 1))
         self.held = np.zeros(m + room + 3 * n, dtype=np.int64)
+        self._by_rows: dict[int, tuple[Sizes, Array]] = {}
+
+    def begin(self, k: int) -> tuple[Sizes, Array]:
+        """Sizes of a program with k inequality rows, and where it is left behind."""
+        found = self._by_rows.get(k)
+        if found is None:
+            size = self._most._replace(k=k)
+            found = self._by_rows[k] = size, self.floats[: PROGRAM.end(size, "gain_lam")]
+        self.integers[:HEADER] = found[0]
+        return found
 
 
 class _BallRows:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from qp_twist.fast.compiling import plain
-from qp_twist.fast.dual_active_set import SOLVED, active_set, cholesky_inverse
+from qp_twist.fast.dual_active_set import NO_ROOM, SOLVED, active_set, cholesky_inverse
 from qp_twist.fast.step_record import HEADER, read_program, read_sizes
 from qp_twist.fast.verified_program import (
     DONE,
@@ -16,8 +16,9 @@ from qp_twist.fast.verified_program import (
     well_conditioned,
 )
 
-DEPENDENT = 3
-"""The equality rows depend on each other, up to the threshold."""
+DEPENDENT, TOO_FAST = 3, 4
+"""The equality rows depend on each other, up to the threshold; no velocity inside the limits meets
+all rows."""
 
 
 @plain
@@ -53,7 +54,7 @@ def _take_box(box, unlimited, w):
 
 @plain
 def _in_joints(w, R, work, held):
-    """x with its multipliers, by the active-set method in the joints themselves; whether it ends.
+    """x with its multipliers, by the active-set method in the joints themselves; what happened.
 
     There a bound is one entry of x. In the null space of the equality rows, where
     ``reduced_program`` works, it is a dense row: that pays where these leave one or two joints
@@ -78,7 +79,7 @@ def _in_joints(w, R, work, held):
         held[: m + k + 2 * n], work[:3],
     )  # fmt: skip
     if status != SOLVED:
-        return False
+        return status
     for i in range(n):
         w.box[i] = 0.0
     for row in range(m):
@@ -97,13 +98,13 @@ def _in_joints(w, R, work, held):
         else:
             i = which - m - k - n
             w.x[i], w.box[i] = w.upper[i], w.box[i] + u[place]
-    return True
+    return SOLVED
 
 
 @plain
 def program_step(
-    H, c, lift, steepest, dt, A, b, box, rows, ends, k, unlimited, floats, integers, level_ends,
-    threshold, tolerances, scales, R, work, held,
+    H, c, lift, steepest, dt, A, b, box, rows, ends, unlimited, floats, integers, level_ends,
+    threshold, tolerances, R, work, held,
 ):  # fmt: skip
     """Solve and verify a program that has been stated; it is laid out in ``floats``.
 
@@ -113,28 +114,27 @@ def program_step(
         lift: Damping.
         steepest: Largest linear cost, relative to the largest quadratic one.
         dt: Length of the step, s.
-        A: Equality rows, (≥ m, nv): m is that of ``integers``.
+        A: Equality rows, (≥ m, nv): m is that of the sizes.
         b: Their right-hand side, (≥ m,), m/s or rad/s.
         box: Bounds and what they come from, (4, nv): see ``stated_limits``.
         rows: Inequality rows, (≥ k, nv).
         ends: Their right-hand side, (≥ k,).
-        k: How many there are.
         unlimited: A bound beyond it is none.
-        floats: Room for the program, as ``step_record.Program`` says.
-        integers: The sizes, then room for the program's integers.
+        floats: Room for ``step_record.Program``.
+        integers: The sizes, then the program's integers.
         level_ends: Where the rows of each level end, (1,): there is one.
         threshold: Singular value of the equality rows below which they are left to others.
         tolerances: Of the verification.
-        scales: Whether rows that do not fit are slowed down.
         R: Workspace, as ``work`` and ``held``: see ``_in_joints``.
         work: Workspace.
         held: Workspace.
 
     Returns:
-        ``DONE``, ``SCALED``, ``DEPENDENT``, or ``REFUSED`` where the reference has to look at it.
+        ``DONE``, ``DEPENDENT``, ``TOO_FAST``, or ``REFUSED`` for whatever else is not a plain step
+        inside all limits.
     """
-    integers[HEADER - 1] = k  # the last of the sizes
     w, _, _ = read_program(floats, 0, integers, HEADER, read_sizes(integers))
+    w.scale[0] = 1.0
     w.ints[0] = 0  # begun anew: the program before may be another user's
     if not (_take_box(box, unlimited, w) and _take_costs(H, c, lift, steepest, dt, w)):
         return REFUSED
@@ -142,7 +142,7 @@ def program_step(
         w.b[row] = b[row]
         for j in range(len(w.x)):
             w.A[row, j] = A[row, j]
-    for row in range(k):
+    for row in range(len(w.g)):
         w.g[row] = ends[row]
         for j in range(len(w.x)):
             w.G[row, j] = rows[row, j]
@@ -150,10 +150,23 @@ def program_step(
         return DEPENDENT
     if not cholesky_inverse(w.dense, w.J):
         return REFUSED
-    w.scale[0] = 1.0
-    if _in_joints(w, R, work, held) and into_the_box(w.x, w.lower, w.upper):
-        return DONE if excess_of_dense(w, tolerances, w.root, w.line) <= 1.0 else REFUSED
-    if not (scales and len(w.b) and cholesky_inverse(w.dense, w.J)):
+    status = _in_joints(w, R, work, held)
+    if status == NO_ROOM and len(w.b) > 0:
+        return TOO_FAST
+    if status != SOLVED or not into_the_box(w.x, w.lower, w.upper):
+        return REFUSED
+    return DONE if excess_of_dense(w, tolerances, w.root, w.line) <= 1.0 else REFUSED
+
+
+@plain
+def slower_step(floats, integers, tolerances):
+    """Solve and verify at a reduced speed what :func:`program_step` has found too fast.
+
+    Returns:
+        As ``solved_program``.
+    """
+    w, _, _ = read_program(floats, 0, integers, HEADER, read_sizes(integers))
+    if not cholesky_inverse(w.dense, w.J):
         return REFUSED
     return solved_program(w, True, tolerances)
 
