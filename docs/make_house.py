@@ -32,6 +32,7 @@ ROOMS = {
     "closed_form": "the paper's formulas on arrays",
     "qp": "backends, verification, scale",
     "limits": "bounds on joint velocities",
+    "constraints": "what configurations have to keep",
     "robots": "models from MJCF and URDF",
     "kinematics": "twist task, objectives",
     "geometry": "projectors, twist errors",

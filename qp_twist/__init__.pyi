@@ -6,6 +6,7 @@ from . import authoring as authoring
 from . import batch as batch
 from . import closed_form as closed_form
 from . import comparison as comparison
+from . import constraints as constraints
 from . import controller as controller
 from . import errors as errors
 from . import exchange as exchange
@@ -26,6 +27,7 @@ from . import viewing as viewing
 from .comparison import Comparison as Comparison
 from .comparison import Interrupted as Interrupted
 from .comparison import compare as compare
+from .constraints import Constraint as Constraint
 from .controller import Controller as Controller
 from .controller import Status as Status
 from .controller import Step as Step

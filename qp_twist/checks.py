@@ -15,6 +15,7 @@ from qp_twist.errors import InvalidInput
 
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.intp]
+Mask = npt.NDArray[np.bool_]
 
 
 def finite_array(

@@ -24,7 +24,7 @@ from qp_twist.following import NoStart, find_starts
 from qp_twist.kinematics import FramePair, OrthoParallelArm, SerialChain, frame_pose
 from qp_twist.path.placement import placed
 from qp_twist.planning import least_z_start, random_start, what_forbids
-from qp_twist.planning.hard_bands import BETWEEN, HardBands
+from qp_twist.planning.hard_constraints import BETWEEN, HardConstraints
 from qp_twist.planning.path_rows import PathRows
 from qp_twist.planning.roll_grid import RollGrid
 
@@ -319,7 +319,7 @@ def test_what_is_proved_between_waypoints_holds_at_every_sample(seed: int) -> No
             for r, t in zip(R_d, p_d, strict=True)
         ),
     )  # fmt: skip
-    bands = HardBands(task, chain)
+    bands = HardConstraints(task, chain)
     proved, most_at = bands.between(q)
     shares, sampled = np.linspace(0.0, 1.0, 101), np.full(proved.shape, -np.inf)
     allowed = BETWEEN[band.unit]
@@ -334,10 +334,11 @@ def test_what_is_proved_between_waypoints_holds_at_every_sample(seed: int) -> No
     for k in range(2):
         for share in shares:
             sampled[k] = np.maximum(sampled[k], excess(k, share))
-        # Nor does it cry wolf: where more than the tolerance is said to be left, it is.
-        worst = int(np.argmax(proved[k]))
-        if allowed < proved[k, worst] < np.inf:
-            assert excess(k, most_at[k])[worst] >= proved[k, worst] - 0.25 * allowed - 1e-12
+    # Nor does it cry wolf: where more than the tolerance is said to be left, it is.
+    there = np.array([excess(k, most_at[k]).max() for k in range(2)])
+    left = proved.max(axis=1) > allowed
+    assert (there[left] > allowed * (1.0 - 1e-5)).all()
+    assert not left.any() or proved.max() <= 1.021 * there.max()
     assert (sampled <= proved + 1e-12).all()
 
 
@@ -358,7 +359,7 @@ def test_margins_rows_and_returns_of_many_are_those_of_each_and_their_derivative
         BANDS, model=model, projector=nothing, bands=(band,), waypoints=(pose,) * 3,
         flipped_waypoints=None,
     )  # fmt: skip
-    bands, at = HardBands(task, chain), np.arange(3)
+    bands, at = HardConstraints(task, chain), np.arange(3)
     margins = bands.margins(q, at)
     for k in range(3):
         pair = FramePair(R[k], p[k], np.eye(3), p[0], np.zeros(6))
@@ -478,4 +479,4 @@ def test_a_soft_band_is_no_constraint_of_a_plan() -> None:
     ]
     assert plans[0].value == pytest.approx(plans[1].value, rel=1e-9)
     rows = PathRows(dataclasses.replace(task, bands=(soft, hard)))
-    assert rows.bands.names == ("bands[1], " + repr(hard),)
+    assert rows.hard.names == ("bands[1], " + repr(hard),)

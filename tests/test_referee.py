@@ -17,8 +17,8 @@ from scipy.spatial.transform import Rotation, Slerp
 
 import qp_twist as qt
 from qp_twist.exchange import JointRows, check_trajectory
-from qp_twist.kinematics import SerialChain
-from qp_twist.kinematics.tolerance_band import FramePair
+from qp_twist.kinematics import FramePair, SerialChain, Stretch
+from qp_twist.kinematics.tolerance_band import Range
 from qp_twist.planning import Certificate, Plan, motion_limits
 from qp_twist.planning.roadmap import Grid
 from qp_twist.referee import JointMotion, LeverArms, PathErrors, Tolerances, path_errors
@@ -303,6 +303,20 @@ def test_a_target_that_turns_is_part_of_the_bound(samples: int) -> None:
     assert (errors.bands_bound[0] >= excess - 1e-8).all()
 
 
+def test_a_way_that_the_rows_do_not_see_is_passed_evenly() -> None:
+    """T holds x, the path goes along y: the band moves with the target, and so does the frame."""
+    q = np.array([[0.0, 0.0], [0.0, 1.0], [0.0, 2.0]])
+    along = qt.TwistProjector(linear=qt.Projector.line([1, 0, 0]), angular=qt.Projector.none())
+    task = joint_path(slider(2), q, None, projector=along).path_task
+    task = dataclasses.replace(task, bands=(qt.SlabBand([0, 1, 0], -0.05, 0.05),))
+    errors = path_errors(task, JointMotion(np.arange(3.0), q), tolerances=(1e-4, 1e-3))
+    assert errors.kept(1e-4, 1e-3).all() and errors.bands_between.max() < 1e-12
+    late = q + np.array([[0.0, 0.0], [0.0, -0.2], [0.0, 0.0]])
+    errors = path_errors(task, JointMotion(np.arange(3.0), late), tolerances=(1e-4, 1e-3))
+    assert not errors.kept(1e-4, 1e-3).any()
+    assert errors.bands_between == pytest.approx(0.15, rel=0.15)
+
+
 # ---------------------------------------------------------------- limits of the joints
 
 
@@ -526,16 +540,53 @@ def test_a_motion_that_stands_still_or_waypoints_that_are_the_same_have_bounds()
     assert errors.position_between[1] == 1.0
 
 
-def test_bands_of_a_kind_that_nothing_can_prove_are_refused() -> None:
-    class Other(qt.ToleranceBand):
-        kind = "other"
+class Ball(qt.ToleranceBand):
+    """The frame within a distance of its target: a band that the package does not know."""
 
-    Other.__abstractmethods__ = frozenset()
-    q = np.zeros((3, 2))
-    task = joint_path(slider(2), q, None).path_task
-    task = dataclasses.replace(task, bands=(Other(None, 1.0),))
-    with pytest.raises(qt.InvalidInput, match="cannot be checked along a path"):
-        check_trajectory(JointRows(("slide_1", "slide_2"), q), task)
+    kind, unit = "ball", "m"
+    ranges = (Range(0.0, 0.03),)
+
+    def values(self, pair: FramePair) -> Array:
+        return np.linalg.norm(pair.position - pair.target_position, axis=-1, keepdims=True)
+
+    def gradients(self, pair: FramePair) -> Array:
+        apart = pair.position - pair.target_position
+        along = apart / np.maximum(np.linalg.norm(apart, axis=-1, keepdims=True), 1e-12)
+        return np.concatenate([along, np.zeros_like(along)], axis=-1)[..., None, :]
+
+    def carried(self, pair: FramePair) -> Array:
+        return pair.target_twist * np.array([1.0, 1.0, 1.0, 0.0, 0.0, 0.0])
+
+    def fixed(self, projector: qt.TwistProjector) -> tuple[bool, ...]:
+        return (projector.linear.rank == 3,)
+
+    def contradiction(self, projector: qt.TwistProjector) -> str | None:
+        return None
+
+    def span(self, before: FramePair, after: FramePair, stretch: Stretch) -> tuple[Array, Array]:
+        ends = np.maximum(self.values(before), self.values(after))
+        away = stretch.off_chord(before, after, "world") + stretch.slip
+        return 0.0 * ends, ends + away[:, None]
+
+
+def test_a_band_of_ones_own_class_is_asked_as_those_of_the_package_are() -> None:
+    q = np.array([[0.0, 0.0], [1.0, 0.0], [2.0, 0.0]])
+    along = qt.TwistProjector(linear=qt.Projector.line([1, 0, 0]), angular=qt.Projector.none())
+    task = joint_path(slider(2), q, None, projector=along).path_task
+    task = dataclasses.replace(task, bands=(Ball(None, 1.0),))
+    names = ("slide_1", "slide_2")
+    for height, passes in ((0.0299, True), (0.0313, False)):
+        rows = np.array([[0.0, 0.0], [0.5, height], [1.0, 0.0], [1.5, 0.02], [2.0, 0.0]])
+        check = check_trajectory(JointRows(names, rows), task)
+        [between] = [f for f in check.findings if f.name == "outside a band between"]
+        assert between.passes == passes == check.passes
+        assert between.value == pytest.approx(max(height - 0.03, 0.0), abs=1e-4)
+
+
+def test_a_band_that_cannot_be_proven_between_waypoints_cannot_be_made() -> None:
+    methods = {name: value for name, value in vars(Ball).items() if name != "span"}
+    with pytest.raises(TypeError, match="span"):
+        type("Unproven", (qt.ToleranceBand,), methods)(None, 1.0)
 
 
 def test_rows_of_a_task_share_a_projector() -> None:

@@ -9,7 +9,14 @@ from itertools import chain
 from typing import Any
 
 from qp_twist.comparison.joint_speeds import OVER, PeakSpeed, peak_speed
-from qp_twist.comparison.metrics import BAND_LEFT, TASK_MET_M, TASK_MET_RAD, compiled_share, metrics
+from qp_twist.comparison.metrics import (
+    BAND_LEFT,
+    EXCESSES,
+    TASK_MET_M,
+    TASK_MET_RAD,
+    compiled_share,
+    metrics,
+)
 from qp_twist.following import Trajectory
 from qp_twist.path import METHODS
 
@@ -83,9 +90,10 @@ class Run:
             one_step = "one step a waypoint" in self.numbers["status"]
             steps = " (one step a waypoint)" if one_step else ""
             faults.append(f"was off the path by {_off_by(self)}{steps}")
-        if self.numbers.get("band_excess_max", 0.0) > BAND_LEFT:
-            excess = self.numbers["band_excess_max"]
-            faults.append(f"left a tolerance band by up to {excess:.2g} (m or rad)")
+        for key, what in EXCESSES.items():
+            excess = self.numbers.get(key, 0.0)
+            if excess > BAND_LEFT:
+                faults.append(f"left a {what} by up to {excess:.2g} (m or rad)")
         unknown = [what for key, what in _COMPARED.items() if not math.isfinite(self.numbers[key])]
         if unknown:
             faults.append(f"had no finite {_listed(unknown)}")
@@ -228,11 +236,10 @@ def _task(runs: Sequence[Run]) -> list[str]:
     if ended:
         where = _listed([f"{r.name} at waypoint {r.reached}" for r in ended])
         said.append(f"Stopped before the end, of {runs[0].waypoints} waypoints: {where}.")
-    left = [r for r in runs if r.numbers.get("band_excess_max", 0.0) > BAND_LEFT]
-    if left:
-        said.append(
-            f"Outside a tolerance band at some waypoint: {_listed([r.name for r in left])}."
-        )
+    for key, what in EXCESSES.items():
+        left = [r.name for r in runs if r.numbers.get(key, 0.0) > BAND_LEFT]
+        if left:
+            said.append(f"Outside a {what} at some waypoint: {_listed(left)}.")
     return said
 
 

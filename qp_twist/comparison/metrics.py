@@ -17,6 +17,8 @@ RECONFIGURATION_DEG = 15.0
 """A step larger than this in any joint is a reconfiguration, degrees."""
 TASK_MET_M = 1e-5
 TASK_MET_RAD = 1e-5
+EXCESSES = {"band_excess_max": "tolerance band", "constraint_excess_max": "constraint"}
+"""Columns that only tasks have which state such a thing, and what is left where they are not 0."""
 BAND_LEFT = 1e-5
 """A band counts as left from here on, rad or m."""
 
@@ -34,7 +36,8 @@ def metrics(trajectory: Trajectory) -> dict[str, Any]:
     ``closure_rad``: ‖θ_end − θ_start‖. ``sigma_min``: smallest singular value of UᵀJ on the path.
     ``time_per_waypoint_us``: wall time, kinematics and all; it compares methods only where the same
     share of the waypoints was :func:`compiled <compiled_share>`.
-    ``band_excess_max``: largest excess of a tolerance band, only where the task has bands.
+    ``band_excess_max``, ``constraint_excess_max``: largest excess of a tolerance band and of a
+    constraint, only where the task has such.
     ``status``: the run in a sentence. Like the errors it is about the waypoints; what lies between
     them is asked by :attr:`~qp_twist.Trajectory.between` and :func:`~qp_twist.check_trajectory`.
     """
@@ -68,6 +71,8 @@ def metrics(trajectory: Trajectory) -> dict[str, Any]:
     }
     if trajectory.path_task.bands:
         numbers["band_excess_max"] = float(trajectory.band_excess.max())
+    if trajectory.path_task.constraints:
+        numbers["constraint_excess_max"] = float(trajectory.constraint_excess.max())
     numbers["status"] = _status(trajectory, numbers)
     return numbers
 
@@ -100,10 +105,13 @@ def _status(trajectory: Trajectory, numbers: dict[str, Any]) -> str:
         if at.any():
             first = int(np.argmax(at)) + 1
             parts.append(f"{status.name.lower()} at {_waypoints(at)}, first at {first}")
-    left = trajectory.band_excess > BAND_LEFT
-    if left.any():
-        since = int(np.argmax(left)) + 1
-        parts.append(f"outside a band at {_waypoints(left)}, first at {since}")
+    for what, excess in (
+        ("a band", trajectory.band_excess), ("a constraint", trajectory.constraint_excess)
+    ):  # fmt: skip
+        left = excess > BAND_LEFT
+        if left.any():
+            since = int(np.argmax(left)) + 1
+            parts.append(f"outside {what} at {_waypoints(left)}, first at {since}")
     if (off | turned).any():
         one_step = not METHODS[trajectory.method].constrained and not scaled.any()
         why = " (one step a waypoint)" if one_step and trajectory.iterations.max() <= 1 else ""

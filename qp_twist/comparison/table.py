@@ -11,7 +11,7 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from qp_twist.comparison.metrics import BAND_LEFT
+from qp_twist.comparison.metrics import BAND_LEFT, EXCESSES
 from qp_twist.comparison.style import pair_of
 from qp_twist.path import METHODS
 
@@ -40,8 +40,10 @@ def rich_table(comparison: dict[str, Any]) -> Table:
         "max\nstep °", "σ min", "µs per\nwaypoint",
     ):  # fmt: skip
         table.add_column(heading, justify="right", no_wrap=True)
-    if any("band_excess_max" in numbers for numbers in comparison["methods"].values()):
-        table.add_column("band\nexcess", justify="right", no_wrap=True)
+    for key in EXCESSES:
+        if any(key in numbers for numbers in comparison["methods"].values()):
+            heading = key.removesuffix("_max").replace("_", "\n")
+            table.add_column(heading, justify="right", no_wrap=True)
     methods = list(comparison["methods"])
     for index, name in enumerate(methods):
         following = methods[index + 1] if index + 1 < len(methods) else None
@@ -93,8 +95,7 @@ def _row(name: str, numbers: dict[str, Any], compiled: float) -> list[Text | str
         significant(numbers["sigma_min"]),
         time_in_code(numbers["time_per_waypoint_us"], compiled),
     ]
-    if "band_excess_max" in numbers:
-        excess = numbers["band_excess_max"]
+    for excess in (numbers[key] for key in EXCESSES if key in numbers):
         cells.append(Text(significant(excess), style="red" if excess > BAND_LEFT else ""))
     return cells
 

@@ -133,10 +133,9 @@ class CompiledStep:
         g: Given = GIVEN.arrays(self._floats, self._integers[HEADER:], size)
         self._given = g
         self._asked = [n for n, task in enumerate(self._tasks) if not rows_known(task)]
-        g.kinds[:] = [
-            (task.projector.rank, 0, STATED) if n in self._asked else kinds_of(task.projector)
-            for n, task in enumerate(self._tasks)
-        ]
+        for n, task in enumerate(self._tasks):
+            known = n not in self._asked
+            g.kinds[n] = kinds_of(task.projector) if known else (task.projector.rank, 0, STATED)
         g.ends[:], g.addresses[:], g.types[:] = self._ends, self._ranges.qpos, types
         g.tolerances[:] = TOLERANCES  # type: ignore[index]
         g.free_costs[:], g.middle[:] = composed.free_twist_costs, self._ranges.middle

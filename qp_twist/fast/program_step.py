@@ -10,8 +10,8 @@ from qp_twist.fast.step_record import HEADER, read_program, read_sizes
 from qp_twist.fast.verified_program import (
     DONE,
     REFUSED,
-    _excess_of_dense,
-    _into_the_box,
+    excess_of_dense,
+    into_the_box,
     solved_program,
     well_conditioned,
 )
@@ -153,9 +153,9 @@ def program_step(
     status = _in_joints(w, R, work, held)
     if status == NO_ROOM and len(w.b) > 0:
         return TOO_FAST
-    if status != SOLVED or not _into_the_box(w.x, w.lower, w.upper):
+    if status != SOLVED or not into_the_box(w.x, w.lower, w.upper):
         return REFUSED
-    return DONE if _excess_of_dense(w, tolerances, w.root, w.line) <= 1.0 else REFUSED
+    return DONE if excess_of_dense(w, tolerances, w.root, w.line) <= 1.0 else REFUSED
 
 
 @plain

@@ -129,7 +129,7 @@ def _excess_of_diagonal(w, tolerances, residual):
 
 
 @part
-def _excess_of_dense(w, tolerances, residual, along):
+def excess_of_dense(w, tolerances, residual, along):
     """:func:`_excess` for any H, with JJᵀ = H⁻¹: rᵀH⁻¹r = ‖Jᵀr‖²."""
     n, hardest, left, gap = len(w.c), 1e-300, 0.0, 0.0
     for i in range(n):
@@ -149,7 +149,7 @@ def _excess_of_dense(w, tolerances, residual, along):
 
 
 @plain
-def _into_the_box(x, lower, upper):
+def into_the_box(x, lower, upper):
     """To the last bit; whether x is finite."""
     for i in range(len(x)):
         x[i] = min(max(x[i], lower[i]), upper[i])
@@ -170,12 +170,12 @@ def solved_program(w, scales, tolerances):
         for row in range(len(w.b)):
             w.b[row] *= w.scale[0]
         status = reduced_program(w)
-    if status != SOLVED or not _into_the_box(w.x, w.lower, w.upper):
+    if status != SOLVED or not into_the_box(w.x, w.lower, w.upper):
         return REFUSED
     if len(w.h):
         excess = _excess_of_diagonal(w, tolerances, w.line)
     else:
-        excess = _excess_of_dense(w, tolerances, w.root, w.line)
+        excess = excess_of_dense(w, tolerances, w.root, w.line)
     if not excess <= 1.0:
         return REFUSED
     return DONE if w.scale[0] == 1.0 else SCALED

@@ -168,8 +168,8 @@ class CompiledWalk:
 def walk_known(path_task: PathTask, method: str, settings: MethodSettings) -> bool:
     """Whether :class:`CompiledWalk` knows a method on a path.
 
-    Not with tolerance bands or acceleration limits, robots with other joints than hinges and
-    slides, or a secondary other than centering and a plan.
+    Not with tolerance bands, constraints or acceleration limits, robots with other joints than
+    hinges and slides, or a secondary other than centering and a plan.
     """
     kind = METHODS[method]
     if kind.peer or not (kind.constrained or method in CLOSED_FORMS):
@@ -179,6 +179,7 @@ def walk_known(path_task: PathTask, method: str, settings: MethodSettings) -> bo
     return (
         known
         and not path_task.bands
+        and not path_task.constraints
         and not (timed and np.isfinite(path_task.acceleration_limits).any())
         and JointRanges.of(path_task.model).only_hinges_and_slides
     )

@@ -43,12 +43,18 @@ class PeerRows:
         """The rows of a projector.
 
         Raises:
-            InvalidInput: If the peer has no words for the projector, or the task has bands.
+            InvalidInput: If the peer has no words for the projector, or the task has bands or
+                constraints.
         """
         if path_task.bands:
             raise InvalidInput(
                 f"follow({method.name!r}): tolerance bands are not put into the words of "
                 f"{method.peer} here; leave [[bands]] out, or use one of the QPs of this package."
+            )
+        if path_task.constraints:
+            raise InvalidInput(
+                f"follow({method.name!r}): the task's constraints are not handed to {method.peer}; "
+                "leave them out, or use one of the QPs of this package."
             )
         operational = path_task.operational
         same_frame = projector.frame == operational.frame

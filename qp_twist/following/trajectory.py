@@ -83,6 +83,12 @@ class Trajectory:
         return JointRanges.of(self.path_task.model).centring(self.q)
 
     @cached_property
+    def constraint_excess(self) -> Array:
+        """How far each waypoint is outside the task's constraints, the largest, m or rad, (N,)."""
+        excess: Array = self.path_task.constraint_excess(self.q).max(axis=1, initial=0.0)
+        return excess
+
+    @cached_property
     def between(self) -> PathErrors:
         """How far joints that move straight from waypoint to waypoint stray from the path: proven.
 
@@ -115,6 +121,9 @@ class Trajectory:
         ]
         if self.path_task.bands:
             rows.append(("largest band excess, rad or m", float(self.band_excess.max())))
+        if self.path_task.constraints:
+            most = float(self.constraint_excess.max())
+            rows.append(("largest excess of a constraint, m or rad", most))
         if self.failure:
             rows.append(("failure", self.failure))
         return html_table(f"{self.method} along {self.path_task.name}", rows)

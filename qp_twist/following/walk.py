@@ -28,6 +28,7 @@ from qp_twist.following.resolver import (
 from qp_twist.following.slowing import Pace
 from qp_twist.following.trajectory import Trajectory
 from qp_twist.kinematics import TwistTask
+from qp_twist.limits import BindingLimit, PositionLimit
 from qp_twist.path import METHODS, MethodSettings, PathTask
 from qp_twist.qp import NoSolutionFound
 
@@ -241,13 +242,18 @@ def corrected_start(
         task = twist_task(path_task, path_task.in_force[0])
     configuration = mink.Configuration(path_task.model, path_task.start)
     task.set_target(waypoint)
-    controller = Controller(path_task.model, [task], solver="daqp") if holds_limits else None
+    controller: Controller | None = None
+    if holds_limits:
+        limits = [PositionLimit(path_task.model), *path_task.constraints]
+        controller = Controller(path_task.model, [task], limits=limits, solver="daqp")
+    binding: Sequence[BindingLimit] = ()
     for _ in range(START_ITERATIONS):
         if _reached(path_task, task, configuration):
             q: Array = configuration.q.copy()
             return q
         if controller is not None:
-            dq = controller.step(configuration, 1.0).velocity
+            step = controller.step(configuration, 1.0)
+            dq, binding = step.velocity, step.binding
         else:
             state = task.state(configuration)
             twist = task.clamped(state.error)
@@ -259,6 +265,7 @@ def corrected_start(
         f"{START_ITERATIONS} steps it is {np.linalg.norm(error[:3]):.3g} m and "
         f"{np.degrees(np.linalg.norm(error[3:])):.3g} degrees away. Give a start nearer to it, or "
         "move the path into the robot's reach."
+        + (f" In the way: {', '.join(map(str, binding))}." if binding else "")
     )
 
 

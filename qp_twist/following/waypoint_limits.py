@@ -41,6 +41,7 @@ class WaypointLimits:
             unbounded = np.full(model.nv, np.inf)
             self.window = DisplacementWindow(model, path_task.start, unbounded)
             self.limits.append(self.window)
+        self.limits += path_task.constraints
         self.dt = 1.0
 
     def begin_waypoint(self, configuration: mink.Configuration, duration: float | None) -> None:

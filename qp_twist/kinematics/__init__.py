@@ -6,6 +6,7 @@ from .frame import frame_jacobian as frame_jacobian
 from .frame import frame_pose as frame_pose
 from .frame import relative_jacobian as relative_jacobian
 from .frame import same_structure as same_structure
+from .frame_pair import FramePair as FramePair
 from .free_twist_cost import FreeTwistCost as FreeTwistCost
 from .gaze_task import GazeTask as GazeTask
 from .joint_centering import JointCentering as JointCentering
@@ -21,9 +22,11 @@ from .secondary import total_displacement as total_displacement
 from .serial_chain import SerialChain as SerialChain
 from .slab_band import BoxBand as BoxBand
 from .slab_band import SlabBand as SlabBand
+from .stretch import Stretch as Stretch
+from .stretch import TurnAbout as TurnAbout
+from .stretch import angle_of_chord as angle_of_chord
 from .target_twist import target_twist as target_twist
 from .tolerance_band import BandRows as BandRows
-from .tolerance_band import FramePair as FramePair
 from .tolerance_band import ToleranceBand as ToleranceBand
 from .tolerance_band import check_bands as check_bands
 from .twist_task import TaskState as TaskState

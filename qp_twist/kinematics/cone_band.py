@@ -11,7 +11,9 @@ import numpy.typing as npt
 from qp_twist.checks import Array, number, one_of, unit_vector
 from qp_twist.geometry import ProjectorKind, TwistProjector, cross_rows, geodesic, geodesics
 from qp_twist.geometry.projector import perpendicular
-from qp_twist.kinematics.tolerance_band import FramePair, Range, ToleranceBand, keeps
+from qp_twist.kinematics.frame_pair import FramePair
+from qp_twist.kinematics.stretch import Stretch, angle_of_chord
+from qp_twist.kinematics.tolerance_band import Range, ToleranceBand, keeps
 
 FACES = 16
 """Sides of the polygon around a cone; its corners stand out by 1/cos(π/16) − 1 = 2 %."""
@@ -121,9 +123,17 @@ class ConeBand(ToleranceBand):
             carried[..., 3:] = pair.target_twist[..., 3:]
         return carried
 
-    def growth(self, pair: FramePair, shift: Array, turn: Array) -> Array:
-        """The turn itself, (1,): an angle between two directions changes no faster than they do."""
-        return np.broadcast_to(turn, pair.position.shape[:-1])[..., None]
+    def span(self, before: FramePair, after: FramePair, stretch: Stretch) -> tuple[Array, Array]:
+        """‖u − n‖ = 2 sin(θ/2) bounds θ from above, ‖u + n‖ = 2 cos(θ/2) from below."""
+        ends = [self._directions(pair) for pair in (before, after)]
+        off = stretch.off_chord_of_angle(target=self.frame == "target")
+        less, more = (
+            angle_of_chord(
+                np.max([np.linalg.norm(u + s * n, axis=1) for u, n in ends], axis=0) + off
+            )
+            for s in (-1.0, 1.0)
+        )
+        return (math.pi - more)[:, None], less[:, None]
 
     def fixed(self, projector: TwistProjector) -> tuple[bool, ...]:
         """Whether T holds the angle: all of the rotation, or one of the two directions in both."""

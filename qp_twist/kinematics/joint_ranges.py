@@ -129,7 +129,12 @@ class JointRanges:
 
     def inside(self, positions: Array) -> np.ndarray[tuple[int, ...], np.dtype[np.bool_]]:
         """Whether all of the positions (…, nv) are in their ranges, (…)."""
-        return np.asarray(((positions >= self.lower) & (positions <= self.upper)).all(axis=-1))
+        return np.asarray((self.room(positions) >= 0.0).all(axis=-1))
+
+    def room(self, positions: Array) -> Array:
+        """Distance of the positions (…, nv) from the nearer end, rad or m; negative outside."""
+        room: Array = np.minimum(positions - self.lower, self.upper - positions)
+        return room
 
     def centring(self, q: Array) -> Array:
         """z for each configuration of q (…, nq); dimensionless, 1/8 per joint at its limit."""

@@ -7,10 +7,12 @@ import math
 import numpy as np
 import numpy.typing as npt
 
-from qp_twist.checks import Array, one_of, unit_vector
+from qp_twist.checks import Array, Mask, one_of, unit_vector
 from qp_twist.errors import InvalidInput
 from qp_twist.geometry import ProjectorFrame, ProjectorKind, TwistProjector
-from qp_twist.kinematics.tolerance_band import FramePair, Range, ToleranceBand, keeps
+from qp_twist.kinematics.frame_pair import FramePair
+from qp_twist.kinematics.stretch import Stretch, TurnAbout
+from qp_twist.kinematics.tolerance_band import Range, ToleranceBand, keeps
 
 SWUNG_OVER = 1e-3
 """Cosine of half the swing below which the roll counts as undefined: 0.1° short of a half turn."""
@@ -116,17 +118,36 @@ class RollBand(ToleranceBand):
         carried[..., 3:] = _turned(pair.error, omega) if self.frame == "world" else omega
         return carried
 
-    def growth(self, pair: FramePair, shift: Array, turn: Array) -> Array:
-        """turn / cos(swing/2) at the largest swing on the way, (1,); ∞ where that is a half turn.
+    def span(self, before: FramePair, after: FramePair, stretch: Stretch) -> tuple[Array, Array]:
+        """The rolls at both ends, and what it is away from its chord; where that is far, all."""
+        lowest, highest = self._span(before, after, stretch)
+        middle = 0.5 * (self.range.lower + self.range.upper)
+        # Beyond half a turn from the middle the roll is nearer to the other end.
+        every = (lowest < middle - math.pi) | (highest > middle + math.pi)
+        lowest = np.where(every, middle - math.pi, lowest)
+        highest = np.where(every, middle + math.pi, highest)
+        return lowest, highest
 
-        The length of the gradient is 1/cos(swing/2); the swing changes no faster than both turn.
-        """
-        a = self._axis(pair)
-        cosine = (a * _turned(pair.error, a)).sum(axis=-1)
-        swing = np.minimum(np.arccos(np.clip(cosine, -1.0, 1.0)) + turn, math.pi)
-        with np.errstate(divide="ignore"):
-            growth: Array = np.where(swing < math.pi, turn / np.cos(0.5 * swing), math.inf)
-        return growth[..., None]
+    def may_hold(self, before: FramePair, after: FramePair, stretch: Stretch) -> Mask:
+        """Whether the roll, or one a turn away, may be in its range on the way, (K, 1)."""
+        lowest, highest = self._span(before, after, stretch)
+        meets: Mask = np.any(
+            [
+                (highest + turn >= self.range.lower) & (lowest + turn <= self.range.upper)
+                for turn in (-_TURN, 0.0, _TURN)
+            ],
+            axis=0,
+        )
+        return meets
+
+    def _span(self, before: FramePair, after: FramePair, stretch: Stretch) -> tuple[Array, Array]:
+        """Without a jump, from a roll within half a turn of the middle on, rad, (K, 1) each."""
+        begin, end, away = TurnAbout(self.axis, self.frame).between(before, after, stretch)
+        middle = 0.5 * (self.range.lower + self.range.upper)
+        turns = _TURN * np.round((begin - middle) / _TURN)
+        lowest = np.minimum(begin, end) - turns - away
+        highest = np.maximum(begin, end) - turns + away
+        return lowest[:, None], highest[:, None]
 
     def fixed(self, projector: TwistProjector) -> tuple[bool, ...]:
         """Whether T holds the roll at 0: about an axis in the range of its block there is none."""

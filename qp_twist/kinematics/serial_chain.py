@@ -108,6 +108,40 @@ class SerialChain:
                 jacobians[:, 3:, screw.dof] = axis
         return rotation @ self.rotation, origin, jacobians
 
+    def levers(self, extent: Array) -> Array:
+        """How far the frame's origin is from each joint's axis at most, m; 1 for slides, (…, n).
+
+        Args:
+            extent: How far each screw's coordinate is from its reference at most, (…, n); only that
+                of slides matters.
+        """
+        levers = np.ones(extent.shape)
+        # From the frame inwards: the links between, and the travels of the slides among them.
+        beyond, after = np.zeros(extent.shape[:-1]), self.position
+        for j in range(len(self.screws) - 1, -1, -1):
+            screw = self.screws[j]
+            link = after - screw.anchor
+            if screw.slides:
+                beyond = beyond + extent[..., j]
+            else:
+                levers[..., j] = float(np.linalg.norm(np.cross(screw.axis, link))) + beyond
+            beyond = beyond + float(np.linalg.norm(link))
+            after = screw.anchor
+        return levers
+
+    def way(self, q: Array, travel: Array) -> Array:
+        """Longest way of the frame's origin on motions that begin at q (K, nq), m, (K,).
+
+        Args:
+            q: Where they begin.
+            travel: How far each degree of freedom moves on them at most, rad or m, (K, nv).
+        """
+        moved = travel[:, [screw.dof for screw in self.screws]]
+        reference = np.array([screw.reference for screw in self.screws])
+        extent = np.abs(q[:, list(self.qpos)] - reference) + moved
+        way: Array = (self.levers(extent) * moved).sum(axis=1)
+        return way
+
     def _walk(self, q: Array) -> tuple[Array, Array, list[tuple[Array, Array]]]:
         """The product of the exponentials, and each joint's axis and anchor on the way."""
         rotation = np.tile(np.eye(3), (len(q), 1, 1))

@@ -7,7 +7,9 @@ import numpy.typing as npt
 
 from qp_twist.checks import Array, finite_array, one_of, unit_vector
 from qp_twist.geometry import ProjectorFrame, ProjectorKind, TwistProjector, cross_rows
-from qp_twist.kinematics.tolerance_band import FramePair, Range, ToleranceBand, keeps
+from qp_twist.kinematics.frame_pair import FramePair
+from qp_twist.kinematics.stretch import Stretch
+from qp_twist.kinematics.tolerance_band import Range, ToleranceBand, keeps
 
 
 class SlabBand(ToleranceBand):
@@ -89,11 +91,12 @@ class SlabBand(ToleranceBand):
             carried[..., :3] += cross_rows(pair.target_twist[..., 3:], apart)
         return carried
 
-    def growth(self, pair: FramePair, shift: Array, turn: Array) -> Array:
-        """shift + turn · the largest distance from the target on the way, (1,)."""
-        apart = np.linalg.norm(pair.position - pair.target_position, axis=-1)
-        growth: Array = shift + turn * (apart + shift)
-        return growth[..., None]
+    def span(self, before: FramePair, after: FramePair, stretch: Stretch) -> tuple[Array, Array]:
+        """What the distance is away from its chord, beyond both ends."""
+        ends = self.values(before), self.values(after)
+        away = stretch.off_chord(before, after, self.frame)
+        away = (away + stretch.slipped(before, after, self.frame))[:, None]
+        return np.minimum(*ends) - away, np.maximum(*ends) + away
 
     def fixed(self, projector: TwistProjector) -> tuple[bool, ...]:
         """Whether T holds the distance at 0."""
@@ -175,9 +178,11 @@ class BoxBand(ToleranceBand):
         """The same for all three."""
         return self.slabs[0].carried(pair)
 
-    def growth(self, pair: FramePair, shift: Array, turn: Array) -> Array:
-        """The same for all three, (3,)."""
-        return np.repeat(self.slabs[0].growth(pair, shift, turn), 3, axis=-1)
+    def span(self, before: FramePair, after: FramePair, stretch: Stretch) -> tuple[Array, Array]:
+        """Along each axis, (K, 3) each."""
+        spans = [slab.span(before, after, stretch) for slab in self.slabs]
+        lowest, highest = (np.concatenate(part, axis=1) for part in zip(*spans, strict=True))
+        return lowest, highest
 
     def fixed(self, projector: TwistProjector) -> tuple[bool, ...]:
         """Which of the three distances T holds at 0."""

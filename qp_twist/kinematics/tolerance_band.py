@@ -9,39 +9,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from qp_twist.checks import Array, number, read_only
+from qp_twist.checks import Array, Mask, number
 from qp_twist.errors import InvalidInput
 from qp_twist.geometry import Projector, TwistProjector
+from qp_twist.kinematics.frame_pair import FramePair
+from qp_twist.kinematics.stretch import Stretch
 
 HEAVIEST = 1e12
 """Largest weight of a soft band: beyond it the other costs are lost in the arithmetic."""
-_WORLD = read_only(np.eye(3))
-
-
-class FramePair(NamedTuple):
-    """A frame and its target, in the world; or many, with their number N before every shape."""
-
-    rotation: Array
-    """R of the frame, shape (3, 3)."""
-    position: Array
-    """Origin of the frame, m, shape (3,)."""
-    target_rotation: Array
-    """R_d of the target, shape (3, 3)."""
-    target_position: Array
-    """Origin of the target, m, shape (3,)."""
-    target_twist: Array
-    """Twist of the target (linear, angular), world axes, m/s and rad/s, shape (6,)."""
-
-    def axes(self, frame: str) -> Array:
-        """Rotation to the world of what a band's vectors are fixed to, (3, 3)."""
-        if frame == "world":
-            return _WORLD
-        return self.rotation if frame == "body" else self.target_rotation
-
-    @property
-    def error(self) -> Array:
-        """E = R R_dᵀ, (3, 3)."""
-        return self.rotation @ self.target_rotation.swapaxes(-1, -2)
 
 
 class BandRows(NamedTuple):
@@ -78,7 +53,8 @@ class ToleranceBand(abc.ABC):
     second order in the step (:doc:`equations`).
 
     Everything but :meth:`half_spaces` and :meth:`excess` takes one frame or N at once: shapes below
-    are of one, with N before them if there are N.
+    are of one, with N before them if there are N. What is asked of the way between two poses is
+    asked of K ways.
 
     Attributes:
         kind: ``"roll"``, ``"cone"``, ``"slab"`` or ``"box"``.
@@ -119,13 +95,13 @@ class ToleranceBand(abc.ABC):
         """Which of the values a task with this T holds by itself."""
 
     @abc.abstractmethod
-    def growth(self, pair: FramePair, shift: Array, turn: Array) -> Array:
-        """Most that any margin can change on a motion, rad or m, (k,).
+    def span(self, before: FramePair, after: FramePair, stretch: Stretch) -> tuple[Array, Array]:
+        """Between which two values each φ stays from one pose to the next, rad or m, (K, k) each.
 
         Args:
-            pair: Where the motion begins.
-            shift: Length of the frame's and of the target's way together, m, ().
-            turn: Angle by which both turn, together, rad, ().
+            before: K frames and targets.
+            after: Where they go, evenly in some parameter of the motion.
+            stretch: What they do on the way.
         """
 
     @abc.abstractmethod
@@ -138,6 +114,20 @@ class ToleranceBand(abc.ABC):
         values = self.values(pair)
         margins: Array = np.minimum(values - lower, upper - values)
         return margins
+
+    def least(self, before: FramePair, after: FramePair, stretch: Stretch) -> Array:
+        """What no margin falls below from one pose to the next, rad or m, (K, k)."""
+        lower, upper = np.array(self.ranges).T
+        lowest, highest = self.span(before, after, stretch)
+        least: Array = np.minimum(lowest - lower, upper - highest)
+        return least
+
+    def may_hold(self, before: FramePair, after: FramePair, stretch: Stretch) -> Mask:
+        """Whether each value may be in its range somewhere from one pose to the next, (K, k)."""
+        lower, upper = np.array(self.ranges).T
+        lowest, highest = self.span(before, after, stretch)
+        meets: Mask = (highest >= lower) & (lowest <= upper)
+        return meets
 
     def rows(self, pair: FramePair, reach: float = math.inf) -> tuple[Array, Array]:
         """What keeps the values in their ranges, to first order: rows · displacement ≤ rooms.

@@ -29,7 +29,8 @@ from qp_twist.kinematics.frame import (
     relative_jacobian,
     together,
 )
-from qp_twist.kinematics.tolerance_band import BandRows, FramePair, ToleranceBand, check_bands
+from qp_twist.kinematics.frame_pair import FramePair
+from qp_twist.kinematics.tolerance_band import BandRows, ToleranceBand, check_bands
 
 if TYPE_CHECKING:
     from qp_twist.kinematics.gaze_task import GazeTask

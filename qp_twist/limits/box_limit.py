@@ -56,3 +56,9 @@ class BoxLimit(mink.Limit):
             G=np.vstack([identity[above], -identity[below]]),
             h=np.hstack([upper[above], -lower[below]]) * dt,
         )
+
+
+def one_by_one(signs: Array) -> Array:
+    """Gradients (N, nv, nv) of margins of the joints themselves, that rise by ``signs`` (N, nv)."""
+    gradients: Array = signs[:, :, None] * np.eye(signs.shape[1])
+    return gradients

@@ -8,12 +8,13 @@ import numpy as np
 import numpy.typing as npt
 
 from qp_twist.checks import Array, finite_array, float_array, number
+from qp_twist.constraints import Constraint
 from qp_twist.errors import InvalidInput
 from qp_twist.kinematics import JointRanges
-from qp_twist.limits.box_limit import BoxLimit
+from qp_twist.limits.box_limit import BoxLimit, one_by_one
 
 
-class DisplacementWindow(BoxLimit):
+class DisplacementWindow(BoxLimit, Constraint):
     r"""Keep :math:`|\theta - \theta_{ref}| \le w` for each joint.
 
     With w = v_max · Δt it is the velocity limit over a whole waypoint, however many iterations the
@@ -36,6 +37,7 @@ class DisplacementWindow(BoxLimit):
             InvalidInput: If a shape is wrong or a width is negative or NaN.
         """
         self.ranges = JointRanges.of(model)
+        self.names, self.units = self.ranges.names, self.ranges.units
         self._nq = model.nq
         self.move(q_ref, half_width)
 
@@ -57,3 +59,16 @@ class DisplacementWindow(BoxLimit):
         lower = np.minimum((moved - self.half_width) / dt, 0.0)
         upper = np.maximum((moved + self.half_width) / dt, 0.0)
         return lower, upper
+
+    def margins(self, q: Array) -> Array:
+        """What each joint may still move away, rad or m, (N, nv)."""
+        margins: Array = self.half_width - np.abs(self.ranges.positions(q) - self.reference)
+        return margins
+
+    def gradients(self, q: Array) -> Array:
+        """1 below the reference, −1 above it, (N, nv, nv)."""
+        return one_by_one(np.where(self.ranges.positions(q) < self.reference, 1.0, -1.0))
+
+    def change(self, q: Array, travel: Array) -> Array:
+        """As far as the joint moves, (N, nv)."""
+        return travel

@@ -60,6 +60,7 @@ class MotionLimit(PositionLimit):
     """
 
     kind = "motion"
+    only_configurations = False
     max_velocity: Array = stated()
     max_acceleration: Array = stated()
 

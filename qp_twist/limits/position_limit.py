@@ -7,9 +7,10 @@ import mujoco
 import numpy as np
 
 from qp_twist.checks import Array, number
+from qp_twist.constraints import Constraint
 from qp_twist.errors import InvalidInput
 from qp_twist.kinematics import JointRanges
-from qp_twist.limits.box_limit import BoxLimit
+from qp_twist.limits.box_limit import BoxLimit, one_by_one
 from qp_twist.limits.stated import stated
 
 HAIR = 1e-12
@@ -20,7 +21,7 @@ NOTICEABLE = 1e-9
 """Less than this beyond a limit, rad, m, rad/s or m/s, is rounding: neither mended nor told."""
 
 
-class PositionLimit(BoxLimit):
+class PositionLimit(BoxLimit, Constraint):
     r"""Keep every joint in its range after the step.
 
     .. math:: (\theta_{min} - \theta)/dt \le \dot\theta \le (\theta_{max} - \theta)/dt
@@ -55,6 +56,7 @@ class PositionLimit(BoxLimit):
                 margin leaves a joint no range.
         """
         self.ranges = JointRanges.of(model)
+        self.names, self.units = self.ranges.names, self.ranges.units
         for joint in range(model.njnt):
             ball = model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_BALL
             if ball and model.jnt_limited[joint]:
@@ -89,6 +91,22 @@ class PositionLimit(BoxLimit):
             lower = np.where(above, np.maximum(lower, -self._recovery), lower)
             upper = np.where(above, np.maximum(room[1] / dt, lower), upper)
         return lower, upper
+
+    def margins(self, q: Array) -> Array:
+        """Distance from the nearer end, rad or m, (N, nv)."""
+        positions = self.ranges.positions(q)
+        margins: Array = np.minimum(positions - self.lower, self.upper - positions)
+        return margins
+
+    def gradients(self, q: Array) -> Array:
+        """1 or −1 for each joint, (N, nv, nv)."""
+        positions = self.ranges.positions(q)
+        rising = positions - self.lower < self.upper - positions
+        return one_by_one(np.where(rising, 1.0, -1.0))
+
+    def change(self, q: Array, travel: Array) -> Array:
+        """As far as the joint moves, (N, nv)."""
+        return travel
 
     def recovering(self, configuration: mink.Configuration, dt: float) -> tuple[str, ...]:
         """A sentence for each joint outside its range."""

@@ -10,6 +10,7 @@ import mink
 import numpy as np
 
 from qp_twist.checks import Array, Indices, are_rows, float_array, within
+from qp_twist.constraints import Constraint
 from qp_twist.errors import InvalidInput
 from qp_twist.limits.band_limit import BandLimit
 from qp_twist.limits.box_limit import Box
@@ -97,7 +98,7 @@ class RowsOf(NamedTuple):
 def kind_of(limit: mink.Limit) -> str:
     """How messages call a limit that is none of ours."""
     name = type(limit).__name__
-    return _MINK_KINDS.get(name, name)
+    return limit.kind if isinstance(limit, Constraint) else _MINK_KINDS.get(name, name)
 
 
 class StatedRows(NamedTuple):
@@ -166,6 +167,8 @@ def _row_name(limit: mink.Limit, row: int) -> RowName:
     if type(limit) is mink.ConfigurationLimit and row >= 2 * len(limit.indices):
         dof = int(limit._ball_dofadr[row - 2 * len(limit.indices)])
         return limit.model.joint(int(limit.model.dof_jntid[dof])).name, "position"
+    if isinstance(limit, Constraint) and row < len(limit.names):
+        return limit.names[row], limit.kind
     name = type(limit).__name__
     return f"{name} row {row}", name
 

@@ -13,6 +13,7 @@ import mujoco
 import numpy as np
 
 from qp_twist.checks import Array, did_you_mean
+from qp_twist.constraints import Constraint, check_constraints
 from qp_twist.errors import InvalidInput
 from qp_twist.geometry import ProjectorKind, TwistProjector, task_redundancy
 from qp_twist.geometry.projector import SAME_DIRECTION
@@ -56,12 +57,14 @@ class PathTask:
         methods: Settings by method name, where the file states them.
         segments: Where another projector takes over, in the order of the path.
         bands: Tolerance bands in directions that T leaves free.
+        constraints: What else every configuration has to keep.
         toolpath: The toolpath file as read, where the path is from one.
         lines: Line of that file which each waypoint stands in or comes after, (N,).
         from_start: What of the waypoints' orientation is that of the frame at the start.
 
     Raises:
-        InvalidInput: If the segments do not fit the waypoints, the robot or each other.
+        InvalidInput: If the segments do not fit the waypoints, the robot or each other, or a
+            constraint cannot be asked about a path.
     """
 
     name: str
@@ -83,6 +86,7 @@ class PathTask:
     methods: dict[str, MethodSettings] = field(default_factory=dict)
     segments: tuple[Segment, ...] = ()
     bands: tuple[ToleranceBand, ...] = ()
+    constraints: tuple[Constraint, ...] = ()
     best_start: bool | Literal["central"] = False
     starts: Mapping[str, Array] = field(default_factory=dict)
     roll_normal: Array | None = None
@@ -92,6 +96,7 @@ class PathTask:
     from_start: FromStart = "nothing"
 
     def __post_init__(self) -> None:
+        check_constraints(self.name, self.constraints, self.model)
         check_segments(self.operational, self.projector, self.segments, len(self.waypoints))
 
     @property
@@ -129,6 +134,11 @@ class PathTask:
     def redundancy(self) -> int:
         """r_t = rank(T_O) − rank(T_T); where T changes, the smallest on the path."""
         return min(task_redundancy(self.operational, t) for t in self.projectors)
+
+    def constraint_excess(self, q: Array) -> Array:
+        """How far configurations q (N, nq) are outside of each constraint, m or rad, (N, C)."""
+        excess = [constraint.excess(q) for constraint in self.constraints]
+        return np.array(excess).reshape(len(excess), len(q)).T
 
     def started_at(self, start: Array) -> PathTask:
         """The task with a start (nq,) that was found, and the orientation that it brings along.
@@ -183,9 +193,10 @@ class PathTask:
             name
             for name, method in METHODS.items()
             if not method.on_request
+            and not (name == "sns" and self.constraints)  # which takes bounds only
             and not (method.flipped and self.flipped_waypoints is None)
-            # Bands are not put into the words of other libraries.
-            and not (method.peer and self.bands)
+            # Bands and constraints are not put into the words of other libraries.
+            and not (method.peer and (self.bands or self.constraints))
             # An arm with fewer joints than operational directions cannot fix its whole twist.
             and not (method.whole_twist and self.operational.rank > self.model.nv)
         ]

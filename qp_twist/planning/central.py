@@ -8,12 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import KDTree
 
-from qp_twist.checks import Array, Indices
+from qp_twist.checks import Array, Indices, Mask
 from qp_twist.kinematics import JointRanges, OrthoParallelArm
 from qp_twist.path import PathTask
 from qp_twist.planning.bound import settled_nearby
 from qp_twist.planning.drawn import random_configurations
-from qp_twist.planning.hard_bands import Mask
 from qp_twist.planning.layer import centred
 from qp_twist.planning.path_rows import PathRows
 from qp_twist.planning.roll_grid import RollGrid
@@ -159,7 +158,7 @@ class _Descent:
         q = np.vstack([middle, q[arrived][turned]])
         inside = self._inside(q)
         kept, q = [q[inside]], q[~inside]
-        if self.rows.bands:
+        if self.rows.hard:
             q, arrived = self.rows.correct_inside(q, self._at(q), iterations=8)
             inside = self._inside(q)
             kept.append(q[arrived & inside])
@@ -195,8 +194,8 @@ class _Descent:
 
     def _inside(self, q: Array) -> Mask:
         within: Mask = self.ranges.inside(q)
-        if self.rows.bands:
-            within &= self.rows.bands.inside(q, self._at(q))
+        if self.rows.hard:
+            within &= self.rows.hard.inside(q, self._at(q))
         return within
 
     def _along_limits(self, q: Array) -> Array:
@@ -241,8 +240,8 @@ class _Descent:
         weighted = weight[:, None] * basis
         G = np.vstack([basis, -basis])
         g = np.concatenate([self.ranges.upper - q, q - self.ranges.lower]) - _HAIR
-        if self.rows.bands:
-            rows, rooms, _ = self.rows.bands.rows(q[None], np.array([self.index]))
+        if self.rows.hard:
+            rows, rooms, _ = self.rows.hard.rows(q[None], np.array([self.index]))
             G, g = np.vstack([G, rows[0] @ basis]), np.append(g, rooms[0] - _HAIR)
         bounded = np.isfinite(g)
         problem = QuadraticProgram(

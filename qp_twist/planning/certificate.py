@@ -18,18 +18,18 @@ class Certificate:
         kind: ``"path"``: there is a motion; ``"unreachable"``: waypoints that the arm does not
             reach; ``"limits"``: waypoints with no configuration inside the joint limits;
             ``"band"``: waypoints with no configuration inside both the joint limits and the hard
-            tolerance bands; ``"speed"``: two waypoints between which every connection breaks the
-            speed limits. With a ``detail``, the last two say what the best motion breaks that was
-            found, and prove nothing.
+            tolerance bands and constraints; ``"speed"``: two waypoints between which every
+            connection breaks the speed limits. With a ``detail``, the last two say what the best
+            motion breaks that was found, and prove nothing.
         waypoints: Those waypoints, counted from 1; of many that are out of reach or outside the
             limits, twelve.
         joints: The joints that forbid it.
         grid: At which grid it was looked for.
         covered: Whether the layers hold all configurations to the grid's spacing; where a task
-            leaves more than two degrees free they do not, nor where hard bands cut nets of
+            leaves more than two degrees free they do not, nor where what is hard cuts nets of
             self-motion manifolds in pieces, and "none" means "none was found".
         detail: How near the search came, where the grid has a motion that cannot be brought inside.
-        bands: The hard bands that forbid it, by number and as they print.
+        bands: The hard bands and the constraints that forbid it, by number and as they print.
     """
 
     kind: Literal["path", "unreachable", "limits", "band", "speed"]
@@ -46,7 +46,8 @@ class Certificate:
         match self.kind:
             case "path":
                 text = "there is a motion inside all limits"
-                text += " and hard bands" if self.bands else ""
+                kinds = dict.fromkeys(name.partition("[")[0] for name in self.bands)
+                text += "".join(f" and {'hard bands' if k == 'bands' else k}" for k in kinds)
             case "unreachable":
                 text = f"the arm does not reach {where} in any configuration"
             case "limits":

@@ -8,7 +8,7 @@ import numpy as np
 
 from qp_twist.checks import Array, Indices
 from qp_twist.kinematics import JointRanges
-from qp_twist.planning.hard_bands import WITHIN, HardBands
+from qp_twist.planning.hard_constraints import WITHIN, HardConstraints
 
 TURN = 2.0 * np.pi
 
@@ -63,7 +63,7 @@ def boxed(q: Array, period: Array) -> Array:
     return wrapped
 
 
-def empty_layer(q: Array, ranges: JointRanges, bands: HardBands, index: int) -> Layer:
+def empty_layer(q: Array, ranges: JointRanges, bands: HardConstraints, index: int) -> Layer:
     """The layer of a waypoint none of whose configurations q (K, nv) is inside limits and bands."""
     layer = inside_limits(q, np.zeros(len(q), dtype=np.intp), ranges)
     forbidden: tuple[str, ...] = ()
@@ -72,7 +72,7 @@ def empty_layer(q: Array, ranges: JointRanges, bands: HardBands, index: int) -> 
     return replace(layer, q=layer.q[:0], branch=layer.branch[:0], bands=forbidden)
 
 
-def forbidding_bands(q: Array, bands: HardBands, index: int) -> tuple[tuple[str, ...], Array]:
+def forbidding_bands(q: Array, bands: HardConstraints, index: int) -> tuple[tuple[str, ...], Array]:
     """The bands that the configuration of q (K, nv) that is nearest to fit is outside of.
 
     Returns:
@@ -85,7 +85,7 @@ def forbidding_bands(q: Array, bands: HardBands, index: int) -> tuple[tuple[str,
 
 def _forbidding(q: Array, ranges: JointRanges) -> tuple[str, ...]:
     """The joints that are outside in every configuration, or in the one that is nearest to fit."""
-    beyond = np.maximum(ranges.lower - q, q - ranges.upper)
+    beyond = -ranges.room(q)
     always = np.flatnonzero((beyond > 0.0).all(axis=0))
     if not len(always):
         always = np.flatnonzero(beyond[np.argmin(beyond.max(axis=1))] > 0.0)

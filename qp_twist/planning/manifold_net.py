@@ -65,12 +65,12 @@ class ManifoldNet:
                 break
             seeds = self._random(SEEDS)
         else:
-            return empty_layer(q, self.ranges, self.rows.bands, index)
+            return empty_layer(q, self.ranges, self.rows.hard, index)
         nodes = self._thinned(centred(nodes, self.ranges), None)
         freedom = int(self.rows.freedom[index])
         if 0 < freedom <= COVERED:
             nodes = self._grown(nodes, index, freedom)
-        elif self.rows.bands and len(nodes) > _CARRIED:  # every one of which is brought inside
+        elif self.rows.hard and len(nodes) > _CARRIED:  # every one of which is brought inside
             nodes = nodes[self._rng.permutation(len(nodes))[:_CARRIED]]
         return inside_limits(nodes, self._components(nodes), self.ranges)
 
@@ -94,7 +94,7 @@ class ManifoldNet:
             found, arrived = self.rows.correct(ahead, np.full(len(ahead), index), iterations=8)
             near = np.linalg.norm(found - start, axis=1) < 2.0 * self.spacing
             found, which = self._brought_inside(found[arrived & near], index)
-            if self.rows.bands:
+            if self.rows.hard:
                 start = start[arrived & near][which]
                 found = found[np.linalg.norm(found - start, axis=1) < 2.0 * self.spacing]
             frontier = self._thinned(centred(found, self.ranges), nodes)
@@ -136,7 +136,7 @@ class ManifoldNet:
             The configurations, and which of q they come from.
         """
         within = np.ones(len(q), dtype=bool)
-        if self.rows.bands:
+        if self.rows.hard:
             q, within = self.rows.correct_inside(q, np.full(len(q), index), iterations=8)
         at = centred(q, self.ranges)
         which = np.flatnonzero(self.ranges.inside(at) & within)

@@ -41,7 +41,7 @@ def what_forbids(path_task: PathTask, index: int = 0) -> str:
     if not arrived.any():
         return _out_of_reach(path_task, q, index)
     q = centred(q[arrived], ranges)
-    beyond = np.maximum(ranges.lower - q, q - ranges.upper)
+    beyond = -ranges.room(q)
     nearest = int(np.argmin(beyond.max(axis=1)))
     over = np.flatnonzero(beyond[nearest] > 0.0)
     if not len(over):
@@ -63,15 +63,18 @@ def what_forbids(path_task: PathTask, index: int = 0) -> str:
 
 def _outside_bands(rows: PathRows, q: Array, index: int) -> str:
     """The sentence for a waypoint some of whose configurations q (K, nv) are inside the limits."""
-    forbidding, margins = forbidding_bands(q, rows.bands, index)
+    forbidding, margins = forbidding_bands(q, rows.hard, index)
     said = " and ".join(
         f"{name} by {_amount(-margin, unit == 'rad')}"
-        for name, unit, margin in zip(rows.bands.names, rows.bands.units, margins, strict=True)
+        for name, unit, margin in zip(rows.hard.names, rows.hard.units, margins, strict=True)
         if name in forbidding
     )
+    what = "the hard tolerance bands" if rows.hard.bands else "the constraints"
+    if rows.hard.bands and rows.hard.constraints:
+        what += " and constraints"
     return (
         f"no configuration that was found at waypoint {index + 1} is inside both the joint limits "
-        f"and the hard tolerance bands; the nearest one inside the limits is outside {said}"
+        f"and {what}; the nearest one inside the limits is outside {said}"
     )
 
 

@@ -90,6 +90,6 @@ class Objective:
 
     def margins(self, q: Array) -> Array:
         """Distance of each configuration (…, nv) from the nearest limit, degrees, (…,)."""
-        room = np.minimum(q - self.ranges.lower, self.ranges.upper - q)
+        room = self.ranges.room(q)
         margins: Array = np.degrees(room.min(axis=-1, initial=np.inf))
         return margins

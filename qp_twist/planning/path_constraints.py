@@ -2,30 +2,25 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Literal, NamedTuple
+from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
+from scipy import sparse
 
 from qp_twist.checks import Array, Indices
 from qp_twist.kinematics import JointRanges
-from qp_twist.planning.hard_bands import BETWEEN, SHARES, WITHIN, HardBands
-
-Kind = Literal["position", "velocity", "acceleration", "band"]
-
-
-class Margins(NamedTuple):
-    """The margins of a joint path in one kind of constraint."""
-
-    kind: Kind
-    names: tuple[str, ...]
-    """Of the joints or bands, (k)."""
-    units: tuple[str, ...]
-    """Of the margins, ``"rad"`` or ``"m"``, (k)."""
-    values: Array
-    """At each waypoint, not negative inside, ∞ where there is nothing to keep, (N, k)."""
-    between: bool = False
-    """Whether they are on the way from the waypoint before."""
+from qp_twist.planning.hard_constraints import BETWEEN, SHARES, WITHIN, HardConstraints
+from qp_twist.planning.path_limits import (
+    AtWaypoints,
+    BetweenWaypoints,
+    Kind,
+    LinearLimit,
+    Margins,
+    PathLimit,
+)
 
 
 class Violation(NamedTuple):
@@ -33,7 +28,7 @@ class Violation(NamedTuple):
 
     kind: Kind
     name: str
-    """Of the joint or band."""
+    """Of the joint, band or constraint."""
     waypoint: int
     """From 0; of a step, and between two waypoints, the second."""
     excess: float
@@ -58,10 +53,10 @@ class PathConstraints:
             m/s, (N − 2, nv); infinite without acceleration limits.
         durations: Time to each waypoint from the one before, s, (N − 1,).
         fixed_start: Whether the first configuration is given.
-        bands: The hard tolerance bands, if there are any.
-        points: Where on the ways between waypoints the bands are looked at, beside
-            :data:`~qp_twist.planning.hard_bands.SHARES` of each of them: numbers of the waypoints
-            before, and shares, (K,) each.
+        hard: The hard bands and the constraints of the task, if there are any.
+        points: Where on the ways between waypoints those are looked at, beside
+            :data:`~qp_twist.planning.hard_constraints.SHARES` of each of them: numbers of the
+            waypoints before, and shares, (K,) each.
     """
 
     ranges: JointRanges
@@ -69,51 +64,49 @@ class PathConstraints:
     speed_changes: Array
     durations: Array
     fixed_start: bool
-    bands: HardBands | None = None
+    hard: HardConstraints | None = None
     points: tuple[Indices, Array] = (np.zeros(0, dtype=np.intp), np.zeros(0))
 
-    def margins(self, q: Array) -> list[Margins]:
-        """The margins of a joint path q (N, nv) at its waypoints, by kind.
+    @cached_property
+    def kept(self) -> tuple[PathLimit, ...]:
+        """All of them, each with its margins and rows.
 
-        Those of a step stand at its second waypoint. Those of accelerations are of the displacement
-        in the shortest step that would make up for them. Bands are looked at between
-        waypoints, too, at :meth:`points_between`, where :data:`BETWEEN` is allowed.
+        The margins of a step stand at its second waypoint. Those of accelerations are of the
+        displacement in the shortest step that would make up for them.
         """
-        names = self.ranges.names
-        units = self.ranges.units
-        found = [
-            Margins("position", names, units,
-                    np.minimum(q - self.ranges.lower, self.ranges.upper - q)),
-        ]  # fmt: skip
-        dq = np.diff(q, axis=0)
-        steps = np.full(q.shape, np.inf)
-        steps[1:] = self.steps - np.abs(dq)
-        found.append(Margins("velocity", names, units, steps))
+        count, nv = len(self.steps) + 1, len(self.ranges.names)
+        whole = sparse.identity(count * nv, format="csr")
+        change = whole[nv:] - whole[:-nv]
+        found: list[PathLimit] = [
+            LinearLimit("position", self.ranges, whole, self.ranges.lower, self.ranges.upper, 0),
+            LinearLimit("velocity", self.ranges, change, -self.steps, self.steps, 1),
+        ]
         if np.isfinite(self.speed_changes).any():
-            changes = np.full(q.shape, np.inf)
-            change = np.abs(np.diff(dq / self.durations[:, None], axis=0))
-            changes[1:-1] = (self.speed_changes - change) * self.durations.min()
-            found.append(Margins("acceleration", names, units, changes))
-        if self.bands:
-            margins = self.bands.margins(q, np.arange(len(q)))
-            found.append(Margins("band", self.bands.names, self.bands.units, margins))
-            at, share = self.points_between()
-            between = np.full(margins.shape, np.inf)
-            there = self.bands.margins_between(q[at], q[at + 1], at, share)
-            np.minimum.at(between, at + 1, there + self.allowed_between)
-            found.append(Margins("band", self.bands.names, self.bands.units, between, True))
-        return found
+            shortest = self.durations.min()
+            speed = sparse.diags(shortest / np.repeat(self.durations, nv)) @ change
+            most = shortest * self.speed_changes
+            changes = (speed[nv:] - speed[:-nv]).tocsr()
+            found.append(LinearLimit("acceleration", self.ranges, changes, -most, most, 1))
+        if self.hard:
+            every = np.repeat(np.arange(count - 1), len(SHARES))
+            at, share = self.points
+            found.append(AtWaypoints(self.hard))
+            found.append(
+                BetweenWaypoints(
+                    self.hard,
+                    np.concatenate([every, at]),
+                    np.concatenate([np.tile(SHARES, count - 1), share]),
+                )
+            )
+        return tuple(found)
 
-    def points_between(self) -> tuple[Indices, Array]:
-        """Where bands are looked at between waypoints: numbers of the ones before, shares, (K,)."""
-        count, (at, share) = len(self.steps), self.points
-        every = np.repeat(np.arange(count), len(SHARES))
-        return np.concatenate([every, at]), np.concatenate([np.tile(SHARES, count), share])
+    def margins(self, q: Array) -> list[Margins]:
+        """The margins of a joint path q (N, nv) at its waypoints, and some between them."""
+        return [limit.margins(q) for limit in self.kept]
 
-    @property
-    def allowed_between(self) -> Array:
-        """:data:`BETWEEN` in the unit of each band's margins, (k,)."""
-        return np.array([BETWEEN[unit] for unit in (self.bands.units if self.bands else ())])
+    def rows(self, q: Array) -> Iterator[tuple[sparse.csr_matrix, Array]]:
+        """What keeps the margins above 0, to first order: rows · Δq ≤ rooms, Δq (N·nv,)."""
+        return (limit.rows(q) for limit in self.kept)
 
     def excess(self, q: Array) -> float:
         """By how much a path (N, nv) breaks a constraint, rad or m; at most 0 if none."""
@@ -125,7 +118,7 @@ class PathConstraints:
         return np.flatnonzero(np.min(least, axis=0) < -WITHIN)
 
     def beyond_between(self, q: Array) -> tuple[Array, Array]:
-        """How far a path is outside its bands between waypoints, beyond what is allowed, at most.
+        """How far a path is outside between waypoints, beyond what is allowed there, at most.
 
         Joint ranges, speeds and changes of speed hold between waypoints where they hold at them,
         since joints go straight.
@@ -134,10 +127,10 @@ class PathConstraints:
             Of each way and band, rad or m, (N − 1, k), at most 0 where that is proved; and at which
             share of each way the largest is, (N − 1,).
         """
-        if not self.bands:
+        if not self.hard:
             return np.full((len(q) - 1, 0), -np.inf), np.zeros(len(q) - 1)
-        excess, share = self.bands.between(q)
-        return excess - self.allowed_between, share
+        excess, share = self.hard.between(q)
+        return excess - np.array([BETWEEN[unit] for unit in self.hard.units]), share
 
     def worst(self, q: Array) -> Violation:
         """Where a path (N, nv) is furthest outside, at its waypoints or else between them."""
@@ -145,10 +138,10 @@ class PathConstraints:
         for kept in self.margins(q):
             found.append(_furthest(kept.kind, kept.names, kept.units, -kept.values, kept.between))
         worst = max(found, key=lambda violation: violation.excess)
-        if worst.excess > WITHIN or not self.bands:
+        if worst.excess > WITHIN or not self.hard:
             return worst
-        beyond = np.vstack([np.full(len(self.bands.names), -np.inf), self.beyond_between(q)[0]])
-        return _furthest("band", self.bands.names, self.bands.units, beyond, between=True)
+        beyond = np.vstack([np.full(len(self.hard.names), -np.inf), self.beyond_between(q)[0]])
+        return _furthest("band", self.hard.names, self.hard.units, beyond, between=True)
 
 
 def _furthest(

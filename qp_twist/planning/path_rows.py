@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from qp_twist.checks import Array, Indices
+from qp_twist.checks import Array, Indices, Mask
 from qp_twist.geometry import distinct_projectors, many_twist_errors
 from qp_twist.kinematics import SerialChain
 from qp_twist.path import PathTask
-from qp_twist.planning.hard_bands import HardBands, Mask
+from qp_twist.planning.hard_constraints import HardConstraints
 
 if TYPE_CHECKING:
     from qp_twist.planning.compiled_path import CompiledPath, Newton
@@ -34,13 +34,13 @@ class PathRows:
 
     Attributes:
         chain: The arm up to the controlled frame.
-        bands: The hard tolerance bands of the path.
+        hard: The hard bands and the constraints of the path.
         freedom: Degrees of freedom that the rows leave at each waypoint, (N,).
     """
 
     def __init__(self, path_task: PathTask) -> None:
         self.chain = SerialChain.of(path_task.model, path_task.frame_name, path_task.frame_type)
-        self.bands = HardBands(path_task, self.chain)
+        self.hard = HardConstraints(path_task, self.chain)
         self._rotations = np.array([w.rotation().as_matrix() for w in path_task.waypoints])
         self._positions = path_task.positions
         self._projectors, self._which = distinct_projectors(path_task.in_force)
@@ -48,7 +48,7 @@ class PathRows:
         self.freedom: Indices = path_task.model.nv - ranks[self._which]
 
     @cached_property
-    def compiled(self) -> CompiledPath | None:
+    def compiled(self) -> CompiledPath:
         """The same as machine code."""
         from qp_twist.planning.compiled_path import CompiledPath
 
@@ -71,24 +71,7 @@ class PathRows:
             below :data:`ON_TASK`.
         """
         q = np.array(q, order="C")
-        if self.compiled is not None:
-            return q, self.compiled.correct(q, at, newton(iterations))
-        arrived = np.zeros(len(q), dtype=bool)
-        left = np.arange(len(q))
-        for _ in range(iterations):
-            if not len(left):
-                break
-            still = []
-            for which, rows, errors in self._groups(q[left], at[left]):
-                here = left[which]
-                done = np.linalg.norm(errors, axis=1) <= ON_TASK
-                arrived[here[done]] = True
-                step = _shortest(rows[~done], errors[~done])
-                longest = np.abs(step).max(axis=1, initial=_LONGEST)
-                q[here[~done]] += step * (_LONGEST / longest)[:, None]
-                still.append(here[~done])
-            left = np.concatenate(still)
-        return q, arrived
+        return q, self.compiled.correct(q, at, newton(iterations))
 
     def correct_inside(
         self, q: Array, at: Indices, *, iterations: int = _ITERATIONS
@@ -99,14 +82,14 @@ class PathRows:
         back to the nearer end.
         """
         q, arrived = self.correct(q, at, iterations=iterations)
-        if not self.bands:
+        if not self.hard:
             return q, arrived
-        inside = arrived & self.bands.inside(q, at)
+        inside = arrived & self.hard.inside(q, at)
         left = np.flatnonzero(arrived & ~inside)
         for _ in range(_RETURNS):
             if not len(left):
                 break
-            back, sides = self.bands.returns(q[left], at[left], _INSET)
+            back, sides = self.hard.returns(q[left], at[left], _INSET)
             step = np.zeros((len(left), q.shape[1]))
             for which, rows, errors in self._groups(q[left], at[left]):
                 stacked = np.concatenate([rows, back[which]], axis=1)
@@ -114,7 +97,7 @@ class PathRows:
             longest = np.abs(step).max(axis=1, initial=_LONGEST)
             q[left] += step * (_LONGEST / longest)[:, None]
             q[left], arrived = self.correct(q[left], at[left], iterations=iterations)
-            inside[left] = arrived & self.bands.inside(q[left], at[left])
+            inside[left] = arrived & self.hard.inside(q[left], at[left])
             left = left[arrived & ~inside[left]]
         return q, inside
 

@@ -15,7 +15,7 @@ from qp_twist.kinematics import JointRanges, SerialChain
 from qp_twist.notebook import html_table
 from qp_twist.path import PathTask
 from qp_twist.planning.certificate import Certificate
-from qp_twist.planning.hard_bands import WITHIN, HardBands
+from qp_twist.planning.hard_constraints import WITHIN, HardConstraints
 from qp_twist.planning.objective import Objective
 from qp_twist.planning.path_constraints import PathConstraints
 from qp_twist.planning.search import Laps, Progress, Search
@@ -46,9 +46,9 @@ class Plan:
     Attributes:
         path_task: The task.
         q: The motion, (N, nq), every configuration on its waypoint, inside the joint limits and the
-            hard tolerance bands, and no step longer than allowed; ``None`` if there is none. On the
-            straight line in joints between two waypoints bands are left by 10⁻³ rad or 10⁻⁴ m at
-            most, which is proved (``planning.hard_bands.BETWEEN``).
+            hard tolerance bands and constraints, and no step longer than allowed; ``None`` if there
+            is none. On the straight line in joints between two waypoints these are left by 10⁻³ rad
+            or 10⁻⁴ m at most, which is proved (``planning.hard_constraints.BETWEEN``).
         value: Of the objective: mean z (centering), degrees (travel, margin), or the weighted sum;
             NaN if there is no motion.
         bound: What no motion can be better than, each waypoint taken for itself
@@ -96,7 +96,7 @@ class Plan:
         """How far the motion strays between its waypoints, the joints moving straight: proven.
 
         Largest values that were found, and bounds that hold for every instant: of position and
-        axis, m and rad, and of the hard tolerance bands.
+        axis, m and rad, and of the hard tolerance bands and constraints.
 
         Raises:
             InvalidInput: If there is no motion; the message says why.
@@ -118,11 +118,13 @@ class Plan:
             f"{1e3 * found.position_bound.max():.3g} mm and "
             f"{np.degrees(found.axis_bound.max()):.3g}° of it"
         )
+        kinds = {"hard bands": self.path_task.bands, "constraints": self.path_task.constraints}
+        what = " and ".join(name for name, given in kinds.items() if given)
         for unit, scale, name in (("m", 1e3, " mm"), ("rad", 180.0 / np.pi, "°")):
             columns = [b for b, of in enumerate(found.band_units) if of == unit]
             if columns:
                 excess = scale * found.bands_bound[:, columns].max()
-                text += f", outside hard bands by at most {excess:.3g}{name}"
+                text += f", outside {what} by at most {excess:.3g}{name}"
         return text
 
     def examined(self, tolerances: Tolerances | None = None) -> tuple[Finding, ...]:
@@ -222,16 +224,16 @@ def make_plan(
 
 def _check_inside_bands(limits: PathConstraints, start: Array) -> None:
     """Refuse a given start (nv,) outside a hard band."""
-    assert limits.bands is not None
-    margins = limits.bands.margins(start[None], np.zeros(1, dtype=np.intp))[0]
+    assert limits.hard is not None
+    margins = limits.hard.margins(start[None], np.zeros(1, dtype=np.intp))[0]
     outside = np.flatnonzero(margins < -WITHIN)
     if len(outside):
         k = int(outside[0])
         amount = f"{-np.degrees(margins[k]):.3g}°"
-        if limits.bands.units[k] == "m":
+        if limits.hard.units[k] == "m":
             amount = f"{-1e3 * margins[k]:.3g} mm"
         raise InvalidInput(
-            f"plan: the start on the first waypoint is outside {limits.bands.names[k]} by "
+            f"plan: the start on the first waypoint is outside {limits.hard.names[k]} by "
             f"{amount}; give one inside, or none (start=None) to have it found."
         )
 
@@ -256,5 +258,5 @@ def motion_limits(
     times = 0.5 * (durations[1:] + durations[:-1])
     speed_changes = path_task.acceleration_limits * times[:, None]
     chain = SerialChain.of(path_task.model, path_task.frame_name, path_task.frame_type)
-    bands = HardBands(path_task, chain)
+    bands = HardConstraints(path_task, chain)
     return PathConstraints(ranges, steps, speed_changes, durations, fixed_start, bands)

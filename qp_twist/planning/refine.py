@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,13 +11,11 @@ from scipy import sparse
 
 from qp_twist.checks import Array
 from qp_twist.kinematics import JointRanges
-from qp_twist.planning.hard_bands import WITHIN
+from qp_twist.planning.hard_constraints import WITHIN
 from qp_twist.planning.objective import Objective
 from qp_twist.planning.path_constraints import PathConstraints
 from qp_twist.planning.path_rows import PathRows
 
-HAIR = 1e-7
-"""What the programs stay away from every constraint, rad or m, for their own rounding."""
 _TIE_BREAK = 1e-6
 """Weight of the mean z where the objective does not decide."""
 ITERATIONS, _SETTLING = 40, 6
@@ -35,7 +33,7 @@ class Refined:
         q: The path, (N, nv).
         value: Of the objective.
         excess: By how much it breaks a constraint, rad or m; at most
-            :data:`~qp_twist.planning.hard_bands.WITHIN` if none.
+            :data:`~qp_twist.planning.hard_constraints.WITHIN` if none.
     """
 
     q: Array
@@ -69,9 +67,10 @@ def refine(
         \lVert\mathbf u\rVert_\infty \le \rho,\; \sigma \ge 0,
 
     sparse, for all waypoints together. A path that breaks constraints is brought inside them where
-    the penalty μ can. The radius ρ shrinks where the linear model was wrong. Hard bands have the
-    rows of :meth:`~qp_twist.planning.hard_bands.HardBands.rows`: of a cone the sides of a polygon
-    around it, so that it is held in all directions.
+    the penalty μ can. The radius ρ shrinks where the linear model was wrong. Hard bands and
+    constraints have the rows of
+    :meth:`~qp_twist.planning.hard_constraints.HardConstraints.rows`: of a cone the sides of a
+    polygon around it, so that it is held in all directions.
     """
     here, radius = _judged(q, limits, objective), _FIRST
     for iteration in range(iterations):
@@ -158,45 +157,10 @@ def _solved(
             program.least_sum(change, dq, objective.travel * np.degrees(1.0))
         if objective.margin:
             program.least_largest(move, objective.ranges, q)
-    for sign in (1.0, -1.0):
-        ends = limits.ranges.upper if sign > 0.0 else -limits.ranges.lower
-        program.soft_rows(sign * move, (ends - sign * q).ravel() - HAIR)
-        program.soft_rows(sign * change, limits.steps.ravel() - sign * dq - HAIR)
-        if np.isfinite(limits.speed_changes).any():
-            per_time = sparse.diags(1.0 / np.repeat(limits.durations, nv))
-            speed, rate = per_time @ change, per_time @ dq
-            program.soft_rows(
-                sign * limits.durations.min() * (speed[nv:] - speed[:-nv]),
-                limits.durations.min() * (limits.speed_changes.ravel()
-                                          - sign * (rate[nv:] - rate[:-nv])) - HAIR,
-            )  # fmt: skip
-    if limits.bands:
-        for rows, rooms in _band_rows(q, move, limits):
-            program.soft_rows(rows, rooms)
+    for G, g in limits.rows(q):
+        program.soft_rows(G @ move, g)
     x = program.solution(objective.penalty)
     return None if x is None else x[: count * free].reshape(count, free)
-
-
-def _band_rows(
-    q: Array, move: sparse.csr_matrix, limits: PathConstraints
-) -> Iterator[tuple[sparse.csr_matrix, Array]]:
-    """The rows of the hard bands on u, at and between waypoints, and their right-hand sides.
-
-    Half of what is allowed between waypoints is left for the points between those looked at.
-    """
-    bands, nv = limits.bands, q.shape[1]
-    assert bands is not None
-    at, share = limits.points_between()
-    joints = (nv * at[:, None] + np.arange(nv)).ravel()
-    of_end = sparse.diags(np.repeat(share, nv))
-    between = move[joints] + of_end @ (move[joints + nv] - move[joints])
-    for (rows, rooms, of), kept, moved in (
-        (bands.rows(q, np.arange(len(q))), np.minimum(HAIR, 0.25 * bands.halves), move),
-        (bands.rows_between(q, at, share), -0.5 * limits.allowed_between, between),
-    ):
-        blocks = np.arange(len(rows) + 1)
-        on_q = sparse.csr_matrix(sparse.bsr_matrix((rows, blocks[:-1], blocks)))
-        yield on_q @ moved, (rooms - kept[of]).ravel()
 
 
 class _Program:

@@ -66,7 +66,7 @@ class Roadmap:
         if self._closed_form(index):
             assert self._rolls is not None
             return self._rolls.settled(index)
-        return self.samples_all(index) and not self.rows.bands
+        return self.samples_all(index) and not self.rows.hard
 
     def samples_all(self, index: int) -> bool:
         """The same without hard bands."""

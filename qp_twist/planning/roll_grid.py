@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
-from qp_twist.checks import Array, Indices
+from qp_twist.checks import Array, Indices, Mask
 from qp_twist.geometry import ProjectorKind
 from qp_twist.kinematics import JointRanges, OrthoParallelArm
 from qp_twist.kinematics.serial_chain import turns
 from qp_twist.path import PathTask
-from qp_twist.planning.hard_bands import WITHIN, HardBands, Mask
+from qp_twist.planning.hard_constraints import WITHIN, HardConstraints
 from qp_twist.planning.layer import TURN, Layer, empty_layer, inside_limits
 
 FINEST = 16
@@ -27,7 +29,7 @@ class RollGrid:
         arm: The inverse kinematics.
         spacing: Of the grid, rad.
         rolls: Of the grid, against each waypoint's own, rad.
-        bands: The hard tolerance bands.
+        hard: The hard tolerance bands and the constraints.
     """
 
     def __init__(
@@ -49,7 +51,8 @@ class RollGrid:
         self.spacing = TURN / count
         self.rolls = np.linspace(0.0, TURN, count, endpoint=False)
         self._joints = joints
-        self.bands = HardBands(path_task, arm.chain)
+        self._known: dict[int, tuple[Array, bool]] = {}
+        self.hard = HardConstraints(path_task, arm.chain)
 
     @staticmethod
     def applies(path_task: PathTask, index: int) -> bool:
@@ -74,16 +77,20 @@ class RollGrid:
         found = np.repeat(grid, parts, axis=0)
         between = number > 0
         found[between] = self._branches(index, rolls[between])
-        if self.bands:
+        if self.hard.bands:
             edges, _ = self._edges(index)
             rolls = np.concatenate([rolls, edges])
             found = np.concatenate([found, self._branches(index, edges)])
         return self._inside(index, rolls, found)
 
     def settled(self, index: int) -> bool:
-        """Whether the bands have been looked at, at a waypoint, at every roll there is."""
-        single = self.path_task.in_force[index].angular.kind is ProjectorKind.FULL
-        return not self.bands or single or self._edges(index)[1]
+        """Whether what is hard has been looked at, at a waypoint, at every roll there is.
+
+        Of bands the rolls are found at which they begin and end; of constraints they are not.
+        """
+        if not self.hard or self.path_task.in_force[index].angular.kind is ProjectorKind.FULL:
+            return True
+        return not self.hard.constraints and self._edges(index)[1]
 
     def branches(self, index: int) -> Array:
         """Joint positions at the rolls of the grid, (R, 8, 6), NaN where out of reach."""
@@ -100,14 +107,15 @@ class RollGrid:
         return axis
 
     def _inside(self, index: int, rolls: Array, found: Array) -> Layer:
-        inside = np.ones(len(rolls), dtype=bool)
-        if self.bands:
-            inside = self._margins(index, rolls) >= -WITHIN
+        inside = self._margins(index, rolls) >= -WITHIN
         reached = np.isfinite(found).all(axis=2)
         row, branch = np.nonzero(reached & inside[:, None])
         layer = inside_limits(found[row, branch], branch, self.ranges)
-        if self.bands and not len(layer.q):
-            return empty_layer(found[reached], self.ranges, self.bands, index)
+        if self.hard.constraints:
+            kept = self.hard.inside(layer.q, np.full(len(layer.q), index))
+            layer = replace(layer, q=layer.q[kept], branch=layer.branch[kept])
+        if self.hard and not len(layer.q):
+            return empty_layer(found[reached], self.ranges, self.hard, index)
         return layer
 
     def _edges(self, index: int) -> tuple[Array, bool]:
@@ -117,6 +125,8 @@ class RollGrid:
         the margins cannot rise to 0 on the way to their middle. So a band narrower than the grid's
         spacing is found, too.
         """
+        if index in self._known:
+            return self._known[index]
         width = self.spacing
         ends = np.stack([self.rolls, self.rolls + width])
         first = self._margins(index, self.rolls) >= 0.0
@@ -136,11 +146,14 @@ class RollGrid:
         # Beside an end of a band nothing is decided, however short the stretch is.
         left = ends[0, ~mixed & self._open(index, ends, inside, width)]
         beside = np.abs(left[:, None] - edges).min(axis=1, initial=np.inf) < 3.0 * width
-        return edges, bool(beside.all())
+        self._known[index] = edges, bool(beside.all())
+        return self._known[index]
 
     def _margins(self, index: int, rolls: Array) -> Array:
         """The least margin of the bands at some rolls, rad or m, (K,)."""
-        margins: Array = self.bands.margins_of(*self._poses(index, rolls)).min(axis=1)
+        margins: Array = self.hard.band_margins(*self._poses(index, rolls)).min(
+            axis=1, initial=np.inf
+        )
         return margins
 
     def _open(self, index: int, ends: Array, inside: Mask, width: float) -> Mask:
@@ -149,12 +162,8 @@ class RollGrid:
         outside = ~inside.any(axis=0)
         if not outside.any():
             return open_
-        reached = np.ones((2, int(outside.sum())), dtype=bool)
-        for end in (0, 1):
-            poses = self._poses(index, ends[end, outside])
-            risen = self.bands.margins_of(*poses) + self.bands.change(*poses, 0.5 * width)
-            reached[end] = (risen >= 0.0).all(axis=1)
-        open_[outside] = reached.any(axis=0)
+        before, after = (self._poses(index, rolls) for rolls in ends[:, outside])
+        open_[outside] = self.hard.may_keep_bands((before[:2], after[:2]), before[2], width)
         return open_
 
     def _poses(self, index: int, rolls: Array) -> tuple[Array, Array, Indices]:

@@ -7,12 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from qp_twist.checks import Array, Indices
+from qp_twist.checks import Array, Indices, Mask
 from qp_twist.errors import InvalidInput
 from qp_twist.geometry import ProjectorKind, twist_angle
 from qp_twist.kinematics import JointRanges, OrthoParallelArm
 from qp_twist.path import PathTask
-from qp_twist.planning.hard_bands import Mask
 from qp_twist.planning.layer import TURN, centred
 from qp_twist.planning.path_rows import PathRows
 from qp_twist.planning.plan import motion_limits
@@ -65,7 +64,7 @@ class RollMap:
         count = len(path_task.waypoints)
         waypoints = np.unique(np.linspace(0, count - 1, min(columns, count)).round().astype(int))
         q = np.array([centred(grid.branches(index), ranges) for index in waypoints])
-        room = np.minimum(q - ranges.lower, ranges.upper - q).min(axis=3)
+        room = ranges.room(q).min(axis=3)
         steps = motion_limits(path_task, ranges, None, fixed_start=False).steps
         stuck = np.zeros(room.shape, dtype=bool)
         for k, (a, b) in enumerate(itertools.pairwise(waypoints)):

@@ -8,11 +8,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from qp_twist.checks import Array, Indices
+from qp_twist.checks import Array, Indices, Mask
 from qp_twist.path import PathTask
 from qp_twist.planning.bound import pointwise_bound
 from qp_twist.planning.certificate import Certificate
-from qp_twist.planning.hard_bands import SHARES, Mask
+from qp_twist.planning.hard_constraints import SHARES
 from qp_twist.planning.layer import TURN, Layer
 from qp_twist.planning.manifold_net import COVERED
 from qp_twist.planning.objective import Objective
@@ -162,7 +162,7 @@ class Search:
                 best = self._better(best, self._refined(trial.q))
         if best is None:
             return replace(found, bound=self._stated(bound))
-        certificate = Certificate("path", found.certificate.grid, bands=self.rows.bands.names)
+        certificate = Certificate("path", found.certificate.grid, bands=self.rows.hard.names)
         if best is not first:
             bound = self._bound(found, best)
         return replace(found, path=best, certificate=certificate, bound=self._stated(bound))
@@ -351,7 +351,7 @@ class Search:
                 inside &= (bands.margins_between(begin, end, *here) >= -loose).all(axis=1)
             return inside
 
-        bands, attempt = self.rows.bands, _STRICTNESS.index(strictness)
+        bands, attempt = self.rows.hard, _STRICTNESS.index(strictness)
         loose = np.array([_LOOSE[unit][attempt] for unit in bands.units])
         valid = kept if bands else None
         weight = (objective.centering + objective.margin) / len(layers)
@@ -408,7 +408,7 @@ class Search:
         limits = self.limits
         for _ in range(1 + _POINTS):
             found = refine(path, self.rows, limits, self.objective, progress, iterations)
-            if not self.rows.bands or not found.feasible:
+            if not self.rows.hard or not found.feasible:
                 break
             path = found.q
             beyond, share = limits.beyond_between(path)

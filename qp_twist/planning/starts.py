@@ -6,13 +6,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from qp_twist.checks import Array, Indices
+from qp_twist.checks import Array, Indices, Mask
 from qp_twist.kinematics import JointRanges
 from qp_twist.path import PathTask
 from qp_twist.planning.bound import best_of_branches, settled_nearby
 from qp_twist.planning.central import as_far_as_inside, central_configurations
 from qp_twist.planning.drawn import random_configurations
-from qp_twist.planning.hard_bands import Mask
 from qp_twist.planning.path_rows import PathRows
 from qp_twist.planning.roadmap import Grid, Roadmap
 
@@ -81,7 +80,7 @@ def _lowered(q: Array, there: Array, at: Indices, rows: PathRows, ranges: JointR
     """``there`` where that is inside limits and bands, else as far from q (K, nv) to it as is."""
 
     def inside(q: Array, at: Indices) -> Mask:
-        within: Mask = ranges.inside(q) & rows.bands.inside(q, at)
+        within: Mask = ranges.inside(q) & rows.hard.inside(q, at)
         return within
 
     within = inside(there, at)

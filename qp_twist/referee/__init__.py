@@ -12,7 +12,10 @@ from .findings import examine as examine
 from .findings import speed_limits as speed_limits
 from .joint_motion import JointMotion as JointMotion
 from .joint_motion import State as State
+from .path_errors import PROVEN as PROVEN
+from .path_errors import Outside as Outside
 from .path_errors import PathErrors as PathErrors
+from .path_errors import constraints_left as constraints_left
 from .path_errors import path_errors as path_errors
 from .path_errors import poses_of as poses_of
 from .path_errors import straight_errors as straight_errors

@@ -56,19 +56,9 @@ class LeverArms:
         screws = chain.screws
         dofs = np.array([screw.dof for screw in screws], dtype=np.intp)
         hinge = np.array([not screw.slides for screw in screws], dtype=bool)
-        lever = np.ones(len(screws))
-        extremes = np.array(motion.extremes())
-        beyond, after = 0.0, chain.position
-        for j in range(len(screws) - 1, -1, -1):
-            screw = screws[j]
-            link = after - screw.anchor
-            if screw.slides:
-                travel = np.abs(extremes[:, :, screw.dof] - screw.reference).max()
-                beyond += float(travel)
-            else:
-                lever[j] = float(np.linalg.norm(np.cross(screw.axis, link))) + beyond
-            beyond += float(np.linalg.norm(link))
-            after = screw.anchor
+        extremes = np.array(motion.extremes())[:, :, dofs]
+        reference = np.array([screw.reference for screw in screws])
+        lever = chain.levers(np.abs(extremes - reference).max(axis=(0, 1)))
         return cls(dofs, hinge, lever)
 
     def displacement(self, speeds: Array, accelerations: Array, took: Array) -> Displacement:

@@ -155,6 +155,7 @@ def examine(
     findings = [
         *_of_errors(errors, tolerances),
         *_of_bands(path_task, errors, tolerances),
+        *_of_constraints(path_task, motion, errors, tolerances, passing),
         *_of_positions(ranges, motion, passing),
     ]
     if passing.timed:
@@ -229,7 +230,7 @@ def _of_bands(path_task: PathTask, errors: PathErrors, tolerances: Tolerances) -
     hard = [band for band in path_task.bands if band.weight is None]
     if not hard:
         return []
-    worst = errors.bands.max(axis=1)
+    worst = errors.bands[:, : len(hard)].max(axis=1)
     k = int(np.argmax(worst))
     passes = bool(worst[k] <= BAND)
     found = [
@@ -240,13 +241,38 @@ def _of_bands(path_task: PathTask, errors: PathErrors, tolerances: Tolerances) -
         for band, values, bound, unit, limit in (
             (band, errors.bands_between[:, b], errors.bands_bound[:, b], unit,
              tolerances.position if unit == "m" else tolerances.axis)
-            for b, (band, unit) in enumerate(zip(hard, errors.band_units, strict=True))
+            for b, (band, unit) in enumerate(zip(hard, errors.band_units, strict=False))
         )
         if len(values)
     ]  # fmt: skip
     if between:
         # Bands of lengths and of angles side by side: what fails first, then what comes nearest.
         found.append(max(between, key=lambda f: (not f.passes, f.value / (f.limit or 1.0))))
+    return found
+
+
+def _of_constraints(
+    path_task: PathTask,
+    motion: JointMotion,
+    errors: PathErrors,
+    tolerances: Tolerances,
+    passing: Passing,
+) -> list[Finding]:
+    """How far the motion leaves each of the task's constraints at the waypoints, and between."""
+    found: list[Finding] = []
+    first = len(errors.band_units) - len(path_task.constraints)  # after the hard bands
+    for column, constraint in enumerate(path_task.constraints, start=first):
+        excess, unit = errors.bands[:, column], errors.band_units[column]
+        k = int(np.argmax(excess))
+        margins = constraint.margins(motion.at(passing.times[k : k + 1]).q)[0]
+        where = f"{constraint.names[int(np.argmin(margins))]}, waypoint {k + 1}"
+        name = f"outside {constraint.kind}"
+        passes = bool(excess[k] <= BAND)
+        found.append(Finding(name, float(excess[k]), BAND, unit, where, passes))
+        if len(errors.bands_between):
+            limit = tolerances.position if unit == "m" else tolerances.axis
+            between = errors.bands_between[:, column], errors.bands_bound[:, column]
+            found.append(_between(f"{name} between", *between, limit, 1.0, unit))
     return found
 
 

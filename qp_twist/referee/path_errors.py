@@ -10,26 +10,24 @@ from typing import NamedTuple
 import mink
 import mujoco
 import numpy as np
-import numpy.typing as npt
 
-from qp_twist.checks import Array, Indices
+from qp_twist.checks import Array, Indices, Mask
 from qp_twist.geometry import TwistProjector, many_twist_errors
-from qp_twist.kinematics import SerialChain
+from qp_twist.kinematics import FramePair, SerialChain, Stretch
 from qp_twist.kinematics.frame import frame_id
 from qp_twist.path import PathTask
 from qp_twist.referee.displacement import LeverArms
 from qp_twist.referee.joint_motion import JointMotion
 from qp_twist.referee.measures import (
     AxisError,
+    BandExcess,
+    ConstraintExcess,
     Measure,
+    Passage,
     Poses,
     PositionError,
-    Stretches,
-    band_measure,
 )
 from qp_twist.referee.way import Way
-
-Mask = npt.NDArray[np.bool_]
 
 SAMPLES = 8
 """Points between a row or waypoint and the next at which every motion is looked at."""
@@ -51,7 +49,7 @@ _CHUNK = 40_000
 
 @dataclass(frozen=True, eq=False)
 class PathErrors:
-    """Task errors of a motion, in the rows of the task only, and the excess of its hard bands.
+    """Task errors of a motion, in the rows of the task only, and what it leaves that is hard.
 
     What is "between" a waypoint and the next has a largest value that was found at single points,
     and a bound that was proven for all of them.
@@ -59,8 +57,8 @@ class PathErrors:
     Attributes:
         position: At the waypoints, m, (N,).
         axis: At the waypoints, rad, (N,).
-        bands: How far the frame is outside each of the task's hard bands at the waypoints, m or
-            rad, (N, B).
+        bands: How far the motion is outside each of the task's hard bands, and after them each of
+            its constraints, at the waypoints, m or rad, (N, B).
         position_between: Largest found between a waypoint and the next, m, (N − 1,).
         axis_between: Likewise, rad, (N − 1,).
         bands_between: Likewise, m or rad, (N − 1, B).
@@ -70,7 +68,7 @@ class PathErrors:
         rate: Fastest progress found between a waypoint and the next, in shares of that way per
             second, beyond what errors within the tolerances can make of it, (N − 1,); 1/s.
         rate_kept: Whether the rate that was given is proven not to be exceeded, (N − 1,).
-        band_units: ``"m"`` or ``"rad"`` of each band.
+        band_units: ``"m"`` or ``"rad"`` of each band and constraint.
     """
 
     position: Array
@@ -89,7 +87,8 @@ class PathErrors:
     def kept(self, position: float, axis: float) -> Mask:
         """Between which waypoints tolerances, m and rad, are proven to be kept, (N − 1,).
 
-        Bands are held to the tolerance of their unit there: the path itself is known no better.
+        Bands and constraints are held to the tolerance of their unit there: the path itself is
+        known no better.
         """
         kept = (self.position_bound <= (1.0 + PROVEN) * position) & (
             self.axis_bound <= (1.0 + PROVEN) * axis
@@ -114,7 +113,8 @@ def path_errors(
     Between two waypoints the path is the straight line of their positions and the shortest rotation
     of their orientations, both in the same proportion λ ∈ [0, 1]. What counts is the distance from
     that way, not from where the feed would be: a pose is measured against the λ at which the linear
-    task error is least (the angular one where the positions do not differ).
+    task error is least (the angular one where the positions do not differ). Only where the rows see
+    nothing of the way is it passed evenly in time.
 
     Nothing is concluded from points alone. From one point to the next the error is a vector that
     stays within max‖x″‖/8 of its chord, and x″ is bounded by the joints' displacements and the
@@ -142,7 +142,7 @@ def path_errors(
     track = _Track(path_task, motion, when, tolerances)
     R, p = poses_of(path_task, motion.at(when).q)
     position, axis = _at(R, p, track.targets, path_task.in_force[: len(when)])
-    bands = track.bands_at(R, p)
+    bands = track.by_band(track.kept_at(Poses(motion.at(when).q, FramePair(R, p, *track.targets))))
     proof = _Proof(track, work)
     left, right = proof.start(samples)
     rate, kept = proof.rates(left, right, fastest)
@@ -153,13 +153,13 @@ def path_errors(
         bands,
         between[:, 0],
         between[:, 1],
-        between[:, 2:],
+        track.by_band(between[:, 2:]),
         bound[:, 0],
         bound[:, 1],
-        bound[:, 2:],
+        track.by_band(bound[:, 2:]),
         rate,
         kept,
-        tuple(measure.unit for measure in track.bands),
+        tuple(measure.unit for measure in track.kept),
     )
 
 
@@ -179,6 +179,39 @@ def straight_errors(path_task: PathTask, q: Array) -> PathErrors:
     return path_errors(path_task, JointMotion(np.arange(len(q), dtype=np.float64), q))
 
 
+class Outside(NamedTuple):
+    """How far a motion leaves hard bands and constraints from each waypoint to the next."""
+
+    found: Array
+    """Largest that was found of each value of a band and each margin, rad or m, (N − 1, k)."""
+    bound: Array
+    """What it is proven not to exceed, (N − 1, k)."""
+    share: Array
+    """Where on each way the largest was found, from 0 to 1, (N − 1,)."""
+
+
+def constraints_left(
+    path_task: PathTask, q: Array, tolerances: tuple[float, float], exempt: Mask | None = None
+) -> Outside:
+    """How far joints that go straight between waypoints leave hard bands and constraints: proven.
+
+    By the subdivision of :func:`path_errors`, but against a target that goes with the joints, at
+    the same share of each way, and without the task's own errors.
+
+    Args:
+        path_task: The path.
+        q: Joint positions at its waypoints, rad or m, (N, nv).
+        tolerances: What has to be proven, m and rad.
+        exempt: Values that are not asked on a way, (N − 1, k).
+    """
+    motion = JointMotion(np.arange(len(q), dtype=np.float64), q)
+    track = _Track(path_task, motion, motion.times, tolerances, with_joints=True)
+    proof = _Proof(track, WORK, exempt)
+    proof.start(0)
+    share = proof.time - motion.times[:-1]
+    return Outside(proof.found, proof.bound, share)
+
+
 class _Points(NamedTuple):
     """Points of the motion, each on the way from one waypoint to the next; K of them."""
 
@@ -192,6 +225,8 @@ class _Points(NamedTuple):
     """How far along the way, before it is cut to [0, 1]."""
     share: Array
     """λ, in [0, 1]."""
+    q: Array
+    """Joints, rad or m, (K, nv)."""
     R: Array
     p: Array
     R_d: Array
@@ -205,7 +240,7 @@ class _Points(NamedTuple):
 
     @property
     def poses(self) -> Poses:
-        return Poses(self.R, self.p, self.R_d, self.p_d)
+        return Poses(self.q, FramePair(self.R, self.p, self.R_d, self.p_d))
 
 
 def _joined(one: _Points, other: _Points) -> _Points:
@@ -221,111 +256,125 @@ class _Track:
         motion: JointMotion,
         when: Array,
         tolerances: tuple[float, float] | None,
+        *,
+        with_joints: bool = False,
     ) -> None:
         self.motion, self.when, self.tolerances = motion, when, tolerances
+        self._with_joints = with_joints
         count = len(when)
         waypoints = path_task.waypoints[:count]
         R_d = np.array([w.rotation().as_matrix() for w in waypoints])
         p_d = np.array([w.translation() for w in waypoints])
         self.targets = R_d, p_d
-        rows = [
+        fewer = [
             after if after.rank <= before.rank else before
             for before, after in itertools.pairwise(path_task.in_force[:count])
         ]
-        self.way = Way(R_d, p_d, rows)
+        self.way = Way(R_d, p_d, fewer)
         self.chain = SerialChain.of(path_task.model, path_task.frame_name, path_task.frame_type)
         self.arms = LeverArms.of(self.chain, motion)
-        self.bands: list[Measure] = [
-            band_measure(band) for band in path_task.bands if band.weight is None
+        #: Of hard bands and constraints.
+        self.kept: list[Measure] = [
+            *(BandExcess(band) for band in path_task.bands if band.weight is None),
+            *map(ConstraintExcess, path_task.constraints),
         ]
-        self._errors = [(PositionError(t), AxisError(t)) for t in self.way.projectors]
+        #: Of each projector its own measures, then those that hold on every way.
+        self._measures: list[list[Measure]] = [
+            [*([] if with_joints else [PositionError(t), AxisError(t)]), *self.kept]
+            for t in self.way.projectors
+        ]
+        #: Of each column of values, (M,).
+        self.units = (
+            *(() if with_joints else ("m", "rad")),
+            *(measure.unit for measure in self.kept for _ in range(measure.width)),
+        )
+        by_unit = dict(zip(("m", "rad"), tolerances or (np.nan, np.nan), strict=True))
+        #: The tolerance of each column; NaN where there is none, (M,).
+        self.limits = np.array([by_unit[unit] for unit in self.units])
 
-    @property
-    def measures(self) -> int:
-        return 2 + len(self.bands)
+    def by_band(self, values: Array) -> Array:
+        """The largest of each band and each constraint, (K, B), of all their values, (K, k)."""
+        ends = np.cumsum([measure.width for measure in self.kept])
+        parts = np.split(values, ends[:-1], axis=1) if self.kept else []
+        return np.array([part.max(axis=1) for part in parts]).reshape(len(parts), len(values)).T
 
-    def limits(self) -> Array:
-        """The tolerance of each measure; NaN where there is none, (M,)."""
-        if self.tolerances is None:
-            return np.full(self.measures, np.nan)
-        by_unit = dict(zip(("m", "rad"), self.tolerances, strict=True))
-        return np.array([*self.tolerances, *(by_unit[band.unit] for band in self.bands)])
+    def kept_at(self, poses: Poses) -> Array:
+        """What bands and constraints are left by at some poses, (K, k)."""
+        return _columns([measure.at(poses) for measure in self.kept], len(poses.q))
 
     def points(self, way: Indices, row: Indices, time: Array) -> _Points:
         """The motion at times, measured against the way from a waypoint to the next."""
-        R, p = self.chain.poses(self.motion.at(time).q)
-        raw, share = self.way.progress(R, p, way)
-        R_d, p_d = self.way.at(way, share)
-        poses = Poses(R, p, R_d, p_d)
-        values = np.empty((len(time), self.measures))
-        for which, errors in self._groups(way):
-            here = Poses(*(part[which] for part in poses))
-            for column, measure in enumerate(errors):
-                values[which, column] = measure.at(here)
-        for column, measure in enumerate(self.bands):
-            values[:, 2 + column] = measure.at(poses)
-        return _Points(way, row, time, raw, share, R, p, R_d, p_d, values)
+        q = self.motion.at(time).q
+        R, p = self.chain.poses(q)
+        begin, end = self.when[way], self.when[way + 1]
+        even = (time - begin) / np.where(end > begin, end - begin, 1.0)
+        raw, share = (even, even) if self._with_joints else self.way.progress(R, p, way, even)
+        pair = FramePair(R, p, *self.way.at(way, share))
+        values = np.empty((len(time), len(self.units)))
+        for which, measures in self._groups(way):
+            here = Poses(q[which], FramePair(*(part[which] for part in pair[:4])))
+            values[which] = _columns([measure.at(here) for measure in measures], len(which))
+        return _Points(way, row, time, raw, share, q, *pair[:4], values)
 
-    def stretches(self, left: _Points, right: _Points) -> tuple[Stretches, Array]:
+    def stretches(self, left: _Points, right: _Points) -> tuple[Passage, Array]:
         """What may happen from points to others, and how far λ may be from its chord, (K,)."""
         took = right.time - left.time
         speeds = self.motion.largest_within(left.row, left.time, right.time)
         turn, turn_change, bend = self.arms.displacement(*speeds, took)
+        travel = speeds[0] * took[:, None]
         target_turn = self.way.turns[left.way] * np.abs(right.share - left.share)
+        if self._with_joints:
+            none = np.zeros(len(took))
+            stretch = Stretch(turn, turn_change, bend, target_turn, none, none)
+            return Passage(stretch, travel), none
         curve = self.way.curve(left.way, turn**2 + turn_change, bend)
         # λ is cut to [0, 1] pose by pose, the targets go evenly from the one end's to the other's:
         # that differs where the cut begins or ends between the two.
         beyond = [side.raw - side.share for side in (left, right)]
         cut = np.where(np.sign(beyond[0]) == np.sign(beyond[1]), 0.0, np.maximum(*np.abs(beyond)))
         slip = np.where(self.way.straight[left.way], np.minimum(curve + cut, 1.0), 0.0)
-        return (
-            Stretches(
-                turn,
-                turn_change,
-                bend,
-                target_turn,
-                slip * self.way.lengths[left.way],
-                slip * self.way.turns[left.way],
-            ),
-            curve,
+        stretch = Stretch(
+            turn,
+            turn_change,
+            bend,
+            target_turn,
+            slip * self.way.lengths[left.way],
+            slip * self.way.turns[left.way],
         )
+        return Passage(stretch, travel), curve
 
     def most(self, left: _Points, right: _Points) -> Array:
         """Bounds of the measures between points and others, (K, M)."""
-        stretch = self.stretches(left, right)[0]
-        bounds = np.empty((len(left.time), self.measures))
-        for which, errors in self._groups(left.way):
-            before, after = left.take(which).poses, right.take(which).poses
-            here = Stretches(*(part[which] for part in stretch))
-            for column, measure in enumerate(errors):
-                bounds[which, column] = measure.most(before, after, here)
-        for column, measure in enumerate(self.bands):
-            bounds[:, 2 + column] = measure.most(left.poses, right.poses, stretch)
+        stretch, travel = self.stretches(left, right)[0]
+        bounds = np.empty((len(left.time), len(self.units)))
+        for which, measures in self._groups(left.way):
+            ends = left.take(which).poses, right.take(which).poses
+            here = Passage(Stretch(*(part[which] for part in stretch)), travel[which])
+            bounds[which] = _columns([m.most(*ends, here) for m in measures], len(which))
         return bounds
 
-    def bands_at(self, R: Array, p: Array) -> Array:
-        """Excess of the bands of poses at the waypoints, (N, B)."""
-        excess = np.zeros((len(p), len(self.bands)))
-        for column, measure in enumerate(self.bands):
-            excess[:, column] = measure.at(Poses(R, p, *self.targets))
-        return excess
-
-    def _groups(self, way: Indices) -> list[tuple[Indices, tuple[PositionError, AxisError]]]:
+    def _groups(self, way: Indices) -> list[tuple[Indices, list[Measure]]]:
         which = self.way.which[way]
-        groups = [np.flatnonzero(which == number) for number in range(len(self._errors))]
+        groups = [np.flatnonzero(which == number) for number in range(len(self._measures))]
         return [
-            (here, errors) for here, errors in zip(groups, self._errors, strict=True) if len(here)
+            (here, measures)
+            for here, measures in zip(groups, self._measures, strict=True)
+            if len(here)
         ]
 
 
 class _Proof:
     """Subdivides a motion until what has to be shown between its waypoints is shown, or not."""
 
-    def __init__(self, track: _Track, work: int) -> None:
+    def __init__(self, track: _Track, work: int, exempt: Mask | None = None) -> None:
         self.track, self.work, self.extra = track, work, min(work, _EXTRA)
-        pieces = len(track.when) - 1
-        self.found = np.zeros((pieces, track.measures))
-        self.bound = np.zeros((pieces, track.measures))
+        pieces, columns = len(track.when) - 1, len(track.units)
+        self.exempt = np.zeros((pieces, columns), dtype=bool) if exempt is None else exempt
+        self.found = np.zeros((pieces, columns))
+        self.bound = np.zeros((pieces, columns))
+        #: When the largest value of each piece, as a share of its tolerance, was found, s.
+        self.time = track.when[:-1].copy()
+        self._largest = np.zeros(pieces)
 
     def start(self, samples: int) -> tuple[_Points, _Points]:
         """Look at every piece at some points and prove what is between; the points' stretches."""
@@ -356,14 +405,13 @@ class _Proof:
         inner = (times > self.track.when[way][:, None]) & (
             times < self.track.when[way + 1][:, None]
         )
-        inner = inner.ravel()
-        np.maximum.at(self.found, points.way[inner], points.values[inner])
+        self._note(points.take(inner.ravel()))
         return points.take(grid[:, :-1].ravel()), points.take(grid[:, 1:].ravel())
 
     def _prove(self, left: _Points, right: _Points) -> None:
-        limits = self.track.limits()
+        limits = self.track.limits
         while len(left.time):
-            bounds = self.track.most(left, right)
+            bounds = np.where(self.exempt[left.way], 0.0, self.track.most(left, right))
             largest = self.found.max(axis=0, initial=0.0)
             # Where a tolerance is exceeded only more than all that was found is of interest.
             settled = np.isnan(limits) | (self.found[left.way] > limits)
@@ -392,8 +440,20 @@ class _Proof:
     def _middle(self, left: _Points, right: _Points) -> _Points:
         self.work -= len(left.time)
         middle = self.track.points(left.way, left.row, 0.5 * (left.time + right.time))
-        np.maximum.at(self.found, middle.way, middle.values)
+        self._note(middle)
         return middle
+
+    def _note(self, points: _Points) -> None:
+        """Count what was found at points inside their pieces."""
+        values = np.where(self.exempt[points.way], 0.0, points.values)
+        np.maximum.at(self.found, points.way, values)
+        limits = self.track.limits
+        shares = (values / np.where(np.isnan(limits), 1.0, limits)).max(axis=1, initial=0.0)
+        rising = np.argsort(shares, kind="stable")
+        more = rising[shares[rising] > self._largest[points.way[rising]]]
+        # Of several points of a piece the last, which is the largest, stays.
+        self._largest[points.way[more]] = shares[more]
+        self.time[points.way[more]] = points.time[more]
 
     def rates(self, left: _Points, right: _Points, fastest: Array | None) -> tuple[Array, Mask]:
         """Fastest progress that was found in each piece, 1/s, and whether it is proven, (N − 1,).
@@ -419,7 +479,7 @@ class _Proof:
             if not len(left.time):
                 return rate, kept
             # A change of λ that no tolerance has to excuse first: most motions end here.
-            stretch, curve = track.stretches(left, right)
+            (stretch, _), curve = track.stretches(left, right)
             took = np.maximum(right.time - left.time, np.finfo(float).tiny)
             moved_most = (
                 np.linalg.norm(right.p - left.p, axis=1) + stretch.bend / 2.0,
@@ -567,3 +627,8 @@ def _at(
 ) -> tuple[Array, Array]:
     errors = task_errors(R, p, *targets, rows)
     return np.linalg.norm(errors[:, :3], axis=1), np.linalg.norm(errors[:, 3:], axis=1)
+
+
+def _columns(parts: list[Array], rows: int) -> Array:
+    """Columns side by side, (K, M), also of none."""
+    return np.concatenate(parts, axis=1) if parts else np.zeros((rows, 0))

@@ -30,7 +30,7 @@ class Way:
 
     w being the way in the rows at its first waypoint, cut to [0, 1]. Where only orientations
     differ, the same is done with the chord of the arc that the tool's axis, or the whole
-    orientation, passes.
+    orientation, passes. Where neither differs in the rows, λ is the share of the time.
 
     Attributes:
         projectors: Each projector once.
@@ -85,9 +85,12 @@ class Way:
         turned = Rotation.from_rotvec(share[:, None] * self._turn[way]).as_matrix()
         return turned @ self._R[way], self._p[way] + share[:, None] * self._step[way]
 
-    def progress(self, R: Array, p: Array, way: Indices) -> tuple[Array, Array]:
-        """How far poses are along ways: before it is cut and bent, and λ, (K,) each."""
-        raw = np.full(len(p), 0.5)
+    def progress(self, R: Array, p: Array, way: Indices, even: Array) -> tuple[Array, Array]:
+        """How far poses are along ways: before it is cut and bent, and λ, (K,) each.
+
+        Where the rows see nothing of a way, it is passed evenly: at shares ``even`` of its time.
+        """
+        raw = even.copy()
         straight, arc = self.straight[way], self._arc[way]
         if straight.any():
             on = way[straight]
@@ -100,7 +103,7 @@ class Way:
                 raw[bent] = _along(x, self._chord[way[bent]])
             rest = here[~straight[here] & ~arc[here]]
             if len(rest):
-                raw[rest] = self._by_errors(projector, R[rest], p[rest], way[rest])
+                raw[rest] = self._by_errors(projector, R[rest], p[rest], way[rest], even[rest])
         return raw, self.share(way, raw)
 
     def share(self, way: Indices, raw: Array) -> Array:
@@ -179,12 +182,14 @@ class Way:
         found[:, :3] = (R.transpose(0, 2, 1) if projector.frame == "world" else R) @ axis
         return found
 
-    def _by_errors(self, projector: TwistProjector, R: Array, p: Array, way: Indices) -> Array:
+    def _by_errors(
+        self, projector: TwistProjector, R: Array, p: Array, way: Indices, even: Array
+    ) -> Array:
         """Progress by the task errors to both waypoints, in rows that turn with the body."""
         ends = [
             many_twist_errors(R, p, self._R[k], self._p[k], projector)[1] for k in (way, way + 1)
         ]
-        raw = np.full(len(p), 0.5)
+        raw = even.copy()
         decided = np.zeros(len(p), dtype=bool)
         for part in (slice(0, 3), slice(3, 6)):
             seen = ends[1][:, part] - ends[0][:, part]

@@ -149,7 +149,7 @@ class Recorder:
         error = np.array([interval.error for interval in intervals])
         acceleration = np.diff(velocity, axis=1) / self._timestep
         ranges = self._ranges
-        room = np.minimum(q - ranges.lower, ranges.upper - q)
+        room = ranges.room(q)
         return Record(
             time=np.array([interval.time for interval in intervals]),
             q=q[:, 0],

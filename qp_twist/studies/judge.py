@@ -99,7 +99,7 @@ class Judge:
     ) -> Fault | None:
         if not np.isfinite([*q, position_error, axis_error]).all():
             return Fault("diverged", waypoint=waypoint)
-        room = np.minimum(q - self.ranges.lower, self.ranges.upper - q)
+        room = self.ranges.room(q)
         if (room < -OUTSIDE).any():
             return Fault("limit", self.ranges.names[int(np.argmin(room))], waypoint)
         left = np.full(len(q), np.inf)

@@ -270,8 +270,7 @@ def study(
     """
     check_installed()
     task = path_task if isinstance(path_task, PathTask) else load_task(path_task)
-    if task.source is None:
-        raise InvalidInput("study: needs a task from a file, by which it can be opened again.")
+    _check_from_file(task)
     for given in (vary, [] if methods is None else methods):
         if not isinstance(given, (list, tuple)):
             raise InvalidInput(f"study: vary and methods are lists of names, got {given!r}.")
@@ -375,6 +374,17 @@ def _fingerprint(path_task: PathTask) -> str:
     )  # fmt: skip
     digest.update(repr(said).encode())
     return digest.hexdigest()[:16]
+
+
+def _check_from_file(task: PathTask) -> None:
+    if task.source is None:
+        raise InvalidInput("study: needs a task from a file, by which it can be opened again.")
+    if task.constraints:
+        raise InvalidInput(
+            f"study: {task.name} has constraints ({task.constraints[0].kind}), which no task file "
+            "states and no study judges; follow and check its runs one by one, or leave them out: "
+            "dataclasses.replace(task, constraints=())."
+        )
 
 
 def _read(file: Path) -> dict[str, Any]:

@@ -84,7 +84,7 @@ class LiveArm:
             tasks=[self.task],
             secondary=secondary_objectives(path_task, self.task, method),
             secondary_space=kind.space,
-            limits=[_motion_limit(path_task)] if settings.limits else [],
+            limits=[_motion_limit(path_task), *path_task.constraints] if settings.limits else [],
             solver=settings.solver,
             on_infeasible=on_infeasible,
             metric=None if method.metric == "1" else self.ranges.metric,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import html
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from itertools import groupby
 from typing import Any
 
@@ -13,7 +13,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
 
-from qp_twist.comparison.metrics import BAND_LEFT, TASK_MET_M, TASK_MET_RAD
+from qp_twist.comparison.metrics import BAND_LEFT, EXCESSES, TASK_MET_M, TASK_MET_RAD
 from qp_twist.comparison.report.section import Section, figure_html, kind
 from qp_twist.comparison.report.svg import SVG_RC, inline_svg
 from qp_twist.comparison.report.swatch import swatch
@@ -31,12 +31,13 @@ _KINDS = {"closed": "closed form", "peer": "another library's step", "qp": "QP"}
 def table_section(content: Mapping[str, Any]) -> Section:
     """The table, from the content of ``comparison.json``."""
     methods: Mapping[str, Any] = content["methods"]
-    bands = any("band_excess_max" in numbers for numbers in methods.values())
-    columns = (*_COLUMNS, "band excess m or rad") if bands else _COLUMNS
+    more = [key for key in EXCESSES if any(key in numbers for numbers in methods.values())]
+    headings = (f"{key.removesuffix('_max').replace('_', ' ')} m or rad" for key in more)
+    columns = (*_COLUMNS, *headings)
     heads = "".join(f'<th scope="col">{name}</th>' for name in columns)
     compiled = content["compiled"]
     bodies = "".join(
-        f"<tbody>{''.join(_row(n, methods[n], compiled[n], bands=bands) for n in pair)}</tbody>"
+        f"<tbody>{''.join(_row(n, methods[n], compiled[n], more) for n in pair)}</tbody>"
         for _, pair in groupby(methods, key=pair_of)
     )
     notes = [
@@ -96,7 +97,7 @@ def times_section(content: Mapping[str, Any]) -> Section:
     return Section("times", "Step times", figure_html(svg, caption))
 
 
-def _row(name: str, numbers: Mapping[str, Any], compiled: float, *, bands: bool) -> str:
+def _row(name: str, numbers: Mapping[str, Any], compiled: float, more: Sequence[str]) -> str:
     first = numbers["first_violation"]
     where = ", ".join(f"{joint} at {waypoint}" for joint, waypoint in first.items())
     margin = numbers["min_margin"]
@@ -112,8 +113,7 @@ def _row(name: str, numbers: Mapping[str, Any], compiled: float, *, bands: bool)
         _cell(significant(numbers["sigma_min"])),
         _cell(time_in_code(numbers["time_per_waypoint_us"], compiled)),
     ]
-    if bands:
-        excess = numbers.get("band_excess_max", 0.0)
+    for excess in (numbers.get(key, 0.0) for key in more):
         cells.append(_cell(significant(excess), bad=excess > BAND_LEFT))
     title, what = METHODS[name].title, _KINDS[kind(name)]
     if not title.startswith(what):

@@ -1,0 +1,4 @@
+"""Constraints: what a motion has to keep, with one interface for everyone who asks."""
+
+from .constraint import Constraint as Constraint
+from .constraint import check_constraints as check_constraints

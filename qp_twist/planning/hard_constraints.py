@@ -1,0 +1,245 @@
+"""What the configurations of a path have to keep, for many of them at many waypoints at once."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from qp_twist.checks import Array, Indices, Mask
+from qp_twist.errors import InvalidInput
+from qp_twist.kinematics import FramePair, SerialChain, Stretch, ToleranceBand, check_bands
+from qp_twist.path import PathTask
+from qp_twist.referee import PROVEN, constraints_left
+
+Poses = tuple[Array, Array]
+
+WITHIN = 1e-9
+"""Excess at a waypoint that is rounding, rad or m."""
+BETWEEN = {"rad": 1e-3, "m": 1e-4}
+"""Most that a motion may be outside between two waypoints, where its joints go straight."""
+NARROWEST = 1e-6
+"""Width below which a range is no range, rad or m: Newton's method holds waypoints to 1e-9."""
+SHARES = (0.25, 0.5, 0.75)
+"""Of the way to the next waypoint: there searches look at margins, and programs at first."""
+
+
+class HardConstraints:
+    r"""The hard bands and the constraints of a path task, one column for each of their margins.
+
+    Soft bands are costs, which a plan does not weigh.
+
+    Each value φ of a band (its roll, its angle, its distances) has a margin
+    :math:`\min(\varphi - lower,\; upper - \varphi)`, rad or m, that is not negative inside. Values
+    that the projector in force holds by itself have a margin of ∞ there. After the bands' margins
+    stand those of the constraints.
+
+    Attributes:
+        names: What each of the k margins is of, as messages call it.
+        units: ``"rad"`` or ``"m"`` of each.
+        halves: Half the width of each range, rad or m, (k,); ∞ of constraints.
+    """
+
+    def __init__(self, path_task: PathTask, chain: SerialChain) -> None:
+        """Take the bands of a task whose frame ``chain`` moves.
+
+        Raises:
+            InvalidInput: If a band contradicts a projector of the path, or has no width.
+        """
+        hard = [(k, band) for k, band in enumerate(path_task.bands) if band.weight is None]
+        self.chain, self._path_task = chain, path_task
+        self.bands: tuple[ToleranceBand, ...] = tuple(band for _, band in hard)
+        self.constraints = path_task.constraints
+        of_constraints = [
+            (f"constraints[{k}], {name}", unit)
+            for k, constraint in enumerate(self.constraints)
+            for name, unit in zip(constraint.names, constraint.units, strict=True)
+        ]
+        self.names = (
+            *(
+                f"bands[{k}], {band!r}"
+                + ("" if len(band.ranges) == 1 else f", along {'xyz'[axis]}")
+                for k, band in hard
+                for axis in range(len(band.ranges))
+            ),
+            *(name for name, _ in of_constraints),
+        )
+        self.units = (
+            *(band.unit for band in self.bands for _ in band.ranges),
+            *(unit for _, unit in of_constraints),
+        )
+        ranges = [range_ for band in self.bands for range_ in band.ranges]
+        widths = [0.5 * (r.upper - r.lower) for r in ranges]
+        self.halves: Array = np.array([*widths, *(np.inf for _ in of_constraints)])
+        if not self:
+            return
+        for projector in {id(T): T for T in path_task.in_force}.values():
+            check_bands(path_task.name, self.bands, projector)
+        for name, half in zip(self.names, self.halves, strict=True):
+            if 2.0 * half < NARROWEST:
+                raise InvalidInput(
+                    f"{path_task.name}: {name} is narrower than {NARROWEST:g} rad or m; hold that "
+                    "direction by the projector, or widen the band."
+                )
+        self._rotations = np.array([w.rotation().as_matrix() for w in path_task.waypoints])
+        self._positions = path_task.positions
+        turned = self._rotations[1:] @ self._rotations[:-1].transpose(0, 2, 1)
+        #: Of the target from each waypoint to the next, rad, (N − 1, 3).
+        self._turns: Array = Rotation.from_matrix(turned).as_rotvec()
+        self._fixed: Mask = np.zeros((len(path_task.in_force), len(self.names)), dtype=bool)
+        for fixed, T in zip(self._fixed, path_task.in_force, strict=True):
+            fixed[: len(ranges)] = [f for band in self.bands for f in band.fixed(T)]
+
+    def __len__(self) -> int:
+        return len(self.bands) + len(self.constraints)
+
+    def margins(self, q: Array, at: Indices) -> Array:
+        """Margins (K, k) of configurations q (K, nv) at waypoints of numbers (K,), rad or m."""
+        if not self:
+            return np.zeros((len(q), 0))
+        margins = self._margins(self._pair(*self.chain.poses(q), at), q)
+        return np.where(self._fixed[at], np.inf, margins)
+
+    def band_margins(self, rotations: Array, positions: Array, at: Indices) -> Array:
+        """Those of the bands at poses of the frame: rotations (K, 3, 3) and origins (K, 3)."""
+        if not self.bands:
+            return np.zeros((len(at), 0))
+        margins = self._of_bands(self._pair(rotations, positions, at))
+        return np.where(self._fixed[at][:, : margins.shape[1]], np.inf, margins)
+
+    def inside(self, q: Array, at: Indices) -> Mask:
+        """Which of the configurations q (K, nv) are inside all of them, (K,)."""
+        return np.asarray((self.margins(q, at) >= -WITHIN).all(axis=1))
+
+    def rows(self, q: Array, at: Indices) -> tuple[Array, Array, Indices]:
+        """What keeps the margins above 0, to first order: rows · Δq ≤ rooms.
+
+        Returns:
+            Rows (K, m, nv), rooms (K, m), rad or m, some of them ∞, and which margin each row is
+            of, (m,).
+        """
+        rotations, positions, J = self.chain.poses_and_jacobians(q)
+        return self._rows(self._pair(rotations, positions, at), q, J, self._fixed[at])
+
+    def rows_between(self, q: Array, at: Indices, share: Array) -> tuple[Array, Array, Indices]:
+        """The same of a path q (N, nv), at shares (K,) of the way from waypoints to the next."""
+        way = q[at] + share[:, None] * (q[at + 1] - q[at])
+        rotations, positions, J = self.chain.poses_and_jacobians(way)
+        held = self._fixed[at] & self._fixed[at + 1]
+        return self._rows(self._on_the_way(rotations, positions, at, share), way, J, held)
+
+    def _rows(
+        self, pair: FramePair, q: Array, J: Array, fixed: Mask
+    ) -> tuple[Array, Array, Indices]:
+        found, first = [], 0
+        for band in self.bands:
+            rows, rooms = band.rows(pair)
+            values = np.arange(first, first + rows.shape[1])
+            rooms = np.where(fixed[:, values, None], np.inf, rooms)
+            on_q = rows.reshape(len(J), -1, 6) @ J
+            found.append((on_q, rooms.reshape(len(J), -1), np.repeat(values, rows.shape[2])))
+            first += rows.shape[1]
+        for constraint in self.constraints:
+            rows, rooms, of = constraint.rows(q)
+            found.append((rows, rooms, first + of))
+            first += len(constraint.names)
+        blocks, rooms_of, numbers = zip(*found, strict=True)
+        return (
+            np.concatenate(blocks, axis=1),
+            np.concatenate(rooms_of, axis=1),
+            np.concatenate(numbers),
+        )
+
+    def returns(self, q: Array, at: Indices, inset: float) -> tuple[Array, Array]:
+        """Where margins are negative, what brings them back to ``inset``: rows · Δq = sides.
+
+        Returns:
+            Rows (K, k, nv) and sides (K, k), rad or m; zeros where a margin is not negative.
+        """
+        rotations, positions, J = self.chain.poses_and_jacobians(q)
+        pair = self._pair(rotations, positions, at)
+        margins = np.where(self._fixed[at], np.inf, self._margins(pair, q))
+        rising = []
+        for band in self.bands:
+            middle = np.array([0.5 * (range_.lower + range_.upper) for range_ in band.ranges])
+            sign = np.where(band.values(pair) < middle, 1.0, -1.0)
+            rising.append(sign[:, :, None] * band.gradients(pair) @ J)
+        rising += [constraint.gradients(q) for constraint in self.constraints]
+        outside = margins < -WITHIN
+        rows = np.where(outside[:, :, None], np.concatenate(rising, axis=1), 0.0)
+        depth = np.minimum(inset, 0.5 * self.halves)
+        return rows, np.where(outside, depth - np.where(outside, margins, 0.0), 0.0)
+
+    def may_keep_bands(self, ends: tuple[Poses, Poses], at: Indices, turn: float) -> Mask:
+        """Whether a frame that turns in place may be inside all bands somewhere on its way, (K,).
+
+        Args:
+            ends: Rotations (K, 3, 3) and origins (K, 3) of the frame before and after.
+            at: Numbers of the waypoints, (K,).
+            turn: Angle by which it turns, evenly, rad.
+        """
+        none = np.zeros(len(at))
+        stretch = Stretch(none + turn, none, none, none, none, none)
+        before, after = (self._pair(*poses, at) for poses in ends)
+        held = [band.may_hold(before, after, stretch) for band in self.bands]
+        every = np.concatenate(held, axis=1)
+        return np.asarray((every | self._fixed[at][:, : every.shape[1]]).all(axis=1))
+
+    def margins_between(self, begin: Array, end: Array, at: Indices, share: Array) -> Array:
+        """Margins (K, k) at shares (K,) of the way from waypoints to the next, rad or m.
+
+        Args:
+            begin: Configurations at the waypoints, (K, nv).
+            end: At the next ones; between them joints go straight, and the target with them.
+            at: Numbers of the waypoints, (K,).
+            share: Of the way, from 0 to 1.
+        """
+        q = begin + share[:, None] * (end - begin)
+        margins = self._margins(self._on_the_way(*self.chain.poses(q), at, share), q)
+        return np.where(self._fixed[at] & self._fixed[at + 1], np.inf, margins)
+
+    def between(self, q: Array) -> tuple[Array, Array]:
+        """How far a joint path (N, nv) is outside between its waypoints, at most, rad or m.
+
+        The joints go straight, and the target goes with them: its position straight, its
+        orientation by the shortest rotation, all in the same proportion. Proved by the referee
+        (:func:`~qp_twist.referee.constraints_left`).
+
+        Returns:
+            For each way and margin an upper bound of the excess, (N − 1, k): at most
+            :data:`BETWEEN` where the tolerance is proved. And the share of each way at which the
+            largest was found, (N − 1,).
+        """
+        if not self:
+            return np.zeros((len(q) - 1, 0)), np.zeros(len(q) - 1)
+        within = tuple(BETWEEN[unit] / (1.0 + PROVEN) for unit in ("m", "rad"))
+        held = self._fixed[:-1] & self._fixed[1:]
+        left = constraints_left(self._path_task, q, (within[0], within[1]), held)
+        return left.bound, left.share
+
+    def _on_the_way(
+        self, rotations: Array, positions: Array, at: Indices, share: Array
+    ) -> FramePair:
+        """Frames and their targets, at rest, at shares of the way from waypoints to the next.
+
+        The target's position goes straight, its orientation by the shortest rotation.
+        """
+        share = share[:, None]
+        turned = Rotation.from_rotvec(share * self._turns[at]).as_matrix()
+        return FramePair(
+            rotations,
+            positions,
+            turned @ self._rotations[at],
+            (1.0 - share) * self._positions[at] + share * self._positions[at + 1],
+        )
+
+    def _margins(self, pair: FramePair, q: Array) -> Array:
+        of_constraints = [constraint.margins(q) for constraint in self.constraints]
+        return np.concatenate([self._of_bands(pair), *of_constraints], axis=1)
+
+    def _of_bands(self, pair: FramePair) -> Array:
+        margins = [band.margins(pair) for band in self.bands]
+        return np.concatenate([np.zeros((len(pair.position), 0)), *margins], axis=1)
+
+    def _pair(self, rotations: Array, positions: Array, at: Indices) -> FramePair:
+        """Frames and the waypoints that they belong to, at rest."""
+        return FramePair(rotations, positions, self._rotations[at], self._positions[at])

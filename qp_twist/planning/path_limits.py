@@ -1,0 +1,141 @@
+"""What a joint path has to keep, each stated once: its margins, and its rows for programs."""
+
+from __future__ import annotations
+
+import abc
+from dataclasses import dataclass
+from typing import Literal, NamedTuple
+
+import numpy as np
+from scipy import sparse
+
+from qp_twist.checks import Array, Indices
+from qp_twist.kinematics import JointRanges
+from qp_twist.planning.hard_constraints import BETWEEN, HardConstraints
+
+Kind = Literal["position", "velocity", "acceleration", "band"]
+
+HAIR = 1e-7
+"""What the programs stay away from every limit, rad or m, for their own rounding."""
+
+
+class Margins(NamedTuple):
+    """The margins of a joint path in one kind of constraint."""
+
+    kind: Kind
+    names: tuple[str, ...]
+    """Of the joints, bands or constraints, (k)."""
+    units: tuple[str, ...]
+    """Of the margins, ``"rad"`` or ``"m"``, (k)."""
+    values: Array
+    """At each waypoint, not negative inside, ∞ where there is nothing to keep, (N, k)."""
+    between: bool = False
+    """Whether they are on the way from the waypoint before."""
+
+
+class PathLimit(abc.ABC):
+    """One thing that a joint path q (N, nv) has to keep."""
+
+    @abc.abstractmethod
+    def margins(self, q: Array) -> Margins:
+        """Its margins."""
+
+    @abc.abstractmethod
+    def rows(self, q: Array) -> tuple[sparse.csr_matrix, Array]:
+        """What keeps the margins above 0, to first order: rows (M, N·nv) · Δq ≤ rooms (M,)."""
+
+
+@dataclass(frozen=True, eq=False)
+class LinearLimit(PathLimit):
+    """lower ≤ G q ≤ upper, entry by entry of a path: ranges, steps, changes of speed.
+
+    Attributes:
+        kind: ``"position"``, ``"velocity"`` or ``"acceleration"``.
+        ranges: Of the joints.
+        G: On the path, (M·nv, N·nv), its rows those of M waypoints.
+        lower: rad or m, (M, nv), or (nv,) where it is the same everywhere.
+        upper: Likewise.
+        first: The waypoint, from 0, that the first rows belong to.
+    """
+
+    kind: Kind
+    ranges: JointRanges
+    G: sparse.csr_matrix
+    lower: Array
+    upper: Array
+    first: int
+
+    def margins(self, q: Array) -> Margins:
+        """Distance from the nearer end; ∞ at waypoints without rows."""
+        values = (self.G @ q.ravel()).reshape(-1, q.shape[1])
+        margins = np.full(q.shape, np.inf)
+        here = slice(self.first, self.first + len(values))
+        margins[here] = np.minimum(values - self.lower, self.upper - values)
+        return Margins(self.kind, self.ranges.names, self.ranges.units, margins)
+
+    def rows(self, q: Array) -> tuple[sparse.csr_matrix, Array]:
+        """G and −G."""
+        values = (self.G @ q.ravel()).reshape(-1, q.shape[1])
+        rooms = [self.upper - values, values - self.lower]
+        return sparse.vstack([self.G, -self.G], format="csr"), np.ravel(rooms) - HAIR
+
+
+@dataclass(frozen=True, eq=False)
+class AtWaypoints(PathLimit):
+    """Hard bands and constraints at the waypoints."""
+
+    hard: HardConstraints
+
+    def margins(self, q: Array) -> Margins:
+        """Those of the configurations."""
+        margins = self.hard.margins(q, np.arange(len(q)))
+        return Margins("band", self.hard.names, self.hard.units, margins)
+
+    def rows(self, q: Array) -> tuple[sparse.csr_matrix, Array]:
+        """Those of the configurations, side by side."""
+        rows, rooms, of = self.hard.rows(q, np.arange(len(q)))
+        inset = np.minimum(HAIR, 0.25 * self.hard.halves)
+        return _blocks(rows), (rooms - inset[of]).ravel()
+
+
+@dataclass(frozen=True, eq=False)
+class BetweenWaypoints(PathLimit):
+    """The same on the way between waypoints, where :data:`BETWEEN` is allowed.
+
+    Attributes:
+        hard: Bands and constraints.
+        at: Numbers of the waypoints before the points that are looked at, (K,).
+        share: Of the way to the next, (K,).
+    """
+
+    hard: HardConstraints
+    at: Indices
+    share: Array
+
+    @property
+    def allowed(self) -> Array:
+        """:data:`BETWEEN` in the unit of each margin, (k,)."""
+        return np.array([BETWEEN[unit] for unit in self.hard.units])
+
+    def margins(self, q: Array) -> Margins:
+        """The least on the way to each waypoint, and what is allowed."""
+        found = self.hard.margins_between(q[self.at], q[self.at + 1], self.at, self.share)
+        least = np.full((len(q), found.shape[1]), np.inf)
+        np.minimum.at(least, self.at + 1, found + self.allowed)
+        return Margins("band", self.hard.names, self.hard.units, least, between=True)
+
+    def rows(self, q: Array) -> tuple[sparse.csr_matrix, Array]:
+        """Half of what is allowed is left for the points between those looked at."""
+        rows, rooms, of = self.hard.rows_between(q, self.at, self.share)
+        nv = q.shape[1]
+        joints = (nv * self.at[:, None] + np.arange(nv)).ravel()
+        whole = sparse.identity(q.size, format="csr")
+        of_end = sparse.diags(np.repeat(self.share, nv))
+        moved = whole[joints] + of_end @ (whole[joints + nv] - whole[joints])
+        return _blocks(rows) @ moved, (rooms + 0.5 * self.allowed[of]).ravel()
+
+
+def _blocks(rows: Array) -> sparse.csr_matrix:
+    """Rows (K, m, nv) on K displacements one after the other, (K·m, K·nv)."""
+    at = np.arange(len(rows) + 1)
+    return sparse.csr_matrix(sparse.bsr_matrix((rows, at[:-1], at)))
