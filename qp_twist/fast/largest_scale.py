@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from qp_twist.fast.compiling import part
+from qp_twist.fast.compiling import part, plain
 from qp_twist.fast.dual_active_set import SOLVED, active_set
 from qp_twist.fast.null_space import times_q
 from qp_twist.fast.reduced_program import to_joints
@@ -17,7 +17,7 @@ _CLEAR = 1e-6
 """What scaling takes from the rows has to be more, m/s or rad/s: less may count as met."""
 
 
-@part
+@plain
 def largest_scale(w):
     r"""The largest s ≤ 1 for which A x = s b has a solution inside the limits, 0 for none.
 

@@ -162,14 +162,15 @@ def into_the_box(x, lower, upper):
 def solved_program(w, scales, tolerances):
     """The verified solution of a program into ``w.x``; at a reduced speed if ``scales``."""
     w.scale[0] = 1.0
-    status = reduced_program(w)
-    if status == NO_ROOM and scales:
+    while True:  # at most twice: a part that is written once is compiled once
+        status = reduced_program(w)
+        if status != NO_ROOM or not scales or w.scale[0] < 1.0:
+            break
         w.scale[0] = largest_scale(w)
         if w.scale[0] == 0.0:
             return REFUSED
         for row in range(len(w.b)):
             w.b[row] *= w.scale[0]
-        status = reduced_program(w)
     if status != SOLVED or not into_the_box(w.x, w.lower, w.upper):
         return REFUSED
     if len(w.h):
