@@ -129,8 +129,8 @@ def _row_name(limit: mink.Limit, row: int) -> RowName:
         return " – ".join(geoms), "collision"
     if isinstance(limit, BandLimit):
         return f"{limit.task.name} band row {row}", "band"
-    if isinstance(limit, Constraint) and row < len(limit.names):
-        return limit.names[row], limit.kind
+    if isinstance(limit, Constraint):
+        return limit.row_name(row), limit.kind
     name = type(limit).__name__
     return f"{name} row {row}", name
 
