@@ -54,6 +54,16 @@ def float_array(
     raise error(f"{name}: expected numbers, got {shown if len(shown) < 60 else shown[:57] + '…'}.")
 
 
+def are_rows(rows: Any, ends: Any, n: int) -> bool:
+    """Whether these are arrays of floats (k, n) and (k,), at a glance: a tenth of checking them."""
+    return (
+        type(rows) is type(ends) is np.ndarray
+        and rows.dtype == ends.dtype == np.float64
+        and ends.ndim == 1
+        and rows.shape == (len(ends), n)
+    )
+
+
 def within(
     name: str, array: Array, largest: float, *, error: type[InvalidInput] = InvalidInput
 ) -> Array:

@@ -1,12 +1,14 @@
 """The exceptions of refused input; those of a failed step are in ``qp_twist.qp.failures``.
 
-All derive from :class:`QpTwistError`, itself a :class:`mink.MinkError`; where mink has an exception
-of the same meaning ours derives from it too, so that the handlers of a mink app still catch it.
+All derive from :class:`QpTwistError`, itself a :class:`mink.MinkError`; where mink or
+qpsolvers has an exception of the same meaning ours derives from it too, so that the handlers of a
+mink app still catch it.
 """
 
 from __future__ import annotations
 
 import mink
+import qpsolvers
 
 
 class QpTwistError(mink.MinkError):
@@ -21,8 +23,11 @@ class InvalidTarget(InvalidInput, mink.InvalidTarget):
     """A target pose or twist was refused (not finite, or of the wrong shape)."""
 
 
-class UnknownSolver(InvalidInput):
-    """The QP solver is not known to qpsolvers, or is not installed."""
+class UnknownSolver(InvalidInput, qpsolvers.SolverNotFound):
+    """The QP solver is not known to qpsolvers, or is not installed.
+
+    Also what mink lets through from qpsolvers, for the handlers of its apps.
+    """
 
 
 class TaskFileError(InvalidInput):

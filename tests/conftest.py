@@ -19,8 +19,9 @@ NOT_NUMERICAL = (
     "bench", "check", "cli", "docs", "examples", "exchange", "findings", "gallery", "house",
     "new_task", "peers", "refusals", "report", "resample", "robots", "scenes", "study",
     "task_file", "toolpath", "view", "viewing",
+    "code_cache", "files", "local_server", "shown", "skips",
     "batch", "batch_steps", "comparison", "compiled_paths", "named_tasks", "paper_examples",
-    "placements", "plan", "simulation", "starts_found", "timing",
+    "placements", "plan", "plan_bands", "simulation", "starts_found", "timing",
 )  # fmt: skip
 """Modules ``test_…`` without the mark ``numerical``: files, pages, pictures and commands; and
 motions along whole paths and many steps at once, which take minutes and are made of the steps that

@@ -156,9 +156,10 @@ def test_a_box_is_its_three_slabs() -> None:
             qt.SlabBand(e, a, b, frame=frame) for e, a, b in zip(np.eye(3), low, high, strict=True)
         ]
         parts = [slab.half_spaces(pair, 0.1, FREE) for slab in slabs]
-        assert np.array_equal(rows, np.vstack([r for r, _ in parts]))
-        assert np.array_equal(bounds, np.concatenate([b for _, b in parts]))
-        assert box.excess(pair) == max(slab.excess(pair) for slab in slabs) > 0.0
+        np.testing.assert_allclose(rows, np.vstack([r for r, _ in parts]), atol=1e-14)
+        np.testing.assert_allclose(bounds, np.concatenate([b for _, b in parts]), rtol=1e-12)
+        assert box.excess(pair) == pytest.approx(max(slab.excess(pair) for slab in slabs))
+        assert box.excess(pair) > 0.0
 
 
 def test_the_rows_of_a_task_are_those_of_its_bands_on_the_jacobian() -> None:

@@ -97,7 +97,7 @@ def test_with_the_whole_twist_on_six_joints_it_is_resolved_motion_rate(seed: int
 
 
 @given(SEEDS, st.integers(3, 9), KINDS, KINDS, FRAMES)
-@settings(max_examples=600)
+@settings(max_examples=300)
 def test_without_a_secondary_it_is_the_minimum_norm(
     seed: int, joints: int, linear: str, angular: str, frame: str
 ) -> None:
@@ -109,7 +109,7 @@ def test_without_a_secondary_it_is_the_minimum_norm(
 
 
 @given(SEEDS, st.integers(3, 9), KINDS, KINDS, FRAMES)
-@settings(max_examples=600)
+@settings(max_examples=300)
 def test_with_a_joint_space_secondary_it_is_gradient_projection(
     seed: int, joints: int, linear: str, angular: str, frame: str
 ) -> None:
@@ -123,7 +123,7 @@ def test_with_a_joint_space_secondary_it_is_gradient_projection(
 
 
 @given(SEEDS, KINDS, KINDS, FRAMES)
-@settings(max_examples=600)
+@settings(max_examples=300)
 def test_with_a_twist_space_secondary_on_six_joints_it_is_the_twist_decomposition(
     seed: int, linear: str, angular: str, frame: str
 ) -> None:

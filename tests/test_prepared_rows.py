@@ -10,10 +10,7 @@ import mink
 import numpy as np
 import pytest
 import qpsolvers
-from arms import random_arm, random_configuration, random_direction
-from hypothesis import given, settings
-from hypothesis import strategies as st
-from test_plain_step import SOLVERS, by_reference, projector, same
+from test_plain_step import by_reference, same
 
 import qp_twist as qt
 from qp_twist.controller.plain_step import PlainStep
@@ -31,105 +28,6 @@ class HalfSpaces(mink.Limit):
         self, configuration: mink.Configuration, dt: float
     ) -> mink.Constraint:
         return mink.Constraint(G=self.G, h=self.g * dt)
-
-
-def half_spaces(rng: np.random.Generator, nv: int) -> HalfSpaces:
-    """Rows of all kinds: full, of one entry, empty, and some that say nothing."""
-    k = int(rng.integers(1, 6))
-    G = rng.normal(size=(k, nv)) * (rng.random((k, nv)) < rng.choice([0.2, 0.7, 1.0]))
-    g = rng.uniform(0.0, 0.3, k)
-    g[rng.random(k) < 0.2] = np.inf
-    return HalfSpaces(G, g)
-
-
-def controllers(seed: int, solver: str) -> tuple[list[qt.Controller], mink.Configuration]:
-    """The same controller by the reference and prepared: rows, levels, costs, in all mixtures."""
-    rng = np.random.default_rng(seed)
-    model = random_arm(rng, int(rng.integers(4, 10)), slides=bool(rng.random() < 0.3), limited=True)
-    nv, q = model.nv, random_configuration(model, rng)
-    configuration = mink.Configuration(model, q)
-    state = rng.bit_generator.state
-    found = []
-    for name in ("daqp", solver):
-        rng.bit_generator.state = state
-        tasks = [qt.TwistTask("tool", "site", projector(rng))]
-        if rng.random() < 0.5:
-            tasks.append(qt.TwistTask("link_2", "body", projector(rng)))
-        for task in tasks:
-            pose = configuration.get_transform_frame_to_world(task.frame_name, task.frame_type)
-            away = 10.0 ** rng.uniform(-4.0, -1.5) * rng.normal(size=6)
-            task.set_target(pose.multiply(mink.SE3.exp(away)))
-        band = qt.SlabBand(random_direction(rng), -rng.uniform(0, 0.02), rng.uniform(0, 0.02))
-        if rng.random() < 0.5 and band.contradiction(tasks[0].projector) is None:
-            tasks[0].bands = [band]
-        limits: list[mink.Limit] = [qt.PositionLimit(model)] if rng.random() < 0.5 else []
-        if rng.random() < 0.4:
-            limits.append(mink.ConfigurationLimit(model))
-        if rng.random() < 0.4:
-            names = [model.joint(i).name for i in range(model.njnt)]
-            speeds = {joint: float(rng.uniform(0.1, 1.0)) for joint in names}
-            limits.append(mink.VelocityLimit(model, speeds))
-        if rng.random() < 0.8:
-            limits.append(half_spaces(rng, nv))
-        others: list[Any] = []
-        if rng.random() < 0.4:
-            others.append(mink.PostureTask(model, cost=rng.uniform(0.1, 2.0)))
-            others[-1].set_target(q + 0.05 * rng.normal(size=len(q)))
-        if rng.random() < 0.2:
-            others.append(mink.DampingTask(model, cost=0.5))
-        strict = len(tasks) > 1 and rng.random() < 0.6
-        found.append(
-            qt.Controller(
-                model,
-                others if strict else [*tasks, *others],
-                levels=[[task] for task in tasks] if strict else None,
-                limits=limits,
-                secondary=[qt.JointCentering(model, gain=0.3)][: rng.integers(2)],
-                secondary_space=("joint", "twist")[rng.integers(2)],
-                metric=rng.uniform(0.3, 3.0, nv),
-                solver=name,
-            )
-        )
-    by_reference(found[0])
-    return found, configuration
-
-
-@pytest.mark.parametrize("solver", SOLVERS)
-@settings(max_examples=150, deadline=None)
-@given(seed=st.integers(0, 2**32 - 1))
-def test_with_rows_levels_and_costs_it_is_the_reference_step(solver: str, seed: int) -> None:
-    (reference, prepared), configuration = controllers(seed, solver)
-    try:
-        expected = reference.step(configuration, 0.05)
-    except qt.QpTwistError as error:
-        with pytest.raises(type(error)):
-            prepared.step(configuration, 0.05)
-        return
-    step = prepared.step(configuration, 0.05)
-    size = 1.0 + np.abs(expected.velocity).max()
-    np.testing.assert_allclose(step.velocity, expected.velocity, atol=1e-8 * size)
-    assert step.status is expected.status
-    if isinstance(step, PlainStep) and not expected.binding:
-        same(expected, step)
-
-
-@pytest.mark.parametrize("solver", SOLVERS)
-def test_most_of_these_steps_are_plain_and_rows_bind_in_some(solver: str) -> None:
-    plain = pushed = 0
-    for seed in range(80):
-        (reference, prepared), configuration = controllers(seed, solver)
-        expected, step = (c.step(configuration, 0.05) for c in (reference, prepared))
-        atol = (1e-8 if solver in SOLVERS else 1e-5) * (1.0 + np.abs(expected.velocity).max())
-        np.testing.assert_allclose(step.velocity, expected.velocity, atol=atol)
-        if not isinstance(step, PlainStep):
-            continue
-        plain += 1
-        pushed += any(limit.kind in ("band", "HalfSpaces") for limit in step.binding)
-        if solver in SOLVERS:
-            assert [str(x) for x in step.binding] == [str(x) for x in expected.binding]
-            for mine, theirs in zip(step.binding, expected.binding, strict=True):
-                assert mine.multiplier == pytest.approx(theirs.multiplier, rel=1e-4, abs=1e-6)
-    assert plain > 30 and pushed > 10
 
 
 # ---------------------------------------------------------------- what changes under way
@@ -160,10 +58,9 @@ def self_motion(step: qt.Step) -> Array:
     return direction
 
 
-@pytest.mark.parametrize("solver", SOLVERS)
-def test_rows_may_come_and_go_from_step_to_step(solver: str) -> None:
+def test_rows_may_come_and_go_from_step_to_step() -> None:
     rows = HalfSpaces(np.zeros((0, 6)), np.zeros(0))
-    controller, configuration = deburring(solver, rows)
+    controller, configuration = deburring("compiled", rows)
     before = controller.step(configuration, 0.1)
     free, way = before.velocity.copy(), self_motion(before)
     rng = np.random.default_rng(5)
@@ -181,9 +78,8 @@ def test_rows_may_come_and_go_from_step_to_step(solver: str) -> None:
         assert (np.abs(step.velocity - free).max() > 1e-4) == (k > 0)
 
 
-@pytest.mark.parametrize("solver", SOLVERS)
-def test_bands_may_be_given_and_taken_away_and_made_soft(solver: str) -> None:
-    controller, configuration = deburring(solver)
+def test_bands_may_be_given_and_taken_away_and_made_soft() -> None:
+    controller, configuration = deburring("compiled")
     task = controller.twist_tasks[0]
     free = controller.step(configuration, 0.1)
     band = qt.RollBand((0.0, 0.0, 1.0), 0.1, 0.3)
@@ -201,14 +97,13 @@ def test_bands_may_be_given_and_taken_away_and_made_soft(solver: str) -> None:
     np.testing.assert_allclose(again.velocity, free.velocity, atol=1e-12)
 
 
-@pytest.mark.parametrize("solver", SOLVERS)
-def test_a_step_knows_the_names_of_its_rows_later_and_as_a_copy(solver: str) -> None:
-    controller, configuration = deburring(solver)
+def test_a_step_knows_the_names_of_its_rows_later_and_as_a_copy() -> None:
+    controller, configuration = deburring("compiled")
     free = controller.step(configuration, 0.1)
     way = self_motion(free)
     rows = HalfSpaces(np.array([-way, way]), np.array([10.0, way @ free.velocity - 0.01]))
     wide = qt.RollBand((0.0, 0.0, 1.0), -2.0, 2.0)
-    controller, configuration = deburring(solver, rows, bands=[wide])
+    controller, configuration = deburring("compiled", rows, bands=[wide])
     step = controller.step(configuration, 0.1)
     assert isinstance(step, PlainStep)
     copied = pickle.loads(pickle.dumps(step))
@@ -220,11 +115,10 @@ def test_a_step_knows_the_names_of_its_rows_later_and_as_a_copy(solver: str) -> 
         same(step, kept)
 
 
-@pytest.mark.parametrize("solver", SOLVERS)
 @pytest.mark.parametrize("G", [np.full((1, 6), np.nan), np.zeros((1, 5)), np.full((1, 6), 1e15)])
-def test_rows_that_are_none_are_refused_with_a_sentence(solver: str, G: Array) -> None:
+def test_rows_that_are_none_are_refused_with_a_sentence(G: Array) -> None:
     rows = HalfSpaces(np.zeros((0, 6)), np.zeros(0))
-    controller, configuration = deburring(solver, rows)
+    controller, configuration = deburring("compiled", rows)
     before = controller.step(configuration, 0.1)
     rows.G, rows.g = G, np.ones(1)
     with pytest.raises(qt.InvalidInput, match="HalfSpaces: G"):
@@ -270,15 +164,12 @@ def test_no_backend_is_believed_when_it_leaves_a_row(monkeypatch: pytest.MonkeyP
 # ---------------------------------------------------------------- levels
 
 
-@pytest.mark.parametrize("solver", SOLVERS)
-def test_a_level_that_needs_a_direction_of_the_one_above_is_left_to_the_reference(
-    solver: str,
-) -> None:
+def test_a_level_that_needs_a_direction_of_the_one_above_is_left_to_the_reference() -> None:
     """The rows of both together are regular enough; what is left of the second alone is not."""
     configuration = at_start()
     point = qt.TwistProjector(linear=qt.Projector.full(), angular=qt.Projector.none())
     found = []
-    for name in ("daqp", solver):
+    for name in ("daqp", "compiled"):
         first, second = (qt.TwistTask("tool", "site", point) for _ in range(2))
         for task, waypoint in ((first, 1), (second, 3)):
             task.set_target(PATH.waypoints[waypoint])
@@ -289,8 +180,7 @@ def test_a_level_that_needs_a_direction_of_the_one_above_is_left_to_the_referenc
     np.testing.assert_allclose(step.velocity, expected.velocity, atol=1e-9)
 
 
-@pytest.mark.parametrize("solver", SOLVERS)
-def test_the_smallest_singular_value_is_of_the_first_level(solver: str) -> None:
+def test_the_smallest_singular_value_is_of_the_first_level() -> None:
     configuration = at_start()
     none = qt.Projector.none()
     point = qt.TwistProjector(linear=qt.Projector.full(), angular=none)
@@ -298,7 +188,7 @@ def test_the_smallest_singular_value_is_of_the_first_level(solver: str) -> None:
     tasks = [qt.TwistTask("tool", "site", part) for part in (point, axis)]
     for task in tasks:
         task.set_target(PATH.waypoints[1])
-    step = qt.Controller(MODEL, levels=[tasks[:1], tasks[1:]], solver=solver).step(
+    step = qt.Controller(MODEL, levels=[tasks[:1], tasks[1:]], solver="compiled").step(
         configuration, 0.1
     )
     assert isinstance(step, PlainStep)
@@ -312,13 +202,12 @@ def test_the_smallest_singular_value_is_of_the_first_level(solver: str) -> None:
 # ---------------------------------------------------------------- costs of other tasks
 
 
-@pytest.mark.parametrize("solver", SOLVERS)
-def test_a_posture_task_that_is_moved_under_way_counts(solver: str) -> None:
+def test_a_posture_task_that_is_moved_under_way_counts() -> None:
     configuration = at_start()
     tool = qt.TwistTask("tool", "site", PATH.projector)
     tool.set_target(PATH.waypoints[1])
     posture = mink.PostureTask(MODEL, cost=1.0)
-    controller = qt.Controller(MODEL, [tool, posture], solver=solver)
+    controller = qt.Controller(MODEL, [tool, posture], solver="compiled")
     with pytest.raises(mink.TargetNotSet):
         controller.step(configuration, 0.1)
     for shift in (0.0, 0.2):

@@ -14,7 +14,7 @@ import mink
 import mujoco
 import numpy as np
 import pytest
-from test_plain_step import SOLVERS, by_reference, plain_controller, same
+from test_plain_step import by_reference, plain_controller, same
 
 import qp_twist as qt
 from qp_twist.controller.plain_step import PlainStep
@@ -30,23 +30,21 @@ def arm(before: str = "", reach: float = 0.3, behind: str = "") -> mujoco.MjMode
     return mujoco.MjModel.from_xml_string(ARM.format(before=before, reach=reach, behind=behind))
 
 
-@pytest.mark.parametrize("solver", SOLVERS)
 @pytest.mark.parametrize("sites", ["<site name='a'/>", "<site name='a'/><site name='b'/>"])
-def test_the_same_arm_with_other_sites_is_another_robot(solver: str, sites: str) -> None:
+def test_the_same_arm_with_other_sites_is_another_robot(sites: str) -> None:
     one, other = arm(before=sites), arm(behind="<site name='c' pos='.2 .1 .3'/>")
     task = qt.TwistTask.point("tip", "site")
     for model, theirs in ((one, other), (other, one)):
         task.set_target_from_configuration(mink.Configuration(model))
-        controller = qt.Controller(model, [task], limits=[], solver=solver)
+        controller = qt.Controller(model, [task], limits=[], solver="compiled")
         with pytest.raises(qt.InvalidInput, match="same model"):
             controller.step(mink.Configuration(theirs, np.array([0.3, 0.4, 0.5])), 0.1)
 
 
-@pytest.mark.parametrize("solver", SOLVERS)
-def test_the_same_robot_read_again_or_with_other_lengths_is_taken(solver: str) -> None:
+def test_the_same_robot_read_again_or_with_other_lengths_is_taken() -> None:
     task = qt.TwistTask.point("tip", "site")
     task.set_target(mink.SE3.from_translation(np.array([0.6, 0.2, 0.05])))
-    controllers = [qt.Controller(arm(), [task], limits=[], solver=s) for s in ("daqp", solver)]
+    controllers = [qt.Controller(arm(), [task], limits=[], solver=s) for s in ("daqp", "compiled")]
     by_reference(controllers[0])
     for reach in (0.3, 0.5):
         there = mink.Configuration(arm(reach=reach), np.array([0.3, 0.4, 0.5]))
@@ -54,10 +52,9 @@ def test_the_same_robot_read_again_or_with_other_lengths_is_taken(solver: str) -
         same(expected, step)
 
 
-@pytest.mark.parametrize("solver", SOLVERS)
-def test_one_controller_in_two_threads_gives_each_its_own_step(solver: str) -> None:
+def test_one_controller_in_two_threads_gives_each_its_own_step() -> None:
     model = qt.load_task("deburring").model
-    controller, _, first = plain_controller(solver)
+    controller, _, first = plain_controller("compiled")
     places = [first, mink.Configuration(model, first.q + 0.1)]
     wanted = [controller.step(place, 0.1).velocity for place in places]
     assert np.abs(wanted[0] - wanted[1]).max() > 1e-3
@@ -109,18 +106,16 @@ def test_what_a_task_was_told_cannot_be_written_into() -> None:
             array[0] = 0.5
 
 
-@pytest.mark.parametrize("solver", SOLVERS)
-def test_a_velocity_that_is_written_into_changes_no_report(solver: str) -> None:
-    controller, _, configuration = plain_controller(solver)
+def test_a_velocity_that_is_written_into_changes_no_report() -> None:
+    controller, _, configuration = plain_controller("compiled")
     step = controller.step(configuration, 0.1)
     velocity = step.velocity
     velocity *= 0.5
     assert np.abs(step.residuals[0]).max() < 1e-9
 
 
-@pytest.mark.parametrize("solver", SOLVERS)
-def test_a_step_made_from_another_can_be_copied(solver: str) -> None:
-    controller, _, configuration = plain_controller(solver)
+def test_a_step_made_from_another_can_be_copied() -> None:
+    controller, _, configuration = plain_controller("compiled")
     made = dataclasses.replace(controller.step(configuration, 0.1), scale=0.5)
     for copied in (copy.copy(made), copy.deepcopy(made), pickle.loads(pickle.dumps(made))):
         assert copied.scale == 0.5
@@ -145,13 +140,12 @@ class ZzzLimit(Fixed):
     pass
 
 
-@pytest.mark.parametrize("solver", SOLVERS)
 @pytest.mark.parametrize("order", ["avz", "vaz", "zva", "za", "va"])
-def test_of_limits_that_say_the_same_the_first_is_named(solver: str, order: str) -> None:
+def test_of_limits_that_say_the_same_the_first_is_named(order: str) -> None:
     model = qt.load_task("deburring").model
     speeds = {model.joint(i).name: 0.01 for i in range(model.njnt)}
     found = []
-    for name in ("daqp", solver):
+    for name in ("daqp", "compiled"):
         limits = {
             "a": AaaLimit(6, 0.01), "z": ZzzLimit(6, 0.01), "v": mink.VelocityLimit(model, speeds),
         }  # fmt: skip
@@ -167,10 +161,9 @@ def test_of_limits_that_say_the_same_the_first_is_named(solver: str, order: str)
     assert [str(x) for x in step.binding] == [str(x) for x in expected.binding]
 
 
-@pytest.mark.parametrize("solver", SOLVERS)
 @pytest.mark.parametrize("gain", [1e300, np.inf, np.nan])
-def test_what_overflows_is_refused_without_warnings(solver: str, gain: float) -> None:
-    controller, task, configuration = plain_controller(solver)
+def test_what_overflows_is_refused_without_warnings(gain: float) -> None:
+    controller, task, configuration = plain_controller("compiled")
     task.gain = gain
     with warnings.catch_warnings():
         warnings.simplefilter("error")
@@ -203,36 +196,31 @@ def test_a_task_and_an_objective_check_what_they_are_assigned(value: Any) -> Non
         qt.JointCentering(controller.model).weight = value
 
 
-@pytest.mark.parametrize("solver", SOLVERS)
 @pytest.mark.parametrize("returned", [None, (np.eye(6), np.ones(6))])
-def test_a_limit_that_returns_no_constraint_is_named(solver: str, returned: Any) -> None:
+def test_a_limit_that_returns_no_constraint_is_named(returned: Any) -> None:
     class Odd(mink.Limit):
         def compute_qp_inequalities(self, configuration: Any, dt: float) -> Any:
             return returned
 
-    controller, _, configuration = plain_controller(solver, limits=[Odd()])
+    controller, _, configuration = plain_controller("compiled", limits=[Odd()])
     with pytest.raises(qt.InvalidInput, match=r"Odd: .*mink.Constraint"):
         controller.step(configuration, 0.1)
 
 
-@pytest.mark.parametrize("solver", SOLVERS)
 @pytest.mark.filterwarnings("ignore:the matrix subclass")
-def test_rows_may_be_matrices_or_masked(solver: str) -> None:
+def test_rows_may_be_matrices_or_masked() -> None:
     expected = None
     for kind in (np.array, np.asmatrix, np.ma.masked_array):
         limit = Fixed(6, 0.5)
         limit.G = kind(limit.G)
-        controller, _, configuration = plain_controller(solver, limits=[limit])
+        controller, _, configuration = plain_controller("compiled", limits=[limit])
         step = controller.step(configuration, 0.1)
         expected = step if expected is None else expected
         same(expected, step)
 
 
-@pytest.mark.parametrize("solver", SOLVERS)
 @pytest.mark.parametrize("wish", [np.ones(3), np.ones((6, 1)), None, "a"])
-def test_a_wish_of_another_shape_is_refused_with_the_name_of_who_has_it(
-    solver: str, wish: Any
-) -> None:
+def test_a_wish_of_another_shape_is_refused_with_the_name_of_who_has_it(wish: Any) -> None:
     class Wishes(qt.SecondaryObjective):
         def direction(self, configuration: mink.Configuration) -> Any:
             return wish
@@ -241,14 +229,13 @@ def test_a_wish_of_another_shape_is_refused_with_the_name_of_who_has_it(
             return wish
 
     model = qt.load_task("deburring").model
-    controller, _, configuration = plain_controller(solver, secondary=[Wishes(model)])
+    controller, _, configuration = plain_controller("compiled", secondary=[Wishes(model)])
     with pytest.raises(qt.InvalidInput, match="Wishes: its displacement"):
         controller.step(configuration, 0.1)
 
 
-@pytest.mark.parametrize("solver", SOLVERS)
-def test_a_joint_that_became_no_number_is_told_by_its_place(solver: str) -> None:
-    controller, _, configuration = plain_controller(solver)
+def test_a_joint_that_became_no_number_is_told_by_its_place() -> None:
+    controller, _, configuration = plain_controller("compiled")
     controller.step(configuration, 0.1)
     configuration.data.qpos[2] = np.nan
     with pytest.raises(qt.InvalidInput, match=r"configuration\.q"):
@@ -297,18 +284,15 @@ REPLACED = {
 }
 
 
-@pytest.mark.parametrize("solver", SOLVERS)
 @pytest.mark.parametrize("change", REPLACED)
-def test_a_configuration_that_was_changed_after_a_step_is_looked_at_again(
-    change: str, solver: str
-) -> None:
+def test_a_configuration_that_was_changed_after_a_step_is_looked_at_again(change: str) -> None:
     """The same as without a step before, and as the reference: a step, or a sentence."""
     task = qt.TwistTask.point("tip", "site")
     task.set_target(mink.SE3.from_translation(np.array([0.6, 0.2, 0.05])))
     outcomes = []
     for prepared, steps_before in ((False, 0), (True, 0), (True, 1)):
         model = arm()
-        controller = qt.Controller(model, [task], limits=[], solver=solver)
+        controller = qt.Controller(model, [task], limits=[], solver="compiled")
         if not prepared:
             by_reference(controller)
         configuration = mink.Configuration(model, np.array([0.3, 0.4, 0.5]))
@@ -331,12 +315,11 @@ def test_a_configuration_that_was_changed_after_a_step_is_looked_at_again(
             np.testing.assert_allclose(outcome, expected, rtol=1e-9, atol=1e-9)
 
 
-@pytest.mark.parametrize("solver", SOLVERS)
-def test_a_copy_of_a_configuration_goes_its_own_way(solver: str) -> None:
+def test_a_copy_of_a_configuration_goes_its_own_way() -> None:
     task = qt.TwistTask.point("tip", "site")
     task.set_target(mink.SE3.from_translation(np.array([0.6, 0.2, 0.05])))
     model = arm()
-    controller = qt.Controller(model, [task], limits=[], solver=solver)
+    controller = qt.Controller(model, [task], limits=[], solver="compiled")
     configuration = mink.Configuration(model, np.array([0.3, 0.4, 0.5]))
     expected = controller.step(configuration, 0.1).velocity
     other = copy.copy(configuration)

@@ -660,6 +660,111 @@ def test_numbers_without_meaning_are_refused(options: dict[str, float], sentence
         TwistTask("tool", "site", SPATIAL, **options)
 
 
+# A FrameTask's costs, by each of the ways in which an app gives them to it.
+WAYS = {
+    "keywords": lambda task, linear, angular: TwistTask(
+        "tool", "site", ROLL_FREE, position_cost=linear, orientation_cost=angular
+    ),
+    "ours": lambda task, linear, angular: TwistTask(
+        "tool", "site", ROLL_FREE, linear_cost=linear, angular_cost=angular
+    ),
+    "setters": lambda task, linear, angular: (
+        task.set_position_cost(linear), task.set_orientation_cost(angular)
+    ),
+    "mink's attributes": lambda task, linear, angular: (
+        setattr(task, "position_cost", linear), setattr(task, "orientation_cost", angular)
+    ),
+    "our attributes": lambda task, linear, angular: (
+        setattr(task, "linear_cost", linear), setattr(task, "angular_cost", angular)
+    ),
+    "rows": lambda task, linear, angular: setattr(task, "cost", [linear] * 3 + [angular] * 2),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("way", WAYS)
+def test_costs_by_minks_names_weigh_what_minks_do(way: str) -> None:
+    rng = np.random.default_rng(31)
+    configuration = regular(rng)
+    target = misaligned(configuration, rng, 0.2)
+    task = TwistTask("tool", "site", ROLL_FREE)
+    task.set_target(target)
+    made = WAYS[way](task, 3.0, 0.5)
+    if isinstance(made, TwistTask):
+        task = made
+        task.set_target(target)
+    np.testing.assert_array_equal(task.position_cost, [3.0, 3.0, 3.0])
+    np.testing.assert_array_equal(task.orientation_cost, [0.5, 0.5])
+    # As mink has it: ½‖W(J Δq + e)‖², W = diag(cost).
+    J, e = task.compute_jacobian(configuration), task.compute_error(configuration)
+    W = np.diag([3.0, 3.0, 3.0, 0.5, 0.5])
+    objective = task.compute_qp_objective(configuration)
+    close(objective.H, J.T @ W @ W @ J, atol=1e-12)
+    close(objective.c, J.T @ W @ W @ e, atol=1e-12)
+
+
+@pytest.mark.parametrize("cost", [2.0, [2.0], np.full(5, 2.0)])
+def test_one_cost_for_all_rows(cost: object) -> None:
+    for task in (
+        TwistTask("tool", "site", ROLL_FREE, cost=cost), TwistTask.axis_free("tool", "site")
+    ):  # fmt: skip
+        task.set_cost(cost)
+        np.testing.assert_array_equal(task.cost, np.full(5, 2.0))
+    assert TwistTask.gaze("tool", "site", cost=2.0).cost.tolist() == [2.0, 2.0]
+
+
+def test_costs_of_a_block_without_rows_weigh_nothing() -> None:
+    task = TwistTask.point("tool", "site", position_cost=2.0, orientation_cost=7.0)
+    task.set_orientation_cost([1.0, 1.0, 1.0])
+    assert task.cost.tolist() == [2.0, 2.0, 2.0]
+    assert len(task.orientation_cost) == 0
+
+
+@pytest.mark.parametrize(
+    ("wrong", "sentence"),
+    [
+        (lambda t: t.set_position_cost([1.0, 2.0, 3.0]), "linear_cost: expected one number"),
+        (lambda t: t.set_orientation_cost([1.0, 2.0]), "angular_cost: expected one number"),
+        (lambda t: t.set_position_cost(-1.0), "linear_cost: expected a number of at least 0"),
+        (lambda t: setattr(t, "linear_cost", np.nan), "linear_cost: "),
+        (lambda t: setattr(t, "cost", np.ones(6)), r"cost has one entry for each row .*\(5,\)"),
+        (lambda t: setattr(t, "cost", [1.0, 1.0, -1.0, 1.0, 1.0]), "costs of at least 0"),
+        (lambda t: t.set_cost(np.inf), "costs of at least 0"),
+        (lambda t: t.set_cost("high"), "expected numbers"),
+    ],
+)
+def test_costs_that_the_task_has_not_are_a_sentence(wrong, sentence: str) -> None:
+    task = TwistTask("tool", "site", ROLL_FREE)
+    with pytest.raises(InvalidInput, match=sentence):
+        wrong(task)
+    np.testing.assert_array_equal(task.cost, np.ones(5))  # as it was
+
+
+@pytest.mark.parametrize(
+    ("carrier", "sentence"),
+    [
+        (["part", "body"], "expected .name, type. of a frame"),
+        ((None, "body"), "expected the name or the id of a body, got None"),
+        ((2.5, "body"), "expected the name or the id of a body, got 2.5"),
+        ((True, "body"), "expected the name or the id"),
+        ((-1, "body"), "no body is called -1"),
+        (("", "site"), "no site is called ''"),
+        (("tool", "site"), "the controlled frame itself"),
+    ],
+)
+def test_a_carrier_that_is_none_is_refused_at_once(carrier: object, sentence: str) -> None:
+    with pytest.raises(InvalidInput, match=sentence):
+        TwistTask("tool", "site", ROLL_FREE, relative_to=carrier)
+    task = TwistTask("tool", "site", ROLL_FREE, relative_to=("part", "body"))
+    with pytest.raises(InvalidInput, match=sentence):
+        task.relative_to = carrier
+    assert task.relative_to == ("part", "body")
+
+
+def test_minks_arguments_of_a_relative_task_are_told_ours() -> None:
+    with pytest.raises(InvalidInput, match=r"root_type, is relative_to=\(name, type\)"):
+        TwistTask("tool", "site", "part", "body")
+
+
 @pytest.mark.parametrize("gain", [-0.1, 1.1])
 def test_the_gain_is_bounded_as_minks(gain: float) -> None:
     with pytest.raises(mink.InvalidGain):

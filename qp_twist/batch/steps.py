@@ -34,8 +34,8 @@ class Steps:
 
     Attributes:
         velocity: q̇ of each, rad/s or m/s, (K, nv); NaN where there is none.
-        scale: Share of the task's speed that is kept, (K,): 1 but for steps of the reference.
-        by_reference: Which steps are not plain ones, and were taken by ``Controller.step``, (K,).
+        scale: Share of the task's speed that is kept, (K,).
+        by_reference: Which steps the kernel did not take, but ``Controller.step``, (K,).
         failures: What ``Controller.step`` raised, by the number of the row.
     """
 
@@ -57,23 +57,23 @@ def step(
 ) -> Steps:
     """:meth:`Controller.step <qp_twist.Controller.step>` for many configurations, to 1e-9.
 
-    Every result is verified. Steps that are not plain ones inside all limits (scaled, relaxed, near
-    a singularity, with a level that gives way) are taken by ``Controller.step`` afterwards, one by
-    one. The controller is left as it is; its acceleration limits count from the velocity that it
+    Every result is verified. Steps that are relaxed, near a singularity or scaled on one of several
+    levels, and those with a level that gives way, are taken by ``Controller.step`` afterwards, one
+    by one. The controller is left as it is; its acceleration limits count from the velocity that it
     knows.
 
     Args:
         controller: TwistTasks (no GazeTasks, bands or carriers) in any levels, PositionLimits,
             MotionLimits and DisplacementWindows, JointCentering and, where all joints are hinges
-            and slides, PostureReferences. Its ``solver`` takes the steps that are not plain.
+            and slides, PostureReferences. Its ``solver`` takes the other steps.
         q: Configurations, rad or m, (K, nq).
         dt: Length of the steps, s.
         targets: For each row the target of the task: :class:`mink.SE3`, or matrices (K, 4, 4); for
             several tasks a sequence of such, in their order. They are at rest. By default the
             tasks' own, with their feed-forward twists.
         use_secondary: As for a single step.
-        others: Whether steps that are not plain are taken by ``Controller.step``; without it their
-            velocity is NaN.
+        others: Whether those steps are taken by ``Controller.step``; without it their velocity is
+            NaN.
         threads: How many; all cores by default.
 
     Raises:
@@ -104,16 +104,17 @@ def step(
         arm_of(SerialChain.of(controller.model, t.frame_name, t.frame_type)) for t in tasks
     )
     aims = _aims(tasks, own, targets, len(given))
-    velocity, done = np.zeros((len(given), controller.model.nv)), np.zeros(len(given), dtype=bool)
+    velocity, scale = np.zeros((len(given), controller.model.nv)), np.ones(len(given))
+    done = np.zeros(len(given), dtype=bool)
 
     def some(part: slice) -> None:
         batch_kernel.steps(
             arms, floats.copy(), integers.copy(), given[part], aims[part], dt, bool(use_secondary),
-            velocity[part], done[part],
+            velocity[part], scale[part], done[part],
         )  # fmt: skip
 
     shared(len(given), some, threads)
-    scale, failures = np.ones(len(given)), dict[int, str]()
+    failures = dict[int, str]()
     if not others:
         velocity[~done], scale[~done] = np.nan, np.nan
     for k in np.flatnonzero(~done) if others else ():

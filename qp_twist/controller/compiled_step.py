@@ -1,10 +1,9 @@
-"""A controller's plain step as machine code, on arrays that are allocated once."""
+"""A controller's step as machine code, on arrays that are allocated once."""
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import Any, Protocol
 
 import mink
 import mujoco
@@ -12,8 +11,8 @@ import numpy as np
 import numpy.typing as npt
 
 from qp_twist.checks import Array
-from qp_twist.controller.composition import BOXES, Composition, has_soft_bands
-from qp_twist.controller.plain_step import Layout, Numbers, PlainStep
+from qp_twist.controller.composition import BOXES, has_soft_bands, rows_known
+from qp_twist.controller.plain_step import Layout, PlainStep
 from qp_twist.controller.posing import mink_costs
 from qp_twist.controller.step_tables import (
     TOLERANCES,
@@ -23,14 +22,17 @@ from qp_twist.controller.step_tables import (
     table_of,
 )
 from qp_twist.fast import COMPILED
-from qp_twist.fast.live_step import ELSEWHERE, GIVEN, live_step
-from qp_twist.fast.step_kernel import DONE
-from qp_twist.fast.step_layout import HEADER, SETTINGS, Sizes, places
+from qp_twist.fast.live_step import ELSEWHERE, GIVEN_JACOBIAN, live_step
+from qp_twist.fast.step_kernel import GIVEN, STATED, Given
+from qp_twist.fast.step_record import HEADER, PROGRAM, Program, Sizes
+from qp_twist.fast.verified_program import REFUSED, SCALED
 from qp_twist.kinematics import (
     BandRows,
+    FreeTwistCost,
     JointCentering,
     JointRanges,
     PostureReference,
+    SecondaryObjective,
     TwistTask,
     checked_displacement,
 )
@@ -50,12 +52,32 @@ from qp_twist.limits import (
 _NO_ROWS: tuple[Named, ...] = ()
 
 
+class Composition(Protocol):
+    """What a :class:`~qp_twist.Controller` is composed of, as far as the kernel reads it."""
+
+    model: mujoco.MjModel
+    twist_tasks: tuple[TwistTask, ...]
+    secondary: tuple[SecondaryObjective, ...]
+    secondary_space: str
+    limits: list[mink.Limit]
+    levels: tuple[tuple[Any, ...], ...]
+    soft_tasks: tuple[mink.tasks.BaseTask, ...]
+    metric: Array
+    joint_weight: float
+    singularity: float
+    free_twist_costs: tuple[float, float]
+    free_costs: list[FreeTwistCost]
+    solver: str
+    on_infeasible: str
+
+
 class CompiledStep:
     """The arrays of one controller and the kernel on them, for what ``composition_known`` knows.
 
-    Limits of other classes, tolerance bands and the costs of other tasks say in Python what they
-    want. What it does not know, and every step that is not a plain one inside all limits, is left
-    to the reference: then :meth:`__call__` returns ``None``.
+    Limits of other classes, tolerance bands, tasks of derived classes or with a carried target, and
+    the costs of other tasks say in Python what they want. What it does not know, and every step
+    that is neither met nor scaled, is left to the reference: then :meth:`__call__` returns
+    ``None``.
     """
 
     def __init__(self, composed: Composition) -> None:
@@ -84,7 +106,6 @@ class CompiledStep:
         self._layout = Layout(
             self._ranks, int(self._ends[0]), ranges.names,
             {number: name for name, number in numbers.items()},
-            self._twist_space or bool(self._soft_tasks),
         )  # fmt: skip
         self._frames = [
             (mink.FRAME_TO_JAC_FUNC[t.frame_type], frame_id(model, t.frame_name, t.frame_type))
@@ -94,51 +115,41 @@ class CompiledStep:
 
     def _lay_out(self, composed: Composition, room: int) -> None:
         """The two arrays, with room for so many inequality rows, and views of what changes."""
-        nv, count, ranges, limits = composed.model.nv, len(self._tasks), self._ranges, self._limits
+        nv, limits = composed.model.nv, self._limits
         table, types = table_of(limits, nv)
-        twist_space = self._twist_space
-        size = Sizes(
-            nv, sum(self._ranks), count, len(self._ends), len(types), twist_space,
-            bool(self._soft_tasks), room, 0,
+        dense = self._twist_space or bool(self._soft_tasks)
+        self._size = size = Sizes(
+            nv=nv, m=sum(self._ranks), tasks=len(self._tasks), levels=len(self._ends),
+            limits=len(types), dense=nv if dense else 0,
+            free=6 * len(self._tasks) if self._twist_space else 0,
+            others=nv if self._soft_tasks else 0, k=room,
         )  # fmt: skip
-        at, self._room = places(size), room
-        self._at = at
-        self._floats, self._integers = np.zeros(at.floats), np.zeros(at.integers, dtype=np.int64)
-        self._integers[: len(size)] = size
-        self._integers[at.kinds : at.ends] = np.ravel([kinds_of(p) for p in self._projectors])
-        self._integers[at.ends : at.addresses] = self._ends
-        self._integers[at.addresses : at.types] = ranges.qpos
-        self._integers[at.types : at.links] = types
-
-        def part(first: int, *shape: int) -> Array:
-            view: Array = self._floats[first : first + math.prod(shape)].reshape(shape)
-            return view
-
-        part(SETTINGS, len(TOLERANCES))[:] = TOLERANCES
-        part(at.free_costs, 2)[:] = composed.free_twist_costs
-        part(at.middle, nv)[:] = ranges.middle
-        part(at.metric, nv)[:] = composed.metric
-        self._settings = part(0, SETTINGS)
-        self._singularity, self._weighs = composed.singularity, composed.joint_weight
-        self._settings[:] = settings_of(twist_space, self._singularity, self._weighs)
-        self._pull, self._wish = part(at.pull, nv), part(at.wish, nv)
-        self._shapes = part(at.shapes, count, 27)
-        self._targets = part(at.targets, count, 18)
-        self._jacobians = part(at.jacobians, count, 6, nv)
-        self._table = part(at.limits, len(types), nv, 7)
-        self._table[:] = table
-        others = nv if self._soft_tasks else 0
-        self._quadratic = part(at.costs, others, nv)
-        self._linear = part(at.costs + others * nv, others)
+        self._room = room
+        self._first, self._first_integer = GIVEN.lengths(size)
+        self._first_integer += HEADER
+        floats, integers = PROGRAM.lengths(size)
+        self._floats = np.zeros(self._first + floats)
+        self._integers = np.zeros(self._first_integer + integers, dtype=np.int64)
+        g: Given = GIVEN.arrays(self._floats, self._integers[HEADER:], size)
+        self._given = g
+        self._asked = [n for n, task in enumerate(self._tasks) if not rows_known(task)]
+        for n, task in enumerate(self._tasks):
+            known = n not in self._asked
+            g.kinds[n] = kinds_of(task.projector) if known else (task.projector.rank, 0, STATED)
+        g.ends[:], g.addresses[:], g.types[:] = self._ends, self._ranges.qpos, types
+        g.tolerances[:] = TOLERANCES  # type: ignore[index]
+        g.free_costs[:], g.middle[:] = composed.free_twist_costs, self._ranges.middle
+        g.metric[:], g.limits[:] = composed.metric, table
+        self._take_settings(composed)
         self._paced = [_paces(task) for task in self._tasks]
-        for shape, task in zip(self._shapes, self._tasks, strict=True):
+        for shape, task in zip(g.shapes, self._tasks, strict=True):
             shape[:] = shape_of(task.projector, *_paces(task))
         self._take_rows(0)
-        # What was written into the arrays before this.
-        self._told: list[Any] = [None] * count
+        # The targets that were written into the arrays before this.
+        self._known_targets: list[Any] = [None] * len(self._tasks)
         self._steady = np.zeros(nv)
-        self._take_wish()
-        tables = list(zip(self._table, limits, strict=True))
+        self._take_secondary()
+        tables = list(zip(g.limits, limits, strict=True))
         self._ranged = [(t, limit) for t, limit in tables if isinstance(limit, PositionLimit)]
         self._revisions = [limit.revision for _, limit in self._ranged]
         self._windows = [(t, limit) for t, limit in tables if isinstance(limit, DisplacementWindow)]
@@ -148,7 +159,7 @@ class CompiledStep:
         self._stated = [
             (t, limit) for t, limit in tables if type(limit) not in BOXES and not is_mink_box(limit)
         ]
-        self._others_speak = bool(self._stated or self._soft_tasks)
+        self._others_speak = bool(self._stated or self._soft_tasks or self._asked)
         self._banded = False
         self._data: mujoco.MjData | None = None
         self._jacs: list[tuple[Callable[..., None], Array, Array, int]] = []
@@ -156,30 +167,30 @@ class CompiledStep:
 
     def _lay_out_kinematics(self, model: mujoco.MjModel) -> None:
         """Which joint moves which frame, and where the kernel finds MuJoCo's arrays."""
-        at = self._at
-        links = self._integers[at.links : at.sources].reshape(-1, model.nv)
-        links[:] = ELSEWHERE
-        self._given: list[int] = []
+        g = self._given
+        g.links[:] = ELSEWHERE
+        self._without_links: list[int] = []
         for number, task in enumerate(self._tasks):
             dofs = dofs_above(model, task.frame_name, task.frame_type)
+            if number in self._asked:
+                continue
             if (self._ranges.qpos[dofs] < 0).any():  # a ball or free joint
-                links[number] = GIVEN
-                self._given.append(number)
+                g.links[number] = GIVEN_JACOBIAN
+                self._without_links.append(number)
                 continue
             slides = ~self._ranges.hinge[dofs]
-            links[number, dofs] = 2 * model.dof_jntid[dofs] + slides
-        self._aims = self._floats[at.aims : at.jacobians].reshape(-1, 7)
+            g.links[number, dofs] = 2 * model.dof_jntid[dofs] + slides
         self._moving = [True] * len(self._tasks)
-        self._sources = self._integers[at.sources : at.active - 2]
-        self._integers[at.active - 2 : at.active] = model.nq, model.njnt
+        g.sources[-2:] = model.nq, model.njnt
 
     def _take_rows(self, k: int) -> None:
         """Views for so many inequality rows."""
-        at, nv, self._k = self._at, len(self._ranges.names), k
-        self._integers[HEADER - 1], self._integers[at.active + nv] = k, 0
-        end = at.work - (self._room - k) * (nv + 3)
-        self._result = self._floats[at.program : end]
-        self._program = Numbers.of(self._result, self._layout)
+        self._size = self._size._replace(k=k)
+        self._integers[:HEADER] = self._size
+        floats, integers = self._floats[self._first :], self._integers[self._first_integer :]
+        self._program: Program = PROGRAM.arrays(floats, integers, self._size)
+        self._program.ints[0] = 0
+        self._result = floats[: PROGRAM.end(self._size, "gain_lam")]
 
     def __call__(
         self,
@@ -198,7 +209,7 @@ class CompiledStep:
         if not (self._is_of(composed) and self._tasks_known()):
             return None
         rows: Sequence[Named] = _NO_ROWS
-        if self._others_speak or self._banded or self._k:
+        if self._others_speak or self._banded or self._size.k:
             said = self._listen(composed, configuration, dt)
             if said is None:
                 return None
@@ -206,13 +217,17 @@ class CompiledStep:
         if configuration.data is not self._data:
             self._bind(configuration)
         if use_secondary:
-            self._wish_for(configuration)
+            self._ask_secondary(configuration)
         self._look(composed)
         for jac, linear, angular, index in self._jacs:
             jac(self._model, self._data, linear, angular, index)
-        if live_step(self._floats, self._integers, dt, use_secondary) != DONE:
+        status = live_step(self._floats, self._integers, dt, use_secondary)
+        if status == REFUSED:
             return None
-        return PlainStep.made(self._program.x, self._result, self._layout, rows)
+        step = PlainStep.made(self._program.x, self._result, self._size, self._layout, rows)
+        if status == SCALED:
+            step.slowed(float(self._program.scale[0]))
+        return step
 
     def _is_of(self, composed: Composition) -> bool:
         return (
@@ -245,7 +260,7 @@ class CompiledStep:
         if k > self._room:
             self._lay_out(composed, 2 * k)
             self._tasks_known()
-        if k != self._k:
+        if k != self._size.k:
             self._take_rows(k)
         for (table, _), limit in zip(self._stated, stated, strict=True):
             table[:, 0], table[:, 1] = (-np.inf, np.inf) if limit is None else limit.box[1:]
@@ -255,29 +270,48 @@ class CompiledStep:
             self._program.G[first:end], self._program.g[first:end] = said.rows, said.bounds
             first = end
         if costs is not None:
-            self._quadratic[:], self._linear[:] = costs
+            self._given.quadratic[:], self._given.linear[:] = costs
+        if self._asked and not self._ask(composed, configuration, dt):
+            return None
         return rows
+
+    def _ask(self, composed: Composition, configuration: mink.Configuration, dt: float) -> bool:
+        """Take over the rows of tasks that state them; whether they are as many as before."""
+        ends = np.cumsum(self._ranks)
+        for number in self._asked:
+            task = self._tasks[number]
+            last, first = int(ends[number]), int(ends[number]) - self._ranks[number]
+            A, b = task.velocity_rows(configuration, dt)
+            if len(b) != last - first:
+                return False
+            self._given.stated_rows[first:last], self._given.stated_sides[first:last] = A, b
+            if self._twist_space:
+                cost = composed.free_costs[number]
+                free = cost.cost[:, None] * cost.compute_jacobian(configuration)
+                block = self._given.stated_free[6 * number : 6 * number + 6]
+                block[:], block[: len(free)] = 0.0, free
+        return True
 
     def of_any_configuration(
         self, composed: Composition
     ) -> tuple[Array, npt.NDArray[np.int64], Array] | None:
-        """Floats and integers as ``Places`` says, and the tasks' own targets (T, 18).
+        """Floats and integers as ``step_record`` says, and the tasks' own targets (T, 18).
 
         Poses, Jacobians and targets are still to be filled in. ``None`` where bands, limits of
         other classes, costs of other tasks or the secondary depend on the configuration in a way of
         their own.
         """
-        spoken = self._others or self._stated or self._soft_tasks
+        spoken = self._others or self._stated or self._soft_tasks or self._asked
         if spoken or any(task.bands for task in self._tasks):
             return None
         for number, task in enumerate(self._tasks):
             if task.target is not None:
-                row, pose = self._targets[number], task.target.wxyz_xyz
+                row, pose = self._given.targets[number], task.target.wxyz_xyz
                 mujoco.mju_quat2Mat(row[:9], pose[:4])
                 row[9:12], row[12:] = pose[4:], task.feedforward
-        self._wish_for(None)
+        self._ask_secondary(None)
         self._look(composed)
-        return self._floats, self._integers, self._targets
+        return self._floats, self._integers, self._given.targets
 
     def _tasks_known(self) -> bool:
         """Take over what has changed of the tasks; whether the kernel still knows them."""
@@ -285,48 +319,49 @@ class CompiledStep:
         for number, task in enumerate(self._tasks):
             if (
                 task.projector is not self._projectors[number]
-                or task.relative_to is not None
+                or rows_known(task) is (number in self._asked)
                 or (task.frame_name, task.frame_type) != self._named[number]
             ):
                 return False
             if task.bands:
                 self._banded = True
             target = task.target
-            if target is not self._told[number] or target is None:
+            if target is not self._known_targets[number] or target is None:
                 if target is None:
                     raise mink.TargetNotSet(task.name)
-                self._aim(number, task)
-                self._told[number] = target
+                if number not in self._asked:
+                    self._aim(number, task)
+                self._known_targets[number] = target
             paces = _paces(task)
             if paces != self._paced[number]:
                 self._paced[number] = paces
-                self._shapes[number, 24:] = paces
+                self._given.shapes[number, 24:] = paces
         return True
 
-    def _wish_for(self, configuration: mink.Configuration | None) -> None:
-        """What the secondary objectives ask for: h = wish + pull · (θ̄ − θ)."""
+    def _ask_secondary(self, configuration: mink.Configuration | None) -> None:
+        """What the secondary objectives ask for: h = displacement + stiffness · (θ̄ − θ)."""
         for centering, gain, weight in self._asked_centering:
             if centering.gain != gain or centering.weight != weight:
-                self._take_wish()
+                self._take_secondary()
         for posture, gain, q_ref in self._asked_postures:
             if posture.gain != gain or posture.q_ref is not q_ref:
-                self._take_wish()
+                self._take_secondary()
         if self._others:
             assert configuration is not None
-            self._wish[:] = self._steady
+            self._given.displacement[:] = self._steady
             for other in self._others:
-                self._wish += checked_displacement(other, configuration)
+                self._given.displacement[:] += checked_displacement(other, configuration)
 
-    def _take_wish(self) -> None:
-        """What stays of the wish while the objectives do."""
+    def _take_secondary(self) -> None:
+        """What stays of h while the objectives do."""
         self._asked_centering = [(s, s.gain, s.weight) for s in self._centering]
         self._asked_postures = [(s, s.gain, s.q_ref) for s in self._postures]
-        self._pull[:] = sum(s.gain * s.stiffness for s in self._centering)
+        self._given.stiffness[:] = sum(s.gain * s.stiffness for s in self._centering)
         self._steady[:] = 0.0
         for s in self._postures:
-            self._pull += s.gain
+            self._given.stiffness[:] += s.gain
             self._steady += s.gain * (self._ranges.positions(s.q_ref) - self._ranges.middle)
-        self._wish[:] = self._steady
+        self._given.displacement[:] = self._steady
 
     def _bind(self, configuration: mink.Configuration) -> None:
         """Where the kernel finds the data of another configuration."""
@@ -336,25 +371,34 @@ class CompiledStep:
         for number, (task, (jac, index)) in enumerate(zip(self._tasks, self._frames, strict=True)):
             arrays.append(getattr(data, mink.FRAME_TO_XMAT_ATTR[task.frame_type])[index])
             arrays.append(getattr(data, mink.FRAME_TO_POS_ATTR[task.frame_type])[index])
-            if number in self._given:
-                rows = self._jacobians[number]
+            if number in self._without_links:
+                rows = self._given.jacobians[number]
                 self._jacs.append((jac, rows[:3], rows[3:], index))
-        self._sources[:] = [_address(array) for array in arrays]
+        self._given.sources[:-2] = [_address(array) for array in arrays]
 
     def _aim(self, number: int, task: TwistTask) -> None:
         """Take over a task's target, which is set."""
         assert task.target is not None
-        self._aims[number] = task.target.wxyz_xyz
+        self._given.target_poses[number] = task.target.wxyz_xyz
         moves = task.feedforward is not AT_REST
         if moves or self._moving[number]:
-            self._targets[number, 12:] = task.feedforward
+            self._given.targets[number, 12:] = task.feedforward
             self._moving[number] = moves
+
+    def _take_settings(self, composed: Composition) -> None:
+        self._singularity, self._weighs = composed.singularity, composed.joint_weight
+        self._scales = composed.on_infeasible == "scale"
+        settings = settings_of(self._twist_space, self._singularity, self._weighs, self._scales)
+        self._given.settings[:] = settings  # type: ignore[index]
 
     def _look(self, composed: Composition) -> None:
         """What moves on with the steps: where windows stand, the velocity before, and settings."""
-        if composed.singularity != self._singularity or composed.joint_weight != self._weighs:
-            self._singularity, self._weighs = composed.singularity, composed.joint_weight
-            self._settings[1:3] = self._singularity, self._weighs
+        if (
+            composed.singularity != self._singularity
+            or composed.joint_weight != self._weighs
+            or (composed.on_infeasible == "scale") != self._scales
+        ):
+            self._take_settings(composed)
         for number, (table, limit) in enumerate(self._ranged):
             if limit.revision != self._revisions[number]:
                 self._revisions[number] = limit.revision

@@ -5,12 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import mink
 import numpy as np
 
-from qp_twist.checks import Array, finite_array, within
+from qp_twist.checks import Array, are_rows, finite_array, float_array, within
 from qp_twist.errors import InvalidInput
 from qp_twist.kinematics import BandRows, TwistTask
 from qp_twist.limits import Named, gather_limits
@@ -195,25 +195,87 @@ def _where(
 
 def _mink_rows(task: mink.tasks.BaseTask, configuration: mink.Configuration, dt: float) -> TaskRows:
     """A mink task as rows: weighted as in its cost, which decides between rows of one level."""
-    residual = task.compute_qp_residual(configuration)
-    if residual is None:
+    stated = mink_cost(task, configuration)
+    if isinstance(stated, mink.Objective):
         raise InvalidInput(
             f"Controller(levels=…): {type(task).__name__} states a cost but no rows, so it cannot "
             "stand in a level; give it in tasks= instead."
         )
-    matrix, error = _checked(task, residual, configuration)
+    check_cost(task, stated)
+    matrix, error, _ = stated
     seen = np.abs(matrix).max(axis=1, initial=0.0) > 0.0  # a cost of zero asks for nothing
     return TaskRows(matrix[seen], error[seen] / dt)
 
 
-def _checked(
-    task: mink.tasks.BaseTask, residual: tuple[Any, Any, float], configuration: mink.Configuration
-) -> tuple[Array, Array]:
-    """What a task states, of the right shape and finite; it may be anybody's class."""
+class WeightedRows(NamedTuple):
+    """A cost ½‖W Δq − e‖² + ½ μ‖Δq‖² of a mink task."""
+
+    rows: Array
+    """W, (k, nv)."""
+    error: Array
+    """e, (k,)."""
+    damping: Any
+    """μ, a number or (nv,)."""
+
+
+def mink_cost(
+    task: mink.tasks.BaseTask, configuration: mink.Configuration
+) -> WeightedRows | mink.Objective:
+    """What a task states for a cost, once asked and of the right shape; it may be anybody's class.
+
+    As mink has it: lists of numbers and single rows are taken, and a pair for an objective.
+
+    Raises:
+        InvalidInput: If it is anything else.
+    """
+    nv, residual = configuration.model.nv, task.compute_qp_residual(configuration)
+    if residual is None:
+        return _objective(type(task).__name__, task.compute_qp_objective(configuration), nv)
+    W, e, damping = residual
+    if are_rows(W, e, nv):
+        return WeightedRows(W, e, damping)
     name = type(task).__name__
-    rows = finite_array(f"{name}: its rows", residual[0], (None, configuration.model.nv))
-    within(f"{name}: its rows, cost × Jacobian", rows, LARGEST_ROW)
-    return rows, finite_array(f"{name}: its error", residual[1], (len(rows),))
+    return WeightedRows(
+        *as_rows(W, e, nv, f"{name}: its rows, cost × Jacobian", f"{name}: its error"), damping
+    )
+
+
+def as_rows(rows: Any, ends: Any, nv: int, name: str, name_of_ends: str) -> tuple[Array, Array]:
+    """Anybody's rows (k, nv) and right-hand sides (k,); one row may be given without its brackets.
+
+    Raises:
+        InvalidInput: If they are none, or not finite.
+    """
+    matrix, sides = float_array(name, rows), float_array(name_of_ends, ends)
+    matrix = finite_array(name, matrix[None] if matrix.ndim == 1 else matrix, (None, nv))
+    sides = finite_array(name_of_ends, sides[None] if sides.ndim == 0 else sides, (len(matrix),))
+    return matrix, sides
+
+
+def _objective(name: str, objective: Any, nv: int) -> mink.Objective:
+    """H, made symmetric, and c; the cost depends on no more than that part of H."""
+    H, c = objective
+    if not (type(H) is type(c) is np.ndarray and H.shape == (nv, nv) and c.shape == (nv,)):
+        H = finite_array(f"{name}: H of its cost", H, (nv, nv))
+        c = finite_array(f"{name}: c of its cost", c, (nv,))
+    return mink.Objective(0.5 * (H + H.T), c)
+
+
+def check_cost(task: mink.tasks.BaseTask, stated: WeightedRows | mink.Objective) -> None:
+    """Refuse what is not finite, or too large to compute with, by the name of the task.
+
+    Raises:
+        InvalidInput: If it is.
+    """
+    name = type(task).__name__
+    if isinstance(stated, mink.Objective):
+        finite_array(f"{name}: H of its cost", stated.H, stated.H.shape)
+        finite_array(f"{name}: c of its cost", stated.c, stated.c.shape)
+        return
+    finite_array(f"{name}: its rows", stated.rows, stated.rows.shape)
+    within(f"{name}: its rows, cost × Jacobian", stated.rows, LARGEST_ROW)
+    finite_array(f"{name}: its error", stated.error, stated.error.shape)
+    finite_array(f"{name}: its damping", stated.damping, np.shape(stated.damping))
 
 
 def mink_costs(
@@ -223,60 +285,33 @@ def mink_costs(
 
     Tasks that state weighted rows W, errors e and a damping μ are stacked, as mink does:
 
-    .. math:: \mathbf H = \mathbf W^T\mathbf W + \textstyle\sum\mu\,\mathbf 1, \qquad
+    .. math::
+
+        \mathbf H = \mathbf W^T\mathbf W + \textstyle\sum\mu\,\mathbf 1, \qquad
               \mathbf c = -\mathbf W^T\mathbf e
 
     Raises:
         InvalidInput: If what a task states is not finite or of the wrong shape.
     """
     nv = configuration.model.nv
-    stated: list[tuple[Any, Any]] = []
-    damping = 0.0
+    stated = [mink_cost(task, configuration) for task in tasks]
     H, c = np.zeros((nv, nv)), np.zeros(nv)
-    for task in tasks:
-        residual = task.compute_qp_residual(configuration)
-        if residual is None:
-            objective = task.compute_qp_objective(configuration)
-            H += objective.H
-            c += objective.c
-            continue
-        stated.append((residual[0], residual[1]))
-        damping += residual[2]
-    if stated:
-        W, e = _stack_of_costs(tasks, stated, configuration)
+    rows = [cost for cost in stated if isinstance(cost, WeightedRows)]
+    for cost in stated:
+        if isinstance(cost, mink.Objective):
+            H += cost.H
+            c += cost.c
+    if rows:
+        W = np.vstack([cost.rows for cost in rows])
+        e = np.concatenate([cost.error for cost in rows])
         H += W.T @ W
-        H.flat[:: nv + 1] += damping
+        H.flat[:: nv + 1] += sum(cost.damping for cost in rows)
         c -= e @ W
+    # Squares of the largest rows that are taken; written so that NaN is too large.
+    if not (np.abs(H).max(initial=0.0) <= LARGEST_ROW**2 and math.isfinite(c.sum())):
+        for task, cost in zip(tasks, stated, strict=True):
+            check_cost(task, cost)
     return H, c / dt
-
-
-def _stack_of_costs(
-    tasks: Sequence[mink.tasks.BaseTask],
-    stated: Sequence[tuple[Any, Any]],
-    configuration: mink.Configuration,
-) -> tuple[Array, Array]:
-    """Weighted rows and errors one below the other; what is no array of numbers is named."""
-    nv = configuration.model.nv
-    try:
-        W, e = np.vstack([rows for rows, _ in stated]), np.concatenate([e for _, e in stated])
-        # Written so that NaN is out of order.
-        if (
-            W.ndim == 2
-            and e.shape == W.shape[:1]
-            and W.shape[1] == nv
-            and W.dtype == e.dtype == np.float64
-            and np.abs(W).max(initial=0.0) <= LARGEST_ROW
-            and math.isfinite(e.sum())
-        ):
-            return W, e
-    except (TypeError, ValueError):
-        pass
-    blocks = []
-    for task in tasks:
-        residual = task.compute_qp_residual(configuration)
-        if residual is not None:
-            blocks.append(_checked(task, residual, configuration))
-    return stacked(blocks, nv)
 
 
 def with_soft_bands(problem: QuadraticProgram, bands: Sequence[BandRows]) -> QuadraticProgram:

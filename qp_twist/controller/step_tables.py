@@ -21,6 +21,8 @@ from qp_twist.fast.bounds import (
     VELOCITY_BOUND,
     WINDOW,
 )
+from qp_twist.fast.step_kernel import Settings
+from qp_twist.fast.verified_program import Tolerances
 from qp_twist.limits import (
     DisplacementWindow,
     MotionLimit,
@@ -38,15 +40,13 @@ _KINDS = {
     "acceleration": ACCELERATION_BOUND, "velocity": VELOCITY_BOUND, "position": POSITION_BOUND,
 }  # fmt: skip
 """Names of what bounds come from, with their numbers."""
-TOLERANCES = np.array(
-    [
-        verification.EQUALITY_TOLERANCE,
-        verification.OPTIMALITY_TOLERANCE,
-        verification.GAIN_TOLERANCE,
-        verification.GAP_TOLERANCE,
-        verification.ROUNDING,
-        verification.BOUND_TOLERANCE,
-    ]
+TOLERANCES = Tolerances(
+    equality=verification.EQUALITY_TOLERANCE,
+    optimality=verification.OPTIMALITY_TOLERANCE,
+    gain=verification.GAIN_TOLERANCE,
+    gap=verification.GAP_TOLERANCE,
+    rounding=verification.ROUNDING,
+    bound=verification.BOUND_TOLERANCE,
 )
 
 
@@ -89,9 +89,10 @@ def write_box_of_mink(row: Array, limit: Any) -> None:
 
 def state_of_mink(limit: Any) -> tuple[object, ...]:
     """What may be written into such a limit between two steps, in a form that can be compared."""
+    about = limit.indices.tobytes(), limit.projection_matrix is None
     if isinstance(limit, mink.VelocityLimit):
-        return limit.limit.tobytes(), limit.indices.tobytes()
-    return limit.lower.tobytes(), limit.upper.tobytes(), limit.gain
+        return (limit.limit.tobytes(), *about)
+    return (limit.lower.tobytes(), limit.upper.tobytes(), limit.gain, *about)
 
 
 def numbers_of_kinds(limits: Sequence[mink.Limit]) -> dict[str, float]:
@@ -112,11 +113,11 @@ def numbers_of_kinds(limits: Sequence[mink.Limit]) -> dict[str, float]:
     return others | _KINDS
 
 
-def settings_of(twist_space: bool, singularity: float, weight: float) -> Array:
-    """Settings of a controller as ``step_kernel`` takes them, (8,)."""
-    return np.array(
-        [
-            twist_space, singularity, weight, NEARLY_UNSEEN, FASTEST, NOTICEABLE, UNLIMITED,
-            STEEPEST,
-        ]
+def settings_of(
+    twist_space: bool, singularity: float, weight: float, scales: bool = False
+) -> Settings:
+    """Settings of a controller as ``step_kernel`` takes them."""
+    return Settings(
+        float(twist_space), singularity, weight, NEARLY_UNSEEN, FASTEST, NOTICEABLE, UNLIMITED,
+        STEEPEST, float(scales),
     )  # fmt: skip

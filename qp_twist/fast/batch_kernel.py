@@ -7,18 +7,17 @@ import numpy as np
 from qp_twist.fast.arm_kernel import pose_and_jacobian
 from qp_twist.fast.compiling import kernel
 from qp_twist.fast.null_space import INDEPENDENT, least_norm, reflect
-from qp_twist.fast.step_arrays import given, program_at
-from qp_twist.fast.step_kernel import DONE, step
-from qp_twist.fast.step_layout import header, places
+from qp_twist.fast.step_kernel import read_step, step
 from qp_twist.fast.twist_rows import in_basis, left_free, twist_rows, wanted_twist
+from qp_twist.fast.verified_program import REFUSED
 
 MINIMUM_NORM, GRADIENT_PROJECTION, RMR, TWA = range(4)
 """Closed forms."""
 
 
 @kernel
-def steps(arms, floats, integers, q, targets, dt, use_secondary, velocities, done):
-    """A controller's step from each row of q (K, nq), its arrays laid out as ``Places`` says.
+def steps(arms, floats, integers, q, targets, dt, use_secondary, velocities, scales, done):
+    """A controller's step from each row of q (K, nq), its arrays laid out as ``step_record`` says.
 
     Args:
         arms: The chain of each task's frame.
@@ -29,12 +28,10 @@ def steps(arms, floats, integers, q, targets, dt, use_secondary, velocities, don
         dt: Length of the steps, s.
         use_secondary: Whether the secondary acts.
         velocities: Result, (K, nv).
-        done: Result, which of them are verified, plain steps, (K,).
+        scales: Result, share of the tasks' speed that is kept, (K,).
+        done: Result, which of them are verified, (K,).
     """
-    size = header(integers)
-    at = places(size)
-    g = given(floats, integers, at, size)
-    w = program_at(floats, at.program, integers, at.active, size)
+    size, g, w = read_step(floats, integers)
     g.jacobians[:] = 0.0
     for k in range(len(q)):
         for task in range(size.tasks):
@@ -42,7 +39,8 @@ def steps(arms, floats, integers, q, targets, dt, use_secondary, velocities, don
             for i in range(18):
                 g.targets[task, i] = targets[k, task, i]
         w.ints[0] = 0  # no row knows what was active in another
-        done[k] = step(g, w, q[k], dt, use_secondary) == DONE
+        done[k] = step(g, w, q[k], dt, use_secondary) != REFUSED
+        scales[k] = w.scale[0]
         for dof in range(size.nv):
             velocities[k, dof] = w.x[dof]
 

@@ -64,16 +64,15 @@ def cholesky_inverse(H, J):
             J[i, j] = H[i, j]
     if not cholesky(J):
         return False
-    for j in range(n):  # L⁻¹ in place, column by column
-        J[j, j] = 1.0 / J[j, j]
-        for i in range(j + 1, n):
+    for i in range(n):  # L⁻¹ row by row, written as the columns of J above its diagonal
+        for j in range(i):
             total = 0.0
             for k in range(j, i):
-                total += J[i, k] * J[k, j]
-            J[i, j] = -total / J[i, i]
+                total += J[i, k] * J[j, k]
+            J[j, i] = -total / J[i, i]
+        J[i, i] = 1.0 / J[i, i]
     for i in range(n):
         for j in range(i):
-            J[j, i] = J[i, j]
             J[i, j] = 0.0
     return True
 

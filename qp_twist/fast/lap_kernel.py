@@ -13,10 +13,10 @@ from qp_twist.fast.bounds import WINDOW, bounds
 from qp_twist.fast.compiling import kernel, part, plain
 from qp_twist.fast.null_space import INDEPENDENT, least_norm, reflect
 from qp_twist.fast.path_kernel import Rows
-from qp_twist.fast.step_arrays import program_at
-from qp_twist.fast.step_kernel import DONE, verified_velocity
-from qp_twist.fast.step_layout import Sizes, entries
+from qp_twist.fast.step_kernel import Settings, verified_velocity
+from qp_twist.fast.step_record import Sizes, read_program
 from qp_twist.fast.twist_rows import twist_rows
+from qp_twist.fast.verified_program import DONE, Tolerances
 
 _STANDS_STILL = 1e-13
 """A displacement below it is none, rad or m."""
@@ -40,10 +40,8 @@ class Way(NamedTuple):
     types: npt.NDArray[np.int64]
     metric: npt.NDArray[np.float64]
     free_costs: npt.NDArray[np.float64]
-    settings: npt.NDArray[np.float64]
-    """As ``step_kernel`` takes them, (8,)."""
-    verified: npt.NDArray[np.float64]
-    """Tolerances of the verification, (6,)."""
+    settings: Settings
+    verified: Tolerances
     sane: float
     """A joint beyond it has diverged, rad or m."""
 
@@ -69,9 +67,9 @@ class Lap(NamedTuple):
     R: Any
     limits: Any
     floats: Any
-    """Of the program, as ``program_at`` reads it."""
+    """Of the program."""
     integers: Any
-    """Its active set."""
+    """Likewise; the active set."""
     ends: Any
     """Where the rows of its only level end, (1,)."""
 
@@ -79,16 +77,19 @@ class Lap(NamedTuple):
 @plain
 def _size(nv, rows, twist_space):
     """Of the program of one task without inequality rows."""
-    return Sizes(nv, rows, 1, 1, 0, twist_space, False, 0, 0)
+    if twist_space:
+        return Sizes(nv, rows, 1, 1, 0, nv, 6, 0, 0)
+    return Sizes(nv, rows, 1, 1, 0, 0, 0, 0, 0)
 
 
 @kernel
 def _arrays(way):
     """For a robot of as many degrees of freedom as the metric has entries, and up to 6 rows."""
-    nv, floats, integers = len(way.metric), 0, 0
+    nv, floats, integers, nothing = len(way.metric), 0, 0, np.zeros(0)
     for rows in range(7):
-        program, work, ints = entries(_size(nv, rows, way.twist_space))
-        floats, integers = max(floats, program + work), max(integers, ints)
+        size = _size(nv, rows, way.twist_space)
+        _, i, j = read_program(nothing, 0, np.zeros(0, dtype=np.int64), 0, size)
+        floats, integers = max(floats, i), max(integers, j)
     return Lap(
         np.zeros(12), np.zeros((6, nv)), np.zeros(nv), np.zeros((6, nv)), np.zeros((6, 6)),
         way.limits.copy(), np.zeros(floats), np.zeros(integers, dtype=np.int64),
@@ -108,8 +109,8 @@ def _begin(way, path, at, q, w, lap):
     if not way.every_iteration:
         return True
     if not bounds(
-        lap.limits, way.types, q, dt, way.settings[5], way.settings[6], w.lower, w.upper,
-        w.lower_kind, w.upper_kind,
+        lap.limits, way.types, q, dt, way.settings.noticeable, way.settings.unlimited, w.lower,
+        w.upper, w.lower_kind, w.upper_kind,
     ):  # fmt: skip
         return False
     for dof in range(len(q)):
@@ -121,7 +122,7 @@ def _begin(way, path, at, q, w, lap):
 @part
 def _programmed(way, path, at, q, pulls, w, lap):
     """The step of the QP into ``w.x``, as a displacement; whether it is a plain one."""
-    dt, fastest = path.durations[at], way.settings[4]
+    dt, fastest = path.durations[at], way.settings.fastest
     for row in range(len(w.b)):
         if not abs(w.b[row]) <= fastest:
             return False
@@ -162,7 +163,7 @@ def _approach(arm, way, path, at, q, lap):
     rows = path.rows
     kinds, shape = rows.kinds[rows.which[at]], rows.shapes[rows.which[at]]
     size = _size(len(q), kinds[0] + kinds[1], way.twist_space)
-    w = program_at(lap.floats, 0, lap.integers, 0, size)
+    w, _, _ = read_program(lap.floats, 0, lap.integers, 0, size)
     if not _begin(way, path, at, q, w, lap):
         return -1
     dt = path.durations[at] if way.program else 1.0

@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 from qp_twist.fast.compiling import part, plain
-from qp_twist.fast.step_arrays import given, program_at
-from qp_twist.fast.step_kernel import step
-from qp_twist.fast.step_layout import header, places
-from qp_twist.fast.views import at_address, matrix, vector
+from qp_twist.fast.step_kernel import read_step, step
+from qp_twist.fast.views import at_address
 
-GIVEN, ELSEWHERE = -2, -1
+GIVEN_JACOBIAN, ELSEWHERE = -2, -1
 """What stands in place of a joint: the task's Jacobian is given; the joint does not move it."""
 
 
@@ -35,39 +33,32 @@ def _jacobian(links, axes, anchors, origin, J):
 
 
 @part
-def _aim(aim, target):
+def _target(pose, target):
     """Rotation and position of a target from its unit quaternion and position."""
-    w, x, y, z = aim[0], aim[1], aim[2], aim[3]
+    w, x, y, z = pose[0], pose[1], pose[2], pose[3]
     target[0], target[4] = w * w + x * x - y * y - z * z, w * w - x * x + y * y - z * z
     target[8] = w * w - x * x - y * y + z * z
     target[1], target[3] = 2.0 * (x * y - w * z), 2.0 * (x * y + w * z)
     target[2], target[6] = 2.0 * (x * z + w * y), 2.0 * (x * z - w * y)
     target[5], target[7] = 2.0 * (y * z - w * x), 2.0 * (y * z + w * x)
     for i in range(3):
-        target[9 + i] = aim[4 + i]
+        target[9 + i] = pose[4 + i]
 
 
 @plain
 def live_step(floats, integers, dt, use_secondary):
-    """A step; ``controller.prepared_step`` lays out the arrays, as ``Places`` says.
+    """A step; ``controller.compiled_step`` lays out the arrays, as ``step_record`` says.
 
-    Targets are taken from where they stand as quaternions, poses and Jacobians from MuJoCo.
-
-    Its addresses lie in the integers from ``Places.sources`` on: of q (nq), axes and anchors of the
-    joints, and of each task's frame the rotation (9) and the position (3); then nq, and how many
-    joints there are.
+    Targets are taken from where they stand as quaternions, poses and Jacobians from MuJoCo, whose
+    addresses are the ``sources``: of q (nq), axes and anchors of the joints, and of each task's
+    frame the rotation (9) and the position (3); then come nq, and how many joints there are.
 
     Returns:
-        ``DONE``, or ``REFUSED`` for whatever is not a plain step inside all limits.
+        As ``step_kernel.verified_velocity``.
     """
-    size = header(integers)
-    at = places(size)
-    g = given(floats, integers, at, size)
-    w = program_at(floats, at.program, integers, at.active, size)
-    sources = vector(integers, at.sources, 5 + 2 * size.tasks)
+    size, g, w = read_step(floats, integers)
+    sources, links = g.sources, g.links
     nq, joints = sources[3 + 2 * size.tasks], sources[4 + 2 * size.tasks]
-    links = matrix(integers, at.links, size.tasks, size.nv)
-    aims = matrix(floats, at.aims, size.tasks, 7)
     axes, anchors = at_address(sources[1], 3 * joints), at_address(sources[2], 3 * joints)
     for task in range(size.tasks):
         rotation = at_address(sources[3 + 2 * task], 9)
@@ -76,7 +67,7 @@ def live_step(floats, integers, dt, use_secondary):
             g.poses[task, i] = rotation[i]
         for i in range(3):
             g.poses[task, 9 + i] = position[i]
-        _aim(aims[task], g.targets[task])
-        if links[task, 0] != GIVEN:
+        _target(g.target_poses[task], g.targets[task])
+        if links[task, 0] != GIVEN_JACOBIAN:
             _jacobian(links[task], axes, anchors, position, g.jacobians[task])
     return step(g, w, at_address(sources[0], nq), dt, use_secondary)

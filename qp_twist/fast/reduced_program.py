@@ -5,10 +5,12 @@ from __future__ import annotations
 import math
 
 from qp_twist.fast.compiling import part, plain
-from qp_twist.fast.dual_active_set import ROUNDING, SOLVED, active_set
+from qp_twist.fast.dual_active_set import NO_ROOM, ROUNDING, SOLVED, active_set
 from qp_twist.fast.in_plane import in_plane
 from qp_twist.fast.null_space import reflect, times_q, times_q_transposed
 
+DEPENDENT = 4
+"""The rows of a program depend on each other: see :func:`reduced_program`."""
 _RANK = 1e-9
 """Rows whose smallest pivot is below this share of the largest are not taken as independent."""
 _FIXED = 1e-8
@@ -32,13 +34,14 @@ def reduced_program(w):
             from 2n on), as many as ``ints[0]`` says, and leaves behind what then is active.
 
     Returns:
-        Whether it is done; otherwise another method has to look at it.
+        ``SOLVED``; ``NO_ROOM`` where the limits leave no solution of the rows, or none was found;
+        ``DEPENDENT`` where the rows depend on each other.
     """
     m, n = w.A.shape
     before, w.ints[0] = w.ints[0], 0
     _scale(w)
     if m > 0 and not reflect(w.scaled, w.V, w.R) >= _RANK:
-        return False
+        return DEPENDENT
     _begin(w)
     for i in range(n):
         w.box[i] = 0.0
@@ -46,13 +49,13 @@ def reduced_program(w):
         w.lam[row] = 0.0
     if not _inside(w):
         if not _enter(w, before):
-            return False
+            return NO_ROOM
         _pull_back(w)
     for row in range(m - 1, -1, -1):
         for i in range(row + 1, m):
             w.y[row] -= w.R[row, i] * w.y[i]
         w.y[row] /= w.R[row, row]
-    return True
+    return SOLVED
 
 
 @part
@@ -80,7 +83,7 @@ def _scale(w):
 
 
 @plain
-def _to_joints(is_diagonal, root, S, v):
+def to_joints(is_diagonal, root, S, v):
     """v (n,) becomes S v, with S a diagonal or upper triangular."""
     n = len(v)
     if is_diagonal:
@@ -108,7 +111,7 @@ def _begin(w):
         w.x[row] = total / w.R[row, row]
         w.y[row] = w.line[row] - w.x[row]
     times_q(w.V, w.x)
-    _to_joints(len(w.h) > 0, w.root, w.J, w.x)
+    to_joints(len(w.h) > 0, w.root, w.J, w.x)
 
 
 @part
@@ -135,7 +138,7 @@ def _ways(w):
             w.ways[j, i] = 0.0
         w.ways[j, m + j] = 1.0
         times_q(w.V, w.ways[j])
-        _to_joints(len(w.h) > 0, w.root, w.J, w.ways[j])
+        to_joints(len(w.h) > 0, w.root, w.J, w.ways[j])
     for i in range(n if len(w.h) == 0 else 0):
         total = 0.0
         for j in range(i, n):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Annotated, NamedTuple
 
 import numpy as np
 
@@ -10,45 +11,85 @@ from qp_twist.fast.bounds import bounds
 from qp_twist.fast.compiling import kernel, part, plain
 from qp_twist.fast.dual_active_set import cholesky, cholesky_inverse
 from qp_twist.fast.null_space import null_space, row_space
-from qp_twist.fast.reduced_program import reduced_program
+from qp_twist.fast.record import Floats, Integers, Record, reader
+from qp_twist.fast.step_record import HEADER, Sizes, read_program, read_sizes
 from qp_twist.fast.twist_rows import twist_rows
+from qp_twist.fast.verified_program import REFUSED, Tolerances, solved_program, well_conditioned
 
-DONE, REFUSED = 0, 1
-"""The step is verified; or the reference has to look at it."""
+STATED = 3
+"""What stands in place of the axes of a task's projector whose rows are stated in Python."""
 
 
-@plain
-def _well_conditioned(A, ends, threshold, work, scratch):
-    """Whether no singular value of a level's rows is below a threshold.
+class Settings(NamedTuple):
+    """Numbers of a controller."""
 
-    Of each level in the null space of those above. AAᵀ = LLᵀ, and there what is left of the squares
-    of a level's rows is made of its own block of L.
-    """
-    m, n = A.shape
-    if m > n:
-        return False
-    square = threshold * threshold
-    for i in range(m):
-        for j in range(i + 1):
-            total = -square if i == j and len(ends) == 1 else 0.0
-            for k in range(n):
-                total += A[i, k] * A[j, k]
-            work[i, j] = total
-    if not cholesky(work):
-        return False
-    first = 0
-    for level in range(len(ends) if len(ends) > 1 else 0):
-        end = ends[level]
-        for i in range(first, end):
-            for j in range(first, i + 1):
-                total = -square if i == j else 0.0
-                for k in range(first, j + 1):
-                    total += work[i, k] * work[j, k]
-                scratch[i - first, j - first] = total
-        if not cholesky(scratch[: end - first, : end - first]):
-            return False
-        first = end
-    return True
+    twist_space: float
+    """Not 0 where the cost is that of twist space."""
+    singularity: float
+    """Singular value of the rows below which the reference has to look at them."""
+    weight: float
+    """ρ."""
+    nearly_unseen: float
+    """Share of the largest singular value below which motion counts, by degrees, as unseen."""
+    fastest: float
+    """Largest speed that a task or a secondary may ask for, m/s or rad/s."""
+    noticeable: float
+    """What counts as outside a limit, rad or m."""
+    unlimited: float
+    """A bound beyond it is none, rad/s or m/s."""
+    steepest: float
+    """Largest linear cost of other tasks, relative to the largest quadratic one."""
+    scales: float
+    """Not 0 where rows that do not fit are slowed down; else the reference looks at them."""
+
+
+class Given(NamedTuple):
+    """What a step is given; the arrays are those of ``twist_rows`` and ``bounds``."""
+
+    settings: Settings
+    tolerances: Tolerances
+    free_costs: Annotated[Floats, 2]
+    """Roots of the weights of the rows of 1 − T, linear and angular."""
+    middle: Annotated[Floats, "nv"]
+    """θ̄ of the secondary h = displacement + stiffness (θ̄ − θ), rad or m."""
+    stiffness: Annotated[Floats, "nv"]
+    displacement: Annotated[Floats, "nv"]
+    metric: Annotated[Floats, "nv"]
+    """Diagonal of M."""
+    shapes: Annotated[Floats, "tasks", 27]
+    poses: Annotated[Floats, "tasks", 12]
+    """R and p of the frames."""
+    targets: Annotated[Floats, "tasks", 18]
+    """R_d, p_d and the twist of the targets."""
+    target_poses: Annotated[Floats, "tasks", 7]
+    """Unit quaternions and positions, which ``live_step`` turns into the former."""
+    jacobians: Annotated[Floats, "tasks", 6, "nv"]
+    limits: Annotated[Floats, "limits", "nv", 7]
+    stated_rows: Annotated[Floats, "m", "nv"]
+    """Rows of the tasks whose kind is ``STATED``, which state them in Python."""
+    stated_sides: Annotated[Floats, "m"]
+    stated_free: Annotated[Floats, "free", "nv"]
+    """Their rows of 1 − T, times the roots of the weights."""
+    quadratic: Annotated[Floats, "others", "nv"]
+    """H of other tasks."""
+    linear: Annotated[Floats, "others"]
+    """Their c."""
+    kinds: Annotated[Integers, "tasks", 3]
+    """Of the tasks' projectors: ranks and axes, or the number of rows, 0 and ``STATED``."""
+    ends: Annotated[Integers, "levels"]
+    """Where the rows of each level end."""
+    addresses: Annotated[Integers, "nv"]
+    """Of the joints in q; −1 where a degree of freedom has none of its own."""
+    types: Annotated[Integers, "limits"]
+    """Kinds of the limits."""
+    links: Annotated[Integers, "tasks", "nv"]
+    """Of each task how its frame hangs on the joints: see ``live_step``."""
+    sources: Annotated[Integers, "5 + 2 * tasks"]
+    """Where MuJoCo's arrays are, and how many joints there are: see ``live_step``."""
+
+
+GIVEN = Record(Given, Sizes)
+read_given = reader(GIVEN)
 
 
 @plain
@@ -116,104 +157,26 @@ def _add_unseen(A, free, metric, weight, nearly, H, c, wanted, work):
 
 
 @part
-def _excess(hardest, left, largest, gap, w, tolerances):
-    """What the multipliers leave, in units of its tolerance, as ``verification`` has it.
-
-    ``hardest`` is the largest entry of H, ``left`` that of r = Hx + c + Aᵀy + Gᵀλ + μ, ``largest``
-    the largest term in it, and ``gap`` ½rᵀH⁻¹r.
-    """
-    n, steepest, furthest, held = len(w.c), 0.0, 0.0, 0.0
-    for i in range(n):
-        steepest, furthest = max(steepest, abs(w.c[i])), max(furthest, abs(w.x[i]))
-        largest = max(largest, abs(w.c[i]), abs(w.box[i]))
-        if w.box[i] > 0.0:
-            held += w.box[i] * (w.upper[i] - w.x[i])
-        elif w.box[i] < 0.0:
-            held -= w.box[i] * (w.x[i] - w.lower[i])
-    gap += held
-    largest_b, off = 0.0, 0.0
-    for row in range(len(w.b)):
-        total = -w.b[row]
-        for i in range(n):
-            total += w.A[row, i] * w.x[i]
-        gap -= w.y[row] * total
-        off, largest_b = max(off, abs(total)), max(largest_b, abs(w.b[row]))
-    over, lost = 0.0, 0.0
-    for row in range(len(w.g)):
-        room, terms = w.g[row], abs(w.g[row])
-        for i in range(n):
-            room -= w.G[row, i] * w.x[i]
-            terms += abs(w.G[row, i] * w.x[i])
-        over = max(over, -room)
-        if w.lam[row] > 0.0:
-            gap += w.lam[row] * room
-            held += w.lam[row] * max(room, 0.0)
-            lost += tolerances[4] * w.lam[row] * terms
-    reach = 1.0 + furthest
-    cost = (hardest * reach + steepest) * reach
-    worst = max(off / (tolerances[0] * (1.0 + largest_b)), over / (tolerances[5] * reach))
-    worst = max(worst, left / (tolerances[1] * hardest * reach + tolerances[4] * largest))
-    worst = max(worst, held / (tolerances[2] * cost + lost))
-    return max(worst, gap / (tolerances[3] * cost + lost))
-
-
-@plain
-def _pull_of_rows(A, y, residual):
-    """Add Aᵀy to ``residual``; the largest of it."""
-    largest = 0.0
-    for i in range(A.shape[1] if len(y) else 0):
-        total = 0.0
-        for row in range(len(y)):
-            total += A[row, i] * y[row]
-        residual[i] += total
-        largest = max(largest, abs(total))
-    return largest
-
-
-@part
-def _excess_of_diagonal(w, tolerances, residual):
-    """:func:`_excess` where H = diag h."""
-    hardest, left, gap = 1e-300, 0.0, 0.0
-    for i in range(len(w.c)):
-        residual[i] = w.h[i] * w.x[i] + w.c[i] + w.box[i]
-    largest = max(_pull_of_rows(w.A, w.y, residual), _pull_of_rows(w.G, w.lam, residual))
-    for i in range(len(w.c)):
-        hardest, left = max(hardest, w.h[i]), max(left, abs(residual[i]))
-        gap += 0.5 * residual[i] * residual[i] / w.h[i]
-    return _excess(hardest, left, largest, gap, w, tolerances)
-
-
-@part
-def _excess_of_dense(w, tolerances, residual, along):
-    """:func:`_excess` for any H, with JJᵀ = H⁻¹: rᵀH⁻¹r = ‖Jᵀr‖²."""
-    n, hardest, left, gap = len(w.c), 1e-300, 0.0, 0.0
-    for i in range(n):
-        residual[i] = w.c[i] + w.box[i]
-        along[i] = 0.0
-        for j in range(n):
-            residual[i] += w.dense[i, j] * w.x[j]
-            hardest = max(hardest, abs(w.dense[i, j]))
-    largest = max(_pull_of_rows(w.A, w.y, residual), _pull_of_rows(w.G, w.lam, residual))
-    for k in range(n):
-        left = max(left, abs(residual[k]))
-        for i in range(n):
-            along[i] += w.J[k, i] * residual[k]
-    for i in range(n):
-        gap += 0.5 * along[i] * along[i]
-    return _excess(hardest, left, largest, gap, w, tolerances)
-
-
-@part
-def _all_rows(kinds, shapes, poses, targets, jacobians, dt, A, b, free, free_costs):
+def _all_rows(g, dt, A, b, free):
     """The rows of all tasks, one below the other; the fastest that they ask for."""
     row, fastest = 0, 0.0
-    for index in range(len(kinds)):
-        rank = kinds[index, 0] + kinds[index, 1]
+    for index in range(len(g.kinds)):
+        rank = g.kinds[index, 0] + g.kinds[index, 1]
         first = 6 * index if len(free) else 0
-        twist_rows(
-            kinds[index], shapes[index], poses[index], targets[index], jacobians[index], dt,
-            A[row : row + rank], b[row : row + rank], free[first : first + 6], free_costs,
-        )  # fmt: skip
+        if g.kinds[index, 2] == STATED:
+            for i in range(row, row + rank):
+                b[i] = g.stated_sides[i]
+                for dof in range(A.shape[1]):
+                    A[i, dof] = g.stated_rows[i, dof]
+            for i in range(first, first + 6 if len(free) else 0):
+                for dof in range(A.shape[1]):
+                    free[i, dof] = g.stated_free[i, dof]
+        else:
+            twist_rows(
+                g.kinds[index], g.shapes[index], g.poses[index], g.targets[index],
+                g.jacobians[index], dt, A[row : row + rank], b[row : row + rank],
+                free[first : first + 6], g.free_costs,
+            )  # fmt: skip
         row += rank
     for i in range(row):
         # Written so that NaN is the fastest of all.
@@ -223,7 +186,7 @@ def _all_rows(kinds, shapes, poses, targets, jacobians, dt, A, b, free, free_cos
 
 
 @part
-def _wish(qpos, addresses, middle, pull, wish, dt, use_secondary, q, c):
+def _desired(qpos, addresses, middle, stiffness, displacement, dt, use_secondary, q, c):
     """Joint positions into q and ḣ into c; the largest entry of ḣ, infinite where q is not."""
     largest = 0.0
     for dof in range(len(q)):
@@ -232,7 +195,7 @@ def _wish(qpos, addresses, middle, pull, wish, dt, use_secondary, q, c):
             return math.inf
         c[dof] = 0.0
         if use_secondary:
-            c[dof] = (wish[dof] + pull[dof] * (middle[dof] - q[dof])) / dt
+            c[dof] = (displacement[dof] + stiffness[dof] * (middle[dof] - q[dof])) / dt
         if not abs(c[dof]) <= largest:
             largest = abs(c[dof])
     return largest
@@ -310,26 +273,18 @@ def _costs(w, metric, quadratic, linear, settings):
     """H and c of the step, from ḣ in c; and S where H is not diagonal. Whether H ≻ 0."""
     if len(w.h):
         for i in range(len(w.h)):
-            w.h[i] = settings[2] * metric[i]
+            w.h[i] = settings.weight * metric[i]
             w.c[i] *= -w.h[i]
         return True
-    if settings[0] != 0.0:
-        _twist_cost(w.A, w.free, metric, settings[2], settings[3], w.dense, w.c, w.line, w.J)
+    if settings.twist_space != 0.0:
+        _twist_cost(
+            w.A, w.free, metric, settings.weight, settings.nearly_unseen, w.dense, w.c, w.line, w.J
+        )
     else:
-        _joint_cost(metric, settings[2], w.dense, w.c)
-    if not _add_costs(quadratic, linear, settings[7], w.dense, w.c):
+        _joint_cost(metric, settings.weight, w.dense, w.c)
+    if not _add_costs(quadratic, linear, settings.steepest, w.dense, w.c):
         return False
     return cholesky_inverse(w.dense, w.J)
-
-
-@plain
-def _into_the_box(x, lower, upper):
-    """To the last bit; whether x is finite."""
-    for i in range(len(x)):
-        x[i] = min(max(x[i], lower[i]), upper[i])
-        if not math.isfinite(x[i]):
-            return False
-    return True
 
 
 @plain
@@ -339,35 +294,38 @@ def verified_velocity(
     """The joint velocity into ``w.x``, from the rows, q and ḣ (in ``w.c``) that are in ``w``.
 
     Returns:
-        ``DONE``, or ``REFUSED`` for whatever is not a plain step inside all limits.
+        ``DONE`` or ``SCALED``, or ``REFUSED`` where the reference has to look at the step.
     """
-    if not _well_conditioned(w.A, ends, settings[1], w.R, w.J):
+    if not well_conditioned(w.A, ends, settings.singularity, w.R, w.J):
         return REFUSED
     if not bounds(
-        limits, types, w.q, dt, settings[5], settings[6], w.lower, w.upper, w.lower_kind,
-        w.upper_kind,
+        limits, types, w.q, dt, settings.noticeable, settings.unlimited, w.lower, w.upper,
+        w.lower_kind, w.upper_kind,
     ):  # fmt: skip
         return REFUSED
     if not _costs(w, metric, quadratic, linear, settings):
         return REFUSED
-    if not (reduced_program(w) and _into_the_box(w.x, w.lower, w.upper)):
-        return REFUSED
-    if len(w.h):
-        excess = _excess_of_diagonal(w, tolerances, w.line)
-    else:
-        excess = _excess_of_dense(w, tolerances, w.root, w.line)
-    return DONE if excess <= 1.0 else REFUSED
+    return solved_program(w, settings.scales != 0.0 and len(ends) == 1, tolerances)
 
 
 @part
 def step(g, w, qpos, dt, use_secondary):
     """A step from what is given to w; what :func:`verified_velocity` returns."""
-    fastest = _wish(qpos, g.addresses, g.middle, g.pull, g.wish, dt, use_secondary, w.q, w.c)
-    asked = _all_rows(
-        g.kinds, g.shapes, g.poses, g.targets, g.jacobians, dt, w.A, w.b, w.free, g.free_costs
+    fastest = _desired(
+        qpos, g.addresses, g.middle, g.stiffness, g.displacement, dt, use_secondary, w.q, w.c
     )
-    if not (fastest <= g.settings[4] and asked <= g.settings[4]):
+    asked = _all_rows(g, dt, w.A, w.b, w.free)
+    if not (fastest <= g.settings.fastest and asked <= g.settings.fastest):
         return REFUSED
     return verified_velocity(
         w, g.ends, g.limits, g.types, g.metric, g.quadratic, g.linear, g.settings, g.tolerances, dt
     )
+
+
+@plain
+def read_step(floats, integers):
+    """Sizes, what is given and the program of a step, from the two arrays that it lies in."""
+    size = read_sizes(integers)
+    given, i, j = read_given(floats, 0, integers, HEADER, size)
+    program, _, _ = read_program(floats, i, integers, j, size)
+    return size, given, program

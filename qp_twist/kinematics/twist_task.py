@@ -11,7 +11,15 @@ import mujoco
 import numpy as np
 import numpy.typing as npt
 
-from qp_twist.checks import Array, checked, finite_array, number, read_only, unit_vector
+from qp_twist.checks import (
+    Array,
+    checked,
+    finite_array,
+    float_array,
+    number,
+    read_only,
+    unit_vector,
+)
 from qp_twist.errors import InvalidInput, InvalidTarget
 from qp_twist.geometry import Projector, TwistProjector, clamp_twist, resolved_twist_error
 from qp_twist.kinematics.frame import (
@@ -48,6 +56,58 @@ def _step_limit(_: Any, name: str, value: float) -> float:
     return value if unlimited else number(name, value, above=0.0)
 
 
+def _costs(task: TwistTask, _: str, value: npt.ArrayLike) -> Array:
+    """One cost for each row of the task."""
+    rank, given = task.projector.rank, float_array(f"{task.name}: cost", value)
+    if given.shape in ((), (1,)):
+        given = np.full(rank, given.reshape(()))
+    if given.shape != (rank,):
+        raise InvalidInput(
+            f"{task.name}: cost has one entry for each row of the task, ({rank},), or is one "
+            f"number; got an array of shape {given.shape}. linear_cost and angular_cost (mink's "
+            "position_cost and orientation_cost) set those of a block."
+        )
+    if not (np.isfinite(given) & (given >= 0.0)).all():
+        raise InvalidInput(
+            f"{task.name}: expected costs of at least 0, finite, got {given.tolist()}."
+        )
+    return given
+
+
+def _frame(task: TwistTask, _: str, value: Any) -> tuple[str | int, str] | None:
+    """The frame that carries the target, as far as it can be looked at without a model."""
+    if value is None:
+        return None
+    if not isinstance(value, tuple) or len(value) != 2:
+        raise InvalidInput(
+            f"TwistTask(relative_to=…): expected (name, type) of a frame, as in ('part', 'body'), "
+            f"got {value!r}."
+        )
+    _check_frame("TwistTask(relative_to=…)", *value)
+    if value[0] == "" or (not isinstance(value[0], str) and value[0] < 0):
+        raise InvalidInput(f"TwistTask(relative_to=…): no {value[1]} is called {value[0]!r}.")
+    if value == (task.frame_name, task.frame_type):
+        raise InvalidInput(
+            f"TwistTask(relative_to=…): {value[0]!r} is the controlled frame itself, which never "
+            "moves relative to itself; name the frame that carries the target."
+        )
+    if task.projector.has_axis and task.projector.frame == "world":
+        raise InvalidInput(
+            f"TwistTask({task.frame_name!r}, {task.frame_type!r}): relative to {value[0]!r} the "
+            "axes of T are fixed to the frame or to its target; give the projector "
+            "frame='body' or frame='target'."
+        )
+    return value
+
+
+def _check_frame(what: str, name: Any, kind: Any) -> None:
+    """Refuse what can be no frame of any model."""
+    if not isinstance(kind, str) or kind not in mink.SUPPORTED_FRAMES:
+        raise mink.UnsupportedFrame(kind, mink.SUPPORTED_FRAMES)
+    if isinstance(name, bool) or not isinstance(name, (str, int, np.integer)):
+        raise InvalidInput(f"{what}: expected the name or the id of a {kind}, got {name!r}.")
+
+
 class TwistTask(mink.Task):
     r"""Drive a frame to a target in the directions that a twist projector keeps.
 
@@ -74,6 +134,8 @@ class TwistTask(mink.Task):
         frame_name: Name or id of the controlled frame.
         frame_type: ``"body"``, ``"geom"`` or ``"site"``.
         projector: T. Its axes are rebuilt in the world at every step.
+        cost: Weight of each row where mink treats the task as soft, 1/m and 1/rad, (r,), the linear
+            rows first. A number may be assigned, for all rows.
         relative_to: Name or id, and type, of the frame that carries the target; ``None``: the
             world.
         bands: Ranges to keep in directions that T leaves free. With a T of rank 0 they are all
@@ -88,6 +150,8 @@ class TwistTask(mink.Task):
         (5, 6)
     """
 
+    cost: Array = checked(_costs)
+    relative_to: tuple[str | int, str] | None = checked(_frame)
     max_linear_step: float = checked(_step_limit)
     max_angular_step: float = checked(_step_limit)
 
@@ -105,6 +169,9 @@ class TwistTask(mink.Task):
         max_angular_step: float = math.inf,
         lm_damping: float = 0.0,
         bands: Sequence[ToleranceBand] = (),
+        position_cost: npt.ArrayLike | None = None,
+        orientation_cost: npt.ArrayLike | None = None,
+        cost: npt.ArrayLike | None = None,
     ) -> None:
         """State a task.
 
@@ -121,6 +188,9 @@ class TwistTask(mink.Task):
             max_angular_step: Largest angular error that one step is asked to remove, rad.
             lm_damping: mink's Levenberg–Marquardt damping where the task is soft.
             bands: Tolerance bands. mink knows none: give it :class:`~qp_twist.BandLimit` too.
+            position_cost: mink's name of ``linear_cost``, in whose place it counts.
+            orientation_cost: mink's name of ``angular_cost``, likewise.
+            cost: Weights of all rows in place of those, a number or (r,).
 
         Raises:
             InvalidInput: If an argument has the wrong type or range, or a band leaves out what T
@@ -131,30 +201,23 @@ class TwistTask(mink.Task):
         if not isinstance(projector, TwistProjector):
             raise InvalidInput(
                 f"TwistTask({frame_name!r}, {frame_type!r}): projector must be a TwistProjector, "
-                f"got {projector!r}."
+                f"got {projector!r}. The frame that carries the target, mink's root_name and "
+                "root_type, is relative_to=(name, type)."
             )
-        for kind in (frame_type,) if relative_to is None else (frame_type, _carrier(relative_to)):
-            if not isinstance(kind, str) or kind not in mink.SUPPORTED_FRAMES:
-                raise mink.UnsupportedFrame(kind, mink.SUPPORTED_FRAMES)
-        if relative_to is not None and projector.has_axis and projector.frame == "world":
-            raise InvalidInput(
-                f"TwistTask({frame_name!r}, {frame_type!r}): relative to {relative_to[0]!r} the "
-                "axes of T are fixed to the frame or to its target; give the projector "
-                "frame='body' or frame='target'."
-            )
-        cost = np.concatenate(
-            [
-                np.full(projector.linear.rank, number("linear_cost", linear_cost, at_least=0.0)),
-                np.full(projector.angular.rank, number("angular_cost", angular_cost, at_least=0.0)),
-            ]
-        )
-        super().__init__(
-            cost=cost, gain=number("gain", gain), lm_damping=number("lm_damping", lm_damping)
-        )
+        _check_frame("TwistTask", frame_name, frame_type)
         self.frame_name = frame_name
         self.frame_type = frame_type
         self.projector = projector
         self.relative_to = relative_to
+        super().__init__(
+            cost=np.ones(projector.rank),
+            gain=number("gain", gain),
+            lm_damping=number("lm_damping", lm_damping),
+        )
+        self.set_position_cost(linear_cost if position_cost is None else position_cost)
+        self.set_orientation_cost(angular_cost if orientation_cost is None else orientation_cost)
+        if cost is not None:
+            self.set_cost(cost)
         self.bands = check_bands(self.name, bands, projector)
         self.max_linear_step, self.max_angular_step = max_linear_step, max_angular_step
         self._target: mink.SE3 | None = None
@@ -268,6 +331,62 @@ class TwistTask(mink.Task):
         """How messages call this task, e.g. ``TwistTask('tool', 'site')``."""
         carrier = "" if self.relative_to is None else f" relative to {self.relative_to[0]!r}"
         return f"{type(self).__name__}({self.frame_name!r}, {self.frame_type!r}){carrier}"
+
+    @property
+    def linear_cost(self) -> Array:
+        """Weights of the linear rows, 1/m; takes a number. mink's name: ``position_cost``."""
+        linear: Array = self.cost[: self.projector.linear.rank].copy()
+        return linear
+
+    @linear_cost.setter
+    def linear_cost(self, cost: npt.ArrayLike) -> None:
+        self.set_position_cost(cost)
+
+    @property
+    def angular_cost(self) -> Array:
+        """Weights of the angular rows, 1/rad, likewise. mink's name: ``orientation_cost``."""
+        angular: Array = self.cost[self.projector.linear.rank :].copy()
+        return angular
+
+    @angular_cost.setter
+    def angular_cost(self, cost: npt.ArrayLike) -> None:
+        self.set_orientation_cost(cost)
+
+    position_cost = linear_cost
+    orientation_cost = angular_cost
+
+    def set_position_cost(self, position_cost: npt.ArrayLike) -> None:
+        """Weigh the linear rows, as :meth:`mink.FrameTask.set_position_cost` does.
+
+        Args:
+            position_cost: A number, 1/m. mink's one for each axis of the frame are refused unless
+                they are equal: the rows are along the axes of T.
+
+        Raises:
+            InvalidInput: If it is anything else, or negative.
+        """
+        rank = self.projector.linear.rank
+        self.cost[:rank] = self._one_cost("linear_cost", position_cost)
+
+    def set_orientation_cost(self, orientation_cost: npt.ArrayLike) -> None:
+        """Weigh the angular rows, 1/rad, likewise."""
+        rank = self.projector.linear.rank
+        self.cost[rank:] = self._one_cost("angular_cost", orientation_cost)
+
+    def set_cost(self, cost: npt.ArrayLike) -> None:
+        """Weigh all rows, a number or (r,), as mink's other tasks do."""
+        self.cost = _costs(self, "cost", cost)
+
+    def _one_cost(self, name: str, value: npt.ArrayLike) -> float:
+        """The cost that all rows of a block share."""
+        given = float_array(name, value)
+        if given.shape not in ((), (1,), (3,)) or (given != given.flat[0]).any():
+            raise InvalidInput(
+                f"{name}: expected one number for all rows of the block, which are along the axes "
+                f"of T and not of the frame; got {given.tolist()}. Assign cost, "
+                f"({self.projector.rank},), to weigh single rows of {self.name}."
+            )
+        return number(name, float(given.flat[0]), at_least=0.0)
 
     @property
     def target(self) -> mink.SE3 | None:
@@ -509,16 +628,6 @@ class TwistTask(mink.Task):
         carried = "" if self.relative_to is None else f", relative_to={self.relative_to!r}"
         frame = f"{self.frame_name!r}, {self.frame_type!r}"
         return f"{type(self).__name__}({frame}, {self.projector!r}, gain={self.gain:g}{carried})"
-
-
-def _carrier(relative_to: Any) -> Any:
-    """The type of a carrier that is a pair."""
-    if not isinstance(relative_to, tuple) or len(relative_to) != 2:
-        raise InvalidInput(
-            f"TwistTask(relative_to=…): expected (name, type) of a frame, as in ('part', 'body'), "
-            f"got {relative_to!r}."
-        )
-    return relative_to[1]
 
 
 AT_REST, _AT_THE_ORIGIN = read_only(np.zeros(6)), read_only(np.eye(7)[0])

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from types import MappingProxyType
 from typing import NamedTuple
 
 import mink
@@ -16,7 +17,7 @@ from qp_twist.kinematics import JointRanges
 from qp_twist.limits.box_limit import Box, BoxLimit
 from qp_twist.limits.intersection import Intersection, intersect
 from qp_twist.limits.mink_box import is_mink_box, mink_box
-from qp_twist.limits.stated_limit import UNLIMITED, Named, RowName, StatedLimit
+from qp_twist.limits.stated_limit import UNLIMITED, Named, RowName, StatedLimit, StatedRows
 
 
 @dataclass(eq=False)
@@ -84,13 +85,22 @@ class _AsRows(NamedTuple):
 
 
 def gather_limits(
-    limits: Sequence[mink.Limit], configuration: mink.Configuration, dt: float
+    limits: Sequence[mink.Limit],
+    configuration: mink.Configuration,
+    dt: float,
+    stated: Mapping[int, StatedRows] = MappingProxyType({}),
 ) -> GatheredLimits:
     """Evaluate limits at a configuration.
 
     mink's limits are accepted as they are: a row with a single entry becomes a bound, other rows
     (collision avoidance) stay rows. :func:`~qp_twist.limits.intersect` tells which bound gives way
     where two contradict each other.
+
+    Args:
+        limits: They.
+        configuration: Where the robot is.
+        dt: Length of the step, s.
+        stated: What some of them, by their places, have stated already: they are not asked again.
 
     Raises:
         InvalidInput: If a limit returns NaN, or two limits contradict each other and neither gives
@@ -100,7 +110,7 @@ def gather_limits(
     boxes: list[Box] = []
     rows, bounds, sources = list[Array](), list[Array](), list[Named]()
     recovering: list[str] = []
-    for limit in limits:
+    for place, limit in enumerate(limits):
         if isinstance(limit, BoxLimit):
             boxes += limit.boxes(configuration, dt)
             recovering += limit.recovering(configuration, dt)
@@ -108,14 +118,14 @@ def gather_limits(
         if is_mink_box(limit):
             boxes.append(mink_box(limit, configuration, dt))
             continue
-        stated = StatedLimit.of(limit, configuration, dt)
-        if stated is None:
+        found = StatedLimit.of(limit, configuration, dt, stated.get(place))
+        if found is None:
             continue
-        boxes.append(stated.box)
-        if len(stated.bounds):
-            rows.append(stated.rows)
-            bounds.append(stated.bounds)
-            sources.append(stated)
+        boxes.append(found.box)
+        if len(found.bounds):
+            rows.append(found.rows)
+            bounds.append(found.bounds)
+            sources.append(found)
     box = intersect(boxes, configuration.model)
     _take_far_for_none(box, configuration.model)
     return GatheredLimits(

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import functools
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import mink
 import numpy as np
 
-from qp_twist.checks import Array, finite_array, float_array, within
+from qp_twist.checks import Array, Indices, are_rows, float_array, within
 from qp_twist.constraints import Constraint
 from qp_twist.errors import InvalidInput
 from qp_twist.limits.band_limit import BandLimit
@@ -52,23 +52,23 @@ class StatedLimit:
 
     @classmethod
     def of(
-        cls, limit: mink.Limit, configuration: mink.Configuration, dt: float
+        cls,
+        limit: mink.Limit,
+        configuration: mink.Configuration,
+        dt: float,
+        stated: StatedRows | None = None,
     ) -> StatedLimit | None:
-        """Of a limit; ``None`` where it states nothing.
+        """Of a limit, or of the rows that it has stated already; ``None`` where they say nothing.
 
         Raises:
             InvalidInput: If what it states are no rows, or no numbers.
         """
-        constraint = limit.compute_qp_inequalities(configuration, dt)
-        if not isinstance(constraint, mink.Constraint):
-            raise InvalidInput(
-                f"{type(limit).__name__}: compute_qp_inequalities has to return a mink.Constraint, "
-                f"it returned {constraint!r}."[:300]
-            )
-        if constraint.inactive:
-            return None
         nv = configuration.model.nv
-        G, g = _stated(type(limit).__name__, constraint, nv, dt)
+        if stated is None:
+            stated = StatedRows.of(limit, configuration, dt)
+        G, g = _checked(type(limit).__name__, stated.G, stated.h, dt)
+        if not len(g):
+            return None
         entries = (G != 0.0).sum(axis=1)
         single = entries == 1
         box = _no_box(kind_of(limit), nv)
@@ -76,6 +76,18 @@ class StatedLimit:
             box = _box(kind_of(limit), G[single], g[single])
         which = ((entries > 1) & (g < np.inf) | (entries == 0) & (g < 0.0)).nonzero()[0]
         return cls(limit, box, G[which], g[which], which)
+
+    @property
+    def names(self) -> list[RowName]:
+        """Of the rows."""
+        return RowsOf(self.limit, self.which).names
+
+
+class RowsOf(NamedTuple):
+    """Some of the rows that a limit states, by their numbers among all of them, (k,)."""
+
+    limit: mink.Limit
+    which: Indices
 
     @property
     def names(self) -> list[RowName]:
@@ -89,38 +101,61 @@ def kind_of(limit: mink.Limit) -> str:
     return limit.kind if isinstance(limit, Constraint) else _MINK_KINDS.get(name, name)
 
 
-def _stated(name: str, constraint: mink.Constraint, nv: int, dt: float) -> tuple[Array, Array]:
-    """G and h/dt of a limit of anybody's class, checked; bounds too far away are none."""
-    stated: tuple[Any, Any] = constraint.G, constraint.h
-    G, h = stated if _in_order(*stated, nv) else _checked(name, *stated, nv)
+class StatedRows(NamedTuple):
+    """What a limit has stated, G Δq ≤ h: any numbers, as arrays of the right shape."""
+
+    limit: mink.Limit
+    G: Array
+    """(k, nv)."""
+    h: Array
+    """(k,)."""
+
+    @classmethod
+    def of(cls, limit: mink.Limit, configuration: mink.Configuration, dt: float) -> StatedRows:
+        """Ask a limit; one that is inactive has no rows.
+
+        As in mink anything will do that has ``inactive``, ``G`` and ``h``; lists of numbers and a
+        single row will do for these.
+
+        Raises:
+            InvalidInput: If it returns anything else.
+        """
+        nv, name = configuration.model.nv, type(limit).__name__
+        stated: Any = limit.compute_qp_inequalities(configuration, dt)
+        try:
+            inactive, G, h = stated.inactive, stated.G, stated.h
+        except AttributeError:
+            raise InvalidInput(
+                f"{name}: compute_qp_inequalities has to return a mink.Constraint, it returned "
+                f"{stated!r}."[:300]
+            ) from None
+        if inactive:
+            return cls(limit, np.zeros((0, nv)), np.zeros(0))
+        if are_rows(G, h, nv):
+            return cls(limit, G, h)
+        rows = np.atleast_2d(float_array(f"{name}: G of G Δq ≤ h", G))
+        ends = np.atleast_1d(float_array(f"{name}: h of G Δq ≤ h", h))
+        if rows.ndim != 2 or rows.shape[1] != nv:
+            raise InvalidInput(
+                f"{name}: G of G Δq ≤ h: expected shape (rows, {nv}), got {np.shape(G)}."
+            )
+        if ends.shape != (len(rows),):
+            raise InvalidInput(
+                f"{name}: its rows G Δq ≤ h need h of shape {(len(rows),)}, it has {np.shape(h)}."
+            )
+        return cls(limit, rows, ends)
+
+
+def _checked(name: str, G: Array, h: Array, dt: float) -> tuple[Array, Array]:
+    """G and h/dt, which are numbers; bounds too far away are none."""
+    within(f"{name}: G", G, UNLIMITED)
+    if not h.min(initial=0.0) > -np.inf:  # false for NaN
+        raise InvalidInput(
+            f"{name}: its rows G Δq ≤ h need h without NaN or −∞, it is {h!r}."[:300]
+        )
     g: Array = h / dt
     g[g > UNLIMITED] = np.inf
     return G, g
-
-
-def _in_order(G: Any, h: Any, nv: int) -> bool:
-    """Whether these are arrays as they should be, at a glance: a tenth of what checking takes."""
-    return bool(
-        type(G) is type(h) is np.ndarray
-        and G.dtype == h.dtype == np.float64
-        and h.ndim == 1
-        and G.shape == (len(h), nv)
-        # Written so that NaN is not in order.
-        and np.abs(G).max(initial=0.0) <= UNLIMITED
-        and h.min(initial=0.0) > -np.inf
-    )
-
-
-def _checked(name: str, G: Any, h: Any, nv: int) -> tuple[Array, Array]:
-    rows = finite_array(f"{name}: G of G Δq ≤ h", G, (None, nv))
-    within(f"{name}: G", rows, UNLIMITED)
-    ends = float_array(f"{name}: h of G Δq ≤ h", h)
-    if ends.shape != (len(rows),) or np.isnan(ends).any() or (ends == -np.inf).any():
-        raise InvalidInput(
-            f"{name}: its rows G Δq ≤ h need h of shape {(len(rows),)} without NaN or −∞; it has "
-            f"shape {ends.shape}, {ends!r}."[:300]
-        )
-    return rows, ends
 
 
 def _row_name(limit: mink.Limit, row: int) -> RowName:
@@ -131,6 +166,9 @@ def _row_name(limit: mink.Limit, row: int) -> RowName:
         return f"{limit.task.name} band row {row}", "band"
     if isinstance(limit, Constraint):
         return limit.row_name(row), limit.kind
+    if type(limit) is mink.ConfigurationLimit and row >= 2 * len(limit.indices):
+        dof = int(limit._ball_dofadr[row - 2 * len(limit.indices)])
+        return limit.model.joint(int(limit.model.dof_jntid[dof])).name, "position"
     name = type(limit).__name__
     return f"{name} row {row}", name
 

@@ -298,31 +298,8 @@ def centred_nearby(q: Array, at: Indices, rows: PathRows, ranges: JointRanges) -
 
     Nothing holds the limits but z itself.
     """
-    if rows.compiled is not None:
-        q = np.array(q, order="C")
-        rows.compiled.descend(q, at, ranges, newton(), (_ROUNDS, _LONGEST, _SETTLED))
-        return q
-    q, arrived = rows.correct(q, at)
-    share = np.ones(len(q))
-    moving = np.arange(len(q))
-    for _ in range(_ROUNDS):
-        here, there = q[moving], at[moving]
-        basis = rows.motions(here, there)
-        weighted = ranges.weight[:, None] * basis
-        wish = ranges.weight * (ranges.middle - here)
-        gram = weighted.transpose(0, 2, 1) @ weighted + 1e-12 * np.eye(weighted.shape[2])
-        u = np.linalg.solve(gram, weighted.transpose(0, 2, 1) @ wish[:, :, None])
-        step = share[moving, None] * (basis @ u)[:, :, 0]
-        longest = np.abs(step).max(axis=1, initial=_LONGEST)
-        moved, arrived_there = rows.correct(step * (_LONGEST / longest)[:, None] + here, there)
-        gained = np.where(arrived_there, ranges.centring(here) - ranges.centring(moved), -1.0)
-        q[moving[gained > 0.0]] = moved[gained > 0.0]
-        share[moving[gained < 0.0]] *= 0.4
-        expected = (step * ranges.weight * wish).sum(axis=1)
-        moving = moving[(expected > _SETTLED) & (share[moving] > 0.01)]
-        if not len(moving):
-            break
-    q[~arrived] = np.nan
+    q = np.array(q, order="C")
+    rows.compiled.descend(q, at, ranges, newton(), (_ROUNDS, _LONGEST, _SETTLED))
     return q
 
 

@@ -1,4 +1,4 @@
-"""The rows of a path as machine code. Needs the extra ``fast``."""
+"""The rows of a path as machine code."""
 
 from __future__ import annotations
 

@@ -48,7 +48,7 @@ class PathRows:
         self.freedom: Indices = path_task.model.nv - ranks[self._which]
 
     @cached_property
-    def compiled(self) -> CompiledPath | None:
+    def compiled(self) -> CompiledPath:
         """The same as machine code."""
         from qp_twist.planning.compiled_path import CompiledPath
 
@@ -71,24 +71,7 @@ class PathRows:
             below :data:`ON_TASK`.
         """
         q = np.array(q, order="C")
-        if self.compiled is not None:
-            return q, self.compiled.correct(q, at, newton(iterations))
-        arrived = np.zeros(len(q), dtype=bool)
-        left = np.arange(len(q))
-        for _ in range(iterations):
-            if not len(left):
-                break
-            still = []
-            for which, rows, errors in self._groups(q[left], at[left]):
-                here = left[which]
-                done = np.linalg.norm(errors, axis=1) <= ON_TASK
-                arrived[here[done]] = True
-                step = _shortest(rows[~done], errors[~done])
-                longest = np.abs(step).max(axis=1, initial=_LONGEST)
-                q[here[~done]] += step * (_LONGEST / longest)[:, None]
-                still.append(here[~done])
-            left = np.concatenate(still)
-        return q, arrived
+        return q, self.compiled.correct(q, at, newton(iterations))
 
     def correct_inside(
         self, q: Array, at: Indices, *, iterations: int = _ITERATIONS

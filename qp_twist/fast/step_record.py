@@ -1,0 +1,111 @@
+"""The program of a step, its result and its workspace, declared once."""
+
+from __future__ import annotations
+
+from typing import Annotated, NamedTuple
+
+from qp_twist.fast.compiling import plain
+from qp_twist.fast.record import Floats, Integers, Record, reader
+
+
+class Sizes(NamedTuple):
+    """How long everything in a step is."""
+
+    nv: int
+    m: int
+    """Equality rows of all tasks together."""
+    tasks: int
+    levels: int
+    limits: int
+    dense: int
+    """nv where H has entries off its diagonal, else 0."""
+    free: int
+    """Rows of 1 − T, 6 for each task, in twist space, else 0."""
+    others: int
+    """nv where other tasks add their costs, else 0."""
+    k: int
+    """Inequality rows."""
+
+
+HEADER = len(Sizes._fields)
+"""Entries of the integers that hold the sizes, before everything else."""
+
+
+class Program(NamedTuple):
+    """The program lower ≤ x ≤ upper, A x = b, G x ≤ g; its result; a workspace.
+
+    What a step leaves behind ends with ``gain_lam``. At the result Hx + c + Aᵀy + Gᵀλ + μ = 0.
+    """
+
+    c: Annotated[Floats, "nv"]
+    x: Annotated[Floats, "nv"]
+    lower_kind: Annotated[Floats, "nv"]
+    upper_kind: Annotated[Floats, "nv"]
+    h: Annotated[Floats, "nv - dense"]
+    """Diagonal of H where it has no other entries."""
+    dense: Annotated[Floats, "dense", "nv"]
+    """H where it has."""
+    A: Annotated[Floats, "m", "nv"]
+    G: Annotated[Floats, "k", "nv"]
+    lower: Annotated[Floats, "nv"]
+    upper: Annotated[Floats, "nv"]
+    b: Annotated[Floats, "m"]
+    g: Annotated[Floats, "k"]
+    box: Annotated[Floats, "nv"]
+    """μ, negative at a lower bound."""
+    y: Annotated[Floats, "m"]
+    lam: Annotated[Floats, "k"]
+    scale: Annotated[Floats, 1]
+    """s in A x = s b: ``b`` here is what was met, s times what the tasks ask."""
+    gain_box: Annotated[Floats, "nv"]
+    """How much s grows with the room at each bound, negative at a lower one, where s < 1."""
+    gain_lam: Annotated[Floats, "k"]
+    """The same of each row of G; what a step leaves behind ends here."""
+    q: Annotated[Floats, "nv"]
+    root: Annotated[Floats, "nv"]
+    line: Annotated[Floats, "nv"]
+    J: Annotated[Floats, "nv", "nv"]
+    """S of H⁻¹ = SSᵀ where H has entries off its diagonal."""
+    scaled: Annotated[Floats, "m", "nv"]
+    V: Annotated[Floats, "m", "nv"]
+    R: Annotated[Floats, "m", "m"]
+    ways: Annotated[Floats, "max(nv - m, 0)", "nv"]
+    """What the rows leave free."""
+    cuts: Annotated[Floats, "2 * nv + k", "max(nv - m, 0)"]
+    """Bounds and rows of G on it."""
+    ends: Annotated[Floats, "2 * nv + k"]
+    lengths: Annotated[Floats, "2 * nv + k"]
+    zero: Annotated[Floats, "max(nv - m, 0)"]
+    z: Annotated[Floats, "max(nv - m, 0)"]
+    u: Annotated[Floats, "max(nv - m, 0) + 1"]
+    three: Annotated[Floats, 3, "max(nv - m, 0) + 1"]
+    Jz: Annotated[Floats, "max(nv - m, 0)", "max(nv - m, 0)"]
+    Rz: Annotated[Floats, "max(nv - m, 0)", "max(nv - m, 0)"]
+    no_rows: Annotated[Floats, 0, "max(nv - m, 0)"]
+    cuts_s: Annotated[Floats, "2 * nv + k", "max(nv - m, 0) + 1"]
+    """The program of the largest scale, in s and what the rows leave free; so to ``no_rows_s``."""
+    c_s: Annotated[Floats, "max(nv - m, 0) + 1"]
+    x_s: Annotated[Floats, "max(nv - m, 0) + 1"]
+    u_s: Annotated[Floats, "max(nv - m, 0) + 2"]
+    Js: Annotated[Floats, "max(nv - m, 0) + 1", "max(nv - m, 0) + 1"]
+    Rs: Annotated[Floats, "max(nv - m, 0) + 1", "max(nv - m, 0) + 1"]
+    work_s: Annotated[Floats, 3, "max(nv - m, 0) + 2"]
+    no_rows_s: Annotated[Floats, 0, "max(nv - m, 0) + 1"]
+    free: Annotated[Floats, "free", "nv"]
+    active: Annotated[Integers, "nv"]
+    """Those active last time, as many as ``ints[0]`` says."""
+    active_s: Annotated[Integers, "nv + 1"]
+    ints: Annotated[Integers, "1 + 2 * nv + k"]
+
+
+PROGRAM = Record(Program, Sizes)
+read_program = reader(PROGRAM)
+
+
+@plain
+def read_sizes(integers):
+    """The sizes from the first entries of the integers."""
+    return Sizes(
+        integers[0], integers[1], integers[2], integers[3], integers[4], integers[5], integers[6],
+        integers[7], integers[8],
+    )  # fmt: skip

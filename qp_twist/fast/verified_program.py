@@ -1,0 +1,181 @@
+"""The verified solution of a step's program, compiled."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+from qp_twist.fast.compiling import part, plain
+from qp_twist.fast.dual_active_set import NO_ROOM, SOLVED, cholesky
+from qp_twist.fast.largest_scale import largest_scale
+from qp_twist.fast.reduced_program import reduced_program
+
+DONE, REFUSED, SCALED = 0, 1, 2
+"""The step is verified; the reference has to look at it; it is verified at a reduced speed."""
+
+
+class Tolerances(NamedTuple):
+    """Of the verification; :mod:`qp_twist.qp.verification` says what each is."""
+
+    equality: float
+    optimality: float
+    gain: float
+    gap: float
+    rounding: float
+    bound: float
+
+
+@plain
+def well_conditioned(A, ends, threshold, work, scratch):
+    """Whether no singular value of a level's rows is below a threshold.
+
+    Of each level in the null space of those above. AAᵀ = LLᵀ, and there what is left of the squares
+    of a level's rows is made of its own block of L.
+    """
+    m, n = A.shape
+    if m > n:
+        return False
+    square = threshold * threshold
+    for i in range(m):
+        for j in range(i + 1):
+            total = -square if i == j and len(ends) == 1 else 0.0
+            for k in range(n):
+                total += A[i, k] * A[j, k]
+            work[i, j] = total
+    if not cholesky(work):
+        return False
+    first = 0
+    for level in range(len(ends) if len(ends) > 1 else 0):
+        end = ends[level]
+        for i in range(first, end):
+            for j in range(first, i + 1):
+                total = -square if i == j else 0.0
+                for k in range(first, j + 1):
+                    total += work[i, k] * work[j, k]
+                scratch[i - first, j - first] = total
+        if not cholesky(scratch[: end - first, : end - first]):
+            return False
+        first = end
+    return True
+
+
+@part
+def _excess(hardest, left, largest, gap, w, tolerances):
+    """What the multipliers leave, in units of its tolerance, as ``verification`` has it.
+
+    ``hardest`` is the largest entry of H, ``left`` that of r = Hx + c + Aᵀy + Gᵀλ + μ, ``largest``
+    the largest term in it, and ``gap`` ½rᵀH⁻¹r.
+    """
+    n, steepest, furthest, held = len(w.c), 0.0, 0.0, 0.0
+    for i in range(n):
+        steepest, furthest = max(steepest, abs(w.c[i])), max(furthest, abs(w.x[i]))
+        largest = max(largest, abs(w.c[i]), abs(w.box[i]))
+        if w.box[i] > 0.0:
+            held += w.box[i] * (w.upper[i] - w.x[i])
+        elif w.box[i] < 0.0:
+            held -= w.box[i] * (w.x[i] - w.lower[i])
+    gap += held
+    largest_b, off = 0.0, 0.0
+    for row in range(len(w.b)):
+        total = -w.b[row]
+        for i in range(n):
+            total += w.A[row, i] * w.x[i]
+        gap -= w.y[row] * total
+        off, largest_b = max(off, abs(total)), max(largest_b, abs(w.b[row]))
+    over, lost = 0.0, 0.0
+    for row in range(len(w.g)):
+        room, terms = w.g[row], abs(w.g[row])
+        for i in range(n):
+            room -= w.G[row, i] * w.x[i]
+            terms += abs(w.G[row, i] * w.x[i])
+        over = max(over, -room)
+        if w.lam[row] > 0.0:
+            gap += w.lam[row] * room
+            held += w.lam[row] * max(room, 0.0)
+            lost += tolerances.rounding * w.lam[row] * terms
+    reach = 1.0 + furthest
+    cost = (hardest * reach + steepest) * reach
+    worst = max(off / (tolerances.equality * (1.0 + largest_b)), over / (tolerances.bound * reach))
+    least = tolerances.optimality * hardest * reach + tolerances.rounding * largest
+    worst = max(worst, left / least)
+    worst = max(worst, held / (tolerances.gain * cost + lost))
+    return max(worst, gap / (tolerances.gap * cost + lost))
+
+
+@plain
+def _pull_of_rows(A, y, residual):
+    """Add Aᵀy to ``residual``; the largest of it."""
+    largest = 0.0
+    for i in range(A.shape[1] if len(y) else 0):
+        total = 0.0
+        for row in range(len(y)):
+            total += A[row, i] * y[row]
+        residual[i] += total
+        largest = max(largest, abs(total))
+    return largest
+
+
+@part
+def _excess_of_diagonal(w, tolerances, residual):
+    """:func:`_excess` where H = diag h."""
+    hardest, left, gap = 1e-300, 0.0, 0.0
+    for i in range(len(w.c)):
+        residual[i] = w.h[i] * w.x[i] + w.c[i] + w.box[i]
+    largest = max(_pull_of_rows(w.A, w.y, residual), _pull_of_rows(w.G, w.lam, residual))
+    for i in range(len(w.c)):
+        hardest, left = max(hardest, w.h[i]), max(left, abs(residual[i]))
+        gap += 0.5 * residual[i] * residual[i] / w.h[i]
+    return _excess(hardest, left, largest, gap, w, tolerances)
+
+
+@part
+def excess_of_dense(w, tolerances, residual, along):
+    """:func:`_excess` for any H, with JJᵀ = H⁻¹: rᵀH⁻¹r = ‖Jᵀr‖²."""
+    n, hardest, left, gap = len(w.c), 1e-300, 0.0, 0.0
+    for i in range(n):
+        residual[i] = w.c[i] + w.box[i]
+        along[i] = 0.0
+        for j in range(n):
+            residual[i] += w.dense[i, j] * w.x[j]
+            hardest = max(hardest, abs(w.dense[i, j]))
+    largest = max(_pull_of_rows(w.A, w.y, residual), _pull_of_rows(w.G, w.lam, residual))
+    for k in range(n):
+        left = max(left, abs(residual[k]))
+        for i in range(n):
+            along[i] += w.J[k, i] * residual[k]
+    for i in range(n):
+        gap += 0.5 * along[i] * along[i]
+    return _excess(hardest, left, largest, gap, w, tolerances)
+
+
+@plain
+def into_the_box(x, lower, upper):
+    """To the last bit; whether x is finite."""
+    for i in range(len(x)):
+        x[i] = min(max(x[i], lower[i]), upper[i])
+        if not math.isfinite(x[i]):
+            return False
+    return True
+
+
+@part
+def solved_program(w, scales, tolerances):
+    """The verified solution of a program into ``w.x``; at a reduced speed if ``scales``."""
+    w.scale[0] = 1.0
+    status = reduced_program(w)
+    if status == NO_ROOM and scales:
+        w.scale[0] = largest_scale(w)
+        if w.scale[0] == 0.0:
+            return REFUSED
+        for row in range(len(w.b)):
+            w.b[row] *= w.scale[0]
+        status = reduced_program(w)
+    if status != SOLVED or not into_the_box(w.x, w.lower, w.upper):
+        return REFUSED
+    if len(w.h):
+        excess = _excess_of_diagonal(w, tolerances, w.line)
+    else:
+        excess = excess_of_dense(w, tolerances, w.root, w.line)
+    if not excess <= 1.0:
+        return REFUSED
+    return DONE if w.scale[0] == 1.0 else SCALED
