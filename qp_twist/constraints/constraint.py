@@ -96,6 +96,10 @@ class Constraint(mink.Limit):
         rows, rooms, _ = self.rows(configuration.q[None])
         return mink.Constraint(G=rows[0], h=np.maximum(rooms[0], -self.recovery_speed * dt))
 
+    def row_name(self, row: int) -> str:
+        """What a row of the step is of; to be overridden where it has others than one a margin."""
+        return self.names[row]
+
     def excess(self, q: Array) -> Array:
         """How far configurations q (N, nq) are outside, 0 inside, m or rad, (N,)."""
         worst: Array = np.maximum(-self.margins(q).min(axis=1, initial=np.inf), 0.0)

@@ -164,11 +164,11 @@ def _row_name(limit: mink.Limit, row: int) -> RowName:
         return " – ".join(geoms), "collision"
     if isinstance(limit, BandLimit):
         return f"{limit.task.name} band row {row}", "band"
+    if isinstance(limit, Constraint):
+        return limit.row_name(row), limit.kind
     if type(limit) is mink.ConfigurationLimit and row >= 2 * len(limit.indices):
         dof = int(limit._ball_dofadr[row - 2 * len(limit.indices)])
         return limit.model.joint(int(limit.model.dof_jntid[dof])).name, "position"
-    if isinstance(limit, Constraint) and row < len(limit.names):
-        return limit.names[row], limit.kind
     name = type(limit).__name__
     return f"{name} row {row}", name
 
