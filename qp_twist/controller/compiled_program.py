@@ -242,7 +242,7 @@ class CompiledProgram:
     @property
     def scale(self) -> float:
         """s of A x = s b, likewise."""
-        return float(self._result[PROGRAM.end(self._size, "scale") - 1])
+        return float(self._result[PROGRAM.end(self._size, "lam")])
 
     def step(self, ranks: tuple[int, ...], names: tuple[str, ...]) -> PlainStep:
         """The step of the program solved last.
@@ -291,7 +291,7 @@ class _Arrays:
         found = self._by_rows.get(k)
         if found is None:
             size = self._most._replace(k=k)
-            found = self._by_rows[k] = size, self.floats[: PROGRAM.end(size, "gain_lam")]
+            found = self._by_rows[k] = size, self.floats[: PROGRAM.end(size, "gains")]
         self.integers[:HEADER] = found[0]
         return found
 

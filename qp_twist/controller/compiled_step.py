@@ -190,7 +190,7 @@ class CompiledStep:
         floats, integers = self._floats[self._first :], self._integers[self._first_integer :]
         self._program: Program = PROGRAM.arrays(floats, integers, self._size)
         self._program.ints[0] = 0
-        self._result = floats[: PROGRAM.end(self._size, "gain_lam")]
+        self._result = floats[: PROGRAM.end(self._size, "gains")]
 
     def __call__(
         self,
@@ -226,7 +226,7 @@ class CompiledStep:
             return None
         step = PlainStep.made(self._program.x, self._result, self._size, self._layout, rows)
         if status == SCALED:
-            step.slowed(float(self._program.scale[0]))
+            step.slowed(float(self._program.gains[0]))
         return step
 
     def _is_of(self, composed: Composition) -> bool:

@@ -63,7 +63,7 @@ class PlainStep(Step):
         rows: Sequence[Named],
         box: Intersection | None = None,
     ) -> PlainStep:
-        """From what was left behind in a step's arrays: ``step_record.Program`` up to ``gain_lam``.
+        """From what was left behind in a step's arrays: ``step_record.Program`` up to ``gains``.
 
         ``box`` knows which limit set each bound, where the numbers do not.
 
@@ -88,7 +88,7 @@ class PlainStep(Step):
             raise AttributeError(name)
         layout = self._layout
         floats = np.frombuffer(self._numbers).copy()
-        left: Program = PROGRAM.arrays(floats, np.zeros(0, dtype=np.int64), self._size, "gain_lam")
+        left: Program = PROGRAM.arrays(floats, np.zeros(0, dtype=np.int64), self._size, "gains")
         value: Any
         if name == "residuals":
             value = tuple(np.split(left.A @ left.x - left.b, np.cumsum(layout.ranks)[:-1]))
@@ -108,7 +108,7 @@ class PlainStep(Step):
     def _binding(self, left: Program) -> tuple[BindingLimit, ...]:
         box, lam, floor, kinds = left.box, left.lam, 1.0, self._layout.kinds
         if self.status is Status.SCALED:  # what holds it back is what holds its scale back
-            box, lam, floor = left.gain_box, left.gain_lam, 0.0
+            box, lam, floor = *np.split(left.gains[1:], [len(box)]), 0.0
         largest = max(float(np.abs(box).max(initial=0.0)), float(lam.max(initial=0.0)))
         dust = DUST * max(largest, floor)
         lower: Any

@@ -40,7 +40,7 @@ def steps(arms, floats, integers, q, targets, dt, use_secondary, velocities, sca
                 g.targets[task, i] = targets[k, task, i]
         w.ints[0] = 0  # no row knows what was active in another
         done[k] = step(g, w, q[k], dt, use_secondary) != REFUSED
-        scales[k] = w.scale[0]
+        scales[k] = w.gains[0]
         for dof in range(size.nv):
             velocities[k, dof] = w.x[dof]
 

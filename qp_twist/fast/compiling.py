@@ -36,6 +36,9 @@ plain: Any = _by_numba(_nrt=False)
 """For all other kernels. They make no arrays, and what they return are views without an owner
 (``views``), so that nothing has to be counted: counting the references to ten small arrays takes
 longer than a matrix product of theirs."""
+inner: Any = _by_numba(_nrt=False, no_cpython_wrapper=True, no_cfunc_wrapper=True)
+"""The same for what only kernels call, and what takes or returns records: to make it callable from
+Python, too, takes seconds for a record of fifty arrays."""
 part: Any = _by_numba(_nrt=False, inline="always")
 """For a piece of a long kernel, compiled as if it were written there. A kernel is optimised again
 within every kernel that calls it, so that a long chain of calls takes long to compile."""

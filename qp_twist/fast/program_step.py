@@ -10,7 +10,7 @@ from qp_twist.fast.step_record import HEADER, read_program, read_sizes
 from qp_twist.fast.verified_program import (
     DONE,
     REFUSED,
-    excess_of_dense,
+    excess_of,
     into_the_box,
     solved_program,
     well_conditioned,
@@ -134,7 +134,7 @@ def program_step(
         inside all limits.
     """
     w, _, _ = read_program(floats, 0, integers, HEADER, read_sizes(integers))
-    w.scale[0] = 1.0
+    w.gains[0] = 1.0
     w.ints[0] = 0  # begun anew: the program before may be another user's
     if not (_take_box(box, unlimited, w) and _take_costs(H, c, lift, steepest, dt, w)):
         return REFUSED
@@ -155,7 +155,7 @@ def program_step(
         return TOO_FAST
     if status != SOLVED or not into_the_box(w.x, w.lower, w.upper):
         return REFUSED
-    return DONE if excess_of_dense(w, tolerances, w.root, w.line) <= 1.0 else REFUSED
+    return DONE if excess_of(w, tolerances) <= 1.0 else REFUSED
 
 
 @plain

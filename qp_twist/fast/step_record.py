@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated, NamedTuple
 
-from qp_twist.fast.compiling import plain
+from qp_twist.fast.compiling import inner
 from qp_twist.fast.record import Floats, Integers, Record, reader
 
 
@@ -34,7 +34,7 @@ HEADER = len(Sizes._fields)
 class Program(NamedTuple):
     """The program lower ≤ x ≤ upper, A x = b, G x ≤ g; its result; a workspace.
 
-    What a step leaves behind ends with ``gain_lam``. At the result Hx + c + Aᵀy + Gᵀλ + μ = 0.
+    What a step leaves behind ends with ``gains``. At the result Hx + c + Aᵀy + Gᵀλ + μ = 0.
     """
 
     c: Annotated[Floats, "nv"]
@@ -55,12 +55,10 @@ class Program(NamedTuple):
     """μ, negative at a lower bound."""
     y: Annotated[Floats, "m"]
     lam: Annotated[Floats, "k"]
-    scale: Annotated[Floats, 1]
-    """s in A x = s b: ``b`` here is what was met, s times what the tasks ask."""
-    gain_box: Annotated[Floats, "nv"]
-    """How much s grows with the room at each bound, negative at a lower one, where s < 1."""
-    gain_lam: Annotated[Floats, "k"]
-    """The same of each row of G; what a step leaves behind ends here."""
+    gains: Annotated[Floats, "1 + nv + k"]
+    """s of A x = s b: ``b`` is what was met, s times what the tasks ask. Where s < 1, how much s
+    grows with the room at each bound, negative at a lower one, and at each row of G. What a step
+    leaves behind ends here."""
     q: Annotated[Floats, "nv"]
     root: Annotated[Floats, "nv"]
     line: Annotated[Floats, "nv"]
@@ -82,27 +80,19 @@ class Program(NamedTuple):
     Jz: Annotated[Floats, "max(nv - m, 0)", "max(nv - m, 0)"]
     Rz: Annotated[Floats, "max(nv - m, 0)", "max(nv - m, 0)"]
     no_rows: Annotated[Floats, 0, "max(nv - m, 0)"]
-    cuts_s: Annotated[Floats, "2 * nv + k", "max(nv - m, 0) + 1"]
-    """The program of the largest scale, in s and what the rows leave free; so to ``no_rows_s``."""
-    c_s: Annotated[Floats, "max(nv - m, 0) + 1"]
-    x_s: Annotated[Floats, "max(nv - m, 0) + 1"]
-    u_s: Annotated[Floats, "max(nv - m, 0) + 2"]
-    Js: Annotated[Floats, "max(nv - m, 0) + 1", "max(nv - m, 0) + 1"]
-    Rs: Annotated[Floats, "max(nv - m, 0) + 1", "max(nv - m, 0) + 1"]
-    work_s: Annotated[Floats, 3, "max(nv - m, 0) + 2"]
-    no_rows_s: Annotated[Floats, 0, "max(nv - m, 0) + 1"]
+    scale_room: Annotated[Floats, "(2 * nv + k + 2 * max(nv - m, 0) + 8) * (max(nv - m, 0) + 2)"]
+    """For ``largest_scale.ScaleProgram``."""
     free: Annotated[Floats, "free", "nv"]
     active: Annotated[Integers, "nv"]
     """Those active last time, as many as ``ints[0]`` says."""
-    active_s: Annotated[Integers, "nv + 1"]
-    ints: Annotated[Integers, "1 + 2 * nv + k"]
+    ints: Annotated[Integers, "2 + 3 * nv + k"]
 
 
 PROGRAM = Record(Program, Sizes)
 read_program = reader(PROGRAM)
 
 
-@plain
+@inner
 def read_sizes(integers):
     """The sizes from the first entries of the integers."""
     return Sizes(

@@ -116,8 +116,8 @@ def _pull_of_rows(A, y, residual):
 
 
 @part
-def _excess_of_diagonal(w, tolerances, residual):
-    """:func:`_excess` where H = diag h."""
+def _left_of_diagonal(w, residual):
+    """What :func:`_excess` asks, but for w, where H = diag h."""
     hardest, left, gap = 1e-300, 0.0, 0.0
     for i in range(len(w.c)):
         residual[i] = w.h[i] * w.x[i] + w.c[i] + w.box[i]
@@ -125,12 +125,12 @@ def _excess_of_diagonal(w, tolerances, residual):
     for i in range(len(w.c)):
         hardest, left = max(hardest, w.h[i]), max(left, abs(residual[i]))
         gap += 0.5 * residual[i] * residual[i] / w.h[i]
-    return _excess(hardest, left, largest, gap, w, tolerances)
+    return hardest, left, largest, gap
 
 
 @part
-def excess_of_dense(w, tolerances, residual, along):
-    """:func:`_excess` for any H, with JJᵀ = H⁻¹: rᵀH⁻¹r = ‖Jᵀr‖²."""
+def _left_of_dense(w, residual, along):
+    """What :func:`_excess` asks, but for w, for any H, with JJᵀ = H⁻¹: rᵀH⁻¹r = ‖Jᵀr‖²."""
     n, hardest, left, gap = len(w.c), 1e-300, 0.0, 0.0
     for i in range(n):
         residual[i] = w.c[i] + w.box[i]
@@ -145,6 +145,16 @@ def excess_of_dense(w, tolerances, residual, along):
             along[i] += w.J[k, i] * residual[k]
     for i in range(n):
         gap += 0.5 * along[i] * along[i]
+    return hardest, left, largest, gap
+
+
+@part
+def excess_of(w, tolerances):
+    """How far the result in w is from the optimum, in units of its tolerance; ≤ 1 is verified."""
+    if len(w.h):
+        hardest, left, largest, gap = _left_of_diagonal(w, w.line)
+    else:
+        hardest, left, largest, gap = _left_of_dense(w, w.root, w.line)
     return _excess(hardest, left, largest, gap, w, tolerances)
 
 
@@ -161,22 +171,21 @@ def into_the_box(x, lower, upper):
 @part
 def solved_program(w, scales, tolerances):
     """The verified solution of a program into ``w.x``; at a reduced speed if ``scales``."""
-    w.scale[0] = 1.0
+    w.gains[0] = 1.0
     while True:  # at most twice: a part that is written once is compiled once
         status = reduced_program(w)
-        if status != NO_ROOM or not scales or w.scale[0] < 1.0:
+        if status != NO_ROOM or not scales or w.gains[0] < 1.0:
             break
-        w.scale[0] = largest_scale(w)
-        if w.scale[0] == 0.0:
+        w.gains[0] = largest_scale(
+            w.b, w.G, w.g, w.lower, w.upper, w.V, w.R, len(w.h) > 0, w.root, w.J, w.ways, w.line,
+            w.ends, w.lengths, w.gains, w.scale_room, w.ints,
+        )  # fmt: skip
+        if w.gains[0] == 0.0:
             return REFUSED
         for row in range(len(w.b)):
-            w.b[row] *= w.scale[0]
+            w.b[row] *= w.gains[0]
     if status != SOLVED or not into_the_box(w.x, w.lower, w.upper):
         return REFUSED
-    if len(w.h):
-        excess = _excess_of_diagonal(w, tolerances, w.line)
-    else:
-        excess = excess_of_dense(w, tolerances, w.root, w.line)
-    if not excess <= 1.0:
+    if not excess_of(w, tolerances) <= 1.0:
         return REFUSED
-    return DONE if w.scale[0] == 1.0 else SCALED
+    return DONE if w.gains[0] == 1.0 else SCALED
