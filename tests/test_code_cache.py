@@ -18,16 +18,16 @@ import qp_twist
 
 FAST = Path(qp_twist.__file__).parent / "fast"
 INNER = """
-from qp_twist.fast.compiling import plain
+from qp_twist.fast.compiling import entry
 FACTOR = 2.0
-@plain
+@entry
 def scaled(x):
     return FACTOR * x
 """
 OUTER = """
-from qp_twist.fast.compiling import plain
+from qp_twist.fast.compiling import entry
 from qp_twist.fast.inner import scaled
-@plain
+@entry
 def shifted(x):
     return scaled(x) + 1.0
 """
@@ -91,18 +91,20 @@ def test_a_constant_of_another_file_reaches_a_kernel_of_this_package(tmp_path: P
     folder = tmp_path / "qp_twist" / "fast"
     shutil.copytree(FAST, folder, ignore=shutil.ignore_patterns("__pycache__"))
     (tmp_path / "qp_twist" / "__init__.py").touch()
-    # The nearest point of x ≥ 1 and y ≥ 2: (1, 2), where both half-planes are held.
+    # The nearest point of x ≥ 1 and y ≥ 2 is (1, 2).
     script = """
 import numpy as np
-from qp_twist.fast.in_plane import in_plane
-z, u, active = np.zeros(2), np.zeros(2), np.zeros(2, dtype=np.int64)
-print(in_plane(np.diag([-1.0, -1.0]), np.array([-1.0, -2.0]), np.ones(2), active, z, u), *z)
+from qp_twist.fast.quadratic_program import solve_program
+none, far = np.zeros((0, 2)), np.full(2, np.inf)
+found = solve_program(np.eye(2), np.zeros(2), none, np.zeros(0), -np.eye(2), np.array([-1.0, -2.0]),
+                      -far, far)
+print(int(found.found), *found.x)
 """
-    assert run(folder, script) == [2, 1.0, 2.0]
+    assert run(folder, script) == pytest.approx([1, 1.0, 2.0])
     constants = folder / "dual_active_set.py"
     assert "\nMOST = 50\n" in constants.read_text()
     constants.write_text(constants.read_text().replace("\nMOST = 50\n", "\nMOST = 0\n"))
-    assert run(folder, script)[0] == -1  # no iteration is allowed any more
+    assert run(folder, script)[0] == 0  # no iteration is allowed any more
 
 
 def test_what_is_compiled_after_an_edit_of_the_sources_is_not_kept(package: Path) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 from typing import Any
 
 import mink
@@ -25,6 +26,14 @@ SEEDS = st.integers(0, 2**32 - 1)
 
 
 # ---------------------------------------------------------------- the parts
+
+
+@functools.cache
+def callable_from_python(kernel: Any) -> Any:
+    """A kernel that only kernels call, compiled once more, for a test."""
+    from qp_twist.fast.compiling import entry
+
+    return entry(kernel.py_func)
 
 
 @settings(max_examples=60, deadline=None)
@@ -51,7 +60,11 @@ def test_poses_and_jacobians_are_mujocos(seed: int) -> None:
 @settings(max_examples=200, deadline=None)
 @given(SEEDS)
 def test_reflections_give_the_pseudoinverse_and_the_null_space(seed: int) -> None:
-    from qp_twist.fast.null_space import least_norm, null_space, reflect
+    from qp_twist.fast import null_space as kernels
+
+    least_norm, null_space, reflect = map(
+        callable_from_python, (kernels.least_norm, kernels.null_space, kernels.reflect)
+    )
 
     rng = np.random.default_rng(seed)
     n = int(rng.integers(1, 9))
@@ -72,7 +85,9 @@ def test_reflections_give_the_pseudoinverse_and_the_null_space(seed: int) -> Non
 @settings(max_examples=100, deadline=None)
 @given(SEEDS)
 def test_what_dependent_rows_do_not_see_is_what_their_singular_vectors_do_not(seed: int) -> None:
-    from qp_twist.fast.null_space import null_space, row_space
+    from qp_twist.fast import null_space as kernels
+
+    null_space, row_space = map(callable_from_python, (kernels.null_space, kernels.row_space))
 
     rng = np.random.default_rng(seed)
     n = int(rng.integers(1, 9))
@@ -127,8 +142,10 @@ def reduced(rng: np.random.Generator, diagonal: bool) -> tuple[Any, Any]:
 def test_a_program_in_the_null_space_is_solved_as_another_solver_solves_it(
     diagonal: bool, seed: int
 ) -> None:
+    from qp_twist.fast import reduced_program as kernels
     from qp_twist.fast.dual_active_set import SOLVED
-    from qp_twist.fast.reduced_program import reduced_program
+
+    reduced_program = callable_from_python(kernels.reduced_program)
 
     rng = np.random.default_rng(seed)
     w, problem = reduced(rng, diagonal)
@@ -150,8 +167,10 @@ def test_a_program_in_the_null_space_is_solved_as_another_solver_solves_it(
 
 
 def test_bounds_and_rows_are_in_the_way_in_a_good_part_of_such_programs() -> None:
+    from qp_twist.fast import reduced_program as kernels
     from qp_twist.fast.dual_active_set import SOLVED
-    from qp_twist.fast.reduced_program import reduced_program
+
+    reduced_program = callable_from_python(kernels.reduced_program)
 
     counts = []
     for seed in range(200):
@@ -163,8 +182,10 @@ def test_bounds_and_rows_are_in_the_way_in_a_good_part_of_such_programs() -> Non
 
 def test_a_program_without_an_inside_is_not_solved() -> None:
     """By a bound that another bound contradicts, or that the rows leave no way to meet."""
+    from qp_twist.fast import reduced_program as kernels
     from qp_twist.fast.dual_active_set import NO_ROOM
-    from qp_twist.fast.reduced_program import reduced_program
+
+    reduced_program = callable_from_python(kernels.reduced_program)
 
     for seed in range(60):
         w, problem = reduced(np.random.default_rng(seed), diagonal=True)

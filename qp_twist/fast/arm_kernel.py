@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from qp_twist.fast.compiling import plain
+from qp_twist.fast.compiling import entry, plain
 
 
 class Arm(NamedTuple):
@@ -88,7 +88,7 @@ def pose_and_jacobian(arm, q, pose, J):
             J[0, dof], J[1, dof], J[2, dof] = v * rz - w * ry, w * rx - u * rz, u * ry - v * rx
 
 
-@plain
+@entry
 def poses_and_jacobians(arm, q, poses, jacobians):
     """:func:`pose_and_jacobian` for each row of q (K, nq): poses (K, 12), jacobians (K, 6, nv)."""
     for k in range(len(q)):

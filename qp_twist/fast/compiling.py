@@ -32,13 +32,13 @@ def _by_numba(**options: Any) -> Any:
 
 kernel: Any = _by_numba(_nrt=True)
 """For what makes arrays."""
-plain: Any = _by_numba(_nrt=False)
-"""For all other kernels. They make no arrays, and what they return are views without an owner
+entry: Any = _by_numba(_nrt=False)
+"""For what is called from Python and makes no arrays."""
+plain: Any = _by_numba(_nrt=False, no_cpython_wrapper=True, no_cfunc_wrapper=True)
+"""For what only kernels call. They make no arrays, and what they return are views without an owner
 (``views``), so that nothing has to be counted: counting the references to ten small arrays takes
-longer than a matrix product of theirs."""
-inner: Any = _by_numba(_nrt=False, no_cpython_wrapper=True, no_cfunc_wrapper=True)
-"""The same for what only kernels call, and what takes or returns records: to make it callable from
-Python, too, takes seconds for a record of fifty arrays."""
+longer than a matrix product of theirs. To make each of them callable from Python, too, would take a
+third of the time to compile a step."""
 part: Any = _by_numba(_nrt=False, inline="always")
 """For a piece of a long kernel, compiled as if it were written there. A kernel is optimised again
 within every kernel that calls it, so that a long chain of calls takes long to compile."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from qp_twist.fast.compiling import plain
+from qp_twist.fast.compiling import entry, plain
 from qp_twist.fast.null_space import reflection
 
 SOLVED, NO_ROOM, NOT_CONVEX, ENDLESS = 0, 1, 2, 3
@@ -355,7 +355,7 @@ def _enter(
     return ENDLESS, q
 
 
-@plain
+@entry
 def dual_active_set(
     H, c, A, b, G, g, lower, upper, active, before, x, u, J, R, held, work, lengths
 ):  # fmt: skip

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import Annotated, NamedTuple
 
-from qp_twist.fast.compiling import inner, part
+from qp_twist.fast.compiling import part, plain
 from qp_twist.fast.dual_active_set import SOLVED, active_set
 from qp_twist.fast.null_space import times_q
 from qp_twist.fast.record import Floats, Record, reader
@@ -36,7 +36,7 @@ class ScaleProgram(NamedTuple):
 _read = reader(Record(ScaleProgram, Sizes))
 
 
-@inner
+@plain
 def largest_scale(
     b, G, g, lower, upper, V, R, diagonal, root, S, ways, x, ends, lengths, gains, room, ints
 ):  # fmt: skip

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from qp_twist.fast.compiling import part, plain
+from qp_twist.fast.compiling import entry, part
 from qp_twist.fast.step_kernel import read_step, step
 from qp_twist.fast.views import at_address
 
@@ -45,7 +45,7 @@ def _target(pose, target):
         target[9 + i] = pose[4 + i]
 
 
-@plain
+@entry
 def live_step(floats, integers, dt, use_secondary):
     """A step; ``controller.compiled_step`` lays out the arrays, as ``step_record`` says.
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from qp_twist.fast.compiling import plain
+from qp_twist.fast.compiling import entry, plain
 from qp_twist.fast.dual_active_set import NO_ROOM, SOLVED, active_set, cholesky_inverse
 from qp_twist.fast.step_record import HEADER, read_program, read_sizes
 from qp_twist.fast.verified_program import (
@@ -101,7 +101,7 @@ def _in_joints(w, R, work, held):
     return SOLVED
 
 
-@plain
+@entry
 def program_step(
     H, c, lift, steepest, dt, A, b, box, rows, ends, unlimited, floats, integers, level_ends,
     threshold, tolerances, R, work, held,
@@ -158,7 +158,7 @@ def program_step(
     return DONE if excess_of(w, tolerances) <= 1.0 else REFUSED
 
 
-@plain
+@entry
 def slower_step(floats, integers, tolerances):
     """Solve and verify at a reduced speed what :func:`program_step` has found too fast.
 
@@ -171,7 +171,7 @@ def slower_step(floats, integers, tolerances):
     return solved_program(w, True, tolerances)
 
 
-@plain
+@entry
 def keep_independent(A, b, m, dependent, basis):
     """Move rows that do not depend on others to the front of A and b.
 

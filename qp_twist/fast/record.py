@@ -25,7 +25,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from qp_twist.fast.compiling import inner
+from qp_twist.fast.compiling import plain
 from qp_twist.fast.views import matrix, stack, vector
 
 Floats = npt.NDArray[np.float64]
@@ -124,4 +124,4 @@ def reader(record: Record) -> Any:
     made = ", ".join(f"view_{name}" for name in record.shapes)
     lines.append(f"    return kind({made}), i, j")
     exec("\n".join(lines), names)
-    return inner(names["read"])
+    return plain(names["read"])

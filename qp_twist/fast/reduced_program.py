@@ -17,7 +17,7 @@ _FIXED = 1e-8
 """A constraint of which less than this share is left in the null space is decided by the rows."""
 
 
-@part
+@plain
 def reduced_program(w):
     r"""Minimise ½xᵀHx + cᵀx subject to Ax = b, Gx ≤ g, lower ≤ x ≤ upper.
 

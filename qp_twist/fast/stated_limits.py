@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 
 from qp_twist.fast.bounds import _above, _below
-from qp_twist.fast.compiling import plain
+from qp_twist.fast.compiling import entry, plain
 
 NOT_IN_ORDER = -1
 """Something stated is not a number, or too large to compute with."""
@@ -27,7 +27,7 @@ def _narrow(dof, low, high, number, box):
     return low < math.inf and high > -math.inf  # false for NaN
 
 
-@plain
+@entry
 def narrow_box(lower, upper, number, box):
     """Narrow the box by bounds on all joints, each (nv,); whether they are numbers."""
     fine = True
@@ -36,7 +36,7 @@ def narrow_box(lower, upper, number, box):
     return fine
 
 
-@plain
+@entry
 def narrow_to_range(q, lower, upper, gain, dt, addresses, dofs, number, box):
     """Narrow the box by the ranges of joints, of which a step may go a share of the way.
 
@@ -62,7 +62,7 @@ def narrow_to_range(q, lower, upper, gain, dt, addresses, dofs, number, box):
     return fine
 
 
-@plain
+@entry
 def append_ball_ranges(q, angles, gain, dt, addresses, dofs, first, rows, ends, which, at):
     """Append aᵀ q̇ ≤ k (φ_max − φ)/dt for ball joints turned by φ about the axis a.
 
@@ -107,7 +107,7 @@ def append_ball_ranges(q, angles, gain, dt, addresses, dofs, first, rows, ends, 
     return at
 
 
-@plain
+@entry
 def append_rows(G, h, count, dt, number, unlimited, box, rows, ends, which, at):
     """Take the first ``count`` rows of G Δq ≤ h: those of a single entry as bounds.
 

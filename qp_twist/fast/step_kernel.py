@@ -8,7 +8,7 @@ from typing import Annotated, NamedTuple
 import numpy as np
 
 from qp_twist.fast.bounds import bounds
-from qp_twist.fast.compiling import inner, kernel, part, plain
+from qp_twist.fast.compiling import kernel, part, plain
 from qp_twist.fast.dual_active_set import cholesky, cholesky_inverse
 from qp_twist.fast.null_space import null_space, row_space
 from qp_twist.fast.record import Floats, Integers, Record, reader
@@ -268,7 +268,7 @@ def _add_costs(quadratic, linear, steepest, H, c):
     return largest <= steepest * hardest
 
 
-@part
+@plain
 def _costs(w, metric, quadratic, linear, settings):
     """H and c of the step, from ḣ in c; and S where H is not diagonal. Whether H ≻ 0."""
     if len(w.h):
@@ -287,7 +287,7 @@ def _costs(w, metric, quadratic, linear, settings):
     return cholesky_inverse(w.dense, w.J)
 
 
-@inner
+@plain
 def verified_velocity(
     w, ends, limits, types, metric, quadratic, linear, settings, tolerances, dt
 ):  # fmt: skip
@@ -322,7 +322,7 @@ def step(g, w, qpos, dt, use_secondary):
     )
 
 
-@inner
+@plain
 def read_step(floats, integers):
     """Sizes, what is given and the program of a step, from the two arrays that it lies in."""
     size = read_sizes(integers)

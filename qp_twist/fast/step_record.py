@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated, NamedTuple
 
-from qp_twist.fast.compiling import inner
+from qp_twist.fast.compiling import plain
 from qp_twist.fast.record import Floats, Integers, Record, reader
 
 
@@ -92,7 +92,7 @@ PROGRAM = Record(Program, Sizes)
 read_program = reader(PROGRAM)
 
 
-@inner
+@plain
 def read_sizes(integers):
     """The sizes from the first entries of the integers."""
     return Sizes(

@@ -148,7 +148,7 @@ def _left_of_dense(w, residual, along):
     return hardest, left, largest, gap
 
 
-@part
+@plain
 def excess_of(w, tolerances):
     """How far the result in w is from the optimum, in units of its tolerance; ≤ 1 is verified."""
     if len(w.h):
