@@ -345,10 +345,34 @@ def test_what_is_no_constraint_of_a_path_is_refused() -> None:
         ((mink.VelocityLimit(model, {}),), "expected a qp_twist.Constraint, got VelocityLimit"),
         ((qt.MotionLimit(model, velocity=1.0),), "MotionLimit limits velocities, too"),
         ((half, Mixed()), r"constraints\[1\]: expected a unit for each of its 2 names"),
-        ((Narrow(model, "link_5", "body", Z, 0.5),), r"margins\(q\) of one configuration"),
+        ((Narrow(model, "link_5", "body", Z, 0.5),), r"margins\(q\) of two configurations"),
         ("table", "expected a list"),
     ):
         with pytest.raises(qt.InvalidInput, match=said):
             dataclasses.replace(task, constraints=given_)
     with pytest.raises(TypeError, match="change"):
         type("Half", (qt.Constraint,), {"margins": None, "gradients": None})()
+
+
+def test_margins_that_are_no_numbers_or_may_not_change_are_named_and_prove_nothing() -> None:
+    task = qt.load_task("planar_line")
+    at_first = task.model.qpos0
+
+    class NanElsewhere(HalfSpace):  # type: ignore[misc, valid-type]
+        def margins(self, q: Array) -> Array:
+            margins = np.array(super().margins(q))
+            margins[np.abs(q - at_first).max(axis=1) > 0.1] = np.nan
+            return margins
+
+    class Backwards(HalfSpace):  # type: ignore[misc, valid-type]
+        def change(self, q: Array, travel: Array) -> Array:
+            return -super().change(q, travel)
+
+    run = qt.follow(task, "qp_gradient")
+    for kind, match in ((NanElsewhere, "margins.* is NaN at q"), (Backwards, "at least 0")):
+        made = kind(task.model, "link_3", "body", [0.0, 0.0, 1.0], -1.0)
+        kept = dataclasses.replace(task, constraints=(made,))
+        with pytest.raises(qt.InvalidInput, match=match):
+            check_trajectory(run, kept)
+        with pytest.raises(qt.InvalidInput, match=match):
+            qt.plan(kept)

@@ -2,3 +2,4 @@
 
 from .constraint import Constraint as Constraint
 from .constraint import check_constraints as check_constraints
+from .constraint import margins_of as margins_of

@@ -75,9 +75,13 @@ class Constraint(mink.Limit):
             after: Where they end, (N, nq).
             travel: As in :meth:`change`.
         """
-        least: Array = 0.5 * (
-            self.margins(before) + self.margins(after) - self.change(before, travel)
-        )
+        change = self.change(before, travel)
+        if not (np.asarray(change) >= 0.0).all():  # false for NaN
+            raise InvalidInput(
+                f"{type(self).__name__}: change(q, travel): expected by how much margins vary at "
+                "most, at least 0, got a negative number or none."
+            )
+        least: Array = 0.5 * (margins_of(self, before) + margins_of(self, after) - change)
         return least
 
     def rows(self, q: Array) -> tuple[Array, Array, Indices]:
@@ -104,6 +108,28 @@ class Constraint(mink.Limit):
         """How far configurations q (N, nq) are outside, 0 inside, m or rad, (N,)."""
         worst: Array = np.maximum(-self.margins(q).min(axis=1, initial=np.inf), 0.0)
         return worst
+
+
+def margins_of(constraint: Constraint, q: Array) -> Array:
+    """The margins (N, k) that a constraint states at configurations q (N, nq), which are numbers.
+
+    Raises:
+        InvalidInput: If they have another shape, or one is NaN: nothing can be proven by that.
+    """
+    margins = constraint.margins(q)
+    shape = len(q), len(constraint.names)
+    if not isinstance(margins, np.ndarray) or margins.shape != shape:
+        raise InvalidInput(
+            f"{type(constraint).__name__}: margins(q) of {len(q)} configurations: expected an "
+            f"array of shape {shape}, got {type(margins).__name__} of {np.shape(margins)}."
+        )
+    if np.isnan(margins).any():
+        first = int(np.argmax(np.isnan(margins).any(axis=1)))
+        raise InvalidInput(
+            f"{type(constraint).__name__}: margins(q) is NaN at q = {q[first].round(4).tolist()}; "
+            "state a number for every configuration."
+        )
+    return margins
 
 
 def check_constraints(
@@ -142,15 +168,15 @@ def check_constraints(
                 f"{said}: expected a unit for each of its {count} names, all 'm' or all 'rad', got "
                 f"{constraint.units!r}."
             )
-        q = model.qpos0[None].copy()
+        q = np.tile(model.qpos0, (2, 1))
         for what, found, shape in (
-            ("margins(q)", constraint.margins(q), (1, count)),
-            ("gradients(q)", constraint.gradients(q), (1, count, model.nv)),
-            ("change(q, travel)", constraint.change(q, np.ones((1, model.nv))), (1, count)),
+            ("margins(q)", constraint.margins(q), (2, count)),
+            ("gradients(q)", constraint.gradients(q), (2, count, model.nv)),
+            ("change(q, travel)", constraint.change(q, np.ones((2, model.nv))), (2, count)),
         ):
             if np.shape(found) != shape or np.isnan(found).any():
                 raise InvalidInput(
-                    f"{said}: {what} of one configuration: expected numbers of shape {shape}, got "
+                    f"{said}: {what} of two configurations: expected numbers of shape {shape}, got "
                     f"{found!r}."[:300]
                 )
     return tuple(constraints)

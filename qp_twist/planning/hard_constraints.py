@@ -6,6 +6,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from qp_twist.checks import Array, Indices, Mask
+from qp_twist.constraints import margins_of
 from qp_twist.errors import InvalidInput
 from qp_twist.kinematics import FramePair, SerialChain, Stretch, ToleranceBand, check_bands
 from qp_twist.path import PathTask
@@ -233,7 +234,7 @@ class HardConstraints:
         )
 
     def _margins(self, pair: FramePair, q: Array) -> Array:
-        of_constraints = [constraint.margins(q) for constraint in self.constraints]
+        of_constraints = [margins_of(constraint, q) for constraint in self.constraints]
         return np.concatenate([self._of_bands(pair), *of_constraints], axis=1)
 
     def _of_bands(self, pair: FramePair) -> Array:

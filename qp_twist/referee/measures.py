@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from qp_twist.checks import Array
-from qp_twist.constraints import Constraint
+from qp_twist.constraints import Constraint, margins_of
 from qp_twist.geometry import ProjectorKind, TwistProjector, many_twist_errors
 from qp_twist.kinematics import FramePair, Stretch, ToleranceBand, TurnAbout, angle_of_chord
 
@@ -148,7 +148,7 @@ class ConstraintExcess(Measure):
 
     def at(self, poses: Poses) -> Array:
         """What its margins are below 0."""
-        return np.maximum(-self.constraint.margins(poses.q), 0.0)
+        return np.maximum(-margins_of(self.constraint, poses.q), 0.0)
 
     def most(self, before: Poses, after: Poses, passage: Passage) -> Array:
         """What its least margins are below 0."""
