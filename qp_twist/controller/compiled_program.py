@@ -53,7 +53,6 @@ class CompiledProgram:
         # Of the costs: W, e and their sums.
         self._weighted, self._errors = np.zeros((4 * n, n)), np.zeros(4 * n)
         self._H, self._c, self._lift = np.zeros((n, n)), np.zeros(n), 0.0
-        self._cost_rows = 0
         # Of the constraints: A and b.
         self._A, self._b = np.zeros((n, n)), np.zeros(n)
         self._m = 0
@@ -83,7 +82,7 @@ class CompiledProgram:
 
     def begin(self) -> None:
         """Forget the program before."""
-        self._cost_rows = self._m = self._k = 0
+        self._m = self._k = 0
         self._in_order = True
         self._box[:] = self._open
         self._kinds, self._sources = {}, []

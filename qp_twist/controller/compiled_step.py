@@ -99,6 +99,7 @@ class CompiledStep:
         pulls = *self._centering, *self._postures
         self._others = [s for s in composed.secondary if s not in pulls]
         self._ranks = tuple(task.projector.rank for task in tasks)
+        self._row_ends: list[int] = np.cumsum(self._ranks).tolist()
         self._levels = composed.levels
         ranks = [sum(task.projector.rank for task in level) for level in self._levels]
         self._ends = np.cumsum(ranks)
@@ -277,10 +278,9 @@ class CompiledStep:
 
     def _ask(self, composed: Composition, configuration: mink.Configuration, dt: float) -> bool:
         """Take over the rows of tasks that state them; whether they are as many as before."""
-        ends = np.cumsum(self._ranks)
         for number in self._asked:
-            task = self._tasks[number]
-            last, first = int(ends[number]), int(ends[number]) - self._ranks[number]
+            task, last = self._tasks[number], self._row_ends[number]
+            first = last - self._ranks[number]
             A, b = task.velocity_rows(configuration, dt)
             if len(b) != last - first:
                 return False

@@ -12,7 +12,6 @@ from qp_twist.controller.step import Status, Step
 from qp_twist.fast import COMPILED
 from qp_twist.fast.step_record import PROGRAM, Program, Sizes
 from qp_twist.limits import DUST, BindingLimit, Named, RowName, binding_bounds
-from qp_twist.limits.intersection import Intersection
 from qp_twist.qp import QuadraticProgram
 
 
@@ -51,7 +50,6 @@ class PlainStep(Step):
     _size: Sizes
     _layout: Layout
     _rows: Sequence[Named]
-    _box: Intersection | None
 
     @classmethod
     def made(
@@ -61,11 +59,8 @@ class PlainStep(Step):
         size: Sizes,
         layout: Layout,
         rows: Sequence[Named],
-        box: Intersection | None = None,
     ) -> PlainStep:
         """From what was left behind in a step's arrays: ``step_record.Program`` up to ``gains``.
-
-        ``box`` knows which limit set each bound, where the numbers do not.
 
         The velocity is a copy of its own: whoever scales it changes nothing else.
         """
@@ -75,7 +70,6 @@ class PlainStep(Step):
         fields["_numbers"] = numbers.tobytes()
         fields["_size"], fields["_layout"] = size, layout
         fields["_rows"] = rows
-        fields["_box"] = box
         return step
 
     def slowed(self, scale: float) -> None:
@@ -111,15 +105,11 @@ class PlainStep(Step):
             box, lam, floor = *np.split(left.gains[1:], [len(box)]), 0.0
         largest = max(float(np.abs(box).max(initial=0.0)), float(lam.max(initial=0.0)))
         dust = DUST * max(largest, floor)
-        lower: Any
-        upper: Any
-        if self._box is not None:
-            lower, upper = self._box.lower_kind, self._box.upper_kind
-        else:  # there is a number of no kind where there is no bound
-            lower, upper = (
-                [kinds.get(number, "") for number in side.tolist()]
-                for side in (left.lower_kind, left.upper_kind)
-            )
+        # There is a number of no kind where there is no bound.
+        lower, upper = (
+            [kinds.get(number, "") for number in side.tolist()]
+            for side in (left.lower_kind, left.upper_kind)
+        )
         found = binding_bounds(box, dust, self._layout.names, lower, upper)
         pushing = np.flatnonzero(lam > dust).tolist()
         if pushing:
