@@ -132,7 +132,8 @@ def reduced(rng: np.random.Generator, diagonal: bool) -> tuple[Any, Any]:
         "c": c, "A": A, "b": b, "G": G, "g": g, "lower": lower, "upper": upper,
         "h": np.diag(H).copy() if diagonal else np.zeros(0),
         "J": np.linalg.inv(np.linalg.cholesky(H)).T.copy(),
-        "active": np.zeros(n, dtype=np.int64), "ints": np.zeros(1 + cuts, dtype=np.int64),
+        "active": np.zeros(n, dtype=np.int64), "active_count": np.zeros(1, dtype=np.int64),
+        "held": np.zeros(cuts, dtype=np.int64),
     }  # fmt: skip
     for name, shape in shapes.items():
         given[name] = np.full(shape, np.nan)  # whatever it held before
@@ -159,8 +160,8 @@ def test_a_program_in_the_null_space_is_solved_as_another_solver_solves_it(
     scale = 1.0 + np.abs(reference.x).max() + np.abs(np.linalg.pinv(w.A)).max(initial=0.0)
     for again in range(3):  # from nothing, from what was active, and from anything
         if again == 2:
-            w.ints[0] = rng.integers(0, n - m + 1)
-            w.active[: w.ints[0]] = rng.permutation(2 * n + len(w.g))[: w.ints[0]]
+            w.active_count[0] = rng.integers(0, n - m + 1)
+            w.active[: w.active_count[0]] = rng.permutation(2 * n + len(w.g))[: w.active_count[0]]
         assert reduced_program(w) == SOLVED
         np.testing.assert_allclose(w.x, reference.x, atol=1e-8 * scale**2)
         gradient = problem.H @ w.x + w.c + w.A.T @ w.y + w.G.T @ w.lam + w.box
@@ -180,7 +181,7 @@ def test_bounds_and_rows_are_in_the_way_in_a_good_part_of_such_programs() -> Non
     for seed in range(200):
         w, _ = reduced(np.random.default_rng(seed), diagonal=True)
         assert reduced_program(w) == SOLVED
-        counts.append(int(w.ints[0]))
+        counts.append(int(w.active_count[0]))
     assert sum(count == 1 for count in counts) > 40 and sum(count > 2 for count in counts) > 20
 
 

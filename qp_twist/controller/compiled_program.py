@@ -25,7 +25,7 @@ from qp_twist.fast.stated_limits import (
     narrow_box,
     narrow_to_range,
 )
-from qp_twist.fast.step_record import HEADER, PROGRAM, Sizes
+from qp_twist.fast.step_record import PROGRAM, Sizes
 from qp_twist.fast.verified_program import DONE, SCALED
 from qp_twist.limits import Box, MinkRange, Named, RowsOf, StatedRows, kind_of
 from qp_twist.limits.stated_limit import UNLIMITED
@@ -276,9 +276,7 @@ class _Arrays:
 
     def __init__(self, n: int, m: int, room: int) -> None:
         self._most = Sizes(n, m, 0, 1, 0, n, 0, 0, room)
-        floats, integers = PROGRAM.lengths(self._most)
-        self.floats = np.zeros(floats)
-        self.integers = np.zeros(HEADER + integers, dtype=np.int64)
+        self.floats, self.integers = PROGRAM.allocate(self._most)
         self.level_ends = np.array([m])
         self.R = np.zeros((n, n))
         self.work = np.zeros((4 + -(-room // (n + 1)), n + 1))
@@ -291,7 +289,7 @@ class _Arrays:
         if found is None:
             size = self._most._replace(k=k)
             found = self._by_rows[k] = size, self.floats[: PROGRAM.end(size, "gains")]
-        self.integers[:HEADER] = found[0]
+        PROGRAM.resize(self.integers, found[0])
         return found
 
 

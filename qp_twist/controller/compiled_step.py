@@ -23,8 +23,8 @@ from qp_twist.controller.step_tables import (
 )
 from qp_twist.fast import COMPILED
 from qp_twist.fast.live_step import ELSEWHERE, GIVEN_JACOBIAN, live_step
-from qp_twist.fast.step_kernel import GIVEN, STATED, Given
-from qp_twist.fast.step_record import HEADER, PROGRAM, Program, Sizes
+from qp_twist.fast.step_kernel import GIVEN, STATED, STEP, Given
+from qp_twist.fast.step_record import PROGRAM, Program, Sizes
 from qp_twist.fast.verified_program import REFUSED, SCALED
 from qp_twist.kinematics import (
     BandRows,
@@ -126,13 +126,9 @@ class CompiledStep:
             others=nv if self._soft_tasks else 0, k=room,
         )  # fmt: skip
         self._room = room
-        self._first, self._first_integer = GIVEN.lengths(size)
-        self._first_integer += HEADER
-        floats, integers = PROGRAM.lengths(size)
-        self._floats = np.zeros(self._first + floats)
-        self._integers = np.zeros(self._first_integer + integers, dtype=np.int64)
-        g: Given = GIVEN.arrays(self._floats, self._integers[HEADER:], size)
-        self._given = g
+        self._floats, self._integers = STEP.allocate(size)
+        self._take_rows(0)
+        g = self._given
         self._asked = [n for n, task in enumerate(self._tasks) if not rows_known(task)]
         for n, task in enumerate(self._tasks):
             known = n not in self._asked
@@ -145,7 +141,6 @@ class CompiledStep:
         self._paced = [_paces(task) for task in self._tasks]
         for shape, task in zip(g.shapes, self._tasks, strict=True):
             shape[:] = shape_of(task.projector, *_paces(task))
-        self._take_rows(0)
         # The targets that were written into the arrays before this.
         self._known_targets: list[Any] = [None] * len(self._tasks)
         self._steady = np.zeros(nv)
@@ -187,11 +182,13 @@ class CompiledStep:
     def _take_rows(self, k: int) -> None:
         """Views for so many inequality rows."""
         self._size = self._size._replace(k=k)
-        self._integers[:HEADER] = self._size
-        floats, integers = self._floats[self._first :], self._integers[self._first_integer :]
-        self._program: Program = PROGRAM.arrays(floats, integers, self._size)
-        self._program.ints[0] = 0
-        self._result = floats[: PROGRAM.end(self._size, "gains")]
+        STEP.resize(self._integers, self._size)
+        stages = STEP.arrays(self._floats, self._integers, self._integers)
+        self._given: Given = stages.given
+        self._program: Program = stages.program
+        self._program.active_count[0] = 0
+        first = GIVEN.layout(self._size).floats
+        self._result = self._floats[first : first + PROGRAM.end(self._size, "gains")]
 
     def __call__(
         self,

@@ -14,6 +14,8 @@ from qp_twist.fast.step_record import PROGRAM, Program, Sizes
 from qp_twist.limits import DUST, BindingLimit, Named, RowName, binding_bounds
 from qp_twist.qp import QuadraticProgram
 
+_NO_INTEGERS = np.zeros(0, dtype=np.int64)
+
 
 class Layout:
     """What all steps of a controller have in common.
@@ -82,7 +84,9 @@ class PlainStep(Step):
             raise AttributeError(name)
         layout = self._layout
         floats = np.frombuffer(self._numbers).copy()
-        left: Program = PROGRAM.arrays(floats, np.zeros(0, dtype=np.int64), self._size, "gains")
+        left: Program = PROGRAM.arrays(
+            floats, _NO_INTEGERS, PROGRAM.layout(self._size).table, "gains"
+        )
         value: Any
         if name == "residuals":
             value = tuple(np.split(left.A @ left.x - left.b, np.cumsum(layout.ranks)[:-1]))

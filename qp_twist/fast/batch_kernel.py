@@ -31,17 +31,18 @@ def steps(arms, floats, integers, q, targets, dt, use_secondary, velocities, sca
         scales: Result, share of the tasks' speed that is kept, (K,).
         done: Result, which of them are verified, (K,).
     """
-    size, g, w = read_step(floats, integers)
+    s = read_step(floats, integers, integers)
+    g, w = s.given, s.program
     g.jacobians[:] = 0.0
     for k in range(len(q)):
-        for task in range(size.tasks):
+        for task in range(len(g.kinds)):
             pose_and_jacobian(arms[task], q[k], g.poses[task], g.jacobians[task])
             for i in range(18):
                 g.targets[task, i] = targets[k, task, i]
-        w.ints[0] = 0  # no row knows what was active in another
+        w.active_count[0] = 0  # no row knows what was active in another
         done[k] = step(g, w, q[k], dt, use_secondary) != REFUSED
         scales[k] = w.gains[0]
-        for dof in range(size.nv):
+        for dof in range(len(w.x)):
             velocities[k, dof] = w.x[dof]
 
 

@@ -9,20 +9,28 @@ processor and the bytecode of the function; the versions of NumPy and llvmlite a
 The names of the files contain the key, so that processes which run different sources never read
 each other's code. Whoever stores a kernel removes the same kernel's files of other sources: one
 generation is kept for each version of Python, some 10 MB.
+
+numba puts the code of a kernel into every kernel that calls it, and optimises it there again: at
+the top of a chain of ten calls, everything ten times over. Most kernels here are too long to gain
+by it. They stand ``apart``: their callers get their names alone, and the processor jumps. That
+makes the time to compile a step half as long. An entry on disk then names the kernels that it
+calls, and with which symbols; they are loaded first.
 """
 
 from __future__ import annotations
 
 import contextlib
 import hashlib
+import importlib
 import sys
 from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import llvmlite
 import numpy as np
-from numba.core.caching import FunctionCache, IndexDataCacheFile
+from llvmlite.binding import parse_assembly
+from numba.core.caching import CompileResultCacheImpl, FunctionCache, IndexDataCacheFile
 
 _FOLDER = Path(__file__).resolve().parent
 
@@ -46,19 +54,67 @@ _contents_at_start = cache(_contents)
 """The same as it was when the first kernel of this process was declared."""
 
 
+class _Call(NamedTuple):
+    """A kernel that stands apart, as its callers know it."""
+
+    module: str
+    name: str
+    arguments: tuple[Any, ...]
+    symbol: str
+    """Of its machine code. It is another one in another process that compiles it anew."""
+
+
+def _calls_of(library: Any) -> tuple[_Call, ...]:
+    """What the machine code of a kernel jumps to, of what stands apart."""
+    found = dict[_Call, None]()
+    for linked in library._linking_libraries:
+        itself: _Call | None = getattr(linked, "kernel_apart", None)
+        found |= dict.fromkeys(getattr(linked, "kernel_calls", ()) if itself is None else (itself,))
+    return tuple(found)
+
+
+def _is_there(call: _Call) -> bool:
+    """Load a kernel, or compile it; whether its machine code has the symbol that is asked for."""
+    dispatcher = getattr(importlib.import_module(call.module), call.name)
+    dispatcher.compile(call.arguments)
+    return bool(dispatcher.overloads[call.arguments].fndesc.mangled_name == call.symbol)
+
+
+class _Kept(CompileResultCacheImpl):
+    """What is kept of a kernel: numba's own, and what it calls."""
+
+    def reduce(self, data: Any) -> Any:
+        library = data.library
+        itself = getattr(library, "kernel_apart", None)
+        return itself, library.kernel_calls, super().reduce(data)
+
+    def rebuild(self, target_context: Any, payload: Any) -> Any:
+        itself, calls, kept = payload
+        # Machine code that is loaded before what it jumps to ends the process.
+        if not all(_is_there(call) for call in calls):
+            return None
+        found = super().rebuild(target_context, kept)
+        found.library.kernel_calls = calls
+        if itself is not None:
+            found.library.kernel_apart = itself
+        return found
+
+
 class KernelCache(FunctionCache):
     """The cache of one kernel, in the folder that numba chooses for it.
 
     That is ``NUMBA_CACHE_DIR``, else ``__pycache__`` beside the file, else the user's cache folder.
     """
 
-    def __init__(self, function: Any) -> None:
+    _impl_class = _Kept
+
+    def __init__(self, function: Any, *, apart: bool = False) -> None:
         """Find the folder.
 
         Raises:
             RuntimeError: If there is no folder to write to, or the sources are not in this one.
         """
-        self._key = _contents_at_start()
+        self._key, self._apart = _contents_at_start(), apart
         super().__init__(function)
         if Path(function.__code__.co_filename).resolve().parent != _FOLDER:
             raise RuntimeError(f"{function.__module__} does not lie in {_FOLDER}")
@@ -74,6 +130,13 @@ class KernelCache(FunctionCache):
         Modules that were imported before and after an edit make code that belongs to no sources. A
         folder that cannot be written to (a full disk) costs time at the next start, but no step.
         """
+        data.library.kernel_calls = _calls_of(data.library)
+        if self._apart:
+            function = self._py_func
+            data.library.kernel_apart = _Call(
+                function.__module__, function.__name__, tuple(sig), data.fndesc.mangled_name
+            )
+            data.library._shared_module = parse_assembly("")  # what its callers are linked with
         with contextlib.suppress(OSError):
             if _contents() == self._key:
                 super().save_overload(sig, data)

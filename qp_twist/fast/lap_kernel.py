@@ -3,20 +3,19 @@
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from qp_twist.fast.arm_kernel import pose_and_jacobian
 from qp_twist.fast.bounds import WINDOW, bounds
-from qp_twist.fast.compiling import kernel, part, plain
+from qp_twist.fast.compiling import kernel, plain
 from qp_twist.fast.null_space import INDEPENDENT, least_norm, reflect
 from qp_twist.fast.path_kernel import Rows
-from qp_twist.fast.step_kernel import Settings, verified_velocity
-from qp_twist.fast.step_record import Sizes, read_program
+from qp_twist.fast.step_kernel import read_step, step_on_rows
 from qp_twist.fast.twist_rows import twist_rows
-from qp_twist.fast.verified_program import DONE, Tolerances
+from qp_twist.fast.verified_program import DONE
 
 _STANDS_STILL = 1e-13
 """A displacement below it is none, rad or m."""
@@ -27,23 +26,19 @@ class Way(NamedTuple):
 
     program: bool
     """Whether a step is the QP; otherwise the closed form of minimum norm plus free motion."""
-    twist_space: bool
     iterations: int
     every_iteration: bool
     """Whether the secondary acts in all of them, and a waypoint begins with it (a plan)."""
     tolerances: npt.NDArray[np.float64]
     """Position and angle at which a waypoint counts as reached, m and rad, (2,)."""
-    pull: npt.NDArray[np.float64]
-    """h = pull · (reference − θ), (nv,)."""
     limits: npt.NDArray[np.float64]
     """As ``fast.bounds`` takes them, (L, nv, 7); of a window the width is one second's."""
-    types: npt.NDArray[np.int64]
-    metric: npt.NDArray[np.float64]
-    free_costs: npt.NDArray[np.float64]
-    settings: Settings
-    verified: Tolerances
     sane: float
     """A joint beyond it has diverged, rad or m."""
+    floats: npt.NDArray[np.float64]
+    """A step of one task, as ``step_kernel.Stages`` has it, for each number of rows, (7, F)."""
+    integers: npt.NDArray[np.int64]
+    """The same, (7, I)."""
 
 
 class Path(NamedTuple):
@@ -57,134 +52,75 @@ class Path(NamedTuple):
     """What the secondary pulls to, rad or m, (N, nv)."""
 
 
-class Lap(NamedTuple):
-    """Arrays for one waypoint at a time."""
-
-    pose: Any
-    J: Any
-    q: Any
-    V: Any
-    R: Any
-    limits: Any
-    floats: Any
-    """Of the program."""
-    integers: Any
-    """Likewise; the active set."""
-    ends: Any
-    """Where the rows of its only level end, (1,)."""
-
-
 @plain
-def _size(nv, rows, twist_space):
-    """Of the program of one task without inequality rows."""
-    if twist_space:
-        return Sizes(nv, rows, 1, 1, 0, nv, 6, 0, 0)
-    return Sizes(nv, rows, 1, 1, 0, 0, 0, 0, 0)
-
-
-@kernel
-def _arrays(way):
-    """For a robot of as many degrees of freedom as the metric has entries, and up to 6 rows."""
-    nv, floats, integers, nothing = len(way.metric), 0, 0, np.zeros(0)
-    for rows in range(7):
-        size = _size(nv, rows, way.twist_space)
-        _, i, j = read_program(nothing, 0, np.zeros(0, dtype=np.int64), 0, size)
-        floats, integers = max(floats, i), max(integers, j)
-    return Lap(
-        np.zeros(12), np.zeros((6, nv)), np.zeros(nv), np.zeros((6, nv)), np.zeros((6, 6)),
-        way.limits.copy(), np.zeros(floats), np.zeros(integers, dtype=np.int64),
-        np.zeros(1, dtype=np.int64),
-    )  # fmt: skip
-
-
-@part
-def _begin(way, path, at, q, w, lap):
+def _begin(way, path, at, q, g, w):
     """Open the windows of a waypoint and take its lead; whether there is one."""
     dt = path.durations[at]
-    for index in range(len(way.types)):
-        if way.types[index] == WINDOW:
+    for dof in range(len(q)):
+        g.middle[dof] = path.references[at, dof]
+    for index in range(len(g.types)):
+        if g.types[index] == WINDOW:
             for dof in range(len(q)):
-                lap.limits[index, dof, 0] = q[dof]
-                lap.limits[index, dof, 1] = way.limits[index, dof, 1] * dt
+                g.limits[index, dof, 0] = q[dof]
+                g.limits[index, dof, 1] = way.limits[index, dof, 1] * dt
     if not way.every_iteration:
         return True
     if not bounds(
-        lap.limits, way.types, q, dt, way.settings.noticeable, way.settings.unlimited, w.lower,
-        w.upper, w.lower_kind, w.upper_kind,
+        g.limits, g.types, q, dt, g.settings.noticeable, g.settings.unlimited, w.lower, w.upper,
+        w.lower_kind, w.upper_kind,
     ):  # fmt: skip
         return False
     for dof in range(len(q)):
-        wish = way.pull[dof] * (path.references[at, dof] - q[dof])
-        q[dof] += min(max(wish, min(w.lower[dof] * dt, 0.0)), max(w.upper[dof] * dt, 0.0))
+        wanted = g.stiffness[dof] * (g.middle[dof] - q[dof])
+        q[dof] += min(max(wanted, min(w.lower[dof] * dt, 0.0)), max(w.upper[dof] * dt, 0.0))
     return True
 
 
-@part
-def _programmed(way, path, at, q, pulls, w, lap):
-    """The step of the QP into ``w.x``, as a displacement; whether it is a plain one."""
-    dt, fastest = path.durations[at], way.settings.fastest
-    for row in range(len(w.b)):
-        if not abs(w.b[row]) <= fastest:
-            return False
-    for dof in range(len(q)):
-        w.q[dof], w.c[dof] = q[dof], 0.0
-        if pulls:
-            w.c[dof] = way.pull[dof] * (path.references[at, dof] - q[dof]) / dt
-        if not abs(w.c[dof]) <= fastest:
-            return False
-    lap.ends[0] = len(w.b)
-    none, nothing = w.G, w.g  # no costs of other tasks
-    status = verified_velocity(
-        w, lap.ends, lap.limits, way.types, way.metric, none, nothing, way.settings, way.verified,
-        dt,
-    )  # fmt: skip
-    for dof in range(len(q)):
-        w.x[dof] *= dt
-    return status == DONE
-
-
-@part
-def _closed_form(way, path, at, q, pulls, w, lap):
+@plain
+def _closed_form(q, pulls, g, w):
     """(TJ)†TΔt + (1 − (TJ)†TJ) h into ``w.x``; whether the rows are independent."""
-    m = len(w.b)
-    if m > len(q) or not reflect(w.A, lap.V[:m], lap.R) >= INDEPENDENT:
+    if len(w.b) > len(q) or not reflect(w.A, w.V, w.R) >= INDEPENDENT:
         return False
     for dof in range(len(q)):
         w.x[dof] = 0.0
         if pulls:
-            w.x[dof] = way.pull[dof] * (path.references[at, dof] - q[dof])
-    least_norm(lap.V[:m], lap.R, w.b, w.x)
+            w.x[dof] = g.stiffness[dof] * (g.middle[dof] - q[dof])
+    least_norm(w.V, w.R, w.b, w.x)
     return True
 
 
-@part
-def _approach(arm, way, path, at, q, lap):
+@plain
+def _approach(arm, way, path, at, q, floats, integers):
     """Iterate to a waypoint, as ``following.walk`` does; the iterations, −1 for the reference."""
     rows = path.rows
     kinds, shape = rows.kinds[rows.which[at]], rows.shapes[rows.which[at]]
-    size = _size(len(q), kinds[0] + kinds[1], way.twist_space)
-    w, _, _ = read_program(lap.floats, 0, lap.integers, 0, size)
-    if not _begin(way, path, at, q, w, lap):
+    m = kinds[0] + kinds[1]
+    s = read_step(floats[m], integers[m], integers[m])
+    g, w = s.given, s.program
+    if at > 0 and rows.which[at] != rows.which[at - 1]:
+        w.active_count[0] = 0  # what was active last time belongs to other rows
+    if not _begin(way, path, at, q, g, w):
         return -1
     dt = path.durations[at] if way.program else 1.0
     for iteration in range(way.iterations):
-        pose_and_jacobian(arm, q, lap.pose, lap.J)
+        pose_and_jacobian(arm, q, g.poses[0], g.jacobians[0])
         apart, turned = twist_rows(
-            kinds, shape, lap.pose, rows.targets[at], lap.J, dt, w.A, w.b, w.free, way.free_costs
-        )
+            kinds, shape, g.poses[0], rows.targets[at], g.jacobians[0], dt, w.A, w.b, w.free,
+            g.free_costs,
+        )  # fmt: skip
         if iteration > 0 and apart <= way.tolerances[0] and turned <= way.tolerances[1]:
             return iteration
         pulls = iteration == 0 or way.every_iteration
         if way.program:
-            plain = _programmed(way, path, at, q, pulls, w, lap)
-        else:
-            plain = _closed_form(way, path, at, q, pulls, w, lap)
-        if not plain:
+            if step_on_rows(g, w, q, dt, pulls) != DONE:
+                return -1
+        elif not _closed_form(q, pulls, g, w):
             return -1
         largest = 0.0
         for dof in range(len(q)):
-            q[dof] += w.x[dof]
-            largest = max(largest, abs(w.x[dof]))
+            step = w.x[dof] * dt
+            q[dof] += step
+            largest = max(largest, abs(step))
             if not abs(q[dof]) < way.sane:
                 return -1
         if largest < _STANDS_STILL:
@@ -207,19 +143,17 @@ def follow(arm, way, path, first, q, iterations):
     Returns:
         The number of the first waypoint that the reference has to look at; N if there is none.
     """
-    lap = _arrays(way)
+    floats, integers, there = way.floats.copy(), way.integers.copy(), np.empty(q.shape[1])
     for at in range(first, len(q)):
         if path.rows.which[at] < 0:
             return at
-        if path.rows.which[at] != path.rows.which[at - 1]:
-            lap.integers[q.shape[1]] = 0  # what was active last time belongs to other rows
         for dof in range(q.shape[1]):
-            lap.q[dof] = q[at - 1, dof]
-        iterations[at] = _approach(arm, way, path, at, lap.q, lap)
+            there[dof] = q[at - 1, dof]
+        iterations[at] = _approach(arm, way, path, at, there, floats, integers)
         if iterations[at] < 0:
             return at
         for dof in range(q.shape[1]):
-            q[at, dof] = lap.q[dof]
+            q[at, dof] = there[dof]
     return len(q)
 
 
@@ -256,12 +190,12 @@ def onto_start(arm, way, path, moves, q):
     plain steps lead; whether it arrived has to be measured.
     """
     rows = path.rows
-    lap, targets = _arrays(way), rows.targets[:1].copy()
+    floats, integers, targets = way.floats.copy(), way.integers.copy(), rows.targets[:1].copy()
     held = Rows(rows.kinds, rows.shapes, rows.which[:1], targets)
     first = Path(held, np.ones(1), path.references[:1])
     for k in range(len(q)):
         _move(moves[k], rows.targets[:1], targets)
-        _approach(arm, way, first, 0, q[k], lap)
+        _approach(arm, way, first, 0, q[k], floats, integers)
 
 
 @kernel

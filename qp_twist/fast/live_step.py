@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from qp_twist.fast.compiling import entry, part
+from qp_twist.fast.record import at_address
 from qp_twist.fast.step_kernel import read_step, step
-from qp_twist.fast.views import at_address
 
 GIVEN_JACOBIAN, ELSEWHERE = -2, -1
 """What stands in place of a joint: the task's Jacobian is given; the joint does not move it."""
@@ -56,11 +56,13 @@ def live_step(floats, integers, dt, use_secondary):
     Returns:
         As ``step_kernel.verified_velocity``.
     """
-    size, g, w = read_step(floats, integers)
+    s = read_step(floats, integers, integers)
+    g, w = s.given, s.program
     sources, links = g.sources, g.links
-    nq, joints = sources[3 + 2 * size.tasks], sources[4 + 2 * size.tasks]
+    tasks = len(links)
+    nq, joints = sources[3 + 2 * tasks], sources[4 + 2 * tasks]
     axes, anchors = at_address(sources[1], 3 * joints), at_address(sources[2], 3 * joints)
-    for task in range(size.tasks):
+    for task in range(tasks):
         rotation = at_address(sources[3 + 2 * task], 9)
         position = at_address(sources[4 + 2 * task], 3)
         for i in range(9):

@@ -6,7 +6,7 @@ import math
 
 from qp_twist.fast.compiling import entry, plain
 from qp_twist.fast.dual_active_set import NO_ROOM, SOLVED, active_set, cholesky_inverse
-from qp_twist.fast.step_record import HEADER, read_program, read_sizes
+from qp_twist.fast.step_record import read_program
 from qp_twist.fast.verified_program import (
     DONE,
     REFUSED,
@@ -121,7 +121,7 @@ def program_step(
         ends: Their right-hand side, (≥ k,).
         unlimited: A bound beyond it is none.
         floats: Room for ``step_record.Program``.
-        integers: The sizes, then the program's integers.
+        integers: The same; they begin with its table.
         level_ends: Where the rows of each level end, (1,): there is one.
         threshold: Singular value of the equality rows below which they are left to others.
         tolerances: Of the verification.
@@ -133,9 +133,9 @@ def program_step(
         ``DONE``, ``DEPENDENT``, ``TOO_FAST``, or ``REFUSED`` for whatever else is not a plain step
         inside all limits.
     """
-    w, _, _ = read_program(floats, 0, integers, HEADER, read_sizes(integers))
+    w = read_program(floats, integers, integers)
     w.gains[0] = 1.0
-    w.ints[0] = 0  # begun anew: the program before may be another user's
+    w.active_count[0] = 0  # begun anew: the program before may be another user's
     if not (_take_box(box, unlimited, w) and _take_costs(H, c, lift, steepest, dt, w)):
         return REFUSED
     for row in range(len(w.b)):
@@ -165,7 +165,7 @@ def slower_step(floats, integers, tolerances):
     Returns:
         As ``solved_program``.
     """
-    w, _, _ = read_program(floats, 0, integers, HEADER, read_sizes(integers))
+    w = read_program(floats, integers, integers)
     if not cholesky_inverse(w.dense, w.J):
         return REFUSED
     return solved_program(w, True, tolerances)

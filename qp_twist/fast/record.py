@@ -9,9 +9,14 @@ so what a step reads and writes lies in two arrays that the caller keeps. A reco
         A: Annotated[Floats, "m", "n"]
         active: Annotated[Integers, "2 * n"]
 
-Shapes are expressions in the fields of another ``NamedTuple`` of integers, the sizes. From this one
-declaration come the views in a kernel (:func:`reader`), those in Python (:meth:`Record.arrays`) and
-how long the two arrays are (:meth:`Record.lengths`).
+Shapes are expressions in the fields of another ``NamedTuple`` of integers, the sizes. A field may
+also be a ``NamedTuple`` of floats, or another record.
+
+In Python a record is the ``NamedTuple``, of views. In a kernel it is three addresses: of the
+floats, of the integers, and of a table that says where each field begins and how long it is; it
+lies at the head of the integers. ``w.A`` looks there. So a kernel that takes a record takes three
+arguments. A ``NamedTuple`` of fifty arrays would be four hundred, and most of the time to compile a
+step.
 """
 
 from __future__ import annotations
@@ -19,20 +24,32 @@ from __future__ import annotations
 import math
 import typing
 from functools import lru_cache
-from types import CodeType
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-
-from qp_twist.fast.compiling import plain
-from qp_twist.fast.views import matrix, stack, vector
+from numba.core import cgutils, types
+from numba.core.typing.templates import AttributeTemplate
+from numba.extending import infer_getattr, intrinsic, lower_getattr_generic, models, register_model
+from numba.np.arrayobj import make_array, populate_array
 
 Floats = npt.NDArray[np.float64]
 Integers = npt.NDArray[np.int64]
-Entry = tuple[bool, int, tuple[int, ...]]
-"""Whether a field lies among the floats, its first entry there, and its shape."""
-_VIEWS = {1: "vector", 2: "matrix", 3: "stack"}
+_ENTRY = 4
+"""Numbers that a table has for a field: where it begins, and up to three lengths."""
+_extend: Any = register_model  # numba's decorators and what they make have no types
+_attributes: Any = infer_getattr
+_code_of_attributes: Any = lower_getattr_generic
+_intrinsic: Any = intrinsic
+
+
+class Layout(NamedTuple):
+    """Where the fields of a record of some sizes lie."""
+
+    table: Integers
+    floats: int
+    """Where its floats end."""
+    integers: int
 
 
 class Record:
@@ -40,88 +57,200 @@ class Record:
 
     Attributes:
         kind: The ``NamedTuple`` that is declared.
-        shapes: Of each field, as expressions in the sizes.
+        head: How many numbers its table has.
+        type: What it is in kernels.
     """
 
-    def __init__(self, kind: type, sizes: type) -> None:
-        """Read the declaration of ``kind``, with shapes in the fields of ``sizes``."""
+    def __init__(self, kind: type, sizes: type, *inside: Record) -> None:
+        """Read the declaration of ``kind``, with shapes in the fields of ``sizes``.
+
+        ``inside`` are the records that are fields of it.
+        """
         self.kind: Any = kind
-        self.sizes: tuple[str, ...] = sizes._fields  # type: ignore[attr-defined]
-        self.shapes: dict[str, tuple[str, ...]] = {}
-        self._floats: dict[str, bool] = {}
-        self._scalars: dict[str, type] = {}
-        hints = typing.get_type_hints(kind, include_extras=True)
-        for name, hint in hints.items():
-            if hasattr(hint, "_fields"):  # a NamedTuple of floats
-                self._scalars[name], self._floats[name] = hint, True
-                self.shapes[name] = (str(len(hint._fields)),)
+        self._inside: dict[str, Record] = {}
+        self._shapes: dict[str, Any] = {}
+        fields: dict[str, Any] = {}
+        records = {record.kind: record for record in inside}
+        for name, hint in typing.get_type_hints(kind, include_extras=True).items():
+            if hint in records:
+                self._inside[name], fields[name] = records[hint], records[hint].type
                 continue
-            array, *shape = typing.get_args(hint)
-            self._floats[name] = array == Floats
-            self.shapes[name] = tuple(str(length) for length in shape)
-        self._code: dict[str, list[CodeType]] = {
-            name: [compile(length, name, "eval") for length in shape]
-            for name, shape in self.shapes.items()
-        }
-        self.places = lru_cache(maxsize=256)(self._places)
+            shape: list[Any]
+            if hasattr(hint, "_fields"):  # a NamedTuple of floats
+                shape = [len(hint._fields)]
+                fields[name] = types.NamedUniTuple(types.float64, shape[0], hint)
+            else:
+                array, *shape = typing.get_args(hint)
+                dtype = types.float64 if array == Floats else types.int64
+                fields[name] = types.Array(dtype, len(shape), "C")
+            lengths = ", ".join(map(str, shape))
+            self._shapes[name] = compile(f"({lengths},)", name, "eval")
+        self.type: _RecordType = _RecordType(f"{kind.__module__}.{kind.__qualname__}", fields)
+        self.head: int = _ENTRY * len(fields) + sum(r.head for r in self._inside.values())
+        self.layout = lru_cache(maxsize=256)(self._layout)
 
-    def _places(self, size: Any) -> tuple[dict[str, Entry], tuple[int, int]]:
-        """Where each field lies, and how many floats and integers there are in all."""
-        found, ends = dict[str, Entry](), [0, 0]
-        for name, code in self._code.items():
-            shape = tuple(eval(length, {"max": max}, size._asdict()) for length in code)
-            which = 0 if self._floats[name] else 1
-            found[name] = self._floats[name], ends[which], shape
-            ends[which] += math.prod(shape)
-        return found, (ends[0], ends[1])
+    def _layout(self, size: Any, floats: int = 0, integers: int = 0) -> Layout:
+        """Of a record whose arrays begin at these entries of the two."""
+        known, below, at = {"max": max} | size._asdict(), list[Integers](), 0
+        own = np.zeros((len(self.type.fields), _ENTRY), dtype=np.int64)
+        at = own.size
+        for entry, (name, kind) in zip(own, self.type.fields.items(), strict=True):
+            if name in self._inside:
+                table, floats, integers = self._inside[name].layout(size, floats, integers)
+                entry[0] = at
+                at += len(table)
+                below.append(table)
+                continue
+            shape = eval(self._shapes[name], known)
+            entry[1 : 1 + len(shape)] = shape
+            if kind.dtype == types.float64:
+                entry[0] = floats
+                floats += math.prod(shape)
+            else:
+                entry[0] = integers
+                integers += math.prod(shape)
+        return Layout(np.concatenate([own.ravel(), *below]), floats, integers)
 
-    def lengths(self, size: Any) -> tuple[int, int]:
-        """How many floats and integers the record has."""
-        _, lengths = self.places(size)
-        return lengths
+    def allocate(self, size: Any) -> tuple[Floats, Integers]:
+        """The two arrays, of zeros; the integers begin with the table."""
+        found = self.layout(size, 0, self.head)
+        floats, integers = np.zeros(found.floats), np.zeros(found.integers, dtype=np.int64)
+        self.resize(integers, size)
+        return floats, integers
 
-    def end(self, size: Any, last: str) -> int:
-        """How many floats the record has up to and with field ``last``."""
-        found, _ = self.places(size)
-        _, first, shape = found[last]
-        return first + math.prod(shape)
+    def resize(self, integers: Integers, size: Any) -> None:
+        """Write the table of other sizes, for which the two arrays are long enough."""
+        integers[: self.head] = self.layout(size, 0, self.head).table
 
-    def arrays(self, floats: Floats, integers: Integers, size: Any, last: str = "") -> Any:
-        """The views as a record; only up to field ``last`` where the arrays end there."""
-        found, _ = self.places(size)
-        views = dict[str, Any].fromkeys(found)
-        for name, (is_float, first, shape) in found.items():
-            base: Any = floats if is_float else integers
-            views[name] = base[first : first + math.prod(shape)].reshape(shape)
+    def arrays(self, floats: Floats, integers: Integers, table: Integers, last: str = "") -> Any:
+        """The ``NamedTuple`` of views; only up to field ``last`` where the arrays end there."""
+        fields = self.type.fields
+        views = dict[str, Any].fromkeys(fields)
+        entries = table[: _ENTRY * len(fields)].reshape(-1, _ENTRY)
+        for (name, kind), entry in zip(fields.items(), entries, strict=True):
+            if name in self._inside:
+                views[name] = self._inside[name].arrays(floats, integers, table[entry[0] :])
+            else:
+                base: Any = floats if kind.dtype == types.float64 else integers
+                first, *shape = entry[: 1 + getattr(kind, "ndim", 1)].tolist()
+                views[name] = base[first : first + math.prod(shape)].reshape(shape)
             if name == last:
                 break
         return self.kind(**views)
 
+    def end(self, size: Any, last: str) -> int:
+        """How many floats the record has up to and with field ``last``."""
+        first, *shape = self.layout(size).table[_ENTRY * list(self.type.fields).index(last) :][:4]
+        ndim = getattr(self.type.fields[last], "ndim", 1)
+        return int(first) + math.prod(map(int, shape[:ndim]))
+
+
+class _RecordType(types.Type):
+    """Of a record in kernels.
+
+    Attributes:
+        fields: Their types.
+    """
+
+    def __init__(self, name: str, fields: dict[str, Any]) -> None:
+        super().__init__(name)
+        self.fields = fields
+
+
+@_extend(_RecordType)
+class _RecordModel(models.StructModel):
+    """The three addresses."""
+
+    def __init__(self, manager: Any, kind: Any) -> None:
+        super().__init__(
+            manager, kind,
+            [("floats", types.CPointer(types.float64)), ("integers", types.CPointer(types.int64)),
+             ("table", types.CPointer(types.int64))],
+        )  # fmt: skip
+
+
+@_attributes
+class _Fields(AttributeTemplate):
+    """The type of ``record.field``."""
+
+    key = _RecordType
+
+    def generic_resolve(self, record: Any, name: str) -> Any:  # type: ignore[override]
+        return record.fields.get(name)
+
+
+@_code_of_attributes(_RecordType)
+def _field(context: Any, builder: Any, kind: Any, value: Any, name: str) -> Any:
+    """The code of ``record.field``."""
+    record = cgutils.create_struct_proxy(kind)(context, builder, value)
+    entry, result = _ENTRY * list(kind.fields).index(name), kind.fields[name]
+
+    def number(place: int) -> Any:
+        found = builder.load(cgutils.gep(builder, record.table, entry + place))
+        # Nobody writes to the table while a kernel runs, so that a loop need not look again.
+        found.set_metadata("invariant.load", builder.module.add_metadata([]))
+        return found
+
+    if isinstance(result, _RecordType):
+        inside = cgutils.create_struct_proxy(result)(context, builder)
+        inside.floats, inside.integers = record.floats, record.integers
+        inside.table = cgutils.gep(builder, record.table, number(0))
+        return inside._getvalue()
+    is_float = result.dtype == types.float64
+    data = cgutils.gep(builder, record.floats if is_float else record.integers, number(0))
+    if isinstance(result, types.NamedUniTuple):
+        numbers = [builder.load(cgutils.gep(builder, data, i)) for i in range(result.count)]
+        return context.make_tuple(builder, result, numbers)
+    return view(context, builder, result, data, [number(1 + i) for i in range(result.ndim)])
+
+
+def view(context: Any, builder: Any, kind: Any, data: Any, lengths: list[Any]) -> Any:
+    """An array of type ``kind`` at an address, whose memory somebody else keeps."""
+    word = context.get_value_type(types.intp)
+    size = word(context.get_abi_sizeof(context.get_data_type(kind.dtype)))
+    strides = [size]
+    for length in reversed(lengths[1:]):
+        strides.insert(0, builder.mul(strides[0], length))
+    found = make_array(kind)(context, builder)
+    populate_array(
+        found,
+        data=data,
+        shape=cgutils.pack_array(builder, lengths),
+        strides=cgutils.pack_array(builder, strides),
+        itemsize=size,
+        meminfo=None,
+    )
+    return found._getvalue()
+
 
 def reader(record: Record) -> Any:
-    """The same for kernels: ``read(floats, first, integers, first_integer, size)``.
+    """For kernels: ``read(floats, integers, table)``, the record in the two arrays.
 
-    Returns the record and the entries behind it, of the floats and of the integers. It is written
-    out field by field, since the entries of a ``NamedTuple`` have different types.
+    In Python there is no such thing; the table is nearly always the integers themselves.
     """
-    names: dict[str, Any] = {
-        "kind": record.kind, "vector": vector, "matrix": matrix, "stack": stack,
-    }  # fmt: skip
-    lines = ["def read(floats, i, integers, j, size):"]
-    lines += [f"    {name} = size.{name}" for name in record.sizes]
-    for name, shape in record.shapes.items():
-        base, at = ("floats", "i") if record._floats[name] else ("integers", "j")
-        lines += [f"    s{k} = {length}" for k, length in enumerate(shape)]
-        lengths = ", ".join(f"s{k}" for k in range(len(shape)))
-        made = f"{_VIEWS[len(shape)]}({base}, {at}, {lengths})"
-        if name in record._scalars:
-            kind = record._scalars[name]
-            names[f"kind_{name}"] = kind
-            entries = ", ".join(f"floats[i + {k}]" for k in range(len(kind._fields)))  # type: ignore[attr-defined]
-            made = f"kind_{name}({entries})"
-        lines.append(f"    view_{name} = {made}")
-        lines.append(f"    {at} += " + " * ".join(f"s{k}" for k in range(len(shape))))
-    made = ", ".join(f"view_{name}" for name in record.shapes)
-    lines.append(f"    return kind({made}), i, j")
-    exec("\n".join(lines), names)
-    return plain(names["read"])
+
+    def read(typing: Any, floats: Any, integers: Any, table: Any) -> tuple[Any, Any]:
+        def code(context: Any, builder: Any, signature: Any, given: Any) -> Any:
+            made = cgutils.create_struct_proxy(record.type)(context, builder)
+            for name, array, kind in zip(
+                ("floats", "integers", "table"), given, signature.args, strict=True
+            ):
+                setattr(made, name, make_array(kind)(context, builder, array).data)
+            return made._getvalue()
+
+        return record.type(floats, integers, table), code
+
+    return _intrinsic(read)
+
+
+@_intrinsic
+def at_address(typing: Any, address: Any, n: Any) -> tuple[Any, Any]:
+    """The ``n`` floats at an address, which their owner has to keep there."""
+    result = types.Array(types.float64, 1, "C")
+
+    def code(context: Any, builder: Any, signature: Any, given: Any) -> Any:
+        data = builder.inttoptr(given[0], context.get_data_type(types.float64).as_pointer())
+        length = context.cast(builder, given[1], signature.args[1], types.intp)
+        return view(context, builder, result, data, [length])
+
+    return result(address, n), code

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from qp_twist.fast.compiling import part, plain
+from qp_twist.fast.compiling import plain
 from qp_twist.fast.dual_active_set import NO_ROOM, ROUNDING, SOLVED, active_set
 from qp_twist.fast.in_plane import in_plane
 from qp_twist.fast.null_space import reflect, times_q, times_q_transposed
@@ -28,17 +28,17 @@ def reduced_program(w):
     ``active_set``: in as many unknowns as joints are left over, without equalities.
 
     Args:
-        w: ``step_arrays.Program``: A, b, c, lower, upper, G, g and either h, the diagonal of H, or
+        w: ``step_record.Program``: A, b, c, lower, upper, G, g and either h, the diagonal of H, or
             S in J, upper triangular. Results are x, y, lam and box with Hx + c + Aᵀy + Gᵀλ + μ = 0.
-            The method begins with ``active`` (lower bounds from 0, upper ones from n and rows of G
-            from 2n on), as many as ``ints[0]`` says, and leaves behind what then is active.
+            The method begins with the first ``active_count`` of ``active``, and leaves behind what
+            then is active.
 
     Returns:
         ``SOLVED``; ``NO_ROOM`` where the limits leave no solution of the rows, or none was found;
         ``DEPENDENT`` where the rows depend on each other.
     """
     m, n = w.A.shape
-    before, w.ints[0] = w.ints[0], 0
+    before, w.active_count[0] = w.active_count[0], 0
     _scale(w)
     if m > 0 and not reflect(w.scaled, w.V, w.R) >= _RANK:
         return DEPENDENT
@@ -58,7 +58,7 @@ def reduced_program(w):
     return SOLVED
 
 
-@part
+@plain
 def _scale(w):
     """AS, and −Sᵀc into ``line``."""
     m, n = w.A.shape
@@ -97,7 +97,7 @@ def to_joints(is_diagonal, root, S, v):
         v[i] = total
 
 
-@part
+@plain
 def _begin(w):
     """x without a look at the constraints, and the right-hand side of R y = …."""
     m, n = w.A.shape
@@ -114,7 +114,7 @@ def _begin(w):
     to_joints(len(w.h) > 0, w.root, w.J, w.x)
 
 
-@part
+@plain
 def _inside(w):
     """Whether x meets all bounds and inequality rows."""
     for i in range(len(w.x)):
@@ -129,7 +129,7 @@ def _inside(w):
     return True
 
 
-@part
+@plain
 def _ways(w):
     """The directions SQe of what is left free, joint by joint, and how far S takes each joint."""
     m, n = w.A.shape
@@ -146,7 +146,7 @@ def _ways(w):
         w.root[i] = math.sqrt(total)
 
 
-@part
+@plain
 def _cut(w):
     """Bounds and rows as half-spaces of what is left free, counted from x; whether there is room.
 
@@ -183,7 +183,7 @@ def _cut(w):
     return room
 
 
-@part
+@plain
 def _on_line(w):
     """The z of one unknown that is nearest to 0, with what is active; how many are, −1 for no z."""
     least, most, first, last = -math.inf, math.inf, 0, 0
@@ -201,7 +201,7 @@ def _on_line(w):
     return 0 if w.z[0] == 0.0 else 1
 
 
-@part
+@plain
 def _nearest(w, before):
     """The z nearest to 0, with what is active; how many are, −1 where there is no such z."""
     p = len(w.z)
@@ -212,12 +212,12 @@ def _nearest(w, before):
     none = w.no_rows[:, 0]
     status, count = active_set(
         w.zero, w.no_rows, none, w.cuts, w.ends, w.lengths, none, none, w.active, min(before, p),
-        w.z, w.u, w.Jz, w.Rz, w.ints[1:], w.three,
+        w.z, w.u, w.Jz, w.Rz, w.held, w.three,
     )  # fmt: skip
     return count if status == SOLVED else -1
 
 
-@part
+@plain
 def _enter(w, before):
     """Move x inside, as little as can be, with λ and μ; whether there is an inside."""
     n, count = len(w.x), 0
@@ -232,7 +232,7 @@ def _enter(w, before):
         count = _nearest(w, before)
     if count < 0:
         return False
-    w.ints[0] = count
+    w.active_count[0] = count
     for i in range(n):
         for j in range(len(w.z)):
             w.x[i] += w.ways[j, i] * w.z[j]
@@ -247,7 +247,7 @@ def _enter(w, before):
     return True
 
 
-@part
+@plain
 def _pull_back(w):
     """What μ and λ take from the right-hand side of y: QᵀSᵀ(μ + Gᵀλ), its first entries."""
     n = len(w.x)

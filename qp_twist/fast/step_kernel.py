@@ -8,11 +8,11 @@ from typing import Annotated, NamedTuple
 import numpy as np
 
 from qp_twist.fast.bounds import bounds
-from qp_twist.fast.compiling import kernel, part, plain
+from qp_twist.fast.compiling import kernel, plain
 from qp_twist.fast.dual_active_set import cholesky, cholesky_inverse
 from qp_twist.fast.null_space import null_space, row_space
 from qp_twist.fast.record import Floats, Integers, Record, reader
-from qp_twist.fast.step_record import HEADER, Sizes, read_program, read_sizes
+from qp_twist.fast.step_record import PROGRAM, Program, Sizes
 from qp_twist.fast.twist_rows import twist_rows
 from qp_twist.fast.verified_program import REFUSED, Tolerances, solved_program, well_conditioned
 
@@ -89,7 +89,17 @@ class Given(NamedTuple):
 
 
 GIVEN = Record(Given, Sizes)
-read_given = reader(GIVEN)
+
+
+class Stages(NamedTuple):
+    """Everything in a step."""
+
+    given: Given
+    program: Program
+
+
+STEP = Record(Stages, Sizes, GIVEN, PROGRAM)
+read_step = reader(STEP)
 
 
 @plain
@@ -156,10 +166,10 @@ def _add_unseen(A, free, metric, weight, nearly, H, c, wanted, work):
                     c[i] -= entry * wanted[j]
 
 
-@part
+@plain
 def _all_rows(g, dt, A, b, free):
-    """The rows of all tasks, one below the other; the fastest that they ask for."""
-    row, fastest = 0, 0.0
+    """The rows of all tasks, one below the other."""
+    row = 0
     for index in range(len(g.kinds)):
         rank = g.kinds[index, 0] + g.kinds[index, 1]
         first = 6 * index if len(free) else 0
@@ -178,14 +188,9 @@ def _all_rows(g, dt, A, b, free):
                 free[first : first + 6], g.free_costs,
             )  # fmt: skip
         row += rank
-    for i in range(row):
-        # Written so that NaN is the fastest of all.
-        if not abs(b[i]) <= fastest:
-            fastest = abs(b[i])
-    return fastest
 
 
-@part
+@plain
 def _desired(qpos, addresses, middle, stiffness, displacement, dt, use_secondary, q, c):
     """Joint positions into q and ḣ into c; the largest entry of ḣ, infinite where q is not."""
     largest = 0.0
@@ -217,7 +222,7 @@ def _all_seen(H, metric, nearly, work):
     return cholesky(work)
 
 
-@part
+@plain
 def _twist_cost(A, free, metric, weight, nearly, H, c, wanted, work):
     """H with AᵀA, and −(H − AᵀA) ḣ in place of ḣ in c: A ḣ is not wished for."""
     nv = len(c)
@@ -243,7 +248,7 @@ def _twist_cost(A, free, metric, weight, nearly, H, c, wanted, work):
         _add_unseen(A, free, metric, weight, nearly, H, c, wanted, work)
 
 
-@part
+@plain
 def _joint_cost(metric, weight, H, c):
     """H = ρM, and −Hḣ in place of ḣ in c."""
     for i in range(len(c)):
@@ -253,7 +258,7 @@ def _joint_cost(metric, weight, H, c):
         c[i] *= -H[i, i]
 
 
-@part
+@plain
 def _add_costs(quadratic, linear, steepest, H, c):
     """Add the costs of other tasks; whether c is not too steep for the arithmetic."""
     hardest, largest = 0.0, 0.0
@@ -288,44 +293,35 @@ def _costs(w, metric, quadratic, linear, settings):
 
 
 @plain
-def verified_velocity(
-    w, ends, limits, types, metric, quadratic, linear, settings, tolerances, dt
-):  # fmt: skip
-    """The joint velocity into ``w.x``, from the rows, q and ḣ (in ``w.c``) that are in ``w``.
+def step_on_rows(g, w, qpos, dt, use_secondary):
+    """The joint velocity into ``w.x``, from the rows that are in ``w``.
 
     Returns:
         ``DONE`` or ``SCALED``, or ``REFUSED`` where the reference has to look at the step.
     """
-    if not well_conditioned(w.A, ends, settings.singularity, w.R, w.J):
-        return REFUSED
-    if not bounds(
-        limits, types, w.q, dt, settings.noticeable, settings.unlimited, w.lower, w.upper,
-        w.lower_kind, w.upper_kind,
-    ):  # fmt: skip
-        return REFUSED
-    if not _costs(w, metric, quadratic, linear, settings):
-        return REFUSED
-    return solved_program(w, settings.scales != 0.0 and len(ends) == 1, tolerances)
-
-
-@part
-def step(g, w, qpos, dt, use_secondary):
-    """A step from what is given to w; what :func:`verified_velocity` returns."""
     fastest = _desired(
         qpos, g.addresses, g.middle, g.stiffness, g.displacement, dt, use_secondary, w.q, w.c
     )
-    asked = _all_rows(g, dt, w.A, w.b, w.free)
-    if not (fastest <= g.settings.fastest and asked <= g.settings.fastest):
+    for row in range(len(w.b)):
+        # Written so that NaN is the fastest of all.
+        if not abs(w.b[row]) <= fastest:
+            fastest = abs(w.b[row])
+    if not fastest <= g.settings.fastest:
         return REFUSED
-    return verified_velocity(
-        w, g.ends, g.limits, g.types, g.metric, g.quadratic, g.linear, g.settings, g.tolerances, dt
-    )
+    if not well_conditioned(w.A, g.ends, g.settings.singularity, w.R, w.J):
+        return REFUSED
+    if not bounds(
+        g.limits, g.types, w.q, dt, g.settings.noticeable, g.settings.unlimited, w.lower, w.upper,
+        w.lower_kind, w.upper_kind,
+    ):  # fmt: skip
+        return REFUSED
+    if not _costs(w, g.metric, g.quadratic, g.linear, g.settings):
+        return REFUSED
+    return solved_program(w, g.settings.scales != 0.0 and len(g.ends) == 1, g.tolerances)
 
 
 @plain
-def read_step(floats, integers):
-    """Sizes, what is given and the program of a step, from the two arrays that it lies in."""
-    size = read_sizes(integers)
-    given, i, j = read_given(floats, 0, integers, HEADER, size)
-    program, _, _ = read_program(floats, i, integers, j, size)
-    return size, given, program
+def step(g, w, qpos, dt, use_secondary):
+    """A step from what is given to w; what :func:`step_on_rows` returns."""
+    _all_rows(g, dt, w.A, w.b, w.free)
+    return step_on_rows(g, w, qpos, dt, use_secondary)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from typing import Annotated, NamedTuple
 
-from qp_twist.fast.compiling import plain
 from qp_twist.fast.record import Floats, Integers, Record, reader
 
 
@@ -27,8 +26,19 @@ class Sizes(NamedTuple):
     """Inequality rows."""
 
 
-HEADER = len(Sizes._fields)
-"""Entries of the integers that hold the sizes, before everything else."""
+class ScaleProgram(NamedTuple):
+    """The program in s and what the rows leave free: see ``largest_scale``."""
+
+    cuts: Annotated[Floats, "2 * nv + k", "max(nv - m, 0) + 1"]
+    c: Annotated[Floats, "max(nv - m, 0) + 1"]
+    x: Annotated[Floats, "max(nv - m, 0) + 1"]
+    u: Annotated[Floats, "max(nv - m, 0) + 2"]
+    J: Annotated[Floats, "max(nv - m, 0) + 1", "max(nv - m, 0) + 1"]
+    R: Annotated[Floats, "max(nv - m, 0) + 1", "max(nv - m, 0) + 1"]
+    work: Annotated[Floats, 3, "max(nv - m, 0) + 2"]
+    no_rows: Annotated[Floats, 0, "max(nv - m, 0) + 1"]
+    held: Annotated[Integers, "2 * nv + k"]
+    active: Annotated[Integers, "max(nv - m, 0) + 1"]
 
 
 class Program(NamedTuple):
@@ -80,22 +90,15 @@ class Program(NamedTuple):
     Jz: Annotated[Floats, "max(nv - m, 0)", "max(nv - m, 0)"]
     Rz: Annotated[Floats, "max(nv - m, 0)", "max(nv - m, 0)"]
     no_rows: Annotated[Floats, 0, "max(nv - m, 0)"]
-    scale_room: Annotated[Floats, "(2 * nv + k + 2 * max(nv - m, 0) + 8) * (max(nv - m, 0) + 2)"]
-    """For ``largest_scale.ScaleProgram``."""
+    scaling: ScaleProgram
     free: Annotated[Floats, "free", "nv"]
     active: Annotated[Integers, "nv"]
-    """Those active last time, as many as ``ints[0]`` says."""
-    ints: Annotated[Integers, "2 + 3 * nv + k"]
+    """Constraints that were active last time: lower bounds from 0, upper ones from nv and rows of G
+    from 2 nv on."""
+    active_count: Annotated[Integers, 1]
+    """How many they are."""
+    held: Annotated[Integers, "2 * nv + k"]
 
 
-PROGRAM = Record(Program, Sizes)
+PROGRAM = Record(Program, Sizes, Record(ScaleProgram, Sizes))
 read_program = reader(PROGRAM)
-
-
-@plain
-def read_sizes(integers):
-    """The sizes from the first entries of the integers."""
-    return Sizes(
-        integers[0], integers[1], integers[2], integers[3], integers[4], integers[5], integers[6],
-        integers[7], integers[8],
-    )  # fmt: skip

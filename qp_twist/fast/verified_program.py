@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from qp_twist.fast.compiling import part, plain
+from qp_twist.fast.compiling import plain
 from qp_twist.fast.dual_active_set import NO_ROOM, SOLVED, cholesky
 from qp_twist.fast.largest_scale import largest_scale
 from qp_twist.fast.reduced_program import reduced_program
@@ -59,7 +59,7 @@ def well_conditioned(A, ends, threshold, work, scratch):
     return True
 
 
-@part
+@plain
 def _excess(hardest, left, largest, gap, w, tolerances):
     """What the multipliers leave, in units of its tolerance, as ``verification`` has it.
 
@@ -115,7 +115,7 @@ def _pull_of_rows(A, y, residual):
     return largest
 
 
-@part
+@plain
 def _left_of_diagonal(w, residual):
     """What :func:`_excess` asks, but for w, where H = diag h."""
     hardest, left, gap = 1e-300, 0.0, 0.0
@@ -128,7 +128,7 @@ def _left_of_diagonal(w, residual):
     return hardest, left, largest, gap
 
 
-@part
+@plain
 def _left_of_dense(w, residual, along):
     """What :func:`_excess` asks, but for w, for any H, with JJᵀ = H⁻¹: rᵀH⁻¹r = ‖Jᵀr‖²."""
     n, hardest, left, gap = len(w.c), 1e-300, 0.0, 0.0
@@ -168,7 +168,7 @@ def into_the_box(x, lower, upper):
     return True
 
 
-@part
+@plain
 def solved_program(w, scales, tolerances):
     """The verified solution of a program into ``w.x``; at a reduced speed if ``scales``."""
     w.gains[0] = 1.0
@@ -176,10 +176,7 @@ def solved_program(w, scales, tolerances):
         status = reduced_program(w)
         if status != NO_ROOM or not scales or w.gains[0] < 1.0:
             break
-        w.gains[0] = largest_scale(
-            w.b, w.G, w.g, w.lower, w.upper, w.V, w.R, len(w.h) > 0, w.root, w.J, w.ways, w.line,
-            w.ends, w.lengths, w.gains, w.scale_room, w.ints,
-        )  # fmt: skip
+        w.gains[0] = largest_scale(w)
         if w.gains[0] == 0.0:
             return REFUSED
         for row in range(len(w.b)):

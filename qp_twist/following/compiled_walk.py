@@ -11,6 +11,8 @@ from qp_twist.controller.step_tables import TOLERANCES, settings_of, table_of
 from qp_twist.fast import lap_kernel
 from qp_twist.fast.arm_kernel import Arm
 from qp_twist.fast.path_kernel import Rows
+from qp_twist.fast.step_kernel import STEP, Given, Settings
+from qp_twist.fast.step_record import Sizes
 from qp_twist.following.resolver import (
     LARGEST_JOINT,
     START_ITERATIONS,
@@ -62,15 +64,15 @@ class CompiledWalk:
         )
         self._way = self._way_of(path_task, method, settings, ranges)
         table, types = table_of([PositionLimit(model)] if kind.holds_limits else [], model.nv)
+        floats, integers = _steps(
+            table, types, np.ones(model.nv), np.zeros(model.nv), settings_of(False, SINGULARITY, 1)
+        )
         self._correction = self._way._replace(
-            twist_space=False,
             iterations=START_ITERATIONS,
             every_iteration=False,
-            pull=np.zeros(model.nv),
             limits=table,
-            types=types,
-            metric=np.ones(model.nv),
-            settings=settings_of(False, SINGULARITY, 1.0),
+            floats=floats,
+            integers=integers,
         )
         self._measured = rows_of(*distinct_projectors(path_task.in_force), rotations, positions)
         self._ranks = np.array([projector.rank for projector in path_task.in_force])
@@ -150,19 +152,32 @@ class CompiledWalk:
         weight = UNSEEN_WEIGHT if twist_space else 1.0
         return lap_kernel.Way(
             kind.constrained,
-            twist_space,
             settings.iterations,
             settings.secondary == "plan",
             np.array([path_task.iteration.position_tolerance, path_task.iteration.angle_tolerance]),
-            pull,
             table,
-            types,
-            metric,
-            np.ones(2),
-            settings_of(twist_space, SINGULARITY, weight),
-            TOLERANCES,
             LARGEST_JOINT,
+            *_steps(table, types, metric, pull, settings_of(twist_space, SINGULARITY, weight)),
         )
+
+
+def _steps(
+    table: Array, types: Counts, metric: Array, pull: Array, settings: Settings
+) -> tuple[Array, Counts]:
+    """Steps of one task of 0 to 6 rows, as ``step_kernel.Stages`` has them: (7, F) and (7, I)."""
+    nv = len(metric)
+    cost = {"dense": nv, "free": 6} if settings.twist_space else {"dense": 0, "free": 0}
+    sizes = [Sizes(nv, m, 1, 1, len(types), others=0, k=0, **cost) for m in range(7)]
+    ends = [STEP.layout(size, 0, STEP.head) for size in sizes]
+    floats = np.zeros((7, max(end.floats for end in ends)))
+    integers = np.zeros((7, max(end.integers for end in ends)), dtype=np.int64)
+    for m, size in enumerate(sizes):
+        STEP.resize(integers[m], size)
+        g: Given = STEP.arrays(floats[m], integers[m], integers[m]).given
+        g.settings[:], g.tolerances[:] = settings, TOLERANCES  # type: ignore[index]
+        g.free_costs[:], g.metric[:], g.stiffness[:], g.limits[:] = 1.0, metric, pull, table
+        g.ends[:], g.addresses[:], g.types[:] = m, range(nv), types
+    return floats, integers
 
 
 def walk_known(path_task: PathTask, method: str, settings: MethodSettings) -> bool:
