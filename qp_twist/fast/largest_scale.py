@@ -54,8 +54,8 @@ def largest_scale(w):
     p.c[0] = -2.0
     none = p.no_rows[:, 0]
     status, count = active_set(
-        p.c, p.no_rows, none, p.cuts, w.ends, w.lengths, none, none, p.active, 0, p.x, p.u, p.J,
-        p.R, p.held, p.work,
+        p.c, p.no_rows, none, p.cuts, w.ends, w.lengths, none, none, p.active, len(none), p.x,
+        p.u, p.J, p.R, p.held, p.work,
     )  # fmt: skip
     scale, largest = p.x[0], 0.0
     for row in range(len(w.b)):

@@ -8,6 +8,10 @@ from qp_twist.fast.compiling import part, plain
 
 INDEPENDENT = 1e-8
 """Rows whose smallest pivot is a smaller share of the largest are left to the reference."""
+_SWEEPS = 60
+"""Far more than the ten that are ever needed."""
+_ROUNDING = 1e-15
+"""Cosine of the angle between columns that counts as none, and of what a column counts as one."""
 
 
 @part
@@ -149,3 +153,47 @@ def row_space(A, V):
         reflection(v, rank, math.sqrt(left))
         rank += 1
     return rank
+
+
+@plain
+def right_singular(A, V, sigma):
+    """The right singular vectors of A (m, n) into the rows of V (n, n), its values into sigma (n,).
+
+    One-sided Jacobi: the columns of A are turned against each other, in pairs, until they are
+    orthogonal. A becomes AVᵀ; the values come in no order. Hestenes, J. SIAM 6 (1958).
+    """
+    m, n = A.shape
+    whole = 0.0
+    for i in range(n):
+        for j in range(n):
+            V[i, j] = 1.0 if i == j else 0.0
+        for row in range(m):
+            whole += A[row, i] * A[row, i]
+    turned, sweeps = True, 0
+    while turned and sweeps < _SWEEPS:
+        turned, sweeps = False, sweeps + 1
+        for i in range(n):
+            for j in range(i):
+                first, second, both = 0.0, 0.0, 0.0
+                for row in range(m):
+                    first += A[row, i] * A[row, i]
+                    second += A[row, j] * A[row, j]
+                    both += A[row, i] * A[row, j]
+                if abs(both) <= _ROUNDING * max(math.sqrt(first * second), _ROUNDING * whole):
+                    continue
+                turned = True
+                zeta = (second - first) / (2.0 * both)
+                tan = (1.0 if zeta > 0.0 else -1.0) / (abs(zeta) + math.sqrt(1.0 + zeta * zeta))
+                cos = 1.0 / math.sqrt(1.0 + tan * tan)
+                sin = cos * tan
+                for row in range(m):
+                    a, b = A[row, i], A[row, j]
+                    A[row, i], A[row, j] = cos * a - sin * b, sin * a + cos * b
+                for k in range(n):
+                    a, b = V[i, k], V[j, k]
+                    V[i, k], V[j, k] = cos * a - sin * b, sin * a + cos * b
+    for i in range(n):
+        total = 0.0
+        for row in range(m):
+            total += A[row, i] * A[row, i]
+        sigma[i] = math.sqrt(total)

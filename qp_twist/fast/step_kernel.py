@@ -5,12 +5,10 @@ from __future__ import annotations
 import math
 from typing import Annotated, NamedTuple
 
-import numpy as np
-
 from qp_twist.fast.bounds import bounds
-from qp_twist.fast.compiling import kernel, plain
+from qp_twist.fast.compiling import plain
 from qp_twist.fast.dual_active_set import cholesky, cholesky_inverse
-from qp_twist.fast.null_space import null_space, row_space
+from qp_twist.fast.null_space import null_space, right_singular, row_space
 from qp_twist.fast.record import Floats, Integers, Record, reader
 from qp_twist.fast.step_record import PROGRAM, Program, Sizes
 from qp_twist.fast.twist_rows import twist_rows
@@ -121,49 +119,64 @@ def _clear_cut(H, metric, N, nearly, work):
     return cholesky(work)
 
 
-@kernel
-def _unseen(A, free, metric, nearly, H, work):
-    """Directions of motion in joints times √metric, (p, n), and how far each is unseen, (p,).
-
-    Nearly always they are the null space of the rows. Else by singular values of these: the
-    eigenvectors of their squares know a motion that is not seen only to the square of the rows'
-    condition number.
-    """
+@plain
+def _rows_in_units_of(metric, A, free, seen):
+    """The rows A and those of 1 − T, each column divided by its root of the metric."""
     m, n = A.shape
-    scaled, V = np.empty((m + len(free), n)), np.empty((n, n))
     for j in range(n):
         root = math.sqrt(metric[j])
         for i in range(m):
-            scaled[i, j] = A[i, j] / root
+            seen[i, j] = A[i, j] / root
         for i in range(len(free)):
-            scaled[m + i, j] = free[i, j] / root
-    rank = row_space(scaled, V)
-    N = np.empty((n - rank, n))
-    null_space(V[:rank], N)
-    if _clear_cut(H, metric, N, nearly, work):
-        return N, np.ones(len(N))
-    _, sigma, right = np.linalg.svd(scaled, True)
-    unseen, largest = np.ones(n), sigma[0] if sigma[0] > 0.0 else 1.0
-    for k in range(len(sigma)):
-        unseen[k] -= min(1.0, (sigma[k] / (nearly * largest)) ** 2)
-    return right, unseen
+            seen[m + i, j] = free[i, j] / root
 
 
-@kernel
-def _add_unseen(A, free, metric, weight, nearly, H, c, wanted, work):
-    """Add the joint-space cost on motion that no row sees, and its pull (``posing.unseen``)."""
+@plain
+def _unseen(w, metric, nearly):
+    """How many directions of motion, in joints times √metric, are in ``w.directions``.
+
+    How far each is unseen goes into ``w.sigma``. Nearly always they are the null space of the rows.
+    Else by singular values of these: the eigenvectors of their squares know a motion that is not
+    seen only to the square of the rows' condition number.
+    """
     n = len(metric)
-    directions, unseen = _unseen(A, free, metric, nearly, H, work)
-    for k in range(len(unseen)):
-        if unseen[k] > 0.0:
+    _rows_in_units_of(metric, w.A, w.free, w.seen)
+    rank = row_space(w.seen, w.directions)
+    N = w.J[: n - rank]
+    null_space(w.directions[:rank], N)
+    for i in range(n - rank):
+        w.sigma[i] = 1.0
+        for j in range(n):
+            w.directions[i, j] = N[i, j]
+    if _clear_cut(w.dense, metric, w.directions[: n - rank], nearly, w.J):
+        return n - rank
+    right_singular(w.seen, w.directions, w.sigma)
+    largest = 0.0
+    for i in range(n):
+        largest = max(largest, w.sigma[i])
+    for i in range(n):
+        share = w.sigma[i] / (nearly * largest) if largest > 0.0 else 0.0
+        w.sigma[i] = 1.0 - min(1.0, share * share)
+    return n
+
+
+@plain
+def _add_unseen(w, metric, weight, nearly):
+    """Add the joint-space cost on motion that no row sees, and its pull (``posing.unseen``).
+
+    H is ``w.dense``, c ``w.c``, and ḣ ``w.line``.
+    """
+    n = len(metric)
+    for k in range(_unseen(w, metric, nearly)):
+        if w.sigma[k] > 0.0:
             for i in range(n):
                 for j in range(n):
                     entry = (
-                        weight * unseen[k] * directions[k, i] * directions[k, j]
+                        weight * w.sigma[k] * w.directions[k, i] * w.directions[k, j]
                         * math.sqrt(metric[i] * metric[j])
                     )  # fmt: skip
-                    H[i, j] += entry
-                    c[i] -= entry * wanted[j]
+                    w.dense[i, j] += entry
+                    w.c[i] -= entry * w.line[j]
 
 
 @plain
@@ -223,8 +236,9 @@ def _all_seen(H, metric, nearly, work):
 
 
 @plain
-def _twist_cost(A, free, metric, weight, nearly, H, c, wanted, work):
-    """H with AᵀA, and −(H − AᵀA) ḣ in place of ḣ in c: A ḣ is not wished for."""
+def _twist_cost(w, metric, weight, nearly):
+    """H with AᵀA, and −(H − AᵀA) ḣ in place of ḣ in c: A ḣ is not asked for."""
+    A, free, H, c, wanted = w.A, w.free, w.dense, w.c, w.line
     nv = len(c)
     for i in range(nv):
         wanted[i] = c[i]
@@ -244,8 +258,8 @@ def _twist_cost(A, free, metric, weight, nearly, H, c, wanted, work):
             for k in range(len(A)):
                 total += A[k, i] * A[k, j]
             H[i, j] = H[j, i] = total
-    if not _all_seen(H, metric, nearly, work):
-        _add_unseen(A, free, metric, weight, nearly, H, c, wanted, work)
+    if not _all_seen(H, metric, nearly, w.J):
+        _add_unseen(w, metric, weight, nearly)
 
 
 @plain
@@ -282,9 +296,7 @@ def _costs(w, metric, quadratic, linear, settings):
             w.c[i] *= -w.h[i]
         return True
     if settings.twist_space != 0.0:
-        _twist_cost(
-            w.A, w.free, metric, settings.weight, settings.nearly_unseen, w.dense, w.c, w.line, w.J
-        )
+        _twist_cost(w, metric, settings.weight, settings.nearly_unseen)
     else:
         _joint_cost(metric, settings.weight, w.dense, w.c)
     if not _add_costs(quadratic, linear, settings.steepest, w.dense, w.c):

@@ -92,6 +92,10 @@ class Program(NamedTuple):
     no_rows: Annotated[Floats, 0, "max(nv - m, 0)"]
     scaling: ScaleProgram
     free: Annotated[Floats, "free", "nv"]
+    seen: Annotated[Floats, "m + free", "dense"]
+    """All rows in units of the metric: see ``step_kernel``."""
+    directions: Annotated[Floats, "dense", "dense"]
+    sigma: Annotated[Floats, "dense"]
     active: Annotated[Integers, "nv"]
     """Constraints that were active last time: lower bounds from 0, upper ones from nv and rows of G
     from 2 nv on."""
