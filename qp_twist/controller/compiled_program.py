@@ -11,10 +11,9 @@ import numpy as np
 from qp_twist.checks import Array, Indices
 from qp_twist.controller.plain_step import Layout, PlainStep
 from qp_twist.controller.posing import STEEPEST, WeightedRows
+from qp_twist.controller.step import Status
 from qp_twist.controller.step_tables import TOLERANCES
 from qp_twist.fast.program_step import (
-    DEPENDENT,
-    TOO_FAST,
     keep_independent,
     program_step,
     slower_step,
@@ -26,7 +25,7 @@ from qp_twist.fast.stated_limits import (
     narrow_to_range,
 )
 from qp_twist.fast.step_record import PROGRAM, Sizes
-from qp_twist.fast.verified_program import DONE, SCALED
+from qp_twist.fast.verified_program import DEPENDENT, DONE, SCALED, TOO_FAST
 from qp_twist.limits import Box, MinkRange, Named, RowsOf, StatedRows, kind_of
 from qp_twist.limits.stated_limit import UNLIMITED
 from qp_twist.qp.verification import EQUALITY_TOLERANCE
@@ -261,7 +260,7 @@ class CompiledProgram:
         layout = Layout(ranks_laid_down, self._size.m, names, self._kinds)
         step = PlainStep.made(self.velocity, self._result, self._size, layout, sources)
         if self.scale < 1.0:
-            step.slowed(self.scale)
+            step.hindered(Status.SCALED, self.scale)
         if self._dependent is not None:
             A, b = self._dependent
             apart = np.split(A @ self.velocity - self.scale * b, np.cumsum(ranks)[:-1])

@@ -14,6 +14,7 @@ from qp_twist.checks import Array
 from qp_twist.controller.composition import BOXES, has_soft_bands, rows_known
 from qp_twist.controller.plain_step import Layout, PlainStep
 from qp_twist.controller.posing import mink_costs
+from qp_twist.controller.step import Status
 from qp_twist.controller.step_tables import (
     TOLERANCES,
     numbers_of_kinds,
@@ -23,9 +24,9 @@ from qp_twist.controller.step_tables import (
 )
 from qp_twist.fast import COMPILED
 from qp_twist.fast.live_step import ELSEWHERE, GIVEN_JACOBIAN, live_step
-from qp_twist.fast.step_kernel import GIVEN, STATED, STEP, Given
+from qp_twist.fast.step_kernel import GIVEN, RAISE, RELAX, SCALE, STATED, STEP, Given
 from qp_twist.fast.step_record import PROGRAM, Program, Sizes
-from qp_twist.fast.verified_program import REFUSED, SCALED
+from qp_twist.fast.verified_program import DONE, PRIORITIZED, REFUSED, RELAXED, SCALED
 from qp_twist.kinematics import (
     BandRows,
     FreeTwistCost,
@@ -50,6 +51,8 @@ from qp_twist.limits import (
 )
 
 _NO_ROWS: tuple[Named, ...] = ()
+_INFEASIBLE = {"raise": RAISE, "scale": SCALE, "relax": RELAX}
+_STATUSES = {RELAXED: Status.RELAXED, PRIORITIZED: Status.PRIORITIZED}
 
 
 class Composition(Protocol):
@@ -220,11 +223,14 @@ class CompiledStep:
         for jac, linear, angular, index in self._jacs:
             jac(self._model, self._data, linear, angular, index)
         status = live_step(self._floats, self._integers, dt, use_secondary)
-        if status == REFUSED:
+        # A band gives way with its level, which the kernel takes for a limit.
+        if status == REFUSED or (status in (RELAXED, PRIORITIZED) and self._banded):
             return None
         step = PlainStep.made(self._program.x, self._result, self._size, self._layout, rows)
         if status == SCALED:
-            step.slowed(float(self._program.gains[0]))
+            step.hindered(Status.SCALED, float(self._program.gains[0]))
+        elif status != DONE:
+            step.hindered(_STATUSES[status], 1.0, tuple(self._program.levels.gaps.tolist()))
         return step
 
     def _is_of(self, composed: Composition) -> bool:
@@ -384,8 +390,10 @@ class CompiledStep:
 
     def _take_settings(self, composed: Composition) -> None:
         self._singularity, self._weighs = composed.singularity, composed.joint_weight
-        self._scales = composed.on_infeasible == "scale"
-        settings = settings_of(self._twist_space, self._singularity, self._weighs, self._scales)
+        self._on_infeasible = composed.on_infeasible
+        settings = settings_of(
+            self._twist_space, self._singularity, self._weighs, _INFEASIBLE[composed.on_infeasible]
+        )
         self._given.settings[:] = settings  # type: ignore[index]
 
     def _look(self, composed: Composition) -> None:
@@ -393,7 +401,7 @@ class CompiledStep:
         if (
             composed.singularity != self._singularity
             or composed.joint_weight != self._weighs
-            or (composed.on_infeasible == "scale") != self._scales
+            or composed.on_infeasible != self._on_infeasible
         ):
             self._take_settings(composed)
         for number, (table, limit) in enumerate(self._ranged):

@@ -74,9 +74,9 @@ class PlainStep(Step):
         fields["_rows"] = rows
         return step
 
-    def slowed(self, scale: float) -> None:
-        """Note that the rows are met at a share of their speed."""
-        self.__dict__["scale"], self.__dict__["status"] = scale, Status.SCALED
+    def hindered(self, status: Status, scale: float, gaps: tuple[float, ...] = ()) -> None:
+        """Note that the rows are not met, or at a share of their speed."""
+        self.__dict__.update(status=status, scale=scale, gaps=gaps)
 
     def __getattr__(self, name: str) -> Any:
         """What was not asked for before."""
@@ -105,7 +105,7 @@ class PlainStep(Step):
 
     def _binding(self, left: Program) -> tuple[BindingLimit, ...]:
         box, lam, floor, kinds = left.box, left.lam, 1.0, self._layout.kinds
-        if self.status is Status.SCALED:  # what holds it back is what holds its scale back
+        if self.status is not Status.SOLVED:  # what holds it back is what holds the levels back
             box, lam, floor = *np.split(left.gains[1:], [len(box)]), 0.0
         largest = max(float(np.abs(box).max(initial=0.0)), float(lam.max(initial=0.0)))
         dust = DUST * max(largest, floor)

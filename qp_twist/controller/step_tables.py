@@ -21,7 +21,7 @@ from qp_twist.fast.bounds import (
     VELOCITY_BOUND,
     WINDOW,
 )
-from qp_twist.fast.step_kernel import Settings
+from qp_twist.fast.step_kernel import RAISE, Settings
 from qp_twist.fast.verified_program import Tolerances
 from qp_twist.limits import (
     DisplacementWindow,
@@ -114,10 +114,10 @@ def numbers_of_kinds(limits: Sequence[mink.Limit]) -> dict[str, float]:
 
 
 def settings_of(
-    twist_space: bool, singularity: float, weight: float, scales: bool = False
+    twist_space: bool, singularity: float, weight: float, infeasible: int = RAISE
 ) -> Settings:
     """Settings of a controller as ``step_kernel`` takes them."""
     return Settings(
         float(twist_space), singularity, weight, NEARLY_UNSEEN, FASTEST, NOTICEABLE, UNLIMITED,
-        STEEPEST, float(scales),
+        STEEPEST, infeasible,
     )  # fmt: skip

@@ -8,17 +8,15 @@ from qp_twist.fast.compiling import entry, plain
 from qp_twist.fast.dual_active_set import NO_ROOM, SOLVED, active_set, cholesky_inverse
 from qp_twist.fast.step_record import read_program
 from qp_twist.fast.verified_program import (
+    DEPENDENT,
     DONE,
     REFUSED,
+    TOO_FAST,
     excess_of,
     into_the_box,
     solved_program,
     well_conditioned,
 )
-
-DEPENDENT, TOO_FAST = 3, 4
-"""The equality rows depend on each other, up to the threshold; no velocity inside the limits meets
-all rows."""
 
 
 @plain

@@ -6,14 +6,23 @@ import math
 from typing import Annotated, NamedTuple
 
 from qp_twist.fast.bounds import bounds
+from qp_twist.fast.closest_levels import closest_levels
 from qp_twist.fast.compiling import plain
 from qp_twist.fast.dual_active_set import cholesky, cholesky_inverse
 from qp_twist.fast.null_space import null_space, right_singular, row_space
 from qp_twist.fast.record import Floats, Integers, Record, reader
 from qp_twist.fast.step_record import PROGRAM, Program, Sizes
 from qp_twist.fast.twist_rows import twist_rows
-from qp_twist.fast.verified_program import REFUSED, Tolerances, solved_program, well_conditioned
+from qp_twist.fast.verified_program import (
+    REFUSED,
+    TOO_FAST,
+    Tolerances,
+    solved_program,
+    well_conditioned,
+)
 
+RAISE, SCALE, RELAX = 0, 1, 2
+"""Leave it to the reference, slow it down, or come as close as the limits allow."""
 STATED = 3
 """What stands in place of the axes of a task's projector whose rows are stated in Python."""
 
@@ -37,8 +46,8 @@ class Settings(NamedTuple):
     """A bound beyond it is none, rad/s or m/s."""
     steepest: float
     """Largest linear cost of other tasks, relative to the largest quadratic one."""
-    scales: float
-    """Not 0 where rows that do not fit are slowed down; else the reference looks at them."""
+    infeasible: float
+    """What is done with a first level that does not fit: ``RAISE``, ``SCALE`` or ``RELAX``."""
 
 
 class Given(NamedTuple):
@@ -309,7 +318,8 @@ def step_on_rows(g, w, qpos, dt, use_secondary):
     """The joint velocity into ``w.x``, from the rows that are in ``w``.
 
     Returns:
-        ``DONE`` or ``SCALED``, or ``REFUSED`` where the reference has to look at the step.
+        ``DONE``, ``SCALED``, ``RELAXED`` or ``PRIORITIZED``, or ``REFUSED`` where the reference has
+        to look at the step.
     """
     fastest = _desired(
         qpos, g.addresses, g.middle, g.stiffness, g.displacement, dt, use_secondary, w.q, w.c
@@ -329,7 +339,13 @@ def step_on_rows(g, w, qpos, dt, use_secondary):
         return REFUSED
     if not _costs(w, g.metric, g.quadratic, g.linear, g.settings):
         return REFUSED
-    return solved_program(w, g.settings.scales != 0.0 and len(g.ends) == 1, g.tolerances)
+    single, relaxes = len(g.ends) == 1, g.settings.infeasible == RELAX
+    status = solved_program(w, single and g.settings.infeasible == SCALE, g.tolerances)
+    if status != TOO_FAST:
+        return status
+    if single and not relaxes:
+        return REFUSED
+    return closest_levels(w, g.ends, relaxes, g.tolerances)
 
 
 @plain

@@ -41,6 +41,35 @@ class ScaleProgram(NamedTuple):
     active: Annotated[Integers, "max(nv - m, 0) + 1"]
 
 
+class Levels(NamedTuple):
+    """The levels one after the other, where they do not fit: see ``closest_levels``."""
+
+    E: Annotated[Floats, "m + nv + k", "nv"]
+    """Rows that are held: what levels achieve, and what stands in their way."""
+    e: Annotated[Floats, "m + nv + k"]
+    x: Annotated[Floats, "nv"]
+    before: Annotated[Floats, "nv"]
+    H: Annotated[Floats, "nv", "nv"]
+    c: Annotated[Floats, "nv"]
+    J: Annotated[Floats, "nv", "nv"]
+    R: Annotated[Floats, "nv", "nv"]
+    u: Annotated[Floats, "nv + 1"]
+    work: Annotated[Floats, 3, "nv + 1"]
+    lengths: Annotated[Floats, "k"]
+    gaps: Annotated[Floats, "levels"]
+    """By how much the residual of each may be longer than at its optimum."""
+    r: Annotated[Floats, "m"]
+    asked: Annotated[Floats, "m"]
+    lower: Annotated[Floats, "nv"]
+    upper: Annotated[Floats, "nv"]
+    origins: Annotated[Integers, "m + nv + k", 2]
+    """Of the held rows: what they are, and their number."""
+    fixed: Annotated[Integers, "nv"]
+    """1 where a bound is held."""
+    active: Annotated[Integers, "nv"]
+    held: Annotated[Integers, "m + 3 * nv + 2 * k"]
+
+
 class Program(NamedTuple):
     """The program lower ≤ x ≤ upper, A x = b, G x ≤ g; its result; a workspace.
 
@@ -67,9 +96,10 @@ class Program(NamedTuple):
     lam: Annotated[Floats, "k"]
     gains: Annotated[Floats, "1 + nv + k"]
     """s of A x = s b: ``b`` is what was met, s times what the tasks ask. Where s < 1, how much s
-    grows with the room at each bound, negative at a lower one, and at each row of G. What a step
-    leaves behind ends here."""
+    grows with the room at each bound, negative at a lower one, and at each row of G; where levels
+    give way, the multipliers of what stands in the way. What a step leaves behind ends here."""
     q: Annotated[Floats, "nv"]
+    levels: Levels
     root: Annotated[Floats, "nv"]
     line: Annotated[Floats, "nv"]
     J: Annotated[Floats, "nv", "nv"]
@@ -104,5 +134,5 @@ class Program(NamedTuple):
     held: Annotated[Integers, "2 * nv + k"]
 
 
-PROGRAM = Record(Program, Sizes, Record(ScaleProgram, Sizes))
+PROGRAM = Record(Program, Sizes, Record(ScaleProgram, Sizes), Record(Levels, Sizes))
 read_program = reader(PROGRAM)

@@ -10,8 +10,10 @@ from qp_twist.fast.dual_active_set import NO_ROOM, SOLVED, cholesky
 from qp_twist.fast.largest_scale import largest_scale
 from qp_twist.fast.reduced_program import reduced_program
 
-DONE, REFUSED, SCALED = 0, 1, 2
-"""The step is verified; the reference has to look at it; it is verified at a reduced speed."""
+DONE, REFUSED, SCALED, RELAXED, PRIORITIZED, TOO_FAST, DEPENDENT = range(7)
+"""The step is verified; the reference has to look at it; it is verified at a reduced speed; as
+close as the limits let it come; with the first of several levels met; no velocity inside the limits
+meets all rows; the equality rows depend on each other, up to the threshold."""
 
 
 class Tolerances(NamedTuple):
@@ -170,7 +172,11 @@ def into_the_box(x, lower, upper):
 
 @plain
 def solved_program(w, scales, tolerances):
-    """The verified solution of a program into ``w.x``; at a reduced speed if ``scales``."""
+    """The verified solution of a program into ``w.x``; at a reduced speed if ``scales``.
+
+    Returns:
+        ``DONE``, ``SCALED``, ``TOO_FAST``, or ``REFUSED`` where others have to look at it.
+    """
     w.gains[0] = 1.0
     while True:  # at most twice: a part that is written once is compiled once
         status = reduced_program(w)
@@ -181,6 +187,8 @@ def solved_program(w, scales, tolerances):
             return REFUSED
         for row in range(len(w.b)):
             w.b[row] *= w.gains[0]
+    if status == NO_ROOM and w.gains[0] == 1.0:
+        return TOO_FAST
     if status != SOLVED or not into_the_box(w.x, w.lower, w.upper):
         return REFUSED
     if not excess_of(w, tolerances) <= 1.0:
