@@ -89,8 +89,14 @@ def test_bands_may_be_given_and_taken_away_and_made_soft() -> None:
     assert isinstance(held, PlainStep)
     np.testing.assert_allclose(held.velocity, expected.velocity, atol=1e-8)
     assert [x.kind for x in held.binding] == ["band"] == [x.kind for x in expected.binding]
-    task.bands = [qt.RollBand((0.0, 0.0, 1.0), 0.1, 0.3, weight=1.0)]
-    assert not isinstance(controller.step(configuration, 0.1), PlainStep)
+    soft = qt.RollBand((0.0, 0.0, 1.0), 0.1, 0.3, weight=1.0)
+    task.bands = [soft]
+    left = controller.step(configuration, 0.1)
+    expected = by_reference(deburring("daqp", bands=[soft])[0]).step(configuration, 0.1)
+    assert isinstance(left, PlainStep) and left.velocity.shape == (6,)
+    np.testing.assert_allclose(left.velocity, expected.velocity, atol=1e-8)
+    assert np.abs(left.velocity - held.velocity).max() > 1e-3  # it is left, for a price
+    assert [str(x) for x in left.binding] == [str(x) for x in expected.binding]
     task.bands = []
     again = controller.step(configuration, 0.1)
     assert isinstance(again, PlainStep) and again.problem.G.shape == (0, 6)

@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from qp_twist.checks import Array
-from qp_twist.controller.composition import BOXES, has_soft_bands, rows_known
+from qp_twist.controller.composition import BOXES, rows_known
 from qp_twist.controller.plain_step import Layout, PlainStep
 from qp_twist.controller.posing import mink_costs
 from qp_twist.controller.step import Status
@@ -21,6 +21,7 @@ from qp_twist.controller.step_tables import (
     settings_of,
     state_of_mink,
     table_of,
+    with_slacks,
 )
 from qp_twist.fast import COMPILED
 from qp_twist.fast.live_step import ELSEWHERE, GIVEN_JACOBIAN, live_step
@@ -120,13 +121,16 @@ class CompiledStep:
     def _lay_out(self, composed: Composition, room: int) -> None:
         """The two arrays, with room for so many inequality rows, and views of what changes."""
         nv, limits = composed.model.nv, self._limits
-        table, types = table_of(limits, nv)
+        # A soft band is left by a slack ε ≥ 0 of its own: an unknown that moves no joint.
+        self._slacks = sum(band.weight is not None for task in self._tasks for band in task.bands)
+        table, types = with_slacks(*table_of(limits, nv), self._slacks)
+        n = nv + self._slacks
         dense = self._twist_space or bool(self._soft_tasks)
         self._size = size = Sizes(
-            nv=nv, m=sum(self._ranks), tasks=len(self._tasks), levels=len(self._ends),
-            limits=len(types), dense=nv if dense else 0,
+            nv=n, m=sum(self._ranks), tasks=len(self._tasks), levels=len(self._ends),
+            limits=len(types), dense=n if dense else 0,
             free=6 * len(self._tasks) if self._twist_space else 0,
-            others=nv if self._soft_tasks else 0, k=room,
+            others=n if self._soft_tasks else 0, k=room,
         )  # fmt: skip
         self._room = room
         self._floats, self._integers = STEP.allocate(size)
@@ -136,10 +140,11 @@ class CompiledStep:
         for n, task in enumerate(self._tasks):
             known = n not in self._asked
             g.kinds[n] = kinds_of(task.projector) if known else (task.projector.rank, 0, STATED)
-        g.ends[:], g.addresses[:], g.types[:] = self._ends, self._ranges.qpos, types
+        g.ends[:], g.types[:] = self._ends, types
+        g.addresses[:nv], g.addresses[nv:] = self._ranges.qpos, -1
         g.tolerances[:] = TOLERANCES  # type: ignore[index]
-        g.free_costs[:], g.middle[:] = composed.free_twist_costs, self._ranges.middle
-        g.metric[:], g.limits[:] = composed.metric, table
+        g.free_costs[:], g.middle[:nv] = composed.free_twist_costs, self._ranges.middle
+        g.metric[:nv], g.metric[nv:], g.limits[:] = composed.metric, composed.metric.max(), table
         self._take_settings(composed)
         self._paced = [_paces(task) for task in self._tasks]
         for shape, task in zip(g.shapes, self._tasks, strict=True):
@@ -148,7 +153,7 @@ class CompiledStep:
         self._known_targets: list[Any] = [None] * len(self._tasks)
         self._steady = np.zeros(nv)
         self._take_secondary()
-        tables = list(zip(g.limits, limits, strict=True))
+        tables = list(zip(g.limits[:, :nv], limits, strict=False))
         self._ranged = [(t, limit) for t, limit in tables if isinstance(limit, PositionLimit)]
         self._revisions = [limit.revision for _, limit in self._ranged]
         self._windows = [(t, limit) for t, limit in tables if isinstance(limit, DisplacementWindow)]
@@ -161,7 +166,7 @@ class CompiledStep:
         self._others_speak = bool(self._stated or self._soft_tasks or self._asked)
         self._banded = False
         self._data: mujoco.MjData | None = None
-        self._jacs: list[tuple[Callable[..., None], Array, Array, int]] = []
+        self._jacs: list[tuple[Callable[..., None], Array, int, int]] = []
         self._lay_out_kinematics(composed.model)
 
     def _lay_out_kinematics(self, model: mujoco.MjModel) -> None:
@@ -210,7 +215,7 @@ class CompiledStep:
         if not (self._is_of(composed) and self._tasks_known()):
             return None
         rows: Sequence[Named] = _NO_ROWS
-        if self._others_speak or self._banded or self._size.k:
+        if self._others_speak or self._banded or self._size.k or self._slacks:
             said = self._listen(composed, configuration, dt)
             if said is None:
                 return None
@@ -220,13 +225,16 @@ class CompiledStep:
         if use_secondary:
             self._ask_secondary(configuration)
         self._look(composed)
-        for jac, linear, angular, index in self._jacs:
-            jac(self._model, self._data, linear, angular, index)
+        for jac, rows_of_task, index, number in self._jacs:
+            jac(self._model, self._data, rows_of_task[:3], rows_of_task[3:], index)
+            self._given.jacobians[number, :, : self._model.nv] = rows_of_task
         status = live_step(self._floats, self._integers, dt, use_secondary)
         # A band gives way with its level, which the kernel takes for a limit.
         if status == REFUSED or (status in (RELAXED, PRIORITIZED) and self._banded):
             return None
-        step = PlainStep.made(self._program.x, self._result, self._size, self._layout, rows)
+        step = PlainStep.made(
+            self._program.x[: self._model.nv], self._result, self._size, self._layout, rows
+        )
         if status == SCALED:
             step.hindered(Status.SCALED, float(self._program.gains[0]))
         elif status != DONE:
@@ -257,24 +265,34 @@ class CompiledStep:
             costs = mink_costs(self._soft_tasks, configuration, dt) if self._soft_tasks else None
         rows: list[StatedLimit | BandRows] = [s for s in stated if s is not None]
         for task in self._tasks:
-            if has_soft_bands(task):
-                return None
             rows += task.band_rows(configuration, dt)
         k = sum(len(said.bounds) for said in rows)
-        if k > self._room:
-            self._lay_out(composed, 2 * k)
+        weights = [r.weight for r in rows if isinstance(r, BandRows) and r.weight is not None]
+        if k > self._room or len(weights) != self._slacks:
+            self._lay_out(composed, max(2 * k, self._room))
             self._tasks_known()
+        if len(weights) != self._slacks:
+            return None
         if k != self._size.k:
             self._take_rows(k)
         for (table, _), limit in zip(self._stated, stated, strict=True):
             table[:, 0], table[:, 1] = (-np.inf, np.inf) if limit is None else limit.box[1:]
-        first = 0
+        nv, metric = composed.model.nv, self._given.metric
+        first, slack, G = 0, nv, self._program.G
+        # Slacks are measured so that they cost about as much as the joints.
+        cost = composed.joint_weight * float(metric[:nv].max())
+        if costs is not None:
+            self._given.quadratic[:nv, :nv], self._given.linear[:nv] = costs
+            cost = max(cost, float(np.abs(costs[0]).max()))
+        metric[nv:] = cost / composed.joint_weight
+        G[:, nv:] = 0.0
         for said in rows:
             end = first + len(said.bounds)
-            self._program.G[first:end], self._program.g[first:end] = said.rows, said.bounds
+            G[first:end, :nv], self._program.g[first:end] = said.rows, said.bounds
+            if isinstance(said, BandRows) and said.weight is not None:
+                G[first:end, slack] = -np.sqrt(cost / said.weight)
+                slack += 1
             first = end
-        if costs is not None:
-            self._given.quadratic[:], self._given.linear[:] = costs
         if self._asked and not self._ask(composed, configuration, dt):
             return None
         return rows
@@ -287,12 +305,13 @@ class CompiledStep:
             A, b = task.velocity_rows(configuration, dt)
             if len(b) != last - first:
                 return False
-            self._given.stated_rows[first:last], self._given.stated_sides[first:last] = A, b
+            self._given.stated_sides[first:last] = b
+            self._given.stated_rows[first:last, : A.shape[1]] = A
             if self._twist_space:
                 cost = composed.free_costs[number]
                 free = cost.cost[:, None] * cost.compute_jacobian(configuration)
                 block = self._given.stated_free[6 * number : 6 * number + 6]
-                block[:], block[: len(free)] = 0.0, free
+                block[:], block[: len(free), : free.shape[1]] = 0.0, free
         return True
 
     def of_any_configuration(
@@ -351,20 +370,22 @@ class CompiledStep:
                 self._take_secondary()
         if self._others:
             assert configuration is not None
-            self._given.displacement[:] = self._steady
+            displacement = self._given.displacement[: self._model.nv]
+            displacement[:] = self._steady
             for other in self._others:
-                self._given.displacement[:] += checked_displacement(other, configuration)
+                displacement += checked_displacement(other, configuration)
 
     def _take_secondary(self) -> None:
         """What stays of h while the objectives do."""
         self._asked_centering = [(s, s.gain, s.weight) for s in self._centering]
         self._asked_postures = [(s, s.gain, s.q_ref) for s in self._postures]
-        self._given.stiffness[:] = sum(s.gain * s.stiffness for s in self._centering)
+        nv = self._model.nv
+        self._given.stiffness[:nv] = sum(s.gain * s.stiffness for s in self._centering)
         self._steady[:] = 0.0
         for s in self._postures:
-            self._given.stiffness[:] += s.gain
+            self._given.stiffness[:nv] += s.gain
             self._steady += s.gain * (self._ranges.positions(s.q_ref) - self._ranges.middle)
-        self._given.displacement[:] = self._steady
+        self._given.displacement[:nv] = self._steady
 
     def _bind(self, configuration: mink.Configuration) -> None:
         """Where the kernel finds the data of another configuration."""
@@ -375,8 +396,8 @@ class CompiledStep:
             arrays.append(getattr(data, mink.FRAME_TO_XMAT_ATTR[task.frame_type])[index])
             arrays.append(getattr(data, mink.FRAME_TO_POS_ATTR[task.frame_type])[index])
             if number in self._without_links:
-                rows = self._given.jacobians[number]
-                self._jacs.append((jac, rows[:3], rows[3:], index))
+                rows = np.zeros((6, self._model.nv))
+                self._jacs.append((jac, rows, index, number))
         self._given.sources[:-2] = [_address(array) for array in arrays]
 
     def _aim(self, number: int, task: TwistTask) -> None:

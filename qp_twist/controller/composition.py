@@ -14,12 +14,12 @@ BOXES = (PositionLimit, MotionLimit, DisplacementWindow)
 def composition_known(levels: Sequence[Sequence[Any]], limits: Sequence[Any]) -> bool:
     """Whether a step of this composition can be prepared.
 
-    Levels of TwistTasks whose bands are hard, and limits that are boxes of this package or rows of
+    Levels of TwistTasks, and limits that are boxes of this package or rows of
     any class.
     """
-    return all(
-        isinstance(t, TwistTask) and not has_soft_bands(t) for level in levels for t in level
-    ) and all(type(limit) in BOXES or not isinstance(limit, BoxLimit) for limit in limits)
+    return all(isinstance(t, TwistTask) for level in levels for t in level) and all(
+        type(limit) in BOXES or not isinstance(limit, BoxLimit) for limit in limits
+    )
 
 
 def rows_known(task: TwistTask) -> bool:
@@ -28,8 +28,3 @@ def rows_known(task: TwistTask) -> bool:
     It does for TwistTasks whose targets stand in the world, but not for classes derived from it.
     """
     return type(task) is TwistTask and task.relative_to is None
-
-
-def has_soft_bands(task: TwistTask) -> bool:
-    """Whether a band of the task may be left, which takes unknowns more than the joints."""
-    return any(band.weight is not None for band in task.bands)

@@ -107,6 +107,9 @@ class PlainStep(Step):
         box, lam, floor, kinds = left.box, left.lam, 1.0, self._layout.kinds
         if self.status is not Status.SOLVED:  # what holds it back is what holds the levels back
             box, lam, floor = *np.split(left.gains[1:], [len(box)]), 0.0
+            # A band that may be left holds back nothing.
+            lam = np.where(np.repeat(*self._gives_way()), 0.0, lam)
+        box = box[: len(self._layout.names)]  # behind them are the slacks of soft bands
         largest = max(float(np.abs(box).max(initial=0.0)), float(lam.max(initial=0.0)))
         dust = DUST * max(largest, floor)
         # There is a number of no kind where there is no bound.
@@ -121,11 +124,16 @@ class PlainStep(Step):
             found += [BindingLimit(*names[row], "upper", float(lam[row])) for row in pushing]
         return tuple(found)
 
+    def _gives_way(self) -> tuple[list[bool], list[int]]:
+        """Whether the rows of each source are those of a soft band, and how many they are."""
+        soft = [getattr(source, "weight", None) is not None for source in self._rows]
+        return soft, [len(source.names) for source in self._rows]
+
     def __getstate__(self) -> dict[str, Any]:
         """Without the limits and tasks that inequality rows come from, but with their names."""
         sources = self.__dict__.get("_rows", ())  # none if it was made by dataclasses.replace
-        names = [name for source in sources for name in source.names]
-        return self.__dict__ | {"_rows": (_Names(names),) if names else ()}
+        named = tuple(_Names(list(s.names), getattr(s, "weight", None)) for s in sources)
+        return self.__dict__ | {"_rows": named}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         """As it was."""
@@ -134,3 +142,4 @@ class PlainStep(Step):
 
 class _Names(NamedTuple):
     names: list[RowName]
+    weight: float | None

@@ -74,6 +74,20 @@ def table_of(
     return table, np.array(types, dtype=np.int64)
 
 
+def with_slacks(
+    table: Array, types: np.ndarray[tuple[int], np.dtype[np.int64]], slacks: int
+) -> tuple[Array, np.ndarray[tuple[int], np.dtype[np.int64]]]:
+    """Tables of limits with rows for slacks ε ≥ 0, which none of the limits knows."""
+    if not slacks:
+        return table, types
+    free = np.repeat(table[:, :1], slacks, axis=1)
+    free[..., 0], free[..., 1], free[..., 4:6], free[..., 6] = -np.inf, np.inf, np.inf, 0.0
+    free[types == WINDOW, :, 0] = 0.0
+    positive = np.zeros((1, table.shape[1] + slacks, 7))
+    positive[..., 1], positive[..., : table.shape[1], 0] = np.inf, -np.inf
+    return np.vstack([np.hstack([table, free]), positive]), np.append(types, STATED)
+
+
 def write_box_of_mink(row: Array, limit: Any) -> None:
     """The numbers of such a limit into its table (nv, 7), as ``fast.bounds`` takes them."""
     if limit.projection_matrix is None:
