@@ -137,7 +137,7 @@ def reduced(rng: np.random.Generator, diagonal: bool) -> tuple[Any, Any]:
     }  # fmt: skip
     for name, shape in shapes.items():
         given[name] = np.full(shape, np.nan)  # whatever it held before
-    given["no_rows"] = np.zeros((0, p))
+    given["no_rows"], given["nothing"] = np.zeros((0, p)), np.zeros(0)
     return Program(**given), qt.qp.QuadraticProgram(H, c, A, b, G, g, lower, upper)
 
 

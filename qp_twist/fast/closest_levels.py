@@ -58,7 +58,7 @@ def _residual(A, b, x, first, end, r):
 
 
 @plain
-def _closest(w, p, first, end, held, longest):
+def _closest(w, p, first, end, longest):
     r"""Move ``p.x`` to the least squares of a level among the points that ``held`` rows leave.
 
     .. math::
@@ -71,8 +71,8 @@ def _closest(w, p, first, end, held, longest):
     Returns:
         How many constraints are active, −1 where there is no point; what is left of the gradient.
     """
-    n, weight = len(w.x), (_PROXIMAL * longest) ** 2
-    count, left = 0, math.inf
+    n, weight, held = len(w.x), (_PROXIMAL * longest) ** 2, p.many[0]
+    count, left, none = 0, math.inf, len(w.nothing)
     for _ in range(_ROUNDS):
         for i in range(n):
             p.c[i] = -weight * p.x[i]
@@ -90,7 +90,7 @@ def _closest(w, p, first, end, held, longest):
         if not cholesky_inverse(p.H, p.J):
             return -1, left
         status, count = active_set(
-            p.c, p.E[:held], p.e[:held], w.G, w.g, p.lengths, w.lower, w.upper, p.active, 0, p.x,
+            p.c, p.E[:held], p.e[:held], w.G, w.g, p.lengths, w.lower, w.upper, p.active, none, p.x,
             p.u, p.J, p.R, p.held, p.work,
         )  # fmt: skip
         if status != SOLVED or not into_the_box(p.x, w.lower, w.upper):
@@ -104,9 +104,10 @@ def _closest(w, p, first, end, held, longest):
 
 
 @plain
-def _hold(w, p, first, end, held, count, dust):
-    """Hold what a level achieves at ``p.x``, and what stands in its way; how many rows are held."""
-    n, k, m = len(w.x), len(w.g), held
+def _hold(w, p, first, end, count, dust):
+    """Hold what a level achieves at ``p.x``, and what stands in its way."""
+    n, k, m = len(w.x), len(w.g), p.many[0]
+    held = m
     for place in range(count):
         which, multiplier = p.active[place], p.u[place]
         if which < m or not multiplier > dust:
@@ -137,7 +138,7 @@ def _hold(w, p, first, end, held, count, dust):
             p.E[held, i] = w.A[row, i]
             p.e[held] += w.A[row, i] * p.x[i]
         held += 1
-    return held
+    p.many[0] = held
 
 
 @plain
@@ -154,30 +155,30 @@ def _gap(w, p, left, length):
 
 
 @plain
-def _with_costs(w, p, held):
+def _with_costs(w, p):
     """The point of least cost that all levels leave into ``w``; whether there is one."""
-    n = len(w.x)
+    n, held, none = len(w.x), p.many[0], len(w.nothing)
     for i in range(n):
         for j in range(n):
             p.J[i, j] = w.J[i, j] if len(w.h) == 0 else 0.0
         if len(w.h):
             p.J[i, i] = 1.0 / math.sqrt(w.h[i])
     status, count = active_set(
-        w.c, p.E[:held], p.e[:held], w.G, w.g, p.lengths, w.lower, w.upper, p.active, 0, w.x, p.u,
-        p.J, p.R, p.held, p.work,
+        w.c, p.E[:held], p.e[:held], w.G, w.g, p.lengths, w.lower, w.upper, p.active, none, w.x,
+        p.u, p.J, p.R, p.held, p.work,
     )  # fmt: skip
     if status == SOLVED:
-        _take_multipliers(w, p, held, count)
+        _take_multipliers(w, p, count)
     return status == SOLVED
 
 
 @plain
-def _take_multipliers(w, p, held, count):
+def _take_multipliers(w, p, count):
     """Those of ``p.u`` into y, μ and λ.
 
     What is held is met whichever way it pulls, so that its multipliers may have any sign.
     """
-    n, m, k = len(w.x), len(w.b), len(w.g)
+    n, m, k, held = len(w.x), len(w.b), len(w.g), p.many[0]
     for i in range(n):
         w.box[i] = 0.0
     for row in range(m):
@@ -203,19 +204,19 @@ def _take_multipliers(w, p, held, count):
 
 
 @plain
-def _verified(w, p, held, tolerances):
+def _verified(w, p, tolerances):
     """The velocity into ``w.x``; whether it is the optimum on what is held, and inside all limits.
 
     For that look the rows ask for what they get, and bounds that are held leave no room.
     """
     n = len(w.x)
-    for place in range(held):
+    for place in range(p.many[0]):
         if p.origins[place, 0] == _OF_A_LEVEL:
             row = p.origins[place, 1]
             p.asked[row], w.b[row] = w.b[row], p.e[place]
     for i in range(n):
         p.lower[i], p.upper[i] = w.lower[i], w.upper[i]
-    found = _with_costs(w, p, held) and into_the_box(w.x, w.lower, w.upper)
+    found = _with_costs(w, p) and into_the_box(w.x, w.lower, w.upper)
     for i in range(n):
         if p.fixed[i]:
             w.lower[i] = w.upper[i] = w.x[i]
@@ -253,7 +254,8 @@ def closest_levels(w, ends, relaxes, tolerances):
     Returns:
         ``PRIORITIZED``, ``RELAXED``, or ``REFUSED`` where the reference has to look at the step.
     """
-    p, n, held, first = w.levels, len(w.x), 0, 0
+    p, n = w.levels, len(w.x)
+    p.many[0] = 0
     status, all_met = RELAXED, True
     for i in range(n):
         p.x[i], p.fixed[i] = min(max(0.0, w.lower[i]), w.upper[i]), 0
@@ -265,7 +267,7 @@ def closest_levels(w, ends, relaxes, tolerances):
     for i in range(len(w.gains)):
         w.gains[i] = 1.0 if i == 0 else 0.0
     for level in range(len(ends)):
-        end, furthest = ends[level], 0.0
+        first, end, furthest = ends[level - 1] if level > 0 else 0, ends[level], 0.0
         longest, largest = _length_of_rows(w.A, w.b, first, end)
         for i in range(n):
             furthest = max(furthest, abs(p.x[i]))
@@ -273,7 +275,7 @@ def closest_levels(w, ends, relaxes, tolerances):
         dust = longest * (_HELD * _residual(w.A, w.b, p.x, first, end, p.r) + _DUST * terms)
         count, left = 0, 0.0
         if end > first:
-            count, left = _closest(w, p, first, end, held, longest)
+            count, left = _closest(w, p, first, end, longest)
         if count < 0:
             return REFUSED
         length = _residual(w.A, w.b, p.x, first, end, p.r)
@@ -286,8 +288,7 @@ def closest_levels(w, ends, relaxes, tolerances):
             status = PRIORITIZED
         elif level == 0 and not relaxes:
             return REFUSED
-        held = _hold(w, p, first, end, held, count, dust)
-        first = end
-    if all_met or not _verified(w, p, held, tolerances):
+        _hold(w, p, first, end, count, dust)
+    if all_met or not _verified(w, p, tolerances):
         return REFUSED
     return status

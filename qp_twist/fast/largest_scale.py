@@ -52,7 +52,7 @@ def largest_scale(w):
             p.J[i, j] = 0.0
         p.J[i, i], p.c[i] = 1.0, 0.0
     p.c[0] = -2.0
-    none = p.no_rows[:, 0]
+    none = p.nothing
     status, count = active_set(
         p.c, p.no_rows, none, p.cuts, w.ends, w.lengths, none, none, p.active, len(none), p.x,
         p.u, p.J, p.R, p.held, p.work,

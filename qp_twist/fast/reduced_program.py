@@ -209,7 +209,7 @@ def _nearest(w, before):
         for j in range(p):
             w.Jz[i, j] = 0.0
         w.Jz[i, i], w.zero[i] = 1.0, 0.0
-    none = w.no_rows[:, 0]
+    none = w.nothing
     status, count = active_set(
         w.zero, w.no_rows, none, w.cuts, w.ends, w.lengths, none, none, w.active, min(before, p),
         w.z, w.u, w.Jz, w.Rz, w.held, w.three,

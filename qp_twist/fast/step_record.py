@@ -37,6 +37,7 @@ class ScaleProgram(NamedTuple):
     R: Annotated[Floats, "max(nv - m, 0) + 1", "max(nv - m, 0) + 1"]
     work: Annotated[Floats, 3, "max(nv - m, 0) + 2"]
     no_rows: Annotated[Floats, 0, "max(nv - m, 0) + 1"]
+    nothing: Annotated[Floats, 0]
     held: Annotated[Integers, "2 * nv + k"]
     active: Annotated[Integers, "max(nv - m, 0) + 1"]
 
@@ -66,6 +67,8 @@ class Levels(NamedTuple):
     """Of the held rows: what they are, and their number."""
     fixed: Annotated[Integers, "nv"]
     """1 where a bound is held."""
+    many: Annotated[Integers, 1]
+    """How many rows are held."""
     active: Annotated[Integers, "nv"]
     held: Annotated[Integers, "m + 3 * nv + 2 * k"]
 
@@ -120,6 +123,7 @@ class Program(NamedTuple):
     Jz: Annotated[Floats, "max(nv - m, 0)", "max(nv - m, 0)"]
     Rz: Annotated[Floats, "max(nv - m, 0)", "max(nv - m, 0)"]
     no_rows: Annotated[Floats, 0, "max(nv - m, 0)"]
+    nothing: Annotated[Floats, 0]
     scaling: ScaleProgram
     free: Annotated[Floats, "free", "nv"]
     seen: Annotated[Floats, "m + free", "dense"]
