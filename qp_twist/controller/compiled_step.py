@@ -53,7 +53,9 @@ from qp_twist.limits import (
 
 _NO_ROWS: tuple[Named, ...] = ()
 _INFEASIBLE = {"raise": RAISE, "scale": SCALE, "relax": RELAX}
-_STATUSES = {RELAXED: Status.RELAXED, PRIORITIZED: Status.PRIORITIZED}
+_STATUSES = {
+    SCALED: Status.SCALED, RELAXED: Status.RELAXED, PRIORITIZED: Status.PRIORITIZED,
+}  # fmt: skip
 
 
 class Composition(Protocol):
@@ -230,15 +232,15 @@ class CompiledStep:
             self._given.jacobians[number, :, : self._model.nv] = rows_of_task
         status = live_step(self._floats, self._integers, dt, use_secondary)
         # A band gives way with its level, which the kernel takes for a limit.
-        if status == REFUSED or (status in (RELAXED, PRIORITIZED) and self._banded):
+        by_levels = status in (RELAXED, PRIORITIZED) or (status == SCALED and len(self._ends) > 1)
+        if status == REFUSED or (by_levels and self._banded):
             return None
         step = PlainStep.made(
             self._program.x[: self._model.nv], self._result, self._size, self._layout, rows
         )
-        if status == SCALED:
-            step.hindered(Status.SCALED, float(self._program.gains[0]))
-        elif status != DONE:
-            step.hindered(_STATUSES[status], 1.0, tuple(self._program.levels.gaps.tolist()))
+        if status != DONE:
+            gaps = tuple(self._program.levels.gaps.tolist()) if by_levels else ()
+            step.hindered(_STATUSES[status], float(self._program.gains[0]), gaps)
         return step
 
     def _is_of(self, composed: Composition) -> bool:

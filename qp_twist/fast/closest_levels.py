@@ -10,10 +10,12 @@ import math
 
 from qp_twist.fast.compiling import plain
 from qp_twist.fast.dual_active_set import SOLVED, active_set, cholesky_inverse
+from qp_twist.fast.largest_scale import largest_scale
 from qp_twist.fast.verified_program import (
     PRIORITIZED,
     REFUSED,
     RELAXED,
+    SCALED,
     excess_of,
     into_the_box,
 )
@@ -28,6 +30,8 @@ _HELD = 1e-8
 """A multiplier above this share of the level's first gradient holds its constraint below it."""
 _DUST = 1e-13
 """What a residual loses to rounding, as a share of its terms."""
+_IS_MET, _GIVES_WAY, _NOT_PROVEN = 0, 1, 2
+"""What comes of a level."""
 _OF_A_LEVEL, _BOUND, _ROW = 0, 1, 2
 """Where a row comes from that is held."""
 
@@ -104,6 +108,22 @@ def _closest(w, p, first, end, longest):
 
 
 @plain
+def _slowed_down(w, p, end, tolerances):
+    """Slow the first level down as far as it has to be; the share that is kept, 0 for none."""
+    longest, largest = _length_of_rows(w.A, w.b, 0, end)
+    if end == 0:
+        return 1.0
+    if _closest(w, p, 0, end, longest)[0] < 0:
+        return 0.0
+    if _residual(w.A, w.b, p.x, 0, end, p.r) <= tolerances.equality * (longest + largest):
+        return 1.0
+    scale = largest_scale(w, end)
+    for row in range(end):
+        w.b[row] *= scale
+    return scale
+
+
+@plain
 def _hold(w, p, first, end, count, dust):
     """Hold what a level achieves at ``p.x``, and what stands in its way."""
     n, k, m = len(w.x), len(w.g), p.many[0]
@@ -129,7 +149,7 @@ def _hold(w, p, first, end, count, dust):
             p.e[held] = w.upper[dof] if is_upper else w.lower[dof]
             p.fixed[dof] = 1
         held += 1
-        if w.gains[at] == 0.0:
+        if w.gains[at] == 0.0 and w.gains[0] == 1.0:  # else it says what holds the scale back
             w.gains[at] = sign * multiplier
     for row in range(first, end):
         p.e[held] = 0.0
@@ -150,8 +170,8 @@ def _gap(w, p, left, length):
     gained = 0.0
     for i in range(len(w.x)):
         gained += left * min(w.upper[i] - w.lower[i], 2.0 * (1.0 + abs(p.x[i])))
-    shorter = math.sqrt(2.0 * gained)
-    return min(shorter, gained / length) if length > 0.0 else shorter
+    gap = min(length, math.sqrt(2.0 * gained))
+    return min(gap, gained / length) if length > 0.0 else gap
 
 
 @plain
@@ -229,7 +249,43 @@ def _verified(w, p, tolerances):
 
 
 @plain
-def closest_levels(w, ends, relaxes, tolerances):
+def _begin(w, p):
+    """Nothing is held yet, and nothing stands in the way."""
+    p.many[0] = 0
+    for i in range(len(w.x)):
+        p.x[i], p.fixed[i] = min(max(0.0, w.lower[i]), w.upper[i]), 0
+    for row in range(len(w.g)):
+        square = 0.0
+        for i in range(len(w.x)):
+            square += w.G[row, i] * w.G[row, i]
+        p.lengths[row] = math.sqrt(square) if square > 0.0 else 1.0
+    for i in range(len(w.gains)):
+        w.gains[i] = 1.0 if i == 0 else 0.0
+
+
+@plain
+def _take_level(w, p, level, first, end, tolerances):
+    """Come as close to a level as can be, and hold it; whether it is met, or not proven."""
+    longest, largest = _length_of_rows(w.A, w.b, first, end)
+    tolerance, furthest = tolerances.equality * (longest + largest), 0.0
+    for i in range(len(w.x)):
+        furthest = max(furthest, abs(p.x[i]))
+    terms = longest * (1.0 + furthest) + largest
+    dust = longest * (_HELD * _residual(w.A, w.b, p.x, first, end, p.r) + _DUST * terms)
+    p.gaps[level] = 0.0
+    if end == first:
+        return _IS_MET
+    count, left = _closest(w, p, first, end, longest)
+    length = _residual(w.A, w.b, p.x, first, end, p.r)
+    p.gaps[level] = _gap(w, p, left, length)
+    if count < 0 or not p.gaps[level] <= 10.0 * tolerance:
+        return _NOT_PROVEN
+    _hold(w, p, first, end, count, dust)
+    return _IS_MET if length <= tolerance else _GIVES_WAY
+
+
+@plain
+def closest_levels(w, ends, relaxes, scales, tolerances):
     r"""Level after level as close as the limits and the levels above let it come, then the costs.
 
     .. math::
@@ -248,47 +304,29 @@ def closest_levels(w, ends, relaxes, tolerances):
             it where there is no room. Results are those of a step, and in ``gains`` the
             multipliers of what stands in a level's way.
         ends: Where the rows of each level end, (levels,).
-        relaxes: Whether the first level may give way.
+        relaxes: Whether the first level may give way,
+        scales: or is slowed down.
         tolerances: Of the verification.
 
     Returns:
-        ``PRIORITIZED``, ``RELAXED``, or ``REFUSED`` where the reference has to look at the step.
+        ``PRIORITIZED``, ``RELAXED`` or ``SCALED``; ``REFUSED`` where the reference has to look.
     """
-    p, n = w.levels, len(w.x)
-    p.many[0] = 0
-    status, all_met = RELAXED, True
-    for i in range(n):
-        p.x[i], p.fixed[i] = min(max(0.0, w.lower[i]), w.upper[i]), 0
-    for row in range(len(w.g)):
-        square = 0.0
-        for i in range(n):
-            square += w.G[row, i] * w.G[row, i]
-        p.lengths[row] = math.sqrt(square) if square > 0.0 else 1.0
-    for i in range(len(w.gains)):
-        w.gains[i] = 1.0 if i == 0 else 0.0
+    p, status, all_met = w.levels, PRIORITIZED, True
+    _begin(w, p)
+    if scales:
+        w.gains[0] = _slowed_down(w, p, ends[0], tolerances)
+        if w.gains[0] == 0.0:
+            return REFUSED
     for level in range(len(ends)):
-        first, end, furthest = ends[level - 1] if level > 0 else 0, ends[level], 0.0
-        longest, largest = _length_of_rows(w.A, w.b, first, end)
-        for i in range(n):
-            furthest = max(furthest, abs(p.x[i]))
-        terms = longest * (1.0 + furthest) + largest
-        dust = longest * (_HELD * _residual(w.A, w.b, p.x, first, end, p.r) + _DUST * terms)
-        count, left = 0, 0.0
-        if end > first:
-            count, left = _closest(w, p, first, end, longest)
-        if count < 0:
+        outcome = _take_level(
+            w, p, level, ends[level - 1] if level > 0 else 0, ends[level], tolerances
+        )
+        if outcome == _NOT_PROVEN or (outcome == _GIVES_WAY and level == 0 and not relaxes):
             return REFUSED
-        length = _residual(w.A, w.b, p.x, first, end, p.r)
-        tolerance = tolerances.equality * (longest + largest)
-        p.gaps[level] = _gap(w, p, left, length)
-        if not p.gaps[level] <= 10.0 * tolerance:
-            return REFUSED
-        all_met = all_met and length <= tolerance
-        if level == 0 and length <= tolerance:
-            status = PRIORITIZED
-        elif level == 0 and not relaxes:
-            return REFUSED
-        _hold(w, p, first, end, count, dust)
-    if all_met or not _verified(w, p, tolerances):
+        if outcome == _GIVES_WAY:
+            all_met, status = False, RELAXED if level == 0 else status
+    if w.gains[0] < 1.0:
+        status = SCALED
+    elif all_met:
         return REFUSED
-    return status
+    return status if _verified(w, p, tolerances) else REFUSED

@@ -340,12 +340,13 @@ def step_on_rows(g, w, qpos, dt, use_secondary):
     if not _costs(w, g.metric, g.quadratic, g.linear, g.settings):
         return REFUSED
     single, relaxes = len(g.ends) == 1, g.settings.infeasible == RELAX
-    status = solved_program(w, single and g.settings.infeasible == SCALE, g.tolerances)
+    scales = g.settings.infeasible == SCALE
+    status = solved_program(w, single and scales, g.tolerances)
     if status != TOO_FAST:
         return status
     if single and not relaxes:
         return REFUSED
-    return closest_levels(w, g.ends, relaxes, g.tolerances)
+    return closest_levels(w, g.ends, relaxes, scales, g.tolerances)
 
 
 @plain

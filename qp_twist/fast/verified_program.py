@@ -182,7 +182,7 @@ def solved_program(w, scales, tolerances):
         status = reduced_program(w)
         if status != NO_ROOM or not scales or w.gains[0] < 1.0:
             break
-        w.gains[0] = largest_scale(w)
+        w.gains[0] = largest_scale(w, len(w.b))
         if w.gains[0] == 0.0:
             return REFUSED
         for row in range(len(w.b)):
