@@ -9,7 +9,6 @@ import numpy as np
 from qp_twist.checks import Array
 from qp_twist.controller.posed import Posed
 from qp_twist.controller.step import NOT_THE_LIMITS, Status, Step
-from qp_twist.limits import BindingLimit
 from qp_twist.qp import (
     SCALE_BACKOFF,
     InfeasibleStep,
@@ -81,7 +80,7 @@ def solved(posed: Posed, result: Verified) -> Step:
         result.x,
         status,
         result.solver,
-        posed.binding(result.multipliers.box, result.multipliers.rows, 1.0),
+        (result.multipliers.box, result.multipliers.rows, 1.0),
         refused=result.refused,
     )
 
@@ -99,16 +98,16 @@ def _first_level(posed: Posed, first: Level) -> QuadraticProgram:
 
 def _scaled(posed: Posed, solver: str, largest: LargestScale) -> Step:
     scale = largest.scale * (1.0 - SCALE_BACKOFF)
-    binding = posed.binding(largest.box_multipliers, largest.row_multipliers)
+    multipliers = largest.box_multipliers, largest.row_multipliers, 0.0
     if len(posed.padded) == 1:
         problem = posed.problem.with_rows(scale * posed.problem.b)
         result = solve(problem, solver)
         if isinstance(result, Verified):
             return posed.step(
-                result.x, Status.SCALED, result.solver, binding, scale=scale, problem=problem
+                result.x, Status.SCALED, result.solver, multipliers, scale=scale, problem=problem
             )
     # On the very edge a backend may see no inside; the point that was found is there.
-    return _cascade(posed, solver, scale, largest.x, Status.SCALED, binding=binding)
+    return _cascade(posed, solver, scale, largest.x, Status.SCALED, multipliers=multipliers)
 
 
 def _cascade(
@@ -118,7 +117,7 @@ def _cascade(
     start: Array,
     status: Status,
     *,
-    binding: tuple[BindingLimit, ...] | None = None,
+    multipliers: tuple[Array, Array, float] | None = None,
     refused: tuple[str, ...] = (),
 ) -> Step:
     """Level by level from ``start``, then the costs on what is left."""
@@ -138,14 +137,14 @@ def _cascade(
     result = solve_within(problem, cascade, solver)
     if isinstance(result, Refused):
         raise _inaccurate(posed, result)
-    if binding is None:
-        binding = posed.binding(cascade.box_multipliers, np.array(cascade.row_multipliers))
+    if multipliers is None:
+        multipliers = cascade.box_multipliers, np.array(cascade.row_multipliers), 0.0
     gaps = cascade.gaps(result.x)[1:]
     return posed.step(
         result.x,
         status,
         result.solver,
-        binding,
+        multipliers,
         scale=scale,
         problem=problem.with_rows(np.concatenate([level.b for level in levels])),
         refused=refused + result.refused,

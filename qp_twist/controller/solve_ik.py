@@ -317,7 +317,6 @@ def _by_reference(
     """The step by a backend of qpsolvers, whatever becomes of it; what is no number is named."""
     for task, found in zip(request.tasks, request.costs, strict=True):
         check_cost(task, found)
-    check_magnitudes(*cost, cost[1][:0])
     for constraint, rows in zip(request.constraints, request.rows, strict=True):
         _check_rows(constraint, rows)
     stated = request.limits
@@ -334,7 +333,8 @@ def _by_reference(
     problem = QuadraticProgram(
         *cost, *levels.equality, limits.rows, limits.bounds, limits.lower, limits.upper
     )
-    posed = Posed.of(problem, levels, limits, list(limits.sources))
+    check_magnitudes(problem, problem.c[:0])
+    posed = Posed.of(problem, levels, limits)
     result = solve(posed.problem, solver, options=options)
     if options and isinstance(result, Refused):
         again, before = solve(posed.problem, solver), result.says
@@ -398,7 +398,8 @@ def _levels(
 ) -> PosedLevels:
     """The constraints, with their rows, as one level."""
     nv = configuration.model.nv
-    lost, regular = list[LostDirection](), list[tuple[Array, Array]]()
+    lost: list[LostDirection] = []
+    regular: list[tuple[Array, Array]] = []
     for task, stated in zip(constraints, rows, strict=True):
         # What a task cannot do for itself is given up; the rest of it stays.
         own = regular_rows(stated.A, stated.b, threshold)
@@ -416,9 +417,7 @@ def _levels(
         lost += lost_where(constraints, blocks, whole.lost, configuration)
         if len(whole.damped_b):
             levels.append(Level(whole.damped, whole.damped_b, *none))
-    return PosedLevels(
-        levels, [0] * len(levels), [], [rows], whole.sigma_min, tuple(lost), False, []
-    )
+    return PosedLevels(levels, [0] * len(levels), [], [rows], whole, tuple(lost), False, [])
 
 
 _ASKED = {
