@@ -26,18 +26,11 @@ from qp_twist.qp import (
 
 
 def finished(posed: Posed, result: Verified | Refused, solver: str, on_infeasible: str) -> Step:
-    """The step of a program, solved as posed or not; arguments and errors of the two below."""
-    if isinstance(result, Verified):
-        return solved(posed, result)
-    return resolve_infeasible(posed, result, solver, on_infeasible)
-
-
-def resolve_infeasible(posed: Posed, refused: Refused, solver: str, on_infeasible: str) -> Step:
-    """The step of a program that the backend did not solve.
+    """The step of a program, whatever the backend made of it.
 
     Args:
         posed: The step as posed.
-        refused: What the backend said.
+        result: What the backend said.
         solver: Its name.
         on_infeasible: ``"scale"``, ``"relax"`` or ``"raise"``.
 
@@ -45,6 +38,8 @@ def resolve_infeasible(posed: Posed, refused: Refused, solver: str, on_infeasibl
         InfeasibleStep: If the first level does not fit and ``on_infeasible`` is ``"raise"``.
         SolverInaccurate: If the step is feasible and no backend solved it.
     """
+    if isinstance(result, Verified):
+        return _solved(posed, result)
     first, problem = posed.padded[0], posed.problem
     # Whether the first level fits is asked of its residual, which has a unit: of a task that is met
     # up to rounding the largest scale may be anything.
@@ -55,21 +50,20 @@ def resolve_infeasible(posed: Posed, refused: Refused, solver: str, on_infeasibl
         if on_infeasible == "raise":
             raise _infeasible(posed, largest)
         if largest is None or on_infeasible == "relax":
-            start = np.zeros(posed.problem.n) if largest is None else largest.x
+            start = np.zeros(problem.n) if largest is None else largest.x
             return _cascade(posed, solver, 1.0, start, Status.RELAXED)
         return _scaled(posed, solver, largest)
     # The first level fits. Either a lower one does not, or it was the solver that failed.
     if not any(len(level.b) + len(level.g) for level in posed.padded[1:]):
-        result = solve(posed.problem, solver, persist=True)
+        result = solve(problem, solver, persist=True)
         if isinstance(result, Verified):
-            return solved(posed, result)
+            return _solved(posed, result)
         if result.claimed:
             raise _inaccurate(posed, result)
-        refused = result
-    return _cascade(posed, solver, 1.0, largest.x, Status.PRIORITIZED, refused=refused.says)
+    return _cascade(posed, solver, 1.0, largest.x, Status.PRIORITIZED, refused=result.says)
 
 
-def solved(posed: Posed, result: Verified) -> Step:
+def _solved(posed: Posed, result: Verified) -> Step:
     """The step of a program that was solved as posed."""
     status = Status.SOLVED
     if posed.levels.lost:

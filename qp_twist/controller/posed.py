@@ -68,24 +68,29 @@ class Posed:
         """The step that goes with a solution of the program; multipliers as in :meth:`binding`."""
         velocity = x[: len(self.limits.lower)].copy()  # of the joints alone
         return Step.of(
-            {"binding": partial(self.binding, *multipliers), "sigma_min": self.levels.sigma_min},
+            {
+                "binding": partial(self.binding, *multipliers),
+                "residuals": partial(self.residuals, velocity.copy(), scale),
+                "sigma_min": self.levels.sigma_min,
+            },
             velocity=velocity,
             scale=scale,
-            residuals=tuple(
-                [
-                    rows.A @ velocity - (1.0 if index else scale) * rows.b
-                    for index, tasks in enumerate(self.levels.tasks)
-                    for rows in tasks
-                ]
-            ),
             status=status,
             solver=solver,
             problem=self.problem if problem is None else problem,
-            lost=tuple([replace(d, missing=scale * d.missing) for d in self.levels.lost]),
+            lost=tuple(replace(d, missing=scale * d.missing) for d in self.levels.lost),
             recovering=self.limits.recovering,
             refused=refused,
             gaps=gaps,
             proven=proven,
+        )
+
+    def residuals(self, velocity: Array, scale: float) -> tuple[Array, ...]:
+        """A q̇ − s b of each task; s = 1 below the first level."""
+        return tuple(
+            rows.A @ velocity - (1.0 if index else scale) * rows.b
+            for index, tasks in enumerate(self.levels.tasks)
+            for rows in tasks
         )
 
     def binding(self, box: Array, rows: Array, floor: float = 0.0) -> tuple[BindingLimit, ...]:

@@ -285,32 +285,30 @@ def mink_costs(
 ) -> tuple[Array, Array]:
     r"""H and c of mink tasks on q̇: theirs are on Δq = q̇ dt, here divided by dt².
 
-    Tasks that state weighted rows W, errors e and a damping μ are stacked, as mink does:
+    Of tasks that state weighted rows W, errors e and a damping μ
 
     .. math::
 
-        \mathbf H = \mathbf W^T\mathbf W + \textstyle\sum\mu\,\mathbf 1, \qquad
-              \mathbf c = -\mathbf W^T\mathbf e
+        \mathbf H = \textstyle\sum\mathbf W^T\mathbf W + \mu\,\mathbf 1, \qquad
+              \mathbf c = -\textstyle\sum\mathbf W^T\mathbf e
 
     Raises:
         InvalidInput: If what a task states is not finite or of the wrong shape.
     """
     nv = configuration.model.nv
-    stated = [mink_cost(task, configuration) for task in tasks]
     H, c = np.zeros((nv, nv)), np.zeros(nv)
-    rows = [cost for cost in stated if isinstance(cost, WeightedRows)]
+    stated = [mink_cost(task, configuration) for task in tasks]
     for cost in stated:
         if isinstance(cost, mink.Objective):
             H += cost.H
             c += cost.c
-    if rows:
-        W = np.vstack([cost.rows for cost in rows])
-        e = np.concatenate([cost.error for cost in rows])
-        H += W.T @ W
-        H.flat[:: nv + 1] += sum(cost.damping for cost in rows)
-        c -= e @ W
+        else:
+            W, e, damping = cost
+            H += W.T @ W
+            H.reshape(-1)[:: nv + 1] += damping
+            c -= e @ W
     # Squares of the largest rows that are taken; written so that NaN is too large.
-    if not (np.abs(H).max(initial=0.0) <= LARGEST_ROW**2 and math.isfinite(c.sum())):
+    if not largest(H) + largest(c) <= LARGEST_ROW**2:
         for task, cost in zip(tasks, stated, strict=True):
             check_cost(task, cost)
     return H, c / dt

@@ -16,7 +16,7 @@ from qp_twist.errors import InvalidInput
 from qp_twist.kinematics.joint_ranges import joint_names
 from qp_twist.limits.box_limit import Box, BoxLimit
 from qp_twist.limits.intersection import Intersection, intersect
-from qp_twist.limits.mink_box import is_mink_box, mink_box
+from qp_twist.limits.mink_box import mink_box
 from qp_twist.limits.stated_limit import UNLIMITED, Named, RowName, StatedLimit, StatedRows
 
 
@@ -114,8 +114,9 @@ def gather_limits(
             boxes += limit.boxes(configuration, dt)
             recovering += limit.recovering(configuration, dt)
             continue
-        if is_mink_box(limit):
-            boxes.append(mink_box(limit, configuration, dt))
+        known = mink_box(limit, configuration, dt)
+        if known is not None:
+            boxes.append(known)
             continue
         rows = StatedLimit.of(limit, configuration, dt, stated.get(place))
         if rows is not None:

@@ -18,7 +18,7 @@ from qp_twist.limits.box_limit import Box
 Kinds = npt.NDArray[np.object_]
 
 _ORDER = {"acceleration": 0, "position": 2}
-_ROUNDING = 1e-9
+_ROUNDING, _FINITE = 1e-9, np.finfo(float).max
 
 
 @dataclass(eq=False)
@@ -75,7 +75,7 @@ def intersect(boxes: Sequence[Box], model: mujoco.MjModel) -> Intersection:
     for box in ordered[1:]:
         np.maximum(lower, box.lower, out=lower)
         np.minimum(upper, box.upper, out=upper)
-    meet = (lower <= upper) & (lower < np.inf) & (upper > -np.inf)
+    meet = np.maximum(lower, -_FINITE) <= np.minimum(upper, _FINITE)  # NaN and ±∞ do not
     settled: dict[int, tuple[str, str]] = {}
     if np.count_nonzero(meet) < nv:
         for dof in np.flatnonzero(~meet).tolist():

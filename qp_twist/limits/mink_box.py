@@ -29,25 +29,26 @@ def is_mink_box(limit: Any) -> bool:
     return type(limit) is mink.VelocityLimit
 
 
-def mink_box(limit: Any, configuration: mink.Configuration, dt: float) -> Box:
+def mink_box(limit: Any, configuration: mink.Configuration, dt: float) -> Box | None:
     r"""The bounds on :math:`\dot{\mathbf q}` that such a limit states, rad/s or m/s.
 
     With mink's gain k they are :math:`k(\theta_{min} - \theta)/dt` and
-    :math:`k(\theta_{max} - \theta)/dt`, or :math:`\mp v_{max}`.
+    :math:`k(\theta_{max} - \theta)/dt`, or :math:`\mp v_{max}`. ``None`` of any other limit.
     """
-    nv = configuration.model.nv
-    lower, upper = np.full(nv, -np.inf), np.full(nv, np.inf)
-    kind = "velocity" if isinstance(limit, mink.VelocityLimit) else "position"
-    if limit.projection_matrix is not None:
-        dofs = limit.indices
-        if isinstance(limit, mink.VelocityLimit):
-            lower[dofs], upper[dofs] = -limit.limit, limit.limit
-        else:
-            qpos, share = qpos_of(limit), limit.gain / dt
-            q = configuration.q[qpos]
-            lower[dofs] = share * (limit.lower[qpos] - q)
-            upper[dofs] = share * (limit.upper[qpos] - q)
-    return Box(kind, lower, upper)
+    if not is_mink_box(limit):
+        return None
+    model = configuration.model
+    if isinstance(limit, mink.VelocityLimit):
+        return speeds_of(limit, model.nv)
+    known = range_of(limit, model)
+    if known is None:
+        return None
+    lower, upper = np.full(model.nv, -np.inf), np.full(model.nv, np.inf)
+    at, share = known.addresses, known.gain / dt
+    q = configuration.data.qpos[at]
+    lower[known.dofs] = share * (known.lower[at] - q)
+    upper[known.dofs] = share * (known.upper[at] - q)
+    return Box("position", lower, upper)
 
 
 def qpos_of(limit: mink.ConfigurationLimit) -> Indices:

@@ -128,8 +128,8 @@ def proof_of_optimality(
     if len(rows):
         rows = np.where(_touched_rows(problem, point, _TOUCHING) & (rows > 0.0), rows, 0.0)
     room = np.where(box > 0.0, point.below, point.above)
-    multipliers = Multipliers(y, rows, np.where(room <= _TOUCHING * point.size, box, 0.0))
     with np.errstate(over="ignore", invalid="ignore"):  # a claim may be anything
+        multipliers = Multipliers(y, rows, box * (room <= _TOUCHING * point.size))
         excess = _excess(problem, point, gradient, multipliers)
     for close in (_ON, _TOUCHING):
         if excess <= 1.0:
