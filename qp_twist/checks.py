@@ -132,9 +132,12 @@ def number(
 
 def _finite_number(name: str, value: float) -> float:
     array = float_array(name, value)
-    if array.shape != () or not np.isfinite(array):
-        shown = repr(value)
-        raise InvalidInput(f"{name}: expected a finite number, got {shown[:60]}.")
+    if array.shape != ():
+        raise InvalidInput(
+            f"{name}: expected a single number, got an array of shape {array.shape}."
+        )
+    if not np.isfinite(array):
+        raise InvalidInput(f"{name}: expected a finite number, got {repr(value)[:60]}.")
     return float(array)
 
 

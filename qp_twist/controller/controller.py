@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import math
 import threading
 from collections.abc import Sequence
@@ -15,6 +16,7 @@ import numpy.typing as npt
 from qp_twist.checks import (
     Array,
     checked,
+    did_you_mean,
     finite_array,
     instance,
     largest,
@@ -22,6 +24,7 @@ from qp_twist.checks import (
     one_of,
     read_only,
 )
+from qp_twist.constraints import Constraint, check_constraint
 from qp_twist.controller.composition import composition_known
 from qp_twist.controller.infeasible import finished
 from qp_twist.controller.posed import Posed
@@ -115,6 +118,16 @@ class Controller:
     singularity: float = checked(
         lambda _, name, value: number(name, value, at_least=0.0, at_most=1.0)
     )
+
+    def __new__(cls, *args: Any, **options: Any) -> Controller:
+        """As of any class, but a keyword that is misspelt is refused with the one that is meant."""
+        known = inspect.signature(cls.__init__).parameters if options else {}
+        for name in options:
+            if name not in known and "options" not in known:
+                raise TypeError(
+                    f"{cls.__name__}: there is no argument {name!r}{did_you_mean(name, known)}"
+                )
+        return super().__new__(cls)
 
     def __init__(
         self,
@@ -340,6 +353,10 @@ class Controller:
                         f"{item!r}."
                     )
                 check_model(f"Controller({kind}=…)", item, self.model.nv)
+        for limit in (*self.limits, *(item for level in self.levels for item in level)):
+            if isinstance(limit, Constraint):
+                said = f"Controller(limits=…): {type(limit).__name__}"
+                check_constraint(said, limit, self.model)
         probe = mink.Configuration(self.model)
         for task in self.twist_tasks:
             frame_pose(probe, task.frame_name, task.frame_type)

@@ -11,7 +11,7 @@ import mink
 import numpy as np
 
 from qp_twist.checks import Array, are_rows, finite_array, float_array, largest, within
-from qp_twist.errors import InvalidInput
+from qp_twist.errors import InvalidInput, InvalidTarget
 from qp_twist.kinematics import BandRows, TwistTask
 from qp_twist.limits import Named, gather_limits
 from qp_twist.qp import Level, LostDirection, QuadraticProgram, RegularRows, regular_rows
@@ -112,7 +112,7 @@ def pose_levels(
     for index, items in enumerate(levels):
         rows, G, g = _evaluate(items, configuration, dt, sources, soft_bands)
         A, b = stacked(rows, nv)
-        _check_speed("the tasks ask", b)
+        check_speed("the tasks ask", b)
         if index == 0:
             first = regular = regular_rows(A, b, threshold)
             lost = lost_where(items, rows, regular.lost, configuration)
@@ -200,7 +200,7 @@ def _mink_rows(task: mink.tasks.BaseTask, configuration: mink.Configuration, dt:
     stated = mink_cost(task, configuration)
     if isinstance(stated, mink.Objective):
         raise InvalidInput(
-            f"Controller(levels=…): {type(task).__name__} states a cost but no rows, so it cannot "
+            f"Controller(levels=…): {name_of(task)} states a cost but no rows, so it cannot "
             "stand in a level; give it in tasks= instead."
         )
     check_cost(task, stated)
@@ -220,6 +220,24 @@ class WeightedRows(NamedTuple):
     """μ, a number or (nv,)."""
 
 
+def name_of(task: Any) -> str:
+    """How messages call a task: with its frame, where it has one."""
+    frame, kind = getattr(task, "frame_name", None), getattr(task, "frame_type", None)
+    name = type(task).__name__
+    return name if frame is None or kind is None else f"{name}({frame!r}, {kind!r})"
+
+
+def check_target(task: Any) -> None:
+    """Refuse a mink task whose target is not finite.
+
+    Raises:
+        InvalidTarget: If it is not.
+    """
+    target = getattr(task, "transform_target_to_world", None)
+    if isinstance(target, mink.SE3):
+        finite_array(f"{name_of(task)}: its target", target.wxyz_xyz, (7,), error=InvalidTarget)
+
+
 def mink_cost(
     task: mink.tasks.BaseTask, configuration: mink.Configuration
 ) -> WeightedRows | mink.Objective:
@@ -232,11 +250,11 @@ def mink_cost(
     """
     nv, residual = configuration.model.nv, task.compute_qp_residual(configuration)
     if residual is None:
-        return _objective(type(task).__name__, task.compute_qp_objective(configuration), nv)
+        return _objective(name_of(task), task.compute_qp_objective(configuration), nv)
     W, e, damping = residual
     if are_rows(W, e, nv):
         return WeightedRows(W, e, damping)
-    name = type(task).__name__
+    name = name_of(task)
     return WeightedRows(
         *as_rows(W, e, nv, f"{name}: its rows, cost × Jacobian", f"{name}: its error"), damping
     )
@@ -269,7 +287,8 @@ def check_cost(task: mink.tasks.BaseTask, stated: WeightedRows | mink.Objective)
     Raises:
         InvalidInput: If it is.
     """
-    name = type(task).__name__
+    check_target(task)
+    name = name_of(task)
     if isinstance(stated, mink.Objective):
         finite_array(f"{name}: H of its cost", stated.H, stated.H.shape)
         finite_array(f"{name}: c of its cost", stated.c, stated.c.shape)
@@ -349,7 +368,8 @@ def with_soft_bands(problem: QuadraticProgram, bands: Sequence[BandRows]) -> Qua
     )
 
 
-def _check_speed(what: str, values: Array) -> None:
+def check_speed(what: str, values: Array) -> None:
+    """Refuse speeds that no robot has, and that costs and limits are lost beside."""
     fastest = largest(values)
     if not fastest <= FASTEST:
         raise InvalidInput(
@@ -360,7 +380,7 @@ def _check_speed(what: str, values: Array) -> None:
 
 def check_magnitudes(problem: QuadraticProgram, wish: Array) -> None:
     """Refuse what no solver can work with, and no robot: the loops of some would not end."""
-    _check_speed("the secondary asks", wish)
+    check_speed("the secondary asks", wish)
     if problem.pull <= STEEPEST * problem.steepest < math.inf:  # false for NaN
         return
     if not (np.isfinite(problem.H).all() and np.isfinite(problem.c).all()):

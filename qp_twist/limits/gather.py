@@ -122,6 +122,7 @@ def gather_limits(
         if rows is not None:
             boxes.append(rows.box)
             found.append(rows)
+            recovering += rows.recovering
     model = configuration.model
     box = intersect(boxes, model)
     _take_far_for_none(box, model)

@@ -10,10 +10,11 @@ import mink
 import numpy as np
 
 from qp_twist.checks import Array, Indices, are_rows, float_array, within
-from qp_twist.constraints import Constraint
+from qp_twist.constraints import Constraint, margins_of
 from qp_twist.errors import InvalidInput
 from qp_twist.limits.band_limit import BandLimit
 from qp_twist.limits.box_limit import Box
+from qp_twist.limits.position_limit import NOTICEABLE
 
 RowName = tuple[str, str]
 """Name and kind of an inequality row, as in :class:`~qp_twist.BindingLimit`."""
@@ -42,6 +43,7 @@ class StatedLimit:
         rows: The others that say something, (k, nv).
         bounds: Their right-hand side, (k,), rad/s or m/s.
         which: Their numbers among all that it states, (k,).
+        recovering: A sentence for each margin of a constraint that is left.
     """
 
     limit: mink.Limit
@@ -49,6 +51,7 @@ class StatedLimit:
     rows: Array
     bounds: Array
     which: np.ndarray[tuple[int], np.dtype[np.intp]]
+    recovering: tuple[str, ...] = ()
 
     @classmethod
     def of(
@@ -75,7 +78,7 @@ class StatedLimit:
         if single.any():
             box = _box(kind_of(limit), G[single], g[single])
         which = ((entries > 1) & (g < np.inf) | (entries == 0) & (g < 0.0)).nonzero()[0]
-        return cls(limit, box, G[which], g[which], which)
+        return cls(limit, box, G[which], g[which], which, stated.recovering(configuration))
 
     @property
     def names(self) -> list[RowName]:
@@ -144,6 +147,17 @@ class StatedRows(NamedTuple):
                 f"{name}: its rows G Δq ≤ h need h of shape {(len(rows),)}, it has {np.shape(h)}."
             )
         return cls(limit, rows, ends)
+
+    def recovering(self, configuration: mink.Configuration) -> tuple[str, ...]:
+        """A sentence for each margin of a constraint that is left already, and on its way back."""
+        limit = self.limit
+        if not np.count_nonzero(self.h < 0.0) or not isinstance(limit, Constraint):
+            return ()
+        margins = margins_of(limit, configuration.q[None])[0]
+        return tuple(
+            f"{limit.names[k]} is {-margins[k]:.3g} {limit.units[k]} outside its {limit.kind} limit"
+            for k in np.flatnonzero(margins < -NOTICEABLE)
+        )
 
 
 def _checked(name: str, G: Array, h: Array, dt: float) -> tuple[Array, Array]:
