@@ -13,8 +13,6 @@ from qp_twist.qp import (
     SCALE_BACKOFF,
     InfeasibleStep,
     LargestScale,
-    Level,
-    QuadraticProgram,
     Refused,
     SolverInaccurate,
     Verified,
@@ -45,7 +43,11 @@ def finished(posed: Posed, result: Verified | Refused, solver: str, on_infeasibl
     # up to rounding the largest scale may be anything.
     closest = lexicographic([posed.hard, first], problem.lower, problem.upper)
     fits = posed.hard.met(closest.x) and first.met(closest.x)
-    largest = LargestScale.full(closest.x) if fits else largest_scale(_first_level(posed, first))
+    if fits:
+        largest: LargestScale | None = LargestScale.full(closest.x)
+    else:  # of the hard rows and the first level alone
+        G, g = np.vstack([posed.hard.G, first.G]), np.concatenate([posed.hard.g, first.g])
+        largest = largest_scale(replace(problem, A=first.A, b=first.b, G=G, g=g))
     if largest is None or largest.scale < 1.0 - SCALE_BACKOFF:
         if on_infeasible == "raise":
             raise _infeasible(posed, largest)
@@ -76,17 +78,6 @@ def _solved(posed: Posed, result: Verified) -> Step:
         result.solver,
         (result.multipliers.box, result.multipliers.rows, 1.0),
         refused=result.refused,
-    )
-
-
-def _first_level(posed: Posed, first: Level) -> QuadraticProgram:
-    """The hard rows and the first level alone."""
-    return replace(
-        posed.problem,
-        A=first.A,
-        b=first.b,
-        G=np.vstack([posed.hard.G, first.G]),
-        g=np.concatenate([posed.hard.g, first.g]),
     )
 
 

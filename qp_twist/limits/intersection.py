@@ -13,7 +13,7 @@ import numpy.typing as npt
 from qp_twist.checks import Array, Indices
 from qp_twist.errors import InvalidInput
 from qp_twist.kinematics.joint_ranges import joint_names
-from qp_twist.limits.box_limit import Box
+from qp_twist.limits.box_limit import Box, no_box
 
 Kinds = npt.NDArray[np.object_]
 
@@ -70,7 +70,7 @@ def intersect(boxes: Sequence[Box], model: mujoco.MjModel) -> Intersection:
                 f"limits: a {box.kind} limit has bounds of shape {box.lower.shape} and "
                 f"{box.upper.shape}, the model needs ({nv},)."
             )
-    ordered = sorted(boxes, key=lambda box: _ORDER.get(box.kind, 1)) or [_none(nv)]
+    ordered = sorted(boxes, key=lambda box: _ORDER.get(box.kind, 1)) or [no_box("", nv)]
     lower, upper = ordered[0].lower.copy(), ordered[0].upper.copy()
     for box in ordered[1:]:
         np.maximum(lower, box.lower, out=lower)
@@ -82,10 +82,6 @@ def intersect(boxes: Sequence[Box], model: mujoco.MjModel) -> Intersection:
             lower[dof], upper[dof], *kinds = _settle(ordered, dof, model)
             settled[dof] = kinds[0], kinds[1]
     return Intersection(lower, upper, ordered, settled)
-
-
-def _none(nv: int) -> Box:
-    return Box("", np.full(nv, -np.inf), np.full(nv, np.inf))
 
 
 def _settle(

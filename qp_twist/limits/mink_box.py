@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 import operator
 from typing import Any, NamedTuple
 from weakref import WeakKeyDictionary
@@ -12,7 +11,7 @@ import mujoco
 import numpy as np
 
 from qp_twist.checks import Array, Indices
-from qp_twist.limits.box_limit import Box
+from qp_twist.limits.box_limit import Box, no_box
 
 _addresses: WeakKeyDictionary[mink.Limit, _Addresses] = WeakKeyDictionary()
 _speeds: WeakKeyDictionary[mink.Limit, tuple[tuple[bytes, bytes], Box]] = WeakKeyDictionary()
@@ -157,7 +156,7 @@ def default_range(model: mujoco.MjModel) -> MinkRange:
 def speeds_of(limit: mink.VelocityLimit, nv: int) -> Box | None:
     """The bounds of a limit; ``None`` where it is for another model."""
     if limit.projection_matrix is None:
-        return _none(nv)
+        return no_box("velocity", nv)
     state = limit.limit.tobytes(), limit.indices.tobytes()
     kept = _speeds.get(limit)
     if kept is None or kept[0] != state:
@@ -165,8 +164,3 @@ def speeds_of(limit: mink.VelocityLimit, nv: int) -> Box | None:
         upper[limit.indices] = limit.limit
         kept = _speeds[limit] = state, Box("velocity", -upper, upper)
     return kept[1] if len(kept[1].lower) == nv else None
-
-
-@functools.lru_cache
-def _none(nv: int) -> Box:
-    return Box("velocity", np.full(nv, -np.inf), np.full(nv, np.inf))

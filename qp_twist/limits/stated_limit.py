@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 from dataclasses import dataclass
 from typing import Any, NamedTuple, Protocol
 
@@ -13,7 +12,7 @@ from qp_twist.checks import Array, Indices, are_rows, float_array, within
 from qp_twist.constraints import Constraint, margins_of
 from qp_twist.errors import InvalidInput
 from qp_twist.limits.band_limit import BandLimit
-from qp_twist.limits.box_limit import Box
+from qp_twist.limits.box_limit import Box, no_box
 from qp_twist.limits.position_limit import NOTICEABLE
 
 RowName = tuple[str, str]
@@ -74,7 +73,7 @@ class StatedLimit:
             return None
         entries = (G != 0.0).sum(axis=1)
         single = entries == 1
-        box = _no_box(kind_of(limit), nv)
+        box = no_box(kind_of(limit), nv)
         if single.any():
             box = _box(kind_of(limit), G[single], g[single])
         which = ((entries > 1) & (g < np.inf) | (entries == 0) & (g < 0.0)).nonzero()[0]
@@ -185,11 +184,6 @@ def _row_name(limit: mink.Limit, row: int) -> RowName:
         return limit.model.joint(int(limit.model.dof_jntid[dof])).name, "position"
     name = type(limit).__name__
     return f"{name} row {row}", name
-
-
-@functools.lru_cache
-def _no_box(kind: str, nv: int) -> Box:
-    return Box(kind, np.full(nv, -np.inf), np.full(nv, np.inf))
 
 
 def _box(kind: str, rows: Array, bounds: Array) -> Box:
