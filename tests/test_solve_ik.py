@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import copy
 import dataclasses
 import inspect
 import logging
+import pickle
+from typing import Any
 
 import mink
 import mink_problems
@@ -406,6 +409,15 @@ def test_a_misspelt_keyword_is_refused_with_the_one_that_is_meant() -> None:
     with pytest.raises(TypeError, match=r"no argument 'colour'\."):
         qt.Controller(PLANAR, [], colour="red")  # type: ignore[call-arg]
 
+    class Mine(qt.Controller):
+        def __init__(self, colour: str, **options: Any) -> None:
+            super().__init__(PLANAR, [qt.TwistTask.point("tip", "site")], **options)
+            self.colour = colour
+
+    assert Mine(colour="red", on_infeasible="raise").colour == "red"
+    with pytest.raises(TypeError, match="on_infeasable"):
+        Mine(colour="red", on_infeasable="raise")
+
 
 def test_options_of_a_backend_that_sound_like_arguments_reach_it() -> None:
     """``time_limit`` is near to ``limits``."""
@@ -417,3 +429,35 @@ def test_options_of_a_backend_that_sound_like_arguments_reach_it() -> None:
 def test_a_number_that_is_an_array_is_called_one() -> None:
     with pytest.raises(qt.InvalidInput, match=r"dt: expected a single number, got an array of "):
         qt.solve_ik(mink.Configuration(PLANAR), [], np.array([DT, DT]), "daqp")  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("scaled", [False, True])
+def test_what_a_step_is_asked_for_later_goes_with_its_copies(scaled: bool) -> None:
+    """The names of active limits, residuals and σ_min are found when somebody asks."""
+    in_plane = qt.Projector.plane([0.0, 0.0, 1.0])
+    task = qt.TwistTask(
+        "tip", "site", qt.TwistProjector(linear=in_plane, angular=qt.Projector.none())
+    )
+    task.set_target(mink.SE3.from_translation(np.array([0.2, 9.0 if scaled else 0.3, 0.0])))
+    controller = qt.Controller(
+        PLANAR, [task], limits=[qt.MotionLimit(PLANAR, velocity=0.5)], solver="daqp",
+        secondary=[qt.PostureReference(PLANAR, np.ones(3))],
+    )  # fmt: skip
+    configuration = mink.Configuration(PLANAR, np.array([0.4, 0.5, 0.6]))
+
+    def asked(step: qt.Step) -> tuple[Any, ...]:
+        return step.binding, [r.tolist() for r in step.residuals], step.sigma_min, step.message
+
+    step = controller.step(configuration, 0.1)
+    step.velocity[:] = 0.0  # whose residuals do not change with it
+    copies = [pickle.loads(pickle.dumps(step)), copy.copy(step), copy.deepcopy(step)]
+    assert step.binding
+    A = controller.step(configuration, 0.1).problem.A
+    assert step.sigma_min == pytest.approx(np.linalg.svd(A, compute_uv=False)[-1])
+    assert np.abs(np.concatenate(step.residuals)).max() < 1e-8
+    changed = dataclasses.replace(step, solver="other")
+    for other in [*copies, changed]:
+        assert asked(other) == asked(step)
+    assert changed.solver == "other"
+    with pytest.raises(AttributeError):
+        step.colour  # noqa: B018

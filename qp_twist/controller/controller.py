@@ -122,11 +122,10 @@ class Controller:
     def __new__(cls, *args: Any, **options: Any) -> Controller:
         """As of any class, but a keyword that is misspelt is refused with the one that is meant."""
         known = inspect.signature(cls.__init__).parameters if options else {}
-        for name in options:
-            if name not in known and "options" not in known:
-                raise TypeError(
-                    f"{cls.__name__}: there is no argument {name!r}{did_you_mean(name, known)}"
-                )
+        if all(argument.kind is not argument.VAR_KEYWORD for argument in known.values()):
+            for name in options.keys() - known:
+                hint = did_you_mean(name, known)
+                raise TypeError(f"{cls.__name__}: there is no argument {name!r}{hint}")
         return super().__new__(cls)
 
     def __init__(
@@ -307,8 +306,8 @@ class Controller:
         levels = pose_levels(self.levels, configuration, dt, self.singularity)
         A, b = levels.equality
         if self.secondary_space == "joint":
-            H = self._identity * (self.joint_weight * self.metric)
-            c = -H @ wish
+            weights = self.joint_weight * self.metric
+            H, c = self._identity * weights, -weights * wish
         else:
             free = np.vstack(
                 [
