@@ -33,7 +33,7 @@ def finite_array(
     ):
         expected = "(" + ", ".join("any" if n is None else str(n) for n in shape) + ")"
         raise error(f"{name}: expected an array of shape {expected}, got {array.shape}.")
-    if not np.isfinite(array).all():
+    if np.count_nonzero(np.isfinite(array)) < array.size:
         where = tuple(int(i) for i in np.argwhere(~np.isfinite(array))[0])
         index = where[0] if len(where) == 1 else where
         raise error(f"{name}: entry {index} is {array[where]}; all entries must be finite numbers.")
@@ -62,6 +62,12 @@ def are_rows(rows: Any, ends: Any, n: int) -> bool:
         and ends.ndim == 1
         and rows.shape == (len(ends), n)
     )
+
+
+def largest(values: Array) -> float:
+    """max |values|; 0 of none, NaN if there is one. By ``argmax``, which takes half of ``max``."""
+    sizes = np.abs(values)
+    return float(sizes.item(sizes.argmax())) if sizes.size else 0.0
 
 
 def within(
@@ -126,9 +132,12 @@ def number(
 
 def _finite_number(name: str, value: float) -> float:
     array = float_array(name, value)
-    if array.shape != () or not np.isfinite(array):
-        shown = repr(value)
-        raise InvalidInput(f"{name}: expected a finite number, got {shown[:60]}.")
+    if array.shape != ():
+        raise InvalidInput(
+            f"{name}: expected a single number, got an array of shape {array.shape}."
+        )
+    if not np.isfinite(array):
+        raise InvalidInput(f"{name}: expected a finite number, got {repr(value)[:60]}.")
     return float(array)
 
 

@@ -53,6 +53,17 @@ def test_run_writes_one_trajectory(tmp_path: Path, capsys: pytest.CaptureFixture
     assert file.read_text("utf-8").count("\n") == 104
 
 
+def test_run_says_that_it_makes_a_folder(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = tmp_path / "not" / "there"
+    for note in (f"note: {folder} is not there yet and will be made\n", ""):
+        main(["run", "planar_line", "--method", "qp_gradient", "--out", str(folder / "line.csv")])
+        out, err = capsys.readouterr()
+        assert err == note
+        assert f"wrote {folder / 'line.csv'}" in out
+
+
 def test_run_keeps_the_path_between_the_waypoints_too(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -354,6 +354,92 @@ def test_what_is_no_constraint_of_a_path_is_refused() -> None:
         type("Half", (qt.Constraint,), {"margins": None, "gradients": None})()
 
 
+class Wall(qt.Constraint):
+    """A joint stays above an angle, on an arm of so many joints."""
+
+    names, units, kind = ("wall",), ("rad",), "wall"
+
+    def __init__(self, angle: float, nv: int = 6) -> None:
+        self.angle, self.nv = angle, nv
+
+    def margins(self, q: Array) -> Array:
+        return q[:, [self.nv - 1]] - self.angle
+
+    def gradients(self, q: Array) -> Array:
+        return np.tile(np.eye(self.nv)[[-1]], (len(q), 1, 1))
+
+    def change(self, q: Array, travel: Array) -> Array:
+        return travel[:, [-1]]
+
+
+@pytest.mark.parametrize(
+    ("changed", "said"),
+    [
+        ({"nv": 7}, r"limits=.*Wall: margins\(q\).*raises IndexError.*6 degrees of freedom"),
+        ({"nv": 5}, r"limits=.*Wall: gradients\(q\).*expected numbers of shape \(2, 1, 6\)"),
+        ({"kind": ""}, "limits=.*Wall: expected its kind as a name for messages, got ''"),
+        ({"kind": None}, "limits=.*Wall: expected its kind"),
+        ({"names": ("a", "b")}, "limits=.*Wall: expected names, texts, and as many units"),
+        ({"names": ("a", "b"), "units": ("rad", "rad")}, r"margins\(q\).*shape \(2, 2\)"),
+        ({"change": lambda q, travel: np.full((2, 1), np.nan)}, r"change\(q, travel\)"),
+    ],
+)
+@pytest.mark.parametrize("solver", [None, "daqp"])
+def test_a_controller_refuses_a_constraint_that_does_not_fit(
+    changed: dict[str, object], said: str, solver: str | None
+) -> None:
+    model = qt.load_task("deburring").model
+    wall, tool = Wall(-9.0), qt.TwistTask.axis_free("tool", "site")
+    vars(wall).update(changed)
+    with pytest.raises(qt.InvalidInput, match=said):
+        qt.Controller(model, [tool], limits=[wall], solver=solver)
+    with pytest.raises(qt.InvalidInput, match=said):
+        qt.Controller(model, levels=[[tool], [wall]], limits=[], solver=solver)
+
+
+def test_solve_ik_says_that_a_constraint_is_for_another_robot() -> None:
+    task = qt.load_task("deburring")
+    configuration = mink.Configuration(task.model, task.start)
+    tool = qt.TwistTask.axis_free("tool", "site")
+    tool.set_target(task.waypoints[1])
+    with pytest.raises(qt.InvalidInput, match=r"limits\[0\], Wall: margins\(q\).*IndexError"):
+        qt.solve_ik(configuration, [tool], 0.01, "daqp", limits=[Wall(-9.0, 7)])
+
+
+@pytest.mark.parametrize("solver", [None, "daqp", "solve_ik"])
+def test_a_step_says_which_constraint_is_left(solver: str | None) -> None:
+    task = qt.load_task("deburring")
+    configuration = mink.Configuration(task.model, task.start)
+    tool = qt.TwistTask.axis_free("tool", "site")
+    tool.set_target(task.waypoints[1])
+
+    def step(angle: float) -> qt.Step:
+        limits = [Slanted(angle)]
+        if solver == "solve_ik":
+            return qt.ik_step(configuration, [tool], 0.01, "daqp", limits=limits)
+        controller = qt.Controller(task.model, [tool], limits=limits, solver=solver)
+        return controller.step(configuration, 0.01)
+
+    class Slanted(Wall):
+        """Of two joints, so that its row is no bound."""
+
+        def margins(self, q: Array) -> Array:
+            return q[:, [4]] + q[:, [5]] - self.angle
+
+        def gradients(self, q: Array) -> Array:
+            return np.tile([0.0, 0.0, 0.0, 0.0, 1.0, 1.0], (len(q), 1, 1))
+
+        def change(self, q: Array, travel: Array) -> Array:
+            return travel[:, [4]] + travel[:, [5]]
+
+    at = float(task.start[4] + task.start[5])
+    assert step(at - 0.1).recovering == ()
+    assert step(at - 1e-12).recovering == ()
+    outside = step(at + 0.1)
+    assert outside.recovering == ("wall is 0.1 rad outside its wall limit",)
+    assert "recovering: wall is 0.1 rad outside" in outside.message
+
+
 def test_margins_that_are_no_numbers_or_may_not_change_are_named_and_prove_nothing() -> None:
     task = qt.load_task("planar_line")
     at_first = task.model.qpos0

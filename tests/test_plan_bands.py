@@ -27,6 +27,7 @@ from qp_twist.planning import least_z_start, random_start, what_forbids
 from qp_twist.planning.hard_constraints import BETWEEN, HardConstraints
 from qp_twist.planning.path_rows import PathRows
 from qp_twist.planning.roll_grid import RollGrid
+from qp_twist.referee import Tolerances
 
 Array = np.ndarray
 X, Y, Z = np.eye(3)
@@ -480,3 +481,9 @@ def test_a_soft_band_is_no_constraint_of_a_plan() -> None:
     assert plans[0].value == pytest.approx(plans[1].value, rel=1e-9)
     rows = PathRows(dataclasses.replace(task, bands=(soft, hard)))
     assert rows.hard.names == ("bands[1], " + repr(hard),)
+
+
+def test_what_a_plan_promises_between_waypoints_is_what_a_check_lets_pass() -> None:
+    """A plan that was 1e-3 rad off was certified and did not pass."""
+    tolerances = Tolerances()
+    assert {"m": tolerances.position, "rad": tolerances.axis} == BETWEEN

@@ -463,3 +463,16 @@ def test_any_task_file_is_read_or_refused_with_a_sentence(
         assert str(error).strip()
         return
     assert np.isfinite(trajectory.q).all()
+
+
+def test_a_message_names_what_was_called_and_not_what_it_calls() -> None:
+    """``check_trajectory`` said ``write_trajectory``, and ``compare`` ``load_task``."""
+    path_task = qt.load_task("planar_line")
+    with pytest.raises(qt.InvalidInput, match=r"^trajectory: expected a Trajectory.*got ndarray"):
+        qt.check_trajectory(path_task.start, path_task)
+    asks: list[Callable[[Any], Any]] = [
+        qt.compare, qt.load_task, lambda task: qt.study(task, out="never")
+    ]  # fmt: skip
+    for ask in asks:
+        with pytest.raises(qt.InvalidInput, match=r"^task: expected the name of a shipped task or"):
+            ask([3])

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import copy
 import dataclasses
 import inspect
 import logging
+import pickle
+from typing import Any
 
 import mink
 import mink_problems
@@ -272,15 +275,6 @@ def test_bad_input_is_a_sentence(change: dict[str, object], message: str) -> Non
         qt.solve_ik(**(arguments | change))  # type: ignore[arg-type]
 
 
-def test_a_target_that_is_not_a_number_is_named() -> None:
-    c = mink_problems.configuration(1)
-    task = mink.FrameTask("left_hand", "site", 1.0, 1.0)
-    task.set_target(mink.SE3.from_translation(np.array([np.nan, 0.0, 0.0])))
-    for given in ({"tasks": [task]}, {"tasks": [], "constraints": [task]}):
-        with pytest.raises(qt.InvalidInput, match=r"FrameTask: its (error|rows|Jacobian)"):
-            qt.solve_ik(c, dt=DT, solver="daqp", **given)  # type: ignore[arg-type]
-
-
 # ---------------------------------------------------------------- twist tasks under mink itself
 
 
@@ -368,3 +362,102 @@ def test_the_controller_takes_all_of_minks_limits_and_keeps_loops_closed() -> No
         assert np.abs(closed.compute_error(c)).max() < 1e-5
     assert np.linalg.norm(weld.state(c).error) < 1e-6
     assert kinds >= {"velocity", "FreeJointVelocityLimit"}
+
+
+@pytest.mark.parametrize("far", [1e8, 1e11, 1e20, 1e300])
+@pytest.mark.parametrize("solver", ["daqp", "quadprog"])
+def test_a_constraint_far_beyond_any_robot_is_refused_by_name(far: float, solver: str) -> None:
+    """At 1e300 m it took 45 s, and came back as a velocity of NaN."""
+    configuration = mink.Configuration(PLANAR)
+    hand = mink.FrameTask("tip", "site", 1.0, 0.0)
+    hand.set_target(mink.SE3.from_translation(np.array([far, 0.0, 0.0])))
+    for options in ({}, {"primal_tol": 1e-9} if solver == "daqp" else {}):
+        with pytest.raises(qt.InvalidInput, match=r"FrameTask\('tip', 'site'\) asks for a speed"):
+            qt.ik_step(configuration, [], DT, solver, constraints=[hand], **options)
+
+
+def test_a_target_that_is_no_number_is_named() -> None:
+    configuration = mink.Configuration(PLANAR)
+    good, bad = (mink.FrameTask("tip", "site", 1.0, 0.0) for _ in range(2))
+    good.set_target(mink.SE3.identity())
+    bad.frame_name, bad.frame_type = "link_2", "body"
+    bad.set_target(mink.SE3(np.array([1.0, 0.0, 0.0, 0.0, 0.0, np.nan, 0.0])))
+    for tasks, constraints in (([good, bad], []), ([good], [bad])):
+        with pytest.raises(
+            qt.InvalidTarget, match=r"FrameTask\('link_2', 'body'\): its target: entry 5 is nan"
+        ):
+            qt.solve_ik(configuration, tasks, DT, "daqp", constraints=constraints)
+
+
+def test_a_class_in_place_of_an_object_is_a_sentence() -> None:
+    configuration = mink.Configuration(PLANAR)
+    for name, given in (
+        ("tasks", mink.FrameTask), ("constraints", qt.TwistTask), ("limits", mink.VelocityLimit),
+        ("limits", qt.PositionLimit),
+    ):  # fmt: skip
+        arguments = {"tasks": [], name: [given]}
+        with pytest.raises(qt.InvalidInput, match=rf"{name}\[0\] is the class {given.__name__}"):
+            qt.solve_ik(configuration, dt=DT, solver="daqp", **arguments)  # type: ignore[arg-type]
+
+
+def test_a_misspelt_keyword_is_refused_with_the_one_that_is_meant() -> None:
+    configuration = mink.Configuration(PLANAR)
+    with pytest.raises(qt.InvalidInput, match="did you mean 'on_infeasible'"):
+        qt.solve_ik(configuration, [], DT, "daqp", on_infeasable="raise")
+    with pytest.raises(TypeError, match="no argument 'on_infeasable'; did you mean 'on_infeas"):
+        qt.Controller(PLANAR, [], on_infeasable="raise")  # type: ignore[call-arg]
+    with pytest.raises(TypeError, match=r"no argument 'colour'\."):
+        qt.Controller(PLANAR, [], colour="red")  # type: ignore[call-arg]
+
+    class Mine(qt.Controller):
+        def __init__(self, colour: str, **options: Any) -> None:
+            super().__init__(PLANAR, [qt.TwistTask.point("tip", "site")], **options)
+            self.colour = colour
+
+    assert Mine(colour="red", on_infeasible="raise").colour == "red"
+    with pytest.raises(TypeError, match="on_infeasable"):
+        Mine(colour="red", on_infeasable="raise")
+
+
+def test_options_of_a_backend_that_sound_like_arguments_reach_it() -> None:
+    """``time_limit`` is near to ``limits``."""
+    task = mink.PostureTask(PLANAR, 1.0)
+    task.set_target(np.zeros(PLANAR.nq))
+    qt.solve_ik(mink.Configuration(PLANAR), [task], DT, "daqp", iter_limit=100)
+
+
+def test_a_number_that_is_an_array_is_called_one() -> None:
+    with pytest.raises(qt.InvalidInput, match=r"dt: expected a single number, got an array of "):
+        qt.solve_ik(mink.Configuration(PLANAR), [], np.array([DT, DT]), "daqp")  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("scaled", [False, True])
+def test_what_a_step_is_asked_for_later_goes_with_its_copies(scaled: bool) -> None:
+    """The names of active limits, residuals and σ_min are found when somebody asks."""
+    in_plane = qt.Projector.plane([0.0, 0.0, 1.0])
+    task = qt.TwistTask(
+        "tip", "site", qt.TwistProjector(linear=in_plane, angular=qt.Projector.none())
+    )
+    task.set_target(mink.SE3.from_translation(np.array([0.2, 9.0 if scaled else 0.3, 0.0])))
+    controller = qt.Controller(
+        PLANAR, [task], limits=[qt.MotionLimit(PLANAR, velocity=0.5)], solver="daqp",
+        secondary=[qt.PostureReference(PLANAR, np.ones(3))],
+    )  # fmt: skip
+    configuration = mink.Configuration(PLANAR, np.array([0.4, 0.5, 0.6]))
+
+    def asked(step: qt.Step) -> tuple[Any, ...]:
+        return step.binding, [r.tolist() for r in step.residuals], step.sigma_min, step.message
+
+    step = controller.step(configuration, 0.1)
+    step.velocity[:] = 0.0  # whose residuals do not change with it
+    copies = [pickle.loads(pickle.dumps(step)), copy.copy(step), copy.deepcopy(step)]
+    assert step.binding
+    A = controller.step(configuration, 0.1).problem.A
+    assert step.sigma_min == pytest.approx(np.linalg.svd(A, compute_uv=False)[-1])
+    assert np.abs(np.concatenate(step.residuals)).max() < 1e-8
+    changed = dataclasses.replace(step, solver="other")
+    for other in [*copies, changed]:
+        assert asked(other) == asked(step)
+    assert changed.solver == "other"
+    with pytest.raises(AttributeError):
+        step.colour  # noqa: B018

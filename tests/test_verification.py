@@ -27,7 +27,7 @@ from referee import (
 import qp_twist as qt
 from qp_twist.qp import Multipliers, Verified, installed_solvers, solve
 from qp_twist.qp.solve import FALLBACKS, Refused
-from qp_twist.qp.verification import infeasibility, proof_of_optimality
+from qp_twist.qp.verification import Point, feasible, proof_of_optimality
 
 Array = npt.NDArray[np.float64]
 Lie = Callable[[qpsolvers.Solution, qpsolvers.Problem], None]
@@ -398,7 +398,7 @@ def test_the_optimum_is_proven_without_a_backends_multipliers(seed: int) -> None
         Multipliers(rng.normal(size=len(p.b)), rng.normal(size=len(p.g)), rng.normal(size=p.n)),
         Multipliers(np.full(len(p.b), np.nan), np.full(len(p.g), np.inf), np.zeros(p.n)),
     ):
-        proof = proof_of_optimality(p, x, claimed)
+        proof = proof_of_optimality(p, Point.at(p, x), claimed)
         assert isinstance(proof, Multipliers), proof
         assert (proof.rows >= 0.0).all()
         # They prove it by duality, which is not how they were found.
@@ -411,7 +411,7 @@ def test_what_is_proven_cannot_be_improved(seed: int, share: float) -> None:
     optimum = _enumerated(p)
     x = optimum + share * (inside - optimum)  # the feasible set is convex
     gap = (objective(p, x) - objective(p, optimum)) / objective_size(p, x)
-    proof = proof_of_optimality(p, x, Multipliers.none(p))
+    proof = proof_of_optimality(p, Point.at(p, x), Multipliers.none(p))
     if gap > GAP:
         assert isinstance(proof, str)
         assert "not optimal" in proof
@@ -424,13 +424,15 @@ def test_a_point_between_the_walls_of_a_wedge_is_not_its_tip(angle: float) -> No
     """Near both walls, far from the tip to which the cost pulls."""
     G = np.array([[-np.sin(angle), np.cos(angle)], [-np.sin(angle), -np.cos(angle)]])
     p = program(np.eye(2), [1.0, 0.0], G=G, g=np.zeros(2))  # the tip is at 0, and is the optimum
-    assert isinstance(proof_of_optimality(p, np.zeros(2), Multipliers.none(p)), Multipliers)
+    assert isinstance(
+        proof_of_optimality(p, Point.at(p, np.zeros(2)), Multipliers.none(p)), Multipliers
+    )
     x = np.array([0.1, 0.0])
-    assert not infeasibility(p, x)
+    assert isinstance(feasible(p, x), Point)
     assert objective(p, x) > objective(p, np.zeros(2)) + 0.1
     for claimed in (Multipliers.none(p), Multipliers(np.zeros(0), np.full(2, 0.55 / angle),
                                                      np.zeros(2))):  # fmt: skip
-        assert "not optimal" in str(proof_of_optimality(p, x, claimed))
+        assert "not optimal" in str(proof_of_optimality(p, Point.at(p, x), claimed))
 
 
 def test_each_broken_constraint_is_named() -> None:
@@ -438,7 +440,7 @@ def test_each_broken_constraint_is_named() -> None:
         np.eye(2), np.zeros(2), A=[[1.0, 1.0]], b=[1.0], G=[[1.0, -1.0]], g=[0.5],
         lower=-1.0, upper=1.0,
     )  # fmt: skip
-    assert infeasibility(p, np.array([0.5, 0.5])) == ""
+    assert isinstance(feasible(p, np.array([0.5, 0.5])), Point)
     for x, name in (
         (None, "no result"),
         (np.zeros(3), "shape"),
@@ -447,7 +449,7 @@ def test_each_broken_constraint_is_named() -> None:
         (np.array([1.0, 0.0]), "inequality row"),
         (np.array([-0.1, 1.1]), "bound"),
     ):
-        assert name in infeasibility(p, x)
+        assert name in str(feasible(p, x))
 
 
 def test_a_result_a_hair_outside_is_brought_inside_and_checked_again() -> None:

@@ -104,13 +104,15 @@ def method_names(path_task: PathTask, methods: str | None) -> list[str]:
 
 
 def check_file(file: Path, option: str = "--out") -> None:
-    """Refuse a file that cannot be written, before anything has been computed."""
+    """Refuse a file that cannot be written before anything is computed; say of a new folder."""
     if file.is_dir():
         raise InvalidInput(f"{option} {file}: this is a folder; give a file to write.")
     if why := _no_folder(file.parent):
         raise InvalidInput(
             f"{option} {file}: {file.parent}: {why[0]}; give a file in another folder."
         )
+    if not file.parent.exists() and not quiet.get():
+        print(f"note: {file.parent} is not there yet and will be made", file=sys.stderr)
 
 
 def check_folder(folder: Path, option: str = "--out") -> None:

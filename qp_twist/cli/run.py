@@ -44,6 +44,7 @@ def run(
     Args:
         task: Name of a shipped task, or path to a .toml file.
         out: File to write: trajectory.csv, .npz, or .json in the fields of ROS' JointTrajectory.
+            Its folder is made if there is none, which is said.
         method: Method name.
         solver: Backend of the QPs; without it machine code.
         path: Toolpath to follow instead of the task's own, e.g. path.csv.

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import abc
 from collections.abc import Sequence
+from functools import partial
 
 import mink
 import mujoco
 import numpy as np
 
-from qp_twist.checks import Array, Indices
+from qp_twist.checks import Array, Indices, float_array
 from qp_twist.errors import InvalidInput
 from qp_twist.kinematics import JointRanges
 
@@ -132,6 +133,42 @@ def margins_of(constraint: Constraint, q: Array) -> Array:
     return margins
 
 
+def check_constraint(said: str, constraint: Constraint, model: mujoco.MjModel) -> None:
+    """Refuse a constraint that does not fit itself or the robot; ``said``: how messages call it.
+
+    Raises:
+        InvalidInput: If its kind is no name, or its names, units, margins, gradients or change are
+            not of one number of margins, for this robot.
+    """
+    kind, names = constraint.kind, constraint.names
+    if not isinstance(kind, str) or not kind:
+        raise InvalidInput(f"{said}: expected its kind as a name for messages, got {kind!r}.")
+    count = len(names)
+    if not all(isinstance(name, str) for name in names) or len(constraint.units) != count:
+        raise InvalidInput(
+            f"{said}: expected names, texts, and as many units; got {names!r} and "
+            f"{constraint.units!r}."[:300]
+        )
+    q, travel = np.tile(model.qpos0, (2, 1)), np.ones((2, model.nv))
+    for what, ask, shape in (
+        ("margins(q)", partial(constraint.margins, q), (2, count)),
+        ("gradients(q)", partial(constraint.gradients, q), (2, count, model.nv)),
+        ("change(q, travel)", partial(constraint.change, q, travel), (2, count)),
+    ):
+        asked = f"{said}: {what} of two configurations (2, {model.nq})"
+        try:
+            found = float_array(asked, ask())
+        except InvalidInput:
+            raise
+        except Exception as error:  # of anybody's class
+            raise InvalidInput(
+                f"{asked} raises {type(error).__name__}: {error}. It has to be a constraint of "
+                f"this robot, which has {model.nv} degrees of freedom."
+            ) from error
+        if found.shape != shape or np.isnan(found).any():
+            raise InvalidInput(f"{asked}: expected numbers of shape {shape}, got {found!r}."[:300])
+
+
 def check_constraints(
     name: str, constraints: Sequence[Constraint], model: mujoco.MjModel
 ) -> tuple[Constraint, ...]:
@@ -168,15 +205,5 @@ def check_constraints(
                 f"{said}: expected a unit for each of its {count} names, all 'm' or all 'rad', got "
                 f"{constraint.units!r}."
             )
-        q = np.tile(model.qpos0, (2, 1))
-        for what, found, shape in (
-            ("margins(q)", constraint.margins(q), (2, count)),
-            ("gradients(q)", constraint.gradients(q), (2, count, model.nv)),
-            ("change(q, travel)", constraint.change(q, np.ones((2, model.nv))), (2, count)),
-        ):
-            if np.shape(found) != shape or np.isnan(found).any():
-                raise InvalidInput(
-                    f"{said}: {what} of two configurations: expected numbers of shape {shape}, got "
-                    f"{found!r}."[:300]
-                )
+        check_constraint(said, constraint, model)
     return tuple(constraints)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import inspect
+import math
 import threading
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, Literal
@@ -14,12 +16,15 @@ import numpy.typing as npt
 from qp_twist.checks import (
     Array,
     checked,
+    did_you_mean,
     finite_array,
     instance,
+    largest,
     number,
     one_of,
     read_only,
 )
+from qp_twist.constraints import Constraint, check_constraint
 from qp_twist.controller.composition import composition_known
 from qp_twist.controller.infeasible import finished
 from qp_twist.controller.posed import Posed
@@ -114,6 +119,15 @@ class Controller:
         lambda _, name, value: number(name, value, at_least=0.0, at_most=1.0)
     )
 
+    def __new__(cls, *args: Any, **options: Any) -> Controller:
+        """As of any class, but a keyword that is misspelt is refused with the one that is meant."""
+        known = inspect.signature(cls.__init__).parameters if options else {}
+        if all(argument.kind is not argument.VAR_KEYWORD for argument in known.values()):
+            for name in options.keys() - known:
+                hint = did_you_mean(name, known)
+                raise TypeError(f"{cls.__name__}: there is no argument {name!r}{hint}")
+        return super().__new__(cls)
+
     def __init__(
         self,
         model: mujoco.MjModel,
@@ -184,6 +198,7 @@ class Controller:
         self._check_types()
         # The last configuration that was checked, its model and its data.
         self._checked = _NOT_CHECKED
+        self._identity = np.eye(model.nv)
         self.metric = (
             np.ones(model.nv) if metric is None else metric  # type: ignore[assignment]
         )
@@ -232,8 +247,7 @@ class Controller:
         # reads the data's memory.
         checked, model, data = self._checked
         if (
-            self._prepared is None
-            or configuration is not checked
+            configuration is not checked
             or getattr(configuration, "data", None) is not data
             or getattr(configuration, "model", None) is not model
         ):
@@ -249,7 +263,8 @@ class Controller:
                     return plain
             finally:
                 self._free.release()
-            self._check_configuration(configuration)
+        if not math.isfinite(sum(configuration.data.qpos.tolist())):
+            self._check_configuration(configuration)  # and say which joint it is
         with np.errstate(over="ignore", invalid="ignore"):  # the result is checked below
             posed = self._pose(configuration, dt, bool(use_secondary))
         if self.on_infeasible == "raise" and posed.levels.lost:
@@ -261,13 +276,15 @@ class Controller:
             )
         result = solve(posed.problem, self.solver)
         step = finished(posed, result, self.solver, self.on_infeasible)
-        self.note(step.velocity)
+        self._note(step.velocity)
         return step
 
     def note(self, velocity: npt.ArrayLike) -> None:
         """Tell the limits which joint velocity (nv,) is running; :meth:`step` does so itself."""
-        velocity = finite_array("velocity", velocity, (self.model.nv,))
-        if not np.abs(velocity).max() <= FASTEST:
+        self._note(finite_array("velocity", velocity, (self.model.nv,)))
+
+    def _note(self, velocity: Array) -> None:
+        if largest(velocity) > FASTEST:
             raise InvalidInput(f"velocity: the joints cannot move faster than {FASTEST:g}.")
         for limit in self.limits:
             if isinstance(limit, BoxLimit):
@@ -289,8 +306,8 @@ class Controller:
         levels = pose_levels(self.levels, configuration, dt, self.singularity)
         A, b = levels.equality
         if self.secondary_space == "joint":
-            H = np.diag(self.joint_weight * self.metric)
-            c = -H @ wish
+            weights = self.joint_weight * self.metric
+            H, c = self._identity * weights, -weights * wish
         else:
             free = np.vstack(
                 [
@@ -303,16 +320,15 @@ class Controller:
             # JᵀJ instead of near singular.
             H = cost + A.T @ A
             c = -cost @ wish
-        hessian, linear = mink_costs(self.soft_tasks, configuration, dt)
-        H += hessian
-        c += linear
-        check_magnitudes(H, c, wish)
+        if self.soft_tasks:
+            hessian, linear = mink_costs(self.soft_tasks, configuration, dt)
+            H, c = H + hessian, c + linear
         limits = gather_limits(self.limits, configuration, dt)
-        problem = with_soft_bands(
-            QuadraticProgram(H, c, A, b, limits.rows, limits.bounds, limits.lower, limits.upper),
-            levels.soft_bands,
+        problem = QuadraticProgram(
+            H, c, A, b, limits.rows, limits.bounds, limits.lower, limits.upper
         )
-        return Posed.of(problem, levels, limits, [*limits.sources, *levels.soft_bands])
+        check_magnitudes(problem, wish)
+        return Posed.of(with_soft_bands(problem, levels.soft_bands), levels, limits)
 
     def _check_types(self) -> None:
         if self.model.nv == 0:
@@ -336,6 +352,10 @@ class Controller:
                         f"{item!r}."
                     )
                 check_model(f"Controller({kind}=…)", item, self.model.nv)
+        for limit in (*self.limits, *(item for level in self.levels for item in level)):
+            if isinstance(limit, Constraint):
+                said = f"Controller(limits=…): {type(limit).__name__}"
+                check_constraint(said, limit, self.model)
         probe = mink.Configuration(self.model)
         for task in self.twist_tasks:
             frame_pose(probe, task.frame_name, task.frame_type)

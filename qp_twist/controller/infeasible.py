@@ -9,13 +9,10 @@ import numpy as np
 from qp_twist.checks import Array
 from qp_twist.controller.posed import Posed
 from qp_twist.controller.step import NOT_THE_LIMITS, Status, Step
-from qp_twist.limits import BindingLimit
 from qp_twist.qp import (
     SCALE_BACKOFF,
     InfeasibleStep,
     LargestScale,
-    Level,
-    QuadraticProgram,
     Refused,
     SolverInaccurate,
     Verified,
@@ -27,18 +24,11 @@ from qp_twist.qp import (
 
 
 def finished(posed: Posed, result: Verified | Refused, solver: str, on_infeasible: str) -> Step:
-    """The step of a program, solved as posed or not; arguments and errors of the two below."""
-    if isinstance(result, Verified):
-        return solved(posed, result)
-    return resolve_infeasible(posed, result, solver, on_infeasible)
-
-
-def resolve_infeasible(posed: Posed, refused: Refused, solver: str, on_infeasible: str) -> Step:
-    """The step of a program that the backend did not solve.
+    """The step of a program, whatever the backend made of it.
 
     Args:
         posed: The step as posed.
-        refused: What the backend said.
+        result: What the backend said.
         solver: Its name.
         on_infeasible: ``"scale"``, ``"relax"`` or ``"raise"``.
 
@@ -46,31 +36,36 @@ def resolve_infeasible(posed: Posed, refused: Refused, solver: str, on_infeasibl
         InfeasibleStep: If the first level does not fit and ``on_infeasible`` is ``"raise"``.
         SolverInaccurate: If the step is feasible and no backend solved it.
     """
+    if isinstance(result, Verified):
+        return _solved(posed, result)
     first, problem = posed.padded[0], posed.problem
     # Whether the first level fits is asked of its residual, which has a unit: of a task that is met
     # up to rounding the largest scale may be anything.
     closest = lexicographic([posed.hard, first], problem.lower, problem.upper)
     fits = posed.hard.met(closest.x) and first.met(closest.x)
-    largest = LargestScale.full(closest.x) if fits else largest_scale(_first_level(posed, first))
+    if fits:
+        largest: LargestScale | None = LargestScale.full(closest.x)
+    else:  # of the hard rows and the first level alone
+        G, g = np.vstack([posed.hard.G, first.G]), np.concatenate([posed.hard.g, first.g])
+        largest = largest_scale(replace(problem, A=first.A, b=first.b, G=G, g=g))
     if largest is None or largest.scale < 1.0 - SCALE_BACKOFF:
         if on_infeasible == "raise":
             raise _infeasible(posed, largest)
         if largest is None or on_infeasible == "relax":
-            start = np.zeros(posed.problem.n) if largest is None else largest.x
+            start = np.zeros(problem.n) if largest is None else largest.x
             return _cascade(posed, solver, 1.0, start, Status.RELAXED)
         return _scaled(posed, solver, largest)
     # The first level fits. Either a lower one does not, or it was the solver that failed.
     if not any(len(level.b) + len(level.g) for level in posed.padded[1:]):
-        result = solve(posed.problem, solver, persist=True)
+        result = solve(problem, solver, persist=True)
         if isinstance(result, Verified):
-            return solved(posed, result)
+            return _solved(posed, result)
         if result.claimed:
             raise _inaccurate(posed, result)
-        refused = result
-    return _cascade(posed, solver, 1.0, largest.x, Status.PRIORITIZED, refused=refused.says)
+    return _cascade(posed, solver, 1.0, largest.x, Status.PRIORITIZED, refused=result.says)
 
 
-def solved(posed: Posed, result: Verified) -> Step:
+def _solved(posed: Posed, result: Verified) -> Step:
     """The step of a program that was solved as posed."""
     status = Status.SOLVED
     if posed.levels.lost:
@@ -81,34 +76,23 @@ def solved(posed: Posed, result: Verified) -> Step:
         result.x,
         status,
         result.solver,
-        posed.binding(result.multipliers.box, result.multipliers.rows, 1.0),
+        (result.multipliers.box, result.multipliers.rows, 1.0),
         refused=result.refused,
-    )
-
-
-def _first_level(posed: Posed, first: Level) -> QuadraticProgram:
-    """The hard rows and the first level alone."""
-    return replace(
-        posed.problem,
-        A=first.A,
-        b=first.b,
-        G=np.vstack([posed.hard.G, first.G]),
-        g=np.concatenate([posed.hard.g, first.g]),
     )
 
 
 def _scaled(posed: Posed, solver: str, largest: LargestScale) -> Step:
     scale = largest.scale * (1.0 - SCALE_BACKOFF)
-    binding = posed.binding(largest.box_multipliers, largest.row_multipliers)
+    multipliers = largest.box_multipliers, largest.row_multipliers, 0.0
     if len(posed.padded) == 1:
         problem = posed.problem.with_rows(scale * posed.problem.b)
         result = solve(problem, solver)
         if isinstance(result, Verified):
             return posed.step(
-                result.x, Status.SCALED, result.solver, binding, scale=scale, problem=problem
+                result.x, Status.SCALED, result.solver, multipliers, scale=scale, problem=problem
             )
     # On the very edge a backend may see no inside; the point that was found is there.
-    return _cascade(posed, solver, scale, largest.x, Status.SCALED, binding=binding)
+    return _cascade(posed, solver, scale, largest.x, Status.SCALED, multipliers=multipliers)
 
 
 def _cascade(
@@ -118,7 +102,7 @@ def _cascade(
     start: Array,
     status: Status,
     *,
-    binding: tuple[BindingLimit, ...] | None = None,
+    multipliers: tuple[Array, Array, float] | None = None,
     refused: tuple[str, ...] = (),
 ) -> Step:
     """Level by level from ``start``, then the costs on what is left."""
@@ -138,14 +122,14 @@ def _cascade(
     result = solve_within(problem, cascade, solver)
     if isinstance(result, Refused):
         raise _inaccurate(posed, result)
-    if binding is None:
-        binding = posed.binding(cascade.box_multipliers, np.array(cascade.row_multipliers))
+    if multipliers is None:
+        multipliers = cascade.box_multipliers, np.array(cascade.row_multipliers), 0.0
     gaps = cascade.gaps(result.x)[1:]
     return posed.step(
         result.x,
         status,
         result.solver,
-        binding,
+        multipliers,
         scale=scale,
         problem=problem.with_rows(np.concatenate([level.b for level in levels])),
         refused=refused + result.refused,

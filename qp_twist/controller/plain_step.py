@@ -72,6 +72,9 @@ class PlainStep(Step):
         fields["_numbers"] = numbers.tobytes()
         fields["_size"], fields["_layout"] = size, layout
         fields["_rows"] = rows
+        if rows:
+            left = [s for source in rows for s in getattr(source, "recovering", ())]
+            fields["recovering"] = tuple(left)
         return step
 
     def hindered(self, status: Status, scale: float, gaps: tuple[float, ...] = ()) -> None:

@@ -3,61 +3,61 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property, partial
 
 import numpy as np
 
 from qp_twist.checks import Array
 from qp_twist.controller.posing import PosedLevels, stacked
 from qp_twist.controller.step import Status, Step
-from qp_twist.limits import DUST, BindingLimit, GatheredLimits, Named, binding_bounds
+from qp_twist.limits import DUST, BindingLimit, GatheredLimits, binding_bounds
 from qp_twist.qp import Level, QuadraticProgram
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(eq=False)
 class Posed:
     """Everything about a step before it is solved.
 
     Attributes:
         problem: The program as if every level could be met; unknowns beyond nv are the slacks of
-            soft bands.
-        hard: The inequality rows that hold for all levels, on all unknowns.
-        padded: The levels on all unknowns.
+            soft bands. Of its inequality rows those of the limits come first, then those of soft
+            bands, then the levels' own.
         levels: The levels as the tasks state them.
         limits: The gathered limits.
-        sources: What the rows of ``problem.G`` come from, which knows their names.
     """
 
     problem: QuadraticProgram
-    hard: Level
-    padded: list[Level]
     levels: PosedLevels
     limits: GatheredLimits
-    sources: list[Named]
 
     @classmethod
-    def of(
-        cls,
-        problem: QuadraticProgram,
-        levels: PosedLevels,
-        limits: GatheredLimits,
-        sources: list[Named],
-    ) -> Posed:
-        """Add the levels' own inequality rows to a program whose G holds the hard rows."""
-        hard = Level(np.zeros((0, problem.n)), np.zeros(0), problem.G, problem.g)
-        padded = [level.padded(problem.n) for level in levels.levels]
-        own = [(level.G, level.g) for level in padded if len(level.g)]
-        whole = problem
+    def of(cls, problem: QuadraticProgram, levels: PosedLevels, limits: GatheredLimits) -> Posed:
+        """Add the levels' own inequality rows to a program."""
+        own = [level.padded(problem.n) for level in levels.levels if len(level.g)]
         if own:
-            G, g = stacked([(problem.G, problem.g), *own], problem.n)
-            whole = replace(problem, G=G, g=g)
-        return cls(whole, hard, padded, levels, limits, sources + levels.sources)
+            blocks = [(problem.G, problem.g), *((level.G, level.g) for level in own)]
+            G, g = stacked(blocks, problem.n)
+            problem = replace(problem, G=G, g=g)
+        return cls(problem, levels, limits)
+
+    @cached_property
+    def hard(self) -> Level:
+        """The inequality rows that hold for all levels, on all unknowns."""
+        n, own = self.problem.n, sum(len(level.g) for level in self.levels.levels)
+        k = len(self.problem.g) - own
+        return Level(np.zeros((0, n)), np.zeros(0), self.problem.G[:k], self.problem.g[:k])
+
+    @cached_property
+    def padded(self) -> list[Level]:
+        """The levels on all unknowns."""
+        return [level.padded(self.problem.n) for level in self.levels.levels]
 
     def step(
         self,
         x: Array,
         status: Status,
         solver: str,
-        binding: tuple[BindingLimit, ...],
+        multipliers: tuple[Array, Array, float],
         *,
         scale: float = 1.0,
         problem: QuadraticProgram | None = None,
@@ -65,26 +65,32 @@ class Posed:
         gaps: tuple[float, ...] = (),
         proven: bool = True,
     ) -> Step:
-        """The step that goes with a solution of the program."""
-        velocity = x[: len(self.limits.lower)]
-        return Step(
+        """The step that goes with a solution of the program; multipliers as in :meth:`binding`."""
+        velocity = x[: len(self.limits.lower)].copy()  # of the joints alone
+        return Step.of(
+            {
+                "binding": partial(self.binding, *multipliers),
+                "residuals": partial(self.residuals, velocity.copy(), scale),
+                "sigma_min": self.levels.sigma_min,
+            },
             velocity=velocity,
             scale=scale,
-            residuals=tuple(
-                rows.A @ velocity - (scale if index == 0 else 1.0) * rows.b
-                for index, tasks in enumerate(self.levels.tasks)
-                for rows in tasks
-            ),
-            binding=binding,
             status=status,
             solver=solver,
             problem=self.problem if problem is None else problem,
-            sigma_min=self.levels.sigma_min,
             lost=tuple(replace(d, missing=scale * d.missing) for d in self.levels.lost),
             recovering=self.limits.recovering,
             refused=refused,
             gaps=gaps,
             proven=proven,
+        )
+
+    def residuals(self, velocity: Array, scale: float) -> tuple[Array, ...]:
+        """A q̇ − s b of each task; s = 1 below the first level."""
+        return tuple(
+            rows.A @ velocity - (1.0 if index else scale) * rows.b
+            for index, tasks in enumerate(self.levels.tasks)
+            for rows in tasks
         )
 
     def binding(self, box: Array, rows: Array, floor: float = 0.0) -> tuple[BindingLimit, ...]:
@@ -93,18 +99,15 @@ class Posed:
         Multipliers are dust below a share of the largest, or of ``floor`` if that is larger.
         """
         limits = self.limits
-        nv = len(limits.lower)
-        box = box[:nv]
-        largest = max(float(np.abs(box).max(initial=0.0)), float(rows.max(initial=0.0)))
+        box = box[: len(limits.lower)]
         # Interior-point and first-order backends leave dust on inactive limits.
-        dust = DUST * max(largest, floor)
-        found = []
-        if (np.abs(box) > dust).any():  # names are looked up, and so are kinds
-            found = binding_bounds(
-                box, dust, limits.names, limits.box.lower_kind, limits.box.upper_kind
-            )
-        if (rows > dust).any():
-            names = [name for source in self.sources for name in source.names]
-            for row in np.flatnonzero(rows > dust):
-                found.append(BindingLimit(*names[row], "upper", float(rows[row])))
+        dust = DUST * max(np.abs(box).max(initial=0.0), rows.max(initial=0.0), floor)
+        found = binding_bounds(
+            box, dust, limits.names, limits.box.lower_kind, limits.box.upper_kind
+        )
+        active = np.flatnonzero(rows > dust)
+        if len(active):
+            sources = [*limits.sources, *self.levels.soft_bands, *self.levels.sources]
+            names = [name for source in sources for name in source.names]
+            found += [BindingLimit(*names[row], "upper", float(rows[row])) for row in active]
         return tuple(found)

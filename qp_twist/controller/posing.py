@@ -10,11 +10,11 @@ from typing import Any, NamedTuple
 import mink
 import numpy as np
 
-from qp_twist.checks import Array, are_rows, finite_array, float_array, within
-from qp_twist.errors import InvalidInput
+from qp_twist.checks import Array, are_rows, finite_array, float_array, largest, within
+from qp_twist.errors import InvalidInput, InvalidTarget
 from qp_twist.kinematics import BandRows, TwistTask
 from qp_twist.limits import Named, gather_limits
-from qp_twist.qp import Level, LostDirection, QuadraticProgram, regular_rows
+from qp_twist.qp import Level, LostDirection, QuadraticProgram, RegularRows, regular_rows
 
 NEARLY_UNSEEN = 1e-4
 """Singular values of J below this share of the largest count, by degrees, as unseen."""
@@ -29,15 +29,14 @@ LARGEST_ROW = 1e12
 LevelItem = mink.tasks.BaseTask | mink.Limit
 
 
-@dataclass(frozen=True, eq=False)
-class TaskRows:
+class TaskRows(NamedTuple):
     """What one task asks for, before anything is taken from it: A q̇ = b."""
 
     A: Array
     b: Array
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(eq=False)
 class PosedLevels:
     """The priority levels of a step.
 
@@ -48,7 +47,7 @@ class PosedLevels:
         stated: Number of the level as stated, for each of ``levels``.
         sources: What the inequality rows come from, in order of levels.
         tasks: Rows as the tasks state them, for each level.
-        sigma_min: Smallest singular value of the first level's rows.
+        first: The first level's rows.
         lost: What singularities take from the first level.
         lower_lost: Whether a lower level has no room for some of its directions.
         soft_bands: Rows of the soft bands of all tasks.
@@ -58,7 +57,7 @@ class PosedLevels:
     stated: list[int]
     sources: list[Named]
     tasks: list[list[TaskRows]]
-    sigma_min: float
+    first: RegularRows
     lost: tuple[LostDirection, ...]
     lower_lost: bool
     soft_bands: list[BandRows]
@@ -67,6 +66,10 @@ class PosedLevels:
     def equality(self) -> tuple[Array, Array]:
         """A and b of all levels, stacked."""
         return stacked([(v.A, v.b) for v in self.levels], 0)
+
+    def sigma_min(self) -> float:
+        """Smallest singular value of the first level's rows."""
+        return self.first.sigma_min
 
     def as_stated(self, values: Sequence[float]) -> tuple[float, ...]:
         """Values of ``levels`` added up for each level as stated."""
@@ -103,16 +106,15 @@ def pose_levels(
     posed: list[Level] = []
     sources: list[Named] = []
     tasks: list[list[TaskRows]] = []
-    stated, sigma_min, lower_lost = list[int](), np.inf, False
-    lost: tuple[LostDirection, ...] = ()
+    stated: list[int] = []
+    lower_lost = False
     soft_bands: list[BandRows] = []
     for index, items in enumerate(levels):
         rows, G, g = _evaluate(items, configuration, dt, sources, soft_bands)
-        A, b = stacked([(r.A, r.b) for r in rows], nv)
-        _check_speed("the tasks ask", b)
+        A, b = stacked(rows, nv)
+        check_speed("the tasks ask", b)
         if index == 0:
-            regular = regular_rows(A, b, threshold)
-            sigma_min = regular.sigma_min
+            first = regular = regular_rows(A, b, threshold)
             lost = lost_where(items, rows, regular.lost, configuration)
         else:
             above = stacked([(v.A, v.b) for v in posed], nv)
@@ -123,7 +125,7 @@ def pose_levels(
             posed.append(Level(regular.damped, regular.damped_b, G[:0], g[:0]))
         stated += [index] * (len(posed) - len(stated))
         tasks.append(rows)
-    return PosedLevels(posed, stated, sources, tasks, sigma_min, lost, lower_lost, soft_bands)
+    return PosedLevels(posed, stated, sources, tasks, first, lost, lower_lost, soft_bands)
 
 
 def _evaluate(
@@ -148,7 +150,7 @@ def _evaluate(
             sources.append(source)
         elif isinstance(item, TwistTask):
             rows.append(TaskRows(*item.velocity_rows(configuration, dt)))
-            for band in item.band_rows(configuration, dt):
+            for band in item.band_rows(configuration, dt) if item.bands else ():
                 if band.weight is not None:
                     soft_bands.append(band)
                 else:
@@ -166,7 +168,7 @@ def lost_where(
     configuration: mink.Configuration,
 ) -> tuple[LostDirection, ...]:
     """Lost directions of a level of tasks with their rows, each with its place in words."""
-    return tuple(replace(d, where=_where(items, rows, d, configuration)) for d in lost)
+    return tuple([replace(d, where=_where(items, rows, d, configuration)) for d in lost])
 
 
 def _where(
@@ -198,7 +200,7 @@ def _mink_rows(task: mink.tasks.BaseTask, configuration: mink.Configuration, dt:
     stated = mink_cost(task, configuration)
     if isinstance(stated, mink.Objective):
         raise InvalidInput(
-            f"Controller(levels=…): {type(task).__name__} states a cost but no rows, so it cannot "
+            f"Controller(levels=…): {name_of(task)} states a cost but no rows, so it cannot "
             "stand in a level; give it in tasks= instead."
         )
     check_cost(task, stated)
@@ -218,6 +220,24 @@ class WeightedRows(NamedTuple):
     """μ, a number or (nv,)."""
 
 
+def name_of(task: Any) -> str:
+    """How messages call a task: with its frame, where it has one."""
+    frame, kind = getattr(task, "frame_name", None), getattr(task, "frame_type", None)
+    name = type(task).__name__
+    return name if frame is None or kind is None else f"{name}({frame!r}, {kind!r})"
+
+
+def check_target(task: Any) -> None:
+    """Refuse a mink task whose target is not finite.
+
+    Raises:
+        InvalidTarget: If it is not.
+    """
+    target = getattr(task, "transform_target_to_world", None)
+    if isinstance(target, mink.SE3):
+        finite_array(f"{name_of(task)}: its target", target.wxyz_xyz, (7,), error=InvalidTarget)
+
+
 def mink_cost(
     task: mink.tasks.BaseTask, configuration: mink.Configuration
 ) -> WeightedRows | mink.Objective:
@@ -230,11 +250,11 @@ def mink_cost(
     """
     nv, residual = configuration.model.nv, task.compute_qp_residual(configuration)
     if residual is None:
-        return _objective(type(task).__name__, task.compute_qp_objective(configuration), nv)
+        return _objective(name_of(task), task.compute_qp_objective(configuration), nv)
     W, e, damping = residual
     if are_rows(W, e, nv):
         return WeightedRows(W, e, damping)
-    name = type(task).__name__
+    name = name_of(task)
     return WeightedRows(
         *as_rows(W, e, nv, f"{name}: its rows, cost × Jacobian", f"{name}: its error"), damping
     )
@@ -267,7 +287,8 @@ def check_cost(task: mink.tasks.BaseTask, stated: WeightedRows | mink.Objective)
     Raises:
         InvalidInput: If it is.
     """
-    name = type(task).__name__
+    check_target(task)
+    name = name_of(task)
     if isinstance(stated, mink.Objective):
         finite_array(f"{name}: H of its cost", stated.H, stated.H.shape)
         finite_array(f"{name}: c of its cost", stated.c, stated.c.shape)
@@ -283,32 +304,30 @@ def mink_costs(
 ) -> tuple[Array, Array]:
     r"""H and c of mink tasks on q̇: theirs are on Δq = q̇ dt, here divided by dt².
 
-    Tasks that state weighted rows W, errors e and a damping μ are stacked, as mink does:
+    Of tasks that state weighted rows W, errors e and a damping μ
 
     .. math::
 
-        \mathbf H = \mathbf W^T\mathbf W + \textstyle\sum\mu\,\mathbf 1, \qquad
-              \mathbf c = -\mathbf W^T\mathbf e
+        \mathbf H = \textstyle\sum\mathbf W^T\mathbf W + \mu\,\mathbf 1, \qquad
+              \mathbf c = -\textstyle\sum\mathbf W^T\mathbf e
 
     Raises:
         InvalidInput: If what a task states is not finite or of the wrong shape.
     """
     nv = configuration.model.nv
-    stated = [mink_cost(task, configuration) for task in tasks]
     H, c = np.zeros((nv, nv)), np.zeros(nv)
-    rows = [cost for cost in stated if isinstance(cost, WeightedRows)]
+    stated = [mink_cost(task, configuration) for task in tasks]
     for cost in stated:
         if isinstance(cost, mink.Objective):
             H += cost.H
             c += cost.c
-    if rows:
-        W = np.vstack([cost.rows for cost in rows])
-        e = np.concatenate([cost.error for cost in rows])
-        H += W.T @ W
-        H.flat[:: nv + 1] += sum(cost.damping for cost in rows)
-        c -= e @ W
+        else:
+            W, e, damping = cost
+            H += W.T @ W
+            H.reshape(-1)[:: nv + 1] += damping
+            c -= e @ W
     # Squares of the largest rows that are taken; written so that NaN is too large.
-    if not (np.abs(H).max(initial=0.0) <= LARGEST_ROW**2 and math.isfinite(c.sum())):
+    if not largest(H) + largest(c) <= LARGEST_ROW**2:
         for task, cost in zip(tasks, stated, strict=True):
             check_cost(task, cost)
     return H, c / dt
@@ -349,8 +368,9 @@ def with_soft_bands(problem: QuadraticProgram, bands: Sequence[BandRows]) -> Qua
     )
 
 
-def _check_speed(what: str, values: Array) -> None:
-    fastest = float(np.abs(values).max(initial=0.0))
+def check_speed(what: str, values: Array) -> None:
+    """Refuse speeds that no robot has, and that costs and limits are lost beside."""
+    fastest = largest(values)
     if not fastest <= FASTEST:
         raise InvalidInput(
             f"step: {what} for a speed of {fastest:.3g} (m/s or rad/s); check targets, gains "
@@ -358,19 +378,19 @@ def _check_speed(what: str, values: Array) -> None:
         )
 
 
-def check_magnitudes(H: Array, c: Array, wish: Array) -> None:
+def check_magnitudes(problem: QuadraticProgram, wish: Array) -> None:
     """Refuse what no solver can work with, and no robot: the loops of some would not end."""
-    _check_speed("the secondary asks", wish)
-    if not (np.isfinite(H).all() and np.isfinite(c).all()):
+    check_speed("the secondary asks", wish)
+    if problem.pull <= STEEPEST * problem.steepest < math.inf:  # false for NaN
+        return
+    if not (np.isfinite(problem.H).all() and np.isfinite(problem.c).all()):
         raise InvalidInput(
             "step: the costs overflow; check the cost, weight and metric of tasks and controller."
         )
-    steepest = float(np.abs(c).max(initial=0.0))
-    if steepest > STEEPEST * float(np.abs(H).max(initial=0.0)):
-        raise InvalidInput(
-            f"step: the linear cost reaches {steepest:.3g}, more than {STEEPEST:g} times the "
-            "quadratic one; check the targets, costs and gains of the mink tasks."
-        )
+    raise InvalidInput(
+        f"step: the linear cost reaches {problem.pull:.3g}, more than {STEEPEST:g} times the "
+        "quadratic one; check the targets, costs and gains of the mink tasks."
+    )
 
 
 def unseen(rows: Array, metric: Array) -> Array:

@@ -9,20 +9,34 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import mink
+import mujoco
 import numpy as np
 
-from qp_twist.checks import Array, are_rows, finite_array, number, one_of
+from qp_twist.checks import (
+    Array,
+    are_rows,
+    did_you_mean,
+    finite_array,
+    largest,
+    number,
+    one_of,
+)
+from qp_twist.constraints import Constraint, check_constraint
 from qp_twist.controller.infeasible import finished
 from qp_twist.controller.posed import Posed
 from qp_twist.controller.posing import (
+    FASTEST,
     PosedLevels,
     TaskRows,
     WeightedRows,
     as_rows,
     check_cost,
     check_magnitudes,
+    check_speed,
+    check_target,
     lost_where,
     mink_cost,
+    name_of,
     stacked,
 )
 from qp_twist.controller.step import NOT_THE_LIMITS, Step
@@ -58,6 +72,11 @@ if TYPE_CHECKING:
 DEPENDENT = 1e-9
 """Default of ``singularity``: rows that depend on each other to this much count once."""
 
+_OWN = (
+    "configuration", "tasks", "damping", "safety_break", "limits", "constraints", "on_infeasible",
+    "singularity",
+)  # fmt: skip
+"""Arguments that an option of a backend, misspelt, may have been meant for."""
 _MINK_LOG = logging.getLogger(mink.__name__)
 _CHECK_LIMITS = mink.Configuration.check_limits
 
@@ -185,9 +204,11 @@ class _Request(NamedTuple):
         return [limit for limit in self.limits or () if _is_a(limit, BoxLimit)]
 
     def recovering(self, configuration: mink.Configuration) -> tuple[str, ...]:
-        """What our limits say of joints that are outside."""
-        return tuple(
-            words for limit in self.ours for words in limit.recovering(configuration, self.dt)
+        """What our limits, and constraints of anybody's, say of what is outside."""
+        stated = [f for f in self.findings if isinstance(f, StatedRows)]
+        return (
+            *(words for limit in self.ours for words in limit.recovering(configuration, self.dt)),
+            *(words for rows in stated for words in rows.recovering(configuration)),
         )
 
     def note(self, velocity: Array) -> None:
@@ -238,7 +259,9 @@ def _solved(
         else:
             for box in found:
                 program.add_box(box)
-    for rows in request.rows:
+    for constraint, rows in zip(request.constraints, request.rows, strict=True):
+        if not largest(rows.b) <= FASTEST:
+            _check_rows(constraint, rows)
         program.add_equality(rows.A, rows.b)
     if not options and program.solve(dt, threshold, on_infeasible == "scale"):
         return request, program
@@ -262,7 +285,6 @@ def _asked(
     constraints: Iterable[mink.Task] | None,
 ) -> _Request:
     """What everybody states; whoever cannot be asked is named."""
-    nv = configuration.model.nv
     given = _listed("tasks", tasks)
     stated = None if limits is None else _listed("limits", limits)
     if not isinstance(constraints, Iterable):
@@ -282,7 +304,7 @@ def _asked(
         rows = [_constraint_rows(task, configuration, dt) for task in exact]
     except Exception:
         for name, items in (("tasks", given), ("limits", stated or ()), ("constraints", exact)):
-            _check_items(name, items, nv)
+            _check_items(name, items, configuration.model)
         raise
     return _Request(given, costs, stated, findings, exact, rows, damping, dt)
 
@@ -317,7 +339,6 @@ def _by_reference(
     """The step by a backend of qpsolvers, whatever becomes of it; what is no number is named."""
     for task, found in zip(request.tasks, request.costs, strict=True):
         check_cost(task, found)
-    check_magnitudes(*cost, cost[1][:0])
     for constraint, rows in zip(request.constraints, request.rows, strict=True):
         _check_rows(constraint, rows)
     stated = request.limits
@@ -334,8 +355,13 @@ def _by_reference(
     problem = QuadraticProgram(
         *cost, *levels.equality, limits.rows, limits.bounds, limits.lower, limits.upper
     )
-    posed = Posed.of(problem, levels, limits, list(limits.sources))
-    result = solve(posed.problem, solver, options=options)
+    check_magnitudes(problem, problem.c[:0])
+    posed = Posed.of(problem, levels, limits)
+    try:
+        result = solve(posed.problem, solver, options=options)
+    except InvalidInput as error:  # of an option that the backend does not know
+        meant = "".join(f" {name!r}{did_you_mean(name, _OWN)}" for name in options)
+        raise InvalidInput(f"{error} As arguments of solve_ik:{meant}") from error
     if options and isinstance(result, Refused):
         again, before = solve(posed.problem, solver), result.says
         result = replace(again, refused=before) if isinstance(again, Verified) else again
@@ -361,7 +387,7 @@ def _constraint_rows(task: Any, configuration: mink.Configuration, dt: float) ->
     jacobian, error = task.compute_jacobian(configuration), task.compute_error(configuration)
     nv = configuration.model.nv
     if not are_rows(jacobian, error, nv):
-        what = f"{type(task).__name__}: its"
+        what = f"{name_of(task)}: its"
         jacobian, error = as_rows(jacobian, error, nv, f"{what} Jacobian", f"{what} error")
     return TaskRows(jacobian, -task.gain * error / dt)
 
@@ -384,10 +410,12 @@ def _looks_once(task: Any) -> bool:
 
 
 def _check_rows(task: mink.Task, rows: TaskRows) -> None:
-    """Refuse rows of a constraint that are not finite, by its name."""
-    name = type(task).__name__
+    """Refuse rows of a constraint that are not finite, or ask for a speed that is none, by name."""
+    check_target(task)
+    name = name_of(task)
     finite_array(f"{name}: its Jacobian", rows.A, rows.A.shape)
     finite_array(f"{name}: its error", rows.b, rows.b.shape)
+    check_speed(f"{name} asks", rows.b)
 
 
 def _levels(
@@ -398,7 +426,8 @@ def _levels(
 ) -> PosedLevels:
     """The constraints, with their rows, as one level."""
     nv = configuration.model.nv
-    lost, regular = list[LostDirection](), list[tuple[Array, Array]]()
+    lost: list[LostDirection] = []
+    regular: list[tuple[Array, Array]] = []
     for task, stated in zip(constraints, rows, strict=True):
         # What a task cannot do for itself is given up; the rest of it stays.
         own = regular_rows(stated.A, stated.b, threshold)
@@ -416,9 +445,7 @@ def _levels(
         lost += lost_where(constraints, blocks, whole.lost, configuration)
         if len(whole.damped_b):
             levels.append(Level(whole.damped, whole.damped_b, *none))
-    return PosedLevels(
-        levels, [0] * len(levels), [], [rows], whole.sigma_min, tuple(lost), False, []
-    )
+    return PosedLevels(levels, [0] * len(levels), [], [rows], whole, tuple(lost), False, [])
 
 
 _ASKED = {
@@ -438,7 +465,7 @@ def _listed(name: str, items: Any) -> Sequence[Any]:
     return list(items)
 
 
-def _check_items(name: str, items: Sequence[Any], nv: int) -> None:
+def _check_items(name: str, items: Sequence[Any], model: mujoco.MjModel) -> None:
     """Refuse an item that lacks what mink would call, or is for another model."""
     for index, item in enumerate(items):
         if not all(hasattr(item, asked) for asked in _ASKED[name]):
@@ -448,4 +475,11 @@ def _check_items(name: str, items: Sequence[Any], nv: int) -> None:
                 f"solve_ik: {name}[{index}] is {type(item).__name__}, which is none of mink's "
                 f"{name}.{hint}"
             )
-        check_model(f"solve_ik: {name}[{index}]", item, nv)
+        said = f"solve_ik: {name}[{index}]"
+        if isinstance(item, type):
+            raise InvalidInput(
+                f"{said} is the class {item.__name__}; make an object of it: {item.__name__}(…)."
+            )
+        check_model(said, item, model.nv)
+        if isinstance(item, Constraint):
+            check_constraint(f"{said}, {type(item).__name__}", item, model)

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import enum
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 from qp_twist.checks import Array
 from qp_twist.limits import BindingLimit
@@ -70,6 +72,26 @@ class Step:
     refused: tuple[str, ...] = ()
     gaps: tuple[float, ...] = ()
     proven: bool = True
+
+    @classmethod
+    def of(cls, later: dict[str, Callable[[], Any]], **values: Any) -> Step:
+        """A step of which some attributes are found ``later``, when somebody asks for them."""
+        step = object.__new__(cls)
+        step.__dict__.update(values, _later=later)
+        return step
+
+    def __getattr__(self, name: str) -> Any:
+        """What nobody has asked for before."""
+        later = self.__dict__.get("_later", {})
+        if name not in later:
+            raise AttributeError(name)
+        value = self.__dict__[name] = later[name]()
+        return value
+
+    def __getstate__(self) -> dict[str, Any]:
+        """With all attributes, and without what finds them."""
+        found = {name: getattr(self, name) for name in self.__dict__.get("_later", {})}
+        return {k: v for k, v in (self.__dict__ | found).items() if k != "_later"}
 
     @property
     def message(self) -> str:

@@ -61,8 +61,8 @@ class JointRows:
             return cls(names, motion.q, motion.times, motion.velocities, metadata)
         if not isinstance(trajectory, Trajectory):
             raise InvalidInput(
-                "write_trajectory: expected a Trajectory or a TimedTrajectory, got "
-                f"{type(trajectory).__name__}."
+                "trajectory: expected a Trajectory, as follow returns it, a TimedTrajectory, or "
+                f"what read_trajectory has read; got {type(trajectory).__name__}."
             )
         ranges = JointRanges.of(trajectory.path_task.model)
         metadata = metadata_of(trajectory)

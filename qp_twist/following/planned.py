@@ -47,7 +47,7 @@ def plan(
 
     with **s** from the task's speed limits and clock, ``max_step_deg`` and, where neither says
     anything, 15°. Acceleration limits hold between the waypoints, too. Hard tolerance bands hold at
-    the waypoints, to 1e-9, and on the straight line in joints between them, to 1e-3 rad and 1e-4 m,
+    the waypoints, to 1e-9, and on the straight line in joints between them, to 0.05° and 0.1 mm,
     which is proved; soft ones are costs of a step, which a plan does not weigh. The layers have the
     closed-form inverse kinematics where the arm has one, else nets of its self-motion manifolds
     grown from random seeds.

@@ -100,14 +100,11 @@ class Projector:
     @property
     def complement(self) -> Projector:
         """M⊥ = 1 − M (paper, eq. *decomposition*)."""
-        if self.kind is ProjectorKind.FULL:
-            return Projector.none()
-        if self.kind is ProjectorKind.NONE:
-            return Projector.full()
-        assert self.axis is not None
+        if self.axis is None:
+            return Projector.none() if self.kind is ProjectorKind.FULL else Projector.full()
         if self.kind is ProjectorKind.PLANE:
-            return Projector.line(self.axis)
-        return Projector.plane(self.axis)
+            return _unchecked(ProjectorKind.LINE, self.axis[:, None].copy(), self.axis)
+        return _unchecked(ProjectorKind.PLANE, _perpendicular_pair(self.axis), self.axis)
 
     def intersection(self, other: Projector) -> Projector:
         r"""The projector onto what both keep.
@@ -146,15 +143,18 @@ class Projector:
         """:meth:`rotated` without its checks, for the rotation of a frame at every step."""
         if self.axis is None:
             return self
-        turned = object.__new__(Projector)
-        turned.__dict__.update(
-            kind=self.kind, basis=rotation @ self.basis, axis=rotation @ self.axis
-        )
-        return turned
+        return _unchecked(self.kind, rotation @ self.basis, rotation @ self.axis)
 
     def __repr__(self) -> str:
         argument = "" if self.axis is None else str(np.round(self.axis, 6).tolist())
         return f"Projector.{self.kind.name.lower()}({argument})"
+
+
+def _unchecked(kind: ProjectorKind, basis: Array, axis: Array) -> Projector:
+    """A projector made of another one's arrays."""
+    made = object.__new__(Projector)
+    made.__dict__.update(kind=kind, basis=basis, axis=axis)
+    return made
 
 
 def _perpendicular_pair(e: Array) -> Array:

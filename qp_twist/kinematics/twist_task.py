@@ -499,9 +499,12 @@ class TwistTask(mink.Task):
 
     def clamped(self, error: npt.ArrayLike) -> Array:
         """The part of Δt (6,) that one step is asked to remove, before the gain."""
-        return clamp_twist(
-            finite_array("error", error, (6,)), self.max_linear_step, self.max_angular_step
-        )
+        return self._clamped(finite_array("error", error, (6,)))
+
+    def _clamped(self, error: Array) -> Array:
+        if self.max_linear_step == self.max_angular_step == math.inf:
+            return error
+        return clamp_twist(error, self.max_linear_step, self.max_angular_step)
 
     def compute_error(self, configuration: mink.Configuration) -> Array:
         r"""Error e = −UᵀΔt, with the feed-forward over one time step, shape (r,).
@@ -541,7 +544,7 @@ class TwistTask(mink.Task):
         """
         dt = number("dt", dt, above=0.0)
         state = self.state(configuration)
-        rate = self.gain * self.clamped(state.error) / dt + state.feedforward
+        rate = self.gain * self._clamped(state.error) / dt + state.feedforward
         return state.basis.T @ state.jacobian, state.basis.T @ rate
 
     def band_rows(self, configuration: mink.Configuration, dt: float) -> list[BandRows]:
@@ -612,7 +615,7 @@ class TwistTask(mink.Task):
         return relative_jacobian(configuration, self.frame_name, self.frame_type, *self.relative_to)
 
     def _mink_error(self, state: TaskState) -> Array:
-        shift = self.clamped(state.error)
+        shift = self._clamped(state.error)
         if state.feedforward.any():
             if self._dt is None:
                 raise mink.IntegrationTimestepNotSet(self.name)

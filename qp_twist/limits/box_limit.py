@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import abc
+import functools
 from typing import NamedTuple
 
 import mink
@@ -17,6 +18,12 @@ class Box(NamedTuple):
     kind: str
     lower: Array
     upper: Array
+
+
+@functools.lru_cache
+def no_box(kind: str, nv: int) -> Box:
+    """A box without an end."""
+    return Box(kind, np.full(nv, -np.inf), np.full(nv, np.inf))
 
 
 class BoxLimit(mink.Limit):

@@ -13,10 +13,10 @@ import numpy as np
 
 from qp_twist.checks import Array, Indices
 from qp_twist.errors import InvalidInput
-from qp_twist.kinematics import JointRanges
+from qp_twist.kinematics.joint_ranges import joint_names
 from qp_twist.limits.box_limit import Box, BoxLimit
 from qp_twist.limits.intersection import Intersection, intersect
-from qp_twist.limits.mink_box import is_mink_box, mink_box
+from qp_twist.limits.mink_box import mink_box
 from qp_twist.limits.stated_limit import UNLIMITED, Named, RowName, StatedLimit, StatedRows
 
 
@@ -36,7 +36,7 @@ class GatheredLimits:
     box: Intersection
     rows: Array
     bounds: Array
-    sources: list[Named]
+    sources: Sequence[Named]
     model: mujoco.MjModel
     recovering: tuple[str, ...] = ()
 
@@ -53,7 +53,7 @@ class GatheredLimits:
     @property
     def names(self) -> tuple[str, ...]:
         """Joint name of each degree of freedom; looked up only where a message needs it."""
-        return JointRanges.of(self.model).names
+        return joint_names(self.model)
 
     def as_rows(self) -> tuple[Array, Array, Named]:
         """All limits as rows G q̇ ≤ g, the bounds too, and what knows their names."""
@@ -106,34 +106,32 @@ def gather_limits(
         InvalidInput: If a limit returns NaN, or two limits contradict each other and neither gives
             way.
     """
-    nv = configuration.model.nv
     boxes: list[Box] = []
-    rows, bounds, sources = list[Array](), list[Array](), list[Named]()
+    found: list[StatedLimit] = []
     recovering: list[str] = []
     for place, limit in enumerate(limits):
         if isinstance(limit, BoxLimit):
             boxes += limit.boxes(configuration, dt)
             recovering += limit.recovering(configuration, dt)
             continue
-        if is_mink_box(limit):
-            boxes.append(mink_box(limit, configuration, dt))
+        known = mink_box(limit, configuration, dt)
+        if known is not None:
+            boxes.append(known)
             continue
-        found = StatedLimit.of(limit, configuration, dt, stated.get(place))
-        if found is None:
-            continue
-        boxes.append(found.box)
-        if len(found.bounds):
-            rows.append(found.rows)
-            bounds.append(found.bounds)
-            sources.append(found)
-    box = intersect(boxes, configuration.model)
-    _take_far_for_none(box, configuration.model)
+        rows = StatedLimit.of(limit, configuration, dt, stated.get(place))
+        if rows is not None:
+            boxes.append(rows.box)
+            found.append(rows)
+            recovering += rows.recovering
+    model = configuration.model
+    box = intersect(boxes, model)
+    _take_far_for_none(box, model)
     return GatheredLimits(
         box,
-        np.vstack(rows) if rows else np.zeros((0, nv)),
-        np.concatenate(bounds) if rows else np.zeros(0),
-        sources,
-        configuration.model,
+        np.vstack([rows.rows for rows in found]) if found else np.zeros((0, model.nv)),
+        np.concatenate([rows.bounds for rows in found]) if found else np.zeros(0),
+        found,
+        model,
         tuple(recovering),
     )
 
@@ -142,8 +140,8 @@ def _take_far_for_none(box: Intersection, model: mujoco.MjModel) -> None:
     """Bounds too far away to mean anything become infinite."""
     lower, upper = box.lower, box.upper
     impossible = (lower > UNLIMITED) | (upper < -UNLIMITED)
-    if impossible.any():
-        joint = JointRanges.of(model).names[int(np.argmax(impossible))]
+    if np.count_nonzero(impossible):
+        joint = joint_names(model)[int(np.argmax(impossible))]
         raise InvalidInput(
             f"limits: joint {joint!r} would have to move faster than {UNLIMITED:g}; check the "
             "ranges and limits given, and dt."

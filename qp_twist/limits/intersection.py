@@ -12,13 +12,13 @@ import numpy.typing as npt
 
 from qp_twist.checks import Array, Indices
 from qp_twist.errors import InvalidInput
-from qp_twist.kinematics import JointRanges
-from qp_twist.limits.box_limit import Box
+from qp_twist.kinematics.joint_ranges import joint_names
+from qp_twist.limits.box_limit import Box, no_box
 
 Kinds = npt.NDArray[np.object_]
 
 _ORDER = {"acceleration": 0, "position": 2}
-_ROUNDING = 1e-9
+_ROUNDING, _FINITE = 1e-9, np.finfo(float).max
 
 
 @dataclass(eq=False)
@@ -70,22 +70,18 @@ def intersect(boxes: Sequence[Box], model: mujoco.MjModel) -> Intersection:
                 f"limits: a {box.kind} limit has bounds of shape {box.lower.shape} and "
                 f"{box.upper.shape}, the model needs ({nv},)."
             )
-    ordered = sorted(boxes, key=lambda box: _ORDER.get(box.kind, 1)) or [_none(nv)]
+    ordered = sorted(boxes, key=lambda box: _ORDER.get(box.kind, 1)) or [no_box("", nv)]
     lower, upper = ordered[0].lower.copy(), ordered[0].upper.copy()
     for box in ordered[1:]:
         np.maximum(lower, box.lower, out=lower)
         np.minimum(upper, box.upper, out=upper)
-    meet = (lower <= upper) & (lower < np.inf) & (upper > -np.inf)
+    meet = np.maximum(lower, -_FINITE) <= np.minimum(upper, _FINITE)  # NaN and ±∞ do not
     settled: dict[int, tuple[str, str]] = {}
-    if not meet.all():
+    if np.count_nonzero(meet) < nv:
         for dof in np.flatnonzero(~meet).tolist():
             lower[dof], upper[dof], *kinds = _settle(ordered, dof, model)
             settled[dof] = kinds[0], kinds[1]
     return Intersection(lower, upper, ordered, settled)
-
-
-def _none(nv: int) -> Box:
-    return Box("", np.full(nv, -np.inf), np.full(nv, np.inf))
 
 
 def _settle(
@@ -98,7 +94,7 @@ def _settle(
         if not (low < np.inf and high > -np.inf):
             raise InvalidInput(
                 f"limits: a {kind} limit has bounds of {low} and {high} for joint "
-                f"{JointRanges.of(model).names[dof]!r}; expected numbers, or ∞ for none."
+                f"{joint_names(model)[dof]!r}; expected numbers, or ∞ for none."
             )
         if low > upper:
             _check_yielding(kind, upper_kind, dof, model, (low, kind), (upper, upper_kind))
@@ -125,7 +121,7 @@ def _check_yielding(
     yields = kind == "position" or (kind, standing) == ("velocity", "acceleration")
     if lower[0] - upper[0] > _ROUNDING and not (yields and kind != standing):
         raise InvalidInput(
-            f"limits: joint {JointRanges.of(model).names[dof]!r} has a lower velocity bound of "
+            f"limits: joint {joint_names(model)[dof]!r} has a lower velocity bound of "
             f"{lower[0]:.6g} ({lower[1]}) above its upper bound of {upper[0]:.6g} ({upper[1]}); "
             "check the ranges and limits given."
         )

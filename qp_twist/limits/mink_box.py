@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 import operator
 from typing import Any, NamedTuple
 from weakref import WeakKeyDictionary
@@ -12,7 +11,7 @@ import mujoco
 import numpy as np
 
 from qp_twist.checks import Array, Indices
-from qp_twist.limits.box_limit import Box
+from qp_twist.limits.box_limit import Box, no_box
 
 _addresses: WeakKeyDictionary[mink.Limit, _Addresses] = WeakKeyDictionary()
 _speeds: WeakKeyDictionary[mink.Limit, tuple[tuple[bytes, bytes], Box]] = WeakKeyDictionary()
@@ -29,25 +28,26 @@ def is_mink_box(limit: Any) -> bool:
     return type(limit) is mink.VelocityLimit
 
 
-def mink_box(limit: Any, configuration: mink.Configuration, dt: float) -> Box:
+def mink_box(limit: Any, configuration: mink.Configuration, dt: float) -> Box | None:
     r"""The bounds on :math:`\dot{\mathbf q}` that such a limit states, rad/s or m/s.
 
     With mink's gain k they are :math:`k(\theta_{min} - \theta)/dt` and
-    :math:`k(\theta_{max} - \theta)/dt`, or :math:`\mp v_{max}`.
+    :math:`k(\theta_{max} - \theta)/dt`, or :math:`\mp v_{max}`. ``None`` of any other limit.
     """
-    nv = configuration.model.nv
-    lower, upper = np.full(nv, -np.inf), np.full(nv, np.inf)
-    kind = "velocity" if isinstance(limit, mink.VelocityLimit) else "position"
-    if limit.projection_matrix is not None:
-        dofs = limit.indices
-        if isinstance(limit, mink.VelocityLimit):
-            lower[dofs], upper[dofs] = -limit.limit, limit.limit
-        else:
-            qpos, share = qpos_of(limit), limit.gain / dt
-            q = configuration.q[qpos]
-            lower[dofs] = share * (limit.lower[qpos] - q)
-            upper[dofs] = share * (limit.upper[qpos] - q)
-    return Box(kind, lower, upper)
+    if not is_mink_box(limit):
+        return None
+    model = configuration.model
+    if isinstance(limit, mink.VelocityLimit):
+        return speeds_of(limit, model.nv)
+    known = range_of(limit, model)
+    if known is None:
+        return None
+    lower, upper = np.full(model.nv, -np.inf), np.full(model.nv, np.inf)
+    at, share = known.addresses, known.gain / dt
+    q = configuration.data.qpos[at]
+    lower[known.dofs] = share * (known.lower[at] - q)
+    upper[known.dofs] = share * (known.upper[at] - q)
+    return Box("position", lower, upper)
 
 
 def qpos_of(limit: mink.ConfigurationLimit) -> Indices:
@@ -156,7 +156,7 @@ def default_range(model: mujoco.MjModel) -> MinkRange:
 def speeds_of(limit: mink.VelocityLimit, nv: int) -> Box | None:
     """The bounds of a limit; ``None`` where it is for another model."""
     if limit.projection_matrix is None:
-        return _none(nv)
+        return no_box("velocity", nv)
     state = limit.limit.tobytes(), limit.indices.tobytes()
     kept = _speeds.get(limit)
     if kept is None or kept[0] != state:
@@ -164,8 +164,3 @@ def speeds_of(limit: mink.VelocityLimit, nv: int) -> Box | None:
         upper[limit.indices] = limit.limit
         kept = _speeds[limit] = state, Box("velocity", -upper, upper)
     return kept[1] if len(kept[1].lower) == nv else None
-
-
-@functools.lru_cache
-def _none(nv: int) -> Box:
-    return Box("velocity", np.full(nv, -np.inf), np.full(nv, np.inf))

@@ -120,17 +120,19 @@ class MotionLimit(PositionLimit):
         """A sentence for each joint outside its range, too fast, or too fast to stop in time."""
         dt = number("dt", dt, above=0.0)
         sentences = list(super().recovering(configuration, dt))
-        names, units, room = self.ranges.names, self.ranges.units, self._room(configuration)
+        names, units = self.ranges.names, self.ranges.units
         speed = np.array((-self.velocity, self.velocity))
-        within = self._fastest(np.maximum(room, 0.0) + NOTICEABLE, dt)
-        late = (speed - self.max_acceleration * dt > within) & (room >= -NOTICEABLE)
-        for side, dof in np.argwhere(late):
-            sentences.append(
-                f"{names[dof]} moves at {speed[side, dof]:.3g} {units[dof]}/s and cannot stop "
-                f"within the {room[side, dof]:.3g} {units[dof]} to the {('lower', 'upper')[side]} "
-                "end of its range"
-            )
-        for dof in np.flatnonzero(np.abs(self.velocity) > self.max_velocity + NOTICEABLE):
+        braked = speed - self.max_acceleration * dt
+        if np.count_nonzero(braked > 0.0):  # whoever can stand still after this step is not late
+            room = self._room(configuration)
+            within = self._fastest(np.maximum(room, 0.0) + NOTICEABLE, dt)
+            for side, dof in np.argwhere((braked > within) & (room >= -NOTICEABLE)):
+                sentences.append(
+                    f"{names[dof]} moves at {speed[side, dof]:.3g} {units[dof]}/s and cannot stop "
+                    f"within the {room[side, dof]:.3g} {units[dof]} to the "
+                    f"{('lower', 'upper')[side]} end of its range"
+                )
+        for dof in (np.abs(self.velocity) > self.max_velocity + NOTICEABLE).nonzero()[0]:
             share = abs(self.velocity[dof]) / self.max_velocity[dof]
             sentences.append(f"{names[dof]} moves at {share:.3g} times its velocity limit")
         return tuple(sentences)

@@ -84,7 +84,7 @@ class PositionLimit(BoxLimit, Constraint):
         # From inside, and from where rounding put it, a joint may always stand still.
         fastest = self._fastest(np.maximum(room - self.hair, 0.0), dt)
         lower, upper = -fastest[0], fastest[1]
-        if (room < -NOTICEABLE).any():
+        if np.count_nonzero(room < -NOTICEABLE):
             below, above = room < -NOTICEABLE
             upper = np.where(below, np.minimum(upper, self._recovery), upper)
             lower = np.where(below, np.minimum(-room[0] / dt, upper), lower)
@@ -111,7 +111,7 @@ class PositionLimit(BoxLimit, Constraint):
     def recovering(self, configuration: mink.Configuration, dt: float) -> tuple[str, ...]:
         """A sentence for each joint outside its range."""
         room = self._room(configuration)
-        if (room >= -NOTICEABLE).all():
+        if not np.count_nonzero(room < -NOTICEABLE):
             return ()
         return tuple(
             f"{self.ranges.names[dof]} is {-beyond[dof]:.3g} {self.ranges.units[dof]} {side} its "

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 from dataclasses import dataclass
 from typing import Any, NamedTuple, Protocol
 
@@ -10,10 +9,11 @@ import mink
 import numpy as np
 
 from qp_twist.checks import Array, Indices, are_rows, float_array, within
-from qp_twist.constraints import Constraint
+from qp_twist.constraints import Constraint, margins_of
 from qp_twist.errors import InvalidInput
 from qp_twist.limits.band_limit import BandLimit
-from qp_twist.limits.box_limit import Box
+from qp_twist.limits.box_limit import Box, no_box
+from qp_twist.limits.position_limit import NOTICEABLE
 
 RowName = tuple[str, str]
 """Name and kind of an inequality row, as in :class:`~qp_twist.BindingLimit`."""
@@ -42,6 +42,7 @@ class StatedLimit:
         rows: The others that say something, (k, nv).
         bounds: Their right-hand side, (k,), rad/s or m/s.
         which: Their numbers among all that it states, (k,).
+        recovering: A sentence for each margin of a constraint that is left.
     """
 
     limit: mink.Limit
@@ -49,6 +50,7 @@ class StatedLimit:
     rows: Array
     bounds: Array
     which: np.ndarray[tuple[int], np.dtype[np.intp]]
+    recovering: tuple[str, ...] = ()
 
     @classmethod
     def of(
@@ -71,11 +73,11 @@ class StatedLimit:
             return None
         entries = (G != 0.0).sum(axis=1)
         single = entries == 1
-        box = _no_box(kind_of(limit), nv)
+        box = no_box(kind_of(limit), nv)
         if single.any():
             box = _box(kind_of(limit), G[single], g[single])
         which = ((entries > 1) & (g < np.inf) | (entries == 0) & (g < 0.0)).nonzero()[0]
-        return cls(limit, box, G[which], g[which], which)
+        return cls(limit, box, G[which], g[which], which, stated.recovering(configuration))
 
     @property
     def names(self) -> list[RowName]:
@@ -145,6 +147,17 @@ class StatedRows(NamedTuple):
             )
         return cls(limit, rows, ends)
 
+    def recovering(self, configuration: mink.Configuration) -> tuple[str, ...]:
+        """A sentence for each margin of a constraint that is left already, and on its way back."""
+        limit = self.limit
+        if not np.count_nonzero(self.h < 0.0) or not isinstance(limit, Constraint):
+            return ()
+        margins = margins_of(limit, configuration.q[None])[0]
+        return tuple(
+            f"{limit.names[k]} is {-margins[k]:.3g} {limit.units[k]} outside its {limit.kind} limit"
+            for k in np.flatnonzero(margins < -NOTICEABLE)
+        )
+
 
 def _checked(name: str, G: Array, h: Array, dt: float) -> tuple[Array, Array]:
     """G and h/dt, which are numbers; bounds too far away are none."""
@@ -171,11 +184,6 @@ def _row_name(limit: mink.Limit, row: int) -> RowName:
         return limit.model.joint(int(limit.model.dof_jntid[dof])).name, "position"
     name = type(limit).__name__
     return f"{name} row {row}", name
-
-
-@functools.lru_cache
-def _no_box(kind: str, nv: int) -> Box:
-    return Box(kind, np.full(nv, -np.inf), np.full(nv, np.inf))
 
 
 def _box(kind: str, rows: Array, bounds: Array) -> Box:

@@ -33,6 +33,9 @@ def stopping_speed(room: Array, acceleration: Array, dt: float) -> Array:
     Returns:
         v, rad/s or m/s, of the arguments' common shape.
     """
+    if not np.count_nonzero(acceleration < np.inf):
+        free: Array = room / dt
+        return free
     braking = acceleration * dt
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         steps = np.floor((np.sqrt(1.0 + 8.0 * room / (braking * dt)) - 1.0) / 2.0)

@@ -118,7 +118,10 @@ def task_title(path: Path) -> str:
 
 def _find(task: str | Path) -> Path:
     if not isinstance(task, (str, Path)):
-        raise TaskFileError(f"load_task: expected a name or a path, got {task!r}.")
+        raise TaskFileError(
+            "task: expected the name of a shipped task or the path of a task file (.toml), got "
+            f"{task!r}."[:300]
+        )
     text = str(task)
     if text.endswith(".toml") or "/" in text or "\\" in text:
         return Path(task)

@@ -10,14 +10,15 @@ from qp_twist.constraints import margins_of
 from qp_twist.errors import InvalidInput
 from qp_twist.kinematics import FramePair, SerialChain, Stretch, ToleranceBand, check_bands
 from qp_twist.path import PathTask
-from qp_twist.referee import PROVEN, constraints_left
+from qp_twist.referee import PROVEN, Tolerances, constraints_left
 
 Poses = tuple[Array, Array]
 
 WITHIN = 1e-9
 """Excess at a waypoint that is rounding, rad or m."""
-BETWEEN = {"rad": 1e-3, "m": 1e-4}
-"""Most that a motion may be outside between two waypoints, where its joints go straight."""
+BETWEEN = {"rad": Tolerances().axis, "m": Tolerances().position}
+"""Most that a motion may be outside between two waypoints, where its joints go straight: what a
+check lets pass."""
 NARROWEST = 1e-6
 """Width below which a range is no range, rad or m: Newton's method holds waypoints to 1e-9."""
 SHARES = (0.25, 0.5, 0.75)

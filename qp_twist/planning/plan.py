@@ -48,8 +48,9 @@ class Plan:
         path_task: The task.
         q: The motion, (N, nq), every configuration on its waypoint, inside the joint limits and the
             hard tolerance bands and constraints, and no step longer than allowed; ``None`` if there
-            is none. On the straight line in joints between two waypoints these are left by 10⁻³ rad
-            or 10⁻⁴ m at most, which is proved (``planning.hard_constraints.BETWEEN``).
+            is none. On the straight line in joints between two waypoints these are left by 0.05°
+            or 0.1 mm at most, what a check lets pass, which is proved
+            (``planning.hard_constraints.BETWEEN``).
         value: Of the objective: mean z (centering), degrees (travel, margin), or the weighted sum;
             NaN if there is no motion.
         bound: What no motion can be better than, each waypoint taken for itself

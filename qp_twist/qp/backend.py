@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import qpsolvers
 
-from qp_twist.checks import Array, did_you_mean
+from qp_twist.checks import Array, did_you_mean, largest
 from qp_twist.errors import InvalidInput, UnknownSolver
 from qp_twist.fast import COMPILED
 from qp_twist.qp.problem import QuadraticProgram
@@ -105,22 +105,13 @@ def solve_raw(
     Raises:
         InvalidInput: If the backend knows no such option.
     """
-    size = float(np.abs(problem.H).max(initial=0.0)) or 1.0
+    size = problem.steepest or 1.0
     A, b, equality_lengths = _unit_rows(problem.A, problem.b)
     lift = None
     if again and len(b):
         A, b, lift = _orthonormal_rows(A, b)
     G, g, row_lengths = _unit_rows(problem.G, problem.g)
-    posed = qpsolvers.Problem(
-        problem.H / size,
-        problem.c / size,
-        G if len(g) else None,
-        g if len(g) else None,
-        A if len(b) else None,
-        b if len(b) else None,
-        problem.lower if (problem.lower > -np.inf).any() else None,
-        problem.upper if (problem.upper < np.inf).any() else None,
-    )
+    posed = problem.H / size, problem.c / size, A, b, G, g, problem.lower, problem.upper
     settings = SETTINGS.get(solver, {}) | (RETRY.get(solver, {}) if again else {})
     if solver == "osqp" and not len(b):
         # Without an active row OSQP says on standard output that it has nothing to polish.
@@ -140,55 +131,47 @@ def solve_raw(
         return RawSolution(None, False, Multipliers.none(problem))
     y = _multipliers(solution.y, len(b))
     # Copies: some backends return views of memory that the next solve overwrites.
-    return RawSolution(
-        x=_numbers(solution.x),
-        found=bool(solution.found),
-        multipliers=Multipliers(
-            size * (y if lift is None else lift @ y) / equality_lengths,
-            size * _multipliers(solution.z, len(g)) / row_lengths,
-            size * _multipliers(solution.z_box, problem.n),
-        ),
+    multipliers = Multipliers(
+        size * (y if lift is None else lift @ y) / equality_lengths,
+        size * _multipliers(solution.z, len(g)) / row_lengths if len(g) else g,
+        size * _multipliers(solution.z_box, problem.n),
     )
+    return RawSolution(_numbers(solution.x), bool(solution.found), multipliers)
 
 
-def _asked(posed: qpsolvers.Problem, solver: str, settings: dict[str, Any]) -> Any:
-    """The backend's answer."""
+def _asked(posed: tuple[Array, ...], solver: str, settings: dict[str, Any]) -> Any:
+    """The backend's answer to a program of these arrays."""
+    H, c, A, b, G, g, lower, upper = posed
     if solver == COMPILED:
-        return _compiled(posed)
+        from qp_twist.fast.quadratic_program import solve_program  # with numba
+
+        return solve_program(*posed)
+    problem = qpsolvers.Problem(
+        H,
+        c,
+        G if len(g) else None,
+        g if len(g) else None,
+        A if len(b) else None,
+        b if len(b) else None,
+        lower if np.count_nonzero(lower > -np.inf) else None,
+        upper if np.count_nonzero(upper < np.inf) else None,
+    )
     if solver != "osqp":
-        return qpsolvers.solve_problem(posed, solver=solver, **settings)
+        return qpsolvers.solve_problem(problem, solver=solver, **settings)
     with warnings.catch_warnings():
         # OSQP's wrapper warns of its sparse conversion, and of each infeasible problem.
         warnings.simplefilter("ignore")
-        return qpsolvers.solve_problem(posed, solver=solver, **settings)
-
-
-def _compiled(posed: qpsolvers.Problem) -> Any:
-    """The same program by our own compiled method."""
-    from qp_twist.fast.quadratic_program import solve_program  # with numba
-
-    n = len(posed.q)
-    free = np.full(n, np.inf)
-    return solve_program(
-        posed.P,
-        posed.q,
-        np.zeros((0, n)) if posed.A is None else posed.A,
-        np.zeros(0) if posed.b is None else posed.b,
-        np.zeros((0, n)) if posed.G is None else posed.G,
-        np.zeros(0) if posed.h is None else posed.h,
-        -free if posed.lb is None else posed.lb,
-        free if posed.ub is None else posed.ub,
-    )
+        return qpsolvers.solve_problem(problem, solver=solver, **settings)
 
 
 def _unit_rows(rows: Array, bounds: Array) -> tuple[Array, Array, Array]:
     """Rows and right-hand sides divided by the rows' lengths, and the lengths."""
     if not len(bounds):
         return rows, bounds, bounds
-    lengths = np.sqrt((rows * rows).sum(axis=1))
+    lengths = np.sqrt(np.add.reduce(rows * rows, axis=1))
     # A row of rounding dust, such as that of a direction in which the arm cannot move, stays dust:
     # stretched to length one it would contradict the others.
-    lengths[lengths <= DUST * lengths.max(initial=0.0)] = 1.0
+    lengths[lengths <= DUST * largest(lengths)] = 1.0
     return rows / lengths[:, None], bounds / lengths, lengths
 
 

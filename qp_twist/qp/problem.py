@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, fields, replace
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
 
-from qp_twist.checks import Array, float_array
+from qp_twist.checks import Array, float_array, largest
 from qp_twist.errors import InvalidInput
 from qp_twist.files import check_regular
 
@@ -40,6 +41,16 @@ class QuadraticProgram:
     def n(self) -> int:
         """Number of unknowns."""
         return len(self.c)
+
+    @cached_property
+    def steepest(self) -> float:
+        """max |H|, the size of the quadratic cost."""
+        return largest(self.H)
+
+    @cached_property
+    def pull(self) -> float:
+        """max |c|, the size of the linear one."""
+        return largest(self.c)
 
     def with_rows(self, b: Array) -> QuadraticProgram:
         """The same program with another right-hand side of the equality rows."""

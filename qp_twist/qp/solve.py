@@ -14,7 +14,7 @@ from qp_twist.qp.active_set import constrained_least_squares
 from qp_twist.qp.backend import RawSolution, solve_raw
 from qp_twist.qp.levels import Cascade
 from qp_twist.qp.problem import QuadraticProgram
-from qp_twist.qp.verification import Multipliers, infeasibility, proof_of_optimality
+from qp_twist.qp.verification import Multipliers, feasible, proof_of_optimality
 
 FALLBACKS = ("daqp", "proxqp", "osqp")
 """The backends that are always installed, in the order in which they are asked."""
@@ -66,11 +66,11 @@ def solve(
             rows and at other tolerances, then the other backends, each of them twice as well.
         options: Of the backend, in place of ours.
     """
-    if (problem.lower > problem.upper).any():
+    if np.count_nonzero(problem.lower > problem.upper):
         return Refused(("the bounds leave no room",), False)
-    others = [s for s in FALLBACKS if s != solver and s in qpsolvers.available_solvers]
     attempts = [(solver, False)]
     if persist:
+        others = [s for s in FALLBACKS if s != solver and s in qpsolvers.available_solvers]
         attempts += [(solver, True)] + [(s, again) for s in others for again in (False, True)]
     says: list[str] = []
     claimed = False
@@ -87,17 +87,11 @@ def verified(problem: QuadraticProgram, raw: RawSolution, solver: str) -> Verifi
     """The result if it satisfies the problem and is optimal, else what is wrong with it."""
     if not raw.found:
         return "no solution"
-    wrong = infeasibility(problem, raw.x)
-    if not wrong:
-        assert raw.x is not None
-        x = np.minimum(np.maximum(raw.x, problem.lower), problem.upper)
-        if (x != raw.x).any():
-            # An excess within the tolerance was cut off; what that costs the rows is looked at.
-            wrong = infeasibility(problem, x)
-    if wrong:
-        return wrong
-    proof = proof_of_optimality(problem, x, raw.multipliers)
-    return proof if isinstance(proof, str) else Verified(x, solver, proof)
+    point = feasible(problem, raw.x)
+    if isinstance(point, str):
+        return point
+    proof = proof_of_optimality(problem, point, raw.multipliers)
+    return proof if isinstance(proof, str) else Verified(point.x, solver, proof)
 
 
 def solve_within(problem: QuadraticProgram, cascade: Cascade, solver: str) -> Verified | Refused:
@@ -143,11 +137,10 @@ def solve_within(problem: QuadraticProgram, cascade: Cascade, solver: str) -> Ve
         result = _by_active_set(reduced, result)
     if isinstance(result, Refused):
         return result
-    moved = np.clip(x + basis @ result.x, cascade.lower, cascade.upper)
-    wrong = infeasibility(held, moved)
-    if wrong:
-        return Refused((*result.refused, f"{result.solver} returned {wrong}"), True)
-    return replace(result, x=moved)
+    moved = feasible(held, np.clip(x + basis @ result.x, cascade.lower, cascade.upper))
+    if isinstance(moved, str):
+        return Refused((*result.refused, f"{result.solver} returned {moved}"), True)
+    return replace(result, x=moved.x)
 
 
 def _by_active_set(problem: QuadraticProgram, before: Refused) -> Verified | Refused:

@@ -7,9 +7,10 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
+from scipy.linalg.lapack import dgesv
 from scipy.optimize import nnls
 
-from qp_twist.checks import Array
+from qp_twist.checks import Array, largest
 from qp_twist.qp.problem import QuadraticProgram
 
 EQUALITY_TOLERANCE = 1e-8
@@ -46,9 +47,13 @@ class Multipliers(NamedTuple):
         return cls(np.zeros(len(problem.b)), np.zeros(len(problem.g)), np.zeros(problem.n))
 
 
-class Residuals(NamedTuple):
-    """How far a point is from the constraints of a program, row by row."""
+class Point(NamedTuple):
+    """A result inside the bounds, and how far it is from the constraints of its program."""
 
+    x: Array
+    """The unknowns, (n,)."""
+    size: float
+    """1 + max |x|, which tolerances are relative to."""
     equality: Array
     """A x − b, (m,)."""
     room: Array
@@ -59,14 +64,11 @@ class Residuals(NamedTuple):
     """upper − x, (n,)."""
 
     @classmethod
-    def at(cls, problem: QuadraticProgram, x: Array) -> Residuals:
-        """Of a point x (n,)."""
-        return cls(
-            problem.A @ x - problem.b,
-            problem.g - problem.G @ x,
-            x - problem.lower,
-            problem.upper - x,
-        )
+    def at(cls, problem: QuadraticProgram, x: Array) -> Point:
+        """x (n,), moved into the bounds."""
+        x = np.minimum(np.maximum(x, problem.lower), problem.upper)
+        equality, room = problem.A @ x - problem.b, problem.g - problem.G @ x
+        return cls(x, 1.0 + largest(x), equality, room, x - problem.lower, problem.upper - x)
 
 
 def row_tolerance(A: Array, b: Array) -> float:
@@ -78,42 +80,38 @@ def row_tolerance(A: Array, b: Array) -> float:
     unit of the rows.
     """
     longest = float(np.linalg.norm(A, axis=1).max(initial=0.0)) or 1.0
-    return EQUALITY_TOLERANCE * (longest + float(np.abs(b).max(initial=0.0)))
+    return EQUALITY_TOLERANCE * (longest + largest(b))
 
 
-def infeasibility(problem: QuadraticProgram, x: Array | None) -> str:
-    """Which constraint of ``problem`` the claimed result ``x`` breaks; empty if none.
+def feasible(problem: QuadraticProgram, x: Array | None) -> Point | str:
+    """The claimed result ``x`` inside the bounds, or which constraint of ``problem`` it breaks.
 
-    Checked are shape, finiteness, equality rows, inequality rows and bounds.
+    Checked are shape, finiteness and bounds; equality and inequality rows where an excess over a
+    bound, within the tolerance, has been cut off.
     """
     if x is None:
         return "no result"
     if x.shape != (problem.n,):
         return f"a result of shape {x.shape} for {problem.n} unknowns"
-    size = 1.0 + _largest(x)
-    if not size < np.inf:  # NaN neither
+    if not math.isfinite(sum(x.tolist())):
         return "a result that is not finite"
-    left = Residuals.at(problem, x)
-    equality = _largest(left.equality)
-    if not equality <= EQUALITY_TOLERANCE * (1.0 + _largest(problem.b)):
-        return f"an equality residual of {equality:.2e}"
-    if len(left.room) and not -left.room.min() <= BOUND_TOLERANCE * size:
-        return f"an inequality row exceeded by {-left.room.min():.2e}"
-    excess = -min(float(left.above.min()), float(left.below.min())) if problem.n else 0.0
-    if not excess <= BOUND_TOLERANCE * size:
+    point = Point.at(problem, x)
+    excess, equality = largest(x - point.x), largest(point.equality)
+    if excess > BOUND_TOLERANCE * point.size:
         return f"a bound exceeded by {excess:.2e}"
-    return ""
-
-
-def _largest(values: Array) -> float:
-    """max |values|; 0 of none, NaN if there is one."""
-    return float(np.abs(values).max()) if values.size else 0.0
+    if not equality <= EQUALITY_TOLERANCE and not (
+        equality <= EQUALITY_TOLERANCE * (1.0 + largest(problem.b))
+    ):
+        return f"an equality residual of {equality:.2e}"
+    if len(point.room) and not -point.room.min() <= BOUND_TOLERANCE * point.size:
+        return f"an inequality row exceeded by {-point.room.min():.2e}"
+    return point
 
 
 def proof_of_optimality(
-    problem: QuadraticProgram, x: Array, claimed: Multipliers
+    problem: QuadraticProgram, point: Point, claimed: Multipliers
 ) -> Multipliers | str:
-    r"""Multipliers that prove a feasible ``x`` optimal, or what is wrong with it.
+    r"""Multipliers that prove a feasible point x optimal, or what is wrong with it.
 
     .. math::
 
@@ -124,49 +122,33 @@ def proof_of_optimality(
     The backend's multipliers are tried first. Where they prove nothing, which says little about x,
     the best ones are found by non-negative least squares (Lawson and Hanson 1974).
     """
-    gradient = problem.H @ x + problem.c
-    left = Residuals.at(problem, x)
-    active = _Active.at(problem, x, left, _TOUCHING)
+    gradient = problem.H @ point.x + problem.c
     # A multiplier of the wrong sign, or of what x does not touch, counts as none.
-    multipliers = Multipliers(
-        claimed.equality,
-        np.where(active.rows & (claimed.rows > 0.0), claimed.rows, 0.0),
-        np.where(np.where(claimed.box > 0.0, active.upper, active.lower), claimed.box, 0.0),
-    )
+    y, rows, box = claimed
+    if len(rows):
+        rows = np.where(_touched_rows(problem, point, _TOUCHING) & (rows > 0.0), rows, 0.0)
+    room = np.where(box > 0.0, point.below, point.above)
     with np.errstate(over="ignore", invalid="ignore"):  # a claim may be anything
-        excess = _excess(problem, x, gradient, left, multipliers)
+        multipliers = Multipliers(y, rows, box * (room <= _TOUCHING * point.size))
+        excess = _excess(problem, point, gradient, multipliers)
     for close in (_ON, _TOUCHING):
         if excess <= 1.0:
-            break
-        multipliers = _best(problem, gradient, _Active.at(problem, x, left, close))
-        excess = _excess(problem, x, gradient, left, multipliers)
+            return multipliers
+        multipliers = _best(problem, point, gradient, close)
+        excess = _excess(problem, point, gradient, multipliers)
     if excess <= 1.0:
         return multipliers
     return f"a point that is not optimal ({excess:.1e} times the tolerance)"
 
 
-class _Active(NamedTuple):
-    """Which rows of G and which bounds a point touches."""
-
-    rows: Mask
-    lower: Mask
-    upper: Mask
-
-    @classmethod
-    def at(cls, problem: QuadraticProgram, x: Array, left: Residuals, close: float) -> _Active:
-        close = close * (1.0 + _largest(x))
-        rows = left.room <= close
-        if len(left.room):
-            rows = left.room <= close * (1.0 + np.abs(problem.G).sum(axis=1))
-        return cls(rows, left.above <= close, left.below <= close)
+def _touched_rows(problem: QuadraticProgram, point: Point, close: float) -> Mask:
+    """Which rows of G a point touches, (k,)."""
+    touched: Mask = point.room <= close * point.size * (1.0 + np.abs(problem.G).sum(axis=1))
+    return touched
 
 
 def _excess(
-    problem: QuadraticProgram,
-    x: Array,
-    gradient: Array,
-    left: Residuals,
-    multipliers: Multipliers,
+    problem: QuadraticProgram, point: Point, gradient: Array, multipliers: Multipliers
 ) -> float:
     r"""The largest of what the multipliers leave of three conditions, in units of its tolerance.
 
@@ -182,50 +164,43 @@ def _excess(
     by which no point that satisfies the constraints exactly has a lower cost. A small r is much
     where H is ill-conditioned, and so is a small residual where rows nearly depend on each other.
     """
-    y, box = multipliers.equality, multipliers.box
-    terms = np.array([problem.c, problem.A.T @ y, problem.G.T @ multipliers.rows, box])
-    residual = gradient + terms[1:].sum(axis=0)
-    size, reach = max(_largest(problem.H), 1e-300), 1.0 + _largest(x)
-    cost = (size * reach + _largest(problem.c)) * reach
-    room = np.where(box > 0.0, left.below, np.where(box < 0.0, left.above, 0.0))
-    gain = float(np.abs(box) @ room)
-    try:
-        gap = 0.5 * float(residual @ np.linalg.solve(problem.H, residual))
-    except np.linalg.LinAlgError:  # of a singular H it says nothing
-        gap = 0.0
-    gap += gain - float(y @ left.equality)
-    lost = 0.0
-    if multipliers.rows.any():
-        on = np.flatnonzero(multipliers.rows)
-        pull, room = multipliers.rows[on], left.room[on]
-        gain += float(pull @ np.maximum(room, 0.0))
-        gap += float(pull @ room)
-        terms_of_rows = np.abs(problem.g[on]) + np.abs(problem.G[on]) @ np.abs(x)
-        lost = ROUNDING * float(pull @ terms_of_rows)
+    y, lam, box = multipliers
+    pull, push = problem.A.T @ y, problem.G.T @ lam if len(lam) else 0.0 * box
+    residual = gradient + pull + push + box
+    steepest, reach = max(problem.steepest, 1e-300), point.size
+    cost = (steepest * reach + problem.pull) * reach
+    gain = lost = 0.0
+    on = box.nonzero()[0]
+    if len(on):
+        gain = float(np.abs(box[on]) @ np.where(box > 0.0, point.below, point.above)[on])
+    # Of a singular H the gap says nothing.
+    inverse, singular = dgesv(problem.H, residual)[2:]
+    gap = gain - float(y @ point.equality)
+    if not singular:
+        gap += 0.5 * float(residual @ inverse)
+    on = lam.nonzero()[0]
+    if len(on):
+        weights, room = lam[on], point.room[on]
+        gain += float(weights @ np.maximum(room, 0.0))
+        gap += float(weights @ room)
+        terms_of_rows = np.abs(problem.g[on]) + np.abs(problem.G[on]) @ np.abs(point.x)
+        lost = ROUNDING * float(weights @ terms_of_rows)
+    slope, allowed = largest(residual), OPTIMALITY_TOLERANCE * steepest * reach
+    if slope > allowed:
+        allowed += ROUNDING * max(map(largest, (problem.c, pull, push, box)))
     ratios = (
-        _largest(residual) / (OPTIMALITY_TOLERANCE * size * reach + ROUNDING * _largest(terms)),
+        slope / allowed,
         gain / (GAIN_TOLERANCE * cost + lost),
         gap / (GAP_TOLERANCE * cost + lost),
     )
     return max(ratios) if all(map(math.isfinite, ratios)) else math.inf
 
 
-def _best(
-    problem: QuadraticProgram,
-    gradient: Array,
-    active: _Active,
-) -> Multipliers:
-    """The multipliers that leave the least of the gradient."""
-    identity = np.eye(problem.n)
-    columns = np.vstack(
-        [
-            problem.A,
-            -problem.A,
-            problem.G[active.rows],
-            identity[active.upper],
-            -identity[active.lower],
-        ]
-    )
+def _best(problem: QuadraticProgram, point: Point, gradient: Array, close: float) -> Multipliers:
+    """The multipliers, of what a point touches, that leave the least of the gradient."""
+    identity, on = np.eye(problem.n), _touched_rows(problem, point, close)
+    upper, lower = point.below <= close * point.size, point.above <= close * point.size
+    columns = np.vstack([problem.A, -problem.A, problem.G[on], identity[upper], -identity[lower]])
     if not len(columns):
         return Multipliers.none(problem)  # and scipy's nnls aborts the process without columns
     lengths = np.linalg.norm(columns, axis=1)
@@ -235,11 +210,11 @@ def _best(
     except RuntimeError:  # too many iterations: nothing is proven
         return Multipliers.none(problem)
     m = len(problem.b)
-    plus, minus, on, upper, lower = np.split(
-        values, np.cumsum([m, m, int(active.rows.sum()), int(active.upper.sum())])
+    plus, minus, pushing, above, below = np.split(
+        values, np.cumsum([m, m, int(on.sum()), int(upper.sum())])
     )
     rows, box = np.zeros(len(problem.g)), np.zeros(problem.n)
-    rows[active.rows] = on
-    box[active.upper] += upper
-    box[active.lower] -= lower
+    rows[on] = pushing
+    box[upper] += above
+    box[lower] -= below
     return Multipliers(plus - minus, rows, box)
