@@ -297,7 +297,7 @@ def loaded(path_task: PathTask, report: Progress) -> None:
     """Load the machine code of the runs, so that making it is not a part of the search's time."""
     settings = path_task.settings(METHOD)
     if walk_known(path_task, METHOD, settings):
-        report("loading; machine code is made, once on a machine: half a minute", 0.0)
+        report("loading; machine code is made, once on a machine: up to half a minute", 0.0)
         CompiledWalk(path_task, METHOD, settings)
 
 

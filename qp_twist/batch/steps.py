@@ -57,10 +57,9 @@ def step(
 ) -> Steps:
     """:meth:`Controller.step <qp_twist.Controller.step>` for many configurations, to 1e-9.
 
-    Every result is verified. Steps that are relaxed, near a singularity or scaled on one of several
-    levels, and those with a level that gives way, are taken by ``Controller.step`` afterwards, one
-    by one. The controller is left as it is; its acceleration limits count from the velocity that it
-    knows.
+    Every result is verified. Steps near a singularity, and of joints outside their ranges, are
+    taken by ``Controller.step`` afterwards, one by one. The controller is left as it is; its
+    acceleration limits count from the velocity that it knows.
 
     Args:
         controller: TwistTasks (no GazeTasks, bands or carriers) in any levels, PositionLimits,

@@ -137,7 +137,7 @@ def load_machine_code(
     for method in path_task.method_names() if methods is None else methods:
         settings = path_task.settings(method)
         if walk_known(path_task, method, settings):
-            words = "machine code is made, once on a machine: half a minute"
+            words = "machine code is made, once on a machine: up to half a minute"
             # Loading takes half a second; without a spinner who waits longer is told.
             late = Timer(3.0, print, [f"note: {words}"], {"file": sys.stderr})
             if terminal() is None and not quiet.get():

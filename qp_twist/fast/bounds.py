@@ -1,4 +1,4 @@
-"""The box of all limits, joint by joint. Runs with and without numba."""
+"""The box of all limits, joint by joint, compiled."""
 
 from __future__ import annotations
 

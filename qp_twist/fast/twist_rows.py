@@ -1,7 +1,4 @@
-"""Task rows of one frame: the same equations as ``geometry`` and ``TwistTask``, by scalars.
-
-Runs with and without numba.
-"""
+"""Task rows of one frame: the same equations as ``geometry`` and ``TwistTask``, by scalars."""
 
 from __future__ import annotations
 
