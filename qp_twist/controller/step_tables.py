@@ -33,7 +33,7 @@ from qp_twist.limits import (
 )
 from qp_twist.limits.position_limit import NOTICEABLE
 from qp_twist.limits.stated_limit import UNLIMITED
-from qp_twist.qp import verification
+from qp_twist.qp import SCALE_BACKOFF, levels, verification
 
 _TYPES: dict[type, int] = dict(zip(BOXES, (POSITION, MOTION, WINDOW), strict=True))
 _KINDS = {
@@ -47,6 +47,9 @@ TOLERANCES = Tolerances(
     gap=verification.GAP_TOLERANCE,
     rounding=verification.ROUNDING,
     bound=verification.BOUND_TOLERANCE,
+    backoff=SCALE_BACKOFF,
+    held=levels.HELD,
+    dust=levels.ROUNDING,
 )
 
 

@@ -26,10 +26,6 @@ _ROUNDS = 40
 """Far more than the handful in which the points settle."""
 _SETTLED = 1e-15
 """A gradient that counts as none, as a share of its terms."""
-_HELD = 1e-8
-"""A multiplier above this share of the level's first gradient holds its constraint below it."""
-_DUST = 1e-13
-"""What a residual loses to rounding, as a share of its terms."""
 _IS_MET, _GIVES_WAY, _NOT_PROVEN = 0, 1, 2
 """What comes of a level."""
 _OF_A_LEVEL, _BOUND, _ROW = 0, 1, 2
@@ -117,7 +113,7 @@ def _slowed_down(w, p, end, tolerances):
         return 0.0
     if _residual(w.A, w.b, p.x, 0, end, p.r) <= tolerances.equality * (longest + largest):
         return 1.0
-    scale = largest_scale(w, end)
+    scale = largest_scale(w, end, tolerances.backoff)
     for row in range(end):
         w.b[row] *= scale
     return scale
@@ -271,7 +267,8 @@ def _take_level(w, p, level, first, end, tolerances):
     for i in range(len(w.x)):
         furthest = max(furthest, abs(p.x[i]))
     terms = longest * (1.0 + furthest) + largest
-    dust = longest * (_HELD * _residual(w.A, w.b, p.x, first, end, p.r) + _DUST * terms)
+    before = _residual(w.A, w.b, p.x, first, end, p.r)
+    dust = longest * (tolerances.held * before + tolerances.dust * terms)
     p.gaps[level] = 0.0
     if end == first:
         return _IS_MET

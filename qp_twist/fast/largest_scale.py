@@ -7,8 +7,6 @@ import math
 from qp_twist.fast.compiling import plain
 from qp_twist.fast.dual_active_set import SOLVED, active_set
 
-BACKOFF = 1e-8
-"""Share of a scaled task that is given up, so that its rows are not on the very edge."""
 _EPSILON = 1e-5
 """Weight of the motion beside the scale: s comes out below its optimum by ½ε²‖x‖² at most."""
 _CLEAR = 1e-6
@@ -16,7 +14,7 @@ _CLEAR = 1e-6
 
 
 @plain
-def largest_scale(w, m):
+def largest_scale(w, m, backoff):
     r"""The largest s ≤ 1 for which A x = s b has a solution inside the limits, 0 for none.
 
     It is the linear program of ``qp.scaling``, solved as the strictly convex
@@ -34,6 +32,7 @@ def largest_scale(w, m):
     Args:
         w: ``step_record.Program``. Result, where s > 0: ``gains``, but for the first.
         m: How many rows of A are scaled: those of the first level.
+        backoff: Share that is given up, so that the scaled rows are not on the very edge.
     """
     p, n, largest = w.scaling, len(w.x), 0.0
     for row in range(m):
@@ -72,4 +71,4 @@ def largest_scale(w, m):
             w.gains[which - k] -= gain
         elif which >= 0:
             w.gains[1 + n + which] += gain
-    return scale * (1.0 - BACKOFF)
+    return scale * (1.0 - backoff)

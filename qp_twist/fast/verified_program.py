@@ -17,7 +17,7 @@ meets all rows; the equality rows depend on each other, up to the threshold."""
 
 
 class Tolerances(NamedTuple):
-    """Of the verification; :mod:`qp_twist.qp.verification` says what each is."""
+    """What ``qp.verification``, ``qp.scaling`` and ``qp.levels`` allow; they say what each is."""
 
     equality: float
     optimality: float
@@ -25,6 +25,9 @@ class Tolerances(NamedTuple):
     gap: float
     rounding: float
     bound: float
+    backoff: float
+    held: float
+    dust: float
 
 
 @plain
@@ -182,7 +185,7 @@ def solved_program(w, scales, tolerances):
         status = reduced_program(w)
         if status != NO_ROOM or not scales or w.gains[0] < 1.0:
             break
-        w.gains[0] = largest_scale(w, len(w.b))
+        w.gains[0] = largest_scale(w, len(w.b), tolerances.backoff)
         if w.gains[0] == 0.0:
             return REFUSED
         for row in range(len(w.b)):

@@ -22,9 +22,9 @@ from qp_twist.qp.verification import row_tolerance
 
 SATISFIED = 1e-9
 """Excess at which an inequality row counts as met, relative to 1 + |g| + its length."""
-_HELD = 1e-8
+HELD = 1e-8
 """Rows with a multiplier above this share of the level's first gradient are held below it."""
-_ROUNDING = 1e-13
+ROUNDING = 1e-13
 """What a residual loses to rounding, as a share of its terms."""
 _LAST_DIGITS = 1e-15
 """A multiplier that is smaller, as a share of its terms, has no sign."""
@@ -220,7 +220,7 @@ class Cascade:
         heavy[heavy == 0.0] = 1.0
         terms = size * (1.0 + np.abs(self.x).max(initial=0.0)) + np.abs(level.b).max(initial=0.0)
         violation = float(np.linalg.norm(level.violation(self.x)))
-        dust = size * (_HELD * violation + _ROUNDING * float(terms))
+        dust = size * (HELD * violation + ROUNDING * float(terms))
         if size > 0.0 and p > 0:
             B = np.block(
                 [
@@ -245,7 +245,7 @@ class Cascade:
         else:
             multipliers, working = np.zeros(len(d) + k), []
         if self.refine:
-            exceeded = level.G @ self.x - level.g > _ROUNDING * terms
+            exceeded = level.G @ self.x - level.g > ROUNDING * terms
             B = np.vstack([level.A, level.G[exceeded]])
             r = np.concatenate([level.b, level.g[exceeded]])
             self.achieved.append(self._refine(B, r, working, size))
@@ -309,7 +309,7 @@ class Cascade:
         )
         # Beyond a constraint by rounding is not beyond it.
         sizes = np.concatenate([np.ones(2 * int(moving.sum())), np.linalg.norm(G, axis=1)])
-        ahead = speed > np.maximum(room, 0.0) + _ROUNDING * sizes
+        ahead = speed > np.maximum(room, 0.0) + ROUNDING * sizes
         return float((np.maximum(room, 0.0)[ahead] / speed[ahead]).min(initial=1.0))
 
     def _gain(
