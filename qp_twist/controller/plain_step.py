@@ -11,7 +11,7 @@ from qp_twist.checks import Array
 from qp_twist.controller.step import Status, Step
 from qp_twist.fast import COMPILED
 from qp_twist.fast.step_record import PROGRAM, Program, Sizes
-from qp_twist.limits import DUST, BindingLimit, Named, RowName, binding_bounds
+from qp_twist.limits import BindingLimit, Named, RowName, binding_limits
 from qp_twist.qp import QuadraticProgram
 
 
@@ -106,19 +106,12 @@ class PlainStep(Step):
         box, lam, floor, kinds = left.box, left.lam, 1.0, self._layout.kinds
         if self.status is Status.SCALED:  # what holds it back is what holds its scale back
             box, lam, floor = *np.split(left.gains[1:], [len(box)]), 0.0
-        largest = max(float(np.abs(box).max(initial=0.0)), float(lam.max(initial=0.0)))
-        dust = DUST * max(largest, floor)
         # There is a number of no kind where there is no bound.
         lower, upper = (
             [kinds.get(number, "") for number in side.tolist()]
             for side in (left.lower_kind, left.upper_kind)
         )
-        found = binding_bounds(box, dust, self._layout.names, lower, upper)
-        pushing = np.flatnonzero(lam > dust).tolist()
-        if pushing:
-            names = [name for source in self._rows for name in source.names]
-            found += [BindingLimit(*names[row], "upper", float(lam[row])) for row in pushing]
-        return tuple(found)
+        return binding_limits(box, lam, floor, self._layout.names, (lower, upper), self._rows)
 
     def __getstate__(self) -> dict[str, Any]:
         """Without the limits and tasks that inequality rows come from, but with their names."""
