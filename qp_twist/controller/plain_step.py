@@ -11,7 +11,7 @@ from qp_twist.checks import Array
 from qp_twist.controller.step import Status, Step
 from qp_twist.fast import COMPILED
 from qp_twist.fast.step_record import PROGRAM, Program, Sizes
-from qp_twist.limits import DUST, BindingLimit, Named, RowName, binding_bounds
+from qp_twist.limits import BindingLimit, Named, RowName, binding_limits
 from qp_twist.qp import QuadraticProgram
 
 _NO_INTEGERS = np.zeros(0, dtype=np.int64)
@@ -113,19 +113,12 @@ class PlainStep(Step):
             # A band that may be left holds back nothing.
             lam = np.where(np.repeat(*self._gives_way()), 0.0, lam)
         box = box[: len(self._layout.names)]  # behind them are the slacks of soft bands
-        largest = max(float(np.abs(box).max(initial=0.0)), float(lam.max(initial=0.0)))
-        dust = DUST * max(largest, floor)
         # There is a number of no kind where there is no bound.
         lower, upper = (
             [kinds.get(number, "") for number in side.tolist()]
             for side in (left.lower_kind, left.upper_kind)
         )
-        found = binding_bounds(box, dust, self._layout.names, lower, upper)
-        pushing = np.flatnonzero(lam > dust).tolist()
-        if pushing:
-            names = [name for source in self._rows for name in source.names]
-            found += [BindingLimit(*names[row], "upper", float(lam[row])) for row in pushing]
-        return tuple(found)
+        return binding_limits(box, lam, floor, self._layout.names, (lower, upper), self._rows)
 
     def _gives_way(self) -> tuple[list[bool], list[int]]:
         """Whether the rows of each source are those of a soft band, and how many they are."""

@@ -10,7 +10,7 @@ import numpy as np
 from qp_twist.checks import Array
 from qp_twist.controller.posing import PosedLevels, stacked
 from qp_twist.controller.step import Status, Step
-from qp_twist.limits import DUST, BindingLimit, GatheredLimits, binding_bounds
+from qp_twist.limits import BindingLimit, GatheredLimits, binding_limits
 from qp_twist.qp import Level, QuadraticProgram
 
 
@@ -94,20 +94,10 @@ class Posed:
         )
 
     def binding(self, box: Array, rows: Array, floor: float = 0.0) -> tuple[BindingLimit, ...]:
-        """The limits with a multiplier, by name, from those of bounds (n,) and rows of G (k,).
-
-        Multipliers are dust below a share of the largest, or of ``floor`` if that is larger.
-        """
-        limits = self.limits
-        box = box[: len(limits.lower)]
-        # Interior-point and first-order backends leave dust on inactive limits.
-        dust = DUST * max(np.abs(box).max(initial=0.0), rows.max(initial=0.0), floor)
-        found = binding_bounds(
-            box, dust, limits.names, limits.box.lower_kind, limits.box.upper_kind
-        )
-        active = np.flatnonzero(rows > dust)
-        if len(active):
-            sources = [*limits.sources, *self.levels.soft_bands, *self.levels.sources]
-            names = [name for source in sources for name in source.names]
-            found += [BindingLimit(*names[row], "upper", float(rows[row])) for row in active]
-        return tuple(found)
+        """The limits with a multiplier, from those of bounds (n,) and rows of the program (k,)."""
+        limits, levels = self.limits, self.levels
+        return binding_limits(
+            box[: len(limits.lower)], rows, floor, limits.names,
+            (limits.box.lower_kind, limits.box.upper_kind),
+            [*limits.sources, *levels.soft_bands, *levels.sources],
+        )  # fmt: skip

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import logging
 import math
 from collections.abc import Iterable, Sequence
@@ -72,11 +73,6 @@ if TYPE_CHECKING:
 DEPENDENT = 1e-9
 """Default of ``singularity``: rows that depend on each other to this much count once."""
 
-_OWN = (
-    "configuration", "tasks", "damping", "safety_break", "limits", "constraints", "on_infeasible",
-    "singularity",
-)  # fmt: skip
-"""Arguments that an option of a backend, misspelt, may have been meant for."""
 _MINK_LOG = logging.getLogger(mink.__name__)
 _CHECK_LIMITS = mink.Configuration.check_limits
 
@@ -360,7 +356,8 @@ def _by_reference(
     try:
         result = solve(posed.problem, solver, options=options)
     except InvalidInput as error:  # of an option that the backend does not know
-        meant = "".join(f" {name!r}{did_you_mean(name, _OWN)}" for name in options)
+        own = inspect.signature(ik_step).parameters
+        meant = "".join(f" {name!r}{did_you_mean(name, own)}" for name in options)
         raise InvalidInput(f"{error} As arguments of solve_ik:{meant}") from error
     if options and isinstance(result, Refused):
         again, before = solve(posed.problem, solver), result.says

@@ -1,9 +1,8 @@
 """Limits: box bounds on joint velocities; mink's limits are accepted as they are."""
 
 from .band_limit import BandLimit as BandLimit
-from .binding import DUST as DUST
 from .binding import BindingLimit as BindingLimit
-from .binding import binding_bounds as binding_bounds
+from .binding import binding_limits as binding_limits
 from .box_limit import Box as Box
 from .box_limit import BoxLimit as BoxLimit
 from .check_model import check_model as check_model

@@ -51,10 +51,6 @@ class Level:
     G: Array
     g: Array
 
-    def violation(self, x: Array) -> Array:
-        """What is left of the level at ``x``: A x − b, and the part of G x above g, (m + k,)."""
-        return np.concatenate([self.A @ x - self.b, np.maximum(self.G @ x - self.g, 0.0)])
-
     def padded(self, n: int) -> Level:
         """The same rows on more unknowns, (…, n), of which the added ones do not count."""
         more = n - self.A.shape[1]
@@ -219,7 +215,8 @@ class Cascade:
         size = size or float(heavy.max(initial=0.0))
         heavy[heavy == 0.0] = 1.0
         terms = size * (1.0 + np.abs(self.x).max(initial=0.0)) + np.abs(level.b).max(initial=0.0)
-        violation = float(np.linalg.norm(level.violation(self.x)))
+        excess = np.maximum(level.G @ self.x - level.g, 0.0)
+        violation = math.hypot(*(level.A @ self.x - level.b).tolist(), *excess.tolist())
         dust = size * (HELD * violation + ROUNDING * float(terms))
         if size > 0.0 and p > 0:
             B = np.block(
