@@ -9,8 +9,35 @@ from qp_twist.fast.dual_active_set import SOLVED, active_set
 
 _EPSILON = 1e-5
 """Weight of the motion beside the scale: s comes out below its optimum by ½ε²‖x‖² at most."""
+_OF_THE_MOTION = 100.0 * _EPSILON * _EPSILON
+"""A multiplier below this share of the motion may be what its weight makes of none."""
 _CLEAR = 1e-6
 """What scaling takes from the rows has to be more, m/s or rad/s: less may count as met."""
+
+
+@plain
+def _pose(w, m):
+    """The program in (s, x); the largest of the first m right-hand sides."""
+    p, n, largest = w.scaling, len(w.x), 0.0
+    for row in range(m):
+        p.zero[row], p.A[row, 0] = 0.0, -w.b[row]
+        largest = max(largest, abs(w.b[row]))
+        for i in range(n):
+            p.A[row, 1 + i] = w.A[row, i]
+    for row in range(len(w.g)):
+        p.G[row, 0], square = 0.0, 0.0
+        for i in range(n):
+            p.G[row, 1 + i] = w.G[row, i]
+            square += w.G[row, i] * w.G[row, i]
+        p.lengths[row] = math.sqrt(square) if square > 0.0 else 1.0
+    for i in range(n + 1):
+        for j in range(n + 1):
+            p.J[i, j] = 0.0
+        p.J[i, i], p.c[i] = 1.0 / _EPSILON, 0.0
+        p.lower[i] = w.lower[i - 1] if i > 0 else -math.inf
+        p.upper[i] = w.upper[i - 1] if i > 0 else math.inf
+    p.J[0, 0], p.c[0] = 1.0, -2.0
+    return largest
 
 
 @plain
@@ -34,25 +61,7 @@ def largest_scale(w, m, backoff):
         m: How many rows of A are scaled: those of the first level.
         backoff: Share that is given up, so that the scaled rows are not on the very edge.
     """
-    p, n, largest = w.scaling, len(w.x), 0.0
-    for row in range(m):
-        p.zero[row], p.A[row, 0] = 0.0, -w.b[row]
-        largest = max(largest, abs(w.b[row]))
-        for i in range(n):
-            p.A[row, 1 + i] = w.A[row, i]
-    for row in range(len(w.g)):
-        p.G[row, 0], square = 0.0, 0.0
-        for i in range(n):
-            p.G[row, 1 + i] = w.G[row, i]
-            square += w.G[row, i] * w.G[row, i]
-        p.lengths[row] = math.sqrt(square) if square > 0.0 else 1.0
-    for i in range(n + 1):
-        for j in range(n + 1):
-            p.J[i, j] = 0.0
-        p.J[i, i], p.c[i] = 1.0 / _EPSILON, 0.0
-        p.lower[i] = w.lower[i - 1] if i > 0 else -math.inf
-        p.upper[i] = w.upper[i - 1] if i > 0 else math.inf
-    p.J[0, 0], p.c[0] = 1.0, -2.0
+    p, n, k, largest = w.scaling, len(w.x), len(w.g), _pose(w, m)
     status, count = active_set(
         p.c, p.A[:m], p.zero[:m], p.G, w.g, p.lengths, p.lower, p.upper, p.active, len(w.nothing),
         p.x, p.u, p.J, p.R, p.held, p.work,
@@ -62,8 +71,12 @@ def largest_scale(w, m, backoff):
         return 0.0
     for i in range(1, len(w.gains)):
         w.gains[i] = 0.0
-    k = len(w.g)
+    furthest = 1.0
+    for i in range(1, n + 1):
+        furthest = max(furthest, abs(p.x[i]))
     for place in range(count):
+        if not p.u[place] > _OF_THE_MOTION * furthest:
+            continue
         which, gain = p.active[place] - m, p.u[place] / (2.0 - scale)
         if which >= k + n + 1:
             w.gains[which - k - n - 1] += gain
