@@ -260,7 +260,7 @@ class CompiledStep:
         """Take over what limits of other classes, bands and other tasks' costs say.
 
         Returns:
-            What inequality rows come from; ``None`` where a band may be left.
+            What inequality rows come from; ``None`` where tasks state other rows than before.
         """
         with np.errstate(over="ignore", invalid="ignore"):  # what is not finite is refused
             stated = [StatedLimit.of(limit, configuration, dt) for _, limit in self._stated]
@@ -279,13 +279,24 @@ class CompiledStep:
             self._take_rows(k)
         for (table, _), limit in zip(self._stated, stated, strict=True):
             table[:, 0], table[:, 1] = (-np.inf, np.inf) if limit is None else limit.box[1:]
+        hardest = 0.0
+        if costs is not None:
+            nv = composed.model.nv
+            self._given.quadratic[:nv, :nv], self._given.linear[:nv] = costs
+            hardest = float(np.abs(costs[0]).max())
+        self._write_rows(rows, composed, hardest)
+        if self._asked and not self._ask(composed, configuration, dt):
+            return None
+        return rows
+
+    def _write_rows(
+        self, rows: list[StatedLimit | BandRows], composed: Composition, hardest: float
+    ) -> None:
+        """The inequality rows; ``hardest`` is the largest quadratic cost of other tasks."""
         nv, metric = composed.model.nv, self._given.metric
         first, slack, G = 0, nv, self._program.G
         # Slacks are measured so that they cost about as much as the joints.
-        cost = composed.joint_weight * float(metric[:nv].max())
-        if costs is not None:
-            self._given.quadratic[:nv, :nv], self._given.linear[:nv] = costs
-            cost = max(cost, float(np.abs(costs[0]).max()))
+        cost = max(composed.joint_weight * float(metric[:nv].max()), hardest)
         metric[nv:] = cost / composed.joint_weight
         G[:, nv:] = 0.0
         for said in rows:
@@ -295,9 +306,6 @@ class CompiledStep:
                 G[first:end, slack] = -np.sqrt(cost / said.weight)
                 slack += 1
             first = end
-        if self._asked and not self._ask(composed, configuration, dt):
-            return None
-        return rows
 
     def _ask(self, composed: Composition, configuration: mink.Configuration, dt: float) -> bool:
         """Take over the rows of tasks that state them; whether they are as many as before."""
