@@ -24,10 +24,22 @@ from qp_twist.controller.step_tables import (
     with_slacks,
 )
 from qp_twist.fast import COMPILED
-from qp_twist.fast.live_step import ELSEWHERE, GIVEN_JACOBIAN, live_step
+from qp_twist.fast.live_step import (
+    ELSEWHERE,
+    GIVEN_JACOBIAN,
+    live_hindered_step,
+    live_step,
+)
 from qp_twist.fast.step_kernel import GIVEN, RAISE, RELAX, SCALE, STATED, STEP, Given
 from qp_twist.fast.step_record import PROGRAM, Program, Sizes
-from qp_twist.fast.verified_program import DONE, PRIORITIZED, REFUSED, RELAXED, SCALED
+from qp_twist.fast.verified_program import (
+    DONE,
+    PRIORITIZED,
+    REFUSED,
+    RELAXED,
+    SCALED,
+    TOO_FAST,
+)
 from qp_twist.kinematics import (
     BandRows,
     FreeTwistCost,
@@ -231,6 +243,8 @@ class CompiledStep:
             jac(self._model, self._data, rows_of_task[:3], rows_of_task[3:], index)
             self._given.jacobians[number, :, : self._model.nv] = rows_of_task
         status = live_step(self._floats, self._integers, dt, use_secondary)
+        if status == TOO_FAST:
+            status = live_hindered_step(self._floats, self._integers)
         # A band gives way with its level, which the kernel takes for a limit.
         by_levels = status in (RELAXED, PRIORITIZED) or (status == SCALED and len(self._ends) > 1)
         if status == REFUSED or (by_levels and self._banded):

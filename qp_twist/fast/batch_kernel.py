@@ -7,9 +7,9 @@ import numpy as np
 from qp_twist.fast.arm_kernel import pose_and_jacobian
 from qp_twist.fast.compiling import kernel
 from qp_twist.fast.null_space import INDEPENDENT, least_norm, reflect
-from qp_twist.fast.step_kernel import read_step, step
+from qp_twist.fast.step_kernel import hindered_step, read_step, step
 from qp_twist.fast.twist_rows import in_basis, left_free, twist_rows, wanted_twist
-from qp_twist.fast.verified_program import REFUSED
+from qp_twist.fast.verified_program import REFUSED, TOO_FAST
 
 MINIMUM_NORM, GRADIENT_PROJECTION, RMR, TWA = range(4)
 """Closed forms."""
@@ -40,7 +40,10 @@ def steps(arms, floats, integers, q, targets, dt, use_secondary, velocities, sca
             for i in range(18):
                 g.targets[task, i] = targets[k, task, i]
         w.active_count[0] = 0  # no row knows what was active in another
-        done[k] = step(g, w, q[k], dt, use_secondary) != REFUSED
+        status = step(g, w, q[k], dt, use_secondary)
+        if status == TOO_FAST:
+            status = hindered_step(g, w)
+        done[k] = status != REFUSED
         scales[k] = w.gains[0]
         for dof in range(len(w.x)):
             velocities[k, dof] = w.x[dof]

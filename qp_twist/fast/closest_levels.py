@@ -106,12 +106,14 @@ def _closest(w, p, first, end, longest):
 @plain
 def _slowed_down(w, p, end, tolerances):
     """Slow the first level down as far as it has to be; the share that is kept, 0 for none."""
-    longest, largest = _length_of_rows(w.A, w.b, 0, end)
+    longest, largest = _length_of_rows(w.A, w.b, len(w.nothing), end)
     if end == 0:
         return 1.0
-    if _closest(w, p, 0, end, longest)[0] < 0:
+    if _closest(w, p, len(w.nothing), end, longest)[0] < 0:
         return 0.0
-    if _residual(w.A, w.b, p.x, 0, end, p.r) <= tolerances.equality * (longest + largest):
+    if _residual(w.A, w.b, p.x, len(w.nothing), end, p.r) <= tolerances.equality * (
+        longest + largest
+    ):
         return 1.0
     scale = largest_scale(w, end, tolerances.backoff)
     for row in range(end):

@@ -6,6 +6,7 @@ import math
 
 from qp_twist.fast.compiling import plain
 from qp_twist.fast.dual_active_set import SOLVED, active_set
+from qp_twist.fast.verified_program import DONE, REFUSED, SCALED, solved_program
 
 _EPSILON = 1e-5
 """Weight of the motion beside the scale: s comes out below its optimum by ½ε²‖x‖² at most."""
@@ -85,3 +86,15 @@ def largest_scale(w, m, backoff):
         elif which >= 0:
             w.gains[1 + n + which] += gain
     return scale * (1.0 - backoff)
+
+
+@plain
+def scaled_program(w, tolerances):
+    """The verified solution at the largest speed that fits: ``SCALED``, else ``REFUSED``."""
+    scale = largest_scale(w, len(w.b), tolerances.backoff)
+    for row in range(len(w.b)):
+        w.b[row] *= scale
+    if scale == 0.0 or solved_program(w, tolerances) != DONE:
+        return REFUSED
+    w.gains[0] = scale
+    return SCALED

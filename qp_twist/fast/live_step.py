@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from qp_twist.fast.compiling import entry, part
 from qp_twist.fast.record import at_address
-from qp_twist.fast.step_kernel import read_step, step
+from qp_twist.fast.step_kernel import hindered_step, read_step, step
 
 GIVEN_JACOBIAN, ELSEWHERE = -2, -1
 """What stands in place of a joint: the task's Jacobian is given; the joint does not move it."""
@@ -54,7 +54,7 @@ def live_step(floats, integers, dt, use_secondary):
     frame the rotation (9) and the position (3); then come nq, and how many joints there are.
 
     Returns:
-        As ``step_kernel.verified_velocity``.
+        As ``step_kernel.step``.
     """
     s = read_step(floats, integers, integers)
     g, w = s.given, s.program
@@ -73,3 +73,10 @@ def live_step(floats, integers, dt, use_secondary):
         if links[task, 0] != GIVEN_JACOBIAN:
             _jacobian(links[task], axes, anchors, position, g.jacobians[task])
     return step(g, w, at_address(sources[0], nq), dt, use_secondary)
+
+
+@entry
+def live_hindered_step(floats, integers):
+    """What :func:`live_step` has found too fast, as ``step_kernel.hindered_step``."""
+    s = read_step(floats, integers, integers)
+    return hindered_step(s.given, s.program)

@@ -6,6 +6,7 @@ import math
 
 from qp_twist.fast.compiling import entry, plain
 from qp_twist.fast.dual_active_set import NO_ROOM, SOLVED, active_set, cholesky_inverse
+from qp_twist.fast.largest_scale import scaled_program
 from qp_twist.fast.step_record import read_program
 from qp_twist.fast.verified_program import (
     DEPENDENT,
@@ -14,7 +15,6 @@ from qp_twist.fast.verified_program import (
     TOO_FAST,
     excess_of,
     into_the_box,
-    solved_program,
     well_conditioned,
 )
 
@@ -161,12 +161,12 @@ def slower_step(floats, integers, tolerances):
     """Solve and verify at a reduced speed what :func:`program_step` has found too fast.
 
     Returns:
-        As ``solved_program``.
+        As ``scaled_program``.
     """
     w = read_program(floats, integers, integers)
     if not cholesky_inverse(w.dense, w.J):
         return REFUSED
-    return solved_program(w, True, tolerances)
+    return scaled_program(w, tolerances)
 
 
 @entry

@@ -9,13 +9,13 @@ from qp_twist.fast.bounds import bounds
 from qp_twist.fast.closest_levels import closest_levels
 from qp_twist.fast.compiling import plain
 from qp_twist.fast.dual_active_set import cholesky, cholesky_inverse
+from qp_twist.fast.largest_scale import scaled_program
 from qp_twist.fast.null_space import null_space, right_singular, row_space
 from qp_twist.fast.record import Floats, Integers, Record, reader
 from qp_twist.fast.step_record import PROGRAM, Program, Sizes
 from qp_twist.fast.twist_rows import twist_rows
 from qp_twist.fast.verified_program import (
     REFUSED,
-    TOO_FAST,
     Tolerances,
     solved_program,
     well_conditioned,
@@ -318,8 +318,8 @@ def step_on_rows(g, w, qpos, dt, use_secondary):
     """The joint velocity into ``w.x``, from the rows that are in ``w``.
 
     Returns:
-        ``DONE``, ``SCALED``, ``RELAXED`` or ``PRIORITIZED``, or ``REFUSED`` where the reference has
-        to look at the step.
+        ``DONE``; ``TOO_FAST`` where the rows do not fit inside the limits: see
+        :func:`hindered_step`; or ``REFUSED`` where the reference has to look at the step.
     """
     fastest = _desired(
         qpos, g.addresses, g.middle, g.stiffness, g.displacement, dt, use_secondary, w.q, w.c
@@ -339,14 +339,7 @@ def step_on_rows(g, w, qpos, dt, use_secondary):
         return REFUSED
     if not _costs(w, g.metric, g.quadratic, g.linear, g.settings):
         return REFUSED
-    single, relaxes = len(g.ends) == 1, g.settings.infeasible == RELAX
-    scales = g.settings.infeasible == SCALE
-    status = solved_program(w, single and scales, g.tolerances)
-    if status != TOO_FAST:
-        return status
-    if single and not relaxes:
-        return REFUSED
-    return closest_levels(w, g.ends, relaxes, scales, g.tolerances)
+    return solved_program(w, g.tolerances)
 
 
 @plain
@@ -354,3 +347,16 @@ def step(g, w, qpos, dt, use_secondary):
     """A step from what is given to w; what :func:`step_on_rows` returns."""
     _all_rows(g, dt, w.A, w.b, w.free)
     return step_on_rows(g, w, qpos, dt, use_secondary)
+
+
+@plain
+def hindered_step(g, w):
+    """What is done where :func:`step` has found no room; compiled when it is first needed.
+
+    Returns:
+        ``SCALED``, ``RELAXED`` or ``PRIORITIZED``, or ``REFUSED`` as above.
+    """
+    scales, relaxes = g.settings.infeasible == SCALE, g.settings.infeasible == RELAX
+    if len(g.ends) > 1 or relaxes:
+        return closest_levels(w, g.ends, relaxes, scales, g.tolerances)
+    return scaled_program(w, g.tolerances) if scales else REFUSED

@@ -7,7 +7,6 @@ from typing import NamedTuple
 
 from qp_twist.fast.compiling import plain
 from qp_twist.fast.dual_active_set import NO_ROOM, SOLVED, cholesky
-from qp_twist.fast.largest_scale import largest_scale
 from qp_twist.fast.reduced_program import reduced_program
 
 DONE, REFUSED, SCALED, RELAXED, PRIORITIZED, TOO_FAST, DEPENDENT = range(7)
@@ -174,26 +173,16 @@ def into_the_box(x, lower, upper):
 
 
 @plain
-def solved_program(w, scales, tolerances):
-    """The verified solution of a program into ``w.x``; at a reduced speed if ``scales``.
+def solved_program(w, tolerances):
+    """The verified solution of a program into ``w.x``.
 
     Returns:
-        ``DONE``, ``SCALED``, ``TOO_FAST``, or ``REFUSED`` where others have to look at it.
+        ``DONE``, ``TOO_FAST``, or ``REFUSED`` where others have to look at it.
     """
     w.gains[0] = 1.0
-    while True:  # at most twice: a part that is written once is compiled once
-        status = reduced_program(w)
-        if status != NO_ROOM or not scales or w.gains[0] < 1.0:
-            break
-        w.gains[0] = largest_scale(w, len(w.b), tolerances.backoff)
-        if w.gains[0] == 0.0:
-            return REFUSED
-        for row in range(len(w.b)):
-            w.b[row] *= w.gains[0]
-    if status == NO_ROOM and w.gains[0] == 1.0:
+    status = reduced_program(w)
+    if status == NO_ROOM:
         return TOO_FAST
     if status != SOLVED or not into_the_box(w.x, w.lower, w.upper):
         return REFUSED
-    if not excess_of(w, tolerances) <= 1.0:
-        return REFUSED
-    return DONE if w.gains[0] == 1.0 else SCALED
+    return DONE if excess_of(w, tolerances) <= 1.0 else REFUSED
