@@ -8,7 +8,8 @@ NumPy by the conditions of Karush, Kuhn and Tucker: the rows and bounds are stat
 `qt.batch.kinematics`, and so is the solution, from the bounds that are touched. Half a minute; with
 another solver the steps are taken one by one, in five. With `--rows` each step has so many random
 inequality rows, too, and what is called solved is held against quadprog's solution of the program
-that is stated again; it is taken one by one.
+that is stated again; it is taken one by one. `billion.py` takes a thousand times as many of these
+steps.
 """
 
 from __future__ import annotations
@@ -23,6 +24,7 @@ import mujoco
 import numpy as np
 import qpsolvers
 from publishing import publish
+from step_referee import chain_of, random_problems
 
 import qp_twist as qt
 
@@ -47,22 +49,7 @@ def random_steps(
     solver: str = "compiled",
 ) -> tuple[qt.Controller, Array, Array]:
     """A controller, configurations, and the poses that are their targets."""
-    ranges = qt.JointRanges.of(model)
-    q = rng.uniform(ranges.lower, ranges.upper, (count, model.nq))
-    found = qt.batch.kinematics(model, "tool", "site", q)
-    away = 10.0 ** rng.uniform(-6.0, -1.0, (count, 1))
-    targets = np.tile(np.eye(4), (count, 1, 1))
-    targets[:, :3, 3] = found.positions + 0.1 * away * rng.normal(size=(count, 3))
-    turns = np.zeros((count, 3, 3))
-    for k, vector in enumerate(away * rng.normal(size=(count, 3)) * 0.3):
-        quaternion = np.zeros(4)
-        mujoco.mju_axisAngle2Quat(
-            quaternion, vector / np.linalg.norm(vector), float(np.linalg.norm(vector))
-        )
-        matrix = np.zeros(9)
-        mujoco.mju_quat2Mat(matrix, quaternion)
-        turns[k] = matrix.reshape(3, 3)
-    targets[:, :3, :3] = turns @ found.rotations
+    q, targets = random_problems(chain_of(model, "tool"), count, rng)
     controller = qt.Controller(
         model,
         [qt.TwistTask.axis_free("tool", "site")],
