@@ -1,7 +1,8 @@
 """A billion random steps in batches: is any called solved that is not?
 
-    python benchmarks/billion.py [--pieces 1004] [--steps 1000000] [--results out/billion]
-                                 [--backwards] [--only-table] [--markdown FILE]
+    python benchmarks/billion.py [--first 0] [--pieces 1004] [--steps 1000000]
+                                 [--results out/billion] [--backwards] [--only-table]
+                                 [--markdown FILE]
 
 Steps as those of `false_solved.py`, scaled ones included, of several robots, tasks and costs; what
 the kernel calls solved is refereed by compiled code that shares nothing with the package
@@ -238,6 +239,7 @@ def table(folder: Path) -> tuple[str, int]:
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser.add_argument("--first", type=int, default=0)
     parser.add_argument("--pieces", type=int, default=1004)
     parser.add_argument("--steps", type=int, default=1_000_000)
     parser.add_argument("--results", type=Path, default=ROOT / "out" / "billion")
@@ -247,7 +249,7 @@ def main() -> int:
     given = parser.parse_args()
     given.results.mkdir(parents=True, exist_ok=True)
     known: dict[int, tuple[qt.Controller, Chain]] = {}
-    pieces = [] if given.only_table else list(range(given.pieces))
+    pieces = [] if given.only_table else list(range(given.first, given.first + given.pieces))
     for piece in reversed(pieces) if given.backwards else pieces:
         file = given.results / f"piece_{piece:04d}.json"
         if not file.exists():
