@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from qp_twist.fast.compiling import plain
+from qp_twist.fast.compiling import part, plain
 
 POSITION, MOTION, WINDOW, STATED, MINK_RANGE = 0, 1, 2, 3, 4
 """Kinds of limits. What is stated are bounds on velocities, by whatever limit; a range of mink's is
@@ -15,7 +15,7 @@ are of limits of other kinds."""
 NO_BOUND = 9.0
 
 
-@plain
+@part
 def _stopping_speed(room, acceleration, dt):
     """As ``limits.stopping_speed``, for one joint."""
     if math.isinf(acceleration) or math.isinf(room):
@@ -25,7 +25,7 @@ def _stopping_speed(room, acceleration, dt):
     return room / ((steps + 1.0) * dt) + 0.5 * steps * braking
 
 
-@plain
+@part
 def _above(bound, kind, least, least_kind):
     """The higher of two lower bounds; of equal ones the one whose kind comes first."""
     if bound > least or (bound == least and kind < least_kind):
@@ -33,7 +33,7 @@ def _above(bound, kind, least, least_kind):
     return least, least_kind
 
 
-@plain
+@part
 def _below(bound, kind, most, most_kind):
     """The lower of two upper bounds; of equal ones the one whose kind comes first."""
     if bound < most or (bound == most and kind < most_kind):
@@ -41,7 +41,7 @@ def _below(bound, kind, most, most_kind):
     return most, most_kind
 
 
-@plain
+@part
 def joint_bounds(kind, q, dt, noticeable, numbers, least, from_below, most, from_above):
     """Narrow a joint's bounds by one limit.
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from qp_twist.fast.compiling import entry, plain
+from qp_twist.fast.compiling import entry, part, plain
 from qp_twist.fast.null_space import reflection
 
 SOLVED, NO_ROOM, NOT_CONVEX, ENDLESS = 0, 1, 2, 3
@@ -97,7 +97,7 @@ def _normal_in_factor(which, m, n, k, A, G, J, d):
             d[j] = -J[row, j]
 
 
-@plain
+@part
 def _side(which, m, k, b, g, lower, upper):
     """The right-hand side of a constraint aᵀx ≥ side (equality rows: =)."""
     if which < m:
@@ -184,7 +184,7 @@ def _solve_held(q, n, m, k, c, b, g, lower, upper, J, R, active, x, u, t):
         u[i] = total / R[i, i]
 
 
-@plain
+@part
 def _size(x):
     """The largest of |x|, at least 1."""
     size = 1.0
@@ -272,7 +272,7 @@ def _hold_wanted(q, m, n, k, A, G, b, g, lower, upper, J, R, d, active, held):
     return q
 
 
-@plain
+@part
 def _least(u, first, q):
     """The place of the most negative multiplier of an inequality, or −1."""
     least, place = 0.0, -1
@@ -282,7 +282,7 @@ def _least(u, first, q):
     return place
 
 
-@plain
+@part
 def _blocking(u, r, first, q, active):
     """The longest step before a multiplier turns negative, and the place of that one, or −1."""
     longest, place = math.inf, -1
@@ -294,7 +294,7 @@ def _blocking(u, r, first, q, active):
     return longest, place
 
 
-@plain
+@part
 def _violation(which, m, n, k, G, x, side):
     """How far a constraint is from being met, in its own units, at least 0."""
     missing = side

@@ -71,7 +71,7 @@ def reflect(A, V, R):
     return smallest / largest if largest > 0.0 else 0.0
 
 
-@plain
+@part
 def times_q(V, x):
     """x (n,) becomes Q x."""
     m, n = V.shape
@@ -83,7 +83,7 @@ def times_q(V, x):
             x[i] -= along * V[row, i]
 
 
-@plain
+@part
 def times_q_transposed(V, x):
     """x (n,) becomes Qᵀ x."""
     m, n = V.shape

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from qp_twist.fast.compiling import plain
+from qp_twist.fast.compiling import part, plain
 from qp_twist.fast.dual_active_set import NO_ROOM, ROUNDING, SOLVED, active_set
 from qp_twist.fast.in_plane import in_plane
 from qp_twist.fast.null_space import reflect, times_q, times_q_transposed
@@ -58,7 +58,7 @@ def reduced_program(w):
     return SOLVED
 
 
-@plain
+@part
 def _scale(w):
     """AS, and −Sᵀc into ``line``."""
     m, n = w.A.shape
@@ -82,7 +82,7 @@ def _scale(w):
                 w.scaled[row, j] += w.A[row, i] * w.J[i, j]
 
 
-@plain
+@part
 def to_joints(is_diagonal, root, S, v):
     """v (n,) becomes S v, with S a diagonal or upper triangular."""
     n = len(v)
@@ -97,7 +97,7 @@ def to_joints(is_diagonal, root, S, v):
         v[i] = total
 
 
-@plain
+@part
 def _begin(w):
     """x without a look at the constraints, and the right-hand side of R y = …."""
     m, n = w.A.shape
@@ -114,7 +114,7 @@ def _begin(w):
     to_joints(len(w.h) > 0, w.root, w.J, w.x)
 
 
-@plain
+@part
 def _inside(w):
     """Whether x meets all bounds and inequality rows."""
     for i in range(len(w.x)):
@@ -183,7 +183,7 @@ def _cut(w):
     return room
 
 
-@plain
+@part
 def _on_line(w):
     """The z of one unknown that is nearest to 0, with what is active; how many are, −1 for no z."""
     least, most, first, last = -math.inf, math.inf, 0, 0

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from qp_twist.fast.compiling import plain
+from qp_twist.fast.compiling import part, plain
 
 WORLD, BODY, TARGET = 0, 1, 2
 """What the axes of a projector are fixed to."""
@@ -13,7 +13,7 @@ NONE, LINE, PLANE, FULL = 0, 1, 2, 3
 _TINY = 1e-12
 
 
-@plain
+@part
 def geodesic(ax, ay, az, bx, by, bz):
     """Rotation vector of the shortest rotation that takes one unit vector to another."""
     cosine = ax * bx + ay * by + az * bz
@@ -30,7 +30,7 @@ def geodesic(ax, ay, az, bx, by, bz):
     return scale * nx, scale * ny, scale * nz
 
 
-@plain
+@part
 def _perpendicular(x, y, z):
     """A fixed unit vector perpendicular to e: e × the axis of e's smallest entry."""
     if abs(x) <= abs(y) and abs(x) <= abs(z):
@@ -43,7 +43,7 @@ def _perpendicular(x, y, z):
     return u / length, v / length, w / length
 
 
-@plain
+@part
 def quaternion(pose, target):
     """w, x, y, z of R_d Rᵀ, by the largest of its four entries (Shepperd 1978)."""
     a = target[0] * pose[0] + target[1] * pose[1] + target[2] * pose[2]
@@ -69,7 +69,7 @@ def quaternion(pose, target):
     return (d - b) / s, (g + c) / s, (h + f) / s, 0.25 * s
 
 
-@plain
+@part
 def _rotation_vector(w, x, y, z):
     """Of a unit quaternion, of length at most π, rad."""
     sine = math.sqrt(x * x + y * y + z * z)
@@ -81,7 +81,7 @@ def _rotation_vector(w, x, y, z):
     return scale * x, scale * y, scale * z
 
 
-@plain
+@part
 def _turned_about(w, along):
     """Angle in (−π, π] of the part of a rotation that turns about an axis."""
     if math.hypot(along, w) < _TINY:
@@ -94,7 +94,7 @@ def _turned_about(w, along):
     return angle
 
 
-@plain
+@part
 def _turned(M, x, y, z):
     """M v, for the rotation in the first nine entries of M."""
     return (
@@ -104,7 +104,7 @@ def _turned(M, x, y, z):
     )
 
 
-@plain
+@part
 def _turned_back(M, x, y, z):
     """Mᵀ v."""
     return (
@@ -114,7 +114,7 @@ def _turned_back(M, x, y, z):
     )
 
 
-@plain
+@part
 def angular_error(pose, target, kind, x, y, z, moves_with_body):
     """Δω of a projector's kind and world axis: as ``geometry.angular_error`` states it."""
     if kind == NONE:
@@ -134,7 +134,7 @@ def angular_error(pose, target, kind, x, y, z, moves_with_body):
     return angle * x, angle * y, angle * z
 
 
-@plain
+@part
 def linear_error(pose, target, kind, shape, turn, stays):
     """U Uᵀ(p_d − p)."""
     x, y, z = target[9] - pose[9], target[10] - pose[10], target[11] - pose[11]
@@ -150,7 +150,7 @@ def linear_error(pose, target, kind, shape, turn, stays):
     return ex, ey, ez
 
 
-@plain
+@part
 def _column(shape, at, turn, stays):
     """A column of a basis, which begins at ``at`` of ``shape`` row by row, in the world."""
     x, y, z = shape[at], shape[at + 3], shape[at + 6]
@@ -159,7 +159,7 @@ def _column(shape, at, turn, stays):
     return _turned(turn, x, y, z)
 
 
-@plain
+@part
 def _axis(shape, at, turn, stays):
     """The axis, which begins at ``at`` of ``shape``, in the world."""
     if stays:
@@ -167,7 +167,7 @@ def _axis(shape, at, turn, stays):
     return _turned(turn, shape[at], shape[at + 1], shape[at + 2])
 
 
-@plain
+@part
 def _left(kind, x, y, z, u, v, w):
     """(1 − M) of a vector, for a projector's kind and axis."""
     along = x * u + y * v + z * w
@@ -190,7 +190,7 @@ def _free_of(kind, x, y, z, cost, first, J, free):
         free[first + 2, column] = cost * w
 
 
-@plain
+@part
 def wanted_twist(block, kinds, shape, pose, target, dt):
     """What a task asks of its linear (0) or angular (1) block; arguments as in :func:`twist_rows`.
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from qp_twist.fast.compiling import plain
+from qp_twist.fast.compiling import part, plain
 from qp_twist.fast.dual_active_set import NO_ROOM, SOLVED, cholesky
 from qp_twist.fast.reduced_program import reduced_program
 
@@ -63,7 +63,7 @@ def well_conditioned(A, ends, threshold, work, scratch):
     return True
 
 
-@plain
+@part
 def _excess(hardest, left, largest, gap, w, tolerances):
     """What the multipliers leave, in units of its tolerance, as ``verification`` has it.
 
@@ -106,7 +106,7 @@ def _excess(hardest, left, largest, gap, w, tolerances):
     return max(worst, gap / (tolerances.gap * cost + lost))
 
 
-@plain
+@part
 def _pull_of_rows(A, y, residual):
     """Add Aᵀy to ``residual``; the largest of it."""
     largest = 0.0
@@ -119,7 +119,7 @@ def _pull_of_rows(A, y, residual):
     return largest
 
 
-@plain
+@part
 def _left_of_diagonal(w, residual):
     """What :func:`_excess` asks, but for w, where H = diag h."""
     hardest, left, gap = 1e-300, 0.0, 0.0
@@ -162,7 +162,7 @@ def excess_of(w, tolerances):
     return _excess(hardest, left, largest, gap, w, tolerances)
 
 
-@plain
+@part
 def into_the_box(x, lower, upper):
     """To the last bit; whether x is finite."""
     for i in range(len(x)):
