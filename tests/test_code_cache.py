@@ -18,9 +18,9 @@ import qp_twist
 
 FAST = Path(qp_twist.__file__).parent / "fast"
 INNER = """
-from qp_twist.fast.compiling import entry
+from qp_twist.fast.compiling import plain
 FACTOR = 2.0
-@entry
+@plain
 def scaled(x):
     return FACTOR * x
 """
@@ -85,6 +85,17 @@ def test_an_edit_of_a_kernel_reaches_the_kernels_that_call_it(package: Path) -> 
     assert len(kept(package)) == len(first) and not set(kept(package)) & set(first)
     (package / "inner.py").write_text(INNER)
     assert run(package)[0] == 21.0
+
+
+def test_a_kernel_is_compiled_anew_where_what_it_calls_was(package: Path) -> None:
+    """Its machine code jumps to a symbol that is not there any more: that would end the process."""
+    assert run(package) == [21.0, 0]
+    for file in package.rglob("inner.*.nb?"):
+        file.unlink()
+    # Symbols are numbered in the order in which a process meets its functions.
+    earlier = "from numba import njit\nnjit(lambda x: x)(1.0)\nnjit(lambda x: x + 1)(1.0)\n"
+    assert run(package, earlier + CALL) == [21.0, 0]
+    assert run(package) == [21.0, 1]
 
 
 def test_a_constant_of_another_file_reaches_a_kernel_of_this_package(tmp_path: Path) -> None:

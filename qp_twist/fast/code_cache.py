@@ -67,7 +67,7 @@ class _Call(NamedTuple):
 def _calls_of(library: Any) -> tuple[_Call, ...]:
     """What the machine code of a kernel jumps to, of what stands apart."""
     found = dict[_Call, None]()
-    for linked in library._linking_libraries:
+    for linked in getattr(library, "_linking_libraries", ()):
         itself: _Call | None = getattr(linked, "kernel_apart", None)
         found |= dict.fromkeys(getattr(linked, "kernel_calls", ()) if itself is None else (itself,))
     return tuple(found)
@@ -131,7 +131,11 @@ class KernelCache(FunctionCache):
         folder that cannot be written to (a full disk) costs time at the next start, but no step.
         """
         data.library.kernel_calls = _calls_of(data.library)
-        if self._apart:
+        # Where another numba does not know these, kernels are put into their callers as ever.
+        known = hasattr(data.library, "_shared_module") and hasattr(
+            data.library, "_linking_libraries"
+        )
+        if self._apart and known:
             function = self._py_func
             data.library.kernel_apart = _Call(
                 function.__module__, function.__name__, tuple(sig), data.fndesc.mangled_name
