@@ -10,12 +10,10 @@ import math
 
 from qp_twist.fast.compiling import plain
 from qp_twist.fast.dual_active_set import SOLVED, active_set, cholesky_inverse
-from qp_twist.fast.largest_scale import largest_scale
 from qp_twist.fast.verified_program import (
     PRIORITIZED,
     REFUSED,
     RELAXED,
-    SCALED,
     excess_of,
     into_the_box,
 )
@@ -104,24 +102,6 @@ def _closest(w, p, first, end, longest):
 
 
 @plain
-def _slowed_down(w, p, end, tolerances):
-    """Slow the first level down as far as it has to be; the share that is kept, 0 for none."""
-    longest, largest = _length_of_rows(w.A, w.b, len(w.nothing), end)
-    if end == 0:
-        return 1.0
-    if _closest(w, p, len(w.nothing), end, longest)[0] < 0:
-        return 0.0
-    if _residual(w.A, w.b, p.x, len(w.nothing), end, p.r) <= tolerances.equality * (
-        longest + largest
-    ):
-        return 1.0
-    scale = largest_scale(w, end, tolerances.backoff)
-    for row in range(end):
-        w.b[row] *= scale
-    return scale
-
-
-@plain
 def _hold(w, p, first, end, count, dust):
     """Hold what a level achieves at ``p.x``, and what stands in its way."""
     n, k, m = len(w.x), len(w.g), p.many[0]
@@ -147,7 +127,7 @@ def _hold(w, p, first, end, count, dust):
             p.e[held] = w.upper[dof] if is_upper else w.lower[dof]
             p.fixed[dof] = 1
         held += 1
-        if w.gains[at] == 0.0 and w.gains[0] == 1.0:  # else it says what holds the scale back
+        if w.gains[at] == 0.0:
             w.gains[at] = sign * multiplier
     for row in range(first, end):
         p.e[held] = 0.0
@@ -284,7 +264,7 @@ def _take_level(w, p, level, first, end, tolerances):
 
 
 @plain
-def closest_levels(w, ends, relaxes, scales, tolerances):
+def closest_levels(w, ends, relaxes, tolerances):
     r"""Level after level as close as the limits and the levels above let it come, then the costs.
 
     .. math::
@@ -303,19 +283,14 @@ def closest_levels(w, ends, relaxes, scales, tolerances):
             it where there is no room. Results are those of a step, and in ``gains`` the
             multipliers of what stands in a level's way.
         ends: Where the rows of each level end, (levels,).
-        relaxes: Whether the first level may give way,
-        scales: or is slowed down.
+        relaxes: Whether the first level may give way.
         tolerances: Of the verification.
 
     Returns:
-        ``PRIORITIZED``, ``RELAXED`` or ``SCALED``; ``REFUSED`` where the reference has to look.
+        ``PRIORITIZED`` or ``RELAXED``; ``REFUSED`` where the reference has to look.
     """
     p, status, all_met = w.levels, PRIORITIZED, True
     _begin(w, p)
-    if scales:
-        w.gains[0] = _slowed_down(w, p, ends[0], tolerances)
-        if w.gains[0] == 0.0:
-            return REFUSED
     for level in range(len(ends)):
         outcome = _take_level(
             w, p, level, ends[level - 1] if level > 0 else 0, ends[level], tolerances
@@ -324,8 +299,4 @@ def closest_levels(w, ends, relaxes, scales, tolerances):
             return REFUSED
         if outcome == _GIVES_WAY:
             all_met, status = False, RELAXED if level == 0 else status
-    if w.gains[0] < 1.0:
-        status = SCALED
-    elif all_met:
-        return REFUSED
-    return status if _verified(w, p, tolerances) else REFUSED
+    return status if not all_met and _verified(w, p, tolerances) else REFUSED

@@ -1,97 +1,107 @@
-"""The largest part of a level's rows that fits inside the limits, compiled."""
+"""The largest part of a step's rows that fits inside the limits, compiled."""
 
 from __future__ import annotations
 
 import math
 
 from qp_twist.fast.compiling import plain
-from qp_twist.fast.dual_active_set import SOLVED, active_set
+from qp_twist.fast.dual_active_set import NO_ROOM, SOLVED, active_set
+from qp_twist.fast.null_space import times_q
+from qp_twist.fast.reduced_program import reduced_program, to_joints
 from qp_twist.fast.verified_program import DONE, REFUSED, SCALED, solved_program
 
 _EPSILON = 1e-5
-"""Weight of the motion beside the scale: s comes out below its optimum by ½ε²‖x‖² at most."""
-_OF_THE_MOTION = 100.0 * _EPSILON * _EPSILON
-"""A multiplier below this share of the motion may be what its weight makes of none."""
+"""Weight of the motion beside the scale: s comes out below its optimum by ½ε²‖z‖² at most."""
 _CLEAR = 1e-6
 """What scaling takes from the rows has to be more, m/s or rad/s: less may count as met."""
 
 
 @plain
-def _pose(w, m):
-    """The program in (s, x); the largest of the first m right-hand sides."""
-    p, n, largest = w.scaling, len(w.x), 0.0
-    for row in range(m):
-        p.zero[row], p.A[row, 0] = 0.0, -w.b[row]
-        largest = max(largest, abs(w.b[row]))
-        for i in range(n):
-            p.A[row, 1 + i] = w.A[row, i]
-    for row in range(len(w.g)):
-        p.G[row, 0], square = 0.0, 0.0
-        for i in range(n):
-            p.G[row, 1 + i] = w.G[row, i]
-            square += w.G[row, i] * w.G[row, i]
-        p.lengths[row] = math.sqrt(square) if square > 0.0 else 1.0
-    for i in range(n + 1):
-        for j in range(n + 1):
-            p.J[i, j] = 0.0
-        p.J[i, i], p.c[i] = 1.0 / _EPSILON, 0.0
-        p.lower[i] = w.lower[i - 1] if i > 0 else -math.inf
-        p.upper[i] = w.upper[i - 1] if i > 0 else math.inf
-    p.J[0, 0], p.c[0] = 1.0, -2.0
-    return largest
-
-
-@plain
-def largest_scale(w, m, backoff):
+def largest_scale(w, backoff):
     r"""The largest s ≤ 1 for which A x = s b has a solution inside the limits, 0 for none.
 
-    It is the linear program of ``qp.scaling``, solved as the strictly convex
+    With the solutions :math:`\mathbf x = s\,\mathbf x_1 + \mathbf N z` of the rows it is the linear
+    program of ``qp.scaling``. It is solved as the strictly convex
 
     .. math::
 
-        \min_{s, \mathbf x}\; \tfrac12(s - 2)^2
-        + \tfrac12\varepsilon^2\lVert\mathbf x\rVert^2
-        \quad\text{s.t.}\quad \mathbf A\mathbf x = s\,\mathbf b,\;
-        lower \le \mathbf x \le upper,\; \mathbf G\mathbf x \le \mathbf g
+        \min_{s, z}\; \tfrac12(s - 2)^2 + \tfrac12\varepsilon^2\lVert z\rVert^2
+        \quad\text{s.t.}\quad lower \le \mathbf x \le upper,\; \mathbf G\mathbf x \le \mathbf g
 
     whose optimum is that of the linear program for every ε below some bound (Mangasarian and Meyer,
     SIAM J. Control Optim. 17, 1979), and near it above.
 
     Args:
-        w: ``step_record.Program``. Result, where s > 0: ``gains``, but for the first.
-        m: How many rows of A are scaled: those of the first level.
+        w: ``step_record.Program``, with V, R, root and ways as ``reduced_program`` has left them.
+            Result, where s > 0: ``gains``, but for the first.
         backoff: Share that is given up, so that the scaled rows are not on the very edge.
     """
-    p, n, k, largest = w.scaling, len(w.x), len(w.g), _pose(w, m)
+    p, n, x = w.scaling, len(w.x), w.line
+    for i in range(n):
+        x[i] = 0.0
+    for row in range(len(w.b)):
+        total = w.b[row]
+        for i in range(row):
+            total -= w.R[i, row] * x[i]
+        x[row] = total / w.R[row, row]
+    times_q(w.V, x)
+    to_joints(len(w.h) > 0, w.root, w.J, x)  # x of s = 1 and z = 0
+    _half_spaces(w, p.cuts, x)
+    for i in range(len(p.c)):
+        for j in range(len(p.c)):
+            p.J[i, j] = 0.0
+        p.J[i, i], p.c[i] = 1.0, 0.0
+    p.c[0] = -2.0
+    none = p.nothing
     status, count = active_set(
-        p.c, p.A[:m], p.zero[:m], p.G, w.g, p.lengths, p.lower, p.upper, p.active, len(w.nothing),
-        p.x, p.u, p.J, p.R, p.held, p.work,
+        p.c, p.no_rows, none, p.cuts, w.ends, w.lengths, none, none, p.active, len(none), p.x,
+        p.u, p.J, p.R, p.held, p.work,
     )  # fmt: skip
-    scale = p.x[0]
+    scale, largest = p.x[0], 0.0
+    for row in range(len(w.b)):
+        largest = max(largest, abs(w.b[row]))
     if status != SOLVED or not scale > 0.0 or not (1.0 - scale) * largest > _CLEAR:
         return 0.0
     for i in range(1, len(w.gains)):
         w.gains[i] = 0.0
-    furthest = 1.0
-    for i in range(1, n + 1):
-        furthest = max(furthest, abs(p.x[i]))
     for place in range(count):
-        if not p.u[place] > _OF_THE_MOTION * furthest:
-            continue
-        which, gain = p.active[place] - m, p.u[place] / (2.0 - scale)
-        if which >= k + n + 1:
-            w.gains[which - k - n - 1] += gain
-        elif which >= k:
-            w.gains[which - k] -= gain
-        elif which >= 0:
-            w.gains[1 + n + which] += gain
+        which, gain = p.active[place], p.u[place] / (2.0 - scale)
+        if which < n:
+            w.gains[1 + which] -= gain
+        else:
+            w.gains[1 + which - n] += gain
     return scale * (1.0 - backoff)
+
+
+@plain
+def _half_spaces(w, cuts, x):
+    """Bounds and rows of G as half-spaces in s and εz."""
+    n, free = len(x), len(w.ways)
+    for i in range(n):
+        cuts[i, 0], cuts[n + i, 0] = -x[i], x[i]
+        for j in range(free):
+            along = w.ways[j, i] / _EPSILON
+            cuts[i, 1 + j], cuts[n + i, 1 + j] = -along, along
+        w.ends[i], w.ends[n + i] = -w.lower[i], w.upper[i]
+        w.lengths[i] = w.lengths[n + i] = 1.0
+    for row in range(len(w.g)):
+        at, square = 2 * n + row, 0.0
+        for j in range(1 + free):
+            cuts[at, j] = 0.0
+        for i in range(n):
+            square += w.G[row, i] * w.G[row, i]
+            cuts[at, 0] += w.G[row, i] * x[i]
+            for j in range(free):
+                cuts[at, 1 + j] += w.G[row, i] * w.ways[j, i] / _EPSILON
+        w.ends[at], w.lengths[at] = w.g[row], math.sqrt(square) if square > 0.0 else 1.0
 
 
 @plain
 def scaled_program(w, tolerances):
     """The verified solution at the largest speed that fits: ``SCALED``, else ``REFUSED``."""
-    scale = largest_scale(w, len(w.b), tolerances.backoff)
+    if reduced_program(w) != NO_ROOM:
+        return REFUSED
+    scale = largest_scale(w, tolerances.backoff)
     for row in range(len(w.b)):
         w.b[row] *= scale
     if scale == 0.0 or solved_program(w, tolerances) != DONE:

@@ -358,5 +358,5 @@ def hindered_step(g, w):
     """
     scales, relaxes = g.settings.infeasible == SCALE, g.settings.infeasible == RELAX
     if len(g.ends) > 1 or relaxes:
-        return closest_levels(w, g.ends, relaxes, scales, g.tolerances)
+        return closest_levels(w, g.ends, relaxes, g.tolerances)
     return scaled_program(w, g.tolerances) if scales else REFUSED

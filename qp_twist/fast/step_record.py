@@ -27,22 +27,19 @@ class Sizes(NamedTuple):
 
 
 class ScaleProgram(NamedTuple):
-    """The program in (s, x) of the largest scale: see ``largest_scale``."""
+    """The program in s and what the rows leave free: see ``largest_scale``."""
 
-    A: Annotated[Floats, "m", "nv + 1"]
-    zero: Annotated[Floats, "m"]
-    G: Annotated[Floats, "k", "nv + 1"]
-    lengths: Annotated[Floats, "k"]
-    lower: Annotated[Floats, "nv + 1"]
-    upper: Annotated[Floats, "nv + 1"]
-    c: Annotated[Floats, "nv + 1"]
-    x: Annotated[Floats, "nv + 1"]
-    u: Annotated[Floats, "nv + 2"]
-    J: Annotated[Floats, "nv + 1", "nv + 1"]
-    R: Annotated[Floats, "nv + 1", "nv + 1"]
-    work: Annotated[Floats, 3, "nv + 2"]
-    held: Annotated[Integers, "m + k + 2 * nv + 2"]
-    active: Annotated[Integers, "nv + 1"]
+    cuts: Annotated[Floats, "2 * nv + k", "max(nv - m, 0) + 1"]
+    c: Annotated[Floats, "max(nv - m, 0) + 1"]
+    x: Annotated[Floats, "max(nv - m, 0) + 1"]
+    u: Annotated[Floats, "max(nv - m, 0) + 2"]
+    J: Annotated[Floats, "max(nv - m, 0) + 1", "max(nv - m, 0) + 1"]
+    R: Annotated[Floats, "max(nv - m, 0) + 1", "max(nv - m, 0) + 1"]
+    work: Annotated[Floats, 3, "max(nv - m, 0) + 2"]
+    no_rows: Annotated[Floats, 0, "max(nv - m, 0) + 1"]
+    nothing: Annotated[Floats, 0]
+    held: Annotated[Integers, "2 * nv + k"]
+    active: Annotated[Integers, "max(nv - m, 0) + 1"]
 
 
 class Levels(NamedTuple):
