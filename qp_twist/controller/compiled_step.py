@@ -246,7 +246,7 @@ class CompiledStep:
         if status == TOO_FAST:
             status = live_hindered_step(self._floats, self._integers)
         # A band gives way with its level, which the kernel takes for a limit.
-        by_levels = status in (RELAXED, PRIORITIZED) or (status == SCALED and len(self._ends) > 1)
+        by_levels = status in (RELAXED, PRIORITIZED)
         if status == REFUSED or (by_levels and self._banded):
             return None
         step = PlainStep.made(

@@ -9,13 +9,14 @@ from __future__ import annotations
 import math
 
 from qp_twist.fast.compiling import plain
-from qp_twist.fast.dual_active_set import SOLVED, active_set, cholesky_inverse
+from qp_twist.fast.dual_active_set import SOLVED, active_set, cholesky_inverse, row_lengths
 from qp_twist.fast.verified_program import (
     PRIORITIZED,
     REFUSED,
     RELAXED,
     excess_of,
     into_the_box,
+    no_multipliers,
 )
 
 _PROXIMAL = 1e-4
@@ -176,13 +177,8 @@ def _take_multipliers(w, p, count):
 
     What is held is met whichever way it pulls, so that its multipliers may have any sign.
     """
-    n, m, k, held = len(w.x), len(w.b), len(w.g), p.many[0]
-    for i in range(n):
-        w.box[i] = 0.0
-    for row in range(m):
-        w.y[row] = 0.0
-    for row in range(k):
-        w.lam[row] = 0.0
+    n, k, held = len(w.x), len(w.g), p.many[0]
+    no_multipliers(w)
     for place in range(count):
         which, u = p.active[place], p.u[place]
         if which < held:
@@ -232,11 +228,7 @@ def _begin(w, p):
     p.many[0] = 0
     for i in range(len(w.x)):
         p.x[i], p.fixed[i] = min(max(0.0, w.lower[i]), w.upper[i]), 0
-    for row in range(len(w.g)):
-        square = 0.0
-        for i in range(len(w.x)):
-            square += w.G[row, i] * w.G[row, i]
-        p.lengths[row] = math.sqrt(square) if square > 0.0 else 1.0
+    row_lengths(w.G, p.lengths)
     for i in range(len(w.gains)):
         w.gains[i] = 1.0 if i == 0 else 0.0
 

@@ -355,6 +355,16 @@ def _enter(
     return ENDLESS, q
 
 
+@plain
+def row_lengths(G, lengths):
+    """The length of each row of G (k, n), 1 for a row of zeros: the unit of its excess."""
+    for row in range(len(G)):
+        square = 0.0
+        for i in range(G.shape[1]):
+            square += G[row, i] * G[row, i]
+        lengths[row] = math.sqrt(square) if square > 0.0 else 1.0
+
+
 @entry
 def dual_active_set(
     H, c, A, b, G, g, lower, upper, active, before, x, u, J, R, held, work, lengths
@@ -396,11 +406,7 @@ def dual_active_set(
     """
     if not cholesky_inverse(H, J):
         return NOT_CONVEX, 0
-    for row in range(len(g)):
-        square = 0.0
-        for i in range(len(c)):
-            square += G[row, i] ** 2
-        lengths[row] = math.sqrt(square) if square > 0.0 else 1.0
+    row_lengths(G, lengths)
     return active_set(c, A, b, G, g, lengths, lower, upper, active, before, x, u, J, R, held, work)
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from qp_twist.fast.compiling import entry, plain
-from qp_twist.fast.dual_active_set import NO_ROOM, SOLVED, active_set, cholesky_inverse
+from qp_twist.fast.dual_active_set import NO_ROOM, SOLVED, active_set, cholesky_inverse, row_lengths
 from qp_twist.fast.largest_scale import scaled_program
 from qp_twist.fast.step_record import read_program
 from qp_twist.fast.verified_program import (
@@ -15,6 +15,7 @@ from qp_twist.fast.verified_program import (
     TOO_FAST,
     excess_of,
     into_the_box,
+    no_multipliers,
     well_conditioned,
 )
 
@@ -67,23 +68,14 @@ def _in_joints(w, R, work, held):
     n, m, k = len(w.x), len(w.b), len(w.g)
     active, u = held[m + k + 2 * n :], work[3]
     lengths = work[4:].reshape(-1)[:k]
-    for row in range(k):
-        square = 0.0
-        for i in range(n):
-            square += w.G[row, i] ** 2
-        lengths[row] = math.sqrt(square) if square > 0.0 else 1.0
+    row_lengths(w.G, lengths)
     status, count = active_set(
         w.c, w.A, w.b, w.G, w.g, lengths, w.lower, w.upper, active, 0, w.x, u, w.J, R,
         held[: m + k + 2 * n], work[:3],
     )  # fmt: skip
     if status != SOLVED:
         return status
-    for i in range(n):
-        w.box[i] = 0.0
-    for row in range(m):
-        w.y[row] = 0.0
-    for row in range(k):
-        w.lam[row] = 0.0
+    no_multipliers(w)
     for place in range(count):
         which = active[place]
         if which < m:

@@ -173,6 +173,17 @@ def into_the_box(x, lower, upper):
 
 
 @plain
+def no_multipliers(w):
+    """All of them 0."""
+    for i in range(len(w.box)):
+        w.box[i] = 0.0
+    for row in range(len(w.y)):
+        w.y[row] = 0.0
+    for row in range(len(w.lam)):
+        w.lam[row] = 0.0
+
+
+@plain
 def solved_program(w, tolerances):
     """The verified solution of a program into ``w.x``.
 
