@@ -14,6 +14,8 @@ _EPSILON = 1e-5
 """Weight of the motion beside the scale: s comes out below its optimum by ½ε²‖z‖² at most."""
 _CLEAR = 1e-6
 """What scaling takes from the rows has to be more, m/s or rad/s: less may count as met."""
+_OF_THE_MOTION = 10.0 * _EPSILON
+"""A multiplier of at most this share of ε‖z‖ is owed to the weight of z: no limit of the scale."""
 
 
 @plain
@@ -57,14 +59,18 @@ def largest_scale(w, backoff):
         p.c, p.no_rows, none, p.cuts, w.ends, w.lengths, none, none, p.active, len(none), p.x,
         p.u, p.J, p.R, p.held, p.work,
     )  # fmt: skip
-    scale, largest = p.x[0], 0.0
+    scale, largest, furthest = p.x[0], 0.0, _EPSILON
     for row in range(len(w.b)):
         largest = max(largest, abs(w.b[row]))
     if status != SOLVED or not scale > 0.0 or not (1.0 - scale) * largest > _CLEAR:
         return 0.0
     for i in range(1, len(w.gains)):
         w.gains[i] = 0.0
+    for j in range(1, len(p.x)):
+        furthest = max(furthest, abs(p.x[j]))
     for place in range(count):
+        if p.u[place] <= _OF_THE_MOTION * furthest:
+            continue
         which, gain = p.active[place], p.u[place] / (2.0 - scale)
         if which < n:
             w.gains[1 + which] -= gain
