@@ -87,9 +87,10 @@ def step(
     instance("batch.step(controller, …)", controller, Controller)
     given = np.ascontiguousarray(finite_array("q", q, (None, controller.model.nq)))
     dt = number("dt", dt, above=0.0)
-    arrays = None
+    arrays, twist_space = None, None
     if composition_known(controller.levels, controller.limits):
-        arrays = CompiledStep(controller).of_any_configuration(controller)
+        compiled = CompiledStep(controller)
+        arrays, twist_space = compiled.of_any_configuration(controller), compiled.twist_space
     if arrays is None:
         raise InvalidInput(
             "batch.step: this controller has no compiled form. One has TwistTasks "
@@ -109,7 +110,7 @@ def step(
     def some(part: slice) -> None:
         batch_kernel.steps(
             arms, floats.copy(), integers.copy(), given[part], aims[part], dt, bool(use_secondary),
-            velocity[part], scale[part], done[part],
+            twist_space, velocity[part], scale[part], done[part],
         )  # fmt: skip
 
     shared(len(given), some, threads)

@@ -96,6 +96,10 @@ class CompiledStep:
     the costs of other tasks say in Python what they want. What it does not know, and every step
     that is neither met nor scaled, is left to the reference: then :meth:`__call__` returns
     ``None``.
+
+    Attributes:
+        twist_space: ``True`` where the cost is that of twist space, else ``None``: see
+            ``step_kernel``.
     """
 
     def __init__(self, composed: Composition) -> None:
@@ -104,7 +108,7 @@ class CompiledStep:
         self._model, self._tasks, self._limits = model, tasks, limits
         self._secondary, self._metric = composed.secondary, composed.metric
         self._space, self._soft_tasks = composed.secondary_space, composed.soft_tasks
-        self._twist_space = self._space == "twist" and len(tasks) > 0
+        self.twist_space = True if self._space == "twist" and len(tasks) > 0 else None
         self._projectors = [task.projector for task in tasks]
         self._named = [(task.frame_name, task.frame_type) for task in tasks]
         ranges = self._ranges = JointRanges.of(model)
@@ -139,11 +143,11 @@ class CompiledStep:
         self._slacks = sum(band.weight is not None for task in self._tasks for band in task.bands)
         table, types = with_slacks(*table_of(limits, nv), self._slacks)
         n = nv + self._slacks
-        dense = self._twist_space or bool(self._soft_tasks)
+        dense = self.twist_space is not None or bool(self._soft_tasks)
         self._size = size = Sizes(
             nv=n, m=sum(self._ranks), tasks=len(self._tasks), levels=len(self._ends),
             limits=len(types), dense=n if dense else 0,
-            free=6 * len(self._tasks) if self._twist_space else 0,
+            free=6 * len(self._tasks) if self.twist_space else 0,
             others=n if self._soft_tasks else 0, k=room,
         )  # fmt: skip
         self._room = room
@@ -242,7 +246,7 @@ class CompiledStep:
         for jac, rows_of_task, index, number in self._jacs:
             jac(self._model, self._data, rows_of_task[:3], rows_of_task[3:], index)
             self._given.jacobians[number, :, : self._model.nv] = rows_of_task
-        status = live_step(self._floats, self._integers, dt, use_secondary)
+        status = live_step(self._floats, self._integers, dt, use_secondary, self.twist_space)
         if status == TOO_FAST:
             status = live_hindered_step(self._floats, self._integers)
         # A band gives way with its level, which the kernel takes for a limit.
@@ -331,7 +335,7 @@ class CompiledStep:
                 return False
             self._given.stated_sides[first:last] = b
             self._given.stated_rows[first:last, : A.shape[1]] = A
-            if self._twist_space:
+            if self.twist_space:
                 cost = composed.free_costs[number]
                 free = cost.cost[:, None] * cost.compute_jacobian(configuration)
                 block = self._given.stated_free[6 * number : 6 * number + 6]
@@ -436,9 +440,7 @@ class CompiledStep:
     def _take_settings(self, composed: Composition) -> None:
         self._singularity, self._weighs = composed.singularity, composed.joint_weight
         self._on_infeasible = composed.on_infeasible
-        settings = settings_of(
-            self._twist_space, self._singularity, self._weighs, _INFEASIBLE[composed.on_infeasible]
-        )
+        settings = settings_of(self._singularity, self._weighs, _INFEASIBLE[composed.on_infeasible])
         self._given.settings[:] = settings  # type: ignore[index]
 
     def _look(self, composed: Composition) -> None:

@@ -130,11 +130,9 @@ def numbers_of_kinds(limits: Sequence[mink.Limit]) -> dict[str, float]:
     return others | _KINDS
 
 
-def settings_of(
-    twist_space: bool, singularity: float, weight: float, infeasible: int = RAISE
-) -> Settings:
+def settings_of(singularity: float, weight: float, infeasible: int = RAISE) -> Settings:
     """Settings of a controller as ``step_kernel`` takes them."""
     return Settings(
-        float(twist_space), singularity, weight, NEARLY_UNSEEN, FASTEST, NOTICEABLE, UNLIMITED,
+        singularity, weight, NEARLY_UNSEEN, FASTEST, NOTICEABLE, UNLIMITED,
         STEEPEST, infeasible,
     )  # fmt: skip

@@ -16,7 +16,9 @@ MINIMUM_NORM, GRADIENT_PROJECTION, RMR, TWA = range(4)
 
 
 @kernel
-def steps(arms, floats, integers, q, targets, dt, use_secondary, velocities, scales, done):
+def steps(
+    arms, floats, integers, q, targets, dt, use_secondary, twist_space, velocities, scales, done
+):  # fmt: skip
     """A controller's step from each row of q (K, nq), its arrays laid out as ``step_record`` says.
 
     Args:
@@ -27,6 +29,7 @@ def steps(arms, floats, integers, q, targets, dt, use_secondary, velocities, sca
         targets: R_d (9), p_d (3) and twist (6) of each task, (K, T, 18).
         dt: Length of the steps, s.
         use_secondary: Whether the secondary acts.
+        twist_space: ``None`` where the cost is that of joint space.
         velocities: Result, (K, nv).
         scales: Result, share of the tasks' speed that is kept, (K,).
         done: Result, which of them are verified, (K,).
@@ -40,7 +43,7 @@ def steps(arms, floats, integers, q, targets, dt, use_secondary, velocities, sca
             for i in range(18):
                 g.targets[task, i] = targets[k, task, i]
         w.active_count[0] = 0  # no row knows what was active in another
-        status = step(g, w, q[k], dt, use_secondary)
+        status = step(g, w, q[k], dt, use_secondary, twist_space)
         if status == TOO_FAST:
             status = hindered_step(g, w)
         done[k] = status != REFUSED

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -26,6 +26,8 @@ class Way(NamedTuple):
 
     program: bool
     """Whether a step is the QP; otherwise the closed form of minimum norm plus free motion."""
+    twist_space: Any
+    """``None`` where the cost of the QP is that of joint space."""
     iterations: int
     every_iteration: bool
     """Whether the secondary acts in all of them, and a waypoint begins with it (a plan)."""
@@ -112,7 +114,7 @@ def _approach(arm, way, path, at, q, floats, integers):
             return iteration
         pulls = iteration == 0 or way.every_iteration
         if way.program:
-            if step_on_rows(g, w, q, dt, pulls) != DONE:
+            if step_on_rows(g, w, q, dt, pulls, way.twist_space) != DONE:
                 return -1
         elif not _closed_form(q, pulls, g, w):
             return -1

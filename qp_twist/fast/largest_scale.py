@@ -59,24 +59,31 @@ def largest_scale(w, backoff):
         p.c, p.no_rows, none, p.cuts, w.ends, w.lengths, none, none, p.active, len(none), p.x,
         p.u, p.J, p.R, p.held, p.work,
     )  # fmt: skip
-    scale, largest, furthest = p.x[0], 0.0, _EPSILON
+    scale, largest = p.x[0], 0.0
     for row in range(len(w.b)):
         largest = max(largest, abs(w.b[row]))
     if status != SOLVED or not scale > 0.0 or not (1.0 - scale) * largest > _CLEAR:
         return 0.0
-    for i in range(1, len(w.gains)):
-        w.gains[i] = 0.0
+    _gains(p, count, n, w.gains)
+    return scale * (1.0 - backoff)
+
+
+@plain
+def _gains(p, count, n, gains):
+    """What the scale would gain by more room at each of the ``count`` active limits, (n + k,)."""
+    furthest = _EPSILON
     for j in range(1, len(p.x)):
         furthest = max(furthest, abs(p.x[j]))
+    for i in range(1, len(gains)):
+        gains[i] = 0.0
     for place in range(count):
         if p.u[place] <= _OF_THE_MOTION * furthest:
             continue
-        which, gain = p.active[place], p.u[place] / (2.0 - scale)
+        which, gain = p.active[place], p.u[place] / (2.0 - p.x[0])
         if which < n:
-            w.gains[1 + which] -= gain
+            gains[1 + which] -= gain
         else:
-            w.gains[1 + which - n] += gain
-    return scale * (1.0 - backoff)
+            gains[1 + which - n] += gain
 
 
 @plain

@@ -46,7 +46,7 @@ def _target(pose, target):
 
 
 @entry
-def live_step(floats, integers, dt, use_secondary):
+def live_step(floats, integers, dt, use_secondary, twist_space):
     """A step; ``controller.compiled_step`` lays out the arrays, as ``step_record`` says.
 
     Targets are taken from where they stand as quaternions, poses and Jacobians from MuJoCo, whose
@@ -72,7 +72,7 @@ def live_step(floats, integers, dt, use_secondary):
         _target(g.target_poses[task], g.targets[task])
         if links[task, 0] != GIVEN_JACOBIAN:
             _jacobian(links[task], axes, anchors, position, g.jacobians[task])
-    return step(g, w, at_address(sources[0], nq), dt, use_secondary)
+    return step(g, w, at_address(sources[0], nq), dt, use_secondary, twist_space)
 
 
 @entry

@@ -65,7 +65,7 @@ class CompiledWalk:
         self._way = self._way_of(path_task, method, settings, ranges)
         table, types = table_of([PositionLimit(model)] if kind.holds_limits else [], model.nv)
         floats, integers = _steps(
-            table, types, np.ones(model.nv), np.zeros(model.nv), settings_of(False, SINGULARITY, 1)
+            table, types, np.ones(model.nv), np.zeros(model.nv), settings_of(SINGULARITY, 1), None
         )
         self._correction = self._way._replace(
             iterations=START_ITERATIONS,
@@ -148,25 +148,31 @@ class CompiledWalk:
         if limits.window is not None:
             limits.window.half_width = path_task.velocity_limits
         table, types = table_of(limits.limits if kind.constrained else [], model.nv)
-        twist_space = kind.constrained and kind.space == "twist"
+        twist_space = True if kind.constrained and kind.space == "twist" else None
         weight = UNSEEN_WEIGHT if twist_space else 1.0
         return lap_kernel.Way(
             kind.constrained,
+            twist_space,
             settings.iterations,
             settings.secondary == "plan",
             np.array([path_task.iteration.position_tolerance, path_task.iteration.angle_tolerance]),
             table,
             LARGEST_JOINT,
-            *_steps(table, types, metric, pull, settings_of(twist_space, SINGULARITY, weight)),
+            *_steps(table, types, metric, pull, settings_of(SINGULARITY, weight), twist_space),
         )
 
 
 def _steps(
-    table: Array, types: Counts, metric: Array, pull: Array, settings: Settings
+    table: Array,
+    types: Counts,
+    metric: Array,
+    pull: Array,
+    settings: Settings,
+    twist_space: bool | None,
 ) -> tuple[Array, Counts]:
     """Steps of one task of 0 to 6 rows, as ``step_kernel.Stages`` has them: (7, F) and (7, I)."""
     nv = len(metric)
-    cost = {"dense": nv, "free": 6} if settings.twist_space else {"dense": 0, "free": 0}
+    cost = {"dense": nv, "free": 6} if twist_space else {"dense": 0, "free": 0}
     sizes = [Sizes(nv, m, 1, 1, len(types), others=0, k=0, **cost) for m in range(7)]
     ends = [STEP.layout(size, 0, STEP.head) for size in sizes]
     floats = np.zeros((7, max(end.floats for end in ends)))
