@@ -6,7 +6,6 @@ import math
 
 from qp_twist.fast.compiling import part, plain
 from qp_twist.fast.dual_active_set import NO_ROOM, ROUNDING, SOLVED, active_set
-from qp_twist.fast.in_plane import in_plane
 from qp_twist.fast.null_space import reflect, times_q, times_q_transposed
 
 DEPENDENT = 4
@@ -226,9 +225,7 @@ def _enter(w, before):
         return False
     if len(w.z) == 1:
         count = _on_line(w)
-    elif len(w.z) == 2:
-        count = in_plane(w.cuts, w.ends, w.lengths, w.active, w.z, w.u)
-    elif len(w.z) > 2:
+    elif len(w.z) > 1:
         count = _nearest(w, before)
     if count < 0:
         return False
