@@ -168,7 +168,7 @@ class CompiledStep:
         for shape, task in zip(g.shapes, self._tasks, strict=True):
             shape[:] = shape_of(task.projector, *_paces(task))
         # The targets that were written into the arrays before this.
-        self._known_targets: list[Any] = [None] * len(self._tasks)
+        self._known_poses: list[Any] = [None] * len(self._tasks)
         self._steady = np.zeros(nv)
         self._take_secondary()
         tables = list(zip(g.limits[:, :nv], limits, strict=False))
@@ -355,8 +355,9 @@ class CompiledStep:
         if spoken or any(task.bands for task in self._tasks):
             return None
         for number, task in enumerate(self._tasks):
-            if task.target is not None:
-                row, pose = self._given.targets[number], task.target.wxyz_xyz
+            pose = task.target_wxyz_xyz
+            if pose is not None:
+                row = self._given.targets[number]
                 mujoco.mju_quat2Mat(row[:9], pose[:4])
                 row[9:12], row[12:] = pose[4:], task.feedforward
         self._ask_secondary(None)
@@ -375,13 +376,13 @@ class CompiledStep:
                 return False
             if task.bands:
                 self._banded = True
-            target = task.target
-            if target is not self._known_targets[number] or target is None:
-                if target is None:
+            pose = task.target_wxyz_xyz
+            if pose is not self._known_poses[number] or pose is None:
+                if pose is None:
                     raise mink.TargetNotSet(task.name)
                 if number not in self._asked:
                     self._aim(number, task)
-                self._known_targets[number] = target
+                self._known_poses[number] = pose
             paces = _paces(task)
             if paces != self._paced[number]:
                 self._paced[number] = paces
@@ -430,8 +431,7 @@ class CompiledStep:
 
     def _aim(self, number: int, task: TwistTask) -> None:
         """Take over a task's target, which is set."""
-        assert task.target is not None
-        self._given.target_poses[number] = task.target.wxyz_xyz
+        self._given.target_poses[number] = task.target_wxyz_xyz
         moves = task.feedforward is not AT_REST
         if moves or self._moving[number]:
             self._given.targets[number, 12:] = task.feedforward

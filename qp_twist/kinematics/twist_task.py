@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import operator
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -220,8 +221,9 @@ class TwistTask(mink.Task):
             self.set_cost(cost)
         self.bands = check_bands(self.name, bands, projector)
         self.max_linear_step, self.max_angular_step = max_linear_step, max_angular_step
-        self._target: mink.SE3 | None = None
-        self._feedforward, self._pose = AT_REST, _AT_THE_ORIGIN
+        self._target: mink.SE3 | None = None  # of the pose, made where somebody asks for it
+        self._feedforward = AT_REST
+        self._pose: Array | None = None
         self._rotation: Array | None = None
         self._dt: float | None = None
 
@@ -391,6 +393,8 @@ class TwistTask(mink.Task):
     @property
     def target(self) -> mink.SE3 | None:
         """The target pose, as set; assigning a pose is :meth:`set_target` at rest."""
+        if self._target is None and self._pose is not None:
+            self._target = mink.SE3(self._pose)
         return self._target
 
     @target.setter
@@ -406,16 +410,20 @@ class TwistTask(mink.Task):
     def target_rotation(self) -> Array:
         """R_d, as :meth:`set_target` was given it, (3, 3); read-only."""
         if self._rotation is None:
-            rotation = np.empty(9)
-            mujoco.mju_quat2Mat(rotation, self._pose[:4])
+            rotation, pose = np.empty(9), self._pose
+            mujoco.mju_quat2Mat(rotation, _AT_THE_ORIGIN[:4] if pose is None else pose[:4])
             self._rotation = read_only(rotation).reshape(3, 3)
         return self._rotation
 
     @property
     def target_position(self) -> Array:
         """p_d likewise, m, (3,); read-only."""
-        position: Array = self._pose[4:]
+        position: Array = _AT_THE_ORIGIN[4:] if self._pose is None else self._pose[4:]
         return position
+
+    target_wxyz_xyz: Any = property(operator.attrgetter("_pose"))
+    """Unit quaternion and position of the target, (7,), read-only; another array each time that
+    one is set, and ``None`` before. Its getter is C's: it is read at every step."""
 
     def set_target(self, target: mink.SE3, twist: npt.ArrayLike | None = None) -> None:
         """Set the target pose, and its twist where it moves.
@@ -441,8 +449,8 @@ class TwistTask(mink.Task):
         if twist is not None:
             feedforward = finite_array(f"{self.name} twist", twist, (6,), error=InvalidTarget)
             read_only(feedforward)
-        read_only(pose)  # another one is set, and then noticed
-        self._target, self._pose, self._rotation = mink.SE3(pose), pose, None
+        pose.setflags(write=False)  # another one is set, and then noticed
+        self._target, self._pose, self._rotation = None, pose, None
         self._feedforward = feedforward
 
     def _checked_pose(self, wxyz_xyz: npt.ArrayLike) -> Array:
@@ -583,7 +591,7 @@ class TwistTask(mink.Task):
 
     def _pair(self, configuration: mink.Configuration) -> FramePair:
         """Where the frame and its target are."""
-        if self.target is None:
+        if self._pose is None:
             raise mink.TargetNotSet(self.name)
         rotation, position = frame_pose(configuration, self.frame_name, self.frame_type)
         if not math.isfinite(rotation.sum() + position.sum()):
@@ -641,6 +649,7 @@ def _is_pose(pose: Array) -> bool:
     """Whether it is a unit quaternion and a position, all finite."""
     if pose.dtype != np.float64 or pose.shape != (7,):
         return False
-    if not all(map(math.isfinite, pose.tolist())):
+    w, x, y, z, *position = pose.tolist()
+    if not all(map(math.isfinite, position)):
         return False
-    return abs(math.hypot(*pose[:4].tolist()) - 1.0) <= 1e-6
+    return abs(math.hypot(w, x, y, z) - 1.0) <= 1e-6  # false for NaN
