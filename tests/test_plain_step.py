@@ -13,6 +13,7 @@ import mink
 import mujoco
 import numpy as np
 import pytest
+from arms import planar_arm
 
 import qp_twist as qt
 from qp_twist.controller.plain_step import PlainStep
@@ -321,3 +322,21 @@ assert cholesky(S)
 np.testing.assert_allclose(S, [[2.0, 0.0], [1.0, 2.0]])
 """
     subprocess.run([sys.executable, "-c", script], check=True, timeout=300)
+
+
+def test_steps_that_are_left_to_the_reference_are_counted() -> None:
+    model = planar_arm([0.5, 0.4, 0.3])
+    task = qt.TwistTask(
+        "tip",
+        "site",
+        qt.TwistProjector(linear=qt.Projector.plane([0, 0, 1]), angular=qt.Projector.none()),
+    )
+    controller = qt.Controller(model, [task], limits=[], solver="compiled")
+    bent, straight = (mink.Configuration(model, np.full(3, angle)) for angle in (0.4, 0.0))
+    for configuration, left in ((bent, 0), (straight, 1), (bent, 1)):
+        task.set_target_from_configuration(configuration)
+        controller.step(configuration, 0.01)
+        assert controller.reference_steps == left
+    by_name = qt.Controller(model, [task], limits=[], solver="daqp")
+    by_name.step(bent, 0.01)
+    assert by_name.reference_steps == 1

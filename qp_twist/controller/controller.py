@@ -99,6 +99,10 @@ class Controller:
     felt is too small for the solver's arithmetic). So :math:`\mathbf J^\dagger\mathbf T\Delta
     \mathbf t + (\mathbf 1-\mathbf J^\dagger\mathbf T\mathbf J)\mathbf h` comes out exactly.
 
+    Attributes:
+        reference_steps: How many steps the compiled step has left to the reference, which takes
+            milliseconds (the docs' page *Performance* says which); of another solver, all.
+
     Example:
         >>> import mink, qp_twist as qt
         >>> path_task = qt.load_task("deburring")
@@ -216,6 +220,7 @@ class Controller:
         self.joint_weight, self.singularity = joint_weight, singularity
         self.free_twist_costs = linear, angular
         self._prepared, self._free = self._compiled_step(), threading.Lock()
+        self.reference_steps = 0
 
     def step(
         self,
@@ -263,6 +268,7 @@ class Controller:
                     return plain
             finally:
                 self._free.release()
+        self.reference_steps += 1
         if not math.isfinite(sum(configuration.data.qpos.tolist())):
             self._check_configuration(configuration)  # and say which joint it is
         with np.errstate(over="ignore", invalid="ignore"):  # the result is checked below

@@ -2,7 +2,8 @@
 
 ``python tests/oracles/recorded_steps.py --record`` writes the file anew (some minutes);
 ``python tests/oracles/recorded_steps.py [--solver compiled] [--first 0] [--count 10000]`` compares
-today's step with it and prints every difference.
+today's step with it and prints every difference; for the compiled step also how many steps it
+takes itself.
 
 How well an answer is determined is part of it: each composition is asked again after the
 configuration was moved by 1e-10 rad and m at random. What the velocity changed by, ``spread``, is
@@ -26,6 +27,7 @@ if __name__ == "__main__":  # run as a script
 
 import qp_twist as qt
 from oracles.compositions import Composition, composition
+from qp_twist.controller.plain_step import PlainStep
 
 Array = npt.NDArray[np.float64]
 
@@ -150,6 +152,24 @@ def kept(path: Path = KEPT) -> list[Recorded]:
         ]
 
 
+def _count_by_kernel(seeds: range, records: list[Recorded]) -> None:
+    """Print how many steps of each status the kernel takes itself, and how many the reference."""
+    print("| the step is | steps | by the kernel |\n| :-- | --: | --: |")
+    statuses = [records[seed].answer.status for seed in seeds]
+    for status in sorted(set(statuses), key=statuses.count, reverse=True):
+        of_it = [seed for seed, its in zip(seeds, statuses, strict=True) if its == status]
+        taken = sum(taken_by_kernel(composition(seed)) for seed in of_it)
+        print(f"| {status} | {len(of_it)} | {taken} |")
+
+
+def taken_by_kernel(question: Composition) -> bool:
+    """Whether the compiled step leaves nothing of it to the reference."""
+    try:
+        return isinstance(question.step("compiled"), PlainStep)
+    except (qt.QpTwistError, ValueError):
+        return False
+
+
 def main() -> int:
     """Record or compare."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
@@ -169,6 +189,8 @@ def main() -> int:
         return 0
     records = kept()
     wrong = 0
+    if given.solver == "compiled":
+        _count_by_kernel(seeds, records)
     for seed in seeds:
         found = differences(answer(composition(seed), given.solver), records[seed])
         if found:
