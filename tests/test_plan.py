@@ -795,3 +795,15 @@ def test_joints_that_are_coupled_are_refused_since_a_plan_would_tear_them_apart(
                 qt.plan(coupled)
         else:
             assert qt.plan(coupled).q is not None
+
+
+def test_a_task_that_leaves_nothing_free_is_planned() -> None:
+    """The whole pose of the planar arm: two configurations a waypoint, and nothing to move."""
+    task = qt.load_task("planar_line")
+    whole = dataclasses.replace(
+        task, projector=task.operational, waypoints=task.waypoints[:5], flipped_waypoints=None
+    )
+    plan = qt.plan(whole)
+    assert plan.motion().shape == (5, 3)
+    assert plan.value == pytest.approx(plan.bound, rel=1e-6)
+    assert plan.between.position.max() < 1e-8 and plan.between.axis.max() < 1e-8
