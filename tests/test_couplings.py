@@ -315,6 +315,44 @@ def test_motion_limits_and_couplings_are_kept_together() -> None:
     assert np.abs(mujocos_residuals(model, np.array(passed))).max() <= COUPLED_WITHIN + 1e-9
 
 
+@pytest.mark.parametrize("solver", ["compiled", "daqp"])
+@pytest.mark.parametrize("fastest", [1.0, 0.05])
+def test_a_joint_that_is_held_gives_way_to_how_fast_it_may_return(
+    solver: str, fastest: float
+) -> None:
+    """0.3 rad from where it is held: at the constraint's speed, or slower where it may not."""
+    path = planar('<joint joint1="joint_2" polycoef="0.5 0 0 0 0"/>')
+    task = qt.TwistTask("tip", "site", ALONG)
+    task.set_target(path.waypoints[1])
+    limits = [qt.MotionLimit(path.model, velocity=fastest), qt.JointCouplings(path.model)]
+    controller = qt.Controller(path.model, [task], limits=limits, solver=solver)
+    configuration = mink.Configuration(path.model, np.array([1.0, 0.8, 1.0]))
+    step = controller.step(configuration, 0.1)
+    assert step.velocity[1] == pytest.approx(-min(fastest, 0.1), abs=1e-9)
+    assert "joint_2 is 0.3 rad outside its coupling limit" in step.message
+
+
+def test_a_free_body_beside_coupled_joints_is_no_hindrance_to_a_run_and_refused_by_a_plan() -> None:
+    text = (ROOT / "scenes" / "planar_3r.xml").read_text("utf-8")
+    box = '<body name="box" pos="5 5 0"><freejoint/><geom size="0.1"/></body>'
+    equality = '<joint joint1="joint_2" joint2="joint_1" polycoef="1.2 -0.5 0 0 0"/>'
+    text = text.replace("</worldbody>", f"{box}</worldbody>")
+    text = text.replace("</mujoco>", f"<equality>{equality}</equality></mujoco>")
+    model = mujoco.MjModel.from_xml_string(text)
+    task = dataclasses.replace(
+        every(qt.load_task("planar_line"), 10, projector=ALONG),
+        model=model,
+        start=np.append([1.0, 0.7, 1.0], model.qpos0[3:]),
+        velocity_limits=np.full(9, np.inf),
+        acceleration_limits=np.full(9, np.inf),
+    )
+    run = qt.follow(task, "qp_gradient")
+    assert mujocos_residuals(model, run.q)[:, :1] == pytest.approx(0.0, abs=1.1e-5)
+    assert run.position_error.max() < 1e-5
+    with pytest.raises(qt.InvalidInput, match="planar_line's scene has ball or free joints; only"):
+        qt.plan(task)
+
+
 def test_models_without_couplings_have_the_limits_that_they_had() -> None:
     task = qt.load_task("deburring")
     twist = qt.TwistTask("tool", "site", task.projector)

@@ -197,6 +197,11 @@ def make_plan(
     if len(path_task.waypoints) < 2:
         raise InvalidInput(f"plan: {path_task.name} has one waypoint; a path has at least two.")
     ranges = JointRanges.of(path_task.model)
+    if not ranges.only_hinges_and_slides:
+        raise InvalidInput(
+            f"plan: {path_task.name}'s scene has ball or free joints; only hinges and slides are "
+            "planned. Take free bodies out of the scene, or follow the path with a method."
+        )
     goal = Objective.of(ranges, objective)
     if (goal.margin or goal.centering) and not ranges.limited.any():
         raise InvalidInput(
