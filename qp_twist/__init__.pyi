@@ -71,6 +71,7 @@ from .kinematics import target_twist as target_twist
 from .limits import BandLimit as BandLimit
 from .limits import BindingLimit as BindingLimit
 from .limits import DisplacementWindow as DisplacementWindow
+from .limits import JointCouplings as JointCouplings
 from .limits import MotionLimit as MotionLimit
 from .limits import PositionLimit as PositionLimit
 from .path import METHODS as METHODS

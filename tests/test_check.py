@@ -563,7 +563,6 @@ def test_single_joints_without_limits_and_models_without_ranges_are_named() -> N
     assert check_trajectory(JointRows(names, np.zeros((3, 6)), np.arange(3.0)), task).unchecked == (
         "joint speeds of j1, j2, j3 and 2 more not checked: no limits known",
         "joint ranges not checked: the model states none",
-        "couplings of joints not checked",
     )
 
 

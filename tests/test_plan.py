@@ -783,15 +783,13 @@ def test_a_plan_is_followed_to_rounding_where_it_meets_the_task(method_solver: s
     assert ranges.margins(lap.q).min() > 0.0
 
 
-def test_joints_that_are_coupled_are_refused_since_a_plan_would_tear_them_apart() -> None:
+def test_a_task_that_leaves_nothing_free_is_planned() -> None:
+    """The whole pose of the planar arm: two configurations a waypoint, and nothing to move."""
     task = qt.load_task("planar_line")
-    scene = (ROOT / "scenes" / "planar_3r.xml").read_text("utf-8")
-    for active in (True, False):
-        coupling = f'<joint joint1="joint_1" joint2="joint_2" active="{str(active).lower()}"/>'
-        text = scene.replace("</mujoco>", f"<equality>{coupling}</equality></mujoco>")
-        coupled = dataclasses.replace(task, model=mujoco.MjModel.from_xml_string(text))
-        if active:
-            with pytest.raises(qt.InvalidInput, match="couples joint_1 to other joints"):
-                qt.plan(coupled)
-        else:
-            assert qt.plan(coupled).q is not None
+    whole = dataclasses.replace(
+        task, projector=task.operational, waypoints=task.waypoints[:5], flipped_waypoints=None
+    )
+    plan = qt.plan(whole)
+    assert plan.motion().shape == (5, 3)
+    assert plan.value == pytest.approx(plan.bound, rel=1e-6)
+    assert plan.between.position.max() < 1e-8 and plan.between.axis.max() < 1e-8

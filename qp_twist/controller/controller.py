@@ -49,7 +49,7 @@ from qp_twist.kinematics import (
     same_structure,
     total_displacement,
 )
-from qp_twist.limits import BoxLimit, PositionLimit, check_model, gather_limits
+from qp_twist.limits import BoxLimit, PositionLimit, check_model, couplings_of, gather_limits
 from qp_twist.qp import InfeasibleStep, QuadraticProgram, check_solver, solve
 
 if TYPE_CHECKING:
@@ -160,7 +160,9 @@ class Controller:
                 at that level. ``tasks`` may then hold mink tasks that only add a cost.
             secondary: Objectives whose displacements add up to h.
             secondary_space: Whether the free motion follows h in joint space or in twist space.
-            limits: Position limits of the model if ``None``; any mink limits; ``[]`` for none.
+            limits: Any mink limits; ``[]`` for none. If ``None`` what the model itself states: the
+                ranges of its joints and, where it couples some, their
+                :class:`~qp_twist.JointCouplings`.
             solver: A qpsolvers backend, or ``"compiled"``; its results are verified, whatever
                 it says. If ``None`` the step is compiled where there is a compiled step of this
                 composition, else it is daqp's.
@@ -192,7 +194,9 @@ class Controller:
         self.secondary = tuple(_sequence("secondary", secondary))
         self.secondary_space = one_of("secondary_space", secondary_space, ("joint", "twist"))
         self.limits: list[mink.Limit] = (
-            [PositionLimit(model)] if limits is None else list(_sequence("limits", limits))
+            [PositionLimit(model), *couplings_of(model)]
+            if limits is None
+            else list(_sequence("limits", limits))
         )
         if solver is None:
             known = composition_known(self.levels, self.limits)

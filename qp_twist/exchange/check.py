@@ -215,8 +215,9 @@ def _coverage(
         unchecked += _without("joint accelerations", path_task.acceleration_limits, ranges)
     if not ranges.limited.any():
         unchecked.append("joint ranges not checked: the model states none")
-    if (path_task.model.eq_type == mujoco.mjtEq.mjEQ_JOINT).any():
-        unchecked.append("couplings of joints not checked")
+    model = path_task.model
+    if ((model.eq_type != mujoco.mjtEq.mjEQ_JOINT) & (model.eq_active0 != 0)).any():
+        unchecked.append("equality constraints other than those of joints not checked")
     return tuple(unchecked), tuple(sources)
 
 

@@ -28,6 +28,17 @@ class Rows(NamedTuple):
     """R_d (9), p_d (3) and the twist (6) of each waypoint, (N, 18)."""
 
 
+class Couplings(NamedTuple):
+    """Joints that are coupled at every waypoint: θ₁ = θ₁⁰ + c₀ + c₁ x + … + c₄ x⁴, x = θ₂ − θ₂⁰."""
+
+    dofs: npt.NDArray[np.int64]
+    """Of the first and the second joint, (C, 2)."""
+    start: npt.NDArray[np.float64]
+    """θ₁⁰ and θ₂⁰, (C, 2)."""
+    coefficients: npt.NDArray[np.float64]
+    """c₀ … c₄, (C, 5)."""
+
+
 class Workspace(NamedTuple):
     """Arrays for one configuration at a time."""
 
@@ -46,25 +57,45 @@ class Workspace(NamedTuple):
 
 
 @kernel
-def workspace(nv):
+def workspace(nv, couplings):
     """A workspace for a robot of ``nv`` degrees of freedom."""
+    m = 6 + len(couplings.dofs)
     return Workspace(
-        np.zeros(12), np.zeros((6, nv)), np.zeros((6, nv)), np.zeros(6), np.zeros((6, 6)),
-        np.zeros((6, nv)), np.zeros((6, 6)), np.zeros((nv, nv)),
+        np.zeros(12), np.zeros((6, nv)), np.zeros((m, nv)), np.zeros(m), np.zeros((m, m)),
+        np.zeros((m, nv)), np.zeros((m, m)), np.zeros((nv, nv)),
         np.zeros((0, nv)), np.zeros(nv), np.zeros(nv), np.ones(2),
     )  # fmt: skip
 
 
 @kernel
-def rows_at(arm, rows, at, q, w):
-    """A (r, nv) and b (r,) of the rows UᵀJ and UᵀΔt at a waypoint into w; r."""
+def _coupled_rows(couplings, q, A, b):
+    """Rows A (C, nv) and sides b (C,) that bring coupled joints together, into A and b."""
+    for k in range(len(couplings.dofs)):
+        first, second = couplings.dofs[k, 0], couplings.dofs[k, 1]
+        x = q[second] - couplings.start[k, 1]
+        value, slope = 0.0, 0.0
+        for power in range(4, -1, -1):  # Horner
+            slope = slope * x + value
+            value = value * x + couplings.coefficients[k, power]
+        for dof in range(len(q)):
+            A[k, dof] = 0.0
+        A[k, first] = 1.0
+        A[k, second] -= slope
+        b[k] = couplings.start[k, 0] + value - q[first]
+
+
+@kernel
+def rows_at(arm, rows, couplings, at, q, w):
+    """A (r, nv) and b (r,) of the rows UᵀJ and UᵀΔt at a waypoint, and of couplings, into w; r."""
     pose_and_jacobian(arm, q, w.pose, w.J)
     kinds = rows.kinds[rows.which[at]]
     twist_rows(
         kinds, rows.shapes[rows.which[at]], w.pose, rows.targets[at], w.J, 1.0, w.A, w.b, w.free,
         w.free_costs,
     )  # fmt: skip
-    return kinds[0] + kinds[1]
+    r = kinds[0] + kinds[1]
+    _coupled_rows(couplings, q, w.A[r:], w.b[r:])
+    return r + len(couplings.dofs)
 
 
 @kernel
@@ -92,11 +123,11 @@ def _shortest(A, b, rounding, square, step):
 
 
 @kernel
-def _newton(arm, rows, at, q, settings, w):
+def _newton(arm, rows, couplings, at, q, settings, w):
     """As ``PathRows.correct``, for one configuration, in place; whether it arrived."""
     iterations, on_task, longest, rounding = settings
     for _ in range(iterations):
-        r = rows_at(arm, rows, at, q, w)
+        r = rows_at(arm, rows, couplings, at, q, w)
         square = 0.0
         for i in range(r):
             square += w.b[i] * w.b[i]
@@ -113,16 +144,16 @@ def _newton(arm, rows, at, q, settings, w):
 
 
 @kernel
-def correct(arm, rows, q, at, settings):
+def correct(arm, rows, couplings, q, at, settings):
     """As ``PathRows.correct``: q (K, nv) in place, and which arrived, (K,).
 
     ``settings``: most iterations; the error that counts as none, m and rad; the largest step of a
     joint, rad or m; and the damping, as a share of the trace.
     """
     arrived = np.zeros(len(q), dtype=np.bool_)
-    w = workspace(q.shape[1])
+    w = workspace(q.shape[1], couplings)
     for k in range(len(q)):
-        arrived[k] = _newton(arm, rows, at[k], q[k], settings, w)
+        arrived[k] = _newton(arm, rows, couplings, at[k], q[k], settings, w)
     return arrived
 
 
@@ -164,13 +195,13 @@ def _along_null_space(N, weight, middle, q, gram, side, step):
 
 
 @kernel
-def _down(arm, rows, at, q, weight, middle, settings, descent, w, gram, side):
+def _down(arm, rows, couplings, at, q, weight, middle, settings, descent, w, gram, side):
     """As ``planning.bound.centred_nearby`` from one configuration that is on its waypoint."""
     rounds, longest, settled = descent
     nv, share = len(q), 1.0
     step = np.empty(nv)
     for _ in range(rounds):
-        r = rows_at(arm, rows, at, q, w)
+        r = rows_at(arm, rows, couplings, at, q, w)
         if r >= nv:
             return
         reflect(w.A[:r], w.V[:r], w.R)
@@ -184,7 +215,7 @@ def _down(arm, rows, at, q, weight, middle, settings, descent, w, gram, side):
         for dof in range(nv):
             w.there[dof] = q[dof] + step[dof] * (longest / largest)
         gained = -1.0
-        if _newton(arm, rows, at, w.there, settings, w):
+        if _newton(arm, rows, couplings, at, w.there, settings, w):
             gained = _centring(q, weight, middle) - _centring(w.there, weight, middle)
         if gained > 0.0:
             for dof in range(nv):
@@ -196,16 +227,18 @@ def _down(arm, rows, at, q, weight, middle, settings, descent, w, gram, side):
 
 
 @kernel
-def centred_nearby(arm, rows, q, at, weight, middle, settings, descent):
+def centred_nearby(arm, rows, couplings, q, at, weight, middle, settings, descent):
     """As ``planning.bound.centred_nearby``: q (K, nv) in place, NaN where it does not arrive.
 
     ``settings`` as for :func:`correct`; ``descent``: most rounds, the largest step of a joint, rad
     or m, and the gain of z that counts as none.
     """
     nv = q.shape[1]
-    w, gram, side = workspace(nv), np.zeros((nv, nv)), np.zeros(nv)
+    w, gram, side = workspace(nv, couplings), np.zeros((nv, nv)), np.zeros(nv)
     for k in range(len(q)):
-        if _newton(arm, rows, at[k], q[k], settings, w):
-            _down(arm, rows, at[k], q[k], weight, middle, settings, descent, w, gram, side)
+        if _newton(arm, rows, couplings, at[k], q[k], settings, w):
+            _down(
+                arm, rows, couplings, at[k], q[k], weight, middle, settings, descent, w, gram, side
+            )
         else:
             q[k, :] = math.nan

@@ -17,6 +17,7 @@ from qp_twist.following.walk import walk
 from qp_twist.path import DEFAULT_METHOD, METHODS, MethodSettings, PathTask, check_method
 from qp_twist.planning import Plan
 from qp_twist.planning.manifold_net import COVERED
+from qp_twist.planning.path_rows import PathRows
 from qp_twist.qp import check_solver
 
 
@@ -95,7 +96,7 @@ def follow(
             plan = plan_path(path_task, settings.objective, path_task.start, progress=planning)
         motion = plan.motion()
         # With more than two degrees free not everything was looked at: that bound proves nothing.
-        free = path_task.model.nv - min(projector.rank for projector in path_task.in_force)
+        free = int(PathRows(path_task).freedom.max())
         bound = plan.bound if plan.objective == "centering" and free <= COVERED else None
         path_task = dataclasses.replace(path_task, start=motion[0])
     trajectory = walk(

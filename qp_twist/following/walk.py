@@ -31,6 +31,7 @@ from qp_twist.kinematics import TwistTask
 from qp_twist.limits import BindingLimit, PositionLimit
 from qp_twist.path import METHODS, MethodSettings, PathTask
 from qp_twist.qp import NoSolutionFound
+from qp_twist.referee import BAND
 
 if TYPE_CHECKING:
     from qp_twist.following.compiled_walk import CompiledWalk
@@ -185,7 +186,8 @@ def _approach(
         configuration.integrate_inplace(lead, 1.0)
     for iteration in range(settings.iterations):
         first = iteration == 0
-        if not first and _reached(recorder.path_task, resolver.task, configuration):
+        held = resolver.limits is not None
+        if not first and _reached(recorder.path_task, resolver.task, configuration, held=held):
             break
         move = resolver.displacement(configuration, first=first)
         if not np.isfinite(move.dq).all():
@@ -202,8 +204,18 @@ def _sane(q: Array) -> bool:
     return bool(np.isfinite(q).all() and np.abs(q).max() < LARGEST_JOINT)
 
 
-def _reached(path_task: PathTask, task: TwistTask, configuration: mink.Configuration) -> bool:
-    return _missed_by(path_task, task, configuration) <= 1.0
+def _reached(
+    path_task: PathTask, task: TwistTask, configuration: mink.Configuration, *, held: bool
+) -> bool:
+    """Whether the task is met, and each constraint is kept where a method holds them.
+
+    Their rows are linear: what curvature takes from a constraint the next iteration brings back.
+    """
+    if _missed_by(path_task, task, configuration) > 1.0:
+        return False
+    if not held or not path_task.constraints:
+        return True
+    return bool(path_task.constraint_excess(configuration.q[None]).max() <= BAND)
 
 
 def _missed_by(path_task: PathTask, task: TwistTask, configuration: mink.Configuration) -> float:
@@ -235,8 +247,8 @@ def corrected_start(
 ) -> Array:
     """The start moved onto the first waypoint by the shortest steps in the method's own rows.
 
-    Those of the path if ``task`` is ``None``. A method that holds the limits holds them here too;
-    the others know nothing of them.
+    Those of the path if ``task`` is ``None``. A method that holds the limits holds them here too,
+    and brings the start into the constraints where it can; the others know nothing of them.
     """
     if task is None:
         task = twist_task(path_task, path_task.in_force[0])
@@ -247,8 +259,11 @@ def corrected_start(
         limits = [PositionLimit(path_task.model), *path_task.constraints]
         controller = Controller(path_task.model, [task], limits=limits, solver="daqp")
     binding: Sequence[BindingLimit] = ()
+    on_waypoint: Array | None = None
     for _ in range(START_ITERATIONS):
-        if _reached(path_task, task, configuration):
+        if on_waypoint is None and _reached(path_task, task, configuration, held=False):
+            on_waypoint = configuration.q.copy()
+        if _reached(path_task, task, configuration, held=holds_limits):
             q: Array = configuration.q.copy()
             return q
         if controller is not None:
@@ -259,6 +274,8 @@ def corrected_start(
             twist = task.clamped(state.error)
             dq = closed_form.minimum_norm(state.jacobian, state.projector, twist)
         configuration.integrate_inplace(dq, 1.0)
+    if on_waypoint is not None:  # outside a constraint, which whoever uses it finds
+        return on_waypoint
     error = task.state(configuration).error
     raise InvalidInput(
         f"follow: the start cannot be corrected onto the first waypoint; after "

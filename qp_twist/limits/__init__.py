@@ -6,6 +6,9 @@ from .binding import binding_limits as binding_limits
 from .box_limit import Box as Box
 from .box_limit import BoxLimit as BoxLimit
 from .check_model import check_model as check_model
+from .couplings import COUPLED_WITHIN as COUPLED_WITHIN
+from .couplings import JointCouplings as JointCouplings
+from .couplings import couplings_of as couplings_of
 from .couplings import share_limits as share_limits
 from .displacement_window import DisplacementWindow as DisplacementWindow
 from .gather import GatheredLimits as GatheredLimits

@@ -17,7 +17,7 @@ from qp_twist.limits.box_limit import Box, no_box
 
 Kinds = npt.NDArray[np.object_]
 
-_ORDER = {"acceleration": 0, "position": 2}
+_ORDER = {"acceleration": 0, "position": 2, "coupling": 2}
 _ROUNDING, _FINITE = 1e-9, np.finfo(float).max
 
 
@@ -56,8 +56,9 @@ def intersect(boxes: Sequence[Box], model: mujoco.MjModel) -> Intersection:
     """Bounds common to all boxes, (nv,).
 
     Where no velocity satisfies two of them (a start outside a range, a joint too fast to stop) a
-    velocity limit gives way to an acceleration limit, and a position limit to any other: it takes
-    the velocity that the other still allows and that is nearest to its own.
+    velocity limit gives way to an acceleration limit, and a position limit, or the coupling of a
+    joint that stays where it is, to any other: it takes the velocity that the other still allows
+    and that is nearest to its own.
 
     Raises:
         InvalidInput: If a bound is not a number, or two limits contradict each other and neither
@@ -118,7 +119,7 @@ def _check_yielding(
     upper: tuple[float, str],
 ) -> None:
     """Refuse a lower bound above an upper one unless the new kind gives way to the standing one."""
-    yields = kind == "position" or (kind, standing) == ("velocity", "acceleration")
+    yields = kind in ("position", "coupling") or (kind, standing) == ("velocity", "acceleration")
     if lower[0] - upper[0] > _ROUNDING and not (yields and kind != standing):
         raise InvalidInput(
             f"limits: joint {joint_names(model)[dof]!r} has a lower velocity bound of "

@@ -18,6 +18,7 @@ from qp_twist.errors import InvalidInput
 from qp_twist.geometry import ProjectorKind, TwistProjector, task_redundancy
 from qp_twist.geometry.projector import SAME_DIRECTION
 from qp_twist.kinematics import JointRanges, ToleranceBand, frame_pose
+from qp_twist.limits import JointCouplings, couplings_of
 from qp_twist.path.methods import METHODS, MethodSettings
 from qp_twist.path.orientation import poses
 from qp_twist.path.segment import Segment, check_segments, projectors_in_force
@@ -57,7 +58,9 @@ class PathTask:
         methods: Settings by method name, where the file states them.
         segments: Where another projector takes over, in the order of the path.
         bands: Tolerance bands in directions that T leaves free.
-        constraints: What else every configuration has to keep.
+        constraints: What else every configuration has to keep. Joints that the model couples
+            (:class:`~qp_twist.JointCouplings`) are always among them, at the end: with the
+            tolerance of those that were given, else with the default.
         toolpath: The toolpath file as read, where the path is from one.
         lines: Line of that file which each waypoint stands in or comes after, (N,).
         from_start: What of the waypoints' orientation is that of the frame at the start.
@@ -96,8 +99,18 @@ class PathTask:
     from_start: FromStart = "nothing"
 
     def __post_init__(self) -> None:
-        check_constraints(self.name, self.constraints, self.model)
+        object.__setattr__(self, "constraints", self._with_couplings())
         check_segments(self.operational, self.projector, self.segments, len(self.waypoints))
+
+    def _with_couplings(self) -> tuple[Constraint, ...]:
+        """The constraints that were given, and the couplings of the model as it is now."""
+        given: list[JointCouplings] = []
+        others = self.constraints
+        if isinstance(others, (list, tuple)):
+            given = [c for c in others if isinstance(c, JointCouplings)]
+            others = tuple(c for c in others if not isinstance(c, JointCouplings))
+        checked = check_constraints(self.name, others, self.model)
+        return *checked, *couplings_of(self.model, given)
 
     @property
     def positions(self) -> Array:

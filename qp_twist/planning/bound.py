@@ -12,6 +12,7 @@ from qp_twist.checks import Array, Indices
 from qp_twist.geometry import ProjectorKind, TwistProjector
 from qp_twist.kinematics import JointRanges, SerialChain
 from qp_twist.kinematics.serial_chain import Screw
+from qp_twist.limits import JointCouplings
 from qp_twist.path import PathTask
 from qp_twist.planning.layer import Layer
 from qp_twist.planning.objective import Objective
@@ -115,19 +116,24 @@ def pointwise_bound(
 
 
 class Tolerance(NamedTuple):
-    """Task errors of a waypoint that counts as reached."""
+    """Task errors of a waypoint that counts as reached, and of couplings that count as kept."""
 
     linear: float
     """m."""
     angular: float
     """rad."""
+    coupled: float
+    """rad and m, the length of all couplings' together."""
 
     @classmethod
     def of(cls, path_task: PathTask) -> Tolerance:
         """Those of a task; a plan's are at most :data:`ON_TASK`."""
         iteration = path_task.iteration
+        couplings = [c for c in path_task.constraints if isinstance(c, JointCouplings)]
         return cls(
-            max(iteration.position_tolerance, ON_TASK), max(iteration.angle_tolerance, ON_TASK)
+            max(iteration.position_tolerance, ON_TASK),
+            max(iteration.angle_tolerance, ON_TASK),
+            float(np.sqrt(sum(len(c.names) * c.tolerance**2 for c in couplings))),
         )
 
 
@@ -280,9 +286,10 @@ def _remainder(
         floor = _FLAT * np.abs(values).max(axis=1, keepdims=True, initial=1e-300)
         missed = (0.5 * _SAFETY * along**2 / np.maximum(values, floor)).sum(axis=1)
     pull = ranges.weight**2 * (q - ranges.middle)
-    linear, angular = rows.multipliers(q, at, pull)
-    remainder: Array = missed + linear * 2.0 * tolerance.linear + angular * 2.0 * tolerance.angular
-    return remainder
+    linear, angular, coupled = rows.multipliers(q, at, pull)
+    missed += 2.0 * linear * tolerance.linear + 2.0 * angular * tolerance.angular
+    missed += 2.0 * coupled * tolerance.coupled
+    return missed
 
 
 def best_of_branches(layer: Layer, cost: Callable[[Array], Array]) -> Array:
@@ -366,7 +373,7 @@ def _upper_margin(
     _, missed = _linear_step(q, at, rows, objective, _LONGEST)
     # A task error e lets the joints move by |e|/σ beside the null space.
     sigma = float(rows.sigma_min(q[None], at)[0])
-    error = 2.0 * float(np.hypot(*tolerance))
+    error = 2.0 * float(np.linalg.norm(tolerance))
     beside = error / sigma if sigma > 0.0 else 0.0
     return float(objective.margins(q)) + float(np.degrees(missed + beside))
 

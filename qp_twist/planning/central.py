@@ -9,13 +9,13 @@ import numpy as np
 from scipy.spatial import KDTree
 
 from qp_twist.checks import Array, Indices, Mask
-from qp_twist.kinematics import JointRanges, OrthoParallelArm
+from qp_twist.kinematics import JointRanges
 from qp_twist.path import PathTask
 from qp_twist.planning.bound import settled_nearby
 from qp_twist.planning.drawn import random_configurations
 from qp_twist.planning.layer import centred
 from qp_twist.planning.path_rows import PathRows
-from qp_twist.planning.roll_grid import RollGrid
+from qp_twist.planning.roll_grid import RollGrid, closed_form_arm
 from qp_twist.qp import QuadraticProgram, Verified, solve
 
 _GRID = np.radians(4.0)
@@ -74,7 +74,7 @@ def central_configurations(path_task: PathTask, index: int = 0) -> list[CentralC
     """
     rows, ranges = PathRows(path_task), JointRanges.of(path_task.model)
     descent = _Descent(rows, ranges, index)
-    arm = OrthoParallelArm.recognise(path_task.model, path_task.frame_name, path_task.frame_type)
+    arm = closed_form_arm(path_task)
     if arm is not None and RollGrid.applies(path_task, index):
         joints = np.full(path_task.model.nv, 2.0 * _GRID)
         layer = RollGrid(path_task, arm, _GRID, joints).layer(index)

@@ -28,14 +28,16 @@ class CompiledPath:
         which: Indices,
         rotations: Array,
         positions: Array,
+        couplings: path_kernel.Couplings,
     ) -> None:
         """Lay out the arrays; ``which`` (N,) of the projectors is in force at each waypoint."""
-        self._arm = arm_of(chain)
-        self._rows = rows_of(projectors, which, rotations, positions)
+        self._rows = (
+            arm_of(chain), rows_of(projectors, which, rotations, positions), couplings
+        )  # fmt: skip
 
     def correct(self, q: Array, at: Indices, newton: Newton) -> np.ndarray:
         """Move q (K, nv) onto the waypoints, in place; which arrived, (K,)."""
-        arrived: np.ndarray = path_kernel.correct(self._arm, self._rows, q, at, newton)
+        arrived: np.ndarray = path_kernel.correct(*self._rows, q, at, newton)
         return arrived
 
     def descend(
@@ -43,5 +45,5 @@ class CompiledPath:
     ) -> None:
         """Move q (K, nv) to the least z nearby, in place; NaN where it does not arrive."""
         path_kernel.centred_nearby(
-            self._arm, self._rows, q, at, ranges.weight, ranges.middle, newton, descent
+            *self._rows, q, at, ranges.weight, ranges.middle, newton, descent
         )

@@ -9,6 +9,7 @@ from qp_twist.checks import Array, Indices, Mask
 from qp_twist.constraints import margins_of
 from qp_twist.errors import InvalidInput
 from qp_twist.kinematics import FramePair, SerialChain, Stretch, ToleranceBand, check_bands
+from qp_twist.limits import JointCouplings
 from qp_twist.path import PathTask
 from qp_twist.referee import PROVEN, Tolerances, constraints_left
 
@@ -39,6 +40,8 @@ class HardConstraints:
         names: What each of the k margins is of, as messages call it.
         units: ``"rad"`` or ``"m"`` of each.
         halves: Half the width of each range, rad or m, (k,); ∞ of constraints.
+        cuts: Whether something may cut a self-motion manifold into pieces: all but couplings, which
+            are rows that a search keeps (:class:`~qp_twist.planning.path_rows.PathRows`).
     """
 
     def __init__(self, path_task: PathTask, chain: SerialChain) -> None:
@@ -51,6 +54,9 @@ class HardConstraints:
         self.chain, self._path_task = chain, path_task
         self.bands: tuple[ToleranceBand, ...] = tuple(band for _, band in hard)
         self.constraints = path_task.constraints
+        self.cuts = bool(self.bands) or not all(
+            isinstance(constraint, JointCouplings) for constraint in self.constraints
+        )
         of_constraints = [
             (f"constraints[{k}], {name}", unit)
             for k, constraint in enumerate(self.constraints)

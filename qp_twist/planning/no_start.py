@@ -83,7 +83,10 @@ def _amount(beyond: float, hinge: bool) -> str:
 
 
 def _out_of_reach(path_task: PathTask, q: Array, index: int) -> str:
-    """The sentence for a waypoint that no seed arrived at, from where the seeds ended."""
+    """The sentence for a waypoint that no seed arrived at, from where the seeds ended.
+
+    The distance is that of the arm with every joint free.
+    """
     where = f"waypoint {index + 1}"
     position = path_task.waypoints[index].translation()
     shown = ", ".join(f"{value:.3g}" for value in position)
@@ -95,9 +98,11 @@ def _out_of_reach(path_task: PathTask, q: Array, index: int) -> str:
                 f"{where} at ({shown}) m is out of the arm's reach by {1e3 * distance:.3g} mm, "
                 "joint limits not counted"
             )
+    coupled = PathRows(path_task).couplings.names
+    also = f" and {', '.join(coupled)} coupled" if coupled else ""
     return (
         f"the arm reaches the position ({shown}) m of {where}, but not with the orientation that "
-        "the task asks for, joint limits not counted"
+        f"the task asks for{also}, joint limits not counted"
     )
 
 

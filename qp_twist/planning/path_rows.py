@@ -1,4 +1,4 @@
-"""The task rows of a whole path, for many configurations at many waypoints at once."""
+"""The rows of a whole path, task and couplings, for many configurations at many waypoints."""
 
 from __future__ import annotations
 
@@ -8,8 +8,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from qp_twist.checks import Array, Indices, Mask
+from qp_twist.fast.path_kernel import Couplings
 from qp_twist.geometry import distinct_projectors, many_twist_errors
 from qp_twist.kinematics import SerialChain
+from qp_twist.limits import JointCouplings
 from qp_twist.path import PathTask
 from qp_twist.planning.hard_constraints import HardConstraints
 
@@ -32,8 +34,13 @@ _ROUNDING = 1e-12
 class PathRows:
     """Residuals, Newton corrections and free motions along a path.
 
+    Joints that the model couples are no band that a search could hit: the couplings are equality
+    rows beside those of the task, wherever the robot has them, and take degrees of freedom as these
+    do. Of couplings that follow from others the others are taken.
+
     Attributes:
         chain: The arm up to the controlled frame.
+        couplings: The joints that are coupled.
         hard: The hard bands and the constraints of the path.
         freedom: Degrees of freedom that the rows leave at each waypoint, (N,).
     """
@@ -44,8 +51,11 @@ class PathRows:
         self._rotations = np.array([w.rotation().as_matrix() for w in path_task.waypoints])
         self._positions = path_task.positions
         self._projectors, self._which = distinct_projectors(path_task.in_force)
+        self.couplings = JointCouplings(path_task.model)
+        self._coupled = self.couplings.independent()
         ranks = np.array([projector.rank for projector in self._projectors])
-        self.freedom: Indices = path_task.model.nv - ranks[self._which]
+        free = path_task.model.nv - len(self._coupled) - ranks[self._which]
+        self.freedom: Indices = np.maximum(free, 0)
 
     @cached_property
     def compiled(self) -> CompiledPath:
@@ -53,7 +63,12 @@ class PathRows:
         from qp_twist.planning.compiled_path import CompiledPath
 
         return CompiledPath(
-            self.chain, self._projectors, self._which, self._rotations, self._positions
+            self.chain,
+            self._projectors,
+            self._which,
+            self._rotations,
+            self._positions,
+            coupled_rows(self.couplings, self._coupled),
         )
 
     def correct(
@@ -125,7 +140,7 @@ class PathRows:
             rank = rows.shape[1]
             # Of Jᵀ = QR the last columns of Q, whether or not the rows are independent.
             whole = np.linalg.qr(rows.transpose(0, 2, 1), mode="complete").Q
-            basis[which, :, : q.shape[1] - rank] = whole[:, :, rank:]
+            basis[which, :, : max(q.shape[1] - rank, 0)] = whole[:, :, rank:]
         return basis
 
     def sigma_min(self, q: Array, at: Indices) -> Array:
@@ -136,24 +151,28 @@ class PathRows:
                 smallest[which] = np.linalg.svd(rows, compute_uv=False)[:, -1]
         return smallest
 
-    def multipliers(self, q: Array, at: Indices, gradient: Array) -> tuple[Array, Array]:
+    def multipliers(self, q: Array, at: Indices, gradient: Array) -> tuple[Array, Array, Array]:
         """How a function with a gradient (K, nv) changes with the task error, at its minimum.
 
-        Lengths of the linear and the angular multipliers, (AAᵀ)⁻¹A · gradient with A = UᵀJ, in
-        units of the function per m and per rad, (K,) each.
+        Lengths of the linear and the angular multipliers and of those of couplings,
+        (AAᵀ)⁻¹A · gradient with the rows A, in units of the function per m and rad, (K,) each.
         """
-        linear, angular = np.zeros(len(q)), np.zeros(len(q))
+        linear, angular, coupled = np.zeros((3, len(q)))
         for which, rows, _ in self._groups(q, at):
             inverse = np.linalg.pinv(rows.transpose(0, 2, 1), rcond=1e-9)
             found = (inverse @ gradient[which][:, :, None])[:, :, 0]
-            split = self._projectors[self._which[at[which[0]]]].linear.rank
+            projector = self._projectors[self._which[at[which[0]]]]
+            split, end = projector.linear.rank, projector.rank
             linear[which] = np.linalg.norm(found[:, :split], axis=1)
-            angular[which] = np.linalg.norm(found[:, split:], axis=1)
-        return linear, angular
+            angular[which] = np.linalg.norm(found[:, split:end], axis=1)
+            coupled[which] = np.linalg.norm(found[:, end:], axis=1)
+        return linear, angular, coupled
 
     def _groups(self, q: Array, at: Indices) -> list[tuple[Indices, Array, Array]]:
-        """For each projector: the configurations it holds at, UᵀJ and UᵀΔt."""
+        """For each projector: where it holds, UᵀJ and UᵀΔt, and after them those of couplings."""
         found = []
+        slopes = self.couplings.slopes(q)[:, self._coupled]
+        torn = -self.couplings.residuals(q)[:, self._coupled]
         for number, projector in enumerate(self._projectors):
             which = np.flatnonzero(self._which[at] == number)
             if not len(which):
@@ -168,9 +187,19 @@ class PathRows:
             )
             transposed = bases.transpose(0, 2, 1)
             found.append(
-                (which, transposed @ jacobians, (transposed @ errors[:, :, None])[:, :, 0])
+                (
+                    which,
+                    np.concatenate([transposed @ jacobians, slopes[which]], axis=1),
+                    np.hstack([(transposed @ errors[:, :, None])[:, :, 0], torn[which]]),
+                )
             )
         return found
+
+
+def coupled_rows(couplings: JointCouplings, which: Indices) -> Couplings:
+    """Some of the couplings as the kernel reads them."""
+    dofs = np.column_stack([couplings.first[which], couplings.second[which]]).astype(np.int64)
+    return Couplings(dofs, couplings.start[which], couplings.coefficients[which])
 
 
 def newton(iterations: int = _ITERATIONS) -> Newton:

@@ -6,7 +6,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 
-import mujoco
 import numpy as np
 import numpy.typing as npt
 
@@ -197,8 +196,12 @@ def make_plan(
     instance("plan(path_task, …)", path_task, PathTask)
     if len(path_task.waypoints) < 2:
         raise InvalidInput(f"plan: {path_task.name} has one waypoint; a path has at least two.")
-    _check_no_couplings(path_task)
     ranges = JointRanges.of(path_task.model)
+    if not ranges.only_hinges_and_slides:
+        raise InvalidInput(
+            f"plan: {path_task.name}'s scene has ball or free joints; only hinges and slides are "
+            "planned. Take free bodies out of the scene, or follow the path with a method."
+        )
     goal = Objective.of(ranges, objective)
     if (goal.margin or goal.centering) and not ranges.limited.any():
         raise InvalidInput(
@@ -223,18 +226,6 @@ def make_plan(
         found.certificate,
         objective,
     )
-
-
-def _check_no_couplings(path_task: PathTask) -> None:
-    model = path_task.model
-    coupled = (model.eq_type == mujoco.mjtEq.mjEQ_JOINT) & (model.eq_active0 != 0)
-    if coupled.any():
-        names = sorted({model.joint(int(j)).name for j in model.eq_obj1id[coupled]})
-        raise InvalidInput(
-            f"plan: {path_task.name}'s scene couples {', '.join(names)} to other joints "
-            "(<equality><joint …/>), which a plan does not keep; take the coupling out of the "
-            "scene, or follow the path with a method."
-        )
 
 
 def _check_inside_bands(limits: PathConstraints, start: Array) -> None:

@@ -73,6 +73,8 @@ def refine(
     polygon around it, so that it is held in all directions.
     """
     here, radius = _judged(q, limits, objective), _FIRST
+    if not rows.freedom.any():  # nothing can be moved
+        return here
     for iteration in range(iterations):
         if progress is not None:
             progress(iteration / iterations)

@@ -8,12 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from qp_twist.checks import Array
-from qp_twist.kinematics import JointRanges, OrthoParallelArm
+from qp_twist.kinematics import JointRanges
 from qp_twist.path import PathTask
 from qp_twist.planning.layer import Layer
 from qp_twist.planning.manifold_net import COVERED, ManifoldNet
 from qp_twist.planning.path_rows import PathRows
-from qp_twist.planning.roll_grid import RollGrid
+from qp_twist.planning.roll_grid import RollGrid, closed_form_arm
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,9 +49,7 @@ class Roadmap:
         self.rows = rows
         self.ranges = JointRanges.of(path_task.model)
         self.grid = grid
-        self.arm = OrthoParallelArm.recognise(
-            path_task.model, path_task.frame_name, path_task.frame_type
-        )
+        self.arm = closed_form_arm(path_task)
         self._net = ManifoldNet(path_task, rows, float(grid.joints.min()))
         self._rolls = (
             None if self.arm is None else RollGrid(path_task, self.arm, grid.roll, grid.joints)
@@ -66,7 +64,7 @@ class Roadmap:
         if self._closed_form(index):
             assert self._rolls is not None
             return self._rolls.settled(index)
-        return self.samples_all(index) and not self.rows.hard
+        return self.samples_all(index) and not self.rows.hard.cuts
 
     def samples_all(self, index: int) -> bool:
         """The same without hard bands."""

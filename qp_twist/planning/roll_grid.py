@@ -10,6 +10,7 @@ from qp_twist.checks import Array, Indices, Mask
 from qp_twist.geometry import ProjectorKind
 from qp_twist.kinematics import JointRanges, OrthoParallelArm
 from qp_twist.kinematics.serial_chain import turns
+from qp_twist.limits import JointCouplings
 from qp_twist.path import PathTask
 from qp_twist.planning.hard_constraints import WITHIN, HardConstraints
 from qp_twist.planning.layer import TURN, Layer, empty_layer, inside_limits
@@ -20,6 +21,19 @@ _HALVINGS = 12
 """Times that a grid interval in which a band may begin or end is halved."""
 _MOST_STRETCHES = 20_000
 """So many stretches of rolls are not halved again."""
+
+
+def closed_form_arm(path_task: PathTask) -> OrthoParallelArm | None:
+    """The task's arm, if it has closed-form inverse kinematics and is all of the robot.
+
+    With joints beside it (fingers, a track) the task leaves more free than a roll, and where joints
+    are coupled a closed form that knows nothing of that has next to no solution that is kept.
+    """
+    model = path_task.model
+    arm = OrthoParallelArm.recognise(model, path_task.frame_name, path_task.frame_type)
+    if arm is None or len(arm.chain.screws) < model.nv or JointCouplings(model).names:
+        return None
+    return arm
 
 
 class RollGrid:

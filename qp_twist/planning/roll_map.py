@@ -15,7 +15,7 @@ from qp_twist.path import PathTask
 from qp_twist.planning.layer import TURN, centred
 from qp_twist.planning.path_rows import PathRows
 from qp_twist.planning.plan import motion_limits
-from qp_twist.planning.roll_grid import RollGrid
+from qp_twist.planning.roll_grid import RollGrid, closed_form_arm
 
 _REACH = np.radians(45.0)
 """How far to either side a roll is looked for that connects to the next waypoint, rad."""
@@ -116,7 +116,7 @@ def roll_arm(path_task: PathTask) -> OrthoParallelArm | None:
         for k in range(count)
     ):
         return None
-    return OrthoParallelArm.recognise(path_task.model, path_task.frame_name, path_task.frame_type)
+    return closed_form_arm(path_task)
 
 
 def _wrapped(angles: Array) -> Array:

@@ -3,6 +3,7 @@
 from .displacement import Displacement as Displacement
 from .displacement import LeverArms as LeverArms
 from .findings import AXIS_TOLERANCE_DEG as AXIS_TOLERANCE_DEG
+from .findings import BAND as BAND
 from .findings import POSITION_TOLERANCE as POSITION_TOLERANCE
 from .findings import Finding as Finding
 from .findings import Passing as Passing

@@ -26,9 +26,9 @@ _FEW = 400
 _VIEWS = (("from above", "x", "y"), ("from the front", "x", "z"), ("from the side", "y", "z"))
 _RATIOS = (1.0, 1.02, 1.05, 1.1, 1.2, 1.5, 2.0, 3.0, 5.0, 10.0, 20.0, 50.0)
 _FAULTS = {
-    "limit": "#D55E00", "jump": "#E69F00", "band": "#F0E442", "held": "#0072B2",
-    "error": "#56B4E9", "no step": "#CC79A7", "diverged": "#000000", "start": "#999999",
-    "no plan": "#009E73", "raised": "#661100",
+    "limit": "#D55E00", "jump": "#E69F00", "band": "#F0E442", "constraint": "#882255",
+    "held": "#0072B2", "error": "#56B4E9", "no step": "#CC79A7", "diverged": "#000000",
+    "start": "#999999", "no plan": "#009E73", "raised": "#661100",
 }  # fmt: skip
 
 

@@ -21,7 +21,17 @@ from qp_twist.path.task_schema import StudySection
 from qp_twist.planning import motion_limits
 
 Kind = Literal[
-    "limit", "jump", "band", "held", "error", "no step", "diverged", "start", "no plan", "raised"
+    "limit",
+    "jump",
+    "band",
+    "constraint",
+    "held",
+    "error",
+    "no step",
+    "diverged",
+    "start",
+    "no plan",
+    "raised",
 ]
 
 _AT = 1e-4
@@ -36,11 +46,11 @@ class Fault:
 
     Attributes:
         kind: ``limit``: a joint left its range; ``jump``: it moved further than it may from a
-            waypoint to the next; ``band``: a tolerance band was left; ``held``: the task's error is
-            too large, with joints at their limits; ``error``: the same, with none; ``no step``: a
-            step had no result; ``diverged``: it was not finite; ``start``: there is no
-            configuration to start from; ``no plan``: there is no plan to follow; ``raised``:
-            something was raised, or the process died.
+            waypoint to the next; ``band``: a tolerance band was left; ``constraint``: a constraint
+            was; ``held``: the task's error is too large, with joints at their limits; ``error``:
+            the same, with none; ``no step``: a step had no result; ``diverged``: it was not finite;
+            ``start``: there is no configuration to start from; ``no plan``: there is no plan to
+            follow; ``raised``: something was raised, or the process died.
         joint: The joints that it is about.
         waypoint: Where, counted from 1.
         message: What else there is to say.
@@ -73,6 +83,7 @@ class Judge:
     def fault(self, trajectory: Trajectory) -> Fault | None:
         """The first fault of a whole lap; ``None`` if it is a success."""
         count, before = len(trajectory.path_task.waypoints), None
+        left = trajectory.constraint_excess
         for index, q in enumerate(trajectory.q):
             errors = trajectory.position_error[index], trajectory.axis_error[index]
             fault = self._at(index + 1, before, q, *map(float, errors))
@@ -80,6 +91,8 @@ class Judge:
                 return Fault("diverged", waypoint=index + 1)
             if fault is None and trajectory.band_excess[index] > BAND_LEFT:
                 return Fault("band", waypoint=index + 1)
+            if fault is None and left[index] > BAND_LEFT:
+                return Fault("constraint", waypoint=index + 1)
             if fault is not None:
                 if trajectory.failure:
                     return Fault("no step", waypoint=index + 1, message=trajectory.failure)

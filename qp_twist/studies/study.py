@@ -18,6 +18,7 @@ from rich.console import Console
 from qp_twist.checks import one_of, whole_number
 from qp_twist.errors import InvalidInput
 from qp_twist.files import read_text, write_atomically
+from qp_twist.limits import COUPLED_WITHIN, JointCouplings
 from qp_twist.path import (
     METHODS,
     PathTask,
@@ -44,6 +45,7 @@ _WIDTH = 128
 _OF_MODEL = (
     "jnt_type", "jnt_limited", "jnt_range", "jnt_pos", "jnt_axis", "body_parentid", "body_pos",
     "body_quat", "site_bodyid", "site_pos", "site_quat", "geom_bodyid", "geom_pos", "geom_quat",
+    "eq_type", "eq_obj1id", "eq_obj2id", "eq_active0", "eq_data",
 )  # fmt: skip
 """What of a model its kinematics depends on."""
 
@@ -379,11 +381,17 @@ def _fingerprint(path_task: PathTask) -> str:
 def _check_from_file(task: PathTask) -> None:
     if task.source is None:
         raise InvalidInput("study: needs a task from a file, by which it can be opened again.")
-    if task.constraints:
+    # Couplings of joints are read from the scene again, wherever the task file is opened.
+    added = [
+        constraint
+        for constraint in task.constraints
+        if not isinstance(constraint, JointCouplings) or constraint.tolerance != COUPLED_WITHIN
+    ]
+    if added:
         raise InvalidInput(
-            f"study: {task.name} has constraints ({task.constraints[0].kind}), which no task file "
-            "states and no study judges; follow and check its runs one by one, or leave them out: "
-            "dataclasses.replace(task, constraints=())."
+            f"study: {task.name} has constraints ({added[0].kind}) that its task file does not "
+            "state, from which each sample is made; follow and check its runs one by one, or "
+            "leave them out: dataclasses.replace(task, constraints=())."
         )
 
 
