@@ -36,6 +36,7 @@ ROOMS = {
     "robots": "models from MJCF and URDF",
     "kinematics": "twist task, objectives",
     "geometry": "projectors, twist errors",
+    "tables": "what other programs wrote, in rows",
     "files": "whole or not at all",
     "notebook": "small tables for notebooks",
     "checks": "of arguments",

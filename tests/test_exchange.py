@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from joint_paths import evenly, joint_path, slider
 
 import qp_twist as qt
-from qp_twist.exchange import ENDINGS, JointRows, read_trajectory, write_trajectory
+from qp_twist.exchange import ENDINGS, JointRows, csv_file, read_trajectory, write_trajectory
 from qp_twist.files import whole_file, write_atomically
 from qp_twist.timing import TimedTrajectory, time_trajectory
 
@@ -102,6 +102,35 @@ def test_the_csv_is_read_by_any_reader_of_csv(tmp_path: Path) -> None:
     assert [float(row[2]) for row in rows] == trajectory.q[:, 0].tolist()
 
 
+BITS = ["joint", "_", "1", " ", ",", '"', "[", "]", "(", "#", "%", ";", ".", "/", "-", "velocity",
+        "vel", "pos", "time", "deg", "rad", "m", "s", "é", "\u2028"]  # fmt: skip
+NAMES = st.lists(st.sampled_from(BITS), min_size=1, max_size=4).map("".join)
+
+
+@given(
+    st.lists(NAMES.filter(lambda name: name.strip() == name), min_size=1, max_size=3, unique=True),
+    st.booleans(), st.booleans(), SEEDS,
+)  # fmt: skip
+@settings(max_examples=300, deadline=None)
+def test_any_names_of_joints_go_through_a_table(
+    names: list[str], timed: bool, cubic: bool, seed: int
+) -> None:
+    q = np.random.default_rng(seed).normal(size=(2, len(names)))
+    units = dict(zip(names, ["rad", "m", "rad"], strict=False))
+    metadata = {"units": units, "task": "a title\u2028of two lines", "method": "any"}
+    written = JointRows(
+        tuple(names), q, np.array([0.0, 0.1]) if timed else None, -q if timed and cubic else None,
+        metadata,
+    )  # fmt: skip
+    rows = csv_file.decode(csv_file.encode(written).encode(), None)
+    assert rows.joint_names == written.joint_names
+    assert rows.metadata == metadata
+    assert (rows.q == q).all()
+    assert (rows.times is not None) == timed
+    assert (rows.velocities is not None) == (timed and cubic)
+    assert rows.velocities is None or (rows.velocities == -q).all()
+
+
 # ---------------------------------------------------------------- other tools' files
 
 DEGREES = np.array([[10.0, -20.0], [30.0, 45.5]])
@@ -119,12 +148,19 @@ DEGREES = np.array([[10.0, -20.0], [30.0, 45.5]])
         '"time_from_start","position_joint_1 [°]","position_joint_2 [°]"\n0, 10, -20\n'
         "1, 30, 45.5\n",
         "row,joint_1.pos [degrees],joint_2.pos [degrees],joint_1 torque\n1,10,-20,x\n2,30,45.5,y\n",
+        "# joint_1_deg joint_2_deg\n10 -20\n30 45.5\n",
+        "Cell 7\njoint_1;joint_2\ndeg;deg\n10;-20\n30;45,5\n",
+        "gripper,joint_1_deg,joint_2_deg\nopen,10,-20\n,30,45.5\n",
     ],
 )
-def test_columns_are_found_by_name_in_any_order_and_unit(text: str, tmp_path: Path) -> None:
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-16"])
+def test_columns_are_found_by_name_in_any_order_and_unit(
+    text: str, encoding: str, tmp_path: Path
+) -> None:
     a, b = np.radians(DEGREES)
     path = tmp_path / "other.csv"
-    path.write_text(text.format(a=a, b=b), "utf-8")
+    mark = "\ufeff" if encoding == "utf-16" else ""  # has its own
+    path.write_text(text.format(a=a, b=b).removeprefix(mark), encoding)
     rows = read_trajectory(path, ["joint_1", "joint_2"])
     assert rows.q == pytest.approx(np.radians(DEGREES), abs=1e-15)
     assert rows.velocities is None
@@ -141,6 +177,28 @@ def test_velocities_of_other_tools_are_understood(tmp_path: Path) -> None:
     assert rows.joint_names == ("a",)
     assert rows.q[:, 0] == pytest.approx([0.0, np.pi / 4])
     assert rows.velocities[:, 0] == pytest.approx([np.pi / 2, np.pi])
+
+
+def test_a_unit_says_that_a_column_holds_velocities(tmp_path: Path) -> None:
+    path = tmp_path / "other.csv"
+    path.write_text("time,a [deg],a [deg/s],a [deg/s²]\n0,0,90,1\n1,45,180,1\n", "latin-1")
+    rows = read_trajectory(path)
+    assert rows.q[:, 0] == pytest.approx([0.0, np.pi / 4])
+    assert rows.velocities[:, 0] == pytest.approx([np.pi / 2, np.pi])
+    assert rows.accelerated
+
+
+def test_all_that_is_wrong_with_a_table_is_said_at_once(tmp_path: Path) -> None:
+    path = tmp_path / "broken.csv"
+    path.write_text("time,a,b\n0,1,2\n#N/A,1,2\n1,two,2\n2,1_0,2\n3,1\n4,1,2,3\n5,1,2\n")
+    with pytest.raises(qt.InvalidInput) as refused:
+        read_trajectory(path)
+    said = str(refused.value).split("\n  ")
+    assert said[0] == f"{path}: 5 problems:"
+    assert [line.split(":")[0] for line in said[1:]] == [
+        "line 3, column 'time'", "line 4, column 'a'", "line 5, column 'a'", "line 6, column 'b'",
+        "line 7",
+    ]  # fmt: skip
 
 
 def test_a_joint_that_is_called_like_something_else_keeps_its_name(tmp_path: Path) -> None:
@@ -213,11 +271,18 @@ def test_an_archive_of_another_tool_is_understood(tmp_path: Path) -> None:
     ("name", "content", "sentence"),
     [
         ("x.csv", "joint_1,joint_2\n1,2\n1,two\n", r"line 3, column 'joint_2': .*got 'two'"),
-        ("x.csv", "# one\njoint_1,joint_2\n1\n", "line 3: expected 2 cells .* got 1"),
+        (
+            "x.csv",
+            "# one\njoint_1,joint_2\n1\n",
+            "line 3, .*'joint_2': the number is missing; .* 1 of 2",
+        ),
         ("x.csv", "joint_1,joint_2\n1,nan\n", "line 2, column 'joint_2'"),
         ("x.csv", "1,2\n3,4\n", "line 1: expected the names of the columns"),
         ("x.csv", "joint_1\n", "expected a line of column names and rows"),
         ("x.csv", "joint_1 [furlong],joint_2\n1,2\n", "the unit 'furlong' is not known"),
+        ("x.csv", "joint_1 [s],joint_2\n1,2\n", "column 'joint_1 .s.': the unit 's' is not known"),
+        ("x.csv", "t [deg],joint_1\n1,2\n", "column 't .deg.': the unit 'deg' is not known"),
+        ("x.csv", "joint_1,joint_2\none,two\n1,2\n", "line 2, column 'joint_1': .* got 'one'"),
         ("x.csv", "joint_1,other\n1,2\n", "no column for joint_2; it has joint_1"),
         ("x.csv", "joint_1,joint_1,joint_2\n1,2,3\n", "two columns hold the positions of joint_1"),
         ("x.csv", "a,b\n1,2\n", "none of the columns a, b is a joint"),
@@ -253,7 +318,7 @@ def test_an_archive_of_another_tool_is_understood(tmp_path: Path) -> None:
             f'{{"joint_names": ["joint_1"], "points": [{{"positions": [1{"0" * 400}]}}]}}',
             r"points\[0\].positions\[0\]: expected a finite number, got 1000",
         ),
-        ("x.csv", 'joint_1,joint_2\n1,"' + "2" * 200_000, "line 2: no row of cells"),
+        ("x.csv", 'joint_1,joint_2\n1,"' + "2" * 200_000, "line 2, .*'joint_2': expected a finite"),
         ("x.npz", "no archive", "this is no NumPy archive"),
         ("x.npz", npy(np.zeros((2, 2))), "this is no NumPy archive"),
         ("x.npz", npz(q=np.zeros((400, 2))).replace(b"q.npy", b"p.npy"), "no array 'q'"),

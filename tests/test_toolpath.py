@@ -130,6 +130,7 @@ def test_a_table_in_any_dialect_reads_back_as_it_was_written(  # noqa: PLR0915
         ("# x [mm];y [mm];z [mm];nx;ny;nz", "normal"),
         ("x;y;z;nx;ny;nz\n[mm];[mm];[mm];;;", "normal"),
         ("x;y;z;nx;ny;nz\nmm;mm;mm;-;-;-", "normal"),
+        ("x [mm];y [mm];z [mm];nx;ny;nz\nmm;mm;mm;;;", "normal"),
     ],
 )  # fmt: skip
 def test_usual_headers_are_understood(tmp_path: Path, header: str, meaning: str) -> None:
@@ -245,6 +246,7 @@ HEAD = "x [mm],y [mm],z [mm],nx,ny,nz\n"
         ("x [mm];y [mm];z [mm]\n1,5;2;3\n1.5;2;3\n",
          r"line 2, .*'1,5' with the decimal mark ','; elsewhere it is '.'"),
         ("x [mm],y [m],z [mm]\n1,2,3\n", "different units"),
+        ("x [mm],y [mm],z [mm]\nm,m,m\n1,2,3\n", r"no columns x, y, z among 'x \[mm\] \[m\]'"),
         ("x [cm],y [cm],z [cm]\n1,2,3\n", "the header says 'cm'; known are mm, m, inch"),
         ("x [mm],y [mm],z [mm],roll,pitch,yaw\n1,2,3,0,0,0\n", r"add angle_unit = \"deg\" or"),
         ("x [mm],y [mm],z [mm],rx,ry,rz\n1,2,3,0,0,0\n", r"roll, pitch, yaw or a rotation vector"),

@@ -11,6 +11,7 @@ from qp_twist.exchange import csv_file, json_file, npz_file
 from qp_twist.exchange.joint_rows import JointRows
 from qp_twist.files import read_bytes, write_atomically
 from qp_twist.following import Trajectory
+from qp_twist.tables import of_file
 from qp_twist.timing import TimedTrajectory
 
 
@@ -60,11 +61,9 @@ def read_trajectory(path: str | Path, joint_names: Sequence[str] | None = None) 
     path = Path(path)
     form = _format(path)
     content = read_bytes(path, "trajectory file")
-    try:
+    with of_file(path):
         rows = form.decode(content, None if joint_names is None else tuple(joint_names))
         return rows if joint_names is None else rows.of_joints(joint_names)
-    except InvalidInput as error:
-        raise InvalidInput(f"{path}: {error}") from None
 
 
 def _format(path: Path) -> _Format:

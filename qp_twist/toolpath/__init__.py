@@ -1,12 +1,13 @@
 """Toolpaths from files: reading, resampling, orientations along them. Pure functions of arrays."""
 
+from qp_twist.tables import AngleUnit as AngleUnit
+from qp_twist.tables import FeedUnit as FeedUnit
+from qp_twist.tables import LengthUnit as LengthUnit
+
 from .assemble import SAME_DIRECTION as SAME_DIRECTION
 from .assemble import SAME_POINT as SAME_POINT
 from .assemble import unit_question as unit_question
-from .columns import AngleUnit as AngleUnit
 from .columns import ColumnChoice as ColumnChoice
-from .columns import FeedUnit as FeedUnit
-from .columns import LengthUnit as LengthUnit
 from .columns import Orientation as Orientation
 from .columns import UnclearColumns as UnclearColumns
 from .read import Format as Format

@@ -9,9 +9,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from qp_twist.errors import InvalidInput
+from qp_twist.tables import LENGTHS, LengthUnit, Problems
 from qp_twist.toolpath.assemble import Rows, assembled
-from qp_twist.toolpath.columns import LENGTHS, LengthUnit, Orientation
-from qp_twist.toolpath.problems import Problems
+from qp_twist.toolpath.columns import Orientation
 from qp_twist.toolpath.toolpath import Toolpath
 
 _NUMBER = re.compile(r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eEdD][+-]?[0-9]+)?")
@@ -64,7 +64,6 @@ _PER_TURN: dict[str, LengthUnit | None] = {
 def read_apt(
     path: Path,
     lines: Sequence[str],
-    *,
     orientation: Orientation | None,
     length_unit: LengthUnit | None,
 ) -> Toolpath:
@@ -80,22 +79,22 @@ def read_apt(
     """
     if orientation not in (None, "axis", "none"):
         raise InvalidInput(
-            f"{path.name}: orientation is {orientation!r}, but an APT file has tool axes; leave it "
+            f"orientation is {orientation!r}, but an APT file has tool axes; leave it "
             'out or say "axis" or "none".'
         )
-    reader = _Reader(Problems(path.name), length_unit)
+    reader = _Reader(Problems(), length_unit)
     for line, text in _statements(lines):
         reader.statement(line, text)
     if reader.points == 0:
         reader.problems.refuse()
-        raise InvalidInput(f"{path.name}: there is no GOTO in it.")
+        raise InvalidInput("there is no GOTO in it.")
     notes = []
     if orientation is None and not reader.axis_stated:
         notes.append("no GOTO states a tool axis; (0, 0, 1) is taken, as APT has it.")
     cuts = reader.cuts()
     if not cuts:
         reader.problems.refuse()
-        raise InvalidInput(f"{path.name}: no two GOTO without RAPID between them; nothing is cut.")
+        raise InvalidInput("no two GOTO without RAPID between them; nothing is cut.")
     passed = reader.points - sum(len(rows.positions) for rows in cuts)
     if passed:
         notes.append(f"left out, since only RAPID leads there and on: {passed} of the points.")

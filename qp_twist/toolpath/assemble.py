@@ -11,8 +11,8 @@ from scipy.spatial.transform import Rotation
 
 from qp_twist.checks import Array
 from qp_twist.errors import InvalidInput
-from qp_twist.toolpath.columns import LENGTHS, LengthUnit, Orientation
-from qp_twist.toolpath.problems import Problems
+from qp_twist.tables import LENGTHS, LengthUnit, Problems
+from qp_twist.toolpath.columns import Orientation
 from qp_twist.toolpath.toolpath import Curve, Lines, Meaning, Toolpath
 from qp_twist.toolpath.turning import angles_between, turns_between
 
@@ -74,7 +74,7 @@ def assembled(
     curves = [rows for rows in curves if rows.positions]
     if not curves:
         problems.refuse()
-        raise InvalidInput(f"{path.name}: there is no point in it.")
+        raise InvalidInput("there is no point in it.")
     _refuse_far(curves, problems, unit, unit_in_file=unit_in_file)
     read = [
         _curve(orientation, rows, rows.name or str(number), call, problems)

@@ -7,16 +7,11 @@ from pathlib import Path
 from typing import Literal
 
 from qp_twist.errors import InvalidInput
+from qp_twist.files import read_bytes
+from qp_twist.tables import AngleUnit, FeedUnit, LengthUnit, of_file, text_lines
 from qp_twist.toolpath.apt_file import read_apt
-from qp_twist.toolpath.columns import (
-    AngleUnit,
-    ColumnChoice,
-    FeedUnit,
-    LengthUnit,
-    Orientation,
-)
+from qp_twist.toolpath.columns import ColumnChoice, Orientation
 from qp_twist.toolpath.csv_file import read_csv
-from qp_twist.toolpath.text import read_lines
 from qp_twist.toolpath.toolpath import Toolpath
 
 Format = Literal["csv", "apt"]
@@ -58,24 +53,19 @@ def read_toolpath(
         Toolpath('dome_seams.csv', 2 curves, 122 points, normal)
     """
     path = Path(file)
-    lines = read_lines(path)
-    if format is None:
-        goto = any(re.match(r"\s*GOTO\s*/", line, re.IGNORECASE) for line in lines)
-        format = "apt" if goto else "csv"
-    if format == "csv":
-        return read_csv(
-            path,
-            lines,
-            choice=columns or ColumnChoice(),
-            orientation=orientation,
-            length_unit=length_unit,
-            angle_unit=angle_unit,
-            feed_unit=feed_unit,
-        )
-    if columns is not None:
-        raise InvalidInput(f"{path.name}: an APT file has no columns; leave columns out.")
-    if feed_unit is not None:
-        raise InvalidInput(
-            f"{path.name}: an APT file states the unit of a feed in FEDRAT; leave feed_unit out."
-        )
-    return read_apt(path, lines, orientation=orientation, length_unit=length_unit)
+    content = read_bytes(path, "toolpath file")
+    with of_file(path.name):
+        lines = text_lines(content)
+        if format is None:
+            goto = any(re.match(r"\s*GOTO\s*/", line, re.IGNORECASE) for line in lines)
+            format = "apt" if goto else "csv"
+        if format == "csv":
+            choice = columns or ColumnChoice()
+            return read_csv(path, lines, choice, orientation, length_unit, angle_unit, feed_unit)
+        if columns is not None:
+            raise InvalidInput("an APT file has no columns; leave columns out.")
+        if feed_unit is not None:
+            raise InvalidInput(
+                "an APT file states the unit of a feed in FEDRAT; leave feed_unit out."
+            )
+        return read_apt(path, lines, orientation, length_unit)

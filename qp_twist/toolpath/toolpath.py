@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from qp_twist.checks import Array
 from qp_twist.errors import InvalidInput
-from qp_twist.toolpath.columns import LengthUnit
+from qp_twist.tables import LengthUnit
 
 Lines = npt.NDArray[np.int64]
 Meaning = Literal["axis", "normal", "rotation", "none"]

@@ -1,0 +1,126 @@
+"""From the bytes of a text file to the fields of its lines: encoding, delimiter, decimal mark."""
+
+from __future__ import annotations
+
+import codecs
+import csv
+import re
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+
+from qp_twist.errors import InvalidInput
+
+_POINT = re.compile(r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eEdD][+-]?[0-9]+)?")
+_COMMA = re.compile(r"[+-]?(?:[0-9]+(?:,[0-9]+)?|,[0-9]+)(?:[eEdD][+-]?[0-9]+)?")
+_NOT_FINITE = re.compile(r"[+-]?(?:1\.#)?(?:nan|inf|infinity|ind|qnan)(?:\(\w*\))?", re.IGNORECASE)
+
+
+@contextmanager
+def of_file(name: object) -> Iterator[None]:
+    """Put the name of a file before the message of what is refused of its content."""
+    try:
+        yield
+    except InvalidInput as error:
+        between = "," if str(error).startswith("line ") else ":"
+        error.args = (f"{name}{between} {error}",)
+        raise
+
+
+def text_lines(content: bytes) -> list[str]:
+    """The lines of a text, without their ends; UTF-8, UTF-16 with its mark, or Latin-1.
+
+    Raises:
+        InvalidInput: If it is empty, or no text.
+    """
+    marked = content.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))
+    for encoding in ["utf-16"] if marked else ["utf-8-sig", "latin-1"]:
+        try:
+            text = content.decode(encoding)
+        except UnicodeDecodeError:
+            continue
+        # A few form feeds are found in text; other control characters are not.
+        if any(ord(c) < 32 and c not in "\t\n\r\f\x1a" for c in set(text)):
+            break
+        if not text.strip():
+            raise InvalidInput("the file is empty.")
+        return text.replace("\x1a", "").replace("\r\n", "\n").replace("\r", "\n").split("\n")
+    raise InvalidInput("this is no text file: no text in UTF-8, UTF-16 or Latin-1.")
+
+
+@dataclass(frozen=True)
+class Dialect:
+    """How one line is split.
+
+    Attributes:
+        delimiter: Between the fields; empty for any blanks.
+        decimal: The decimal mark, ``"."`` or ``","``.
+    """
+
+    delimiter: str
+    decimal: str
+
+    @classmethod
+    def detected(cls, lines: Sequence[str], least: int, expected: str) -> Dialect:
+        """The dialect in which some lines of a file have the most numbers.
+
+        Args:
+            lines: The first ones, without comments.
+            least: Numbers that a line has to have in order to count.
+            expected: What a table has to hold, for the message.
+
+        Raises:
+            InvalidInput: If no line has so many numbers in any dialect.
+        """
+        marks = [mark for mark in ";\t" if any(mark in line for line in lines)]
+        dialects = [cls(delimiter, decimal) for delimiter in marks for decimal in ".,"]
+        dialects += [cls(",", "."), cls("", "."), cls("", ",")]
+        best = max(dialects, key=lambda dialect: dialect._score(lines, least))
+        if best._score(lines, least)[0] == 0:
+            count = {1: "a number", 3: "three numbers"}.get(least, f"{least} numbers")
+            raise InvalidInput(
+                f"no line has {count}; {expected}, separated by commas, semicolons, tabs or blanks."
+            )
+        return best
+
+    def _score(self, lines: Iterable[str], least: int) -> tuple[int, int]:
+        """Numbers in the lines that have at least so many; less, the other fields in them."""
+        numbers = others = 0
+        for line in lines:
+            fields = [field for field in self.split(line) if field]
+            found = sum(self.number(field) is not None for field in fields)
+            if found >= least:
+                numbers, others = numbers + found, others + len(fields) - found
+        return numbers, -others
+
+    def split(self, line: str) -> list[str]:
+        """The fields of a line, stripped of blanks and quotes."""
+        if self.delimiter and '"' in line:
+            try:
+                found = next(
+                    csv.reader([line], delimiter=self.delimiter, skipinitialspace=True), []
+                )
+                return [field.strip() for field in found]
+            except csv.Error:  # a field longer than any number; that is said where it is read
+                pass
+        fields = line.split(self.delimiter) if self.delimiter else line.split()
+        return [field.strip().strip('"').strip() for field in fields]
+
+    def names(self, line: str) -> list[str]:
+        """The fields of a header line: a unit in brackets belongs to the name before it."""
+        if self.delimiter:
+            return self.split(line)
+        found: list[str] = []
+        for field in self.split(line):
+            if found and field.startswith(("[", "(")):
+                found[-1] += f" {field}"
+            else:
+                found.append(field)
+        return found
+
+    def number(self, field: str) -> float | None:
+        """The number that a field states, NaN and infinite ones included; ``None`` for text."""
+        field = field.replace("\u2212", "-")
+        if (_POINT if self.decimal == "." else _COMMA).fullmatch(field):
+            return float(field.replace(",", ".").replace("d", "e").replace("D", "e"))
+        return float("nan") if _NOT_FINITE.fullmatch(field) else None
