@@ -13,7 +13,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 
 import qp_twist as qt
 from qp_twist.comparison import metrics
-from qp_twist.comparison.self_motion import manifolds
+from qp_twist.planning.self_motion import manifolds
 
 NAMES = ["minimum_norm", "qp_minimum_norm", "twa", "qp"]
 # The format that tools outside read; a golden list, on purpose.

@@ -266,6 +266,14 @@ def test_the_joint_that_forbids_a_start_is_named(tmp_path: Path) -> None:
         qt.follow(task, "qp_gradient")
 
 
+@pytest.mark.parametrize("name", ["planar_line", "deburring_bands"])
+def test_a_waypoint_that_is_missed_by_the_search_alone_is_said_to_be(name: str) -> None:
+    """Also where nothing forbids it there is a sentence, and no failure."""
+    task = qt.load_task(name)
+    assert central_configurations(task)
+    assert "has configurations inside the limits" in what_forbids(task)
+
+
 # ---------------------------------------------------------------- task files and the command
 
 

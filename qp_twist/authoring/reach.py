@@ -15,7 +15,6 @@ from qp_twist.geometry import ProjectorKind
 from qp_twist.kinematics import JointRanges
 from qp_twist.path import PathTask, placed
 from qp_twist.path.orientation import poses
-from qp_twist.planning import random_configurations
 from qp_twist.planning.bound import centred_nearby
 from qp_twist.planning.path_rows import PathRows
 
@@ -126,7 +125,7 @@ def placements(
         progress: Called from time to time.
     """
     ranges, rng = JointRanges.of(path_task.model), np.random.default_rng(seed)
-    drawn = random_configurations(ranges, _DRAWN, rng)
+    drawn = ranges.random(_DRAWN, rng)
     q, R, kinds = _candidates(path_task, drawn, rng)
     if not len(q):
         return Placements((), 0, np.zeros(3), np.zeros(3), 0.0)

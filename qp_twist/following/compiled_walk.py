@@ -15,7 +15,6 @@ from qp_twist.fast.step_kernel import STEP, Given, Settings
 from qp_twist.fast.step_record import Sizes
 from qp_twist.following.resolver import (
     LARGEST_JOINT,
-    START_ITERATIONS,
     waypoints_of,
 )
 from qp_twist.following.waypoint_limits import WaypointLimits
@@ -24,6 +23,7 @@ from qp_twist.kinematics import JointCentering, JointRanges, SerialChain
 from qp_twist.kinematics.compiled_rows import arm_of, rows_of
 from qp_twist.limits import PositionLimit
 from qp_twist.path import METHODS, MethodSettings, PathTask
+from qp_twist.planning.starts import START_ITERATIONS
 
 Counts = npt.NDArray[np.int64]
 CLOSED_FORMS = ("rmr", "rmr_flipped", "minimum_norm", "gradient_projection")

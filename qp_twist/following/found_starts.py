@@ -13,25 +13,11 @@ from qp_twist.fast import COMPILED
 from qp_twist.following.walk import walk
 from qp_twist.kinematics import JointRanges
 from qp_twist.path import DEFAULT_METHOD, PathTask, check_method
-from qp_twist.planning import CentralConfiguration, central_configurations, what_forbids
+from qp_twist.planning import CentralConfiguration, central_starts
 from qp_twist.planning.path_rows import PathRows
 
 _KEPT_M, _KEPT_RAD = 1e-5, 1e-5
 """A lap ends where it is further off the path."""
-
-
-class NoStart(InvalidInput):
-    """No configuration on the first waypoint is inside the limits.
-
-    Attributes:
-        why: What forbids it.
-    """
-
-    def __init__(self, task: str, why: str) -> None:
-        super().__init__(
-            f"{task}: no start: {why}; move or turn the workpiece, or free more of the orientation."
-        )
-        self.why = why
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,7 +98,7 @@ def find_starts(
     instance("find_starts(path_task, …)", path_task, PathTask)
     whole_number("find_starts(count=…)", count, at_least=1)
     found: list[FoundStart] = []
-    candidates = _chosen(_candidates(path_task), count)
+    candidates = _chosen(central_starts(path_task), count)
     for number, start in enumerate(_tried(path_task, candidates, check_method(method), laps)):
         found.append(start)
         if progress is not None:
@@ -120,22 +106,6 @@ def find_starts(
     if not laps:
         return sorted(found, key=lambda start: start.z)
     return sorted(found, key=lambda start: (-start.reached, start.z))
-
-
-def central_start(path_task: PathTask) -> Array:
-    """The configuration of least z on the first waypoint, (nq,).
-
-    Raises:
-        NoStart: If none is inside the limits; the message says why.
-    """
-    return _candidates(path_task)[0].q
-
-
-def _candidates(path_task: PathTask) -> list[CentralConfiguration]:
-    found = central_configurations(path_task)
-    if not found:
-        raise NoStart(path_task.name, what_forbids(path_task))
-    return found
 
 
 def _chosen(found: Sequence[CentralConfiguration], count: int) -> list[CentralConfiguration]:

@@ -11,10 +11,10 @@ import numpy.typing as npt
 from qp_twist.checks import Array, finite_array, instance
 from qp_twist.errors import InvalidInput
 from qp_twist.fast import COMPILED
-from qp_twist.following.found_starts import central_start
-from qp_twist.following.walk import corrected_start, walk
+from qp_twist.following.walk import walk
 from qp_twist.path import DEFAULT_METHOD, PathTask, check_method
-from qp_twist.planning import Plan, make_plan
+from qp_twist.planning import Plan, central_starts, make_plan
+from qp_twist.planning.starts import corrected_start
 
 SEEDS = (DEFAULT_METHOD, "qp_minimum_norm")
 """Methods whose trajectories the search may start from."""
@@ -134,7 +134,7 @@ def with_start(
     if not path_task.best_start:
         return path_task
     if path_task.best_start == "central":
-        start = central_start(path_task)
+        start = central_starts(path_task)[0].q
     else:
         start = plan(path_task, progress=progress).start
     return path_task.started_at(start)

@@ -26,11 +26,10 @@ from qp_twist.kinematics import (
 )
 from qp_twist.limits import BindingLimit, GatheredLimits, gather_limits
 from qp_twist.path import METHODS, MethodSettings, PathTask
+from qp_twist.path import twist_task as twist_task  # noqa: PLC0414 (also for peers)
 
 LARGEST_JOINT = 1e6
 """A joint beyond this many rad has diverged; its error would only overflow."""
-START_ITERATIONS = 200
-"""Most steps in which a start is corrected onto the first waypoint."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -273,21 +272,6 @@ def waypoints_of(path_task: PathTask, method: str) -> Sequence[mink.SE3]:
             f"follow: {method} needs a roll rule with two signs; this task has no [roll]."
         )
     return path_task.flipped_waypoints
-
-
-def twist_task(path_task: PathTask, projector: TwistProjector) -> TwistTask:
-    """The task of a path's frame with one of its projectors, and the path's bands.
-
-    The whole operational twist leaves nothing free that a band could hold.
-    """
-    return TwistTask(
-        path_task.frame_name,
-        path_task.frame_type,
-        projector,
-        max_linear_step=path_task.iteration.max_linear_step,
-        max_angular_step=path_task.iteration.max_angular_step,
-        bands=() if projector is path_task.operational else path_task.bands,
-    )
 
 
 def secondary_objectives(

@@ -11,27 +11,21 @@ import mink
 import numpy as np
 import numpy.typing as npt
 
-from qp_twist import closed_form
 from qp_twist.checks import Array
-from qp_twist.controller import Controller, Status
-from qp_twist.errors import InvalidInput
+from qp_twist.controller import Status
 from qp_twist.fast import COMPILED
 from qp_twist.following.blending import resolvers_along
 from qp_twist.following.resolver import (
     LARGEST_JOINT,
-    START_ITERATIONS,
     Displacement,
     Resolver,
-    twist_task,
     waypoints_of,
 )
 from qp_twist.following.slowing import Pace
 from qp_twist.following.trajectory import Trajectory
-from qp_twist.kinematics import TwistTask
-from qp_twist.limits import BindingLimit, PositionLimit
-from qp_twist.path import METHODS, MethodSettings, PathTask
+from qp_twist.path import METHODS, MethodSettings, PathTask, twist_task
+from qp_twist.planning.starts import corrected_start, missed_by, reached
 from qp_twist.qp import NoSolutionFound
-from qp_twist.referee import BAND
 
 if TYPE_CHECKING:
     from qp_twist.following.compiled_walk import CompiledWalk
@@ -150,7 +144,7 @@ class _Steps:
             _approach(resolver, self.configuration, self._settings, self._recorder)
             if self._pace is None or not _sane(self.configuration.q):
                 return np.inf
-            return _missed_by(self.path_task, resolver.task, self.configuration)
+            return missed_by(self.path_task, resolver.task, self.configuration)
 
         if self._pace is not None and duration is not None:
             return self._pace.approach(attempt, self.configuration, duration)
@@ -187,7 +181,7 @@ def _approach(
     for iteration in range(settings.iterations):
         first = iteration == 0
         held = resolver.limits is not None
-        if not first and _reached(recorder.path_task, resolver.task, configuration, held=held):
+        if not first and reached(recorder.path_task, resolver.task, configuration, held=held):
             break
         move = resolver.displacement(configuration, first=first)
         if not np.isfinite(move.dq).all():
@@ -204,27 +198,6 @@ def _sane(q: Array) -> bool:
     return bool(np.isfinite(q).all() and np.abs(q).max() < LARGEST_JOINT)
 
 
-def _reached(
-    path_task: PathTask, task: TwistTask, configuration: mink.Configuration, *, held: bool
-) -> bool:
-    """Whether the task is met, and each constraint is kept where a method holds them.
-
-    Their rows are linear: what curvature takes from a constraint the next iteration brings back.
-    """
-    if _missed_by(path_task, task, configuration) > 1.0:
-        return False
-    if not held or not path_task.constraints:
-        return True
-    return bool(path_task.constraint_excess(configuration.q[None]).max() <= BAND)
-
-
-def _missed_by(path_task: PathTask, task: TwistTask, configuration: mink.Configuration) -> float:
-    """The task error in tolerances, the larger of the linear and the angular one."""
-    error = task.state(configuration).error
-    errors = np.linalg.norm(error[:3]), np.linalg.norm(error[3:])
-    return float((np.array(errors) / path_task.iteration.tolerances).max())
-
-
 def start_of(path_task: PathTask, method: str) -> Array:
     """The task's start, corrected onto the waypoint where a method begins, in its rows there.
 
@@ -239,50 +212,6 @@ def start_of(path_task: PathTask, method: str) -> Array:
         task=twist_task(
             path_task, path_task.operational if kind.whole_twist else path_task.projector
         ),
-    )
-
-
-def corrected_start(
-    path_task: PathTask, waypoint: mink.SE3, *, holds_limits: bool, task: TwistTask | None = None
-) -> Array:
-    """The start moved onto the first waypoint by the shortest steps in the method's own rows.
-
-    Those of the path if ``task`` is ``None``. A method that holds the limits holds them here too,
-    and brings the start into the constraints where it can; the others know nothing of them.
-    """
-    if task is None:
-        task = twist_task(path_task, path_task.in_force[0])
-    configuration = mink.Configuration(path_task.model, path_task.start)
-    task.set_target(waypoint)
-    controller: Controller | None = None
-    if holds_limits:
-        limits = [PositionLimit(path_task.model), *path_task.constraints]
-        controller = Controller(path_task.model, [task], limits=limits, solver="daqp")
-    binding: Sequence[BindingLimit] = ()
-    on_waypoint: Array | None = None
-    for _ in range(START_ITERATIONS):
-        if on_waypoint is None and _reached(path_task, task, configuration, held=False):
-            on_waypoint = configuration.q.copy()
-        if _reached(path_task, task, configuration, held=holds_limits):
-            q: Array = configuration.q.copy()
-            return q
-        if controller is not None:
-            step = controller.step(configuration, 1.0)
-            dq, binding = step.velocity, step.binding
-        else:
-            state = task.state(configuration)
-            twist = task.clamped(state.error)
-            dq = closed_form.minimum_norm(state.jacobian, state.projector, twist)
-        configuration.integrate_inplace(dq, 1.0)
-    if on_waypoint is not None:  # outside a constraint, which whoever uses it finds
-        return on_waypoint
-    error = task.state(configuration).error
-    raise InvalidInput(
-        f"follow: the start cannot be corrected onto the first waypoint; after "
-        f"{START_ITERATIONS} steps it is {np.linalg.norm(error[:3]):.3g} m and "
-        f"{np.degrees(np.linalg.norm(error[3:])):.3g} degrees away. Give a start nearer to it, or "
-        "move the path into the robot's reach."
-        + (f" In the way: {', '.join(map(str, binding))}." if binding else "")
     )
 
 

@@ -136,6 +136,14 @@ class JointRanges:
         room: Array = np.minimum(positions - self.lower, self.upper - positions)
         return room
 
+    def random(self, count: int, rng: np.random.Generator) -> Array:
+        """Uniform between the limits; hinges without: over a turn, slides: ±1 m; (count, nv)."""
+        half = np.where(self.hinge, np.pi, 1.0)
+        lower = np.where(np.isfinite(self.lower), self.lower, -half)
+        upper = np.where(np.isfinite(self.upper), self.upper, half)
+        drawn: Array = rng.uniform(lower, upper, size=(count, len(lower)))
+        return drawn
+
     def centring(self, q: Array) -> Array:
         """z for each configuration of q (…, nq); dimensionless, 1/8 per joint at its limit."""
         offset = self.weight * (self.middle - self.positions(q))

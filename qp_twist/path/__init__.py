@@ -6,6 +6,7 @@ from .methods import Method as Method
 from .methods import MethodSettings as MethodSettings
 from .path_task import PathTask as PathTask
 from .path_task import check_method as check_method
+from .path_task import twist_task as twist_task
 from .placement import leaned as leaned
 from .placement import placed as placed
 from .resources import shipped_folder as shipped_folder

@@ -17,7 +17,7 @@ from qp_twist.constraints import Constraint, check_constraints
 from qp_twist.errors import InvalidInput
 from qp_twist.geometry import ProjectorKind, TwistProjector, task_redundancy
 from qp_twist.geometry.projector import SAME_DIRECTION
-from qp_twist.kinematics import JointRanges, ToleranceBand, frame_pose
+from qp_twist.kinematics import JointRanges, ToleranceBand, TwistTask, frame_pose
 from qp_twist.limits import JointCouplings, couplings_of
 from qp_twist.path.methods import METHODS, MethodSettings
 from qp_twist.path.orientation import poses
@@ -232,3 +232,18 @@ def check_method(method: str) -> str:
         hint = did_you_mean(str(method), METHODS)
         raise InvalidInput(f"unknown method {method!r}{hint} Methods: {', '.join(METHODS)}.")
     return method
+
+
+def twist_task(path_task: PathTask, projector: TwistProjector) -> TwistTask:
+    """The task of a path's frame with one of its projectors, and the path's bands.
+
+    The whole operational twist leaves nothing free that a band could hold.
+    """
+    return TwistTask(
+        path_task.frame_name,
+        path_task.frame_type,
+        projector,
+        max_linear_step=path_task.iteration.max_linear_step,
+        max_angular_step=path_task.iteration.max_angular_step,
+        bands=() if projector is path_task.operational else path_task.bands,
+    )

@@ -2,9 +2,8 @@
 
 from .central import CentralConfiguration as CentralConfiguration
 from .central import central_configurations as central_configurations
+from .central import least_mean_z as least_mean_z
 from .certificate import Certificate as Certificate
-from .drawn import random_configurations as random_configurations
-from .no_start import what_forbids as what_forbids
 from .plan import Plan as Plan
 from .plan import make_plan as make_plan
 from .plan import motion_limits as motion_limits
@@ -12,6 +11,8 @@ from .roadmap import Grid as Grid
 from .roadmap import Roadmap as Roadmap
 from .roll_map import RollMap as RollMap
 from .roll_map import roll_arm as roll_arm
-from .starts import least_mean_z as least_mean_z
+from .starts import NoStart as NoStart
+from .starts import central_starts as central_starts
 from .starts import least_z_start as least_z_start
 from .starts import random_start as random_start
+from .starts import what_forbids as what_forbids

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,10 +11,10 @@ from scipy.spatial import KDTree
 from qp_twist.checks import Array, Indices, Mask
 from qp_twist.kinematics import JointRanges
 from qp_twist.path import PathTask
-from qp_twist.planning.bound import settled_nearby
-from qp_twist.planning.drawn import random_configurations
+from qp_twist.planning.bound import best_of_branches, settled_nearby
 from qp_twist.planning.layer import centred
 from qp_twist.planning.path_rows import PathRows
+from qp_twist.planning.roadmap import Grid, Roadmap
 from qp_twist.planning.roll_grid import RollGrid, closed_form_arm
 from qp_twist.qp import QuadraticProgram, Verified, solve
 
@@ -95,23 +95,53 @@ def central_configurations(path_task: PathTask, index: int = 0) -> list[CentralC
     return found
 
 
-def as_far_as_inside(
-    near: Array, far: Array, at: Indices, rows: PathRows, inside: Callable[[Array], Mask]
-) -> Array:
-    """On the way from ``near``, inside, to ``far`` (K, nv), by halves: the last that is inside.
+def least_mean_z(path_task: PathTask, waypoints: Sequence[int]) -> float:
+    """Mean, over some waypoints, of the least z that each has for itself.
 
-    Args:
-        near: Configurations inside.
-        far: Others on the same waypoints.
-        at: The waypoint of each, (K,).
-        rows: Of the path.
-        inside: Which of some configurations count as inside.
+    NaN if one of them has no configuration inside the limits.
     """
-    for _ in range(_HALVINGS if len(near) else 0):
-        middle, arrived = rows.correct(0.5 * (near + far), at)
-        ok = (arrived & inside(middle))[:, None]
+    rows, ranges = PathRows(path_task), JointRanges.of(path_task.model)
+    grid = Grid(_GRID, np.full(path_task.model.nv, 2.0 * _GRID))
+    best = [
+        best_of_branches(layer, ranges.centring)
+        for layer in Roadmap(path_task, rows, grid).layers(waypoints)
+    ]
+    if not all(map(len, best)):
+        return float("nan")
+    at = np.repeat(np.asarray(waypoints), [len(q) for q in best])
+    z = ranges.centring(_lowest_nearby(np.concatenate(best), at, rows, ranges)[0])
+    ends = np.cumsum([len(q) for q in best])[:-1]
+    return float(np.mean([part.min() for part in np.split(z, ends)]))
+
+
+def _inside(q: Array, at: Indices, rows: PathRows, ranges: JointRanges) -> Mask:
+    """Which of q (K, nv) on the waypoints ``at`` (K,) are inside the limits and hard bands."""
+    within: Mask = ranges.inside(q)
+    if rows.hard:
+        within &= rows.hard.inside(q, at)
+    return within
+
+
+def _lowest_nearby(
+    q: Array, at: Indices, rows: PathRows, ranges: JointRanges
+) -> tuple[Array, Indices]:
+    """From configurations q (K, nv) inside down to the least z nearby.
+
+    Where that is outside, by halves as far towards it as is inside.
+
+    Returns:
+        The configurations, and the indices of those that a limit or band holds.
+    """
+    lower = settled_nearby(q, at, rows, ranges)
+    lowest = np.where(np.isfinite(lower), lower, q)
+    held = np.flatnonzero(~_inside(lowest, at, rows, ranges))
+    near, far = q[held], lowest[held]
+    for _ in range(_HALVINGS if len(held) else 0):
+        middle, arrived = rows.correct(0.5 * (near + far), at[held])
+        ok = (arrived & _inside(middle, at[held], rows, ranges))[:, None]
         near, far = np.where(ok, middle, near), np.where(ok, far, middle)
-    return near
+    lowest[held] = near
+    return lowest, held
 
 
 def _valleys(q: Array, ranges: JointRanges) -> Indices:
@@ -150,7 +180,7 @@ class _Descent:
         By turns onto the nearest position inside the ranges and back onto the waypoint and into the
         bands.
         """
-        drawn = random_configurations(self.ranges, _SEEDS, np.random.default_rng(0))
+        drawn = self.ranges.random(_SEEDS, np.random.default_rng(0))
         q, arrived = self.rows.correct(drawn, self._at(drawn), iterations=_ITERATIONS)
         middle = centred(q[arrived], self.ranges)
         # Where a range is longer than a turn, other turns are other starts.
@@ -175,14 +205,7 @@ class _Descent:
 
     def lowest(self, q: Array) -> Array:
         """From configurations q (K, nv), each inside."""
-        lower = settled_nearby(q, self._at(q), self.rows, self.ranges)
-        free = np.where(np.isfinite(lower), lower, q)
-        within = self._inside(free)
-        lowest = np.where(within[:, None], free, q)
-        held = np.flatnonzero(~within)
-        lowest[held] = as_far_as_inside(
-            q[held], free[held], self._at(q[held]), self.rows, self._inside
-        )
+        lowest, held = _lowest_nearby(q, self._at(q), self.rows, self.ranges)
         if self.rows.freedom[self.index] > 1:
             # Of more than one free direction some lead on along the limits and bands.
             for number in held[np.argsort(self.ranges.centring(lowest[held]))][:_POLISHED]:
@@ -193,10 +216,7 @@ class _Descent:
         return np.full(len(q), self.index, dtype=np.intp)
 
     def _inside(self, q: Array) -> Mask:
-        within: Mask = self.ranges.inside(q)
-        if self.rows.hard:
-            within &= self.rows.hard.inside(q, self._at(q))
-        return within
+        return _inside(q, self._at(q), self.rows, self.ranges)
 
     def _along_limits(self, q: Array) -> Array:
         """Sequential quadratic programs in the null space, with limits and hard bands as rows."""

@@ -1,24 +1,60 @@
-"""Where a robot may start: configurations of the first waypoint, inside the limits."""
+"""Where a robot may start: a start found on the first waypoint, one corrected onto it, or why none.
+
+What a whole run makes of a start is seen by :func:`qp_twist.find_starts`.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 
+import mink
 import numpy as np
 
-from qp_twist.checks import Array, Indices, Mask
-from qp_twist.kinematics import JointRanges
-from qp_twist.path import PathTask
-from qp_twist.planning.bound import best_of_branches, settled_nearby
-from qp_twist.planning.central import as_far_as_inside, central_configurations
-from qp_twist.planning.drawn import random_configurations
+from qp_twist import closed_form
+from qp_twist.checks import Array
+from qp_twist.controller import Controller
+from qp_twist.errors import InvalidInput
+from qp_twist.geometry import ProjectorKind
+from qp_twist.kinematics import JointRanges, SerialChain, TwistTask
+from qp_twist.limits import BindingLimit, PositionLimit
+from qp_twist.path import PathTask, twist_task
+from qp_twist.planning.central import CentralConfiguration, central_configurations
+from qp_twist.planning.layer import centred, forbidding_bands
 from qp_twist.planning.path_rows import PathRows
-from qp_twist.planning.roadmap import Grid, Roadmap
+from qp_twist.referee import BAND
 
-_GRID = np.radians(4.0)
+START_ITERATIONS = 200
+"""Most steps in which a start is corrected onto the first waypoint."""
 _AT_A_TIME = 300
 """Random configurations that are moved onto the first waypoint."""
 _TIMES = 10
+_SEEDS = 300
+_NEAR = 40
+"""Seeds that are led on towards a waypoint that is out of reach."""
+_STEPS = 200
+_LONGEST = 0.3
+"""Largest of these steps in any joint, rad or m."""
+_REACHED = 1e-4
+"""m."""
+_DAMPING = 0.05
+"""Of the steps towards what is out of reach, against a lever arm of a metre."""
+
+
+class NoStart(InvalidInput):
+    """No configuration on the first waypoint is inside the limits.
+
+    Attributes:
+        why: What forbids it.
+    """
+
+    def __init__(self, task: str, why: str) -> None:
+        super().__init__(
+            f"{task}: no start: {why}; move or turn the workpiece, or free more of the orientation."
+        )
+        self.why = why
+
+
+# ---------------------------------------------------------------- found
 
 
 def least_z_start(path_task: PathTask) -> Array | None:
@@ -30,16 +66,16 @@ def least_z_start(path_task: PathTask) -> Array | None:
     return found[0].q if found else None
 
 
-def least_mean_z(path_task: PathTask, waypoints: Sequence[int]) -> float:
-    """Mean, over some waypoints, of the least z that each has for itself.
+def central_starts(path_task: PathTask) -> list[CentralConfiguration]:
+    """The most central configurations of the first waypoint, the best first.
 
-    NaN if one of them has no configuration inside the limits.
+    Raises:
+        NoStart: If none is inside the limits; the message says why.
     """
-    ranges = JointRanges.of(path_task.model)
-    least = [
-        float(ranges.centring(q[0])) if len(q) else np.nan for q in _central(path_task, waypoints)
-    ]
-    return float(np.mean(least))
+    found = central_configurations(path_task)
+    if not found:
+        raise NoStart(path_task.name, what_forbids(path_task))
+    return found
 
 
 def random_start(path_task: PathTask, rng: np.random.Generator) -> Array | None:
@@ -51,7 +87,7 @@ def random_start(path_task: PathTask, rng: np.random.Generator) -> Array | None:
     """
     rows, ranges = PathRows(path_task), JointRanges.of(path_task.model)
     for _ in range(_TIMES):
-        drawn = random_configurations(ranges, _AT_A_TIME, rng)
+        drawn = ranges.random(_AT_A_TIME, rng)
         q, arrived = rows.correct_inside(drawn, np.zeros(_AT_A_TIME, dtype=np.intp))
         q = q[arrived & ranges.inside(q)]
         if len(q):
@@ -60,33 +96,172 @@ def random_start(path_task: PathTask, rng: np.random.Generator) -> Array | None:
     return None
 
 
-def _central(path_task: PathTask, waypoints: Sequence[int]) -> list[Array]:
-    """For each waypoint the configurations (K, nv) of least z of its branches, the least first."""
-    rows, ranges = PathRows(path_task), JointRanges.of(path_task.model)
-    grid = Grid(_GRID, np.full(path_task.model.nv, 2.0 * _GRID))
-    best = [
-        best_of_branches(layer, ranges.centring)
-        for layer in Roadmap(path_task, rows, grid).layers(waypoints)
-    ]
-    at = np.repeat(np.asarray(waypoints), [len(q) for q in best])
-    q = np.concatenate(best)
-    nearer = settled_nearby(q, at, rows, ranges)
-    q = _lowered(q, np.where(np.isfinite(nearer), nearer, q), at, rows, ranges)
-    q = q[np.lexsort((ranges.centring(q), at))]
-    return np.split(q, np.cumsum([len(part) for part in best])[:-1])
+# ---------------------------------------------------------------- corrected
 
 
-def _lowered(q: Array, there: Array, at: Indices, rows: PathRows, ranges: JointRanges) -> Array:
-    """``there`` where that is inside limits and bands, else as far from q (K, nv) to it as is."""
+def corrected_start(
+    path_task: PathTask, waypoint: mink.SE3, *, holds_limits: bool, task: TwistTask | None = None
+) -> Array:
+    """The start moved onto the first waypoint by the shortest steps in the method's own rows.
 
-    def inside(q: Array, at: Indices) -> Mask:
-        within: Mask = ranges.inside(q) & rows.hard.inside(q, at)
-        return within
-
-    within = inside(there, at)
-    last = np.where(within[:, None], there, q)
-    over = np.flatnonzero(~within)
-    last[over] = as_far_as_inside(
-        q[over], there[over], at[over], rows, lambda middle: inside(middle, at[over])
+    Those of the path if ``task`` is ``None``. A method that holds the limits holds them here too,
+    and brings the start into the constraints where it can; the others know nothing of them.
+    """
+    if task is None:
+        task = twist_task(path_task, path_task.in_force[0])
+    configuration = mink.Configuration(path_task.model, path_task.start)
+    task.set_target(waypoint)
+    controller: Controller | None = None
+    if holds_limits:
+        limits = [PositionLimit(path_task.model), *path_task.constraints]
+        controller = Controller(path_task.model, [task], limits=limits, solver="daqp")
+    binding: Sequence[BindingLimit] = ()
+    on_waypoint: Array | None = None
+    for _ in range(START_ITERATIONS):
+        if on_waypoint is None and reached(path_task, task, configuration, held=False):
+            on_waypoint = configuration.q.copy()
+        if reached(path_task, task, configuration, held=holds_limits):
+            q: Array = configuration.q.copy()
+            return q
+        if controller is not None:
+            step = controller.step(configuration, 1.0)
+            dq, binding = step.velocity, step.binding
+        else:
+            state = task.state(configuration)
+            twist = task.clamped(state.error)
+            dq = closed_form.minimum_norm(state.jacobian, state.projector, twist)
+        configuration.integrate_inplace(dq, 1.0)
+    if on_waypoint is not None:  # outside a constraint, which whoever uses it finds
+        return on_waypoint
+    error = task.state(configuration).error
+    raise InvalidInput(
+        f"follow: the start cannot be corrected onto the first waypoint; after "
+        f"{START_ITERATIONS} steps it is {np.linalg.norm(error[:3]):.3g} m and "
+        f"{np.degrees(np.linalg.norm(error[3:])):.3g} degrees away. Give a start nearer to it, or "
+        "move the path into the robot's reach."
+        + (f" In the way: {', '.join(map(str, binding))}." if binding else "")
     )
-    return last
+
+
+def reached(
+    path_task: PathTask, task: TwistTask, configuration: mink.Configuration, *, held: bool
+) -> bool:
+    """Whether the task is met, and each constraint is kept where a method holds them.
+
+    Their rows are linear: what curvature takes from a constraint the next iteration brings back.
+    """
+    if missed_by(path_task, task, configuration) > 1.0:
+        return False
+    if not held or not path_task.constraints:
+        return True
+    return bool(path_task.constraint_excess(configuration.q[None]).max() <= BAND)
+
+
+def missed_by(path_task: PathTask, task: TwistTask, configuration: mink.Configuration) -> float:
+    """The task error in tolerances, the larger of the linear and the angular one."""
+    error = task.state(configuration).error
+    errors = np.linalg.norm(error[:3]), np.linalg.norm(error[3:])
+    return float((np.array(errors) / path_task.iteration.tolerances).max())
+
+
+# ---------------------------------------------------------------- none
+
+
+def what_forbids(path_task: PathTask, index: int = 0) -> str:
+    """What forbids a waypoint: its distance from the reach, its orientation, limits, or bands.
+
+    Looked for from random configurations, so that distances are upper bounds.
+
+    Args:
+        path_task: The task, of whose waypoint no configuration was found inside the limits.
+        index: The waypoint, from 0.
+    """
+    rows, ranges = PathRows(path_task), JointRanges.of(path_task.model)
+    seeds = ranges.random(_SEEDS, np.random.default_rng(0))
+    at = np.full(_SEEDS, index)
+    q, arrived = rows.correct(seeds, at)
+    where = f"waypoint {index + 1}"
+    if not arrived.any():
+        return _out_of_reach(path_task, q, index)
+    q = centred(q[arrived], ranges)
+    beyond = -ranges.room(q)
+    nearest = int(np.argmin(beyond.max(axis=1)))
+    over = np.flatnonzero(beyond[nearest] > 0.0)
+    if not len(over):
+        return _outside_bands(rows, q[ranges.inside(q)], index)
+    always = np.flatnonzero((beyond > 0.0).all(axis=0))
+    said = " and ".join(
+        f"{ranges.names[dof]} by {_amount(beyond[nearest, dof], bool(ranges.hinge[dof]))}"
+        for dof in over
+    )
+    text = (
+        f"the arm reaches {where}, but in no configuration inside its limits; in the one that is "
+        f"nearest to fit they are exceeded by {said}"
+    )
+    if len(always):
+        names = " and ".join(ranges.names[dof] for dof in always)
+        text += f", and in every one that was found by {names}"
+    return text
+
+
+def _outside_bands(rows: PathRows, q: Array, index: int) -> str:
+    """The sentence for a waypoint some of whose configurations q (K, nv) are inside the limits."""
+    forbidding, margins = forbidding_bands(q, rows.hard, index) if rows.hard else ((), None)
+    if margins is None or not forbidding:
+        return (
+            f"waypoint {index + 1} has configurations inside the limits, but the search for the "
+            "most central ones found none"
+        )
+    said = " and ".join(
+        f"{name} by {_amount(-margin, unit == 'rad')}"
+        for name, unit, margin in zip(rows.hard.names, rows.hard.units, margins, strict=True)
+        if name in forbidding
+    )
+    what = "the hard tolerance bands" if rows.hard.bands else "the constraints"
+    if rows.hard.bands and rows.hard.constraints:
+        what += " and constraints"
+    return (
+        f"no configuration that was found at waypoint {index + 1} is inside both the joint limits "
+        f"and {what}; the nearest one inside the limits is outside {said}"
+    )
+
+
+def _amount(beyond: float, hinge: bool) -> str:
+    return f"{np.degrees(beyond):.3g}°" if hinge else f"{1e3 * beyond:.3g} mm"
+
+
+def _out_of_reach(path_task: PathTask, q: Array, index: int) -> str:
+    """The sentence for a waypoint that no seed arrived at, from where the seeds ended.
+
+    The distance is that of the arm with every joint free.
+    """
+    where = f"waypoint {index + 1}"
+    position = path_task.waypoints[index].translation()
+    shown = ", ".join(f"{value:.3g}" for value in position)
+    if path_task.in_force[index].linear.kind is ProjectorKind.FULL:
+        chain = SerialChain.of(path_task.model, path_task.frame_name, path_task.frame_type)
+        distance = _nearest(chain, q, position)
+        if distance > _REACHED:
+            return (
+                f"{where} at ({shown}) m is out of the arm's reach by {1e3 * distance:.3g} mm, "
+                "joint limits not counted"
+            )
+    coupled = PathRows(path_task).couplings.names
+    also = f" and {', '.join(coupled)} coupled" if coupled else ""
+    return (
+        f"the arm reaches the position ({shown}) m of {where}, but not with the orientation that "
+        f"the task asks for{also}, joint limits not counted"
+    )
+
+
+def _nearest(chain: SerialChain, q: Array, position: Array) -> float:
+    """Smallest distance, m, of the frame's origin from a position, by damped steps from q."""
+    apart = np.linalg.norm(position - chain.poses(q)[1], axis=1)
+    q = q[np.argsort(apart, kind="stable")[:_NEAR]]
+    for _ in range(_STEPS):
+        _, origins, jacobians = chain.poses_and_jacobians(q)
+        rows, errors = jacobians[:, :3], position - origins
+        gram = rows @ rows.transpose(0, 2, 1) + _DAMPING**2 * np.eye(3)
+        step = (rows.transpose(0, 2, 1) @ np.linalg.solve(gram, errors[:, :, None]))[:, :, 0]
+        q = q + step * np.minimum(1.0, _LONGEST / np.abs(step).max(axis=1, initial=1e-12))[:, None]
+    return float(np.linalg.norm(position - chain.poses(q)[1], axis=1).min())
