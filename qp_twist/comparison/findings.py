@@ -28,7 +28,7 @@ _MORE_MM, _MORE_DEG = 1e3, math.degrees(1.0)
 
 
 @dataclass(frozen=True)
-class Run:
+class MethodSummary:
     """What the sentences about one method are made from.
 
     Attributes:
@@ -48,7 +48,7 @@ class Run:
     compiled: float = 0.0
 
     @classmethod
-    def of(cls, trajectory: Trajectory) -> Run:
+    def of(cls, trajectory: Trajectory) -> MethodSummary:
         """The run of a trajectory."""
         reached = len(trajectory.q)
         if trajectory.diverged_at is not None:
@@ -121,12 +121,14 @@ def findings(
         not_run: Why a method could not start, by its name.
         bound: What no motion's mean z can be below, where a plan has found it.
     """
-    runs = [Run.of(trajectory) for trajectory in trajectories.values()]
+    runs = [MethodSummary.of(trajectory) for trajectory in trajectories.values()]
     return list(chain.from_iterable(by_topic(runs, not_run or {}, bound).values()))
 
 
 def by_topic(
-    runs: Sequence[Run], not_run: Mapping[str, str] | None = None, bound: float | None = None
+    runs: Sequence[MethodSummary],
+    not_run: Mapping[str, str] | None = None,
+    bound: float | None = None,
 ) -> dict[str, list[str]]:
     """The sentences under short headings; a heading without sentences is left out."""
     topics = {
@@ -142,7 +144,7 @@ def by_topic(
     return {heading: sentences for heading, sentences in topics.items() if sentences}
 
 
-def _limits(runs: Sequence[Run]) -> list[str]:
+def _limits(runs: Sequence[MethodSummary]) -> list[str]:
     margins = {r.name: r.numbers["min_margin"] for r in runs}
     if all(margin is None for margin in margins.values()):
         return ["No joint has limits, so that there were none to keep."]
@@ -174,10 +176,10 @@ def _limits(runs: Sequence[Run]) -> list[str]:
     return said
 
 
-def _left_limits(outside: Sequence[Run], count: int) -> str:
+def _left_limits(outside: Sequence[MethodSummary], count: int) -> str:
     """Who of ``count`` left the limits, in the order of the waypoints, and how far."""
 
-    def where(run: Run) -> str:
+    def where(run: MethodSummary) -> str:
         joint, waypoint = _first_violation(run)
         return f"{run.name} ({joint} at waypoint {waypoint})"
 
@@ -202,7 +204,7 @@ def _left_limits(outside: Sequence[Run], count: int) -> str:
     return f"{text}. {who} {out}, the furthest."
 
 
-def _speeds(runs: Sequence[Run]) -> list[str]:
+def _speeds(runs: Sequence[MethodSummary]) -> list[str]:
     timed = [r for r in runs if r.speed is not None]
     if not timed:
         return []
@@ -217,7 +219,7 @@ def _speeds(runs: Sequence[Run]) -> list[str]:
     return [f"At the task's feed joints were too fast in {_listed(too_fast)}."]
 
 
-def _task(runs: Sequence[Run]) -> list[str]:
+def _task(runs: Sequence[MethodSummary]) -> list[str]:
     said = []
     off = [r for r in runs if not r.on_path]
     tolerance = f"{_MORE_MM * TASK_MET_M:g} mm and {_digits(_MORE_DEG * TASK_MET_RAD)}°"
@@ -243,7 +245,7 @@ def _task(runs: Sequence[Run]) -> list[str]:
     return said
 
 
-def _best(runs: Sequence[Run], bound: float | None) -> list[str]:
+def _best(runs: Sequence[MethodSummary], bound: float | None) -> list[str]:
     if len(runs) < 2 or all(r.numbers["min_margin"] is None for r in runs):
         return []
     kept = [r for r in runs if not r.faults]
@@ -286,7 +288,7 @@ def _best(runs: Sequence[Run], bound: float | None) -> list[str]:
     return said
 
 
-def _cost(run: Run, kept: Sequence[Run], *, named: bool) -> str:
+def _cost(run: MethodSummary, kept: Sequence[MethodSummary], *, named: bool) -> str:
     """What the best z was paid with: travel, time and error beside the least of those that kept."""
     travel, time = run.numbers["travel_deg"], run.numbers["time_per_waypoint_us"]
     parts = [f"travels {travel:.0f}°" + _beside_least(run, kept, "travel_deg")]
@@ -299,7 +301,7 @@ def _cost(run: Run, kept: Sequence[Run], *, named: bool) -> str:
     return f"{who} {', and '.join(parts)}; its error is at most {_error(run)}."
 
 
-def _beside_least(run: Run, runs: Sequence[Run], key: str, of: str = "") -> str:
+def _beside_least(run: MethodSummary, runs: Sequence[MethodSummary], key: str, of: str = "") -> str:
     """A number beside the least of all, as an end of a sentence: equal as printed is equal."""
     least, shown = _extreme(runs, lambda r: float(r.numbers[key]), digits="{:.0f}".format)
     if run in least:
@@ -312,7 +314,7 @@ def _beside_least(run: Run, runs: Sequence[Run], key: str, of: str = "") -> str:
     return f", {_digits(run.numbers[key] / low)} times the least{of} ({names})"
 
 
-def _pairs(runs: Sequence[Run]) -> list[str]:
+def _pairs(runs: Sequence[MethodSummary]) -> list[str]:
     ran = {r.name: r for r in runs}
     said = []
     for run in runs:
@@ -329,7 +331,7 @@ def _pairs(runs: Sequence[Run]) -> list[str]:
     return said
 
 
-def _pair(closed: Run, qp: Run) -> str:
+def _pair(closed: MethodSummary, qp: MethodSummary) -> str:
     """How a closed form, or another library's step, did beside its QP."""
     if closed.faults and qp.faults:
         return (
@@ -362,7 +364,7 @@ def _pair(closed: Run, qp: Run) -> str:
     )
 
 
-def _time_beside(closed: Run, qp: Run) -> str:
+def _time_beside(closed: MethodSummary, qp: MethodSummary) -> str:
     """The time of a pair: a ratio where both ran in the same code, else both times and codes."""
     mine, theirs = (float(r.numbers["time_per_waypoint_us"]) for r in (closed, qp))
     if closed.code == qp.code:
@@ -383,12 +385,12 @@ def _of_code(code: str) -> str:
 
 
 def _extreme(
-    runs: Sequence[Run],
-    value: Callable[[Run], float],
+    runs: Sequence[MethodSummary],
+    value: Callable[[MethodSummary], float],
     *,
     largest: bool = False,
     digits: Callable[[float], str] | None = None,
-) -> tuple[list[Run], str]:
+) -> tuple[list[MethodSummary], str]:
     """The runs whose value is the smallest or the largest as printed, and how it is printed.
 
     Runs that the printed digits cannot tell apart share the place.
@@ -398,23 +400,23 @@ def _extreme(
     return [r for r in runs if shown(value(r)) == text], text
 
 
-def _mean_z(run: Run) -> float:
+def _mean_z(run: MethodSummary) -> float:
     return float(run.numbers["mean_z"])
 
 
-def _first_violation(run: Run) -> tuple[str, int]:
+def _first_violation(run: MethodSummary) -> tuple[str, int]:
     joint, waypoint = min(run.numbers["first_violation"].items(), key=lambda item: item[1])
     return str(joint), int(waypoint)
 
 
-def _error(run: Run) -> str:
+def _error(run: MethodSummary) -> str:
     """The largest errors; the angular one only where there is one."""
     text = f"{_digits(_MORE_MM * run.numbers['position_error_max_m'])} mm"
     angle = run.numbers["axis_error_max_rad"]
     return text + (f" and {_digits(_MORE_DEG * angle)}°" if angle > 0.0 else "")
 
 
-def _off_by(run: Run) -> str:
+def _off_by(run: MethodSummary) -> str:
     """How far a run is off the path, which may be anything where it diverged."""
     errors = run.numbers["position_error_max_m"], run.numbers["axis_error_max_rad"]
     return f"up to {_error(run)}" if all(map(math.isfinite, errors)) else "an unknown amount"

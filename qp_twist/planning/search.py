@@ -49,7 +49,7 @@ _LOOSE = {"rad": np.radians([3.0, 1.0]), "m": np.array([5e-3, 1e-3])}
 
 
 @dataclass(frozen=True)
-class Stage:
+class SearchStage:
     """How coarsely to look.
 
     Attributes:
@@ -68,9 +68,9 @@ class Stage:
 
 
 _STAGES = (
-    Stage(np.radians(30.0), 10, np.radians(4.0), np.radians(4.0), 0.25),
-    Stage(np.radians(10.0), 4, np.radians(2.0), np.radians(2.0), 0.25),
-    Stage(0.0, 1, np.radians(1.0), np.radians(1.0), 0.25),
+    SearchStage(np.radians(30.0), 10, np.radians(4.0), np.radians(4.0), 0.25),
+    SearchStage(np.radians(10.0), 4, np.radians(2.0), np.radians(2.0), 0.25),
+    SearchStage(0.0, 1, np.radians(1.0), np.radians(1.0), 0.25),
 )
 
 
@@ -200,7 +200,7 @@ class Search:
             return a
         return b if a is None or self.objective.better(b.value, a.value) else a
 
-    def _stage(self, stage: Stage, best: Refined | None) -> Found:
+    def _stage(self, stage: SearchStage, best: Refined | None) -> Found:
         count = len(self.path_task.waypoints)
         stride = int(np.clip(round(stage.motion / self._typical_step()), 1, stage.longest_stride))
         grid = self._grid(stage, stride)
@@ -238,7 +238,7 @@ class Search:
                 return Found(refined, Certificate("path", grid), layers, waypoints)
         return Found(None, self._too_fast(refined, grid, covered), layers, waypoints)
 
-    def _grid(self, stage: Stage, stride: int = 1) -> Grid:
+    def _grid(self, stage: SearchStage, stride: int = 1) -> Grid:
         step = stride * np.median(self.limits.steps, axis=0)
         joints = np.clip(stage.resolution * step, stage.joints, COARSEST)
         return Grid(max(stage.roll, 0.5 * joints.max()), joints)

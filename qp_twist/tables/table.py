@@ -55,7 +55,7 @@ class Problems:
             raise InvalidInput("\n  ".join(sentences))
 
 
-class Row(NamedTuple):
+class TableLine(NamedTuple):
     """A line below the header.
 
     Attributes:
@@ -136,7 +136,7 @@ class Table:
         """A column as messages call it."""
         return f"column {self.names[index]!r}" if self.names else f"column {index + 1}"
 
-    def rows(self, columns: Sequence[int], problems: Problems) -> Iterator[Row]:
+    def rows(self, columns: Sequence[int], problems: Problems) -> Iterator[TableLine]:
         """The rows, and the blank lines and lines of text between them.
 
         Args:
@@ -150,10 +150,10 @@ class Table:
             fields = self._dialect.split(line)
             numbers = self._numbers(fields, columns)
             if numbers is not None or not any(fields):
-                yield Row(index + 1, fields, numbers)
+                yield TableLine(index + 1, fields, numbers)
             elif self._texts and self._separates(fields, columns):
                 again = len(fields) == self.width and is_unit_row(fields, self.width)
-                yield Row(index + 1, [] if again or line == self._header else fields, None)
+                yield TableLine(index + 1, [] if again or line == self._header else fields, None)
             else:
                 self._explain(problems, index + 1, fields, columns)
 

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from qp_twist.errors import InvalidInput
 from qp_twist.tables import LENGTHS, LengthUnit, Problems
-from qp_twist.toolpath.assemble import Rows, assembled
+from qp_twist.toolpath.assemble import RawCurve, assembled
 from qp_twist.toolpath.columns import Orientation
 from qp_twist.toolpath.toolpath import Toolpath
 
@@ -143,7 +143,7 @@ class _Reader:
     rapids: int = 0
     points: int = 0
     name: str = ""
-    curves: list[Rows] = field(default_factory=lambda: [Rows()])
+    curves: list[RawCurve] = field(default_factory=lambda: [RawCurve()])
     without_unit: list[int] = field(default_factory=list)
     seventh: list[int] = field(default_factory=list)
 
@@ -188,7 +188,7 @@ class _Reader:
                 " take the line out if it does not",
             )
 
-    def cuts(self) -> list[Rows]:
+    def cuts(self) -> list[RawCurve]:
         """The curves along which the tool moves, and not only to their first point."""
         return [rows for rows in self.curves if len(rows.positions) > 1]
 
@@ -240,7 +240,7 @@ class _Reader:
     def _begin(self) -> None:
         """Another curve from here on."""
         if self.curves[-1].positions:
-            self.curves.append(Rows())
+            self.curves.append(RawCurve())
 
     def _numbers(self, line: int, word: str, arguments: Sequence[str]) -> tuple[float, ...] | None:
         """Coordinates, or ``None`` where something is wrong with them."""

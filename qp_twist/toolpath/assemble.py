@@ -27,7 +27,7 @@ SAME_DIRECTION = 1e-9
 
 
 @dataclass
-class Rows:
+class RawCurve:
     """The rows of one curve, as they are read.
 
     Attributes:
@@ -48,7 +48,7 @@ class Rows:
 def assembled(
     path: Path,
     orientation: Orientation,
-    curves: Sequence[Rows],
+    curves: Sequence[RawCurve],
     call: str,
     notes: Sequence[str],
     problems: Problems,
@@ -61,7 +61,7 @@ def assembled(
     Args:
         path: The file.
         orientation: What the directions state; angles in radians, a quaternion's w first.
-        curves: Rows of at least one curve; curves without rows are left out.
+        curves: RawCurve of at least one curve; curves without rows are left out.
         call: What messages call the columns of the direction.
         notes: Of the reader.
         problems: What the reader found wrong; refused here, with what is wrong with the directions.
@@ -99,7 +99,7 @@ def assembled(
 
 
 def _refuse_far(
-    curves: Sequence[Rows], problems: Problems, unit: LengthUnit, *, unit_in_file: bool
+    curves: Sequence[RawCurve], problems: Problems, unit: LengthUnit, *, unit_in_file: bool
 ) -> None:
     """One problem for all points that are too far away: their unit is one mistake."""
     positions = np.array([p for rows in curves for p in rows.positions], dtype=np.float64)
@@ -129,7 +129,9 @@ def unit_question(unit: LengthUnit, size: float, most: float, *, unit_in_file: b
     return f"is the file in {other}? {how}"
 
 
-def _curve(orientation: Orientation, rows: Rows, name: str, call: str, problems: Problems) -> Curve:
+def _curve(
+    orientation: Orientation, rows: RawCurve, name: str, call: str, problems: Problems
+) -> Curve:
     positions = np.array(rows.positions, dtype=np.float64)
     lines = np.array(rows.lines, dtype=np.int64)
     feeds = _feeds(rows, problems)
@@ -146,7 +148,7 @@ def _curve(orientation: Orientation, rows: Rows, name: str, call: str, problems:
     return Curve(name, positions, None, rotations, lines, feeds)
 
 
-def _feeds(rows: Rows, problems: Problems) -> Array | None:
+def _feeds(rows: RawCurve, problems: Problems) -> Array | None:
     """Feeds of the motions to the points; none leads to the first one of a curve."""
     feeds = np.array(rows.feeds or [np.nan], dtype=np.float64)
     feeds[0] = np.nan

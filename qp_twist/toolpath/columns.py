@@ -142,7 +142,7 @@ def unit_of(
 
 
 @dataclass(frozen=True)
-class Layout:
+class ColumnRoles:
     """Where in a row everything stands.
 
     Attributes:
@@ -183,12 +183,12 @@ def has_position(names: Sequence[str]) -> bool:
     return len(usual(names).get("position", {})) == 3
 
 
-def layout(
+def column_roles(
     table: Table,
     choice: ColumnChoice,
     orientation: Orientation | None,
     feed_unit: FeedUnit | None = None,
-) -> Layout:
+) -> ColumnRoles:
     """Where everything stands: as stated, else by usual names, else in the only way possible.
 
     A column of feeds counts where its unit is known: ``speed`` alone may be that of a spindle.
@@ -231,7 +231,7 @@ def layout(
         found = ("none", ()) if orientation == "none" else stated
     else:
         found = _usual_direction(table, groups, orientation)
-    where = Layout(position, found[0], found[1], curve, feed)
+    where = ColumnRoles(position, found[0], found[1], curve, feed)
     if len(set(where.numbers)) < len(where.numbers):
         raise InvalidInput("columns: a column is stated twice.")
     return where
@@ -265,7 +265,7 @@ def _groups(
         if group in ("axis", "rpy") and all(len(table.names[i].strip()) == 1 for i in lonely):
             continue
         if group == "position" and len(places) < 3:
-            continue  # layout says so
+            continue  # column_roles says so
         raise InvalidInput(
             f"{', '.join(table.call(i) for i in lonely)}: {len(lonely)} of "
             f"{_SIZES[group]} columns of one {group}; add the missing ones, or say in "
@@ -336,13 +336,13 @@ def _usual_direction(
 
 def _without_header(
     table: Table, choice: ColumnChoice, orientation: Orientation | None, feed: int | None
-) -> Layout:
+) -> ColumnRoles:
     """A table whose columns have no names and were not stated."""
     curve = None if choice.curve is None else index_of(table, "curve", choice.curve)
     if table.width == 3 and orientation in (None, "none") and feed is None:
-        return Layout((0, 1, 2), "none", (), curve)
+        return ColumnRoles((0, 1, 2), "none", (), curve)
     if table.width == 6 and orientation in ("axis", "normal", "rpy") and feed is None:
-        return Layout((0, 1, 2), orientation, (3, 4, 5), curve)
+        return ColumnRoles((0, 1, 2), orientation, (3, 4, 5), curve)
     raise UnclearColumns(
         f"{table.width} columns and no header line with x, y, z; say what they "
         "are in [path.columns] of the task file, counted from 1: position, and normal, axis, "

@@ -16,14 +16,14 @@ from qp_twist.tables import (
     Table,
     columns_named,
 )
-from qp_twist.toolpath.assemble import Rows, assembled
+from qp_twist.toolpath.assemble import RawCurve, assembled
 from qp_twist.toolpath.columns import (
     ColumnChoice,
-    Layout,
+    ColumnRoles,
     Orientation,
     UnclearColumns,
+    column_roles,
     has_position,
-    layout,
     unit_of,
     usual,
 )
@@ -31,7 +31,7 @@ from qp_twist.toolpath.suggest import suggested
 from qp_twist.toolpath.toolpath import Toolpath
 
 _LOOKED_AT = 500
-"""Rows by whose numbers columns are suggested."""
+"""RawCurve by whose numbers columns are suggested."""
 
 
 def read_csv(
@@ -69,7 +69,7 @@ def read_csv(
         ),
     )
     try:
-        where = layout(table, choice, orientation, feed_unit)
+        where = column_roles(table, choice, orientation, feed_unit)
     except UnclearColumns as error:
         raise UnclearColumns(error.message, suggested(table.sample(_LOOKED_AT))) from None
     unit, in_file = unit_of(table, "length_unit", where.position, length_unit, LENGTHS)
@@ -95,7 +95,7 @@ def read_csv(
     )
 
 
-def _of_feeds(table: Table, where: Layout) -> list[str]:
+def _of_feeds(table: Table, where: ColumnRoles) -> list[str]:
     """What is not used although it is called like a feed."""
     if where.feed is not None:
         return []
@@ -108,20 +108,20 @@ def _of_feeds(table: Table, where: Layout) -> list[str]:
     ]
 
 
-def _curves(table: Table, where: Layout, problems: Problems) -> list[Rows]:
+def _curves(table: Table, where: ColumnRoles, problems: Problems) -> list[RawCurve]:
     """The rows of all curves, checked one by one; what is wrong with a row is a problem."""
-    curves = [Rows(table.title)]
+    curves = [RawCurve(table.title)]
     label: str | None = None
     for row in table.rows(where.numbers, problems):
         if row.numbers is None:
             if curves[-1].positions:
-                curves.append(Rows())
+                curves.append(RawCurve())
             curves[-1].name = " ".join(filter(None, row.fields)) or curves[-1].name
             continue
         if where.curve is not None:
             name = row.fields[where.curve]
             if label is not None and name != label and curves[-1].positions:
-                curves.append(Rows())
+                curves.append(RawCurve())
             label = name
             curves[-1].name = name
         rows = curves[-1]

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from qp_twist.checks import Array
 from qp_twist.comparison.joint_speeds import OVER, has_speed_limits, peak_speed, speed_shares
 from qp_twist.comparison.report.curves import draw_curves, label_ends
-from qp_twist.comparison.report.section import Section, figure_html
+from qp_twist.comparison.report.section import ReportSection, figure_html
 from qp_twist.comparison.report.svg import SVG_RC, inline_svg
 from qp_twist.comparison.style import GRID, LIMIT
 from qp_twist.following import Trajectory
@@ -26,7 +26,7 @@ Trajectories = Mapping[str, Trajectory]
 View = Callable[[mpl.axes.Axes], None]
 
 
-def error_section(path_task: PathTask, trajectories: Trajectories) -> Section:
+def error_section(path_task: PathTask, trajectories: Trajectories) -> ReportSection:
     """Position and axis error on a logarithmic scale."""
     body = _figure(
         path_task, "error-position",
@@ -45,15 +45,17 @@ def error_section(path_task: PathTask, trajectories: Trajectories) -> Section:
         "<p>What is left of the task error after the iterations of a waypoint. Below "
         f"{_FLOOR:g} mm or ° it is drawn at the bottom.</p>"
     )
-    return Section("error", "Task error", note + body)
+    return ReportSection("error", "Task error", note + body)
 
 
-def centring_section(path_task: PathTask, trajectories: Trajectories) -> Section:
+def centring_section(path_task: PathTask, trajectories: Trajectories) -> ReportSection:
     """z, and the smallest joint margin."""
     z = {name: t.z for name, t in trajectories.items()}
     margins = {name: t.margins.min(axis=1, initial=np.inf) for name, t in trajectories.items()}
     if not all(np.isfinite(m).all() for m in margins.values()):
-        return Section("z", "z and margin", "<p>No joint has limits: there is nothing to show.</p>")
+        return ReportSection(
+            "z", "z and margin", "<p>No joint has limits: there is nothing to show.</p>"
+        )
     inside = [float(z[n].max()) for n, m in margins.items() if m.min() >= 0.0]
     top = 1.15 * max(inside) if inside and max(inside) > 0.0 else None
 
@@ -77,10 +79,10 @@ def centring_section(path_task: PathTask, trajectories: Trajectories) -> Section
         "<p>z = ½‖W(θ̄ − θ)‖² measures how far the joints are from the middle of their ranges. The "
         "margin is 1 in the middle of a range, 0 at a limit and negative outside.</p>"
     )
-    return Section("z", "z and margin", note + body)
+    return ReportSection("z", "z and margin", note + body)
 
 
-def singular_section(path_task: PathTask, trajectories: Trajectories) -> Section:
+def singular_section(path_task: PathTask, trajectories: Trajectories) -> ReportSection:
     """σ_min of the task rows, and of all operational rows."""
     whole = {name: _whole_sigma(t) for name, t in trajectories.items()}
     task = {name: t.sigma_min for name, t in trajectories.items()}
@@ -101,15 +103,17 @@ def singular_section(path_task: PathTask, trajectories: Trajectories) -> Section
         "minds only the first figure; one that inverts the whole J minds the second as well. "
         "Metres and radians stand side by side.</p>"
     )
-    return Section("sigma", "Singular values of TJ and J", note + body)
+    return ReportSection("sigma", "Singular values of TJ and J", note + body)
 
 
-def speed_section(path_task: PathTask, trajectories: Trajectories) -> Section:
+def speed_section(path_task: PathTask, trajectories: Trajectories) -> ReportSection:
     """The fastest joint, as a share of its limit."""
     title = "Joint speeds over their limits"
     if not has_speed_limits(path_task):
         missing = "no clock" if path_task.durations is None else "no joint speed limits"
-        return Section("speed", title, f"<p>The task has {missing}: there is nothing to show.</p>")
+        return ReportSection(
+            "speed", title, f"<p>The task has {missing}: there is nothing to show.</p>"
+        )
     shares = {name: speed_shares(t).max(axis=1) for name, t in trajectories.items()}
 
     def view(panel: mpl.axes.Axes) -> None:
@@ -140,7 +144,7 @@ def speed_section(path_task: PathTask, trajectories: Trajectories) -> Section:
         f"<tbody>{rows}</tbody></table></div>"
     )
     note = "<p>At the task's feed; mean speed on the way to each waypoint.</p>"
-    return Section("speed", title, note + body + table)
+    return ReportSection("speed", title, note + body + table)
 
 
 def _figure(

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from qp_twist.checks import Array
 from qp_twist.comparison.joint_figure import draw_limits, mark_violation
 from qp_twist.comparison.report.curves import draw_curves
-from qp_twist.comparison.report.section import Section, figure_html
+from qp_twist.comparison.report.section import ReportSection, figure_html
 from qp_twist.comparison.report.svg import METHOD, SVG_RC, inline_svg
 from qp_twist.comparison.style import line_style
 from qp_twist.following import Trajectory
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 def joints_section(
     path_task: PathTask, trajectories: Mapping[str, Trajectory], numbers: Mapping[str, Any]
-) -> Section:
+) -> ReportSection:
     """One panel a joint, with a cross where a method first leaves its limits."""
     ranges = JointRanges.of(path_task.model)
     joints = [dof for dof in range(path_task.model.nv) if ranges.qpos[dof] >= 0]
@@ -47,7 +47,7 @@ def joints_section(
         "a method first leaves a joint's limits, a triangle on the axis a step above 15°."
     )
     svg = inline_svg(figure, "joints", caption)
-    return Section("joints", "Joints between their limits", figure_html(svg, caption))
+    return ReportSection("joints", "Joints between their limits", figure_html(svg, caption))
 
 
 def _draw_joint(

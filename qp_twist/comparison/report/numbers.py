@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
 
 from qp_twist.comparison.metrics import BAND_LEFT, EXCESSES, TASK_MET_M, TASK_MET_RAD
-from qp_twist.comparison.report.section import Section, figure_html, kind
+from qp_twist.comparison.report.section import ReportSection, figure_html, kind
 from qp_twist.comparison.report.svg import SVG_RC, inline_svg
 from qp_twist.comparison.report.swatch import swatch
 from qp_twist.comparison.style import line_style, pair_of
@@ -28,7 +28,7 @@ _COLUMNS = (
 _KINDS = {"closed": "closed form", "peer": "another library's step", "qp": "QP"}
 
 
-def table_section(content: Mapping[str, Any]) -> Section:
+def table_section(content: Mapping[str, Any]) -> ReportSection:
     """The table, from the content of ``comparison.json``."""
     methods: Mapping[str, Any] = content["methods"]
     more = [key for key in EXCESSES if any(key in numbers for numbers in methods.values())]
@@ -56,10 +56,10 @@ def table_section(content: Mapping[str, Any]) -> Section:
         '<div class="scroll" tabindex="0" role="region" aria-label="Table of metrics">'
         f'<table class="metrics"><thead><tr>{heads}</tr></thead>{bodies}</table></div>{remarks}'
     )
-    return Section("table", "The numbers", body)
+    return ReportSection("table", "The numbers", body)
 
 
-def times_section(content: Mapping[str, Any]) -> Section:
+def times_section(content: Mapping[str, Any]) -> ReportSection:
     """Wall time a waypoint, a point a method, logarithmic."""
     methods: Mapping[str, Any] = content["methods"]
     times = {name: numbers["time_per_waypoint_us"] for name, numbers in methods.items()}
@@ -94,7 +94,7 @@ def times_section(content: Mapping[str, Any]) -> Section:
         "one machine; the plan of qp_planned is made before and not counted."
     )
     svg = inline_svg(figure, "times", caption)
-    return Section("times", "Step times", figure_html(svg, caption))
+    return ReportSection("times", "Step times", figure_html(svg, caption))
 
 
 def _row(name: str, numbers: Mapping[str, Any], compiled: float, more: Sequence[str]) -> str:

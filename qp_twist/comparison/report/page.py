@@ -10,7 +10,7 @@ from typing import Any
 
 from matplotlib.figure import Figure
 
-from qp_twist.comparison.findings import Run, by_topic
+from qp_twist.comparison.findings import MethodSummary, by_topic
 from qp_twist.comparison.report.along_path import (
     centring_section,
     error_section,
@@ -21,7 +21,7 @@ from qp_twist.comparison.report.joints import joints_section
 from qp_twist.comparison.report.numbers import table_section, times_section
 from qp_twist.comparison.report.provenance import provenance_section
 from qp_twist.comparison.report.scene import scene_section
-from qp_twist.comparison.report.section import Choice, Section, figure_html, shown_first
+from qp_twist.comparison.report.section import Choice, ReportSection, figure_html, shown_first
 from qp_twist.comparison.report.svg import inline_svg
 from qp_twist.comparison.report.swatch import swatch
 from qp_twist.following import Trajectory
@@ -54,7 +54,7 @@ def report_page(
     names = list(trajectories)
     first = shown_first(names)
     numbers = content["methods"]
-    runs = [Run.of(trajectory) for trajectory in trajectories.values()]
+    runs = [MethodSummary.of(trajectory) for trajectory in trajectories.values()]
     found = by_topic(runs, content.get("not_run"), content.get("mean_z_bound"))
     sections = [
         table_section(content),
@@ -86,10 +86,10 @@ def report_page(
     )
 
 
-def _roadmap_section(figure: Figure) -> Section:
+def _roadmap_section(figure: Figure) -> ReportSection:
     caption = "What the limits leave of the free motion along the path, with all methods over it."
     svg = inline_svg(figure, "roadmap", caption)
-    return Section("roadmap", "Roadmap", figure_html(svg, caption))
+    return ReportSection("roadmap", "Roadmap", figure_html(svg, caption))
 
 
 def _marked(sentence: str, names: list[str]) -> str:

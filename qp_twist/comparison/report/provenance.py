@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from importlib.metadata import PackageNotFoundError, version
 from typing import Any
 
-from qp_twist.comparison.report.section import Section
+from qp_twist.comparison.report.section import ReportSection
 from qp_twist.comparison.report.swatch import swatch
 from qp_twist.path import METHODS, PathTask, shipped_tasks
 
@@ -17,7 +17,7 @@ _PACKAGES = ("qp_twist", "mujoco", "mink", "qpsolvers", "numpy", "scipy")
 
 def provenance_section(
     path_task: PathTask, content: Mapping[str, Any], command: str | None
-) -> Section:
+) -> ReportSection:
     """Methods with their parameters, versions, and the command that makes this report again."""
     settings: Mapping[str, Mapping[str, Any]] = content["settings"]
     keys = list(next(iter(settings.values())))
@@ -46,7 +46,7 @@ def provenance_section(
         f'<table class="plain wide"><thead><tr><th scope="col">method</th>{heads}</tr></thead>'
         f'<tbody>{rows}</tbody></table></div><dl class="facts">{items}</dl>'
     )
-    return Section("methods", "Methods, parameters, versions", body)
+    return ReportSection("methods", "Methods, parameters, versions", body)
 
 
 def _shown(name: str, key: str, settings: Mapping[str, Any]) -> str:

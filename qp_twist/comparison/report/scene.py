@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from qp_twist.comparison.report.recordings import player, recordings
-from qp_twist.comparison.report.section import Section
+from qp_twist.comparison.report.section import ReportSection
 from qp_twist.following import Trajectory
 from qp_twist.path import METHODS, PathTask
 
@@ -19,7 +19,7 @@ _PICTURE_PX = 800
 
 def scene_section(
     path_task: PathTask, trajectories: Mapping[str, Trajectory], picture: Path | None
-) -> Section:
+) -> ReportSection:
     """Two players with a selector each, and a still picture for print."""
     names = list(trajectories)
     left, right = _first_pair(names)
@@ -40,7 +40,7 @@ def scene_section(
     )
     print_note = '<p class="print-only">The animated scene is in the page itself.</p>'
     body = f'{note}<div class="views screen-only">{views}</div>{still}{print_note}{data}'
-    return Section("scene", "The arm along the path", body)
+    return ReportSection("scene", "The arm along the path", body)
 
 
 def _first_pair(names: list[str]) -> tuple[str, str | None]:

@@ -12,7 +12,7 @@ from qp_twist.comparison.report.svg import THINNED
 from qp_twist.path import METHODS
 
 
-class Section(NamedTuple):
+class ReportSection(NamedTuple):
     """A heading with what stands below it."""
 
     key: str
