@@ -22,6 +22,7 @@ import argparse
 import sys
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from statistics import median
 from typing import Any
@@ -30,8 +31,8 @@ import mink
 from publishing import publish
 
 import qp_twist as qt
-from qp_twist.bench.mink_terms import Scene, mink_limits, posture, twist_tasks
-from qp_twist.bench.problem import DT, STEPS, Problem
+from qp_twist.bench.contenders import hard_posed, mink_step, own_step
+from qp_twist.bench.problem import STEPS, Problem
 from qp_twist.bench.problems import table
 from qp_twist.qp.backend import SETTINGS
 
@@ -39,40 +40,23 @@ SOLVERS = ("daqp", "quadprog", "proxqp", "osqp")
 Whole = Callable[[int], Any]
 
 
-def ours(problem: Problem, solver: str) -> Whole:
-    """This package's step, by its own limits and secondary."""
-    tasks = twist_tasks(problem)
-    controller = qt.Controller(
-        problem.model,
-        tasks,
-        secondary=[qt.PostureReference(problem.model, problem.middle, gain=problem.gain)],
-        limits=[qt.MotionLimit(problem.model, velocity=problem.speeds)],
-        solver=solver,
-    )
-    scene = Scene(problem, tasks, [])
-    return lambda k: controller.step(scene.at(k), DT)
+def minks(problem: Problem, solver: str, **settings: Any) -> Whole:
+    """mink's step."""
+    return mink_step(lambda p: replace(hard_posed(p), solver=solver, settings=settings), problem)()
 
 
 def minks_terms(problem: Problem, solver: str) -> Whole:
     """This package's step, by mink's limits and cost."""
-    tasks = twist_tasks(problem)
-    controller = qt.Controller(
-        problem.model,
-        [*tasks, posture(problem, 1.0)],
-        limits=mink_limits(problem, []),
-        solver=solver,
-    )
-    scene = Scene(problem, tasks, [])
-    return lambda k: controller.step(scene.at(k), DT)
 
+    def solve(configuration: Any, costs: Any, dt: float, solver: str, **kwargs: Any) -> Any:
+        nonlocal controller
+        if controller is None:
+            tasks, limits = [*kwargs["constraints"], *costs], kwargs["limits"]
+            controller = qt.Controller(problem.model, tasks, limits=limits, solver=solver)
+        return controller.step(configuration, dt).velocity
 
-def minks(problem: Problem, solver: str, **settings: Any) -> Whole:
-    """mink's step."""
-    tasks, costs, limits = twist_tasks(problem), [posture(problem, 1.0)], mink_limits(problem, [])
-    scene = Scene(problem, tasks, [])
-    return lambda k: mink.solve_ik(
-        scene.at(k), costs, DT, solver, limits=limits, constraints=tasks, **settings
-    )
+    controller: qt.Controller | None = None
+    return mink_step(lambda p: replace(hard_posed(p), solver=solver), problem, solve)()
 
 
 def timed(steps: dict[str, Whole], rounds: int) -> dict[str, float]:
@@ -114,7 +98,7 @@ def main() -> int:
                 {
                     "mink": minks(problem, solver),
                     "settings": minks(problem, solver, **SETTINGS.get(solver, {})),
-                    "ours": ours(problem, solver),
+                    "ours": own_step(solver, "joint", problem)(),
                     "terms": minks_terms(problem, solver),
                 },
                 given.rounds,

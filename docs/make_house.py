@@ -28,6 +28,7 @@ ROOMS = {
     "path": "task files, paths, method names",
     "toolpath": "CSV and APT files, resampling",
     "simulation": "the controller in closed loop",
+    "peers": "other libraries' steps",
     "controller": "one step",
     "closed_form": "the paper's formulas on arrays",
     "qp": "backends, verification, scale",

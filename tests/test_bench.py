@@ -21,26 +21,22 @@ from hypothesis import strategies as st
 from qp_twist.bench import Run, bench, read_run, write_run
 from qp_twist.bench.accuracy import Accuracy
 from qp_twist.bench.contender import Asked, Contender, StepOf
+from qp_twist.bench.contenders import contenders, floor, peer_steps, posed
 from qp_twist.bench.exact import NoExactSolution, exact_solution
-from qp_twist.bench.floor import floor
 from qp_twist.bench.machine import Machine
-from qp_twist.bench.mink_steps import mink_steps
-from qp_twist.bench.pink_steps import bench_urdf, pink_steps
-from qp_twist.bench.placo_steps import placo_steps
 from qp_twist.bench.problem import DT, Problem, Truth
 from qp_twist.bench.problems import growth, table
 from qp_twist.bench.program import Program
 from qp_twist.bench.quantiles import Quantiles
 from qp_twist.bench.ratios import changes, differences, ratios, ratios_of_calls
 from qp_twist.bench.record import Case, Measured
-from qp_twist.bench.run import contenders
 from qp_twist.bench.tables import RATIOS, compared, document, sheets
 from qp_twist.bench.timer import LEAD_IN, blocks_of, interleaved
 from qp_twist.checks import Array
 from qp_twist.cli import main
 from qp_twist.errors import InvalidInput
-from qp_twist.following.urdf import FRAME, chain_urdf
-from qp_twist.path import load_task
+from qp_twist.kinematics import TwistTask
+from qp_twist.peers.urdf import robot_urdf
 from qp_twist.qp import installed_solvers
 
 # ---------------------------------------------------------------- the exact reference
@@ -136,11 +132,10 @@ def by_rows() -> list[tuple[Problem, Truth]]:
 
 def test_the_rows_are_those_of_the_twist_task(by_rows: list[tuple[Problem, Truth]]) -> None:
     """Bases may differ; what a velocity leaves undone may not."""
-    from qp_twist.bench.mink_terms import twist_tasks
-
     rng = np.random.default_rng(1)
     for problem, truth in by_rows:
-        [task] = twist_tasks(problem)
+        [frame] = problem.frames
+        task = TwistTask(frame.site, "site", frame.projector)
         configuration = mink.Configuration(problem.model, problem.q[50])
         task.set_target(problem.targets[50][0])
         assert problem.rows == task.projector.rank
@@ -167,7 +162,7 @@ def test_the_urdf_of_two_arms_is_the_robot_itself() -> None:
     planned = list(table(0))[2]
     problem, _ = planned.make([10])
     model = mujoco.MjModel.from_xml_string(
-        bench_urdf(problem).replace(
+        robot_urdf(problem.model, posed(problem, costs=1.0).frames, problem.speeds).replace(
             "</robot>",
             '<mujoco><compiler fusestatic="false" balanceinertia="true" boundmass="1" '
             'boundinertia="1"/></mujoco></robot>',
@@ -183,12 +178,6 @@ def test_the_urdf_of_two_arms_is_the_robot_itself() -> None:
             body = data.body(f"frame_{i}")
             assert np.abs(body.xpos - target.translation()).max() < 1e-9
             assert np.abs(body.xmat.reshape(3, 3) - target.rotation().as_matrix()).max() < 1e-9
-
-
-def test_the_urdf_of_a_task_has_one_frame() -> None:
-    text = chain_urdf(load_task("deburring"))
-    assert text.count(f'name="{FRAME}"') == 1
-    assert text.count('type="revolute"') == 6
 
 
 # ---------------------------------------------------------------- times
@@ -258,7 +247,7 @@ FAKES = [
     Contender("fake:absent", "", Asked.COMMON, right_but(fail), missing=lambda: "it is not here."),
     Contender("fake:broken", "", Asked.COMMON, lambda problem: fail(problem.q)),
     *floor(),
-    *(c for c in mink_steps() if c.name == "mink:hard"),
+    *(c for c in peer_steps() if c.name == "mink:hard"),
 ]
 
 
@@ -313,20 +302,16 @@ def test_who_does_not_take_part_is_told_with_the_reason(run: Run) -> None:
     assert all(case.of("fake:absent") is None for case in run.cases)
 
 
-@pytest.mark.parametrize(
-    ("module", "package", "make"),
-    [("pink", "pin-pink", pink_steps), ("placo", "placo", placo_steps)],
-)
+@pytest.mark.parametrize(("module", "package"), [("pink", "pin-pink"), ("placo", "placo")])
 def test_a_library_that_is_not_installed_is_named_with_its_package(
-    module: str,
-    package: str,
-    make: Callable[[], list[Contender]],
-    monkeypatch: pytest.MonkeyPatch,
+    module: str, package: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setitem(sys.modules, module, None)
     if module == "pink":
         monkeypatch.setitem(sys.modules, "pinocchio", mink)  # anything that can be imported
-    for contender in make():
+    makes = [c for c in peer_steps() if c.family == module]
+    assert len(makes) == {"pink": 1, "placo": 3}[module]
+    for contender in makes:
         said = contender.missing()
         assert said is not None and f"pip install {package}" in said
 
@@ -335,7 +320,7 @@ def test_placo_does_not_give_up_its_scale_for_the_posture() -> None:
     """The motion fits, so that the largest scale is 1: nothing of the task is to be missing."""
     pytest.importorskip("placo")
     steps = range(0, 190, 10)
-    [scaled] = [c for c in placo_steps() if c.name == "placo:scaled"]
+    [scaled] = [c for c in peer_steps() if c.name == "placo:scaled"]
     for planned in table(0):
         problem, truth = planned.make(steps)
         step = scaled.prepare(problem)()

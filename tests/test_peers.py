@@ -17,10 +17,10 @@ from scipy.spatial.transform import Rotation
 import qp_twist as qt
 from qp_twist.comparison import metrics
 from qp_twist.controller import Status
-from qp_twist.following.peer import peer_module
-from qp_twist.following.peer_terms import PeerRows
-from qp_twist.following.urdf import FRAME, chain_urdf, roll_pitch_yaw
+from qp_twist.following.peer import peer_frame
 from qp_twist.geometry import twist_error
+from qp_twist.peers import peer_module
+from qp_twist.peers.urdf import link_name, robot_urdf, roll_pitch_yaw
 
 LAP = qt.load_task("deburring")
 LINE = qt.load_task("planar_line")
@@ -170,7 +170,7 @@ def test_an_axis_to_align_is_the_angular_plane(frame: str) -> None:
     for _ in range(20):
         e = rng.normal(size=3)
         projector = qt.TwistProjector(linear=FULL, angular=qt.Projector.plane(e), frame=frame)
-        rows = PeerRows.of(PIECE, projector, qt.METHODS["mink"])
+        rows = peer_frame(PIECE, projector, qt.METHODS["mink"])
         target, about = Rotation.random(rng=rng).as_matrix(), Rotation.random(rng=rng).as_matrix()
         axis, direction = rows.axis(target)
         # Any rotation that aligns the two has no task error; one that does not has the angle left.
@@ -297,6 +297,14 @@ def odd(more: str = "") -> qt.PathTask:
     )
 
 
+FRAME = link_name(0)
+
+
+def chain_urdf(task: qt.PathTask) -> str:
+    frame = peer_frame(task, task.projector, qt.METHODS["pink"])
+    return robot_urdf(task.model, [frame], task.velocity_limits)
+
+
 def frame_of(urdf: str, q: np.ndarray) -> np.ndarray:
     """Pose (4, 4) of the controlled frame: forward kinematics of the text, by its own standard."""
     joints = {}
@@ -350,6 +358,12 @@ def test_roll_pitch_yaw_also_where_the_pitch_is_straight_up(pitch: float) -> Non
     rotation = Rotation.from_euler("xyz", [0.7, pitch, -2.1]).as_matrix()
     again = Rotation.from_euler("xyz", roll_pitch_yaw(rotation)).as_matrix()
     np.testing.assert_allclose(again, rotation, rtol=0, atol=1e-12)
+
+
+def test_the_urdf_of_a_task_has_one_frame() -> None:
+    text = chain_urdf(LAP)
+    assert text.count(f'name="{FRAME}"') == 1
+    assert text.count('type="revolute"') == 6
 
 
 def test_a_tree_is_no_chain() -> None:

@@ -1,60 +1,52 @@
-"""The chain of a robot as URDF, for libraries that read no MJCF; kinematics only."""
+"""A robot as URDF, for libraries that read no MJCF; kinematics only."""
 
 from __future__ import annotations
 
 import math
 import xml.etree.ElementTree as ET
-from collections.abc import Mapping
+from collections.abc import Sequence
 
 import mink
+import mujoco
 import numpy as np
 
 from qp_twist.checks import Array
 from qp_twist.errors import InvalidInput
 from qp_twist.kinematics import JointRanges, SerialChain
 from qp_twist.kinematics.serial_chain import Screw
-from qp_twist.path import PathTask
+from qp_twist.peers.peer import PeerFrame
 
-FRAME = "controlled_frame"
-"""Name of the link that stands for the controlled frame."""
 UNLIMITED = 1e9
 """What stands for no limit; a joint without one would be ``continuous``, of another q."""
 
 
-def chain_urdf(path_task: PathTask) -> str:
-    """URDF text of the joints from the world to the controlled frame.
+def link_name(number: int) -> str:
+    """Name of the link that stands for a frame of the step."""
+    return f"frame_{number}"
+
+
+def robot_urdf(
+    model: mujoco.MjModel, frames: Sequence[PeerFrame], speeds: Array | None = None
+) -> str:
+    """URDF text of the joints between the world and some frames.
 
     Every link has the world's axes at the scene's reference configuration and its origin on its
     joint's axis; the world is the root. Joints keep their names, their coordinates and limits.
 
-    Raises:
-        InvalidInput: If a joint of the scene does not move the frame: such a robot is no chain.
-    """
-    model = path_task.model
-    chain = SerialChain.of(model, path_task.frame_name, path_task.frame_type)
-    if len(chain.screws) != model.nv:
-        moving = {screw.dof for screw in chain.screws}
-        names = JointRanges.of(model).names
-        idle = ", ".join(names[dof] for dof in range(model.nv) if dof not in moving)
-        raise InvalidInput(
-            f"peers: {path_task.scene.name} is no serial chain to {path_task.frame_name!r}, which "
-            f"{idle} does not move; use mink, or one of this package's methods."
-        )
-    return tree_urdf({FRAME: chain}, JointRanges.of(model), path_task.velocity_limits)
-
-
-def tree_urdf(chains: Mapping[str, SerialChain], ranges: JointRanges, speeds: Array) -> str:
-    """URDF text of all joints that move some frame, as :func:`chain_urdf` has them for one.
-
     Args:
-        chains: The chain to each frame, by the name that its link is to have.
-        ranges: The joints' names and ranges.
-        speeds: Their velocity limits, rad/s or m/s, (nv,); ∞ where there is none.
+        model: Of the scene.
+        frames: Each becomes a link of the name :func:`link_name`.
+        speeds: Velocity limits, rad/s or m/s, (nv,); ∞ where there is none, as for ``None``.
+
+    Raises:
+        InvalidInput: If a joint of the scene moves none of them: such a robot is no tree to them.
     """
-    robot = ET.Element("robot", name="chain")
+    ranges = JointRanges.of(model)
+    robot = ET.Element("robot", name="robot")
     ET.SubElement(robot, "link", name="world")
     written: set[int] = set()
-    for frame, chain in chains.items():
+    for number, frame in enumerate(frames):
+        chain = SerialChain.of(model, frame.name, frame.type)
         parent, origin = "world", np.zeros(3)
         for screw in chain.screws:
             link = f"link_{screw.dof}"
@@ -62,9 +54,16 @@ def tree_urdf(chains: Mapping[str, SerialChain], ranges: JointRanges, speeds: Ar
                 written.add(screw.dof)
                 _joint(robot, parent, origin, screw, ranges, speeds)
             parent, origin = link, screw.anchor
-        ET.SubElement(robot, "link", name=frame)
-        fixed = ET.SubElement(robot, "joint", name=f"{frame}_joint", type="fixed")
-        _place(fixed, parent, frame, chain.position - origin, chain.rotation)
+        ET.SubElement(robot, "link", name=link_name(number))
+        fixed = ET.SubElement(robot, "joint", name=f"{link_name(number)}_joint", type="fixed")
+        _place(fixed, parent, link_name(number), chain.position - origin, chain.rotation)
+    if len(written) != model.nv:
+        idle = ", ".join(ranges.names[dof] for dof in range(model.nv) if dof not in written)
+        raise InvalidInput(
+            f"peers: {idle} does not move {', '.join(repr(f.name) for f in frames)}, and pink and "
+            "PlaCo are given the joints of a chain only; use mink, or one of this package's "
+            "methods."
+        )
     return ET.tostring(robot, encoding="unicode")
 
 
@@ -74,7 +73,7 @@ def _joint(
     origin: Array,
     screw: Screw,
     ranges: JointRanges,
-    speeds: Array,
+    speeds: Array | None,
 ) -> None:
     """Add a joint and the link that it moves; ``origin`` (3,) is that of the parent."""
     link = f"link_{screw.dof}"
@@ -87,7 +86,7 @@ def _joint(
     _place(joint, parent, link, screw.anchor - origin + shift, mink.SO3.exp(turn).as_matrix())
     ET.SubElement(joint, "axis", xyz=_numbers(screw.axis))
     lower, upper, speed = (
-        float(np.clip(limit[screw.dof], -UNLIMITED, UNLIMITED))
+        UNLIMITED if limit is None else float(np.clip(limit[screw.dof], -UNLIMITED, UNLIMITED))
         for limit in (ranges.lower, ranges.upper, speeds)
     )
     ET.SubElement(
