@@ -19,17 +19,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from qp_twist.bench import Run, bench, read_run, write_run
-from qp_twist.bench.accuracy import Accuracy
-from qp_twist.bench.contender import Asked, Contender, StepOf
+from qp_twist.bench.contender import Contender, StepOf
 from qp_twist.bench.contenders import contenders, floor, peer_steps, posed
 from qp_twist.bench.exact import NoExactSolution, exact_solution
-from qp_twist.bench.machine import Machine
 from qp_twist.bench.problem import DT, Problem, Truth
 from qp_twist.bench.problems import growth, table
-from qp_twist.bench.program import Program
-from qp_twist.bench.quantiles import Quantiles
+from qp_twist.bench.program import Asked, Program
 from qp_twist.bench.ratios import changes, differences, ratios, ratios_of_calls
-from qp_twist.bench.record import Case, Measured
+from qp_twist.bench.record import Accuracy, Case, Machine, Measured, Quantiles
 from qp_twist.bench.tables import RATIOS, compared, document, sheets
 from qp_twist.bench.timer import LEAD_IN, blocks_of, interleaved
 from qp_twist.checks import Array
@@ -238,14 +235,14 @@ def perturbed(velocity: Array) -> Array:
 
 
 FAKES = [
-    Contender("fake:right", "", Asked.COMMON, right_but(lambda v: v)),
-    Contender("fake:wrong", "", Asked.COMMON, right_but(perturbed)),
-    Contender("fake:soft", "", Asked.OTHER, right_but(perturbed)),
-    Contender("fake:fast", "", Asked.COMMON, right_but(lambda v: 100.0 * v)),
-    Contender("fake:nan", "", Asked.COMMON, right_but(lambda v: v * np.nan)),
-    Contender("fake:raises", "", Asked.COMMON, right_but(fail)),
-    Contender("fake:absent", "", Asked.COMMON, right_but(fail), missing=lambda: "it is not here."),
-    Contender("fake:broken", "", Asked.COMMON, lambda problem: fail(problem.q)),
+    Contender("fake:right", Asked.COMMON, right_but(lambda v: v)),
+    Contender("fake:wrong", Asked.COMMON, right_but(perturbed)),
+    Contender("fake:soft", Asked.OTHER, right_but(perturbed)),
+    Contender("fake:fast", Asked.COMMON, right_but(lambda v: 100.0 * v)),
+    Contender("fake:nan", Asked.COMMON, right_but(lambda v: v * np.nan)),
+    Contender("fake:raises", Asked.COMMON, right_but(fail)),
+    Contender("fake:absent", Asked.COMMON, right_but(fail), missing=lambda: "it is not here."),
+    Contender("fake:broken", Asked.COMMON, lambda problem: fail(problem.q)),
     *floor(),
     *(c for c in peer_steps() if c.name == "mink:hard"),
 ]
@@ -324,7 +321,7 @@ def test_placo_does_not_give_up_its_scale_for_the_posture() -> None:
     for planned in table(0):
         problem, truth = planned.make(steps)
         step = scaled.prepare(problem)()
-        accuracy = Accuracy.of(scaled.asked, {k: np.array(step(k)) for k in steps}, truth)
+        accuracy = truth.accuracy(scaled.asked, {k: np.array(step(k)) for k in steps})
         assert accuracy is not None and accuracy.residual < 1e-6
 
 
@@ -364,7 +361,7 @@ def test_everybody_solves_the_program_that_they_are_judged_by(joints: int) -> No
     for contender in taking:
         step = contender.prepare(problem)()
         answers = {k: np.array(step(k)) for k in truth.programs}
-        judged = Accuracy.of(contender.asked, answers, truth)
+        judged = truth.accuracy(contender.asked, answers)
         assert judged is not None and judged.error is not None
         assert judged.error < 1e-4, contender.name  # the loosest of the tolerances
         assert judged.residual < 1e-7, contender.name

@@ -10,9 +10,9 @@ import mink
 import mujoco
 import numpy as np
 
-from qp_twist.bench.contender import Asked, Contender, Parted, StepOf, one_level, tool_axes
+from qp_twist.bench.contender import Contender, Parted, StepOf, one_level, tool_axes
 from qp_twist.bench.problem import DT, Problem
-from qp_twist.bench.program import turn_error
+from qp_twist.bench.program import Asked, turn_error
 from qp_twist.checks import Array, Indices
 from qp_twist.closed_form import gradient_projection, minimum_norm, resolved_motion_rate, twa
 from qp_twist.controller import Controller, solve_ik
@@ -40,13 +40,8 @@ def contenders() -> list[Contender]:
 def floor() -> list[Contender]:
     """MuJoCo's own calls, and mink's around them: the floor under all times."""
     return [
-        Contender(
-            "floor:mujoco",
-            "mj_kinematics, mj_comPos, mj_jacSite of every frame",
-            Asked.OTHER,
-            _mujoco,
-        ),
-        Contender("floor:mink", "mink's Configuration.update", Asked.OTHER, _mink),
+        Contender("floor:mujoco", Asked.OTHER, _mujoco),
+        Contender("floor:mink", Asked.OTHER, _mink),
     ]
 
 
@@ -91,13 +86,7 @@ def own_steps() -> list[Contender]:
     return [
         *(_controller(solver, "joint") for solver in solvers),
         *(_controller(solver, "twist") for solver in ("daqp", COMPILED)),
-        Contender(
-            "solve_ik:daqp",
-            "qp_twist.solve_ik, the tasks as constraints",
-            Asked.COMMON,
-            partial(mink_step, hard_posed, solve=solve_ik),
-            applies=one_level,
-        ),
+        Contender("solve_ik:daqp", Asked.COMMON, _drop_in, applies=one_level),
     ]
 
 
@@ -105,7 +94,6 @@ def _controller(solver: str, space: Literal["joint", "twist"]) -> Contender:
     suffix = "" if space == "joint" else ":twist"
     return Contender(
         f"step:{solver}{suffix}",
-        f"Controller.step, solver {solver}, wish in {space} space",
         Asked.COMMON if space == "joint" else Asked.OTHER,
         partial(own_step, solver, space),
         partial(_missing, solver),
@@ -181,45 +169,26 @@ def own_step(
 
 
 def peer_steps() -> list[Contender]:
-    """mink's, pink's and PlaCo's, set up as their own pages and examples have it."""
+    """mink's, pink's and PlaCo's; costs and damping of soft tasks are those of their examples."""
+    mink_soft = partial(mink_step, partial(posed, costs=1e-2, damping=1.0, aligned=False))
+    pink_soft = partial(_peer_step, PinkPeer, partial(posed, costs=1e-3, damping=1.0))
+    # A scale is itself a soft cost, of weight 1, which PlaCo does not let anyone change: a posture
+    # of cost 1 buys motion with it where the whole task fits. With 1e-2 the task is whole to 2e-7,
+    # and PlaCo's own regularisation of 1e-8 is still small.
+    placo = {"hard": 1.0, "soft": 1e-3, "scaled": 1e-2}
     return [
-        Contender(
-            "mink:hard",
-            "mink.solve_ik, daqp, the tasks as constraints",
-            Asked.COMMON,
-            partial(mink_step, hard_posed),
-            applies=one_level,
-        ),
-        Contender(
-            "mink:soft",
-            "mink.solve_ik, daqp, FrameTasks as costs",
-            Asked.OTHER,
-            # The posture's cost of mink's examples of arms, and their damping.
-            partial(mink_step, partial(posed, costs=1e-2, damping=1.0, aligned=False)),
-            applies=tool_axes,
-        ),
-        Contender(
-            "pink:soft",
-            "pink.solve_ik, daqp, FrameTasks as costs",
-            Asked.OTHER,
-            # As in pink's examples of arms.
-            partial(_peer_step, PinkPeer, partial(posed, costs=1e-3, damping=1.0)),
-            PinkPeer.missing,
-            tool_axes,
-        ),
+        Contender("mink:hard", Asked.COMMON, partial(mink_step, hard_posed), applies=one_level),
+        Contender("mink:soft", Asked.OTHER, mink_soft, applies=tool_axes),
+        Contender("pink:soft", Asked.OTHER, pink_soft, PinkPeer.missing, tool_axes),
         *(
             Contender(
                 f"placo:{priority}",
-                f"KinematicsSolver.solve, {priority} tasks",
                 Asked.COMMON if priority == "hard" else Asked.OTHER,
                 partial(_peer_step, PlacoPeer, partial(posed, priority=priority, costs=cost)),
                 PlacoPeer.missing,
                 tool_axes,
             )
-            # A scale is itself a soft cost, of weight 1, which PlaCo does not let anyone change: a
-            # posture of cost 1 buys motion with it where the whole task fits. With 1e-2 the task is
-            # whole to 2e-7, and PlaCo's own regularisation of 1e-8 is still small.
-            for priority, cost in (("hard", 1.0), ("soft", 1e-3), ("scaled", 1e-2))
+            for priority, cost in placo.items()
         ),
     ]
 
@@ -237,6 +206,10 @@ def posed(problem: Problem, **how: Any) -> Posed:
 
 hard_posed: Callable[[Problem], Posed] = partial(posed, priority="hard", costs=1.0)
 """The frames as constraints, the wish as the only cost."""
+
+
+def _drop_in(problem: Problem) -> Callable[[], Parted]:
+    return mink_step(hard_posed, problem, solve_ik)
 
 
 def mink_step(
@@ -304,18 +277,18 @@ _FORMULAS: dict[str, tuple[Asked, Formula]] = {
     "rmr": (Asked.OTHER, lambda J, T, dt, h: resolved_motion_rate(J, dt)),
     "twa": (Asked.OTHER, twa),
 }
-_WHOLE = frozenset({"rmr"})
-"""Formulas that are given the whole twist to the target; the others get what T asks of it."""
 
 
 def closed_forms() -> list[Contender]:
-    """Each formula on arrays, once for every arm of the robot; the kinematics is given."""
+    """Each formula on arrays, once for every arm of the robot; the kinematics is given.
+
+    Resolved motion rate is given the whole twist to the target, the others what T asks of it.
+    """
     return [
         Contender(
             f"closed:{name}",
-            f"closed_form.{name if name != 'rmr' else 'resolved_motion_rate'}, on arrays",
             asked,
-            partial(_closed_form, formula, name in _WHOLE),
+            partial(_closed_form, formula, name == "rmr"),
             applies=tool_axes,
         )
         for name, (asked, formula) in _FORMULAS.items()

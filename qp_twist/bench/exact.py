@@ -13,13 +13,13 @@ not end, the dual method of Goldfarb and Idnani (1983) does, in fractions as wel
 from __future__ import annotations
 
 import warnings
+from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 
 import numpy as np
 import qpsolvers
 
-from qp_twist.bench.fractions_solve import Dependent, Row, dot, floats, fractions, solve
 from qp_twist.bench.program import Program
 from qp_twist.checks import Array
 
@@ -27,6 +27,13 @@ _GUESS = 1e-7
 """Multipliers of the guess above this are taken for active; the exact conditions decide."""
 _MENDINGS = 20
 """Rounds of mending before the longer way is gone."""
+
+
+Row = list[Fraction]
+
+
+class Dependent(ArithmeticError):
+    """The rows of a system depend on each other."""
 
 
 class NoExactSolution(ArithmeticError):
@@ -72,7 +79,9 @@ def exact_solution(program: Program) -> ExactSolution:
 
 
 def _found(velocity: Row, multipliers: dict[_Key, Fraction]) -> ExactSolution:
-    return ExactSolution(floats(velocity), sum(m > 0 for m in multipliers.values()))
+    return ExactSolution(
+        np.array([float(value) for value in velocity]), sum(m > 0 for m in multipliers.values())
+    )
 
 
 class _Exact:
@@ -191,3 +200,36 @@ def _guess(program: Program) -> set[_Key]:
     if solution.z is not None:
         active |= {("row", int(i), 1) for i in np.flatnonzero(solution.z > _GUESS)}
     return active
+
+
+def fractions(values: Array) -> Row:
+    """Binary fractions as what they are."""
+    return [Fraction(float(value)) for value in values]
+
+
+def dot(a: Sequence[Fraction], b: Sequence[Fraction]) -> Fraction:
+    """Σ aᵢ bᵢ."""
+    return sum((p * q for p, q in zip(a, b, strict=True) if p and q), Fraction())
+
+
+def solve(matrix: Sequence[Sequence[Fraction]], right: Sequence[Fraction]) -> Row:
+    """The solution of a square system, by elimination with any pivot that is not zero.
+
+    Raises:
+        Dependent: If it has none, or many.
+    """
+    work = [[*row, end] for row, end in zip(matrix, right, strict=True)]
+    size = len(work)
+    for k in range(size):
+        pivot = next((i for i in range(k, size) if work[i][k]), None)
+        if pivot is None:
+            raise Dependent("the rows depend on each other.")
+        work[k], work[pivot] = work[pivot], work[k]
+        for i in range(k + 1, size):
+            if work[i][k]:
+                share = work[i][k] / work[k][k]
+                work[i][k:] = [p - share * q for p, q in zip(work[i][k:], work[k][k:], strict=True)]
+    x = [Fraction()] * size
+    for k in reversed(range(size)):
+        x[k] = (work[k][size] - dot(work[k][k + 1 : size], x[k + 1 :])) / work[k][k]
+    return x

@@ -6,14 +6,24 @@ the package's own: nothing of its tasks, limits or controllers is used.
 
 from __future__ import annotations
 
+import enum
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import qpsolvers
 
 from qp_twist.checks import Array
 from qp_twist.geometry import Projector, ProjectorKind
+
+
+class Asked(enum.Enum):
+    """The program that a contender solves, for its error."""
+
+    COMMON = "the program of the problem"
+    UNLIMITED = "the same without limits"
+    SHORTEST = "the same without limits, the wish zero"
+    OTHER = "another one, or none"
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,6 +64,14 @@ class Program:
             self.lower,
             self.upper,
         )
+
+    def of(self, asked: Asked) -> Program:
+        """Without its limits, and without the wish where the shortest step is asked."""
+        if asked is Asked.COMMON:
+            return self
+        free = np.full(len(self.wish), np.inf)
+        wish = np.zeros_like(self.wish) if asked is Asked.SHORTEST else self.wish
+        return replace(self, wish=wish, lower=-free, upper=free, G=self.G[:0], g=self.g[:0])
 
     def residual(self, velocity: Array) -> float:
         """‖A q̇ − b‖, m/s and rad/s."""

@@ -11,14 +11,11 @@ from datetime import UTC, datetime
 import numpy as np
 
 from qp_twist.bench import many_laps
-from qp_twist.bench.accuracy import Accuracy
 from qp_twist.bench.contender import Contender, StepOf
 from qp_twist.bench.contenders import contenders
-from qp_twist.bench.machine import Machine
 from qp_twist.bench.problem import STEPS, Problem
 from qp_twist.bench.problems import Planned, growth, table
-from qp_twist.bench.quantiles import Quantiles
-from qp_twist.bench.record import Case, Measured, Run
+from qp_twist.bench.record import Accuracy, Case, Machine, Measured, Quantiles, Run
 from qp_twist.bench.timer import Cold, Timed, blocks_of, cold, interleaved
 from qp_twist.checks import did_you_mean
 from qp_twist.errors import InvalidInput
@@ -168,7 +165,7 @@ class _Entered:
             timed = self._timed.get(contender.name)
             if timed is None:
                 continue
-            accuracy = Accuracy.of(contender.asked, timed.velocities, truth)
+            accuracy = truth.accuracy(contender.asked, timed.velocities)
             results.append(_measured(contender, timed, self._cold[contender.name], accuracy))
         return Case(
             group=problem.group,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+from collections.abc import Mapping
 
 import mink
 import numpy as np
@@ -19,6 +20,7 @@ from qp_twist.kinematics import JointRanges
 from qp_twist.path import METHODS, Method, MethodSettings, PathTask
 from qp_twist.peers import PEERS, PeerFrame, Posed
 from qp_twist.peers.mink_peer import MinkStep
+from qp_twist.peers.peer import Priority
 from qp_twist.qp import NoSolutionFound
 from qp_twist.qp.backend import SETTINGS
 
@@ -26,6 +28,8 @@ _STANDING = 1e-9
 """The least speed limit, rad/s or m/s: pink takes one of zero for none."""
 _SCALE_ROUNDING = 1e-6
 """A share of the task that is short of one by less than this is PlaCo's rounding."""
+
+_PRIORITIES: dict[str, Priority] = {"placo_hard": "hard", "placo_scaled": "scaled"}
 
 
 class PeerLimits(WaypointLimits):
@@ -134,10 +138,31 @@ def posed_step(
 ) -> Posed:
     """A method's step as its library is handed it.
 
+    Without a secondary the posture's costs remain: they keep the program strictly convex.
+
     Raises:
         InvalidInput: If task or settings are more than other libraries can express.
     """
-    target, costs = _posture(path_task, settings, method)
+    frame, ranges = peer_frame(path_task, projector, method), JointRanges.of(path_task.model)
+    weight, centering = settings.weight, settings.secondary == "centering"
+    _refuse(method, {
+        "peers run robots of hinges and slides only.": ranges.qpos.min(initial=0) < 0,
+        f"secondary {settings.secondary!r} cannot be said with a posture task; give none, "
+        "centering or posture.": settings.secondary not in ("none", "centering", "posture"),
+        f"a posture's gain is 0 to 1, got {settings.gain:g}.": settings.gain > 1.0,
+        "posture_cost is 0, which leaves the free motion to rounding; give a small number above "
+        "0.": settings.posture_cost == 0.0,
+        f"weight {weight!r} cannot be said with a posture task; give natural (costs in the ratio "
+        "of the ranges) or equal.": centering and weight not in ("natural", "equal"),
+    })  # fmt: skip
+    target, costs = path_task.start.copy(), np.full(path_task.model.nv, settings.posture_cost)
+    if centering:
+        target[ranges.qpos] = ranges.middle
+    if centering and weight == "natural":
+        # In the ratio of W, the widest range 1; a joint without a range, which W leaves out, costs
+        # a hundredth of that.
+        W = ranges.weight
+        costs *= np.where(W > 0.0, W / W[W > 0.0].min(initial=np.inf), 1e-2)
     # Our own compiled method is known to nobody else.
     solver = "daqp" if solver == COMPILED else solver
     # A peer at its best has the tolerances that our own QPs have. Polishing is left out: OSQP says
@@ -145,11 +170,11 @@ def posed_step(
     tuned = {} if method.name == "mink_default" else SETTINGS.get(solver, {})
     return Posed(
         path_task.model,
-        (peer_frame(path_task, projector, method),),
+        (frame,),
         target,
         costs,
         path_task.velocity_limits if path_task.durations is not None else None,
-        {"placo_hard": "hard", "placo_scaled": "scaled"}.get(method.name, "soft"),  # type: ignore[arg-type]
+        _PRIORITIES.get(method.name, "soft"),
         solver=solver,
         settings={key: value for key, value in tuned.items() if key != "polishing"},
     )
@@ -161,76 +186,26 @@ def peer_frame(path_task: PathTask, projector: TwistProjector, method: Method) -
     Raises:
         InvalidInput: If the task has bands or constraints, or holds a turn about one axis alone.
     """
-    begin = f"follow({method.name!r}):"
-    if path_task.bands:
-        raise InvalidInput(
-            f"{begin} tolerance bands are not put into the words of {method.peer} here; leave "
-            "[[bands]] out, or use one of the QPs of this package."
-        )
-    if path_task.constraints:
-        raise InvalidInput(
-            f"{begin} the task's constraints are not handed to {method.peer}; leave them out, or "
-            "use one of the QPs of this package."
-        )
+    peer = method.peer
     frame = PeerFrame(
         path_task.frame_name,
         path_task.frame_type,
         projector,
         path_task.operational,
-        f"{begin} {method.peer}",
+        f"follow({method.name!r}): {peer}",
     )
-    if frame.angular.kind is ProjectorKind.LINE:
-        raise InvalidInput(
-            f"{begin} {method.peer} cannot hold the turn about one axis alone (angular = a line); "
-            "use one of the QPs of this package."
-        )
+    _refuse(method, {
+        f"tolerance bands are not put into the words of {peer} here; leave [[bands]] out, or use "
+        "one of the QPs of this package.": bool(path_task.bands),
+        f"the task's constraints are not handed to {peer}; leave them out, or use one of the QPs "
+        "of this package.": bool(path_task.constraints),
+        f"{peer} cannot hold the turn about one axis alone (angular = a line); use one of the QPs "
+        "of this package.": frame.angular.kind is ProjectorKind.LINE,
+    })  # fmt: skip
     return frame
 
 
-def _posture(path_task: PathTask, settings: MethodSettings, method: Method) -> tuple[Array, Array]:
-    """Where the free motion goes, (nq,), and its costs, beside 1 for the task's rows, (nv,).
-
-    Without a secondary the costs remain: they keep the program strictly convex.
-
-    Raises:
-        InvalidInput: If the settings cannot be expressed by a posture.
-    """
-    begin = f"follow({method.name!r}):"
-    ranges = JointRanges.of(path_task.model)
-    if ranges.qpos.min(initial=0) < 0:
-        raise InvalidInput(f"{begin} peers run robots of hinges and slides only.")
-    if settings.secondary not in ("none", "centering", "posture"):
-        raise InvalidInput(
-            f"{begin} secondary {settings.secondary!r} cannot be said with a posture task; give "
-            "none, centering or posture."
-        )
-    if settings.gain > 1.0:
-        raise InvalidInput(f"{begin} a posture's gain is 0 to 1, got {settings.gain:g}.")
-    if settings.posture_cost == 0.0:
-        raise InvalidInput(
-            f"{begin} posture_cost is 0, which leaves the free motion to rounding; give a small "
-            "number above 0."
-        )
-    costs = np.full(path_task.model.nv, settings.posture_cost)
-    target = path_task.start.copy()
-    if settings.secondary == "centering":
-        if settings.weight not in ("natural", "equal"):
-            raise InvalidInput(
-                f"{begin} weight {settings.weight!r} cannot be said with a posture task; give "
-                "natural (costs in the ratio of the ranges) or equal."
-            )
-        target[ranges.qpos] = ranges.middle
-        if settings.weight == "natural":
-            costs *= _in_ratio(ranges)
-    return target, costs
-
-
-def _in_ratio(ranges: JointRanges) -> Array:
-    """Costs of the joints in the ratio of W, the widest range 1, (nv,).
-
-    A joint without a range, which W leaves out, costs a hundredth of that.
-    """
-    weight = ranges.weight
-    widest = weight[weight > 0.0].min(initial=np.inf)
-    ratio: Array = np.where(weight > 0.0, weight / widest, 1e-2)
-    return ratio
+def _refuse(method: Method, reasons: Mapping[str, bool]) -> None:
+    for sentence, wrong in reasons.items():
+        if wrong:
+            raise InvalidInput(f"follow({method.name!r}): {sentence}")

@@ -30,41 +30,13 @@ class MinkPeer(Peer):
         if self.posed.priority == "hard":
             return [target]
         goals: list[Any] = [frame.facing(target, here)]
-        if self._aligns(frame):
+        if aligns(self.posed, frame):
             goals += frame.axis(target.rotation().as_matrix())
         return goals
 
-    def _aligns(self, frame: PeerFrame) -> bool:
-        return self.posed.aligned and frame.angular.kind is ProjectorKind.PLANE
-
     def step(self) -> MinkStep:
         """Tasks, posture, and limits of position and speed."""
-        puts: list[Callable[[Any], object]] = []
-        costs: list[mink.Task] = []
-        rows: list[TwistTask] = []
-        for frame in self.posed.frames:
-            if self.posed.priority == "hard":
-                rows.append(TwistTask(frame.name, frame.type, frame.projector))
-                puts.append(rows[-1].set_target)
-                continue
-            aligns = self._aligns(frame)
-            pose = mink.FrameTask(
-                frame.name,
-                frame.type,
-                position_cost=frame.position_costs(),
-                orientation_cost=0.0 if aligns else frame.orientation_costs(),
-                lm_damping=self.posed.damping,
-            )
-            costs.append(pose)
-            puts.append(pose.set_target)
-            if aligns:
-                align = mink.AxisAlignTask(frame.name, frame.type, cost=1.0)
-                costs.append(align)
-                puts += [align.set_axis, align.set_target]
-        posture = mink.PostureTask(self.posed.model, cost=self.posed.costs)
-        posture.set_target(self.posed.posture)
-        puts.append(partial(setattr, posture, "gain"))
-        return MinkStep(self.posed, [*costs, posture], rows, mink_limits(self.posed), puts)
+        return MinkStep(self.posed)
 
 
 class MinkStep(PeerStep):
@@ -74,22 +46,46 @@ class MinkStep(PeerStep):
         configuration: Where it starts; replaced by whoever has one whose kinematics is done.
         costs: Tasks of the cost; the posture is the last.
         rows: Tasks that are constraints.
-        limits: Limits.
+        limits: The joint ranges and the finite speeds; mink has none of acceleration.
         solve: ``mink.solve_ik``, or what takes its place.
     """
 
-    def __init__(
-        self,
-        posed: Posed,
-        costs: list[mink.Task],
-        rows: list[TwistTask],
-        limits: list[mink.Limit],
-        puts: list[Callable[[Any], object]],
-    ) -> None:
-        self.costs, self.rows, self.limits, self.puts = costs, rows, limits, puts
+    def __init__(self, posed: Posed) -> None:
+        """Make them."""
         self.configuration = mink.Configuration(posed.model)
         self.solve: Callable[..., Any] = mink.solve_ik
         self._solver, self._settings = posed.solver, posed.settings
+        self.puts: list[Callable[[Any], object]] = []
+        self.costs: list[mink.Task] = []
+        self.rows: list[TwistTask] = []
+        for frame in posed.frames:
+            if posed.priority == "hard":
+                self.rows.append(TwistTask(frame.name, frame.type, frame.projector))
+                self.puts.append(self.rows[-1].set_target)
+                continue
+            pose = mink.FrameTask(
+                frame.name,
+                frame.type,
+                position_cost=frame.position_costs(),
+                orientation_cost=0.0 if aligns(posed, frame) else frame.orientation_costs(),
+                lm_damping=posed.damping,
+            )
+            self.costs.append(pose)
+            self.puts.append(pose.set_target)
+            if aligns(posed, frame):
+                align = mink.AxisAlignTask(frame.name, frame.type, cost=1.0)
+                self.costs.append(align)
+                self.puts += [align.set_axis, align.set_target]
+        posture = mink.PostureTask(posed.model, cost=posed.costs)
+        posture.set_target(posed.posture)
+        self.costs.append(posture)
+        self.puts.append(partial(setattr, posture, "gain"))
+        gain = {} if posed.limit_gain is None else {"gain": posed.limit_gain}
+        self.limits: list[mink.Limit] = [mink.ConfigurationLimit(posed.model, **gain)]
+        if posed.speeds is not None and np.isfinite(posed.speeds).any():
+            named = zip(JointRanges.of(posed.model).names, posed.speeds.tolist(), strict=True)
+            finite = {name: speed for name, speed in named if np.isfinite(speed)}
+            self.limits.append(mink.VelocityLimit(posed.model, finite))
 
     def update(self, state: Array) -> None:
         """mink's kinematics."""
@@ -111,13 +107,6 @@ class MinkStep(PeerStep):
         )  # fmt: skip
 
 
-def mink_limits(posed: Posed) -> list[mink.Limit]:
-    """The joint ranges and the finite speeds; mink has no limits of acceleration."""
-    model, speeds = posed.model, posed.speeds
-    gain = {} if posed.limit_gain is None else {"gain": posed.limit_gain}
-    limits: list[mink.Limit] = [mink.ConfigurationLimit(model, **gain)]
-    if speeds is not None and np.isfinite(speeds).any():
-        names = JointRanges.of(model).names
-        finite = {n: float(s) for n, s in zip(names, speeds, strict=True) if np.isfinite(s)}
-        limits.append(mink.VelocityLimit(model, finite))
-    return limits
+def aligns(posed: Posed, frame: PeerFrame) -> bool:
+    """Whether a frame has an axis that is aligned by a task of its own."""
+    return posed.aligned and frame.angular.kind is ProjectorKind.PLANE

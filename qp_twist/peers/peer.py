@@ -22,6 +22,9 @@ _ALONG = 1e-9
 """An axis is one of the frame's own if its other two entries are below this."""
 
 
+Priority = Literal["hard", "soft", "scaled"]
+
+
 @dataclass(frozen=True, eq=False)
 class PeerFrame:
     """A frame of the robot, and what of its pose counts.
@@ -111,10 +114,11 @@ class PeerFrame:
             angular.axis is not None and np.abs(np.cross(angular.axis, axis)).max() < _ALONG
         )
 
-    @property
+    @cached_property
     def axis_in_world(self) -> bool:
         """Whether the free axis is fixed to the world: its place in the frame then changes."""
-        return self._with_axis().frame == "world"
+        T = self.projector if self.projector.angular.axis is not None else self.minimal
+        return T.frame == "world"
 
     def axis(self, target: Array) -> tuple[Array, Array]:
         """The free axis in the frame and its direction in the world, each (3,).
@@ -122,13 +126,10 @@ class PeerFrame:
         ``target`` is the rotation of the waypoint, (3, 3). An axis e that is fixed to the frame or
         to the waypoint is the same vector in both; one in the world is that of the waypoint.
         """
-        T = self._with_axis()
-        e = T.angular.axis
+        e = self.projector.angular.axis
+        e = self.minimal.angular.axis if e is None else e
         assert e is not None
-        return (target.T @ e, e) if T.frame == "world" else (e, target @ e)
-
-    def _with_axis(self) -> TwistProjector:
-        return self.projector if self.projector.angular.axis is not None else self.minimal
+        return (target.T @ e, e) if self.axis_in_world else (e, target @ e)
 
     def facing(self, target: mink.SE3, here: mink.SE3) -> mink.SE3:
         """The waypoint where the whole orientation counts; else with the roll that the frame has.
@@ -179,7 +180,7 @@ class Posed:
     posture: Array
     costs: float | Array
     speeds: Array | None = None
-    priority: Literal["hard", "soft", "scaled"] = "soft"
+    priority: Priority = "soft"
     damping: float = 0.0
     aligned: bool = True
     limit_gain: float | None = None
