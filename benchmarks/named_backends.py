@@ -13,22 +13,18 @@ of the wall clock, one thread; two minutes.
 
 from __future__ import annotations
 
-import os
+import one_thread  # noqa: F401
 
-for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
-    os.environ[name] = "1"
-
-import argparse
+# isort: split
 import sys
 import time
 from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
 from statistics import median
 from typing import Any
 
 import mink
-from publishing import publish
+from publishing import command
 
 import qp_twist as qt
 from qp_twist.bench.contenders import hard_posed, mink_step, own_step
@@ -77,12 +73,7 @@ def timed(steps: dict[str, Whole], rounds: int) -> dict[str, float]:
     return {name: median(times) for name, times in took.items() if times}
 
 
-def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
-    parser.add_argument("--rounds", type=int, default=5)
-    parser.add_argument("--solvers", default=",".join(SOLVERS))
-    parser.add_argument("--markdown", type=Path)
-    given = parser.parse_args()
+def page(rounds: int, solvers: str) -> list[str]:
     installed = qt.qp.installed_solvers()
     lines = [
         "| backend | joints | `mink.solve_ik`, µs | same settings | ours | mink's terms "
@@ -90,7 +81,7 @@ def main() -> int:
         "| :-- | --: | --: | --: | --: | --: | --: | --: | --: |",
     ]
     problems = [planned.make(range(0, STEPS, 20))[0] for planned in table(0)]
-    for solver in given.solvers.split(","):
+    for solver in solvers.split(","):
         if solver not in installed:
             continue
         for problem in problems:
@@ -101,7 +92,7 @@ def main() -> int:
                     "ours": own_step(solver, "joint", problem)(),
                     "terms": minks_terms(problem, solver),
                 },
-                given.rounds,
+                rounds,
             )
             ratios = (
                 took["ours"] / took["mink"],
@@ -117,9 +108,8 @@ def main() -> int:
                 + " |"
             )
             print(lines[-1], file=sys.stderr)
-    publish("\n".join(lines) + "\n", given.markdown)
-    return 0
+    return lines
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    command(__doc__, page, rounds=5, solvers=",".join(SOLVERS))
