@@ -194,7 +194,7 @@ def peer_steps() -> list[Contender]:
 
 
 def posed(problem: Problem, **how: Any) -> Posed:
-    """A problem as other libraries are handed it: ranges to their ends, speeds, the wish.
+    """A problem as other libraries are handed it: ranges to their ends, speeds, the posture.
 
     A gain below 1 of the limits would stop short of the ends of the ranges.
     """
@@ -205,7 +205,7 @@ def posed(problem: Problem, **how: Any) -> Posed:
 
 
 hard_posed: Callable[[Problem], Posed] = partial(posed, priority="hard", costs=1.0)
-"""The frames as constraints, the wish as the only cost."""
+"""The frames as constraints, the posture as the only cost."""
 
 
 def _drop_in(problem: Problem) -> Callable[[], Parted]:

@@ -24,6 +24,7 @@ class MinkPeer(Peer):
     """
 
     failures = (mink.MinkError,)
+    priorities = ("soft", "hard")
 
     def frame_goals(self, frame: PeerFrame, target: mink.SE3, here: mink.SE3) -> list[Any]:
         """The pose, and the axis to align with its direction."""
@@ -55,13 +56,13 @@ class MinkStep(PeerStep):
         self.configuration = mink.Configuration(posed.model)
         self.solve: Callable[..., Any] = mink.solve_ik
         self._solver, self._settings = posed.solver, posed.settings
-        self.puts: list[Callable[[Any], object]] = []
+        self.setters: list[Callable[[Any], object]] = []
         self.costs: list[mink.Task] = []
         self.rows: list[TwistTask] = []
         for frame in posed.frames:
             if posed.priority == "hard":
                 self.rows.append(TwistTask(frame.name, frame.type, frame.projector))
-                self.puts.append(self.rows[-1].set_target)
+                self.setters.append(self.rows[-1].set_target)
                 continue
             pose = mink.FrameTask(
                 frame.name,
@@ -71,15 +72,15 @@ class MinkStep(PeerStep):
                 lm_damping=posed.damping,
             )
             self.costs.append(pose)
-            self.puts.append(pose.set_target)
+            self.setters.append(pose.set_target)
             if aligns(posed, frame):
                 align = mink.AxisAlignTask(frame.name, frame.type, cost=1.0)
                 self.costs.append(align)
-                self.puts += [align.set_axis, align.set_target]
+                self.setters += [align.set_axis, align.set_target]
         posture = mink.PostureTask(posed.model, cost=posed.costs)
         posture.set_target(posed.posture)
         self.costs.append(posture)
-        self.puts.append(partial(setattr, posture, "gain"))
+        self.setters.append(partial(setattr, posture, "gain"))
         gain = {} if posed.limit_gain is None else {"gain": posed.limit_gain}
         self.limits: list[mink.Limit] = [mink.ConfigurationLimit(posed.model, **gain)]
         if posed.speeds is not None and np.isfinite(posed.speeds).any():

@@ -165,7 +165,7 @@ class Posed:
         costs: Of the posture, one for all joints or (nv,).
         speeds: Velocity limits, rad/s or m/s, (nv,), ∞ where there is none; ``None`` for none.
         priority: Of the frames: costs, equality constraints, or constraints that are scaled down
-            together where they do not fit. mink has the first two, pink the first; PlaCo has all.
+            together where they do not fit; :attr:`Peer.priorities` says who has which.
         damping: Levenberg–Marquardt's, of the frame tasks of mink and pink.
         aligned: Whether mink leaves an axis free by its ``AxisAlignTask``, which takes any axis, or
             by a ``FrameTask`` without a cost about it.
@@ -192,11 +192,11 @@ class PeerStep(abc.ABC):
     """Tasks and limits of a library: what a program that uses it makes once and calls again.
 
     Attributes:
-        puts: Take the :meth:`Peer.goals` of a step, one by one.
+        setters: Functions that take the :meth:`Peer.goals` of a step, one each.
         scale: Share of the task that the last step kept.
     """
 
-    puts: Sequence[Callable[[Any], object]]
+    setters: Sequence[Callable[[Any], object]]
     scale: float = 1.0
 
     @abc.abstractmethod
@@ -205,8 +205,8 @@ class PeerStep(abc.ABC):
 
     def aim(self, goals: Sequence[Any]) -> None:
         """Set targets and posture."""
-        for put, goal in zip(self.puts, goals, strict=True):
-            put(goal)
+        for setter, goal in zip(self.setters, goals, strict=True):
+            setter(goal)
 
     @abc.abstractmethod
     def limit_speeds(self, speeds: Array) -> None:
@@ -224,10 +224,12 @@ class Peer(abc.ABC):
         posed: The step.
         failures: What the library raises where it has no step.
         needs: Its modules, each with the package that brings it.
+        priorities: Which priorities of the frames it has.
     """
 
     failures: tuple[type[Exception], ...] = ()
     needs: ClassVar[tuple[tuple[str, str], ...]] = ()
+    priorities: ClassVar[tuple[Priority, ...]] = ("soft",)
 
     def __init__(self, posed: Posed) -> None:
         """Read the robot.
@@ -235,6 +237,11 @@ class Peer(abc.ABC):
         Raises:
             InvalidInput: If the library is not installed or cannot express the step.
         """
+        if posed.priority not in self.priorities:
+            raise InvalidInput(
+                f"{type(self).__name__}: its frames can be {' or '.join(self.priorities)}, not "
+                f"{posed.priority}."
+            )
         self.posed = posed
 
     @classmethod

@@ -64,10 +64,10 @@ class PinkStep(PeerStep):
             )
             for number, frame in enumerate(posed.frames)
         ]
-        self.puts = [task.set_target for task in self.tasks]
+        self.setters = [task.set_target for task in self.tasks]
         self.tasks.append(pink.PostureTask(cost=costs))
         self.tasks[-1].set_target(posture)
-        self.puts.append(partial(setattr, self.tasks[-1], "gain"))
+        self.setters.append(partial(setattr, self.tasks[-1], "gain"))
         gain = {} if posed.limit_gain is None else {"config_limit_gain": posed.limit_gain}
         self.limits = [pink.limits.ConfigurationLimit(peer.model, **gain)]
         if posed.speeds is not None:

@@ -29,6 +29,7 @@ class PlacoPeer(Peer):
 
     failures = (RuntimeError,)
     needs = (("placo", "placo"),)
+    priorities = ("soft", "hard", "scaled")
 
     def __init__(self, posed: Posed) -> None:
         """Read the robot."""
@@ -83,14 +84,14 @@ class PlacoStep(PeerStep):
         self.solver.mask_fbase(True)
         self.solver.enable_joint_limits(True)
         self.solver.enable_velocity_limits(posed.speeds is not None)
-        self.puts: list[Callable[[Any], object]] = []
+        self.setters: list[Callable[[Any], object]] = []
         for number, frame in enumerate(posed.frames):
             self._add_frame(link_name(number), frame, posed.priority)
         for joints in peer.alike:
             task = self.solver.add_joints_task()
             task.set_joints({peer.names[i]: 0.0 for i in joints})
             task.configure("posture", "soft", float(peer.costs[joints[0]]) ** 2)
-            self.puts.append(task.set_joints)
+            self.setters.append(task.set_joints)
         self.names = peer.names
         self._q = self.robot.state.q.copy()
         self._state = np.array([self.robot.get_joint_offset(name) for name in self.names])
@@ -100,18 +101,18 @@ class PlacoStep(PeerStep):
         linear, angular = frame.minimal.linear, frame.minimal.angular
         if linear.rank:
             place = self.solver.add_position_task(link, np.zeros(3))
-            self.puts.append(partial(setattr, place, "target_world"))
+            self.setters.append(partial(setattr, place, "target_world"))
             self._mask(place, linear)
             place.configure(f"position of {link}", priority, 1.0)
         if angular.kind is ProjectorKind.PLANE:
             axis = Z if frame.axis_in_world else frame.axis(np.eye(3))[0]
             turn = self.solver.add_axisalign_task(link, axis, Z)
             if frame.axis_in_world:
-                self.puts.append(partial(setattr, turn, "axis_frame"))
-            self.puts.append(partial(setattr, turn, "targetAxis_world"))
+                self.setters.append(partial(setattr, turn, "axis_frame"))
+            self.setters.append(partial(setattr, turn, "targetAxis_world"))
         elif angular.rank:
             turn = self.solver.add_orientation_task(link, np.eye(3))
-            self.puts.append(partial(setattr, turn, "R_world_frame"))
+            self.setters.append(partial(setattr, turn, "R_world_frame"))
             self._mask(turn, angular)
         if angular.rank:
             turn.configure(f"orientation of {link}", priority, 1.0)
@@ -120,7 +121,7 @@ class PlacoStep(PeerStep):
         """Let a task count along some axes only."""
         if block.kind in KEPT:
             task.mask.set_axises(KEPT[block.kind], "custom")
-            self.puts.append(partial(setattr, task.mask, "R_custom_world"))
+            self.setters.append(partial(setattr, task.mask, "R_custom_world"))
 
     def update(self, state: Array) -> None:
         """PlaCo's kinematics."""
