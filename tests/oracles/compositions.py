@@ -13,9 +13,9 @@ import mink
 import mujoco
 import numpy as np
 import numpy.typing as npt
-from arms import planar_arm, random_arm, random_configuration, random_direction
 
 import qp_twist as qt
+from oracles.arms import planar_arm, random_arm, random_configuration, random_direction
 
 Array = npt.NDArray[np.float64]
 
