@@ -1,9 +1,9 @@
-"""What a configuration costs when many laps are followed at once.
+"""What a configuration costs when many runs are followed at once.
 
-    python benchmarks/batch.py [--laps 10000] [--markdown FILE]
+    python benchmarks/batch.py [--runs 10000] [--markdown FILE]
 
-The workpiece of `deburring` stands in a random place for every lap, up to 50 mm and 3 degrees from
-the task's; each lap has 401 waypoints. Two minutes for 10,000 laps on two cores.
+The workpiece of `deburring` stands in a random place for every run, up to 50 mm and 3 degrees from
+the task's; each run has 401 waypoints. Two minutes for 10,000 runs on two cores.
 """
 
 from __future__ import annotations
@@ -62,8 +62,10 @@ def kinematics(task: qt.PathTask, count: int = 400_000) -> float:
     return 1e6 * (time.perf_counter() - began) / count
 
 
-def laps(task: qt.PathTask, method: str, count: int, threads: int) -> tuple[float, qt.batch.Laps]:
-    """Seconds, and the laps."""
+def runs(
+    task: qt.PathTask, method: str, count: int, threads: int
+) -> tuple[float, qt.batch.Trajectories]:
+    """Seconds, and the runs."""
     carried = moves(task, count)
     qt.batch.follow(task, method, moves=carried[:2], keep=False)  # compiles, or loads
     began = time.perf_counter()
@@ -92,10 +94,10 @@ def single_steps(count: int = 100_000) -> list[str]:
         targets[:, :3, :3], targets[:, :3, 3] = found.rotations, found.positions
         targets[:, :3, 3] += rng.normal(scale=1e-4, size=(count, 3))
         task = qt.TwistTask.axis_free("tool", "site")
-        wish = 0.1 * (ranges.middle - q)
-        qt.batch.closed_form(model, task, q[:9], targets[:9], "gradient_projection", h=wish[:9])
+        desired = 0.1 * (ranges.middle - q)
+        qt.batch.closed_form(model, task, q[:9], targets[:9], "gradient_projection", h=desired[:9])
         began = time.perf_counter()
-        qt.batch.closed_form(model, task, q, targets, "gradient_projection", h=wish, threads=1)
+        qt.batch.closed_form(model, task, q, targets, "gradient_projection", h=desired, threads=1)
         closed = 1e6 * (time.perf_counter() - began) / count
         speed = 0.5  # rad/s
         controller = qt.Controller(
@@ -121,7 +123,7 @@ def memory_mb() -> float:
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
-    parser.add_argument("--laps", type=int, default=10_000)
+    parser.add_argument("--runs", type=int, default=10_000)
     parser.add_argument("--markdown", type=Path)
     given = parser.parse_args()
     task = qt.load_task("deburring")
@@ -130,23 +132,23 @@ def main() -> int:
         f"| `batch.kinematics`, one thread | {kinematics(task):.2f} |",
     ]
     for method in ("minimum_norm", "gradient_projection", "qp_minimum_norm", "qp_gradient", "qp"):
-        seconds, done = laps(task, method, max(20, given.laps // 50), 1)
+        seconds, done = runs(task, method, max(20, given.runs // 50), 1)
         plain = ~done.by_reference
         lines.append(
             f"| a step of `{method}` in `batch.follow`, one thread"
-            f"{'' if plain.all() else ' (some laps by the reference)'} | "
+            f"{'' if plain.all() else ' (some runs by the reference)'} | "
             f"{1e6 * seconds / done.steps.sum():.2f} |"
         )
     lines = ["| per configuration | µs |", "| :-- | --: |", *lines, ""]
     lines += [
-        "| laps of `qp_gradient` | threads | s | verified steps | µs a step | peak memory, MB | "
+        "| runs of `qp_gradient` | threads | s | verified steps | µs a step | peak memory, MB | "
         "completed by the kernel |",
         "| --: | --: | --: | --: | --: | --: | --: |",
     ]
     for count, threads in (
-        (given.laps // 10, 1), (given.laps // 10, 2), (given.laps, 2),
+        (given.runs // 10, 1), (given.runs // 10, 2), (given.runs, 2),
     ):  # fmt: skip
-        seconds, done = laps(task, "qp_gradient", count, threads)
+        seconds, done = runs(task, "qp_gradient", count, threads)
         steps = int(done.steps.sum())
         lines.append(
             f"| {count:,} | {threads} | {seconds:.1f} | {steps:,} | {1e6 * seconds / steps:.2f} | "

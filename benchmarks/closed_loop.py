@@ -3,7 +3,7 @@
     python benchmarks/closed_loop.py [PART ...]
 
 Writes docs/generated/closed_loop.md, a table a part, and docs/figures/closed_loop.png. The parts
-are lap, disturbances, gains, limits and figure; all of them take three to four minutes.
+are run, disturbances, gains, limits and figure; all of them take three to four minutes.
 """
 
 from __future__ import annotations
@@ -120,7 +120,7 @@ def mm(metres: float) -> str:
     return "0" if value < 5e-4 else f"{value:.3g}" if value < 100 else f"{value:.0f}"
 
 
-def lap_table() -> str:
+def run_table() -> str:
     """Feedback, servos, lag and noise, on an edge and a corner of the path."""
     rows = []
     for servos in SERVOS:
@@ -212,19 +212,19 @@ def limit_table() -> str:
 def figure() -> Figure:
     """Four panels: path, push, noise, limit. Colour: feedback; dashed: position servos."""
     drawn = Figure(figsize=(8.0, 9.6), layout="constrained")
-    lap, push, noise, limit = drawn.subplots(4, 1)
+    run, push, noise, limit = drawn.subplots(4, 1)
     kinds = [(s, f) for s in ("position", "velocity") for f in FEEDBACK]
     for servos, feedback in kinds:
         case = Case(servos, feedback)
-        plot(lap, case, case.edge(6.8), lambda r: 1e3 * r.position_error)
+        plot(run, case, case.edge(6.8), lambda r: 1e3 * r.position_error)
         plot(push, case, case.pushed(), lambda r: 1e3 * r.position_error)
-    for panel, lowest, highest in ((lap, 4e-3, 30.0), (push, 0.02, 600.0)):
+    for panel, lowest, highest in ((run, 4e-3, 30.0), (push, 0.02, 600.0)):
         panel.set_yscale("log")
         panel.set_ylim(lowest, highest)
         panel.yaxis.set_major_formatter("{x:g}")
-    lap.set_xlim(0.8, 6.8)
+    run.set_xlim(0.8, 6.8)
     push.set_xlim(0.8, 3.2)
-    lap.set_title("an edge of the path, and the corner at 6.2 s: error of the tool, mm")
+    run.set_title("an edge of the path, and the corner at 6.2 s: error of the tool, mm")
     push.set_title(
         "300 N on the last link from 1.0 to 1.2 s, the target rests: error of the tool, mm"
     )
@@ -255,7 +255,7 @@ def figure() -> Figure:
     limit.set_ylim(-160.0, 45.0)
     limit.set_title("a target beyond the range of joint 1: its position beyond the limit, mrad")
     limit.set_xlabel("time, s")
-    lap.legend(ncols=3, loc="lower center")
+    run.legend(ncols=3, loc="lower center")
     limit.legend(loc="lower right")
     noise.legend(loc="upper right", ncols=2)
     for panel in drawn.axes:
@@ -277,7 +277,7 @@ def plot(panel: Any, case: Case, record: Record, values: Callable[[Record], np.n
 
 
 PARTS = {
-    "lap": lap_table,
+    "run": run_table,
     "disturbances": disturbance_table,
     "gains": gain_table,
     "limits": limit_table,
@@ -302,7 +302,7 @@ def write(part: str, text: str) -> None:
 def main() -> None:
     """Measure the parts named, or everything, and write tables and figure."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("parts", nargs="*", metavar="PART", help="lap, limits, …; all if none")
+    parser.add_argument("parts", nargs="*", metavar="PART", help="run, limits, …; all if none")
     chosen = parser.parse_args().parts or [*PARTS, "figure"]
     for part in chosen:
         if part != "figure":

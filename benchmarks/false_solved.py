@@ -63,7 +63,7 @@ def random_steps(
 def stated(
     model: mujoco.MjModel, q: Array, targets: Array, speed: float
 ) -> tuple[Array, Array, Array, Array, Array]:
-    """A (K, 5, n), b (K, 5), lower and upper (K, n) and the wish (K, n), in NumPy."""
+    """A (K, 5, n), b (K, 5), lower and upper (K, n) and the desired velocity (K, n), in NumPy."""
     ranges = qt.JointRanges.of(model)
     found = qt.batch.kinematics(model, "tool", "site", q)
     axis, wanted = found.rotations[:, :, 2], targets[:, :3, 2]
@@ -83,7 +83,7 @@ def stated(
 
 
 def proved(
-    A: Array, b: Array, lower: Array, upper: Array, wish: Array, x: Array
+    A: Array, b: Array, lower: Array, upper: Array, desired: Array, x: Array
 ) -> tuple[Array, Array, Array, Array]:
     """Residual, excess, gradient of the wrong sign or left over, and error, a row each (K,)."""
     residual = np.abs(np.einsum("kij,kj->ki", A, x) - b).max(axis=1)
@@ -93,7 +93,7 @@ def proved(
     low, high = x <= lower + close, x >= upper - close
     free = ~(low | high)
     rows = A * free[:, None, :]
-    gradient = x - wish
+    gradient = x - desired
     # y of least squares on the free joints; what is left must vanish there and push outwards else.
     y = -np.einsum(
         "kij,kj->ki", np.linalg.pinv(rows.transpose(0, 2, 1), rcond=1e-9), gradient * free
@@ -104,9 +104,9 @@ def proved(
     wrong = np.where(high & ~low, np.maximum(left, 0.0), wrong)
     # The point itself, from the bounds that it touches: x_f = h_f + A_f⁺(b − A_c x_c − A_f h_f).
     held = np.where(free, 0.0, x)
-    missing = b - np.einsum("kij,kj->ki", A, held + np.where(free, wish, 0.0))
+    missing = b - np.einsum("kij,kj->ki", A, held + np.where(free, desired, 0.0))
     exact = held + free * (
-        wish + np.einsum("kij,kj->ki", np.linalg.pinv(rows, rcond=1e-9), missing)
+        desired + np.einsum("kij,kj->ki", np.linalg.pinv(rows, rcond=1e-9), missing)
     )
     return residual, excess, wrong.max(axis=1), np.abs(x - exact).max(axis=1)
 
@@ -127,7 +127,7 @@ def with_rows(count: int, rows: int, solver: str, model: mujoco.MjModel, speed: 
     """A line of the table of steps with inequality rows."""
     rng = np.random.default_rng([model.nv, rows])
     controller, q, targets = random_steps(model, speed, count, rng, solver)
-    A, b, lower, upper, wish = stated(model, q, targets, speed)
+    A, b, lower, upper, desired = stated(model, q, targets, speed)
     [task], [motion], limit = controller.twist_tasks, controller.limits, Rows(model.nv)
     controller = qt.Controller(
         model, [task], secondary=controller.secondary, limits=[motion, limit], solver=solver
@@ -145,7 +145,7 @@ def with_rows(count: int, rows: int, solver: str, model: mujoco.MjModel, speed: 
             continue
         x = step.velocity
         exact = qpsolvers.solve_qp(
-            one, -wish[k], limit.G, limit.g, A[k], b[k], lower[k], upper[k], solver="quadprog"
+            one, -desired[k], limit.G, limit.g, A[k], b[k], lower[k], upper[k], solver="quadprog"
         )
         size = 1.0 + np.abs(x).max()
         residual = np.abs(A[k] @ x - b[k]).max()

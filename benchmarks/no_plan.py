@@ -66,7 +66,7 @@ def text_of(rows: list[dict[str, Any]], found: dict[int, int | None]) -> str:
         lines.append(f"      other faults: {faults}")
     lines += [
         "",
-        f"of the laps followed: least margin {min(r['min_margin'] for r in done):.1g}, largest "
+        f"of the runs followed: least margin {min(r['min_margin'] for r in done):.1g}, largest "
         f"step {max(r['max_step_deg'] for r in done):.2f}°, largest error "
         f"{max(r['position_error_max_m'] for r in done):.0e} m",
     ]

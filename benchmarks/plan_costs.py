@@ -39,7 +39,7 @@ SEVEN = (
 
 
 def deburring(every: int) -> qt.PathTask:
-    """The lap at every so manieth of its waypoints."""
+    """The run at every so manieth of its waypoints."""
     task = qt.load_task("deburring")
     assert task.flipped_waypoints is not None
     return dataclasses.replace(

@@ -1,10 +1,10 @@
-"""How far a lap along a plan is from the least mean z that there is.
+"""How far a run along a plan is from the least mean z that there is.
 
     python benchmarks/plan_optimality.py [--samples 40] [--first 0] [--jobs 2] [--roll-step 1]
                                          [--out optimality.json] [--markdown table.md]
 
 Places the deburring part as a study does, plans from the best start, follows the plan with
-qp_planned, and compares the lap's mean z with the shortest way through all in-limit joint positions
+qp_planned, and compares the run's mean z with the shortest way through all in-limit joint positions
 at rolls so many degrees apart. That search shares nothing with the plan: it has the inverse
 kinematics of examples/placements.py, every waypoint, every branch, every full turn. A way on a grid
 is never better than the best motion, so the ratio can be below 1.
@@ -71,12 +71,12 @@ def measure(index: int, roll_step: float) -> dict[str, Any]:
     plan = qt.plan(task)
     if plan.q is None:
         return {"sample": index, "feasible": False}
-    lap = qt.follow(task, "qp_planned", plan=plan)
+    run = qt.follow(task, "qp_planned", plan=plan)
     return {
         "sample": index,
         "feasible": True,
-        "fault": str(Judge(task, section_of(task)).fault(lap) or ""),
-        "mean_z": float(lap.z.mean()),
+        "fault": str(Judge(task, section_of(task)).fault(run) or ""),
+        "mean_z": float(run.z.mean()),
         "plan": plan.value,
         "bound": plan.bound,
         "grid": least_mean_z(task, roll_step),
@@ -84,10 +84,10 @@ def measure(index: int, roll_step: float) -> dict[str, Any]:
 
 
 def table(found: list[dict[str, Any]], roll_step: float) -> str:
-    """Ratios of the lap's mean z, as Markdown."""
-    laps = [row for row in found if row["feasible"]]
+    """Ratios of the run's mean z, as Markdown."""
+    runs = [row for row in found if row["feasible"]]
     lines = [
-        f"{len(laps)} laps. Mean z of the lap, divided by …",
+        f"{len(runs)} runs. Mean z of the run, divided by …",
         "",
         "| | median | 90 % | largest | at most 1.02 |",
         "| :-- | --: | --: | --: | --: |",
@@ -97,7 +97,7 @@ def table(found: list[dict[str, Any]], roll_step: float) -> str:
         ("grid", f"an independent search's, rolls {roll_step:g}° apart"),
         ("bound", "the plan's bound: every waypoint for itself"),
     ):
-        ratios = np.array([row["mean_z"] / row[key] for row in laps])
+        ratios = np.array([row["mean_z"] / row[key] for row in runs])
         middle, most, largest = np.percentile(ratios, [50, 90, 100])
         share = 100.0 * (ratios <= 1.02).mean()
         lines.append(f"| {what} | {middle:.4f} | {most:.4f} | {largest:.4f} | {share:.0f} % |")

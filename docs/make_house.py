@@ -21,7 +21,7 @@ ROOMS = {
     "comparison": "metrics, table, figures, report",
     "exchange": "trajectory files, their check",
     "timing": "when the arm is where",
-    "batch": "many laps at once",
+    "batch": "many runs at once",
     "following": "a method along a path",
     "planning": "the whole path, all branches",
     "referee": "what a motion keeps, proven",
@@ -40,13 +40,13 @@ ROOMS = {
     "notebook": "small tables for notebooks",
     "checks": "of arguments",
     "errors": "of refused input",
-    "fast": "steps and laps as machine code",
+    "fast": "steps and runs as machine code",
 }
 STEPS = {
     1: ("path", "task file → robot, T, waypoints"),
     2: ("following", "set the next waypoint as target"),
     3: ("controller", "pose the program of the step"),
-    4: ("kinematics", "rows UᵀJ, UᵀΔt/dt; wish h"),
+    4: ("kinematics", "rows UᵀJ, UᵀΔt/dt; desired h"),
     5: ("limits", "lower, upper; G, g"),
     6: ("qp", "solve, verify, scale if needed"),
 }

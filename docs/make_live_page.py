@@ -33,7 +33,7 @@ def main() -> None:
     clock = threading.Thread(target=page.run, args=(stop,))
     clock.start()
     try:
-        session.laps.wait(session.key, 300.0)
+        session.runs.wait(session.key, 300.0)
         with browser_page(SIZE) as opened:
             opened.go(page.url)
             opened.page.wait_for_selector("svg.qt-bars")

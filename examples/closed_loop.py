@@ -1,10 +1,10 @@
-"""The deburring lap in MuJoCo's dynamics: choose servos, feedback, lag and noise; see what happens.
+"""The deburring run in MuJoCo's dynamics: choose servos, feedback, lag and noise; see what happens.
 
     python examples/closed_loop.py [--servos velocity] [--feedback measured] [--lag 0.02]
         [--noise 0.0005] [--gain 0.1] [--seconds 22] [--figure closed_loop.png]
 
 The arm rests for a second and then follows the path at its feed of 50 mm/s. Prints the record in
-numbers, and draws it. The whole lap takes about ten seconds.
+numbers, and draws it. The whole run takes about ten seconds.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ def main() -> None:
     parser.add_argument("--lag", type=float, default=0.02, help="first-order lag, s")
     parser.add_argument("--noise", type=float, default=5e-4, help="of measured positions, rad")
     parser.add_argument("--gain", type=float, default=0.1, help="share of the error in a step")
-    parser.add_argument("--seconds", type=float, default=22.0, help="the lap ends at 21.8 s")
+    parser.add_argument("--seconds", type=float, default=22.0, help="the run ends at 21.8 s")
     parser.add_argument("--figure", type=Path, help="draw the record to this file")
     args = parser.parse_args()
 

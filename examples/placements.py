@@ -1,11 +1,11 @@
-"""Which methods finish the deburring lap wherever the part stands?
+"""Which methods finish the deburring run wherever the part stands?
 
     python examples/placements.py [--placements 1000] [--methods a,b] [--gains 0.05,0.1,1]
                                   [--starts 3] [--jobs 2] [--seed 0] [--out placements.json]
                                   [--markdown table.md] [--resume]
 
 Places the part at random, starts where the joints are nearest to the middle of their ranges, and
-follows the lap with every method. A lap is over at its first fault: a joint outside its range, an
+follows the run with every method. A run is over at its first fault: a joint outside its range, an
 error above 0.1 mm or 0.05°, a joint step above 15°. A placement is feasible if some sequence of
 joint positions has none of these faults; where no method finds one, a search over the roll, all
 branches of the inverse kinematics and all full turns decides. Needs py-opw-kinematics.
@@ -226,7 +226,7 @@ def dead_end(
 
 
 class Judge:
-    """Watches a lap waypoint by waypoint and says what is wrong with it."""
+    """Watches a run waypoint by waypoint and says what is wrong with it."""
 
     def __init__(self, task: qt.PathTask, start: Array) -> None:
         self.ranges = qt.JointRanges.of(task.model)
@@ -235,7 +235,7 @@ class Judge:
         self.fault: str | None = None
 
     def __call__(self, q: Array, position_error: float, axis_error: float) -> bool:
-        """Whether the lap is over: called at each waypoint after the first."""
+        """Whether the run is over: called at each waypoint after the first."""
         self.waypoints += 1
         self.fault = self._fault(q, position_error, axis_error)
         self.before = q.copy()
@@ -267,14 +267,14 @@ ITERATIONS = 20
 def library(method: str, **options: Any) -> Follower:
     """A method of the library."""
 
-    def lap(task: qt.PathTask, judge: Judge) -> None:
+    def run(task: qt.PathTask, judge: Judge) -> None:
         trajectory = qt.follow(task, method, stop=judge, **options)
         if trajectory.diverged_at is not None:
             judge.fault = "diverged"
         elif trajectory.failure:
             judge.fault = "no step"
 
-    return lap
+    return run
 
 
 def mink_equality(gain: float) -> Follower:
@@ -284,7 +284,7 @@ def mink_equality(gain: float) -> Follower:
     ``mink``.
     """
 
-    def lap(task: qt.PathTask, judge: Judge) -> None:
+    def run(task: qt.PathTask, judge: Judge) -> None:
         settings = task.settings("mink").model_copy(update={"gain": gain, "posture_cost": 1.0})
         posture = mink_posture(task, Posture.of(task, settings, qt.METHODS["mink"]))
         rows = qt.TwistTask(task.frame_name, task.frame_type, task.projector)
@@ -308,7 +308,7 @@ def mink_equality(gain: float) -> Follower:
             if judge(configuration.q, position_error, axis_error):
                 return
 
-    return lap
+    return run
 
 
 # The settings of the task file, but with iterations for everyone: none shall fail by the curvature
@@ -373,7 +373,7 @@ def starts_of(name: str, task: qt.PathTask, arm: InverseKinematics) -> list[Arra
     return arm.starts(poses[0], roll_is_free=not fixes_roll(name))[:STARTS]
 
 
-def run_lap(task: qt.PathTask, name: str, start: Array) -> dict[str, Any]:
+def run_once(task: qt.PathTask, name: str, start: Array) -> dict[str, Any]:
     """One method from one start: its fault and where, or none; processor time, s."""
     judge = Judge(task, start)
     began = time.process_time()
@@ -395,15 +395,15 @@ def study() -> tuple[qt.PathTask, InverseKinematics]:
 def run_placement(
     seed: int, names: Sequence[str], known: dict[str, Any], *, count: int = STARTS
 ) -> dict[str, Any]:
-    """What ``known`` lacks of one placement: whether it is feasible, and laps by method.
+    """What ``known`` lacks of one placement: whether it is feasible, and runs by method.
 
-    A lap from the start of least z; where it has a fault though the placement is feasible, others
+    A run from the start of least z; where it has a fault though the placement is feasible, others
     from the next of ``count`` starts, until one has none.
     """
     shipped, arm = study()
     task = placed(shipped, *placement(seed, known["index"]))
-    result: dict[str, Any] = {"laps": {}, **known}
-    laps: dict[str, list[dict[str, Any]]] = result["laps"]
+    result: dict[str, Any] = {"runs": {}, **known}
+    runs: dict[str, list[dict[str, Any]]] = result["runs"]
     looked: dict[tuple[bool, bool], list[Array]] = {}
 
     def starts(name: str) -> list[Array]:
@@ -414,10 +414,10 @@ def run_placement(
         return looked[kind]
 
     for name in names:
-        if name not in laps:
-            laps[name] = [run_lap(task, name, start) for start in starts(name)[:1]] or [NO_START]
-    # A lap without a fault proves it feasible; the search is for the others.
-    solved = {name for name in names if laps[name][0]["fault"] is None}
+        if name not in runs:
+            runs[name] = [run_once(task, name, start) for start in starts(name)[:1]] or [NO_START]
+    # A run without a fault proves it feasible; the search is for the others.
+    solved = {name for name in names if runs[name][0]["fault"] is None}
     if any(not fixes_roll(name) for name in solved):
         result["feasible_from_start"] = True
     elif "feasible_from_start" not in result:
@@ -428,10 +428,10 @@ def run_placement(
     elif "feasible" not in result:
         result["feasible"] = bool(starts(REFERENCE)) and dead_end(task, arm) is None
     for name in names if result["feasible"] and count > 1 else ():
-        for start in starts(name)[len(laps[name]) : count]:
-            if laps[name][-1]["fault"] is None:
+        for start in starts(name)[len(runs[name]) : count]:
+            if runs[name][-1]["fault"] is None:
                 break
-            laps[name].append(run_lap(task, name, start))
+            runs[name].append(run_once(task, name, start))
     return result
 
 
@@ -465,19 +465,19 @@ def table(results: Sequence[dict[str, Any]], names: Sequence[str]) -> str:
         f"from the start of least z for {len(from_start)}.",
         "",
         "| method | of feasible from the start % | of feasible % "
-        f"| of feasible, {STARTS} starts % | what failed | s a lap |",
+        f"| of feasible, {STARTS} starts % | what failed | s a run |",
         "| :-- | --: | --: | --: | :-- | --: |",
     ]
     for name in names:
-        first = [r["laps"][name][0] for r in feasible]
-        solved = [lap for lap in first if lap["fault"] is None]
+        first = [r["runs"][name][0] for r in feasible]
+        solved = [run for run in first if run["fault"] is None]
         cells = [
             f"`{name}`",
-            share_within(r["laps"][name][0] for r in from_start),
+            share_within(r["runs"][name][0] for r in from_start),
             share_within(first),
-            share_within(r["laps"][name][-1] for r in feasible),
-            faults(lap["fault"] for lap in first),
-            f"{statistics.median(lap['seconds'] for lap in solved):.2f}" if solved else "–",
+            share_within(r["runs"][name][-1] for r in feasible),
+            faults(run["fault"] for run in first),
+            f"{statistics.median(run['seconds'] for run in solved):.2f}" if solved else "–",
         ]
         lines.append(f"| {' | '.join(cells)} |")
     return "\n".join(lines) + "\n"
@@ -486,7 +486,7 @@ def table(results: Sequence[dict[str, Any]], names: Sequence[str]) -> str:
 def table_of_gains(results: Sequence[dict[str, Any]], names: Sequence[str]) -> str:
     """Each method at its default and at its best, and each against the reference, in Markdown."""
     counted = [r for r in results if r["feasible_from_start"]]
-    done = {n: np.array([r["laps"][n][0]["fault"] is None for r in counted]) for n in names}
+    done = {n: np.array([r["runs"][n][0]["fault"] is None for r in counted]) for n in names}
     at: dict[str, dict[float, str]] = {}
     for name in names:
         method, _, gain = name.partition("@")
@@ -514,7 +514,7 @@ def table_of_gains(results: Sequence[dict[str, Any]], names: Sequence[str]) -> s
                 "–" if method == REFERENCE else pairs(mine, reference),
             ]
         lines.append(f"| {' | '.join(cells)} |")
-    lines += ["", "Laps finished of the same placements, by gain:", ""]
+    lines += ["", "Runs finished of the same placements, by gain:", ""]
     lines += [
         f"| method | {' | '.join(f'{gain:g}' for gain in tried)} |",
         f"| :-- |{' --: |' * len(tried)}",
@@ -545,9 +545,9 @@ def within(done: int, of: int) -> str:
     return f"{100.0 * done / of:.1f} ({100.0 * low:.1f}–{100.0 * high:.1f})"
 
 
-def share_within(laps: Iterable[dict[str, Any]]) -> str:
-    """Laps without a fault, in per cent, with the interval."""
-    done = [lap["fault"] is None for lap in laps]
+def share_within(runs: Iterable[dict[str, Any]]) -> str:
+    """Runs without a fault, in per cent, with the interval."""
+    done = [run["fault"] is None for run in runs]
     return within(sum(done), len(done))
 
 

@@ -39,7 +39,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 @pytest.fixture(scope="session")
 def deburring() -> qt.Comparison:
-    """Every method on the deburring lap."""
+    """Every method on the deburring run."""
     return qt.compare("deburring")
 
 

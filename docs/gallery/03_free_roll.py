@@ -1,4 +1,4 @@
-"""Free what the task does not need: the same lap with the tool's roll prescribed, and free."""
+"""Free what the task does not need: the same run with the tool's roll prescribed, and free."""
 
 import sys
 
@@ -15,11 +15,11 @@ ranges = qt.JointRanges.of(task.model)
 waypoints = np.arange(1, len(free.q) + 1)
 figure = Figure(figsize=(8, 3.2), layout="constrained")
 for panel, joint in zip(figure.subplots(1, 2), (3, 5), strict=True):
-    for lap, label, colour, style in (
+    for run, label, colour, style in (
         (prescribed, "roll by a rule", "#E69F00", "--"),
         (free, "roll free", "#0072B2", "-"),
     ):
-        panel.plot(waypoints, np.degrees(lap.q[:, joint]), style, color=colour, label=label, lw=2)
+        panel.plot(waypoints, np.degrees(run.q[:, joint]), style, color=colour, label=label, lw=2)
     for limit in np.degrees([ranges.lower[joint], ranges.upper[joint]]):
         panel.axhline(limit, color="#D00000")
     panel.set(title=ranges.names[joint], xlabel="waypoint", ylabel="degrees")

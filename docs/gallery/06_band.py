@@ -17,10 +17,10 @@ without = qt.follow(dataclasses.replace(task, bands=()), "qp_gradient")
 configuration = mink.Configuration(task.model)
 
 
-def rolls(lap: qt.Trajectory) -> list[float]:
+def rolls(run: qt.Trajectory) -> list[float]:
     """The roll at every waypoint, measured from the roll that the path states, degrees."""
     found = []
-    for q, waypoint in zip(lap.q, task.waypoints, strict=True):
+    for q, waypoint in zip(run.q, task.waypoints, strict=True):
         configuration.update(q)
         tool = configuration.get_transform_frame_to_world("tool", "site").rotation().as_matrix()
         turned = tool @ waypoint.rotation().as_matrix().T

@@ -1,4 +1,4 @@
-"""Where the twist decomposition and its QP move fastest on the deburring lap."""
+"""Where the twist decomposition and its QP move fastest on the deburring run."""
 
 import mink
 import numpy as np

@@ -8,8 +8,8 @@ from qp_twist.comparison import metrics
 task = qt.load_task("planar_line")
 task.model.jnt_range[0, 0] = np.radians(48)
 for method in ("minimum_norm", "weighted_least_norm", "sns", "qp_minimum_norm"):
-    lap = metrics(qt.follow(task, method))
+    run = metrics(qt.follow(task, method))
     print(
-        f"{method:20} waypoints outside {lap['violations']:3}, smallest margin "
-        f"{lap['min_margin']:6.3f}, largest step {lap['max_step_deg']:.2f} degrees"
+        f"{method:20} waypoints outside {run['violations']:3}, smallest margin "
+        f"{run['min_margin']:6.3f}, largest step {run['max_step_deg']:.2f} degrees"
     )

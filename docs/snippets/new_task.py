@@ -1,4 +1,4 @@
-"""From a URDF and a CSV to a task and a lap."""
+"""From a URDF and a CSV to a task and a run."""
 
 import warnings
 from pathlib import Path
@@ -47,6 +47,6 @@ print("$ qp-twist starts ./edge.toml --count 3")
 with warnings.catch_warnings():
     warnings.simplefilter("ignore")
     main(["starts", "./edge.toml", "--count", "3"])
-lap = qt.follow(task, "qp_gradient")
-print(f"\nqp_gradient: on the path: {lap.position_error.max() < 1e-8}, "
-      f"inside the limits: {lap.margins.min() > 0}")  # fmt: skip
+run = qt.follow(task, "qp_gradient")
+print(f"\nqp_gradient: on the path: {run.position_error.max() < 1e-8}, "
+      f"inside the limits: {run.margins.min() > 0}")  # fmt: skip

@@ -1,4 +1,4 @@
-"""mink's own step on the deburring lap, set up well and as first written."""
+"""mink's own step on the deburring run, set up well and as first written."""
 
 import numpy as np
 
@@ -13,12 +13,12 @@ runs = (
     ("mink_default", {"iterations": 20}),
 )
 for method, options in runs:
-    lap = qt.follow(task, method, **options)
-    error = 1e3 * lap.position_error.max()
+    run = qt.follow(task, method, **options)
+    error = 1e3 * run.position_error.max()
     shown = "less than 1e-5" if error < 1e-5 else f"{error:.2f}"
-    step = np.degrees(np.abs(np.diff(lap.q, axis=0)).max())
-    said = sorted({status.name for status in lap.statuses})
-    name = f"{method}, {lap.path_task.settings(method).model_copy(update=options).iterations} it."
+    step = np.degrees(np.abs(np.diff(run.q, axis=0)).max())
+    said = sorted({status.name for status in run.statuses})
+    name = f"{method}, {run.path_task.settings(method).model_copy(update=options).iterations} it."
     print(
-        f"{name:<21} z {lap.z.mean():.4f}, off by {shown} mm, largest step {step:.1f}°, says {said}"
+        f"{name:<21} z {run.z.mean():.4f}, off by {shown} mm, largest step {step:.1f}°, says {said}"
     )

@@ -20,9 +20,9 @@ for _ in range(COUNT):
     state = task.state(configuration)
     J, T, error = state.jacobian, state.projector, state.error  # the error is zero
     downhill = gradient.direction(configuration)  # −∇z
-    for h, wish in (("−∇z", gradient), ("the paper's", paper)):
+    for h, desired in (("−∇z", gradient), ("the paper's", paper)):
         for form in (qt.closed_form.twa, qt.closed_form.gradient_projection):
-            step = form(J, T, error, wish.direction(configuration))
+            step = form(J, T, error, desired.direction(configuration))
             slope = -(downhill @ step) / np.linalg.norm(downhill) / np.linalg.norm(step)
             key = f"{form.__name__}, h: {h}"
             raised[key] = raised.get(key, 0) + (slope > 1e-9)

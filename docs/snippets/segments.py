@@ -8,8 +8,8 @@ task = qt.load_task("approach_contact_retreat")
 print(f"{task!r}")
 for blend in (0, 5, 10):
     segments = tuple(dataclasses.replace(s, blend=blend) for s in task.segments)
-    lap = qt.follow(dataclasses.replace(task, segments=segments), "qp_gradient")
-    steps = np.degrees(np.diff(lap.q, axis=0))
+    run = qt.follow(dataclasses.replace(task, segments=segments), "qp_gradient")
+    steps = np.degrees(np.diff(run.q, axis=0))
     print(f"blend = {blend}: the largest change of a joint's step, degrees")
     for s, rows in zip(segments, ("6 to 5", "5 to 3"), strict=True):
         jumps = np.abs(np.diff(steps, axis=0))[s.first - 2 : s.first + blend - 1]

@@ -156,7 +156,7 @@ class Search:
         best = Trial(path_task, None, None)
         tried = 0
         try:
-            starts = find_starts(path_task, _STARTS, laps=False)
+            starts = find_starts(path_task, _STARTS, runs=False)
         except NoStart as error:
             yield dataclasses.replace(best, why=error.why, impossible=True)
             return
@@ -226,7 +226,7 @@ class Search:
         """A trial with the workpiece at a place."""
         task = place.of(path_task)
         try:
-            starts = find_starts(task, _STARTS_ELSEWHERE, laps=False)
+            starts = find_starts(task, _STARTS_ELSEWHERE, runs=False)
         except NoStart:
             starts = []
         best = Trial(task, place, None)

@@ -150,7 +150,7 @@ def closed_form(
         q: Configurations, rad or m, (K, nq).
         targets: For each row the target: :class:`mink.SE3`, or matrices (K, 4, 4).
         method: ``"minimum_norm"``, ``"gradient_projection"``, ``"rmr"`` or ``"twa"``.
-        h: Displacements wished for, rad or m, (K, nv); none by default. Not for minimum norm and
+        h: Desired displacements, rad or m, (K, nv); none by default. Not for minimum norm and
             RMR.
         operational: T_O of RMR and TWA; full by default.
         threads: How many; all cores by default.
@@ -171,11 +171,11 @@ def closed_form(
         )
     one_of("batch.closed_form(method=…)", method, FORMS)
     given = np.ascontiguousarray(finite_array("q", q, (None, model.nq)))
-    wish = np.zeros((0, model.nv))
+    desired = np.zeros((0, model.nv))
     if h is not None:
         if method not in ("gradient_projection", "twa"):
             raise InvalidInput(f"batch.closed_form: {method} has no secondary; leave h out.")
-        wish = np.ascontiguousarray(finite_array("h", h, (len(given), model.nv)))
+        desired = np.ascontiguousarray(finite_array("h", h, (len(given), model.nv)))
     held = task.projector
     if method in ("rmr", "twa"):
         full = TwistProjector(linear=Projector.full(), angular=Projector.full())
@@ -191,12 +191,12 @@ def closed_form(
     def some(part: slice) -> None:
         batch_kernel.closed_forms(
             arm, kinds[0], shapes[0], kinds[1], shapes[1], FORMS.index(method), given[part],
-            aims[part], wish[part], moved[part], done[part],
+            aims[part], desired[part], moved[part], done[part],
         )  # fmt: skip
 
     shared(len(given), some, threads)
     for k in np.flatnonzero(~done):
-        asked = wish[k] if len(wish) else np.zeros(model.nv)
+        asked = desired[k] if len(desired) else np.zeros(model.nv)
         moved[k] = _closed_form(model, task, given[k], aims[k], method, asked, held)
     return moved
 

@@ -10,7 +10,7 @@ from datetime import UTC, datetime
 
 import numpy as np
 
-from qp_twist.bench import many_laps
+from qp_twist.bench import many_runs
 from qp_twist.bench.accuracy import Accuracy
 from qp_twist.bench.closed_forms import closed_forms
 from qp_twist.bench.contender import Contender, StepOf
@@ -42,7 +42,7 @@ class Extent:
         length: Steps of each.
         rounds: How often all blocks are gone through, for the table and for a series.
         cold: How often a contender is made anew.
-        sizes: Of batches, laps.
+        sizes: Of batches, runs.
         calls: Of each batch.
     """
 
@@ -54,8 +54,8 @@ class Extent:
     calls: int
 
 
-WHOLE = Extent(12, 16, (4, 3), 10, many_laps.SIZES, 9)
-QUICK = Extent(6, 8, (1, 1), 3, many_laps.SIZES[:4], 3)
+WHOLE = Extent(12, 16, (4, 3), 10, many_runs.SIZES, 9)
+QUICK = Extent(6, 8, (1, 1), 3, many_runs.SIZES[:4], 3)
 
 Progress = Callable[[str, float], None]
 """Takes what is being timed, and the share of the run that is done."""
@@ -96,7 +96,7 @@ def bench(
     names = [c.name for c in everyone]
     if only is not None:
         families = [c.family for c in everyone]
-        _check("--only", only, [*names, *many_laps.NAMES], [*families, "batch"])
+        _check("--only", only, [*names, *many_runs.NAMES], [*families, "batch"])
     skipped: list[str] = []
     present = _present([c for c in everyone if _named(c.name, only)], skipped)
     extent = QUICK if quick else WHOLE
@@ -106,10 +106,10 @@ def bench(
     if "growth" in parts:
         growing = [c for c in present if only is not None or c.name in GROWING]
         planned += [(p, growing, extent.rounds[1]) for p in growth(seed)]
-    laps = [n for n in many_laps.NAMES if "batch" in parts and _named(n, only)]
+    runs = [n for n in many_runs.NAMES if "batch" in parts and _named(n, only)]
     taking = [(plan, who, rounds) for plan, who, rounds in planned if who]
     turns = sum(len(who) * rounds for _, who, rounds in taking)
-    in_batches = len(laps) * len(extent.sizes) * extent.calls
+    in_batches = len(runs) * len(extent.sizes) * extent.calls
     meter = _Meter(turns * extent.blocks + 60 * len(taking) + in_batches, progress)
     entered = []
     for plan, who, rounds in taking:
@@ -122,8 +122,8 @@ def bench(
             if turn < problem.rounds:
                 problem.time(meter)
     cases = [case for problem in entered if (case := problem.judged()).results]
-    if laps:
-        cases += many_laps.measure(extent.sizes, laps, extent.calls, seed, meter.one)
+    if runs:
+        cases += many_runs.measure(extent.sizes, runs, extent.calls, seed, meter.one)
     if not cases:
         why = " ".join(dict.fromkeys(skipped))
         raise InvalidInput(

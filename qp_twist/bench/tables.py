@@ -21,7 +21,7 @@ GROUPS = {
     "rows": "task rows",
     "levels": "levels",
     "inequalities": "inequality rows",
-    "batch": "laps in a call",
+    "batch": "runs in a call",
 }
 
 
@@ -162,7 +162,7 @@ def _growth(group: str, cases: list[Case]) -> Sheet:
     for name in names:
         headings += [f"{name}\nµs", "off by"]
     note = (
-        "Off by: largest error at a waypoint, m, or difference of the first lap from that of "
+        "Off by: largest error at a waypoint, m, or difference of the first run from that of "
         "follow, rad."
         if group == "batch"
         else "Off by: the largest of residual, excess and error."

@@ -129,7 +129,7 @@ def working(what: str) -> Iterator[Callable[[str], None]]:
 def load_machine_code(
     path_task: PathTask, methods: Sequence[str] | None, solver: str | None
 ) -> None:
-    """Where laps will run as machine code, load it now; the first time it takes its time."""
+    """Where runs will run as machine code, load it now; the first time it takes its time."""
     if check_solver(solver) != COMPILED:
         return
     from qp_twist.following.compiled_walk import CompiledWalk, walk_known  # with numba

@@ -27,7 +27,7 @@ def starts(
     Args:
         task: Name of a shipped task, or path to a .toml file.
         count: Most starts.
-        method: Of the laps.
+        method: Of the runs.
     """
     if count < 1:
         raise InvalidInput(f"--count {count}: expected a number of at least 1.")
@@ -51,7 +51,7 @@ def starts(
 
 def _table(found: list[FoundStart], ranges: JointRanges) -> Table:
     table = Table(box=None, pad_edge=False)
-    for column in ("", "branch", "z", "margin", "σ_min", "lap"):
+    for column in ("", "branch", "z", "margin", "σ_min", "run"):
         table.add_column(column, justify="right")
     table.add_column(f"{', '.join(ranges.names)} [{'° or m' if not ranges.hinge.all() else '°'}]")
     for number, start in enumerate(found, start=1):

@@ -72,13 +72,13 @@ def gradient_projection(
         jacobian: J, shape (6, n).
         projector: T of the task.
         twist: Δt, shape (6,).
-        h: Joint displacement wished for, shape (n,).
+        h: Desired joint displacement, shape (n,).
     """
     j, dt = _step(jacobian, twist)
     t = projector_matrix("projector", projector)
-    wish = finite_array("h", h, (j.shape[1],))
+    desired = finite_array("h", h, (j.shape[1],))
     inverse = np.linalg.pinv(t @ j)
-    return inverse @ (t @ dt) + wish - inverse @ (t @ j @ wish)
+    return inverse @ (t @ dt) + desired - inverse @ (t @ j @ desired)
 
 
 def twa(
@@ -114,18 +114,18 @@ def twa(
         jacobian: J, shape (6, n).
         projector: T of the task.
         twist: Δt, shape (6,).
-        h: Joint displacement wished for, shape (n,).
+        h: Desired joint displacement, shape (n,).
         operational: T_O; full if ``None``. J† is the inverse of T_O J, and 1 − T is T_O − T.
         manipulator_redundancy: Add (1 − J†J) h.
     """
     j, dt = _step(jacobian, twist)
     t = projector_matrix("projector", projector)
     t_o = projector_matrix("operational", operational)
-    wish = finite_array("h", h, (j.shape[1],))
+    desired = finite_array("h", h, (j.shape[1],))
     inverse = np.linalg.pinv(t_o @ j)
-    step = inverse @ (t @ dt) + inverse @ ((t_o - t) @ j @ wish)
+    step = inverse @ (t @ dt) + inverse @ ((t_o - t) @ j @ desired)
     if manipulator_redundancy:
-        step = step + wish - inverse @ (t_o @ j @ wish)
+        step = step + desired - inverse @ (t_o @ j @ desired)
     return step
 
 

@@ -73,11 +73,11 @@ class Comparison:
 
         ``None`` where no plan has found it, or the methods started differently.
         """
-        for lap in self.trajectories.values():
-            if lap.z_bound is not None and math.isfinite(lap.z_bound):
+        for run in self.trajectories.values():
+            if run.z_bound is not None and math.isfinite(run.z_bound):
                 starts = np.array([other.q[0] for other in self.trajectories.values()])
-                same = np.abs(starts - lap.q[0]).max() < _SAME_START
-                return lap.z_bound if same else None
+                same = np.abs(starts - run.q[0]).max() < _SAME_START
+                return run.z_bound if same else None
         return None
 
     def findings(self) -> list[str]:

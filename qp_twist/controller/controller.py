@@ -310,14 +310,14 @@ class Controller:
 
     def _pose(self, configuration: mink.Configuration, dt: float, use_secondary: bool) -> Posed:
         nv = self.model.nv
-        wish = np.zeros(nv)
+        desired = np.zeros(nv)
         if use_secondary:
-            wish = total_displacement(self.secondary, configuration) / dt
+            desired = total_displacement(self.secondary, configuration) / dt
         levels = pose_levels(self.levels, configuration, dt, self.singularity)
         A, b = levels.equality
         if self.secondary_space == "joint":
             weights = self.joint_weight * self.metric
-            H, c = self._identity * weights, -weights * wish
+            H, c = self._identity * weights, -weights * desired
         else:
             free = np.vstack(
                 [
@@ -329,7 +329,7 @@ class Controller:
             # AᵀA is constant where A q̇ = b holds: it changes no solution, but with it H is near
             # JᵀJ instead of near singular.
             H = cost + A.T @ A
-            c = -cost @ wish
+            c = -cost @ desired
         if self.soft_tasks:
             hessian, linear = mink_costs(self.soft_tasks, configuration, dt)
             H, c = H + hessian, c + linear
@@ -337,7 +337,7 @@ class Controller:
         problem = QuadraticProgram(
             H, c, A, b, limits.rows, limits.bounds, limits.lower, limits.upper
         )
-        check_magnitudes(problem, wish)
+        check_magnitudes(problem, desired)
         return Posed.of(with_soft_bands(problem, levels.soft_bands), levels, limits)
 
     def _check_types(self) -> None:

@@ -378,9 +378,9 @@ def check_speed(what: str, values: Array) -> None:
         )
 
 
-def check_magnitudes(problem: QuadraticProgram, wish: Array) -> None:
+def check_magnitudes(problem: QuadraticProgram, desired: Array) -> None:
     """Refuse what no solver can work with, and no robot: the loops of some would not end."""
-    check_speed("the secondary asks", wish)
+    check_speed("the secondary asks", desired)
     if problem.pull <= STEEPEST * problem.steepest < math.inf:  # false for NaN
         return
     if not (np.isfinite(problem.H).all() and np.isfinite(problem.c).all()):

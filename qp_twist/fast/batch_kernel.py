@@ -66,7 +66,7 @@ def closed_forms(arm, kinds, shape, held_kinds, held_shape, form, q, targets, h,
         form: Which closed form.
         q: Configurations, (K, nq).
         targets: R_d (9), p_d (3) and twist (6), (K, 18).
-        h: Displacements wished for, (K, nv); or (0, nv), none.
+        h: Desired displacements, (K, nv); or (0, nv), none.
         moved: Result, (K, nv).
         done: Result, where the rows are independent, (K,).
     """

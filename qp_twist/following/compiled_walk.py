@@ -8,7 +8,7 @@ import numpy.typing as npt
 from qp_twist.checks import Array, Indices
 from qp_twist.controller.controller import SINGULARITY, UNSEEN_WEIGHT
 from qp_twist.controller.step_tables import TOLERANCES, settings_of, table_of
-from qp_twist.fast import lap_kernel
+from qp_twist.fast import follow_kernel
 from qp_twist.fast.arm_kernel import Arm
 from qp_twist.fast.path_kernel import Rows
 from qp_twist.fast.step_kernel import STEP, Given, Settings
@@ -51,7 +51,7 @@ class CompiledWalk:
         durations = path_task.durations
         if durations is None:
             durations = np.ones(len(waypoints))
-        self._path = lap_kernel.Path(
+        self._path = follow_kernel.Path(
             rows_of(
                 *distinct_projectors(held),
                 rotations,
@@ -76,7 +76,7 @@ class CompiledWalk:
         )
         self._measured = rows_of(*distinct_projectors(path_task.in_force), rotations, positions)
         self._ranks = np.array([projector.rank for projector in path_task.in_force])
-        # On nothing, so that compiling, or loading what was compiled, is not a lap's time.
+        # On nothing, so that compiling, or loading what was compiled, is not a run's time.
         self.on_from(ranges.middle, len(waypoints))
 
     def toward(self, references: Array) -> None:
@@ -94,20 +94,20 @@ class CompiledWalk:
         q = np.zeros((count, len(start)))
         q[first - 1] = start
         iterations = np.zeros(count, dtype=np.int64)
-        end = lap_kernel.follow(self._arm, self._way, self._path, first, q, iterations)
+        end = follow_kernel.follow(self._arm, self._way, self._path, first, q, iterations)
         q = q[first:end]
         return q, iterations[first:end], *self.measured(q, np.arange(first, end))
 
     def many(self, moves: Array, starts: Array, kept: Array, numbers: Array, ends: Counts) -> None:
-        """Many laps; the arrays are those of ``lap_kernel.follow_many``."""
-        lap_kernel.follow_many(
+        """Many runs; the arrays are those of ``follow_kernel.follow_many``."""
+        follow_kernel.follow_many(
             self._arm, self._way, self._path, self._measured, moves, starts, self._weight,
             self._middle, kept, numbers, ends,
         )  # fmt: skip
 
     def correct_starts(self, moves: Array, starts: Array) -> None:
         """Towards the first waypoints of paths that are moved, (K, nq) in place."""
-        lap_kernel.onto_start(self._arm, self._correction, self._path, moves, starts)
+        follow_kernel.onto_start(self._arm, self._correction, self._path, moves, starts)
 
     def start_errors(self, moves: Array, starts: Array) -> Array:
         """Lengths of the task errors on the first waypoints of paths that are moved, (K, 2)."""
@@ -134,7 +134,7 @@ class CompiledWalk:
 
     def _way_of(
         self, path_task: PathTask, method: str, settings: MethodSettings, ranges: JointRanges
-    ) -> lap_kernel.Way:
+    ) -> follow_kernel.Way:
         kind, model = METHODS[method], path_task.model
         pull, metric = np.zeros(model.nv), np.ones(model.nv)
         if settings.secondary == "centering":
@@ -150,7 +150,7 @@ class CompiledWalk:
         table, types = table_of(limits.limits if kind.constrained else [], model.nv)
         twist_space = True if kind.constrained and kind.space == "twist" else None
         weight = UNSEEN_WEIGHT if twist_space else 1.0
-        return lap_kernel.Way(
+        return follow_kernel.Way(
             kind.constrained,
             twist_space,
             settings.iterations,
@@ -209,5 +209,5 @@ def walk_known(path_task: PathTask, method: str, settings: MethodSettings) -> bo
 def _measure(arm: Arm, rows: Rows, q: Array) -> tuple[Array, Array]:
     """Lengths of the task errors (K, 2), m and rad, and the rows UᵀJ (K, 6, nv)."""
     errors, found = np.zeros((len(q), 2)), np.zeros((len(q), 6, q.shape[1]))
-    lap_kernel.measure(arm, rows, q, errors, found)
+    follow_kernel.measure(arm, rows, q, errors, found)
     return errors, found

@@ -1,4 +1,4 @@
-"""Starts that are found: the most central ones of every branch, each tried with a lap."""
+"""Starts that are found: the most central ones of every branch, each tried with a run."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from qp_twist.planning import CentralConfiguration, central_configurations, what
 from qp_twist.planning.path_rows import PathRows
 
 _KEPT_M, _KEPT_RAD = 1e-5, 1e-5
-"""A lap ends where it is further off the path."""
+"""A run ends where it is further off the path."""
 
 
 class NoStart(InvalidInput):
@@ -45,10 +45,10 @@ class FoundStart:
         margin: 1 − |θ − θ̄|/half-range of the joint that is nearest to a limit; ∞ without limits.
         z: ½‖W(θ̄ − θ)‖², the least nearby.
         sigma_min: Smallest singular value of the task rows UᵀJ; small near a singularity.
-        reached: Waypoints that a lap from it kept to the path, the first one counted; 0 where no
-            lap was run.
+        reached: Waypoints that a run from it kept to the path, the first one counted; 0 where no
+            run was run.
         waypoints: Of the path.
-        stopped_by: What a lap that was not completed was held by, where it is known.
+        stopped_by: What a run that was not completed was held by, where it is known.
     """
 
     q: Array
@@ -62,7 +62,7 @@ class FoundStart:
 
     @property
     def completed(self) -> bool:
-        """Whether the lap reached the last waypoint."""
+        """Whether the run reached the last waypoint."""
         return self.reached == self.waypoints
 
     def __repr__(self) -> str:
@@ -78,24 +78,24 @@ def find_starts(
     count: int = 8,
     *,
     method: str = DEFAULT_METHOD,
-    laps: bool = True,
+    runs: bool = True,
     progress: Callable[[int, int], None] | None = None,
 ) -> list[FoundStart]:
     """Where the robot may start: candidates on the first waypoint, the best first.
 
     Each candidate is inside the limits and hard bands and has less z than all configurations near
     it; they come from every branch of the closed-form inverse kinematics of an industrial arm, or
-    from many random seeds on any other one (hinges and slides, with and without limits). A lap from
+    from many random seeds on any other one (hinges and slides, with and without limits). A run from
     each of them says how far it leads: what is best at the first waypoint may end at a limit or a
     singularity later. Where joint speeds ask for it, it passes the path more slowly than the feed,
-    as ``follow(…, slow_down=True)`` does. Those whose lap is completed come first, by z; the others
+    as ``follow(…, slow_down=True)`` does. Those whose run is completed come first, by z; the others
     by how far they come.
 
     Args:
         path_task: The task, from :func:`~qp_twist.load_task`.
         count: Most candidates. The best of every branch come before second ones of a branch.
-        method: Of the laps; one that holds the limits.
-        laps: Whether to run them. Without, candidates are in the order of z.
+        method: Of the runs; one that holds the limits.
+        runs: Whether to run them. Without, candidates are in the order of z.
         progress: Called with the number of candidates done and their number.
 
     Raises:
@@ -113,11 +113,11 @@ def find_starts(
     whole_number("find_starts(count=…)", count, at_least=1)
     found: list[FoundStart] = []
     candidates = _chosen(_candidates(path_task), count)
-    for number, start in enumerate(_tried(path_task, candidates, check_method(method), laps)):
+    for number, start in enumerate(_tried(path_task, candidates, check_method(method), runs)):
         found.append(start)
         if progress is not None:
             progress(number + 1, len(candidates))
-    if not laps:
+    if not runs:
         return sorted(found, key=lambda start: start.z)
     return sorted(found, key=lambda start: (-start.reached, start.z))
 
@@ -149,11 +149,11 @@ def _chosen(found: Sequence[CentralConfiguration], count: int) -> list[CentralCo
 
 
 def _tried(
-    path_task: PathTask, candidates: Sequence[CentralConfiguration], method: str, laps: bool
+    path_task: PathTask, candidates: Sequence[CentralConfiguration], method: str, runs: bool
 ) -> Iterator[FoundStart]:
     ranges, rows = JointRanges.of(path_task.model), PathRows(path_task)
     for candidate in candidates:
-        reached, stopped_by = _lap(path_task, candidate.q, method) if laps else (0, "")
+        reached, stopped_by = _run(path_task, candidate.q, method) if runs else (0, "")
         yield FoundStart(
             candidate.q,
             candidate.branch,
@@ -166,19 +166,19 @@ def _tried(
         )
 
 
-def _lap(path_task: PathTask, q: Array, method: str) -> tuple[int, str]:
-    """How many waypoints a lap from q keeps to the path, slowed down, and what ended it."""
+def _run(path_task: PathTask, q: Array, method: str) -> tuple[int, str]:
+    """How many waypoints a run from q keeps to the path, slowed down, and what ended it."""
     task = path_task.started_at(q)
 
     def lost(q: Array, position_error: float, axis_error: float) -> bool:
         return position_error > _KEPT_M or axis_error > _KEPT_RAD
 
     try:
-        lap = walk(task, method, task.settings(method), solver=COMPILED, slow_down=True, stop=lost)
+        run = walk(task, method, task.settings(method), solver=COMPILED, slow_down=True, stop=lost)
     except InvalidInput as error:  # what T leaves free may still be outside a limit of the method
         return 0, str(error)
-    off = (lap.position_error > _KEPT_M) | (lap.axis_error > _KEPT_RAD)
+    off = (run.position_error > _KEPT_M) | (run.axis_error > _KEPT_RAD)
     if not off.any():
-        return len(lap.q), ""
+        return len(run.q), ""
     last = int(np.argmax(off))
-    return last, lap.failure or ", ".join(lap.binding[last])
+    return last, run.failure or ", ".join(run.binding[last])

@@ -87,17 +87,17 @@ def plan(
         first = corrected_start(path_task, path_task.waypoints[0], holds_limits=True)
     names = [check_method(name) for name in seeds]
 
-    def laps(start: Array | None) -> list[Array]:
+    def runs(start: Array | None) -> list[Array]:
         task = path_task if start is None else dataclasses.replace(path_task, start=start)
-        found = [_lap(task, name, progress) for name in names]
+        found = [_run(task, name, progress) for name in names]
         if start is None:
-            return [lap for lap in found if lap is not None]
-        return [np.vstack([start[None], lap[1:]]) for lap in found if lap is not None]
+            return [run for run in found if run is not None]
+        return [np.vstack([start[None], run[1:]]) for run in found if run is not None]
 
-    return make_plan(path_task, objective, first, max_step_deg, laps, progress)
+    return make_plan(path_task, objective, first, max_step_deg, runs, progress)
 
 
-def _lap(
+def _run(
     path_task: PathTask, method: str, progress: Callable[[str, float], None] | None
 ) -> Array | None:
     """A method's joint path; ``None`` where it has none on the path."""
@@ -107,7 +107,7 @@ def _lap(
 
     def report(done: int) -> None:
         if progress is not None:
-            progress(f"lap of {method}", done / (len(path_task.waypoints) - 1))
+            progress(f"run of {method}", done / (len(path_task.waypoints) - 1))
 
     settings = path_task.settings(method)
     try:

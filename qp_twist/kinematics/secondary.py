@@ -14,7 +14,7 @@ from qp_twist.errors import InvalidInput
 
 
 class SecondaryObjective(mink.Task):
-    r"""Base of the secondary objectives: a wish **h** for the joint displacement of one step.
+    r"""Base of the secondary objectives: a desired displacement **h** of the joints in one step.
 
     In :class:`~qp_twist.Controller` the h of all objectives add up and the free motion follows
     their sum. As a plain :class:`mink.Task` an objective is the soft cost
@@ -35,7 +35,7 @@ class SecondaryObjective(mink.Task):
 
     @abc.abstractmethod
     def direction(self, configuration: mink.Configuration) -> Array:
-        """The displacement wished for at gain 1, rad or m, shape (nv,)."""
+        """The desired displacement at gain 1, rad or m, shape (nv,)."""
 
     def displacement(self, configuration: mink.Configuration) -> Array:
         """h = gain · direction, rad or m, shape (nv,)."""

@@ -47,7 +47,7 @@ def spherical_patch_edges(
 ) -> tuple[Array, Array]:
     """The four edges of the cap of a sphere cut out by |x| ≤ half_width[0], |y| ≤ half_width[1].
 
-    The lap runs (−,−) → (+,−) → (+,+) → (−,+) → start, uniform in the edge's coordinate.
+    The edge goes (−,−) → (+,−) → (+,+) → (−,+) → start, uniform in the edge's coordinate.
 
     Args:
         center: Centre of the sphere in the world, m, (3,).

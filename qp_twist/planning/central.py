@@ -233,8 +233,8 @@ class _Descent:
             moved = self._solved(there, ones, 0.0 * ones, radius)
         return None
 
-    def _solved(self, q: Array, weight: Array, wish: Array, radius: float) -> Array | None:
-        """q + N u of least ‖weight · N u − wish‖ within the limits, no entry of u above radius."""
+    def _solved(self, q: Array, weight: Array, desired: Array, radius: float) -> Array | None:
+        """q + N u of least ‖weight · N u − desired‖ within the limits, no entry of u > radius."""
         [basis] = self.rows.motions(q[None], np.array([self.index]))
         count = basis.shape[1]
         weighted = weight[:, None] * basis
@@ -247,7 +247,7 @@ class _Descent:
         problem = QuadraticProgram(
             # Joints without limits weigh nothing; a little keeps them where they are.
             weighted.T @ weighted + 1e-9 * np.eye(count),
-            -weighted.T @ wish,
+            -weighted.T @ desired,
             np.zeros((0, count)),
             np.zeros(0),
             G[bounded],

@@ -18,7 +18,7 @@ from qp_twist.planning.certificate import Certificate
 from qp_twist.planning.hard_constraints import WITHIN, HardConstraints
 from qp_twist.planning.objective import Objective
 from qp_twist.planning.path_constraints import PathConstraints
-from qp_twist.planning.search import Laps, Progress, Search
+from qp_twist.planning.search import Progress, Search, Trials
 from qp_twist.referee import (
     Finding,
     JointMotion,
@@ -186,12 +186,12 @@ def make_plan(
     objective: str | Mapping[str, float],
     start: npt.ArrayLike | None,
     max_step_deg: float | None,
-    laps: Laps,
+    runs: Trials,
     progress: Progress | None = None,
 ) -> Plan:
     """The best motion that a search finds; see :func:`qp_twist.plan`.
 
-    ``start`` stands on the first waypoint. ``laps`` gives joint paths (N, nq) of other methods.
+    ``start`` stands on the first waypoint. ``runs`` gives joint paths (N, nq) of other methods.
     """
     instance("plan(path_task, …)", path_task, PathTask)
     if len(path_task.waypoints) < 2:
@@ -216,7 +216,7 @@ def make_plan(
             name = ranges.names[int(np.argmax(outside))]
             raise InvalidInput(f"plan: the start is outside the limits of {name}.")
         _check_inside_bands(limits, first)
-    found = Search(path_task, goal, limits, first, laps, progress).run()
+    found = Search(path_task, goal, limits, first, runs, progress).run()
     path = found.path
     return Plan(
         path_task,

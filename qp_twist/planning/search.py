@@ -23,7 +23,7 @@ from qp_twist.planning.roadmap import Grid, Roadmap
 from qp_twist.planning.shortest_path import Edges, Way, edges, shortest_way, widest_way
 
 Progress = Callable[[str, float], None]
-Laps = Callable[[Array | None], list[Array]]
+Trials = Callable[[Array | None], list[Array]]
 """Joint paths (N, nv) of other methods from a start (nv,); from the task's own if ``None``."""
 
 COARSEST = np.radians(15.0)
@@ -112,7 +112,7 @@ class Search:
         objective: Objective,
         limits: PathConstraints,
         start: Array | None,
-        laps: Laps | None = None,
+        runs: Trials | None = None,
         progress: Progress | None = None,
     ) -> None:
         """Prepare.
@@ -122,14 +122,14 @@ class Search:
             objective: What to be best in.
             limits: What holds at and between the waypoints.
             start: The first configuration, on the first waypoint, (nv,), or ``None``.
-            laps: Gives the paths of other methods, from which the search may also go on.
+            runs: Gives the paths of other methods, from which the search may also go on.
             progress: Called with what is being done and the share of it that is.
         """
         self.path_task = path_task
         self.objective = objective
         self.limits = limits
         self.start = start
-        self.laps = laps or (lambda start: [])
+        self.runs = runs or (lambda start: [])
         self.rows = PathRows(path_task)
         self._progress = progress or (lambda what, share: None)
         ranges = limits.ranges
@@ -168,12 +168,12 @@ class Search:
         return replace(found, path=best, certificate=certificate, bound=self._stated(bound))
 
     def _tried(self, start: Array | None) -> list[Refined]:
-        """The laps of other methods that can be brought onto their waypoints, improved a little."""
+        """The runs of other methods that can be brought onto their waypoints, improved a little."""
         tried, at = [], np.arange(len(self.path_task.waypoints))
-        for lap in self.laps(start):
-            on_path, arrived = self.rows.correct(lap, at)
+        for run in self.runs(start):
+            on_path, arrived = self.rows.correct(run, at)
             if arrived.all():
-                on_path[0] = lap[0]
+                on_path[0] = run[0]
                 tried.append(self._improved(on_path, iterations=_TRIAL))
         return tried
 

@@ -102,11 +102,11 @@ def solve_levels(
     parsed = _levels(levels, n)
     one_of("on_infeasible", on_infeasible, ("scale", "relax", "raise"))
     check_solver(solver)
-    wish = np.zeros(n) if reference is None else _array("reference", reference, (n,))
+    desired = np.zeros(n) if reference is None else _array("reference", reference, (n,))
     problem = QuadraticProgram(
-        np.eye(n), -wish, parsed[0].A, parsed[0].b, parsed[0].G, parsed[0].g, low, high
+        np.eye(n), -desired, parsed[0].A, parsed[0].b, parsed[0].G, parsed[0].g, low, high
     )
-    scale, start, multipliers = 1.0, np.clip(wish, low, high), None
+    scale, start, multipliers = 1.0, np.clip(desired, low, high), None
     closest = lexicographic(parsed[:1], low, high, start).x
     if not parsed[0].met(closest) and on_infeasible != "relax":
         largest = largest_scale(problem)

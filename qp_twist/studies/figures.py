@@ -96,7 +96,7 @@ def _ends(values: Array) -> tuple[float, float]:
 
 
 def fault_figure(title: str, summaries: list[MethodSummary]) -> Figure:
-    """How laps of feasible samples end, a bar a method."""
+    """How runs of feasible samples end, a bar a method."""
     with mpl.rc_context(RC | {"axes.grid": False}):
         figure = Figure(figsize=(9.5, 0.42 * len(summaries) + 1.7), layout="constrained")
         panel = figure.subplots()
@@ -121,7 +121,7 @@ def fault_figure(title: str, summaries: list[MethodSummary]) -> Figure:
 
 
 def z_figure(title: str, columns: dict[str, Any], methods: tuple[str, ...]) -> Figure:
-    """Mean z of successful laps over the mean of each waypoint's least, as a distribution."""
+    """Mean z of successful runs over the mean of each waypoint's least, as a distribution."""
     name, ratio = np.array(columns["method"]), numbers(columns["z_over_least"])
     with mpl.rc_context(RC):
         figure = Figure(figsize=(9.5, 4.2), layout="constrained")
@@ -135,8 +135,8 @@ def z_figure(title: str, columns: dict[str, Any], methods: tuple[str, ...]) -> F
         panel.xaxis.set_major_locator(FixedLocator(_RATIOS))
         panel.xaxis.set_major_formatter(FuncFormatter(lambda x, _: f"{x:g}"))
         panel.xaxis.set_minor_locator(NullLocator())
-        panel.set_xlabel("mean z of the lap / mean of what each of its waypoints has at least")
-        panel.set_ylabel("% of the method's successful laps")
+        panel.set_xlabel("mean z of the run / mean of what each of its waypoints has at least")
+        panel.set_ylabel("% of the method's successful runs")
         panel.set_ylim(0.0, 100.0)
         if panel.get_legend_handles_labels()[0]:
             figure.legend(loc="outside right upper")

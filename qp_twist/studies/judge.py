@@ -42,7 +42,7 @@ _HAIR = 1e-9
 
 @dataclass(frozen=True)
 class Fault:
-    """Why a lap is no success.
+    """Why a run is no success.
 
     Attributes:
         kind: ``limit``: a joint left its range; ``jump``: it moved further than it may from a
@@ -74,14 +74,14 @@ class Judge:
         self._waypoint = 1
 
     def stop(self, q: Array, position_error: float, axis_error: float) -> bool:
-        """Whether the lap has a fault; for :func:`~qp_twist.follow`, after the first waypoint."""
+        """Whether the run has a fault; for :func:`~qp_twist.follow`, after the first waypoint."""
         self._waypoint += 1
         fault = self._at(self._waypoint, self._before, q, position_error, axis_error)
         self._before = q.copy()
         return fault is not None
 
     def fault(self, trajectory: Trajectory) -> Fault | None:
-        """The first fault of a whole lap; ``None`` if it is a success."""
+        """The first fault of a whole run; ``None`` if it is a success."""
         count, before = len(trajectory.path_task.waypoints), None
         left = trajectory.constraint_excess
         for index, q in enumerate(trajectory.q):

@@ -101,16 +101,16 @@ def _rows(job: Job, sample: Sample) -> list[Row]:
 
 
 def _is_followed(path_task: PathTask, sample: Sample) -> bool:
-    """Whether a lap of other methods is a motion without fault: sooner said than by a plan."""
+    """Whether a run of other methods is a motion without fault: sooner said than by a plan."""
     if sample.no_start.issuperset(sample.methods):
         return False
     for method in SEEDS:
         judge = Judge(path_task, section_of(path_task))
         try:
-            lap = follow(path_task, method, solver=COMPILED, stop=judge.stop)
+            run = follow(path_task, method, solver=COMPILED, stop=judge.stop)
         except QpTwistError:  # it has no start
             continue
-        if judge.fault(lap) is None:
+        if judge.fault(run) is None:
             return True
     return False
 
@@ -137,16 +137,16 @@ def _method_row(
             planned = known or plan(path_task, settings.objective, path_task.start)
             if planned.q is None:
                 return _row(sample, method, Fault("no plan", message=str(planned.certificate)))
-        lap = follow(path_task, method, solver=sample.solver, stop=judge.stop, plan=planned)
+        run = follow(path_task, method, solver=sample.solver, stop=judge.stop, plan=planned)
     except QpTwistError as error:
         return _row(sample, method, Fault("start", message=str(error)))
-    row = _row(sample, method, judge.fault(lap), lap)
+    row = _row(sample, method, judge.fault(run), run)
     if row["success"]:
-        row["z_over_least"] = float(lap.z[looked_at(path_task)].mean()) / least
+        row["z_over_least"] = float(run.z[looked_at(path_task)].mean()) / least
     return {**row, "seconds": time.perf_counter() - began}
 
 
-def _row(sample: Sample, method: str, fault: Fault | None, lap: Trajectory | None = None) -> Row:
+def _row(sample: Sample, method: str, fault: Fault | None, run: Trajectory | None = None) -> Row:
     row: Row = {
         "sample": sample.index,
         "method": method,
@@ -157,10 +157,10 @@ def _row(sample: Sample, method: str, fault: Fault | None, lap: Trajectory | Non
         "waypoint": None if fault is None else fault.waypoint,
         "message": "" if fault is None else fault.message,
     }
-    if lap is not None:
-        numbers = metrics(lap)
+    if run is not None:
+        numbers = metrics(run)
         row |= {name: numbers[name] for name in NUMBERS}
-        row["waypoints"] = len(lap.q)
+        row["waypoints"] = len(run.q)
     return row
 
 

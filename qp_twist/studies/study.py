@@ -152,7 +152,7 @@ class Study:
 
     def figures(self) -> dict[str, Figure]:
         """Matplotlib figures by name: ``faults``, ``z``, and ``maps`` where placements vary."""
-        # Matplotlib, which the processes that follow the laps have no use for.
+        # Matplotlib, which the processes that follow the runs have no use for.
         from qp_twist.studies.figures import fault_figure, map_figure, z_figure
 
         found = {"faults": fault_figure(self.title, self.summary())}

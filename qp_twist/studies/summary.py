@@ -60,8 +60,8 @@ class MethodSummary:
         feasible: Successes of the samples that have a motion inside the limits from some start; of
             none where that is not known of all.
         possible: Successes of the samples of which it is not known that they have none.
-        faults: How often each fault ended a lap, of possible samples; kind, then joint.
-        waypoints: Quartiles of the waypoint at which laps of possible samples failed.
+        faults: How often each fault ended a run, of possible samples; kind, then joint.
+        waypoints: Quartiles of the waypoint at which runs of possible samples failed.
         over_least: Median of z_over_least, of successes.
     """
 

@@ -1,9 +1,9 @@
 """The live page: robot, workpiece and path in a browser, played, dragged and varied."""
 
-from .lap import Lap as Lap
-from .lap import Moment as Moment
-from .lap import run_lap as run_lap
 from .live_arm import LiveArm as LiveArm
+from .one_run import Moment as Moment
+from .one_run import Run as Run
+from .one_run import run_once as run_once
 from .port import free_port as free_port
 from .projectors import projector_choices as projector_choices
 from .session import Session as Session

@@ -15,7 +15,7 @@ from qp_twist.following.resolver import secondary_objectives
 from qp_twist.kinematics import JointRanges, TwistTask
 from qp_twist.limits import MotionLimit
 from qp_twist.path import METHODS, MethodSettings, PathTask
-from qp_twist.viewing.lap import Moment
+from qp_twist.viewing.one_run import Moment
 from qp_twist.viewing.projectors import with_projector
 from qp_twist.viewing.roll import Roll
 from qp_twist.viewing.settings import Settings

@@ -16,7 +16,7 @@ from qp_twist.comparison.local_server import LocalServer
 from qp_twist.comparison.roadmap_figure import applies_to
 from qp_twist.path import METHODS
 from qp_twist.viewing.bars import joint_bars
-from qp_twist.viewing.lap import Lap, Moment
+from qp_twist.viewing.one_run import Moment, Run
 from qp_twist.viewing.projectors import projector_choices
 from qp_twist.viewing.readings import LEGEND, heading, note, readings, sentence
 from qp_twist.viewing.roadmap import roadmap_pixels
@@ -54,7 +54,7 @@ class Page:
             brand_color=(0, 114, 178),
         )  # fmt: skip
         self.stage = Stage(self.server, session.task, session.handle)
-        self._drawn: tuple[Lap | None, object] = (None, session.task)
+        self._drawn: tuple[Run | None, object] = (None, session.task)
         self._shown: Moment | None = None
         self._marked: mink.SE3 | None = None
         self._texts: dict[str, str] = {}
@@ -83,13 +83,13 @@ class Page:
     def _read(self, moment: Moment) -> None:
         session = self.session
         # Each read once: viser's threads and the worker change them in between.
-        arm, lap, computing = session.arm, session.lap, session.computing
+        arm, run, computing = session.arm, session.run, session.computing
         if arm is not None:
             text = f"in the hand, by {arm.method}: {moment.sentence}"
             wrong = not moment.sentence.startswith("solved")
         else:
             text = session.status()
-            ok = lap is not None and lap.status == "ok"
+            ok = run is not None and run.status == "ok"
             wrong = bool(session.problem) or not (ok or computing is not None)
         self._write("status", sentence(text, wrong=wrong))
         self._write("bars", joint_bars(session.ranges, moment.q, moment.binding))
@@ -241,7 +241,7 @@ class Page:
         self.take_hand(self.session.arm is None)
 
     def take_hand(self, take: bool) -> None:
-        """Take the tool in the hand, its handle where it stands; or go back to the lap."""
+        """Take the tool in the hand, its handle where it stands; or go back to the run."""
         if take:
             pose = self.session.grasp()
             self.stage.target.position = pose.translation()
@@ -265,12 +265,12 @@ class Page:
 
     def _draw_roadmap(self) -> None:
         """Draw it, in viser's thread of the click, and show it in a window of its own."""
-        lap = self.session.lap
-        if lap is None or self._roadmap.disabled:
+        run = self.session.run
+        if run is None or self._roadmap.disabled:
             return
         self._roadmap.disabled, self._roadmap.label = True, "Drawing the roadmap"
         try:
-            problem, pixels = "", roadmap_pixels(lap)
+            problem, pixels = "", roadmap_pixels(run)
         except mink.MinkError as error:
             problem = str(error)
         gui = self.server.gui
@@ -281,7 +281,7 @@ class Page:
             if problem:
                 gui.add_html(sentence(problem, wrong=True))
             else:
-                gui.add_image(pixels, label=f"with {lap.trajectory.method}", format="png")
+                gui.add_image(pixels, label=f"with {run.trajectory.method}", format="png")
         panel.float(x=15, y=15, width=760)
         self._roadmap.disabled, self._roadmap.label = False, "Roadmap"
 
@@ -306,16 +306,16 @@ class Page:
 
     def _show(self, moment: Moment) -> None:
         session = self.session
-        task, lap = session.task, session.lap  # another thread may replace them meanwhile
+        task, run = session.task, session.run  # another thread may replace them meanwhile
         with self.server.atomic():
             if self._shown is None or not np.array_equal(moment.q, self._shown.q):
                 self.stage.show(moment.q)
-            drawn_lap, drawn_task = self._drawn
+            drawn_run, drawn_task = self._drawn
             if task is not drawn_task:
                 self.stage.draw_path(task)
-            if lap is not drawn_lap:
-                self.stage.draw_trace(None if lap is None else lap.trace)
-            self._drawn = (lap, task)
+            if run is not drawn_run:
+                self.stage.draw_trace(None if run is None else run.trace)
+            self._drawn = (run, task)
             index = int(session.index)
             waypoint = task.waypoints[index]
             if waypoint is not self._marked:

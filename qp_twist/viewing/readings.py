@@ -9,7 +9,7 @@ import numpy as np
 from qp_twist.kinematics import JointRanges
 from qp_twist.viewing.bars import INK, QUIET
 from qp_twist.viewing.dial import roll_dial
-from qp_twist.viewing.lap import Moment
+from qp_twist.viewing.one_run import Moment
 
 LEGEND = (
     f'<div style="font-size:11px;line-height:1.5;color:{QUIET};padding:6px 12px">● inside its '

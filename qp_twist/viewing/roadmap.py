@@ -1,4 +1,4 @@
-"""The roadmap of a lap as pixels."""
+"""The roadmap of a run as pixels."""
 
 from __future__ import annotations
 
@@ -9,17 +9,19 @@ import numpy.typing as npt
 from PIL import Image
 
 from qp_twist.comparison.roadmap_figure import roadmap_figure
-from qp_twist.viewing.lap import Lap
+from qp_twist.viewing.one_run import Run
 
 _DPI = 100
 
 
-def roadmap_pixels(lap: Lap) -> npt.NDArray[np.uint8]:
-    """What the limits leave of the free motion, with the lap over it, (height, width, 3).
+def roadmap_pixels(run: Run) -> npt.NDArray[np.uint8]:
+    """What the limits leave of the free motion, with the run over it, (height, width, 3).
 
-    Where the workpiece stands now, with the projector that the lap was run with.
+    Where the workpiece stands now, with the projector that the run was run with.
     """
-    run = lap.trajectory
+    trajectory = run.trajectory
     buffer = io.BytesIO()
-    roadmap_figure(run.path_task, {run.method: run}).savefig(buffer, format="png", dpi=_DPI)
+    roadmap_figure(trajectory.path_task, {trajectory.method: trajectory}).savefig(
+        buffer, format="png", dpi=_DPI
+    )
     return np.asarray(Image.open(buffer).convert("RGB"))

@@ -1,4 +1,4 @@
-"""What the page is showing: a task, a choice of settings, a lap or an arm in the hand."""
+"""What the page is showing: a task, a choice of settings, a run or an arm in the hand."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from qp_twist.checks import Array
 from qp_twist.errors import InvalidInput
 from qp_twist.kinematics import JointRanges
 from qp_twist.path import PathTask, placed
-from qp_twist.viewing.lap import Lap, Moment, run_lap
-from qp_twist.viewing.laps import Laps
 from qp_twist.viewing.live_arm import LiveArm
+from qp_twist.viewing.one_run import Moment, Run, run_once
 from qp_twist.viewing.roll import Roll
+from qp_twist.viewing.runs import Runs
 from qp_twist.viewing.settings import Settings
 
 DEBOUNCE_S = 0.3
-"""The lap of a part that is being moved is computed when it has stood still for so long."""
+"""The run of a part that is being moved is computed when it has stood still for so long."""
 
 
 class Session:
@@ -32,14 +32,14 @@ class Session:
     Attributes:
         task: The task where its workpiece now stands.
         settings: What is chosen.
-        lap: The lap that is shown: of the settings, or, while that is computed, the one before;
+        run: The run that is shown: of the settings, or, while that is computed, the one before;
             ``None`` before the first, and where the settings have none.
         index: The waypoint that is shown, from 0; between two while it plays.
-        playing: Whether the lap is being played.
+        playing: Whether the run is being played.
         speed: Waypoints per second.
-        arm: The arm in the hand; ``None`` while a lap is shown.
+        arm: The arm in the hand; ``None`` while a run is shown.
         on_infeasible: What the arm in the hand does at its limits.
-        problem: Why the settings have no lap; empty where they have.
+        problem: Why the settings have no run; empty where they have.
     """
 
     def __init__(self, path_task: PathTask, settings: Settings) -> None:
@@ -48,8 +48,8 @@ class Session:
         self.task = path_task
         self.settings = settings
         self.ranges = JointRanges.of(path_task.model)
-        self.laps = Laps()
-        self.lap: Lap | None = None
+        self.runs = Runs()
+        self.run: Run | None = None
         self.index = 0.0
         self.playing = False
         self.speed = 30.0
@@ -79,7 +79,7 @@ class Session:
         return None if study is None or study.placement is None else study.placement.body
 
     def place(self, pose: mink.SE3) -> None:
-        """Put the workpiece's point and its axes elsewhere; the lap follows in a moment.
+        """Put the workpiece's point and its axes elsewhere; the run follows in a moment.
 
         A pose that is no place for the task changes nothing but :attr:`problem`.
         """
@@ -115,27 +115,27 @@ class Session:
 
     @property
     def key(self) -> tuple[object, ...]:
-        """What the lap that is wanted depends on."""
+        """What the run that is wanted depends on."""
         return (self.settings, self._placement)
 
     @property
     def computing(self) -> tuple[float, str] | None:
-        """The share of the lap under way that is done, and what is being done."""
-        return (0.0, "waiting") if self._due is not None else self.laps.progress
+        """The share of the run under way that is done, and what is being done."""
+        return (0.0, "waiting") if self._due is not None else self.runs.progress
 
     def _ask(self) -> None:
         task, settings = self.task, self.settings
         self.problem = ""
-        self.laps.want(self.key, lambda progress: run_lap(task, settings, progress))
+        self.runs.want(self.key, lambda progress: run_once(task, settings, progress))
         self._take()
 
     def _take(self) -> None:
-        """Show the lap that is wanted if it has come."""
-        found = self.laps.get(self.key)
+        """Show the run that is wanted if it has come."""
+        found = self.runs.get(self.key)
         if isinstance(found, str):
-            self.problem, self.lap = found, None
-        elif found is not None and found is not self.lap:
-            self.lap = found
+            self.problem, self.run = found, None
+        elif found is not None and found is not self.run:
+            self.run = found
             self.index = min(self.index, len(found) - 1.0)
 
     # The hand
@@ -147,7 +147,7 @@ class Session:
             return self._grip(self.moment().q, None).pose
 
     def release(self) -> None:
-        """Back to the lap."""
+        """Back to the run."""
         with self.lock:
             self.arm = None
 
@@ -188,31 +188,31 @@ class Session:
             self._take()
             if self.arm is not None:
                 return self.arm.step()
-            if self.playing and self.lap is not None:
+            if self.playing and self.run is not None:
                 self.index += self.speed * dt
-                if self.index > len(self.lap) - 1:
+                if self.index > len(self.run) - 1:
                     self.index = 0.0
             return self.moment()
 
     def moment(self) -> Moment:
-        """The waypoint that is shown; without a lap the start."""
+        """The waypoint that is shown; without a run the start."""
         with self.lock:
-            return self._start if self.lap is None else self.lap.moment(int(self.index))
+            return self._start if self.run is None else self.run.moment(int(self.index))
 
     def status(self) -> str:
         """What is shown, in a sentence."""
         with self.lock:
             if self.problem:
-                return f"{self.settings.method}: no lap: {self.problem}"
+                return f"{self.settings.method}: no run: {self.problem}"
             computing = self.computing  # once: the worker ends it at any time
             if computing is not None:
                 share, what = computing
                 return f"computing: {what} ({100 * share:.0f} %)"
-            return f"{self.settings.method}: {self.lap.status if self.lap else 'no lap yet'}"
+            return f"{self.settings.method}: {self.run.status if self.run else 'no run yet'}"
 
     def close(self) -> None:
         """End the worker."""
-        self.laps.close()
+        self.runs.close()
 
     def _at_start(self) -> Moment:
         q = self.base.start

@@ -15,7 +15,7 @@ WEIGHTS = ("gradient", "paper", "natural")
 
 @dataclass(frozen=True)
 class Settings:
-    """How a lap is run. Two laps with equal settings are the same lap.
+    """How a run is run. Two runs with equal settings are the same run.
 
     Attributes:
         method: Name of the method.

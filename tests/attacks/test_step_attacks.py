@@ -150,9 +150,9 @@ def test_of_limits_that_say_the_same_the_first_is_named(order: str) -> None:
         limits = {
             "a": AaaLimit(6, 0.01), "z": ZzzLimit(6, 0.01), "v": mink.VelocityLimit(model, speeds),
         }  # fmt: skip
-        wish = qt.PostureReference(model, np.full(6, 0.5))
+        desired = qt.PostureReference(model, np.full(6, 0.5))
         controller, _, configuration = plain_controller(
-            name, limits=[limits[letter] for letter in order], secondary=[wish]
+            name, limits=[limits[letter] for letter in order], secondary=[desired]
         )
         controller.twist_tasks[0].gain = 0.01
         found.append((controller, configuration))
@@ -220,14 +220,14 @@ def test_rows_may_be_matrices_or_masked() -> None:
         same(expected, step)
 
 
-@pytest.mark.parametrize("wish", [np.ones(3), np.ones((6, 1)), None, "a"])
-def test_a_wish_of_another_shape_is_refused_with_the_name_of_who_has_it(wish: Any) -> None:
+@pytest.mark.parametrize("desired", [np.ones(3), np.ones((6, 1)), None, "a"])
+def test_a_wish_of_another_shape_is_refused_with_the_name_of_who_has_it(desired: Any) -> None:
     class Wishes(qt.SecondaryObjective):
         def direction(self, configuration: mink.Configuration) -> Any:
-            return wish
+            return desired
 
         def displacement(self, configuration: mink.Configuration) -> Any:
-            return wish
+            return desired
 
     model = qt.load_task("deburring").model
     controller, _, configuration = plain_controller("compiled", secondary=[Wishes(model)])

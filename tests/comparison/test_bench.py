@@ -63,7 +63,7 @@ def feasible_program(rng: np.random.Generator, n: int, equalities: int, rows: in
 
 def by_brute_force(program: Program) -> Array:
     """The best of the feasible points that some choice of active constraints leads to."""
-    n = len(program.wish)
+    n = len(program.desired)
     eye = np.eye(n)
     best, least = None, np.inf
     for sides in itertools.product((0, -1, 1), repeat=n):
@@ -79,10 +79,10 @@ def by_brute_force(program: Program) -> Array:
             )
             if len(rows) > n:
                 continue
-            x = program.wish + np.linalg.pinv(rows) @ (ends - rows @ program.wish)
+            x = program.desired + np.linalg.pinv(rows) @ (ends - rows @ program.desired)
             if program.residual(x) > 1e-8 or program.excess(x) > 1e-8:
                 continue
-            cost = float(np.sum((x - program.wish) ** 2))
+            cost = float(np.sum((x - program.desired) ** 2))
             if cost < least:
                 best, least = x, cost
     assert best is not None

@@ -161,7 +161,7 @@ def test_self_motion_manifolds_against_the_textbook() -> None:
 
 def test_a_trajectory_file_has_names_units_and_every_digit(tmp_path: Path) -> None:
     trajectory = qt.follow(qt.load_task("deburring"), "minimum_norm", iterations=2)
-    path = trajectory.save(tmp_path / "out" / "lap.csv")
+    path = trajectory.save(tmp_path / "out" / "run.csv")
     lines = path.read_text("utf-8").splitlines()
     comments = [line for line in lines if line.startswith("#")]
     assert "deburring" in comments[0]

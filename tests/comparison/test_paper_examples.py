@@ -29,7 +29,7 @@ def test_resolved_motion_rate_leaves_the_limits_of_joints_4_and_6(numbers: dict)
 
 
 def test_the_roll_rule_winds_or_not_by_the_sign_of_y(deburring: qt.Comparison) -> None:
-    # With the one sign joints 4 and 6 turn once a lap, with the other the lap closes.
+    # With the one sign joints 4 and 6 turn once a run, with the other the run closes.
     turns = {
         name: np.degrees(deburring.trajectories[name].q[-1] - deburring.trajectories[name].q[0])
         for name in ("rmr", "rmr_flipped")
@@ -180,8 +180,8 @@ def test_the_path_is_the_one_of_the_facts(deburring: qt.Comparison) -> None:
     assert np.degrees(np.arccos(-axes[0, 2])) == pytest.approx(36.1, abs=0.05)
     # Four arcs of circles of radius √(0.3² − 0.125²).
     radius = np.sqrt(0.3**2 - 0.125**2)
-    lap = 4 * 2 * radius * np.arcsin(0.125 / radius)
-    assert np.linalg.norm(np.diff(positions, axis=0), axis=1).sum() == pytest.approx(lap, abs=1e-4)
+    run = 4 * 2 * radius * np.arcsin(0.125 / radius)
+    assert np.linalg.norm(np.diff(positions, axis=0), axis=1).sum() == pytest.approx(run, abs=1e-4)
 
 
 def planar_twa(gain: float, q: np.ndarray) -> tuple[float, float]:
@@ -207,14 +207,14 @@ def planar_twa(gain: float, q: np.ndarray) -> tuple[float, float]:
 def test_at_small_gains_the_formula_avoids_limits_on_the_planar_line() -> None:
     """The region that docs/examples.md draws; at larger gains z is above minimum norm."""
     task = qt.load_task("planar_line")
-    lap = qt.follow(task, "minimum_norm")
-    shortest, start = lap.z.mean(), lap.q[0]
+    run = qt.follow(task, "minimum_norm")
+    shortest, start = run.z.mean(), run.q[0]
     for gain, stated in ((0.0005, 0.0545), (0.003, 0.0535), (0.006, 0.0540)):
         z, margin = planar_twa(gain, start)
-        lap = qt.follow(task, "twa", gain=gain)
+        run = qt.follow(task, "twa", gain=gain)
         assert z == pytest.approx(stated, abs=6e-5)
-        assert lap.z.mean() == pytest.approx(z, abs=1e-9)
-        assert lap.margins.min() == pytest.approx(margin, abs=1e-9)
+        assert run.z.mean() == pytest.approx(z, abs=1e-9)
+        assert run.margins.min() == pytest.approx(margin, abs=1e-9)
         assert z < planar_twa(0.0, start)[0] < shortest
         assert margin > 0.3
     assert planar_twa(0.008, start)[0] > shortest

@@ -126,13 +126,13 @@ def test_settings_reach_the_posture() -> None:
 def test_the_iterations_of_a_waypoint_share_its_speed() -> None:
     assert LAP.durations is not None
     slow = dataclasses.replace(PIECE, velocity_limits=np.full(6, 0.05))
-    lap = qt.follow(slow, "mink")
+    run = qt.follow(slow, "mink")
     assert slow.durations is not None
-    speeds = np.abs(np.diff(lap.q, axis=0)) / slow.durations[1:, None]
+    speeds = np.abs(np.diff(run.q, axis=0)) / slow.durations[1:, None]
     assert speeds.max() < 0.05 * (1.0 + 1e-6)
     assert speeds.max() > 0.0499
-    assert lap.position_error.max() > 1e-3  # it could not keep up ...
-    assert set(lap.statuses) == {Status.SOLVED}  # ... and says solved
+    assert run.position_error.max() > 1e-3  # it could not keep up ...
+    assert set(run.statuses) == {Status.SOLVED}  # ... and says solved
 
 
 def test_joint_ranges_hold() -> None:
@@ -155,10 +155,10 @@ def test_an_exception_of_the_peer_is_the_failure_of_the_method() -> None:
     # Outside its range with too little speed to be back in one step: mink has no step to give.
     start = qt.follow(PIECE, "minimum_norm").q[0]
     outside = with_model(dataclasses.replace(PIECE, start=start), joint_1=(-2.9, start[0] - 0.3))
-    lap = qt.follow(outside, "mink")
-    assert lap.failure.startswith("no step at waypoint 2: mink: ")
-    np.testing.assert_array_equal(lap.q, np.broadcast_to(start, lap.q.shape))
-    assert lap.failure in metrics(lap)["status"]
+    run = qt.follow(outside, "mink")
+    assert run.failure.startswith("no step at waypoint 2: mink: ")
+    np.testing.assert_array_equal(run.q, np.broadcast_to(start, run.q.shape))
+    assert run.failure in metrics(run)["status"]
 
 
 # ---------------------------------------------------------------- projectors
@@ -199,10 +199,10 @@ def test_an_axis_to_align_is_the_angular_plane(frame: str) -> None:
 )
 def test_mink_meets_every_projector_that_it_has_words_for(projector: qt.TwistProjector) -> None:
     short = dataclasses.replace(cut(LAP, slice(0, 6)), projector=projector)
-    lap = qt.follow(short, "mink")
-    assert lap.failure == ""
-    assert lap.position_error.max() < 1e-8
-    assert lap.axis_error.max() < 1e-8
+    run = qt.follow(short, "mink")
+    assert run.failure == ""
+    assert run.position_error.max() < 1e-8
+    assert run.axis_error.max() < 1e-8
 
 
 def test_what_a_planar_arm_cannot_leave_is_as_good_as_full() -> None:

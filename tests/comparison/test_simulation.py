@@ -447,19 +447,19 @@ def test_the_pages_tables_are_what_the_benchmark_measures_and_say_what_the_text_
     page = (root / "docs" / "closed_loop.md").read_text("utf-8")
     lines = [[cell.strip() for cell in line.split("|")[1:-1]] for line in text.splitlines()]
     head = next(k for k, cells in enumerate(lines) if "largest" in cells)
-    lap = {tuple(cells[:3]): [float(v) for v in cells[3:]] for cells in lines[head + 2 : head + 20]}
+    run = {tuple(cells[:3]): [float(v) for v in cells[3:]] for cells in lines[head + 2 : head + 20]}
     # Error v D of the integrated velocity servos, v (D − dt/2) / k of the measured position ones.
     for lag, velocity, position in (("0", 8.0, 15.9), ("20", 28.0, 35.9)):
-        row = lap["velocity", lag, "integrated"]
+        row = run["velocity", lag, "integrated"]
         assert row[0] == pytest.approx(0.05 * velocity, rel=0.2)
-        assert lap["position", lag, "measured"][1] == pytest.approx(
+        assert run["position", lag, "measured"][1] == pytest.approx(
             0.05 * (position - 5.0) / 0.1, rel=0.1
         )
-        assert lap["position", lag, "integrated"][0] < lap["position", lag, "blended"][0]
-        assert lap["position", lag, "blended"][0] < lap["position", lag, "measured"][0]
-        assert lap["velocity", lag, "measured"][0] < row[0] / 4.0
-        assert lap["velocity", lag, "blended"][4] < lap["velocity", lag, "measured"][4]
-    for name in ("lap", "disturbances", "gains", "limits"):
+        assert run["position", lag, "integrated"][0] < run["position", lag, "blended"][0]
+        assert run["position", lag, "blended"][0] < run["position", lag, "measured"][0]
+        assert run["velocity", lag, "measured"][0] < row[0] / 4.0
+        assert run["velocity", lag, "blended"][4] < run["velocity", lag, "measured"][4]
+    for name in ("run", "disturbances", "gains", "limits"):
         assert f"<!-- {name} -->" in text
         assert f'"<!-- {name} -->"' in page
     plants = [

@@ -200,10 +200,10 @@ def test_methods_that_fix_the_roll_start_with_its_rule() -> None:
     ranges = qt.JointRanges.of(DEBURRING.model)
     for name in names:
         task = sample.path_task
-        lap = qt.follow(task, name, iterations=1, stop=lambda *_: True)
+        run = qt.follow(task, name, iterations=1, stop=lambda *_: True)
         expected = task.starts.get(name, task.start)
-        np.testing.assert_allclose(lap.q[0], expected, atol=1e-6)  # nothing had to be corrected
-        assert ((lap.q[0] >= ranges.lower) & (lap.q[0] <= ranges.upper)).all()
+        np.testing.assert_allclose(run.q[0], expected, atol=1e-6)  # nothing had to be corrected
+        assert ((run.q[0] >= ranges.lower) & (run.q[0] <= ranges.upper)).all()
     assert set(sample.path_task.starts) == {"rmr", "rmr_flipped"}
 
 
@@ -221,7 +221,7 @@ def judged(trajectory: qt.Trajectory, **changed: Any) -> tuple[str, str, int] | 
     return None if fault is None else (fault.kind, fault.joint, fault.waypoint)
 
 
-def test_a_good_lap_has_no_fault(good: qt.Trajectory) -> None:
+def test_a_good_run_has_no_fault(good: qt.Trajectory) -> None:
     assert judged(good) is None
 
 
@@ -364,11 +364,11 @@ def test_a_study_has_a_row_for_every_sample_and_method(twelve: qt.Study) -> None
         assert r["message"] == "" or r["fault"] in ("start", "raised", "no step")
     assert any(r["success"] for r in rows)
     assert any(not r["success"] for r in rows)
-    # Against a lap made by itself and judged by hand.
+    # Against a run made by itself and judged by hand.
     done = next(r for r in rows if r["success"] and r["method"] == "qp_gradient")
-    lap = qt.follow(twelve.sample(done["sample"]).path_task, "qp_gradient")
-    assert lap.z.mean() == pytest.approx(done["mean_z"], rel=1e-9)
-    assert lap.margins.min() == pytest.approx(done["min_margin"], rel=1e-9)
+    run = qt.follow(twelve.sample(done["sample"]).path_task, "qp_gradient")
+    assert run.z.mean() == pytest.approx(done["mean_z"], rel=1e-9)
+    assert run.margins.min() == pytest.approx(done["min_margin"], rel=1e-9)
     assert done["z_over_least"] >= 1.0 - 1e-9
 
 

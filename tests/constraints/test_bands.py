@@ -266,12 +266,14 @@ def test_a_cone_beyond_a_right_angle_is_the_one_about_the_opposite_direction() -
 HALF = math.radians(5.0)
 
 
-def solve(task: qt.TwistTask, configuration: mink.Configuration, dt: float, wish: Array) -> Array:
-    """The velocity nearest to a wish that holds the task and its bands."""
+def solve(
+    task: qt.TwistTask, configuration: mink.Configuration, dt: float, desired: Array
+) -> Array:
+    """The velocity nearest to a desired one that holds the task and its bands."""
     blocks = task.band_rows(configuration, dt)
     A, b = task.velocity_rows(configuration, dt)
     velocity = qpsolvers.solve_qp(
-        np.eye(len(wish)), -wish,
+        np.eye(len(desired)), -desired,
         np.vstack([block.rows for block in blocks]),
         np.concatenate([block.bounds for block in blocks]),
         A if len(A) else None, b if len(b) else None, solver="daqp",
@@ -323,10 +325,10 @@ def test_a_step_from_the_edge_overshoots_to_second_order(kind: str) -> None:
         band = build(kind, random_direction(rng), random_direction(rng))
         task = qt.TwistTask("tool", "site", FREE, bands=[band])
         task.set_target_from_configuration(configuration)
-        wish = rng.normal(size=7)
+        desired = rng.normal(size=7)
         excess = []
         for dt in (0.1, 0.004, 0.002):
-            velocity = solve(task, configuration, dt, wish)
+            velocity = solve(task, configuration, dt, desired)
             end = mink.Configuration(model, configuration.integrate(velocity, dt))
             excess.append(float(task.band_excess(end)[0]))
             angle = dt * float(np.abs(velocity).sum())
@@ -352,7 +354,7 @@ def test_overshoots_along_the_edge_do_not_add_up(kind: str) -> None:
         model = random_arm(rng, 7, limited=False)
         home = random_configuration(model, rng)
         band = build(kind, random_direction(rng), random_direction(rng))
-        wish = 0.5 * rng.normal(size=7)
+        desired = 0.5 * rng.normal(size=7)
         mean = []
         for dt in (0.01, 0.005):
             configuration = mink.Configuration(model, home)
@@ -361,7 +363,7 @@ def test_overshoots_along_the_edge_do_not_add_up(kind: str) -> None:
             excess = []
             for _ in range(round(0.5 / dt)):
                 push = outwards(task, configuration, dt)
-                velocity = solve(task, configuration, dt, wish + push)
+                velocity = solve(task, configuration, dt, desired + push)
                 configuration.integrate_inplace(velocity, dt)
                 excess.append(float(task.band_excess(configuration)[0]))
                 angle = dt * float(np.abs(velocity).sum())

@@ -294,14 +294,14 @@ def test_rows_of_rounding_dust_do_not_contradict_the_others() -> None:
         task.set_target_from_configuration(configuration)
         assert task.target is not None
         J = task.state(configuration).jacobian
-        wish = rng.normal(size=3)
-        task.set_target(task.target, J @ wish)
+        desired = rng.normal(size=3)
+        task.set_target(task.target, J @ desired)
         for space in ("joint", "twist"):
             step = qt.Controller(model, [task], limits=[], secondary_space=space).step(
                 configuration, 0.01
             )
             assert step.status is qt.Status.SOLVED
-            assert J[:3] @ step.velocity == pytest.approx(J[:3] @ wish, abs=1e-7)
+            assert J[:3] @ step.velocity == pytest.approx(J[:3] @ desired, abs=1e-7)
             solved += 1
     assert solved == 60
 

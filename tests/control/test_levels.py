@@ -292,16 +292,16 @@ def test_a_level_of_conflicting_wishes_is_a_compromise() -> None:
 
 
 def test_inequality_rows_count_where_they_stand() -> None:
-    """x ≤ 1 above or below a wish for x = 3."""
+    """x ≤ 1 above or below a desired velocity for x = 3."""
     row = np.array([[1.0, 0.0]])
     nothing = (np.zeros((0, 2)), [])
-    wall, wish = (*nothing, row, [1.0]), (row, [3.0])
+    wall, desired = (*nothing, row, [1.0]), (row, [3.0])
     low, high = [-9.0, -9.0], [9.0, 9.0]
-    first = qt.solve_levels([wall, wish], low, high)
+    first = qt.solve_levels([wall, desired], low, high)
     np.testing.assert_allclose(first.x, [1.0, 0.0], atol=1e-12)
-    below = qt.solve_levels([wish, wall], low, high)
+    below = qt.solve_levels([desired, wall], low, high)
     np.testing.assert_allclose(below.x, [3.0, 0.0], atol=1e-12)
-    beside = qt.solve_levels([(*wish, row, [1.0])], low, high, on_infeasible="relax")
+    beside = qt.solve_levels([(*desired, row, [1.0])], low, high, on_infeasible="relax")
     np.testing.assert_allclose(beside.x, [2.0, 0.0], atol=1e-12)
 
 

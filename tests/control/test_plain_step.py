@@ -53,10 +53,10 @@ def test_most_steps_are_plain_and_with_limits_that_bind_too() -> None:
             assert mine.multiplier == pytest.approx(theirs.multiplier, rel=1e-4, abs=1e-6)
 
 
-def test_a_whole_lap_is_the_same() -> None:
-    laps = [qt.follow(qt.load_task("planar_line"), "qp", solver=s) for s in ("daqp", "compiled")]
-    np.testing.assert_allclose(laps[1].q, laps[0].q, atol=1e-8)
-    assert laps[1].binding == laps[0].binding
+def test_a_whole_run_is_the_same() -> None:
+    runs = [qt.follow(qt.load_task("planar_line"), "qp", solver=s) for s in ("daqp", "compiled")]
+    np.testing.assert_allclose(runs[1].q, runs[0].q, atol=1e-8)
+    assert runs[1].binding == runs[0].binding
 
 
 # ---------------------------------------------------------------- what may change under way

@@ -261,7 +261,7 @@ def test_wrong_input_is_refused(optimal: bool) -> None:
 # ---------------------------------------------------------------- along a path
 
 
-def test_on_the_deburring_lap_no_limit_is_active(deburring: qt.Comparison) -> None:
+def test_on_the_deburring_run_no_limit_is_active(deburring: qt.Comparison) -> None:
     found, shortest = (deburring.trajectories[name] for name in ("sns", "minimum_norm"))
     assert found.q == pytest.approx(shortest.q, abs=1e-9)
     assert metrics(found)["status"] == "ok"

@@ -443,7 +443,7 @@ def test_the_free_rows_are_those_of_the_complement(linear: str, angular: str, fr
             "full": np.zeros((3, 3)), "plane": L, "line": np.eye(3) - L, "none": np.eye(3)
         }[kind]  # fmt: skip
     J = frame_jacobian(configuration, "tool", "site")
-    h = sum(wish.displacement(configuration) for wish in wishes)
+    h = sum(desired.displacement(configuration) for desired in wishes)
     rows, error = cost.compute_jacobian(configuration), cost.compute_error(configuration)
     assert rows.shape == (round(np.trace(free)), 6)
     close(rows.T @ rows, J.T @ free @ J)  # rows = VᵀJ with V Vᵀ = 1 − T

@@ -178,7 +178,7 @@ def test_it_turns_away_from_a_limit_that_the_minimum_norm_runs_through(
     assert found.position_error.max() < 1e-9
 
 
-def test_the_lap_is_met_inside_the_limits(deburring: qt.Comparison) -> None:
+def test_the_run_is_met_inside_the_limits(deburring: qt.Comparison) -> None:
     numbers = metrics(deburring.trajectories["weighted_least_norm"])
     assert numbers["status"] == "ok"
     assert numbers["violations"] == 0

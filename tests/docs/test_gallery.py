@@ -233,17 +233,17 @@ def rows_below(page: str, heading: str) -> list[dict[str, str]]:
 
 
 def test_the_numbers_that_choose_a_method_are_those_measured() -> None:
-    lap, places, weights = (
+    run, places, weights = (
         table_of(f"{name}.md") for name in ("deburring", "placements", "deburring_gradient")
     )
-    shown = rows_below("choose.md", "## One lap")
+    shown = rows_below("choose.md", "## One run")
     assert len(shown) == 7
     for row in shown:
-        kept = lap[row["method"]]
+        kept = run[row["method"]]
         for heading in ("margin", "mean z", "position mm", "travel °", "step °"):
             assert row[heading] == kept[heading]
         assert (row["leaves limits"] == "no") == (kept["leaves limits"] == "no")
-    shown = rows_below("choose.md", "## A thousand laps")
+    shown = rows_below("choose.md", "## A thousand runs")
     assert len(shown) == 10
     for row in shown:
         name, _, setting = row["method"].partition(", ")

@@ -719,8 +719,8 @@ def test_a_task_file_may_name_a_urdf_and_has_its_speeds(tmp_path: Path) -> None:
     file.write_text(TASK + "[feed]\nspeed = 0.1\n", "utf-8")
     task = qt.load_task(file)
     np.testing.assert_array_equal(task.velocity_limits, np.full(3, 1.5))
-    lap = qt.follow(task, "qp_minimum_norm")
-    assert lap.position_error.max() < 1e-6
+    run = qt.follow(task, "qp_minimum_norm")
+    assert run.position_error.max() < 1e-6
     # What the file states comes first; without a clock speeds mean nothing.
     file.write_text(TASK + "[feed]\nspeed = 0.1\n[limits.velocity]\nj_a = 0.5\n", "utf-8")
     np.testing.assert_array_equal(qt.load_task(file).velocity_limits, [0.5, np.inf, np.inf])

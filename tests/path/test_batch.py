@@ -1,4 +1,4 @@
-"""Many laps at once: each the same as one by one."""
+"""Many runs at once: each the same as one by one."""
 
 from __future__ import annotations
 
@@ -50,67 +50,67 @@ def one_by_one(path_task: PathTask, method: str, start: Array, move: mink.SE3) -
 
 @settings(max_examples=6, deadline=None)
 @given(st.integers(0, 2**32 - 1), st.integers(1, 3))
-def test_each_lap_is_the_one_that_would_be_followed_alone(seed: int, threads: int) -> None:
+def test_each_run_is_the_one_that_would_be_followed_alone(seed: int, threads: int) -> None:
     rng = np.random.default_rng(seed)
     path_task = small(qt.load_task("deburring"), 25)
     method = ("rmr", "minimum_norm", "gradient_projection", "qp_gradient", "qp")[rng.integers(5)]
     moves = random_moves(rng, 3, 0.02)
     starts = path_task.start + 0.05 * rng.normal(size=(3, 6))
-    laps = qt.batch.follow(path_task, method, starts=starts, moves=moves, threads=threads)
-    assert laps.q is not None
-    for lap, (start, move) in enumerate(zip(starts, moves, strict=True)):
+    runs = qt.batch.follow(path_task, method, starts=starts, moves=moves, threads=threads)
+    assert runs.q is not None
+    for run, (start, move) in enumerate(zip(starts, moves, strict=True)):
         alone = one_by_one(path_task, method, start, move)
-        assert laps.waypoints[lap] == len(alone.q)
-        np.testing.assert_allclose(laps.q[lap, : len(alone.q)], alone.q, atol=1e-9)
+        assert runs.waypoints[run] == len(alone.q)
+        np.testing.assert_allclose(runs.q[run, : len(alone.q)], alone.q, atol=1e-9)
         expected = (
             alone.position_error.max(), alone.axis_error.max(), alone.margins.min(),
             alone.z.mean(), np.abs(np.diff(alone.q, axis=0)).max(), alone.iterations.sum(),
         )  # fmt: skip
         found = (
-            laps.position_error[lap], laps.axis_error[lap], laps.min_margin[lap],
-            laps.mean_z[lap], laps.max_step[lap], laps.steps[lap],
+            runs.position_error[run], runs.axis_error[run], runs.min_margin[run],
+            runs.mean_z[run], runs.max_step[run], runs.steps[run],
         )  # fmt: skip
         np.testing.assert_allclose(found, expected, atol=1e-9)
-    assert not laps.failures
+    assert not runs.failures
 
 
-def test_a_lap_that_fails_stops_no_other() -> None:
+def test_a_run_that_fails_stops_no_other() -> None:
     path_task = small(qt.load_task("deburring"), 12)
     away = mink.SE3.from_translation(np.array([50.0, 0.0, 0.0]))
     moves = [mink.SE3.identity(), away, mink.SE3.identity()]
-    laps = qt.batch.follow(path_task, "qp_gradient", moves=moves)
-    assert list(laps.failures) == [1]
-    assert "cannot be corrected onto the first waypoint" in laps.failures[1]
-    assert laps.waypoints.tolist() == [12, 0, 12]
-    assert laps.q is not None
-    assert np.isnan(laps.q[1]).all()
-    assert np.isnan(laps.mean_z[1])
-    np.testing.assert_array_equal(laps.q[0], laps.q[2])
+    runs = qt.batch.follow(path_task, "qp_gradient", moves=moves)
+    assert list(runs.failures) == [1]
+    assert "cannot be corrected onto the first waypoint" in runs.failures[1]
+    assert runs.waypoints.tolist() == [12, 0, 12]
+    assert runs.q is not None
+    assert np.isnan(runs.q[1]).all()
+    assert np.isnan(runs.mean_z[1])
+    np.testing.assert_array_equal(runs.q[0], runs.q[2])
 
 
-def test_laps_that_limits_hold_are_finished_by_the_reference() -> None:
+def test_runs_that_limits_hold_are_finished_by_the_reference() -> None:
     path_task = small(qt.load_task("deburring"), 30)
     slow = dataclasses.replace(
         path_task,
         durations=np.concatenate([[0.0], np.full(29, 0.1)]),
         velocity_limits=np.full(6, 0.05),
     )
-    laps = qt.batch.follow(slow, "qp_gradient", starts=[slow.start, slow.start])
+    runs = qt.batch.follow(slow, "qp_gradient", starts=[slow.start, slow.start])
     alone = qt.follow(slow, "qp_gradient", solver="daqp")
     assert alone.scale.min() < 1.0
-    assert laps.by_reference.all()
-    assert laps.q is not None
-    np.testing.assert_allclose(laps.q[0], alone.q, atol=1e-9)
+    assert runs.by_reference.all()
+    assert runs.q is not None
+    np.testing.assert_allclose(runs.q[0], alone.q, atol=1e-9)
 
 
 def test_numbers_alone_take_no_memory_for_waypoints() -> None:
     path_task = small(qt.load_task("deburring"), 20)
     starts = np.repeat(path_task.start[None], 7, axis=0)
     kept = qt.batch.follow(path_task, "minimum_norm", starts=starts)
-    laps = qt.batch.follow(path_task, "minimum_norm", starts=starts, keep=False)
-    assert laps.q is None
-    np.testing.assert_array_equal(laps.mean_z, kept.mean_z)
-    arrays = [getattr(laps, f.name) for f in dataclasses.fields(laps)]
+    runs = qt.batch.follow(path_task, "minimum_norm", starts=starts, keep=False)
+    assert runs.q is None
+    np.testing.assert_array_equal(runs.mean_z, kept.mean_z)
+    arrays = [getattr(runs, f.name) for f in dataclasses.fields(runs)]
     assert sum(a.nbytes for a in arrays if isinstance(a, np.ndarray)) < 7 * 100
 
 

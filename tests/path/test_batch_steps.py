@@ -124,8 +124,8 @@ def test_closed_forms_are_those_of_single_configurations(seed: int, method: str)
     rng = np.random.default_rng(seed)
     task = qt.TwistTask("tool", "site", DEBURRING.projector, max_linear_step=0.02)
     q, targets = rows(rng, 5)
-    wish = 0.1 * rng.normal(size=q.shape) if method in ("gradient_projection", "twa") else None
-    found = qt.batch.closed_form(MODEL, task, q, targets, method, h=wish)
+    desired = 0.1 * rng.normal(size=q.shape) if method in ("gradient_projection", "twa") else None
+    found = qt.batch.closed_form(MODEL, task, q, targets, method, h=desired)
     for k, here in enumerate(q):
         configuration = mink.Configuration(MODEL, here)
         if method == "rmr":
@@ -143,10 +143,10 @@ def test_closed_forms_are_those_of_single_configurations(seed: int, method: str)
             "minimum_norm": lambda J=J, t=twist, s=state: qt.closed_form.minimum_norm(
                 J, s.projector, t),
             "gradient_projection": lambda J=J, t=twist, s=state, k=k: (
-                qt.closed_form.gradient_projection(J, s.projector, t, wish[k])),
+                qt.closed_form.gradient_projection(J, s.projector, t, desired[k])),
             "rmr": lambda J=J, t=twist: qt.closed_form.resolved_motion_rate(J, t),
             "twa": lambda J=J, t=twist, s=state, k=k: qt.closed_form.twa(
-                J, s.projector, t, wish[k]),
+                J, s.projector, t, desired[k]),
         }[method]()  # fmt: skip
         np.testing.assert_allclose(found[k], expected, atol=1e-7 * (1.0 + np.abs(expected).max()))
 

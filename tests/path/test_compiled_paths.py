@@ -1,4 +1,4 @@
-"""Kinematics, corrections and laps as machine code: the same as the reference."""
+"""Kinematics, corrections and runs as machine code: the same as the reference."""
 
 from __future__ import annotations
 
@@ -73,17 +73,17 @@ def test_reflections_give_the_pseudoinverse_and_the_null_space(seed: int) -> Non
     rng = np.random.default_rng(seed)
     n = int(rng.integers(1, 9))
     m = int(rng.integers(0, n + 1))
-    A, b, wish = rng.normal(size=(m, n)), rng.normal(size=m), rng.normal(size=n)
+    A, b, desired = rng.normal(size=(m, n)), rng.normal(size=m), rng.normal(size=n)
     V, R, N = np.zeros((m, n)), np.zeros((m, m)), np.zeros((n - m, n))
     reflect(A, V, R)
     null_space(V, N)
     np.testing.assert_allclose(N @ N.T, np.eye(n - m), atol=1e-12)
     np.testing.assert_allclose(N @ A.T, 0.0, atol=1e-12)
     inverse = np.linalg.pinv(A)
-    x = wish.copy()
+    x = desired.copy()
     least_norm(V, R, b, x)
     size = 1.0 + np.abs(inverse).max(initial=0.0)
-    np.testing.assert_allclose(x, wish + inverse @ (b - A @ wish), atol=1e-10 * size**2)
+    np.testing.assert_allclose(x, desired + inverse @ (b - A @ desired), atol=1e-10 * size**2)
 
 
 @settings(max_examples=100, deadline=None)
@@ -203,7 +203,7 @@ def test_a_program_without_an_inside_is_not_solved() -> None:
 
 
 def on_path(rng: np.random.Generator) -> qt.PathTask:
-    """The deburring lap with one of many projectors."""
+    """The deburring run with one of many projectors."""
     path_task = qt.load_task("deburring")
     kinds = ("full", "plane", "line", "none")
 
@@ -245,10 +245,10 @@ def test_corrections_and_descents_are_those_of_the_reference(seed: int) -> None:
     assert np.isclose(z, expected_z, atol=1e-8).mean() > 0.85
 
 
-# ---------------------------------------------------------------- laps
+# ---------------------------------------------------------------- runs
 
 
-def laps(path_task: qt.PathTask, method: str, **options: Any) -> tuple[Any, Any]:
+def runs(path_task: qt.PathTask, method: str, **options: Any) -> tuple[Any, Any]:
     both = []
     for solver in ("daqp", "compiled"):
         try:
@@ -258,7 +258,7 @@ def laps(path_task: qt.PathTask, method: str, **options: Any) -> tuple[Any, Any]
     return both[0], both[1]
 
 
-def same_lap(a: Any, b: Any) -> None:
+def same_run(a: Any, b: Any) -> None:
     if isinstance(a, str) or isinstance(b, str):
         assert a == b
         return
@@ -280,18 +280,18 @@ METHODS = (
 
 
 @pytest.mark.parametrize("method", METHODS)
-def test_a_lap_is_the_reference_lap(method: str) -> None:
-    same_lap(*laps(qt.load_task("planar_line"), method))
+def test_a_run_is_the_reference_run(method: str) -> None:
+    same_run(*runs(qt.load_task("planar_line"), method))
 
 
 @pytest.mark.parametrize("method", ["rmr", "minimum_norm", "qp_gradient", "qp"])
-def test_a_lap_with_blended_projectors_is_the_reference_lap(method: str) -> None:
-    same_lap(*laps(qt.load_task("approach_contact_retreat"), method))
+def test_a_run_with_blended_projectors_is_the_reference_run(method: str) -> None:
+    same_run(*runs(qt.load_task("approach_contact_retreat"), method))
 
 
 @settings(max_examples=8, deadline=None)
 @given(SEEDS)
-def test_a_lap_that_limits_hold_is_the_reference_lap(seed: int) -> None:
+def test_a_run_that_limits_hold_is_the_reference_run(seed: int) -> None:
     rng = np.random.default_rng(seed)
     path_task = qt.load_task("planar_line")
     start = path_task.start + rng.normal(scale=0.3, size=path_task.model.nq)
@@ -302,15 +302,15 @@ def test_a_lap_that_limits_hold_is_the_reference_lap(seed: int) -> None:
         path_task, start=start, durations=durations, velocity_limits=slow
     )
     method = METHODS[rng.integers(len(METHODS))]
-    same_lap(*laps(path_task, method, gain=float(rng.uniform(0.0, 2.0))))
+    same_run(*runs(path_task, method, gain=float(rng.uniform(0.0, 2.0))))
 
 
-def test_a_lap_along_a_plan_is_the_reference_lap() -> None:
+def test_a_run_along_a_plan_is_the_reference_run() -> None:
     path_task = qt.load_task("planar_line")
-    same_lap(*laps(path_task, "qp_planned", plan=qt.plan(path_task, start=path_task.start)))
+    same_run(*runs(path_task, "qp_planned", plan=qt.plan(path_task, start=path_task.start)))
 
 
-def test_most_waypoints_of_a_lap_are_compiled() -> None:
+def test_most_waypoints_of_a_run_are_compiled() -> None:
     from qp_twist.following import compiled_walk
 
     path_task = qt.load_task("dome_seams")
@@ -325,12 +325,12 @@ def test_most_waypoints_of_a_lap_are_compiled() -> None:
 
 def test_progress_and_stop_are_called_at_every_waypoint() -> None:
     path_task, seen = qt.load_task("planar_line"), []
-    lap = qt.follow(
+    run = qt.follow(
         path_task, "qp_gradient", solver="compiled", progress=seen.append,
         stop=lambda q, apart, turned: len(seen) == 7,
     )  # fmt: skip
     assert seen == [1, 2, 3, 4, 5, 6, 7]
-    assert len(lap.q) == 8
+    assert len(run.q) == 8
 
 
 def test_what_the_kernel_does_not_know_goes_the_old_way() -> None:

@@ -61,10 +61,10 @@ def verified(task: qt.PathTask, points: Array, normals: Array) -> None:
     for name in ("qp_minimum_norm", "qp_gradient"):
         numbers = comparison.to_dict()["methods"][name]
         assert numbers["violations"] == 0 and numbers["status"] == "ok"
-        lap = comparison.trajectories[name]
+        run = comparison.trajectories[name]
         configuration = mink.Configuration(task.model)
         reached = []
-        for q in lap.q:
+        for q in run.q:
             configuration.update(q)
             pose = configuration.get_transform_frame_to_world(task.frame_name, task.frame_type)
             reached.append((pose.translation(), pose.rotation().as_matrix()[:, 2]))
@@ -72,10 +72,10 @@ def verified(task: qt.PathTask, points: Array, normals: Array) -> None:
             # Some waypoint is at the point of the file, the tool pointing against its normal.
             apart = [np.linalg.norm(p - point) + np.linalg.norm(z + normal) for p, z in reached]
             assert min(apart) < 1e-4
-        assert (lap.q >= task.model.jnt_range[:, 0] - 1e-9).all()
+        assert (run.q >= task.model.jnt_range[:, 0] - 1e-9).all()
 
 
-# ---------------------------------------------------------------- from nothing to a lap
+# ---------------------------------------------------------------- from nothing to a run
 
 
 def test_a_urdf_and_a_csv_become_a_task_that_runs(

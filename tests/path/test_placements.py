@@ -39,7 +39,7 @@ ARM = study.InverseKinematics(TASK)
 
 
 def every(task: qt.PathTask, step: int) -> qt.PathTask:
-    """The lap at every so-manieth of its waypoints."""
+    """The run at every so-manieth of its waypoints."""
     assert task.flipped_waypoints is not None
     assert task.durations is not None
     return replace(
@@ -143,7 +143,7 @@ def test_a_start_at_a_given_roll_has_it() -> None:
 # ---------------------------------------------------------------- the judge
 
 
-def test_the_judge_refuses_doctored_laps() -> None:
+def test_the_judge_refuses_doctored_runs() -> None:
     ranges = qt.JointRanges.of(TASK.model)
     middle = ranges.middle
     almost = np.zeros(6)
@@ -176,33 +176,33 @@ def test_the_judge_refuses_doctored_laps() -> None:
             assert verdict(almost, outside) == f"limit joint_{joint + 1}"
 
 
-def test_a_lap_is_over_at_its_first_fault() -> None:
+def test_a_run_is_over_at_its_first_fault() -> None:
     task = study.placed(TASK, CENTER, np.eye(3))
     [start] = ARM.starts(task.waypoints[0])[:1]
-    good = study.run_lap(every(task, 4), "qp_gradient", start)
+    good = study.run_once(every(task, 4), "qp_gradient", start)
     assert (good["fault"], good["waypoint"]) == (None, 101)
     # The paper's step at gain 1 is off by a millimetre after the first waypoint.
-    bad = study.run_lap(every(task, 4), "twa", start)
+    bad = study.run_once(every(task, 4), "twa", start)
     assert bad["fault"] is not None
     assert bad["waypoint"] < 20
     # Far away the constraint cannot be met: mink says so with an exception, which is the fault.
     far = study.placed(TASK, np.array([0.0, 1.8, 0.3]), np.eye(3))
-    lost = study.run_lap(replace(far, start=start), "mink_equality", start)
+    lost = study.run_once(replace(far, start=start), "mink_equality", start)
     assert lost["fault"] == "NoSolutionFound"
     assert lost["waypoint"] == 2
 
 
 @pytest.mark.parametrize("name", ["mink_soft", "mink_equality"])
-def test_plain_mink_finishes_the_shipped_lap(name: str) -> None:
+def test_plain_mink_finishes_the_shipped_run(name: str) -> None:
     task = every(study.placed(TASK, CENTER, np.eye(3)), 4)
     [start] = ARM.starts(task.waypoints[0])[:1]
-    assert study.run_lap(task, name, start)["fault"] is None
+    assert study.run_once(task, name, start)["fault"] is None
 
 
 # ---------------------------------------------------------------- the search
 
 
-def test_the_search_finds_the_shipped_lap_feasible() -> None:
+def test_the_search_finds_the_shipped_run_feasible() -> None:
     task = every(study.placed(TASK, CENTER, np.eye(3)), 10)
     assert study.dead_end(task, ARM) is None
     assert study.dead_end(task, ARM, ARM.starts(task.waypoints[0])[0]) is None
@@ -228,7 +228,7 @@ def test_the_search_ends_where_the_wrist_cannot_reach() -> None:
 
 
 def test_the_search_knows_the_largest_step() -> None:
-    # Half the lap away is more than a step, though both ends are within reach.
+    # Half the run away is more than a step, though both ends are within reach.
     task = study.placed(TASK, CENTER, np.eye(3))
     start = ARM.starts(task.waypoints[0])[0]
     ends = replace(task, waypoints=(task.waypoints[0], task.waypoints[200]))
@@ -257,8 +257,8 @@ def test_the_command_writes_its_results_and_takes_them_up_again(tmp_path: Path) 
     assert all(r["feasible"] and r["feasible_from_start"] for r in first["placements"])
     second = run("minimum_norm", "twa")
     for before, after in zip(first["placements"], second["placements"], strict=True):
-        assert before["laps"]["minimum_norm"] == after["laps"]["minimum_norm"]  # not run again
-        assert after["laps"]["twa"][0]["fault"] is not None
+        assert before["runs"]["minimum_norm"] == after["runs"]["minimum_norm"]  # not run again
+        assert after["runs"]["twa"][0]["fault"] is not None
     table = markdown.read_text("utf-8")
     assert table.startswith("1 placements. A motion without a fault exists for 1 of them; ")
     assert f"| `minimum_norm` | {' | '.join(3 * ['100.0 (20.7–100.0)'])} | – |" in table
@@ -267,11 +267,11 @@ def test_the_command_writes_its_results_and_takes_them_up_again(tmp_path: Path) 
 
 def outcome(**finished: bool) -> dict[str, Any]:
     """A placement by what finished on it; ``_at_`` stands for @, ``_p_`` for the point."""
-    laps = {
+    runs = {
         name.replace("_at_", "@").replace("_p_", "."): [{"fault": None if done else "error"}]
         for name, done in finished.items()
     }
-    return {"feasible_from_start": True, "feasible": True, "laps": laps}
+    return {"feasible_from_start": True, "feasible": True, "runs": runs}
 
 
 def test_an_interval_is_wilsons_and_pairs_are_counted_on_the_same_placements() -> None:

@@ -162,7 +162,7 @@ def test_starts_are_on_the_waypoint_inside_the_limits_and_apart(
     make: Callable[[Path], PathTask], tmp_path: Path
 ) -> None:
     task = make(tmp_path)
-    found = find_starts(task, 5, laps=False)
+    found = find_starts(task, 5, runs=False)
     ranges = qt.JointRanges.of(task.model)
     assert [start.z for start in found] == sorted(start.z for start in found)
     twist_task = qt.TwistTask(task.frame_name, task.frame_type, task.projector)
@@ -177,22 +177,22 @@ def test_starts_are_on_the_waypoint_inside_the_limits_and_apart(
 
 
 def test_an_industrial_arm_starts_in_several_branches() -> None:
-    found = find_starts(qt.load_task("deburring"), 4, laps=False)
+    found = find_starts(qt.load_task("deburring"), 4, runs=False)
     assert len({start.branch for start in found}) == 4
     assert None not in {start.branch for start in found}
 
 
-def test_a_lap_tells_how_far_a_start_leads(tmp_path: Path) -> None:
+def test_a_run_tells_how_far_a_start_leads(tmp_path: Path) -> None:
     # The second half of the way is out of reach of all of them.
     task = line_task(tmp_path, "seven_axis_arm.xml", [[0.6, 0, 0.3], [1.3, 0, 0.3]])
     found = find_starts(task, 2)
     for start in found:
         assert not start.completed
-        lap = qt.follow(
+        run = qt.follow(
             dataclasses.replace(task, start=start.q, best_start=False), "qp_gradient",
             stop=lambda q, position, axis: position > 1e-5,
         )  # fmt: skip
-        assert start.reached == len(lap.q) - 1
+        assert start.reached == len(run.q) - 1
     assert find_starts(planar(tmp_path), 1)[0].completed
 
 
@@ -219,12 +219,12 @@ def test_a_start_is_inside_hard_bands() -> None:
     assert start is not None
     # Ordered as they stand: what the bands forbid is more central, or they would be no bands.
     assert float(qt.JointRanges.of(task.model).centring(start)) > least_z_without_bands(task)
-    lap = qt.follow(
+    run = qt.follow(
         dataclasses.replace(task, start=start, best_start=False), "qp_minimum_norm",
         stop=lambda *_: True,
     )  # fmt: skip
-    assert lap.band_excess[0] < 1e-8
-    np.testing.assert_allclose(lap.q[0], start, atol=1e-6)
+    assert run.band_excess[0] < 1e-8
+    np.testing.assert_allclose(run.q[0], start, atol=1e-6)
 
 
 def least_z_without_bands(task: PathTask) -> float:
@@ -272,9 +272,9 @@ def test_the_joint_that_forbids_a_start_is_named(tmp_path: Path) -> None:
 def test_a_task_file_may_ask_for_the_central_start(tmp_path: Path) -> None:
     task = seven_axes(tmp_path)
     assert task.best_start == "central"
-    lap = qt.follow(task, "qp_minimum_norm")
-    np.testing.assert_allclose(lap.q[0], central_configurations(task)[0].q, atol=1e-6)
-    assert lap.position_error.max() < 1e-6
+    run = qt.follow(task, "qp_minimum_norm")
+    np.testing.assert_allclose(run.q[0], central_configurations(task)[0].q, atol=1e-6)
+    assert run.position_error.max() < 1e-6
     both = "start = { central = true, best = true }"
     with pytest.raises(qt.TaskFileError, match="give either"):
         line_task(tmp_path, "seven_axis_arm.xml", [[0.5, 0, 0.3], [0.5, 0.1, 0.3]], start=both)
@@ -326,5 +326,5 @@ def test_a_found_start_brings_its_roll_along_where_no_rule_states_one(tmp_path: 
     banded = dataclasses.replace(laid, bands=(qt.RollBand([0, 0, 1], 0.3, 1.0),))
     assert with_start(banded).waypoints == banded.waypoints  # the band stands about the roll laid
     comparison = qt.compare(laid, ["rmr", "qp_rmr", "minimum_norm"])
-    starts = np.array([lap.q[0] for lap in comparison.trajectories.values()])
+    starts = np.array([run.q[0] for run in comparison.trajectories.values()])
     np.testing.assert_allclose(starts, np.tile(task.start, (3, 1)), atol=1e-5)

@@ -267,13 +267,13 @@ def test_a_patch_beyond_its_sphere_is_refused(folder: Path) -> None:
 
 
 def test_a_lead_runs_along_the_normal_to_the_edges_and_away_from_them(folder: Path) -> None:
-    lap = qt.load_task(write(folder, PATCH))
+    run = qt.load_task(write(folder, PATCH))
     text = PATCH.replace("[roll]", "lead = 0.15\nsteps_per_lead = 5\n[roll]")
     task = qt.load_task(write(folder, text))
-    corner = lap.positions[0]
+    corner = run.positions[0]
     way = np.linspace(0.15, 0.0, 6)[:, None] * corner / 0.3
     assert task.positions[:6] == pytest.approx(corner + way)
-    assert task.positions[5:-5] == pytest.approx(lap.positions)
+    assert task.positions[5:-5] == pytest.approx(run.positions)
     assert task.positions[-6:] == pytest.approx(corner + way[::-1])
     into = task.waypoints[0].rotation().as_matrix()
     assert into[:, 2] == pytest.approx(-corner / 0.3)

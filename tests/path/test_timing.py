@@ -351,7 +351,7 @@ def test_slowing_down_keeps_the_path_that_the_limits_would_not_let_it_keep(
 
 def test_without_need_slowing_down_changes_nothing() -> None:
     task = short(qt.load_task("deburring"), 8)
-    # Not compiled: a lap that may slow down is not, and only to rounding they are the same.
+    # Not compiled: a run that may slow down is not, and only to rounding they are the same.
     plain = qt.follow(task, "qp_minimum_norm", solver="daqp")
     slow = qt.follow(task, "qp_minimum_norm", solver="daqp", slow_down=True)
     assert (plain.q == slow.q).all()

@@ -381,7 +381,7 @@ def check(plan: qt.Plan, max_step: float = np.inf) -> None:
         ("travel", True, 556.0, 0.0),
     ],
 )
-def test_plans_of_the_deburring_lap_are_as_good_as_known(
+def test_plans_of_the_deburring_run_are_as_good_as_known(
     deburring: qt.Comparison, objective: str, from_start: bool, value: float, at_least: float
 ) -> None:
     task = deburring.path_task
@@ -399,7 +399,7 @@ def test_plans_of_the_deburring_lap_are_as_good_as_known(
         assert stated == pytest.approx([plan.value, plan.bound], abs=1.1e-4)
 
 
-def test_the_widest_plan_of_the_deburring_lap(deburring: qt.Comparison) -> None:
+def test_the_widest_plan_of_the_deburring_run(deburring: qt.Comparison) -> None:
     plan = qt.plan(deburring.path_task, "margin", max_step_deg=3.0)
     check(plan, np.radians(3.0))
     assert plan.value >= 72.0
@@ -600,7 +600,7 @@ def test_a_plan_says_what_it_is_doing() -> None:
     assert said
     said.clear()
     qt.follow(short_line(9), "qp_planned", planning=lambda what, share: said.append((what, share)))
-    for part in ("lap of qp_gradient", "layers", "steps", "off the grid"):
+    for part in ("run of qp_gradient", "layers", "steps", "off the grid"):
         shares = [share for what, share in said if part in what]
         assert 0.0 <= shares[0] <= shares[-1] <= 1.0
 
@@ -609,10 +609,10 @@ def test_other_methods_help_where_a_free_plan_is_not_at_its_bound() -> None:
     said: list[str] = []
     near = qt.plan(short_line(9), "centering", progress=lambda what, share: said.append(what))
     assert near.gap < 0.01 * near.value
-    assert not any("lap" in what for what in said)
+    assert not any("run" in what for what in said)
     far = qt.plan(short_line(9), "travel", progress=lambda what, share: said.append(what))
     assert far.gap > 0.1 * far.value
-    assert any("lap" in what for what in said)
+    assert any("run" in what for what in said)
 
 
 # ---------------------------------------------------------------- the map of rolls
@@ -632,7 +632,7 @@ def test_a_method_is_where_the_map_says_and_has_the_margin_that_it_says(
         np.testing.assert_allclose(pose[0], turned.as_matrix(), atol=1e-6)
         cell = int(np.argmin(np.abs(roll_map.rolls - rolls[k])))
         room = np.degrees(np.minimum(q[k] - ranges.lower, ranges.upper - q[k]).min())
-        # This lap stays in the most central turns.
+        # This run stays in the most central turns.
         assert roll_map.margins[k, cell, branches[k]] == pytest.approx(room, abs=5.0)
     sigma = deburring.trajectories["qp_gradient"].sigma_min  # by MuJoCo's Jacobian
     np.testing.assert_allclose(PathRows(task).sigma_min(q, np.arange(401)), sigma, atol=1e-9)
@@ -665,9 +665,9 @@ def test_the_map_of_rolls_is_refused_where_more_than_a_roll_is_free() -> None:
 def test_following_a_plan_does_what_it_says() -> None:
     task = qt.load_task("planar_line")
     plan = qt.plan(task, "margin")
-    lap = qt.follow(task, "qp_planned", plan=plan)
-    assert np.abs(lap.q - plan.motion()).max() < 1e-3
-    assert {status.name for status in lap.statuses} == {"SOLVED"}
+    run = qt.follow(task, "qp_planned", plan=plan)
+    assert np.abs(run.q - plan.motion()).max() < 1e-3
+    assert {status.name for status in run.statuses} == {"SOLVED"}
     own = qt.follow(task, "qp_planned", objective="margin")
     room = np.minimum(own.q - [0.0] * 3, np.radians([90.0, 90.0, 180.0]) - own.q).min()
     assert np.degrees(room) < plan.value  # from the task's start there is less
@@ -677,17 +677,17 @@ def test_a_part_that_has_moved_is_followed_all_the_same() -> None:
     task = qt.load_task("planar_line")
     plan = qt.plan(task)
     elsewhere = moved(task, range(101), np.array([0.01, -0.02, 0.0]))
-    lap = qt.follow(elsewhere, "qp_planned", plan=plan)
-    assert lap.position_error.max() < 1e-8
-    assert lap.margins.min() > 0.0
-    assert lap.z.mean() < 1.02 * qt.plan(elsewhere).value
+    run = qt.follow(elsewhere, "qp_planned", plan=plan)
+    assert run.position_error.max() < 1e-8
+    assert run.margins.min() > 0.0
+    assert run.z.mean() < 1.02 * qt.plan(elsewhere).value
 
 
 def test_any_joint_space_method_can_follow_a_plan_and_no_plan_is_an_error() -> None:
     task = qt.load_task("planar_line")
     plan = qt.plan(task)
-    lap = qt.follow(task, "gradient_projection", secondary="plan", plan=plan, iterations=20)
-    assert np.abs(lap.q - plan.motion()).max() < 1e-3
+    run = qt.follow(task, "gradient_projection", secondary="plan", plan=plan, iterations=20)
+    assert np.abs(run.q - plan.motion()).max() < 1e-3
     narrow = qt.load_task("planar_line")
     narrow.model.jnt_range[1] = np.radians([0.0, 30.0])
     with pytest.raises(qt.InvalidInput, match="forbidden by joint_2"):
@@ -736,7 +736,7 @@ def test_a_comparison_with_a_plan_names_the_bound_that_no_motion_can_be_below() 
     bound = qt.plan(task, start=task.start).bound
     assert comparison.z_bound == pytest.approx(bound)
     assert comparison.to_dict()["mean_z_bound"] == comparison.z_bound
-    values = {name: lap.z.mean() for name, lap in comparison.trajectories.items()}
+    values = {name: run.z.mean() for name, run in comparison.trajectories.items()}
     assert bound <= min(values.values()) * (1.0 + 1e-9)
     [best] = [sentence for sentence in comparison.findings() if "the bound" in sentence]
     assert "mean z" in best
@@ -749,8 +749,8 @@ def test_a_comparison_with_a_plan_names_the_bound_that_no_motion_can_be_below() 
     assert qt.follow(task, "qp_planned", objective="travel").z_bound is None
 
 
-def test_a_lap_that_is_off_the_path_is_no_plan() -> None:
-    """The laps of other methods may miss waypoints by up to a centimetre; a plan may not."""
+def test_a_run_that_is_off_the_path_is_no_plan() -> None:
+    """The runs of other methods may miss waypoints by up to a centimetre; a plan may not."""
     task = qt.load_task("planar_line")
     rows, count = PathRows(task), np.arange(len(task.waypoints))
     kept = qt.follow(task, "qp_minimum_norm").q
@@ -776,11 +776,11 @@ def test_a_plan_is_followed_to_rounding_where_it_meets_the_task(method_solver: s
     model = copy.copy(task.model)
     model.jnt_range[:, 0], model.jnt_range[:, 1] = plan.motion().min(0), plan.motion().max(0)
     narrow = dataclasses.replace(task, model=model)
-    lap = qt.follow(narrow, "qp_planned", plan=plan, solver=method_solver)
-    np.testing.assert_allclose(lap.q, plan.motion(), atol=1e-7)
-    assert lap.position_error.max() < 1e-8 and not lap.failure
-    assert (qt.JointRanges.of(model).margins(lap.q).min(axis=0) < 1e-6).all()
-    assert ranges.margins(lap.q).min() > 0.0
+    run = qt.follow(narrow, "qp_planned", plan=plan, solver=method_solver)
+    np.testing.assert_allclose(run.q, plan.motion(), atol=1e-7)
+    assert run.position_error.max() < 1e-8 and not run.failure
+    assert (qt.JointRanges.of(model).margins(run.q).min(axis=0) < 1e-6).all()
+    assert ranges.margins(run.q).min() > 0.0
 
 
 def test_a_task_that_leaves_nothing_free_is_planned() -> None:

@@ -250,7 +250,7 @@ def test_a_stranger_that_comes_again_and_again_fills_no_log(caplog):
 def page():
     task = qt.load_task("planar_line")
     session = Session(task, Settings.of(task, "minimum_norm"))
-    session.laps.wait(session.key, 240.0)
+    session.runs.wait(session.key, 240.0)
     opened, stop = Page(session, port.free_port()), threading.Event()
     clock = threading.Thread(target=opened.run, args=(stop,))
     clock.start()

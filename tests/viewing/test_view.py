@@ -72,7 +72,7 @@ def test_the_page_shows_the_robot_and_its_bars_move_when_scrubbed():
         page = opened.page
         page.set_default_timeout(60_000)
         opened.go(url)
-        # The method's own sentence: its lap has been computed.
+        # The method's own sentence: its run has been computed.
         page.wait_for_selector("text=twa: leaves the limits")
         # Where software draws, a notice says so, over the scene.
         page.add_style_tag(content=".mantine-Notifications-root { display: none }")

@@ -1,4 +1,4 @@
-"""What stands behind the live page: laps, the arm in the hand, bars and dial."""
+"""What stands behind the live page: runs, the arm in the hand, bars and dial."""
 
 import dataclasses
 import socket
@@ -13,14 +13,14 @@ import pytest
 
 import qp_twist as qt
 from qp_twist.geometry import ProjectorKind
-from qp_twist.viewing import LiveArm, Session, Settings, free_port, projector_choices, run_lap
+from qp_twist.viewing import LiveArm, Session, Settings, free_port, projector_choices, run_once
 from qp_twist.viewing.bars import joint_bars
 from qp_twist.viewing.dial import roll_dial
-from qp_twist.viewing.lap import Lap
-from qp_twist.viewing.laps import Laps
+from qp_twist.viewing.one_run import Run
 from qp_twist.viewing.projectors import with_projector
 from qp_twist.viewing.readings import readings, sentence
 from qp_twist.viewing.roll import Roll
+from qp_twist.viewing.runs import Runs
 from qp_twist.viewing.settings import method_choices
 
 
@@ -96,18 +96,18 @@ def test_without_limits_a_qp_is_its_closed_form(method, closed_form, weight):
     settings = dataclasses.replace(
         Settings.of(planar(), method), weight=weight, gain=0.5, limits=False
     )
-    lap = run_lap(planar(), settings)
+    run = run_once(planar(), settings)
     other = qt.follow(planar(), closed_form, iterations=20, weight=weight, gain=0.5)
     # Their starts are corrected with and without limits, to a tolerance of 1e-9 m.
-    assert np.abs(lap.trajectory.q - other.q).max() < 1e-6
-    kept = run_lap(planar(), dataclasses.replace(settings, limits=True)).trajectory
+    assert np.abs(run.trajectory.q - other.q).max() < 1e-6
+    kept = run_once(planar(), dataclasses.replace(settings, limits=True)).trajectory
     assert kept.margins.min() >= -1e-9
 
 
 def test_without_limits_the_paper_example_leaves_them_and_says_so():
     settings = Settings.of(planar(), "qp")
-    on = run_lap(planar(), settings)
-    off = run_lap(planar(), dataclasses.replace(settings, limits=False))
+    on = run_once(planar(), settings)
+    off = run_once(planar(), dataclasses.replace(settings, limits=False))
     assert on.trajectory.margins.min() >= -1e-9
     assert off.trajectory.margins.min() < -0.1  # against the robot's own ranges
     assert "leaves the limits" in off.status
@@ -119,16 +119,16 @@ def test_only_methods_that_hold_limits_can_drop_them():
     assert can == ["qp_rmr", "sns", "qp_minimum_norm", "qp_gradient", "qp"]
 
 
-# Laps
+# Runs
 
 
-def test_a_lap_traces_the_path_and_reports_its_progress():
+def test_a_run_traces_the_path_and_reports_its_progress():
     heard = []
-    lap = run_lap(planar(), Settings.of(planar(), "qp"), lambda share, what: heard.append(share))
-    assert lap.trace == pytest.approx(planar().positions, abs=1e-8)
+    run = run_once(planar(), Settings.of(planar(), "qp"), lambda share, what: heard.append(share))
+    assert run.trace == pytest.approx(planar().positions, abs=1e-8)
     assert heard == sorted(heard)
     assert heard[-1] == 1.0
-    moment = lap.moment(3)
+    moment = run.moment(3)
     assert moment.z == pytest.approx(
         0.5 * np.sum(((moment.q - qt.JointRanges.of(planar().model).middle)
                       / np.ptp(planar().model.jnt_range, axis=1)) ** 2)
@@ -154,8 +154,8 @@ def test_the_roll_of_a_planar_arm_is_the_sum_of_its_joints():
 
 
 def test_the_worker_gives_up_what_nobody_waits_for_and_remembers_what_it_found():
-    laps, began, seen = Laps(), threading.Event(), []
-    lap = run_lap(planar(), Settings.of(planar(), "minimum_norm"))
+    runs, began, seen = Runs(), threading.Event(), []
+    run = run_once(planar(), Settings.of(planar(), "minimum_norm"))
 
     def endless(progress):
         began.set()
@@ -165,24 +165,24 @@ def test_the_worker_gives_up_what_nobody_waits_for_and_remembers_what_it_found()
 
     def quick(progress):
         seen.append("computed")
-        return lap
+        return run
 
     try:
-        laps.want("endless", endless)
+        runs.want("endless", endless)
         assert began.wait(10.0)
-        laps.want("quick", quick)
-        assert laps.wait("quick", 10.0) is lap
-        assert laps.get("endless") is None
-        laps.want("quick", quick)
-        assert laps.wait("quick", 10.0) is lap
+        runs.want("quick", quick)
+        assert runs.wait("quick", 10.0) is run
+        assert runs.get("endless") is None
+        runs.want("quick", quick)
+        assert runs.wait("quick", 10.0) is run
         assert seen == ["computed"]
     finally:
-        laps.close()
-    assert not any(thread.name == "laps" for thread in threading.enumerate())
+        runs.close()
+    assert not any(thread.name == "runs" for thread in threading.enumerate())
 
 
-def test_the_worker_says_why_there_is_no_lap(capsys):
-    laps = Laps()
+def test_the_worker_says_why_there_is_no_run(capsys):
+    runs = Runs()
 
     def refused(progress):
         raise qt.InvalidInput("the path is out of reach.")
@@ -192,13 +192,13 @@ def test_the_worker_says_why_there_is_no_lap(capsys):
 
     try:
         for key, compute in (("refused", refused), ("broken", broken)):
-            laps.want(key, compute)
-            assert isinstance(laps.wait(key, 10.0), str)
-        assert laps.get("refused") == "the path is out of reach."
-        assert "ZeroDivisionError" in laps.get("broken")
+            runs.want(key, compute)
+            assert isinstance(runs.wait(key, 10.0), str)
+        assert runs.get("refused") == "the path is out of reach."
+        assert "ZeroDivisionError" in runs.get("broken")
         assert "by zero" in capsys.readouterr().err
     finally:
-        laps.close()
+        runs.close()
 
 
 # The session
@@ -208,15 +208,15 @@ def test_the_worker_says_why_there_is_no_lap(capsys):
 def session():
     opened = Session(planar(), Settings.of(planar(), "minimum_norm"))
     try:
-        assert isinstance(opened.laps.wait(opened.key, 30.0), Lap)
+        assert isinstance(opened.runs.wait(opened.key, 30.0), Run)
         opened.tick(0.0)
         yield opened
     finally:
         opened.close()
 
 
-def lap_of(session):
-    found = session.laps.wait(session.key, 30.0)
+def run_of(session):
+    found = session.runs.wait(session.key, 30.0)
     session.tick(0.0)
     return found
 
@@ -225,22 +225,22 @@ def test_playing_moves_on_by_the_speed_and_begins_again(session):
     session.playing, session.speed = True, 4.0
     session.tick(0.5)
     assert session.index == pytest.approx(2.0)
-    assert np.array_equal(session.moment().q, session.lap.trajectory.q[2])
+    assert np.array_equal(session.moment().q, session.run.trajectory.q[2])
     session.seek(100)
     assert session.index == 10
     session.tick(0.5)
     assert session.index == 0.0
 
 
-def test_a_changed_setting_gives_another_lap_and_the_first_one_comes_back(session):
-    first = session.lap
+def test_a_changed_setting_gives_another_run_and_the_first_one_comes_back(session):
+    first = session.run
     session.change(method="twa")
     assert session.settings.weight == "paper"  # as the task file has it
-    assert lap_of(session).trajectory.method == "twa"
+    assert run_of(session).trajectory.method == "twa"
     assert session.status().startswith("twa: leaves the limits")
     session.change(method="minimum_norm")
     session.tick(0.0)
-    assert session.lap is first
+    assert session.run is first
 
 
 def test_a_moved_workpiece_takes_the_path_with_it(session):
@@ -251,31 +251,31 @@ def test_a_moved_workpiece_takes_the_path_with_it(session):
     turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
     expected = (planar().positions - [0.0, 2.0, 0.0]) @ turn.T + to
     assert session.task.positions == pytest.approx(expected, abs=1e-12)
-    old = session.lap
+    old = session.run
     session.tick(0.0)
-    assert session.lap is old  # the hand has not come to rest
+    assert session.run is old  # the hand has not come to rest
     time.sleep(0.35)
     session.tick(0.0)
-    assert lap_of(session).trace == pytest.approx(expected, abs=1e-7)
+    assert run_of(session).trace == pytest.approx(expected, abs=1e-7)
     session.put_back()
     session.tick(0.0)
-    assert session.lap is old
+    assert session.run is old
 
 
-def test_a_lap_that_ends_while_its_progress_is_read_does_no_harm(session, monkeypatch):
+def test_a_run_that_ends_while_its_progress_is_read_does_no_harm(session, monkeypatch):
     read = iter([(0.5, "going on"), None])
     monkeypatch.setattr(Session, "computing", property(lambda _: next(read)))
     assert session.status() == "computing: going on (50 %)"
 
 
-def test_a_workpiece_out_of_reach_has_no_lap_but_a_sentence(session):
+def test_a_workpiece_out_of_reach_has_no_run_but_a_sentence(session):
     far = mink.SE3.from_translation(session.handle + np.array([9.0, 0.0, 0.0]))
     session.place(far)
     time.sleep(0.35)
     session.tick(0.0)
-    assert "cannot be corrected" in lap_of(session)
+    assert "cannot be corrected" in run_of(session)
     assert "cannot be corrected" in session.status()
-    assert session.lap is None
+    assert session.run is None
     assert np.array_equal(session.moment().q, planar().start)
 
 

@@ -1,4 +1,4 @@
-"""What a step costs where many laps are followed in one call."""
+"""What a step costs where many runs are followed in one call."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ NAMES = tuple(THREADS)
 
 @cache
 def piece() -> PathTask:
-    """The first waypoints of the deburring lap."""
+    """The first waypoints of the deburring run."""
     task = load_task("deburring")
     return replace(
         task,
@@ -38,7 +38,7 @@ def piece() -> PathTask:
 
 
 def moves(count: int, seed: int) -> list[mink.SE3]:
-    """Where the workpiece stands: as the task says for the first lap, near there for the others."""
+    """Where the workpiece stands: as the task says for the first run, near there for the others."""
     rng = np.random.default_rng([seed, 2])
     middle = mink.SE3.from_translation(piece().positions.mean(axis=0))
     size = np.array([0.01] * 3 + [np.radians(1.0)] * 3)
@@ -58,7 +58,7 @@ def measure(
     """Time calls of every size, in turns.
 
     The residual of a call is the largest error at a waypoint, m; its error the largest difference,
-    rad, of the first lap's joints from :func:`qp_twist.follow` by the reference.
+    rad, of the first run's joints from :func:`qp_twist.follow` by the reference.
     """
     task, all_moves = piece(), moves(max(sizes), seed)
     reference = follow_one(task, METHOD, solver="daqp").q
@@ -71,12 +71,12 @@ def measure(
             count, name = key = list(taken)[index]
             with without_collection():
                 began = time.perf_counter_ns()
-                laps = follow(
+                runs = follow(
                     task, METHOD, moves=all_moves[:count], keep=False, threads=THREADS[name]
                 )
                 took = time.perf_counter_ns() - began
-            taken[key].append(took // max(1, int(laps.steps.sum())))
-            worst[key] = max(worst[key], float(np.nanmax(laps.position_error)))
+            taken[key].append(took // max(1, int(runs.steps.sum())))
+            worst[key] = max(worst[key], float(np.nanmax(runs.position_error)))
             done(name)
     cases = []
     for count in sizes:
@@ -94,7 +94,7 @@ def measure(
         case = Case(
             group="batch",
             x=count,
-            title=f"{count:,} laps of {WAYPOINTS} waypoints, time of a step",
+            title=f"{count:,} runs of {WAYPOINTS} waypoints, time of a step",
             joints=int(task.model.nv),
             rows=task.projector.rank,
             steps=0,

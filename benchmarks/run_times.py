@@ -1,8 +1,8 @@
-"""What a lap of `deburring` takes, method by method.
+"""What a run of `deburring` takes, method by method.
 
-    python benchmarks/lap_times.py [--markdown FILE]
+    python benchmarks/run_times.py [--markdown FILE]
 
-Each lap three times, the fastest counts. A minute.
+Each run three times, the fastest counts. A minute.
 """
 
 from __future__ import annotations
@@ -39,16 +39,16 @@ def main() -> int:
     task = qt.load_task("deburring")
     solvers = ["daqp", *(["compiled"] if "compiled" in qt.qp.installed_solvers() else [])]
     lines = [
-        f"| method | steps | {' | '.join(f's a lap, {solver}' for solver in solvers)} | |",
+        f"| method | steps | {' | '.join(f's a run, {solver}' for solver in solvers)} | |",
         f"| :-- | --: |{' --: |' * len(solvers)} :-- |",
     ]
     for method, words in METHODS.items():
         cells = []
         for solver in solvers:
-            laps = [qt.follow(task, method, solver=solver) for _ in range(3)]
-            seconds = min(lap.seconds for lap in laps)
+            runs = [qt.follow(task, method, solver=solver) for _ in range(3)]
+            seconds = min(run.seconds for run in runs)
             cells.append(f"{seconds:.3f}" if seconds < 0.1 else f"{seconds:.2f}")
-        steps = int(laps[0].iterations.sum())
+        steps = int(runs[0].iterations.sum())
         lines.append(f"| `{method}` | {steps} | {' | '.join(cells)} | {words} |")
     publish("\n".join(lines) + "\n", given.markdown)
     return 0

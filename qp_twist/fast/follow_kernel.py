@@ -22,7 +22,7 @@ _STANDS_STILL = 1e-13
 
 
 class Way(NamedTuple):
-    """What a method does, the same for every waypoint and every lap."""
+    """What a method does, the same for every waypoint and every run."""
 
     program: bool
     """Whether a step is the QP; otherwise the closed form of minimum norm plus free motion."""
@@ -44,7 +44,7 @@ class Way(NamedTuple):
 
 
 class Path(NamedTuple):
-    """What a lap meets."""
+    """What a run meets."""
 
     rows: Rows
     """That the method holds; where the number of the projector is −1, they are not known here."""
@@ -202,7 +202,7 @@ def onto_start(arm, way, path, moves, q):
 
 @kernel
 def _summary(errors, weight, middle, q, iterations, numbers):
-    """What :func:`follow_many` says of a lap, from its configurations and errors."""
+    """What :func:`follow_many` says of a run, from its configurations and errors."""
     count = len(q)
     for i in range(len(numbers)):
         numbers[i] = 0.0
@@ -222,14 +222,14 @@ def _summary(errors, weight, middle, q, iterations, numbers):
 
 @kernel
 def follow_many(arm, way, path, measured, moves, starts, weight, middle, kept, numbers, ends):
-    """:func:`follow` for many laps, each for itself.
+    """:func:`follow` for many runs, each for itself.
 
     Args:
         arm: The robot.
         way: The method.
         path: What is followed.
         measured: The rows whose errors count.
-        moves: Rigid motion of each lap's path: rotation (9) and translation (3), (K, 12).
+        moves: Rigid motion of each run's path: rotation (9) and translation (3), (K, 12).
         starts: Configurations on the first waypoints, (K, nq).
         weight: 1/(θ_max − θ_min), 0 where a joint has no range, (nv,).
         middle: θ̄, (nv,).
@@ -246,15 +246,15 @@ def follow_many(arm, way, path, measured, moves, starts, weight, middle, kept, n
     held = Rows(rows.kinds, rows.shapes, rows.which, targets)
     seen = Rows(measured.kinds, measured.shapes, measured.which, targets)
     moved = Path(held, path.durations, path.references)
-    for lap in range(len(starts)):
-        _move(moves[lap], rows.targets, targets)
+    for run in range(len(starts)):
+        _move(moves[run], rows.targets, targets)
         for dof in range(nq):
-            q[0, dof] = starts[lap, dof]
+            q[0, dof] = starts[run, dof]
         end = follow(arm, way, moved, 1, q, iterations)
-        ends[lap] = end
+        ends[run] = end
         measure(arm, seen, q[:end], errors, found)
-        _summary(errors, weight, middle, q[:end], iterations, numbers[lap])
+        _summary(errors, weight, middle, q[:end], iterations, numbers[run])
         if len(kept):
             for at in range(count):
                 for dof in range(nq):
-                    kept[lap, at, dof] = q[at, dof] if at < end else math.nan
+                    kept[run, at, dof] = q[at, dof] if at < end else math.nan

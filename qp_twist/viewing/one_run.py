@@ -37,7 +37,7 @@ class Moment:
         margins: 1 − |θ − θ̄|/half-range of each joint, (nv,); negative outside.
         binding: The limits that held the step back, by name.
         roll: Turn about the tool's axis, rad; ``None`` where there is no such axis.
-        sentence: What the step says; empty for a waypoint, whose lap has a sentence.
+        sentence: What the step says; empty for a waypoint, whose run has a sentence.
     """
 
     q: Array
@@ -53,7 +53,7 @@ class Moment:
 
 
 @dataclass(frozen=True, eq=False)
-class Lap:
+class Run:
     """A trajectory, ready to be shown.
 
     Attributes:
@@ -75,10 +75,10 @@ class Lap:
         return len(self.trajectory.q)
 
     def __repr__(self) -> str:
-        return f"Lap({self.trajectory!r}, {self.status!r})"
+        return f"Run({self.trajectory!r}, {self.status!r})"
 
     def moment(self, index: int) -> Moment:
-        """The lap at a waypoint, counted from 0."""
+        """The run at a waypoint, counted from 0."""
         run = self.trajectory
         return Moment(
             q=run.q[index],
@@ -93,7 +93,7 @@ class Lap:
         )
 
 
-def run_lap(path_task: PathTask, settings: Settings, progress: Progress | None = None) -> Lap:
+def run_once(path_task: PathTask, settings: Settings, progress: Progress | None = None) -> Run:
     """Follow a task with the settings of the page.
 
     Raises:
@@ -115,7 +115,7 @@ def run_lap(path_task: PathTask, settings: Settings, progress: Progress | None =
         **method.model_dump(),
     )
     trajectory = dataclasses.replace(trajectory, path_task=chosen)
-    return Lap(settings, trajectory, metrics(trajectory)["status"], *_rolls(trajectory))
+    return Run(settings, trajectory, metrics(trajectory)["status"], *_rolls(trajectory))
 
 
 def _rolls(trajectory: Trajectory) -> tuple[Array | None, Array]:

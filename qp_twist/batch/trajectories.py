@@ -1,4 +1,4 @@
-"""Many laps of a path at once: from other starts, with the workpiece elsewhere."""
+"""Many runs of a path at once: from other starts, with the workpiece elsewhere."""
 
 from __future__ import annotations
 
@@ -30,22 +30,22 @@ Mask = npt.NDArray[np.bool_]
 
 
 @dataclass(frozen=True, eq=False)
-class Laps:
-    """What K laps did, of N waypoints each.
+class Trajectories:
+    """What K runs did, of N waypoints each.
 
-    A lap that has no start, or ends before the last waypoint, has numbers of what there is of it.
+    A run that has no start, or ends before the last waypoint, has numbers of what there is of it.
 
     Attributes:
-        q: Configurations, rad or m, (K, N, nq), NaN behind a lap's end; ``None`` if not kept.
-        waypoints: How many waypoints each lap has, (K,).
+        q: Configurations, rad or m, (K, N, nq), NaN behind a run's end; ``None`` if not kept.
+        waypoints: How many waypoints each run has, (K,).
         position_error: Largest linear task error of each, m, (K,).
         axis_error: Largest angular one, in the rows of the task, rad, (K,).
         min_margin: Least margin of a joint, as :meth:`~qp_twist.JointRanges.margins`, (K,).
         mean_z: Mean of z = ½‖W(θ̄ − θ)‖², (K,).
         max_step: Largest displacement of a joint from a waypoint to the next, rad or m, (K,).
         steps: Steps that were taken, (K,).
-        by_reference: Which laps the kernel could not take by itself, (K,).
-        failures: Why laps have no start or no step, by their numbers.
+        by_reference: Which runs the kernel could not take by itself, (K,).
+        failures: Why runs have no start or no step, by their numbers.
     """
 
     q: Array | None
@@ -69,22 +69,22 @@ def follow(
     keep: bool = True,
     threads: int | None = None,
     **options: Any,
-) -> Laps:
-    """:func:`qp_twist.follow` for many laps: the same trajectories, to 1e-9.
+) -> Trajectories:
+    """:func:`qp_twist.follow` for many runs: the same trajectories, to 1e-9.
 
-    Laps of the closed forms ``rmr``, ``rmr_flipped``, ``minimum_norm`` and ``gradient_projection``
-    and of this package's QPs run as machine code on all cores, every step of a QP verified. Of a
-    lap with a waypoint that is not made of plain steps (a limit that scales the task, a
+    Runs of the closed forms ``rmr``, ``rmr_flipped``, ``minimum_norm`` and ``gradient_projection``
+    and of this package's QPs are machine code on all cores, every step of a QP verified. Of a
+    run with a waypoint that is not made of plain steps (a limit that scales the task, a
     singularity) the rest is followed by :func:`qp_twist.follow`, which takes longer.
 
-    Memory: with ``keep=False`` a few numbers a lap, however many waypoints it has.
+    Memory: with ``keep=False`` a few numbers a run, however many waypoints it has.
 
     Args:
         path_task: The task.
         method: Name of the method.
         starts: Configurations (K, nq), or one (nq,) for all; the task's by default. They are
             corrected onto the first waypoint.
-        moves: Rigid motions of the workpiece in the world, one a lap: :class:`mink.SE3`, or
+        moves: Rigid motions of the workpiece in the world, one a run: :class:`mink.SE3`, or
             matrices (K, 4, 4). The waypoints move along with their roll; the roll rule is not
             applied anew.
         keep: Whether the configurations are returned.
@@ -101,7 +101,7 @@ def follow(
     settings = settings_of(path_task, check_method(method), options)
     if settings.secondary == "plan" or not walk_known(path_task, method, settings):
         raise InvalidInput(
-            f"batch.follow: {method} on {path_task.name} has no compiled form; follow the laps one "
+            f"batch.follow: {method} on {path_task.name} has no compiled form; follow the runs one "
             "by one with qp_twist.follow."
         )
     if method in path_task.starts:
@@ -115,7 +115,7 @@ def follow(
 
 
 class _Batch:
-    """The laps of one call."""
+    """The runs of one call."""
 
     def __init__(
         self,
@@ -133,18 +133,18 @@ class _Batch:
         self.numbers = np.zeros((count, 6))
         self.ends = np.zeros(count, dtype=np.int64)
 
-    def run(self, keep: bool, threads: int | None) -> Laps:
-        """All laps by the kernel, and those that it left by the reference."""
+    def run(self, keep: bool, threads: int | None) -> Trajectories:
+        """All runs by the kernel, and those that it left by the reference."""
         count, waypoints = len(self.starts), len(self.path_task.waypoints)
         kept = np.zeros((count if keep else 0, waypoints, self.starts.shape[1]))
         self._correct_starts(threads)
         shared(count, lambda part: self._some(part, kept), threads)
         by_reference = self.ends < waypoints
         by_reference[list(self.failures)] = True  # those without a start
-        for lap in np.flatnonzero(by_reference):
-            self._by_reference(int(lap), kept)
+        for run in np.flatnonzero(by_reference):
+            self._by_reference(int(run), kept)
         errors, axis, margin, z, step, steps = self.numbers.T
-        return Laps(
+        return Trajectories(
             kept if keep else None, self.ends, errors, axis, margin, z, step,
             np.nan_to_num(steps).astype(np.int64), by_reference, self.failures,
         )  # fmt: skip
@@ -155,51 +155,51 @@ class _Batch:
         )
 
     def _off_start(self) -> npt.NDArray[np.intp]:
-        """Laps whose start is not on their first waypoint."""
+        """Trajectories whose start is not on their first waypoint."""
         allowed = self.path_task.iteration
         apart, turned = self.walk.start_errors(self.moves, self.starts).T
         reached = (apart <= allowed.position_tolerance) & (turned <= allowed.angle_tolerance)
         return np.flatnonzero(~reached)
 
     def _correct_starts(self, threads: int | None) -> None:
-        """Starts that are not on their first waypoint are brought there, as a single lap's is."""
+        """Starts that are not on their first waypoint are brought there, as a single run's is."""
         off, given = self._off_start(), self.starts.copy()
         moves, there = self.moves[off], self.starts[off]
         shared(len(off), lambda part: self.walk.correct_starts(moves[part], there[part]), threads)
         self.starts[off] = there
-        for lap in self._off_start():
-            self.starts[lap] = given[lap]
+        for run in self._off_start():
+            self.starts[run] = given[run]
             try:
-                self.starts[lap] = start_of(self._task(int(lap)), self.method)
+                self.starts[run] = start_of(self._task(int(run)), self.method)
             except QpTwistError as error:
-                self.failures[int(lap)] = str(error)
+                self.failures[int(run)] = str(error)
 
-    def _by_reference(self, lap: int, kept: Array) -> None:
-        if lap in self.failures:
-            self.ends[lap], self.numbers[lap] = 0, np.nan
-            kept[lap : lap + 1] = np.nan
+    def _by_reference(self, run: int, kept: Array) -> None:
+        if run in self.failures:
+            self.ends[run], self.numbers[run] = 0, np.nan
+            kept[run : run + 1] = np.nan
             return
         try:
             done = follow_one(
-                self._task(lap), self.method, solver=COMPILED, **self.settings.model_dump()
+                self._task(run), self.method, solver=COMPILED, **self.settings.model_dump()
             )
         except QpTwistError as error:
-            self.failures[lap] = str(error)
+            self.failures[run] = str(error)
             return
         if done.failure:
-            self.failures[lap] = done.failure
+            self.failures[run] = done.failure
         ranges = JointRanges.of(self.path_task.model)
-        self.ends[lap] = len(done.q)
-        self.numbers[lap] = (
+        self.ends[run] = len(done.q)
+        self.numbers[run] = (
             done.position_error.max(), done.axis_error.max(), done.margins.min(initial=np.inf),
             float(ranges.centring(done.q).mean()),
             np.abs(np.diff(done.q, axis=0)).max(initial=0.0), done.iterations.sum(),
         )  # fmt: skip
-        kept[lap : lap + 1, : len(done.q)] = done.q
+        kept[run : run + 1, : len(done.q)] = done.q
 
-    def _task(self, lap: int) -> PathTask:
-        """The task of a lap for itself."""
-        move = pose_of(self.moves[lap])
+    def _task(self, run: int) -> PathTask:
+        """The task of a run for itself."""
+        move = pose_of(self.moves[run])
 
         def moved(waypoints: Sequence[mink.SE3]) -> tuple[mink.SE3, ...]:
             return tuple(move @ waypoint for waypoint in waypoints)
@@ -209,7 +209,7 @@ class _Batch:
             self.path_task,
             waypoints=moved(self.path_task.waypoints),
             flipped_waypoints=None if flipped is None else moved(flipped),
-            start=self.starts[lap],
+            start=self.starts[run],
             starts={},
             best_start=False,
         )
@@ -223,7 +223,7 @@ def _moves(moves: Sequence[mink.SE3] | npt.ArrayLike | None) -> Array:
 
 
 def _starts(path_task: PathTask, starts: npt.ArrayLike | None, moves: int) -> Array:
-    """One for each lap, (K, nq)."""
+    """One for each run, (K, nq)."""
     nq = path_task.model.nq
     if starts is None:
         if path_task.best_start:
@@ -239,6 +239,6 @@ def _starts(path_task: PathTask, starts: npt.ArrayLike | None, moves: int) -> Ar
         given = np.repeat(given, moves, axis=0)
     if moves not in (1, len(given)):
         raise InvalidInput(
-            f"batch.follow: {len(given)} starts and {moves} moves; give one of each for every lap."
+            f"batch.follow: {len(given)} starts and {moves} moves; give one of each for every run."
         )
     return given

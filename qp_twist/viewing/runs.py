@@ -1,4 +1,4 @@
-"""Laps computed beside the page, so that it never waits."""
+"""Runs computed beside the page, so that it never waits."""
 
 from __future__ import annotations
 
@@ -9,35 +9,35 @@ from collections.abc import Callable, Hashable
 
 import mink
 
-from qp_twist.viewing.lap import Lap, Progress
+from qp_twist.viewing.one_run import Progress, Run
 
 _KEPT = 64
-"""Laps that are remembered; one of 400 waypoints takes some 100 kB."""
+"""Runs that are remembered; one of 400 waypoints takes some 100 kB."""
 
 
 class _Superseded(BaseException):
-    """Ends a lap that nobody waits for any more."""
+    """Ends a run that nobody waits for any more."""
 
 
-class Laps:
-    """One worker thread, which computes the lap that was asked for last.
+class Runs:
+    """One worker thread, which computes the run that was asked for last.
 
     Attributes:
-        progress: The share of the lap under way that is done, and what is being done; ``None``
+        progress: The share of the run under way that is done, and what is being done; ``None``
             while there is nothing to do.
     """
 
     def __init__(self) -> None:
         self.progress: tuple[float, str] | None = None
-        self._known: OrderedDict[Hashable, Lap | str] = OrderedDict()
-        self._wanted: tuple[Hashable, Callable[[Progress], Lap]] | None = None
+        self._known: OrderedDict[Hashable, Run | str] = OrderedDict()
+        self._wanted: tuple[Hashable, Callable[[Progress], Run]] | None = None
         self._closed = False
         self._changed = threading.Condition()
-        self._worker = threading.Thread(target=self._work, name="laps", daemon=True)
+        self._worker = threading.Thread(target=self._work, name="runs", daemon=True)
         self._worker.start()
 
-    def want(self, key: Hashable, compute: Callable[[Progress], Lap]) -> None:
-        """Ask for a lap; one that is under way with another key is given up."""
+    def want(self, key: Hashable, compute: Callable[[Progress], Run]) -> None:
+        """Ask for a run; one that is under way with another key is given up."""
         with self._changed:
             if key in self._known:
                 self._known.move_to_end(key)
@@ -47,12 +47,12 @@ class Laps:
                 self.progress = (0.0, "waiting")
             self._changed.notify_all()
 
-    def get(self, key: Hashable) -> Lap | str | None:
-        """The lap; a sentence that says why there is none; ``None`` while it is not yet known."""
+    def get(self, key: Hashable) -> Run | str | None:
+        """The run; a sentence that says why there is none; ``None`` while it is not yet known."""
         with self._changed:
             return self._known.get(key)
 
-    def wait(self, key: Hashable, timeout: float) -> Lap | str | None:
+    def wait(self, key: Hashable, timeout: float) -> Run | str | None:
         """:meth:`get` when it is known, or when ``timeout`` seconds have passed."""
         with self._changed:
             self._changed.wait_for(lambda: key in self._known, timeout)
@@ -84,7 +84,7 @@ class Laps:
                     self.progress = None
                 self._changed.notify_all()
 
-    def _computed(self, key: Hashable, compute: Callable[[Progress], Lap]) -> Lap | str | None:
+    def _computed(self, key: Hashable, compute: Callable[[Progress], Run]) -> Run | str | None:
         def report(share: float, what: str) -> None:
             with self._changed:
                 if self._wanted is None or self._wanted[0] != key:
