@@ -446,26 +446,26 @@ def test_every_equation_of_the_paper_is_there_under_its_label() -> None:
 
 
 def test_every_test_that_a_page_names_exists() -> None:
-    tests = (ROOT / "tests" / "test_equivalences.py").read_text("utf-8")
+    tests = (ROOT / "tests" / "control" / "test_equivalences.py").read_text("utf-8")
     named = re.findall(r"`(test_\w+)`", page("equations.md"))
     assert len(named) == 8
     for name in named:
         assert f"def {name}(" in tests
 
 
-def test_the_house_has_the_layers_and_the_dependencies_that_the_project_has() -> None:
+def test_the_architecture_has_the_layers_and_the_dependencies_that_the_project_has() -> None:
     project = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))
     [contract] = project["tool"]["importlinter"]["contracts"]
-    drawing = (DOCS / "figures" / "house.svg").read_text("utf-8")
+    drawing = (DOCS / "figures" / "architecture.svg").read_text("utf-8")
     assert re.findall(r'class="name"[^>]*>(\w+)<', drawing) == contract["layers"]
-    table = rows(sections(page("house.md"), "##")["What each dependency is for"])
+    table = rows(sections(page("architecture.md"), "##")["What each dependency is for"])
     listed = {name for cells in table for name in cells[0].split(", ")}
     names = {re.split(r"[<>=!]", d)[0] for d in project["project"]["dependencies"]}
     assert listed == names
     for extra in project["project"]["optional-dependencies"].values():
         for dependency in extra:
             name = re.split(r"[<>=!\[]", dependency)[0]
-            assert name in page("house.md") or name == "qp_twist"
+            assert name in page("architecture.md") or name == "qp_twist"
 
 
 # ---------------------------------------------------------------- the site

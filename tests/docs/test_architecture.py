@@ -1,4 +1,4 @@
-"""The house keeps its rooms: one-way imports, shipped data, no machine's traces."""
+"""The architecture: one-way imports, shipped data, no machine's traces."""
 
 from __future__ import annotations
 
