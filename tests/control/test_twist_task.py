@@ -23,7 +23,7 @@ from scipy.spatial.transform import Rotation
 
 from qp_twist.errors import InvalidInput, InvalidTarget
 from qp_twist.geometry import Projector, TwistProjector
-from qp_twist.kinematics import TwistTask, frame_jacobian, frame_pose
+from qp_twist.kinematics import GazeTask, TwistTask, frame_jacobian, frame_pose
 
 Array = npt.NDArray[np.float64]
 
@@ -715,7 +715,7 @@ def test_one_cost_for_all_rows(cost: object) -> None:
     ):  # fmt: skip
         task.set_cost(cost)
         np.testing.assert_array_equal(task.cost, np.full(5, 2.0))
-    assert TwistTask.gaze("tool", "site", cost=2.0).cost.tolist() == [2.0, 2.0]
+    assert GazeTask("tool", "site", cost=2.0).cost.tolist() == [2.0, 2.0]
 
 
 def test_costs_of_a_block_without_rows_weigh_nothing() -> None:

@@ -198,7 +198,7 @@ def free_twist(c: mink.Configuration, rng: np.random.Generator) -> mink.Task:
 
 
 def gaze(c: mink.Configuration, rng: np.random.Generator) -> mink.Task:
-    task = qt.TwistTask.gaze("camera", "site")
+    task = qt.GazeTask("camera", "site")
     task.set_point(np.array([2.0, 0.3, 1.0]) + 0.1 * rng.normal(size=3))
     return task
 

@@ -172,7 +172,7 @@ def test_what_has_no_compiled_form_is_refused_with_a_sentence() -> None:
     with pytest.raises(qt.InvalidInput, match="expected a MjModel"):
         qt.batch.closed_form(None, composed.twist_tasks[0], q, targets)  # type: ignore[arg-type]
     with pytest.raises(qt.InvalidInput, match="GazeTask"):
-        gaze = qt.TwistTask.gaze("tool", "site")
+        gaze = qt.GazeTask("tool", "site")
         qt.batch.closed_form(MODEL, gaze, q, targets)
     with pytest.raises(qt.InvalidInput, match="threads"):
         qt.batch.step(composed, q, 0.1, targets, threads=1.5)  # type: ignore[arg-type]

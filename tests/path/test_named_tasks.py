@@ -26,7 +26,7 @@ NAMED: dict[str, tuple[Make, int]] = {
     "on_plane": (qt.TwistTask.on_plane, 1),
     "flat on_plane": (lambda *a, **k: qt.TwistTask.on_plane(*a, flat=True, **k), 3),
     "line_on_line": (qt.TwistTask.line_on_line, 4),
-    "gaze": (qt.TwistTask.gaze, 2),
+    "gaze": (qt.GazeTask, 2),
 }
 
 
@@ -152,7 +152,7 @@ def test_the_rows_are_the_derivative_of_the_error_at_the_target(
 def test_the_angle_of_the_gaze_changes_as_its_rows_say(seed: int, relative: bool) -> None:
     """At any angle: along the error itself the rows are exact."""
     rng, c = np.random.default_rng(seed), mink_problems.configuration(seed)
-    task = qt.TwistTask.gaze(*LEFT, **({"relative_to": RIGHT} if relative else {}))
+    task = qt.GazeTask(*LEFT, **({"relative_to": RIGHT} if relative else {}))
     at = near(c, rng, far=5.0)
     if relative:
         at = pose(c, RIGHT).inverse() @ at
@@ -175,7 +175,7 @@ def test_nothing_moves_relative_to_what_it_is_fixed_to() -> None:
     c = mink_problems.configuration(1)
     for fixed in (("left_link_7", "body"), LEFT, ("left_hand", "geom")):
         np.testing.assert_allclose(relative_jacobian(c, *LEFT, *fixed), 0.0, atol=1e-12)
-        for make in (qt.TwistTask.point, qt.TwistTask.gaze):
+        for make in (qt.TwistTask.point, qt.GazeTask):
             if fixed == LEFT:  # that takes no model to know
                 with pytest.raises(qt.InvalidInput, match="the controlled frame itself"):
                     make(*LEFT, relative_to=fixed)
@@ -247,7 +247,7 @@ def test_at_the_target_the_cost_of_the_gaze_is_that_of_minks_look_at_task() -> N
     at = (pose(c, LEFT) @ mink.SE3.from_translation(np.array([0.0, 0.0, 0.7]))).translation()
     theirs = mink.LookAtTask(*LEFT, cost=1.0)
     theirs.set_target(at)
-    ours = qt.TwistTask.gaze(*LEFT)
+    ours = qt.GazeTask(*LEFT)
     ours.set_point(at)
     J, K = ours.compute_jacobian(c), theirs.compute_jacobian(c)
     np.testing.assert_allclose(J.T @ J, K.T @ K, atol=1e-12)
@@ -263,7 +263,7 @@ def test_far_away_the_gaze_arrives_at_least_as_soon_as_minks(degrees: float) -> 
         at = pose(c, LEFT).translation() + pose(c, LEFT).rotation().as_matrix() @ sight
         task: mink.Task
         if name == "ours":
-            task = qt.TwistTask.gaze(*LEFT, max_angular_step=0.5)
+            task = qt.GazeTask(*LEFT, max_angular_step=0.5)
             task.set_point(at)
         else:
             task = mink.LookAtTask(*LEFT, cost=1.0)
@@ -364,15 +364,15 @@ def test_bad_input_is_a_sentence() -> None:
     with pytest.raises(mink.InvalidFrame):
         task.set_target_from_configuration(c)
     with pytest.raises(qt.InvalidInput, match="bands"):
-        qt.TwistTask.gaze(*LEFT, bands=[qt.RollBand([0, 0, 1], -1.0, 1.0)])
-    look = qt.TwistTask.gaze(*LEFT)
+        qt.GazeTask(*LEFT, bands=[qt.RollBand([0, 0, 1], -1.0, 1.0)])
+    look = qt.GazeTask(*LEFT)
     with pytest.raises(qt.InvalidTarget):
         look.set_point([np.nan, 0.0, 0.0])
     look.set_point(pose(c, LEFT).translation())
     with pytest.raises(qt.InvalidInput, match="no direction to look in"):
         look.compute_error(c)
     with pytest.raises(qt.InvalidInput, match=r"axis=….*has no direction"):
-        qt.TwistTask.gaze(*LEFT, axis=[0, 0, 0])
+        qt.GazeTask(*LEFT, axis=[0, 0, 0])
     with pytest.raises(qt.InvalidInput, match="dt"):
         qt.target_twist(mink.SE3.identity(), mink.SE3.identity(), 0.0)
     with pytest.raises(qt.InvalidInput, match="target_twist: now"):
