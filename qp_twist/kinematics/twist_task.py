@@ -125,8 +125,8 @@ class TwistTask(mink.Task):
     part in the other hand or on a positioner. J is then that of the frame relative to its carrier
     (:func:`~qp_twist.kinematics.relative_jacobian`), and axes fixed to the target move with it.
 
-    :meth:`axis_free`, :meth:`point`, :meth:`on_line`, :meth:`on_plane`, :meth:`line_on_line` and
-    :meth:`gaze` state the usual tasks by name.
+    :meth:`axis_free`, :meth:`point`, :meth:`on_line`, :meth:`on_plane` and :meth:`line_on_line`
+    state the usual tasks by name; :class:`~qp_twist.GazeTask` points a camera.
 
     Attributes:
         frame_name: Name or id of the controlled frame.

@@ -500,7 +500,7 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.mark.xdist_group("site")
 def test_the_site_needs_no_network(site: Path) -> None:
     asked = set()
-    for file in [*site.glob("*.html"), *site.rglob("*.css")]:
+    for file in [*site.rglob("*.html"), *site.rglob("*.css")]:
         text = file.read_text("utf-8")
         asked |= set(
             re.findall(r"<(?:script|img|link|iframe)[^>]*(?:src|href)=\"(\w*:?//[^\"]+)", text)
@@ -512,7 +512,7 @@ def test_the_site_needs_no_network(site: Path) -> None:
 @pytest.mark.xdist_group("site")
 def test_every_formula_is_drawn_by_the_browser_itself(site: Path) -> None:
     count = 0
-    for file in site.glob("*.html"):
+    for file in site.rglob("*.html"):
         text = file.read_text("utf-8")
         assert "MathJax" not in text
         assert r"\mathbf" not in text
@@ -539,9 +539,10 @@ def test_a_reference_to_an_equation_has_the_equations_number(site: Path) -> None
     assert len(set(numbers.values())) == len(numbers)
     references = [
         reference
-        for file in site.glob("*.html")
+        for file in site.rglob("*.html")
         for reference in re.findall(
-            r'href="(?:equations\.html)?#equation-([\w-]+)">\((\d+)\)', file.read_text("utf-8")
+            r'href="(?:(?:\.\./)?equations\.html)?#equation-([\w-]+)">\((\d+)\)',
+            file.read_text("utf-8"),
         )
     ]
     assert len(references) > 10
