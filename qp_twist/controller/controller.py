@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import inspect
 import math
 import threading
 from collections.abc import Sequence
@@ -16,13 +15,13 @@ import numpy.typing as npt
 from qp_twist.checks import (
     Array,
     checked,
-    did_you_mean,
     finite_array,
     instance,
     largest,
     number,
     one_of,
     read_only,
+    refusing_unknown_names,
 )
 from qp_twist.constraints import Constraint, check_constraint
 from qp_twist.controller.composition import composition_known
@@ -123,15 +122,7 @@ class Controller:
         lambda _, name, value: number(name, value, at_least=0.0, at_most=1.0)
     )
 
-    def __new__(cls, *args: Any, **options: Any) -> Controller:
-        """As of any class, but a keyword that is misspelt is refused with the one that is meant."""
-        known = inspect.signature(cls.__init__).parameters if options else {}
-        if all(argument.kind is not argument.VAR_KEYWORD for argument in known.values()):
-            for name in options.keys() - known:
-                hint = did_you_mean(name, known)
-                raise TypeError(f"{cls.__name__}: there is no argument {name!r}{hint}")
-        return super().__new__(cls)
-
+    @refusing_unknown_names
     def __init__(
         self,
         model: mujoco.MjModel,

@@ -408,6 +408,9 @@ def test_a_misspelt_keyword_is_refused_with_the_one_that_is_meant() -> None:
         qt.Controller(PLANAR, [], on_infeasable="raise")  # type: ignore[call-arg]
     with pytest.raises(TypeError, match=r"no argument 'colour'\."):
         qt.Controller(PLANAR, [], colour="red")  # type: ignore[call-arg]
+    assert list(inspect.signature(qt.Controller).parameters)[:4] == [
+        "model", "tasks", "levels", "secondary",
+    ]  # fmt: skip
 
     class Mine(qt.Controller):
         def __init__(self, colour: str, **options: Any) -> None:
