@@ -276,10 +276,10 @@ def closest_levels(w, ends, relaxes, tolerances):
     final program in the same way as any other.
 
     Args:
-        w: ``step_record.Program`` of which
-            :func:`~qp_twist.fast.verified_program.solved_program` found that it is infeasible. It
-            receives the results of a step; ``gains`` receives the multipliers of the constraints
-            that limit a level.
+        w: ``step_record.Program`` that
+            :func:`~qp_twist.fast.verified_program.solved_program` found infeasible. It receives
+            the results of a step; ``gains`` receives the multipliers of the constraints that
+            limit a level.
         ends: Index after the last row of each level, (levels,).
         relaxes: Whether the first level may be relaxed.
         tolerances: Of the verification.

@@ -111,9 +111,9 @@ read_step = reader(STEP)
 
 @plain
 def _clear_cut(H, metric, N, nearly, work):
-    """Whether the rows, H = their squares, see every motion outside their null space N (p, n) well.
+    """Whether the rows, with Gram matrix H, see every motion outside their null space N (p, n).
 
-    True if H in units of the metric, plus trace · NᵀN, has no small eigenvalue.
+    True if M^(−1/2) H M^(−1/2) + trace · NᵀN has no small eigenvalue.
     """
     n, trace = len(metric), 0.0
     for i in range(n):
@@ -230,7 +230,7 @@ def _desired(qpos, addresses, middle, stiffness, displacement, dt, use_secondary
 
 @plain
 def _all_seen(H, metric, nearly, work):
-    """Whether the rows, H = their squares, see every motion well, as is usual.
+    """Whether the rows with the Gram matrix H see every motion well, as is usual.
 
     The trace of M^(−1/2) H M^(−1/2) serves as an upper bound of its largest eigenvalue.
     """

@@ -32,9 +32,9 @@ _RESTARTS = 20
 """Largest number of restarts of a descent that has not converged."""
 _SWEEPS = 10
 """Largest number of sweeps in which a waypoint also starts from its neighbours' results."""
-_WORTH = 1.01
+_NEAR_LEAST = 1.01
 """Descents that end above this multiple of their waypoint's least z are dropped."""
-_HOPEFUL = 20.0
+_MARGIN_RANGE = 20.0
 """Margins further than this below the largest of their waypoint are dropped, degrees."""
 _NEWTON_STEPS = 6
 _PROBE = 1e-3
@@ -195,8 +195,8 @@ def _least_z(
     least = ranges.centring(best)
     if not np.isfinite(least).all():
         return least
-    worth = np.flatnonzero(z <= _WORTH * least[at])
-    q, at = np.vstack([best, q[worth]]), np.concatenate([np.arange(count), at[worth]])
+    near = np.flatnonzero(z <= _NEAR_LEAST * least[at])
+    q, at = np.vstack([best, q[near]]), np.concatenate([np.arange(count), at[near]])
     q = _polished(q, at, rows, ranges)
     bounds = np.full(count, np.inf)
     np.minimum.at(bounds, at, ranges.centring(q) - _remainder(q, at, rows, ranges, tolerance))
@@ -342,9 +342,9 @@ def _largest_margin(
     count = len(rows.freedom)
     q, at = _candidates(layers, waypoints, path, count, lambda q: -objective.margins(q))
     margins = objective.margins(q)
-    hopeful = margins > margins[_first_of_each(-margins, at, count)][at] - _HOPEFUL
-    at = at[hopeful]
-    q = _climbed(q[hopeful], at, rows, objective)
+    promising = margins > margins[_first_of_each(-margins, at, count)][at] - _MARGIN_RANGE
+    at = at[promising]
+    q = _climbed(q[promising], at, rows, objective)
     best = q[_first_of_each(-objective.margins(q), at, count)]
     margins = objective.margins(best)
     settled = np.zeros(count, dtype=bool)
