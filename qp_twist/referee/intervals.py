@@ -1,4 +1,4 @@
-"""The way from each waypoint to the next, and how far along it a pose is."""
+"""The path's intervals between consecutive waypoints, and the progress of a pose along them."""
 
 from __future__ import annotations
 
@@ -16,25 +16,25 @@ from qp_twist.geometry import (
 )
 
 _SHORT = 1e-12
-"""Square of a length below which a way has none, m² or rad²."""
+"""Square of a length below which it counts as zero, m² or rad²."""
 
 
-class Way:
+class Intervals:
     r"""Straight lines between positions, shortest rotations between orientations.
 
-    The share λ of a pose is that of the point of the way which is nearest in the task's linear
-    rows, where the positions differ in them, else in its angular ones. With rows that do not turn
-    with the body it is a linear function of the origin,
+    The progress λ of a pose is that of the nearest point of the interval, measured in the task's
+    linear rows if the waypoints' positions differ in them, else in its angular rows. With rows that
+    do not turn with the body it is a linear function of the origin,
 
     .. math:: \lambda = \frac{(\mathbf p - \mathbf p_0)\cdot\mathbf w}{\|\mathbf w\|^2},
 
-    w being the way in the rows at its first waypoint, cut to [0, 1]. Where only orientations
-    differ, the same is done with the chord of the arc that the tool's axis, or the whole
-    orientation, passes. Where neither differs in the rows, λ is the share of the time.
+    clipped to [0, 1], with w the displacement between the waypoints in the rows of the first. If
+    only the orientations differ, w is the chord of the arc of the tool's axis, or of the whole
+    orientation. If neither differs in the rows, λ is the share of the time.
 
     Attributes:
         projectors: Each projector once.
-        which: Index of the one in force on each way, (N − 1,).
+        which: Index of each interval's projector, (N − 1,).
         lengths: Distance of the positions, m, (N − 1,).
         turns: Angle between the orientations, rad, (N − 1,).
         straight: Where λ is a linear function of the origin, (N − 1,).
@@ -56,14 +56,14 @@ class Way:
         for number, projector in enumerate(self.projectors):
             here = np.flatnonzero(self.which == number)
             first, last = (R_d[here], p_d[here]), (R_d[here + 1], p_d[here + 1])
-            way = many_twist_errors(*first, *last, projector)[1]
-            # The rows at the first waypoint, whatever they turn with.
+            errors = many_twist_errors(*first, *last, projector)[1]
+            # The rows at the first waypoint, in any frame.
             basis = projector.linear.basis
             if projector.frame != "world":
                 basis = R_d[here] @ basis
             seen = np.swapaxes(basis, -1, -2) @ self._step[here][:, :, None]
             self._linear[here] = (basis @ seen)[:, :, 0]
-            self._angular[here] = way[:, 3:]
+            self._angular[here] = errors[:, 3:]
             moves = (self._linear[here] ** 2).sum(axis=1) > _SHORT
             self._moves[here] = moves
             whole = projector.linear.kind is ProjectorKind.FULL
@@ -72,107 +72,110 @@ class Way:
                 x = self._turning(projector, R_d[here])
                 self._origin[here] = x
                 self._chord[here] = self._turning(projector, R_d[here + 1]) - x
-                turned = (way[:, 3:] ** 2).sum(axis=1) > _SHORT
+                turned = (errors[:, 3:] ** 2).sum(axis=1) > _SHORT
                 self._arc[here] = ~moves & turned
 
     @property
     def by_rate(self) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
-        """Where progress is near its chord in a short stretch, so that λ is bounded, (N − 1,)."""
+        """Where :meth:`curve` bounds progress off its chord, (N − 1,)."""
         return self.straight | self._arc
 
-    def at(self, way: Indices, share: Array) -> tuple[Array, Array]:
-        """Rotations (K, 3, 3) and positions (K, 3) at shares of the ways, (K,)."""
-        turned = Rotation.from_rotvec(share[:, None] * self._turn[way]).as_matrix()
-        return turned @ self._R[way], self._p[way] + share[:, None] * self._step[way]
+    def at(self, interval: Indices, share: Array) -> tuple[Array, Array]:
+        """Rotations (K, 3, 3) and positions (K, 3) at shares of intervals, (K,)."""
+        turned = Rotation.from_rotvec(share[:, None] * self._turn[interval]).as_matrix()
+        return turned @ self._R[interval], self._p[interval] + share[:, None] * self._step[interval]
 
-    def progress(self, R: Array, p: Array, way: Indices, even: Array) -> tuple[Array, Array]:
-        """How far poses are along ways: before it is cut and bent, and λ, (K,) each.
+    def progress(self, R: Array, p: Array, interval: Indices, even: Array) -> tuple[Array, Array]:
+        """Progress of poses along intervals: raw (share of the chord, not clipped), and λ, (K,).
 
-        Where the rows see nothing of a way, it is passed evenly: at shares ``even`` of its time.
+        Where the rows do not see an interval, progress is ``even``, the share of its time.
         """
         raw = even.copy()
-        straight, arc = self.straight[way], self._arc[way]
+        straight, arc = self.straight[interval], self._arc[interval]
         if straight.any():
-            on = way[straight]
+            on = interval[straight]
             raw[straight] = _along(p[straight] - self._p[on], self._linear[on])
         for number, projector in enumerate(self.projectors):
-            here = np.flatnonzero(self.which[way] == number)
+            here = np.flatnonzero(self.which[interval] == number)
             bent = here[arc[here]]
             if len(bent):
-                x = self._turning(projector, R[bent]) - self._origin[way[bent]]
-                raw[bent] = _along(x, self._chord[way[bent]])
+                x = self._turning(projector, R[bent]) - self._origin[interval[bent]]
+                raw[bent] = _along(x, self._chord[interval[bent]])
             rest = here[~straight[here] & ~arc[here]]
             if len(rest):
-                raw[rest] = self._by_errors(projector, R[rest], p[rest], way[rest], even[rest])
-        return raw, self.share(way, raw)
+                raw[rest] = self._by_errors(projector, R[rest], p[rest], interval[rest], even[rest])
+        return raw, self.share(interval, raw)
 
-    def share(self, way: Indices, raw: Array) -> Array:
-        """λ in [0, 1]: a share of a chord is another one of its arc; never decreasing, (K,)."""
+    def share(self, interval: Indices, raw: Array) -> Array:
+        """λ in [0, 1] from raw progress; converts a chord's share to its arc's; monotonic, (K,)."""
         cut = np.clip(raw, 0.0, 1.0)
-        arc, turn = self._arc[way], self.turns[way]
+        arc, turn = self._arc[interval], self.turns[interval]
         angle = np.where(arc, turn, 1.0)
         sine = np.clip(2.0 * np.sin(0.5 * angle) * (cut - 0.5), -1.0, 1.0)
         bent = np.clip(0.5 + np.arcsin(sine) / angle, 0.0, 1.0)
         share: Array = np.where(arc, bent, cut)
         return share
 
-    def curve(self, way: Indices, curl: Array, bend: Array) -> Array:
-        """How far progress, before it is cut and bent, may be from its chord, (K,).
+    def curve(self, interval: Indices, curl: Array, bend: Array) -> Array:
+        """Bound of the distance of raw progress from its chord, (K,).
 
         Args:
-            way: Where.
+            interval: Index of each motion's interval.
             curl: Bound of the second derivative of vectors that turn with the frame, (K,).
-            bend: The same of its origin, m.
+            bend: Bound of the second derivative of its origin, m.
         """
-        straight, arc = self.straight[way], self._arc[way]
-        of_line = np.where(straight, np.linalg.norm(self._linear[way], axis=1), 1.0)
-        of_arc = np.where(arc, np.linalg.norm(self._chord[way], axis=1), 1.0)
+        straight, arc = self.straight[interval], self._arc[interval]
+        of_line = np.where(straight, np.linalg.norm(self._linear[interval], axis=1), 1.0)
+        of_arc = np.where(arc, np.linalg.norm(self._chord[interval], axis=1), 1.0)
         away: Array = np.where(straight, bend / of_line, np.where(arc, curl / of_arc, 0.0)) / 8.0
         return away
 
     def steepest(
-        self, way: Indices, ends: tuple[Array, Array], curve: Array, moved: tuple[Array, Array]
+        self, interval: Indices, ends: tuple[Array, Array], curve: Array, moved: tuple[Array, Array]
     ) -> Array:
         """Largest |dλ/ds| between two poses, s going from 0 to 1, (K,).
 
         Args:
-            way: Where.
-            ends: Progress at both, before it is cut and bent.
-            curve: How far it may be from its chord between them.
-            moved: How far origin and orientation move at most, m and rad.
+            interval: Index of each pair's interval.
+            ends: Raw progress at both poses.
+            curve: Bound of its distance from its chord between them.
+            moved: Largest displacement of the origin and the orientation, m and rad.
         """
         slope = np.abs(ends[1] - ends[0]) + 4.0 * curve  # ‖x″‖/2 more than the chord's
         off = np.minimum(np.maximum(*(np.abs(end - 0.5) for end in ends)) + curve, 0.5)
-        arc = self._arc[way]
-        angle = np.where(arc, self.turns[way], 1.0)
+        arc = self._arc[interval]
+        angle = np.where(arc, self.turns[interval], 1.0)
         sine = np.sin(0.5 * angle)
         cosine = np.sqrt(np.maximum(1.0 - (2.0 * sine * off) ** 2, 1e-12))
         slope = np.where(arc, slope * 2.0 * sine / (angle * cosine), slope)
-        length = self._length(way)
+        length = self._length(interval)
         rest = np.divide(
-            np.where(self._moves[way], *moved), length, out=np.zeros(len(way)), where=length > 0.0
+            np.where(self._moves[interval], *moved),
+            length,
+            out=np.zeros(len(interval)),
+            where=length > 0.0,
         )
-        steepest: Array = np.where(arc | self.straight[way], slope, rest)
+        steepest: Array = np.where(arc | self.straight[interval], slope, rest)
         return steepest
 
     def within(self, tolerances: tuple[float, float]) -> Array:
-        """The share of each way that errors at both ends of a stretch can be, (N − 1,)."""
+        """The share of each interval that task errors within the tolerances can add, (N − 1,)."""
         error = np.where(self._moves, *tolerances)
         length = np.maximum(self._length(np.arange(len(error))), _SHORT)
         within: Array = 2.0 * error / length
         return within
 
-    def _length(self, way: Indices) -> Array:
-        """The way's length in the rows that progress is measured in, m or rad, (K,)."""
+    def _length(self, interval: Indices) -> Array:
+        """Length of intervals in the rows that measure progress, m or rad, (K,)."""
         linear, angular = (
-            np.linalg.norm(part[way], axis=1) for part in (self._linear, self._angular)
+            np.linalg.norm(part[interval], axis=1) for part in (self._linear, self._angular)
         )
-        length: Array = np.where(self._moves[way], linear, angular)
+        length: Array = np.where(self._moves[interval], linear, angular)
         return length
 
     @staticmethod
     def _turning(projector: TwistProjector, R: Array) -> Array:
-        """What turns with the frame and its rows see, a vector of length 1 or √3, (K, 9)."""
+        """Vectors that turn with the frame, as the angular rows see them, (K, 9)."""
         if projector.angular.kind is ProjectorKind.FULL:
             whole: Array = R.reshape(-1, 9) / np.sqrt(2.0)
             return whole
@@ -183,11 +186,12 @@ class Way:
         return found
 
     def _by_errors(
-        self, projector: TwistProjector, R: Array, p: Array, way: Indices, even: Array
+        self, projector: TwistProjector, R: Array, p: Array, interval: Indices, even: Array
     ) -> Array:
-        """Progress by the task errors to both waypoints, in rows that turn with the body."""
+        """Progress from the task errors to both waypoints, for rows that turn with the body."""
         ends = [
-            many_twist_errors(R, p, self._R[k], self._p[k], projector)[1] for k in (way, way + 1)
+            many_twist_errors(R, p, self._R[k], self._p[k], projector)[1]
+            for k in (interval, interval + 1)
         ]
         raw = even.copy()
         decided = np.zeros(len(p), dtype=bool)
@@ -199,7 +203,7 @@ class Way:
         return raw
 
 
-def _along(x: Array, way: Array) -> Array:
+def _along(x: Array, w: Array) -> Array:
     """x·w/‖w‖² row by row."""
-    along: Array = np.einsum("ki,ki->k", x, way) / np.einsum("ki,ki->k", way, way)
+    along: Array = np.einsum("ki,ki->k", x, w) / np.einsum("ki,ki->k", w, w)
     return along
