@@ -60,7 +60,7 @@ def kinematics(task: qt.PathTask, count: int = 400_000) -> float:
 
 def followed(
     task: qt.PathTask, method: str, count: int, threads: int
-) -> tuple[float, qt.batch.Runs]:
+) -> tuple[float, qt.batch.Trajectories]:
     """Seconds, and the runs."""
     carried = moves(task, count)
     qt.batch.follow(task, method, moves=carried[:2], keep=False)  # compiles, or loads

@@ -1,8 +1,8 @@
 """``qt.solve_ik`` beside ``mink.solve_ik``, on every kind of mink task and limit.
 
-Both with daqp, on the problems of ``tests/mink_problems.py`` (a cart with two arms, fingers, a
-neck, a drone and a crank) at random configurations. The oracle is the program that mink builds,
-solved by an interior-point method as closely as it can.
+Both with daqp, on the problems of ``tests/oracles/mink_problems.py`` (a cart with two arms,
+fingers, a neck, a drone and a crank) at random configurations. The oracle is the program that
+mink builds, solved by an interior-point method as closely as it can.
 
     python benchmarks/drop_in_optimum.py [--seeds 20] [--markdown docs/generated/drop_in_optimum.md]
 """
@@ -16,8 +16,8 @@ from pathlib import Path
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
 
 import mink
-import mink_problems
 import qpsolvers
+from oracles import mink_problems
 from publishing import command
 
 import qp_twist as qt

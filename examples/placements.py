@@ -109,7 +109,7 @@ class InverseKinematics:
 
     def __init__(self, task: qt.PathTask) -> None:
         self.ranges = qt.JointRanges.of(task.model)
-        # Lengths of the scene; tests/test_scenes.py compares the two chains.
+        # Lengths of the scene; tests/files/test_scenes.py compares the two chains.
         lengths = opw.KinematicModel(
             a1=0.15, a2=-0.10, b=0.0, c1=0.525, c2=0.77, c3=0.74, c4=0.10,
             offsets=(0.0, 0.0, -np.pi / 2, 0.0, 0.0, np.pi),

@@ -88,13 +88,13 @@ class _Exact:
     """A program as fractions; its inequalities as normal · q̇ ≤ end."""
 
     def __init__(self, program: Program) -> None:
-        self.wish = fractions(program.wish)
+        self.desired = fractions(program.desired)
         self.A, self.b = [fractions(row) for row in program.A], fractions(program.b)
         self.G = [fractions(row) for row in program.G]
         self.ends: dict[_Key, Fraction] = {
             ("bound", joint, side): side * Fraction(float(limit[joint]))
             for side, limit in ((-1, program.lower), (1, program.upper))
-            for joint in range(len(self.wish))
+            for joint in range(len(self.desired))
             if np.isfinite(limit[joint])
         }
         self.ends |= {("row", i, 1): end for i, end in enumerate(fractions(program.g))}
@@ -104,7 +104,7 @@ class _Exact:
         kind, index, side = key
         if kind == "row":
             return self.G[index]
-        row = [Fraction()] * len(self.wish)
+        row = [Fraction()] * len(self.desired)
         row[index] = Fraction(side)
         return row
 
@@ -123,18 +123,18 @@ class _Exact:
         chosen = [key for key in active if key[0] == "row"]
         rows = [*self.A, *(self.G[i] for _, i, _ in chosen)]
         ends = [*self.b, *(self.ends[key] for key in chosen)]
-        begin = [fixed.get(i, wish) for i, wish in enumerate(self.wish)]
+        begin = [fixed.get(i, desired) for i, desired in enumerate(self.desired)]
         free = [[v for i, v in enumerate(row) if i not in fixed] for row in rows]
         gram = [[dot(p, q) for q in free] for p in free]
         pull = solve(gram, [end - dot(row, begin) for row, end in zip(rows, ends, strict=True)])
-        moved = [dot(pull, [row[i] for row in rows]) for i in range(len(self.wish))]
+        moved = [dot(pull, [row[i] for row in rows]) for i in range(len(self.desired))]
         velocity = [fixed[i] if i in fixed else begin[i] + moved[i] for i in range(len(begin))]
         multipliers: dict[_Key, Fraction] = {}
         for key in active:
             kind, i, side = key
             if kind == "bound":
                 # Stationarity: q̇ − q̇₀ − pull is what the bound holds back.
-                multipliers[key] = -side * (velocity[i] - self.wish[i] - moved[i])
+                multipliers[key] = -side * (velocity[i] - self.desired[i] - moved[i])
         for key, multiplier in zip(chosen, pull[len(self.b) :], strict=True):
             multipliers[key] = -multiplier
         return velocity, multipliers

@@ -41,8 +41,8 @@ class Problem:
     r"""A trajectory whose poses are the targets, and the limits around it.
 
     At step k every contender is at :math:`q_k` and asked for the poses at :math:`q_{k+1}`: the
-    trajectory is given, and nobody's answer changes what comes next. The wish is to go a share of
-    the way to the middle, :math:`\dot q_0 = k\,(q_{mid} - q)/dt`.
+    trajectory is given, and nobody's answer changes what comes next. The desired velocity goes a
+    share of the way to the middle, :math:`\dot q_0 = k\,(q_{mid} - q)/dt`.
 
     Attributes:
         group: Name of what varies: ``"step"``, or that of a series.

@@ -22,7 +22,7 @@ class Asked(enum.Enum):
 
     COMMON = "the program of the problem"
     UNLIMITED = "the same without limits"
-    SHORTEST = "the same without limits, the wish zero"
+    SHORTEST = "the same without limits, the desired velocity zero"
     OTHER = "another one, or none"
 
 
@@ -34,7 +34,7 @@ class Program:
         A\dot q=b,\quad G\dot q\le g,\quad l\le\dot q\le u
 
     Attributes:
-        wish: q̇₀, rad/s, (n,).
+        desired: q̇₀, rad/s, (n,).
         A: UᵀJ, (r, n).
         b: UᵀΔt/dt, m/s and rad/s, (r,).
         G: Inequality rows, (m, n).
@@ -43,7 +43,7 @@ class Program:
         upper: u, (n,).
     """
 
-    wish: Array
+    desired: Array
     A: Array
     b: Array
     G: Array
@@ -55,8 +55,8 @@ class Program:
         """The same for a solver."""
         rows, equalities = len(self.g), len(self.b)
         return qpsolvers.Problem(
-            np.eye(len(self.wish)),
-            -self.wish,
+            np.eye(len(self.desired)),
+            -self.desired,
             self.G if rows else None,
             self.g if rows else None,
             self.A if equalities else None,
@@ -66,12 +66,12 @@ class Program:
         )
 
     def of(self, asked: Asked) -> Program:
-        """Without its limits, and without the wish where the shortest step is asked."""
+        """Without its limits, and without the desired velocity where the shortest step is asked."""
         if asked is Asked.COMMON:
             return self
-        free = np.full(len(self.wish), np.inf)
-        wish = np.zeros_like(self.wish) if asked is Asked.SHORTEST else self.wish
-        return replace(self, wish=wish, lower=-free, upper=free, G=self.G[:0], g=self.g[:0])
+        free = np.full(len(self.desired), np.inf)
+        desired = np.zeros_like(self.desired) if asked is Asked.SHORTEST else self.desired
+        return replace(self, desired=desired, lower=-free, upper=free, G=self.G[:0], g=self.g[:0])
 
     def residual(self, velocity: Array) -> float:
         """‖A q̇ − b‖, m/s and rad/s."""
