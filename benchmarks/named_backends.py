@@ -4,11 +4,11 @@
 
 Robots and trajectories are those of ``qp-twist bench``: 6, 7 and 14 joints, tool positions and axes
 as constraints, ranges and speeds as limits, of which some are active. At every step both get the
-next configuration and target and solve, in turns one or the other first, so that a whole step
-stands beside a whole step. *Ours* has ``MotionLimit`` and ``PostureReference``, *mink's* the very
-limits and the ``PostureTask`` that mink has. mink's backends run at their defaults, ours at
-settings at which their results can be verified; *same settings* hands these to mink, too. Medians
-of the wall clock, one thread; two minutes.
+next configuration and target and solve, so that a whole step stands beside a whole step; they take
+turns on blocks of steps, in an order drawn anew. *Ours* has ``MotionLimit`` and
+``PostureReference``, *mink's* the very limits and the ``PostureTask`` that mink has. mink's
+backends run at their defaults, ours at settings at which their results can be verified; *same
+settings* hands these to mink, too. Medians of the wall clock, one thread; two minutes.
 """
 
 from __future__ import annotations
@@ -17,31 +17,29 @@ import one_thread  # noqa: F401
 
 # isort: split
 import sys
-import time
-from collections.abc import Callable
 from dataclasses import replace
-from statistics import median
 from typing import Any
 
-import mink
+import numpy as np
 from publishing import command
 
 import qp_twist as qt
+from qp_twist.bench.contender import StepOf
 from qp_twist.bench.contenders import hard_posed, mink_step, own_step
 from qp_twist.bench.problem import STEPS, Problem
 from qp_twist.bench.problems import table
+from qp_twist.bench.timer import blocks_of, interleaved
 from qp_twist.qp.backend import SETTINGS
 
 SOLVERS = ("daqp", "quadprog", "proxqp", "osqp")
-Whole = Callable[[int], Any]
 
 
-def minks(problem: Problem, solver: str, **settings: Any) -> Whole:
+def minks(problem: Problem, solver: str, **settings: Any) -> StepOf:
     """mink's step."""
     return mink_step(lambda p: replace(hard_posed(p), solver=solver, settings=settings), problem)()
 
 
-def minks_terms(problem: Problem, solver: str) -> Whole:
+def minks_terms(problem: Problem, solver: str) -> StepOf:
     """This package's step, by mink's limits and cost."""
 
     def solve(configuration: Any, costs: Any, dt: float, solver: str, **kwargs: Any) -> Any:
@@ -55,22 +53,11 @@ def minks_terms(problem: Problem, solver: str) -> Whole:
     return mink_step(lambda p: replace(hard_posed(p), solver=solver), problem, solve)()
 
 
-def timed(steps: dict[str, Whole], rounds: int) -> dict[str, float]:
-    """Median time of each, s, along the trajectory, taken in turns."""
-    names = list(steps)
-    took: dict[str, list[float]] = {name: [] for name in names}
-    for number in range(-1, rounds):
-        for k in range(STEPS):
-            shift = (k + number) % len(names)
-            for name in names[shift:] + names[:shift]:
-                began = time.perf_counter()
-                try:
-                    steps[name](k)
-                except mink.NoSolutionFound:  # mink has no more to say of some steps
-                    continue
-                if number >= 0:
-                    took[name].append(time.perf_counter() - began)
-    return {name: median(times) for name, times in took.items() if times}
+def timed(steps: dict[str, StepOf], rounds: int) -> dict[str, float]:
+    """Median time of each, s, by the bench's timer; steps without a solution do not count."""
+    blocks = rounds * blocks_of(STEPS, length=16, count=12)
+    found = interleaved(steps, blocks, np.random.default_rng(0))
+    return {name: 1e-9 * float(np.median(of.warm)) for name, of in found.items() if of.warm}
 
 
 def page(rounds: int, solvers: str) -> list[str]:
