@@ -31,7 +31,7 @@ figures:
 	$(BIN)/python docs/make_figures.py
 	$(BIN)/python docs/make_gallery.py
 	$(BIN)/python docs/make_conventions.py
-	$(BIN)/python docs/make_house.py
+	$(BIN)/python docs/make_architecture.py
 	$(BIN)/python docs/make_screenshots.py
 	$(BIN)/python docs/make_live_page.py
 

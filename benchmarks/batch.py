@@ -8,21 +8,17 @@ the task's; each run has 401 waypoints. Two minutes for 10,000 runs on two cores
 
 from __future__ import annotations
 
-import os
+import one_thread  # noqa: F401
 
-for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
-    os.environ[name] = "1"
-
-import argparse
+# isort: split
 import resource
-import sys
 import time
 from pathlib import Path
 
 import mink
 import mujoco
 import numpy as np
-from publishing import publish
+from publishing import command
 
 import qp_twist as qt
 
@@ -62,7 +58,9 @@ def kinematics(task: qt.PathTask, count: int = 400_000) -> float:
     return 1e6 * (time.perf_counter() - began) / count
 
 
-def runs(task: qt.PathTask, method: str, count: int, threads: int) -> tuple[float, qt.batch.Runs]:
+def followed(
+    task: qt.PathTask, method: str, count: int, threads: int
+) -> tuple[float, qt.batch.Trajectories]:
     """Seconds, and the runs."""
     carried = moves(task, count)
     qt.batch.follow(task, method, moves=carried[:2], keep=False)  # compiles, or loads
@@ -119,18 +117,14 @@ def memory_mb() -> float:
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
 
 
-def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
-    parser.add_argument("--runs", type=int, default=10_000)
-    parser.add_argument("--markdown", type=Path)
-    given = parser.parse_args()
+def page(runs: int) -> list[str]:
     task = qt.load_task("deburring")
     lines = [
         f"| MuJoCo's kinematics and Jacobian, one by one | {floor(task):.1f} |",
         f"| `batch.kinematics`, one thread | {kinematics(task):.2f} |",
     ]
     for method in ("minimum_norm", "gradient_projection", "qp_minimum_norm", "qp_gradient", "qp"):
-        seconds, done = runs(task, method, max(20, given.runs // 50), 1)
+        seconds, done = followed(task, method, max(20, runs // 50), 1)
         plain = ~done.by_reference
         lines.append(
             f"| a step of `{method}` in `batch.follow`, one thread"
@@ -144,9 +138,9 @@ def main() -> int:
         "| --: | --: | --: | --: | --: | --: | --: |",
     ]
     for count, threads in (
-        (given.runs // 10, 1), (given.runs // 10, 2), (given.runs, 2),
+        (runs // 10, 1), (runs // 10, 2), (runs, 2),
     ):  # fmt: skip
-        seconds, done = runs(task, "qp_gradient", count, threads)
+        seconds, done = followed(task, "qp_gradient", count, threads)
         steps = int(done.steps.sum())
         lines.append(
             f"| {count:,} | {threads} | {seconds:.1f} | {steps:,} | {1e6 * seconds / steps:.2f} | "
@@ -159,9 +153,8 @@ def main() -> int:
         "| --: | --: | --: | --: | --: |",
         *single_steps(),
     ]
-    publish("\n".join(lines) + "\n", given.markdown)
-    return 0
+    return lines
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    command(__doc__, page, runs=10_000)

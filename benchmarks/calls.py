@@ -11,21 +11,16 @@ percentile of the ratio to the call that is named, in the same round. A minute.
 
 from __future__ import annotations
 
-import os
+import one_thread  # noqa: F401
 
-for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
-    os.environ[name] = "1"
-
-import argparse
-import sys
+# isort: split
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
-from pathlib import Path
 
 import mink
 import numpy as np
-from publishing import publish
+from publishing import command
 
 import qp_twist as qt
 
@@ -127,10 +122,7 @@ def contenders() -> dict[str, Contender]:
     return found
 
 
-def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
-    parser.add_argument("--markdown", type=Path)
-    given = parser.parse_args()
+def page() -> list[str]:
     everyone, rng = contenders(), np.random.default_rng(0)
     times = {key: np.zeros(ROUNDS) for key in everyone}
     for turn in range(ROUNDS):
@@ -152,9 +144,8 @@ def main() -> int:
             f"| {one.words} | {micro:.{1 if micro < 20 else 0}f} | {middle:.2g} "
             f"| {low:.2g}–{high:.2g} | {bases.get(base, base)} |"
         )
-    publish("\n".join(lines) + "\n", given.markdown)
-    return 0
+    return lines
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    command(__doc__, page)

@@ -265,7 +265,7 @@ def figure() -> Figure:
 
 
 def plot(panel: Any, case: Case, record: Record, values: Callable[[Record], np.ndarray]) -> Any:
-    """One curve in the house's colours."""
+    """One curve in the colours of all figures."""
     return panel.plot(
         record.time,
         values(record),

@@ -8,15 +8,13 @@ the folder as it was left. Processor seconds of the whole process, imports inclu
 
 from __future__ import annotations
 
-import argparse
 import os
 import resource
 import subprocess
 import sys
 import tempfile
-from pathlib import Path
 
-from publishing import publish
+from publishing import command
 
 STEP = """
 import mink, qp_twist as qt
@@ -58,19 +56,15 @@ def processor_seconds(program: str, folder: str) -> float:
     return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
 
 
-def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
-    parser.add_argument("--markdown", type=Path)
-    given = parser.parse_args()
+def page() -> list[str]:
     lines = ["| the first | nothing compiled, s | compiled before, s |", "| :-- | --: | --: |"]
     for words, program in FIRST.items():
         with tempfile.TemporaryDirectory() as folder:
             cold, warm = (processor_seconds(program, folder) for _ in range(2))
         lines.append(f"| {words} | {cold:.1f} | {warm:.2f} |")
         print(lines[-1], flush=True)
-    publish("\n".join(lines) + "\n", given.markdown)
-    return 0
+    return lines
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    command(__doc__, page)

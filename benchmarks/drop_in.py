@@ -16,12 +16,9 @@ are left out of the times. Half a minute.
 
 from __future__ import annotations
 
-import os
+import one_thread  # noqa: F401
 
-for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
-    os.environ[name] = "1"
-
-import argparse
+# isort: split
 import contextlib
 import importlib.util
 import sys
@@ -33,7 +30,7 @@ from pathlib import Path
 import mink
 import mujoco
 import numpy as np
-from publishing import publish
+from publishing import command
 
 import qp_twist as qt
 
@@ -315,23 +312,18 @@ def times_of(app: App, way: str, steps: int) -> Times:
     return found
 
 
-def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
-    parser.add_argument("--steps", type=int, default=1000)
-    parser.add_argument("--only", default="", help="part of the name of an app")
-    parser.add_argument("--markdown", type=Path, help="file to write the table to")
-    given = parser.parse_args()
+def page(steps: int, only: str) -> list[str]:
     lines = [
         "| app | nv | limits | rows | `mink.solve_ik`, µs | p99 | `qt.solve_ik`, µs | p99 "
         "| ratio of medians | of p99 | slowed down |",
         "| :-- | --: | :-- | --: | --: | --: | --: | --: | --: | --: | --: |",
     ]
     for name, make in APPS.items():
-        if given.only not in name:
+        if only not in name:
             continue
         app = make()
         for way in ways_of(app):
-            found = times_of(app, way, given.steps)
+            found = times_of(app, way, steps)
             if found.apart > APART:
                 print(f"{name}, {way}: velocities are {found.apart:.1e} apart", file=sys.stderr)
             values = [
@@ -345,9 +337,8 @@ def main() -> int:
                 + f" | {values[2] / values[0]:.2f} | {values[3] / values[1]:.2f} "
                 f"| {found.without_solution} |"
             )
-    publish("\n".join(lines) + "\n", given.markdown)
-    return 0
+    return lines
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    command(__doc__, page, steps=1000, only="")

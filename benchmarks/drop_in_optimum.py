@@ -1,15 +1,14 @@
 """``qt.solve_ik`` beside ``mink.solve_ik``, on every kind of mink task and limit.
 
-Both with daqp, on the problems of ``tests/mink_problems.py`` (a cart with two arms, fingers, a
-neck, a drone and a crank) at random configurations. The oracle is the program that mink builds,
-solved by an interior-point method as closely as it can.
+Both with daqp, on the problems of ``tests/oracles/mink_problems.py`` (a cart with two arms,
+fingers, a neck, a drone and a crank) at random configurations. The oracle is the program that
+mink builds, solved by an interior-point method as closely as it can.
 
     python benchmarks/drop_in_optimum.py [--seeds 20] [--markdown docs/generated/drop_in_optimum.md]
 """
 
 from __future__ import annotations
 
-import argparse
 import sys
 import warnings
 from pathlib import Path
@@ -17,22 +16,17 @@ from pathlib import Path
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
 
 import mink
-import mink_problems
 import qpsolvers
-from publishing import publish
+from oracles import mink_problems
+from publishing import command
 
 import qp_twist as qt
 
 
-def main() -> None:
-    """Print the table."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--seeds", type=int, default=20)
-    parser.add_argument("--markdown", type=Path, help="file to write the table to")
-    given = parser.parse_args()
+def page(seeds: int) -> list[str]:
     warnings.simplefilter("ignore", qpsolvers.warnings.SparseConversionWarning)
     worst: dict[str, list[float]] = {}
-    for seed in range(given.seeds):
+    for seed in range(seeds):
         for name, problem in mink_problems.named(seed).items():
             entry = worst.setdefault(name, [0.0] * 4)
             arguments = problem.configuration, problem.tasks, problem.dt, "daqp"
@@ -48,8 +42,8 @@ def main() -> None:
     ]
     for name, entry in worst.items():
         lines.append(f"| {name} | " + " | ".join(f"{value:.0e}" for value in entry) + " |")
-    publish("\n".join(lines) + "\n", given.markdown)
+    return lines
 
 
 if __name__ == "__main__":
-    main()
+    command(__doc__, page, seeds=20)

@@ -1,8 +1,8 @@
 """Random priority levels against the textbook cascade of quadratic programs.
 
-``qp_twist.solve_levels`` and an oracle (``tests/hierarchies.py``) solve the same levels; compared
-are the lengths of each level's residual, from the first level on, and the point that is left. The
-oracle says how well its own conditions of optimality hold; none of its results is left out.
+``qp_twist.solve_levels`` and an oracle (``tests/oracles/hierarchies.py``) solve the same levels;
+compared are the lengths of each level's residual, from the first level on, and the point that is
+left. The oracle says how well its own conditions of optimality hold; no result is left out.
 
     python benchmarks/hierarchies.py --problems 10000 --jobs 2 --out hierarchies.json
 
@@ -25,7 +25,7 @@ for threads in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "RAYON_NUM_THREADS"):
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
 
 import numpy as np
-from hierarchies import cascade, random_hierarchy, residual
+from oracles.hierarchies import cascade, random_hierarchy, residual
 
 import qp_twist as qt
 

@@ -4,101 +4,63 @@
 
 Robots and trajectories are those of ``qp-twist bench``: 6, 7 and 14 joints, tool positions and axes
 as constraints, ranges and speeds as limits, of which some are active. At every step both get the
-next configuration and target and solve, in turns one or the other first, so that a whole step
-stands beside a whole step. *Ours* has ``MotionLimit`` and ``PostureReference``, *mink's* the very
-limits and the ``PostureTask`` that mink has. mink's backends run at their defaults, ours at
-settings at which their results can be verified; *same settings* hands these to mink, too. Medians
-of the wall clock, one thread; two minutes.
+next configuration and target and solve, so that a whole step stands beside a whole step; they take
+turns on blocks of steps, in an order drawn anew. *Ours* has ``MotionLimit`` and
+``PostureReference``, *mink's* the very limits and the ``PostureTask`` that mink has. mink's
+backends run at their defaults, ours at settings at which their results can be verified; *same
+settings* hands these to mink, too. Medians of the wall clock, one thread; two minutes.
 """
 
 from __future__ import annotations
 
-import os
+import one_thread  # noqa: F401
 
-for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
-    os.environ[name] = "1"
-
-import argparse
+# isort: split
 import sys
-import time
-from collections.abc import Callable
-from pathlib import Path
-from statistics import median
+from dataclasses import replace
 from typing import Any
 
-import mink
-from publishing import publish
+import numpy as np
+from publishing import command
 
 import qp_twist as qt
-from qp_twist.bench.mink_terms import Scene, mink_limits, posture, twist_tasks
-from qp_twist.bench.problem import DT, STEPS, Problem
+from qp_twist.bench.contender import StepOf
+from qp_twist.bench.contenders import hard_posed, mink_step, own_step
+from qp_twist.bench.problem import STEPS, Problem
 from qp_twist.bench.problems import table
+from qp_twist.bench.timer import blocks_of, interleaved
 from qp_twist.qp.backend import SETTINGS
 
 SOLVERS = ("daqp", "quadprog", "proxqp", "osqp")
-Whole = Callable[[int], Any]
 
 
-def ours(problem: Problem, solver: str) -> Whole:
-    """This package's step, by its own limits and secondary."""
-    tasks = twist_tasks(problem)
-    controller = qt.Controller(
-        problem.model,
-        tasks,
-        secondary=[qt.PostureReference(problem.model, problem.middle, gain=problem.gain)],
-        limits=[qt.MotionLimit(problem.model, velocity=problem.speeds)],
-        solver=solver,
-    )
-    scene = Scene(problem, tasks, [])
-    return lambda k: controller.step(scene.at(k), DT)
-
-
-def minks_terms(problem: Problem, solver: str) -> Whole:
-    """This package's step, by mink's limits and cost."""
-    tasks = twist_tasks(problem)
-    controller = qt.Controller(
-        problem.model,
-        [*tasks, posture(problem, 1.0)],
-        limits=mink_limits(problem, []),
-        solver=solver,
-    )
-    scene = Scene(problem, tasks, [])
-    return lambda k: controller.step(scene.at(k), DT)
-
-
-def minks(problem: Problem, solver: str, **settings: Any) -> Whole:
+def minks(problem: Problem, solver: str, **settings: Any) -> StepOf:
     """mink's step."""
-    tasks, costs, limits = twist_tasks(problem), [posture(problem, 1.0)], mink_limits(problem, [])
-    scene = Scene(problem, tasks, [])
-    return lambda k: mink.solve_ik(
-        scene.at(k), costs, DT, solver, limits=limits, constraints=tasks, **settings
-    )
+    return mink_step(lambda p: replace(hard_posed(p), solver=solver, settings=settings), problem)()
 
 
-def timed(steps: dict[str, Whole], rounds: int) -> dict[str, float]:
-    """Median time of each, s, along the trajectory, taken in turns."""
-    names = list(steps)
-    took: dict[str, list[float]] = {name: [] for name in names}
-    for number in range(-1, rounds):
-        for k in range(STEPS):
-            shift = (k + number) % len(names)
-            for name in names[shift:] + names[:shift]:
-                began = time.perf_counter()
-                try:
-                    steps[name](k)
-                except mink.NoSolutionFound:  # mink has no more to say of some steps
-                    continue
-                if number >= 0:
-                    took[name].append(time.perf_counter() - began)
-    return {name: median(times) for name, times in took.items() if times}
+def minks_terms(problem: Problem, solver: str) -> StepOf:
+    """This package's step, by mink's limits and cost."""
+
+    def solve(configuration: Any, costs: Any, dt: float, solver: str, **kwargs: Any) -> Any:
+        nonlocal controller
+        if controller is None:
+            tasks, limits = [*kwargs["constraints"], *costs], kwargs["limits"]
+            controller = qt.Controller(problem.model, tasks, limits=limits, solver=solver)
+        return controller.step(configuration, dt).velocity
+
+    controller: qt.Controller | None = None
+    return mink_step(lambda p: replace(hard_posed(p), solver=solver), problem, solve)()
 
 
-def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
-    parser.add_argument("--rounds", type=int, default=5)
-    parser.add_argument("--solvers", default=",".join(SOLVERS))
-    parser.add_argument("--markdown", type=Path)
-    given = parser.parse_args()
+def timed(steps: dict[str, StepOf], rounds: int) -> dict[str, float]:
+    """Median time of each, s, by the bench's timer; steps without a solution do not count."""
+    blocks = rounds * blocks_of(STEPS, length=16, count=12)
+    found = interleaved(steps, blocks, np.random.default_rng(0))
+    return {name: 1e-9 * float(np.median(of.warm)) for name, of in found.items() if of.warm}
+
+
+def page(rounds: int, solvers: str) -> list[str]:
     installed = qt.qp.installed_solvers()
     lines = [
         "| backend | joints | `mink.solve_ik`, µs | same settings | ours | mink's terms "
@@ -106,7 +68,7 @@ def main() -> int:
         "| :-- | --: | --: | --: | --: | --: | --: | --: | --: |",
     ]
     problems = [planned.make(range(0, STEPS, 20))[0] for planned in table(0)]
-    for solver in given.solvers.split(","):
+    for solver in solvers.split(","):
         if solver not in installed:
             continue
         for problem in problems:
@@ -114,10 +76,10 @@ def main() -> int:
                 {
                     "mink": minks(problem, solver),
                     "settings": minks(problem, solver, **SETTINGS.get(solver, {})),
-                    "ours": ours(problem, solver),
+                    "ours": own_step(solver, "joint", problem)(),
                     "terms": minks_terms(problem, solver),
                 },
-                given.rounds,
+                rounds,
             )
             ratios = (
                 took["ours"] / took["mink"],
@@ -133,9 +95,8 @@ def main() -> int:
                 + " |"
             )
             print(lines[-1], file=sys.stderr)
-    publish("\n".join(lines) + "\n", given.markdown)
-    return 0
+    return lines
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    command(__doc__, page, rounds=5, solvers=",".join(SOLVERS))

@@ -9,20 +9,15 @@ do not fit inside the limits of 0.5 rad/s.
 
 from __future__ import annotations
 
-import os
+import one_thread  # noqa: F401
 
-for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
-    os.environ[name] = "1"
-
-import argparse
-import sys
+# isort: split
 import timeit
-from pathlib import Path
 from typing import Any
 
 import mink
 import numpy as np
-from publishing import publish
+from publishing import command
 
 import qp_twist as qt
 
@@ -83,10 +78,7 @@ def controller(added: str, solver: str) -> qt.Controller:
     return composed
 
 
-def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
-    parser.add_argument("--markdown", type=Path)
-    given = parser.parse_args()
+def page() -> list[str]:
     solvers = {s: n for s, n in SOLVERS.items() if s in qt.qp.installed_solvers()}
     lines = [
         f"| µs | {' | '.join(solvers)} |".replace("daqp", "by name (daqp)"),
@@ -107,9 +99,8 @@ def main() -> int:
             seconds = min(call.repeat(15, count)) / count
             cells.append(f"{1e6 * seconds:.1f}" if seconds < 1e-5 else f"{1e6 * seconds:.0f}")
         lines.append(f"| {added} | {' | '.join(cells)} |")
-    publish("\n".join(lines) + "\n", given.markdown)
-    return 0
+    return lines
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    command(__doc__, page)

@@ -7,16 +7,10 @@ Each run three times, the fastest counts. A minute.
 
 from __future__ import annotations
 
-import os
+import one_thread  # noqa: F401
 
-for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
-    os.environ[name] = "1"
-
-import argparse
-import sys
-from pathlib import Path
-
-from publishing import publish
+# isort: split
+from publishing import command
 
 import qp_twist as qt
 
@@ -32,10 +26,7 @@ METHODS = {
 }
 
 
-def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
-    parser.add_argument("--markdown", type=Path)
-    given = parser.parse_args()
+def page() -> list[str]:
     task = qt.load_task("deburring")
     solvers = ["daqp", *(["compiled"] if "compiled" in qt.qp.installed_solvers() else [])]
     lines = [
@@ -50,9 +41,8 @@ def main() -> int:
             cells.append(f"{seconds:.3f}" if seconds < 0.1 else f"{seconds:.2f}")
         steps = int(runs[0].iterations.sum())
         lines.append(f"| `{method}` | {steps} | {' | '.join(cells)} | {words} |")
-    publish("\n".join(lines) + "\n", given.markdown)
-    return 0
+    return lines
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    command(__doc__, page)

@@ -1,8 +1,8 @@
 """Every installed backend over the named hard problems and many random ones.
 
 What ``qp_twist.qp.solve(problem, solver, persist=True)`` calls solved is checked by other means
-(``tests/referee.py``): its feasibility by plain arithmetic, its optimality by weak duality. Whether
-a problem has a solution is known by construction (``tests/problems.py``).
+(``tests/oracles/referee.py``): its feasibility by plain arithmetic, its optimality by weak duality.
+Whether a problem has a solution is known by construction (``tests/oracles/problems.py``).
 
     python benchmarks/solver_matrix.py --jobs 2 --out matrix.json --markdown table.md
 
@@ -25,8 +25,8 @@ for threads in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "RAYON_NUM_THREADS"):
     os.environ.setdefault(threads, "1")  # before numpy: matrices of a step's size want one thread
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
 
-from problems import NAMED, Case, random_case
-from referee import GAP, LowerBound, broken_constraint
+from oracles.problems import NAMED, Case, random_case
+from oracles.referee import GAP, LowerBound, broken_constraint
 
 from qp_twist.qp import QuadraticProgram, Verified, installed_solvers, solve
 from qp_twist.qp import backend as backends

@@ -7,11 +7,9 @@ With ``--run`` those of a bench.json that is there already. Without it three min
 
 from __future__ import annotations
 
-import os
+import one_thread  # noqa: F401
 
-for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
-    os.environ[name] = "1"
-
+# isort: split
 import argparse
 import sys
 from pathlib import Path

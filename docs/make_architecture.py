@@ -1,6 +1,6 @@
-"""Draw docs/figures/house.svg: the layers of pyproject.toml, and the way of a target through them.
+"""Draw docs/figures/architecture.svg: the layers, and a target's steps through them.
 
-python docs/make_house.py
+python docs/make_architecture.py
 """
 
 from __future__ import annotations
@@ -28,6 +28,7 @@ ROOMS = {
     "path": "task files, paths, method names",
     "toolpath": "CSV and APT files, resampling",
     "simulation": "the controller in closed loop",
+    "peers": "other libraries' steps",
     "controller": "one step",
     "closed_form": "the paper's formulas on arrays",
     "qp": "backends, verification, scale",
@@ -54,16 +55,16 @@ STEPS = {
 PITCH, HIGH = 42, 36
 
 STYLE = """<style>
-.house { width: 100%; height: auto; font-family: var(--font-stack, system-ui, sans-serif); font-size: 13px; }
-.house .room { fill: var(--color-background-secondary, #f6f7f8); stroke: var(--color-background-border, #c9cdd2); }
-.house .name { fill: var(--color-foreground-primary, #111); font-family: var(--font-stack--monospace, monospace); font-size: 14px; font-weight: 600; }
-.house .text { fill: var(--color-foreground-secondary, #555); }
-.house .step { fill: var(--color-foreground-primary, #111); }
-.house .badge { fill: var(--color-brand-primary, #0a4bff); }
-.house .number { fill: var(--color-background-primary, #fff); font-size: 12px; font-weight: 700; text-anchor: middle; }
-.house .way { fill: none; stroke: var(--color-brand-primary, #0a4bff); stroke-width: 1.6; }
-.house .tip { fill: var(--color-brand-primary, #0a4bff); }
-.house .head { fill: var(--color-foreground-secondary, #555); font-size: 13px; }
+.architecture { width: 100%; height: auto; font-family: var(--font-stack, system-ui, sans-serif); font-size: 13px; }
+.architecture .room { fill: var(--color-background-secondary, #f6f7f8); stroke: var(--color-background-border, #c9cdd2); }
+.architecture .name { fill: var(--color-foreground-primary, #111); font-family: var(--font-stack--monospace, monospace); font-size: 14px; font-weight: 600; }
+.architecture .text { fill: var(--color-foreground-secondary, #555); }
+.architecture .step { fill: var(--color-foreground-primary, #111); }
+.architecture .badge { fill: var(--color-brand-primary, #0a4bff); }
+.architecture .number { fill: var(--color-background-primary, #fff); font-size: 12px; font-weight: 700; text-anchor: middle; }
+.architecture .way { fill: none; stroke: var(--color-brand-primary, #0a4bff); stroke-width: 1.6; }
+.architecture .tip { fill: var(--color-brand-primary, #0a4bff); }
+.architecture .head { fill: var(--color-foreground-secondary, #555); font-size: 13px; }
 </style>"""  # noqa: E501
 
 
@@ -84,19 +85,19 @@ def way(at: float, to: float, bend: float, *, right: bool = False) -> str:
     )
 
 
-def house(layers: list[str]) -> str:
+def architecture(layers: list[str]) -> str:
     """The picture, from the highest layer to the lowest."""
     top = {name: 28 + PITCH * k for k, name in enumerate(layers)}
     middle = {name: y + HIGH / 2 for name, y in top.items()}
     height = 28 + PITCH * len(layers)
     lines = [
         f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 760 {height}" role="img" '
-        'aria-labelledby="house-title" class="house">',
-        f'<title id="house-title">The layers of qp_twist from {layers[0]} down to {layers[-1]}, '
-        "and the way of a target through them to a joint velocity</title>",
+        'aria-labelledby="architecture-title" class="architecture">',
+        f'<title id="architecture-title">The layers of qp_twist from {layers[0]} down to '
+        f"{layers[-1]}, and a target's steps through them to a joint velocity</title>",
         STYLE,
         '<text class="head" x="10" y="16">Each layer imports only from those below it</text>',
-        '<text class="head" x="412" y="16">The way of a target to a joint velocity</text>',
+        '<text class="head" x="412" y="16">From a target to a joint velocity</text>',
     ]
     for name, y in top.items():
         lines.append(f'<rect class="room" x="10" y="{y}" width="350" height="{HIGH}" rx="6"/>')
@@ -125,7 +126,8 @@ def main() -> None:
     """Draw it."""
     table = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))
     [contract] = table["tool"]["importlinter"]["contracts"]
-    write_atomically(ROOT / "docs" / "figures" / "house.svg", house(contract["layers"]))
+    file = ROOT / "docs" / "figures" / "architecture.svg"
+    write_atomically(file, architecture(contract["layers"]))
 
 
 if __name__ == "__main__":

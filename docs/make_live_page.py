@@ -18,7 +18,7 @@ from qp_twist.viewing.page import Page
 
 DOCS = Path(__file__).parent
 sys.path.insert(0, str(DOCS.parent / "tests"))
-from browser import browser_page  # noqa: E402
+from oracles.browser import browser_page  # noqa: E402
 
 SIZE = (1280, 800)
 REACH = np.array([0.0, -0.7, 0.5])

@@ -52,7 +52,7 @@ def shot(
     from PIL import Image
 
     sys.path.insert(0, str(DOCS.parent / "tests"))
-    from browser import browser_page
+    from oracles.browser import browser_page
 
     with browser_page(size) as opened:
         opened.go(page)

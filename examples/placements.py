@@ -41,9 +41,9 @@ from scipy.stats import binomtest
 import qp_twist as qt
 from qp_twist.checks import Array
 from qp_twist.files import write_atomically
-from qp_twist.following.mink_peer import mink_limits, mink_posture
-from qp_twist.following.peer_terms import Posture
+from qp_twist.following.peer import posed_step
 from qp_twist.path.orientation import roll_by_plane
+from qp_twist.peers import MinkPeer
 
 # ---------------------------------------------------------------- what counts as success
 
@@ -109,7 +109,7 @@ class InverseKinematics:
 
     def __init__(self, task: qt.PathTask) -> None:
         self.ranges = qt.JointRanges.of(task.model)
-        # Lengths of the scene; tests/test_scenes.py compares the two chains.
+        # Lengths of the scene; tests/files/test_scenes.py compares the two chains.
         lengths = opw.KinematicModel(
             a1=0.15, a2=-0.10, b=0.0, c1=0.525, c2=0.77, c3=0.74, c4=0.10,
             offsets=(0.0, 0.0, -np.pi / 2, 0.0, 0.0, np.pi),
@@ -286,17 +286,17 @@ def mink_equality(gain: float) -> Follower:
 
     def run(task: qt.PathTask, judge: Judge) -> None:
         settings = task.settings("mink").model_copy(update={"gain": gain, "posture_cost": 1.0})
-        posture = mink_posture(task, Posture.of(task, settings, qt.METHODS["mink"]))
-        rows = qt.TwistTask(task.frame_name, task.frame_type, task.projector)
-        limits = mink_limits(task)
-        configuration = mink.Configuration(task.model, task.start)
+        soft = posed_step(task, settings, task.projector, qt.METHODS["mink"], "daqp")
+        peer = MinkPeer(dataclasses.replace(soft, priority="hard", settings={}))
+        step, configuration = peer.step(), mink.Configuration(task.model, task.start)
+        step.configuration = configuration
+        [rows] = step.rows
         for waypoint in task.waypoints[1:]:
-            rows.set_target(waypoint)
             for iteration in range(ITERATIONS):
-                posture.gain = gain if iteration == 0 else 0.0  # repeated, it would break the task
-                velocity = mink.solve_ik(
-                    configuration, [posture], 1.0, "daqp", limits=limits, constraints=[rows]
-                )
+                # Repeated, the pull of the posture would break the task.
+                pull = gain if iteration == 0 else 0.0
+                step.aim(peer.goals(configuration.q, [waypoint], pull))
+                velocity = step.velocity(1.0)
                 configuration.integrate_inplace(velocity, 1.0)
                 error = rows.state(configuration).error
                 position_error, axis_error = map(float, np.linalg.norm(error.reshape(2, 3), axis=1))

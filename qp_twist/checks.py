@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import difflib
+import functools
+import inspect
 import math
 import operator
 from collections.abc import Callable, Iterable
-from typing import Any
+from typing import Any, TypeVar, cast
 
 import numpy as np
 import numpy.typing as npt
@@ -161,6 +163,23 @@ def did_you_mean(name: str, known: Iterable[str]) -> str:
     """``"; did you mean 'deburring'?"``, or ``"."`` where no known name is near."""
     close = difflib.get_close_matches(name, list(dict.fromkeys(known)), n=2)
     return f"; did you mean {' or '.join(map(repr, close))}?" if close else "."
+
+
+_Method = TypeVar("_Method", bound=Callable[..., None])
+
+
+def refusing_unknown_names(init: _Method) -> _Method:
+    """An ``__init__`` that refuses a keyword it does not know, with the one that may be meant."""
+    known = inspect.signature(init).parameters
+
+    @functools.wraps(init)
+    def checked_init(self: Any, *args: Any, **options: Any) -> None:
+        for name in options.keys() - known:
+            hint = did_you_mean(name, known)
+            raise TypeError(f"{type(self).__name__}: there is no argument {name!r}{hint}")
+        init(self, *args, **options)
+
+    return cast(_Method, checked_init)
 
 
 def read_only(array: Array) -> Array:

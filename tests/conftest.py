@@ -15,33 +15,25 @@ settings.load_profile("qp_twist")
 
 SHARED = ("deburring", "planar")
 
-NOT_NUMERICAL = (
-    "bench", "check", "cli", "docs", "examples", "exchange", "findings", "gallery", "house",
-    "new_task", "peers", "refusals", "report", "resample", "robots", "scenes", "study",
-    "task_file", "toolpath", "view", "viewing",
-    "code_cache", "files", "local_server", "shown", "skips",
-    "batch", "batch_steps", "comparison", "compiled_paths", "named_tasks", "paper_examples",
-    "placements", "plan", "plan_bands", "simulation", "starts_found", "timing",
-)  # fmt: skip
-"""Modules ``test_…`` without the mark ``numerical``: files, pages, pictures and commands; and
-motions along whole paths and many steps at once, which take minutes and are made of the steps that
-the others test. All others have it, new ones as well, and run on several kernels of OpenBLAS
-(``.ci/kernels.py``)."""
+NUMERICAL = ("geometry", "control", "constraints")
+"""Folders whose tests are marked ``numerical``, and run on several kernels of OpenBLAS, too
+(``.ci/kernels.py``). The others are about files, pages, pictures and commands, or about motions
+along whole paths, which take minutes and are made of the steps that these test; a module of theirs
+that is numerical says so by ``pytestmark``."""
 
 
 @pytest.hookimpl(tryfirst=True)  # before xdist reads the marks
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Mark numerical tests, and those of a shared comparison: one process makes it, once."""
     here = Path(__file__).parent
-    others = {f"test_{name}" for name in NOT_NUMERICAL}
-    gone = [name for name in others if not (here / f"{name}.py").exists()]
+    gone = [name for name in NUMERICAL if not (here / name).is_dir()]
     if gone:
-        raise pytest.UsageError(f"conftest.py: NOT_NUMERICAL lists {gone}, which are not there")
+        raise pytest.UsageError(f"conftest.py: NUMERICAL lists {gone}, which are not there")
     for item in items:
         used = [name for name in SHARED if name in getattr(item, "fixturenames", ())]
         if used:
             item.add_marker(pytest.mark.xdist_group(used[0]))
-        elif item.path.parent == here and item.path.stem not in others:
+        elif item.path.parent.parent == here and item.path.parent.name in NUMERICAL:
             item.add_marker(pytest.mark.numerical)
 
 

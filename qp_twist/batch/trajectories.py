@@ -31,21 +31,22 @@ Mask = npt.NDArray[np.bool_]
 
 @dataclass(frozen=True, eq=False)
 class Trajectories:
-    """What K runs did, of N waypoints each.
+    """Results of K runs along N waypoints.
 
-    A run that has no start, or ends before the last waypoint, has numbers of what there is of it.
+    The numbers of a run that ends before the last waypoint cover the waypoints it reached; those
+    of a run without a start are NaN.
 
     Attributes:
-        q: Configurations, rad or m, (K, N, nq), NaN behind a run's end; ``None`` if not kept.
-        waypoints: How many waypoints each run has, (K,).
-        position_error: Largest linear task error of each, m, (K,).
-        axis_error: Largest angular one, in the rows of the task, rad, (K,).
-        min_margin: Least margin of a joint, as :meth:`~qp_twist.JointRanges.margins`, (K,).
+        q: Configurations, rad or m, (K, N, nq), NaN after a run's end; ``None`` if not kept.
+        waypoints: Number of waypoints that each run has done, (K,).
+        position_error: Largest linear task error of each run, m, (K,).
+        axis_error: Largest angular task error, in the rows of the task, rad, (K,).
+        min_margin: Smallest margin of a joint, as :meth:`~qp_twist.JointRanges.margins`, (K,).
         mean_z: Mean of z = ½‖W(θ̄ − θ)‖², (K,).
-        max_step: Largest displacement of a joint from a waypoint to the next, rad or m, (K,).
-        steps: Steps that were taken, (K,).
-        by_reference: Which runs the kernel could not take by itself, (K,).
-        failures: Why runs have no start or no step, by their numbers.
+        max_step: Largest displacement of a joint between two waypoints, rad or m, (K,).
+        steps: Number of steps, (K,).
+        by_reference: Which runs were completed by the uncompiled reference, (K,).
+        failures: Why a run has no start or no step, by the run's index.
     """
 
     q: Array | None
@@ -72,28 +73,28 @@ def follow(
 ) -> Trajectories:
     """:func:`qp_twist.follow` for many runs: the same trajectories, to 1e-9.
 
-    Trajectories of the closed forms ``rmr``, ``rmr_flipped``, ``minimum_norm`` and ``gradient_projection``
-    and of this package's QPs run as machine code on all cores, every step of a QP verified. Of a
-    run with a waypoint that is not made of plain steps (a limit that scales the task, a
-    singularity) the rest is followed by :func:`qp_twist.follow`, which takes longer.
+    Runs of the closed forms ``rmr``, ``rmr_flipped``, ``minimum_norm`` and ``gradient_projection``
+    and of this package's QPs are machine code on all cores; every QP step is verified. A run with
+    a waypoint that needs more than plain steps (a limit scales the task, a singularity) is followed
+    by :func:`qp_twist.follow` instead, which takes longer.
 
-    Memory: with ``keep=False`` a few numbers a run, however many waypoints it has.
+    Memory: with ``keep=False`` a few numbers per run, for any number of waypoints.
 
     Args:
         path_task: The task.
         method: Name of the method.
         starts: Configurations (K, nq), or one (nq,) for all; the task's by default. They are
             corrected onto the first waypoint.
-        moves: Rigid motions of the workpiece in the world, one a run: :class:`mink.SE3`, or
-            matrices (K, 4, 4). The waypoints move along with their roll; the roll rule is not
-            applied anew.
-        keep: Whether the configurations are returned.
-        threads: How many; all cores by default.
+        moves: Rigid motions of the workpiece in the world, one per run: :class:`mink.SE3`, or
+            matrices (K, 4, 4). They move the waypoints with their roll; the roll rule is not
+            applied again.
+        keep: Whether to return the configurations.
+        threads: Number of threads; all cores by default.
         **options: Settings that replace those of the task file, as in :func:`qp_twist.follow`.
 
     Raises:
-        InvalidInput: If an argument is wrong, or the method or the path has
-            no compiled form (tolerance bands, acceleration limits, ball joints).
+        InvalidInput: If an argument is wrong, or the method or the path has no compiled form
+            (tolerance bands, acceleration limits, ball joints).
     """
     from qp_twist.following.compiled_walk import CompiledWalk, walk_known
 
@@ -106,11 +107,11 @@ def follow(
         )
     if method in path_task.starts:
         path_task = dataclasses.replace(path_task, start=path_task.starts[method])
-    carried = _moves(moves)
-    begins = _starts(path_task, starts, len(carried))
-    carried = np.broadcast_to(carried, (len(begins), 12)) if len(carried) == 1 else carried
+    motions = _moves(moves)
+    q0 = _starts(path_task, starts, len(motions))
+    motions = np.broadcast_to(motions, (len(q0), 12)) if len(motions) == 1 else motions
     return _Batch(
-        path_task, method, settings, CompiledWalk(path_task, method, settings), begins, carried
+        path_task, method, settings, CompiledWalk(path_task, method, settings), q0, motions
     ).run(keep, threads)
 
 
@@ -134,13 +135,13 @@ class _Batch:
         self.ends = np.zeros(count, dtype=np.int64)
 
     def run(self, keep: bool, threads: int | None) -> Trajectories:
-        """All runs by the kernel, and those that it left by the reference."""
+        """Do all runs with the kernel, and those that it could not complete with the reference."""
         count, waypoints = len(self.starts), len(self.path_task.waypoints)
         kept = np.zeros((count if keep else 0, waypoints, self.starts.shape[1]))
         self._correct_starts(threads)
-        shared(count, lambda part: self._some(part, kept), threads)
+        shared(count, lambda part: self._by_kernel(part, kept), threads)
         by_reference = self.ends < waypoints
-        by_reference[list(self.failures)] = True  # those without a start
+        by_reference[list(self.failures)] = True  # runs without a start
         for run in np.flatnonzero(by_reference):
             self._by_reference(int(run), kept)
         errors, axis, margin, z, step, steps = self.numbers.T
@@ -149,26 +150,28 @@ class _Batch:
             np.nan_to_num(steps).astype(np.int64), by_reference, self.failures,
         )  # fmt: skip
 
-    def _some(self, part: slice, kept: Array) -> None:
+    def _by_kernel(self, part: slice, kept: Array) -> None:
         self.walk.many(
             self.moves[part], self.starts[part], kept[part], self.numbers[part], self.ends[part]
         )
 
     def _off_start(self) -> npt.NDArray[np.intp]:
-        """Trajectories whose start is not on their first waypoint."""
+        """Runs whose start is not on their first waypoint."""
         allowed = self.path_task.iteration
         apart, turned = self.walk.start_errors(self.moves, self.starts).T
         reached = (apart <= allowed.position_tolerance) & (turned <= allowed.angle_tolerance)
         return np.flatnonzero(~reached)
 
     def _correct_starts(self, threads: int | None) -> None:
-        """Starts that are not on their first waypoint are brought there, as a single run's is."""
-        off, given = self._off_start(), self.starts.copy()
-        moves, there = self.moves[off], self.starts[off]
-        shared(len(off), lambda part: self.walk.correct_starts(moves[part], there[part]), threads)
-        self.starts[off] = there
+        """Correct starts onto their first waypoint, as :func:`qp_twist.follow` does for one run."""
+        off, original = self._off_start(), self.starts.copy()
+        moves, corrected = self.moves[off], self.starts[off]
+        shared(
+            len(off), lambda part: self.walk.correct_starts(moves[part], corrected[part]), threads
+        )
+        self.starts[off] = corrected
         for run in self._off_start():
-            self.starts[run] = given[run]
+            self.starts[run] = original[run]
             try:
                 self.starts[run] = start_of(self._task(int(run)), self.method)
             except QpTwistError as error:
@@ -198,7 +201,7 @@ class _Batch:
         kept[run : run + 1, : len(done.q)] = done.q
 
     def _task(self, run: int) -> PathTask:
-        """The task of a run for itself."""
+        """The path task of one run, with its own start and placement."""
         move = pose_of(self.moves[run])
 
         def moved(waypoints: Sequence[mink.SE3]) -> tuple[mink.SE3, ...]:
@@ -216,19 +219,19 @@ class _Batch:
 
 
 def _moves(moves: Sequence[mink.SE3] | npt.ArrayLike | None) -> Array:
-    """Rotations (9) and translations (3), (K, 12); one that does nothing if there are none."""
+    """Rotations (9) and translations (3), (K, 12); the identity if ``None``."""
     if moves is None:
         return np.concatenate([np.eye(3).ravel(), np.zeros(3)])[None]
     return rigid_motions("batch.follow(moves=…)", moves)
 
 
 def _starts(path_task: PathTask, starts: npt.ArrayLike | None, moves: int) -> Array:
-    """One for each run, (K, nq)."""
+    """The start of each run, (K, nq)."""
     nq = path_task.model.nq
     if starts is None:
         if path_task.best_start:
             raise InvalidInput(
-                "batch.follow: the task's start has to be found; give starts, from "
+                "batch.follow: the task file leaves the start to a search; give starts, from "
                 "qp_twist.find_starts or qp_twist.plan."
             )
         given = path_task.start[None]

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import enum
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
 from qp_twist.bench.problem import Problem
+from qp_twist.bench.program import Asked
 from qp_twist.checks import Array
 from qp_twist.geometry import ProjectorKind
 
@@ -32,22 +32,12 @@ class Parted:
         return self.call(self.before(k))
 
 
-class Asked(enum.Enum):
-    """The program that a contender solves, for its error."""
-
-    COMMON = "the program of the problem"
-    UNLIMITED = "the same without limits"
-    SHORTEST = "the same without limits, the wish zero"
-    OTHER = "another one, or none"
-
-
 @dataclass(frozen=True)
 class Contender:
     """One way to take a step.
 
     Attributes:
         name: FAMILY:VARIANT, as ``--only`` takes it.
-        says: What it is, in a few words.
         asked: Its program.
         prepare: What is not timed: the robot as the library reads it, targets in its types. It
             returns what makes the step: controller, tasks, limits. None of these is shared.
@@ -56,7 +46,6 @@ class Contender:
     """
 
     name: str
-    says: str
     asked: Asked
     prepare: Callable[[Problem], Callable[[], StepOf]]
     missing: Callable[[], str | None] = lambda: None

@@ -13,13 +13,13 @@ not end, the dual method of Goldfarb and Idnani (1983) does, in fractions as wel
 from __future__ import annotations
 
 import warnings
+from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 
 import numpy as np
 import qpsolvers
 
-from qp_twist.bench.fractions_solve import Dependent, Row, dot, floats, fractions, solve
 from qp_twist.bench.program import Program
 from qp_twist.checks import Array
 
@@ -27,6 +27,13 @@ _GUESS = 1e-7
 """Multipliers of the guess above this are taken for active; the exact conditions decide."""
 _MENDINGS = 20
 """Rounds of mending before the longer way is gone."""
+
+
+Row = list[Fraction]
+
+
+class Dependent(ArithmeticError):
+    """The rows of a system depend on each other."""
 
 
 class NoExactSolution(ArithmeticError):
@@ -72,20 +79,22 @@ def exact_solution(program: Program) -> ExactSolution:
 
 
 def _found(velocity: Row, multipliers: dict[_Key, Fraction]) -> ExactSolution:
-    return ExactSolution(floats(velocity), sum(m > 0 for m in multipliers.values()))
+    return ExactSolution(
+        np.array([float(value) for value in velocity]), sum(m > 0 for m in multipliers.values())
+    )
 
 
 class _Exact:
     """A program as fractions; its inequalities as normal · q̇ ≤ end."""
 
     def __init__(self, program: Program) -> None:
-        self.wish = fractions(program.wish)
+        self.desired = fractions(program.desired)
         self.A, self.b = [fractions(row) for row in program.A], fractions(program.b)
         self.G = [fractions(row) for row in program.G]
         self.ends: dict[_Key, Fraction] = {
             ("bound", joint, side): side * Fraction(float(limit[joint]))
             for side, limit in ((-1, program.lower), (1, program.upper))
-            for joint in range(len(self.wish))
+            for joint in range(len(self.desired))
             if np.isfinite(limit[joint])
         }
         self.ends |= {("row", i, 1): end for i, end in enumerate(fractions(program.g))}
@@ -95,7 +104,7 @@ class _Exact:
         kind, index, side = key
         if kind == "row":
             return self.G[index]
-        row = [Fraction()] * len(self.wish)
+        row = [Fraction()] * len(self.desired)
         row[index] = Fraction(side)
         return row
 
@@ -114,18 +123,18 @@ class _Exact:
         chosen = [key for key in active if key[0] == "row"]
         rows = [*self.A, *(self.G[i] for _, i, _ in chosen)]
         ends = [*self.b, *(self.ends[key] for key in chosen)]
-        begin = [fixed.get(i, wish) for i, wish in enumerate(self.wish)]
+        begin = [fixed.get(i, desired) for i, desired in enumerate(self.desired)]
         free = [[v for i, v in enumerate(row) if i not in fixed] for row in rows]
         gram = [[dot(p, q) for q in free] for p in free]
         pull = solve(gram, [end - dot(row, begin) for row, end in zip(rows, ends, strict=True)])
-        moved = [dot(pull, [row[i] for row in rows]) for i in range(len(self.wish))]
+        moved = [dot(pull, [row[i] for row in rows]) for i in range(len(self.desired))]
         velocity = [fixed[i] if i in fixed else begin[i] + moved[i] for i in range(len(begin))]
         multipliers: dict[_Key, Fraction] = {}
         for key in active:
             kind, i, side = key
             if kind == "bound":
                 # Stationarity: q̇ − q̇₀ − pull is what the bound holds back.
-                multipliers[key] = -side * (velocity[i] - self.wish[i] - moved[i])
+                multipliers[key] = -side * (velocity[i] - self.desired[i] - moved[i])
         for key, multiplier in zip(chosen, pull[len(self.b) :], strict=True):
             multipliers[key] = -multiplier
         return velocity, multipliers
@@ -191,3 +200,36 @@ def _guess(program: Program) -> set[_Key]:
     if solution.z is not None:
         active |= {("row", int(i), 1) for i in np.flatnonzero(solution.z > _GUESS)}
     return active
+
+
+def fractions(values: Array) -> Row:
+    """Binary fractions as what they are."""
+    return [Fraction(float(value)) for value in values]
+
+
+def dot(a: Sequence[Fraction], b: Sequence[Fraction]) -> Fraction:
+    """Σ aᵢ bᵢ."""
+    return sum((p * q for p, q in zip(a, b, strict=True) if p and q), Fraction())
+
+
+def solve(matrix: Sequence[Sequence[Fraction]], right: Sequence[Fraction]) -> Row:
+    """The solution of a square system, by elimination with any pivot that is not zero.
+
+    Raises:
+        Dependent: If it has none, or many.
+    """
+    work = [[*row, end] for row, end in zip(matrix, right, strict=True)]
+    size = len(work)
+    for k in range(size):
+        pivot = next((i for i in range(k, size) if work[i][k]), None)
+        if pivot is None:
+            raise Dependent("the rows depend on each other.")
+        work[k], work[pivot] = work[pivot], work[k]
+        for i in range(k + 1, size):
+            if work[i][k]:
+                share = work[i][k] / work[k][k]
+                work[i][k:] = [p - share * q for p, q in zip(work[i][k:], work[k][k:], strict=True)]
+    x = [Fraction()] * size
+    for k in reversed(range(size)):
+        x[k] = (work[k][size] - dot(work[k][k + 1 : size], x[k + 1 :])) / work[k][k]
+    return x

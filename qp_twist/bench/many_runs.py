@@ -11,9 +11,7 @@ import mink
 import numpy as np
 
 from qp_twist.batch import follow
-from qp_twist.bench.accuracy import Accuracy
-from qp_twist.bench.quantiles import Quantiles
-from qp_twist.bench.record import Case, Measured
+from qp_twist.bench.record import Accuracy, Case, Measured, Quantiles
 from qp_twist.bench.timer import without_collection
 from qp_twist.following import follow as follow_one
 from qp_twist.path import PathTask, load_task

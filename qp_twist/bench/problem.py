@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -11,7 +11,8 @@ import mujoco
 import numpy as np
 
 from qp_twist.bench.exact import ExactSolution, exact_solution
-from qp_twist.bench.program import Program, basis, turn_error
+from qp_twist.bench.program import Asked, Program, basis, turn_error
+from qp_twist.bench.record import Accuracy
 from qp_twist.checks import Array
 from qp_twist.errors import QpTwistError
 from qp_twist.geometry import TwistProjector
@@ -40,8 +41,8 @@ class Problem:
     r"""A trajectory whose poses are the targets, and the limits around it.
 
     At step k every contender is at :math:`q_k` and asked for the poses at :math:`q_{k+1}`: the
-    trajectory is given, and nobody's answer changes what comes next. The wish is to go a share of
-    the way to the middle, :math:`\dot q_0 = k\,(q_{mid} - q)/dt`.
+    trajectory is given, and nobody's answer changes what comes next. The desired velocity goes a
+    share of the way to the middle, :math:`\dot q_0 = k\,(q_{mid} - q)/dt`.
 
     Attributes:
         group: Name of what varies: ``"step"``, or that of a series.
@@ -163,3 +164,22 @@ class Truth:
     def active_share(self) -> float:
         """Share of the steps on which a bound or an inequality row has a multiplier above zero."""
         return sum(s.active > 0 for s in self.solutions.values()) / max(1, len(self.solutions))
+
+    def accuracy(self, asked: Asked, velocities: Mapping[int, Array]) -> Accuracy | None:
+        """Of the answers by step of who was asked that program; ``None`` if there are none."""
+        if not velocities:
+            return None
+        error = None
+        if asked is not Asked.OTHER:
+            right = {
+                k: self.solutions[k]
+                if asked is Asked.COMMON
+                else exact_solution(self.programs[k].of(asked))
+                for k in velocities
+            }
+            error = max(float(np.abs(v - right[k].velocity).max()) for k, v in velocities.items())
+        return Accuracy(
+            residual=max(self.programs[k].residual(v) for k, v in velocities.items()),
+            excess=max(self.programs[k].excess(v) for k, v in velocities.items()),
+            error=error,
+        )

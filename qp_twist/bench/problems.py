@@ -1,4 +1,7 @@
-"""The bench's problems: three robots for the table, and the series of growing ones."""
+"""The bench's problems: three robots for the table, and the series of growing ones.
+
+Their joint motions are smooth, their limits as tight as they can be without being in the way.
+"""
 
 from __future__ import annotations
 
@@ -8,10 +11,8 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
-from qp_twist.bench.chains import TIP, chain_model, site_name
 from qp_twist.bench.exact import NoExactSolution
 from qp_twist.bench.problem import DT, STEPS, Frame, NoProblem, Problem, Truth
-from qp_twist.bench.trajectory import SMALLEST_SIGMA, joint_motion, set_ranges, speeds_of
 from qp_twist.checks import Array
 from qp_twist.geometry import Projector, TwistProjector
 from qp_twist.path import shipped_folder
@@ -25,6 +26,15 @@ LEAST_ACTIVE = 0.25
 """Share of the steps of a problem of the table on which a bound has to be active."""
 GAIN = 0.07
 """Share of the way to the middle of the ranges that a step is asked to go."""
+HAIR = 2e-3
+"""What the ranges are wider than the motion, at either end, rad."""
+SLACK = 1.15
+"""Velocity limits, as multiples of each joint's largest speed on the motion."""
+SMALLEST_SIGMA = 0.03
+"""Least singular value of the task rows along a trajectory, m/rad or 1."""
+REACH = 1.5
+"""Length of an arm, m, however many links it has."""
+TIP = "tip"
 _TRIES = 40
 _LOOKED_AT = range(0, STEPS, 8)
 """The steps by which a drawn trajectory is accepted, whichever are then measured."""
@@ -205,3 +215,56 @@ def _regular(problem: Problem) -> bool:
         np.linalg.svd(problem.program(k).A, compute_uv=False)[-1] > SMALLEST_SIGMA
         for k in range(0, STEPS, 4)
     )
+
+
+# ---------------------------------------------------------------- motions, ranges, arms
+
+
+def joint_motion(
+    middle: Array, amplitude: float, rng: np.random.Generator, steps: int = STEPS
+) -> Array:
+    """A closed motion of two harmonics a joint around ``middle`` (n,), rad, (steps + 1, n)."""
+    t = np.linspace(0.0, 2.0 * np.pi, steps + 1)[:, None]
+    phase = rng.uniform(0.0, 2.0 * np.pi, (2, len(middle)))
+    share = rng.uniform(0.15, 0.35, len(middle))
+    wave = np.sin(t + phase[0]) + share * np.sin(2.0 * t + phase[1])
+    size = amplitude * rng.uniform(0.6, 1.0, len(middle))
+    motion: Array = middle + size * wave / (1.0 + share)
+    return motion
+
+
+def set_ranges(model: mujoco.MjModel, q: Array) -> None:
+    """Narrow the ranges of all joints to what a motion takes, and a hair."""
+    model.jnt_range[:, 0] = q.min(axis=0) - HAIR
+    model.jnt_range[:, 1] = q.max(axis=0) + HAIR
+    model.jnt_limited[:] = 1
+
+
+def speeds_of(q: Array) -> Array:
+    """Velocity limits a little above what a motion takes, rad/s, (n,)."""
+    speeds: Array = SLACK * np.abs(np.diff(q, axis=0)).max(axis=0) / DT
+    return speeds
+
+
+def site_name(joint: int) -> str:
+    """Name of the site at the far end of a link."""
+    return f"after_{joint}"
+
+
+def chain_model(joints: int, rng: np.random.Generator) -> mujoco.MjModel:
+    """A serial arm with hinges about random axes across its links; its last site is ``tip``."""
+    spec = mujoco.MjSpec()
+    body = spec.worldbody
+    length = REACH / joints
+    for joint in range(joints):
+        body = body.add_body(name=f"link_{joint}", pos=[0, 0, 0 if joint == 0 else length])
+        angle = 0.5 * np.pi * (joint % 2) + rng.uniform(-0.5, 0.5)
+        tilt = rng.uniform(-0.3, 0.3)
+        axis = [np.cos(angle) * np.cos(tilt), np.sin(angle) * np.cos(tilt), np.sin(tilt)]
+        body.add_joint(name=f"joint_{joint}", type=mujoco.mjtJoint.mjJNT_HINGE, axis=axis)
+        body.add_geom(
+            type=mujoco.mjtGeom.mjGEOM_CAPSULE, size=[0.02, 0, 0], fromto=[0, 0, 0, 0, 0, length]
+        )
+        body.add_site(name=site_name(joint), pos=[0, 0, length])
+    body.add_site(name=TIP, pos=[0, 0, length])
+    return spec.compile()

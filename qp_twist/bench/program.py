@@ -6,14 +6,24 @@ the package's own: nothing of its tasks, limits or controllers is used.
 
 from __future__ import annotations
 
+import enum
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import qpsolvers
 
 from qp_twist.checks import Array
 from qp_twist.geometry import Projector, ProjectorKind
+
+
+class Asked(enum.Enum):
+    """The program that a contender solves, for its error."""
+
+    COMMON = "the program of the problem"
+    UNLIMITED = "the same without limits"
+    SHORTEST = "the same without limits, the desired velocity zero"
+    OTHER = "another one, or none"
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,7 +34,7 @@ class Program:
         A\dot q=b,\quad G\dot q\le g,\quad l\le\dot q\le u
 
     Attributes:
-        wish: q̇₀, rad/s, (n,).
+        desired: q̇₀, rad/s, (n,).
         A: UᵀJ, (r, n).
         b: UᵀΔt/dt, m/s and rad/s, (r,).
         G: Inequality rows, (m, n).
@@ -33,7 +43,7 @@ class Program:
         upper: u, (n,).
     """
 
-    wish: Array
+    desired: Array
     A: Array
     b: Array
     G: Array
@@ -45,8 +55,8 @@ class Program:
         """The same for a solver."""
         rows, equalities = len(self.g), len(self.b)
         return qpsolvers.Problem(
-            np.eye(len(self.wish)),
-            -self.wish,
+            np.eye(len(self.desired)),
+            -self.desired,
             self.G if rows else None,
             self.g if rows else None,
             self.A if equalities else None,
@@ -54,6 +64,14 @@ class Program:
             self.lower,
             self.upper,
         )
+
+    def of(self, asked: Asked) -> Program:
+        """Without its limits, and without the desired velocity where the shortest step is asked."""
+        if asked is Asked.COMMON:
+            return self
+        free = np.full(len(self.desired), np.inf)
+        desired = np.zeros_like(self.desired) if asked is Asked.SHORTEST else self.desired
+        return replace(self, desired=desired, lower=-free, upper=free, G=self.G[:0], g=self.g[:0])
 
     def residual(self, velocity: Array) -> float:
         """‖A q̇ − b‖, m/s and rad/s."""

@@ -5,8 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-from qp_twist.bench.quantiles import Quantiles
-from qp_twist.bench.record import Case, Measured, Run
+from qp_twist.bench.record import Case, Measured, Quantiles, Run
 
 CHECKED = ("step:daqp", "step:compiled")
 """The steps of this package that are verified: every backend's is; these two are shown."""

@@ -3,24 +3,99 @@
 from __future__ import annotations
 
 import json
+import os
+import platform
+from collections.abc import Sequence
+from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Literal
 
+import numpy as np
 from pydantic import BaseModel, ConfigDict, ValidationError
 
-from qp_twist.bench.accuracy import Accuracy
-from qp_twist.bench.machine import Machine
-from qp_twist.bench.quantiles import Quantiles
 from qp_twist.errors import InvalidInput
 from qp_twist.files import read_text, write_atomically
 
 FORMAT = "qp-twist bench"
 VERSION = 1
 """Raised when a file of before can no longer be read as one of now."""
+_PACKAGES = (
+    "qp_twist", "numpy", "scipy", "mujoco", "mink", "qpsolvers", "daqp", "proxsuite", "osqp",
+    "piqp", "quadprog", "clarabel", "numba", "pin", "pin-pink", "placo",
+)  # fmt: skip
+_THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "RAYON_NUM_THREADS", "NUMBA_NUM_THREADS")
 
 
 class _Strict(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class Quantiles(_Strict):
+    """The median of times, and between what four fifths of them lie, µs.
+
+    A mean would follow the scheduler's interruptions, and a minimum the luckiest step.
+    """
+
+    median: float
+    p10: float
+    p90: float
+    count: int
+
+    @classmethod
+    def of(cls, nanoseconds: Sequence[int]) -> Quantiles | None:
+        """Of times in ns; ``None`` if there are none."""
+        if not nanoseconds:
+            return None
+        p10, median, p90 = np.percentile(np.asarray(nanoseconds) / 1e3, (10, 50, 90))
+        return cls(median=float(median), p10=float(p10), p90=float(p90), count=len(nanoseconds))
+
+
+class Accuracy(_Strict):
+    """The worst of a contender's answers.
+
+    Attributes:
+        residual: Largest ‖Uᵀ(J q̇ − t)‖, m/s and rad/s.
+        excess: Farthest beyond a bound or an inequality row, rad/s.
+        error: Largest |q̇ − q̇*| of a joint, rad/s, from the exact solution of the program that it
+            was asked; ``None`` where it solves another one.
+    """
+
+    residual: float
+    excess: float
+    error: float | None
+
+
+class Machine(_Strict):
+    """What times depend on beside the code.
+
+    Attributes:
+        processor: Its name, as the system knows it.
+        cores: How many the system shows.
+        system: Operating system and architecture.
+        threads: Environment variables that say how many threads libraries take.
+        versions: Of Python and of the packages that are installed.
+    """
+
+    processor: str
+    cores: int
+    system: str
+    threads: dict[str, str]
+    versions: dict[str, str]
+
+    @classmethod
+    def here(cls) -> Machine:
+        """This one."""
+        return cls(
+            processor=_processor(),
+            cores=os.cpu_count() or 1,
+            system=f"{platform.system()} {platform.machine()}",
+            threads={name: os.environ[name] for name in _THREADS if name in os.environ},
+            versions={"python": platform.python_version()} | _versions(),
+        )
+
+    def in_words(self) -> str:
+        """A line for people."""
+        return f"{self.processor}, {self.cores} cores, {self.system}"
 
 
 class Measured(_Strict):
@@ -140,3 +215,23 @@ def read_run(path: Path) -> Run:
         raise InvalidInput(
             f"--compare {path}: the file is damaged: {where} is missing or wrong; {what}."
         ) from None
+
+
+def _processor() -> str:
+    try:
+        for line in Path("/proc/cpuinfo").read_text("utf-8").splitlines():
+            if line.startswith("model name"):
+                return line.partition(":")[2].strip()
+    except OSError:
+        pass
+    return platform.processor() or "unknown processor"
+
+
+def _versions() -> dict[str, str]:
+    found = {}
+    for name in _PACKAGES:
+        try:
+            found[name] = version(name)
+        except PackageNotFoundError:
+            continue
+    return found

@@ -11,19 +11,11 @@ from datetime import UTC, datetime
 import numpy as np
 
 from qp_twist.bench import many_runs
-from qp_twist.bench.accuracy import Accuracy
-from qp_twist.bench.closed_forms import closed_forms
 from qp_twist.bench.contender import Contender, StepOf
-from qp_twist.bench.floor import floor
-from qp_twist.bench.machine import Machine
-from qp_twist.bench.mink_steps import mink_steps
-from qp_twist.bench.own_steps import own_steps
-from qp_twist.bench.pink_steps import pink_steps
-from qp_twist.bench.placo_steps import placo_steps
+from qp_twist.bench.contenders import contenders
 from qp_twist.bench.problem import STEPS, Problem
 from qp_twist.bench.problems import Planned, growth, table
-from qp_twist.bench.quantiles import Quantiles
-from qp_twist.bench.record import Case, Measured, Run
+from qp_twist.bench.record import Accuracy, Case, Machine, Measured, Quantiles, Run
 from qp_twist.bench.timer import Cold, Timed, blocks_of, cold, interleaved
 from qp_twist.checks import did_you_mean
 from qp_twist.errors import InvalidInput
@@ -59,13 +51,6 @@ QUICK = Extent(6, 8, (1, 1), 3, many_runs.SIZES[:4], 3)
 
 Progress = Callable[[str, float], None]
 """Takes what is being timed, and the share of the run that is done."""
-
-
-def contenders() -> list[Contender]:
-    """All that are known, installed or not."""
-    return [
-        *floor(), *own_steps(), *mink_steps(), *pink_steps(), *placo_steps(), *closed_forms(),
-    ]  # fmt: skip
 
 
 def bench(
@@ -180,7 +165,7 @@ class _Entered:
             timed = self._timed.get(contender.name)
             if timed is None:
                 continue
-            accuracy = Accuracy.of(contender.asked, timed.velocities, truth)
+            accuracy = truth.accuracy(contender.asked, timed.velocities)
             results.append(_measured(contender, timed, self._cold[contender.name], accuracy))
         return Case(
             group=problem.group,

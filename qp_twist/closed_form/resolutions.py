@@ -72,7 +72,7 @@ def gradient_projection(
         jacobian: J, shape (6, n).
         projector: T of the task.
         twist: Δt, shape (6,).
-        h: Joint desired displacement, shape (n,).
+        h: Desired joint displacement, shape (n,).
     """
     j, dt = _step(jacobian, twist)
     t = projector_matrix("projector", projector)
@@ -114,7 +114,7 @@ def twa(
         jacobian: J, shape (6, n).
         projector: T of the task.
         twist: Δt, shape (6,).
-        h: Joint desired displacement, shape (n,).
+        h: Desired joint displacement, shape (n,).
         operational: T_O; full if ``None``. J† is the inverse of T_O J, and 1 − T is T_O − T.
         manipulator_redundancy: Add (1 − J†J) h.
     """

@@ -71,7 +71,7 @@ _STATUSES = {
 
 
 class Composition(Protocol):
-    """What a :class:`~qp_twist.Controller` is composed of, as far as the kernel reads it."""
+    """The parts of a :class:`~qp_twist.Controller` that the kernel reads."""
 
     model: mujoco.MjModel
     twist_tasks: tuple[TwistTask, ...]
@@ -90,20 +90,19 @@ class Composition(Protocol):
 
 
 class CompiledStep:
-    """The arrays of one controller and the kernel on them, for what ``composition_known`` knows.
+    """The kernel and its arrays for one controller that ``composition_known`` accepts.
 
     Limits of other classes, tolerance bands, tasks of derived classes or with a carried target, and
-    the costs of other tasks say in Python what they want. What it does not know, and every step
-    that is neither met nor scaled, is left to the reference: then :meth:`__call__` returns
-    ``None``.
+    the costs of other tasks are evaluated in Python. :meth:`__call__` returns ``None`` if the
+    composition is no longer supported, or if the kernel could not solve or verify the step; the
+    reference then computes it.
 
     Attributes:
-        twist_space: ``True`` where the cost is that of twist space, else ``None``: see
-            ``step_kernel``.
+        twist_space: ``True`` for the twist-space cost, else ``None``: see ``step_kernel``.
     """
 
     def __init__(self, composed: Composition) -> None:
-        """Allocate for a composition; ``composition_known`` has been asked."""
+        """Allocate the arrays for a composition that ``composition_known`` accepts."""
         model, tasks, limits = composed.model, composed.twist_tasks, list(composed.limits)
         self._model, self._tasks, self._limits = model, tasks, limits
         self._secondary, self._metric = composed.secondary, composed.metric
@@ -118,8 +117,8 @@ class CompiledStep:
             for s in composed.secondary
             if type(s) is PostureReference and ranges.only_hinges_and_slides
         ]
-        pulls = *self._centering, *self._postures
-        self._others = [s for s in composed.secondary if s not in pulls]
+        known = *self._centering, *self._postures
+        self._others = [s for s in composed.secondary if s not in known]
         self._ranks = tuple(task.projector.rank for task in tasks)
         self._row_ends: list[int] = np.cumsum(self._ranks).tolist()
         self._levels = composed.levels
@@ -136,10 +135,10 @@ class CompiledStep:
         ]
         self._lay_out(composed, 0)
 
-    def _lay_out(self, composed: Composition, room: int) -> None:
-        """The two arrays, with room for so many inequality rows, and views of what changes."""
+    def _lay_out(self, composed: Composition, capacity: int) -> None:
+        """Allocate the two arrays for up to ``capacity`` inequality rows, and make views."""
         nv, limits = composed.model.nv, self._limits
-        # A soft band is left by a slack ε ≥ 0 of its own: an unknown that moves no joint.
+        # Each soft band has a slack ε ≥ 0: an additional unknown that moves no joint.
         self._slacks = sum(band.weight is not None for task in self._tasks for band in task.bands)
         table, types = with_slacks(*table_of(limits, nv), self._slacks)
         n = nv + self._slacks
@@ -148,15 +147,15 @@ class CompiledStep:
             nv=n, m=sum(self._ranks), tasks=len(self._tasks), levels=len(self._ends),
             limits=len(types), dense=n if dense else 0,
             free=6 * len(self._tasks) if self.twist_space else 0,
-            others=n if self._soft_tasks else 0, k=room,
+            others=n if self._soft_tasks else 0, k=capacity,
         )  # fmt: skip
-        self._room = room
+        self._capacity = capacity
         self._floats, self._integers = STEP.allocate(size)
         self._take_rows(0)
         g = self._given
-        self._asked = [n for n, task in enumerate(self._tasks) if not rows_known(task)]
+        self._python_tasks = [n for n, task in enumerate(self._tasks) if not rows_known(task)]
         for n, task in enumerate(self._tasks):
-            known = n not in self._asked
+            known = n not in self._python_tasks
             g.kinds[n] = kinds_of(task.projector) if known else (task.projector.rank, 0, STATED)
         g.ends[:], g.types[:] = self._ends, types
         g.addresses[:nv], g.addresses[nv:] = self._ranges.qpos, -1
@@ -164,10 +163,10 @@ class CompiledStep:
         g.free_costs[:], g.middle[:nv] = composed.free_twist_costs, self._ranges.middle
         g.metric[:nv], g.metric[nv:], g.limits[:] = composed.metric, composed.metric.max(), table
         self._take_settings(composed)
-        self._paced = [_paces(task) for task in self._tasks]
+        self._known_step_sizes = [_step_sizes(task) for task in self._tasks]
         for shape, task in zip(g.shapes, self._tasks, strict=True):
-            shape[:] = shape_of(task.projector, *_paces(task))
-        # The targets that were written into the arrays before this.
+            shape[:] = shape_of(task.projector, *_step_sizes(task))
+        # The targets that are in the arrays now.
         self._known_poses: list[Any] = [None] * len(self._tasks)
         self._steady = np.zeros(nv)
         self._take_secondary()
@@ -181,20 +180,20 @@ class CompiledStep:
         self._stated = [
             (t, limit) for t, limit in tables if type(limit) not in BOXES and not is_mink_box(limit)
         ]
-        self._others_speak = bool(self._stated or self._soft_tasks or self._asked)
+        self._calls_python = bool(self._stated or self._soft_tasks or self._python_tasks)
         self._banded = False
         self._data: mujoco.MjData | None = None
         self._jacs: list[tuple[Callable[..., None], Array, int, int]] = []
         self._lay_out_kinematics(composed.model)
 
     def _lay_out_kinematics(self, model: mujoco.MjModel) -> None:
-        """Which joint moves which frame, and where the kernel finds MuJoCo's arrays."""
+        """Write which joints move which frame, and the numbers of MuJoCo's joints."""
         g = self._given
         g.links[:] = ELSEWHERE
         self._without_links: list[int] = []
         for number, task in enumerate(self._tasks):
             dofs = dofs_above(model, task.frame_name, task.frame_type)
-            if number in self._asked:
+            if number in self._python_tasks:
                 continue
             if (self._ranges.qpos[dofs] < 0).any():  # a ball or free joint
                 g.links[number] = GIVEN_JACOBIAN
@@ -206,7 +205,7 @@ class CompiledStep:
         g.sources[-2:] = model.nq, model.njnt
 
     def _take_rows(self, k: int) -> None:
-        """Views for so many inequality rows."""
+        """Make the views for k inequality rows."""
         self._size = self._size._replace(k=k)
         STEP.resize(self._integers, self._size)
         stages = STEP.arrays(self._floats, self._integers, self._integers)
@@ -223,9 +222,9 @@ class CompiledStep:
         dt: float,
         use_secondary: bool,
     ) -> PlainStep | None:
-        """The step; ``None`` where the reference has to look at it.
+        """Compute the step; ``None`` if the reference has to compute it.
 
-        That is so, too, where the user has composed the controller otherwise since it was prepared.
+        The latter includes a controller whose composition has changed since it was prepared.
 
         Raises:
             mink.TargetNotSet: If a task has no target.
@@ -233,23 +232,23 @@ class CompiledStep:
         if not (self._is_of(composed) and self._tasks_known()):
             return None
         rows: Sequence[Named] = _NO_ROWS
-        if self._others_speak or self._banded or self._size.k or self._slacks:
-            said = self._listen(composed, configuration, dt)
-            if said is None:
+        if self._calls_python or self._banded or self._size.k or self._slacks:
+            updated = self._update_rows(composed, configuration, dt)
+            if updated is None:
                 return None
-            rows = said
+            rows = updated
         if configuration.data is not self._data:
             self._bind(configuration)
         if use_secondary:
-            self._ask_secondary(configuration)
-        self._look(composed)
+            self._update_secondary(configuration)
+        self._update_state(composed)
         for jac, rows_of_task, index, number in self._jacs:
             jac(self._model, self._data, rows_of_task[:3], rows_of_task[3:], index)
             self._given.jacobians[number, :, : self._model.nv] = rows_of_task
         status = live_step(self._floats, self._integers, dt, use_secondary, self.twist_space)
         if status == TOO_FAST:
             status = live_hindered_step(self._floats, self._integers)
-        # A band gives way with its level, which the kernel takes for a limit.
+        # A band is relaxed with its level, but the kernel treats it as a limit.
         by_levels = status in (RELAXED, PRIORITIZED)
         if status == REFUSED or (by_levels and self._banded):
             return None
@@ -272,24 +271,25 @@ class CompiledStep:
             and composed.solver == COMPILED
         )
 
-    def _listen(
+    def _update_rows(
         self, composed: Composition, configuration: mink.Configuration, dt: float
     ) -> Sequence[Named] | None:
-        """Take over what limits of other classes, bands and other tasks' costs say.
+        """Evaluate limits of other classes, bands and other tasks' costs into the arrays.
 
         Returns:
-            What inequality rows come from; ``None`` where tasks state other rows than before.
+            The sources of the inequality rows; ``None`` if the numbers of rows or slacks of the
+            tasks have changed.
         """
-        with np.errstate(over="ignore", invalid="ignore"):  # what is not finite is refused
+        with np.errstate(over="ignore", invalid="ignore"):  # non-finite values are refused later
             stated = [StatedLimit.of(limit, configuration, dt) for _, limit in self._stated]
             costs = mink_costs(self._soft_tasks, configuration, dt) if self._soft_tasks else None
         rows: list[StatedLimit | BandRows] = [s for s in stated if s is not None]
         for task in self._tasks:
             rows += task.band_rows(configuration, dt)
-        k = sum(len(said.bounds) for said in rows)
+        k = sum(len(source.bounds) for source in rows)
         weights = [r.weight for r in rows if isinstance(r, BandRows) and r.weight is not None]
-        if k > self._room or len(weights) != self._slacks:
-            self._lay_out(composed, max(2 * k, self._room))
+        if k > self._capacity or len(weights) != self._slacks:
+            self._lay_out(composed, max(2 * k, self._capacity))
             self._tasks_known()
         if len(weights) != self._slacks:
             return None
@@ -303,31 +303,33 @@ class CompiledStep:
             self._given.quadratic[:nv, :nv], self._given.linear[:nv] = costs
             hardest = float(np.abs(costs[0]).max())
         self._write_rows(rows, composed, hardest)
-        if self._asked and not self._ask(composed, configuration, dt):
+        if self._python_tasks and not self._update_stated_rows(composed, configuration, dt):
             return None
         return rows
 
     def _write_rows(
         self, rows: list[StatedLimit | BandRows], composed: Composition, hardest: float
     ) -> None:
-        """The inequality rows; ``hardest`` is the largest quadratic cost of other tasks."""
+        """Write the inequality rows; ``hardest`` is the largest quadratic cost of other tasks."""
         nv, metric = composed.model.nv, self._given.metric
         first, slack, G = 0, nv, self._program.G
-        # Slacks are measured so that they cost about as much as the joints.
+        # Slacks are scaled so that their cost is about that of the joints.
         cost = max(composed.joint_weight * float(metric[:nv].max()), hardest)
         metric[nv:] = cost / composed.joint_weight
         G[:, nv:] = 0.0
-        for said in rows:
-            end = first + len(said.bounds)
-            G[first:end, :nv], self._program.g[first:end] = said.rows, said.bounds
-            if isinstance(said, BandRows) and said.weight is not None:
-                G[first:end, slack] = -np.sqrt(cost / said.weight)
+        for source in rows:
+            end = first + len(source.bounds)
+            G[first:end, :nv], self._program.g[first:end] = source.rows, source.bounds
+            if isinstance(source, BandRows) and source.weight is not None:
+                G[first:end, slack] = -np.sqrt(cost / source.weight)
                 slack += 1
             first = end
 
-    def _ask(self, composed: Composition, configuration: mink.Configuration, dt: float) -> bool:
-        """Take over the rows of tasks that state them; whether they are as many as before."""
-        for number in self._asked:
+    def _update_stated_rows(
+        self, composed: Composition, configuration: mink.Configuration, dt: float
+    ) -> bool:
+        """Write the rows of tasks evaluated in Python; return whether their number is unchanged."""
+        for number in self._python_tasks:
             task, last = self._tasks[number], self._row_ends[number]
             first = last - self._ranks[number]
             A, b = task.velocity_rows(configuration, dt)
@@ -345,14 +347,13 @@ class CompiledStep:
     def of_any_configuration(
         self, composed: Composition
     ) -> tuple[Array, npt.NDArray[np.int64], Array] | None:
-        """Floats and integers as ``step_record`` says, and the tasks' own targets (T, 18).
+        """Floats and integers laid out as ``step_record``, and the tasks' own targets (T, 18).
 
-        Poses, Jacobians and targets are still to be filled in. ``None`` where bands, limits of
-        other classes, costs of other tasks or the secondary depend on the configuration in a way of
-        their own.
+        The caller fills in poses, Jacobians and targets. ``None`` if Python has to evaluate
+        something at each configuration: bands, limits of other classes, other tasks or secondaries.
         """
-        spoken = self._others or self._stated or self._soft_tasks or self._asked
-        if spoken or any(task.bands for task in self._tasks):
+        in_python = self._others or self._stated or self._soft_tasks or self._python_tasks
+        if in_python or any(task.bands for task in self._tasks):
             return None
         for number, task in enumerate(self._tasks):
             pose = task.target_wxyz_xyz
@@ -360,17 +361,17 @@ class CompiledStep:
                 row = self._given.targets[number]
                 mujoco.mju_quat2Mat(row[:9], pose[:4])
                 row[9:12], row[12:] = pose[4:], task.feedforward
-        self._ask_secondary(None)
-        self._look(composed)
+        self._update_secondary(None)
+        self._update_state(composed)
         return self._floats, self._integers, self._given.targets
 
     def _tasks_known(self) -> bool:
-        """Take over what has changed of the tasks; whether the kernel still knows them."""
+        """Write what has changed in the tasks; return whether the kernel still supports them."""
         self._banded = False
         for number, task in enumerate(self._tasks):
             if (
                 task.projector is not self._projectors[number]
-                or rows_known(task) is (number in self._asked)
+                or rows_known(task) is (number in self._python_tasks)
                 or (task.frame_name, task.frame_type) != self._named[number]
             ):
                 return False
@@ -380,17 +381,17 @@ class CompiledStep:
             if pose is not self._known_poses[number] or pose is None:
                 if pose is None:
                     raise mink.TargetNotSet(task.name)
-                if number not in self._asked:
-                    self._aim(number, task)
+                if number not in self._python_tasks:
+                    self._write_target(number, task)
                 self._known_poses[number] = pose
-            paces = _paces(task)
-            if paces != self._paced[number]:
-                self._paced[number] = paces
+            paces = _step_sizes(task)
+            if paces != self._known_step_sizes[number]:
+                self._known_step_sizes[number] = paces
                 self._given.shapes[number, 24:] = paces
         return True
 
-    def _ask_secondary(self, configuration: mink.Configuration | None) -> None:
-        """What the secondary objectives ask for: h = displacement + stiffness · (θ̄ − θ)."""
+    def _update_secondary(self, configuration: mink.Configuration | None) -> None:
+        """Write the two parts of h = displacement + stiffness · (θ̄ − θ) if they have changed."""
         for centering, gain, weight in self._asked_centering:
             if centering.gain != gain or centering.weight != weight:
                 self._take_secondary()
@@ -405,7 +406,7 @@ class CompiledStep:
                 displacement += checked_displacement(other, configuration)
 
     def _take_secondary(self) -> None:
-        """What stays of h while the objectives do."""
+        """Write the parts of h that do not depend on the configuration."""
         self._asked_centering = [(s, s.gain, s.weight) for s in self._centering]
         self._asked_postures = [(s, s.gain, s.q_ref) for s in self._postures]
         nv = self._model.nv
@@ -417,8 +418,8 @@ class CompiledStep:
         self._given.displacement[:nv] = self._steady
 
     def _bind(self, configuration: mink.Configuration) -> None:
-        """Where the kernel finds the data of another configuration."""
-        self._data = data = configuration.data  # it is kept, and with it what is at the addresses
+        """Write the addresses of another configuration's data."""
+        self._data = data = configuration.data  # the reference keeps the addresses valid
         arrays = [data.qpos, data.xaxis, data.xanchor]
         self._jacs = []
         for number, (task, (jac, index)) in enumerate(zip(self._tasks, self._frames, strict=True)):
@@ -429,8 +430,8 @@ class CompiledStep:
                 self._jacs.append((jac, rows, index, number))
         self._given.sources[:-2] = [_address(array) for array in arrays]
 
-    def _aim(self, number: int, task: TwistTask) -> None:
-        """Take over a task's target, which is set."""
+    def _write_target(self, number: int, task: TwistTask) -> None:
+        """Write a task's target."""
         self._given.target_poses[number] = task.target_wxyz_xyz
         moves = task.feedforward is not AT_REST
         if moves or self._moving[number]:
@@ -443,8 +444,8 @@ class CompiledStep:
         settings = settings_of(self._singularity, self._weighs, _INFEASIBLE[composed.on_infeasible])
         self._given.settings[:] = settings  # type: ignore[index]
 
-    def _look(self, composed: Composition) -> None:
-        """What moves on with the steps: where windows stand, the velocity before, and settings."""
+    def _update_state(self, composed: Composition) -> None:
+        """Write changed settings, and the windows and previous velocity of limits."""
         if (
             composed.singularity != self._singularity
             or composed.joint_weight != self._weighs
@@ -465,14 +466,14 @@ class CompiledStep:
         for before, motion in self._motions:
             before[:] = motion.velocity
 
-    def tell(self, velocity: Array) -> None:
-        """As :meth:`~qp_twist.Controller.note`, of a velocity that the kernel has found."""
+    def note(self, velocity: Array) -> None:
+        """As :meth:`~qp_twist.Controller.note`, for a velocity that the kernel has computed."""
         for _, motion in self._motions:
             motion.velocity = velocity.copy()
 
 
-def _paces(task: TwistTask) -> tuple[float, float, float]:
-    """What a task asks for of its error."""
+def _step_sizes(task: TwistTask) -> tuple[float, float, float]:
+    """A task's gain and largest linear and angular step."""
     return task.gain, task.max_linear_step, task.max_angular_step
 
 

@@ -1,8 +1,7 @@
-"""One step: tasks, limits and a backend make a joint velocity."""
+"""The controller: computes a joint velocity from tasks, limits and a backend."""
 
 from __future__ import annotations
 
-import inspect
 import math
 import threading
 from collections.abc import Sequence
@@ -16,13 +15,13 @@ import numpy.typing as npt
 from qp_twist.checks import (
     Array,
     checked,
-    did_you_mean,
     finite_array,
     instance,
     largest,
     number,
     one_of,
     read_only,
+    refusing_unknown_names,
 )
 from qp_twist.constraints import Constraint, check_constraint
 from qp_twist.controller.composition import composition_known
@@ -56,19 +55,19 @@ if TYPE_CHECKING:
     from qp_twist.controller.compiled_step import CompiledStep
 
 TIE_BREAK = 1e-9
-"""Default ρ in joint space where other mink tasks decide and ρ only makes the result unique."""
+"""Default ρ in joint space if other mink tasks have costs; ρ then only makes the result unique."""
 UNSEEN_WEIGHT = 1e-2
-"""Default ρ in twist space, where it weighs only the motion that the twist cost does not see."""
+"""Default ρ in twist space, where it applies only to motion that the twist cost does not see."""
 SMALLEST_WEIGHT, LARGEST_WEIGHT = 1e-12, 1e12
-"""Range of ρ and the entries of M: beyond it they, or other costs, are lost in the arithmetic."""
+"""Range of ρ and the entries of M: beyond it, they or other costs are lost to rounding."""
 SINGULARITY = 1e-3
 """Singular value of the task rows, m/rad or 1, below which a direction is slowed down."""
 _NOT_CHECKED: tuple[Any, Any, Any] = (object(), None, None)
-"""In place of a configuration, its model and its data: is nothing that anyone can pass."""
+"""Placeholder for (configuration, model, data) that no argument equals."""
 
 
 def _metric(controller: Any, name: str, value: npt.ArrayLike) -> Array:
-    """The diagonal of M, which cannot be written into: another one is assigned, and so noticed."""
+    """The diagonal of M, read-only: only an assignment can change it, which steps detect."""
     metric = finite_array(name, value, (controller.model.nv,))
     if not ((metric >= SMALLEST_WEIGHT) & (metric <= LARGEST_WEIGHT)).all():
         raise InvalidInput(
@@ -94,14 +93,14 @@ class Controller:
     with :math:`\dot{\mathbf h} = \mathbf h/dt`. While no limit is active, "joint" gives gradient
     projection (minimum norm without a secondary) and "twist" the paper's decomposition.
 
-    In twist space the ρ term counts only in the null space of J, which the twist cost does not see:
-    there it decides alone, elsewhere it would pull on the twist (a weight small enough not to be
-    felt is too small for the solver's arithmetic). So :math:`\mathbf J^\dagger\mathbf T\Delta
-    \mathbf t + (\mathbf 1-\mathbf J^\dagger\mathbf T\mathbf J)\mathbf h` comes out exactly.
+    In twist space the ρ term acts only in the null space of J, which the twist cost does not see.
+    Elsewhere it would change the twist: a weight too small to matter there is too small for the
+    solver's arithmetic. The result is exactly :math:`\mathbf J^\dagger\mathbf T\Delta\mathbf t +
+    (\mathbf 1-\mathbf J^\dagger\mathbf T\mathbf J)\mathbf h`.
 
     Attributes:
-        reference_steps: How many steps the compiled step has left to the reference, which takes
-            milliseconds (the docs' page *Performance* says which); of another solver, all.
+        reference_steps: Number of steps by the uncompiled reference, which takes milliseconds (the
+            docs' page *Performance* lists the cases); all steps if the solver is not compiled.
 
     Example:
         >>> import mink, qp_twist as qt
@@ -123,15 +122,7 @@ class Controller:
         lambda _, name, value: number(name, value, at_least=0.0, at_most=1.0)
     )
 
-    def __new__(cls, *args: Any, **options: Any) -> Controller:
-        """As of any class, but a keyword that is misspelt is refused with the one that is meant."""
-        known = inspect.signature(cls.__init__).parameters if options else {}
-        if all(argument.kind is not argument.VAR_KEYWORD for argument in known.values()):
-            for name in options.keys() - known:
-                hint = did_you_mean(name, known)
-                raise TypeError(f"{cls.__name__}: there is no argument {name!r}{hint}")
-        return super().__new__(cls)
-
+    @refusing_unknown_names
     def __init__(
         self,
         model: mujoco.MjModel,
@@ -156,21 +147,19 @@ class Controller:
             tasks: :class:`TwistTask` s become equality rows of one level; any other mink task adds
                 its cost.
             levels: Strict priorities instead, most important first: lists of tasks (TwistTasks or
-                any mink task that states rows) and of limits, whose rows then hold in least squares
-                at that level. ``tasks`` may then hold mink tasks that only add a cost.
+                any mink task with equality rows) and of limits, whose rows are then met in least
+                squares at that level. ``tasks`` may then contain only mink tasks that add a cost.
             secondary: Objectives whose displacements add up to h.
             secondary_space: Whether the free motion follows h in joint space or in twist space.
-            limits: Any mink limits; ``[]`` for none. If ``None`` what the model itself states: the
-                ranges of its joints and, where it couples some, their
-                :class:`~qp_twist.JointCouplings`.
-            solver: A qpsolvers backend, or ``"compiled"``; its results are verified, whatever
-                it says. If ``None`` the step is compiled where there is a compiled step of this
-                composition, else it is daqp's.
-            on_infeasible: Where the first level does not fit: ``"scale"`` slows it down,
+            limits: Any mink limits; ``[]`` for none. If ``None`` the model's own limits: its joint
+                ranges and, if it couples joints, its :class:`~qp_twist.JointCouplings`.
+            solver: A qpsolvers backend, or ``"compiled"``; every result is verified. If ``None``
+                the compiled step where it supports this composition, else daqp.
+            on_infeasible: If the first level is infeasible: ``"scale"`` slows it down,
                 ``"relax"`` takes the closest velocity, ``"raise"`` raises
                 :class:`~qp_twist.InfeasibleStep`. Lower levels are always relaxed.
             metric: Diagonal of M, positive, shape (nv,); ones if ``None``.
-            joint_weight: ρ. By default 1 in joint space (1e-9 if other mink tasks decide, and no
+            joint_weight: ρ. By default 1 in joint space (1e-9 with other mink tasks and without a
                 secondary), 0.01 in twist space.
             free_linear_cost: Square root of w for the linear rows of 1 − T, s/m.
             free_angular_cost: Square root of w for the angular rows of 1 − T, s/rad; its ratio
@@ -204,7 +193,7 @@ class Controller:
         self.solver = check_solver(solver)
         self.on_infeasible = one_of("on_infeasible", on_infeasible, ("scale", "relax", "raise"))
         self._check_types()
-        # The last configuration that was checked, its model and its data.
+        # The last checked configuration, its model and its data.
         self._checked = _NOT_CHECKED
         self._identity = np.eye(model.nv)
         self.metric = (
@@ -237,23 +226,23 @@ class Controller:
         """Compute the joint velocity for one step of length ``dt``.
 
         Args:
-            configuration: Where the robot is; it is not changed.
+            configuration: The robot's configuration; it is not changed.
             dt: Length of the step, s.
             use_secondary: ``False`` sets h to zero, as in the later iterations of a waypoint, where
-                a secondary would keep breaking the task by curvature.
-            velocity: Joint velocity before the step as measured, (nv,), for acceleration limits;
-                if ``None`` that of the last step, and zero before the first.
+                the curvature of a secondary's motion would violate the task again and again.
+            velocity: Measured joint velocity before the step, (nv,), for acceleration limits; if
+                ``None`` that of the last step, and zero before the first.
 
         Raises:
             InvalidInput: If the configuration is not finite or of another model, or dt ≤ 0.
             mink.TargetNotSet: If a task has no target.
-            InfeasibleStep: If the first level does not fit inside the limits, or the robot is
+            InfeasibleStep: If the first level is infeasible within the limits, or the robot is
                 singular in a direction that it needs, and ``on_infeasible`` is ``"raise"``.
             SolverInaccurate: If every installed backend failed on a feasible step.
         """
         dt = number("dt", dt, above=0.0)
-        # Model and data are attributes that anyone can replace between two steps; the prepared step
-        # reads the data's memory.
+        # The user may replace the configuration's model or data between two steps; the compiled
+        # step reads the data's memory.
         checked, model, data = self._checked
         if (
             configuration is not checked
@@ -263,18 +252,19 @@ class Controller:
             self._check_configuration(configuration)
         if velocity is not None:
             self.note(velocity)
-        # In another thread, or in a step that a limit takes, the arrays are in use: then anew.
+        # The arrays may be in use, by another thread or by a limit that itself calls step();
+        # then the reference computes this step.
         if self._prepared is not None and self._free.acquire(False):
             try:
                 plain = self._prepared(self, configuration, dt, bool(use_secondary))
                 if plain is not None:
-                    self._prepared.tell(plain.velocity)
+                    self._prepared.note(plain.velocity)
                     return plain
             finally:
                 self._free.release()
         self.reference_steps += 1
         if not math.isfinite(sum(configuration.data.qpos.tolist())):
-            self._check_configuration(configuration)  # and say which joint it is
+            self._check_configuration(configuration)  # raises, with the joint's name
         with np.errstate(over="ignore", invalid="ignore"):  # the result is checked below
             posed = self._pose(configuration, dt, bool(use_secondary))
         if self.on_infeasible == "raise" and posed.levels.lost:
@@ -290,7 +280,7 @@ class Controller:
         return step
 
     def note(self, velocity: npt.ArrayLike) -> None:
-        """Tell the limits which joint velocity (nv,) is running; :meth:`step` does so itself."""
+        """Set the current joint velocity (nv,) for acceleration limits, as :meth:`step` does."""
         self._note(finite_array("velocity", velocity, (self.model.nv,)))
 
     def _note(self, velocity: Array) -> None:
@@ -301,7 +291,7 @@ class Controller:
                 limit.note(velocity)
 
     def _compiled_step(self) -> CompiledStep | None:
-        """The kernel's arrays; ``None`` for another solver, or what the kernel does not know."""
+        """The compiled step; ``None`` with another solver or an unsupported composition."""
         if self.solver != COMPILED or not composition_known(self.levels, self.limits):
             return None
         from qp_twist.controller.compiled_step import CompiledStep  # numba takes half a second
@@ -326,8 +316,8 @@ class Controller:
                 ]
             )
             cost = free.T @ free + self.joint_weight * unseen(np.vstack([A, free]), self.metric)
-            # AᵀA is constant where A q̇ = b holds: it changes no solution, but with it H is near
-            # JᵀJ instead of near singular.
+            # q̇ᵀAᵀA q̇ is constant where A q̇ = b, so that it does not change the solution, but H
+            # is then close to JᵀJ instead of close to singular.
             H = cost + A.T @ A
             c = -cost @ desired
         if self.soft_tasks:
@@ -364,8 +354,8 @@ class Controller:
                 check_model(f"Controller({kind}=…)", item, self.model.nv)
         for limit in (*self.limits, *(item for level in self.levels for item in level)):
             if isinstance(limit, Constraint):
-                said = f"Controller(limits=…): {type(limit).__name__}"
-                check_constraint(said, limit, self.model)
+                name = f"Controller(limits=…): {type(limit).__name__}"
+                check_constraint(name, limit, self.model)
         probe = mink.Configuration(self.model)
         for task in self.twist_tasks:
             frame_pose(probe, task.frame_name, task.frame_type)
@@ -383,11 +373,11 @@ class Controller:
         self._checked = configuration, configuration.model, configuration.data
 
     def __getstate__(self) -> dict[str, Any]:
-        """Without the prepared step: arrays that see into each other would be copied apart."""
+        """State without the compiled step: copies of its array views would not share memory."""
         return self.__dict__ | {"_prepared": None, "_checked": None, "_free": None}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        """A copy prepares its own."""
+        """Restore the state and make a new compiled step."""
         self.__dict__.update(state)
         self._checked = _NOT_CHECKED
         self._prepared, self._free = self._compiled_step(), threading.Lock()

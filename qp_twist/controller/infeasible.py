@@ -24,28 +24,28 @@ from qp_twist.qp import (
 
 
 def finished(posed: Posed, result: Verified | Refused, solver: str, on_infeasible: str) -> Step:
-    """The step of a program, whatever the backend made of it.
+    """The step for a backend's result; if it was refused, find out why and scale, relax or raise.
 
     Args:
-        posed: The step as posed.
-        result: What the backend said.
-        solver: Its name.
+        posed: The step's program.
+        result: The backend's result.
+        solver: The backend's name.
         on_infeasible: ``"scale"``, ``"relax"`` or ``"raise"``.
 
     Raises:
-        InfeasibleStep: If the first level does not fit and ``on_infeasible`` is ``"raise"``.
+        InfeasibleStep: If the first level is infeasible and ``on_infeasible`` is ``"raise"``.
         SolverInaccurate: If the step is feasible and no backend solved it.
     """
     if isinstance(result, Verified):
         return _solved(posed, result)
     first, problem = posed.padded[0], posed.problem
-    # Whether the first level fits is asked of its residual, which has a unit: of a task that is met
-    # up to rounding the largest scale may be anything.
+    # The residual decides if the first level is feasible, because it has a unit: for a task that is
+    # met up to rounding, the largest scale is arbitrary.
     closest = lexicographic([posed.hard, first], problem.lower, problem.upper)
-    fits = posed.hard.met(closest.x) and first.met(closest.x)
-    if fits:
+    feasible = posed.hard.met(closest.x) and first.met(closest.x)
+    if feasible:
         largest: LargestScale | None = LargestScale.full(closest.x)
-    else:  # of the hard rows and the first level alone
+    else:  # for the hard rows and the first level only
         G, g = np.vstack([posed.hard.G, first.G]), np.concatenate([posed.hard.g, first.g])
         largest = largest_scale(replace(problem, A=first.A, b=first.b, G=G, g=g))
     if largest is None or largest.scale < 1.0 - SCALE_BACKOFF:
@@ -55,7 +55,7 @@ def finished(posed: Posed, result: Verified | Refused, solver: str, on_infeasibl
             start = np.zeros(problem.n) if largest is None else largest.x
             return _cascade(posed, solver, 1.0, start, Status.RELAXED)
         return _scaled(posed, solver, largest)
-    # The first level fits. Either a lower one does not, or it was the solver that failed.
+    # The first level is feasible. Either a lower level is not, or the solver failed.
     if not any(len(level.b) + len(level.g) for level in posed.padded[1:]):
         result = solve(problem, solver, persist=True)
         if isinstance(result, Verified):
@@ -91,7 +91,7 @@ def _scaled(posed: Posed, solver: str, largest: LargestScale) -> Step:
             return posed.step(
                 result.x, Status.SCALED, result.solver, multipliers, scale=scale, problem=problem
             )
-    # On the very edge a backend may see no inside; the point that was found is there.
+    # The feasible set may be too thin for a backend; the point of the largest scale is inside.
     return _cascade(posed, solver, scale, largest.x, Status.SCALED, multipliers=multipliers)
 
 
@@ -105,7 +105,7 @@ def _cascade(
     multipliers: tuple[Array, Array, float] | None = None,
     refused: tuple[str, ...] = (),
 ) -> Step:
-    """Level by level from ``start``, then the costs on what is left."""
+    """Minimise the levels in order from ``start``, then the cost in the remaining freedom."""
     problem = posed.problem
     levels = [
         replace(level, b=scale * level.b) if stated == 0 else level
@@ -142,7 +142,7 @@ def _infeasible(posed: Posed, largest: LargestScale | None) -> InfeasibleStep:
     if largest is None:
         why = "; ".join(posed.limits.recovering)
         return InfeasibleStep(
-            "infeasible step: the limits exclude even the standing task (scale 0)"
+            "infeasible step: the limits exclude even a task at rest (scale 0)"
             f"{f': {why}' if why else ''}. Use on_infeasible='scale' for the closest step.",
             posed.problem,
         )

@@ -1,4 +1,4 @@
-"""The result of a compiled step: numbers now, everything else when it is asked for."""
+"""The result of a compiled step; all fields but the velocity are computed on first access."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ _NO_INTEGERS = np.zeros(0, dtype=np.int64)
 
 
 class Layout:
-    """What all steps of a controller have in common.
+    """Data common to all steps of a controller.
 
     Attributes:
-        ranks: Rows of each task.
-        first: Of the first level.
-        names: Of the joints, by degree of freedom.
-        kinds: What bounds come from, by the numbers of ``fast.bounds``.
+        ranks: Number of rows of each task.
+        first: Number of rows of the first level.
+        names: Joint name of each degree of freedom.
+        kinds: Names of the kinds of bounds, by their numbers in ``fast.bounds``.
     """
 
     def __init__(
@@ -34,15 +34,15 @@ class Layout:
         names: tuple[str, ...],
         kinds: dict[float, str],
     ) -> None:
-        """Of a controller's tasks, robot and limits."""
+        """Store the attributes."""
         self.ranks, self.first = ranks, first
         self.names, self.kinds = names, kinds
 
 
 class PlainStep(Step):
-    """A step of the kernel: all rows are met inside all limits, what it holds is made on demand.
+    """A :class:`Step` of the kernel, by default with all rows met inside all limits.
 
-    As :class:`Step`, whose other fields are those of any such step.
+    Residuals, binding limits, program and σ_min are computed on first access.
     """
 
     scale = 1.0
@@ -62,9 +62,9 @@ class PlainStep(Step):
         layout: Layout,
         rows: Sequence[Named],
     ) -> PlainStep:
-        """From what was left behind in a step's arrays: ``step_record.Program`` up to ``gains``.
+        """Copy the results in a step's arrays, ``step_record.Program`` up to ``gains``.
 
-        The velocity is a copy of its own: whoever scales it changes nothing else.
+        The velocity is a separate copy, so that the caller may modify it.
         """
         step = object.__new__(cls)
         fields = step.__dict__
@@ -78,11 +78,11 @@ class PlainStep(Step):
         return step
 
     def hindered(self, status: Status, scale: float, gaps: tuple[float, ...] = ()) -> None:
-        """Note that the rows are not met, or at a share of their speed."""
+        """Record that the rows are met only at a scale below 1, or not at all."""
         self.__dict__.update(status=status, scale=scale, gaps=gaps)
 
     def __getattr__(self, name: str) -> Any:
-        """What was not asked for before."""
+        """Compute a field on first access."""
         if name not in ("residuals", "binding", "problem", "sigma_min"):
             raise AttributeError(name)
         layout = self._layout
@@ -108,31 +108,31 @@ class PlainStep(Step):
 
     def _binding(self, left: Program) -> tuple[BindingLimit, ...]:
         box, lam, floor, kinds = left.box, left.lam, 1.0, self._layout.kinds
-        if self.status is not Status.SOLVED:  # what holds it back is what holds the levels back
+        if self.status is not Status.SOLVED:  # then the multipliers of the levels count
             box, lam, floor = *np.split(left.gains[1:], [len(box)]), 0.0
-            # A band that may be left holds back nothing.
-            lam = np.where(np.repeat(*self._gives_way()), 0.0, lam)
-        box = box[: len(self._layout.names)]  # behind them are the slacks of soft bands
-        # There is a number of no kind where there is no bound.
+            # A soft band does not limit a level.
+            lam = np.where(np.repeat(*self._soft_sources()), 0.0, lam)
+        box = box[: len(self._layout.names)]  # the slacks of soft bands follow
+        # Where there is no bound, the number has no kind.
         lower, upper = (
             [kinds.get(number, "") for number in side.tolist()]
             for side in (left.lower_kind, left.upper_kind)
         )
         return binding_limits(box, lam, floor, self._layout.names, (lower, upper), self._rows)
 
-    def _gives_way(self) -> tuple[list[bool], list[int]]:
-        """Whether the rows of each source are those of a soft band, and how many they are."""
+    def _soft_sources(self) -> tuple[list[bool], list[int]]:
+        """For each source whether it is a soft band, and its number of rows."""
         soft = [getattr(source, "weight", None) is not None for source in self._rows]
         return soft, [len(source.names) for source in self._rows]
 
     def __getstate__(self) -> dict[str, Any]:
-        """Without the limits and tasks that inequality rows come from, but with their names."""
-        sources = self.__dict__.get("_rows", ())  # none if it was made by dataclasses.replace
+        """State in which the names of inequality rows replace their limits and tasks."""
+        sources = self.__dict__.get("_rows", ())  # missing after dataclasses.replace
         named = tuple(_Names(list(s.names), getattr(s, "weight", None)) for s in sources)
         return self.__dict__ | {"_rows": named}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        """As it was."""
+        """Restore the state."""
         self.__dict__.update(state)
 
 

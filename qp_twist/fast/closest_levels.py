@@ -1,7 +1,7 @@
-"""What the levels of a step achieve where they do not fit inside the limits, compiled.
+"""Least-squares solution of a step's priority levels that are infeasible, compiled.
 
-The readable statement is ``qp.levels``. This one takes levels of equality rows that do not depend
-on each other; whatever else does not fit is left to that one.
+The readable version is ``qp.levels``. This one only takes levels of linearly independent equality
+rows; all other infeasible steps are left to the readable version.
 """
 
 from __future__ import annotations
@@ -20,15 +20,15 @@ from qp_twist.fast.verified_program import (
 )
 
 _PROXIMAL = 1e-4
-"""ε, as a share of the longest row: so far a singular value counts less than the last point."""
+"""Proximal weight ε, as a share of the longest row."""
 _ROUNDS = 40
-"""Far more than the handful in which the points settle."""
+"""Largest number of proximal iterations; a handful is usual."""
 _SETTLED = 1e-15
-"""A gradient that counts as none, as a share of its terms."""
-_IS_MET, _GIVES_WAY, _NOT_PROVEN = 0, 1, 2
-"""What comes of a level."""
+"""Share of its terms below which a gradient counts as zero."""
+_IS_MET, _NOT_MET, _NOT_PROVEN = 0, 1, 2
+"""Outcome of a level."""
 _OF_A_LEVEL, _BOUND, _ROW = 0, 1, 2
-"""Where a row comes from that is held."""
+"""Origin of a held row: a higher level, an active bound or an active inequality row."""
 
 
 @plain
@@ -45,7 +45,7 @@ def _length_of_rows(A, b, first, end):
 
 @plain
 def _residual(A, b, x, first, end, r):
-    """r = A x − b of a level; its length."""
+    """Compute r = A x − b of a level; return its length."""
     square = 0.0
     for row in range(first, end):
         total = -b[row]
@@ -58,17 +58,17 @@ def _residual(A, b, x, first, end, r):
 
 @plain
 def _closest(w, p, first, end, longest):
-    r"""Move ``p.x`` to the least squares of a level among the points that ``held`` rows leave.
+    r"""Move ``p.x`` to the least-squares solution of a level subject to the held rows.
 
     .. math::
 
         \mathbf x \leftarrow \arg\min \tfrac12\lVert\mathbf A\mathbf x - \mathbf b\rVert^2
         + \tfrac12\varepsilon^2\lVert\mathbf x - \mathbf x_{before}\rVert^2
 
-    until it stays (the proximal point method; Rockafellar, SIAM J. Control Optim. 14, 1976).
+    until it converges (the proximal point method; Rockafellar, SIAM J. Control Optim. 14, 1976).
 
     Returns:
-        How many constraints are active, −1 where there is no point; what is left of the gradient.
+        The number of active constraints, −1 on failure; and the remaining gradient.
     """
     n, weight, held = len(w.x), (_PROXIMAL * longest) ** 2, p.many[0]
     count, left, none = 0, math.inf, len(w.nothing)
@@ -103,13 +103,16 @@ def _closest(w, p, first, end, longest):
 
 
 @plain
-def _hold(w, p, first, end, count, dust):
-    """Hold what a level achieves at ``p.x``, and what stands in its way."""
+def _hold(w, p, first, end, count, negligible):
+    """Add the level's rows at ``p.x`` and its active constraints to the held rows.
+
+    A constraint is active if its multiplier exceeds ``negligible``.
+    """
     n, k, m = len(w.x), len(w.g), p.many[0]
     held = m
     for place in range(count):
         which, multiplier = p.active[place], p.u[place]
-        if which < m or not multiplier > dust:
+        if which < m or not multiplier > negligible:
             continue
         for i in range(n):
             p.E[held, i] = 0.0
@@ -142,9 +145,9 @@ def _hold(w, p, first, end, count, dust):
 
 @plain
 def _gap(w, p, left, length):
-    """By how much a level's residual may be longer than at its optimum.
+    """Bound of a level's residual length less that at its optimum.
 
-    ``left`` is the largest entry of the gradient of ½‖A x − b‖² that no multiplier explains.
+    ``left`` is the largest entry of the gradient of ½‖A x − b‖² that no multiplier balances.
     """
     gained = 0.0
     for i in range(len(w.x)):
@@ -155,7 +158,7 @@ def _gap(w, p, left, length):
 
 @plain
 def _with_costs(w, p):
-    """The point of least cost that all levels leave into ``w``; whether there is one."""
+    """Write the point of least cost subject to all held rows to ``w``; return whether it exists."""
     n, held, none = len(w.x), p.many[0], len(w.nothing)
     for i in range(n):
         for j in range(n):
@@ -173,9 +176,9 @@ def _with_costs(w, p):
 
 @plain
 def _take_multipliers(w, p, count):
-    """Those of ``p.u`` into y, μ and λ.
+    """Distribute the multipliers ``p.u`` to y, μ and λ.
 
-    What is held is met whichever way it pulls, so that its multipliers may have any sign.
+    Held rows are equality constraints, so their multipliers may have either sign.
     """
     n, k, held = len(w.x), len(w.g), p.many[0]
     no_multipliers(w)
@@ -199,9 +202,10 @@ def _take_multipliers(w, p, count):
 
 @plain
 def _verified(w, p, tolerances):
-    """The velocity into ``w.x``; whether it is the optimum on what is held, and inside all limits.
+    """Write the velocity to ``w.x``; return whether it is verified.
 
-    For that look the rows ask for what they get, and bounds that are held leave no room.
+    It must be optimal subject to the held rows, and inside all limits. The check temporarily
+    replaces b by the achieved A x, and fixes the held bounds.
     """
     n = len(w.x)
     for place in range(p.many[0]):
@@ -224,7 +228,7 @@ def _verified(w, p, tolerances):
 
 @plain
 def _begin(w, p):
-    """Nothing is held yet, and nothing stands in the way."""
+    """Start inside the bounds, with no held rows, scale 1 and zero multipliers."""
     p.many[0] = 0
     for i in range(len(w.x)):
         p.x[i], p.fixed[i] = min(max(0.0, w.lower[i]), w.upper[i]), 0
@@ -235,14 +239,14 @@ def _begin(w, p):
 
 @plain
 def _take_level(w, p, level, first, end, tolerances):
-    """Come as close to a level as can be, and hold it; whether it is met, or not proven."""
+    """Minimise a level's residual and hold the result; return the outcome."""
     longest, largest = _length_of_rows(w.A, w.b, first, end)
     tolerance, furthest = tolerances.equality * (longest + largest), 0.0
     for i in range(len(w.x)):
         furthest = max(furthest, abs(p.x[i]))
     terms = longest * (1.0 + furthest) + largest
     before = _residual(w.A, w.b, p.x, first, end, p.r)
-    dust = longest * (tolerances.held * before + tolerances.dust * terms)
+    negligible = longest * (tolerances.held * before + tolerances.dust * terms)
     p.gaps[level] = 0.0
     if end == first:
         return _IS_MET
@@ -251,13 +255,13 @@ def _take_level(w, p, level, first, end, tolerances):
     p.gaps[level] = _gap(w, p, left, length)
     if count < 0 or not p.gaps[level] <= 10.0 * tolerance:
         return _NOT_PROVEN
-    _hold(w, p, first, end, count, dust)
-    return _IS_MET if length <= tolerance else _GIVES_WAY
+    _hold(w, p, first, end, count, negligible)
+    return _IS_MET if length <= tolerance else _NOT_MET
 
 
 @plain
 def closest_levels(w, ends, relaxes, tolerances):
-    r"""Level after level as close as the limits and the levels above let it come, then the costs.
+    r"""Minimise the levels' residuals in order of priority, then the cost, inside the limits.
 
     .. math::
 
@@ -267,19 +271,21 @@ def closest_levels(w, ends, relaxes, tolerances):
         \quad\text{s.t.}\quad lower \le \mathbf x \le upper,\;
         \mathbf G\mathbf x \le \mathbf g
 
-    What a level achieves, and the constraints that pull on it, are held below it. Every level is
-    verified by the gradient that its multipliers leave, the last program as any other.
+    The value A x that a level achieves and its active constraints become equality rows for the
+    levels below. Each level is verified by the gradient that its multipliers do not balance, the
+    final program in the same way as any other.
 
     Args:
-        w: ``step_record.Program`` as :func:`~qp_twist.fast.verified_program.solved_program` leaves
-            it where there is no room. Results are those of a step, and in ``gains`` the
-            multipliers of what stands in a level's way.
-        ends: Where the rows of each level end, (levels,).
-        relaxes: Whether the first level may give way.
+        w: ``step_record.Program`` that
+            :func:`~qp_twist.fast.verified_program.solved_program` found infeasible. It receives
+            the results of a step; ``gains`` receives the multipliers of the constraints that
+            limit a level.
+        ends: Index after the last row of each level, (levels,).
+        relaxes: Whether the first level may be relaxed.
         tolerances: Of the verification.
 
     Returns:
-        ``PRIORITIZED`` or ``RELAXED``; ``REFUSED`` where the reference has to look.
+        ``PRIORITIZED`` or ``RELAXED``; ``REFUSED`` if the reference has to compute the step.
     """
     p, status, all_met = w.levels, PRIORITIZED, True
     _begin(w, p)
@@ -287,8 +293,8 @@ def closest_levels(w, ends, relaxes, tolerances):
         outcome = _take_level(
             w, p, level, ends[level - 1] if level > 0 else 0, ends[level], tolerances
         )
-        if outcome == _NOT_PROVEN or (outcome == _GIVES_WAY and level == 0 and not relaxes):
+        if outcome == _NOT_PROVEN or (outcome == _NOT_MET and level == 0 and not relaxes):
             return REFUSED
-        if outcome == _GIVES_WAY:
+        if outcome == _NOT_MET:
             all_met, status = False, RELAXED if level == 0 else status
     return status if not all_met and _verified(w, p, tolerances) else REFUSED

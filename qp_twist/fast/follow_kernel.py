@@ -18,45 +18,46 @@ from qp_twist.fast.twist_rows import twist_rows
 from qp_twist.fast.verified_program import DONE
 
 _STANDS_STILL = 1e-13
-"""A displacement below it is none, rad or m."""
+"""A displacement below it counts as zero, rad or m."""
 
 
-class Way(NamedTuple):
-    """What a method does, the same for every waypoint and every run."""
+class Method(NamedTuple):
+    """Settings of a method, the same for every waypoint and every run."""
 
     program: bool
     """Whether a step is the QP; otherwise the closed form of minimum norm plus free motion."""
     twist_space: Any
-    """``None`` where the cost of the QP is that of joint space."""
+    """``None`` for the QP's joint-space cost."""
     iterations: int
+    """Largest number of iterations per waypoint."""
     every_iteration: bool
-    """Whether the secondary acts in all of them, and a waypoint begins with it (a plan)."""
+    """Whether the secondary (a plan) acts before the first and in every iteration."""
     tolerances: npt.NDArray[np.float64]
     """Position and angle at which a waypoint counts as reached, m and rad, (2,)."""
     limits: npt.NDArray[np.float64]
-    """As ``fast.bounds`` takes them, (L, nv, 7); of a window the width is one second's."""
+    """As in ``fast.bounds``, (L, nv, 7); a window's half-width is that of one second."""
     sane: float
     """A joint beyond it has diverged, rad or m."""
     floats: npt.NDArray[np.float64]
-    """A step of one task, as ``step_kernel.Stages`` has it, for each number of rows, (7, F)."""
+    """``step_kernel.Stages`` of a step with one task, for each number of rows, (7, F)."""
     integers: npt.NDArray[np.int64]
     """The same, (7, I)."""
 
 
 class Path(NamedTuple):
-    """What a run meets."""
+    """The path of a run."""
 
     rows: Rows
-    """That the method holds; where the number of the projector is −1, they are not known here."""
+    """Task rows of the method; projector −1 marks a waypoint that is left to the reference."""
     durations: npt.NDArray[np.float64]
-    """Time from the waypoint before, s, (N,)."""
+    """Time from the previous waypoint, s, (N,)."""
     references: npt.NDArray[np.float64]
-    """What the secondary pulls to, rad or m, (N, nv)."""
+    """Reference positions of the secondary, rad or m, (N, nv)."""
 
 
 @plain
-def _begin(way, path, at, q, g, w):
-    """Open the windows of a waypoint and take its lead; whether there is one."""
+def _begin(method, path, at, q, g, w):
+    """Centre the windows on q and move q towards a plan; false: left to the reference."""
     dt = path.durations[at]
     for dof in range(len(q)):
         g.middle[dof] = path.references[at, dof]
@@ -64,8 +65,8 @@ def _begin(way, path, at, q, g, w):
         if g.types[index] == WINDOW:
             for dof in range(len(q)):
                 g.limits[index, dof, 0] = q[dof]
-                g.limits[index, dof, 1] = way.limits[index, dof, 1] * dt
-    if not way.every_iteration:
+                g.limits[index, dof, 1] = method.limits[index, dof, 1] * dt
+    if not method.every_iteration:
         return True
     if not bounds(
         g.limits, g.types, q, dt, g.settings.noticeable, g.settings.unlimited, w.lower, w.upper,
@@ -73,85 +74,85 @@ def _begin(way, path, at, q, g, w):
     ):  # fmt: skip
         return False
     for dof in range(len(q)):
-        wanted = g.stiffness[dof] * (g.middle[dof] - q[dof])
-        q[dof] += min(max(wanted, min(w.lower[dof] * dt, 0.0)), max(w.upper[dof] * dt, 0.0))
+        desired = g.stiffness[dof] * (g.middle[dof] - q[dof])
+        q[dof] += min(max(desired, min(w.lower[dof] * dt, 0.0)), max(w.upper[dof] * dt, 0.0))
     return True
 
 
 @plain
-def _closed_form(q, pulls, g, w):
-    """(TJ)†TΔt + (1 − (TJ)†TJ) h into ``w.x``; whether the rows are independent."""
+def _closed_form(q, use_secondary, g, w):
+    """Write (TJ)†TΔt + (1 − (TJ)†TJ) h to ``w.x``; return whether the rows are independent."""
     if len(w.b) > len(q) or not reflect(w.A, w.V, w.R) >= INDEPENDENT:
         return False
     for dof in range(len(q)):
         w.x[dof] = 0.0
-        if pulls:
+        if use_secondary:
             w.x[dof] = g.stiffness[dof] * (g.middle[dof] - q[dof])
     least_norm(w.V, w.R, w.b, w.x)
     return True
 
 
 @plain
-def _approach(arm, way, path, at, q, floats, integers):
-    """Iterate to a waypoint, as ``following.walk`` does; the iterations, −1 for the reference."""
+def _approach(arm, method, path, at, q, floats, integers):
+    """Iterate to a waypoint, as ``following.walk``; return the iterations, −1 for the reference."""
     rows = path.rows
     kinds, shape = rows.kinds[rows.which[at]], rows.shapes[rows.which[at]]
     m = kinds[0] + kinds[1]
     s = read_step(floats[m], integers[m], integers[m])
     g, w = s.given, s.program
     if at > 0 and rows.which[at] != rows.which[at - 1]:
-        w.active_count[0] = 0  # what was active last time belongs to other rows
-    if not _begin(way, path, at, q, g, w):
+        w.active_count[0] = 0  # no warm start: the active set belongs to other rows
+    if not _begin(method, path, at, q, g, w):
         return -1
-    dt = path.durations[at] if way.program else 1.0
-    for iteration in range(way.iterations):
+    dt = path.durations[at] if method.program else 1.0
+    for iteration in range(method.iterations):
         pose_and_jacobian(arm, q, g.poses[0], g.jacobians[0])
         apart, turned = twist_rows(
             kinds, shape, g.poses[0], rows.targets[at], g.jacobians[0], dt, w.A, w.b, w.free,
             g.free_costs,
         )  # fmt: skip
-        if iteration > 0 and apart <= way.tolerances[0] and turned <= way.tolerances[1]:
+        if iteration > 0 and apart <= method.tolerances[0] and turned <= method.tolerances[1]:
             return iteration
-        pulls = iteration == 0 or way.every_iteration
-        if way.program:
-            if step_on_rows(g, w, q, dt, pulls, way.twist_space) != DONE:
+        use_secondary = iteration == 0 or method.every_iteration
+        if method.program:
+            if step_on_rows(g, w, q, dt, use_secondary, method.twist_space) != DONE:
                 return -1
-        elif not _closed_form(q, pulls, g, w):
+        elif not _closed_form(q, use_secondary, g, w):
             return -1
         largest = 0.0
         for dof in range(len(q)):
             step = w.x[dof] * dt
             q[dof] += step
             largest = max(largest, abs(step))
-            if not abs(q[dof]) < way.sane:
+            if not abs(q[dof]) < method.sane:
                 return -1
         if largest < _STANDS_STILL:
             return iteration + 1
-    return way.iterations
+    return method.iterations
 
 
 @kernel
-def follow(arm, way, path, first, q, iterations):
-    """Fill the rows of q (N, nv) from ``first`` on, from the one before it.
+def follow(arm, method, path, first, q, iterations):
+    """Fill the rows of q (N, nv) from ``first`` on, starting at row ``first`` − 1.
 
     Args:
         arm: The robot.
-        way: The method.
-        path: What it follows.
-        first: Number of the first waypoint that is not done, at least 1.
-        q: Configurations, those before ``first`` given.
+        method: The method.
+        path: Its path.
+        first: Index of the first waypoint that is not done, at least 1.
+        q: Configurations; rows before ``first`` are input, the others result.
         iterations: Result, (N,).
 
     Returns:
-        The number of the first waypoint that the reference has to look at; N if there is none.
+        The index of the first waypoint that is left to the reference; N if there is none.
     """
-    floats, integers, there = way.floats.copy(), way.integers.copy(), np.empty(q.shape[1])
+    floats, integers, there = method.floats.copy(), method.integers.copy(), np.empty(q.shape[1])
     for at in range(first, len(q)):
         if path.rows.which[at] < 0:
             return at
         for dof in range(q.shape[1]):
             there[dof] = q[at - 1, dof]
-        iterations[at] = _approach(arm, way, path, at, there, floats, integers)
+        iterations[at] = _approach(arm, method, path, at, there, floats, integers)
         if iterations[at] < 0:
             return at
         for dof in range(q.shape[1]):
@@ -174,7 +175,7 @@ def measure(arm, rows, q, errors, found):
 
 @kernel
 def _move(move, targets, moved):
-    """Targets (N, 18) of a path that is carried by a rigid motion (12)."""
+    """Apply a rigid motion (12) to the targets (N, 18) of a path."""
     for at in range(len(targets)):
         target, there = targets[at], moved[at]
         for i in range(3):
@@ -185,24 +186,25 @@ def _move(move, targets, moved):
 
 
 @kernel
-def onto_start(arm, way, path, moves, q):
-    """Iterate from q (K, nq), in place, to the first waypoint of paths that are moved.
+def onto_start(arm, method, path, moves, q):
+    """Iterate from q (K, nq), in place, to the first waypoint of K moved paths.
 
-    ``way`` is that of the correction: no secondary, and limits of position alone. It goes as far as
-    plain steps lead; whether it arrived has to be measured.
+    ``method`` is that of the correction: no secondary, position limits only. The iteration stops
+    at a step that needs the reference; the caller has to measure whether it converged.
     """
     rows = path.rows
-    floats, integers, targets = way.floats.copy(), way.integers.copy(), rows.targets[:1].copy()
+    floats, integers = method.floats.copy(), method.integers.copy()
+    targets = rows.targets[:1].copy()
     held = Rows(rows.kinds, rows.shapes, rows.which[:1], targets)
     first = Path(held, np.ones(1), path.references[:1])
     for k in range(len(q)):
         _move(moves[k], rows.targets[:1], targets)
-        _approach(arm, way, first, 0, q[k], floats, integers)
+        _approach(arm, method, first, 0, q[k], floats, integers)
 
 
 @kernel
 def _summary(errors, weight, middle, q, iterations, numbers):
-    """What :func:`follow_many` says of a run, from its configurations and errors."""
+    """Compute the ``numbers`` of :func:`follow_many` for a run from its q and errors."""
     count = len(q)
     for i in range(len(numbers)):
         numbers[i] = 0.0
@@ -221,22 +223,22 @@ def _summary(errors, weight, middle, q, iterations, numbers):
 
 
 @kernel
-def follow_many(arm, way, path, measured, moves, starts, weight, middle, kept, numbers, ends):
-    """:func:`follow` for many runs, each for itself.
+def follow_many(arm, method, path, measured, moves, starts, weight, middle, kept, numbers, ends):
+    """:func:`follow` for many independent runs.
 
     Args:
         arm: The robot.
-        way: The method.
-        path: What is followed.
-        measured: The rows whose errors count.
+        method: The method.
+        path: Its path.
+        measured: The rows in which errors are measured.
         moves: Rigid motion of each run's path: rotation (9) and translation (3), (K, 12).
         starts: Configurations on the first waypoints, (K, nq).
         weight: 1/(θ_max − θ_min), 0 where a joint has no range, (nv,).
         middle: θ̄, (nv,).
-        kept: Result: configurations (K, N, nq); or (0, N, nq), and they are forgotten.
+        kept: Result: configurations (K, N, nq); with shape (0, N, nq) they are not stored.
         numbers: Result, (K, 6): largest position and axis error, m and rad; least margin; mean z;
-            largest step of a joint, rad or m; steps taken.
-        ends: Result: number of the first waypoint that the reference has to look at, (K,).
+            largest step of a joint, rad or m; number of steps.
+        ends: Result: index of the first waypoint that is left to the reference, (K,).
     """
     rows = path.rows
     count, nq = len(rows.which), starts.shape[1]
@@ -250,7 +252,7 @@ def follow_many(arm, way, path, measured, moves, starts, weight, middle, kept, n
         _move(moves[run], rows.targets, targets)
         for dof in range(nq):
             q[0, dof] = starts[run, dof]
-        end = follow(arm, way, moved, 1, q, iterations)
+        end = follow(arm, method, moved, 1, q, iterations)
         ends[run] = end
         measure(arm, seen, q[:end], errors, found)
         _summary(errors, weight, middle, q[:end], iterations, numbers[run])

@@ -1,4 +1,4 @@
-"""A step from a program that others have stated to a verified joint velocity, compiled."""
+"""Solve and verify a quadratic program whose arrays the caller provides, compiled."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from qp_twist.fast.verified_program import (
 
 @plain
 def _take_costs(H, c, lift, steepest, dt, w):
-    """H + lift·1 and c/dt into the program; whether no solver has trouble with their size."""
+    """Write H + lift·1 and c/dt; return whether they are finite and c is small enough."""
     hardest, largest, finite = 0.0, 0.0, True
     for i in range(len(c)):
         w.c[i] = c[i] / dt
@@ -40,7 +40,7 @@ def _take_costs(H, c, lift, steepest, dt, w):
 
 @plain
 def _take_box(box, unlimited, w):
-    """The bounds into the program, those too far away as none; whether they leave room."""
+    """Write the bounds, ±∞ beyond ``unlimited``; return whether they are feasible."""
     for i in range(len(w.x)):
         low, high = box[0, i], box[1, i]
         if not low <= high or low > unlimited or high < -unlimited:
@@ -53,16 +53,16 @@ def _take_box(box, unlimited, w):
 
 @plain
 def _in_joints(w, R, work, held):
-    """x with its multipliers, by the active-set method in the joints themselves; what happened.
+    """Solve for x and its multipliers by the active-set method in joint space; return its status.
 
-    There a bound is one entry of x. In the null space of the equality rows, where
-    ``reduced_program`` works, it is a dense row: that pays where these leave one or two joints
-    free, as in a controller's step, and costs twice the time where many joints have bounds.
+    Here a bound concerns one entry of x. ``reduced_program`` works in the null space of the
+    equality rows, where a bound is a dense row: that is faster if the rows leave one or two degrees
+    of freedom, as in a controller's step, but takes twice the time if many joints have bounds.
 
     Args:
-        w: The program, with S of H⁻¹ = SSᵀ in J, which becomes another one.
+        w: The program, with S of H⁻¹ = SSᵀ in J, which is overwritten.
         R: Workspace, (n, n).
-        work: Workspace: (4, n + 1) for the method and the multipliers, then room for k lengths.
+        work: Workspace: (4, n + 1) for the method and the multipliers, then k row lengths.
         held: Workspace, (m + k + 3n,).
     """
     n, m, k = len(w.x), len(w.b), len(w.g)
@@ -96,36 +96,36 @@ def program_step(
     H, c, lift, steepest, dt, A, b, box, rows, ends, unlimited, floats, integers, level_ends,
     threshold, tolerances, R, work, held,
 ):  # fmt: skip
-    """Solve and verify a program that has been stated; it is laid out in ``floats``.
+    """Copy a program into ``floats``, solve and verify it.
 
     Args:
-        H: Of the cost, (nv, nv), positive definite with ``lift`` on its diagonal.
-        c: Of the cost on a displacement, (nv,).
+        H: Quadratic cost, (nv, nv), positive definite once ``lift`` is added to its diagonal.
+        c: Linear cost of a displacement, (nv,).
         lift: Damping.
         steepest: Largest linear cost, relative to the largest quadratic one.
         dt: Length of the step, s.
-        A: Equality rows, (≥ m, nv): m is that of the sizes.
+        A: Equality rows, (≥ m, nv), with m of the program's sizes.
         b: Their right-hand side, (≥ m,), m/s or rad/s.
-        box: Bounds and what they come from, (4, nv): see ``stated_limits``.
+        box: Lower and upper bounds and the kind of each, (4, nv): see ``stated_limits``.
         rows: Inequality rows, (≥ k, nv).
         ends: Their right-hand side, (≥ k,).
-        unlimited: A bound beyond it is none.
-        floats: Room for ``step_record.Program``.
-        integers: The same; they begin with its table.
-        level_ends: Where the rows of each level end, (1,): there is one.
-        threshold: Singular value of the equality rows below which they are left to others.
+        unlimited: A bound beyond it counts as infinite.
+        floats: Memory of ``step_record.Program``.
+        integers: The same; its table comes first.
+        level_ends: Number of rows of the only level, (1,).
+        threshold: Singular value below which the equality rows count as ``DEPENDENT``.
         tolerances: Of the verification.
-        R: Workspace, as ``work`` and ``held``: see ``_in_joints``.
+        R: Workspace: see ``_in_joints``.
         work: Workspace.
         held: Workspace.
 
     Returns:
-        ``DONE``, ``DEPENDENT``, ``TOO_FAST``, or ``REFUSED`` for whatever else is not a plain step
-        inside all limits.
+        ``DONE``, ``DEPENDENT``, ``TOO_FAST``, or ``REFUSED`` if the step is not solved inside all
+        limits for any other reason.
     """
     w = read_program(floats, integers, integers)
     w.gains[0] = 1.0
-    w.active_count[0] = 0  # begun anew: the program before may be another user's
+    w.active_count[0] = 0  # no warm start: the last program may be another caller's
     if not (_take_box(box, unlimited, w) and _take_costs(H, c, lift, steepest, dt, w)):
         return REFUSED
     for row in range(len(w.b)):
@@ -150,7 +150,7 @@ def program_step(
 
 @entry
 def slower_step(floats, integers, tolerances):
-    """Solve and verify at a reduced speed what :func:`program_step` has found too fast.
+    """Scale, solve and verify a program for which :func:`program_step` returned ``TOO_FAST``.
 
     Returns:
         As ``scaled_program``.
@@ -163,20 +163,20 @@ def slower_step(floats, integers, tolerances):
 
 @entry
 def keep_independent(A, b, m, dependent, basis):
-    """Move rows that do not depend on others to the front of A and b.
+    """Move linearly independent rows to the front of A and b.
 
-    By Gram and Schmidt, the longest remainder first. Whether the others ask for the same as these
-    is for the caller to see.
+    Gram-Schmidt with pivoting on the longest remainder. The caller has to check whether the other
+    rows are consistent with these.
 
     Args:
-        A: Rows, (≥ m, n); the order changes.
-        b: Right-hand sides, (≥ m,), likewise.
-        m: How many there are.
-        dependent: A remainder of at most this length is none.
+        A: Rows, (≥ m, n), reordered in place.
+        b: Right-hand sides, (≥ m,), reordered in place.
+        m: Number of rows.
+        dependent: A row whose remainder is at most this long counts as dependent.
         basis: Workspace, (≥ m, n).
 
     Returns:
-        How many rows stand at the front.
+        The number of independent rows.
     """
     n = A.shape[1]
     for row in range(m):

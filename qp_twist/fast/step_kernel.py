@@ -22,39 +22,40 @@ from qp_twist.fast.verified_program import (
 )
 
 RAISE, SCALE, RELAX = 0, 1, 2
-"""Leave it to the reference, slow it down, or come as close as the limits allow."""
+"""If the first level is infeasible: leave it to the reference, scale the task, or minimise its
+residual inside the limits."""
 STATED = 3
-"""What stands in place of the axes of a task's projector whose rows are stated in Python."""
+"""Replaces the projector's axes in ``kinds`` for a task whose rows are computed in Python."""
 
 
 class Settings(NamedTuple):
-    """Numbers of a controller."""
+    """Scalar settings of a controller."""
 
     singularity: float
-    """Singular value of the rows below which the reference has to look at them."""
+    """Singular value of the rows below which the step is left to the reference."""
     weight: float
     """ρ."""
     nearly_unseen: float
-    """Share of the largest singular value below which motion counts, by degrees, as unseen."""
+    """Share of the largest singular value below which motion gradually counts as unseen."""
     fastest: float
-    """Largest speed that a task or a secondary may ask for, m/s or rad/s."""
+    """Largest desired speed of a task or a secondary, m/s or rad/s."""
     noticeable: float
-    """What counts as outside a limit, rad or m."""
+    """Smallest violation of a limit that counts, rad or m."""
     unlimited: float
-    """A bound beyond it is none, rad/s or m/s."""
+    """A bound beyond it counts as infinite, rad/s or m/s."""
     steepest: float
     """Largest linear cost of other tasks, relative to the largest quadratic one."""
     infeasible: float
-    """What is done with a first level that does not fit: ``RAISE``, ``SCALE`` or ``RELAX``."""
+    """How an infeasible first level is handled: ``RAISE``, ``SCALE`` or ``RELAX``."""
 
 
 class Given(NamedTuple):
-    """What a step is given; the arrays are those of ``twist_rows`` and ``bounds``."""
+    """Inputs of a step; the arrays are those of ``twist_rows`` and ``bounds``."""
 
     settings: Settings
     tolerances: Tolerances
     free_costs: Annotated[Floats, 2]
-    """Roots of the weights of the rows of 1 − T, linear and angular."""
+    """Square roots of the weights of the rows of 1 − T, linear and angular."""
     middle: Annotated[Floats, "nv"]
     """θ̄ of the secondary h = displacement + stiffness (θ̄ − θ), rad or m."""
     stiffness: Annotated[Floats, "nv"]
@@ -67,37 +68,38 @@ class Given(NamedTuple):
     targets: Annotated[Floats, "tasks", 18]
     """R_d, p_d and the twist of the targets."""
     target_poses: Annotated[Floats, "tasks", 7]
-    """Unit quaternions and positions, which ``live_step`` turns into the former."""
+    """Unit quaternions and positions, from which ``live_step`` computes R_d and p_d."""
     jacobians: Annotated[Floats, "tasks", 6, "nv"]
     limits: Annotated[Floats, "limits", "nv", 7]
     stated_rows: Annotated[Floats, "m", "nv"]
-    """Rows of the tasks whose kind is ``STATED``, which state them in Python."""
+    """Rows of the tasks whose kind is ``STATED``, computed in Python."""
     stated_sides: Annotated[Floats, "m"]
+    """Their right-hand sides."""
     stated_free: Annotated[Floats, "free", "nv"]
-    """Their rows of 1 − T, times the roots of the weights."""
+    """Their rows of 1 − T, times the square roots of the weights."""
     quadratic: Annotated[Floats, "others", "nv"]
     """H of other tasks."""
     linear: Annotated[Floats, "others"]
-    """Their c."""
+    """c of other tasks."""
     kinds: Annotated[Integers, "tasks", 3]
-    """Of the tasks' projectors: ranks and axes, or the number of rows, 0 and ``STATED``."""
+    """For each task the projector's ranks and axes; or the number of rows, 0 and ``STATED``."""
     ends: Annotated[Integers, "levels"]
-    """Where the rows of each level end."""
+    """Index after the last row of each level."""
     addresses: Annotated[Integers, "nv"]
-    """Of the joints in q; −1 where a degree of freedom has none of its own."""
+    """Index of each degree of freedom in q; −1 where it has none of its own."""
     types: Annotated[Integers, "limits"]
     """Kinds of the limits."""
     links: Annotated[Integers, "tasks", "nv"]
-    """Of each task how its frame hangs on the joints: see ``live_step``."""
+    """Which joints move each task's frame: see ``live_step``."""
     sources: Annotated[Integers, "5 + 2 * tasks"]
-    """Where MuJoCo's arrays are, and how many joints there are: see ``live_step``."""
+    """Addresses of MuJoCo's arrays, and the number of joints: see ``live_step``."""
 
 
 GIVEN = Record(Given, Sizes)
 
 
 class Stages(NamedTuple):
-    """Everything in a step."""
+    """Inputs and program of a step."""
 
     given: Given
     program: Program
@@ -109,9 +111,9 @@ read_step = reader(STEP)
 
 @plain
 def _clear_cut(H, metric, N, nearly, work):
-    """Whether every motion is either in the null space N (p, n) or well seen.
+    """Whether the rows, with Gram matrix H, see every motion outside their null space N (p, n).
 
-    By eigenvalues: with those of N lifted to the trace, none is small.
+    True if M^(−1/2) H M^(−1/2) + trace · NᵀN has no small eigenvalue.
     """
     n, trace = len(metric), 0.0
     for i in range(n):
@@ -140,11 +142,11 @@ def _rows_in_units_of(metric, A, free, seen):
 
 @plain
 def _unseen(w, metric, nearly):
-    """How many directions of motion, in joints times √metric, are in ``w.directions``.
+    """Fill ``w.directions`` (joints times √metric) and ``w.sigma``; return how many there are.
 
-    How far each is unseen goes into ``w.sigma``. Nearly always they are the null space of the rows.
-    Else by singular values of these: the eigenvectors of their squares know a motion that is not
-    seen only to the square of the rows' condition number.
+    ``w.sigma`` is 1 for an unseen direction and 0 for a well seen one. Usually the directions are
+    the null space of the rows. Otherwise they are the rows' right singular vectors; eigenvectors of
+    H would lose accuracy with the square of the rows' condition number.
     """
     n = len(metric)
     _rows_in_units_of(metric, w.A, w.free, w.seen)
@@ -169,9 +171,9 @@ def _unseen(w, metric, nearly):
 
 @plain
 def _add_unseen(w, metric, weight, nearly):
-    """Add the joint-space cost on motion that no row sees, and its pull (``posing.unseen``).
+    """Add the joint-space cost of motion that no row sees to H and c (``posing.unseen``).
 
-    H is ``w.dense``, c ``w.c``, and ḣ ``w.line``.
+    H is ``w.dense``, c is ``w.c`` and ḣ is ``w.line``.
     """
     n = len(metric)
     for k in range(_unseen(w, metric, nearly)):
@@ -188,7 +190,7 @@ def _add_unseen(w, metric, weight, nearly):
 
 @plain
 def _all_rows(g, dt, A, b, free):
-    """The rows of all tasks, one below the other."""
+    """Stack the rows of all tasks."""
     row = 0
     for index in range(len(g.kinds)):
         rank = g.kinds[index, 0] + g.kinds[index, 1]
@@ -212,7 +214,7 @@ def _all_rows(g, dt, A, b, free):
 
 @plain
 def _desired(qpos, addresses, middle, stiffness, displacement, dt, use_secondary, q, c):
-    """Joint positions into q and ḣ into c; the largest entry of ḣ, infinite where q is not."""
+    """Write joint positions to q and ḣ to c; return max |ḣ|, or ∞ if q is not finite."""
     largest = 0.0
     for dof in range(len(q)):
         q[dof] = qpos[addresses[dof]] if addresses[dof] >= 0 else 0.0
@@ -228,9 +230,9 @@ def _desired(qpos, addresses, middle, stiffness, displacement, dt, use_secondary
 
 @plain
 def _all_seen(H, metric, nearly, work):
-    """Whether no motion is nearly unseen by rows whose squares are in H, the common case.
+    """Whether the rows with the Gram matrix H see every motion well, as is usual.
 
-    With the trace for the largest eigenvalue of M^(−1/2) H M^(−1/2), which is not above it.
+    The trace of M^(−1/2) H M^(−1/2) serves as an upper bound of its largest eigenvalue.
     """
     n, trace = len(metric), 0.0
     for i in range(n):
@@ -244,11 +246,11 @@ def _all_seen(H, metric, nearly, work):
 
 @plain
 def _twist_cost(w, metric, weight, nearly):
-    """H with AᵀA, and −(H − AᵀA) ḣ in place of ḣ in c: A ḣ is not asked for."""
-    A, free, H, c, wanted = w.A, w.free, w.dense, w.c, w.line
+    """H = FᵀF + AᵀA with F = ``w.free``, and c = −FᵀF ḣ from ḣ in c; then the unseen motion."""
+    A, free, H, c, desired = w.A, w.free, w.dense, w.c, w.line
     nv = len(c)
     for i in range(nv):
-        wanted[i] = c[i]
+        desired[i] = c[i]
         for j in range(i + 1):
             total = 0.0
             for k in range(len(free)):
@@ -257,7 +259,7 @@ def _twist_cost(w, metric, weight, nearly):
     for i in range(nv):
         total = 0.0
         for j in range(nv):
-            total -= H[i, j] * wanted[j]
+            total -= H[i, j] * desired[j]
         c[i] = total
     for i in range(nv):
         for j in range(i + 1):
@@ -271,7 +273,7 @@ def _twist_cost(w, metric, weight, nearly):
 
 @plain
 def _joint_cost(metric, weight, H, c):
-    """H = ρM, and −Hḣ in place of ḣ in c."""
+    """H = ρM, and c = −Hḣ from ḣ in c."""
     for i in range(len(c)):
         for j in range(len(c)):
             H[i, j] = 0.0
@@ -281,11 +283,11 @@ def _joint_cost(metric, weight, H, c):
 
 @plain
 def _add_costs(quadratic, linear, steepest, H, c):
-    """Add the costs of other tasks; whether c is not too steep for the arithmetic."""
+    """Add the costs of other tasks; return whether c is small enough relative to H."""
     hardest, largest = 0.0, 0.0
     for i in range(len(linear)):
         c[i] += linear[i]
-        # Written so that NaN is the largest of all.
+        # Written so that NaN counts as the largest.
         if not abs(c[i]) <= largest:
             largest = abs(c[i])
         for j in range(len(linear)):
@@ -296,10 +298,10 @@ def _add_costs(quadratic, linear, steepest, H, c):
 
 @plain
 def _costs(w, metric, quadratic, linear, settings, twist_space):
-    """H and c of the step, from ḣ in c; and S where H is not diagonal. Whether H ≻ 0.
+    """Compute H and c from ḣ in c, and S of H⁻¹ = SSᵀ if H is dense; return whether H ≻ 0.
 
-    ``twist_space`` is ``None`` where the cost is that of joint space: then numba leaves the other
-    cost, a sixth of the time to compile a step, out of the kernel.
+    ``twist_space`` is ``None`` for the joint-space cost: numba then does not compile the
+    twist-space cost, which saves a sixth of a step's compilation time.
     """
     if len(w.h):
         for i in range(len(w.h)):
@@ -317,19 +319,19 @@ def _costs(w, metric, quadratic, linear, settings, twist_space):
 
 @plain
 def step_on_rows(g, w, qpos, dt, use_secondary, twist_space):
-    """The joint velocity into ``w.x``, from the rows that are in ``w``.
+    """Compute the joint velocity ``w.x`` from the task rows in ``w``.
 
     ``twist_space``: see :func:`_costs`.
 
     Returns:
-        ``DONE``; ``TOO_FAST`` where the rows do not fit inside the limits: see
-        :func:`hindered_step`; or ``REFUSED`` where the reference has to look at the step.
+        ``DONE``; ``TOO_FAST`` if the rows are infeasible within the limits: call
+        :func:`hindered_step`; or ``REFUSED`` if the reference has to compute the step.
     """
     fastest = _desired(
         qpos, g.addresses, g.middle, g.stiffness, g.displacement, dt, use_secondary, w.q, w.c
     )
     for row in range(len(w.b)):
-        # Written so that NaN is the fastest of all.
+        # Written so that NaN counts as the fastest.
         if not abs(w.b[row]) <= fastest:
             fastest = abs(w.b[row])
     if not fastest <= g.settings.fastest:
@@ -348,17 +350,17 @@ def step_on_rows(g, w, qpos, dt, use_secondary, twist_space):
 
 @plain
 def step(g, w, qpos, dt, use_secondary, twist_space):
-    """A step from what is given to w; what :func:`step_on_rows` returns."""
+    """Compute a step from g into w; returns as :func:`step_on_rows`."""
     _all_rows(g, dt, w.A, w.b, w.free)
     return step_on_rows(g, w, qpos, dt, use_secondary, twist_space)
 
 
 @plain
 def hindered_step(g, w):
-    """What is done where :func:`step` has found no room; compiled when it is first needed.
+    """Scale or relax a step that :func:`step` found infeasible; compiled on first use.
 
     Returns:
-        ``SCALED``, ``RELAXED`` or ``PRIORITIZED``, or ``REFUSED`` as above.
+        ``SCALED``, ``RELAXED`` or ``PRIORITIZED``, or ``REFUSED`` as :func:`step_on_rows`.
     """
     scales, relaxes = g.settings.infeasible == SCALE, g.settings.infeasible == RELAX
     if len(g.ends) > 1 or relaxes:

@@ -9,8 +9,7 @@ from dataclasses import dataclass
 import mink
 
 from qp_twist.checks import Array
-from qp_twist.following.peer import PeerLimits
-from qp_twist.following.peers import make_peer
+from qp_twist.following.peer import PeerLimits, PeerResolver
 from qp_twist.following.resolver import Displacement, Resolver, make_resolver
 from qp_twist.following.waypoint_limits import WaypointLimits
 from qp_twist.geometry import TwistProjector, twist_error
@@ -32,7 +31,7 @@ def resolvers_along(
 
     def make(projector: TwistProjector) -> Resolver:
         if isinstance(limits, PeerLimits):
-            return make_peer(path_task, method, settings, projector, solver, limits)
+            return PeerResolver(path_task, method, settings, projector, solver, limits)
         return make_resolver(path_task, method, settings, projector, solver, limits)
 
     count = len(waypoints)

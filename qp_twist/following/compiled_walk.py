@@ -134,7 +134,7 @@ class CompiledWalk:
 
     def _way_of(
         self, path_task: PathTask, method: str, settings: MethodSettings, ranges: JointRanges
-    ) -> follow_kernel.Way:
+    ) -> follow_kernel.Method:
         kind, model = METHODS[method], path_task.model
         pull, metric = np.zeros(model.nv), np.ones(model.nv)
         if settings.secondary == "centering":
@@ -150,7 +150,7 @@ class CompiledWalk:
         table, types = table_of(limits.limits if kind.constrained else [], model.nv)
         twist_space = True if kind.constrained and kind.space == "twist" else None
         weight = UNSEEN_WEIGHT if twist_space else 1.0
-        return follow_kernel.Way(
+        return follow_kernel.Method(
             kind.constrained,
             twist_space,
             settings.iterations,

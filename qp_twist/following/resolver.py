@@ -34,13 +34,13 @@ LARGEST_JOINT = 1e6
 
 @dataclass(frozen=True, eq=False)
 class Displacement:
-    """What one iteration does.
+    """Result of one iteration.
 
     Attributes:
         dq: Joint displacement, rad or m, (nv,).
-        scale: Share of the task that was kept.
-        binding: Names of the limits that held it back.
-        status: What happened in the step; closed forms know only one answer.
+        scale: Scale s of the task.
+        binding: Names of the binding limits.
+        status: Status of the step; always ``SOLVED`` for closed forms without limits.
     """
 
     dq: Array
@@ -50,11 +50,11 @@ class Displacement:
 
 
 class Resolver(abc.ABC):
-    """A method, made ready for one task.
+    """A method, prepared for one task.
 
     Attributes:
-        task: The twist task whose target the caller sets, waypoint by waypoint.
-        limits: The limits that the method holds, shared by all resolvers of a run.
+        task: The twist task; the caller sets its target at every waypoint.
+        limits: The limits that the method enforces, shared by all resolvers of a run.
         objectives: Its secondary objectives.
     """
 
@@ -64,26 +64,26 @@ class Resolver(abc.ABC):
 
     @abc.abstractmethod
     def displacement(self, configuration: mink.Configuration, *, first: bool) -> Displacement:
-        """Displacement of one iteration; ``first``: the waypoint's first, with the secondary."""
+        """Compute one iteration; on the waypoint's ``first`` one the secondary is active."""
 
     def aim(self, plan: Array, index: int) -> None:
-        """Where the secondary is a plan (N, nq): called with the number of the next waypoint."""
+        """Set the reference of the secondary to the plan's (N, nq) row of the next waypoint."""
         for objective in self.objectives:
             if isinstance(objective, PostureReference):
                 objective.q_ref = plan[index]
 
     def lead(self, configuration: mink.Configuration) -> Array | None:
-        """A displacement (nv,) ahead of the first iteration, where a plan is followed."""
+        """When following a plan, a displacement (nv,) to apply before the first iteration."""
         return None
 
     def begin_waypoint(self, configuration: mink.Configuration, duration: float | None) -> None:
-        """Called with the configuration at the last waypoint and the time to the next, s."""
+        """Begin a waypoint from the configuration at the last one, ``duration`` seconds before."""
         if self.limits is not None:
             self.limits.begin_waypoint(configuration, duration)
 
 
 class ClosedFormResolver(Resolver):
-    """The closed forms that know nothing of hard limits or time."""
+    """The closed forms without hard limits or time."""
 
     def __init__(
         self, path_task: PathTask, method: str, settings: MethodSettings, projector: TwistProjector
@@ -118,13 +118,14 @@ class ClosedFormResolver(Resolver):
             case "twa":
                 dq = closed_form.twa(J, T, twist, h, operational=self.operational)
             case name:
-                raise AssertionError(f"no closed form is called {name}")
+                raise AssertionError(f"unknown closed form {name}")
         return Displacement(dq)
 
     def _weigh(self, q: Array) -> None:
-        """Weights for a waypoint; that a joint nears its limit is told from the waypoint before.
+        """Compute the joint weights for a waypoint.
 
-        Were it told from iteration to iteration, the small corrections would decide.
+        Whether a joint approaches its limit is decided by the change since the last waypoint; the
+        small corrections between iterations would decide it arbitrarily.
         """
         at = (self.ranges.positions(q), self.ranges.lower, self.ranges.upper)
         self._weights = closed_form.joint_limit_weights(*at, self._gradient)
@@ -132,7 +133,7 @@ class ClosedFormResolver(Resolver):
 
 
 class SaturationResolver(Resolver):
-    """Saturation in the null space: a closed form that holds position and velocity limits."""
+    """Saturation in the null space: a closed form that enforces position and velocity limits."""
 
     limits: WaypointLimits
 
@@ -149,10 +150,10 @@ class SaturationResolver(Resolver):
         self.names = JointRanges.of(path_task.model).names
 
     def displacement(self, configuration: mink.Configuration, *, first: bool) -> Displacement:
-        """The shortest step inside the limits, each widened to let its joint stand still.
+        """The shortest step inside the limits, which are widened to include zero velocity.
 
-        So a joint outside its range may stay or come back, and one that an acceleration limit would
-        keep in motion may stop.
+        So a joint outside its range may stay or return, and a joint that an acceleration limit
+        would keep moving may stop.
         """
         state = self.task.state(configuration)
         dt = self.limits.dt
@@ -204,25 +205,25 @@ class QpResolver(Resolver):
         )
 
     def lead(self, configuration: mink.Configuration) -> Array | None:
-        """To the plan, as far as the limits let it; the steps then correct what it does not meet.
+        """The displacement to the plan, clipped to the limits; the steps correct the task error.
 
-        Along a limit and near a fold the rows hold only very nearby: a step that is linear where
-        the last waypoint was finds no way that the plan, which is on its waypoints, has.
+        Along a limit and near a fold the linear rows are accurate only very close by: a step that
+        is linearised at the last waypoint may fail where the plan, on its waypoints, succeeds.
         """
         if not self._planned:
             return None
         dt = self.limits.dt
         limits = gather_limits(self.limits.limits, configuration, dt)
-        wish = total_displacement(self.objectives, configuration)
+        desired = total_displacement(self.objectives, configuration)
         lower, upper = _with_rest(limits, dt)
-        lead: Array = np.clip(wish, lower, upper)
+        lead: Array = np.clip(desired, lower, upper)
         return lead
 
     def displacement(self, configuration: mink.Configuration, *, first: bool) -> Displacement:
         """One step of the controller, over the whole duration of the waypoint.
 
-        A plan is followed in every iteration: it meets the task, so that what pulls towards it
-        breaks nothing by curvature.
+        A plan is followed in every iteration: it meets the task, so that the motion towards it does
+        not violate the task by curvature.
         """
         dt = self.limits.dt
         step = self.controller.step(configuration, dt, use_secondary=first or self._planned)
@@ -233,7 +234,7 @@ class QpResolver(Resolver):
 
 
 def _with_rest(limits: GatheredLimits, dt: float) -> tuple[Array, Array]:
-    """Bounds of a displacement, (nv,) each, widened so that every joint may stand still."""
+    """Bounds of a displacement, (nv,) each, widened to include zero."""
     return np.minimum(limits.lower * dt, 0.0), np.maximum(limits.upper * dt, 0.0)
 
 
@@ -245,7 +246,7 @@ def make_resolver(
     solver: str,
     limits: WaypointLimits,
 ) -> Resolver:
-    """The resolver of a method by name, for one projector."""
+    """Make the resolver of a method, by name, for one projector."""
     if METHODS[method].constrained:
         return QpResolver(path_task, method, settings, projector, solver, limits)
     if method == "sns":
@@ -260,10 +261,10 @@ def make_resolver(
 
 
 def waypoints_of(path_task: PathTask, method: str) -> Sequence[mink.SE3]:
-    """The waypoints that lead a method.
+    """The waypoints that a method follows.
 
     Raises:
-        InvalidInput: If it wants them flipped, and nothing says how.
+        InvalidInput: If the method needs flipped waypoints, and the task has none.
     """
     if not METHODS[method].flipped:
         return path_task.waypoints
@@ -277,7 +278,7 @@ def waypoints_of(path_task: PathTask, method: str) -> Sequence[mink.SE3]:
 def secondary_objectives(
     path_task: PathTask, task: TwistTask, settings: MethodSettings
 ) -> list[SecondaryObjective]:
-    """The secondary objective that a method's settings name, as a list."""
+    """A list of the secondary objective in a method's settings; empty if there is none."""
     model = path_task.model
     match settings.secondary:
         case "centering":
@@ -287,7 +288,7 @@ def secondary_objectives(
                     "gradient, paper or natural."
                 )
             return [JointCentering(model, settings.weight, settings.gain)]
-        case "posture" | "plan":  # the plan's reference moves on with the waypoints
+        case "posture" | "plan":  # for a plan, aim() changes the reference at every waypoint
             return [PostureReference(model, path_task.start, settings.gain)]
         case "manipulability":
             return [Manipulability(model, task, settings.gain)]

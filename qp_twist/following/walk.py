@@ -42,12 +42,12 @@ def walk(
     progress: Callable[[int], None] | None = None,
     stop: Callable[[Array, float, float], bool] | None = None,
 ) -> Trajectory:
-    """:func:`~qp_twist.follow` with its arguments checked.
+    """The implementation of :func:`~qp_twist.follow`, after its arguments are checked.
 
-    ``plan`` (N, nq) is what the secondary follows where it is a plan. With ``slow_down``
-    acceleration limits are left to :func:`~qp_twist.time_trajectory`: a path that has been entered
-    fast cannot be kept by accelerations that are held; with more time it can, and how much more is
-    seen when the whole path is known.
+    ``plan`` (N, nq) is the reference of the secondary "plan". With ``slow_down`` acceleration
+    limits are left to :func:`~qp_twist.time_trajectory`: a robot that enters a curve too fast
+    cannot stay on the path within its acceleration limits. With more time it can, and the time it
+    needs is known only for the whole path.
     """
     walked = path_task
     if slow_down:
@@ -70,7 +70,7 @@ def walk(
 
 
 class _Steps:
-    """A robot that the method's resolvers lead from waypoint to waypoint."""
+    """Moves a robot from waypoint to waypoint by the method's resolvers."""
 
     def __init__(
         self,
@@ -92,18 +92,18 @@ class _Steps:
 
     @property
     def going(self) -> bool:
-        """Whether there was a step, and it was finite, at every waypoint up to now."""
+        """Whether every waypoint so far had a step, and it was finite."""
         return self._recorder.diverged_at is None and not self._recorder.failure
 
     @property
     def at_feed(self) -> bool:
-        """Whether the next waypoint is approached in the time that the task gives it."""
+        """Whether the next waypoint is approached in the task's own duration."""
         return self.going and (self._pace is None or self._pace.at_feed)
 
     def kept(
         self, q: Array, iterations: npt.NDArray[np.int64], errors: Array, sigma_min: Array
     ) -> tuple[Array, npt.NDArray[np.int64], Array, Array]:
-        """Of waypoints that were done at the feed those before the first that needs more time."""
+        """Drop the waypoints from the first one that was missed and so needs more time."""
         count = len(q)
         if self._pace is not None:
             missed = (errors > self.path_task.iteration.tolerances).any(axis=1)
@@ -113,7 +113,7 @@ class _Steps:
         return q[:count], iterations[:count], errors[:count], sigma_min[:count]
 
     def next_waypoint(self, waypoints: Sequence[mink.SE3]) -> None:
-        """Approach the next waypoint and record what came of it."""
+        """Approach the next waypoint and record the result."""
         recorder, path_task = self._recorder, self.path_task
         index = len(recorder.q)
         duration = None if path_task.durations is None else float(path_task.durations[index])
@@ -136,7 +136,7 @@ class _Steps:
         recorder.add(self.configuration, waypoints[index], duration)
 
     def _approach(self, resolver: Resolver, duration: float | None) -> float | None:
-        """To the resolver's target; the time that it took, s."""
+        """Move to the resolver's target; return the duration, s."""
 
         def attempt(allowed: float | None) -> float:
             self._recorder.begin()
@@ -155,7 +155,7 @@ class _Steps:
 def _compiled(
     path_task: PathTask, method: str, settings: MethodSettings, solver: str, plan: Array | None
 ) -> CompiledWalk | None:
-    """The walk as machine code, where that is asked for and known."""
+    """The compiled walk, if requested and supported."""
     if solver != COMPILED:
         return None
     from qp_twist.following.compiled_walk import CompiledWalk, walk_known  # with numba
@@ -189,7 +189,7 @@ def _approach(
             break
         configuration.integrate_inplace(move.dq, 1.0)
         recorder.note(move)
-        # Held by its limits: the other iterations would not move it either.
+        # Blocked by its limits: further iterations would not move it either.
         if np.abs(move.dq).max(initial=0.0) < 1e-13 or not _sane(configuration.q):
             break
 
@@ -199,10 +199,10 @@ def _sane(q: Array) -> bool:
 
 
 def start_of(path_task: PathTask, method: str) -> Array:
-    """The task's start, corrected onto the waypoint where a method begins, in its rows there.
+    """The task's start, corrected onto the method's first waypoint in the method's rows.
 
     Raises:
-        InvalidInput: If the correction does not arrive, or the method has no waypoints.
+        InvalidInput: If the correction does not converge, or the method has no waypoints.
     """
     kind = METHODS[method]
     return corrected_start(
@@ -216,9 +216,9 @@ def start_of(path_task: PathTask, method: str) -> Array:
 
 
 class _Recorder:
-    """Collects a trajectory and what the task's own rows say of it.
+    """Collects a trajectory and its errors in the task's rows.
 
-    It tells ``progress`` and asks ``stop`` at every waypoint that is done but the first.
+    It calls ``progress`` and ``stop`` after every waypoint but the first.
     """
 
     def __init__(
@@ -246,11 +246,11 @@ class _Recorder:
         self.begin()
 
     def begin(self) -> None:
-        """A waypoint begins, or is repeated: then the limits that stood in its way stay named."""
+        """Begin a waypoint, or repeat it; then the names of its binding limits are kept."""
         self._scale, self._count, self._status = 1.0, 0, Status.SOLVED
 
     def note(self, move: Displacement) -> None:
-        """An iteration of the waypoint under way."""
+        """Record an iteration of the current waypoint."""
         self._scale = min(self._scale, move.scale)
         self._count += 1
         self._names.update(dict.fromkeys(move.binding))
@@ -259,7 +259,7 @@ class _Recorder:
     def add(
         self, configuration: mink.Configuration, waypoint: mink.SE3, duration: float | None = None
     ) -> None:
-        """A waypoint that is done, in ``duration`` seconds."""
+        """Record a finished waypoint that took ``duration`` seconds."""
         in_force = self.path_task.in_force[len(self.q)]
         if in_force is not self.task.projector:
             self.task = twist_task(self.path_task, in_force)
@@ -268,7 +268,7 @@ class _Recorder:
         rows = state.basis.T @ state.jacobian
         sigma = np.linalg.svd(rows, compute_uv=False)
         if self.task.bands:
-            # A flipped waypoint has another roll, but the bands stand about the path's own.
+            # A flipped waypoint has another roll, but the bands refer to the path's own waypoint.
             self.task.set_target(self.path_task.waypoints[len(self.band_excess)])
         self.band_excess.append(float(self.task.band_excess(configuration).max(initial=0.0)))
         self.scales.append(self._scale)
@@ -288,15 +288,15 @@ class _Recorder:
     def extend(
         self, q: Array, iterations: npt.NDArray[np.int64], errors: Array, sigma_min: Array
     ) -> None:
-        """Waypoints that were done by plain steps, until the caller stops there."""
-        given = self.path_task.durations
+        """Record waypoints that the compiled walk has done, until ``stop`` returns true."""
+        durations = self.path_task.durations
         numbers = zip(q, iterations.tolist(), errors.tolist(), sigma_min.tolist(), strict=True)
         for here, count, (apart, turned), sigma in numbers:
             self.scales.append(1.0)
             self.iterations.append(count)
             self.binding.append(())
             self.statuses.append(Status.SOLVED)
-            self.durations.append(0.0 if given is None else float(given[len(self.q)]))
+            self.durations.append(0.0 if durations is None else float(durations[len(self.q)]))
             self.band_excess.append(0.0)
             self.compiled += 1
             self._done(here.copy(), apart, turned, sigma)
@@ -304,7 +304,7 @@ class _Recorder:
                 return
 
     def _done(self, q: Array, apart: float, turned: float, sigma: float) -> None:
-        """A waypoint is done: what is known of it is told."""
+        """Store a finished waypoint and call ``progress`` and ``stop``."""
         self.q.append(q)
         self.rows.append((apart, turned, sigma))
         index = len(self.q) - 1
@@ -314,7 +314,7 @@ class _Recorder:
             self.stopped = self._stop(q, apart, turned)
 
     def trajectory(self, method: str, seconds: float) -> Trajectory:
-        """Everything recorded."""
+        """The recorded trajectory."""
         position_error, axis_error, sigma_min = np.array(self.rows).T
         return Trajectory(
             path_task=self.path_task,

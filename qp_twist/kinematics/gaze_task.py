@@ -36,7 +36,7 @@ class GazeTask(TwistTask):
     Example:
         >>> import mink, qp_twist as qt
         >>> model = qt.load_task("deburring").model
-        >>> task = qt.TwistTask.gaze("tool", "site")
+        >>> task = qt.GazeTask("tool", "site")
         >>> task.set_point([1.0, 0.0, 0.0])
         >>> task.compute_jacobian(mink.Configuration(model)).shape
         (2, 6)

@@ -14,7 +14,7 @@ from qp_twist.errors import InvalidInput
 
 
 class SecondaryObjective(mink.Task):
-    r"""Base of the secondary objectives: a desired velocity **h** for the joint displacement of one step.
+    r"""Base of the secondary objectives: a desired displacement **h** of the joints in one step.
 
     In :class:`~qp_twist.Controller` the h of all objectives add up and the free motion follows
     their sum. As a plain :class:`mink.Task` an objective is the soft cost

@@ -1,4 +1,4 @@
-"""Ranges for the position: a slab, and the box made of three."""
+"""Tolerance bands of the position: a slab, and a box of three slabs."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ class SlabBand(ToleranceBand):
         \dot\varphi = \mathbf n\cdot(\mathbf v - \mathbf v_d)
         + \big(\mathbf n\times(\mathbf p - \mathbf p_d)\big)\cdot\boldsymbol\omega_n
 
-    where ω_n turns the normal: that of the body, of the target, or none.
+    where ω_n is the angular velocity of the normal: the body's, the target's, or zero.
 
     Example:
         >>> import qp_twist as qt
@@ -40,18 +40,18 @@ class SlabBand(ToleranceBand):
         weight: float | None = None,
         recovery_speed: float = 0.1,
     ) -> None:
-        """State a band.
+        """Make a slab.
 
         Args:
             normal: n, shape (3,).
             lower: Smallest distance, m.
             upper: Largest distance, m.
-            frame: What the normal is fixed to.
-            weight: ``None`` for a hard band, else the weight of the soft one.
-            recovery_speed: Largest speed of return that is demanded outside, m/s.
+            frame: The frame that the normal is fixed to.
+            weight: ``None`` for a hard band, else the weight of a soft one.
+            recovery_speed: Outside the band, the largest required speed of return, m/s.
 
         Raises:
-            InvalidInput: If an argument is no such thing, or lower is above upper.
+            InvalidInput: If an argument has the wrong type or range, or lower is above upper.
         """
         super().__init__(weight, recovery_speed)
         self.normal = unit_vector("SlabBand(normal=…)", normal)
@@ -83,7 +83,7 @@ class SlabBand(ToleranceBand):
         return gradient
 
     def carried(self, pair: FramePair) -> Array:
-        """The velocity of the target, or of the point that it carries along where the frame is."""
+        """Velocity of the target; with frame "target", of its material point at p, (6,)."""
         carried = np.zeros_like(pair.target_twist)
         carried[..., :3] = pair.target_twist[..., :3]
         if self.frame == "target":
@@ -92,11 +92,11 @@ class SlabBand(ToleranceBand):
         return carried
 
     def span(self, before: FramePair, after: FramePair, stretch: Stretch) -> tuple[Array, Array]:
-        """What the distance is away from its chord, beyond both ends."""
+        """Range of the distance between two poses: its end values plus the bound off its chord."""
         ends = self.values(before), self.values(after)
-        away = stretch.off_chord(before, after, self.frame)
-        away = (away + stretch.slipped(before, after, self.frame))[:, None]
-        return np.minimum(*ends) - away, np.maximum(*ends) + away
+        off = stretch.off_chord(before, after, self.frame)
+        off = (off + stretch.slipped(before, after, self.frame))[:, None]
+        return np.minimum(*ends) - off, np.maximum(*ends) + off
 
     def fixed(self, projector: TwistProjector) -> tuple[bool, ...]:
         """Whether T holds the distance at 0."""
@@ -107,7 +107,7 @@ class SlabBand(ToleranceBand):
         return (held,)
 
     def contradiction(self, projector: TwistProjector) -> str | None:
-        """In words: the task holds the distance at 0, which the range leaves out."""
+        """A sentence if the task holds the distance at 0, and 0 is outside the range."""
         if self.fixed(projector)[0] and self.range.excess(0.0) > 0.0:
             return f"it holds the distance along {self.normal.round(6).tolist()} at 0, outside it"
         return None
@@ -127,7 +127,7 @@ class BoxBand(ToleranceBand):
     """Keep the position relative to the target in a box: a slab along each axis of a frame.
 
     Attributes:
-        slabs: The three of them.
+        slabs: The three slabs.
     """
 
     kind, unit = "box", "m"
@@ -141,17 +141,17 @@ class BoxBand(ToleranceBand):
         weight: float | None = None,
         recovery_speed: float = 0.1,
     ) -> None:
-        """State a band.
+        """Make a box.
 
         Args:
-            lower: One corner of the box, seen from the target, m, shape (3,).
+            lower: One corner of the box, relative to the target, m, shape (3,).
             upper: The opposite corner, m, shape (3,).
-            frame: What the axes are fixed to.
-            weight: ``None`` for a hard band, else the weight of the soft one.
-            recovery_speed: Largest speed of return along each axis that is demanded outside, m/s.
+            frame: The frame that the axes are fixed to.
+            weight: ``None`` for a hard band, else the weight of a soft one.
+            recovery_speed: Outside the box, the largest required speed of return per axis, m/s.
 
         Raises:
-            InvalidInput: If an argument is no such thing, or lower is above upper.
+            InvalidInput: If an argument has the wrong type or range, or lower is above upper.
         """
         super().__init__(weight, recovery_speed)
         self.lower = finite_array("BoxBand(lower=…)", lower, (3,))
@@ -171,15 +171,15 @@ class BoxBand(ToleranceBand):
         return np.concatenate([slab.values(pair) for slab in self.slabs], axis=-1)
 
     def gradients(self, pair: FramePair) -> Array:
-        """Of each axis, (3, 6)."""
+        """The slabs' gradients, (3, 6)."""
         return np.concatenate([slab.gradients(pair) for slab in self.slabs], axis=-2)
 
     def carried(self, pair: FramePair) -> Array:
-        """The same for all three."""
+        """The slabs' :meth:`SlabBand.carried`, the same for all three, (6,)."""
         return self.slabs[0].carried(pair)
 
     def span(self, before: FramePair, after: FramePair, stretch: Stretch) -> tuple[Array, Array]:
-        """Along each axis, (K, 3) each."""
+        """Range along each axis, (K, 3) each."""
         spans = [slab.span(before, after, stretch) for slab in self.slabs]
         lowest, highest = (np.concatenate(part, axis=1) for part in zip(*spans, strict=True))
         return lowest, highest
@@ -189,7 +189,7 @@ class BoxBand(ToleranceBand):
         return tuple(slab.fixed(projector)[0] for slab in self.slabs)
 
     def contradiction(self, projector: TwistProjector) -> str | None:
-        """That of the first axis which has one."""
+        """The first slab's contradiction, if any has one."""
         return next((why for s in self.slabs if (why := s.contradiction(projector))), None)
 
     def __repr__(self) -> str:

@@ -50,7 +50,7 @@ class ToleranceBand(abc.ABC):
 
     and the same for the lower end. Outside its range the value has to come back at
     ``recovery_speed``, or in one step where that is slower. The range holds after integration to
-    second order in the step (:doc:`equations`).
+    second order in the step (:doc:`/equations`).
 
     Everything but :meth:`half_spaces` and :meth:`excess` takes one frame or N at once: shapes below
     are of one, with N before them if there are N. What is asked of the way between two poses is

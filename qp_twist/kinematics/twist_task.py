@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import operator
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import mink
 import mujoco
@@ -32,9 +32,6 @@ from qp_twist.kinematics.frame import (
 )
 from qp_twist.kinematics.frame_pair import FramePair
 from qp_twist.kinematics.tolerance_band import BandRows, ToleranceBand, check_bands
-
-if TYPE_CHECKING:
-    from qp_twist.kinematics.gaze_task import GazeTask
 
 
 class TaskState(NamedTuple):
@@ -128,8 +125,8 @@ class TwistTask(mink.Task):
     part in the other hand or on a positioner. J is then that of the frame relative to its carrier
     (:func:`~qp_twist.kinematics.relative_jacobian`), and axes fixed to the target move with it.
 
-    :meth:`axis_free`, :meth:`point`, :meth:`on_line`, :meth:`on_plane`, :meth:`line_on_line` and
-    :meth:`gaze` state the usual tasks by name.
+    :meth:`axis_free`, :meth:`point`, :meth:`on_line`, :meth:`on_plane` and :meth:`line_on_line`
+    state the usual tasks by name; :class:`~qp_twist.GazeTask` points a camera.
 
     Attributes:
         frame_name: Name or id of the controlled frame.
@@ -311,22 +308,6 @@ class TwistTask(mink.Task):
         plane = Projector.plane(unit_vector("line_on_line(direction=…)", direction))
         T = TwistProjector(linear=plane, angular=plane, frame="target")
         return TwistTask(frame_name, frame_type, T, **options)
-
-    @staticmethod
-    def gaze(
-        frame_name: str | int, frame_type: str, axis: npt.ArrayLike = (0, 0, 1), **options: Any
-    ) -> GazeTask:
-        """An axis of the frame points at the target: a camera, a torch; rank 2.
-
-        Args:
-            frame_name: Name or id of the frame to control.
-            frame_type: ``"body"``, ``"geom"`` or ``"site"``.
-            axis: The optical axis, in the axes of the frame, (3,).
-            options: As in :class:`~qp_twist.GazeTask`.
-        """
-        from qp_twist.kinematics.gaze_task import GazeTask
-
-        return GazeTask(frame_name, frame_type, axis, **options)
 
     @property
     def name(self) -> str:

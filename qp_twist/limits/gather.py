@@ -22,15 +22,15 @@ from qp_twist.limits.stated_limit import UNLIMITED, Named, RowName, StatedLimit,
 
 @dataclass(eq=False)
 class GatheredLimits:
-    """lower ≤ q̇ ≤ upper and G q̇ ≤ g, with the kind of limit each bound comes from.
+    """lower ≤ q̇ ≤ upper and G q̇ ≤ g, with the kind of limit behind each bound.
 
     Attributes:
         box: The bounds on single joints.
         rows: G, shape (m, nv).
         bounds: g, shape (m,).
-        sources: What the rows come from, which knows their names.
+        sources: The limits that the rows come from; they provide the rows' names.
         model: The robot.
-        recovering: Sentences about joints that are outside their limits.
+        recovering: A sentence for each joint that is outside its limits.
     """
 
     box: Intersection
@@ -52,11 +52,11 @@ class GatheredLimits:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Joint name of each degree of freedom; looked up only where a message needs it."""
+        """Joint name of each degree of freedom; looked up only when a message needs it."""
         return joint_names(self.model)
 
     def as_rows(self) -> tuple[Array, Array, Named]:
-        """All limits as rows G q̇ ≤ g, the bounds too, and what knows their names."""
+        """All limits, bounds included, as rows G q̇ ≤ g; and an object with the rows' names."""
         identity = np.eye(len(self.lower))
         above, below = np.flatnonzero(self.upper < np.inf), np.flatnonzero(self.lower > -np.inf)
         return (
@@ -67,7 +67,7 @@ class GatheredLimits:
 
 
 class _AsRows(NamedTuple):
-    """Limits of which the bounds are rows, too: upper ones, lower ones, then the other rows."""
+    """Names of :meth:`GatheredLimits.as_rows`: upper bounds, lower bounds, then the other rows."""
 
     limits: GatheredLimits
     above: Indices
@@ -92,19 +92,20 @@ def gather_limits(
 ) -> GatheredLimits:
     """Evaluate limits at a configuration.
 
-    mink's limits are accepted as they are: a row with a single entry becomes a bound, other rows
-    (collision avoidance) stay rows. :func:`~qp_twist.limits.intersect` tells which bound gives way
-    where two contradict each other.
+    Any mink limit is accepted: a row with a single entry becomes a bound, other rows (collision
+    avoidance) stay rows. :func:`~qp_twist.limits.intersect` decides which bound is relaxed where
+    two contradict each other.
 
     Args:
-        limits: They.
-        configuration: Where the robot is.
+        limits: The limits to evaluate.
+        configuration: The robot's configuration.
         dt: Length of the step, s.
-        stated: What some of them, by their places, have stated already: they are not asked again.
+        stated: Rows that are already known, by index into ``limits``; these are not evaluated
+            again.
 
     Raises:
-        InvalidInput: If a limit returns NaN, or two limits contradict each other and neither gives
-            way.
+        InvalidInput: If a limit returns NaN, or two limits contradict each other and neither
+            yields.
     """
     boxes: list[Box] = []
     found: list[StatedLimit] = []
@@ -125,7 +126,7 @@ def gather_limits(
             recovering += rows.recovering
     model = configuration.model
     box = intersect(boxes, model)
-    _take_far_for_none(box, model)
+    _drop_distant_bounds(box, model)
     return GatheredLimits(
         box,
         np.vstack([rows.rows for rows in found]) if found else np.zeros((0, model.nv)),
@@ -136,8 +137,8 @@ def gather_limits(
     )
 
 
-def _take_far_for_none(box: Intersection, model: mujoco.MjModel) -> None:
-    """Bounds too far away to mean anything become infinite."""
+def _drop_distant_bounds(box: Intersection, model: mujoco.MjModel) -> None:
+    """Replace bounds beyond ±UNLIMITED by ±∞; raise if they exclude every slower velocity."""
     lower, upper = box.lower, box.upper
     impossible = (lower > UNLIMITED) | (upper < -UNLIMITED)
     if np.count_nonzero(impossible):

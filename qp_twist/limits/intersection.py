@@ -1,4 +1,4 @@
-"""The intersection of boxes, and which of them gives way where they contradict each other."""
+"""Intersection of velocity boxes, and which limit is relaxed where two contradict each other."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _ROUNDING, _FINITE = 1e-9, np.finfo(float).max
 
 @dataclass(eq=False)
 class Intersection:
-    """Bounds common to several boxes; which limit set each is worked out when it is asked for.
+    """Bounds common to several boxes; the limit behind each bound is computed on first access.
 
     Attributes:
         lower: Lower velocity bounds, rad/s or m/s, (nv,).
@@ -33,21 +33,22 @@ class Intersection:
     lower: Array
     upper: Array
     _boxes: Sequence[Box]
-    _settled: dict[int, tuple[str, str]]
+    _resolved: dict[int, tuple[str, str]]
+    """Kinds of the lower and upper bound of each degree of freedom that had a conflict."""
 
     @cached_property
     def lower_kind(self) -> Kinds:
-        """Kind of the limit that set each lower bound, (nv,); where it is infinite, any."""
+        """Kind of the limit that set each lower bound, (nv,); arbitrary where it is infinite."""
         return self._kinds(0, np.array([box.lower for box in self._boxes]).argmax(axis=0))
 
     @cached_property
     def upper_kind(self) -> Kinds:
-        """Likewise of each upper bound."""
+        """Kind of the limit that set each upper bound, (nv,)."""
         return self._kinds(1, np.array([box.upper for box in self._boxes]).argmin(axis=0))
 
     def _kinds(self, side: int, origin: Indices) -> Kinds:
         kinds = np.array([box.kind for box in self._boxes], dtype=object)[origin]
-        for dof, both in self._settled.items():
+        for dof, both in self._resolved.items():
             kinds[dof] = both[side]
         return kinds
 
@@ -55,14 +56,14 @@ class Intersection:
 def intersect(boxes: Sequence[Box], model: mujoco.MjModel) -> Intersection:
     """Bounds common to all boxes, (nv,).
 
-    Where no velocity satisfies two of them (a start outside a range, a joint too fast to stop) a
-    velocity limit gives way to an acceleration limit, and a position limit, or the coupling of a
-    joint that stays where it is, to any other: it takes the velocity that the other still allows
-    and that is nearest to its own.
+    Two boxes may have no velocity in common (a start outside a range, a joint too fast to stop).
+    Then a velocity limit yields to an acceleration limit, and a position limit, or the coupling of
+    a joint that does not move, yields to any other kind: its bound becomes the nearest velocity
+    that the other limit allows.
 
     Raises:
         InvalidInput: If a bound is not a number, or two limits contradict each other and neither
-            gives way.
+            yields.
     """
     nv = model.nv
     for box in boxes:
@@ -76,19 +77,20 @@ def intersect(boxes: Sequence[Box], model: mujoco.MjModel) -> Intersection:
     for box in ordered[1:]:
         np.maximum(lower, box.lower, out=lower)
         np.minimum(upper, box.upper, out=upper)
-    meet = np.maximum(lower, -_FINITE) <= np.minimum(upper, _FINITE)  # NaN and ±∞ do not
-    settled: dict[int, tuple[str, str]] = {}
-    if np.count_nonzero(meet) < nv:
-        for dof in np.flatnonzero(~meet).tolist():
-            lower[dof], upper[dof], *kinds = _settle(ordered, dof, model)
-            settled[dof] = kinds[0], kinds[1]
-    return Intersection(lower, upper, ordered, settled)
+    # False for NaN, for a lower bound of +∞ and for an upper bound of −∞.
+    consistent = np.maximum(lower, -_FINITE) <= np.minimum(upper, _FINITE)
+    resolved: dict[int, tuple[str, str]] = {}
+    if np.count_nonzero(consistent) < nv:
+        for dof in np.flatnonzero(~consistent).tolist():
+            lower[dof], upper[dof], *kinds = _resolve_conflict(ordered, dof, model)
+            resolved[dof] = kinds[0], kinds[1]
+    return Intersection(lower, upper, ordered, resolved)
 
 
-def _settle(
+def _resolve_conflict(
     ordered: Sequence[Box], dof: int, model: mujoco.MjModel
 ) -> tuple[float, float, str, str]:
-    """The bounds of one degree of freedom and their kinds where some box has to give way."""
+    """Bounds and their kinds for one degree of freedom on which boxes contradict each other."""
     lower, upper, lower_kind, upper_kind = -np.inf, np.inf, "", ""
     for kind, lowers, uppers in ordered:
         low, high = float(lowers[dof]), float(uppers[dof])
@@ -112,15 +114,15 @@ def _settle(
 
 def _check_yielding(
     kind: str,
-    standing: str,
+    previous: str,
     dof: int,
     model: mujoco.MjModel,
     lower: tuple[float, str],
     upper: tuple[float, str],
 ) -> None:
-    """Refuse a lower bound above an upper one unless the new kind gives way to the standing one."""
-    yields = kind in ("position", "coupling") or (kind, standing) == ("velocity", "acceleration")
-    if lower[0] - upper[0] > _ROUNDING and not (yields and kind != standing):
+    """Raise if a lower bound exceeds an upper one and ``kind`` does not yield to ``previous``."""
+    yields = kind in ("position", "coupling") or (kind, previous) == ("velocity", "acceleration")
+    if lower[0] - upper[0] > _ROUNDING and not (yields and kind != previous):
         raise InvalidInput(
             f"limits: joint {joint_names(model)[dof]!r} has a lower velocity bound of "
             f"{lower[0]:.6g} ({lower[1]}) above its upper bound of {upper[0]:.6g} ({upper[1]}); "

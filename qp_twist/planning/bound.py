@@ -1,4 +1,4 @@
-"""What no motion can be better than: the best of every waypoint for itself."""
+"""Bound of the objective over all motions, from the best configuration of each waypoint alone."""
 
 from __future__ import annotations
 
@@ -19,33 +19,32 @@ from qp_twist.planning.objective import Objective
 from qp_twist.planning.path_rows import ON_TASK, PathRows, newton
 
 _BRANCHES, _CANDIDATES = 6, 6
-"""Configurations of a layer from which a waypoint's best is looked for: of different branches, and
-of any that are apart."""
+"""Numbers of configurations of a layer from which the search at a waypoint starts: the best of
+different branches, and the best that are :data:`_APART`."""
 _APART = 0.35
-"""How far those are apart in some joint at least, rad or m."""
+"""Smallest distance between the latter, in the joint that differs most, rad or m."""
 _ROUNDS = 20
 _LONGEST = 0.2
-"""Largest step of a round, rad or m."""
+"""Largest step of an iteration, rad or m."""
 _SETTLED = 1e-9
-"""Less of z to gain by a step, to first order, is nothing: Newton's method goes on from there."""
-_AGAIN = 20
-"""Times that descents are gone on with which still gain."""
+"""A descent ends when a step would reduce z by less, to first order; Newton's method follows."""
+_RESTARTS = 20
+"""Largest number of restarts of a descent that has not converged."""
 _SWEEPS = 10
-"""Times that a waypoint also begins where its neighbours ended."""
-_WORTH = 1.01
-"""Descents that end above so many times the least z of their waypoint are not led on."""
-_HOPEFUL = 20.0
-"""Nor is a margin that is less than the largest of its waypoint by so much, degrees."""
-_POLISHED = 6
-"""Newton steps."""
+"""Largest number of sweeps in which a waypoint also starts from its neighbours' results."""
+_NEAR_LEAST = 1.01
+"""Descents that end above this multiple of their waypoint's least z are dropped."""
+_MARGIN_RANGE = 20.0
+"""Margins further than this below the largest of their waypoint are dropped, degrees."""
+_NEWTON_STEPS = 6
 _PROBE = 1e-3
-"""Length of the steps from which second derivatives of z are told, rad or m."""
+"""Step length of the finite differences for the second derivatives of z, rad or m."""
 _FLAT = 1e-6
-"""Share of the largest second derivative, below which z counts as flat."""
+"""Share of the largest second derivative below which z counts as flat."""
 _SAFETY = 2.0
-"""Times the remainder of the second-order model that is taken off."""
+"""Safety factor on the remainder of the second-order model."""
 _ROUNDED = 1e-14
-"""Share of a bound that the arithmetic may have lost."""
+"""Relative rounding error of a bound."""
 
 
 def pointwise_bound(
@@ -57,13 +56,13 @@ def pointwise_bound(
     start: Array | None,
     path: Array | None,
 ) -> float:
-    r"""The value which the objective would have if every waypoint stood alone.
+    r"""The objective's value if each waypoint could choose its configuration alone.
 
-    **Centering**: the mean of the waypoints' least z. What joint limits and bands take away is not
-    counted. Of each waypoint the descents begin at configurations of the grid's layers, at the
-    motion that was found, and where its neighbours' ended; each ends, by Newton's method along the
-    null space, at a local minimum q of z on the waypoint. From z(q) is taken off what it may still
-    be above that minimum and what a task error within the tolerance may gain,
+    **Centering**: the mean of the waypoints' least z, without joint limits and bands. At each
+    waypoint, descents start from configurations of the grid's layers, from the motion that was
+    found, and from the neighbours' results. Each ends, by Newton's method along the null space, at
+    a local minimum q of z on the waypoint. The bound subtracts from z(q) the possible distance to
+    that minimum and the gain that a task error within the tolerance allows,
 
     .. math::
 
@@ -72,31 +71,31 @@ def pointwise_bound(
         + \lVert\boldsymbol\lambda_\omega\rVert\,\epsilon_\omega,
 
     with g and H the derivatives of z along the null space (twice the remainder of the second-order
-    model), λ the multipliers of the task rows and ε the tolerances. **Margin**: the least of the
-    waypoints' largest margins, likewise with the gain that a linear program still sees. So both are
-    proved of the valleys that the grid and the motion have found, and not of ones that they missed.
+    model), λ the multipliers of the task rows and ε the tolerances. **Margin**: the smallest of the
+    waypoints' largest margins, plus the gain that a linear program still finds. Both bounds hold
+    for the local optima that the grid and the motion have found, not for optima that they missed.
 
-    **Travel**: a theorem, whatever was found. On the way from one waypoint to the next the frame
-    turns by the angle α and moves by the length d at least, which the task fixes, and
+    **Travel**: a theorem, independent of any search. Between two waypoints the task makes the frame
+    turn by at least an angle α and move by at least a length d, and
 
     .. math::
 
         \sum_j |\Delta\theta_j| \ge \alpha, \qquad
         \sum_j |\Delta\theta_j| \ge d \,/\, \max_j \ell_j
 
-    with the largest distance ℓ of the frame from a joint's axis on the way (1 for a slide).
+    with the largest distance ℓ of the frame from a joint's axis between them (1 for a slide).
 
     Args:
         path_task: The path.
         objective: The objective.
-        rows: Of the path.
-        layers: Of some waypoints; in each the most promising configurations are looked at.
-        waypoints: Of those layers, from 0.
-        start: The first configuration, if it is given.
+        rows: The path's task rows.
+        layers: Layers of some waypoints; the search uses the most promising configurations.
+        waypoints: The layers' waypoints, from 0.
+        start: The first configuration, if it is fixed.
         path: The motion that was found, (N, nv), if there is one.
 
     Returns:
-        The bound, not better than the value of ``path``, and rounded to the safe side.
+        The bound, rounded to the safe side; at best equal to the value of ``path``.
     """
     tolerance = Tolerance.of(path_task)
     if objective.margin:
@@ -116,18 +115,18 @@ def pointwise_bound(
 
 
 class Tolerance(NamedTuple):
-    """Task errors of a waypoint that counts as reached, and of couplings that count as kept."""
+    """Largest errors at which a waypoint counts as reached and couplings as kept."""
 
     linear: float
     """m."""
     angular: float
     """rad."""
     coupled: float
-    """rad and m, the length of all couplings' together."""
+    """Euclidean norm over all couplings, rad and m."""
 
     @classmethod
     def of(cls, path_task: PathTask) -> Tolerance:
-        """Those of a task; a plan's are at most :data:`ON_TASK`."""
+        """The tolerances of a task, at least :data:`ON_TASK`, the error of a plan."""
         iteration = path_task.iteration
         couplings = [c for c in path_task.constraints if isinstance(c, JointCouplings)]
         return cls(
@@ -144,7 +143,7 @@ def _candidates(
     count: int,
     cost: Callable[[Array], Array],
 ) -> tuple[Array, Indices]:
-    """Promising configurations, for every waypoint those of the nearest layer and of the path."""
+    """Starting configurations: for each waypoint those of the nearest layer, and of ``path``."""
     owner = np.argmin(np.abs(np.arange(count)[:, None] - np.asarray(waypoints)), axis=1)
     chosen = [_promising(layer, cost) for layer in layers]
     q = np.concatenate([chosen[i] for i in owner])
@@ -155,7 +154,7 @@ def _candidates(
 
 
 def _promising(layer: Layer, cost: Callable[[Array], Array]) -> Array:
-    """The best configurations of different branches, and the best that are apart, (K, nv)."""
+    """The best configurations of different branches, and the best at a distance, (K, nv)."""
     left = layer.q[np.argsort(cost(layer.q), kind="stable")]
     found = [best_of_branches(layer, cost)]
     while len(left) and len(found) <= _CANDIDATES:
@@ -172,31 +171,32 @@ def _least_z(
     path: Array | None,
     tolerance: Tolerance,
 ) -> Array:
-    """Of each waypoint the least z that descents find, less what they may have missed, (N,)."""
+    """Lower bound of each waypoint's z: the least z of all descents less its remainder, (N,)."""
     count = len(rows.freedom)
     q, at = _candidates(layers, waypoints, path, count, ranges.centring)
     q = settled_nearby(q, at, rows, ranges)
     z = ranges.centring(q)
     lowest = _first_of_each(z, at, count)
     best = q[lowest]
-    # Where only some waypoints have layers, or a layer missed a valley, a neighbour may have it.
-    ahead = np.arange(count)
+    # A neighbour may have a minimum that is missing here: only some waypoints have layers, and a
+    # layer may have missed it.
+    changed = np.arange(count)
     for _ in range(_SWEEPS):
         improved = np.zeros(count, dtype=bool)
         for step in (1, -1):
-            to = ahead[(ahead + step >= 0) & (ahead + step < count)] + step
+            to = changed[(changed + step >= 0) & (changed + step < count)] + step
             there = settled_nearby(best[to - step], to, rows, ranges)
             lower = ranges.centring(there) < ranges.centring(best[to]) - _SETTLED
             best[to[lower]] = there[lower]
             improved[to[lower]] = True
-        ahead = np.flatnonzero(improved)
-        if not len(ahead):
+        changed = np.flatnonzero(improved)
+        if not len(changed):
             break
     least = ranges.centring(best)
     if not np.isfinite(least).all():
         return least
-    worth = np.flatnonzero(z <= _WORTH * least[at])
-    q, at = np.vstack([best, q[worth]]), np.concatenate([np.arange(count), at[worth]])
+    near = np.flatnonzero(z <= _NEAR_LEAST * least[at])
+    q, at = np.vstack([best, q[near]]), np.concatenate([np.arange(count), at[near]])
     q = _polished(q, at, rows, ranges)
     bounds = np.full(count, np.inf)
     np.minimum.at(bounds, at, ranges.centring(q) - _remainder(q, at, rows, ranges, tolerance))
@@ -205,13 +205,13 @@ def _least_z(
 
 
 def settled_nearby(q: Array, at: Indices, rows: PathRows, ranges: JointRanges) -> Array:
-    """:func:`centred_nearby`, gone on with where it has not come to an end, (K, nv)."""
+    """:func:`centred_nearby`, restarted until it has converged, (K, nv)."""
     q, moving = q.copy(), np.arange(len(q))
     before = np.full(len(q), np.inf)
-    for _ in range(_AGAIN):
+    for _ in range(_RESTARTS):
         q[moving] = centred_nearby(q[moving], at[moving], rows, ranges)
         z = ranges.centring(q[moving])
-        # What is NaN has not arrived on its waypoint, and does not go on.
+        # False for NaN: such a configuration has not reached its waypoint.
         gained = z < before - _SETTLED
         moving, before = moving[gained], z[gained]
         if not len(moving):
@@ -220,7 +220,7 @@ def settled_nearby(q: Array, at: Indices, rows: PathRows, ranges: JointRanges) -
 
 
 def _first_of_each(values: Array, at: Indices, count: int) -> Indices:
-    """The number of the least of each waypoint's values; of those that are NaN any, (count,)."""
+    """Index of each waypoint's smallest value (arbitrary if all are NaN), (count,)."""
     order = np.lexsort((np.nan_to_num(values, nan=np.inf), at))
     _, first = np.unique(at[order], return_index=True)
     found: Indices = order[first]
@@ -229,12 +229,12 @@ def _first_of_each(values: Array, at: Indices, count: int) -> Indices:
 
 
 def _polished(q: Array, at: Indices, rows: PathRows, ranges: JointRanges) -> Array:
-    """Newton's method for the least z nearby, along the null space, from q (K, nv)."""
-    for _ in range(_POLISHED if rows.freedom.any() else 0):
+    """Newton's method along the null space for a local minimum of z, from q (K, nv)."""
+    for _ in range(_NEWTON_STEPS if rows.freedom.any() else 0):
         basis, gradient, hessian = _second_order(q, at, rows, ranges)
         values, vectors = np.linalg.eigh(hessian)
         curved = np.abs(values) > _FLAT * np.abs(values).max(axis=1, keepdims=True, initial=1e-300)
-        # Where z curves downwards it is no minimum: go on down, not to the saddle.
+        # |curvature|: with negative curvature Newton's step would lead up to a saddle.
         inverse = np.where(curved, 1.0 / np.where(curved, np.abs(values), 1.0), 0.0)
         along = (vectors.transpose(0, 2, 1) @ gradient[:, :, None])[:, :, 0]
         step = -(basis @ (vectors @ (inverse * along)[:, :, None]))[:, :, 0]
@@ -250,7 +250,8 @@ def _second_order(
 ) -> tuple[Array, Array, Array]:
     """Bases of the null space (K, nv, d), and the derivatives of z along them, (K, d), (K, d, d).
 
-    The second ones by differences of the gradient along steps that return to the waypoint.
+    The second derivatives are central differences of z at steps that are corrected onto the
+    waypoint.
     """
     basis = rows.motions(q, at)
     weight = ranges.weight**2
@@ -277,23 +278,23 @@ def _second_order(
 def _remainder(
     q: Array, at: Indices, rows: PathRows, ranges: JointRanges, tolerance: Tolerance
 ) -> Array:
-    """What the least z nearby, at a task error within the tolerance, may be below z(q), (K,)."""
-    missed = np.zeros(len(q))
+    """Bound of z(q) less the local minimum of z within the task tolerances, (K,)."""
+    remainder = np.zeros(len(q))
     if rows.freedom.any():
         _, gradient, hessian = _second_order(q, at, rows, ranges)
         values, vectors = np.linalg.eigh(hessian)
         along = (vectors.transpose(0, 2, 1) @ gradient[:, :, None])[:, :, 0]
         floor = _FLAT * np.abs(values).max(axis=1, keepdims=True, initial=1e-300)
-        missed = (0.5 * _SAFETY * along**2 / np.maximum(values, floor)).sum(axis=1)
-    pull = ranges.weight**2 * (q - ranges.middle)
-    linear, angular, coupled = rows.multipliers(q, at, pull)
-    missed += 2.0 * linear * tolerance.linear + 2.0 * angular * tolerance.angular
-    missed += 2.0 * coupled * tolerance.coupled
-    return missed
+        remainder = (0.5 * _SAFETY * along**2 / np.maximum(values, floor)).sum(axis=1)
+    gradient_of_z = ranges.weight**2 * (q - ranges.middle)
+    linear, angular, coupled = rows.multipliers(q, at, gradient_of_z)
+    remainder += 2.0 * linear * tolerance.linear + 2.0 * angular * tolerance.angular
+    remainder += 2.0 * coupled * tolerance.coupled
+    return remainder
 
 
 def best_of_branches(layer: Layer, cost: Callable[[Array], Array]) -> Array:
-    """The best configurations of different branches, the best first, at most six, (K, nv)."""
+    """The best configuration of each of at most six branches, the best first, (K, nv)."""
     order = np.argsort(cost(layer.q), kind="stable")
     _, first = np.unique(layer.branch[order], return_index=True)
     best: Array = layer.q[order[np.sort(first)[:_BRANCHES]]]
@@ -301,9 +302,9 @@ def best_of_branches(layer: Layer, cost: Callable[[Array], Array]) -> Array:
 
 
 def centred_nearby(q: Array, at: Indices, rows: PathRows, ranges: JointRanges) -> Array:
-    """Least z nearby, by Gauss and Newton's steps along the null space; NaN where it fails.
+    """Local minimum of z, by Gauss-Newton steps along the null space; NaN where it fails.
 
-    Nothing holds the limits but z itself.
+    Joint limits are not enforced.
     """
     q = np.array(q, order="C")
     rows.compiled.descend(q, at, ranges, newton(), (_ROUNDS, _LONGEST, _SETTLED))
@@ -311,7 +312,7 @@ def centred_nearby(q: Array, at: Indices, rows: PathRows, ranges: JointRanges) -
 
 
 def _climbed(q: Array, at: Indices, rows: PathRows, objective: Objective) -> Array:
-    """Largest margin nearby, by trying both ways along each free direction, ever shorter."""
+    """Local maximum of the margin, by a pattern search along the null space's basis."""
     q, arrived = rows.correct(q, at)
     step = np.full(len(q), _LONGEST)
     for _ in range(2 * _ROUNDS):
@@ -337,19 +338,19 @@ def _largest_margin(
     path: Array | None,
     tolerance: Tolerance,
 ) -> float:
-    """The least of the waypoints' largest margins, and what was missed of it, degrees."""
+    """Upper bound of the smallest of the waypoints' largest margins, degrees."""
     count = len(rows.freedom)
     q, at = _candidates(layers, waypoints, path, count, lambda q: -objective.margins(q))
     margins = objective.margins(q)
-    hopeful = margins > margins[_first_of_each(-margins, at, count)][at] - _HOPEFUL
-    at = at[hopeful]
-    q = _climbed(q[hopeful], at, rows, objective)
+    promising = margins > margins[_first_of_each(-margins, at, count)][at] - _MARGIN_RANGE
+    at = at[promising]
+    q = _climbed(q[promising], at, rows, objective)
     best = q[_first_of_each(-objective.margins(q), at, count)]
     margins = objective.margins(best)
     settled = np.zeros(count, dtype=bool)
     if start is not None:
         margins[0], settled[0] = objective.margins(start), True
-    # Only the waypoint with the least counts: it is led on until it is no longer the one.
+    # Only the smallest counts: refine it until the smallest is one that was refined before.
     while not settled[k := int(np.argmin(margins))]:
         margins[k] = _upper_margin(best[k], k, rows, objective, tolerance)
         settled[k] = True
@@ -359,7 +360,7 @@ def _largest_margin(
 def _upper_margin(
     q: Array, index: int, rows: PathRows, objective: Objective, tolerance: Tolerance
 ) -> float:
-    """The largest margin near q (nv,) on a waypoint, and what may be missing to it, degrees."""
+    """Upper bound of the largest margin near q (nv,) on a waypoint, degrees."""
     at, radius = np.array([index]), _LONGEST
     for _ in range(4 * _ROUNDS):
         there, gain = _linear_step(q, at, rows, objective, radius)
@@ -371,28 +372,28 @@ def _upper_margin(
         else:
             radius *= 0.25
     _, missed = _linear_step(q, at, rows, objective, _LONGEST)
-    # A task error e lets the joints move by |e|/σ beside the null space.
+    # A task error e lets the joints move by |e|/σ orthogonally to the null space.
     sigma = float(rows.sigma_min(q[None], at)[0])
     error = 2.0 * float(np.linalg.norm(tolerance))
-    beside = error / sigma if sigma > 0.0 else 0.0
-    return float(objective.margins(q)) + float(np.degrees(missed + beside))
+    orthogonal = error / sigma if sigma > 0.0 else 0.0
+    return float(objective.margins(q)) + float(np.degrees(missed + orthogonal))
 
 
 def _linear_step(
     q: Array, at: Indices, rows: PathRows, objective: Objective, radius: float
 ) -> tuple[Array, float]:
-    """q + N u of the largest margin to first order, |u| ≤ radius, and the gain, rad."""
+    """q + N u that maximises the linearised margin for |u| ≤ radius, and the gain, rad."""
     [basis] = rows.motions(q[None], at)
     ranges = objective.ranges
-    room = np.concatenate([ranges.upper - q, q - ranges.lower])
-    bounded = np.isfinite(room)
+    distance = np.concatenate([ranges.upper - q, q - ranges.lower])
+    bounded = np.isfinite(distance)
     moving = np.vstack([basis, -basis])[bounded]
     free = basis.shape[1]
-    least = float(room.min())
+    least = float(distance.min())
     found = linprog(
         np.append(np.zeros(free), -1.0),
         np.column_stack([moving, np.ones(len(moving))]),
-        room[bounded] - least,
+        distance[bounded] - least,
         bounds=[(-radius, radius)] * free + [(0.0, None)],
         method="highs",
     )
@@ -403,10 +404,10 @@ def _linear_step(
 
 
 def _least_travel(path_task: PathTask, chain: SerialChain, tolerance: Tolerance) -> float:
-    """Degrees that the joints must do for the task's own displacement, over the whole path."""
+    """Lower bound of the joints' travel over the path, by the task's displacements, degrees."""
     ranges = JointRanges.of(path_task.model)
     lever, farthest, at = 0.0, 0.0, chain.position
-    inner = 0.0  # of the joints but the first, whose axis stands still
+    inner = 0.0  # as ``farthest``, without the first joint, whose axis is fixed in the world
     for number, screw in reversed(list(enumerate(chain.screws))):
         lever, at = lever + float(np.linalg.norm(screw.anchor - at)), screw.anchor
         farthest = max(farthest, 1.0 if screw.slides else lever)
@@ -430,7 +431,7 @@ def _least_travel(path_task: PathTask, chain: SerialChain, tolerance: Tolerance)
             apart = here.translation() - first.anchor
             axis_distance = float(np.linalg.norm(np.cross(first.axis, apart))) + tolerance.linear
             near = min(farthest, max(axis_distance, inner))
-        # A travel t brings the frame no further from the first axis than t times its lever.
+        # A travel t increases the frame's distance from the first axis by at most farthest·t.
         moved = 0.0
         if shift > 0.0 and np.isfinite(farthest):
             moved = 2.0 * shift / (near + np.sqrt(near**2 + 4.0 * farthest * shift))
@@ -439,7 +440,7 @@ def _least_travel(path_task: PathTask, chain: SerialChain, tolerance: Tolerance)
 
 
 def _sees_distance(projector: TwistProjector, first: Screw) -> bool:
-    """Whether the task fixes how far the frame is from the axis of the first joint, a hinge."""
+    """Whether the task fixes the frame's distance from the first joint's axis (a hinge)."""
     if first.slides or _whole(projector):
         return not first.slides
     plane = projector.linear.kind is ProjectorKind.PLANE and projector.frame == "world"
@@ -452,7 +453,7 @@ def _whole(projector: TwistProjector) -> bool:
 
 
 def _least_shift(before: TwistProjector, after: TwistProjector, apart: Array) -> float:
-    """How far a frame moves at least from a waypoint to the next, which is ``apart`` (3,), m."""
+    """Least displacement of the frame between two waypoints that are ``apart`` (3,), m."""
     if _whole(before) and _whole(after):
         return float(np.linalg.norm(apart))
     if before is after and before.frame == "world":
@@ -461,10 +462,10 @@ def _least_shift(before: TwistProjector, after: TwistProjector, apart: Array) ->
 
 
 def _least_turn(before: TwistProjector, after: TwistProjector, R: Array, R_next: Array) -> float:
-    """Angle that a frame turns by at least between waypoints with rotations (3, 3), rad.
+    """Least rotation angle of the frame between waypoints with rotations R, R_next (3, 3), rad.
 
-    Of a plane the task holds one direction of the body along one direction in space; with the whole
-    rotation at the other end, that direction turns, too.
+    A plane projector holds one direction of the body along one direction in space. That direction
+    also turns if the task holds the whole rotation at the other waypoint.
     """
     held = [p for p in (before, after) if p.angular.kind is ProjectorKind.PLANE]
     kinds = {before.angular.kind, after.angular.kind}
@@ -476,7 +477,7 @@ def _least_turn(before: TwistProjector, after: TwistProjector, R: Array, R_next:
         return 0.0
     axis = held[0].angular.axis
     assert axis is not None
-    # An axis of the world has another direction of the body along it at either waypoint.
+    # A fixed world axis coincides with a different body direction at each of the two waypoints.
     fixed = held[0].frame == "world"
     ends = (R.T @ axis, R_next.T @ axis) if fixed else (R @ axis, R_next @ axis)
     sine = float(np.linalg.norm(np.cross(*ends)))

@@ -254,7 +254,7 @@ class _Descent:
         return None
 
     def _solved(self, q: Array, weight: Array, desired: Array, radius: float) -> Array | None:
-        """q + N u of least ‖weight · N u − desired‖ within the limits, no entry of u above radius."""
+        """q + N u of least ‖weight · N u − desired‖ within the limits, no entry of u > radius."""
         [basis] = self.rows.motions(q[None], np.array([self.index]))
         count = basis.shape[1]
         weighted = weight[:, None] * basis

@@ -1,4 +1,4 @@
-"""Why there is a plan, or none."""
+"""The result of a search: why there is a plan, or none."""
 
 from __future__ import annotations
 
@@ -19,17 +19,18 @@ class Certificate:
             reach; ``"limits"``: waypoints with no configuration inside the joint limits;
             ``"band"``: waypoints with no configuration inside both the joint limits and the hard
             tolerance bands and constraints; ``"speed"``: two waypoints between which every
-            connection breaks the speed limits. With a ``detail``, the last two say what the best
-            motion breaks that was found, and prove nothing.
-        waypoints: Those waypoints, counted from 1; of many that are out of reach or outside the
-            limits, twelve.
-        joints: The joints that forbid it.
-        grid: At which grid it was looked for.
-        covered: Whether the layers hold all configurations to the grid's spacing; where a task
-            leaves more than two degrees free they do not, nor where what is hard cuts nets of
-            self-motion manifolds in pieces, and "none" means "none was found".
-        detail: How near the search came, where the grid has a motion that cannot be brought inside.
-        bands: The hard bands and the constraints that forbid it, by number and as they print.
+            connection breaks the speed limits. If there is a ``detail``, ``"band"`` and
+            ``"speed"`` name only what the best motion found violates; this is not a proof.
+        waypoints: Those waypoints, counted from 1; at most twelve that are out of reach or outside
+            the limits.
+        joints: The joints whose limits exclude a motion.
+        grid: The grid that was searched.
+        covered: Whether the layers contain all configurations to the grid's spacing. They do not
+            where the task leaves more than two degrees free, nor where hard constraints cut the
+            nets of self-motion manifolds into pieces; "none" then means "none was found".
+        detail: How close the search came, if the grid has a motion but no correction brings it
+            inside the limits.
+        bands: The hard bands and the constraints that exclude a motion, by number and repr.
     """
 
     kind: Literal["path", "unreachable", "limits", "band", "speed"]
@@ -66,7 +67,7 @@ class Certificate:
         if self.detail:
             text += f"; {self.detail}"
         if not self.covered:
-            text += "; configurations there were sampled, not all looked at: this is no proof"
+            text += "; the configurations there were only sampled: this is no proof"
         return text + "."
 
 

@@ -12,15 +12,15 @@ from qp_twist.checks import Array
 RANK_TOLERANCE = 1e-10
 """Singular values below this share of a level's largest count as zero."""
 _STILL = 1e-13
-"""A step shorter than this share of the point is no step."""
+"""A step shorter than this share of the point counts as zero."""
 _SIGN_TOLERANCE = 1e-11
 """Multipliers above minus this share of the gradient count as non-negative."""
 _LOST = 4e-16
-"""What rounding takes from a residual, as a share of the sums of its terms' magnitudes."""
+"""Rounding error of a residual, as a share of the sum of its terms' magnitudes."""
 
 
 class ActiveSetResult(NamedTuple):
-    """What :func:`constrained_least_squares` found."""
+    """Result of :func:`constrained_least_squares`."""
 
     z: Array
     """The minimiser, (p,)."""
@@ -29,7 +29,7 @@ class ActiveSetResult(NamedTuple):
     optimal: bool
     """Whether the optimality conditions hold; otherwise z is only feasible and no worse."""
     working: tuple[int, ...]
-    """Rows of C on which z is the minimum; they are independent."""
+    """Active rows of C at z; they are independent."""
 
 
 def constrained_least_squares(
@@ -37,11 +37,11 @@ def constrained_least_squares(
 ) -> ActiveSetResult:
     r"""min ½‖B z − r‖²  subject to  C z ≤ d,  from a feasible point.
 
-    Each iteration takes the shortest step to the minimum on the rows of the working set, stops at
-    the first row in the way and adds it, or drops the row with the most negative multiplier
+    Each iteration takes the shortest step to the minimum on the working set. It stops at the first
+    blocking row and adds it, or, at the minimum, drops the row with the most negative multiplier
     (Nocedal and Wright, *Numerical Optimization*, algorithm 16.3). B may have any rank, since the
-    step is the minimum-norm one. The iterates never leave the feasible set and never get worse,
-    so that rounding cannot make the problem infeasible; Bland's rule ends cycles.
+    step is the minimum-norm one. The iterates stay feasible and the cost never increases, so that
+    rounding cannot make the problem infeasible; Bland's rule prevents cycles.
 
     Args:
         B: Rows, (m, p).
@@ -58,23 +58,23 @@ def constrained_least_squares(
     free = np.ones(len(d), dtype=bool)
     degenerate = arrived = 0
     multipliers = np.zeros(len(d))
-    dropped, back, best = -1, list[int](), np.inf
+    dropped, retained, best = -1, list[int](), np.inf
     residual, sizes = r - B @ z, np.abs(B)
     for _ in range(50 + 20 * (len(d) + len(z))):
         step = inverse @ residual
-        # A second full step only refines the first; where B is ill-conditioned its length is
-        # rounding, and would never be short enough.
+        # A second full step only refines the first; if B is ill-conditioned its length is
+        # rounding error and never becomes small enough.
         if arrived > 1 or _length(step) <= _STILL * (1.0 + _length(z)):
             if not working:
                 return ActiveSetResult(z, multipliers, True, ())
             gradient = B.T @ residual
             values = np.linalg.lstsq(C[working].T, gradient, rcond=None)[0]
             negative = values < -_SIGN_TOLERANCE * (1.0 + np.abs(gradient).max())
-            wrong = np.flatnonzero(negative & ~np.isin(working, back))
+            wrong = np.flatnonzero(negative & ~np.isin(working, retained))
             if not len(wrong):
                 multipliers[working] = np.maximum(values, 0.0)
                 return ActiveSetResult(z, multipliers, True, tuple(working))
-            # The most negative is the fastest; the lowest index cannot cycle.
+            # Most negative multiplier for speed; lowest index (Bland) to prevent cycles.
             drop = (
                 min(wrong, key=lambda i: working[i])
                 if degenerate > len(z)
@@ -90,15 +90,15 @@ def constrained_least_squares(
         degenerate = degenerate + 1 if length == 0.0 else 0
         z += length * step
         arrived += 1
-        # The step leads away from a row with a negative multiplier, and down. Where it does not,
-        # the multiplier was rounding, and the row is not dropped again before there is progress.
+        # After a row is dropped, the step must leave it and reduce the cost. If it does not, the
+        # negative multiplier was rounding error: keep the row until there is progress.
         residual = r - B @ z
         now = _length(residual)
         if now < best - _LOST * _length(sizes @ np.abs(z) + np.abs(r)):
             best = now
-            back.clear()
+            retained.clear()
         elif dropped >= 0 and (length > 0.0 or blocking == dropped):
-            back.append(dropped)
+            retained.append(dropped)
             dropped = -1
         if blocking is not None:
             arrived = 0
@@ -126,7 +126,7 @@ def clear_cut(rows: Array) -> bool:
 
 
 def _complement(rows: Array, n: int) -> Array:
-    """The same for independent rows, which those of a working set are; faster."""
+    """As :func:`null_basis`, faster, for independent rows such as those of a working set."""
     if not len(rows):
         return np.eye(n)
     complement: Array = np.linalg.qr(rows.T, mode="complete")[0][:, len(rows) :]
@@ -134,13 +134,13 @@ def _complement(rows: Array, n: int) -> Array:
 
 
 def _without(basis: Array, row: Array) -> Array:
-    """The part of the span of ``basis`` (n, p) that ``row`` (n,) does not see, (n, p − 1).
+    """Basis of the part of span(``basis``), (n, p), orthogonal to ``row`` (n,): (n, p − 1).
 
-    A reflection takes what the basis sees of the row to its first column, which is left out.
+    A Householder reflection maps the row's components to the first column, which is dropped.
     """
-    seen = row @ basis
-    seen[0] += math.copysign(math.sqrt(seen @ seen), seen[0])
-    reflected: Array = basis[:, 1:] - np.outer(basis @ seen, (2.0 / (seen @ seen)) * seen[1:])
+    u = row @ basis
+    u[0] += math.copysign(math.sqrt(u @ u), u[0])
+    reflected: Array = basis[:, 1:] - np.outer(basis @ u, (2.0 / (u @ u)) * u[1:])
     return reflected
 
 
@@ -155,14 +155,14 @@ def _inverse(B: Array, smallest: float) -> Array:
 def _longest(
     C: Array, d: Array, z: Array, step: Array, free: np.ndarray[tuple[int], np.dtype[np.bool_]]
 ) -> tuple[float, int | None]:
-    """Share of ``step`` that C z ≤ d allows, at most 1, and the row that stops it."""
+    """Share of ``step`` that C z ≤ d allows, at most 1, and the blocking row."""
     speed = C @ step
-    room = np.maximum(d - C @ z, 0.0)
-    # Comparing room with speed first spares the division for most rows.
-    ahead = np.flatnonzero(free & (speed > _STILL * _length(step)) & (room < speed))
+    slack = np.maximum(d - C @ z, 0.0)
+    # Comparing slack with speed first avoids the division for most rows.
+    ahead = np.flatnonzero(free & (speed > _STILL * _length(step)) & (slack < speed))
     if not len(ahead):
         return 1.0, None
-    share = room[ahead] / speed[ahead]
+    share = slack[ahead] / speed[ahead]
     first = int(share.argmin())
     return float(share[first]), int(ahead[first])
 

@@ -1,4 +1,4 @@
-"""Strict priorities: a level never changes what the levels above it achieved."""
+"""Strict priorities: a level never increases the residuals of the levels above it."""
 
 from __future__ import annotations
 
@@ -23,13 +23,14 @@ from qp_twist.qp.verification import row_tolerance
 SATISFIED = 1e-9
 """Excess at which an inequality row counts as met, relative to 1 + |g| + its length."""
 HELD = 1e-8
-"""Rows with a multiplier above this share of the level's first gradient are held below it."""
+"""Rows with a multiplier above this share of the level's initial gradient become equality rows for
+the levels below."""
 ROUNDING = 1e-13
-"""What a residual loses to rounding, as a share of its terms."""
+"""Rounding error of a residual, as a share of its terms."""
 _LAST_DIGITS = 1e-15
-"""A multiplier that is smaller, as a share of its terms, has no sign."""
+"""Share of its terms below which a multiplier's sign is unknown."""
 _UNKNOWN = 1e100
-"""An uncertainty that exceeds every residual, but does not overflow."""
+"""An uncertainty that exceeds every residual but does not overflow."""
 
 
 Mask = npt.NDArray[np.bool_]
@@ -52,7 +53,7 @@ class Level:
     g: Array
 
     def padded(self, n: int) -> Level:
-        """The same rows on more unknowns, (…, n), of which the added ones do not count."""
+        """The same rows for n unknowns, with zero columns for the added ones."""
         more = n - self.A.shape[1]
         if more == 0:
             return self
@@ -61,7 +62,7 @@ class Level:
         )
 
     def proven(self, gap: float) -> bool:
-        """Whether a gap counts as none: ten times the :func:`row_tolerance`."""
+        """Whether a gap counts as zero: at most ten times the :func:`row_tolerance`."""
         A, b = np.vstack([self.A, self.G]), np.concatenate([self.b, self.g])
         return gap <= 10.0 * row_tolerance(A, b)
 
@@ -74,33 +75,33 @@ class Level:
 
 
 class Achieved(NamedTuple):
-    """What a level achieves at its optimum: B x = B·anchor + rest, B its rows that are not met."""
+    """Optimum of a level: B x = B·anchor + rest, with B its equality and violated rows."""
 
     B: Array
     r: Array
     anchor: Array
     rest: Array
     uncertain: float
-    """How far B·anchor + rest may be from the optimum, in the rows' unit."""
+    """Bound of the distance of B·anchor + rest from the optimum, in the rows' unit."""
     gain: float
-    """How much shorter the residual may get in directions that the rows hardly see."""
+    """Possible further decrease of ‖B x − r‖ in directions with small singular values."""
 
     def gap(self, x: Array) -> float:
-        """How much longer B x − r may be than at the optimum."""
+        """Bound of ‖B x − r‖ less its optimal value."""
         away = sums([(self.B, self.anchor), (self.B, -x)], self.rest)
-        left = float(np.linalg.norm(sums([(self.B, x)], -self.r)))
-        return min(left, float(np.linalg.norm(away)) + self.uncertain + self.gain)
+        residual = float(np.linalg.norm(sums([(self.B, x)], -self.r)))
+        return min(residual, float(np.linalg.norm(away)) + self.uncertain + self.gain)
 
 
 class RowOrigin(NamedTuple):
-    """Where a row of C comes from."""
+    """The bound or row of G behind a row of C."""
 
     number: int
-    """Of the unknown, or of the row of G."""
+    """Index of the unknown, or of the row of G."""
     side: float
     """1 for an upper bound, −1 for a lower one, 0 for a row of G."""
     length: float
-    """By which the row was divided."""
+    """Divisor of the row."""
 
 
 @dataclass(eq=False)
@@ -114,17 +115,17 @@ class Cascade:
         upper: Bounds, (n,).
         G: Inequality rows that hold strictly, (k, n).
         g: Their right-hand side, (k,).
-        row_origins: Index of each row of G among all inequality rows given, in order of levels.
-        box_multipliers: Of the bounds, at the first level where they are not zero; positive at an
-            upper one, (n,).
-        row_multipliers: The same for all inequality rows given, in order of levels.
-        optimal: Whether every level's optimality conditions held.
+        row_origins: Index of each row of G among all levels' inequality rows, in order of levels.
+        box_multipliers: Multipliers of the bounds, of the first level where they are not zero;
+            positive at an upper bound, (n,).
+        row_multipliers: The same for all levels' inequality rows, in order of levels.
+        optimal: Whether every level's optimality conditions hold.
         pinned: Unknowns that are fixed, or frozen at a bound, (n,).
-        held: The rows of G that are frozen, and those that the levels so far decide.
-        refine: Whether levels are refined to the last digits, and what they achieve is kept.
-        achieved: What each level achieves.
-        clear: Whether the rank of all rows so far is clear cut; if not, the levels below may be
-            left more, or less, room than they have.
+        held: The frozen rows of G and the rows of the levels so far, as equality constraints.
+        refine: Whether to refine each level to the last digits and to store ``achieved``.
+        achieved: The optimum of each level.
+        clear: Whether the numerical rank of all rows so far is unambiguous; if not, the freedom
+            left to the levels below is uncertain.
     """
 
     x: Array
@@ -145,7 +146,7 @@ class Cascade:
 
     @classmethod
     def from_point(cls, x: Array, lower: Array, upper: Array, *, refine: bool = False) -> Cascade:
-        """Start from a point; it is moved inside the bounds. Fixed unknowns do not move."""
+        """Start from a point, clipped to the bounds. Unknowns with lower = upper stay fixed."""
         n = len(x)
         moving = np.flatnonzero(upper > lower)
         return cls(
@@ -162,17 +163,18 @@ class Cascade:
         )
 
     def gaps(self, x: Array) -> tuple[float, ...]:
-        """For each level, by how much its residual at ``x`` may be longer than at its optimum.
+        """For each level, a bound of its residual's length at ``x`` less that at its optimum.
 
-        In the unit of the rows. It is what is left of the optimality conditions, summed without
-        rounding, and what that does to the levels below, to first order. Needs ``refine``.
+        In the unit of the rows. It follows from the residual of the optimality conditions, summed
+        without rounding, and its first-order effect on the levels below. Needs ``refine``.
         """
         return tuple(level.gap(x) for level in self.achieved)
 
     def rows(self) -> tuple[Array, Array, list[RowOrigin]]:
-        """C, d and where each row comes from.
+        """C, d and the origin of each row.
 
-        z = 0 satisfies them all. Rows which no z moves are left out, the others have length one.
+        z = 0 satisfies all rows. Rows that do not depend on z are omitted; the others have length
+        one.
         """
         blocks = [
             (self.basis, self.upper - self.x, 1.0),
@@ -181,12 +183,12 @@ class Cascade:
         ]
         rows, bounds = [np.zeros((0, self.basis.shape[1]))], [np.zeros(0)]
         origins: list[RowOrigin] = []
-        for matrix, room, kind in blocks:
+        for matrix, slack, kind in blocks:
             length = np.linalg.norm(matrix, axis=1)
             scale = np.ones(len(matrix)) if kind else np.linalg.norm(self.G, axis=1)
-            keep = np.flatnonzero(np.isfinite(room) & (length > RANK_TOLERANCE * scale))
+            keep = np.flatnonzero(np.isfinite(slack) & (length > RANK_TOLERANCE * scale))
             rows.append(matrix[keep] / length[keep, None])
-            bounds.append(np.maximum(room[keep], 0.0) / length[keep])
+            bounds.append(np.maximum(slack[keep], 0.0) / length[keep])
             origins += [RowOrigin(int(i), kind, float(length[i])) for i in keep]
         return np.vstack(rows), np.concatenate(bounds), origins
 
@@ -199,17 +201,17 @@ class Cascade:
             + \tfrac12\lVert w\rVert^2 \quad\text{s.t.}\quad
             \mathbf G(\mathbf x + \mathbf N z) - w \le \mathbf g,\; \mathbf C z \le \mathbf d
 
-        At the optimum A x, and the violated rows of G, are unique: they become equality rows, and N
-        the part of it that does not see them. The rows of G that are met become strict. Bounds
-        with a positive multiplier are active in every optimal point: they are frozen, which keeps
-        the levels below from degenerating.
+        At the optimum, A x and the violated rows of G are unique: they become equality rows, and N
+        is reduced to their null space. The rows of G that are met become strict constraints. Bounds
+        with a positive multiplier are active in every optimal point; they are frozen, which avoids
+        degeneracy in the levels below.
         """
         if not len(level.b) + len(level.g):
-            self.achieved += [self._nothing()] * self.refine
+            self.achieved += [self._empty()] * self.refine
             return
         C, d, origins = self.rows()
         p, k = self.basis.shape[1], len(level.g)
-        # Rows of G are measured by their own lengths, so that long ones do not drown those of A.
+        # Rows of G are normalised, so that long ones do not dominate those of A.
         heavy = np.linalg.norm(level.G, axis=1)
         size = float(np.linalg.norm(level.A, axis=1).max(initial=0.0))
         size = size or float(heavy.max(initial=0.0))
@@ -217,7 +219,7 @@ class Cascade:
         terms = size * (1.0 + np.abs(self.x).max(initial=0.0)) + np.abs(level.b).max(initial=0.0)
         excess = np.maximum(level.G @ self.x - level.g, 0.0)
         violation = math.hypot(*(level.A @ self.x - level.b).tolist(), *excess.tolist())
-        dust = size * (HELD * violation + ROUNDING * float(terms))
+        negligible = size * (HELD * violation + ROUNDING * float(terms))
         if size > 0.0 and p > 0:
             B = np.block(
                 [
@@ -225,14 +227,14 @@ class Cascade:
                     [np.zeros((k, p)), np.diag(heavy)],
                 ]
             )
-            room = (level.g - level.G @ self.x) / heavy
+            slack = (level.g - level.G @ self.x) / heavy
             soft = np.hstack([level.G @ self.basis / heavy[:, None], -np.eye(k)])
             found = constrained_least_squares(
                 B,
                 np.concatenate([level.b - level.A @ self.x, np.zeros(k)]),
                 np.vstack([np.hstack([C, np.zeros((len(d), k))]), soft]),
-                np.concatenate([d, room]),
-                np.concatenate([np.zeros(p), np.maximum(-room, 0.0)]),
+                np.concatenate([d, slack]),
+                np.concatenate([np.zeros(p), np.maximum(-slack, 0.0)]),
                 smallest=RANK_TOLERANCE * size,
             )
             self.optimal &= found.optimal
@@ -247,7 +249,7 @@ class Cascade:
             r = np.concatenate([level.b, level.g[exceeded]])
             self.achieved.append(self._refine(B, r, working, size))
         violated = level.G @ self.x - level.g > SATISFIED * (1.0 + np.abs(level.g) + heavy)
-        multipliers[multipliers <= dust] = 0.0
+        multipliers[multipliers <= negligible] = 0.0
         held = np.flatnonzero(multipliers[: len(d)])
         for i in held:
             self._note(origins[i], float(multipliers[i]))
@@ -263,14 +265,14 @@ class Cascade:
     def _move(self, z: Array) -> None:
         self.x = np.clip(self.x + self.basis @ z, self.lower, self.upper)
 
-    def _nothing(self) -> Achieved:
+    def _empty(self) -> Achieved:
         n = len(self.x)
         return Achieved(np.zeros((0, n)), np.zeros(0), self.x, np.zeros(0), 0.0, 0.0)
 
     def _refine(self, B: Array, r: Array, working: list[RowOrigin], size: float) -> Achieved:
-        """Move to the optimum of min ‖B x − r‖ on the constraints that were found active."""
+        """Move to the optimum of min ‖B x − r‖ on the constraints of the working set."""
         if not len(r):
-            return self._nothing()
+            return self._empty()
         pinned, active = self.pinned.copy(), []
         for origin in working:
             i = origin.number
@@ -296,23 +298,26 @@ class Cascade:
         return Achieved(B, r, self.x.copy(), rest, uncertain if self.clear else _UNKNOWN, gain)
 
     def _share(self, step: Array, pinned: Mask, active: list[int]) -> float:
-        """How much of a step the constraints allow that are not active."""
+        """Share of a step that the inactive constraints allow."""
         open_rows = np.setdiff1d(np.arange(len(self.g)), active)
         G, g = self.G[open_rows], self.g[open_rows]
         moving = ~pinned
         speed = np.concatenate([step[moving], -step[moving], G @ step])
-        room = np.concatenate(
+        slack = np.concatenate(
             [(self.upper - self.x)[moving], (self.x - self.lower)[moving], g - G @ self.x]
         )
-        # Beyond a constraint by rounding is not beyond it.
+        # Violations of the size of rounding errors do not count.
         sizes = np.concatenate([np.ones(2 * int(moving.sum())), np.linalg.norm(G, axis=1)])
-        ahead = speed > np.maximum(room, 0.0) + ROUNDING * sizes
-        return float((np.maximum(room, 0.0)[ahead] / speed[ahead]).min(initial=1.0))
+        ahead = speed > np.maximum(slack, 0.0) + ROUNDING * sizes
+        return float((np.maximum(slack, 0.0)[ahead] / speed[ahead]).min(initial=1.0))
 
     def _gain(
         self, B: Array, working: list[RowOrigin], held: Held, found: Refined, pinned: Mask
     ) -> tuple[float, float]:
-        """By how much ‖B x − r‖ could fall by what multipliers leave; their wrong signs."""
+        """Bound of a further decrease of ‖B x − r‖, and the sum of wrong-signed multipliers.
+
+        The decrease follows from the part of the gradient that the multipliers do not balance.
+        """
         rho, multipliers = found.residual, found.multipliers
         slope = sums([(B.T, rho), (held.rows.T, -multipliers)])
         slope[np.abs(slope) <= _LAST_DIGITS * (np.abs(B.T) @ np.abs(rho))] = 0.0
@@ -320,18 +325,18 @@ class Cascade:
         for origin in working:
             if origin.side:
                 unexplained[origin.number] = max(-origin.side * slope[origin.number], 0.0)
-        # Rows that are active now come last; others may pull either way.
+        # The active rows come last; the held ones before them may have multipliers of either sign.
         active = sum(origin.side == 0.0 for origin in working)
         wrong = float(np.maximum(-multipliers[len(multipliers) - active :], 0.0).sum())
         width = np.minimum(self.upper - self.lower, 2.0 * (1.0 + np.abs(self.x).max()))
         gained = float(unexplained @ width) + wrong * float(width.max())
-        # From ½‖·‖²: along its slope, and at most down to zero.
+        # ½‖·‖² decreases by at most ``gained``, and ‖·‖ at most to zero.
         length, shorter = float(np.linalg.norm(rho)), math.sqrt(2.0 * gained)
         gain = min(shorter, gained / length) if length > 0.0 else shorter
         return gain, wrong + float(unexplained[pinned].sum())
 
     def _hold(self, achieved: Achieved, stopped: list[RowOrigin]) -> None:
-        """Keep what a level achieved, and the bounds and rows that stood in its way."""
+        """Hold what a level achieved, and the bounds and rows that were active at its optimum."""
         for origin in stopped:
             if origin.side:
                 self.pinned[origin.number] = True
@@ -341,7 +346,7 @@ class Cascade:
         self.held = self.held.plus(achieved.B, achieved.anchor, achieved.rest, achieved.uncertain)
 
     def _note(self, origin: RowOrigin, multiplier: float) -> None:
-        """Keep the multiplier of a row that stands in a level's way, unless a higher level has."""
+        """Store an active row's multiplier, unless a higher level has stored one."""
         value = multiplier / origin.length
         if origin.side:
             if self.box_multipliers[origin.number] == 0.0:
@@ -350,7 +355,7 @@ class Cascade:
             self.row_multipliers[self.row_origins[origin.number]] = value
 
     def _freeze(self, level: Level, violated: Mask, held: Array) -> None:
-        """Hold what ``level`` achieved, and the rows (k, p) that stood in its way."""
+        """Reduce N to the null space of the level's achieved rows and its active rows (k, p)."""
         unique = np.vstack([level.A, level.G[violated]])
         size = np.linalg.norm(unique, axis=1)
         fixed = unique[size > 0.0] @ self.basis / size[size > 0.0, None]
@@ -367,14 +372,14 @@ def lexicographic(
     *,
     refine: bool = False,
 ) -> Cascade:
-    """The points inside the bounds that are optimal for the levels, one strictly after the other.
+    """The points inside the bounds that are optimal for the levels in strict priority.
 
     Args:
         levels: From the most to the least important.
         lower: Bounds, −∞ where there is none, (n,).
         upper: Bounds, (n,).
-        start: Where to start from, (n,); zero if ``None``.
-        refine: Whether to refine each level to the last digits, and to know how far it may be off.
+        start: Starting point, (n,); zero if ``None``.
+        refine: Whether to refine each level to the last digits and to bound its error.
     """
     begin = np.zeros(len(lower)) if start is None else start
     cascade = Cascade.from_point(begin, lower, upper, refine=refine)

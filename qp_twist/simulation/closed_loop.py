@@ -22,17 +22,17 @@ from qp_twist.simulation.record import Interval, Record, Recorder
 
 
 class ClosedLoop:
-    r"""A controller that commands servos at a fixed period, and the configuration it believes in.
+    r"""A controller that commands servos at a fixed period, and its configuration estimate.
 
-    At the instant :math:`t_i` the controller takes a step of the length of the period dt from the
-    configuration :math:`\hat q_i`, and the servos get
+    At time :math:`t_i` the controller computes a step of length dt, the period, from the estimate
+    :math:`\hat q_i`. The servos receive
 
     .. math::
 
         \dot q_i = \text{controller}(\hat q_i), \qquad
         q_i^{command} = \hat q_i + \dot q_i\,dt
 
-    and hold the command until the next instant. Then
+    and hold this command for one period. Then
 
     .. math::
 
@@ -40,20 +40,20 @@ class ClosedLoop:
         q^{measured} = q^{true} + \text{noise},
 
     with β = 1 for ``feedback="measured"``, 0 for ``"integrated"``, and
-    :math:`1-e^{-dt/T}` for ``"blended"``: what was commanded, pulled to what is measured with the
-    time constant T.
+    :math:`1-e^{-dt/T}` for ``"blended"``: a first-order filter with the time constant T that moves
+    the commanded position towards the measured one.
 
     The first :math:`\hat q` is the start. A step without a solution does not end the loop: the
-    joints are commanded to stand still for a period. Acceleration limits count from the velocity
-    commanded before, not from a measured one.
+    controller then commands zero velocity for one period. Acceleration limits apply to the change
+    from the previously commanded velocity, not from a measured one.
 
     Attributes:
         controller: The controller.
         plant: The robot and its servos.
         period: dt, s.
-        feedback: What the controller's configuration is made of.
-        configuration: That configuration, :math:`\hat q`.
-        time: The clock, s; :meth:`run` goes on from there.
+        feedback: How :math:`\hat q` is updated.
+        configuration: The estimate :math:`\hat q`.
+        time: Simulated time, s; :meth:`run` continues from there.
 
     Example:
         >>> import qp_twist as qt
@@ -82,21 +82,21 @@ class ClosedLoop:
         """Close the loop, with the robot at rest.
 
         Args:
-            controller: The controller; its first :class:`~qp_twist.TwistTask` is what the record
-                measures errors by.
-            plant: The robot and its servos, of the same joints. It is put to the start, and belongs
-                to this loop from then on, as the controller does.
+            controller: The controller; the record contains the errors of its first
+                :class:`~qp_twist.TwistTask`.
+            plant: The robot and its servos, with the same joints. It is moved to ``start``. Plant
+                and controller must not be used elsewhere while the loop uses them.
             start: Joint positions at time 0, rad or m, (nq,).
             period: dt, s; a multiple of the plant's time step.
             feedback: ``"measured"``, ``"integrated"`` or ``"blended"``.
             time_constant: T of ``"blended"``, s.
             noise: Standard deviation of the measured joint positions, rad or m; one number or
-                (nq,). Gaussian, independent at every instant.
-            seed: Of the noise.
+                (nq,). Gaussian, independent for each period.
+            seed: Seed of the noise.
 
         Raises:
-            InvalidInput: If an argument has the wrong type or range, the two models differ in their
-                joints, or the period is no multiple of the time step.
+            InvalidInput: If an argument has the wrong type or range, the two models have different
+                joints, or the period is not a multiple of the time step.
         """
         instance("controller", controller, Controller)
         instance("plant", plant, Plant)
@@ -107,8 +107,8 @@ class ClosedLoop:
             )
         if not controller.twist_tasks:
             raise InvalidInput(
-                "ClosedLoop: the controller has no TwistTask, by which errors are measured; give "
-                "it one."
+                "ClosedLoop: the controller has no TwistTask, whose error the record needs; add "
+                "one."
             )
         self.controller = controller
         self.plant = plant
@@ -116,7 +116,7 @@ class ClosedLoop:
         self._substeps = _substeps(self.period, plant.timestep)
         self.feedback: str = one_of("feedback", feedback, ("measured", "integrated", "blended"))
         constant = number("time_constant", time_constant, above=0.0)
-        self._pull = {
+        self._feedback_gain = {
             "measured": 1.0,
             "integrated": 0.0,
             "blended": -math.expm1(-self.period / constant),
@@ -141,7 +141,7 @@ class ClosedLoop:
 
     @property
     def time(self) -> float:
-        """The clock, s."""
+        """Simulated time, s."""
         return self._steps_done * self.period
 
     def run(
@@ -151,30 +151,30 @@ class ClosedLoop:
         *,
         pushes: Sequence[Push] = (),
     ) -> Record:
-        """Let the loop run, from where it is.
+        """Run the loop from its current state.
 
         Args:
-            seconds: How long, s; rounded to whole periods.
-            target: Called at every instant with the time, s, to set the targets of the tasks; they
-                stay as they are if ``None``.
+            seconds: Duration, s; rounded to whole periods.
+            target: Called once per period with the time, s, to set the targets of the tasks; if
+                ``None`` the targets do not change.
             pushes: Wrenches that disturb the robot.
 
         Returns:
-            What happened in this run, up to where the robot diverged if it did.
+            The record of this run; it ends early if the robot diverges.
 
         Raises:
-            InvalidInput: If an argument is of the wrong type or range, the plant lacks the body of
-                a push, or the robot diverged before.
+            InvalidInput: If an argument has the wrong type or range, the plant lacks the body of a
+                push, or the robot has diverged before.
             mink.TargetNotSet: If a task has no target.
         """
         count = max(1, round(number("seconds", seconds, above=0.0) / self.period))
         if target is not None and not callable(target):
             raise InvalidInput(
-                "run: target is a function of the time that sets the targets of the tasks; got "
+                "run: expected as target a function of the time that sets the tasks' targets; got "
                 f"{target!r}."
             )
         if not isinstance(pushes, Sequence):
-            raise InvalidInput(f"run: pushes is a list of Push; got {pushes!r}.")
+            raise InvalidInput(f"run: expected as pushes a list of Push; got {pushes!r}.")
         for push in pushes:
             instance("pushes", push, Push)
             if mujoco.mj_name2id(self.plant.model, mujoco.mjtObj.mjOBJ_BODY, push.body) < 0:
@@ -191,13 +191,13 @@ class ClosedLoop:
         return self._recorder.record(intervals, diverged=self.plant.diverged)
 
     def _interval(self, pushes: Sequence[Push]) -> Interval:
-        """One period: measure, decide, command, simulate."""
+        """Run one period: measure, compute the step, command it, simulate."""
         plant, configuration, time = self.plant, self.configuration, self.time
         measured = plant.q + self.noise * self._rng.standard_normal(len(self.noise))
         if self._steps_done:
-            believed = configuration.q
-            configuration.update(believed + self._pull * (measured - believed))
-        step, failure = self._decide()
+            estimate = configuration.q
+            configuration.update(estimate + self._feedback_gain * (measured - estimate))
+        step, failure = self._compute_step()
         command = np.zeros(plant.model.nv) if step is None else step.velocity
         self._truth.update(plant.q)
         error = self.controller.twist_tasks[0].state(self._truth).error
@@ -218,8 +218,8 @@ class ClosedLoop:
             velocity=np.array([velocity for _, velocity in states]),
         )
 
-    def _decide(self) -> tuple[Step | None, str]:
-        """The controller's step, or why there is none."""
+    def _compute_step(self) -> tuple[Step | None, str]:
+        """The controller's step and an empty string, or ``None`` and the reason."""
         try:
             return self.controller.step(self.configuration, self.period), ""
         except NoSolutionFound as error:
@@ -228,13 +228,13 @@ class ClosedLoop:
 
 
 def _substeps(period: float, timestep: float) -> int:
-    """How many time steps a period has."""
+    """Number of simulation time steps per period."""
     count = round(period / timestep)
     if count < 1 or abs(count * timestep - period) > 1e-9 * max(period, timestep):
         near = max(count, 1) * timestep
         raise InvalidInput(
             f"period: {period:g} s is no multiple of the simulation's time step of {timestep:g} s; "
-            f"take {near:g} s, or another time step for the plant."
+            f"use {near:g} s, or another time step for the plant."
         )
     return count
 
@@ -244,7 +244,7 @@ def _joints(model: mujoco.MjModel) -> list[tuple[str, int]]:
 
 
 def _speeds(controller: Controller) -> Array:
-    """The largest joint speeds that the controller's limits allow, (nv,); ∞ where none is."""
+    """The largest joint speeds that the controller's limits allow, (nv,); ∞ if unlimited."""
     speeds = np.full(controller.model.nv, np.inf)
     for limit in controller.limits:
         if isinstance(limit, MotionLimit):

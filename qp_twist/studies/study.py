@@ -1,4 +1,4 @@
-"""Methods over many samples of a task: run, stop, go on, look at."""
+"""Methods over many samples of a task: run, stop, resume, report."""
 
 from __future__ import annotations
 
@@ -47,17 +47,17 @@ _OF_MODEL = (
     "body_quat", "site_bodyid", "site_pos", "site_quat", "geom_bodyid", "geom_pos", "geom_quat",
     "eq_type", "eq_obj1id", "eq_obj2id", "eq_active0", "eq_data",
 )  # fmt: skip
-"""What of a model its kinematics depends on."""
+"""The fields of a model that determine its kinematics."""
 
 
 @dataclass(frozen=True, eq=False)
 class Study:
-    """A study on disk, done or not.
+    """A study on disk, complete or not.
 
     Attributes:
-        folder: Where it lies.
+        folder: Its folder.
         job: What is done with each sample.
-        count: How many samples it is to have.
+        count: Number of samples when it is complete.
     """
 
     folder: Path
@@ -66,14 +66,14 @@ class Study:
 
     @classmethod
     def open(cls, folder: str | Path, path_task: PathTask | None = None) -> Study:
-        """The study in a folder.
+        """Open the study in a folder.
 
         Args:
-            folder: Where it lies.
-            path_task: Its task; loaded from the file it was made with if ``None``.
+            folder: Its folder.
+            path_task: Its task; loaded from its original file if ``None``.
 
         Raises:
-            InvalidInput: If there is none, or its task is no longer the same.
+            InvalidInput: If the folder has no study, or the task has changed.
         """
         check_installed()
         folder = Path(folder)
@@ -86,20 +86,20 @@ class Study:
         return cls(folder, job, settings["samples"])
 
     def sample(self, index: int) -> Sample:
-        """One of its samples, as it was.
+        """Make one of the study's samples again, identically.
 
         Raises:
-            InvalidInput: If it has no such sample.
+            InvalidInput: If the index is out of range.
         """
         if not 0 <= whole_number("sample", index, at_least=0) < self.count:
             raise InvalidInput(f"{self.folder}: samples 0 to {self.count - 1}; got {index}.")
         return self.job.sample(index)
 
     def table(self, columns: Sequence[str] | None = None) -> pa.Table:
-        """The results so far, a row a sample and method, by sample.
+        """The results so far: one row per sample and method, ordered by sample.
 
         Raises:
-            InvalidInput: If there is no such column.
+            InvalidInput: If a column does not exist.
         """
         store = self._store()
         if isinstance(columns, str) or set(columns or ()) - set(store.schema.names):
@@ -115,12 +115,12 @@ class Study:
         return [index for index in range(self.count) if index not in done]
 
     def summary(self) -> list[MethodSummary]:
-        """What the results so far say of each method."""
+        """Summary of the results so far for each method."""
         names = ("method", "success", "feasible", "fault", "joint", "waypoint", "z_over_least")
         return summarise(self.table(names).to_pydict(), self.job.methods)
 
     def text(self) -> str:
-        """The success table as plain text, and a line on what is feasible."""
+        """The success table as plain text, and a line on feasibility."""
         console = Console(file=io.StringIO(), width=_WIDTH, color_system=None)
         console.print(rich_table(self.title, self.summary()))
         console.print(self.feasibility, markup=False, highlight=False, soft_wrap=True)
@@ -129,7 +129,7 @@ class Study:
 
     @property
     def title(self) -> str:
-        """What was varied, how often."""
+        """Task, number of samples, seed, and what varies."""
         done = self.count - len(self.missing())
         of = "" if done == self.count else f" of {self.count}"
         return (
@@ -139,7 +139,7 @@ class Study:
 
     @property
     def feasibility(self) -> str:
-        """How many samples have a motion inside the limits, in a sentence."""
+        """A sentence with the number of samples that have a motion inside the limits."""
         feasible = self._by_sample("feasible")
         known = [value for value in feasible.values() if value is not None]
         found, unknown = Rate(sum(known), len(feasible)), len(feasible) - len(known)
@@ -152,7 +152,7 @@ class Study:
 
     def figures(self) -> dict[str, Figure]:
         """Matplotlib figures by name: ``faults``, ``z``, and ``maps`` where placements vary."""
-        # Matplotlib, which the processes that follow the runs have no use for.
+        # Imports Matplotlib, which the worker processes do not need.
         from qp_twist.studies.figures import fault_figure, map_figure, z_figure
 
         found = {"faults": fault_figure(self.title, self.summary())}
@@ -190,7 +190,7 @@ class Study:
         scheduler: str | None = None,
         progress: Callable[[int], None] | None = None,
     ) -> None:
-        """Do the samples that are missing; what is done is on disk, whatever happens."""
+        """Do the missing samples; finished ones are stored even if the run is interrupted."""
         store = self._store()
         with store.alone():
             missing = self.missing()
@@ -198,7 +198,7 @@ class Study:
                 for done, (_, rows) in enumerate(
                     each(self.job, missing, jobs=jobs, scheduler=scheduler), start=1
                 ):
-                    if done == 1:  # what cannot begin leaves the folder as it was
+                    if done == 1:  # a run that fails before its first sample changes no file
                         self._write_settings()
                     store.add(rows)
                     if progress is not None:
@@ -240,35 +240,35 @@ def study(
 ) -> Study:
     """Follow many samples of a task with several methods.
 
-    A sample is the task with something drawn at random: where the workpiece stands, how the tool
-    leans, which robot, gains, backend or start it has. What is drawn depends on the seed and the
-    sample's number alone, so that each can be looked at: ``compare(study.sample(17).path_task)``.
-    The results stream to Parquet files below ``out``. Called again, a study that was stopped goes
-    on where it was, and with more ``samples`` it grows.
+    A sample is the task with some properties drawn at random: the workpiece's placement, the
+    tool's tilt, the robot, gains, backend or start. They depend only on the seed and the sample's
+    index, so that any sample can be made again: ``compare(study.sample(17).path_task)``. The
+    results stream to Parquet files below ``out``. A second call resumes a study that was stopped,
+    or extends it if ``samples`` is larger.
 
     Args:
-        path_task: A task from a file, or what :func:`~qp_twist.load_task` takes. Its ``[study]``
-            says in which ranges things vary and what counts as success.
+        path_task: A task from a file, or an argument of :func:`~qp_twist.load_task`. Its
+            ``[study]`` section has the ranges and the criterion of success.
         vary: What varies: ``placement``, ``tool``, ``robot``, ``gain``, ``solver``, ``start``.
-        samples: How many.
+        samples: Number of samples.
         methods: Method names; all that make sense for the task if ``None``.
         out: Folder for the results.
-        seed: Instead of the file's.
-        solver: Backend of the QP methods, where it does not vary; machine code if ``None``.
-        start: Where a sample starts: ``task``, as in the file; ``least_z`` or ``random``, inside
-            the limits on the first waypoint; ``best``, as a plan does; ``auto``: random where the
-            start varies, the task's own where nothing moves the first waypoint, else of least z.
-        certify: Whether a plan decides if there is a motion at all, where no method found one.
-        jobs: Processes of this machine; one a core if ``None``.
-        scheduler: Address of a Dask scheduler, whose workers are taken instead.
+        seed: Replaces the file's seed.
+        solver: Backend of the QP methods, unless it varies; compiled if ``None``.
+        start: Start of a sample: ``task``, as in the file; ``least_z`` or ``random``, inside the
+            limits on the first waypoint; ``best``, as a plan's; ``auto``: random if the start
+            varies, the task's own if the first waypoint does not move, else of least z.
+        certify: Whether to plan samples that no method solved, to learn if a motion exists.
+        jobs: Number of processes on this machine; one per core if ``None``.
+        scheduler: Address of a Dask scheduler whose workers replace these processes.
         progress: Called with the number of samples done.
 
     Returns:
-        The study, all of its samples on disk.
+        The study, with all of its samples on disk.
 
     Raises:
-        InvalidInput: If an argument is wrong, the file does not say how something varies, the
-            folder holds another study, or an extra is not installed.
+        InvalidInput: If an argument is wrong, the file lacks the range of something that varies,
+            the folder holds another study, or an extra is not installed.
     """
     check_installed()
     task = path_task if isinstance(path_task, PathTask) else load_task(path_task)
@@ -334,7 +334,7 @@ class _Settings(Section):
 
 
 def _settings(job: Job, count: int) -> dict[str, Any]:
-    """What ``study.json`` holds."""
+    """The content of ``study.json`` as a dictionary."""
     source = job.path_task.source
     assert source is not None
     shipped = source.resolve().parent == shipped_folder("tasks").resolve()
@@ -353,7 +353,7 @@ def _settings(job: Job, count: int) -> dict[str, Any]:
 
 
 def _fingerprint(path_task: PathTask) -> str:
-    """A digest of all that a sample depends on."""
+    """Digest of everything that a sample depends on."""
     models = [path_task.model]
     section = section_of(path_task)
     if section.robot is not None and path_task.source is not None:
@@ -369,19 +369,19 @@ def _fingerprint(path_task: PathTask) -> str:
     digest = hashlib.sha256()
     for array in arrays:
         digest.update(np.ascontiguousarray(array, dtype=np.float64).tobytes())
-    said = (
+    settings = (
         path_task.frame_name, path_task.frame_type, path_task.operational, path_task.projectors,
         [(s.first, s.blend) for s in path_task.segments], path_task.bands, path_task.iteration,
         section, sorted(path_task.methods.items()), sorted(path_task.starts), path_task.best_start,
     )  # fmt: skip
-    digest.update(repr(said).encode())
+    digest.update(repr(settings).encode())
     return digest.hexdigest()[:16]
 
 
 def _check_from_file(task: PathTask) -> None:
     if task.source is None:
-        raise InvalidInput("study: needs a task from a file, by which it can be opened again.")
-    # Couplings of joints are read from the scene again, wherever the task file is opened.
+        raise InvalidInput("study: needs a task from a file, which it can load again.")
+    # Joint couplings come from the scene whenever the task file is loaded.
     added = [
         constraint
         for constraint in task.constraints
@@ -389,9 +389,9 @@ def _check_from_file(task: PathTask) -> None:
     ]
     if added:
         raise InvalidInput(
-            f"study: {task.name} has constraints ({added[0].kind}) that its task file does not "
-            "state, from which each sample is made; follow and check its runs one by one, or "
-            "leave them out: dataclasses.replace(task, constraints=())."
+            f"study: {task.name} has constraints ({added[0].kind}) that its task file lacks, but "
+            "each sample is made from the file; follow and check its runs one by one, or remove "
+            "them: dataclasses.replace(task, constraints=())."
         )
 
 
@@ -401,22 +401,22 @@ def _read(file: Path) -> dict[str, Any]:
     try:
         return _Settings.model_validate_json(read_text(file)).model_dump()
     except ValueError as error:
-        said = str(error).partition("\n")[0]
+        reason = str(error).partition("\n")[0]
         raise InvalidInput(
-            f"{file}: cannot be read: {said}. A study writes it; put it back, or give another "
-            "folder."
+            f"{file}: cannot be read: {reason}. A study writes this file; restore it, or give "
+            "another folder."
         ) from None
 
 
 def _check_same(folder: Path, before: dict[str, Any], now: dict[str, Any]) -> None:
-    """Refuse to mix two studies. More samples are the same study."""
+    """Raise if the settings of two studies differ; the number of samples may."""
     for key in ("vary", "seed", "methods", "solver", "start", "certify", "fingerprint"):
         if before.get(key) == now[key]:
             continue
         if key == "fingerprint":
             raise InvalidInput(
-                f"{folder}: holds a study of the task {before['task']!r} as it was then; it, its "
-                "robot or the one given is another. Give another folder, or put the file back."
+                f"{folder}: holds a study of the task {before['task']!r} as it was then; the task "
+                "or its robot has changed since. Give another folder, or restore the file."
             )
         raise InvalidInput(
             f"{folder}: holds a study with {key} = {before.get(key)!r}, not {now[key]!r}; give "

@@ -19,7 +19,9 @@ def roadmap_pixels(run: Run) -> npt.NDArray[np.uint8]:
 
     Where the workpiece stands now, with the projector that the run was run with.
     """
-    run = run.trajectory
+    trajectory = run.trajectory
     buffer = io.BytesIO()
-    roadmap_figure(run.path_task, {run.method: run}).savefig(buffer, format="png", dpi=_DPI)
+    roadmap_figure(trajectory.path_task, {trajectory.method: trajectory}).savefig(
+        buffer, format="png", dpi=_DPI
+    )
     return np.asarray(Image.open(buffer).convert("RGB"))

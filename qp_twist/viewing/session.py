@@ -1,4 +1,4 @@
-"""What the page is showing: a task, a choice of settings, a run or an arm in the hand."""
+"""State of the live page: a task, its settings, and a run or an arm that the user drags."""
 
 from __future__ import annotations
 
@@ -21,25 +21,25 @@ from qp_twist.viewing.runs import Runs
 from qp_twist.viewing.settings import Settings
 
 DEBOUNCE_S = 0.3
-"""The run of a part that is being moved is computed when it has stood still for so long."""
+"""Delay, s, between the last move of the workpiece and the computation of its run."""
 
 
 class Session:
-    """The state behind the page; it knows nothing of browsers.
+    """The state behind the page, independent of the browser.
 
     All methods may be called from any thread.
 
     Attributes:
-        task: The task where its workpiece now stands.
-        settings: What is chosen.
-        run: The run that is shown: of the settings, or, while that is computed, the one before;
-            ``None`` before the first, and where the settings have none.
-        index: The waypoint that is shown, from 0; between two while it plays.
+        task: The task at the workpiece's current placement.
+        settings: The user's settings.
+        run: The run that is shown. While a new one is computed this is the previous one; ``None``
+            before the first, and if the settings have no run.
+        index: The waypoint that is shown, from 0; fractional while the run plays.
         playing: Whether the run is being played.
         speed: Waypoints per second.
-        arm: The arm in the hand; ``None`` while a run is shown.
-        on_infeasible: What the arm in the hand does at its limits.
-        problem: Why the settings have no run; empty where they have.
+        arm: The arm that the user drags; ``None`` while a run is shown.
+        on_infeasible: What the dragged arm does at its limits.
+        problem: Why the settings have no run; empty if they have one.
     """
 
     def __init__(self, path_task: PathTask, settings: Settings) -> None:
@@ -59,13 +59,13 @@ class Session:
         self._placement: tuple[float, ...] = ()
         self._due: float | None = None
         self._start = self._at_start()
-        self._ask()
+        self._request_run()
 
     # The workpiece
 
     @property
     def handle(self) -> Array:
-        """The point of the workpiece that it is moved by, where the task file has it, m, (3,)."""
+        """The workpiece's handle point, in the task file's placement, m, (3,)."""
         study = self.base.study
         if study is not None and study.placement is not None:
             return np.array(study.placement.point, dtype=np.float64)
@@ -74,14 +74,14 @@ class Session:
 
     @property
     def part(self) -> str | None:
-        """The body of the scene that is the workpiece, if the task file names it."""
+        """Name of the workpiece's body in the scene, if the task file has it."""
         study = self.base.study
         return None if study is None or study.placement is None else study.placement.body
 
     def place(self, pose: mink.SE3) -> None:
-        """Put the workpiece's point and its axes elsewhere; the run follows in a moment.
+        """Move the workpiece's handle to a pose; its run is computed :data:`DEBOUNCE_S` later.
 
-        A pose that is no place for the task changes nothing but :attr:`problem`.
+        If the task cannot be placed there, only :attr:`problem` changes.
         """
         with self.lock:
             rotation, position = pose.rotation(), pose.translation()
@@ -94,43 +94,43 @@ class Session:
             self._due = time.monotonic() + DEBOUNCE_S
 
     def put_back(self) -> None:
-        """The workpiece where the task file has it."""
+        """Move the workpiece back to the task file's placement."""
         with self.lock:
             self.task, self._placement, self._due = self.base, (), None
-            self._ask()
+            self._request_run()
 
     # The settings
 
     def change(self, **changes: Any) -> None:
-        """Replace settings by name; another method comes with the task file's gain and weight."""
+        """Replace settings by name; a new method resets gain and weight to the task file's."""
         with self.lock:
             method = changes.get("method", self.settings.method)
             if method != self.settings.method:
-                stated = Settings.of(self.base, method)
-                changes = {"gain": stated.gain, "weight": stated.weight, **changes}
+                defaults = Settings.of(self.base, method)
+                changes = {"gain": defaults.gain, "weight": defaults.weight, **changes}
             self.settings = dataclasses.replace(self.settings, **changes)
-            self._ask()
+            self._request_run()
             if self.arm is not None:
-                self._grip(self.arm.configuration.q.copy(), self.arm.target)
+                self._make_arm(self.arm.configuration.q.copy(), self.arm.target)
 
     @property
     def key(self) -> tuple[object, ...]:
-        """What the run that is wanted depends on."""
+        """All that the requested run depends on."""
         return (self.settings, self._placement)
 
     @property
     def computing(self) -> tuple[float, str] | None:
-        """The share of the run under way that is done, and what is being done."""
+        """Progress of the computation, 0 to 1, and its current phase; ``None`` if it is done."""
         return (0.0, "waiting") if self._due is not None else self.runs.progress
 
-    def _ask(self) -> None:
+    def _request_run(self) -> None:
         task, settings = self.task, self.settings
         self.problem = ""
         self.runs.want(self.key, lambda progress: run_once(task, settings, progress))
         self._take()
 
     def _take(self) -> None:
-        """Show the run that is wanted if it has come."""
+        """Show the requested run if it is computed."""
         found = self.runs.get(self.key)
         if isinstance(found, str):
             self.problem, self.run = found, None
@@ -138,33 +138,33 @@ class Session:
             self.run = found
             self.index = min(self.index, len(found) - 1.0)
 
-    # The hand
+    # The dragged arm
 
     def grasp(self) -> mink.SE3:
-        """Take the arm in the hand where it stands; where its frame is."""
+        """Start to drag the arm from the configuration that is shown; return its frame's pose."""
         with self.lock:
             self.playing = False
-            return self._grip(self.moment().q, None).pose
+            return self._make_arm(self.moment().q, None).pose
 
     def release(self) -> None:
-        """Back to the run."""
+        """Stop dragging and show the run again."""
         with self.lock:
             self.arm = None
 
     def drag(self, target: mink.SE3) -> None:
-        """Where the arm in the hand is to go."""
+        """Set the target of the dragged arm."""
         with self.lock:
             if self.arm is not None:
                 self.arm.target = target
 
     def at_limits(self, what: Literal["scale", "relax"]) -> None:
-        """What the arm in the hand does where its target does not fit inside the limits."""
+        """Set what the dragged arm does where its target is infeasible."""
         with self.lock:
             self.on_infeasible = what
             if self.arm is not None:
-                self._grip(self.arm.configuration.q.copy(), self.arm.target)
+                self._make_arm(self.arm.configuration.q.copy(), self.arm.target)
 
-    def _grip(self, q: Array, target: mink.SE3 | None) -> LiveArm:
+    def _make_arm(self, q: Array, target: mink.SE3 | None) -> LiveArm:
         arm = LiveArm(self.task, self.settings, q, on_infeasible=self.on_infeasible)
         if target is not None:
             arm.target = target
@@ -180,11 +180,11 @@ class Session:
             self.index = float(np.clip(index, 0, last))
 
     def tick(self, dt: float) -> Moment:
-        """Let ``dt`` seconds pass, and say what is to be seen."""
+        """Advance by ``dt`` seconds and return what to show."""
         with self.lock:
             if self._due is not None and time.monotonic() >= self._due:
                 self._due = None
-                self._ask()
+                self._request_run()
             self._take()
             if self.arm is not None:
                 return self.arm.step()
@@ -195,23 +195,23 @@ class Session:
             return self.moment()
 
     def moment(self) -> Moment:
-        """The waypoint that is shown; without a run the start."""
+        """The state at the waypoint that is shown; at the start if there is no run."""
         with self.lock:
             return self._start if self.run is None else self.run.moment(int(self.index))
 
     def status(self) -> str:
-        """What is shown, in a sentence."""
+        """A sentence about what is shown."""
         with self.lock:
             if self.problem:
                 return f"{self.settings.method}: no run: {self.problem}"
-            computing = self.computing  # once: the worker ends it at any time
+            computing = self.computing  # read once: the worker may finish at any time
             if computing is not None:
                 share, what = computing
                 return f"computing: {what} ({100 * share:.0f} %)"
             return f"{self.settings.method}: {self.run.status if self.run else 'no run yet'}"
 
     def close(self) -> None:
-        """End the worker."""
+        """Stop the worker."""
         self.runs.close()
 
     def _at_start(self) -> Moment:

@@ -13,9 +13,9 @@ import mink
 import mujoco
 import numpy as np
 import numpy.typing as npt
-from arms import planar_arm, random_arm, random_configuration, random_direction
 
 import qp_twist as qt
+from oracles.arms import planar_arm, random_arm, random_configuration, random_direction
 
 Array = npt.NDArray[np.float64]
 
@@ -210,7 +210,7 @@ def _task(
     moved = pose.multiply(mink.SE3.exp(away * rng.normal(size=6)))
     twist = 0.05 * rng.normal(size=6) if rng.random() < 0.3 and situation != "met" else None
     if rng.random() < 0.07:
-        gaze = qt.TwistTask.gaze(name, kind, axis=random_direction(rng))
+        gaze = qt.GazeTask(name, kind, axis=random_direction(rng))
         gaze.set_point(moved.translation() + 0.5 * random_direction(rng))
         return gaze
     carrier, projector = None, _projector(rng)

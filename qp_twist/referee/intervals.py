@@ -1,0 +1,209 @@
+"""The path's intervals between consecutive waypoints, and the progress of a pose along them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from qp_twist.checks import Array, Indices
+from qp_twist.geometry import (
+    ProjectorKind,
+    TwistProjector,
+    distinct_projectors,
+    many_twist_errors,
+)
+
+_SHORT = 1e-12
+"""Square of a length below which it counts as zero, m² or rad²."""
+
+
+class Intervals:
+    r"""Straight lines between positions, shortest rotations between orientations.
+
+    The progress λ of a pose is that of the nearest point of the interval, measured in the task's
+    linear rows if the waypoints' positions differ in them, else in its angular rows. With rows that
+    do not turn with the body it is a linear function of the origin,
+
+    .. math:: \lambda = \frac{(\mathbf p - \mathbf p_0)\cdot\mathbf w}{\|\mathbf w\|^2},
+
+    clipped to [0, 1], with w the displacement between the waypoints in the rows of the first. If
+    only the orientations differ, w is the chord of the arc of the tool's axis, or of the whole
+    orientation. If neither differs in the rows, λ is the share of the time.
+
+    Attributes:
+        projectors: Each projector once.
+        which: Index of each interval's projector, (N − 1,).
+        lengths: Distance of the positions, m, (N − 1,).
+        turns: Angle between the orientations, rad, (N − 1,).
+        straight: Where λ is a linear function of the origin, (N − 1,).
+    """
+
+    def __init__(self, R_d: Array, p_d: Array, rows: Sequence[TwistProjector]) -> None:
+        self.projectors, self.which = distinct_projectors(rows)
+        self._R, self._p = R_d, p_d
+        self._step = p_d[1:] - p_d[:-1]
+        turn = R_d[1:] @ R_d[:-1].transpose(0, 2, 1)
+        self._turn = Rotation.from_matrix(turn).as_rotvec() if len(turn) else np.zeros((0, 3))
+        self.lengths = np.linalg.norm(self._step, axis=1)
+        self.turns = np.linalg.norm(self._turn, axis=1)
+        count = len(self.lengths)
+        self._linear, self._angular = np.zeros((count, 3)), np.zeros((count, 3))
+        self.straight, self._arc = np.zeros(count, dtype=bool), np.zeros(count, dtype=bool)
+        self._origin, self._chord = np.zeros((count, 9)), np.zeros((count, 9))
+        self._moves = np.zeros(count, dtype=bool)
+        for number, projector in enumerate(self.projectors):
+            here = np.flatnonzero(self.which == number)
+            first, last = (R_d[here], p_d[here]), (R_d[here + 1], p_d[here + 1])
+            errors = many_twist_errors(*first, *last, projector)[1]
+            # The rows at the first waypoint, in any frame.
+            basis = projector.linear.basis
+            if projector.frame != "world":
+                basis = R_d[here] @ basis
+            seen = np.swapaxes(basis, -1, -2) @ self._step[here][:, :, None]
+            self._linear[here] = (basis @ seen)[:, :, 0]
+            self._angular[here] = errors[:, 3:]
+            moves = (self._linear[here] ** 2).sum(axis=1) > _SHORT
+            self._moves[here] = moves
+            whole = projector.linear.kind is ProjectorKind.FULL
+            self.straight[here] = moves & (whole or projector.frame != "body")
+            if projector.angular.kind in (ProjectorKind.FULL, ProjectorKind.PLANE):
+                x = self._turning(projector, R_d[here])
+                self._origin[here] = x
+                self._chord[here] = self._turning(projector, R_d[here + 1]) - x
+                turned = (errors[:, 3:] ** 2).sum(axis=1) > _SHORT
+                self._arc[here] = ~moves & turned
+
+    @property
+    def by_rate(self) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
+        """Where :meth:`curve` bounds progress off its chord, (N − 1,)."""
+        return self.straight | self._arc
+
+    def at(self, interval: Indices, share: Array) -> tuple[Array, Array]:
+        """Rotations (K, 3, 3) and positions (K, 3) at shares of intervals, (K,)."""
+        turned = Rotation.from_rotvec(share[:, None] * self._turn[interval]).as_matrix()
+        return turned @ self._R[interval], self._p[interval] + share[:, None] * self._step[interval]
+
+    def progress(self, R: Array, p: Array, interval: Indices, even: Array) -> tuple[Array, Array]:
+        """Progress of poses along intervals: raw (share of the chord, not clipped), and λ, (K,).
+
+        Where the rows do not see an interval, progress is ``even``, the share of its time.
+        """
+        raw = even.copy()
+        straight, arc = self.straight[interval], self._arc[interval]
+        if straight.any():
+            on = interval[straight]
+            raw[straight] = _along(p[straight] - self._p[on], self._linear[on])
+        for number, projector in enumerate(self.projectors):
+            here = np.flatnonzero(self.which[interval] == number)
+            bent = here[arc[here]]
+            if len(bent):
+                x = self._turning(projector, R[bent]) - self._origin[interval[bent]]
+                raw[bent] = _along(x, self._chord[interval[bent]])
+            rest = here[~straight[here] & ~arc[here]]
+            if len(rest):
+                raw[rest] = self._by_errors(projector, R[rest], p[rest], interval[rest], even[rest])
+        return raw, self.share(interval, raw)
+
+    def share(self, interval: Indices, raw: Array) -> Array:
+        """λ in [0, 1] from raw progress; converts a chord's share to its arc's; monotonic, (K,)."""
+        cut = np.clip(raw, 0.0, 1.0)
+        arc, turn = self._arc[interval], self.turns[interval]
+        angle = np.where(arc, turn, 1.0)
+        sine = np.clip(2.0 * np.sin(0.5 * angle) * (cut - 0.5), -1.0, 1.0)
+        bent = np.clip(0.5 + np.arcsin(sine) / angle, 0.0, 1.0)
+        share: Array = np.where(arc, bent, cut)
+        return share
+
+    def curve(self, interval: Indices, curl: Array, bend: Array) -> Array:
+        """Bound of the distance of raw progress from its chord, (K,).
+
+        Args:
+            interval: Index of each motion's interval.
+            curl: Bound of the second derivative of vectors that turn with the frame, (K,).
+            bend: Bound of the second derivative of its origin, m.
+        """
+        straight, arc = self.straight[interval], self._arc[interval]
+        of_line = np.where(straight, np.linalg.norm(self._linear[interval], axis=1), 1.0)
+        of_arc = np.where(arc, np.linalg.norm(self._chord[interval], axis=1), 1.0)
+        away: Array = np.where(straight, bend / of_line, np.where(arc, curl / of_arc, 0.0)) / 8.0
+        return away
+
+    def steepest(
+        self, interval: Indices, ends: tuple[Array, Array], curve: Array, moved: tuple[Array, Array]
+    ) -> Array:
+        """Largest |dλ/ds| between two poses, s going from 0 to 1, (K,).
+
+        Args:
+            interval: Index of each pair's interval.
+            ends: Raw progress at both poses.
+            curve: Bound of its distance from its chord between them.
+            moved: Largest displacement of the origin and the orientation, m and rad.
+        """
+        slope = np.abs(ends[1] - ends[0]) + 4.0 * curve  # ‖x″‖/2 more than the chord's
+        off = np.minimum(np.maximum(*(np.abs(end - 0.5) for end in ends)) + curve, 0.5)
+        arc = self._arc[interval]
+        angle = np.where(arc, self.turns[interval], 1.0)
+        sine = np.sin(0.5 * angle)
+        cosine = np.sqrt(np.maximum(1.0 - (2.0 * sine * off) ** 2, 1e-12))
+        slope = np.where(arc, slope * 2.0 * sine / (angle * cosine), slope)
+        length = self._length(interval)
+        rest = np.divide(
+            np.where(self._moves[interval], *moved),
+            length,
+            out=np.zeros(len(interval)),
+            where=length > 0.0,
+        )
+        steepest: Array = np.where(arc | self.straight[interval], slope, rest)
+        return steepest
+
+    def within(self, tolerances: tuple[float, float]) -> Array:
+        """The share of each interval that task errors within the tolerances can add, (N − 1,)."""
+        error = np.where(self._moves, *tolerances)
+        length = np.maximum(self._length(np.arange(len(error))), _SHORT)
+        within: Array = 2.0 * error / length
+        return within
+
+    def _length(self, interval: Indices) -> Array:
+        """Length of intervals in the rows that measure progress, m or rad, (K,)."""
+        linear, angular = (
+            np.linalg.norm(part[interval], axis=1) for part in (self._linear, self._angular)
+        )
+        length: Array = np.where(self._moves[interval], linear, angular)
+        return length
+
+    @staticmethod
+    def _turning(projector: TwistProjector, R: Array) -> Array:
+        """Vectors that turn with the frame, as the angular rows see them, (K, 9)."""
+        if projector.angular.kind is ProjectorKind.FULL:
+            whole: Array = R.reshape(-1, 9) / np.sqrt(2.0)
+            return whole
+        found = np.zeros((len(R), 9))
+        axis = projector.angular.axis
+        assert axis is not None
+        found[:, :3] = (R.transpose(0, 2, 1) if projector.frame == "world" else R) @ axis
+        return found
+
+    def _by_errors(
+        self, projector: TwistProjector, R: Array, p: Array, interval: Indices, even: Array
+    ) -> Array:
+        """Progress from the task errors to both waypoints, for rows that turn with the body."""
+        ends = [
+            many_twist_errors(R, p, self._R[k], self._p[k], projector)[1]
+            for k in (interval, interval + 1)
+        ]
+        raw = even.copy()
+        decided = np.zeros(len(p), dtype=bool)
+        for part in (slice(0, 3), slice(3, 6)):
+            seen = ends[1][:, part] - ends[0][:, part]
+            here = ~decided & ((seen**2).sum(axis=1) > _SHORT)
+            raw[here] = -_along(ends[0][here, part], seen[here])
+            decided |= here
+        return raw
+
+
+def _along(x: Array, w: Array) -> Array:
+    """x·w/‖w‖² row by row."""
+    along: Array = np.einsum("ki,ki->k", x, w) / np.einsum("ki,ki->k", w, w)
+    return along

@@ -1,0 +1,483 @@
+"""The closed loop: against kinematics and first-order lags, statistics of noise, pushes."""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import mink
+import mujoco
+import numpy as np
+import pytest
+from oracles.arms import planar_arm
+from scipy.linalg import expm
+
+import qp_twist as qt
+from qp_twist.simulation import ClosedLoop, ModelServos, Push, Record, Servos, TimedPath
+
+Array = np.ndarray
+PATH = qt.load_task("deburring")
+
+
+def controlled(gain: float = 0.1, **options: Any) -> tuple[qt.TwistTask, qt.Controller]:
+    task = qt.TwistTask("tool", "site", PATH.projector, gain=gain)
+    task.set_target(PATH.waypoints[0])
+    return task, qt.Controller(PATH.model, [task], **options)
+
+
+def resting(plant: Servos, feedback: str = "integrated", **options: Any) -> ClosedLoop:
+    return ClosedLoop(controlled()[1], plant, PATH.start, feedback=feedback, **options)  # type: ignore[arg-type]
+
+
+def pendulum(actuator: str = "", timestep: float = 0.001) -> mujoco.MjModel:
+    """One hinge about the vertical: gravity does nothing to it."""
+    return mujoco.MjModel.from_xml_string(
+        f'<mujoco><compiler angle="radian"/><option timestep="{timestep}"/><worldbody>'
+        '<body name="arm"><joint name="j" axis="0 0 1" range="-3 3"/>'
+        '<geom type="capsule" size="0.03" fromto="0 0 0 0.5 0 0" mass="2"/>'
+        '<site name="tip" pos="0.5 0 0"/></body></worldbody>'
+        f"<actuator>{actuator}</actuator></mujoco>"
+    )
+
+
+def turn(plant: Any, velocity: Callable[[float], float], seconds: float) -> Array:
+    """Time, true position and true velocity of the pendulum under a commanded velocity."""
+    steps, h, position = round(seconds / plant.timestep), plant.timestep, 0.0
+    rows = []
+    for k in range(steps):
+        speed = velocity(k * h)
+        position += speed * h
+        plant.advance([position], [speed])
+        rows.append(((k + 1) * h, position, plant.q[0], plant.velocity[0]))
+    return np.array(rows).T
+
+
+# ---------------------------------------------------------------- the dynamics
+
+
+@pytest.mark.parametrize(("lag", "bandwidth"), [(0.05, 2000.0), (0.0, 4.0), (0.03, 8.0)])
+def test_a_velocity_servo_stays_behind_by_speed_times_delay(lag: float, bandwidth: float) -> None:
+    servos = Servos(pendulum(), "velocity", lag=lag, bandwidth=bandwidth)
+    _, commanded, true, _ = turn(servos, lambda _: 0.4, 1.5)
+    delay = lag + 1.0 / (2.0 * np.pi * bandwidth)
+    # A command that changes in steps of h comes h/2 early or late.
+    assert commanded[-1] - true[-1] == pytest.approx(0.4 * delay, abs=0.4 * servos.timestep)
+    assert servos.delay == pytest.approx(delay)
+
+
+def test_the_lag_of_a_ramp_of_speed_is_its_slope_times_the_time_constants() -> None:
+    servos = Servos(pendulum(), "velocity", lag=0.04, bandwidth=10.0)
+    time, _, _, velocity = turn(servos, lambda t: 3.0 * t, 1.0)
+    late = 3.0 * time[-1] - velocity[-1]
+    assert late == pytest.approx(3.0 * (0.04 + 1.0 / (20.0 * np.pi)), abs=3.0 * servos.timestep)
+
+
+@pytest.mark.parametrize("feedforward", [0.0, 0.6, 1.0])
+def test_a_position_servo_stays_behind_by_what_it_is_not_told(feedforward: float) -> None:
+    servos = Servos(
+        pendulum(timestep=4e-4), bandwidth=5.0, damping_ratio=0.7, feedforward=feedforward, lag=0.02
+    )
+    _, commanded, true, _ = turn(servos, lambda _: 0.3, 1.2)
+    delay = 0.02 + 1.4 * (1.0 - feedforward) / (10.0 * np.pi)
+    assert commanded[-1] - true[-1] == pytest.approx(0.3 * delay, abs=0.6 * servos.timestep)
+    assert servos.delay == pytest.approx(delay)
+
+
+def test_a_position_servo_steps_like_the_second_order_system_that_it_states() -> None:
+    servos = Servos(pendulum(timestep=2e-4), "position", bandwidth=3.0, damping_ratio=0.5)
+    omega = 6.0 * np.pi
+    A = np.array([[0.0, 1.0], [-(omega**2), -omega]])
+    for steps in (200, 600, 1000):
+        servos.start([0.2])
+        for _ in range(steps):
+            servos.advance([0.7], [0.0])
+        expected = 0.7 + (expm(A * steps * 2e-4) @ [-0.5, 0.0])[0]
+        assert servos.q[0] == pytest.approx(expected, abs=2e-3)
+
+
+def test_what_is_compensated_of_the_weight_does_not_bend_the_arm() -> None:
+    light, heavy = Servos(PATH.model), Servos(PATH.model, gravity_compensation=0.9)
+    data = mujoco.MjData(PATH.model)
+    for servos in (light, heavy):
+        servos.start(PATH.start)
+        for _ in range(1500):
+            servos.advance(PATH.start, np.zeros(6))
+    assert np.abs(light.q - PATH.start).max() < 1e-9
+    # A tenth of the static torque, from the model's own gravity, stretches the springs.
+    data.qpos[:] = heavy.q
+    mujoco.mj_forward(PATH.model, data)
+    bend = -0.1 * data.qfrc_bias / heavy.stiffness
+    assert heavy.q - PATH.start == pytest.approx(bend, abs=1e-7)
+    assert np.abs(bend).max() > 1e-5
+
+
+def test_the_models_own_servos_do_what_the_same_ones_added_do() -> None:
+    added = Servos(pendulum(), "position", bandwidth=4.0, armature=[0.0], lag=0.01)
+    kp, kv = float(added.stiffness[0]), float(added.damping[0])
+    own = ModelServos(pendulum(f'<position joint="j" kp="{kp!r}" kv="{kv!r}" gear="1"/>'), lag=0.01)
+    assert own.kind == "position"
+    for plant in (added, own):
+        plant.start([0.0])
+    a, b = (turn(plant, lambda t: np.sin(9.0 * t), 0.6)[2] for plant in (added, own))
+    assert a == pytest.approx(b, abs=1e-9)
+
+
+def test_a_gear_and_the_dynamics_of_the_models_own_velocity_servo_are_taken_along() -> None:
+    actuator = (
+        '<general joint="j" gear="2" gaintype="fixed" gainprm="50" biastype="affine" '
+        'biasprm="0 0 -50" dyntype="filterexact" dynprm="0.05"/>'
+    )
+    own = ModelServos(pendulum(actuator))
+    assert own.kind == "velocity"
+    own.start([0.0])
+    _, commanded, true, velocity = turn(own, lambda _: 0.5, 1.0)
+    assert velocity[-1] == pytest.approx(0.5, rel=1e-6)
+    inertia = np.zeros(1)
+    mujoco.mj_mulM(own.model, own.data, inertia, np.ones(1))
+    delay = 0.05 + inertia[0] / (50.0 * 2.0**2)
+    assert commanded[-1] - true[-1] == pytest.approx(0.5 * delay, abs=1e-3)
+
+
+# ---------------------------------------------------------------- the loop
+
+
+@pytest.mark.parametrize("feedback", ["integrated", "measured", "blended"])
+def test_stiff_servos_without_lag_and_noise_do_what_the_kinematics_do(feedback: str) -> None:
+    # The velocity is held over a period: true and integrated positions agree at its end.
+    stiff = Servos(PATH.model, "velocity", bandwidth=5000.0, timestep=0.001)
+    task, controller = controlled(gain=0.5)
+    path = TimedPath(task, PATH.waypoints[:6], PATH.durations[:6])
+    record = ClosedLoop(controller, stiff, PATH.start, feedback=feedback).run(0.25, path)  # type: ignore[arg-type]
+    configuration = mink.Configuration(PATH.model, PATH.start)
+    task, controller = controlled(gain=0.5)
+    path = TimedPath(task, PATH.waypoints[:6], PATH.durations[:6])
+    for i in range(25):
+        assert record.q[i] == pytest.approx(configuration.q, abs=1e-4)
+        path(0.01 * i)
+        configuration.integrate_inplace(controller.step(configuration, 0.01).velocity, 0.01)
+    assert np.abs(record.q[-1] - PATH.start).max() > 0.01
+
+
+def test_the_noise_has_the_deviation_asked_for_and_the_controller_sees_it_or_not() -> None:
+    sigma = np.array([1e-3, 2e-3, 1e-4, 5e-4, 0.0, 1e-3])
+    loop = resting(Servos(PATH.model, timestep=0.01), noise=sigma, seed=3)
+    record = loop.run(3.0)
+    noise = record.measured - record.q
+    # Of 300 samples: the deviation to 4 %, the mean to 6 % of the deviation; here four times it.
+    assert noise.std(axis=0) == pytest.approx(sigma, rel=0.16, abs=1e-12)
+    assert (np.abs(noise.mean(axis=0)) <= 0.24 * sigma).all()
+    assert abs(np.corrcoef(noise[1:, 0], noise[:-1, 0])[0, 1]) < 0.24
+    quiet = resting(Servos(PATH.model, timestep=0.01)).run(0.5)
+    assert (record.command[:50] == quiet.command).all()
+
+
+def test_the_same_seed_gives_the_same_record_and_another_another() -> None:
+    def command(seed: int) -> Array:
+        loop = resting(Servos(PATH.model, "velocity"), "measured", noise=1e-3, seed=seed)
+        return loop.run(0.3).command
+
+    assert (command(1) == command(1)).all()
+    assert np.abs(command(1) - command(2)).max() > 1e-3
+
+
+def test_two_runs_are_one_long_run() -> None:
+    def loop() -> ClosedLoop:
+        return resting(Servos(PATH.model, "velocity", lag=0.02), "blended", noise=1e-3)
+
+    whole, parts = loop().run(0.4), loop()
+    first, second = parts.run(0.1), parts.run(0.3)
+    assert (np.concatenate([first.q, second.q]) == whole.q).all()
+    assert np.concatenate([first.time, second.time]) == pytest.approx(whole.time)
+    assert parts.time == pytest.approx(0.4)
+
+
+def pushed(kind: str, feedback: str) -> Record:
+    servos = Servos(PATH.model, kind)  # type: ignore[arg-type]
+    loop = resting(servos, feedback)
+    return loop.run(1.0, pushes=[Push("link_6", force=(0.0, 0.0, -300.0), start=0.3)])
+
+
+def test_a_push_is_noticed_by_the_feedback_that_looks() -> None:
+    records = {
+        (kind, feedback): pushed(kind, feedback)
+        for kind in ("position", "velocity")
+        for feedback in ("integrated", "measured", "blended")
+        if (kind, feedback) != ("position", "blended")
+    }
+    time = records["position", "integrated"].time
+    before, after_start = (time > 0.25) & (time < 0.3), time > 0.35
+    for (_, feedback), record in records.items():
+        assert record.position_error[before].max() < 2e-3
+        assert record.position_error.max() > 1e-2
+        commanded = np.abs(record.command[after_start]).max()
+        assert (commanded < 1e-3) if feedback == "integrated" else (commanded > 1e-2)
+    after = {case: record.position_error[-1] for case, record in records.items()}
+    assert after["position", "integrated"] < 1e-4  # the spring brings it back
+    assert after["velocity", "integrated"] > 0.05  # nothing does
+    assert after["velocity", "measured"] < 1e-3
+    assert after["velocity", "blended"] < 1e-2
+
+
+def test_a_push_is_a_wrench_for_its_duration() -> None:
+    servos = Servos(pendulum(), "velocity", bandwidth=1e-6, armature=[0.0])
+    push = Push("arm", torque=(0.0, 0.0, 3.0), start=0.1, duration=0.2)
+    for _ in range(500):
+        servos.advance([0.0], [0.0], [push])
+    # Angular momentum: torque × duration.
+    assert servos.velocity[0] * servos.inertia[0] == pytest.approx(3.0 * 0.2, rel=1e-4)
+
+
+@pytest.mark.parametrize("on_infeasible", ["scale", "raise"])
+def test_an_infeasible_step_does_not_stop_the_loop(on_infeasible: str) -> None:
+    arm = planar_arm([0.5, 0.5])
+    task = qt.TwistTask(
+        "tip",
+        "site",
+        qt.TwistProjector(linear=qt.Projector.plane([0, 0, 1]), angular=qt.Projector.none()),
+        gain=0.1,
+    )
+    limits = [qt.PositionLimit(arm), mink.VelocityLimit(arm, {"joint_1": 0.2, "joint_2": 0.2})]
+    controller = qt.Controller(arm, [task], limits=limits, on_infeasible=on_infeasible)  # type: ignore[arg-type]
+    start = np.array([0.3, 0.8])
+    task.set_target_from_configuration(mink.Configuration(arm, start))
+    rest = task.target
+    assert rest is not None
+    away = mink.SE3.from_translation(np.array([-0.4, 0.5, 0.0]))
+    loop = ClosedLoop(controller, Servos(arm, "velocity"), start, feedback="measured")
+
+    def target(time: float) -> None:
+        task.set_target(away if 0.1 <= time < 0.2 else rest)
+
+    record = loop.run(0.4, target)
+    assert len(record.time) == 40
+    during = (record.time > 0.095) & (record.time < 0.195)
+    assert (record.scale[during] < 1.0).all()
+    assert record.position_error[-1] < record.position_error[during].max()
+    if on_infeasible == "raise":
+        assert [s is None for s in record.statuses] == list(during)
+        assert (record.command[during] == 0.0).all()
+        assert record.count()["NO_STEP"] == 10 == len(record.failures)
+        assert all("joint_" in text for text in record.failures.values())
+        assert record.summary()["steps_not_met"] == 10
+    else:
+        assert record.count()["SCALED"] >= 10
+        assert np.abs(record.command).max() == pytest.approx(0.2)
+        assert record.summary()["speed_share_max"] == pytest.approx(1.0, abs=1e-3)
+
+
+def test_a_narrowed_range_keeps_the_true_joint_inside_its_own() -> None:
+    model = copy.copy(PATH.model)
+    model.jnt_range[0, 1] = PATH.start[0] + 0.2
+
+    def beyond(margin: float) -> tuple[float, float]:
+        task = qt.TwistTask("tool", "site", PATH.projector, gain=0.1)
+        limit = qt.MotionLimit(model, velocity=2.0, margin=margin)
+        controller = qt.Controller(model, [task], limits=[limit])
+        servos = Servos(model, "velocity", lag=0.03)
+        turned = mink.SE3.from_rotation(mink.SO3.from_z_radians(0.6)) @ PATH.waypoints[0]
+        path = TimedPath(task, [PATH.waypoints[0], turned], [0.0, 0.4])
+        record = ClosedLoop(controller, servos, PATH.start, feedback="measured").run(0.45, path)
+        nearest = (model.jnt_range[0, 1] - record.q[:, 0]).min()
+        assert record.room.min() == pytest.approx(nearest, abs=5e-3)
+        speed = np.abs(record.velocity[:, 0]).max()
+        return -float(record.room.min()), float(speed * (servos.delay + 0.01))
+
+    excess, margin = beyond(0.0)
+    assert 0.01 < excess < margin
+    assert beyond(margin)[0] < 0.0
+
+
+def test_a_loop_that_diverges_ends_its_run() -> None:
+    # Explicit in the spring: a stiffness beyond what the time step carries.
+    wild = Servos(PATH.model, bandwidth=150.0, damping_ratio=0.01)
+    with np.errstate(all="ignore"):
+        loop = resting(wild, "measured", noise=1e-3)
+        record = loop.run(2.0)
+    with pytest.raises(qt.InvalidInput, match="has diverged; make a new loop"):
+        loop.run(0.1)
+    assert record.diverged
+    assert np.isfinite(record.q).all()
+    assert len(record.time) < 200
+
+
+# ---------------------------------------------------------------- the record
+
+
+def test_a_record_says_of_the_true_state_what_the_arrays_say() -> None:
+    task, controller = controlled(limits=[qt.MotionLimit(PATH.model, velocity=2.0)])
+    loop = ClosedLoop(controller, Servos(PATH.model), PATH.start)
+    path = TimedPath(task, PATH.waypoints[:30], PATH.durations[:30], start=0.1)
+    record = loop.run(0.5, path)
+    configuration = mink.Configuration(PATH.model)
+    axis = PATH.waypoints[0].rotation().as_matrix()[:, 2]
+    assert record.position_error[0] == pytest.approx(
+        np.linalg.norm(_tool(configuration, record.q[0])[1] - PATH.waypoints[0].translation())
+    )
+    found = _tool(configuration, record.q[0])[0][:, 2]
+    assert record.angle_error[0] == pytest.approx(
+        np.arctan2(np.linalg.norm(np.cross(found, axis)), found @ axis)
+    )
+    low, high = PATH.model.jnt_range.T
+    margins = 1.0 - np.abs(record.q - (low + high) / 2.0) / ((high - low) / 2.0)
+    assert (record.margin <= margins.min(axis=1) + 1e-12).all()
+    assert record.margin == pytest.approx(margins.min(axis=1), abs=1e-2)
+    slopes = np.abs(np.diff(record.velocity, axis=0)) / record.period
+    assert (record.acceleration_peak[:-1] >= slopes - 1e-9).all()
+    assert (record.acceleration_rms <= record.acceleration_peak + 1e-12).all()
+    summary = record.summary(since=0.1)
+    tail = record.position_error[10:]
+    assert summary["position_error_rms"] == pytest.approx(np.sqrt(np.mean(tail**2)))
+    assert summary["position_error_max"] == tail.max()
+    assert summary["speed_share_max"] >= np.abs(record.velocity).max() / 2.0
+    assert sum(record.count().values()) == 50
+    assert len(record.figure("a title").axes) == 4
+
+
+def _tool(configuration: mink.Configuration, q: Array) -> tuple[Array, Array]:
+    configuration.update(q)
+    pose = configuration.get_transform_frame_to_world("tool", "site")
+    return pose.rotation().as_matrix(), pose.translation()
+
+
+def test_a_timed_path_is_at_each_pose_in_time_and_its_twist_is_its_derivative() -> None:
+    task, _ = controlled()
+    path = TimedPath(task, PATH.waypoints[:4], PATH.durations[:4], start=0.5)
+    times = 0.5 + np.cumsum(PATH.durations[:4])
+    assert path.end == pytest.approx(times[-1])
+    for time, pose in zip(
+        [0.0, *times, 9.0], [PATH.waypoints[0], *PATH.waypoints[:4], PATH.waypoints[3]], strict=True
+    ):
+        path(time)
+        assert task.target is not None
+        assert (task.target.inverse() @ pose).log() == pytest.approx(np.zeros(6), abs=1e-9)
+    assert not task.feedforward.any()
+    h = 1e-6
+    middle = (times[1] + times[2]) / 2.0
+    path(middle - h)
+    before = task.target
+    path(middle + h)
+    after = task.target
+    assert before is not None
+    assert after is not None
+    rate = (after.rotation() @ before.rotation().inverse()).log() / (2.0 * h)
+    shift = (after.translation() - before.translation()) / (2.0 * h)
+    assert task.feedforward == pytest.approx(np.concatenate([shift, rate]), abs=1e-6)
+    TimedPath(task, PATH.waypoints[:4], PATH.durations[:4], feedforward=False)(middle)
+    assert not task.feedforward.any()
+
+
+# ---------------------------------------------------------------- refusals
+
+
+def test_a_period_that_is_no_multiple_of_the_time_step_is_refused_with_the_nearest() -> None:
+    with pytest.raises(qt.InvalidInput, match=r"0\.005 s is no multiple .* take 0\.004 s"):
+        resting(Servos(PATH.model), period=0.005)
+    with pytest.raises(qt.InvalidInput, match=r"take 0\.002 s"):
+        resting(Servos(PATH.model), period=0.001)
+    assert resting(Servos(PATH.model, timestep=0.0025), period=0.005).period == 0.005
+
+
+FREE = mujoco.MjModel.from_xml_string(
+    '<mujoco><worldbody><body><freejoint name="base"/><geom size="1"/></body></worldbody></mujoco>'
+)
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: Servos(FREE), "'base' is a ball or free joint"),
+        (lambda: Servos(PATH.model, "torque"), "kind: expected one of position, velocity"),
+        (lambda: Servos(PATH.model, lag=-0.1), "lag: expected a number of at least 0"),
+        (lambda: Servos(PATH.model, bandwidth=0.0), "bandwidth: expected a number above 0"),
+        (lambda: Servos(PATH.model, feedforward=1.5), "feedforward: .* at most 1"),
+        (lambda: Servos(PATH.model, gravity_compensation=2.0), "gravity_compensation"),
+        (lambda: Servos(PATH.model, timestep=0.0), "timestep: expected a number above 0"),
+        (lambda: Servos(PATH.model, armature=[0.1]), r"armature: .* shape \(6\)"),
+        (lambda: Servos(PATH.model, armature=[-1.0] * 6), "armature: expected no negative"),
+        (
+            lambda: Servos(pendulum('<motor joint="j"/>')),
+            "1 actuators of its own; use M",
+        ),
+        (lambda: ModelServos(PATH.model), "expected one actuator at each of the 6 joints"),
+        (lambda: ModelServos(pendulum('<motor joint="j"/>')), "the actuators are others"),
+        (lambda: resting(Servos(pendulum())), "different joints"),
+        (lambda: resting("servos"), "plant: expected a Plant, got str"),
+        (lambda: resting(Servos(PATH.model), "felt"), "feedback: expected one of measured"),
+        (lambda: resting(Servos(PATH.model), noise=-1.0), "noise: expected no negative"),
+        (lambda: resting(Servos(PATH.model), noise=[1.0]), r"noise: .* shape \(6\)"),
+        (lambda: resting(Servos(PATH.model), noise=np.nan), "noise: expected a finite number"),
+        (lambda: resting(Servos(PATH.model), seed=-1), "seed: expected a number of at least 0"),
+        (lambda: resting(Servos(PATH.model), period=0.0), "period: expected a number above 0"),
+        (lambda: resting(Servos(PATH.model)).run(0.0), "seconds: expected a number above 0"),
+        (
+            lambda: resting(Servos(PATH.model)).run(0.1, pushes=[Push("nose", start=0.0)]),
+            "no body 'nose'",
+        ),
+        (lambda: resting(Servos(PATH.model)).run(0.1).summary(since=9.0), "give an earlier since"),
+        (lambda: Push("link_6", start=0.0, duration=0.0), "duration: expected a number above 0"),
+        (lambda: Push("link_6", start=0.0, force=[1.0]), r"force: .* shape \(3\)"),
+        (lambda: TimedPath(controlled()[0], PATH.waypoints[:1], [0.0]), "at least two poses"),
+        (
+            lambda: TimedPath(controlled()[0], PATH.waypoints[:3], [0.0, 1.0, 0.0]),
+            "every duration after the first must be above 0",
+        ),
+    ],
+)
+def test_what_makes_no_sense_is_refused_in_a_sentence(
+    make: Callable[[], object], message: str
+) -> None:
+    with pytest.raises(qt.InvalidInput, match=message):
+        make()
+
+
+def test_a_controller_without_a_twist_task_has_nothing_to_measure_errors_by() -> None:
+    controller = qt.Controller(PATH.model, [mink.PostureTask(PATH.model, 1.0)])
+    with pytest.raises(qt.InvalidInput, match="no TwistTask"):
+        ClosedLoop(controller, Servos(PATH.model), PATH.start)
+
+
+# ---------------------------------------------------------------- the page
+
+
+def test_the_pages_tables_are_what_the_benchmark_measures_and_say_what_the_text_says() -> None:
+    root = Path(__file__).parents[2]
+    text = (root / "docs" / "generated" / "closed_loop.md").read_text("utf-8")
+    page = (root / "docs" / "closed_loop.md").read_text("utf-8")
+    lines = [[cell.strip() for cell in line.split("|")[1:-1]] for line in text.splitlines()]
+    head = next(k for k, cells in enumerate(lines) if "largest" in cells)
+    run = {tuple(cells[:3]): [float(v) for v in cells[3:]] for cells in lines[head + 2 : head + 20]}
+    # Error v D of the integrated velocity servos, v (D − dt/2) / k of the measured position ones.
+    for lag, velocity, position in (("0", 8.0, 15.9), ("20", 28.0, 35.9)):
+        row = run["velocity", lag, "integrated"]
+        assert row[0] == pytest.approx(0.05 * velocity, rel=0.2)
+        assert run["position", lag, "measured"][1] == pytest.approx(
+            0.05 * (position - 5.0) / 0.1, rel=0.1
+        )
+        assert run["position", lag, "integrated"][0] < run["position", lag, "blended"][0]
+        assert run["position", lag, "blended"][0] < run["position", lag, "measured"][0]
+        assert run["velocity", lag, "measured"][0] < row[0] / 4.0
+        assert run["velocity", lag, "blended"][4] < run["velocity", lag, "measured"][4]
+    for name in ("run", "disturbances", "gains", "limits"):
+        assert f"<!-- {name} -->" in text
+        assert f'"<!-- {name} -->"' in page
+    plants = [
+        Servos(PATH.model, "position", lag=0.02),
+        Servos(PATH.model, "position", lag=0.02, feedforward=1.0),
+        Servos(PATH.model, "velocity", lag=0.02),
+    ]
+    assert "that is {:.0f}, {:.0f} and {:.0f} ms".format(*(1e3 * p.delay for p in plants)) in page
+    assert f"{PATH.model.body_mass[3:].sum():.0f} kg from the turret on" in page
+    # A cell of the table, measured again.
+    plant = plants[2]
+    task, _ = controlled()
+    names = qt.JointRanges.of(PATH.model).names
+    speeds = dict(zip(names, PATH.velocity_limits, strict=True))
+    limits = [qt.PositionLimit(PATH.model), mink.VelocityLimit(PATH.model, speeds)]
+    controller = qt.Controller(PATH.model, [task], limits=limits)
+    loop = ClosedLoop(controller, plant, PATH.start, feedback="measured", noise=5e-4)
+    record = loop.run(3.0, TimedPath(task, PATH.waypoints, PATH.durations, start=1.0))
+    [kept] = [c[3] for c in lines if c[:2] == ["velocity", "measured"] and "(" in c[2]]
+    error = 1e3 * record.summary(since=1.5)["position_error_rms"]
+    assert error == pytest.approx(float(kept.split()[0]), rel=0.02)

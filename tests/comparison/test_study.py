@@ -1,0 +1,651 @@
+"""Studies: what is drawn, what is judged, what is stored, and what happens when processes die."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import os
+import signal
+import sys
+import time
+from collections import Counter
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import qp_twist as qt
+from qp_twist.cli import main
+from qp_twist.path import leaned
+from qp_twist.planning import least_mean_z, least_z_start, random_start
+from qp_twist.studies import draw
+from qp_twist.studies.judge import Judge
+from qp_twist.studies.rows import Job
+from qp_twist.studies.sample import section_of
+from qp_twist.studies.store import BASE, Store
+from qp_twist.studies.summary import Rate, summarise
+from qp_twist.studies.workers import each
+
+pa = pytest.importorskip("pyarrow", reason="the extra `study`")
+pytest.importorskip("joblib", reason="the extra `study`")
+
+ROOT = Path(__file__).parents[2]
+DEBURRING = qt.load_task("deburring")
+LINE = (ROOT / "tasks" / "planar_line.toml").read_text("utf-8")
+METHODS = ["minimum_norm", "qp_gradient"]
+
+
+def line_task(folder: Path, **replaced: str) -> Path:
+    """The planar line in eight steps, with another text in some places."""
+    text = LINE.replace("steps_per_segment = 100", "steps_per_segment = 8")
+    text = text.replace("../scenes/", "")
+    for old, new in replaced.items():
+        assert old in text
+        text = text.replace(old, new)
+    file = folder / "line.toml"
+    file.write_text(text, "utf-8")
+    return file
+
+
+def content(study: qt.Study) -> list[dict[str, Any]]:
+    """Its rows, but for what a clock says."""
+    return study.table().drop_columns(["seconds"]).to_pylist()
+
+
+@pytest.fixture(scope="module")
+def twelve(tmp_path_factory: pytest.TempPathFactory) -> qt.Study:
+    """Twelve samples, done at once by two processes."""
+    folder = tmp_path_factory.mktemp("twelve")
+    task = line_task(folder)
+    return qt.study(task, ["placement"], 12, METHODS, out=folder / "out", jobs=2, certify=False)
+
+
+# ---------------------------------------------------------------- what is drawn
+
+
+@given(st.integers(0, 2**31), st.integers(0, 10**6))
+@settings(max_examples=10)
+def test_a_sample_is_its_number(seed: int, index: int) -> None:
+    alone = draw(DEBURRING, ["placement"], index, seed=seed, start="task")
+    again = draw(DEBURRING, ["placement"], index, seed=seed, start="task")
+    among = draw(DEBURRING, ["placement", "gain", "solver"], index, seed=seed, start="task")
+    other = draw(DEBURRING, ["placement"], index + 1, seed=seed, start="task")
+    assert alone.drawn == again.drawn
+    assert alone.drawn.items() <= among.drawn.items()
+    np.testing.assert_array_equal(alone.path_task.positions, among.path_task.positions)
+    assert alone.drawn != other.drawn
+    assert section_of(DEBURRING).placement is not None
+
+
+def test_placements_are_those_of_the_example() -> None:
+    # The example has its own code for them.
+    sys.path.insert(0, str(ROOT / "examples"))
+    try:
+        import placements
+    finally:
+        sys.path.pop(0)
+    for index in range(5):
+        expected = placements.placed(DEBURRING, *placements.placement(0, index))
+        found = draw(DEBURRING, ["placement"], index, start="task").path_task
+        for a, b in zip(expected.waypoints, found.waypoints, strict=True):
+            np.testing.assert_allclose(a.as_matrix(), b.as_matrix(), atol=1e-12)
+        assert expected.flipped_waypoints is not None
+        assert found.flipped_waypoints is not None
+        for a, b in zip(expected.flipped_waypoints, found.flipped_waypoints, strict=True):
+            np.testing.assert_allclose(a.as_matrix(), b.as_matrix(), atol=1e-12)
+        np.testing.assert_allclose(found.velocity_limits, np.radians(15.0))
+
+
+def test_the_workpiece_moves_along() -> None:
+    sample = draw(DEBURRING, ["placement"], 2, start="task")
+    part = sample.path_task.model.body("part")
+    np.testing.assert_allclose(part.pos, [sample.drawn[axis] for axis in "xyz"], atol=1e-12)
+    distances = np.linalg.norm(sample.path_task.positions - part.pos, axis=1)
+    np.testing.assert_allclose(distances, 0.3, atol=1e-12)  # still on the sphere
+    np.testing.assert_allclose(DEBURRING.model.body("part").pos, [0.0, 1.0, 0.3])
+
+
+def test_draws_stay_in_their_ranges_and_fill_them() -> None:
+    drawn = [
+        draw(DEBURRING, ["placement", "tool", "gain", "solver"], i, start="task").drawn
+        for i in range(60)
+    ]
+    section = section_of(DEBURRING)
+    assert section.placement is not None
+    ranges = dict(zip("xyz", zip(section.placement.lower, section.placement.upper, strict=True),
+                      strict=True))  # fmt: skip
+    ranges |= {"yaw_deg": (-180.0, 180.0), "tilt_deg": (0.0, 45.0), "tool_lead_deg": (-5.0, 5.0)}
+    for name, (low, high) in ranges.items():
+        values = np.array([d[name] for d in drawn])
+        assert low <= values.min() < low + 0.1 * (high - low)
+        assert high - 0.1 * (high - low) < values.max() <= high
+    assert {d["solver"] for d in drawn} == {"daqp", "proxqp", "osqp"}
+    gains = np.log([d["gain_qp_gradient"] for d in drawn])
+    assert np.log(0.005) <= gains.min() < gains.max() <= 0.0
+
+
+@pytest.mark.parametrize(("lead", "tilt"), [(0.1, 0.0), (0.0, 0.1), (-0.07, 0.12)])
+def test_the_tool_leans_against_the_path(lead: float, tilt: float) -> None:
+    found = leaned(DEBURRING, lead, tilt)
+    before = np.array([w.rotation().as_matrix()[:, 2] for w in DEBURRING.waypoints])
+    after = np.array([w.rotation().as_matrix()[:, 2] for w in found.waypoints])
+    np.testing.assert_array_equal(found.positions, DEBURRING.positions)
+    turned = np.arccos(np.clip((before * after).sum(axis=1), -1.0, 1.0))
+    np.testing.assert_allclose(turned, np.hypot(lead, tilt), atol=1e-7)
+    way = DEBURRING.positions[60] - DEBURRING.positions[40]  # along the first edge, about 50
+    left = np.cross(way, before[50])  # z points down into the part: seen from above, left of way
+    assert np.sign(after[50] @ way) == np.sign(lead)
+    if tilt:
+        assert np.sign(after[50] @ left) == np.sign(tilt)
+
+
+def test_robots_are_drawn_and_refused(tmp_path: Path) -> None:
+    scene = (ROOT / "scenes" / "planar_3r.xml").read_text("utf-8")
+    (tmp_path / "other.xml").write_text(scene.replace('model="', 'model="other_'), "utf-8")
+    (tmp_path / "six.xml").write_text((ROOT / "scenes" / "m16ib_deburring.xml").read_text())
+    robots = '[study.robot]\nscenes = ["planar_3r.xml", "{}"]\n\n[iteration]'
+    file = line_task(tmp_path, **{"[iteration]": robots.format("other.xml")})
+    drawn = {draw(qt.load_task(file), ["robot"], i, start="task").drawn["scene"] for i in range(12)}
+    assert drawn == {"planar_3r.xml", "other.xml"}
+    file = line_task(tmp_path, **{"[iteration]": robots.format("six.xml")})
+    with pytest.raises(qt.InvalidInput, match=r"six\.xml has the joints joint_1, joint_2"):
+        qt.study(file, ["robot"], 2, METHODS, out=tmp_path / "out")
+
+
+# ---------------------------------------------------------------- where it starts
+
+
+def test_no_random_start_has_less_z_than_the_least() -> None:
+    for index in range(2):
+        task = draw(DEBURRING, ["placement"], index, start="task").path_task
+        start = least_z_start(task)
+        assert start is not None
+        ranges = qt.JointRanges.of(task.model)
+        assert ((start >= ranges.lower) & (start <= ranges.upper)).all()
+        trajectory = qt.follow(
+            dataclasses.replace(task, start=start), "minimum_norm", stop=lambda *_: True
+        )
+        np.testing.assert_allclose(trajectory.q[0], start, atol=1e-4)  # on the waypoint
+        rng = np.random.default_rng(index)
+        others = [random_start(task, rng) for _ in range(8)]
+        z = [float(ranges.centring(q)) for q in others if q is not None]
+        assert len(z) == 8
+        assert ranges.centring(start) < min(z) + 1e-9
+
+
+def test_random_starts_are_inside_and_differ() -> None:
+    rng = np.random.default_rng(1)
+    ranges = qt.JointRanges.of(DEBURRING.model)
+    starts = [random_start(DEBURRING, rng) for _ in range(10)]
+    found = np.array([q for q in starts if q is not None])
+    assert len(found) == 10
+    assert ((found >= ranges.lower) & (found <= ranges.upper)).all()
+    assert np.ptp(found, axis=0).min() > 0.5
+
+
+def test_the_least_mean_z_is_below_what_methods_reach(planar: qt.Comparison) -> None:
+    least = least_mean_z(planar.path_task, range(101))
+    reached = [t.z.mean() for t in planar.trajectories.values() if t.margins.min() >= 0.0]
+    assert least <= min(reached) + 1e-9
+    assert least == pytest.approx(0.0522, abs=1e-4)  # the pointwise minimum that is known
+
+
+def test_methods_that_fix_the_roll_start_with_its_rule() -> None:
+    names = ["rmr", "rmr_flipped", "qp_gradient"]
+    sample = draw(DEBURRING, ["placement"], 0, methods=names)
+    ranges = qt.JointRanges.of(DEBURRING.model)
+    for name in names:
+        task = sample.path_task
+        run = qt.follow(task, name, iterations=1, stop=lambda *_: True)
+        expected = task.starts.get(name, task.start)
+        np.testing.assert_allclose(run.q[0], expected, atol=1e-6)  # nothing had to be corrected
+        assert ((run.q[0] >= ranges.lower) & (run.q[0] <= ranges.upper)).all()
+    assert set(sample.path_task.starts) == {"rmr", "rmr_flipped"}
+
+
+# ---------------------------------------------------------------- what is judged
+
+
+@pytest.fixture(scope="module")
+def good(planar: qt.Comparison) -> qt.Trajectory:
+    return planar.trajectories["qp_gradient"]
+
+
+def judged(trajectory: qt.Trajectory, **changed: Any) -> tuple[str, str, int] | None:
+    task = trajectory.path_task
+    fault = Judge(task, section_of(task)).fault(dataclasses.replace(trajectory, **changed))
+    return None if fault is None else (fault.kind, fault.joint, fault.waypoint)
+
+
+def test_a_good_run_has_no_fault(good: qt.Trajectory) -> None:
+    assert judged(good) is None
+
+
+def test_every_fault_is_found_where_it_is(good: qt.Trajectory) -> None:
+    ranges = qt.JointRanges.of(good.path_task.model)
+    q = good.q.copy()
+    q[40:, 1] = ranges.upper[1] + 1e-6
+    assert judged(good, q=q) == ("limit", "joint_2", 41)
+    q = good.q.copy()
+    q[30:, 2] += np.radians(16.0)
+    assert judged(good, q=q) == ("jump", "joint_3", 31)
+    error = good.position_error.copy()
+    error[50] = 2e-4
+    assert judged(good, position_error=error) == ("error", "", 51)
+    q = good.q.copy()
+    q[20:, 0] = ranges.lower[0]
+    q[20:, 0] += 1e-6
+    error[20] = 2e-4
+    steps = np.abs(np.diff(q[:, 0])).max()
+    if steps < np.radians(15.0):
+        assert judged(good, q=q, position_error=error) == ("held", "joint_1", 21)
+    excess = np.zeros(len(good.q))
+    excess[7] = 1e-3
+    assert judged(good, band_excess=excess) == ("band", "", 8)
+    q = good.q.copy()
+    q[60] = np.nan
+    assert judged(good, q=q) == ("diverged", "", 61)
+    assert judged(good, failure="no step at waypoint 12") == ("no step", "", 101)
+
+
+# ---------------------------------------------------------------- what is stored
+
+
+def row(sample: int, method: str = "qp") -> dict[str, Any]:
+    values = {"int64": 1, "int32": None, "float64": 0.5, "string": "x", "bool": True}
+    return {name: values[kind] for name, kind in BASE.items()} | {
+        "sample": sample, "method": method, "x": float(sample),
+    }  # fmt: skip
+
+
+@given(st.lists(st.lists(st.integers(0, 99), max_size=5), max_size=6), st.booleans())
+@settings(max_examples=25, deadline=None)
+def test_rows_come_back_once_and_in_order(
+    tmp_path_factory: pytest.TempPathFactory, parts: list[list[int]], compact: bool
+) -> None:
+    folder = tmp_path_factory.mktemp("store")
+    store = Store(folder, {"x": "float64"})
+    for part in parts:  # a sample may come again after a crash
+        for sample in part:
+            if sample not in part[: part.index(sample)]:
+                store.add([row(sample, "a"), row(sample, "b")])
+        store.flush()
+        if compact:
+            store.compact()
+    samples = sorted({sample for part in parts for sample in part})
+    if any(part.count(sample) > 1 for part in parts for sample in part):
+        return
+    fresh = Store(folder, {"x": "float64"})
+    with fresh.alone():
+        pass
+    assert fresh.samples() == set(samples)
+    rows = fresh.table().to_pylist()
+    assert [(r["sample"], r["method"]) for r in rows] == [(s, m) for s in samples for m in "ab"]
+    assert all(r["x"] == r["sample"] for r in rows)
+    with fresh.alone():
+        file = fresh.compact()
+    assert Store(folder, {"x": "float64"}).table().to_pylist() == rows
+    assert not (folder / "parts").exists()
+    assert [path.name for path in folder.iterdir()] == [file.name]
+
+
+def test_a_file_that_is_no_parquet_or_of_another_study_is_refused(tmp_path: Path) -> None:
+    store = Store(tmp_path, {"x": "float64"})
+    store.add([row(0)])
+    store.compact()
+    with pytest.raises(qt.InvalidInput, match="other columns than this study"):
+        Store(tmp_path, {"y": "float64"}).table()
+    (tmp_path / "results.parquet").write_bytes(b"PAR1 not really")
+    with pytest.raises(qt.InvalidInput, match="cannot be read"):
+        Store(tmp_path, {"x": "float64"}).table()
+
+
+# ---------------------------------------------------------------- who does it
+
+
+@dataclasses.dataclass(frozen=True)
+class Dying:
+    """A job whose process dies in sample 3 the first time, in sample 11 always."""
+
+    folder: Path
+
+    def __call__(self, index: int) -> list[dict[str, Any]]:
+        mark = self.folder / str(index)
+        if index == 11 or (index == 3 and not mark.exists()):
+            mark.touch()
+            os.kill(os.getpid(), signal.SIGKILL)
+        return [{"sample": index, "square": index**2}]
+
+    def failed(self, index: int, message: str) -> list[dict[str, Any]]:
+        return [{"sample": index, "square": None, "message": message}]
+
+
+class Slow(Dying):
+    """A job that takes a minute for all samples but the first."""
+
+    def __call__(self, index: int) -> list[dict[str, Any]]:
+        time.sleep(60.0 if index else 0.0)
+        return []
+
+
+def test_a_process_that_dies_costs_a_retry(tmp_path: Path) -> None:
+    rows = dict(each(Dying(tmp_path), range(20), jobs=2))
+    assert sorted(rows) == list(range(20))
+    for index, [found] in rows.items():
+        assert found["square"] == (None if index == 11 else index**2)
+    assert "process died" in rows[11][0]["message"]
+    assert (tmp_path / "3").exists()
+
+
+def test_those_who_stop_listening_do_not_wait(tmp_path: Path) -> None:
+    found = each(Slow(tmp_path), range(5), jobs=1)
+    next(found)
+    began = time.monotonic()
+    found.close()
+    assert time.monotonic() - began < 30.0
+
+
+# ---------------------------------------------------------------- the whole
+
+
+def test_a_study_has_a_row_for_every_sample_and_method(twelve: qt.Study) -> None:
+    rows = content(twelve)
+    assert [(r["sample"], r["method"]) for r in rows] == [
+        (s, m) for s in range(12) for m in METHODS
+    ]
+    for r in rows:
+        assert r["success"] == (r["fault"] == "")
+        assert (r["waypoint"] is None) == r["success"]
+        assert r["feasible"] in (True, None)
+        assert r["message"] == "" or r["fault"] in ("start", "raised", "no step")
+    assert any(r["success"] for r in rows)
+    assert any(not r["success"] for r in rows)
+    # Against a run made by itself and judged by hand.
+    done = next(r for r in rows if r["success"] and r["method"] == "qp_gradient")
+    run = qt.follow(twelve.sample(done["sample"]).path_task, "qp_gradient")
+    assert run.z.mean() == pytest.approx(done["mean_z"], rel=1e-9)
+    assert run.margins.min() == pytest.approx(done["min_margin"], rel=1e-9)
+    assert done["z_over_least"] >= 1.0 - 1e-9
+
+
+def test_a_study_that_was_stopped_goes_on_and_grows(twelve: qt.Study, tmp_path: Path) -> None:
+    task = line_task(tmp_path)
+    arguments: dict[str, Any] = {"out": tmp_path / "out", "jobs": 2, "certify": False}
+
+    def interrupt(done: int) -> None:
+        if done == 3:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        qt.study(task, ["placement"], 8, METHODS, progress=interrupt, **arguments)
+    stopped = qt.Study.open(tmp_path / "out")
+    assert len(stopped.missing()) == 5
+    assert "3 of 8 samples" in stopped.title
+    counted: list[int] = []
+    qt.study(task, ["placement"], 8, METHODS, progress=counted.append, **arguments)
+    assert counted == [4, 5, 6, 7, 8]
+    grown = qt.study(task, ["placement"], 12, METHODS, **arguments)
+    assert content(grown) == content(twelve)
+
+
+def test_a_study_is_not_mixed_with_another(twelve: qt.Study, tmp_path: Path) -> None:
+    task = twelve.folder.parent / "line.toml"
+    out = twelve.folder
+    with pytest.raises(qt.InvalidInput, match="holds a study with seed = 0, not 1"):
+        qt.study(task, ["placement"], 12, METHODS, out=out, seed=1, certify=False)
+    with pytest.raises(qt.InvalidInput, match="holds a study with methods"):
+        qt.study(task, ["placement"], 12, ["qp"], out=out, certify=False)
+    with pytest.raises(qt.InvalidInput, match="has 12 samples already; ask for at least as many"):
+        qt.study(task, ["placement"], 5, METHODS, out=out, certify=False)
+    changed = line_task(tmp_path, **{"gain = 1.0": "gain = 0.5"})
+    with pytest.raises(qt.InvalidInput, match="as it was then"):
+        qt.Study.open(out, qt.load_task(changed))
+    with pytest.raises(qt.InvalidInput, match="holds no study"):
+        qt.Study.open(tmp_path)
+    with pytest.raises(qt.InvalidInput, match="holds something else"):
+        qt.study(task, ["placement"], 5, METHODS, out=tmp_path)
+    with pytest.raises(qt.InvalidInput, match="samples 0 to 11; got 12"):
+        twelve.sample(12)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        ({"vary": ["colour"]}, "cannot vary 'colour'. What can be varied: robot, placement"),
+        ({"vary": ["tool"]}, r"add a table \[study.tool\]"),
+        ({"vary": "placement"}, "lists of names"),
+        ({"vary": []}, "vary is empty"),
+        ({"vary": None}, "lists of names"),
+        ({"vary": ["start"], "start": "best"}, "cannot vary and be 'best'"),
+        ({"samples": 0}, "samples: expected a number of at least 1"),
+        ({"samples": 2.5}, "samples: expected a whole number"),
+        ({"jobs": 0}, "jobs: expected"),
+        ({"seed": -1}, "seed: expected"),
+        ({"start": "here"}, "start: expected one of auto, task"),
+        ({"methods": ["magic"]}, "unknown method 'magic'"),
+        ({"methods": []}, "methods is empty"),
+        ({"solver": "magic"}, "magic"),
+    ],
+)
+def test_bad_arguments_are_refused_with_a_sentence(
+    tmp_path: Path, arguments: dict[str, Any], sentence: str
+) -> None:
+    given = {"vary": ["placement"], "samples": 2, "methods": METHODS, **arguments}
+    with pytest.raises(qt.InvalidInput, match=sentence):
+        qt.study(line_task(tmp_path), out=tmp_path / "out", **given)
+
+
+def test_what_varies_nothing_is_refused(tmp_path: Path) -> None:
+    def refused(sentence: str, vary: str, new: str, methods: list[str] = METHODS) -> None:
+        file = line_task(tmp_path, **{"[iteration]": f"{new}\n\n[iteration]"})
+        with pytest.raises(qt.InvalidInput, match=sentence):
+            qt.study(file, [vary], 2, methods, out=tmp_path / "out")
+        assert not (tmp_path / "out").exists()
+
+    refused("lead_deg and tilt_deg are zero", "tool", "[study.tool]")
+    refused("has no secondary", "gain", "[study.gain]\nminimum_norm = [0.1, 1.0]")
+    refused("gains vary for qp_gradient", "gain", "[study.gain]\nqp_gradient = [0.1, 1.0]", ["sns"])
+    refused(r"study.gain", "gain", "[study.gain]")
+    refused(r"lowest, highest", "tool", "[study.tool]\nlead_deg = [3, 2]")
+    file = line_task(tmp_path, **{"point = [0, 2, 0]": 'point = [0, 2, 0]\nbody = "nothing"'})
+    with pytest.raises(qt.InvalidInput, match="has no such body 'nothing'"):
+        qt.study(file, ["placement"], 2, METHODS, out=tmp_path / "out")
+
+
+def test_a_folder_that_cannot_be_used_is_refused(twelve: qt.Study, tmp_path: Path) -> None:
+    task = twelve.folder.parent / "line.toml"
+    (tmp_path / "file").touch()
+    for out in (tmp_path / "file", tmp_path / "file" / "below"):
+        with pytest.raises(qt.InvalidInput, match="no folder can be there"):
+            qt.study(task, ["placement"], 2, METHODS, out=out)
+    with (
+        twelve._store().alone(),
+        pytest.raises(qt.InvalidInput, match="another study is writing there"),
+    ):
+        qt.study(task, ["placement"], 12, METHODS, out=twelve.folder, certify=False)
+    broken = tmp_path / "broken"
+    broken.mkdir()
+    for text in ("{", "[]", '{"samples": "x"}'):
+        (broken / "study.json").write_text(text, "utf-8")
+        with pytest.raises(qt.InvalidInput, match=r"study\.json: cannot be read"):
+            qt.Study.open(broken)
+    for columns in (["nope"], "sample"):
+        with pytest.raises(qt.InvalidInput, match="expected a list of columns out of sample"):
+            twelve.table(columns)
+
+
+def test_what_cannot_begin_leaves_the_folder_as_it_was(twelve: qt.Study) -> None:
+    pytest.importorskip("distributed", reason="the extra `cluster`")
+    before = (twelve.folder / "study.json").read_bytes()
+    with pytest.raises(qt.InvalidInput, match="Start one by `dask scheduler`"):
+        qt.study(
+            twelve.folder.parent / "line.toml", ["placement"], 9999, METHODS, out=twelve.folder,
+            certify=False, scheduler="tcp://127.0.0.1:9",
+        )  # fmt: skip
+    assert (twelve.folder / "study.json").read_bytes() == before
+
+
+def test_another_robot_is_another_study(tmp_path: Path) -> None:
+    scene = (ROOT / "scenes" / "planar_3r.xml").read_text("utf-8")
+    other = tmp_path / "other.xml"
+    other.write_text(scene, "utf-8")
+    robots = '[study.robot]\nscenes = ["other.xml"]\n\n[iteration]'
+    task = line_task(tmp_path, **{"[iteration]": robots})
+    study = qt.study(task, ["robot"], 1, ["minimum_norm"], out=tmp_path / "out", certify=False)
+    assert study.missing() == []
+    range_ = scene.index('range="') + len('range="')
+    other.write_text(f"{scene[:range_]}-0.1 {scene[range_:].partition(' ')[2]}", "utf-8")
+    with pytest.raises(qt.InvalidInput, match="as it was then"):
+        qt.Study.open(tmp_path / "out")
+
+
+def test_a_sample_that_raises_is_a_row(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    task = qt.load_task(line_task(tmp_path))
+    broken = Job(task, ("placement",), 0, tuple(METHODS), "daqp", "auto", certify=False)
+    monkeypatch.setattr("qp_twist.studies.rows.draw", lambda *_, **__: 1 / 0)
+    for found in broken(5):
+        assert (found["sample"], found["fault"], found["success"]) == (5, "raised", False)
+        assert found["message"].startswith("ZeroDivisionError: division by zero (test_study.py")
+
+
+def test_what_is_infeasible_is_certified(tmp_path: Path) -> None:
+    far = {"lower = [-1.0, 1.0, 0.0]": "lower = [9.0, 9.0, 0.0]",
+           "upper = [1.0, 2.5, 0.0]": "upper = [9.0, 9.0, 0.0]"}  # fmt: skip
+    task = qt.load_task(line_task(tmp_path, **far))
+    methods = ("qp_gradient", "qp_planned")
+    job = Job(task, ("placement",), 0, methods, "daqp", "auto", certify=True)
+    for job_, fault in ((job, "start"), (dataclasses.replace(job, start="best"), "no plan")):
+        for found in job_(0):
+            assert found["fault"] == fault
+            assert found["feasible"] is False
+            assert "does not reach" in found["certificate"]
+
+
+def test_a_planned_method_follows_its_plan_from_the_best_start(tmp_path: Path) -> None:
+    methods = ("qp_gradient", "qp_planned")
+    task = qt.load_task(line_task(tmp_path))
+    job = Job(task, ("placement",), 0, methods, "daqp", "best", certify=False)
+    rows = [row for index in range(4) for row in job(index)]
+    feasible = {r["sample"] for r in rows if r["feasible"]}
+    assert 0 < len(feasible) < 4
+    for r in rows:
+        assert r["success"] == (r["sample"] in feasible) or r["method"] == "qp_gradient"
+        assert (r["fault"] == "no plan") == (r["sample"] not in feasible)
+
+
+def test_the_summary_counts_as_one_counts_by_hand(twelve: qt.Study) -> None:
+    rows = content(twelve)
+    for summary in twelve.summary():
+        mine = [r for r in rows if r["method"] == summary.method]
+        assert (summary.all.count, summary.all.of) == (sum(r["success"] for r in mine), 12)
+        assert any(r["feasible"] is None for r in mine)  # without certificates
+        assert (summary.feasible.of, summary.possible.of) == (0, 12)
+        faults = Counter(r["fault"] for r in mine if not r["success"])
+        assert {kind: sum(j.values()) for kind, j in summary.faults.items()} == dict(faults)
+        ratios = [r["z_over_least"] for r in mine if r["success"]]
+        assert summary.over_least == pytest.approx(np.median(ratios))
+
+
+@given(st.integers(1, 5000), st.floats(0.0, 1.0))
+@settings(max_examples=50)
+def test_intervals_are_wilsons(of: int, share: float) -> None:
+    count = round(of * share)
+    z, p = 1.959963984540054, count / of
+    middle = (p + z**2 / (2 * of)) / (1 + z**2 / of)
+    half = z / (1 + z**2 / of) * np.sqrt(p * (1 - p) / of + z**2 / (4 * of**2))
+    low, high = Rate(count, of).interval
+    assert low == pytest.approx(max(0.0, middle - half), abs=1e-9)
+    assert high == pytest.approx(min(1.0, middle + half), abs=1e-9)
+
+
+def test_nothing_at_all_can_be_summarised() -> None:
+    names = ("method", "success", "feasible", "fault", "joint", "waypoint", "z_over_least")
+    [summary] = summarise({name: [] for name in names}, ("qp",))
+    assert (summary.all.of, str(summary.all), summary.reasons) == (0, "–", "")
+    json.dumps(summary.to_dict(), allow_nan=False)
+
+
+def test_the_report_of_a_study(twelve: qt.Study) -> None:
+    written = [Path(path).name for path in twelve.report()]
+    assert written == ["summary.json", "summary.txt", "faults.png", "z.png", "maps.png"]
+    summary = json.loads((twelve.folder / "summary.json").read_text("utf-8"))
+    assert list(summary["methods"]) == METHODS
+    for name in written:
+        assert (twelve.folder / name).stat().st_size > 500
+
+
+# ---------------------------------------------------------------- the command
+
+
+def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    task, out = str(line_task(tmp_path)), str(tmp_path / "out")
+    main(["study", task, "--samples", "3", "--methods", "qp_gradient", "--no-certify",
+          "--jobs", "1", "--out", out])  # fmt: skip
+    said = capsys.readouterr().out
+    assert "line: 3 samples, seed 0, varied: placement" in said
+    assert "qp_gradient" in said
+    assert f"wrote {tmp_path / 'out' / 'results.parquet'}" in said
+    main(["compare", task, "--sample", "1", "--from", out, "--out", str(tmp_path / "one")])
+    said = capsys.readouterr().out
+    assert said.startswith("sample 1: x ")
+    comparison = json.loads((tmp_path / "one" / "comparison.json").read_text("utf-8"))
+    assert comparison["task"] == "line_1"
+    assert list(comparison["methods"]) == ["qp_gradient"]
+    for arguments, sentence in (
+        (["--sample", "1"], "--sample N and --from DIR belong together"),
+        (["--sample", "7", "--from", out], "samples 0 to 2; got 7"),
+        (["--sample", "1", "--from", str(tmp_path)], "holds no study"),
+    ):
+        with pytest.raises(SystemExit) as stopped:
+            main(["compare", task, *arguments])
+        assert stopped.value.code == 2
+        assert sentence in capsys.readouterr().err
+
+
+# ---------------------------------------------------------------- a cluster
+
+
+@pytest.fixture
+def cluster() -> Iterator[Any]:
+    """A scheduler and two workers, each a process of its own on this machine."""
+    distributed = pytest.importorskip("distributed", reason="the extra `cluster`")
+    with distributed.LocalCluster(
+        n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None
+    ) as found:
+        yield found
+
+
+@pytest.mark.filterwarnings("default")
+def test_a_killed_worker_changes_nothing(cluster: Any, twelve: qt.Study, tmp_path: Path) -> None:
+    pids = {info["id"]: info["pid"] for info in _identities(cluster)}
+    assert len(pids) == 2
+    killed = []
+
+    def kill_one(done: int) -> None:
+        if done == 4:
+            killed.append(next(iter(pids.values())))
+            os.kill(killed[0], signal.SIGKILL)
+
+    study = qt.study(
+        line_task(tmp_path), ["placement"], 12, METHODS, out=tmp_path / "out", certify=False,
+        scheduler=cluster.scheduler_address, progress=kill_one,
+    )  # fmt: skip
+    assert killed
+    deadline = time.monotonic() + 20.0
+    while Path(f"/proc/{killed[0]}").exists() and time.monotonic() < deadline:
+        time.sleep(0.1)
+    assert not Path(f"/proc/{killed[0]}").exists()
+    assert study.missing() == []
+    assert content(study) == content(twelve)
+
+
+def _identities(cluster: Any) -> list[dict[str, Any]]:
+    from distributed import Client
+
+    with Client(cluster) as client:
+        pids = client.run(os.getpid)
+    return [{"id": address, "pid": pid} for address, pid in pids.items()]

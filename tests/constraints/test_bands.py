@@ -1,0 +1,799 @@
+"""Tolerance bands: exact gradients, containment to second order, recovery, refusals, task files."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from pathlib import Path
+
+import mink
+import numpy as np
+import numpy.typing as npt
+import pytest
+import qpsolvers
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from oracles.arms import random_arm, random_configuration, random_direction, random_rotation
+from scipy.spatial.transform import Rotation
+
+import qp_twist as qt
+from qp_twist.checks import Array
+from qp_twist.comparison import metrics
+from qp_twist.kinematics import FramePair, frame_pose
+from qp_twist.kinematics.cone_band import FACES
+from qp_twist.limits import gather_limits
+from qp_twist.path import shipped_folder
+
+X, Y, Z = np.eye(3)
+FREE = qt.TwistProjector(linear=qt.Projector.none(), angular=qt.Projector.none())
+ROLL_FREE = qt.TwistProjector(
+    linear=qt.Projector.full(), angular=qt.Projector.plane(Z), frame="body"
+)
+FULL = qt.TwistProjector(linear=qt.Projector.full(), angular=qt.Projector.full())
+seeds = st.integers(0, 2**32 - 1)
+
+
+def turn(vector: npt.ArrayLike) -> Array:
+    """Rotation matrix of a rotation vector, from scipy."""
+    return Rotation.from_rotvec(vector).as_matrix()
+
+
+def pose(rotation: Array, position: Array) -> mink.SE3:
+    return mink.SE3.from_rotation_and_translation(
+        mink.SO3.from_matrix(np.ascontiguousarray(rotation)), position
+    )
+
+
+def moved(pair: FramePair, body: Array, dt: float) -> FramePair:
+    """Where a frame and its target are after their twists have acted for a time."""
+    return FramePair(
+        turn(dt * body[3:]) @ pair.rotation,
+        pair.position + dt * body[:3],
+        turn(dt * pair.target_twist[3:]) @ pair.target_rotation,
+        pair.target_position + dt * pair.target_twist[:3],
+        pair.target_twist,
+    )
+
+
+def axes(pair: FramePair, frame: str) -> Array:
+    return {"body": pair.rotation, "target": pair.target_rotation, "world": np.eye(3)}[frame]
+
+
+def roll(pair: FramePair, axis: Array, frame: str) -> float:
+    """The rotation about the axis that is nearest to E, by the traces: no quaternion."""
+    E = pair.rotation @ pair.target_rotation.T
+    a = axes(pair, frame) @ axis
+    w = np.array([E[2, 1] - E[1, 2], E[0, 2] - E[2, 0], E[1, 0] - E[0, 1]])
+    return math.atan2(a @ w, np.trace(E) - a @ E @ a)
+
+
+def plane_vector(pair: FramePair, axis: Array, reference: Array, frame: str) -> Array:
+    """x = θ e seen from what the reference is fixed to: its component along it is zero."""
+    u = axes(pair, frame).T @ pair.rotation @ axis
+    across = u - (u @ reference) * reference
+    angle = math.atan2(np.linalg.norm(across), u @ reference)
+    return angle * across / np.linalg.norm(across)
+
+
+def random_pair(rng: np.random.Generator, *, apart: float = 1.0) -> FramePair:
+    target = random_rotation(rng)
+    offset = apart * rng.uniform(0.1, 1.0) * random_direction(rng)
+    position = rng.normal(size=3)
+    return FramePair(
+        turn(offset) @ target, position + rng.normal(size=3), target, position, rng.normal(size=6)
+    )
+
+
+def rates(band: qt.ToleranceBand, pair: FramePair, body: Array, rooms: Array) -> Array:
+    """What a band's rows say of the rates of its values: row · twist less what is no room."""
+    rows, bounds = band.half_spaces(pair, 1.0, FREE)
+    return rows @ body - bounds + rooms
+
+
+# ---------------------------------------------------------------------------------- gradients
+
+
+@pytest.mark.parametrize("frame", ["body", "target", "world"])
+@settings(max_examples=40)
+@given(seed=seeds)
+def test_the_gradient_of_the_roll(frame: str, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    pair, a, body = random_pair(rng, apart=2.0), random_direction(rng), rng.normal(size=6)
+    value = roll(pair, a, frame)
+    band = qt.RollBand(a, value - 0.3, value + 0.2, frame=frame)
+    found = rates(band, pair, body, np.array([0.3, 0.2]))
+    before, after = (roll(moved(pair, body, h), a, frame) for h in (-1e-6, 1e-6))
+    rate = math.remainder(after - before, 2 * math.pi) / 2e-6
+    assert found == pytest.approx([-rate, rate], rel=1e-6, abs=1e-6)
+
+
+@pytest.mark.parametrize("frame", ["target", "world"])
+@settings(max_examples=40)
+@given(seed=seeds)
+def test_the_gradients_of_the_cone(frame: str, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    pair, a, body = random_pair(rng), random_direction(rng), rng.normal(size=6)
+    towards = axes(pair, frame).T @ pair.rotation @ a
+    n = turn(rng.uniform(0.05, 1.4) * random_direction(rng)) @ towards
+    x = plane_vector(pair, a, n, frame)
+    angle = float(np.linalg.norm(x))
+    upper, lower = rng.uniform(angle, 1.5), 0.5 * angle
+    band = qt.ConeBand(a, n, upper, lower, frame=frame)
+    around = 2 * math.pi / FACES * np.arange(FACES)
+    rooms = np.append(upper - angle * np.cos(around), angle - lower)
+    found = rates(band, pair, body, rooms)
+    before, after = (plane_vector(moved(pair, body, h), a, n, frame) for h in (-1e-6, 1e-6))
+    rate, e = (after - before) / 2e-6, x / angle
+    expected = np.cos(around) * (rate @ e) + np.sin(around) * (rate @ np.cross(n, e))
+    assert found == pytest.approx(np.append(expected, -rate @ e), rel=1e-5, abs=1e-6)
+
+
+@pytest.mark.parametrize("frame", ["body", "target", "world"])
+@settings(max_examples=40)
+@given(seed=seeds)
+def test_the_gradient_of_the_slab(frame: str, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    pair, n, body = random_pair(rng), random_direction(rng), rng.normal(size=6)
+
+    def distance(pair: FramePair) -> float:
+        return float(axes(pair, frame) @ n @ (pair.position - pair.target_position))
+
+    value = distance(pair)
+    band = qt.SlabBand(n, value - 0.3, value + 0.2, frame=frame)
+    found = rates(band, pair, body, np.array([0.3, 0.2]))
+    rate = (distance(moved(pair, body, 1e-6)) - distance(moved(pair, body, -1e-6))) / 2e-6
+    assert found == pytest.approx([-rate, rate], rel=1e-6, abs=1e-6)
+
+
+def test_a_box_is_its_three_slabs() -> None:
+    rng = np.random.default_rng(0)
+    pair = random_pair(rng)
+    low, high = np.array([-0.1, -0.2, -0.3]), np.array([0.3, 0.2, 0.1])
+    for frame in ("body", "target", "world"):
+        box = qt.BoxBand(low, high, frame=frame)
+        rows, bounds = box.half_spaces(pair, 0.1, FREE)
+        slabs = [
+            qt.SlabBand(e, a, b, frame=frame) for e, a, b in zip(np.eye(3), low, high, strict=True)
+        ]
+        parts = [slab.half_spaces(pair, 0.1, FREE) for slab in slabs]
+        np.testing.assert_allclose(rows, np.vstack([r for r, _ in parts]), atol=1e-14)
+        np.testing.assert_allclose(bounds, np.concatenate([b for _, b in parts]), rtol=1e-12)
+        assert box.excess(pair) == pytest.approx(max(slab.excess(pair) for slab in slabs))
+        assert box.excess(pair) > 0.0
+
+
+def test_the_rows_of_a_task_are_those_of_its_bands_on_the_jacobian() -> None:
+    """Rates of the value along random joint velocities of random arms, slides included."""
+    for seed in range(20):
+        rng = np.random.default_rng(seed)
+        model = random_arm(rng, 5, slides=True)
+        configuration = mink.Configuration(model, random_configuration(model, rng))
+        a = random_direction(rng)
+        task = qt.TwistTask("tool", "site", FREE, bands=[
+            qt.SlabBand(a, -5.0, -4.0, frame="body"), qt.RollBand(a, 3.0, 3.01, weight=2.0),
+        ])  # fmt: skip
+        task.set_target(pose(random_rotation(rng), rng.normal(size=3)))
+        velocity = rng.normal(size=5)
+        slab, rolling = task.band_rows(configuration, 0.01)
+        ends = []
+        for h in (-1e-6, 1e-6):
+            end = mink.Configuration(model, configuration.integrate(velocity, h))
+            ends.append(task.band_excess(end))
+        rate = (ends[1] - ends[0]) / 2e-6
+        # Both are outside: the slab above its range, where the excess grows with the value.
+        assert slab.rows[1] @ velocity == pytest.approx(rate[0], rel=1e-5, abs=1e-7)
+        assert abs(rolling.rows[1] @ velocity) == pytest.approx(abs(rate[1]), rel=1e-5, abs=1e-7)
+        assert slab.label == "slab band of TwistTask('tool', 'site')"
+        assert (slab.weight, rolling.weight) == (None, 2.0)
+
+
+# ---------------------------------------------------------------------------------- the polygon
+
+
+@pytest.mark.parametrize("upper_deg", [2.0, 5.0, 20.0])
+def test_a_cone_lets_everything_inside_through_and_its_polygon_by_two_percent(
+    upper_deg: float,
+) -> None:
+    """Brute force: finite rotations of an axis within the cone, in all directions."""
+    rng = np.random.default_rng(1)
+    upper = math.radians(upper_deg)
+    # A recovery that is not in the way: the axis always starts inside.
+    band = qt.ConeBand(Z, Z, upper)
+    single, polygon = [], []
+    for _ in range(200):
+        start = upper * math.sqrt(rng.uniform()) * np.append(random_direction(rng)[:2], 0.0)
+        pair = FramePair(turn(start), np.zeros(3), np.eye(3), np.zeros(3), np.zeros(6))
+        u = pair.rotation @ Z
+        rows, bounds = band.half_spaces(pair, 1.0, FREE)
+        omegas = np.cross(u, rng.normal(size=(200, 3)))
+        omegas *= 3.0 * upper * rng.uniform(size=(200, 1)) / np.linalg.norm(omegas, axis=1)[:, None]
+        ends = np.arccos(np.minimum(1.0, Rotation.from_rotvec(omegas).apply(u)[:, 2]))
+        held = omegas @ rows[:, 3:].T <= bounds
+        assert held[ends <= (0.98 - upper**2) * upper].all()
+        polygon.extend(ends[held.all(axis=1)])
+        single.extend(ends[held[:, 0]])
+    assert len(polygon) > 1000
+    # The sphere's curvature over the step adds a share of upper².
+    corner = upper / math.cos(math.pi / FACES)
+    assert max(polygon) <= corner * (1.0 + upper**2)
+    assert max(polygon) > 1.005 * upper
+    assert max(single) > 2.0 * upper
+
+
+def test_at_the_rim_a_sideways_motion_overshoots_by_its_square() -> None:
+    upper = math.radians(10.0)
+    band = qt.ConeBand(Z, Z, upper)
+    pair = FramePair(turn(upper * X), np.zeros(3), np.eye(3), np.zeros(3), np.zeros(6))
+    rows, bounds = band.half_spaces(pair, 1.0, FREE)
+    u = pair.rotation @ Z
+    for t in (0.02, 0.01, 0.005):
+        omega = t * np.cross(u, X)
+        assert (rows[:, 3:] @ omega <= bounds + 1e-12).all()
+        excess = band.excess(moved(pair, np.append(np.zeros(3), omega), 1.0))
+        assert excess == pytest.approx(t**2 / (2.0 * upper), rel=0.03)
+
+
+@settings(max_examples=40)
+@given(seed=seeds)
+def test_the_lower_end_of_a_cone_is_safe_sideways(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    lower = rng.uniform(0.1, 1.2)
+    start = rng.uniform(lower, 1.5)
+    band = qt.ConeBand(Z, Z, math.pi, lower)
+    pair = FramePair(turn(start * X), np.zeros(3), np.eye(3), np.zeros(3), np.zeros(6))
+    rows, bounds = band.half_spaces(pair, 1.0, FREE)
+    u = pair.rotation @ Z
+    omega = np.cross(u, random_direction(rng))
+    omega *= rng.uniform(0.0, 1.5) / np.linalg.norm(omega)
+    if (rows[:, 3:] @ omega <= bounds).all():
+        assert band.excess(moved(pair, np.append(np.zeros(3), omega), 1.0)) < 1e-9
+
+
+def test_a_cone_beyond_a_right_angle_is_the_one_about_the_opposite_direction() -> None:
+    rng = np.random.default_rng(2)
+    for _ in range(50):
+        pair, a, n = random_pair(rng), random_direction(rng), random_direction(rng)
+        ends = np.sort(rng.uniform(0.01, math.pi, size=2))
+        one = qt.ConeBand(a, n, ends[1], ends[0])
+        other = qt.ConeBand(a, -n, math.pi - ends[0], math.pi - ends[1])
+        rows = [np.column_stack(band.half_spaces(pair, 0.1, FREE)) for band in (one, other)]
+        rows = [block[np.lexsort(block.round(6).T)] for block in rows]
+        assert rows[0] == pytest.approx(rows[1], abs=1e-9)
+
+
+# ---------------------------------------------------------------------------------- containment
+
+HALF = math.radians(5.0)
+
+
+def solve(
+    task: qt.TwistTask, configuration: mink.Configuration, dt: float, desired: Array
+) -> Array:
+    """The velocity nearest to a desired one that holds the task and its bands."""
+    blocks = task.band_rows(configuration, dt)
+    A, b = task.velocity_rows(configuration, dt)
+    velocity = qpsolvers.solve_qp(
+        np.eye(len(desired)), -desired,
+        np.vstack([block.rows for block in blocks]),
+        np.concatenate([block.bounds for block in blocks]),
+        A if len(A) else None, b if len(b) else None, solver="daqp",
+    )  # fmt: skip
+    assert velocity is not None
+    return velocity
+
+
+def reach(configuration: mink.Configuration) -> float:
+    """No joint is further from the tool than this, in any posture."""
+    model = configuration.model
+    return float(np.linalg.norm(model.body_pos, axis=1).sum() + np.linalg.norm(model.site_pos[0]))
+
+
+def build(kind: str, axis: Array, e: Array) -> qt.ToleranceBand:
+    """A band with the frame on its edge when it stands on its target."""
+    aside = np.cross(axis, e) / np.linalg.norm(np.cross(axis, e))
+    if kind == "roll":
+        return qt.RollBand(axis, -0.5, 0.0)
+    if kind == "tilt":
+        return qt.ConeBand(axis, turn(HALF * aside) @ axis, HALF)
+    if kind == "lead":
+        return qt.ConeBand(axis, turn(0.35 * aside) @ axis, 0.7, 0.35)
+    return qt.SlabBand(axis, -0.1, 0.0, frame="body" if kind == "body slab" else "target")
+
+
+def bound(kind: str, configuration: mink.Configuration, angle: float) -> float:
+    """What docs/equations.md says of a step in which the hinges turn by ``angle`` in all."""
+    lengths = reach(configuration)
+    return angle**2 * {
+        "roll": 0.5 / math.cos(0.5 * angle) ** 2,
+        "tilt": min(0.5 / math.tan(HALF), 0.02 * HALF / angle**2) + 2.1,
+        "lead": 0.5,
+        "slab": 0.5 * lengths,
+        "body slab": 1.5 * lengths + 0.75 * angle * lengths,
+    }[kind]  # fmt: skip
+
+
+KINDS = ("roll", "tilt", "lead", "slab", "body slab")
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_step_from_the_edge_overshoots_to_second_order(kind: str) -> None:
+    ratios = []
+    for seed in range(25):
+        rng = np.random.default_rng(seed)
+        model = random_arm(rng, 7, limited=False)
+        configuration = mink.Configuration(model, random_configuration(model, rng))
+        band = build(kind, random_direction(rng), random_direction(rng))
+        task = qt.TwistTask("tool", "site", FREE, bands=[band])
+        task.set_target_from_configuration(configuration)
+        desired = rng.normal(size=7)
+        excess = []
+        for dt in (0.1, 0.004, 0.002):
+            velocity = solve(task, configuration, dt, desired)
+            end = mink.Configuration(model, configuration.integrate(velocity, dt))
+            excess.append(float(task.band_excess(end)[0]))
+            angle = dt * float(np.abs(velocity).sum())
+            assert excess[-1] <= bound(kind, configuration, angle) + 1e-12
+        if excess[1] > 1e-7:
+            ratios.append(excess[1] / excess[2])
+    assert len(ratios) >= 2
+    assert np.array(ratios) == pytest.approx(4.0, abs=0.5)
+
+
+def outwards(task: qt.TwistTask, configuration: mink.Configuration, dt: float) -> Array:
+    """A unit joint velocity that leaves the band at its nearest end."""
+    [rows] = task.band_rows(configuration, dt)
+    row: Array = rows.rows[int(np.argmin(rows.bounds))]
+    return row / np.linalg.norm(row)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_overshoots_along_the_edge_do_not_add_up(kind: str) -> None:
+    ratios = []
+    for seed in range(1, 4):
+        rng = np.random.default_rng(seed)
+        model = random_arm(rng, 7, limited=False)
+        home = random_configuration(model, rng)
+        band = build(kind, random_direction(rng), random_direction(rng))
+        desired = 0.5 * rng.normal(size=7)
+        mean = []
+        for dt in (0.01, 0.005):
+            configuration = mink.Configuration(model, home)
+            task = qt.TwistTask("tool", "site", FREE, bands=[band])
+            task.set_target_from_configuration(configuration)
+            excess = []
+            for _ in range(round(0.5 / dt)):
+                push = outwards(task, configuration, dt)
+                velocity = solve(task, configuration, dt, desired + push)
+                configuration.integrate_inplace(velocity, dt)
+                excess.append(float(task.band_excess(configuration)[0]))
+                angle = dt * float(np.abs(velocity).sum())
+                assert excess[-1] <= bound(kind, configuration, angle) + 1e-12
+            mean.append(np.mean(excess))
+        if mean[0] > 1e-8:
+            ratios.append(mean[0] / mean[1])
+    assert len(ratios) >= 1  # where the value's curvature points inwards it never leaves at all
+    assert np.array(ratios) == pytest.approx(4.0, abs=0.6)
+
+
+def test_a_band_beside_five_rows_moves_with_the_target() -> None:
+    """The rows of T stay equalities; without the target's twist the excess is of first order."""
+    rng = np.random.default_rng(4)
+    model = random_arm(rng, 7, limited=False)
+    home = random_configuration(model, rng)
+    twist = np.array([0.05, 0.1, -0.05, 0.3, -0.2, 0.4])
+    worst = []
+    for dt in (0.02, 0.01):
+        configuration = mink.Configuration(model, home)
+        rotation, position = frame_pose(configuration, "tool", "site")
+        task = qt.TwistTask("tool", "site", ROLL_FREE, bands=[qt.RollBand(Z, -0.1, 0.1)])
+        excess = []
+        for time in np.arange(0.0, 0.6, dt):
+            target = pose(turn(time * twist[3:]) @ rotation, position + time * twist[:3])
+            task.set_target(target, twist)
+            excess.append(float(task.band_excess(configuration)[0]))
+            A, b = task.velocity_rows(configuration, dt)
+            push = outwards(task, configuration, dt)
+            velocity = solve(task, configuration, dt, 2.0 * push)
+            assert A @ velocity == pytest.approx(b, abs=1e-8)
+            configuration.integrate_inplace(velocity, dt)
+        worst.append(max(excess))
+    assert 1e-7 < worst[0] < 1e-3
+    assert worst[0] / worst[1] == pytest.approx(4.0, abs=1.0)
+
+
+# ---------------------------------------------------------------------------------- outside
+
+
+@pytest.mark.parametrize(
+    ("band", "start", "speed"),
+    [
+        (qt.RollBand(Z, -0.1, 0.1), turn(0.6 * Z), 0.5),
+        (qt.RollBand(Z, -0.1, 0.1, recovery_speed=0.2), turn(-0.6 * Z), 0.2),
+        (qt.ConeBand(Z, Z, 0.2), turn(0.8 * X), 0.5),
+        (qt.ConeBand(Z, Z, 0.2), turn(2.0 * X), 0.5),
+        (qt.ConeBand(Z, Z, 0.9, 0.6, recovery_speed=0.3), turn(0.1 * Y), 0.3),
+        (qt.ConeBand(Z, Z, 0.9, 0.6), np.eye(3), 0.5),
+    ],
+    ids=["roll", "roll below", "tilt", "tilt beyond 90°", "lead", "lead at 0"],
+)
+def test_outside_it_comes_back_at_the_recovery_speed_and_no_faster(
+    band: qt.ToleranceBand, start: Array, speed: float
+) -> None:
+    pair = FramePair(start, np.zeros(3), np.eye(3), np.zeros(3), np.zeros(6))
+    dt, excess = 0.1, [band.excess(FramePair(start, *pair[1:]))]
+    for _ in range(40):
+        rows, bounds = band.half_spaces(pair, dt, FREE)
+        # Least motion that the rows allow, turned by exactly that.
+        omega = qpsolvers.solve_qp(np.eye(3), np.zeros(3), rows[:, 3:], bounds, solver="daqp")
+        assert omega is not None
+        assert np.linalg.norm(omega) <= speed * (1.0 + 1e-6)
+        pair = moved(pair, np.append(np.zeros(3), omega), dt)
+        excess.append(band.excess(pair))
+    expected = np.maximum(excess[0] - speed * dt * np.arange(41), 0.0)
+    assert excess == pytest.approx(expected, abs=1e-6)
+    assert excess[0] > 0.3
+
+
+def test_a_slab_comes_back_at_its_speed_and_lands_on_its_edge() -> None:
+    band = qt.SlabBand(Z, -0.001, 0.001)
+    for height, room in ((0.05, -0.1), (0.002, -0.01)):
+        pair = FramePair(np.eye(3), height * Z, np.eye(3), np.zeros(3), np.zeros(6))
+        _, bounds = band.half_spaces(pair, 0.1, FREE)
+        assert bounds[1] == pytest.approx(room)
+        assert bounds[0] == pytest.approx((height + 0.001) / 0.1)
+
+
+def test_a_roll_band_may_lie_across_the_half_turn() -> None:
+    band = qt.RollBand(Z, math.radians(150.0), math.radians(210.0))
+    for degrees, expected in ((180, 0), (-170, 0), (155, 0), (-140, 10), (140, 10), (0, 150)):
+        pair = FramePair(turn(math.radians(degrees) * Z), X, np.eye(3), X, np.zeros(6))
+        assert math.degrees(band.excess(pair)) == pytest.approx(expected, abs=1e-9)
+
+
+def test_where_the_axis_points_backwards_there_is_no_roll_and_no_row() -> None:
+    pair = FramePair(turn(math.pi * X), X, np.eye(3), X, np.zeros(6))
+    rows, bounds = qt.RollBand(Z, -0.1, 0.1).half_spaces(pair, 0.1, FREE)
+    assert rows.shape == (0, 6)
+    assert bounds.shape == (0,)
+
+
+def test_an_axis_opposite_to_its_reference_is_no_number_less() -> None:
+    pair = FramePair(turn(math.pi * X), X, np.eye(3), X, np.zeros(6))
+    rows, bounds = qt.ConeBand(Z, Z, 0.1).half_spaces(pair, 0.1, FREE)
+    assert np.isfinite(rows).all()
+    assert bounds == pytest.approx([-0.5])
+    # The whole range of angles holds everything: no rows, also at its ends.
+    assert qt.ConeBand(Z, Z, math.pi).half_spaces(pair, 0.1, FREE)[0].shape == (0, 6)
+
+
+# ---------------------------------------------------------------------------------- beside mink
+
+
+def test_minks_own_solver_keeps_the_band() -> None:
+    """A mink task pulls the tool over; the limit holds its tilt and its height."""
+    rng = np.random.default_rng(5)
+    model = random_arm(rng, 7, limited=False)
+    home = random_configuration(model, rng)
+    tilts, heights = [], []
+    for banded in (False, True):
+        configuration = mink.Configuration(model, home)
+        rotation, position = frame_pose(configuration, "tool", "site")
+        task = qt.TwistTask("tool", "site", FREE, bands=[
+            qt.ConeBand(Z, rotation @ Z, math.radians(5.0), frame="world"),
+            qt.SlabBand(Z, -0.01, 0.01, frame="world"),
+            qt.RollBand(Z, -1e-6, 1e-6, weight=1.0),  # soft: mink cannot take it
+        ])  # fmt: skip
+        task.set_target_from_configuration(configuration)
+        pull = mink.FrameTask("tool", "site", position_cost=1.0, orientation_cost=1.0, gain=0.1)
+        pull.set_target(pose(turn(0.8 * random_direction(rng)) @ rotation, position + 0.2 * Z))
+        limits: list[mink.Limit] = [qt.BandLimit(task)] if banded else []
+        for _ in range(100):
+            velocity = mink.solve_ik(configuration, [pull], 0.02, "daqp", 1e-6, limits=limits)
+            configuration.integrate_inplace(velocity, 0.02)
+            tilt, height, _ = task.band_excess(configuration)
+            tilts.append(tilt)
+            heights.append(height)
+    assert min(max(tilts[:100]), max(heights[:100])) > 0.1
+    assert max(tilts[100:]) < math.radians(0.3)
+    assert max(heights[100:]) < 1e-3
+
+
+def test_gathered_rows_are_called_band() -> None:
+    path_task = qt.load_task("deburring")
+    configuration = mink.Configuration(path_task.model, path_task.start)
+    task = qt.TwistTask("tool", "site", FREE, bands=[qt.ConeBand(Z, Z, 0.1)])
+    task.set_target(path_task.waypoints[0])
+    gathered = gather_limits([qt.BandLimit(task)], configuration, 0.1)
+    assert len(gathered.rows) == 16
+    assert gathered.sources[0].names[0] == ("TwistTask('tool', 'site') band row 0", "band")
+    [rows] = task.band_rows(configuration, 0.1)
+    assert gathered.rows == pytest.approx(rows.rows)
+    assert gathered.bounds == pytest.approx(rows.bounds)
+
+
+# ---------------------------------------------------------------------------------- what T fixes
+
+
+@pytest.mark.parametrize(
+    ("bands", "projector", "kept"),
+    [
+        ([qt.RollBand(Z, -0.1, 0.1)], FULL, 0),
+        ([qt.RollBand(Z, 6.0, 2 * math.pi)], FULL, 0),  # a whole turn is none
+        ([qt.RollBand(Z, -0.1, 0.1)], ROLL_FREE, 1),
+        ([qt.RollBand(X, -0.1, 0.1)], ROLL_FREE, 0),
+        ([qt.RollBand(X, -0.1, 0.1, frame="world")], ROLL_FREE, 1),
+        ([qt.ConeBand(Z, X, 1.6, 1.5)], ROLL_FREE, 0),
+        ([qt.ConeBand(X, Z, 1.6, 1.5)], ROLL_FREE, 0),
+        ([qt.ConeBand(X, X, 0.5)], ROLL_FREE, 1),
+        ([qt.SlabBand(X, -0.1, 0.1)], FULL, 0),
+        ([qt.BoxBand(-X - Y - Z, X + Y + Z)], FULL, 0),
+        ([qt.BoxBand(-X - Y - Z, X + Y + Z)], FREE, 1),
+    ],
+)
+def test_a_band_has_rows_where_the_projector_leaves_it_free(
+    bands: list[qt.ToleranceBand], projector: qt.TwistProjector, kept: int
+) -> None:
+    rng = np.random.default_rng(6)
+    configuration = mink.Configuration(random_arm(rng, 6))
+    task = qt.TwistTask("tool", "site", projector, bands=bands)
+    task.set_target(pose(random_rotation(rng), X))
+    rows = task.band_rows(configuration, 0.1)
+    assert len(rows) == kept
+    assert task.band_excess(configuration).shape == (1,)
+
+
+@pytest.mark.parametrize(
+    ("band", "projector", "says"),
+    [
+        (qt.RollBand(Z, 0.1, 0.2), FULL, "holds the roll about this axis at 0"),
+        (qt.RollBand(Z, math.radians(350), 2 * math.pi - 0.01), FULL, "the roll"),
+        (qt.RollBand(X, 0.1, 0.2), ROLL_FREE, "holds the roll"),
+        (qt.ConeBand(Z, X, 0.5), ROLL_FREE, "holds the angle at 90°"),
+        (qt.ConeBand(X, Y, 0.5), FULL, "holds the angle at 90°"),
+        (qt.SlabBand(X, 0.1, 0.2), ROLL_FREE, r"along \[1.0, 0.0, 0.0\] at 0"),
+        (qt.BoxBand([-1, 0.1, -1], [1, 1, 1]), FULL, r"along \[0.0, 1.0, 0.0\] at 0"),
+    ],
+)
+def test_a_band_that_contradicts_the_projector_is_refused(
+    band: qt.ToleranceBand, projector: qt.TwistProjector, says: str
+) -> None:
+    with pytest.raises(qt.InvalidInput, match=f"contradicts the projector: it .*{says}"):
+        qt.TwistTask("tool", "site", projector, bands=[band])
+
+
+@settings(max_examples=40)
+@given(seed=seeds)
+def test_what_counts_as_fixed_is_fixed(seed: int) -> None:
+    """Anywhere on the motion that a projector leaves free, at zero task error."""
+    rng = np.random.default_rng(seed)
+    frame = rng.choice(["body", "target"])
+    e, a = random_direction(rng), random_direction(rng)
+    target = random_rotation(rng)
+    free = target @ turn(rng.uniform(-3.0, 3.0) * e)  # the body has rolled about e
+    pair = FramePair(free, X, target, X, np.zeros(6))
+    plane = qt.TwistProjector(
+        linear=qt.Projector.full(), angular=qt.Projector.plane(e), frame=frame
+    )
+    assert np.linalg.norm(qt.twist_error(*pair[:4], plane)) < 1e-9
+    across = np.cross(e, a) / np.linalg.norm(np.cross(e, a))
+    held = math.acos(e @ a)
+    for band in (
+        qt.RollBand(across, -1e-6, 1e-6),
+        qt.ConeBand(e, a, held + 1e-6, held - 1e-6),
+        qt.ConeBand(a, e, held + 1e-6, held - 1e-6),
+    ):
+        task = qt.TwistTask("tool", "site", plane, bands=[band])  # none of them contradicts
+        assert band.excess(pair) < 1e-9
+        assert band.half_spaces(pair, 0.1, task.projector)[0].shape == (0, 6)
+    # And what counts as free is free: the roll about e is anything.
+    assert len(qt.RollBand(e, 0.5, 1.0).half_spaces(pair, 0.1, plane)[0]) == 2
+
+
+# ---------------------------------------------------------------------------------- bad input
+
+JUNK = [None, "abc", float("nan"), float("inf"), [], [1, 2], {}, np.zeros(4), np.full(3, np.nan)]
+
+
+@pytest.mark.parametrize(
+    "build",
+    [
+        lambda x: qt.RollBand(x, -1.0, 1.0),
+        lambda x: qt.RollBand(Z, x, 1.0),
+        lambda x: qt.RollBand(Z, -1.0, x),
+        lambda x: qt.RollBand(Z, -1.0, 1.0, frame=x),
+        lambda x: qt.RollBand(Z, -1.0, 1.0, weight="heavy" if x is None else x),
+        lambda x: qt.RollBand(Z, -1.0, 1.0, recovery_speed=x),
+        lambda x: qt.ConeBand(x, Z, 0.1),
+        lambda x: qt.ConeBand(Z, x, 0.1),
+        lambda x: qt.ConeBand(Z, Z, x),
+        lambda x: qt.ConeBand(Z, Z, 0.1, x),
+        lambda x: qt.ConeBand(Z, Z, 0.1, frame=x),
+        lambda x: qt.SlabBand(x, -1.0, 1.0),
+        lambda x: qt.SlabBand(Z, x, 1.0),
+        lambda x: qt.SlabBand(Z, -1.0, 1.0, frame=x),
+        lambda x: qt.BoxBand(x, [1, 1, 1]),
+        lambda x: qt.BoxBand([-1, -1, -1], x),
+        qt.BandLimit,
+        lambda x: qt.TwistTask("tool", "site", FREE, bands=[x]),
+    ],
+)  # fmt: skip
+def test_junk_is_refused_with_a_sentence(build: object) -> None:
+    assert callable(build)
+    for junk in JUNK:
+        with pytest.raises(qt.InvalidInput) as caught:
+            build(junk)
+        assert 10 < len(str(caught.value)) < 300
+
+
+@pytest.mark.parametrize(
+    ("build", "says"),
+    [
+        (lambda: qt.RollBand(Z, 1.0, -1.0), "lower = 1 rad (57.2958°) is above upper = -1 rad"),
+        (lambda: qt.RollBand(Z, -180.0, 180.0), "in rad"),
+        (lambda: qt.RollBand(Z, -3.2, 3.2), "whole turn"),
+        (lambda: qt.ConeBand(Z, Z, 3.2), "at most 3.14159"),
+        (lambda: qt.ConeBand(Z, Z, 0.0), "above 0"),
+        (lambda: qt.ConeBand(Z, Z, 0.1, 0.2), "lower = 0.2 rad (11.4592°) is above"),
+        (lambda: qt.ConeBand(Z, Z, 0.1, frame="body"), "one of target, world"),
+        (lambda: qt.SlabBand(Z, 0.1, -0.1), "lower = 0.1 m is above"),
+        (lambda: qt.BoxBand([0, 0, 0], [1, -1, 1]), "above upper = -1 m"),
+        (lambda: qt.SlabBand(Z, 0.0, 0.1, weight=0.0), "weight=…): expected a number above 0"),
+        (lambda: qt.SlabBand(Z, 0.0, 0.1, weight=1e13), "at most 1e.12"),
+        (lambda: qt.TwistTask("tool", "site", FREE, bands=qt.SlabBand(Z, 0, 1)), "a list of bands"),
+        (lambda: qt.BandLimit(qt.TwistTask("tool", "site", FREE)), "no hard band"),
+    ],
+)  # fmt: skip
+def test_nonsense_is_named(build: object, says: str) -> None:
+    assert callable(build)
+    with pytest.raises(qt.InvalidInput, match=says.replace("(", r"\(").replace(")", r"\)")):
+        build()
+
+
+def test_bands_need_a_target() -> None:
+    task = qt.TwistTask("tool", "site", FREE, bands=[qt.SlabBand(Z, -0.1, 0.1)])
+    configuration = mink.Configuration(random_arm(np.random.default_rng(0), 3))
+    for call in (
+        lambda: task.band_rows(configuration, 0.1),
+        lambda: task.band_excess(configuration),
+    ):
+        with pytest.raises(mink.TargetNotSet):
+            call()
+
+
+# ---------------------------------------------------------------------------------- task files
+
+BANDS = """
+[[bands]]
+kind = "roll"
+axis = [0, 0, 2]
+lower_deg = -30
+upper_deg = 60.0
+
+[[bands]]
+kind = "cone"
+axis = [0, 0, 1]
+reference = [1, 0, 0]
+upper_deg = 120
+lower_deg = 60
+weight = 4.0
+
+[[bands]]
+kind = "slab"
+normal = [0, 1, 0]
+lower = -0.01
+upper = 0.02
+frame = "world"
+
+[[bands]]
+kind = "box"
+lower = [-0.1, -0.2, -0.3]
+upper = [0.1, 0.2, 0.3]
+frame = "body"
+"""
+
+
+def write(folder: Path, bands: str) -> Path:
+    """deburring.toml with bands, and nothing else changed."""
+    text = (shipped_folder("tasks") / "deburring.toml").read_text("utf-8")
+    path = folder / "banded.toml"
+    path.write_text(text + bands, encoding="utf-8")
+    return path
+
+
+def test_bands_of_a_task_file_are_those_of_the_task(tmp_path: Path) -> None:
+    roll, cone, slab, box = qt.load_task(write(tmp_path, BANDS)).bands
+    assert isinstance(roll, qt.RollBand)
+    assert roll.range == pytest.approx((-math.pi / 6, math.pi / 3))
+    assert roll.axis == pytest.approx(Z)
+    assert (roll.frame, roll.weight) == ("body", None)
+    assert isinstance(cone, qt.ConeBand)
+    assert cone.range == pytest.approx((math.pi / 3, 2 * math.pi / 3))
+    assert (cone.frame, cone.weight) == ("target", 4.0)
+    assert isinstance(slab, qt.SlabBand)
+    assert (slab.range, slab.frame) == ((-0.01, 0.02), "world")
+    assert isinstance(box, qt.BoxBand)
+    assert (box.upper.tolist(), box.slabs[1].frame) == ([0.1, 0.2, 0.3], "body")
+
+
+def test_the_bands_of_the_documentation_load(tmp_path: Path) -> None:
+    page = (Path(__file__).parents[2] / "docs" / "task_files.md").read_text("utf-8")
+    [bands] = [b.split("```")[0] for b in page.split("```toml\n")[1:] if b.startswith("[[bands]]")]
+    kinds = [band.kind for band in qt.load_task(write(tmp_path, bands)).bands]
+    assert kinds == ["roll", "cone", "slab"]
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "says"),
+    [
+        ("upper_deg = 60.0", "upper_deg = -60.0", r"\[0\]: RollBand: lower = .* \(-30°\) is above"),
+        ("upper_deg = 60.0", "upper_deg = 400.0", r"line LINE: bands\[0\].upper_deg: .* to 360"),
+        ("upper_deg = 120", "upper_deg = 190", r"line LINE: bands\[1\].upper_deg: .* to 180"),
+        ("weight = 4.0", "weight = 0.0", r"line LINE: bands\[1\].weight: .*greater than 0"),
+        ('kind = "slab"', 'kind = "plate"', r"line LINE: bands\[2\].kind: expected one of 'roll'"),
+        ("upper = 0.02", "uper = 0.02", r"line LINE: bands\[2\].uper: .*did you mean 'upper'"),
+        ("upper = 0.02", "upper = 0.02\naxis = [0, 0, 1]", r"bands\[2\].axis: unknown key here"),
+        ('frame = "body"', 'frame = "tool"', r"line LINE: bands\[3\].frame: .*'body' or 'target'"),
+        ("[0, 0, 2]", "[0, 0, 0]", r"bands\[0\]: RollBand\(axis=…\): .*no direction"),
+        ("[-0.1, -0.2, -0.3]", "[0.05, -0.2, -0.3]", r"bands: BoxBand.*contradicts the projector"),
+    ],
+)  # fmt: skip
+def test_a_mistake_in_a_band_is_named_with_its_place(
+    tmp_path: Path, old: str, new: str, says: str
+) -> None:
+    assert old in BANDS
+    path = write(tmp_path, BANDS.replace(old, new, 1))
+    lines = path.read_text("utf-8").splitlines()
+    line = max((i for i, text in enumerate(lines, start=1) if text == new), default=0)
+    with pytest.raises(qt.TaskFileError, match=says.replace("LINE", str(line))):
+        qt.load_task(path)
+
+
+def test_the_shipped_task_with_bands_loads_and_reaches_the_task() -> None:
+    path_task = qt.load_task("deburring_bands")
+    [band] = path_task.bands
+    assert repr(band) == "RollBand([0.0, 0.0, 1.0], -45°…45°, frame='body')"
+    comparison = qt.compare(path_task, ["rmr_flipped", "minimum_norm"])
+    numbers = comparison.to_dict()["methods"]
+    # The roll of rmr_flipped is opposite to the waypoint's own.
+    assert numbers["rmr_flipped"]["band_excess_max"] == pytest.approx(math.radians(135.0))
+    # A closed form knows no band; its excess is that of the roll, taken by another formula.
+    trajectory = comparison.trajectories["minimum_norm"]
+    rolls = []
+    for q, waypoint in zip(trajectory.q, path_task.waypoints, strict=True):
+        rotation, position = frame_pose(mink.Configuration(path_task.model, q), "tool", "site")
+        target = waypoint.rotation().as_matrix()
+        rolls.append(roll(FramePair(rotation, position, target, position, np.zeros(6)), Z, "body"))
+    outside = np.maximum(np.abs(rolls) - math.pi / 4, 0.0)
+    assert trajectory.band_excess == pytest.approx(outside, abs=1e-9)
+    assert outside.max() > 0.01
+    assert "outside a band at 3 waypoints, first at 25" in numbers["minimum_norm"]["status"]
+    table = comparison.table().splitlines()
+    assert "band" in table[2]
+    assert table[3].split()[-1] == "excess"
+    assert not any("…" in line for line in table)
+    unbanded = dataclasses.replace(trajectory, path_task=qt.load_task("deburring"))
+    assert numbers["minimum_norm"].keys() - metrics(unbanded).keys() == {"band_excess_max"}
+
+
+def test_the_shipped_band_can_be_kept() -> None:
+    """By a step of this test alone: the five rows, the ranges and the band, least motion."""
+    path_task = qt.load_task("deburring_bands")
+    configuration = mink.Configuration(path_task.model, path_task.start)
+    task = qt.TwistTask("tool", "site", path_task.projector, bands=path_task.bands)
+    lower, upper = path_task.model.jnt_range.T
+    excess, error = [], []
+    for waypoint in path_task.waypoints:
+        task.set_target(waypoint)
+        for _ in range(4):
+            A, b = task.velocity_rows(configuration, 1.0)
+            G, g, _, _ = task.band_rows(configuration, 1.0)[0]
+            dq = qpsolvers.solve_qp(
+                np.eye(6), np.zeros(6), G, g, A, b, lower - configuration.q,
+                upper - configuration.q, solver="daqp",
+            )  # fmt: skip
+            assert dq is not None
+            configuration.integrate_inplace(dq, 1.0)
+        excess.append(task.band_excess(configuration)[0])
+        error.append(np.abs(task.compute_error(configuration)).max())
+    assert max(excess) < 1e-6
+    assert max(error) < 1e-6

@@ -1,0 +1,683 @@
+"""``qt.solve_ik`` takes what ``mink.solve_ik`` takes, raises what it raises, and states the same.
+
+Each odd argument goes to both; where mink finds a velocity ours is the same one.
+"""
+
+from __future__ import annotations
+
+import gc
+import logging
+import weakref
+from collections.abc import Callable
+from fractions import Fraction
+from types import SimpleNamespace
+from typing import Any
+
+import mink
+import mujoco
+import numpy as np
+import pytest
+import qpsolvers
+from oracles import mink_problems
+
+import qp_twist as qt
+from qp_twist.controller.compiled_program import CompiledProgram
+from qp_twist.limits import StatedRows, range_of, speeds_of
+
+DT = 0.01
+SEED = 1
+
+
+class Case(SimpleNamespace):
+    """One configuration with its tasks, limit and constraint; whatever mink takes is made of it."""
+
+    def __init__(self) -> None:
+        c, rng = mink_problems.configuration(SEED), np.random.default_rng(0)
+        super().__init__(
+            c=c, nv=c.model.nv, frame=mink_problems.frame(c, rng),
+            posture=mink_problems.posture(c, rng), twist=mink_problems.twist(c, rng),
+            speeds=mink_problems._velocity_limit(c), com=mink_problems.com(c, rng),
+        )  # fmt: skip
+
+
+@pytest.fixture
+def case() -> Case:
+    return Case()
+
+
+class Asked:
+    """A task without mink's base class."""
+
+    def __init__(self, task: mink.Task, change: Callable[[Any], Any] = lambda stated: stated):
+        self.task, self.change, self.calls = task, change, 0
+
+    def compute_qp_residual(self, configuration: mink.Configuration) -> Any:
+        self.calls += 1
+        return self.change(self.task.compute_qp_residual(configuration))
+
+
+class Dense:
+    """A task that states an objective and no rows."""
+
+    def __init__(self, task: mink.Task, change: Callable[[Any], Any] = lambda stated: stated):
+        self.task, self.change, self.calls = task, change, 0
+
+    def compute_qp_residual(self, configuration: mink.Configuration) -> None:
+        return None
+
+    def compute_qp_objective(self, configuration: mink.Configuration) -> Any:
+        self.calls += 1
+        return self.change(self.task.compute_qp_objective(configuration))
+
+
+class Limit:
+    """A limit without mink's base class, which states what another one does or what it is given."""
+
+    def __init__(self, limit: Any, change: Callable[[Any], Any] = lambda stated: stated):
+        self.limit, self.change, self.calls = limit, change, 0
+
+    def compute_qp_inequalities(self, configuration: mink.Configuration, dt: float) -> Any:
+        self.calls += 1
+        stated = self.limit
+        if isinstance(stated, mink.Limit):
+            stated = stated.compute_qp_inequalities(configuration, dt)
+        return self.change(stated)
+
+
+class Constraint:
+    """A constraint without mink's base class."""
+
+    def __init__(
+        self, task: mink.Task, gain: Any = 0.7, change: Callable[[Any], Any] = lambda stated: stated
+    ):
+        self.task, self.gain, self.change, self.calls = task, gain, change, 0
+
+    def compute_error(self, configuration: mink.Configuration) -> Any:
+        self.calls += 1
+        return self.change(self.task.compute_error(configuration))
+
+    def compute_jacobian(self, configuration: mink.Configuration) -> Any:
+        return self.change(self.task.compute_jacobian(configuration))
+
+
+def unsymmetric(objective: mink.Objective) -> mink.Objective:
+    """The same cost: half of what is taken from H on one side of its diagonal is on the other."""
+    n = len(objective.c)
+    skew = np.triu(np.full((n, n), 1e-3), 1)
+    return mink.Objective(objective.H + skew - skew.T, objective.c)
+
+
+def rows(G: Any, h: Any) -> Limit:
+    return Limit(mink.Constraint(G, h))
+
+
+TAKEN: dict[str, Callable[[Case], dict[str, Any]]] = {
+    "a tuple of tasks": lambda s: {"tasks": (s.frame, s.posture)},
+    "a generator of tasks": lambda s: {"tasks": (t for t in (s.frame, s.posture))},
+    "a set of tasks": lambda s: {"tasks": {s.frame, s.posture}},
+    "the values of a dict": lambda s: {"tasks": {1: s.frame, 2: s.posture}.values()},
+    "a dict with tasks for keys": lambda s: {"tasks": {s.frame: 1, s.posture: 2}},
+    "an array of tasks": lambda s: {"tasks": np.array([s.frame, s.posture], dtype=object)},
+    "no tasks": lambda s: {"tasks": []},
+    "a tuple of limits": lambda s: {"limits": (s.speeds,)},
+    "a generator of limits": lambda s: {"limits": (x for x in (s.speeds,))},
+    "an array of limits": lambda s: {"limits": np.array([s.speeds], dtype=object)},
+    "no limits, a tuple": lambda s: {"limits": ()},
+    "no limits, an iterator": lambda s: {"limits": iter(())},
+    "a tuple of constraints": lambda s: {"constraints": (s.twist,)},
+    "a generator of constraints": lambda s: {"constraints": (x for x in (s.twist,))},
+    "an array of one constraint": lambda s: {"constraints": np.array([s.twist], dtype=object)},
+    "no constraints, a tuple": lambda s: {"constraints": ()},
+    "no constraints, False": lambda s: {"constraints": False},
+    "dt as an array": lambda s: {"dt": np.array(DT)},
+    "dt as an array of one": lambda s: {"dt": np.array([DT])},
+    "dt in single precision": lambda s: {"dt": np.float32(DT)},
+    "dt as a whole number": lambda s: {"dt": 1},
+    "dt as a fraction": lambda s: {"dt": Fraction(1, 100)},
+    "no damping": lambda s: {"damping": 0},
+    "damping as an array": lambda s: {"damping": np.array(1e-3)},
+    "damping as an array of one": lambda s: {"damping": np.array([1e-3])},
+    "damping by joint": lambda s: {"damping": np.linspace(1e-3, 1.0, s.nv)},
+    "a string of numpy's": lambda s: {"solver": np.str_("daqp")},
+    "safety_break as a number": lambda s: {"safety_break": 1},
+    "safety_break as None": lambda s: {"safety_break": None},
+    "verbose": lambda s: {"verbose": False},
+    "a first guess": lambda s: {"initvals": np.zeros(s.nv)},
+    "a backend's option": lambda s: {"primal_tol": 1e-8},
+    "another's task": lambda s: {"tasks": [Asked(s.frame), s.posture]},
+    "lists for rows": lambda s: {
+        "tasks": [Asked(s.frame, lambda x: [x[0].tolist(), x[1].tolist(), x[2]]), s.posture]
+    },
+    "rows in single precision": lambda s: {
+        "tasks": [Asked(s.posture, lambda x: (x[0].astype(np.float32), x[1], x[2])), s.frame]
+    },
+    "rows by columns": lambda s: {
+        "tasks": [Asked(s.frame, lambda x: (np.asfortranarray(x[0]), x[1], x[2])), s.posture]
+    },
+    "damping by joint of a task": lambda s: {
+        "tasks": [Asked(s.frame, lambda x: (x[0], x[1], np.linspace(0.1, 0.2, s.nv))), s.posture]
+    },
+    "no rows": lambda s: {
+        "tasks": [Asked(s.frame, lambda x: (np.zeros((0, s.nv)), np.zeros(0), 0.0)), s.posture]
+    },
+    "one row without its brackets": lambda s: {
+        "tasks": [Asked(s.frame, lambda x: (x[0][0], x[1][:1], 0.0)), s.posture]
+    },
+    "an objective": lambda s: {"tasks": [Dense(s.frame), s.posture]},
+    "an objective as a pair": lambda s: {"tasks": [Dense(s.frame, tuple), s.posture]},
+    "an objective of lists": lambda s: {
+        "tasks": [Dense(s.posture, lambda x: [x.H.tolist(), x.c.tolist()]), s.frame]
+    },
+    "another's limit": lambda s: {"limits": [Limit(s.speeds)]},
+    "another's inequalities": lambda s: {
+        "limits": [Limit(s.speeds, lambda x: SimpleNamespace(G=x.G, h=x.h, inactive=False))]
+    },
+    "lists for inequalities": lambda s: {
+        "limits": [Limit(s.speeds, lambda x: mink.Constraint(x.G.tolist(), x.h.tolist()))]
+    },
+    "one bound without its brackets": lambda s: {"limits": [rows(np.eye(s.nv)[3], 1e-3)]},
+    "one inequality without its brackets": lambda s: {
+        "limits": [rows(np.ones(s.nv), np.array([1e-3]))]
+    },
+    "infinite ends": lambda s: {"limits": [rows(np.ones((2, s.nv)), np.full(2, np.inf))]},
+    "an inequality of zeros": lambda s: {"limits": [rows(np.zeros((1, s.nv)), np.ones(1))]},
+    "no inequalities": lambda s: {"limits": [rows(np.zeros((0, s.nv)), np.zeros(0))]},
+    "an inactive limit": lambda s: {"limits": [rows(None, None)]},
+    "another's constraint": lambda s: {"constraints": [Constraint(s.twist)]},
+    "lists for a constraint": lambda s: {
+        "constraints": [Constraint(s.twist, change=lambda x: x.tolist() if x.ndim == 2 else x)]
+    },
+    "one row of a constraint": lambda s: {
+        "constraints": [Constraint(s.twist, change=lambda x: x[0])]
+    },
+    "a gain by row": lambda s: {"constraints": [Constraint(s.twist, np.linspace(0.2, 1.0, 5))]},
+    "another configuration": lambda s: {
+        "configuration": type("Mine", (mink.Configuration,), {})(s.c.model, s.c.q)
+    },
+}
+
+
+def arguments(case: Case, change: Callable[[Case], dict[str, Any]]) -> dict[str, Any]:
+    plain = {"configuration": case.c, "tasks": [case.frame, case.posture], "dt": DT}
+    return plain | {"solver": "daqp"} | change(case)
+
+
+@pytest.mark.parametrize("name", TAKEN)
+def test_what_mink_takes_is_taken_with_minks_velocity(case: Case, name: str) -> None:
+    expected = mink.solve_ik(**arguments(case, TAKEN[name]))
+    velocity = qt.solve_ik(**arguments(case, TAKEN[name]))
+    assert velocity.dtype == np.float64
+    assert velocity.shape == (case.nv,)
+    given = arguments(case, TAKEN[name])
+    names = ("configuration", "tasks", "dt", "damping", "limits", "constraints")
+    stated = mink.build_ik(**{key: given[key] for key in names if key in given})
+    dt = float(np.asarray(given["dt"], dtype=float).item())
+    # mink's backend stops a little early, so that ours may be better by a trace.
+    scale = 1.0 + np.abs(velocity).max()
+    np.testing.assert_allclose(velocity, expected.astype(float), atol=1e-3 * scale)
+    ours, minks = velocity * dt, expected.astype(float) * dt
+    values = [0.5 * x @ stated.P @ x + stated.q @ x for x in (ours, minks)]
+    assert values[0] <= values[1] + 1e-9 * (1e-6 + abs(values[1]))
+    if stated.G is not None:
+        assert (stated.G @ ours <= stated.h + 1e-10).all()
+    if stated.A is not None:
+        np.testing.assert_allclose(stated.A @ ours, stated.b, atol=1e-10)
+    step = qt.ik_step(**arguments(case, TAKEN[name]))
+    np.testing.assert_allclose(step.velocity, velocity, atol=1e-9 * scale)
+
+
+def test_what_states_h_that_is_not_symmetric_states_its_symmetric_part(case: Case) -> None:
+    plain = qt.solve_ik(case.c, [Dense(case.frame), case.posture], DT, "daqp")
+    task = Dense(case.frame, unsymmetric)
+    np.testing.assert_allclose(
+        qt.solve_ik(case.c, [task, case.posture], DT, "daqp"), plain, atol=1e-9
+    )
+
+
+def test_what_mink_has_no_answer_to_is_taken_where_it_has_one(case: Case) -> None:
+    """By accident mink refuses these: our answer is that of the same thing said otherwise."""
+    plain = qt.solve_ik(**arguments(case, lambda s: {}))
+    for change in (
+        lambda s: {"constraints": iter(())},
+        lambda s: {"damping": [1e-12] * s.nv},
+        lambda s: {"limits": [Limit(mink.ConfigurationLimit(s.c.model), in_whole_numbers)]},
+    ):
+        with pytest.raises((TypeError, ValueError)):
+            mink.solve_ik(**arguments(case, change))
+        np.testing.assert_allclose(qt.solve_ik(**arguments(case, change)), plain, atol=1e-9)
+    both = np.array([case.twist, case.com], dtype=object)
+    listed = qt.solve_ik(case.c, [case.posture], DT, "daqp", constraints=[case.twist, case.com])
+    velocity = qt.solve_ik(case.c, [case.posture], DT, "daqp", constraints=both)
+    np.testing.assert_allclose(velocity, listed, atol=1e-9)
+
+
+def in_whole_numbers(stated: mink.Constraint) -> mink.Constraint:
+    """The rows of bounds in another type, which mink does not hand on."""
+    return mink.Constraint(np.round(stated.G).astype(np.float32), stated.h)
+
+
+UNSET = mink.FrameTask("left_hand", "site", 1.0, 1.0)
+NOWHERE = mink.FrameTask("no_such_hand", "site", 1.0, 1.0)
+NOWHERE.set_target(mink.SE3.identity())
+RAISED: dict[str, tuple[Callable[[Case], dict[str, Any]], type[Exception]]] = {
+    "an unknown solver": (lambda s: {"solver": "magic"}, qpsolvers.SolverNotFound),
+    "the same without limits": (
+        lambda s: {"solver": "magic", "limits": []}, qpsolvers.SolverNotFound
+    ),
+    "in other letters": (lambda s: {"solver": "DAQP"}, qpsolvers.SolverNotFound),
+    "no target": (lambda s: {"tasks": [UNSET]}, mink.TargetNotSet),
+    "no target of a constraint": (lambda s: {"constraints": [UNSET]}, mink.TargetNotSet),
+    "no target of a posture": (
+        lambda s: {"tasks": [mink.PostureTask(s.c.model, 1.0)]}, mink.TargetNotSet
+    ),
+    "no such frame": (lambda s: {"tasks": [NOWHERE]}, mink.InvalidFrame),
+    "no time step": (
+        lambda s: {"tasks": [mink.KineticEnergyRegularizationTask(1.0)]},
+        mink.IntegrationTimestepNotSet,
+    ),
+    "a joint outside": (
+        lambda s: {"configuration": outside(s), "safety_break": True},
+        mink.NotWithinConfigurationLimits,
+    ),
+    "a ball joint outside": (
+        lambda s: {"configuration": outside(s, "neck"), "safety_break": True},
+        mink.NotWithinConfigurationLimits,
+    ),
+    "damping of another shape": (lambda s: {"damping": np.ones(3)}, ValueError),
+}  # fmt: skip
+
+
+def outside(case: Case, joint: str = "left_2") -> mink.Configuration:
+    q = case.c.q
+    at = case.c.model.joint(joint).qposadr[0]
+    if joint == "neck":  # its angle is at most 1.2
+        q[at : at + 4] = np.cos(0.7), np.sin(0.7), 0.0, 0.0
+    else:
+        q[at] = 2.7
+    return mink.Configuration(case.c.model, q)
+
+
+@pytest.mark.parametrize("name", RAISED)
+def test_what_mink_raises_is_raised(case: Case, name: str) -> None:
+    change, error = RAISED[name]
+    for solve_ik in (mink.solve_ik, qt.solve_ik, qt.ik_step):
+        with pytest.raises(error):
+            solve_ik(**arguments(case, change))
+
+
+def test_an_unknown_solver_is_an_error_of_both_packages(case: Case) -> None:
+    with pytest.raises(qt.UnknownSolver, match="'magic' is not installed") as caught:
+        qt.solve_ik(case.c, [case.posture], DT, "magic")
+    assert isinstance(caught.value, qpsolvers.SolverNotFound)
+    assert isinstance(caught.value, qt.InvalidInput)
+    assert isinstance(caught.value, mink.MinkError)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"dt": 0.0}, {"dt": -DT}, {"dt": np.nan}, {"dt": np.inf}, {"dt": True}, {"dt": "0.01"},
+        {"dt": None}, {"dt": np.full(33, DT)}, {"damping": -1e-6}, {"damping": np.nan},
+        {"damping": None}, {"damping": True}, {"tasks": None}, {"tasks": "frame"}, {"limits": 3},
+        {"limits": [None]}, {"constraints": 3}, {"configuration": None}, {"no_such_option": 1},
+        {"limits": [rows(np.eye(33), np.full(33, np.nan))]},
+        {"limits": [rows(np.eye(33), np.full(33, -np.inf))]},
+        {"limits": [rows(np.full((1, 33), np.nan), np.ones(1))]},
+        {"limits": [rows(np.eye(33), None)]}, {"limits": [Limit(None)]},
+        {"limits": [Limit((np.eye(33), np.ones(33)))]},
+    ],
+)  # fmt: skip
+def test_what_means_nothing_is_a_sentence(case: Case, change: dict[str, Any]) -> None:
+    """mink fails at these in all sorts of ways, or returns NaN or a velocity of no meaning."""
+    with pytest.raises(qt.InvalidInput):
+        qt.solve_ik(**arguments(case, lambda s: change))
+
+
+def test_each_is_asked_once_whatever_becomes_of_the_step(case: Case) -> None:
+    for speed, status in ((1e3, qt.Status.SOLVED), (1e-3, qt.Status.SCALED)):
+        everywhere = np.vstack([np.eye(case.nv), -np.eye(case.nv)])
+        task, dense = Asked(case.frame), Dense(case.posture)
+        limit = rows(everywhere, np.full(2 * case.nv, speed * DT))
+        constraint = Constraint(case.twist)
+        step = qt.ik_step(
+            case.c, [task, dense], DT, "daqp", limits=[limit], constraints=[constraint]
+        )  # type: ignore[list-item]
+        assert step.status is status
+        assert [x.calls for x in (task, dense, limit, constraint)] == [1, 1, 1, 1]
+
+
+def test_a_task_may_ask_for_a_step_itself(case: Case) -> None:
+    """One program is laid down after the other in the same arrays."""
+
+    def nested(stated: Any) -> Any:
+        qt.solve_ik(case.c, [case.com, case.posture], DT, "daqp", limits=[case.speeds])
+        return stated
+
+    plain = qt.solve_ik(case.c, [case.frame, case.posture], DT, "daqp", constraints=[case.twist])
+    velocity = qt.solve_ik(
+        case.c, [Asked(case.frame, nested), Asked(case.posture, nested)], DT, "daqp",
+        limits=[Limit(mink.ConfigurationLimit(case.c.model), nested)],
+        constraints=[Constraint(case.twist, case.twist.gain, nested)],
+    )  # type: ignore[list-item]  # fmt: skip
+    np.testing.assert_allclose(velocity, plain, atol=1e-9)
+
+
+def test_the_velocity_is_the_callers_own(case: Case) -> None:
+    first = qt.solve_ik(case.c, [case.frame, case.posture], DT, "daqp")
+    kept = first.copy()
+    qt.solve_ik(case.c, [case.com, case.posture], DT, "daqp")
+    np.testing.assert_array_equal(first, kept)
+    first[:] = 0.0
+    np.testing.assert_array_equal(qt.solve_ik(case.c, [case.frame, case.posture], DT, "daqp"), kept)
+
+
+# ---------------------------------------------------------------- what limits say, without asking
+
+
+def box_and_rows(program: CompiledProgram) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    return program._box[:2], program._rows[: program._k], program._ends[: program._k]
+
+
+def of_minks_rows(
+    limits: list[mink.Limit], c: mink.Configuration
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The same from the rows that mink makes, row by row."""
+    nv = c.model.nv
+    lower, upper = np.full(nv, -np.inf), np.full(nv, np.inf)
+    others, ends = [np.zeros((0, nv))], [np.zeros(0)]
+    for limit in limits:
+        stated = limit.compute_qp_inequalities(c, DT)
+        for row, end in zip(
+            np.zeros((0, nv)) if stated.inactive else stated.G, stated.h if not stated.inactive
+            else (), strict=True,
+        ):  # fmt: skip
+            where = np.flatnonzero(row)
+            if len(where) == 1 and row[where[0]] > 0.0:
+                upper[where] = np.minimum(upper[where], end / DT / row[where])
+            elif len(where) == 1:
+                lower[where] = np.maximum(lower[where], end / DT / row[where])
+            elif len(where) > 1 and end < np.inf:
+                others.append(row[None])
+                ends.append(np.array([end / DT]))
+    return np.array([lower, upper]), np.vstack(others), np.concatenate(ends)
+
+
+def laid_down(limits: list[mink.Limit], c: mink.Configuration) -> CompiledProgram:
+    program = CompiledProgram(c.model.nv)
+    program.begin()
+    for limit in limits:
+        if isinstance(limit, mink.ConfigurationLimit):
+            found = range_of(limit, c.model)
+            assert found is not None
+            program.add_range(found, c.data.qpos, DT)
+        elif isinstance(limit, mink.VelocityLimit):
+            box = speeds_of(limit, c.model.nv)
+            assert box is not None
+            program.add_box(box)
+        else:
+            program.add_rows(StatedRows.of(limit, c, DT), DT)
+    return program
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_known_limits_are_laid_down_as_mink_states_them(seed: int) -> None:
+    c = mink_problems.configuration(seed)
+    rng = np.random.default_rng(seed)
+    at = c.model.joint("neck").qposadr[0]
+    for turn in (0.0, 1e-10, 1e-3, 1.0, 1.3, np.pi, 4.0):  # of the ball joint, also beyond its end
+        q = c.q
+        axis = rng.normal(size=3)
+        axis /= np.linalg.norm(axis)
+        q[at : at + 4] = np.cos(turn / 2), *(np.sin(turn / 2) * axis)
+        c.update(q)
+        for names in (["ConfigurationLimit"], ["VelocityLimit"], list(mink_problems.LIMITS)):
+            limits = [mink_problems.LIMITS[name](c) for name in names]
+            for one, other in zip(
+                box_and_rows(laid_down(limits, c)), of_minks_rows(limits, c), strict=True
+            ):
+                np.testing.assert_allclose(one, other, rtol=1e-12, atol=1e-12)
+
+
+def test_bounds_and_rows_that_hold_back_are_named(case: Case) -> None:
+    """A ball joint by its name; of two limits the one whose bound it is."""
+    c = case.c
+    at = c.model.joint("neck").qposadr[0]
+    q = c.q
+    q[at : at + 4] = np.cos(0.59), np.sin(0.59), 0.0, 0.0  # 1.18 of 1.2
+    c.update(q)
+    posture = mink.PostureTask(c.model, 1.0)
+    further = q.copy()
+    further[at : at + 4] = np.cos(0.8), np.sin(0.8), 0.0, 0.0
+    further[c.model.joint("left_1").qposadr[0]] += 0.5
+    posture.set_target(further)
+    limits = [mink.ConfigurationLimit(c.model), mink.VelocityLimit(c.model, {"left_1": 0.8})]
+    step = qt.ik_step(c, [posture], DT, "daqp", limits=limits)
+    assert {(x.joint, x.kind, x.side) for x in step.binding} == {
+        ("neck", "position", "upper"), ("left_1", "velocity", "upper"),
+    }  # fmt: skip
+    by_reference = qt.ik_step(c, [posture], DT, "daqp", limits=limits, primal_tol=1e-11)
+    assert by_reference.solver == "daqp"
+    assert {str(x) for x in by_reference.binding} == {str(x) for x in step.binding}
+
+
+# ---------------------------------------------------------------- what is kept from call to call
+
+ARM = """<mujoco><compiler angle="radian" autolimits="true"/><worldbody>
+<body><joint name="a" axis="0 0 1" range="-1 1"/><geom size="0.1"/>
+<body pos="1 0 0"><joint name="b" axis="0 1 0" range="-2 2"/><geom size="0.1"/>
+<body pos="1 0 0"><joint name="neck" type="ball" range="0 1.5"/><geom size="0.1"/>
+<site name="tip" pos="0.3 0 0"/></body></body></body>
+</worldbody></mujoco>"""
+
+
+def tight(model: mujoco.MjModel) -> tuple[mink.Configuration, list[mink.Task]]:
+    """A posture that asks for more than the ranges give."""
+    c = mink.Configuration(model)
+    q = model.qpos0.copy()
+    q[2:6] = np.cos(0.7), 0.0, np.sin(0.7), 0.0
+    c.update(q)
+    posture = mink.PostureTask(model, 1.0)
+    posture.set_target(np.concatenate([[5.0, -5.0], [np.cos(1.4), 0.0, np.sin(1.4), 0.0]]))
+    return c, [posture]
+
+
+EDITS: dict[str, Callable[[mujoco.MjModel, Any, Any], None]] = {
+    "a range of the model": lambda model, p, v: model.jnt_range.__setitem__((0, 1), 0.3),
+    "a range of its ball joint": lambda model, p, v: model.jnt_range.__setitem__((2, 1), 1.41),
+    "which joints have a range": lambda model, p, v: model.jnt_limited.__setitem__(1, 0),
+    "an end": lambda model, p, v: p.upper.__setitem__(0, 0.2),
+    "all ends": lambda model, p, v: setattr(p, "upper", 0.3 * p.upper),
+    "the gain": lambda model, p, v: setattr(p, "gain", 0.2),
+    "the ball joint's end": lambda model, p, v: p._ball_max_angle.__setitem__(0, 1.42),
+    "which joints it is about": lambda model, p, v: (
+        setattr(p, "indices", np.array([1])),
+        setattr(p, "projection_matrix", np.eye(model.nv)[[1]]),
+    ),
+    "none but the ball joint": lambda model, p, v: (
+        setattr(p, "indices", np.array([], dtype=int)), setattr(p, "projection_matrix", None)
+    ),
+    "the speeds": lambda model, p, v: setattr(v, "limit", 0.1 * v.limit),
+    "whose speeds they are": lambda model, p, v: (
+        setattr(v, "indices", np.array([1, 0])),
+        setattr(v, "projection_matrix", np.eye(model.nv)[[1, 0]]),
+    ),
+    "no speeds": lambda model, p, v: setattr(v, "projection_matrix", None),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", EDITS)
+@pytest.mark.parametrize("passed", [False, True])
+def test_what_is_edited_is_noticed(name: str, passed: bool) -> None:
+    model = mujoco.MjModel.from_xml_string(ARM)
+    c, tasks = tight(model)
+    position = mink.ConfigurationLimit(model)
+    velocity = mink.VelocityLimit(model, {"a": 120.0, "b": 60.0})
+    limits = [position, velocity] if passed else None
+    before = qt.solve_ik(c, tasks, DT, "daqp", limits=limits)
+    np.testing.assert_allclose(
+        before, mink.solve_ik(c, tasks, DT, "daqp", limits=limits), atol=1e-6
+    )
+    EDITS[name](model, position, velocity)
+    after = qt.solve_ik(c, tasks, DT, "daqp", limits=limits)
+    np.testing.assert_allclose(after, mink.solve_ik(c, tasks, DT, "daqp", limits=limits), atol=1e-6)
+    of_the_model = "model" in name or "its ball" in name or "which joints have" in name
+    assert (np.abs(after - before).max() > 1e-3) == (passed != of_the_model)
+
+
+CHAIN = """<mujoco><compiler angle="radian" autolimits="true"/><worldbody>
+<body><joint name="a" axis="0 0 1" range="0.05 0.31"/><geom size="0.1"/>
+<body pos="1 0 0"><joint name="b" axis="0 0 1" range="0.05 0.31"/><geom size="0.1"/>
+<body pos="1 0 0"><joint name="c" axis="0 0 1" range="0.05 0.31"/><geom size="0.1"/>
+<site name="tip" pos="1 0 0"/></body></body></body>
+</worldbody></mujoco>"""
+
+
+@pytest.mark.parametrize(
+    ("made", "indices"),
+    [
+        (mink.ConfigurationLimit, [0]), (mink.ConfigurationLimit, []),
+        (lambda model: mink.VelocityLimit(model, {"a": 0.2, "b": 0.2}), [2, 1]),
+        (lambda model: mink.VelocityLimit(model, {"a": 0.2, "b": 0.2}), []),
+    ],
+)  # fmt: skip
+def test_a_controller_notices_that_a_limit_is_about_other_joints(
+    made: Callable[[mujoco.MjModel], Any], indices: list[int]
+) -> None:
+    model = mujoco.MjModel.from_xml_string(CHAIN)
+    c, limit = mink.Configuration(model, np.array([0.1, 0.3, 0.2])), made(model)
+    pull = qt.TwistProjector(linear=qt.Projector.line([1, 0, 0]), angular=qt.Projector.none())
+    task = qt.TwistTask("tip", "site", pull)
+    tip = c.get_transform_frame_to_world("tip", "site")
+    task.set_target(mink.SE3.from_translation(np.array([-0.05, 0.0, 0.0])) @ tip)
+    controller = qt.Controller(model, [task], limits=[limit])
+    before = controller.step(c, 0.1).velocity
+    limit.indices = np.array(indices, dtype=int)
+    limit.projection_matrix = np.eye(3)[indices] if indices else None
+    after = controller.step(c, 0.1).velocity
+    anew = qt.Controller(model, [task], limits=[limit], solver="daqp").step(c, 0.1).velocity
+    np.testing.assert_allclose(after, anew, atol=1e-8)
+    assert np.abs(after - before).max() > 1e-3
+
+
+def test_a_model_is_not_kept(case: Case) -> None:
+    model = mujoco.MjModel.from_xml_string(ARM)
+    c, tasks = tight(model)
+    qt.solve_ik(c, tasks, DT, "daqp")
+    qt.ik_step(c, tasks, DT, "daqp", limits=[mink.ConfigurationLimit(model)])
+    gone = weakref.ref(model)
+    del model, c, tasks
+    gc.collect()
+    assert gone() is None
+
+
+def test_two_models_of_one_size_do_not_mix() -> None:
+    wide = mujoco.MjModel.from_xml_string(ARM)
+    narrow = mujoco.MjModel.from_xml_string(ARM.replace("-1 1", "-0.1 0.1"))
+    for model in (wide, narrow, wide):
+        c, tasks = tight(model)
+        expected = mink.solve_ik(c, tasks, DT, "daqp")
+        np.testing.assert_allclose(qt.solve_ik(c, tasks, DT, "daqp"), expected, atol=1e-6)
+
+
+@pytest.mark.parametrize("size", [3, 1000])
+def test_bounds_of_another_size_are_a_sentence(case: Case, size: int) -> None:
+    class Wrong(qt.limits.BoxLimit):
+        def bounds(self, configuration: mink.Configuration, dt: float) -> Any:
+            return np.full(size, -1.0), np.full(size, 1.0)
+
+    with pytest.raises(qt.InvalidInput, match=rf"bounds of shape \({size},\)"):
+        qt.solve_ik(case.c, [case.posture], DT, "daqp", limits=[Wrong()])
+
+
+def test_a_limit_of_a_model_with_as_many_degrees_of_freedom_is_not_taken_for_its_own() -> None:
+    """Six hinges, and a free joint: seven coordinates, of which the limit knows six."""
+    hinges = "".join(
+        f'<body pos="0 0 0.1"><joint name="j{k}" axis="0 1 0" range="-1 1"/><geom size="0.1"/>'
+        for k in range(6)
+    )
+    chain = f"<mujoco><worldbody>{hinges}{'</body>' * 6}</worldbody></mujoco>"
+    free = "<mujoco><worldbody><body><freejoint/><geom size='0.1'/></body></worldbody></mujoco>"
+    arm, drone = (mujoco.MjModel.from_xml_string(text) for text in (chain, free))
+    for model, other in ((arm, drone), (drone, arm)):
+        assert range_of(mink.ConfigurationLimit(other), model) is None
+        assert range_of(mink.ConfigurationLimit(model), model) is not None
+
+
+def test_minks_lines_of_the_log_are_written_where_somebody_reads_them(
+    case: Case, caplog: pytest.LogCaptureFixture
+) -> None:
+    c = outside(case)
+    with caplog.at_level(logging.DEBUG, logger="mink"):
+        qt.solve_ik(c, [case.posture], DT, "daqp")
+    assert "outside of its limits" in caplog.text
+    calls = []
+
+    class Mine(mink.Configuration):
+        def check_limits(self, tol: float = 1e-6, safety_break: bool = True) -> None:
+            calls.append(safety_break)
+
+    qt.solve_ik(Mine(case.c.model, case.c.q), [case.posture], DT, "daqp")
+    assert calls == [False]
+
+
+# ---------------------------------------------------------------- rows that depend on each other
+
+
+def test_dependent_constraints_are_solved_where_mink_states_them() -> None:
+    """A loop in a plane: one of its three rows is zero. And the same constraint twice."""
+    problems = mink_problems.named(SEED)
+    problem = problems["EqualityConstraintTask in constraints"]
+    c, (loop,) = problem.configuration, problem.constraints
+    J = loop.compute_jacobian(c)
+    assert np.linalg.matrix_rank(J) < len(J)
+    twist = problems["TwistTask in constraints"].constraints[0]
+    for constraints in ([loop], [twist, twist], [loop, twist, loop]):
+        step = qt.ik_step(c, problem.tasks, DT, "daqp", constraints=constraints)
+        assert step.status is qt.Status.SOLVED
+        assert step.solver == "compiled"
+        assert [len(r) for r in step.residuals] == [len(x.compute_error(c)) for x in constraints]
+        for residual, task in zip(step.residuals, constraints, strict=True):
+            rows, error = task.compute_jacobian(c), task.compute_error(c)
+            np.testing.assert_allclose(
+                residual, rows @ step.velocity + task.gain * error / DT, atol=1e-12
+            )
+            np.testing.assert_allclose(residual, 0.0, atol=1e-8 * (1 + np.abs(error).max() / DT))
+        assert step.sigma_min < 1e-12
+        # The oracle: the same rows, once each, in mink's own step.
+        once = {id(x): x for x in constraints}.values()
+        expected = mink.solve_ik(c, problem.tasks, DT, "daqp", constraints=list(once))
+        np.testing.assert_allclose(step.velocity, expected, atol=1e-5)
+
+
+@pytest.mark.parametrize("twice", [False, True])
+@pytest.mark.parametrize("seed", range(4))
+def test_steps_that_are_too_fast_are_slowed_down_as_the_reference_does(
+    seed: int, twice: bool
+) -> None:
+    """By the kernel; with an option for a backend the reference takes over."""
+    c = mink_problems.configuration(seed)
+    rng = np.random.default_rng(seed)
+    task = mink_problems.twist(c, rng)
+    posture, frame = mink_problems.posture(c, rng), mink_problems.frame(c, rng)
+    joints = [f"{side}_{k}" for side in ("left", "right") for k in range(1, 8)]
+    speeds = {joint: rng.uniform(0.02, 0.3) for joint in (*joints, "cart_x", "cart_y", "cart_yaw")}
+    limits = [mink.VelocityLimit(c.model, speeds), mink_problems._collision_limit(c)]
+    given = {"limits": limits, "constraints": [task, task] if twice else [task]}
+    step = qt.ik_step(c, [posture, frame], DT, "daqp", **given)
+    reference = qt.ik_step(c, [posture, frame], DT, "daqp", primal_tol=1e-11, **given)
+    assert (step.solver, reference.solver) == ("compiled", "daqp")
+    assert step.status is reference.status is qt.Status.SCALED
+    assert step.scale == pytest.approx(reference.scale, abs=1e-6)
+    np.testing.assert_allclose(step.velocity, reference.velocity, atol=1e-4)
+    assert {str(x) for x in step.binding} == {str(x) for x in reference.binding}
+    assert len(step.residuals) == 1 + twice
+    for residual in step.residuals:
+        np.testing.assert_allclose(residual, 0.0, atol=1e-8)
+
+
+def test_rows_that_depend_but_ask_for_something_else_are_not_called_solved(case: Case) -> None:
+    once = Constraint(case.twist, 1.0)
+    less = Constraint(case.twist, 0.5)
+    step = qt.ik_step(case.c, [case.posture], DT, "daqp", constraints=[once, less])  # type: ignore[list-item]
+    assert step.status is qt.Status.SCALED
+    assert step.scale == pytest.approx(0.0, abs=1e-6)

@@ -1,0 +1,497 @@
+"""The controller: limits, infeasibility, verification, and input that is refused."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import mink
+import mujoco
+import numpy as np
+import pytest
+import qpsolvers
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+from oracles.arms import random_arm, random_configuration
+from oracles.liars import install
+from scipy.optimize import lsq_linear
+
+import qp_twist as qt
+from qp_twist.qp import largest_scale
+
+SOLVERS = ["daqp", "proxqp", "osqp"]
+SEEDS = st.integers(0, 2**32 - 1)
+ROLL_FREE = qt.TwistProjector(
+    linear=qt.Projector.full(), angular=qt.Projector.plane([0, 0, 1]), frame="body"
+)
+
+
+class Arm:
+    """A random arm with a task whose target is ``away`` (m and rad) from where it is."""
+
+    def __init__(self, seed: int, joints: int = 7, away: float = 0.1) -> None:
+        rng = np.random.default_rng(seed)
+        self.model = random_arm(rng, joints)
+        q = random_configuration(self.model, rng, margin=0.1)
+        self.configuration = mink.Configuration(self.model, q)
+        self.task = qt.TwistTask("tool", "site", ROLL_FREE)
+        pose = self.configuration.get_transform_frame_to_world("tool", "site")
+        self.task.set_target(pose.plus(away * rng.normal(size=6)))
+
+    def velocity_limit(self, speed: float) -> mink.VelocityLimit:
+        names = [self.model.joint(j).name for j in range(self.model.njnt)]
+        return mink.VelocityLimit(self.model, dict.fromkeys(names, speed))
+
+
+@pytest.mark.parametrize("solver", SOLVERS)
+@given(seed=SEEDS)
+@settings(max_examples=40)
+def test_velocity_limits_scale_the_task_and_keep_its_direction(solver: str, seed: int) -> None:
+    arm = Arm(seed, away=0.5)
+    limit = arm.velocity_limit(0.2)
+    limits = [qt.PositionLimit(arm.model), limit]
+    controller = qt.Controller(arm.model, [arm.task], limits=limits, solver=solver)
+    step = controller.step(arm.configuration, 0.05)
+    rows, rate = arm.task.velocity_rows(arm.configuration, 0.05)
+    assume(np.linalg.svd(rows, compute_uv=False)[-1] > 1e-3)
+    assert step.status is qt.Status.SCALED
+    assert 0.0 < step.scale < 1.0
+    assert np.abs(step.velocity).max() <= 0.2 + 1e-9
+    size = 1.0 + np.abs(rate).max()
+    assert rows @ step.velocity == pytest.approx(step.scale * rate, abs=1e-7 * size)
+    assert step.residuals[0] == pytest.approx(rows @ step.velocity - step.scale * rate, abs=1e-12)
+
+
+@given(SEEDS, st.integers(1, 8))
+@settings(max_examples=300)
+def test_the_scale_is_the_largest_by_bounded_least_squares(seed: int, joints: int) -> None:
+    # J ~ N(0, 1), bounds around zero, a goal that is reachable at 1/σ of itself.
+    rng = np.random.default_rng(seed)
+    rows = int(rng.integers(1, joints, endpoint=True))
+    J = rng.normal(size=(rows, joints))
+    lower, upper = -0.1 - rng.uniform(size=joints), 0.1 + rng.uniform(size=joints)
+    inside = np.where(
+        rng.uniform(size=joints) < 0.3,
+        np.where(rng.uniform(size=joints) < 0.5, lower, upper),
+        rng.uniform(lower, upper),
+    )
+    sigma = 1.0 if rng.uniform() < 0.5 else rng.uniform(0.1, 0.9)
+    goal = J @ inside / sigma
+    none = np.zeros((0, joints))
+    problem = qt.QuadraticProgram(
+        np.eye(joints), np.zeros(joints), J, goal, none, np.zeros(0), lower, upper
+    )
+    largest = largest_scale(problem)
+    assert largest is not None
+    assert largest.scale >= sigma - 1e-6
+    assert J @ largest.x == pytest.approx(largest.scale * goal, abs=1e-8)
+    assert _fits(J, largest.scale * goal, lower, upper)
+    if largest.scale < 1.0:
+        # A little more does not fit, says an algorithm of another kind.
+        assert not _fits(J, (largest.scale + 1e-4) * goal, lower, upper)
+
+
+def _fits(J: np.ndarray, goal: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> bool:
+    result = lsq_linear(J, goal, (lower, upper), method="bvls", tol=1e-14, max_iter=1000)
+    return float(np.abs(J @ result.x - goal).max()) < 1e-7
+
+
+@given(SEEDS)
+@settings(max_examples=60)
+def test_a_scaled_step_names_limits_that_are_reached_and_matter(seed: int) -> None:
+    arm = Arm(seed, away=0.5)
+    limits = [arm.velocity_limit(0.2)]
+    step = qt.Controller(arm.model, [arm.task], limits=limits).step(arm.configuration, 0.05)
+    assume(step.status is qt.Status.SCALED)
+    names = [arm.model.joint(j).name for j in range(arm.model.njnt)]
+    assert step.binding
+    for limit in step.binding:
+        assert limit.kind == "velocity"
+        speed = step.velocity[names.index(limit.joint)]
+        slack = 0.2 - speed if limit.side == "upper" else speed + 0.2
+        # By duality: the 1e-8 of the scale that a scaled step gives up pays for all the slack.
+        assert slack * limit.multiplier <= 2e-8
+        assert slack < 1e-3
+        assert limit.joint in step.message
+    # Room at every binding limit lets the task go on faster.
+    wider = dict.fromkeys(names, 0.2) | {limit.joint: 0.21 for limit in step.binding}
+    more = qt.Controller(arm.model, [arm.task], limits=[mink.VelocityLimit(arm.model, wider)])
+    assert more.step(arm.configuration, 0.05).scale > step.scale
+
+
+def test_raising_carries_the_problem_and_the_names(tmp_path: Path) -> None:
+    arm = Arm(3, away=0.5)
+    controller = qt.Controller(
+        arm.model, [arm.task], limits=[arm.velocity_limit(0.2)], on_infeasible="raise"
+    )
+    with pytest.raises(qt.InfeasibleStep, match=r"binding: joint_\d") as caught:
+        controller.step(arm.configuration, 0.05)
+    assert caught.value.binding
+    assert caught.value.problem is not None
+    assert isinstance(caught.value, mink.NoSolutionFound)
+    caught.value.problem.save(tmp_path / "step.npz")
+    again = qt.QuadraticProgram.load(tmp_path / "step.npz")
+    assert np.array_equal(again.b, caught.value.problem.b)
+    assert np.array_equal(again.upper, caught.value.problem.upper)
+
+
+def test_what_no_limit_forbids_is_said_to_be_a_contradiction_or_a_singularity() -> None:
+    arm = Arm(3)
+    other = qt.TwistTask("tool", "site", ROLL_FREE)
+    assert arm.task.target is not None
+    other.set_target(arm.task.target.plus(np.array([0.1, 0, 0, 0, 0, 0])))
+    controller = qt.Controller(arm.model, [arm.task, other], limits=[])
+    step = controller.step(arm.configuration, 0.1)
+    # What both want is done; the difference of the two targets is one lost direction a row.
+    assert step.status is qt.Status.DEGRADED
+    assert step.sigma_min == pytest.approx(0.0, abs=1e-9)
+    missing = np.linalg.norm([lost.missing for lost in step.lost])
+    assert np.linalg.norm(np.concatenate(step.residuals)) == pytest.approx(missing, rel=1e-6)
+    assert "contradict" in step.message
+    strict = qt.Controller(arm.model, [arm.task, other], limits=[], on_infeasible="raise")
+    with pytest.raises(qt.InfeasibleStep, match="contradict each other"):
+        strict.step(arm.configuration, 0.1)
+    # The same task twice is no contradiction.
+    twice = qt.Controller(arm.model, [arm.task, arm.task], limits=[])
+    assert twice.step(arm.configuration, 0.1).status is qt.Status.SOLVED
+
+
+@given(SEEDS)
+@settings(max_examples=60)
+def test_a_relaxed_step_is_the_closest_inside_the_bounds(seed: int) -> None:
+    arm = Arm(seed, away=0.5)
+    controller = qt.Controller(
+        arm.model, [arm.task], limits=[arm.velocity_limit(0.2)], on_infeasible="relax"
+    )
+    step = controller.step(arm.configuration, 0.05)
+    assume(step.status is qt.Status.RELAXED)
+    rows, rate = arm.task.velocity_rows(arm.configuration, 0.05)
+    oracle = lsq_linear(rows, rate, (-0.2, 0.2), method="bvls", tol=1e-14)
+    best = np.linalg.norm(rows @ oracle.x - rate)
+    assert np.linalg.norm(rows @ step.velocity - rate) == pytest.approx(best, abs=1e-6)
+
+
+@given(SEEDS)
+@settings(max_examples=40)
+def test_a_step_ends_inside_the_position_limits(seed: int) -> None:
+    arm = Arm(seed, away=3.0)
+    controller = qt.Controller(arm.model, [arm.task])
+    for _ in range(5):
+        step = controller.step(arm.configuration, 0.1)
+        arm.configuration.integrate_inplace(step.velocity, 0.1)
+    lower, upper = arm.model.jnt_range.T
+    assert (arm.configuration.q >= lower - 1e-9).all()
+    assert (arm.configuration.q <= upper + 1e-9).all()
+
+
+def test_a_start_outside_returns_at_the_recovery_speed_and_under_the_velocity_limit() -> None:
+    arm = Arm(11)
+    q = arm.configuration.q.copy()
+    q[2] = arm.model.jnt_range[2, 1] + 0.02
+    outside = mink.Configuration(arm.model, q)
+    arm.task.set_target_from_configuration(outside)
+    free = qt.Controller(arm.model, [arm.task], limits=[qt.PositionLimit(arm.model)])
+    # Half a radian a second by default, not 20 rad/s: 0.02 rad within a step of 1 ms would be that.
+    assert free.step(outside, 0.001).velocity[2] == pytest.approx(-0.5, abs=1e-9)
+    slow = qt.Controller(
+        arm.model, [arm.task], limits=[qt.PositionLimit(arm.model), arm.velocity_limit(0.1)]
+    )
+    assert slow.step(outside, 0.001).velocity[2] == pytest.approx(-0.1, abs=1e-9)
+
+
+def test_a_joint_at_its_limit_may_stand_still_and_never_goes_over_by_rounding() -> None:
+    arm = Arm(6)
+    q = arm.configuration.q.copy()
+    q[1] = arm.model.jnt_range[1, 1]
+    at_limit = mink.Configuration(arm.model, q)
+    for dt in (1e-4, 0.05, 1.0):
+        lower, upper = qt.PositionLimit(arm.model).bounds(at_limit, dt)
+        assert upper[1] == 0.0
+        assert lower[1] < 0.0
+    rng = np.random.default_rng(0)
+    for _ in range(2000):
+        q = random_configuration(arm.model, rng)
+        dt = 10.0 ** rng.uniform(-4, 1)
+        inside = mink.Configuration(arm.model, q)
+        for bound in qt.PositionLimit(arm.model, recovery_speed=1e9).bounds(inside, dt):
+            moved = q + bound * dt
+            assert (moved >= arm.model.jnt_range[:, 0]).all()
+            assert (moved <= arm.model.jnt_range[:, 1]).all()
+
+
+def test_a_window_shares_one_allowance_among_the_iterations_of_a_waypoint() -> None:
+    arm = Arm(5, away=2.0)
+    begin = arm.configuration.q.copy()
+    window = qt.DisplacementWindow(arm.model, begin, np.full(7, 0.03))
+    controller = qt.Controller(arm.model, [arm.task], limits=[window])
+    for _ in range(6):
+        velocity = controller.step(arm.configuration, 0.5).velocity
+        arm.configuration.integrate_inplace(velocity, 0.5)
+    assert np.abs(arm.configuration.q - begin).max() <= 0.03 + 1e-12
+    assert np.abs(arm.configuration.q - begin).max() == pytest.approx(0.03, abs=1e-6)
+
+
+def test_mink_limits_and_ours_are_the_same_box() -> None:
+    arm = Arm(8, away=1.0)
+    ours = [qt.PositionLimit(arm.model), arm.velocity_limit(0.5)]
+    minks = [mink.ConfigurationLimit(arm.model, gain=1.0), arm.velocity_limit(0.5)]
+    first = qt.Controller(arm.model, [arm.task], limits=ours).step(arm.configuration, 0.1)
+    second = qt.Controller(arm.model, [arm.task], limits=minks).step(arm.configuration, 0.1)
+    assert second.velocity == pytest.approx(first.velocity, abs=1e-9)
+    assert second.scale == pytest.approx(first.scale, abs=1e-9)
+    # And our box limits are mink limits: mink itself can use them.
+    rows = qt.PositionLimit(arm.model).compute_qp_inequalities(arm.configuration, 0.1)
+    assert rows.G is not None
+    assert (rows.G @ np.zeros(7) <= rows.h).all()
+
+
+def test_a_limit_with_general_rows_holds_and_is_named() -> None:
+    arm = Arm(2)
+    free = qt.Controller(arm.model, [arm.task], limits=[]).step(arm.configuration, 0.1)
+    wall = float(free.velocity[:2].sum()) - 0.05
+
+    class Wall(mink.Limit):
+        """The first two joints together stay slower than they would like."""
+
+        def compute_qp_inequalities(
+            self, configuration: mink.Configuration, dt: float
+        ) -> mink.Constraint:
+            row = np.zeros((1, configuration.model.nv))
+            row[0, :2] = 1.0
+            return mink.Constraint(G=row, h=np.array([wall * dt]))
+
+    step = qt.Controller(arm.model, [arm.task], limits=[Wall()]).step(arm.configuration, 0.1)
+    assert step.velocity[:2].sum() == pytest.approx(wall, abs=1e-8)
+    assert [limit.joint for limit in step.binding] == ["Wall row 0"]
+
+
+def test_soft_mink_tasks_weigh_in_as_in_mink() -> None:
+    arm = Arm(21, away=0.02)
+    posture = mink.PostureTask(arm.model, cost=1.0)
+    posture.set_target(np.zeros(7))
+    controller = qt.Controller(arm.model, [arm.task, posture], limits=[])
+    ours = controller.step(arm.configuration, 0.1).velocity
+    minks = mink.solve_ik(
+        arm.configuration, [posture], 0.1, "daqp", limits=[], constraints=[arm.task]
+    )
+    assert ours == pytest.approx(minks, abs=1e-6)
+
+
+def test_rows_of_rounding_dust_do_not_contradict_the_others() -> None:
+    # A tilted planar arm asked for all three directions of position: the row across its plane is
+    # dust, and so is its right-hand side.
+    rng = np.random.default_rng(0)
+    solved = 0
+    for _ in range(30):
+        quat = " ".join(str(x) for x in rng.normal(size=4))
+        model = mujoco.MjModel.from_xml_string(
+            f"""<mujoco><worldbody><body quat="{quat}"><joint name="a" axis="0 0 1"/>
+            <geom size="0.01"/><body pos="1 0 0"><joint name="b" axis="0 0 1"/><geom size="0.01"/>
+            <body pos="1 0 0"><joint name="c" axis="0 0 1"/><geom size="0.01"/>
+            <site name="tip" pos="1 0 0"/></body></body></body></worldbody></mujoco>"""
+        )
+        configuration = mink.Configuration(model, np.array([0.4, 0.7, 0.9]))
+        task = qt.TwistTask("tip", "site", ROLL_FREE)
+        task.set_target_from_configuration(configuration)
+        assert task.target is not None
+        J = task.state(configuration).jacobian
+        desired = rng.normal(size=3)
+        task.set_target(task.target, J @ desired)
+        for space in ("joint", "twist"):
+            step = qt.Controller(model, [task], limits=[], secondary_space=space).step(
+                configuration, 0.01
+            )
+            assert step.status is qt.Status.SOLVED
+            assert J[:3] @ step.velocity == pytest.approx(J[:3] @ desired, abs=1e-7)
+            solved += 1
+    assert solved == 60
+
+
+def test_a_model_without_joints_is_refused() -> None:
+    model = mujoco.MjModel.from_xml_string(
+        '<mujoco><worldbody><site name="tool"/></worldbody></mujoco>'
+    )
+    with pytest.raises(qt.InvalidInput, match="no joints"):
+        qt.Controller(model, [qt.TwistTask("tool", "site", ROLL_FREE)])
+
+
+def test_twist_space_without_a_twist_task_is_joint_space() -> None:
+    arm = Arm(1)
+    posture = mink.PostureTask(arm.model, cost=1.0)
+    posture.set_target(np.zeros(7))
+    controller = qt.Controller(arm.model, [posture], secondary_space="twist", limits=[])
+    assert np.isfinite(controller.step(arm.configuration, 0.1).velocity).all()
+
+
+def test_the_metric_weighs_the_joints() -> None:
+    arm = Arm(13)
+    metric = np.array([1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0])
+    weighted = qt.Controller(arm.model, [arm.task], metric=metric, limits=[])
+    velocity = weighted.step(arm.configuration, 0.1).velocity
+    rows, rate = arm.task.velocity_rows(arm.configuration, 0.1)
+    inverse = np.diag(1.0 / metric)
+    oracle = inverse @ rows.T @ np.linalg.solve(rows @ inverse @ rows.T, rate)
+    assert velocity == pytest.approx(oracle, abs=1e-8)
+
+
+def test_the_feedforward_follows_a_moving_target_without_lag() -> None:
+    arm = Arm(17, away=0.0)
+    twist = np.array([0.1, -0.05, 0.02, 0.0, 0.0, 0.0])
+    arm.task.set_target_from_configuration(arm.configuration)
+    assert arm.task.target is not None
+    arm.task.set_target(arm.task.target, twist)
+    step = qt.Controller(arm.model, [arm.task], limits=[]).step(arm.configuration, 0.01)
+    state = arm.task.state(arm.configuration)
+    assert (state.jacobian @ step.velocity)[:3] == pytest.approx(twist[:3], abs=1e-8)
+
+
+# A backend that lies.
+
+
+@pytest.mark.parametrize("lie", ["nan", "zeros", "outside", "short", "none"])
+def test_a_lying_backend_is_not_believed(lie: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    arm = Arm(4)
+    honest = qt.Controller(arm.model, [arm.task]).step(arm.configuration, 0.1)
+    truth = qpsolvers.solve_problem
+
+    def solve(problem: qpsolvers.Problem, solver: str, **keywords: object) -> qpsolvers.Solution:
+        solution = truth(problem, solver=solver, **keywords)
+        if solver == "proxqp":
+            solution.found = True
+            n = len(problem.q)
+            solution.x = {
+                "nan": np.full(n, np.nan),
+                "zeros": np.zeros(n),
+                "outside": solution.x + 100.0,
+                "short": np.zeros(n - 1),
+                "none": None,
+            }[lie]
+        return solution
+
+    install(monkeypatch, solve)
+    step = qt.Controller(arm.model, [arm.task], solver="proxqp").step(arm.configuration, 0.1)
+    assert step.solver != "proxqp"
+    assert step.velocity == pytest.approx(honest.velocity, abs=1e-6)
+
+
+def test_when_all_backends_lie_the_step_says_who_returned_what(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    truth = qpsolvers.solve_problem
+
+    def solve(problem: qpsolvers.Problem, solver: str, **keywords: object) -> qpsolvers.Solution:
+        solution = truth(problem, solver=solver, **keywords)
+        solution.found, solution.x = True, np.full(len(problem.q), np.nan)
+        return solution
+
+    arm = Arm(4)
+    controller = qt.Controller(arm.model, [arm.task], solver="daqp")
+    install(monkeypatch, solve)
+    with pytest.raises(qt.SolverInaccurate, match=r"daqp returned .*; proxqp returned .*"):
+        controller.step(arm.configuration, 0.1)
+
+
+# Input that is refused, with a sentence.
+
+
+def test_an_unknown_solver_is_named_with_those_that_are_there() -> None:
+    arm = Arm(1)
+    with pytest.raises(qt.UnknownSolver, match=r"'nosuch'.*Installed: .*daqp"):
+        qt.Controller(arm.model, [arm.task], solver="nosuch")
+
+
+@pytest.mark.parametrize("dt", [0.0, -1.0, np.nan, np.inf])
+def test_a_step_needs_a_positive_dt(dt: float) -> None:
+    arm = Arm(1)
+    with pytest.raises(qt.InvalidInput, match="dt"):
+        qt.Controller(arm.model, [arm.task]).step(arm.configuration, dt)
+
+
+def test_a_configuration_that_is_not_finite_is_refused() -> None:
+    arm = Arm(1)
+    controller = qt.Controller(arm.model, [arm.task])
+    arm.configuration.data.qpos[3] = np.nan
+    with pytest.raises(qt.InvalidInput, match=r"configuration\.q: entry 3 is nan"):
+        controller.step(arm.configuration, 0.1)
+
+
+def test_a_configuration_of_another_model_is_refused() -> None:
+    arm, other = Arm(1), Arm(1, joints=5)
+    with pytest.raises(qt.InvalidInput, match="nq = 5"):
+        qt.Controller(arm.model, [arm.task]).step(other.configuration, 0.1)
+
+
+def test_an_unknown_frame_is_named_at_construction() -> None:
+    arm = Arm(1)
+    with pytest.raises(mink.InvalidFrame, match="nowhere"):
+        qt.Controller(arm.model, [qt.TwistTask("nowhere", "site", ROLL_FREE)])
+
+
+def test_a_task_without_a_target_is_refused() -> None:
+    arm = Arm(1)
+    controller = qt.Controller(arm.model, [qt.TwistTask("tool", "site", ROLL_FREE)])
+    with pytest.raises(mink.TargetNotSet, match="TwistTask"):
+        controller.step(arm.configuration, 0.1)
+
+
+def test_contradicting_limits_are_refused_by_the_joints_name() -> None:
+    class Crossed(qt.PositionLimit):
+        kind = "velocity"
+
+        def bounds(self, configuration: mink.Configuration, dt: float) -> tuple:
+            return np.full(7, 1.0), np.full(7, -1.0)
+
+    arm = Arm(1)
+    controller = qt.Controller(arm.model, [arm.task], limits=[Crossed(arm.model)])
+    with pytest.raises(qt.InvalidInput, match=r"'joint_1'.*lower velocity bound of 1 .*above"):
+        controller.step(arm.configuration, 0.1)
+
+
+@pytest.mark.parametrize(
+    ("keywords", "sentence"),
+    [
+        ({"secondary_space": "task"}, "joint, twist"),
+        ({"on_infeasible": "ignore"}, "scale, relax, raise"),
+        ({"secondary": [1]}, "SecondaryObjective"),
+        ({"secondary": 1}, "expected a list"),
+        ({"limits": [1]}, "Limit"),
+        ({"metric": [1.0, 2.0]}, r"shape \(7\)"),
+        ({"metric": [0.0] * 7}, "above 0"),
+        ({"joint_weight": 0.0}, "at least 1e-"),
+        ({"joint_weight": "heavy"}, "expected numbers"),
+    ],
+)
+def test_wrong_arguments_are_refused(keywords: dict, sentence: str) -> None:
+    arm = Arm(1)
+    with pytest.raises(qt.InvalidInput, match=sentence):
+        qt.Controller(arm.model, [arm.task], **keywords)
+
+
+def test_tasks_must_be_a_list_with_something_in_it() -> None:
+    arm = Arm(1)
+    with pytest.raises(qt.InvalidInput, match="empty"):
+        qt.Controller(arm.model, [])
+    with pytest.raises(qt.InvalidInput, match="expected a list"):
+        qt.Controller(arm.model, arm.task)
+    with pytest.raises(qt.InvalidInput, match="BaseTask"):
+        qt.Controller(arm.model, ["task"])
+
+
+def test_a_limited_ball_joint_is_refused_by_name() -> None:
+    model = mujoco.MjModel.from_xml_string(
+        """<mujoco><worldbody><body><joint name="shoulder" type="ball" range="0 60"/>
+        <geom size="0.1"/><site name="tool" pos="0 0 1"/></body></worldbody></mujoco>"""
+    )
+    with pytest.raises(qt.InvalidInput, match=r"'shoulder'.*mink\.ConfigurationLimit"):
+        qt.PositionLimit(model)
+    task = qt.TwistTask("tool", "site", ROLL_FREE)
+    configuration = mink.Configuration(model)
+    task.set_target_from_configuration(configuration)
+    controller = qt.Controller(model, [task], limits=[mink.ConfigurationLimit(model)])
+    assert controller.step(configuration, 0.1).status is qt.Status.SOLVED
+
+
+def test_a_step_says_itself_in_a_sentence() -> None:
+    arm = Arm(1)
+    step = qt.Controller(arm.model, [arm.task]).step(arm.configuration, 0.1)
+    assert step.message.startswith("solved: ")
+    assert "TwistTask('tool', 'site'" in repr(qt.Controller(arm.model, [arm.task]))

@@ -1,0 +1,58 @@
+"""The choice of OpenBLAS's kernels that the numerical tests run on, and which tests these are."""
+
+from __future__ import annotations
+
+import importlib.util
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+@pytest.fixture
+def kernels() -> Any:
+    spec = importlib.util.spec_from_file_location("kernels", ROOT / ".ci" / "kernels.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def test_two_kernels_that_run_and_differ_are_chosen(
+    kernels: Any, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """This machine's own is Haswell's; Zen's is the same code; SkylakeX's stops the process."""
+    results = {None: "a", "Haswell": "a", "Zen": "a", "SkylakeX": ""}
+    monkeypatch.setattr(kernels, "digits", lambda name: results.get(name, name))
+    assert kernels.chosen() == ["Sandybridge", "Nehalem"]
+    said = capsys.readouterr().out
+    assert "SkylakeX is left out: this processor lacks its instructions" in said
+    assert "Zen is left out: it is the same code" in said
+    monkeypatch.setattr(kernels, "digits", lambda name: name or "SkylakeX")
+    assert kernels.chosen() == ["Haswell", "Zen"]
+
+
+def test_the_environment_names_one_kernel_or_none(
+    kernels: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("OPENBLAS_CORETYPE", "Nehalem")
+    assert "OPENBLAS_CORETYPE" not in kernels.with_kernel(None)
+    assert kernels.with_kernel("Haswell")["OPENBLAS_CORETYPE"] == "Haswell"
+    assert kernels.digits(None) == kernels.digits(None) != ""
+
+
+@pytest.mark.parametrize("machine", ["arm64", "aarch64"])
+def test_where_there_is_no_choice_it_says_so(
+    kernels: Any, monkeypatch: pytest.MonkeyPatch, machine: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(kernels.platform, "machine", lambda: machine)
+    assert kernels.main() == 0
+    assert f"on {machine} there is no choice of kernels" in capsys.readouterr().out
+
+
+def test_a_module_is_numerical_unless_it_is_listed(request: pytest.FixtureRequest) -> None:
+    """This one is not listed, so it is; what is listed has to be there, or nothing runs."""
+    assert request.node.get_closest_marker("numerical") is not None

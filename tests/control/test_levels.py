@@ -1,0 +1,666 @@
+"""Strict priorities: against the textbook cascade, formulas, and what may never change."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import mink
+import mujoco
+import numpy as np
+import numpy.typing as npt
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from oracles.arms import random_arm, random_configuration
+from oracles.exact_levels import KINDS, NAMED, exact_cascade, kept, solved
+from oracles.hierarchies import Hierarchy, cascade, harder, random_hierarchy, residual
+from scipy.optimize import linprog, lsq_linear
+
+import qp_twist as qt
+from qp_twist.limits import gather_limits
+from qp_twist.qp import levels as qp_levels
+from qp_twist.qp.active_set import ActiveSetResult
+from qp_twist.qp.verification import EQUALITY_TOLERANCE
+
+Array = npt.NDArray[np.float64]
+SEEDS = st.integers(0, 10**6)
+SAME = 1e-7
+
+
+def last_level(hierarchy: Hierarchy) -> tuple[Array, Array, Array, Array]:
+    n = len(hierarchy.lower)
+    return np.eye(n), hierarchy.reference, np.zeros((0, n)), np.zeros(0)
+
+
+def relaxed(h: Hierarchy, levels: list[Any] | None = None) -> qt.Solution:
+    return qt.solve_levels(
+        h.levels if levels is None else levels, h.lower, h.upper,
+        on_infeasible="relax", reference=h.reference,
+    )  # fmt: skip
+
+
+# --------------------------------------------------------------------- the oracle, and against it
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_the_oracle_agrees_with_bounded_least_squares(seed: int) -> None:
+    """One level without inequality rows is what scipy solves by another method."""
+    h = random_hierarchy(seed, inequalities=False)
+    A, b, G, g = h.levels[0]
+    loose = h.lower < h.upper
+    expected = lsq_linear(
+        A[:, loose], b - A[:, ~loose] @ h.lower[~loose], (h.lower[loose], h.upper[loose]),
+        method="bvls", tol=1e-14, lsq_solver="exact",
+    )  # fmt: skip
+    found = cascade(h, [(A, b, G, g)])
+    assert found.stationarity < 1e-9
+    assert found.residuals[0] == pytest.approx(np.sqrt(2.0 * expected.cost), abs=1e-9)
+
+
+@pytest.mark.parametrize("block", range(20))
+def test_every_level_equals_the_textbook_cascade(block: int) -> None:
+    for seed in range(8 * block, 8 * block + 8):
+        h = random_hierarchy(seed)
+        solution = relaxed(h)
+        assert (solution.x >= h.lower).all()
+        assert (solution.x <= h.upper).all()
+        levels = [*h.levels, last_level(h)]
+        oracle = cascade(h, levels)
+        assert oracle.stationarity < 1e-9, seed
+        reached = [residual(level, solution.x) for level in levels]
+        np.testing.assert_allclose(reached, oracle.residuals, atol=SAME, err_msg=str(seed))
+        np.testing.assert_allclose(solution.x, oracle.x, atol=1e-6, err_msg=str(seed))
+        assert solution.scale == 1.0
+        for level, left in zip(h.levels, solution.residuals, strict=True):
+            np.testing.assert_allclose(left, level[0] @ solution.x - level[1], atol=1e-12)
+
+
+# ------------------------------------------------------------- ill-conditioned, against decimals
+
+EXACT = 1e-8
+"""Of a level's size: what two definitions of its rank may differ by."""
+
+
+@pytest.mark.parametrize("seed", [3, 9, 17, 21])
+def test_the_exact_oracle_agrees_with_the_textbook_cascade(seed: int) -> None:
+    """Where nothing is ill-conditioned both are right to the last digits."""
+    h = random_hierarchy(seed)
+    np.testing.assert_allclose(
+        exact_cascade(h).residuals, cascade(h, h.levels).residuals, atol=1e-9
+    )
+
+
+@pytest.mark.parametrize(
+    ("kind", "seed"), [("stretched", 6), ("stretched", 42), ("parallel", 37), ("parallel", 149)]
+)
+def test_the_kept_residuals_are_the_exact_oracles(kind: str, seed: int) -> None:
+    """Without a guess of the active constraints, too."""
+    expected = kept()[kind][seed]
+    assert solved(kind, seed) == pytest.approx(expected, rel=1e-12, abs=1e-15)
+    assert exact_cascade(harder(seed, kind)).residuals == pytest.approx(expected, rel=1e-9)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_ill_conditioned_levels_are_the_optimum_or_say_that_they_may_not_be(kind: str) -> None:
+    """Rows of 1e-3 … 1e3, or almost parallel ones, whatever BLAS has made of them."""
+    unproven = []
+    for seed, expected in kept()[kind].items():
+        h = harder(seed, kind)
+        solution = relaxed(h)
+        for level, gap, optimum in zip(h.levels, solution.gaps, expected, strict=True):
+            size = 1.0 + optimum + float(np.linalg.norm(level[1]))
+            off = abs(residual(level, solution.x) - optimum)
+            assert off <= gap + EXACT * size, seed
+            if solution.proven:
+                longest = float(np.linalg.norm(np.vstack([level[0], level[2]]), axis=1).max())
+                assert off <= 1e-7 * (longest + size), seed
+        if not solution.proven:
+            unproven.append(seed)
+    assert len(unproven) <= 0.05 * len(kept()[kind]), unproven
+
+
+@pytest.mark.parametrize(("kind", "seed"), NAMED)
+def test_the_active_set_method_ends_on_ill_conditioned_levels(kind: str, seed: int) -> None:
+    """Multipliers and steps that are rounding kept it from ending here."""
+    h = harder(seed, kind)
+    solution = relaxed(h)
+    for level, gap, optimum in zip(h.levels, solution.gaps, kept()[kind][seed], strict=True):
+        size = 1.0 + optimum + float(np.linalg.norm(level[1]))
+        assert abs(residual(level, solution.x) - optimum) <= gap + EXACT * size
+
+
+@given(SEEDS)
+@settings(max_examples=60)
+def test_regular_levels_are_proven(seed: int) -> None:
+    solution = relaxed(random_hierarchy(seed))
+    assert solution.proven
+    assert max(solution.gaps) < 1e-8
+
+
+@pytest.mark.parametrize("apart", [1e-9, 3e-10, 1e-10, 3e-11, 1e-11])
+def test_rows_that_leave_a_rank_to_rounding_are_not_proven(apart: float) -> None:
+    """Two rows say the same of x, but for the last digits; the level below sees the difference."""
+    rows = np.array([[1.0, 0.0, 0.0], [1.0, apart, 0.0]])
+    below = np.array([[0.0, 1.0, 1.0]])
+    last = np.array([[0.0, 1.0, -1.0]])
+    solution = qt.solve_levels(
+        [(rows, [0.5, 0.5 + 0.3 * apart]), (below, [9.0]), (last, [-5.0])], [-1.0] * 3, [1.0] * 3
+    )
+    # Held, the difference leaves x[1] at 0.3; not held, x[1] goes up to 1.
+    true = 9.0 - 1.3 if apart > 1e-10 else 9.0 - 2.0
+    off = abs(float(solution.residuals[1][0])) - true
+    assert not solution.proven or abs(off) < 1e-6
+    if 2e-11 < apart < 5e-10:
+        assert not solution.proven
+        assert solution.gaps[1] > 0.5
+
+
+def test_a_level_that_ends_early_is_not_proven(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The proof looks at what was found, not at who found it."""
+    honest = qp_levels.constrained_least_squares
+
+    def lazy(
+        B: Array, r: Array, C: Array, d: Array, z: Array, *, smallest: float
+    ) -> ActiveSetResult:
+        found = honest(B, r, C, d, z, smallest=smallest)
+        return found._replace(z=z, multipliers=0.0 * found.multipliers, working=())
+
+    unproven = 0
+    for seed in range(40):
+        h = random_hierarchy(seed, inequalities=False)
+        right = relaxed(h)
+        with monkeypatch.context() as patch:
+            patch.setattr(qp_levels, "constrained_least_squares", lazy)
+            wrong = relaxed(h)
+        for level, gap, x in zip(h.levels, wrong.gaps, [wrong.x] * len(h.levels), strict=True):
+            off = residual(level, x) - residual(level, right.x)
+            assert off <= gap + 1e-6, seed
+            if off > 1e-3:
+                assert not wrong.proven
+                unproven += 1
+            if abs(off) > 1e-6:
+                break  # what is below is solved for another level above
+    assert unproven > 10
+
+
+# ------------------------------------------------------------------------ what is zero, or small
+
+
+@given(SEEDS, st.floats(-4.0, 4.0))
+@settings(max_examples=60)
+def test_what_the_tolerance_does_not_resolve_changes_neither_scale_nor_result(
+    seed: int, digits: float
+) -> None:
+    """A first level that is met, and its right-hand side moved by up to the stated tolerance."""
+    rng = np.random.default_rng(seed)
+    n = int(rng.integers(2, 9))
+    A = rng.normal(size=(int(rng.integers(1, n)), n)) * 10.0**digits
+    if rng.random() < 0.4:
+        A = np.vstack([A, rng.normal(size=(1, len(A))) @ A])  # rows that have to agree
+    lower, upper = -rng.uniform(0.0, 1.0, n), rng.uniform(0.0, 1.0, n)
+    met = np.zeros(n) if rng.random() < 0.5 else rng.uniform(lower, upper)
+    b = A @ met
+    away = rng.normal(size=len(b))
+    tolerance = EQUALITY_TOLERANCE * (np.linalg.norm(A, axis=1).max() + np.abs(b).max())
+    away *= tolerance * 0.99 * 10.0 ** rng.choice([0.0, -1.0, -6.0, -11.0]) / np.linalg.norm(away)
+    below = (np.eye(n), np.full(n, 9.0))
+    still = qt.solve_levels([(A, b), below], lower, upper)
+    moved = qt.solve_levels([(A, b + away), below], lower, upper)
+    assert still.scale == moved.scale == 1.0
+    assert np.linalg.norm(moved.residuals[0]) <= 1.01 * tolerance
+
+
+@pytest.mark.parametrize("size", [1e-3, 1e-5, 1e-6, 1e-7])
+@given(seed=SEEDS)
+@settings(max_examples=15)
+def test_a_small_demand_is_scaled_as_a_large_one(size: float, seed: int) -> None:
+    """The largest scale does not depend on the unit, down to what counts as met."""
+    J, goal, lower, upper, _ = saturated(seed)
+    large = qt.solve_levels([(J, goal)], lower, upper)
+    small = qt.solve_levels([(J, size * goal)], size * lower, size * upper)
+    closest = qt.solve_levels([(J, goal)], lower, upper, on_infeasible="relax")
+    missing = size * np.linalg.norm(closest.residuals[0])
+    demand = size * np.abs(goal).max()
+    tolerance = EQUALITY_TOLERANCE * (np.linalg.norm(J, axis=1).max() + demand)
+    if missing > 1.01 * tolerance:
+        assert small.scale == pytest.approx(large.scale, abs=1e-6 + 1e-12 / demand)
+    elif missing < 0.99 * tolerance:
+        assert small.scale == 1.0
+        assert np.linalg.norm(small.residuals[0]) <= 1.01 * tolerance
+
+
+@given(SEEDS)
+@settings(max_examples=30)
+def test_a_scaled_first_level_leaves_the_others_to_the_cascade(seed: int) -> None:
+    h = random_hierarchy(seed, inequalities=False)
+    h.lower = np.minimum(h.lower, 0.0)  # standing still is inside, so that there is a scale
+    rng = np.random.default_rng(seed)
+    A = rng.normal(size=(min(3, len(h.lower)), len(h.lower)))
+    h.levels[0] = (A, A @ np.clip(3.0 * rng.normal(size=len(h.lower)), -5, 5), *h.levels[0][2:])
+    solution = qt.solve_levels(
+        [level[:2] for level in h.levels], h.lower, h.upper, reference=h.reference
+    )
+    slower = [(A, solution.scale * h.levels[0][1], *h.levels[0][2:]), *h.levels[1:], last_level(h)]
+    oracle = cascade(h, slower)
+    reached = [residual(level, solution.x) for level in slower]
+    assert reached[0] <= 1e-8
+    # What is left is about SCALE_BACKOFF wide, which is at the limit of the oracle.
+    assert oracle.stationarity < 1e-7
+    np.testing.assert_allclose(reached, oracle.residuals, atol=1e-4)
+
+
+@given(SEEDS)
+@settings(max_examples=60)
+def test_without_bounds_it_is_the_recursive_null_space_formula(seed: int) -> None:
+    r"""q_k = q_{k−1} + (A_k P)† (b_k − A_k q_{k−1}),  P ← P − (A_k P)†(A_k P).
+
+    B. Siciliano and J.-J. E. Slotine, "A general framework for managing multiple tasks in highly
+    redundant robotic systems", ICAR 1991.
+    """
+    h = random_hierarchy(seed, bounded=False, inequalities=False)
+    x, P = np.zeros(len(h.lower)), np.eye(len(h.lower))
+    for A, b, _, _ in h.levels:
+        inverse = np.linalg.pinv(A @ P, rcond=1e-9)
+        if np.abs(A @ P).max() < 1e-9 * np.abs(A).max():
+            continue  # nothing is left of this level but rounding
+        x = x + inverse @ (b - A @ x)
+        P = P - inverse @ (A @ P)
+    expected = x + P @ (h.reference - x)
+    solution = relaxed(h)
+    np.testing.assert_allclose(solution.x, expected, atol=1e-7 * (1.0 + np.abs(expected).max()))
+
+
+@given(SEEDS)
+@settings(max_examples=40)
+def test_a_lower_level_never_changes_what_a_higher_one_achieved(seed: int) -> None:
+    h = random_hierarchy(seed)
+    alone = relaxed(h, h.levels[:1])
+    both = relaxed(h)
+    A, b, G, g = h.levels[0]
+    np.testing.assert_allclose(A @ both.x - b, A @ alone.x - b, atol=1e-8)
+    np.testing.assert_allclose(
+        np.maximum(G @ both.x - g, 0.0), np.maximum(G @ alone.x - g, 0.0), atol=1e-8
+    )
+
+
+def test_a_level_of_conflicting_tasks_is_a_compromise() -> None:
+    rows = np.array([[1.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
+    solution = qt.solve_levels(
+        [(rows, [1.0, 3.0, 0.5])], [-9.0, -9.0], [9.0, 9.0], on_infeasible="relax"
+    )
+    np.testing.assert_allclose(solution.x, [2.0, 0.5], atol=1e-12)
+
+
+def test_inequality_rows_count_where_they_stand() -> None:
+    """x ≤ 1 above or below a desired velocity for x = 3."""
+    row = np.array([[1.0, 0.0]])
+    nothing = (np.zeros((0, 2)), [])
+    wall, desired = (*nothing, row, [1.0]), (row, [3.0])
+    low, high = [-9.0, -9.0], [9.0, 9.0]
+    first = qt.solve_levels([wall, desired], low, high)
+    np.testing.assert_allclose(first.x, [1.0, 0.0], atol=1e-12)
+    below = qt.solve_levels([desired, wall], low, high)
+    np.testing.assert_allclose(below.x, [3.0, 0.0], atol=1e-12)
+    beside = qt.solve_levels([(*desired, row, [1.0])], low, high, on_infeasible="relax")
+    np.testing.assert_allclose(beside.x, [2.0, 0.0], atol=1e-12)
+
+
+# ------------------------------------------------------------------------------------ scale, raise
+
+
+def saturated(seed: int) -> tuple[Array, Array, Array, Array, float]:
+    """J, goal, bounds and σ: a goal that some point inside the bounds reaches to σ of it."""
+    rng = np.random.default_rng(seed)
+    n = int(rng.integers(1, 9))
+    J = rng.normal(size=(int(rng.integers(1, n + 1)), n))
+    lower, upper = -0.1 - rng.uniform(size=n), 0.1 + rng.uniform(size=n)
+    inside = rng.uniform(lower, upper)
+    on = rng.uniform(size=n) < 0.3
+    inside[on] = np.where(rng.uniform(size=n) < 0.5, lower, upper)[on]
+    sigma = 1.0 if rng.uniform() < 0.5 else float(rng.uniform(0.1, 0.9))
+    return J, J @ inside / sigma, lower, upper, sigma
+
+
+@pytest.mark.parametrize("block", range(10))
+def test_the_scale_is_the_linear_programs(block: int) -> None:
+    """Posed and solved differently: y = x − lower ≥ 0 with slacks, by an interior-point method."""
+    for seed in range(30 * block, 30 * block + 30):
+        J, goal, lower, upper, sigma = saturated(seed)
+        n = len(lower)
+        solution = qt.solve_levels([(J, goal)], lower, upper)
+        rows = np.block([
+            [J, -goal[:, None], np.zeros((len(goal), n))],
+            [np.eye(n), np.zeros((n, 1)), np.eye(n)],
+        ])  # fmt: skip
+        best = linprog(
+            np.concatenate([np.zeros(n), [-1.0], np.zeros(n)]), A_eq=rows,
+            b_eq=np.concatenate([-J @ lower, upper - lower]),
+            bounds=[(0, None)] * n + [(0, 1)] + [(0, None)] * n, method="highs-ipm",
+        )  # fmt: skip
+        assert solution.scale >= sigma - 1e-6, seed
+        assert solution.scale == pytest.approx(-best.fun, abs=1e-6), seed
+        assert (solution.x >= lower - 1e-9).all()
+        assert (solution.x <= upper + 1e-9).all()
+        assert np.abs(J @ solution.x - solution.scale * goal).max() <= 1e-8, seed
+        if solution.scale < 1.0 - 1e-6:
+            assert solution.binding
+            for limit in solution.binding:  # a bound that binds is touched
+                i = int(limit.joint[2:-1])
+                touched = {"upper": upper, "lower": lower}[limit.side][i]
+                assert solution.x[i] == pytest.approx(touched, abs=1e-3)
+
+
+def test_raise_says_how_much_fits() -> None:
+    with pytest.raises(qt.InfeasibleStep, match=r"0\.5 of it") as caught:
+        qt.solve_levels([([[1.0, 1.0]], [4.0])], [-1, -1], [1, 1], on_infeasible="raise")
+    assert caught.value.problem is not None
+    fits = qt.solve_levels([([[1.0, 1.0]], [1.5])], [-1, -1], [1, 1], on_infeasible="raise")
+    assert fits.scale == 1.0
+
+
+# ------------------------------------------------------------------------- levels of a controller
+
+ROLL_FREE = qt.TwistProjector(
+    linear=qt.Projector.full(), angular=qt.Projector.plane([0, 0, 1]), frame="body"
+)
+
+
+class Arm:
+    """A random arm of eight joints with tasks about it."""
+
+    def __init__(self, seed: int, away: float = 0.05) -> None:
+        rng = np.random.default_rng(seed)
+        self.model = random_arm(rng, 8)
+        q = random_configuration(self.model, rng, margin=0.1)
+        self.configuration = mink.Configuration(self.model, q)
+        pose = self.configuration.get_transform_frame_to_world("tool", "site")
+        self.twist = qt.TwistTask("tool", "site", ROLL_FREE)
+        self.twist.set_target(pose.plus(away * rng.normal(size=6)))
+        self.frame = mink.FrameTask("link_4", "body", position_cost=1.0, orientation_cost=0.3)
+        pose = self.configuration.get_transform_frame_to_world("link_4", "body")
+        self.frame.set_target(pose.plus(away * rng.normal(size=6)))
+        self.com = mink.ComTask(cost=2.0)
+        self.com.set_target(self.configuration.data.subtree_com[1] + away * rng.normal(size=3))
+        self.posture = mink.PostureTask(self.model, cost=0.5)
+        self.posture.set_target(random_configuration(self.model, rng, margin=0.2))
+        self.damping = mink.DampingTask(self.model, cost=0.1)
+
+    def rows(self, task: mink.Task, dt: float) -> tuple[Array, Array]:
+        """A task's rows, from its own Jacobian and error (mink: J Δq = −gain · error)."""
+        if isinstance(task, qt.TwistTask):
+            return task.velocity_rows(self.configuration, dt)
+        J, error = task.compute_jacobian(self.configuration), task.compute_error(self.configuration)
+        return task.cost[:, None] * J, -task.gain * task.cost * error / dt
+
+
+HIERARCHIES = {
+    "twist over frame": lambda a: [[a.twist], [a.frame]],
+    "twist over com over posture": lambda a: [[a.twist], [a.com], [a.posture]],
+    "frame over twist": lambda a: [[a.frame], [a.twist]],
+    "two in one level": lambda a: [[a.twist, a.com], [a.posture]],
+    "posture over everything": lambda a: [[a.posture], [a.twist]],
+    "damping last": lambda a: [[a.twist], [a.com], [a.damping]],
+}
+
+
+@pytest.mark.parametrize("name", HIERARCHIES)
+@given(seed=st.integers(0, 10**6))
+@settings(max_examples=10)
+def test_a_controllers_levels_are_solve_levels_on_the_same_rows(name: str, seed: int) -> None:
+    arm, dt = Arm(seed), 0.05
+    levels = HIERARCHIES[name](arm)
+    limits = [
+        qt.PositionLimit(arm.model),
+        mink.VelocityLimit(arm.model, {arm.model.joint(i).name: 1.0 for i in range(8)}),
+    ]
+    secondary = qt.JointCentering(arm.model, gain=0.2)
+    controller = qt.Controller(
+        arm.model, levels=levels, limits=limits, secondary=[secondary],
+        on_infeasible="relax", singularity=0.0,
+    )  # fmt: skip
+    step = controller.step(arm.configuration, dt)
+    bounds = gather_limits(limits, arm.configuration, dt)
+    rows = [
+        tuple(map(np.concatenate, zip(*(arm.rows(t, dt) for t in tasks), strict=True)))
+        for tasks in levels
+    ]
+    h = Hierarchy(
+        [(A, b, np.zeros((0, 8)), np.zeros(0)) for A, b in rows], bounds.lower, bounds.upper,
+        secondary.displacement(arm.configuration) / dt,
+    )  # fmt: skip
+    expected = qt.solve_levels(rows, h.lower, h.upper, on_infeasible="relax", reference=h.reference)
+    for level in h.levels:
+        assert residual(level, step.velocity) == pytest.approx(
+            residual(level, expected.x), abs=SAME * (1.0 + np.abs(level[1]).max())
+        )
+    np.testing.assert_allclose(step.velocity, expected.x, atol=1e-6)
+    oracle = cascade(h, [*h.levels, last_level(h)])
+    assert oracle.stationarity < 1e-9
+    np.testing.assert_allclose(step.velocity, oracle.x, atol=1e-5)
+    assert np.concatenate(step.residuals) == pytest.approx(
+        np.concatenate([A @ step.velocity - b for A, b in rows]), abs=1e-9
+    )
+
+
+def test_the_status_says_which_level_gave_way() -> None:
+    arm = Arm(3, away=1e-3)
+    plain = qt.Controller(arm.model, levels=[[arm.twist]]).step(arm.configuration, 0.1)
+    assert plain.status is qt.Status.SOLVED
+    both = qt.Controller(arm.model, levels=[[arm.twist], [arm.frame]])
+    step = both.step(arm.configuration, 0.1)
+    assert step.status is qt.Status.PRIORITIZED
+    assert step.scale == 1.0
+    np.testing.assert_allclose(step.residuals[0], 0.0, atol=1e-8)
+    assert np.abs(step.residuals[1]).max() > 1e-4
+
+
+@given(st.integers(0, 10**6))
+@settings(max_examples=15)
+def test_a_lower_task_does_not_touch_a_higher_one_on_an_arm(seed: int) -> None:
+    arm = Arm(seed, away=0.2)
+    limit = mink.VelocityLimit(arm.model, {arm.model.joint(i).name: 0.5 for i in range(8)})
+
+    def first(levels: Any, mode: Any) -> qt.Step:
+        made = qt.Controller(arm.model, levels=levels, limits=[limit], on_infeasible=mode)
+        return made.step(arm.configuration, 0.1)
+
+    for mode in ("scale", "relax"):
+        alone = first([[arm.twist]], mode)
+        together = first([[arm.twist], [arm.frame, arm.com], [arm.posture]], mode)
+        assert together.scale == pytest.approx(alone.scale, abs=1e-7)
+        np.testing.assert_allclose(together.residuals[0], alone.residuals[0], atol=1e-7)
+
+
+class Offset(mink.PostureTask):
+    """A posture task whose error is off by a little, as that of an integrated configuration is."""
+
+    off: Array | float = 0.0
+
+    def compute_error(self, configuration: mink.Configuration) -> Array:
+        return super().compute_error(configuration) + self.off
+
+
+@pytest.mark.parametrize("mode", ["scale", "relax", "raise"])
+@given(seed=SEEDS)
+@settings(max_examples=12)
+def test_a_level_that_is_met_is_met_whatever_rounding_leaves_of_it(mode: Any, seed: int) -> None:
+    """Posture of two joints, met up to the tolerance, over a target that is out of reach."""
+    rng, dt = np.random.default_rng(seed), 0.01
+    arm = Arm(seed)
+    posture = Offset(arm.model, cost=np.concatenate([np.ones(2), np.zeros(6)]))
+    posture.set_target(arm.configuration.q)
+    pose = arm.configuration.get_transform_frame_to_world("tool", "site")
+    arm.twist.set_target(pose.plus(np.array([5.0, 5.0, 5.0, 0.0, 0.0, 0.0])))
+    limit = mink.VelocityLimit(arm.model, {arm.model.joint(i).name: 1.0 for i in range(8)})
+    controller = qt.Controller(
+        arm.model, levels=[[posture], [arm.twist]], limits=[limit], on_infeasible=mode
+    )
+    met = controller.step(arm.configuration, dt)
+    assert met.status in (qt.Status.PRIORITIZED, qt.Status.DEGRADED)
+    for size in (1e-25, 4e-19, 1e-17, 1e-15, 1e-13, 1e-11, 0.99 * EQUALITY_TOLERANCE * dt):
+        away = rng.normal(size=8)
+        away[2:] = 0.0
+        posture.off = size * away / np.linalg.norm(away)
+        step = controller.step(arm.configuration, dt)
+        assert (step.status, step.scale) == (met.status, 1.0), size
+        np.testing.assert_allclose(step.velocity, met.velocity, atol=1e-6)
+
+
+TWO_ARMS = """
+<mujoco><compiler angle="radian"/><worldbody>
+  <body pos="0 0.4 0"><joint name="a1" axis="0 0 1"/><geom size="0.02"/>
+    <body pos="0.4 0 0"><joint name="a2" axis="0 0 1"/><geom size="0.02"/>
+      <body pos="0.4 0 0"><joint name="a3" axis="0 0 1"/><geom size="0.02"/>
+        <site name="left" pos="0.2 0 0"/></body></body></body>
+  <body pos="0 -0.4 0"><joint name="b1" axis="0 0 1"/><geom size="0.02"/>
+    <body pos="0.4 0 0"><joint name="b2" axis="0 0 1"/><geom size="0.02"/>
+      <body pos="0.4 0 0"><joint name="b3" axis="0 0 1"/><geom size="0.02"/>
+        <site name="right" pos="0.2 0 0"/></body></body></body>
+</worldbody></mujoco>"""
+
+
+@pytest.mark.parametrize("solver", [None, "daqp"])
+@pytest.mark.parametrize("on_infeasible", ["scale", "relax"])
+def test_one_arm_holds_still_while_the_other_cannot_follow(
+    solver: str | None, on_infeasible: Any
+) -> None:
+    """What is left of the held arm's error is rounding; the task is not scaled by it."""
+    model = mujoco.MjModel.from_xml_string(TWO_ARMS)
+    plane = qt.TwistProjector(linear=qt.Projector.plane([0, 0, 1]), angular=qt.Projector.none())
+    hold, track = (qt.TwistTask(name, "site", plane) for name in ("left", "right"))
+    configuration = mink.Configuration(model, np.array([0.3, 0.7, -0.4, 0.2, 0.9, -0.3]))
+    start = [configuration.get_transform_frame_to_world(n, "site") for n in ("left", "right")]
+    hold.set_target(start[0])
+    limit = mink.VelocityLimit(model, {model.joint(i).name: 0.5 for i in range(6)})
+    controller = qt.Controller(
+        model, levels=[[hold], [track]], limits=[limit], solver=solver, on_infeasible=on_infeasible
+    )
+    seen = set()
+    for k in range(100):
+        away = np.array([0.6 * np.sin(0.05 * k), 0.5 * np.cos(0.03 * k), 0.0])
+        track.set_target(mink.SE3.from_translation(start[1].translation() + away))
+        step = controller.step(configuration, 0.01)
+        assert step.scale == 1.0
+        assert np.abs(step.residuals[0]).max() <= 1e-8
+        assert step.proven
+        seen.add(step.status)
+        configuration.integrate_inplace(step.velocity, 0.01)
+    assert seen <= {qt.Status.SOLVED, qt.Status.PRIORITIZED}
+    assert qt.Status.PRIORITIZED in seen
+
+
+def test_a_step_says_where_it_is_not_proven() -> None:
+    """Two tasks of a level differ in the last digits, and the level below wants what is between."""
+    arm = Arm(5)
+    A, near = np.eye(8)[:2], np.eye(8)[:2]
+    A[1] = A[0] + 1.2e-10 * np.eye(8)[1]
+    near[0], near[1] = np.eye(8)[1], np.eye(8)[2]
+
+    def rows(matrix: Array, rate: list[float]) -> mink.Task:
+        task = mink.PostureTask(arm.model, cost=1.0)
+        task.set_target(arm.configuration.q)
+        task.compute_qp_residual = lambda c: (matrix, 0.1 * np.array(rate), 0.0)  # type: ignore[method-assign]
+        return task
+
+    limit = mink.VelocityLimit(arm.model, {arm.model.joint(i).name: 1.0 for i in range(8)})
+    controller = qt.Controller(
+        arm.model, levels=[[rows(A, [0.3, 0.3])], [rows(near, [0.9, 9.0])]],
+        limits=[limit], singularity=0.0,
+    )  # fmt: skip
+    step = controller.step(arm.configuration, 0.1)
+    assert not step.proven
+    assert len(step.gaps) == 2
+    assert step.gaps[1] > 0.1
+    assert "not proven to be the optimum: level 2" in step.message
+
+
+TWO_LINKS = """
+<mujoco><worldbody>
+  <geom name="post" type="sphere" size="0.1" pos="0.9 0.35 0"/>
+  <body><joint name="a" axis="0 0 1"/><geom type="capsule" size="0.03" fromto="0 0 0 0.5 0 0"/>
+    <body pos="0.5 0 0"><joint name="b" axis="0 0 1"/>
+      <geom name="arm" type="capsule" size="0.03" fromto="0.1 0 0 0.5 0 0"/>
+      <site name="tip" pos="0.5 0 0"/></body></body>
+</worldbody></mujoco>
+"""
+
+
+def test_a_collision_limit_can_stand_at_any_level() -> None:
+    model = mujoco.MjModel.from_xml_string(TWO_LINKS)
+    configuration = mink.Configuration(model, np.array([0.0, 0.1]))
+    task = qt.TwistTask(
+        "tip", "site",
+        qt.TwistProjector(linear=qt.Projector.plane([0, 0, 1]), angular=qt.Projector.none()),
+    )  # fmt: skip
+    target = configuration.get_transform_frame_to_world("tip", "site").translation()
+    task.set_target(
+        mink.SE3.from_translation(target + np.array([-0.05, 0.3, 0.0]))  # behind the post
+    )
+    collision = mink.CollisionAvoidanceLimit(
+        model, [(["arm"], ["post"])], gain=0.5, collision_detection_distance=0.5
+    )
+    dt = 1.0
+
+    def clearance(step: qt.Step) -> float:
+        constraint = collision.compute_qp_inequalities(configuration, dt)
+        return float((constraint.h - constraint.G @ step.velocity * dt).min())
+
+    def act(levels: Any, limits: Any) -> qt.Step:
+        made = qt.Controller(model, levels=levels, limits=limits, on_infeasible="relax")
+        return made.step(configuration, dt)
+
+    above = act([[collision], [task]], [])
+    below = act([[task], [collision]], [])
+    outside = act([[task]], [collision])
+    assert clearance(above) >= -1e-8
+    assert clearance(outside) >= -1e-8
+    assert clearance(below) < -1e-3
+    np.testing.assert_allclose(below.residuals[0], 0.0, atol=1e-8)
+    np.testing.assert_allclose(above.velocity, outside.velocity, atol=1e-6)
+    assert above.binding
+    assert above.binding[0].kind == "collision"
+    assert "post" in above.binding[0].joint
+
+
+MODEL = random_arm(np.random.default_rng(0), 6)
+
+
+def _twist() -> qt.TwistTask:
+    return qt.TwistTask("tool", "site", ROLL_FREE)
+
+
+@pytest.mark.parametrize(
+    ("levels", "sentence"),
+    [
+        ([], "expected lists of tasks"),
+        ([[]], "none of them empty"),
+        ([[_twist()], []], "none of them empty"),
+        (_twist(), "expected a list"),
+        ([_twist()], "expected a list"),
+        ([["tool"]], "expected tasks and limits"),
+        ([[None]], "expected tasks and limits"),
+        ([[_twist(), 3.0]], "expected tasks and limits"),
+        ([[[_twist()]]], "expected tasks and limits"),
+        ({"first": [_twist()]}, "expected a list"),
+        ([[mink.VelocityLimit(MODEL, {})]], "tasks is empty"),
+    ],
+)
+def test_odd_levels_are_refused_with_a_sentence(levels: Any, sentence: str) -> None:
+    with pytest.raises(qt.InvalidInput, match=sentence):
+        qt.Controller(MODEL, levels=levels)
+
+
+def test_a_cost_without_rows_cannot_stand_in_a_level() -> None:
+    arm = Arm(1)
+    cost = mink.KineticEnergyRegularizationTask(cost=1.0)
+    cost.set_dt(0.1)
+    controller = qt.Controller(arm.model, levels=[[arm.twist], [cost]])
+    with pytest.raises(qt.InvalidInput, match="states a cost but no rows"):
+        controller.step(arm.configuration, 0.1)
+    beside = qt.Controller(arm.model, tasks=[cost], levels=[[arm.twist]])
+    assert np.isfinite(beside.step(arm.configuration, 0.1).velocity).all()
+
+
+def test_with_levels_a_twist_task_belongs_to_one() -> None:
+    with pytest.raises(qt.InvalidInput, match="belongs to a level"):
+        qt.Controller(MODEL, tasks=[_twist()], levels=[[_twist()]])

@@ -1,0 +1,351 @@
+"""Saturation in the null space, against linear programs, optimality conditions and the QPs."""
+
+from __future__ import annotations
+
+import copy
+import dataclasses
+import runpy
+import sys
+from pathlib import Path
+from typing import Any
+
+import mink
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+from scipy.optimize import linprog, lsq_linear
+
+import qp_twist as qt
+from qp_twist import closed_form
+from qp_twist.closed_form import saturation_in_null_space, saturation_path
+from qp_twist.comparison import metrics
+from qp_twist.following.resolver import make_resolver
+from qp_twist.following.waypoint_limits import WaypointLimits
+
+Array = NDArray[np.float64]
+EXAMPLE = Path(__file__).parents[2] / "examples" / "scaling.py"
+SCALING = runpy.run_path(str(EXAMPLE))
+SEEDS = st.integers(0, 2**32 - 1)
+FORMS = pytest.mark.parametrize("optimal", [False, True], ids=["basic", "optimal"])
+
+
+def largest_scale(A: Array, b: Array, lower: Array, upper: Array) -> float:
+    """Optimum of the linear program, by HiGHS."""
+    n = A.shape[1]
+    result = linprog(
+        -np.eye(n + 1)[-1],
+        A_eq=np.column_stack([A, -b]),
+        b_eq=np.zeros(len(b)),
+        bounds=np.column_stack([np.append(lower, 0.0), np.append(upper, 1.0)]),
+        options={"primal_feasibility_tolerance": 1e-10, "dual_feasibility_tolerance": 1e-10},
+    )
+    return float(result.x[-1])
+
+
+def distance_from_optimality(x: Array, A: Array, lower: Array, upper: Array) -> float:
+    """How far −x is from Aᵀλ + μ with μ of the right sign: 0 proves that x is the shortest."""
+    low, high = x <= lower + 1e-9, x >= upper - 1e-9
+    at_bound = low | high
+    free = np.full(len(A), np.inf)
+    fit = lsq_linear(
+        np.column_stack([A.T, np.eye(len(x))[:, at_bound]]),
+        -x,
+        (
+            np.concatenate([-free, np.where(low, -np.inf, 0.0)[at_bound]]),
+            np.concatenate([free, np.where(high, np.inf, 0.0)[at_bound]]),
+        ),
+        method="bvls",
+        tol=1e-14,
+    )
+    return float(np.linalg.norm(fit.fun))
+
+
+def as_published(A: Array, b: Array, lower: Array, upper: Array) -> tuple[Array, float]:
+    """The basic algorithm word by word: each trial at s = 1, its best scale kept book of."""
+    n = A.shape[1]
+    W, x_n = np.eye(n), np.zeros(n)
+    best, x_best = 0.0, np.zeros(n)
+    while np.linalg.matrix_rank(A @ W, tol=1e-9) == len(A):
+        inverse = np.linalg.pinv(A @ W)
+        inverse[np.diag(W) == 0.0] = 0.0
+        x = x_n + inverse @ (b - A @ x_n)
+        if ((lower <= x) & (x <= upper)).all():
+            return x, 1.0
+        slope = inverse @ b
+        rest = x - slope
+        free = np.flatnonzero(np.diag(W))
+        ends = np.sort([(lower - rest)[free] / slope[free], (upper - rest)[free] / slope[free]], 0)
+        if ends[0].max() <= ends[1].min() and ends[1].min() > best:
+            best = float(ends[1].min())
+            x_best = rest + best * slope
+        critical = free[np.argmin(ends[1])]
+        W[critical, critical] = 0.0
+        x_n[critical] = upper[critical] if x[critical] > upper[critical] else lower[critical]
+    return x_best, best
+
+
+def check_what_is_promised(
+    result: closed_form.Saturation, A: Array, b: Array, lower: Array, upper: Array
+) -> None:
+    x = result.displacement
+    assert (lower <= x).all()
+    assert (x <= upper).all()
+    assert 0.0 <= result.scale <= 1.0
+    error = np.linalg.norm(A @ x - result.scale * b)
+    assert error <= 1e-10 * (1.0 + np.linalg.norm(b))
+    at_bound = (x - lower <= 1e-9) | (upper - x <= 1e-9)
+    assert at_bound[result.saturated].all()
+
+
+# ---------------------------------------------------------------- one step
+
+
+@FORMS
+@given(seed=SEEDS, joints=st.integers(1, 9), rows=st.integers(1, 9))
+@settings(max_examples=200)
+def test_without_an_active_bound_it_is_the_minimum_norm(
+    optimal: bool, seed: int, joints: int, rows: int
+) -> None:
+    rng = np.random.default_rng(seed)
+    A = rng.normal(size=(min(rows, joints), joints))
+    x = A.T @ rng.normal(size=len(A))  # in the row space: the shortest that does A x
+    lower = np.where(rng.uniform(size=joints) < 0.3, -np.inf, np.minimum(1.1 * x, 0.0) - 1e-3)
+    upper = np.maximum(1.1 * x, 0.0) + 1e-3
+    result = saturation_in_null_space(A, None, A @ x, lower, upper, optimal=optimal)
+    assert result.displacement == pytest.approx(x, abs=1e-9 * (1.0 + np.abs(x).max()))
+    assert result.scale == 1.0
+    assert result.proven
+    assert not result.saturated.any()
+
+
+@FORMS
+def test_a_projector_selects_the_rows(optimal: bool) -> None:
+    rng = np.random.default_rng(3)
+    T = qt.TwistProjector(linear=qt.Projector.full(), angular=qt.Projector.plane([0, 0, 1]))
+    J, twist, bound = rng.normal(size=(6, 7)), rng.normal(size=6), np.full(7, 0.3)
+    expected = saturation_in_null_space(
+        T.basis.T @ J, None, T.basis.T @ twist, -bound, bound, optimal=optimal
+    )
+    for projector in (T, T.matrix):
+        found = saturation_in_null_space(J, projector, twist, -bound, bound, optimal=optimal)
+        assert found.displacement == pytest.approx(expected.displacement, abs=1e-12)
+        assert found.scale == pytest.approx(expected.scale)
+        assert found.saturated.tolist() == expected.saturated.tolist()
+
+
+@pytest.mark.parametrize("seed", range(150))
+def test_on_random_problems(seed: int) -> None:
+    p = SCALING["random_problem"](seed)
+    problem = (p.J, p.goal, p.lower, p.upper)
+    largest = largest_scale(*problem)
+    assert largest >= p.sigma - 1e-9  # by construction of the problem
+    basic = saturation_in_null_space(p.J, None, p.goal, p.lower, p.upper)
+    check_what_is_promised(basic, *problem)
+    published, scale = as_published(*problem)
+    assert basic.scale == pytest.approx(scale, abs=1e-9)
+    assert basic.displacement == pytest.approx(published, abs=1e-9)
+    assert basic.scale <= largest + 1e-9
+    if basic.proven:
+        assert basic.scale == pytest.approx(largest, abs=1e-9)
+    optimal = saturation_in_null_space(p.J, None, p.goal, p.lower, p.upper, optimal=True)
+    check_what_is_promised(optimal, *problem)
+    assert optimal.proven
+    assert optimal.scale == pytest.approx(largest, abs=1e-9)
+    assert distance_from_optimality(optimal.displacement, p.J, p.lower, p.upper) < 1e-9
+    if basic.scale == 1.0:
+        lengths = [np.linalg.norm(result.displacement) for result in (optimal, basic)]
+        assert lengths[0] <= lengths[1] + 1e-12
+
+
+@given(SEEDS)
+@settings(max_examples=150)
+def test_where_many_bounds_meet_at_once(seed: int) -> None:
+    """Whole numbers everywhere: ties, dependent rows, joints at a limit, fixed and unlimited."""
+    rng = np.random.default_rng(seed)
+    joints = int(rng.integers(1, 13))
+    rows = int(rng.integers(1, joints, endpoint=True))
+    A = rng.integers(-1, 1, size=(rows, joints), endpoint=True).astype(float)
+    if rng.uniform() < 0.3:
+        A[-1] = A[0]
+    lower = -rng.integers(0, 3, size=joints).astype(float)
+    upper = rng.integers(0, 3, size=joints).astype(float)
+    b = A @ np.clip(rng.integers(-2, 3, size=joints), lower, upper) * rng.choice([0.5, 1.0, 2.0])
+    lower[rng.integers(joints)] = -np.inf
+    basic = saturation_in_null_space(A, None, b, lower, upper)
+    check_what_is_promised(basic, A, b, lower, upper)
+    optimal = saturation_in_null_space(A, None, b, lower, upper, optimal=True)
+    check_what_is_promised(optimal, A, b, lower, upper)
+    assert optimal.proven
+    assert optimal.scale == pytest.approx(largest_scale(A, b, lower, upper), abs=1e-9)
+    assert distance_from_optimality(optimal.displacement, A, lower, upper) < 1e-9
+
+
+def test_the_basic_form_keeps_what_it_holds_and_the_optimal_one_releases() -> None:
+    # The first of the random problems on which holding for good costs some of the scale.
+    for seed in range(200):
+        p = SCALING["random_problem"](seed)
+        basic, optimal = (
+            saturation_in_null_space(p.J, None, p.goal, p.lower, p.upper, optimal=flag)
+            for flag in (False, True)
+        )
+        if basic.scale < optimal.scale - 1e-3:
+            assert not basic.proven
+            assert optimal.proven
+            return
+    raise AssertionError("the basic form was never short of the optimal one")
+
+
+def test_out_of_corners_it_says_so_and_keeps_its_promises(monkeypatch: pytest.MonkeyPatch) -> None:
+    unproven = 0
+    for cap in range(6):
+        monkeypatch.setattr(saturation_path, "CORNERS", cap)
+        for seed in range(40):
+            p = SCALING["random_problem"](seed)
+            result = saturation_in_null_space(p.J, None, p.goal, p.lower, p.upper, optimal=True)
+            check_what_is_promised(result, p.J, p.goal, p.lower, p.upper)
+            if not result.proven:
+                unproven += 1
+                assert result.scale < 1.0
+    assert unproven > 50
+
+
+@FORMS
+def test_of_dependent_rows_the_part_in_their_range_counts(optimal: bool) -> None:
+    A = np.array([[1.0, 1.0], [1.0, 1.0]])
+    result = saturation_in_null_space(A, None, [1.0, 3.0], [-1, -1], [0.8, 5], optimal=optimal)
+    assert result.displacement == pytest.approx([0.8, 1.2])
+    assert result.scale == 1.0
+    # No row can be moved: nothing is asked, nothing is done.
+    still = saturation_in_null_space(
+        np.zeros((2, 2)), None, [1, 1], [-1, -1], [1, 1], optimal=optimal
+    )
+    assert still.displacement.tolist() == [0.0, 0.0]
+
+
+@pytest.mark.parametrize("optimal", [False, True])
+@pytest.mark.parametrize("rest", [0.0, 4e-19, 1e-14, 9e-9])
+def test_a_task_that_is_met_up_to_rounding_is_not_scaled(optimal: bool, rest: float) -> None:
+    """A joint stands at its bound, and what is left of the task would move it beyond."""
+    result = saturation_in_null_space(
+        [[1.0, 0.0]], None, [rest], [-1.0, -1.0], [0.0, 1.0], optimal=optimal
+    )
+    assert result.scale == 1.0
+    assert result.proven
+    np.testing.assert_array_equal(result.displacement, 0.0)
+    real = saturation_in_null_space(
+        [[1.0, 0.0]], None, [1e-6], [-1.0, -1.0], [2.5e-7, 1.0], optimal=optimal
+    )
+    assert real.scale == pytest.approx(0.25)
+
+
+@FORMS
+def test_wrong_input_is_refused(optimal: bool) -> None:
+    def call(**wrong: Any) -> None:
+        given = {"jacobian": np.eye(2), "projector": None, "twist": [1, 1], "lower": [-1, -1]}
+        saturation_in_null_space(**{**given, "upper": [1, 1], "optimal": optimal, **wrong})
+
+    for bound in ([0.5, -1.0], [np.nan, -1.0], [-1.0], "low", None):
+        with pytest.raises(qt.InvalidInput, match="lower"):
+            call(lower=bound)
+    for bound in ([-0.5, 1.0], [np.nan, 1.0], [[1.0, 1.0]], "high"):
+        with pytest.raises(qt.InvalidInput, match="upper"):
+            call(upper=bound)
+    with pytest.raises(qt.InvalidInput, match="twist: expected an array of shape"):
+        call(twist=[1.0])
+    with pytest.raises(qt.InvalidInput, match="jacobian"):
+        call(jacobian=[[np.inf, 1.0], [0.0, 1.0]])
+
+
+# ---------------------------------------------------------------- along a path
+
+
+def test_on_the_deburring_run_no_limit_is_active(deburring: qt.Comparison) -> None:
+    found, shortest = (deburring.trajectories[name] for name in ("sns", "minimum_norm"))
+    assert found.q == pytest.approx(shortest.q, abs=1e-9)
+    assert metrics(found)["status"] == "ok"
+
+
+@FORMS
+def test_at_a_position_limit_it_goes_on_as_the_quadratic_program_does(optimal: bool) -> None:
+    task = narrowed(qt.load_task("planar_line"), joint=2, upper_deg=105.0)
+    assert metrics(qt.follow(task, "minimum_norm"))["first_violation"].keys() == {"joint_3"}
+    found, program = qt.follow(task, "sns", optimal=optimal), qt.follow(task, "qp_minimum_norm")
+    assert found.q == pytest.approx(program.q, abs=1e-9)
+    assert metrics(found)["status"] == "ok"
+    assert found.margins.min() < 1e-3
+
+
+def test_it_is_scaled_by_the_speed_limits_of_a_waypoint_as_the_quadratic_program_is() -> None:
+    planar = qt.load_task("planar_line")
+    waypoints = len(planar.waypoints)
+    task = dataclasses.replace(
+        planar,
+        durations=np.where(np.arange(waypoints) > 0, 0.1, 0.0),
+        # rad/s: joint 2 turns faster than this on the first part of the line, joint 1 at its end.
+        velocity_limits=np.array([0.08, 0.02, 0.05]),
+    )
+    found, program = qt.follow(task, "sns"), qt.follow(task, "qp_minimum_norm")
+    assert 5 < (found.scale < 1.0).sum() < waypoints
+    assert found.q == pytest.approx(program.q, abs=1e-6)
+    assert found.scale == pytest.approx(program.scale, abs=1e-6)
+    # Where the scale is clear of 1 they also say the same of who holds it.
+    held = [i for i in range(waypoints) if found.scale[i] < 0.999]
+    assert [set(found.binding[i]) for i in held] == [set(program.binding[i]) for i in held]
+    steps = np.abs(np.diff(found.q, axis=0))
+    assert (steps <= 0.1 * task.velocity_limits + 1e-12).all()
+
+
+def test_a_start_outside_a_limit_is_corrected_into_it_as_for_the_quadratic_program() -> None:
+    task = narrowed(qt.load_task("planar_line"), joint=0, upper_deg=60.0)
+    found, program = (qt.follow(task, name, stop=lambda *_: True) for name in ("sns", "qp"))
+    assert found.q[0] == pytest.approx(program.q[0], abs=1e-9)
+    assert metrics(found)["violations"] == 0
+
+
+def test_a_joint_outside_its_range_goes_no_further_out() -> None:
+    task = narrowed(qt.load_task("planar_line"), joint=0, upper_deg=60.0)
+    resolver = make_resolver(
+        task, "sns", task.settings("sns"), task.projector, "daqp", WaypointLimits(task)
+    )
+    configuration = mink.Configuration(task.model, task.start)
+    pose = configuration.get_transform_frame_to_world("tip", "site")
+    outward = 0
+    for angle in np.linspace(0.0, 2.0 * np.pi, 12, endpoint=False):
+        offset = 0.01 * np.array([np.cos(angle), np.sin(angle), 0.0])
+        resolver.task.set_target(mink.SE3.from_translation(offset) @ pose)
+        state = resolver.task.state(configuration)
+        shortest = closed_form.minimum_norm(state.jacobian, state.projector, state.error)
+        move = resolver.displacement(configuration, first=True)
+        outward += shortest[0] > 0.0
+        expected = 0.0 if shortest[0] > 0.0 else shortest[0]
+        assert move.dq[0] == pytest.approx(expected, abs=1e-12)
+        assert state.jacobian[:2] @ move.dq == pytest.approx(state.error[:2], abs=1e-12)
+    assert 3 < outward < 9
+
+
+def narrowed(task: qt.PathTask, joint: int, upper_deg: float) -> qt.PathTask:
+    """The same task with another upper limit of one joint."""
+    model = copy.copy(task.model)
+    model.jnt_range[joint, 1] = np.radians(upper_deg)
+    return dataclasses.replace(task, model=model)
+
+
+# ---------------------------------------------------------------- the example
+
+
+def test_the_example_prints_its_table(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(sys, "argv", ["scaling.py", "--problems", "60"])
+    runpy.run_path(str(EXAMPLE), run_name="__main__")
+    table = capsys.readouterr().out.splitlines()
+    rows = {line[:16].strip(): line[16:].split() for line in table[3:]}
+    assert list(rows) == list(SCALING["WAYS"])
+    for name in ("qt.solve_levels", "SNS, optimal"):
+        met, same, difference, excess, error, _, _ = rows[name]
+        assert (met, same) == ("100.00%", "100.00%")
+        assert float(difference) <= 1e-6
+        assert float(excess) <= 1e-9
+        assert float(error) <= 1e-8

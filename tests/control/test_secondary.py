@@ -1,0 +1,584 @@
+"""The secondary objectives and the cost on the free twist, alone and in mink's solve_ik."""
+
+from __future__ import annotations
+
+import itertools
+
+import mink
+import mujoco
+import numpy as np
+import numpy.typing as npt
+import pytest
+from oracles.arms import (
+    planar_arm,
+    random_arm,
+    random_configuration,
+    random_direction,
+    random_rotation,
+)
+
+from qp_twist.errors import InvalidInput
+from qp_twist.geometry import Projector, TwistProjector
+from qp_twist.kinematics import (
+    FreeTwistCost,
+    JointCentering,
+    JointRanges,
+    Manipulability,
+    PostureReference,
+    SecondaryObjective,
+    TwistTask,
+    frame_jacobian,
+    frame_pose,
+    total_displacement,
+)
+
+Array = npt.NDArray[np.float64]
+
+FRAMES = ("world", "body", "target")
+KINDS = ("full", "plane", "line", "none")
+Z = np.array([0.0, 0.0, 1.0])
+POSITIONING = TwistProjector(linear=Projector.plane(Z), angular=Projector.none())
+
+# A floating base, a ball joint, a hinge whose range is switched off, a hinge and a slide with one.
+FLOATING = """
+<mujoco><compiler angle="radian"/><worldbody>
+  <body name="base" pos="0.1 0.2 0.3"><freejoint name="float"/><geom size="0.1"/>
+    <body name="shoulder" pos="0.2 0 0.1"><joint name="ball" type="ball"/><geom size="0.1"/>
+      <body name="elbow" pos="0.3 0.1 0">
+        <joint name="free_hinge" axis="0 1 0.2" limited="false" range="-1 1"/><geom size="0.1"/>
+        <body name="wrist" pos="0 0.2 0.3">
+          <joint name="hinge" axis="1 0.3 0" range="-1 3"/>
+          <joint name="slide" type="slide" axis="0 0 1" range="-0.1 0.5"/><geom size="0.1"/>
+          <site name="tool" pos="0.1 0.2 0.3" euler="0.3 0.4 0.5"/>
+        </body></body></body></body>
+</worldbody></mujoco>"""
+
+
+def build(kind: str, axis: Array) -> Projector:
+    """Return the projector of a kind about an axis, which full and none ignore."""
+    if kind in ("full", "none"):
+        return Projector.full() if kind == "full" else Projector.none()
+    return Projector.plane(axis) if kind == "plane" else Projector.line(axis)
+
+
+def random_pose(rng: np.random.Generator) -> mink.SE3:
+    """Return a random pose near the origin."""
+    return mink.SE3.from_rotation_and_translation(
+        mink.SO3.from_matrix(random_rotation(rng)), rng.normal(size=3)
+    )
+
+
+def regular(rng: np.random.Generator, *, limited: bool = True) -> mink.Configuration:
+    """Return a random six-joint arm away from its singularities."""
+    while True:
+        model = random_arm(rng, 6, limited=limited)
+        configuration = mink.Configuration(model, random_configuration(model, rng))
+        J = frame_jacobian(configuration, "tool", "site")
+        if np.linalg.svd(J, compute_uv=False)[-1] > 0.1:
+            return configuration
+
+
+def floating(rng: np.random.Generator) -> mink.Configuration:
+    """Return the floating model somewhere."""
+    model = mujoco.MjModel.from_xml_string(FLOATING)
+    configuration = mink.Configuration(model)
+    configuration.integrate_inplace(rng.normal(size=model.nv), 1.0)
+    return configuration
+
+
+def task_at(configuration: mink.Configuration, rng: np.random.Generator) -> TwistTask:
+    """Return the task of a tool whose roll is free, some way off its target."""
+    projector = TwistProjector(
+        linear=Projector.full(), angular=Projector.plane(random_direction(rng)), frame="body"
+    )
+    task = TwistTask("tool", "site", projector, gain=0.7)
+    R, p = frame_pose(configuration, "tool", "site")
+    target = mink.SO3.exp(0.2 * random_direction(rng)).as_matrix() @ R
+    task.set_target(
+        mink.SE3.from_rotation_and_translation(
+            mink.SO3.from_matrix(target), p + 0.05 * random_direction(rng)
+        )
+    )
+    return task
+
+
+def slope(function: object, configuration: mink.Configuration, step: float = 1e-6) -> Array:
+    """Return the central finite difference of a scalar along every degree of freedom."""
+    moved = mink.Configuration(configuration.model)
+    slopes = []
+    for direction in np.eye(configuration.nv):
+        values = []
+        for sign in (1.0, -1.0):
+            moved.update(configuration.integrate(sign * direction, step))
+            values.append(function(moved))
+        slopes.append((values[0] - values[1]) / (2.0 * step))
+    return np.array(slopes)
+
+
+def papers_z(model: mujoco.MjModel, q: Array) -> float:
+    """Return z of a fully limited arm, as the paper writes it."""
+    low, high = model.jnt_range.T
+    W = np.diag(1.0 / (high - low))
+    offset = 0.5 * (high + low) - q
+    return 0.5 * offset @ W.T @ W @ offset
+
+
+def close(actual: Array, expected: Array, atol: float = 1e-12) -> None:
+    """Assert equality but for rounding."""
+    np.testing.assert_allclose(actual, expected, rtol=0.0, atol=atol)
+
+
+# ---------------------------------------------------------------------------------- joint ranges
+
+
+@pytest.mark.parametrize("slides", [False, True])
+def test_z_and_the_margins_are_the_papers(slides: bool) -> None:
+    rng = np.random.default_rng(0)
+    for joints in range(2, 8):
+        model = random_arm(rng, joints, slides=slides)
+        ranges = JointRanges.of(model)
+        low, high = model.jnt_range.T
+        many = rng.normal(size=(4, 3, joints))
+        z, margins = ranges.centring(many), ranges.margins(many)
+        assert z.shape == (4, 3)
+        for index in np.ndindex(4, 3):
+            q = many[index]
+            assert z[index] == pytest.approx(papers_z(model, q), rel=1e-12)
+            middle, half = (low + high) / 2, (high - low) / 2
+            close(margins[index], 1.0 - np.abs(q - middle) / half)
+        assert ranges.centring(low) == pytest.approx(joints / 8)
+        close(ranges.margins(high), np.zeros(joints))
+        close(ranges.margins((low + high) / 2), np.ones(joints))
+        assert ranges.names == tuple(f"joint_{i + 1}" for i in range(joints))
+
+
+def test_joints_without_a_range_count_for_nothing() -> None:
+    rng = np.random.default_rng(1)
+    configuration = floating(rng)
+    ranges = JointRanges.of(configuration.model)
+    counted = np.array([False] * 10 + [True, True])
+    np.testing.assert_array_equal(ranges.limited, counted)
+    assert ranges.names == (
+        *["float"] * 6, *["ball"] * 3, "free_hinge", "hinge", "slide",
+    )  # fmt: skip
+    assert not ranges.weight[:10].any()
+    close(ranges.weight[10:], [1 / 4, 1 / 0.6])
+    close(ranges.middle[10:], [1.0, 0.2])
+    # q = (7 of the base, 4 of the ball, and one for each scalar joint).
+    hinge, slide = configuration.q[12:]
+    expected = ((1.0 - hinge) / 4) ** 2 / 2 + ((0.2 - slide) / 0.6) ** 2 / 2
+    assert ranges.centring(configuration.q) == pytest.approx(expected)
+    margins = ranges.margins(configuration.q)
+    assert np.isposinf(margins[:10]).all()
+    close(margins[10:], [1.0 - abs(hinge - 1.0) / 2.0, 1.0 - abs(slide - 0.2) / 0.3])
+
+
+# -------------------------------------------------------------------------------- joint centring
+
+
+@pytest.mark.parametrize("slides", [False, True])
+@pytest.mark.parametrize("gain", [1.0, 0.3])
+def test_the_gradient_weight_steps_down_the_slope_of_z(slides: bool, gain: float) -> None:
+    rng = np.random.default_rng(2)
+    for joints in range(2, 8):
+        model = random_arm(rng, joints, slides=slides)
+        configuration = mink.Configuration(model, random_configuration(model, rng))
+        h = JointCentering(model, gain=gain).displacement(configuration)
+        ranges = JointRanges.of(model)
+        close(h, -gain * slope(lambda c, r=ranges: r.centring(c.q), configuration), atol=1e-8)
+        close(h, -gain * slope(lambda c, m=model: papers_z(m, c.q), configuration), atol=1e-8)
+
+
+@pytest.mark.parametrize("slides", [False, True])
+def test_the_three_weights_are_powers_of_the_papers_w(slides: bool) -> None:
+    rng = np.random.default_rng(3)
+    model = random_arm(rng, 6, slides=slides)
+    configuration = mink.Configuration(model, random_configuration(model, rng))
+    low, high = model.jnt_range.T
+    W, offset = np.diag(1.0 / (high - low)), (low + high) / 2 - configuration.q
+    objectives = {"gradient": W.T @ W @ offset, "paper": W @ offset, "natural": offset}
+    for weight, expected in objectives.items():
+        objective = JointCentering(model, weight=weight, gain=0.5)
+        close(objective.direction(configuration), expected)
+        close(objective.displacement(configuration), 0.5 * expected)
+    # The natural step at gain 1 is the whole way to the middle.
+    objective = JointCentering(model, weight="natural")
+    configuration.integrate_inplace(objective.displacement(configuration), 1.0)
+    close(configuration.q, (low + high) / 2)
+
+
+@pytest.mark.parametrize("weight", ["gradient", "paper", "natural"])
+def test_joints_without_a_range_do_not_move(weight: str) -> None:
+    rng = np.random.default_rng(4)
+    configuration = floating(rng)
+    h = JointCentering(configuration.model, weight=weight).displacement(configuration)
+    assert h.shape == (12,)
+    np.testing.assert_array_equal(h[:10], np.zeros(10))
+    hinge, slide = configuration.q[12:]
+    power = {"gradient": 2, "paper": 1, "natural": 0}[weight]
+    close(h[10:], [(1.0 - hinge) / 4**power, (0.2 - slide) / 0.6**power])
+
+    arm = random_arm(rng, 6, limited=False)
+    anywhere = mink.Configuration(arm, random_configuration(arm, rng))
+    centering = JointCentering(arm, weight=weight)
+    np.testing.assert_array_equal(centering.displacement(anywhere), np.zeros(6))
+
+
+def test_an_unknown_weight_is_refused() -> None:
+    with pytest.raises(InvalidInput, match="expected one of gradient, paper, natural; got 'W'"):
+        JointCentering(planar_arm([1.0]), weight="W")
+
+
+# ------------------------------------------------------------------------------ posture reference
+
+
+def test_a_posture_reference_is_reached_at_gain_one_with_floating_base_and_ball_joint() -> None:
+    rng = np.random.default_rng(5)
+    for _ in range(5):
+        configuration, reference = floating(rng), floating(rng)
+        objective = PostureReference(configuration.model, reference.q)
+        h = objective.displacement(configuration)
+        assert h.shape == (12,)
+        assert np.linalg.norm(h) > 0.5
+        reached = mink.Configuration(configuration.model, configuration.integrate(h, 1.0))
+        for name in ("base", "shoulder", "elbow", "wrist"):
+            close(reached.data.body(name).xmat, reference.data.body(name).xmat, atol=1e-9)
+            close(reached.data.body(name).xpos, reference.data.body(name).xpos, atol=1e-9)
+        close(objective.displacement(reached), np.zeros(12), atol=1e-9)
+
+
+def test_a_posture_reference_goes_its_gain_of_the_way() -> None:
+    rng = np.random.default_rng(6)
+    model = random_arm(rng, 5, slides=True)
+    q, q_ref = random_configuration(model, rng), random_configuration(model, rng)
+    objective = PostureReference(model, q_ref, gain=0.2)
+    close(objective.displacement(mink.Configuration(model, q)), 0.2 * (q_ref - q))
+
+
+@pytest.mark.parametrize(
+    ("q_ref", "sentence"),
+    [
+        (np.zeros(12), r"shape \(14\), got \(12,\)"),
+        (np.full(14, np.nan), "entry 0 is nan"),
+        ("home", "expected numbers"),
+    ],
+)
+def test_a_reference_that_is_no_configuration_is_refused(q_ref: object, sentence: str) -> None:
+    model = mujoco.MjModel.from_xml_string(FLOATING)
+    with pytest.raises(InvalidInput, match=sentence):
+        PostureReference(model, q_ref)
+
+
+# --------------------------------------------------------------------------------- manipulability
+
+
+@pytest.mark.parametrize("frame", FRAMES)
+@pytest.mark.parametrize("joints", [3, 4, 5, 6, 7])
+def test_the_gradient_of_manipulability_is_that_of_its_measure(joints: int, frame: str) -> None:
+    rng = np.random.default_rng(7)
+    checked = 0
+    for linear, angular in itertools.product(KINDS, KINDS):
+        model = random_arm(rng, joints, slides=bool(rng.integers(2)))
+        # The site is offset and turned in its body; bodies and geoms carry the frame themselves.
+        last = f"link_{joints}"
+        name, kind = [("tool", "site"), (last, "body"), (f"geom_{joints}", "geom")][checked % 3]
+        projector = TwistProjector(
+            linear=build(linear, random_direction(rng)),
+            angular=build(angular, random_direction(rng)),
+            frame=frame,
+        )
+        if not 0 < projector.rank <= joints:
+            continue
+        task = TwistTask(name, kind, projector)
+        task.set_target(random_pose(rng))
+        objective = Manipulability(model, task)
+        for _ in range(40):
+            configuration = mink.Configuration(model, random_configuration(model, rng))
+            values = np.linalg.svd(task.compute_jacobian(configuration), compute_uv=False)
+            if values[-1] > 0.03:
+                break
+        else:
+            continue  # too few or parallel joints for these rows, wherever the arm stands
+        expected = slope(objective.measure, configuration)
+        close(objective.gradient(configuration), expected, atol=1e-6 * (1 + np.abs(expected).max()))
+        checked += 1
+    assert checked >= 5
+
+
+@pytest.mark.parametrize("frame", FRAMES)
+def test_the_gradient_of_manipulability_holds_with_floating_base_and_ball_joint(
+    frame: str,
+) -> None:
+    rng = np.random.default_rng(8)
+    configuration = floating(rng)
+    for linear, angular in (("full", "plane"), ("line", "full"), ("plane", "line")):
+        projector = TwistProjector(
+            linear=build(linear, random_direction(rng)),
+            angular=build(angular, random_direction(rng)),
+            frame=frame,
+        )
+        task = TwistTask("tool", "site", projector)
+        task.set_target(random_pose(rng))
+        objective = Manipulability(configuration.model, task)
+        expected = slope(objective.measure, configuration)
+        assert np.abs(expected).max() > 1e-3
+        close(objective.gradient(configuration), expected, atol=1e-7)
+
+
+def test_the_measure_is_the_logarithm_of_the_determinant() -> None:
+    rng = np.random.default_rng(9)
+    configuration = regular(rng)
+    task = task_at(configuration, rng)
+    rows = task.compute_jacobian(configuration)
+    sign, logarithm = np.linalg.slogdet(rows @ rows.T)
+    assert sign == 1.0
+    measure = Manipulability(configuration.model, task).measure(configuration)
+    assert measure == pytest.approx(logarithm, abs=1e-9)
+
+
+def planar_positioning(q: list[float]) -> tuple[mink.Configuration, TwistTask]:
+    """Return a planar 2R and the task of placing its tip."""
+    configuration = mink.Configuration(planar_arm([2.0, 1.5]), np.array(q))
+    task = TwistTask("tip", "site", POSITIONING)
+    task.set_target(mink.SE3.identity())
+    return configuration, task
+
+
+@pytest.mark.parametrize("elbow", [0.5, -1.2, 2.5, 1e-3, -1e-6, 1e-9])
+def test_the_planar_2r_unbends_by_the_textbook_and_no_further_than_allowed(elbow: float) -> None:
+    # det(J) = l₁ l₂ sin θ₂
+    configuration, task = planar_positioning([0.4, elbow])
+    objective = Manipulability(configuration.model, task, longest=0.5)
+    expected = np.array([0.0, 2.0 / np.tan(elbow)])
+    found = objective.gradient(configuration)
+    np.testing.assert_allclose(found[1], expected[1], rtol=1e-5)
+    assert abs(found[0]) < 1e-6 * abs(expected[1])
+    assert objective.measure(configuration) == pytest.approx(2 * np.log(3 * abs(np.sin(elbow))))
+
+    direction = objective.direction(configuration)
+    length = min(0.5, abs(expected[1]))
+    close(direction, [0.0, np.copysign(length, expected[1])], atol=1e-5)
+    doubled = Manipulability(configuration.model, task, gain=2.0, longest=0.5)
+    close(doubled.displacement(configuration), 2.0 * direction)
+
+
+def test_at_a_singularity_the_measure_is_minus_infinity_and_the_direction_finite() -> None:
+    configuration, task = planar_positioning([0.0, 0.0])
+    objective = Manipulability(configuration.model, task)
+    assert objective.measure(configuration) == -np.inf
+    direction = objective.direction(configuration)
+    assert np.isfinite(direction).all()
+    assert np.linalg.norm(direction) <= 1.0 + 1e-12
+
+
+def test_the_direction_is_bounded_on_the_way_into_a_singularity() -> None:
+    rng = np.random.default_rng(10)
+    model = random_arm(rng, 6)
+    task = TwistTask(
+        "tool", "site", TwistProjector(linear=Projector.full(), angular=Projector.full())
+    )
+    task.set_target(mink.SE3.identity())
+    objective = Manipulability(model, task, longest=0.3)
+    configuration = mink.Configuration(model, random_configuration(model, rng))
+    # Walk down the measure: it has no lower bound but at singularities.
+    for _ in range(200):
+        direction = objective.direction(configuration)
+        assert np.isfinite(direction).all()
+        assert np.linalg.norm(direction) <= 0.3 + 1e-12
+        configuration.integrate_inplace(-0.1 * direction, 1.0)
+    assert np.linalg.norm(objective.gradient(configuration)) > 10.0
+    assert np.linalg.norm(objective.direction(configuration)) == pytest.approx(0.3)
+
+
+@pytest.mark.parametrize(("linear", "angular"), [("none", "none"), ("full", "line")])
+def test_a_measure_without_rows_or_with_too_many_is_refused(linear: str, angular: str) -> None:
+    projector = TwistProjector(linear=build(linear, Z), angular=build(angular, Z))
+    task = TwistTask("tip", "site", projector)
+    with pytest.raises(InvalidInput, match=f"has {projector.rank} rows and the robot 3 degrees"):
+        Manipulability(planar_arm([1.0, 1.0, 1.0]), task)
+
+
+@pytest.mark.parametrize("longest", [0.0, -0.5, np.nan, "far"])
+def test_a_longest_direction_that_is_no_length_is_refused(longest: object) -> None:
+    # A negative one would turn the objective round, NaN would reach the joints.
+    task = TwistTask("tip", "site", POSITIONING)
+    with pytest.raises(InvalidInput, match="longest"):
+        Manipulability(planar_arm([1.0, 1.0]), task, longest=longest)
+
+
+def test_manipulability_of_a_frame_that_the_model_lacks_is_refused() -> None:
+    with pytest.raises(mink.InvalidFrame, match="gripper"):
+        Manipulability(planar_arm([1.0, 1.0]), TwistTask("gripper", "site", POSITIONING))
+
+
+# ------------------------------------------------------------------------------- free twist cost
+
+
+@pytest.mark.parametrize("frame", FRAMES)
+@pytest.mark.parametrize(("linear", "angular"), list(itertools.product(KINDS, KINDS)))
+def test_the_free_rows_are_those_of_the_complement(linear: str, angular: str, frame: str) -> None:
+    rng = np.random.default_rng(11)
+    configuration = regular(rng)
+    R, _ = frame_pose(configuration, "tool", "site")
+    target = random_pose(rng)
+    e_v, e_w = random_direction(rng), random_direction(rng)
+    task = TwistTask(
+        "tool",
+        "site",
+        TwistProjector(linear=build(linear, e_v), angular=build(angular, e_w), frame=frame),
+    )
+    task.set_target(target)
+    objectives = [
+        JointCentering(configuration.model),
+        PostureReference(configuration.model, np.ones(6)),
+    ]
+    cost = FreeTwistCost(task, objectives)
+
+    # 1 − T, written out in the world.
+    to_world = {"world": np.eye(3), "body": R, "target": target.rotation().as_matrix()}[frame]
+    free = np.zeros((6, 6))
+    for block, kind, axis in ((slice(3), linear, e_v), (slice(3, 6), angular, e_w)):
+        L = np.outer(to_world @ axis, to_world @ axis)
+        free[block, block] = {
+            "full": np.zeros((3, 3)), "plane": L, "line": np.eye(3) - L, "none": np.eye(3)
+        }[kind]  # fmt: skip
+    J = frame_jacobian(configuration, "tool", "site")
+    h = sum(desired.displacement(configuration) for desired in objectives)
+    rows, error = cost.compute_jacobian(configuration), cost.compute_error(configuration)
+    assert rows.shape == (round(np.trace(free)), 6)
+    close(rows.T @ rows, J.T @ free @ J)  # rows = VᵀJ with V Vᵀ = 1 − T
+    # The signs of V are free, those of rows and error together are not.
+    close(rows.T @ error, -J.T @ free @ J @ h)
+    close(error @ error, h @ J.T @ free @ J @ h)
+
+
+def test_the_free_rows_and_the_task_rows_make_up_the_whole_twist() -> None:
+    rng = np.random.default_rng(12)
+    configuration = regular(rng)
+    task = task_at(configuration, rng)
+    rows = np.vstack(
+        [task.compute_jacobian(configuration), FreeTwistCost(task).compute_jacobian(configuration)]
+    )
+    J = frame_jacobian(configuration, "tool", "site")
+    assert rows.shape == (6, 6)
+    close(rows.T @ rows, J.T @ J)
+
+
+def test_without_objectives_the_free_twist_is_asked_to_rest() -> None:
+    rng = np.random.default_rng(13)
+    configuration = regular(rng)
+    task = task_at(configuration, rng)
+    close(FreeTwistCost(task).compute_error(configuration), np.zeros(1))
+
+
+def test_linear_and_angular_free_rows_have_their_own_cost() -> None:
+    projector = TwistProjector(linear=Projector.line(Z), angular=Projector.plane(Z))
+    cost = FreeTwistCost(TwistTask("tool", "site", projector), linear_cost=2.0, angular_cost=5.0)
+    np.testing.assert_array_equal(cost.cost, [2.0, 2.0, 5.0])
+    for name in ("linear_cost", "angular_cost"):
+        with pytest.raises(InvalidInput, match=f"{name}: expected a number of at least 0"):
+            FreeTwistCost(cost.task, **{name: -1.0})
+
+
+def test_the_free_twist_of_something_else_than_a_twist_task_is_refused() -> None:
+    with pytest.raises(InvalidInput, match=r"FreeTwistCost.*: expected a TwistTask"):
+        FreeTwistCost(mink.FrameTask("tool", "site", 1.0, 1.0))
+
+
+@pytest.mark.parametrize("solver", ["daqp", "proxqp"])
+@pytest.mark.parametrize("weight", ["gradient", "paper", None])
+def test_minks_solve_ik_gives_the_papers_closed_form(solver: str, weight: str | None) -> None:
+    # Δθ = J⁻¹ T Δt + J⁻¹ (1 − T) J h (paper, eq. liguo); without h the free twist is zero.
+    options = {"daqp": {}, "proxqp": {"eps_abs": 1e-9, "eps_rel": 0.0}}[solver]
+    rng = np.random.default_rng(14)
+    for _ in range(8):
+        configuration = regular(rng)
+        model = configuration.model
+        task = task_at(configuration, rng)
+        objectives = [JointCentering(model, weight=weight, gain=2.0)] if weight else []
+        dt = 0.1
+        velocity = mink.solve_ik(
+            configuration,
+            [FreeTwistCost(task, objectives)],
+            dt,
+            solver,
+            damping=1e-10,  # mink's 1e-12 beside a rank-one cost costs DAQP its digits
+            limits=[],
+            constraints=[task],
+            **options,
+        )
+        J = frame_jacobian(configuration, "tool", "site")
+        R, _ = frame_pose(configuration, "tool", "site")
+        e = R @ task.projector.angular.axis
+        free = np.zeros((6, 6))
+        free[3:, 3:] = np.outer(e, e)
+        low, high = model.jnt_range.T
+        power = {"gradient": 2, "paper": 1, None: 0}[weight]
+        h = 2.0 * ((low + high) / 2 - configuration.q) / (high - low) ** power
+        if weight is None:
+            h = np.zeros(6)
+        twist = 0.7 * task.state(configuration).error  # 0.7: the task's gain
+        expected = np.linalg.solve(J, (np.eye(6) - free) @ twist + free @ J @ h)
+        close(velocity * dt, expected, atol=1e-6)
+
+
+# ------------------------------------------------------------------------- as plain mink tasks
+
+
+def objectives(rng: np.random.Generator, **options: float) -> list[SecondaryObjective]:
+    """Return one objective of each class, on one arm."""
+    model = random_arm(rng, 6)
+    task = TwistTask("tool", "site", TwistProjector(
+        linear=Projector.full(), angular=Projector.none()
+    ))  # fmt: skip
+    task.set_target(mink.SE3.identity())
+    return [
+        JointCentering(model, **options),
+        PostureReference(model, random_configuration(model, rng), **options),
+        Manipulability(model, task, **options),
+    ]
+
+
+@pytest.mark.parametrize("gain", [0.0, 0.5, 1.0, 2.5])
+def test_as_a_plain_mink_task_an_objective_is_followed_exactly(gain: float) -> None:
+    rng = np.random.default_rng(15)
+    dt = 0.02
+    for objective in objectives(rng, gain=gain, cost=1.0):
+        model = objective.model
+        configuration = mink.Configuration(model, random_configuration(model, rng))
+        assert isinstance(objective, mink.Task)
+        velocity = mink.solve_ik(configuration, [objective], dt, "daqp", limits=[])
+        direction = objective.direction(configuration)
+        assert np.linalg.norm(direction) > 1e-3
+        close(velocity, gain * direction / dt, atol=1e-7)
+        close(objective.displacement(configuration), gain * direction)
+
+
+def test_two_objectives_share_by_the_square_of_their_costs_in_mink_and_add_up_in_qp_twist() -> None:
+    rng = np.random.default_rng(16)
+    centering, posture, _ = objectives(rng)
+    model = centering.model
+    configuration = mink.Configuration(model, random_configuration(model, rng))
+    h_1, h_2 = (each.displacement(configuration) for each in (centering, posture))
+    close(total_displacement([centering, posture], configuration), h_1 + h_2)
+    close(total_displacement([], configuration), np.zeros(6))
+
+    heavy = PostureReference(model, posture.q_ref, cost=3.0)
+    velocity = mink.solve_ik(configuration, [centering, heavy], 1.0, "daqp", limits=[])
+    close(velocity, (h_1 + 9.0 * h_2) / 10.0, atol=1e-9)
+
+
+@pytest.mark.parametrize("name", ["gain", "cost"])
+@pytest.mark.parametrize("value", [-0.1, np.nan, np.inf, "much"])
+def test_gains_and_costs_that_are_negative_or_no_numbers_are_refused(
+    name: str, value: object
+) -> None:
+    model = planar_arm([1.0, 1.0])
+    task = TwistTask("tip", "site", POSITIONING)
+    for refused in (
+        lambda: JointCentering(model, **{name: value}),
+        lambda: PostureReference(model, np.zeros(2), **{name: value}),
+        lambda: Manipulability(model, task, **{name: value}),
+    ):
+        with pytest.raises(InvalidInput, match=f"^{name}: expected|^{name}: entry"):
+            refused()

@@ -1,0 +1,466 @@
+"""``qt.solve_ik``: mink's meaning while the step is feasible, a verified one where it is not."""
+
+from __future__ import annotations
+
+import copy
+import dataclasses
+import inspect
+import logging
+import pickle
+from typing import Any
+
+import mink
+import numpy as np
+import pytest
+import qpsolvers
+from oracles import mink_problems
+from scipy.optimize import linprog, lsq_linear
+
+import qp_twist as qt
+
+pytestmark = [
+    pytest.mark.filterwarnings("ignore::qpsolvers.warnings.SparseConversionWarning"),
+    pytest.mark.filterwarnings("ignore::PendingDeprecationWarning"),  # of OSQP's own interface
+]
+DT = 0.01
+PLANAR = qt.load_task("planar_line").model
+
+
+def solve(problem: mink_problems.Problem, solver: str = "daqp", **options: object) -> qt.Step:
+    return qt.ik_step(
+        problem.configuration, problem.tasks, problem.dt, solver,
+        limits=problem.limits, constraints=problem.constraints, **options,
+    )  # type: ignore[arg-type]  # fmt: skip
+
+
+def test_the_signature_is_minks_with_keywords_of_ours_behind() -> None:
+    theirs = inspect.signature(mink.solve_ik).parameters
+    ours = inspect.signature(qt.solve_ik).parameters
+    positional = [p for p in ours.values() if p.kind is p.POSITIONAL_OR_KEYWORD]
+    expected = [p for p in theirs.values() if p.kind is p.POSITIONAL_OR_KEYWORD]
+    assert [(p.name, p.default) for p in positional] == [(p.name, p.default) for p in expected]
+    added = set(ours) - set(theirs)
+    assert all(ours[name].kind is inspect.Parameter.KEYWORD_ONLY for name in added)
+    assert ours["kwargs"].kind is inspect.Parameter.VAR_KEYWORD
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_while_feasible_the_optimum_is_minks(seed: int) -> None:
+    binding: set[str] = set()
+    for name, problem in mink_problems.named(seed).items():
+        step = solve(problem)
+        found = mink_problems.difference(problem, step.velocity)
+        assert abs(found.value) < 1e-6, name
+        assert found.excess < 1e-9, name
+        assert step.status is qt.Status.SOLVED, name
+        binding |= {limit.kind for limit in step.binding}
+    assert binding == {"position", "velocity", "collision", "FreeJointVelocityLimit"}
+
+
+@pytest.mark.parametrize("solver", ["proxqp", "osqp", "clarabel", "quadprog", "piqp"])
+def test_with_any_backend(solver: str) -> None:
+    if solver not in qpsolvers.available_solvers:
+        pytest.skip(f"{solver} is not installed")
+    problems = mink_problems.named(1)
+    for name in ("all limits, constraints", "TwistTask in constraints", "CollisionAvoidanceLimit"):
+        found = mink_problems.difference(problems[name], solve(problems[name], solver).velocity)
+        assert abs(found.value) < 1e-6, name
+        assert found.excess < 1e-8, name
+
+
+def test_what_mink_calls_is_what_is_returned() -> None:
+    problem = mink_problems.named(2)["VelocityLimit"]
+    args = problem.configuration, problem.tasks, problem.dt, "daqp", 1e-6, False, problem.limits
+    np.testing.assert_allclose(qt.solve_ik(*args), mink.solve_ik(*args), atol=1e-6)
+
+
+# ---------------------------------------------------------------- where it is infeasible
+
+
+def too_fast(speed: float = 0.1) -> mink_problems.Problem:
+    """A constraint that asks for more than the arm's joints may do."""
+    c = mink_problems.configuration(5)
+    task = qt.TwistTask.axis_free("left_hand", "site")
+    pose = c.get_transform_frame_to_world("left_hand", "site")
+    task.set_target(mink.SE3.from_translation(np.array([0.03, -0.02, 0.02])) @ pose)
+    limit = mink.VelocityLimit(
+        c.model,
+        {f"{side}_{k}": speed for side in ("left", "right") for k in range(1, 8)}
+        | {"cart_x": speed, "cart_y": speed, "cart_yaw": speed},
+    )
+    posture = mink.PostureTask(c.model, 0.1)
+    posture.set_target(c.q)
+    return mink_problems.Problem(c, [posture], [limit], [task])
+
+
+def test_the_task_is_slowed_down_as_little_as_possible() -> None:
+    problem = too_fast()
+    stated = mink_problems.program(problem)
+    args = problem.configuration, problem.tasks, problem.dt, "daqp"
+    with pytest.raises(mink.NoSolutionFound):
+        mink.solve_ik(*args, limits=problem.limits, constraints=problem.constraints)
+    step = solve(problem)
+    assert step.status is qt.Status.SCALED
+    # The oracle: the largest s of mink's own rows, as a linear program in (Δq, s).
+    n = stated.P.shape[0]
+    largest = linprog(
+        np.append(np.zeros(n), -1.0),
+        np.hstack([stated.G, np.zeros((len(stated.h), 1))]), stated.h,
+        np.hstack([stated.A, -stated.b[:, None]]), np.zeros(len(stated.b)),
+        bounds=[(None, None)] * n + [(0.0, 1.0)],
+    )  # fmt: skip
+    assert step.scale == pytest.approx(largest.x[-1], abs=1e-7)
+    assert 0.01 < step.scale < 0.9
+    np.testing.assert_allclose(stated.A @ step.velocity * DT, step.scale * stated.b, atol=1e-10)
+    assert (stated.G @ step.velocity * DT <= stated.h + 1e-10).all()
+    assert {limit.kind for limit in step.binding} == {"velocity"}
+    joints = {problem.configuration.model.joint(j).name for j in range(18)}
+    assert {limit.joint for limit in step.binding} <= joints
+
+
+def test_or_relaxed_to_the_closest() -> None:
+    problem = too_fast()
+    stated = mink_problems.program(problem)
+    step = solve(problem, on_infeasible="relax")
+    assert step.status is qt.Status.RELAXED
+    moving = np.abs(stated.G).max(axis=0) > 0.0
+    closest = lsq_linear(
+        stated.A[:, moving] / DT, stated.b / DT,
+        bounds=(-0.1 * DT, 0.1 * DT), tol=1e-14,
+    )  # fmt: skip
+    residual = np.linalg.norm(stated.A @ step.velocity - stated.b / DT)
+    assert residual == pytest.approx(np.sqrt(2.0 * closest.cost), rel=1e-6)
+
+
+def test_or_raised_as_minks_own_exception() -> None:
+    problem = too_fast()
+    with pytest.raises(mink.NoSolutionFound, match=r"binding: .*velocity limit") as caught:
+        solve(problem, on_infeasible="raise")
+    assert isinstance(caught.value, qt.InfeasibleStep)
+    assert caught.value.binding
+
+
+def test_rows_that_contradict_themselves_are_met_where_they_can_be() -> None:
+    """AxisAlignTask has three rows of rank two, which mink cannot hold as a constraint."""
+    c = mink_problems.configuration(3)
+    rng = np.random.default_rng(0)
+    task, posture = mink_problems.align(c, rng), mink_problems.posture(c, rng)
+    with pytest.raises(mink.NoSolutionFound):
+        mink.solve_ik(c, [posture], DT, "daqp", constraints=[task])
+    assert np.linalg.norm(task.compute_error(c)) > 0.02
+    for _ in range(20):
+        step = qt.ik_step(c, [posture], DT, "daqp", constraints=[task])
+        assert step.status in (qt.Status.SOLVED, qt.Status.DEGRADED, qt.Status.SCALED)
+        c.integrate_inplace(step.velocity, DT)
+    assert np.linalg.norm(task.compute_error(c)) < 1e-7
+
+
+def test_of_constraints_that_contradict_each_other_none_gives_way() -> None:
+    c = mink_problems.configuration(3)
+    model, rng = c.model, np.random.default_rng(0)
+    freeze = mink.DofFreezingTask(model, list(range(model.nv)))
+    hand = mink_problems.frame(c, rng)
+    with pytest.raises(mink.NoSolutionFound):
+        mink.solve_ik(c, [], DT, "daqp", constraints=[freeze, hand])
+    step = qt.ik_step(c, [], DT, "daqp", constraints=[freeze, hand])
+    assert step.status is qt.Status.SCALED
+    assert step.scale == pytest.approx(0.0, abs=1e-6)
+    assert "contradict" in step.message
+    np.testing.assert_allclose(step.velocity, 0.0, atol=1e-6)
+    # Whoever says which comes first gets it exactly.
+    levels = qt.Controller(model, levels=[[freeze], [hand]], limits=[])
+    np.testing.assert_allclose(levels.step(c, DT).velocity, 0.0, atol=1e-9)
+
+
+def test_redundant_constraints_count_once() -> None:
+    problem = mink_problems.named(1)["TwistTask in constraints"]
+    twice = dataclasses.replace(problem, constraints=[*problem.constraints, *problem.constraints])
+    once, again = solve(problem), solve(twice)
+    assert again.status is qt.Status.SOLVED
+    np.testing.assert_allclose(again.velocity, once.velocity, atol=1e-6)
+
+
+def test_a_backend_that_lies_is_not_believed(monkeypatch: pytest.MonkeyPatch) -> None:
+    problem = mink_problems.named(1)["FrameTask in tasks"]
+    honest = qpsolvers.solve_problem
+
+    def lying(stated: qpsolvers.Problem, solver: str, **options: object) -> qpsolvers.Solution:
+        if solver != "daqp":
+            return honest(stated, solver=solver, **options)
+        solution = qpsolvers.Solution(stated)
+        solution.found, solution.x = True, np.zeros(stated.P.shape[0])
+        return solution
+
+    monkeypatch.setattr(qpsolvers, "solve_problem", lying)
+    step = solve(problem)
+    assert step.solver != "daqp"
+    assert abs(mink_problems.difference(problem, step.velocity).value) < 1e-6
+
+
+def test_outside_a_range_as_mink_does(caplog: pytest.LogCaptureFixture) -> None:
+    problem = mink_problems.named(1)["FrameTask in tasks"]
+    c = problem.configuration
+    q = c.q.copy()
+    q[c.model.joint("left_2").qposadr[0]] = 2.62
+    c.update(q)
+    with pytest.raises(mink.NotWithinConfigurationLimits):
+        qt.solve_ik(c, problem.tasks, DT, "daqp", safety_break=True)
+    with caplog.at_level(logging.DEBUG):
+        velocity = qt.solve_ik(c, problem.tasks, DT, "daqp")
+    assert "2.62" in caplog.text  # mink's own line
+    np.testing.assert_allclose(velocity, mink.solve_ik(c, problem.tasks, DT, "daqp"), atol=1e-3)
+    assert velocity[c.model.joint("left_2").dofadr[0]] < -1.8  # back in two steps
+
+
+def test_our_limits_bring_a_joint_back_gently() -> None:
+    model = qt.load_task("deburring").model
+    limit = qt.PositionLimit(model, recovery_speed=0.3)
+    c = mink.Configuration(model, np.append(limit.upper[:1] + 0.02, np.full(5, 0.3)))
+    posture = mink.PostureTask(model, 1.0)
+    posture.set_target(c.q)
+    velocity = qt.solve_ik(c, [posture], DT, "daqp", limits=[limit])
+    assert velocity[0] == pytest.approx(-0.3)
+    assert mink.solve_ik(c, [posture], DT, "daqp")[0] < -1.8
+
+
+# ---------------------------------------------------------------- options and bad input
+
+
+def test_options_reach_the_backend(monkeypatch: pytest.MonkeyPatch) -> None:
+    seen: list[dict[str, object]] = []
+    honest = qpsolvers.solve_problem
+
+    def listening(stated: qpsolvers.Problem, solver: str, **options: object) -> qpsolvers.Solution:
+        seen.append(options)
+        return honest(stated, solver=solver, **options)
+
+    monkeypatch.setattr(qpsolvers, "solve_problem", listening)
+    problem = mink_problems.named(1)["FrameTask in tasks"]
+    # One iteration solves nothing: ours follow.
+    step = solve(problem, "osqp", max_iter=1)
+    assert step.refused
+    assert seen[0]["max_iter"] == 1
+    assert len(seen) > 1
+    assert abs(mink_problems.difference(problem, step.velocity).value) < 1e-6
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"tasks": "frame"}, "tasks is a list of mink tasks; got 'frame'"),
+        ({"tasks": [1]}, r"tasks\[0\] is int, which is none of mink's tasks"),
+        ({"tasks": [qt.PositionLimit(PLANAR)]}, "It belongs into limits="),
+        ({"limits": [qt.PositionLimit(PLANAR)]}, "PositionLimit is for a model of 3 degrees"),
+        ({"limits": [mink.ConfigurationLimit(PLANAR)]}, "for a model of 3 degrees"),
+        ({"limits": [mink.VelocityLimit(PLANAR, {"joint_1": 1.0})]}, "for a model of 3 degrees"),
+        ({"tasks": [mink.PostureTask(PLANAR, 1.0)]}, "PostureTask is for a model of 3 degrees"),
+        ({"constraints": [3]}, "constraints"),
+        ({"limits": [None]}, "limits"),
+        ({"dt": 0.0}, "dt"),
+        ({"dt": float("nan")}, "dt"),
+        ({"damping": -1.0}, "damping"),
+        ({"solver": "magic"}, "not installed or not known"),
+        ({"on_infeasible": "hope"}, "on_infeasible"),
+        ({"singularity": 2.0}, "singularity"),
+        ({"configuration": None}, "configuration"),
+        ({"no_such_option": 1}, "does not take the options"),
+    ],
+)
+def test_bad_input_is_a_sentence(change: dict[str, object], message: str) -> None:
+    problem = mink_problems.named(1)["FrameTask in tasks"]
+    arguments = {
+        "configuration": problem.configuration, "tasks": problem.tasks, "dt": DT, "solver": "daqp",
+    }  # fmt: skip
+    with pytest.raises(qt.InvalidInput, match=message):
+        qt.solve_ik(**(arguments | change))  # type: ignore[arg-type]
+
+
+# ---------------------------------------------------------------- twist tasks under mink itself
+
+
+@pytest.mark.parametrize("solver", ["daqp", "osqp", "proxqp", "quadprog", "clarabel", "piqp"])
+@pytest.mark.parametrize("name", ["TwistTask", "TwistTask, relative", "GazeTask"])
+def test_twist_tasks_are_minks_tasks(name: str, solver: str) -> None:
+    if solver not in qpsolvers.available_solvers:
+        pytest.skip(f"{solver} is not installed")
+    tight = {"eps_abs": 1e-9, "eps_rel": 0.0} if solver in ("osqp", "proxqp") else {}
+    c, rng = mink_problems.configuration(2), np.random.default_rng(2)
+    task, posture = mink_problems.TASKS[name](c, rng), mink_problems.posture(c, rng)
+    assert isinstance(task, qt.TwistTask)
+    held = mink.solve_ik(c, [posture], DT, solver, limits=[], constraints=[task], **tight)
+    rows, error = task.compute_jacobian(c), task.compute_error(c)
+    np.testing.assert_allclose(rows @ held * DT, -task.gain * error, atol=1e-6)
+    # As a cost it leads to the same place; alone, step by step.
+    for _ in range(30):
+        velocity = mink.solve_ik(c, [task], DT, solver, damping=1e-3, **tight)
+        c.integrate_inplace(velocity, DT)
+    assert np.linalg.norm(task.compute_error(c)) < (1e-3 if solver == "clarabel" else 1e-5)
+
+
+def test_rows_are_minimal_for_wrappers_with_an_exact_penalty() -> None:
+    """A penalty on |residual| above the largest multiplier holds consistent rows exactly."""
+    c, rng = mink_problems.configuration(4), np.random.default_rng(4)
+    task, posture = mink_problems.twist(c, rng), mink_problems.posture(c, rng)
+    J, b = task.compute_jacobian(c), -task.gain * task.compute_error(c)
+    stated = mink.build_ik(c, [posture], DT, 1e-9, limits=[])
+    n, r = c.model.nv, len(b)
+    assert np.linalg.matrix_rank(J) == r
+    # Unknowns (Δq, s⁺, s⁻): J Δq − s⁺ + s⁻ = b, cost 1·(s⁺ + s⁻).
+    P = np.zeros((n + 2 * r, n + 2 * r))
+    P[:n, :n] = stated.P
+    elastic = qpsolvers.Problem(
+        P, np.concatenate([stated.q, np.ones(2 * r)]), None, None,
+        np.hstack([J, -np.eye(r), np.eye(r)]), b,
+        np.concatenate([np.full(n, -np.inf), np.zeros(2 * r)]), np.full(n + 2 * r, np.inf),
+    )  # fmt: skip
+    solution = qpsolvers.solve_problem(elastic, solver="clarabel")
+    assert solution.x is not None
+    np.testing.assert_allclose(solution.x[n:], 0.0, atol=1e-6)
+    held = mink.solve_ik(c, [posture], DT, "daqp", 1e-9, limits=[], constraints=[task])
+    np.testing.assert_allclose(solution.x[:n], held * DT, atol=1e-5)
+
+
+def test_the_time_step_reaches_the_feed_forward() -> None:
+    c = mink_problems.configuration(2)
+    task = qt.TwistTask.point("left_hand", "site")
+    task.set_target_from_configuration(c)
+    assert task.target is not None
+    task.set_target(task.target, [0.1, 0.0, 0.0, 0.0, 0.0, 0.0])
+    velocity = qt.solve_ik(c, [], DT, "daqp", damping=1e-6, constraints=[task])
+    moved = task.compute_jacobian(c) @ velocity
+    np.testing.assert_allclose(moved, [0.1, 0.0, 0.0], atol=1e-9)
+
+
+# ---------------------------------------------------------------- and in the controller
+
+
+def test_the_controller_takes_all_of_minks_limits_and_keeps_loops_closed() -> None:
+    """A cart with two arms, coupled fingers, a limited ball joint, a free joint, a closed loop."""
+    c = mink_problems.configuration(2)
+    model = c.model
+    closed = mink.EqualityConstraintTask(model, cost=1.0)
+    for _ in range(20):  # first the loop, which a random configuration leaves open
+        c.integrate_inplace(mink.solve_ik(c, [closed], DT, "daqp", damping=1e-8), DT)
+    assert np.abs(closed.compute_error(c)).max() < 1e-9
+    weld = qt.TwistTask.axis_free("left_hand", "site", max_linear_step=0.004, gain=0.5)
+    start = c.get_transform_frame_to_world("left_hand", "site")
+    weld.set_target(mink.SE3.from_translation(np.array([-0.05, 0.03, 0.04])) @ start)
+    fly = mink_problems.drone(c, np.random.default_rng(0))
+    turn = mink.PostureTask(model, cost=1e-2)
+    turn.set_target(c.integrate(np.full(model.nv, 0.05), 1.0))
+    limits = [make(c) for make in mink_problems.LIMITS.values()]
+    controller = qt.Controller(model, [turn, fly], levels=[[closed], [weld]], limits=limits)
+    kinds: set[str] = set()
+    for _ in range(60):
+        step = controller.step(c, DT)
+        for limit in limits:
+            rows = limit.compute_qp_inequalities(c, DT)
+            assert rows.G is not None
+            assert (rows.G @ step.velocity * DT <= rows.h + 1e-9).all()
+        kinds |= {limit.kind for limit in step.binding}
+        c.integrate_inplace(step.velocity, DT)
+        assert np.abs(closed.compute_error(c)).max() < 1e-5
+    assert np.linalg.norm(weld.state(c).error) < 1e-6
+    assert kinds >= {"velocity", "FreeJointVelocityLimit"}
+
+
+@pytest.mark.parametrize("far", [1e8, 1e11, 1e20, 1e300])
+@pytest.mark.parametrize("solver", ["daqp", "quadprog"])
+def test_a_constraint_far_beyond_any_robot_is_refused_by_name(far: float, solver: str) -> None:
+    """At 1e300 m it took 45 s, and came back as a velocity of NaN."""
+    configuration = mink.Configuration(PLANAR)
+    hand = mink.FrameTask("tip", "site", 1.0, 0.0)
+    hand.set_target(mink.SE3.from_translation(np.array([far, 0.0, 0.0])))
+    for options in ({}, {"primal_tol": 1e-9} if solver == "daqp" else {}):
+        with pytest.raises(qt.InvalidInput, match=r"FrameTask\('tip', 'site'\) asks for a speed"):
+            qt.ik_step(configuration, [], DT, solver, constraints=[hand], **options)
+
+
+def test_a_target_that_is_no_number_is_named() -> None:
+    configuration = mink.Configuration(PLANAR)
+    good, bad = (mink.FrameTask("tip", "site", 1.0, 0.0) for _ in range(2))
+    good.set_target(mink.SE3.identity())
+    bad.frame_name, bad.frame_type = "link_2", "body"
+    bad.set_target(mink.SE3(np.array([1.0, 0.0, 0.0, 0.0, 0.0, np.nan, 0.0])))
+    for tasks, constraints in (([good, bad], []), ([good], [bad])):
+        with pytest.raises(
+            qt.InvalidTarget, match=r"FrameTask\('link_2', 'body'\): its target: entry 5 is nan"
+        ):
+            qt.solve_ik(configuration, tasks, DT, "daqp", constraints=constraints)
+
+
+def test_a_class_in_place_of_an_object_is_a_sentence() -> None:
+    configuration = mink.Configuration(PLANAR)
+    for name, given in (
+        ("tasks", mink.FrameTask), ("constraints", qt.TwistTask), ("limits", mink.VelocityLimit),
+        ("limits", qt.PositionLimit),
+    ):  # fmt: skip
+        arguments = {"tasks": [], name: [given]}
+        with pytest.raises(qt.InvalidInput, match=rf"{name}\[0\] is the class {given.__name__}"):
+            qt.solve_ik(configuration, dt=DT, solver="daqp", **arguments)  # type: ignore[arg-type]
+
+
+def test_a_misspelt_keyword_is_refused_with_the_one_that_is_meant() -> None:
+    configuration = mink.Configuration(PLANAR)
+    with pytest.raises(qt.InvalidInput, match="did you mean 'on_infeasible'"):
+        qt.solve_ik(configuration, [], DT, "daqp", on_infeasable="raise")
+    with pytest.raises(TypeError, match="no argument 'on_infeasable'; did you mean 'on_infeas"):
+        qt.Controller(PLANAR, [], on_infeasable="raise")  # type: ignore[call-arg]
+    with pytest.raises(TypeError, match=r"no argument 'colour'\."):
+        qt.Controller(PLANAR, [], colour="red")  # type: ignore[call-arg]
+    assert list(inspect.signature(qt.Controller).parameters)[:4] == [
+        "model", "tasks", "levels", "secondary",
+    ]  # fmt: skip
+
+    class Mine(qt.Controller):
+        def __init__(self, colour: str, **options: Any) -> None:
+            super().__init__(PLANAR, [qt.TwistTask.point("tip", "site")], **options)
+            self.colour = colour
+
+    assert Mine(colour="red", on_infeasible="raise").colour == "red"
+    with pytest.raises(TypeError, match="on_infeasable"):
+        Mine(colour="red", on_infeasable="raise")
+
+
+def test_options_of_a_backend_that_sound_like_arguments_reach_it() -> None:
+    """``time_limit`` is near to ``limits``."""
+    task = mink.PostureTask(PLANAR, 1.0)
+    task.set_target(np.zeros(PLANAR.nq))
+    qt.solve_ik(mink.Configuration(PLANAR), [task], DT, "daqp", iter_limit=100)
+
+
+def test_a_number_that_is_an_array_is_called_one() -> None:
+    with pytest.raises(qt.InvalidInput, match=r"dt: expected a single number, got an array of "):
+        qt.solve_ik(mink.Configuration(PLANAR), [], np.array([DT, DT]), "daqp")  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("scaled", [False, True])
+def test_what_a_step_is_asked_for_later_goes_with_its_copies(scaled: bool) -> None:
+    """The names of active limits, residuals and σ_min are found when somebody asks."""
+    in_plane = qt.Projector.plane([0.0, 0.0, 1.0])
+    task = qt.TwistTask(
+        "tip", "site", qt.TwistProjector(linear=in_plane, angular=qt.Projector.none())
+    )
+    task.set_target(mink.SE3.from_translation(np.array([0.2, 9.0 if scaled else 0.3, 0.0])))
+    controller = qt.Controller(
+        PLANAR, [task], limits=[qt.MotionLimit(PLANAR, velocity=0.5)], solver="daqp",
+        secondary=[qt.PostureReference(PLANAR, np.ones(3))],
+    )  # fmt: skip
+    configuration = mink.Configuration(PLANAR, np.array([0.4, 0.5, 0.6]))
+
+    def asked(step: qt.Step) -> tuple[Any, ...]:
+        return step.binding, [r.tolist() for r in step.residuals], step.sigma_min, step.message
+
+    step = controller.step(configuration, 0.1)
+    step.velocity[:] = 0.0  # whose residuals do not change with it
+    copies = [pickle.loads(pickle.dumps(step)), copy.copy(step), copy.deepcopy(step)]
+    assert step.binding
+    A = controller.step(configuration, 0.1).problem.A
+    assert step.sigma_min == pytest.approx(np.linalg.svd(A, compute_uv=False)[-1])
+    assert np.abs(np.concatenate(step.residuals)).max() < 1e-8
+    changed = dataclasses.replace(step, solver="other")
+    for other in [*copies, changed]:
+        assert asked(other) == asked(step)
+    assert changed.solver == "other"
+    with pytest.raises(AttributeError):
+        step.colour  # noqa: B018

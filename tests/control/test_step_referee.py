@@ -1,0 +1,229 @@
+"""The referee of `benchmarks/billion.py`: it has to see what is wrong before it may say "none"."""
+
+from __future__ import annotations
+
+import importlib
+import json
+from pathlib import Path
+from types import ModuleType
+
+import mujoco
+import numpy as np
+import pytest
+import qpsolvers
+from scipy.optimize import linprog
+
+FOLDER = Path(__file__).parents[2] / "benchmarks"
+ROWS, BOUNDS, GRADIENT, SLACK = range(4)
+
+
+@pytest.fixture
+def billion(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
+    monkeypatch.syspath_prepend(FOLDER)  # as where it is run
+    return importlib.import_module("billion")
+
+
+class Steps:
+    """Steps of one case, solved by quadprog and HiGHS: not by the package."""
+
+    def __init__(self, billion: ModuleType, number: int, count: int) -> None:
+        self.billion, self.case = billion, billion.CASES[number]
+        self.model = billion.composed(self.case)[0].model
+        self.chain = billion.chain_of(self.model, self.case.site)
+        rng = np.random.default_rng(number)
+        self.q, self.targets = billion.random_problems(self.chain, count, rng)
+        n, m = self.model.nv, self.case.kind
+        self.x, self.s = np.zeros((count, n)), np.ones(count)
+        self.programs = []
+        for k in range(count):
+            A, b, h, F = np.zeros((m, n)), np.zeros(m), np.zeros(n), np.zeros(n)
+            ends, box = np.zeros((2, n)), np.zeros((2, n))
+            billion.state(
+                self.chain, m, billion.SPEED, billion.GAIN, billion.DT, self.q[k], self.targets[k],
+                np.zeros((3, 3)), np.zeros(3), np.zeros((6, n)), A, b, ends, box, h, F,
+            )  # fmt: skip
+            fastest = linprog(
+                np.append(np.zeros(n), -1.0), A_eq=np.column_stack([A, -b]), b_eq=np.zeros(m),
+                bounds=[*zip(*box, strict=True), (0.0, 1.0)],
+            )  # fmt: skip
+            if fastest.x[-1] < 1.0:
+                self.s[k] = fastest.x[-1] * (1.0 - 1e-8)
+            H = np.outer(F, F) + A.T @ A if self.case.twist_space else np.eye(n)
+            c = -np.outer(F, F) @ h if self.case.twist_space else -h
+            self.x[k] = qpsolvers.solve_qp(
+                H, c, None, None, A, self.s[k] * b, *box, solver="quadprog"
+            )
+            self.programs.append((A, b, box))
+
+    def found(self, x: np.ndarray, s: np.ndarray) -> np.ndarray:
+        """Which tolerances each step breaks, (K, 4)."""
+        b, found = self.billion, np.zeros((len(x), 5))
+        b.judge(
+            self.chain, self.case.kind, self.case.twist_space, b.SPEED, b.GAIN, b.DT, self.q,
+            self.targets, x, s, np.ones(len(x), dtype=bool), found,
+        )  # fmt: skip
+        return ~(found[:, :4] <= [b.ROWS, b.BOUNDS, b.GRADIENT, b.SLACK])
+
+
+def test_its_kinematics_are_mujocos(billion: ModuleType) -> None:
+    for case in billion.CASES:
+        model = billion.composed(case)[0].model
+        data, site = mujoco.MjData(model), model.site(case.site).id
+        chain, n = billion.chain_of(model, case.site), model.nv
+        q, _ = billion.random_problems(chain, 50, np.random.default_rng(1))
+        assert q.std(axis=0).min() > 0.5
+        R, p, J = np.zeros((3, 3)), np.zeros(3), np.zeros((6, n))
+        for here in q:
+            data.qpos[:] = here
+            mujoco.mj_kinematics(model, data)
+            mujoco.mj_comPos(model, data)
+            exact = np.zeros((6, n))
+            mujoco.mj_jacSite(model, data, exact[:3], exact[3:], site)
+            importlib.import_module("step_referee").kinematics(chain, here, R, p, J)
+            np.testing.assert_allclose(J, exact, atol=1e-12)
+            np.testing.assert_allclose(p, data.site_xpos[site], atol=1e-12)
+            np.testing.assert_allclose(R.ravel(), data.site_xmat[site], atol=1e-12)
+
+
+def test_its_targets_are_as_far_away_as_was_drawn(billion: ModuleType) -> None:
+    case = billion.CASES[0]
+    model = billion.composed(case)[0].model
+    data, rng, again = mujoco.MjData(model), *(np.random.default_rng(5) for _ in range(2))
+    chain = billion.chain_of(model, case.site)
+    q, targets = billion.random_problems(chain, 20, rng)
+    again.uniform(size=(20, 6))
+    away = 10.0 ** again.uniform(-6.0, -1.0, (20, 1))
+    moved, turned = again.normal(size=(20, 3)), again.normal(size=(20, 3))
+    for k in range(20):
+        data.qpos[:] = q[k]
+        mujoco.mj_kinematics(model, data)
+        quaternion, matrix = np.zeros(4), np.zeros(9)
+        vector = 0.3 * away[k] * turned[k]
+        length = float(np.linalg.norm(vector))
+        mujoco.mju_axisAngle2Quat(quaternion, vector / length, length)
+        mujoco.mju_quat2Mat(matrix, quaternion)
+        turn = matrix.reshape(3, 3) @ data.site("tool").xmat.reshape(3, 3)
+        np.testing.assert_allclose(targets[k, :3, :3], turn, atol=1e-14)
+        there = data.site("tool").xpos + 0.1 * away[k] * moved[k]
+        np.testing.assert_allclose(targets[k, :3, 3], there, atol=1e-14)
+
+
+@pytest.mark.parametrize("number", range(6))
+def test_it_lets_optimal_steps_pass_and_refuses_planted_errors(
+    billion: ModuleType, number: int
+) -> None:
+    steps = Steps(billion, number, 60)
+    x, s = steps.x, steps.s
+    as_solved = steps.found(x, s)
+    assert not as_solved[:, [ROWS, BOUNDS]].any()
+    proved = ~as_solved.any(axis=1)
+    assert proved.mean() > 0.9 and (number in (2, 5) or (s < 1.0).sum() > 1)
+    rng = np.random.default_rng(2)
+    # A velocity that is off by 1e-5, in any direction: some row sees it, or it is not optimal.
+    off = rng.normal(size=x.shape)
+    off *= 1e-5 / np.abs(off).max(axis=1)[:, None]
+    assert steps.found(x + off, s)[:, ROWS].mean() > 0.95
+    for k, (A, b, box) in enumerate(steps.programs):
+        if not proved[k]:
+            continue
+        # On its rows and inside its bounds, but not optimal: a step towards another vertex.
+        away = qpsolvers.solve_qp(
+            np.eye(len(x[k])), rng.normal(size=len(x[k])), None, None, A, s[k] * b, *box,
+            solver="quadprog",
+        )  # fmt: skip
+        other = x.copy()
+        other[k] += min(1.0, 1e-2 / (np.abs(away - x[k]).max() + 1e-300)) * (away - x[k])
+        if np.abs(other[k] - x[k]).max() > 1e-3 and not billion.CASES[number].twist_space:
+            assert steps.found(other, s)[k].tolist() == [False, False, True, False]
+        if s[k] < 1.0:  # slower than it has to be, by a hundredth
+            slower, less = x.copy(), s.copy()
+            slower[k] *= 0.99
+            less[k] *= 0.99
+            verdict = steps.found(slower, less)[k]
+            assert verdict[SLACK] and not verdict[[ROWS, BOUNDS]].any()
+    # A bound that is passed along the null space of the rows, and what is no number.
+    beyond = x.copy()
+    for k, (A, _, box) in enumerate(steps.programs):
+        free = np.linalg.svd(A)[2][-1]
+        j = int(np.abs(free).argmax())
+        beyond[k] += (box[1, j] + 1e-6 - x[k, j]) / free[j] * free
+    assert steps.found(beyond, s)[:, BOUNDS].all()
+    unknown = x.copy()
+    unknown[:, -1] = np.nan
+    assert steps.found(unknown, s).any(axis=1).all()
+
+
+def test_a_joint_that_is_held_at_the_wrong_bound_is_refused(billion: ModuleType) -> None:
+    """Six joints and five rows leave a segment between two bounds: its other end."""
+    steps = Steps(billion, 0, 60)
+    other = steps.x.copy()
+    for k, (A, _, box) in enumerate(steps.programs):
+        along = np.linalg.svd(A)[2][-1]
+        ways = np.sort((box - steps.x[k]) / along, axis=0)  # to both bounds of every joint
+        back, forth = ways[0].max(), ways[1].min()
+        other[k] += (forth if forth > -back else back) * along
+    far = np.abs(other - steps.x).max(axis=1) > 1e-3
+    assert far.sum() > 50
+    assert (steps.found(other, steps.s)[far] == [False, False, True, False]).all()
+
+
+def test_multipliers_of_other_solvers_prove_only_what_is_optimal(billion: ModuleType) -> None:
+    """Where the referee's own do not: quadprog and HiGHS are asked, and their answer is tested."""
+    for number in (1, 3):
+        steps = Steps(billion, number, 40)
+        assert (steps.s < 1.0).any()
+        for k, (x, s) in enumerate(zip(steps.x, steps.s, strict=True)):
+            step = steps.case, steps.chain, steps.q[k], steps.targets[k]
+            gradient, slack = billion.proved_by_others(*step, x, s)
+            assert gradient <= billion.GRADIENT and slack <= billion.SLACK
+            gradient, _ = billion.proved_by_others(*step, x + 1e-4 * np.sign(-x), s)
+            assert gradient > billion.GRADIENT
+            if s < 1.0:
+                _, slack = billion.proved_by_others(*step, 0.99 * x, 0.99 * s)
+                assert slack == pytest.approx(0.01 / 0.99, rel=1e-3)
+
+
+def test_a_kernel_that_lies_is_found_out(
+    billion: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    honest = billion.qt.batch.step
+
+    def lies(*arguments: object, **options: object) -> object:
+        done = honest(*arguments, **options)
+        done.velocity[3] *= 1.001
+        done.velocity[5] = np.nan
+        return done
+
+    monkeypatch.setattr(billion.qt.batch, "step", lies)
+    monkeypatch.setattr(
+        "sys.argv", ["billion.py", "--pieces", "1", "--steps", "200", "--results", str(tmp_path)]
+    )
+    assert billion.main() == 1
+    result = json.loads((tmp_path / "piece_0000.json").read_text())
+    assert [step for step, *_ in result["refused"]] == [3, 5]
+    assert result["counts"]["off the rows"] == 2
+
+
+def test_pieces_are_kept_and_not_run_again(
+    billion: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    arguments = ["billion.py", "--pieces", "2", "--steps", "300", "--results", str(tmp_path)]
+    monkeypatch.setattr("sys.argv", arguments)
+    assert billion.main() == 0
+    files = sorted(tmp_path.glob("piece_*.json"))
+    first = [file.read_text() for file in files]
+    assert len(files) == 2 and json.loads(first[0])["seed"] == [billion.SEED, 0]
+    files[1].unlink()
+    monkeypatch.setattr("sys.argv", [*arguments, "--backwards"])
+    assert billion.main() == 0
+    assert [file.read_text() for file in files] == first
+    text, refused = billion.table(tmp_path)
+    assert refused == 0 and "| all | 600 |" in text
+    result = json.loads(first[1])
+    result["counts"]["off the rows"] = 1
+    files[1].write_text(json.dumps(result))
+    assert billion.table(tmp_path)[1] == 1
+    result["sources"]["package"] = "other"
+    files[1].write_text(json.dumps(result))
+    with pytest.raises(SystemExit, match="different sources"):
+        billion.table(tmp_path)

@@ -1,0 +1,467 @@
+"""Nothing leaves unverified: lying backends, hard problems, proofs of optimality."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from itertools import product
+from typing import Any
+
+import mink
+import numpy as np
+import numpy.typing as npt
+import pytest
+import qpsolvers
+from hypothesis import given
+from hypothesis import strategies as st
+from oracles.liars import install
+from oracles.problems import NAMED, positive_definite, program, random_case
+from oracles.referee import (
+    GAP,
+    LowerBound,
+    broken_constraint,
+    lower_bound,
+    objective,
+    objective_size,
+)
+
+import qp_twist as qt
+from qp_twist.qp import Multipliers, Verified, installed_solvers, solve
+from qp_twist.qp.solve import FALLBACKS, Refused
+from qp_twist.qp.verification import Point, feasible, proof_of_optimality
+
+Array = npt.NDArray[np.float64]
+Lie = Callable[[qpsolvers.Solution, qpsolvers.Problem], None]
+
+DEBURRING = qt.load_task("deburring")
+TRUTH = qpsolvers.solve_problem
+
+
+# ---------------------------------------------------------------------------------------- the lies
+
+
+def _says(x: Any) -> Lie:
+    def lie(solution: qpsolvers.Solution, problem: qpsolvers.Problem) -> None:
+        solution.found, solution.x = True, x(problem.q.shape[0]) if callable(x) else x
+
+    return lie
+
+
+def _outside(solution: qpsolvers.Solution, problem: qpsolvers.Problem) -> None:
+    """Farther than any bound or row, along the rows' null space where that is possible."""
+    direction = _free_direction(problem)
+    solution.found, solution.x = True, _optimum(solution, problem) + 1e3 * direction
+
+
+def _off_the_rows(solution: qpsolvers.Solution, problem: qpsolvers.Problem) -> None:
+    solution.found = True
+    solution.x = _optimum(solution, problem) + 1e-4 * np.ones(problem.q.shape[0])
+
+
+def _not_optimal(solution: qpsolvers.Solution, problem: qpsolvers.Problem) -> None:
+    """A feasible point: from the optimum into the feasible set, as far as the nearest limit."""
+    best = _optimum(solution, problem)
+    direction = _free_direction(problem)
+    candidates = [best + t * direction for t in (0.3, -0.3, 1e-2, -1e-2, 1e-3, -1e-3)]
+    inside = [x for x in candidates if _room(problem, x) >= 0.0]
+    solution.found, solution.x = True, inside[0] if inside else np.full(len(best), np.nan)
+
+
+def _optimum(solution: qpsolvers.Solution, problem: qpsolvers.Problem) -> Array:
+    usable = solution.x is not None and np.isfinite(solution.x).all()
+    return np.array(solution.x) if usable else np.zeros(problem.q.shape[0])
+
+
+def _free_direction(problem: qpsolvers.Problem) -> Array:
+    if problem.A is None or not len(problem.A):
+        return np.ones(problem.q.shape[0]) / np.sqrt(problem.q.shape[0])
+    return np.linalg.svd(problem.A)[2][-1]
+
+
+def _room(problem: qpsolvers.Problem, x: Array) -> float:
+    rooms = [np.inf]
+    if problem.lb is not None:
+        rooms += [float((x - problem.lb).min()), float((problem.ub - x).min())]
+    if problem.G is not None:
+        rooms.append(float((problem.h - problem.G @ x).min()))
+    return min(rooms)
+
+
+def _last_step(solution: qpsolvers.Solution, problem: qpsolvers.Problem) -> None:
+    """What was right when the task and the objective were a tenth smaller."""
+    last = qpsolvers.Problem(
+        problem.P, 0.9 * problem.q, problem.G, problem.h,
+        problem.A, None if problem.b is None else 0.9 * problem.b, problem.lb, problem.ub,
+    )  # fmt: skip
+    solution.found, solution.x = True, _optimum(TRUTH(last, solver="daqp"), problem)
+
+
+LIES: dict[str, Lie] = {
+    "NaN": _says(lambda n: np.full(n, np.nan)),
+    "infinity": _says(lambda n: np.full(n, np.inf)),
+    "zeros": _says(np.zeros),
+    "last step": _last_step,
+    "outside the limits": _outside,
+    "off the rows": _off_the_rows,
+    "feasible, not optimal": _not_optimal,
+    "too short": _says(lambda n: np.zeros(n - 1)),
+    "a column": _says(lambda n: np.zeros((n, 1))),
+    "a number": _says(0.0),
+    "text": _says(lambda n: ["a"] * n),
+    "nothing, called solved": _says(None),
+}
+
+
+class Installation:
+    """``qpsolvers.solve_problem`` where some backends lie.
+
+    Attributes:
+        lied: Whether what a backend said last was wrong; zeros, say, may be right.
+    """
+
+    def __init__(self, lie: Lie, liars: Sequence[str]) -> None:
+        self.lie, self.liars = lie, liars
+        self.lied = dict.fromkeys(liars, False)
+
+    def __call__(self, problem: qpsolvers.Problem, solver: str, **options: Any) -> Any:
+        solution = TRUTH(problem, solver=solver, **options)
+        if solver in self.liars:
+            truth = TRUTH(problem, solver="daqp", primal_tol=1e-11, dual_tol=1e-11)
+            self.lie(solution, problem)
+            right = truth.found and np.shape(solution.x) == truth.x.shape
+            right = right and np.asarray(solution.x).dtype == np.float64
+            self.lied[solver] = not (right and np.abs(solution.x - truth.x).max() < 1e-6)
+        return solution
+
+
+# -------------------------------------------------------------------------------------- the places
+
+
+POSITION = qt.TwistProjector(linear=qt.Projector.full(), angular=qt.Projector.none())
+
+
+def _task(projector: qt.TwistProjector, ahead: float = 0.0) -> qt.TwistTask:
+    """Towards the first waypoints, or a point some metres ahead."""
+    task = qt.TwistTask("tool", "site", projector)
+    target = DEBURRING.waypoints[5]
+    position = target.translation() + np.array([ahead, 0.0, 0.0])
+    task.set_target(mink.SE3.from_rotation_and_translation(target.rotation(), position))
+    return task
+
+
+def _controller(projector: qt.TwistProjector, **options: Any) -> qt.Controller:
+    return qt.Controller(
+        DEBURRING.model,
+        **{"tasks": [_task(projector)]} | options,
+        secondary=[qt.JointCentering(DEBURRING.model, gain=0.3)],
+    )
+
+
+def _slow(speed: float) -> list[mink.Limit]:
+    names = [DEBURRING.model.joint(i).name for i in range(DEBURRING.model.njnt)]
+    return [
+        qt.PositionLimit(DEBURRING.model),
+        mink.VelocityLimit(DEBURRING.model, dict.fromkeys(names, speed)),
+    ]
+
+
+def _step(
+    projector: qt.TwistProjector = DEBURRING.projector, **options: Any
+) -> Callable[[str], tuple[Array, str, tuple[str, ...]]]:
+    def act(solver: str) -> tuple[Array, str, tuple[str, ...]]:
+        configuration = mink.Configuration(DEBURRING.model, DEBURRING.start)
+        step = _controller(projector, solver=solver, **options).step(configuration, 0.1)
+        return step.velocity, step.solver, step.refused
+
+    return act
+
+
+def _levels(scale: float, **options: Any) -> Callable[[str], tuple[Array, str, tuple[str, ...]]]:
+    rng = np.random.default_rng(3)
+    J = rng.normal(size=(3, 6))
+    J[:, 4:] = 0.0  # what is left has something to decide, at bounds too
+    goal = scale * J @ rng.uniform(-0.3, 0.3, 6)
+
+    def act(solver: str) -> tuple[Array, str, tuple[str, ...]]:
+        solution = qt.solve_levels(
+            [(J, goal)],
+            -np.ones(6),
+            np.ones(6),
+            solver=solver,
+            reference=np.full(6, 0.2),
+            **options,
+        )
+        return solution.x, "", ()
+
+    return act
+
+
+PLACES: dict[str, Callable[[str], tuple[Array, str, tuple[str, ...]]]] = {
+    "step": _step(),
+    "step in twist space": _step(secondary_space="twist"),
+    "scaled step": _step(POSITION, limits=_slow(0.05)),
+    "relaxed step": _step(POSITION, limits=_slow(0.05), on_infeasible="relax"),
+    "two levels": _step(levels=[[_task(POSITION)], [_task(POSITION, 0.1)]], tasks=[]),
+    "solve_levels": _levels(1.0),
+    "solve_levels, scaled": _levels(10.0),
+    "solve_levels, relaxed": _levels(10.0, on_infeasible="relax"),
+}
+UNNEEDED = ("", "levels")
+"""Where no backend is named: on arrays, and where the levels leave a single point."""
+HONEST = {name: act("daqp")[0] for name, act in PLACES.items()}
+
+
+@pytest.mark.parametrize("place", PLACES)
+@pytest.mark.parametrize("lie", LIES)
+def test_another_backend_steps_in_for_a_liar(
+    monkeypatch: pytest.MonkeyPatch, place: str, lie: str
+) -> None:
+    installation = Installation(LIES[lie], ["daqp"])
+    install(monkeypatch, installation)
+    x, solver, refused = PLACES[place]("daqp")
+    np.testing.assert_allclose(x, HONEST[place], atol=2e-6)
+    if installation.lied["daqp"] and solver not in UNNEEDED:
+        assert solver in ("proxqp", "osqp")
+        assert any("daqp" in said for said in refused)
+
+
+@pytest.mark.parametrize("place", PLACES)
+@pytest.mark.parametrize("lie", LIES)
+def test_an_installation_that_lies_is_an_error_that_names_everybody(
+    monkeypatch: pytest.MonkeyPatch, place: str, lie: str
+) -> None:
+    installation = Installation(LIES[lie], FALLBACKS)
+    install(monkeypatch, installation)
+    try:
+        x, solver, _ = PLACES[place]("daqp")
+    except qt.SolverInaccurate as error:
+        assert all(installation.lied.values())
+        assert all(f"{name} returned" in str(error) for name in FALLBACKS)
+        assert isinstance(error.problem, qt.QuadraticProgram)
+    else:
+        np.testing.assert_allclose(x, HONEST[place], atol=2e-6)
+        assert solver == "levels" or not all(installation.lied.values())
+
+
+@pytest.mark.parametrize("lie", [lie for lie in LIES if lie != "zeros"])
+def test_the_lies_are_lies(monkeypatch: pytest.MonkeyPatch, lie: str) -> None:
+    """Guards the two tests above: at a plain step and on levels every one of them is an error."""
+    install(monkeypatch, Installation(LIES[lie], FALLBACKS))
+    for place in ("step", "step in twist space", "two levels"):
+        with pytest.raises(qt.SolverInaccurate):
+            PLACES[place]("daqp")
+
+
+@pytest.mark.parametrize("place", PLACES)
+def test_a_right_result_is_taken_whatever_the_multipliers(
+    monkeypatch: pytest.MonkeyPatch, place: str
+) -> None:
+    def garbage(solution: qpsolvers.Solution, problem: qpsolvers.Problem) -> None:
+        solution.y, solution.z, solution.z_box = np.full(50, np.nan), None, -1e9 * np.ones(6)
+
+    install(monkeypatch, Installation(garbage, FALLBACKS))
+    x, solver, refused = PLACES[place]("daqp")
+    np.testing.assert_allclose(x, HONEST[place], atol=1e-12)
+    assert solver in ("daqp", *UNNEEDED)
+    assert refused == ()
+
+
+@pytest.mark.parametrize("place", PLACES)
+@pytest.mark.parametrize("how", ["not found", "raises"])
+def test_without_a_claim_our_own_method_steps_in(
+    monkeypatch: pytest.MonkeyPatch, place: str, how: str
+) -> None:
+    def modest(solution: qpsolvers.Solution, problem: qpsolvers.Problem) -> None:
+        if how == "raises":
+            raise RuntimeError("out of luck")
+        solution.found = False
+
+    install(monkeypatch, Installation(modest, FALLBACKS))
+    x, solver, refused = PLACES[place]("daqp")
+    np.testing.assert_allclose(x, HONEST[place], atol=2e-6)
+    if solver not in UNNEEDED:
+        assert solver == "active set"
+        assert all(any(name in said for said in refused) for name in FALLBACKS)
+
+
+def test_a_binding_limit_is_named_though_the_multipliers_are_garbage(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def garbage(solution: qpsolvers.Solution, problem: qpsolvers.Problem) -> None:
+        solution.z_box = np.arange(6.0) - 3.0
+
+    controller = _controller(DEBURRING.projector, limits=_slow(0.3))
+    configuration = mink.Configuration(DEBURRING.model, DEBURRING.start)
+    honest = controller.step(configuration, 0.1)
+    assert honest.binding
+    install(monkeypatch, Installation(garbage, FALLBACKS))
+    step = controller.step(configuration, 0.1)
+    assert [str(limit) for limit in step.binding] == [str(limit) for limit in honest.binding]
+
+
+# ------------------------------------------------------------------------------ the solver matrix
+
+
+@pytest.mark.parametrize("name", NAMED)
+def test_every_backend_on_a_hard_problem(name: str) -> None:
+    case = NAMED[name]()
+    bound = LowerBound(case.problem)
+    for solver in installed_solvers():
+        result = solve(case.problem, solver, persist=True)
+        assert isinstance(result, Verified) == case.feasible, (solver, result)
+        if isinstance(result, Verified):
+            assert not broken_constraint(case.problem, result.x), solver
+            assert bound.gap(result.x) <= GAP, solver
+
+
+# What passed before the duality gap was looked at, and rows by their own excess.
+ONCE_WRONG = (7941, 11478, 12065, 13950, 19433, 35253, 58778, 67763, 78940, 81018, 87399)
+
+
+@pytest.mark.parametrize("seed", ONCE_WRONG)
+def test_no_backend_gets_past_the_referee_where_one_once_did(seed: int) -> None:
+    problem = random_case(seed).problem
+    bound = LowerBound(problem)
+    for solver in installed_solvers():
+        result = solve(problem, solver, persist=True)
+        if isinstance(result, Verified):
+            assert not broken_constraint(problem, result.x)
+            assert bound.gap(result.x) <= GAP
+
+
+def test_the_referee_sends_wrong_results_off() -> None:
+    """The independent check itself: what it must not pass."""
+    case = NAMED["a robot's step"]()
+    p = case.problem
+    result = solve(p, "daqp")
+    assert isinstance(result, Verified)
+    free = np.linalg.svd(p.A)[2][-1]
+    for x in (result.x + 1e-2 * free, result.x - 1e-2 * free):
+        assert not broken_constraint(p, x)
+        assert LowerBound(p).gap(x) > GAP
+    assert broken_constraint(p, result.x + 1e-6)
+    assert broken_constraint(p, np.full(p.n, np.nan))
+    outside = np.array(p.upper)
+    outside[0] = np.nextafter(outside[0], np.inf)
+    assert broken_constraint(p, outside) == "outside the bounds"
+
+
+# ------------------------------------------------------------------------- the proof of optimality
+
+
+def _enumerated(p: qt.QuadraticProgram) -> Array:
+    """The optimum of a small program, by trying every set of active bounds and rows."""
+    n, k = p.n, len(p.g)
+    best, lowest = None, np.inf
+    for sides in product((None, "lower", "upper"), repeat=n):
+        for on in product((False, True), repeat=k):
+            rows = [*p.A, *p.G[list(on)]] if k else [*p.A]
+            values = [*p.b, *p.g[list(on)]] if k else [*p.b]
+            for i, side in enumerate(sides):
+                if side:
+                    rows.append(np.eye(n)[i])
+                    values.append(getattr(p, side)[i])
+            C = np.array(rows).reshape(-1, n)
+            if len(C) > n:
+                continue
+            kkt = np.block([[p.H, C.T], [C, np.zeros((len(C), len(C)))]])
+            x = np.linalg.lstsq(kkt, np.concatenate([-p.c, values]), rcond=None)[0][:n]
+            missed = max(
+                np.abs(p.A @ x - p.b).max(initial=0.0), (p.G @ x - p.g).max(initial=0.0),
+                (p.lower - x).max(), (x - p.upper).max(),
+            )  # fmt: skip
+            if missed < 1e-9 and objective(p, x) < lowest:
+                best, lowest = x, objective(p, x)
+    assert best is not None
+    return np.clip(best, p.lower, p.upper)
+
+
+def _small(seed: int) -> tuple[qt.QuadraticProgram, Array]:
+    """A program of up to three unknowns, and a point inside it."""
+    rng = np.random.default_rng(seed)
+    n = int(rng.integers(1, 4))
+    m, k = int(rng.integers(0, n)), int(rng.integers(0, 3))
+    inside = rng.uniform(-0.9, 0.9, n)
+    A, G = rng.normal(size=(m, n)), rng.normal(size=(k, n))
+    return program(
+        positive_definite(rng, n, 10.0 ** rng.uniform(0.0, 2.0)), 2.0 * rng.normal(size=n),
+        A=A, b=A @ inside, G=G, g=G @ inside + rng.uniform(0.05, 0.5, k), lower=-1.0, upper=1.0,
+    ), inside  # fmt: skip
+
+
+@given(st.integers(0, 10**6))
+def test_the_optimum_is_proven_without_a_backends_multipliers(seed: int) -> None:
+    p, _ = _small(seed)
+    x = _enumerated(p)
+    rng = np.random.default_rng(seed)
+    for claimed in (
+        Multipliers.none(p),
+        Multipliers(rng.normal(size=len(p.b)), rng.normal(size=len(p.g)), rng.normal(size=p.n)),
+        Multipliers(np.full(len(p.b), np.nan), np.full(len(p.g), np.inf), np.zeros(p.n)),
+    ):
+        proof = proof_of_optimality(p, Point.at(p, x), claimed)
+        assert isinstance(proof, Multipliers), proof
+        assert (proof.rows >= 0.0).all()
+        # They prove it by duality, which is not how they were found.
+        assert lower_bound(p, proof) >= objective(p, x) - 1e-6 * objective_size(p, x)
+
+
+@given(st.integers(0, 10**6), st.floats(1e-3, 1.0))
+def test_what_is_proven_cannot_be_improved(seed: int, share: float) -> None:
+    p, inside = _small(seed)
+    optimum = _enumerated(p)
+    x = optimum + share * (inside - optimum)  # the feasible set is convex
+    gap = (objective(p, x) - objective(p, optimum)) / objective_size(p, x)
+    proof = proof_of_optimality(p, Point.at(p, x), Multipliers.none(p))
+    if gap > GAP:
+        assert isinstance(proof, str)
+        assert "not optimal" in proof
+    elif isinstance(proof, Multipliers):
+        assert lower_bound(p, proof) >= objective(p, x) - GAP * objective_size(p, x)
+
+
+@pytest.mark.parametrize("angle", [1e-4, 1e-6, 1e-8])
+def test_a_point_between_the_walls_of_a_wedge_is_not_its_tip(angle: float) -> None:
+    """Near both walls, far from the tip to which the cost pulls."""
+    G = np.array([[-np.sin(angle), np.cos(angle)], [-np.sin(angle), -np.cos(angle)]])
+    p = program(np.eye(2), [1.0, 0.0], G=G, g=np.zeros(2))  # the tip is at 0, and is the optimum
+    assert isinstance(
+        proof_of_optimality(p, Point.at(p, np.zeros(2)), Multipliers.none(p)), Multipliers
+    )
+    x = np.array([0.1, 0.0])
+    assert isinstance(feasible(p, x), Point)
+    assert objective(p, x) > objective(p, np.zeros(2)) + 0.1
+    for claimed in (Multipliers.none(p), Multipliers(np.zeros(0), np.full(2, 0.55 / angle),
+                                                     np.zeros(2))):  # fmt: skip
+        assert "not optimal" in str(proof_of_optimality(p, Point.at(p, x), claimed))
+
+
+def test_each_broken_constraint_is_named() -> None:
+    p = program(
+        np.eye(2), np.zeros(2), A=[[1.0, 1.0]], b=[1.0], G=[[1.0, -1.0]], g=[0.5],
+        lower=-1.0, upper=1.0,
+    )  # fmt: skip
+    assert isinstance(feasible(p, np.array([0.5, 0.5])), Point)
+    for x, name in (
+        (None, "no result"),
+        (np.zeros(3), "shape"),
+        (np.array([np.nan, 0.0]), "not finite"),
+        (np.array([0.5, 0.6]), "equality"),
+        (np.array([1.0, 0.0]), "inequality row"),
+        (np.array([-0.1, 1.1]), "bound"),
+    ):
+        assert name in str(feasible(p, x))
+
+
+def test_a_result_a_hair_outside_is_brought_inside_and_checked_again() -> None:
+    p = program(np.eye(1), [-2.0], lower=-1.0, upper=1.0)
+    result = solve(p, "proxqp")
+    assert isinstance(result, Verified)
+    assert result.x[0] <= 1.0
+
+
+def test_an_empty_box_is_refused_before_a_backend_sees_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delattr(qpsolvers, "solve_problem")
+    p = program(np.eye(2), np.zeros(2), lower=[0.0, 1.0], upper=[1.0, 0.5])
+    result = solve(p, "daqp", persist=True)
+    assert isinstance(result, Refused)
+    assert not result.claimed

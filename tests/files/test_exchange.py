@@ -1,0 +1,398 @@
+"""Trajectory files: what is written is read back, and what other tools write is understood."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from oracles.joint_paths import evenly, joint_path, slider
+
+import qp_twist as qt
+from qp_twist.exchange import ENDINGS, JointRows, csv_file, read_trajectory, write_trajectory
+from qp_twist.files import whole_file, write_atomically
+from qp_twist.timing import TimedTrajectory, time_trajectory
+
+Array = np.ndarray
+SEEDS = st.integers(0, 2**32 - 1)
+
+
+def timed(seed: int = 0, acceleration: float = 5.0) -> TimedTrajectory:
+    rng = np.random.default_rng(seed)
+    q = np.cumsum(rng.normal(scale=0.1, size=(7, 3)), axis=0)
+    return time_trajectory(joint_path(slider(3), q, evenly(7, 0.1), acceleration=acceleration))
+
+
+@pytest.mark.parametrize("ending", ENDINGS)
+@given(SEEDS)
+@settings(max_examples=8, deadline=None)
+def test_a_file_gives_back_the_rows(
+    tmp_path_factory: pytest.TempPathFactory, ending: str, seed: int
+) -> None:
+    trajectory = timed(seed)
+    path = tmp_path_factory.mktemp("rows") / f"rows{ending}"
+    assert write_trajectory(trajectory, path) == path
+    rows = read_trajectory(path)
+    assert rows.joint_names == ("slide_1", "slide_2", "slide_3")
+    assert (rows.q == trajectory.q).all()
+    assert rows.times == pytest.approx(trajectory.times, abs=1e-9)
+    assert (rows.velocities == trajectory.velocities).all()
+    assert rows.metadata["task"] == "rows"
+    assert rows.metadata["interpolation"] == "cubic"
+    assert rows.metadata["units"] == dict.fromkeys(rows.joint_names, "m")
+    # The same motion between the rows, too.
+    t = np.linspace(0.0, trajectory.times[-1], 50)
+    assert rows.motion().at(t).q == pytest.approx(trajectory.at(t).q, abs=1e-7)
+
+
+@pytest.mark.parametrize("ending", ENDINGS)
+def test_straight_pieces_have_no_velocities_and_no_clock_no_times(
+    ending: str, tmp_path: Path
+) -> None:
+    straight = timed(acceleration=np.inf)
+    rows = read_trajectory(write_trajectory(straight, tmp_path / f"straight{ending}"))
+    assert rows.velocities is None
+    assert rows.times == pytest.approx(straight.times)
+    untimed = read_trajectory(write_trajectory(straight.trajectory, tmp_path / f"rows{ending}"))
+    assert untimed.times is None
+    assert (untimed.q == straight.q).all()
+
+
+@pytest.mark.parametrize("ending", ENDINGS)
+def test_no_file_names_the_machine(ending: str, tmp_path: Path) -> None:
+    task = qt.load_task("planar_line")
+    short = qt.follow(task, "qp_minimum_norm", stop=lambda *_: True)
+    path = write_trajectory(short, tmp_path / f"line{ending}")
+    metadata = read_trajectory(path).metadata
+    assert metadata["robot"] == "planar_3r.xml"
+    assert str(task.scene.parent) not in json.dumps(metadata)
+    assert str(task.scene.parent).encode() not in path.read_bytes()
+
+
+def test_the_json_has_the_fields_of_a_joint_trajectory(tmp_path: Path) -> None:
+    trajectory = timed()
+    document = json.loads(write_trajectory(trajectory, tmp_path / "t.json").read_text("utf-8"))
+    assert list(document) == ["header", "joint_names", "points", "metadata"]
+    assert document["header"] == {"stamp": {"sec": 0, "nanosec": 0}, "frame_id": ""}
+    for k, point in enumerate(document["points"]):
+        assert set(point) == {
+            *("positions", "velocities", "accelerations", "effort", "time_from_start")
+        }
+        stamp = point["time_from_start"]
+        assert isinstance(stamp["sec"], int)
+        assert 0 <= stamp["nanosec"] < 10**9
+        assert stamp["sec"] + 1e-9 * stamp["nanosec"] == pytest.approx(trajectory.times[k])
+    [first] = document["metadata"]["projectors"]
+    assert first == {"first_row": 1, "linear": "full", "angular": "none", "frame": "world"}
+
+
+def test_the_csv_is_read_by_any_reader_of_csv(tmp_path: Path) -> None:
+    trajectory = timed()
+    text = write_trajectory(trajectory, tmp_path / "t.csv").read_text("utf-8")
+    lines = [line for line in text.splitlines() if not line.startswith("#")]
+    head, *rows = csv.reader(lines)
+    assert head[:3] == ["row", "time [s]", "slide_1 [m]"]
+    assert head[5] == "slide_1 velocity [m/s]"
+    assert [float(row[2]) for row in rows] == trajectory.q[:, 0].tolist()
+
+
+BITS = ["joint", "_", "1", " ", ",", '"', "[", "]", "(", "#", "%", ";", ".", "/", "-", "velocity",
+        "vel", "pos", "time", "deg", "rad", "m", "s", "é", "\u2028"]  # fmt: skip
+NAMES = st.lists(st.sampled_from(BITS), min_size=1, max_size=4).map("".join)
+
+
+@given(
+    st.lists(NAMES.filter(lambda name: name.strip() == name), min_size=1, max_size=3, unique=True),
+    st.booleans(), st.booleans(), SEEDS,
+)  # fmt: skip
+@settings(max_examples=300, deadline=None)
+def test_any_names_of_joints_go_through_a_table(
+    names: list[str], timed: bool, cubic: bool, seed: int
+) -> None:
+    q = np.random.default_rng(seed).normal(size=(2, len(names)))
+    units = dict(zip(names, ["rad", "m", "rad"], strict=False))
+    metadata = {"units": units, "task": "a title\u2028of two lines", "method": "any"}
+    written = JointRows(
+        tuple(names), q, np.array([0.0, 0.1]) if timed else None, -q if timed and cubic else None,
+        metadata,
+    )  # fmt: skip
+    rows = csv_file.decode(csv_file.encode(written).encode(), None)
+    assert rows.joint_names == written.joint_names
+    assert rows.metadata == metadata
+    assert (rows.q == q).all()
+    assert (rows.times is not None) == timed
+    assert (rows.velocities is not None) == (timed and cubic)
+    assert rows.velocities is None or (rows.velocities == -q).all()
+
+
+# ---------------------------------------------------------------- other tools' files
+
+DEGREES = np.array([[10.0, -20.0], [30.0, 45.5]])
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "joint_1,joint_2\n{a[0]},{a[1]}\n{b[0]},{b[1]}\n",
+        "\ufefftime;joint_2 [deg];joint_1 (deg)\n0;-20,0;10,0\n1;45,5;30,0\n",
+        "# a robot\n\nt [ms]\tjoint_2_deg\tgripper\tjoint_1_deg\n0\t-20\topen\t10\n"
+        "1000\t45.5\t\t30\n",
+        "joint_1_deg joint_2_deg\n10 -20\n30 45.5\n",
+        "time_s,joint_1_deg,joint_2_deg\n0,10,-20\n1,30,45.5\n",
+        '"time_from_start","position_joint_1 [°]","position_joint_2 [°]"\n0, 10, -20\n'
+        "1, 30, 45.5\n",
+        "row,joint_1.pos [degrees],joint_2.pos [degrees],joint_1 torque\n1,10,-20,x\n2,30,45.5,y\n",
+        "# joint_1_deg joint_2_deg\n10 -20\n30 45.5\n",
+        "Cell 7\njoint_1;joint_2\ndeg;deg\n10;-20\n30;45,5\n",
+        "gripper,joint_1_deg,joint_2_deg\nopen,10,-20\n,30,45.5\n",
+    ],
+)
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-16"])
+def test_columns_are_found_by_name_in_any_order_and_unit(
+    text: str, encoding: str, tmp_path: Path
+) -> None:
+    a, b = np.radians(DEGREES)
+    path = tmp_path / "other.csv"
+    mark = "\ufeff" if encoding == "utf-16" else ""  # has its own
+    path.write_text(text.format(a=a, b=b).removeprefix(mark), encoding)
+    rows = read_trajectory(path, ["joint_1", "joint_2"])
+    assert rows.q == pytest.approx(np.radians(DEGREES), abs=1e-15)
+    assert rows.velocities is None
+    timed = any(name in text.splitlines()[-3:][0] for name in ("time", "t [ms]"))
+    assert (rows.times is not None) == timed
+    if timed:
+        assert rows.times == pytest.approx([0.0, 1.0])
+
+
+def test_velocities_of_other_tools_are_understood(tmp_path: Path) -> None:
+    path = tmp_path / "other.csv"
+    path.write_text("time,vel_a [deg/s],a [deg],a_acceleration\n0,90,0,1\n1,180,45,1\n", "utf-8")
+    rows = read_trajectory(path)
+    assert rows.joint_names == ("a",)
+    assert rows.q[:, 0] == pytest.approx([0.0, np.pi / 4])
+    assert rows.velocities[:, 0] == pytest.approx([np.pi / 2, np.pi])
+
+
+def test_a_unit_says_that_a_column_holds_velocities(tmp_path: Path) -> None:
+    path = tmp_path / "other.csv"
+    path.write_text("time,a [deg],a [deg/s],a [deg/s²]\n0,0,90,1\n1,45,180,1\n", "latin-1")
+    rows = read_trajectory(path)
+    assert rows.q[:, 0] == pytest.approx([0.0, np.pi / 4])
+    assert rows.velocities[:, 0] == pytest.approx([np.pi / 2, np.pi])
+    assert rows.accelerated
+
+
+def test_all_that_is_wrong_with_a_table_is_said_at_once(tmp_path: Path) -> None:
+    path = tmp_path / "broken.csv"
+    path.write_text("time,a,b\n0,1,2\n#N/A,1,2\n1,two,2\n2,1_0,2\n3,1\n4,1,2,3\n5,1,2\n")
+    with pytest.raises(qt.InvalidInput) as refused:
+        read_trajectory(path)
+    said = str(refused.value).split("\n  ")
+    assert said[0] == f"{path}: 5 problems:"
+    assert [line.split(":")[0] for line in said[1:]] == [
+        "line 3, column 'time'", "line 4, column 'a'", "line 5, column 'a'", "line 6, column 'b'",
+        "line 7",
+    ]  # fmt: skip
+
+
+def test_a_joint_that_is_called_like_something_else_keeps_its_name(tmp_path: Path) -> None:
+    path = tmp_path / "odd.csv"
+    path.write_text("time,t,q_1,arm_vel\n0,1,2,3\n", "utf-8")
+    rows = read_trajectory(path, ["arm_vel", "t", "q_1"])
+    assert rows.q.tolist() == [[3.0, 1.0, 2.0]]
+
+
+@pytest.mark.parametrize(
+    "stamp", [{"secs": 1, "nsecs": 500_000_000}, {"sec": 1, "nanosec": 500_000_000}, 1.5]
+)
+@pytest.mark.parametrize("around", [(), ("joint_trajectory",), ("goal", "trajectory")])
+def test_messages_of_other_tools_are_understood(
+    stamp: object, around: tuple[str, ...], tmp_path: Path
+) -> None:
+    document: dict[str, object] = {
+        "joint_names": ["b", "a"],
+        "points": [{"positions": [2, 1], "time_from_start": stamp}],
+    }
+    for key in reversed(around):
+        document = {key: document}
+    path = tmp_path / "message.json"
+    path.write_text(json.dumps(document), "utf-8")
+    rows = read_trajectory(path, ["a", "b"])
+    assert rows.q.tolist() == [[1.0, 2.0]]
+    assert rows.times.tolist() == [1.5]
+
+
+def npy(array: Array) -> bytes:
+    file = io.BytesIO()
+    np.save(file, array)
+    return file.getvalue()
+
+
+def npz(**arrays: Array) -> bytes:
+    file = io.BytesIO()
+    np.savez_compressed(file, **arrays)
+    return file.getvalue()
+
+
+def test_a_damaged_archive_is_refused_wherever_it_is_damaged(tmp_path: Path) -> None:
+    whole = npz(q=np.random.default_rng(0).normal(size=(50, 2)), joint_names=np.array(["a", "b"]))
+    path = tmp_path / "damaged.npz"
+    path.write_bytes(whole)
+    assert read_trajectory(path).q.shape == (50, 2)
+    for at in range(0, len(whole), 37):
+        path.write_bytes(whole[:at] + b"\xff" * 8 + whole[at + 8 :])
+        try:
+            assert read_trajectory(path).q.shape == (50, 2)  # a byte that says nothing
+        except qt.InvalidInput as error:
+            assert str(error).startswith(str(path))
+
+
+def test_metadata_of_another_tool_do_no_harm(tmp_path: Path) -> None:
+    for text in ("no JSON", "[1]"):
+        np.savez(tmp_path / "other.npz", q=np.eye(2), joint_names=["a", "b"], metadata=text)
+        assert read_trajectory(tmp_path / "other.npz").metadata == {}
+
+
+def test_an_archive_of_another_tool_is_understood(tmp_path: Path) -> None:
+    np.savez(tmp_path / "other.npz", positions=np.eye(2), time=np.array([0.0, 1.0]))
+    rows = read_trajectory(tmp_path / "other.npz", ["a", "b"])
+    assert (rows.q == np.eye(2)).all()
+    with pytest.raises(qt.InvalidInput, match="'joint_names' that says which"):
+        read_trajectory(tmp_path / "other.npz")
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "sentence"),
+    [
+        ("x.csv", "joint_1,joint_2\n1,2\n1,two\n", r"line 3, column 'joint_2': .*got 'two'"),
+        (
+            "x.csv",
+            "# one\njoint_1,joint_2\n1\n",
+            "line 3, .*'joint_2': the number is missing; .* 1 of 2",
+        ),
+        ("x.csv", "joint_1,joint_2\n1,nan\n", "line 2, column 'joint_2'"),
+        ("x.csv", "1,2\n3,4\n", "line 1: expected the names of the columns"),
+        ("x.csv", "joint_1\n", "expected a line of column names and rows"),
+        ("x.csv", "joint_1 [furlong],joint_2\n1,2\n", "the unit 'furlong' is not known"),
+        ("x.csv", "joint_1 [s],joint_2\n1,2\n", "column 'joint_1 .s.': the unit 's' is not known"),
+        ("x.csv", "t [deg],joint_1\n1,2\n", "column 't .deg.': the unit 'deg' is not known"),
+        ("x.csv", "joint_1,joint_2\none,two\n1,2\n", "line 2, column 'joint_1': .* got 'one'"),
+        ("x.csv", "joint_1,other\n1,2\n", "no column for joint_2; it has joint_1"),
+        ("x.csv", "joint_1,joint_1,joint_2\n1,2,3\n", "two columns hold the positions of joint_1"),
+        ("x.csv", "a,b\n1,2\n", "none of the columns a, b is a joint"),
+        ("x.csv", b"\xff\xfe\x00", "no text in UTF-8"),
+        ("x.json", "{", "this is no JSON"),
+        ("x.json", '{"points": []}', "expected the fields of trajectory_msgs/JointTrajectory"),
+        ("x.json", '{"joint_names": ["joint_1"], "points": []}', "points not an empty one"),
+        (
+            "x.json",
+            '{"joint_names": ["joint_1"], "points": [{"positions": [1]}, {"positions": [true]}]}',
+            r"points\[1\].positions\[0\]: expected a finite number, got True",
+        ),
+        (
+            "x.json",
+            '{"joint_names": ["joint_1"], "points": [{"positions": [1, 2]}]}',
+            r"points\[0\].positions: expected 1 numbers",
+        ),
+        (
+            "x.json",
+            '{"joint_names": ["joint_1"], "points": [{"positions": [1]}, {"positions": [2], '
+            '"velocities": [1]}]}',
+            r"points\[0\].velocities: expected 1 numbers, got None",
+        ),
+        (
+            "x.json",
+            '{"joint_names": ["joint_1"], "points": [{"positions": [1]}, {"positions": [2], '
+            '"time_from_start": 1}]}',
+            r"points\[0\].time_from_start: expected a finite number, got None",
+        ),
+        ("x.json", "[" * 100_000, "this is no JSON"),
+        (
+            "x.json",
+            f'{{"joint_names": ["joint_1"], "points": [{{"positions": [1{"0" * 400}]}}]}}',
+            r"points\[0\].positions\[0\]: expected a finite number, got 1000",
+        ),
+        ("x.csv", 'joint_1,joint_2\n1,"' + "2" * 200_000, "line 2, .*'joint_2': expected a finite"),
+        ("x.npz", "no archive", "this is no NumPy archive"),
+        ("x.npz", npy(np.zeros((2, 2))), "this is no NumPy archive"),
+        ("x.npz", npz(q=np.zeros((400, 2))).replace(b"q.npy", b"p.npy"), "no array 'q'"),
+        ("x.txt", "", r"ends in .csv, .npz, .json"),
+    ],
+)
+def test_what_cannot_be_read_is_a_sentence(
+    name: str, content: str | bytes, sentence: str, tmp_path: Path
+) -> None:
+    path = tmp_path / name
+    path.write_bytes(content if isinstance(content, bytes) else content.encode())
+    with pytest.raises(qt.InvalidInput, match=sentence) as caught:
+        read_trajectory(path, ["joint_1", "joint_2"])
+    assert str(caught.value).startswith(str(path))
+
+
+def test_an_archive_with_objects_in_it_is_refused(tmp_path: Path) -> None:
+    np.savez(tmp_path / "evil.npz", q=np.array([{"a": 1}], dtype=object))
+    with pytest.raises(qt.InvalidInput, match="no NumPy archive"):
+        read_trajectory(tmp_path / "evil.npz")
+
+
+def test_rows_that_do_not_fit_are_refused() -> None:
+    with pytest.raises(qt.InvalidInput, match="stands twice"):
+        JointRows(("a", "a"), np.zeros((2, 2)))
+    with pytest.raises(qt.InvalidInput, match="times"):
+        JointRows(("a",), np.zeros((2, 1)), np.zeros(3))
+    with pytest.raises(qt.InvalidInput, match="expected a Trajectory"):
+        write_trajectory("nothing", "x.csv")  # type: ignore[arg-type]
+
+
+# ---------------------------------------------------------------- whole files
+
+
+def test_a_failure_leaves_the_old_file_and_nothing_else(tmp_path: Path) -> None:
+    path = write_atomically(tmp_path / "deep" / "kept.csv", "old")
+    with pytest.raises(RuntimeError, match="half"), whole_file(path) as unfinished:
+        assert unfinished.suffix == ".csv"
+        unfinished.write_text("new, but half")
+        raise RuntimeError("half way")
+    assert path.read_text() == "old"
+    assert list(path.parent.iterdir()) == [path]
+    buffer = io.BytesIO(b"\x00\xff")
+    assert write_atomically(path, buffer.getvalue()).read_bytes() == b"\x00\xff"
+
+
+@pytest.mark.parametrize(
+    ("text", "sentence"),
+    [
+        (
+            "time,a,b,a velocity\n0,1,2,3\n1,1,2,3\n",
+            "none of b; give those of all joints or of none",
+        ),
+        ("time,t,a,b\n0,0,1,2\n1,1,1,2\n", "two columns hold the time"),
+        ("time,x,y\n0,1,2\n1,1,2\n", "none of the columns time, x, y is a joint of the robot; its"),
+    ],
+)
+def test_a_table_that_says_less_than_it_seems_to_is_refused(
+    text: str, sentence: str, tmp_path: Path
+) -> None:
+    file = tmp_path / "t.csv"
+    file.write_text(text, encoding="utf-8")
+    with pytest.raises(qt.InvalidInput, match=re.escape(sentence)):
+        qt.read_trajectory(file, ["a", "b"])
+
+
+def test_accelerations_of_a_file_are_said_to_be_left_out(tmp_path: Path) -> None:
+    task = qt.load_task("planar_line")
+    file = qt.write_trajectory(qt.follow(task, "minimum_norm"), tmp_path / "t.json")
+    assert not qt.read_trajectory(file).accelerated
+    file.write_text(
+        file.read_text("utf-8").replace('"accelerations": []', '"accelerations": [1, 2, 3]'),
+        "utf-8",
+    )
+    rows = qt.read_trajectory(file)
+    assert rows.accelerated
+    assert any("accelerations of the file" in n for n in qt.check_trajectory(rows, task).notes)

@@ -1,0 +1,75 @@
+"""The table of known robots against models that ship, and their own stated limits."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+import pytest
+from oracles.arms import random_arm
+from oracles.real_robots import MJCF, URDF, RealRobot, each
+
+import qp_twist as qt
+from qp_twist.robots import KNOWN_ROBOTS, known_robot, known_speeds
+
+pytestmark = pytest.mark.numerical
+EXPECTED = {
+    "ur5e": "Universal Robots UR5e",
+    "panda": "Franka Emika Panda",
+    "iiwa": "KUKA LBR iiwa 7 R800",
+    "kr16_2": "KUKA KR 16-2",
+    "lbr_iiwa_14_r820": "KUKA LBR iiwa 14 R820",
+}
+
+
+@pytest.mark.parametrize("robot", each((*MJCF, *URDF)))
+def test_shipped_models_are_recognised_and_no_other(robot: RealRobot) -> None:
+    model = robot.load().model
+    names = (robot.path.stem, robot.path.parent.name)
+    found = known_robot(model, robot.frame, "body", names)
+    assert (found.name if found else None) == EXPECTED.get(robot.name)
+    # A frame halfway up the arm is not at its end.
+    chain = [model.joint(j).id for j in range(3)]
+    halfway = model.body(model.jnt_bodyid[chain[-1]]).name
+    assert known_robot(model, halfway, "body", names) is None
+
+
+@pytest.mark.parametrize("robot", each(URDF))
+def test_the_table_says_what_urdfs_state_themselves(robot: RealRobot) -> None:
+    loaded = robot.load()
+    found = known_speeds(loaded.model, robot.frame, "body", (robot.path.stem,))
+    if found is None:
+        return
+    for joint, speed in found[1].items():
+        assert loaded.velocity_limits[joint] == pytest.approx(speed, rel=2e-4)
+
+
+def test_the_paper_s_robot_is_known_with_the_limits_its_tasks_state() -> None:
+    task = qt.load_task("deburring")
+    assert task.known_speeds is not None
+    robot, speeds = task.known_speeds
+    assert robot.name == "Fanuc M-16iB/20"
+    assert speeds == pytest.approx(task.velocity_limits, rel=1e-4)
+    assert qt.load_task("planar_line").known_speeds is None
+
+
+def test_each_line_of_the_table_is_complete() -> None:
+    assert len({robot.name for robot in KNOWN_ROBOTS}) == len(KNOWN_ROBOTS)
+    for robot in KNOWN_ROBOTS:
+        count = len(robot.speeds_deg)
+        assert len(robot.axes.distances) == len(robot.axes.angles_deg) == count - 1
+        assert len(robot.axes.offsets) == count - 2
+        assert robot.source
+        assert (robot.speeds == np.radians(robot.speeds_deg)).all()
+        assert all(60.0 < speed < 700.0 for speed in robot.speeds_deg)
+
+
+def test_slides_ball_joints_and_shapeless_arms_are_not_known() -> None:
+    rng = np.random.default_rng(0)
+    for model in (random_arm(rng, 6), random_arm(rng, 6, slides=True), random_arm(rng, 1)):
+        assert known_robot(model, "tool", "site", ("ur5e", "panda")) is None
+    ball = mujoco.MjModel.from_xml_string(
+        '<mujoco model="panda"><worldbody><body><joint type="ball"/><geom size="0.1"/>'
+        '<site name="tool"/></body></worldbody></mujoco>'
+    )
+    assert known_robot(ball, "tool", "site") is None
+    assert known_speeds(ball, "tool", "site") is None

@@ -1,0 +1,440 @@
+"""The scenes against what is known of the robots, and the picture that is drawn of them.
+
+The expected kinematics is written out here from the robots' tables and from textbook formulas; none
+of it is read from the MJCF files.
+"""
+
+from __future__ import annotations
+
+import json
+import signal
+import subprocess
+import sys
+from pathlib import Path
+from types import SimpleNamespace
+
+import mujoco
+import numpy as np
+import numpy.typing as npt
+import pytest
+from matplotlib import image as matplotlib_image
+from scipy.spatial.transform import Rotation
+
+from qp_twist.comparison import scene_picture
+from qp_twist.comparison.scene_picture import draw_scene
+
+Array = npt.NDArray[np.float64]
+
+SCENES = Path(__file__).parents[2] / "scenes"
+DEBURRING = SCENES / "m16ib_deburring.xml"
+PLANAR = SCENES / "planar_3r.xml"
+
+# Fanuc M-16iB/20, ros-industrial/fanuc: origin in the parent [m], axis, limits [rad].
+M16IB = [
+    ((0.0, 0.0, 0.525), (0.0, 0.0, 1.0), (-2.9671, 2.9671)),
+    ((0.150, 0.0, 0.0), (0.0, 1.0, 0.0), (-1.5708, 2.7925)),
+    ((0.0, 0.0, 0.770), (0.0, -1.0, 0.0), (-2.9671, 5.0615)),
+    ((0.0, 0.0, 0.100), (-1.0, 0.0, 0.0), (-3.4907, 3.4907)),
+    ((0.740, 0.0, 0.0), (0.0, -1.0, 0.0), (-2.4435, 2.4435)),
+    ((0.100, 0.0, 0.0), (-1.0, 0.0, 0.0), (-7.8540, 7.8540)),
+]
+FLANGE = Rotation.from_euler("xyz", [np.pi, -np.pi / 2, 0.0])  # URDF's roll, pitch, yaw
+TOOL = Rotation.from_euler("y", 48.0, degrees=True)
+TOOL_POSITION = np.array([0.032, 0.0, 0.260])
+START = np.deg2rad([109.2, 1.6, -63.6, -33.6, 53.1, -137.7])
+JOINTS = [f"joint_{i}" for i in range(1, 7)]
+
+
+def pose(rotation: Array, position: Array) -> Array:
+    """Return the 4x4 matrix of a pose."""
+    matrix = np.eye(4)
+    matrix[:3, :3] = rotation
+    matrix[:3, 3] = position
+    return matrix
+
+
+def m16ib_poses(q: Array) -> tuple[Array, Array]:
+    """Return the poses of flange and tool: the table's product of exponentials."""
+    flange = np.eye(4)
+    for (origin, axis, _), angle in zip(M16IB, q, strict=True):
+        turn = Rotation.from_rotvec(angle * np.array(axis)).as_matrix()
+        flange = flange @ pose(turn, np.array(origin))
+    flange = flange @ pose(FLANGE.as_matrix(), np.zeros(3))
+    return flange, flange @ pose(TOOL.as_matrix(), TOOL_POSITION)
+
+
+def site_pose(model: mujoco.MjModel, name: str, q: Array) -> Array:
+    """Return the pose of a site, computed by MuJoCo."""
+    data = mujoco.MjData(model)
+    data.qpos[:] = q
+    mujoco.mj_kinematics(model, data)
+    site = data.site(name)
+    return pose(site.xmat.reshape(3, 3), site.xpos)
+
+
+def random_configurations(model: mujoco.MjModel, count: int, seed: int) -> Array:
+    """Return configurations inside the limits, shape (count, nq)."""
+    low, high = model.jnt_range.T
+    return np.random.default_rng(seed).uniform(low, high, size=(count, model.nq))
+
+
+@pytest.fixture(scope="module")
+def m16ib() -> mujoco.MjModel:
+    return mujoco.MjModel.from_xml_path(str(DEBURRING))
+
+
+@pytest.fixture(scope="module")
+def planar() -> mujoco.MjModel:
+    return mujoco.MjModel.from_xml_path(str(PLANAR))
+
+
+# ------------------------------------------------------------------------------- Fanuc M-16iB/20
+
+
+def test_m16ib_forward_kinematics_is_the_tables(m16ib: mujoco.MjModel) -> None:
+    for q in random_configurations(m16ib, 200, seed=1):
+        flange, tool = m16ib_poses(q)
+        np.testing.assert_allclose(site_pose(m16ib, "flange", q), flange, rtol=0, atol=1e-12)
+        np.testing.assert_allclose(site_pose(m16ib, "tool", q), tool, rtol=0, atol=1e-12)
+
+
+def test_m16ib_kinematics_agrees_with_opw(m16ib: mujoco.MjModel) -> None:
+    opw = pytest.importorskip("py_opw_kinematics")
+    flip = (False, False, True, True, True, True)
+    kinematics = opw.KinematicModel(
+        a1=0.15, a2=-0.10, b=0.0, c1=0.525, c2=0.77, c3=0.74, c4=0.10,
+        offsets=(0.0, 0.0, -np.pi / 2, 0.0, 0.0, np.pi), flip_axes=flip,
+    )  # fmt: skip
+    robot = opw.Robot(kinematics, degrees=False)
+    for q in random_configurations(m16ib, 200, seed=2):
+        flange = site_pose(m16ib, "flange", q)
+        expected = robot.forward(tuple(q)).as_matrix()
+        np.testing.assert_allclose(flange, expected, rtol=0, atol=1e-9)
+
+    for q in random_configurations(m16ib, 50, seed=3):
+        flange = site_pose(m16ib, "flange", q)
+        branches = robot.inverse(opw.RigidTransform.from_matrix(flange))
+        assert len(branches) >= 2
+        # One branch is the configuration itself, up to full turns.
+        turns = (np.array(branches) - q) / (2 * np.pi)
+        assert np.min(np.abs(turns - np.round(turns)).max(axis=1)) < 1e-7
+        for branch in branches:
+            found = site_pose(m16ib, "flange", np.array(branch))
+            np.testing.assert_allclose(found, flange, rtol=0, atol=1e-9)
+
+
+def test_m16ib_zero_pose(m16ib: mujoco.MjModel) -> None:
+    flange = site_pose(m16ib, "flange", np.zeros(6))
+    np.testing.assert_allclose(flange[:3, 3], [0.99, 0.0, 1.395], rtol=0, atol=1e-12)
+    np.testing.assert_allclose(flange[:3, 2], [1.0, 0.0, 0.0], rtol=0, atol=1e-12)  # z: out of it
+    np.testing.assert_allclose(flange[:3, 0], [0.0, 0.0, 1.0], rtol=0, atol=1e-12)  # x: up
+
+
+def test_m16ib_reaches_as_far_as_the_makers_sheet_says(m16ib: mujoco.MjModel) -> None:
+    # Horizontal reach of the wrist's centre (joint 5) from the axis of joint 1: 1.667 m.
+    data = mujoco.MjData(m16ib)
+    elbow = np.arctan2(0.1, 0.74)  # the arm lies level, and the forearm's offset is turned away
+    data.qpos[:] = [0.0, np.pi / 2, np.pi / 2 - elbow, 0.0, 0.0, 0.0]
+    mujoco.mj_kinematics(m16ib, data)
+    assert np.hypot(*data.body("link_5").xpos[:2]) == pytest.approx(1.667, abs=5e-4)
+
+
+def test_m16ib_joints(m16ib: mujoco.MjModel) -> None:
+    assert [m16ib.joint(i).name for i in range(m16ib.njnt)] == JOINTS
+    assert m16ib.nq == m16ib.nv == 6
+    assert m16ib.jnt_limited.all()
+    np.testing.assert_array_equal(m16ib.jnt_range, [limits for _, _, limits in M16IB])
+
+
+def test_m16ib_start_touches_the_part(m16ib: mujoco.MjModel) -> None:
+    q = m16ib.key("start").qpos
+    np.testing.assert_allclose(q, START, rtol=0, atol=1e-15)
+    assert (q > m16ib.jnt_range[:, 0]).all()
+    assert (q < m16ib.jnt_range[:, 1]).all()
+    tool = site_pose(m16ib, "tool", q)
+    centre = np.array([0.0, 1.0, 0.3])
+    corner = centre + np.array([-0.125, -0.125, np.sqrt(0.3**2 - 2 * 0.125**2)])
+    assert np.linalg.norm(tool[:3, 3] - corner) < 1e-3
+    assert tool[:3, 2] @ (centre - corner) / 0.3 > np.cos(np.deg2rad(0.1))  # z points into it
+
+
+def test_the_part_is_where_the_task_is(m16ib: mujoco.MjModel) -> None:
+    data = mujoco.MjData(m16ib)
+    mujoco.mj_kinematics(m16ib, data)
+    assert m16ib.geom("part").type == mujoco.mjtGeom.mjGEOM_SPHERE
+    assert m16ib.geom("part").size[0] == 0.3
+    np.testing.assert_array_equal(data.geom("part").xpos, [0.0, 1.0, 0.3])
+
+
+def test_the_burr_ends_at_the_tool_site(m16ib: mujoco.MjModel) -> None:
+    data = mujoco.MjData(m16ib)
+    mujoco.mj_kinematics(m16ib, data)
+    material = m16ib.material("burr").id
+    (geom,) = np.flatnonzero(m16ib.geom_matid == material)
+    mesh = m16ib.geom_dataid[geom]
+    first, count = m16ib.mesh_vertadr[mesh], m16ib.mesh_vertnum[mesh]
+    vertices = m16ib.mesh_vert[first : first + count].astype(float)
+    world = data.geom_xpos[geom] + vertices @ data.geom_xmat[geom].reshape(3, 3).T
+    tool = data.site("tool")
+    local = (world - tool.xpos) @ tool.xmat.reshape(3, 3)
+    assert local[:, 2].max() == pytest.approx(0.0, abs=1e-6)  # nothing beyond the tip
+    assert local[:, 2].min() < -0.02
+    np.testing.assert_allclose(local[:, :2].mean(axis=0), 0.0, atol=1e-6)  # and around its axis
+
+
+# ------------------------------------------------------------------------------------- planar 3R
+
+
+def test_planar_forward_kinematics_is_a_sum_of_cosines(planar: mujoco.MjModel) -> None:
+    for q in random_configurations(planar, 200, seed=4):
+        angles = np.cumsum(q)
+        x = 2.0 * np.cos(angles[0]) + 1.5 * np.cos(angles[1]) + 1.0 * np.cos(angles[2])
+        y = 2.0 * np.sin(angles[0]) + 1.5 * np.sin(angles[1]) + 1.0 * np.sin(angles[2])
+        c, s = np.cos(angles[2]), np.sin(angles[2])
+        turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])  # x runs along the link
+        expected = pose(turn, np.array([x, y, 0.0]))
+        np.testing.assert_allclose(site_pose(planar, "tip", q), expected, rtol=0, atol=1e-12)
+
+
+def test_planar_joints_and_links(planar: mujoco.MjModel) -> None:
+    assert [planar.joint(i).name for i in range(planar.njnt)] == JOINTS[:3]
+    assert planar.nq == planar.nv == 3
+    assert planar.jnt_limited.all()
+    limits = [(0.0, np.pi / 2), (0.0, np.pi / 2), (0.0, np.pi)]
+    np.testing.assert_array_equal(planar.jnt_range, limits)
+    data = mujoco.MjData(planar)
+    mujoco.mj_kinematics(planar, data)
+    ends = [*(data.body(f"link_{i}").xpos for i in (1, 2, 3)), data.site("tip").xpos]
+    np.testing.assert_allclose(np.diff(ends, axis=0)[:, 0], [2.0, 1.5, 1.0], rtol=0, atol=1e-15)
+
+
+def test_planar_start_is_at_the_beginning_of_the_line(planar: mujoco.MjModel) -> None:
+    q = planar.key("start").qpos
+    np.testing.assert_allclose(q, np.deg2rad([70.7, 69.1, 99.2]), rtol=0, atol=1e-15)
+    # The angles are known to a tenth of a degree: 4.5 m times 0.05 degrees is 4 mm.
+    tip = site_pose(planar, "tip", q)[:3, 3]
+    assert np.linalg.norm(tip - [-1.0, 2.0, 0.0]) < 4e-3
+
+
+@pytest.mark.parametrize("scene", [DEBURRING, PLANAR], ids=lambda scene: scene.stem)
+def test_scenes_collide_with_nothing_and_can_be_drawn(scene: Path) -> None:
+    model = mujoco.MjModel.from_xml_path(str(scene))
+    assert not model.geom_contype.any()
+    assert not model.geom_conaffinity.any()
+    assert model.camera("overview").id >= 0
+    assert model.vis.global_.offwidth >= 1920
+    assert model.vis.global_.offheight >= 1440
+
+
+# ----------------------------------------------------------------------------------- the picture
+
+
+def deburring_path() -> Array:
+    """Return a square on the top cap of the part, shape (N, 3)."""
+    corners = 0.125 * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1], [-1, -1]])
+    s = np.linspace(0.0, 4.0, 161)
+    x, y = (np.interp(s, np.arange(5), corners[:, i]) for i in range(2))
+    return np.column_stack([x, 1.0 + y, 0.3 + np.sqrt(0.09 - x**2 - y**2)])
+
+
+def read_picture(file: Path) -> Array:
+    """Return a picture's colours, shape (H, W, 3), from 0 to 1."""
+    return np.asarray(matplotlib_image.imread(file)[..., :3], dtype=float)
+
+
+def is_yellow(picture: Array) -> npt.NDArray[np.bool_]:
+    """Return which pixels have Fanuc's yellow."""
+    red, green, blue = np.moveaxis(picture, -1, 0)
+    yellow = (red > 0.5) & (green > 0.6 * red) & (green < 0.95 * red) & (blue < 0.4 * red)
+    return np.asarray(yellow)
+
+
+def is_red(picture: Array) -> npt.NDArray[np.bool_]:
+    """Return which pixels have the path's red."""
+    red, green, blue = np.moveaxis(picture, -1, 0)
+    return np.asarray((red > 0.6) & (green < 0.35 * red) & (blue < 0.45 * red))
+
+
+def drawn_or_skip(sentence: str | None, out: Path) -> Array:
+    """Return the picture; without OpenGL, check the sentence and skip what follows."""
+    if sentence is not None:
+        assert "apt-get install" in sentence
+        assert list(out.parent.iterdir()) == []
+        pytest.skip(sentence)
+    assert list(out.parent.iterdir()) == [out]  # and no unfinished file beside it
+    return read_picture(out)
+
+
+def test_picture_shows_arm_and_path(tmp_path: Path) -> None:
+    out = tmp_path / "pictures" / "scene.png"  # the folder is created
+    sentence = draw_scene(DEBURRING, [START], deburring_path(), out, width=480, height=360)
+    picture = drawn_or_skip(sentence, out)
+    assert picture.shape == (360, 480, 3)
+    assert len(np.unique(picture.reshape(-1, 3), axis=0)) > 500
+    assert 0.04 < is_yellow(picture).mean() < 0.4
+    rows, columns = np.nonzero(is_red(picture))
+    assert rows.size > 50
+    # The path lies on the part: to the right of the arm, in the picture's lower half.
+    assert columns.mean() > np.nonzero(is_yellow(picture))[1].mean() + 50
+    assert rows.mean() > 180
+    # The whole arm is in the picture: none of it touches the border.
+    border = np.ones(picture.shape[:2], dtype=bool)
+    border[2:-2, 2:-2] = False
+    assert not (is_yellow(picture) & border).any()
+
+
+def test_picture_shows_ghosts_and_traces(tmp_path: Path) -> None:
+    ghost = START + np.array([0.5, 0.0, 0.0, 0.0, 0.0, 0.0])
+    path = deburring_path()
+    followed = path + np.array([0.0, 0.0, 0.05])
+    followed[40] = np.nan  # a gap
+    traces = {"followed": (followed, (0.05, 0.1, 0.9, 1.0))}
+    pictures = []
+    for name, configurations, lines in (
+        ("plain", [START], {}),
+        ("ghost", [START, ghost], {}),
+        ("other", [ghost], traces),
+    ):
+        out = tmp_path / name / "scene.png"
+        sentence = draw_scene(
+            DEBURRING, configurations, path, out, traces=lines, width=320, height=240
+        )
+        pictures.append(drawn_or_skip(sentence, out))
+    plain, with_ghost, other = pictures
+
+    # Where the plain picture shows no arm and the other one does, the ghost is a share of it.
+    beside = is_yellow(other) & ~is_yellow(plain)
+    change = np.abs(with_ghost - plain).sum(axis=-1)
+    full = np.abs(other - plain).sum(axis=-1)
+    assert beside.sum() > 500
+    share = np.median(change[beside] / full[beside])
+    assert share == pytest.approx(scene_picture.GHOST_ALPHA, abs=0.03)
+    # The solid arm stays as it is, apart from the smoothing at its edges.
+    assert np.median(change[is_yellow(plain)]) == 0.0
+    assert np.mean(change[is_yellow(plain)] > 0.05) < 0.1
+
+    def blue(picture: Array) -> int:
+        return int(np.sum(picture[..., 2] > picture[..., :2].max(axis=-1) + 0.25))
+
+    assert blue(other) > blue(plain) + 50
+
+
+def test_picture_of_a_scene_without_the_camera(tmp_path: Path) -> None:
+    scene = tmp_path / "user.xml"
+    scene.write_text(
+        "<mujoco><worldbody><body pos='3 0 5'><joint/>"
+        "<geom type='box' size='.2 .1 .1' rgba='0.1 0.8 0.1 1'/></body></worldbody></mujoco>"
+    )
+    out = tmp_path / "pictures" / "user.png"
+    path = np.array([[3.3, -0.2, 5.0], [3.3, 0.2, 5.2]])
+    sentence = draw_scene(scene, [np.zeros(1)], path, out, width=160, height=120)
+    picture = drawn_or_skip(sentence, out)
+    green = (picture[..., 1] > 0.2) & (picture[..., 0] < 0.5 * picture[..., 1])
+    rows, columns = np.nonzero(green)
+    assert green.mean() > 0.02
+    assert abs(columns.mean() - 80) < 30  # the free camera looks at the model's centre
+    assert abs(rows.mean() - 60) < 30
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="EGL is Linux's offscreen OpenGL")
+@pytest.mark.parametrize(("given", "used"), [(None, "egl"), ("", "egl"), ("glfw", "glfw")])
+def test_opengl_is_offscreen_unless_the_user_says_otherwise(
+    given: str | None, used: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    seen = []
+
+    def run(*_: object, env: dict[str, str], **__: object) -> SimpleNamespace:
+        seen.append(env["MUJOCO_GL"])
+        return SimpleNamespace(returncode=1, stderr="an error")
+
+    monkeypatch.setattr(subprocess, "run", run)
+    if given is None:
+        monkeypatch.delenv("MUJOCO_GL", raising=False)
+    else:
+        monkeypatch.setenv("MUJOCO_GL", given)
+    sentence = draw_scene(DEBURRING, [START], deburring_path(), tmp_path / "scene.png")
+    assert seen == [used]
+    assert sentence is not None
+    assert f"MUJOCO_GL={used}: an error" in sentence
+
+
+@pytest.mark.parametrize("backend", ["osmesa-nonsense", "disable"])
+def test_broken_opengl_is_a_sentence(
+    backend: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("MUJOCO_GL", backend)
+    out = tmp_path / "pictures" / "scene.png"
+    out.parent.mkdir()
+    out.write_bytes(b"an older picture")
+    sentence = draw_scene(DEBURRING, [START], deburring_path(), out, width=160, height=120)
+    assert sentence is not None
+    assert sentence.startswith("No picture of the scene: ")
+    assert f"MUJOCO_GL={backend}" in sentence
+    assert "apt-get install libegl1 libgl1-mesa-dri" in sentence
+    assert "unset MUJOCO_GL" in sentence
+    assert "\n" not in sentence
+    assert list(out.parent.iterdir()) == []  # nothing unfinished, and no picture of another run
+
+
+@pytest.mark.parametrize(
+    ("returncode", "said"),
+    [(-int(signal.SIGSEGV), "SIGSEGV"), (-int(signal.SIGABRT), "SIGABRT"), (1, "exit status 1")],
+)
+def test_a_crash_of_opengl_is_a_sentence(
+    returncode: int, said: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def crash(command: list[str], **_: object) -> SimpleNamespace:
+        with np.load(command[-1]) as job:
+            unfinished = Path(json.loads(str(job["settings"]))["out"])
+        unfinished.write_bytes(b"half a picture")
+        return SimpleNamespace(returncode=returncode, stderr="")
+
+    monkeypatch.setattr(subprocess, "run", crash)
+    sentence = draw_scene(DEBURRING, [START], deburring_path(), tmp_path / "scene.png")
+    assert sentence is not None
+    assert said in sentence
+    assert "apt-get" in sentence
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_hanging_driver_is_a_sentence(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(scene_picture, "TIMEOUT_S", 0.01)
+    sentence = draw_scene(DEBURRING, [START], deburring_path(), tmp_path / "scene.png")
+    assert sentence is not None
+    assert "no picture within" in sentence
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("scene", "configuration", "said"),
+    [
+        (SCENES / "missing.xml", START, "missing.xml"),
+        (DEBURRING, np.zeros(3), "nq = 6, but the configurations have 3 numbers"),
+    ],
+    ids=["missing file", "wrong number of joints"],
+)
+def test_a_bad_scene_is_not_blamed_on_opengl(
+    scene: Path, configuration: Array, said: str, tmp_path: Path
+) -> None:
+    out = tmp_path / "scene.png"
+    sentence = draw_scene(scene, [configuration], deburring_path(), out)
+    assert sentence is not None
+    assert said in sentence
+    assert "apt-get" not in sentence
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("configurations", "path", "said"),
+    [
+        ([], np.zeros((2, 3)), "configurations must be"),
+        ([np.zeros((2, 6))], np.zeros((2, 3)), "configurations must be"),
+        ([np.zeros(6), np.zeros(5)], np.zeros((2, 3)), "configurations must be"),
+        ([np.zeros(6)], np.zeros((3, 2)), r"path must have shape \(N, 3\), got \(3, 2\)"),
+    ],
+)
+def test_wrong_shapes_raise(
+    configurations: list[Array], path: Array, said: str, tmp_path: Path
+) -> None:
+    with pytest.raises(ValueError, match=said):
+        draw_scene(DEBURRING, configurations, path, tmp_path / "scene.png")

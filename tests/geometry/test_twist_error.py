@@ -1,0 +1,428 @@
+"""The task error against scipy's rotations, brute force, and the step that it promises."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+from hypothesis import assume, example, given
+from hypothesis import strategies as st
+from oracles.arms import random_direction, random_rotation
+from scipy.spatial.transform import Rotation
+
+from qp_twist.geometry import (
+    Projector,
+    TwistProjector,
+    angular_error,
+    clamp_twist,
+    geodesic,
+    rotation_vector,
+    twist_angle,
+    twist_error,
+)
+
+Array = npt.NDArray[np.float64]
+
+FRAMES = ("world", "body", "target")
+KINDS = ("full", "plane", "line", "none")
+ORIGIN = np.zeros(3)
+# Misalignments short of (or beyond) a half turn, where naive formulas divide by nothing.
+NEARLY = [0.0, *(10.0**power for power in range(-16, -1))]
+
+
+def turn(axis: Array, angle: float) -> Array:
+    """Return the matrix of a rotation, from scipy."""
+    return Rotation.from_rotvec(angle * np.asarray(axis)).as_matrix()
+
+
+def across(e: Array, hint: Array) -> Array:
+    """Return a unit vector perpendicular to e; ``hint`` chooses which."""
+    if abs(hint @ e) > 0.99:
+        hint = np.roll(e, 1) + np.array([0.0, 0.0, 0.1])
+    u = np.cross(e, hint)
+    return u / np.linalg.norm(u)
+
+
+def build(kind: str, axis: Array) -> Projector:
+    """Return the projector of a kind about an axis, which full and none ignore."""
+    if kind in ("full", "none"):
+        return Projector.full() if kind == "full" else Projector.none()
+    return Projector.plane(axis) if kind == "plane" else Projector.line(axis)
+
+
+def angular_task(kind: str, frame: str, e: Array, R: Array, R_d: Array) -> TwistProjector:
+    """Return an angular projector whose axis is now ``e`` in the world, fixed to ``frame``."""
+    own = {"world": e, "body": R.T @ e, "target": R_d.T @ e}[frame]
+    return TwistProjector(linear=Projector.none(), angular=build(kind, own), frame=frame)
+
+
+class Case(NamedTuple):
+    """A frame, its target, and a projector of any kind in any frame."""
+
+    R: Array
+    p: Array
+    R_d: Array
+    p_d: Array
+    linear: str
+    angular: str
+    frame: str
+    linear_axis: Array
+    angular_axis: Array
+
+    @property
+    def T(self) -> TwistProjector:
+        return TwistProjector(
+            linear=build(self.linear, self.linear_axis),
+            angular=build(self.angular, self.angular_axis),
+            frame=self.frame,
+        )
+
+    @property
+    def frame_rotation(self) -> Array:
+        return {"world": np.eye(3), "body": self.R, "target": self.R_d}[self.frame]
+
+    def error(self) -> Array:
+        return twist_error(self.R, self.p, self.R_d, self.p_d, self.T)
+
+
+def angle_between(a: Array, b: Array) -> float:
+    """Return the angle of two unit vectors by Kahan's formula, sharp at 0 and at π."""
+    return 2.0 * math.atan2(float(np.linalg.norm(a - b)), float(np.linalg.norm(a + b)))
+
+
+def trace_along(R: Array, e: Array) -> tuple[float, float]:
+    """Return the φ that maximises tr(R Rot(e, −φ)), leaving the least rotation, and how sharply.
+
+    The trace is a + b cos φ + c sin φ: three samples give its maximum, without quaternions.
+    """
+    at_0, at_90, at_180 = (np.trace(R @ turn(e, -phi)) for phi in (0.0, np.pi / 2, np.pi))
+    b, c = (at_0 - at_180) / 2, at_90 - (at_0 + at_180) / 2
+    return math.atan2(c, b), math.hypot(b, c)
+
+
+def wrapped(angle: float) -> float:
+    """Return an angle modulo a full turn, by its distance from 0."""
+    return abs(math.remainder(angle, 2.0 * math.pi))
+
+
+def close(actual: Array, expected: Array, atol: float = 1e-12) -> None:
+    """Assert equality but for rounding."""
+    np.testing.assert_allclose(actual, expected, rtol=0.0, atol=atol)
+
+
+# A vector from one drawn seed, not from three drawn floats, makes hypothesis many times faster.
+# The directions where a formula might choose a branch are named.
+seeds = st.integers(0, 2**32 - 1)
+BRANCHING = [
+    *np.eye(3), *-np.eye(3), np.ones(3) / math.sqrt(3.0), np.array([0.6, -0.8, 0.0]),
+    np.array([1.0, 1e-9, 0.0]), np.array([0.0, 1e-200, -1.0]),
+]  # fmt: skip
+directions = st.one_of(
+    st.sampled_from(BRANCHING),
+    seeds.map(lambda seed: random_direction(np.random.default_rng(seed))),
+)
+points = seeds.map(lambda seed: np.random.default_rng(seed).uniform(-10.0, 10.0, size=3))
+angles = st.one_of(
+    st.floats(-math.pi, math.pi),
+    st.sampled_from([0.0, 1e-9, 1e-4, math.pi / 2, math.pi - 1e-4, math.pi - 1e-9, math.pi]),
+)
+rotations = st.builds(turn, directions, angles)
+kinds = st.sampled_from(KINDS)
+frames = st.sampled_from(FRAMES)
+cases = st.builds(
+    Case, R=rotations, p=points, R_d=rotations, p_d=points,
+    linear=kinds, angular=kinds, frame=frames, linear_axis=directions, angular_axis=directions,
+)  # fmt: skip
+
+
+# -------------------------------------------------------------------------------- against oracles
+
+
+@given(rotations, rotations, frames)
+def test_the_full_error_is_scipys_rotation_vector(R: Array, R_d: Array, frame: str) -> None:
+    T = TwistProjector(linear=Projector.none(), angular=Projector.full(), frame=frame)
+    error = twist_error(R, ORIGIN, R_d, ORIGIN, T)[3:]
+    expected = Rotation.from_matrix(R_d @ R.T).as_rotvec()
+    if np.linalg.norm(expected) > math.pi - 1e-6:  # both signs are the same rotation
+        expected = math.copysign(1.0, error @ expected) * expected
+    close(error, expected, atol=1e-9)
+
+
+@given(rotations, directions, frames, seeds)
+def test_the_line_error_is_the_turn_about_e_that_leaves_the_least_rotation(
+    R_e: Array, e: Array, frame: str, seed: int
+) -> None:
+    expected, sharpness = trace_along(R_e, e)
+    assume(sharpness > 1e-3)  # at a swing by π every turn about e is as good
+    R = random_rotation(np.random.default_rng(seed))
+    R_d = R_e @ R
+    error = twist_error(R, ORIGIN, R_d, ORIGIN, angular_task("line", frame, e, R, R_d))[3:]
+    close(np.cross(error, e), ORIGIN)
+    assert wrapped(error @ e - expected) < 1e-9
+
+
+@given(directions, directions, st.floats(-math.pi, math.pi), st.floats(0.0, math.pi - 1e-3))
+def test_the_line_error_is_the_twist_that_a_swing_and_twist_were_made_of(
+    e: Array, hint: Array, twist: float, swing: float
+) -> None:
+    R_e = turn(across(e, hint), swing) @ turn(e, twist)
+    assert wrapped(twist_angle(R_e, e) - twist) < 1e-9
+    R_e = turn(e, twist) @ turn(across(e, hint), swing)  # the other order has the same twist
+    assert wrapped(twist_angle(R_e, e) - twist) < 1e-9
+
+
+@given(rotations, directions, frames, seeds)
+def test_the_plane_error_is_the_shortest_rotation_that_aligns_the_axis(
+    R_e: Array, e: Array, frame: str, seed: int
+) -> None:
+    # Fixed to the body, e itself is to reach R_e e. Fixed in space, what is to reach e is the
+    # direction of the body that lies along e once the body is at its target: now R_eᵀ e.
+    start, end = (e, R_e @ e) if frame == "body" else (R_e.T @ e, e)
+    assume(angle_between(start, end) < math.pi - 1e-3)  # opposite: no shortest one
+    R = random_rotation(np.random.default_rng(seed))
+    R_d = R_e @ R
+    error = twist_error(R, ORIGIN, R_d, ORIGIN, angular_task("plane", frame, e, R, R_d))[3:]
+    expected = Rotation.align_vectors(end, start)[0].as_rotvec()
+    close(error, expected, atol=1e-9)
+
+
+@given(rotations, directions, frames, seeds)
+def test_the_length_of_the_plane_error_is_the_angle_of_the_axes(
+    R_e: Array, e: Array, frame: str, seed: int
+) -> None:
+    R = random_rotation(np.random.default_rng(seed))
+    R_d = R_e @ R
+    error = twist_error(R, ORIGIN, R_d, ORIGIN, angular_task("plane", frame, e, R, R_d))[3:]
+    assert np.linalg.norm(error) == pytest.approx(angle_between(e, R_e @ e), abs=1e-11)
+
+
+@given(rotations, rotations, frames, directions)
+def test_a_task_without_angular_rows_has_no_angular_error(
+    R: Array, R_d: Array, frame: str, e: Array
+) -> None:
+    error = twist_error(R, ORIGIN, R_d, ORIGIN, angular_task("none", frame, e, R, R_d))
+    np.testing.assert_array_equal(error, np.zeros(6))
+
+
+@given(cases)
+def test_the_linear_error_is_the_projected_way_to_the_target(case: Case) -> None:
+    e, way = case.frame_rotation @ case.linear_axis, case.p_d - case.p
+    expected = {"full": way, "plane": way - e * (e @ way), "line": e * (e @ way), "none": 0 * way}
+    close(case.error()[:3], expected[case.linear])
+
+
+# ------------------------------------------------------------------------ what a full step does
+
+
+@given(rotations, directions, kinds, frames, seeds)
+def test_one_full_step_annihilates_the_angular_error_at_any_misalignment(
+    R_e: Array, e: Array, kind: str, frame: str, seed: int
+) -> None:
+    if kind == "line":
+        assume(trace_along(R_e, e)[1] > 1e-3)  # at a swing by π there is no twist to remove
+    R = random_rotation(np.random.default_rng(seed))
+    R_d = R_e @ R
+    T = angular_task(kind, frame, e, R, R_d)
+    step = twist_error(R, ORIGIN, R_d, ORIGIN, T)[3:]
+    moved = Rotation.from_rotvec(step).as_matrix() @ R
+    close(twist_error(moved, ORIGIN, R_d, ORIGIN, T), np.zeros(6), atol=1e-10)
+
+
+@given(directions, directions, st.floats(0.0, 3.1), st.floats(-math.pi, math.pi), frames)
+def test_a_large_roll_does_not_spoil_the_full_step_of_a_plane(
+    e: Array, hint: Array, swing: float, roll: float, frame: str
+) -> None:
+    # The two geodesics (of e, and of what shall come to lie along e) differ exactly by roll.
+    R_d = turn(across(e, hint), swing) @ turn(e, roll)
+    T = angular_task("plane", frame, e, np.eye(3), R_d)
+    step = twist_error(np.eye(3), ORIGIN, R_d, ORIGIN, T)[3:]
+    moved = Rotation.from_rotvec(step).as_matrix()
+    close(twist_error(moved, ORIGIN, R_d, ORIGIN, T), np.zeros(6), atol=1e-10)
+    # … and the roll itself was not taken away.
+    left = R_d @ moved.T
+    axis = moved @ e if frame == "body" else e
+    assert wrapped(Rotation.from_matrix(left).magnitude() - abs(roll)) < 1e-7
+    close(left @ axis, axis, atol=1e-10)
+
+
+@given(cases)
+def test_the_error_lies_in_the_range_of_the_projector(case: Case) -> None:
+    error = case.error()
+    close(case.T.resolved(body=case.R, target=case.R_d).matrix @ error, error)
+
+
+@given(cases)
+def test_there_is_no_error_at_the_target(case: Case) -> None:
+    close(case._replace(R=case.R_d.copy(), p=case.p_d.copy()).error(), np.zeros(6))
+
+
+@given(cases, rotations)
+def test_the_error_turns_with_the_world(case: Case, Q: Array) -> None:
+    before = case.error()
+    # At a half turn the sign, and for a plane the axis, is a convention of the world's axes.
+    assume(np.linalg.norm(before[3:]) < math.pi - 1e-6)
+    if case.angular == "line":
+        assume(trace_along(case.R_d @ case.R.T, case.frame_rotation @ case.angular_axis)[1] > 1e-3)
+    turned = case._replace(R=Q @ case.R, p=Q @ case.p, R_d=Q @ case.R_d, p_d=Q @ case.p_d)
+    if case.frame == "world":
+        turned = turned._replace(
+            linear_axis=Q @ case.linear_axis, angular_axis=Q @ case.angular_axis
+        )
+    close(turned.error(), np.concatenate([Q @ before[:3], Q @ before[3:]]), atol=1e-8)
+
+
+@given(cases, points)
+def test_the_error_does_not_change_when_the_world_moves_its_origin(
+    case: Case, shift: Array
+) -> None:
+    moved = case._replace(p=case.p + shift, p_d=case.p_d + shift)
+    close(moved.error(), case.error())
+
+
+# ------------------------------------------------------------------------- half turns and nearly
+
+
+@pytest.mark.parametrize("frame", FRAMES)
+@pytest.mark.parametrize("short", NEARLY)
+def test_nearly_opposite_axes_still_give_an_exact_step_inside_the_range(
+    frame: str, short: float
+) -> None:
+    rng = np.random.default_rng(1)
+    for _ in range(20):
+        e, R = random_direction(rng), random_rotation(rng)
+        roll = turn(e, rng.uniform(-np.pi, np.pi))
+        R_d = turn(across(e, random_direction(rng)), np.pi - short) @ roll @ R
+        T = angular_task("plane", frame, e, R, R_d)
+        error = twist_error(R, ORIGIN, R_d, ORIGIN, T)[3:]
+        assert np.isfinite(error).all()
+        # An error of 1e-12 about nearly opposite axes must not tilt the axis of the half turn.
+        assert abs(error @ e) < 1e-11
+        assert np.linalg.norm(error) == pytest.approx(np.pi - short, abs=1e-11)
+        moved = turn(error / np.linalg.norm(error), float(np.linalg.norm(error))) @ R
+        close(twist_error(moved, ORIGIN, R_d, ORIGIN, T), np.zeros(6), atol=1e-11)
+
+
+@pytest.mark.parametrize("frame", FRAMES)
+@pytest.mark.parametrize("kind", KINDS)
+def test_nearly_half_turns_about_any_axis_are_never_nan(kind: str, frame: str) -> None:
+    rng = np.random.default_rng(2)
+    for e, short in itertools.product([*np.eye(3), -np.eye(3)[0], random_direction(rng)], NEARLY):
+        for about in [*np.eye(3), e, across(e, random_direction(rng)), random_direction(rng)]:
+            for R in (np.eye(3), random_rotation(rng)):
+                R_d = turn(about, np.pi - short) @ R
+                T = angular_task(kind, frame, e, R, R_d)
+                error = twist_error(R, ORIGIN, R_d, ORIGIN, T)[3:]
+                assert np.isfinite(error).all()
+                assert np.linalg.norm(error) <= np.pi + 1e-12
+
+
+@pytest.mark.parametrize("axis", [*np.eye(3), np.ones(3) / np.sqrt(3), np.array([0.6, -0.8, 0])])
+def test_exact_half_turns_have_an_error_of_pi(axis: Array) -> None:
+    half = 2.0 * np.outer(axis, axis) - np.eye(3)  # no sine of π, which floats do not have
+    full = rotation_vector(half)
+    assert np.linalg.norm(full) == pytest.approx(np.pi, abs=1e-12)
+    close(np.cross(full, axis), ORIGIN)
+
+    assert twist_angle(half, axis) == pytest.approx(np.pi, abs=1e-12)
+    e = across(axis, np.array([0.3, 0.1, 0.9]))
+    for body in (True, False):
+        swing = angular_error(np.eye(3), half, Projector.plane(e), moves_with_body=body)
+        assert np.linalg.norm(swing) == pytest.approx(np.pi, abs=1e-12)
+        assert abs(swing @ e) < 1e-12
+    # A swing by π leaves nothing to measure the twist about e against.
+    assert twist_angle(half, e) == 0.0
+
+
+@given(directions)
+def test_identical_and_opposite_directions_have_geodesics(e: Array) -> None:
+    np.testing.assert_array_equal(geodesic(e, e), ORIGIN)
+    over = geodesic(e, -e)
+    assert np.linalg.norm(over) == pytest.approx(np.pi, abs=1e-12)
+    assert abs(over @ e) < 1e-12
+    close(turn(over / np.pi, np.pi) @ e, -e)
+
+
+@given(directions, directions)
+def test_the_geodesic_takes_one_direction_to_the_other_by_the_angle_between(
+    start: Array, end: Array
+) -> None:
+    vector = geodesic(start, end)
+    close(Rotation.from_rotvec(vector).apply(start), end)
+    assert np.linalg.norm(vector) == pytest.approx(angle_between(start, end), abs=1e-12)
+
+
+@given(directions, st.floats(-math.pi, math.pi))
+@example(np.array([0.0, 0.0, 1.0]), 1e-13)
+@example(np.array([0.0, 0.0, 1.0]), 1e-200)
+@example(np.array([0.0, 0.0, 1.0]), -math.pi)
+def test_the_rotation_vector_inverts_scipys_exponential(axis: Array, angle: float) -> None:
+    R = turn(axis, angle)
+    vector = rotation_vector(R)
+    assert np.linalg.norm(vector) <= np.pi + 1e-12
+    close(Rotation.from_rotvec(vector).as_matrix(), R)
+    if abs(angle) < 3.1:
+        close(vector, angle * axis)
+
+
+def test_the_rotation_vector_of_a_small_rotation_is_not_rounded_to_nothing() -> None:
+    R = np.array([[1.0, -3e-14, 2e-14], [3e-14, 1.0, -1e-14], [-2e-14, 1e-14, 1.0]])
+    np.testing.assert_allclose(rotation_vector(R), [1e-14, 2e-14, 3e-14], rtol=1e-9)
+
+
+# ------------------------------------------------------------------------------------ line angle
+
+
+@given(directions, directions, st.floats(0.0, 3.0))
+def test_the_line_angle_follows_a_turning_frame_through_every_half_turn(
+    e: Array, hint: Array, swing: float
+) -> None:
+    fixed = turn(across(e, hint), swing)
+    for angle in np.linspace(-4 * np.pi, 4 * np.pi, 25):
+        found = twist_angle(turn(e, angle) @ fixed, e)
+        assert -np.pi < found <= np.pi
+        assert wrapped(found - angle) < 1e-9
+
+
+def test_the_line_angle_ends_at_plus_pi_and_not_at_minus_pi() -> None:
+    z = np.array([0.0, 0.0, 1.0])
+    half = np.diag([-1.0, -1.0, 1.0])
+    assert twist_angle(half, z) == np.pi
+    assert twist_angle(half, -z) == np.pi
+    assert twist_angle(turn(z, np.pi - 1e-6), z) == pytest.approx(np.pi - 1e-6, abs=1e-12)
+    assert twist_angle(turn(z, 1e-6 - np.pi), z) == pytest.approx(1e-6 - np.pi, abs=1e-12)
+
+
+# ----------------------------------------------------------------------------------------- clamp
+
+
+twists = st.lists(
+    st.floats(-1e6, 1e6).filter(lambda x: x == 0 or abs(x) > 1e-9), min_size=6, max_size=6
+).map(np.array)
+limits = st.floats(1e-3, 1e3)
+
+
+@given(twists, limits, limits)
+def test_a_clamped_twist_keeps_directions_and_is_no_longer_than_allowed(
+    twist: Array, longest: float, widest: float
+) -> None:
+    before = twist.copy()
+    clamped = clamp_twist(twist, longest, widest)
+    np.testing.assert_array_equal(twist, before)
+    for part, limit in ((slice(3), longest), (slice(3, 6), widest)):
+        length = np.linalg.norm(twist[part])
+        if length <= limit:
+            np.testing.assert_array_equal(clamped[part], twist[part])
+        else:
+            assert np.linalg.norm(clamped[part]) == pytest.approx(limit, rel=1e-12)
+            np.testing.assert_allclose(clamped[part] / limit, twist[part] / length, atol=1e-12)
+
+
+@given(twists)
+def test_a_twist_without_limits_is_handed_on_as_a_copy(twist: Array) -> None:
+    clamped = clamp_twist(twist)
+    np.testing.assert_array_equal(clamped, twist)
+    assert clamped is not twist

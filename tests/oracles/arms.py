@@ -1,0 +1,118 @@
+"""Random and planar arms for the tests: models built from a random generator, and nothing else."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import mujoco
+import numpy as np
+import numpy.typing as npt
+from scipy.spatial.transform import Rotation
+
+Array = npt.NDArray[np.float64]
+
+
+def random_direction(rng: np.random.Generator) -> Array:
+    """Return a unit vector, uniform on the sphere, shape (3,)."""
+    vector = rng.normal(size=3)
+    return vector / np.linalg.norm(vector)
+
+
+def random_rotation(rng: np.random.Generator) -> Array:
+    """Return a rotation matrix, uniform in SO(3), shape (3, 3)."""
+    return Rotation.from_quat(rng.normal(size=4)).as_matrix()
+
+
+def random_arm(
+    rng: np.random.Generator, joints: int, *, slides: bool = False, limited: bool = True
+) -> mujoco.MjModel:
+    """Return a serial chain with ``joints`` joints, the same one for the same state of ``rng``.
+
+    Axes, offsets, masses and ranges are random. Bodies are ``link_1`` …, joints ``joint_1`` …,
+    geoms ``geom_1`` …; the site ``tool`` sits at the end, turned and offset. Geoms do not collide.
+
+    Args:
+        rng: Source of every number.
+        joints: How many joints, one per link.
+        slides: Whether some joints slide (at least one does, and at least half are hinges).
+        limited: Whether joints have ranges; they contain 0 and are not centred on it.
+    """
+    sliding = np.zeros(joints, dtype=bool)
+    if slides:
+        count = rng.integers(1, max(1, joints // 2), endpoint=True)
+        sliding[rng.choice(joints, size=count, replace=False)] = True
+
+    opening, closing = "", ""
+    for i in range(joints):
+        offset = rng.uniform(0.2, 0.5) * random_direction(rng)
+        longest = 0.4 if sliding[i] else 2.8
+        low, high = rng.uniform(-longest, -0.1), rng.uniform(0.1, longest)
+        limits = f'range="{low!r} {high!r}"' if limited else 'limited="false"'
+        opening += f"""
+        <body name="link_{i + 1}" pos="{_text(offset if i else np.zeros(3))}"
+            quat="{_text(rng.normal(size=4))}">
+          <joint name="joint_{i + 1}" type="{"slide" if sliding[i] else "hinge"}"
+            axis="{_text(random_direction(rng))}" {limits}/>
+          <geom name="geom_{i + 1}" type="capsule" size="0.03" mass="{rng.uniform(0.5, 2.0)!r}"
+            fromto="0 0 0 {_text(0.2 * random_direction(rng))}" contype="0" conaffinity="0"/>"""
+        closing += "</body>"
+    tool = (
+        f'<site name="tool" pos="{_text(rng.uniform(0.1, 0.3) * random_direction(rng))}" '
+        f'quat="{_text(rng.normal(size=4))}"/>'
+    )
+    return _compile(opening + tool + closing)
+
+
+def random_configuration(
+    model: mujoco.MjModel, rng: np.random.Generator, margin: float = 0.0
+) -> Array:
+    """Return a configuration inside the ranges of a model with hinges and slides, shape (nq,).
+
+    Args:
+        model: The arm.
+        rng: Source of every number.
+        margin: Share of each range that is left out at either end. Unlimited hinges take any
+            angle, unlimited slides up to half a metre.
+    """
+    slide = model.jnt_type == mujoco.mjtJoint.mjJNT_SLIDE
+    high = np.where(slide, 0.5, np.pi)
+    low = -high
+    limited = model.jnt_limited.astype(bool)
+    low[limited], high[limited] = model.jnt_range[limited].T
+    return rng.uniform(low + margin * (high - low), high - margin * (high - low))
+
+
+def planar_arm(lengths: Sequence[float]) -> mujoco.MjModel:
+    """Return a planar arm in the xy plane: hinges about z, stretched along x at 0, site ``tip``."""
+    opening, closing = "", ""
+    for i, length in enumerate(lengths):
+        start = lengths[i - 1] if i else 0.0
+        opening += f"""
+        <body name="link_{i + 1}" pos="{start!r} 0 0">
+          <joint name="joint_{i + 1}" type="hinge" axis="0 0 1" range="-3 3"/>
+          <geom name="geom_{i + 1}" type="capsule" size="0.03" mass="1"
+            fromto="0 0 0 {length!r} 0 0" contype="0" conaffinity="0"/>"""
+        closing += "</body>"
+    return _compile(f'{opening}<site name="tip" pos="{lengths[-1]!r} 0 0"/>{closing}')
+
+
+def _compile(bodies: str) -> mujoco.MjModel:
+    return mujoco.MjModel.from_xml_string(
+        f'<mujoco><compiler angle="radian"/><worldbody>{bodies}</worldbody></mujoco>'
+    )
+
+
+def _text(values: Array) -> str:
+    return " ".join(repr(float(value)) for value in values)
+
+
+def chain(*joints: str, equality: str = "") -> mujoco.MjModel:
+    """A chain of bodies with a joint each, given by its attributes."""
+    opening = "".join(
+        f'<body><joint name="joint_{i + 1}" {attributes}/><geom size="0.1" mass="1"/>'
+        for i, attributes in enumerate(joints)
+    )
+    return mujoco.MjModel.from_xml_string(
+        f'<mujoco><compiler angle="radian"/><worldbody>{opening}<site name="tool" pos="0.3 0 0.2"/>'
+        f"{'</body>' * len(joints)}</worldbody><equality>{equality}</equality></mujoco>"
+    )

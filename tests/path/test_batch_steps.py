@@ -1,0 +1,223 @@
+"""Single steps and closed forms of many configurations: the same as one by one."""
+
+from __future__ import annotations
+
+import importlib.util
+from pathlib import Path
+from typing import Any
+
+import mink
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from oracles.arms import random_configuration
+
+import qp_twist as qt
+
+Array = np.ndarray
+DEBURRING = qt.load_task("deburring")
+MODEL = DEBURRING.model
+
+
+def controller(rng: np.random.Generator, **options: Any) -> qt.Controller:
+    task = qt.TwistTask("tool", "site", DEBURRING.projector, gain=float(rng.uniform(0.2, 1.0)))
+    task.set_target(DEBURRING.waypoints[0])
+    return by_reference(
+        qt.Controller(
+            MODEL, [task], secondary=[qt.JointCentering(MODEL, gain=0.2)],
+            limits=[qt.MotionLimit(MODEL, velocity=0.5)], solver="daqp", **options,
+        )
+    )  # fmt: skip
+
+
+def by_reference(composed: qt.Controller) -> qt.Controller:
+    """Whose single steps are not the kernel's: what it is held against."""
+    composed._prepared = None
+    return composed
+
+
+def rows(rng: np.random.Generator, count: int) -> tuple[Array, list[mink.SE3]]:
+    """Configurations, and targets near them."""
+    q = np.array([random_configuration(MODEL, rng) for _ in range(count)])
+    targets = []
+    for here in q:
+        pose = mink.Configuration(MODEL, here).get_transform_frame_to_world("tool", "site")
+        targets.append(pose @ mink.SE3.exp(0.02 * rng.normal(size=6)))
+    return q, targets
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.integers(0, 2**32 - 1), st.sampled_from(["joint", "twist"]))
+def test_many_steps_are_the_steps_one_by_one(seed: int, space: Any) -> None:
+    rng = np.random.default_rng(seed)
+    composed = controller(rng, secondary_space=space)
+    q, targets = rows(rng, 6)
+    done = qt.batch.step(composed, q, 0.05, targets, threads=1)
+    assert done.failures == {}
+    task = composed.twist_tasks[0]
+    for k in range(len(q)):
+        task.set_target(targets[k])
+        composed.limits[0].velocity = np.zeros(6)  # type: ignore[attr-defined]
+        expected = composed.step(mink.Configuration(MODEL, q[k]), 0.05)
+        size = 1.0 + np.abs(expected.velocity).max()
+        np.testing.assert_allclose(done.velocity[k], expected.velocity, atol=1e-9 * size)
+        assert done.scale[k] == pytest.approx(expected.scale, abs=1e-7)
+        taken = expected.status in (qt.Status.SOLVED, qt.Status.SCALED)
+        assert done.by_reference[k] or taken
+        assert not done.by_reference[k] or not taken
+
+
+def test_threads_and_the_form_of_targets_make_no_difference_and_nothing_is_changed() -> None:
+    rng = np.random.default_rng(3)
+    composed = controller(rng, on_infeasible="relax")
+    q, targets = rows(rng, 50)
+    before, velocity = composed.twist_tasks[0].target, composed.limits[0].velocity  # type: ignore[attr-defined]
+    one = qt.batch.step(composed, q, 0.05, targets, threads=1)
+    two = qt.batch.step(composed, q, 0.05, np.array([t.as_matrix() for t in targets]), threads=2)
+    np.testing.assert_array_equal(one.velocity, two.velocity)
+    assert not one.by_reference.any()
+    assert composed.twist_tasks[0].target.wxyz_xyz == pytest.approx(before.wxyz_xyz)  # type: ignore[union-attr]
+    np.testing.assert_array_equal(composed.limits[0].velocity, velocity)  # type: ignore[attr-defined]
+
+
+@pytest.mark.parametrize("strict", [False, True])
+def test_two_tasks_have_targets_of_their_own(strict: bool) -> None:
+    rng = np.random.default_rng(5)
+    tool = qt.TwistTask.point("tool", "site")
+    elbow = qt.TwistTask("link_3", "body", qt.TwistProjector(
+        linear=qt.Projector.line([0.0, 0.0, 1.0]), angular=qt.Projector.none()))  # fmt: skip
+    given: dict[str, Any] = {"tasks": [tool, elbow]}
+    if strict:
+        given = {"levels": [[tool], [elbow]]}
+    composed = by_reference(qt.Controller(MODEL, **given, limits=[], solver="daqp"))
+    q, _ = rows(rng, 8)
+    targets: list[list[mink.SE3]] = [[], []]
+    for here in q:
+        configuration = mink.Configuration(MODEL, here)
+        for poses, frame in zip(targets, (("tool", "site"), ("link_3", "body")), strict=True):
+            pose = configuration.get_transform_frame_to_world(*frame)
+            poses.append(pose @ mink.SE3.exp(0.01 * rng.normal(size=6)))
+    done = qt.batch.step(composed, q, 0.1, targets)
+    for k in range(len(q)):
+        tool.set_target(targets[0][k])
+        elbow.set_target(targets[1][k])
+        expected = composed.step(mink.Configuration(MODEL, q[k]), 0.1).velocity
+        np.testing.assert_allclose(done.velocity[k], expected, atol=1e-8)
+
+
+def test_a_row_that_fails_stops_no_other() -> None:
+    rng = np.random.default_rng(7)
+    composed = controller(rng, on_infeasible="raise")
+    q, targets = rows(rng, 5)
+    far = mink.SE3.from_translation(np.array([0.0, 0.0, 9.0])) @ targets[2]
+    done = qt.batch.step(composed, q, 0.5, [*targets[:2], far, *targets[3:]])
+    assert 2 in done.failures and "infeasible" in done.failures[2]
+    assert np.isnan(done.velocity[2]).all()
+    others = [k for k in range(5) if k not in done.failures]
+    assert others and np.isfinite(done.velocity[others]).all()
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.integers(0, 2**32 - 1), st.sampled_from(qt.batch.FORMS))
+def test_closed_forms_are_those_of_single_configurations(seed: int, method: str) -> None:
+    rng = np.random.default_rng(seed)
+    task = qt.TwistTask("tool", "site", DEBURRING.projector, max_linear_step=0.02)
+    q, targets = rows(rng, 5)
+    desired = 0.1 * rng.normal(size=q.shape) if method in ("gradient_projection", "twa") else None
+    found = qt.batch.closed_form(MODEL, task, q, targets, method, h=desired)
+    for k, here in enumerate(q):
+        configuration = mink.Configuration(MODEL, here)
+        if method == "rmr":
+            alone = qt.TwistTask(
+                "tool", "site", qt.TwistProjector(
+                    linear=qt.Projector.full(), angular=qt.Projector.full()),
+                max_linear_step=0.02,
+            )  # fmt: skip
+        else:
+            alone = task
+        alone.set_target(targets[k])
+        state = alone.state(configuration)
+        J, twist = state.jacobian, alone.clamped(state.error)
+        expected = {
+            "minimum_norm": lambda J=J, t=twist, s=state: qt.closed_form.minimum_norm(
+                J, s.projector, t),
+            "gradient_projection": lambda J=J, t=twist, s=state, k=k: (
+                qt.closed_form.gradient_projection(J, s.projector, t, desired[k])),
+            "rmr": lambda J=J, t=twist: qt.closed_form.resolved_motion_rate(J, t),
+            "twa": lambda J=J, t=twist, s=state, k=k: qt.closed_form.twa(
+                J, s.projector, t, desired[k]),
+        }[method]()  # fmt: skip
+        np.testing.assert_allclose(found[k], expected, atol=1e-7 * (1.0 + np.abs(expected).max()))
+
+
+def test_what_has_no_compiled_form_is_refused_with_a_sentence() -> None:
+    rng = np.random.default_rng(0)
+    composed = controller(rng)
+    q, targets = rows(rng, 3)
+    with pytest.raises(qt.InvalidInput, match="no compiled form"):
+        posture = mink.PostureTask(MODEL, cost=1.0)
+        qt.batch.step(qt.Controller(MODEL, [*composed.tasks, posture]), q, 0.1, targets)
+    with pytest.raises(qt.InvalidInput, match="expected one for each of 3 rows, got 2"):
+        qt.batch.step(composed, q, 0.1, targets[:2])
+    with pytest.raises(qt.InvalidInput, match="number 1 is no rigid motion"):
+        wrong = np.array([t.as_matrix() for t in targets])
+        wrong[1, 0] *= 2.0
+        qt.batch.step(composed, q, 0.1, wrong)
+    for huge in (1e155, 1e200, np.nan):
+        with pytest.raises(qt.InvalidInput, match=r"no rigid motion|finite"):
+            qt.batch.step(composed, q, 0.1, huge * np.array([t.as_matrix() for t in targets]))
+    with pytest.raises(qt.InvalidInput, match="expected a sequence of"):
+        qt.batch.step(composed, q, 0.1, targets[0])  # type: ignore[arg-type]
+    with pytest.raises(qt.InvalidInput, match="expected a MjModel"):
+        qt.batch.closed_form(None, composed.twist_tasks[0], q, targets)  # type: ignore[arg-type]
+    with pytest.raises(qt.InvalidInput, match="GazeTask"):
+        gaze = qt.GazeTask("tool", "site")
+        qt.batch.closed_form(MODEL, gaze, q, targets)
+    with pytest.raises(qt.InvalidInput, match="threads"):
+        qt.batch.step(composed, q, 0.1, targets, threads=1.5)  # type: ignore[arg-type]
+    with pytest.raises(qt.InvalidInput, match="dt"):
+        qt.batch.step(composed, q, 0.0, targets)
+    with pytest.raises(mink.TargetNotSet):
+        qt.batch.step(qt.Controller(MODEL, [qt.TwistTask.point("tool", "site")]), q, 0.1)
+    with pytest.raises(qt.InvalidInput, match="has no secondary"):
+        qt.batch.closed_form(MODEL, composed.twist_tasks[0], q, targets, h=np.zeros((3, 6)))
+    with pytest.raises(qt.InvalidInput, match="method"):
+        qt.batch.closed_form(MODEL, composed.twist_tasks[0], q, targets, "sns")
+
+
+def test_what_is_not_plain_is_left_out_where_that_is_asked_for() -> None:
+    rng = np.random.default_rng(3)
+    composed = controller(rng)
+    q, targets = rows(rng, 50)
+    whole = qt.batch.step(composed, q, 0.05, targets)
+    plain = qt.batch.step(composed, q, 0.05, targets, others=False)
+    np.testing.assert_array_equal(plain.by_reference, whole.by_reference)
+    assert np.isnan(plain.velocity[plain.by_reference]).all()
+    np.testing.assert_array_equal(
+        plain.velocity[~plain.by_reference], whole.velocity[~plain.by_reference]
+    )
+
+
+def test_random_steps_are_proved_by_conditions_that_see_a_wrong_one(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    folder = Path(__file__).parents[2] / "benchmarks"
+    monkeypatch.syspath_prepend(folder)  # as where it is run
+    spec = importlib.util.spec_from_file_location("false_solved", folder / "false_solved.py")
+    assert spec is not None and spec.loader is not None
+    script = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(script)
+    speed, rng = 0.6, np.random.default_rng(1)
+    composed, q, targets = script.random_steps(MODEL, speed, 400, rng)
+    velocity, solved = script.plain_steps(composed, q, targets)
+    assert solved.sum() > 300
+    problem, x = [p[solved] for p in script.stated(MODEL, q, targets, speed)], velocity[solved]
+    residual, excess, wrong, error = script.proved(*problem, x)
+    assert residual.max() < 1e-10 and excess.max() < 1e-10 and wrong.max() < 1e-6
+    assert np.median(error) < 1e-12
+    free = np.array([np.linalg.svd(A)[2][-1] for A in problem[0]])
+    *_, moved, _ = script.proved(*problem, x + 1e-4 * free)  # still on its rows
+    out = (x + 1e-4 * free < problem[2]) | (x + 1e-4 * free > problem[3])
+    assert ((moved > 1e-6) | out.any(axis=1)).all()
+    assert script.proved(*problem, x + 1e-4)[0].min() > 1e-6

@@ -1,0 +1,343 @@
+"""Kinematics, corrections and runs as machine code: the same as the reference."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+from typing import Any
+
+import mink
+import mujoco
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from oracles.arms import random_arm, random_configuration, random_direction
+from oracles.path_steps import corrected, descended
+
+import qp_twist as qt
+from qp_twist.kinematics import JointRanges, SerialChain, frame_pose
+from qp_twist.planning import bound
+from qp_twist.planning.bound import centred_nearby
+from qp_twist.planning.path_rows import ON_TASK, PathRows
+
+Array = np.ndarray
+SEEDS = st.integers(0, 2**32 - 1)
+
+
+# ---------------------------------------------------------------- the parts
+
+
+@functools.cache
+def callable_from_python(kernel: Any) -> Any:
+    """A kernel that only kernels call, compiled once more, for a test."""
+    from numba.core.caching import NullCache
+
+    from qp_twist.fast.compiling import entry
+
+    made = entry(kernel.py_func)
+    made._cache = NullCache()  # the kernel's own machine code cannot be called from Python
+    return made
+
+
+@settings(max_examples=60, deadline=None)
+@given(SEEDS)
+def test_poses_and_jacobians_are_mujocos(seed: int) -> None:
+    from qp_twist.fast.arm_kernel import poses_and_jacobians
+    from qp_twist.kinematics.compiled_rows import arm_of
+
+    rng = np.random.default_rng(seed)
+    model = random_arm(rng, int(rng.integers(1, 9)), slides=True)
+    q = np.array([random_configuration(model, rng) for _ in range(4)])
+    poses, jacobians = np.zeros((4, 12)), np.zeros((4, 6, model.nv))
+    poses_and_jacobians(arm_of(SerialChain.of(model, "tool", "site")), q, poses, jacobians)
+    for here, pose, jacobian in zip(q, poses, jacobians, strict=True):
+        configuration = mink.Configuration(model, here)
+        rotation, position = frame_pose(configuration, "tool", "site")
+        expected = np.zeros((6, model.nv))
+        site = model.site("tool").id
+        mujoco.mj_jacSite(model, configuration.data, expected[:3], expected[3:], site)
+        np.testing.assert_allclose(pose, np.concatenate([rotation.ravel(), position]), atol=1e-12)
+        np.testing.assert_allclose(jacobian, expected, atol=1e-12)
+
+
+@settings(max_examples=200, deadline=None)
+@given(SEEDS)
+def test_reflections_give_the_pseudoinverse_and_the_null_space(seed: int) -> None:
+    from qp_twist.fast import null_space as kernels
+
+    least_norm, null_space, reflect = map(
+        callable_from_python, (kernels.least_norm, kernels.null_space, kernels.reflect)
+    )
+
+    rng = np.random.default_rng(seed)
+    n = int(rng.integers(1, 9))
+    m = int(rng.integers(0, n + 1))
+    A, b, desired = rng.normal(size=(m, n)), rng.normal(size=m), rng.normal(size=n)
+    V, R, N = np.zeros((m, n)), np.zeros((m, m)), np.zeros((n - m, n))
+    reflect(A, V, R)
+    null_space(V, N)
+    np.testing.assert_allclose(N @ N.T, np.eye(n - m), atol=1e-12)
+    np.testing.assert_allclose(N @ A.T, 0.0, atol=1e-12)
+    inverse = np.linalg.pinv(A)
+    x = desired.copy()
+    least_norm(V, R, b, x)
+    size = 1.0 + np.abs(inverse).max(initial=0.0)
+    np.testing.assert_allclose(x, desired + inverse @ (b - A @ desired), atol=1e-10 * size**2)
+
+
+@settings(max_examples=100, deadline=None)
+@given(SEEDS)
+def test_what_dependent_rows_do_not_see_is_what_their_singular_vectors_do_not(seed: int) -> None:
+    from qp_twist.fast import null_space as kernels
+
+    null_space, row_space = map(callable_from_python, (kernels.null_space, kernels.row_space))
+
+    rng = np.random.default_rng(seed)
+    n = int(rng.integers(1, 9))
+    rank = int(rng.integers(0, n + 1))
+    count = rank + int(rng.integers(0, 5)) if rank else int(rng.integers(0, 3))
+    A = rng.normal(size=(count, rank)) @ rng.normal(size=(rank, n))
+    A[rng.random(count) < 0.2] = 0.0
+    V = np.full((n, n), np.nan)
+    found = row_space(A, V)
+    sigma, right = np.linalg.svd(A)[1:] if count else (np.zeros(0), np.eye(n))
+    assert found == (sigma > 1e-9).sum()
+    N = np.zeros((n - found, n))
+    null_space(V[:found], N)
+    np.testing.assert_allclose(N @ N.T, np.eye(n - found), atol=1e-12)
+    np.testing.assert_allclose(N.T @ N, right[found:].T @ right[found:], atol=1e-7)
+
+
+def reduced(rng: np.random.Generator, diagonal: bool) -> tuple[Any, Any]:
+    """A feasible program as ``reduced_program`` takes it, and the same for another solver."""
+    from qp_twist.fast.step_record import Program
+
+    n = int(rng.integers(1, 9))
+    m, k = int(rng.integers(0, n + 1)), int(rng.integers(0, 4))
+    p, cuts = n - m, 2 * n + k
+    root = rng.normal(size=(n, n))
+    H = np.diag(rng.uniform(0.1, 3.0, n)) if diagonal else root @ root.T + 0.1 * np.eye(n)
+    c, A, G = rng.normal(size=n), rng.normal(size=(m, n)), rng.normal(size=(k, n))
+    inside = rng.normal(size=n)
+    b, g = A @ inside, G @ inside + rng.uniform(0.0, 0.5, k)
+    lower, upper = inside - rng.uniform(0.0, 1.0, n), inside + rng.uniform(0.0, 1.0, n)
+    lower[rng.random(n) < 0.3] = -np.inf
+    shapes = {
+        "x": n, "box": n, "lam": k, "y": m, "root": n, "line": n, "scaled": (m, n), "V": (m, n),
+        "R": (m, m), "ways": (p, n), "cuts": (cuts, p), "ends": cuts, "lengths": cuts, "zero": p,
+        "z": p, "u": p + 1, "three": (3, p + 1), "Jz": (p, p), "Rz": (p, p), "no_rows": (0, p),
+    }  # fmt: skip
+    given = dict.fromkeys(Program._fields, np.zeros(0)) | {
+        "c": c, "A": A, "b": b, "G": G, "g": g, "lower": lower, "upper": upper,
+        "h": np.diag(H).copy() if diagonal else np.zeros(0),
+        "J": np.linalg.inv(np.linalg.cholesky(H)).T.copy(),
+        "active": np.zeros(n, dtype=np.int64), "active_count": np.zeros(1, dtype=np.int64),
+        "held": np.zeros(cuts, dtype=np.int64),
+    }  # fmt: skip
+    for name, shape in shapes.items():
+        given[name] = np.full(shape, np.nan)  # whatever it held before
+    given["no_rows"], given["nothing"] = np.zeros((0, p)), np.zeros(0)
+    return Program(**given), qt.qp.QuadraticProgram(H, c, A, b, G, g, lower, upper)
+
+
+@pytest.mark.parametrize("diagonal", [True, False])
+@settings(max_examples=200, deadline=None)
+@given(SEEDS)
+def test_a_program_in_the_null_space_is_solved_as_another_solver_solves_it(
+    diagonal: bool, seed: int
+) -> None:
+    from qp_twist.fast import reduced_program as kernels
+    from qp_twist.fast.dual_active_set import SOLVED
+
+    reduced_program = callable_from_python(kernels.reduced_program)
+
+    rng = np.random.default_rng(seed)
+    w, problem = reduced(rng, diagonal)
+    reference = qt.qp.solve(problem, "quadprog")
+    assert isinstance(reference, qt.qp.Verified)
+    n, m = problem.n, len(problem.b)
+    scale = 1.0 + np.abs(reference.x).max() + np.abs(np.linalg.pinv(w.A)).max(initial=0.0)
+    for again in range(3):  # from nothing, from what was active, and from anything
+        if again == 2:
+            w.active_count[0] = rng.integers(0, n - m + 1)
+            w.active[: w.active_count[0]] = rng.permutation(2 * n + len(w.g))[: w.active_count[0]]
+        assert reduced_program(w) == SOLVED
+        np.testing.assert_allclose(w.x, reference.x, atol=1e-8 * scale**2)
+        gradient = problem.H @ w.x + w.c + w.A.T @ w.y + w.G.T @ w.lam + w.box
+        np.testing.assert_allclose(gradient, 0.0, atol=1e-9 * scale**3)
+        assert (w.lam >= 0.0).all() and (w.lam[w.G @ w.x < w.g - 1e-9] == 0.0).all()
+        assert (w.box[w.x < w.upper - 1e-9] <= 0.0).all()
+        assert (w.box[w.x > w.lower + 1e-9] >= 0.0).all()
+
+
+def test_bounds_and_rows_are_in_the_way_in_a_good_part_of_such_programs() -> None:
+    from qp_twist.fast import reduced_program as kernels
+    from qp_twist.fast.dual_active_set import SOLVED
+
+    reduced_program = callable_from_python(kernels.reduced_program)
+
+    counts = []
+    for seed in range(200):
+        w, _ = reduced(np.random.default_rng(seed), diagonal=True)
+        assert reduced_program(w) == SOLVED
+        counts.append(int(w.active_count[0]))
+    assert sum(count == 1 for count in counts) > 40 and sum(count > 2 for count in counts) > 20
+
+
+def test_a_program_without_an_inside_is_not_solved() -> None:
+    """By a bound that another bound contradicts, or that the rows leave no way to meet."""
+    from qp_twist.fast import reduced_program as kernels
+    from qp_twist.fast.dual_active_set import NO_ROOM
+
+    reduced_program = callable_from_python(kernels.reduced_program)
+
+    for seed in range(60):
+        w, problem = reduced(np.random.default_rng(seed), diagonal=True)
+        w.upper[:] = w.lower[:] = np.linalg.lstsq(w.A, w.b, rcond=None)[0] + 0.1
+        if len(problem.b):
+            assert reduced_program(w) == NO_ROOM
+
+
+# ---------------------------------------------------------------- corrections
+
+
+def on_path(rng: np.random.Generator) -> qt.PathTask:
+    """The deburring run with one of many projectors."""
+    path_task = qt.load_task("deburring")
+    kinds = ("full", "plane", "line", "none")
+
+    def block() -> qt.Projector:
+        kind = kinds[rng.integers(4)]
+        axis = () if kind in ("full", "none") else (random_direction(rng),)
+        return getattr(qt.Projector, kind)(*axis)
+
+    frame = ("world", "body", "target")[rng.integers(3)]
+    projector = qt.TwistProjector(linear=block(), angular=block(), frame=frame)
+    return dataclasses.replace(path_task, projector=projector)
+
+
+@settings(max_examples=8, deadline=None)
+@given(SEEDS)
+def test_corrections_and_descents_are_those_of_the_reference(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    path_task = on_path(rng)
+    ranges = JointRanges.of(path_task.model)
+    compiled = PathRows(path_task)
+    q = np.array([random_configuration(path_task.model, rng) for _ in range(40)])
+    at = rng.integers(0, len(path_task.waypoints), 40)
+    there, arrived = compiled.correct(q, at)
+    expected, expected_arrived = corrected(compiled, q, at)
+    # Newton's method from far away may go either way by rounding; rarely it does.
+    same = np.isclose(there, expected, atol=1e-8).all(axis=1)
+    assert same.mean() > 0.85
+    assert (arrived == expected_arrived).mean() > 0.9
+    assert (compiled.errors(there[arrived], at[arrived]) <= ON_TASK).all()
+    begin, at = expected[expected_arrived & same], at[expected_arrived & same]
+    low = centred_nearby(begin, at, compiled, ranges)
+    expected_low = descended(
+        compiled, begin, at, ranges, rounds=bound._ROUNDS, longest=bound._LONGEST,
+        settled=bound._SETTLED,
+    )  # fmt: skip
+    finite = np.isfinite(low).all(axis=1)
+    assert (finite == np.isfinite(expected_low).all(axis=1)).all()
+    z, expected_z = ranges.centring(low[finite]), ranges.centring(expected_low[finite])
+    assert np.isclose(z, expected_z, atol=1e-8).mean() > 0.85
+
+
+# ---------------------------------------------------------------- runs
+
+
+def runs(path_task: qt.PathTask, method: str, **options: Any) -> tuple[Any, Any]:
+    both = []
+    for solver in ("daqp", "compiled"):
+        try:
+            both.append(qt.follow(path_task, method, solver=solver, **options))
+        except qt.QpTwistError as error:
+            both.append(str(error))
+    return both[0], both[1]
+
+
+def same_run(a: Any, b: Any) -> None:
+    if isinstance(a, str) or isinstance(b, str):
+        assert a == b
+        return
+    np.testing.assert_allclose(b.q, a.q, atol=1e-8)
+    for name in ("position_error", "axis_error", "sigma_min", "scale", "band_excess"):
+        np.testing.assert_allclose(getattr(b, name), getattr(a, name), atol=1e-8, err_msg=name)
+    assert (a.iterations == b.iterations).mean() > 0.98
+    assert a.statuses == b.statuses
+    assert a.binding == b.binding
+    assert (a.failure, a.diverged_at) == (b.failure, b.diverged_at)
+    if a.durations is not None:
+        np.testing.assert_array_equal(a.durations, b.durations)
+
+
+METHODS = (
+    "rmr", "rmr_flipped", "minimum_norm", "gradient_projection", "twa", "qp_rmr",
+    "qp_minimum_norm", "qp_gradient", "qp",
+)  # fmt: skip
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_a_run_is_the_reference_run(method: str) -> None:
+    same_run(*runs(qt.load_task("planar_line"), method))
+
+
+@pytest.mark.parametrize("method", ["rmr", "minimum_norm", "qp_gradient", "qp"])
+def test_a_run_with_blended_projectors_is_the_reference_run(method: str) -> None:
+    same_run(*runs(qt.load_task("approach_contact_retreat"), method))
+
+
+@settings(max_examples=8, deadline=None)
+@given(SEEDS)
+def test_a_run_that_limits_hold_is_the_reference_run(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    path_task = qt.load_task("planar_line")
+    start = path_task.start + rng.normal(scale=0.3, size=path_task.model.nq)
+    slow = rng.uniform(0.05, 0.6) * np.ones(path_task.model.nv)
+    durations = np.full(len(path_task.waypoints), 0.1)
+    durations[0] = 0.0
+    path_task = dataclasses.replace(
+        path_task, start=start, durations=durations, velocity_limits=slow
+    )
+    method = METHODS[rng.integers(len(METHODS))]
+    same_run(*runs(path_task, method, gain=float(rng.uniform(0.0, 2.0))))
+
+
+def test_a_run_along_a_plan_is_the_reference_run() -> None:
+    path_task = qt.load_task("planar_line")
+    same_run(*runs(path_task, "qp_planned", plan=qt.plan(path_task, start=path_task.start)))
+
+
+def test_most_waypoints_of_a_run_are_compiled() -> None:
+    from qp_twist.following import compiled_walk
+
+    path_task = qt.load_task("dome_seams")
+    for method in ("rmr", "minimum_norm", "qp_gradient", "qp"):
+        settings_ = path_task.settings(method)
+        assert compiled_walk.walk_known(path_task, method, settings_)
+        walk = compiled_walk.CompiledWalk(path_task, method, settings_)
+        start = qt.follow(path_task, method, solver="daqp", stop=lambda *_: True).q[0]
+        done, *_ = walk.on_from(start, 1)
+        assert len(done) == len(path_task.waypoints) - 1
+
+
+def test_progress_and_stop_are_called_at_every_waypoint() -> None:
+    path_task, seen = qt.load_task("planar_line"), []
+    run = qt.follow(
+        path_task, "qp_gradient", solver="compiled", progress=seen.append,
+        stop=lambda q, apart, turned: len(seen) == 7,
+    )  # fmt: skip
+    assert seen == [1, 2, 3, 4, 5, 6, 7]
+    assert len(run.q) == 8
+
+
+def test_what_the_kernel_does_not_know_goes_the_old_way() -> None:
+    from qp_twist.following.compiled_walk import walk_known
+
+    banded, plain = qt.load_task("deburring_bands"), qt.load_task("deburring")
+    for path_task, method in ((banded, "qp"), (plain, "sns"), (plain, "twa"), (plain, "mink")):
+        assert not walk_known(path_task, method, path_task.settings(method))
+    posture = plain.settings("qp").model_copy(update={"secondary": "manipulability"})
+    assert not walk_known(plain, "qp", posture)

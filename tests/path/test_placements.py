@@ -1,0 +1,328 @@
+"""The study of random placements: its placements, starts, judge and search are what it says."""
+
+from __future__ import annotations
+
+import importlib.util
+import json
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import mink
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import qp_twist as qt
+
+pytest.importorskip("py_opw_kinematics", reason="the study's inverse kinematics")
+SCRIPT = Path(__file__).parents[2] / "examples" / "placements.py"
+TASK = qt.load_task("deburring")
+CENTER = np.array([0.0, 1.0, 0.3])
+
+
+def load_script() -> ModuleType:
+    spec = importlib.util.spec_from_file_location("placements", SCRIPT)
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+study = load_script()
+ARM = study.InverseKinematics(TASK)
+
+
+def every(task: qt.PathTask, step: int) -> qt.PathTask:
+    """The run at every so-manieth of its waypoints."""
+    assert task.flipped_waypoints is not None
+    assert task.durations is not None
+    return replace(
+        task,
+        waypoints=task.waypoints[::step],
+        flipped_waypoints=task.flipped_waypoints[::step],
+        durations=task.durations[::step],
+    )
+
+
+def tool(q: np.ndarray) -> mink.SE3:
+    return mink.Configuration(TASK.model, q).get_transform_frame_to_world("tool", "site")
+
+
+# ---------------------------------------------------------------- placements
+
+
+@given(st.integers(0, 2**32), st.integers(0, 10**6))
+def test_a_placement_is_seeded_and_within_its_ranges(seed: int, index: int) -> None:
+    center, rotation = study.placement(seed, index)
+    assert ((center >= [-0.5, 0.6, 0.0]) & (center <= [0.5, 1.3, 0.8])).all()
+    np.testing.assert_allclose(rotation @ rotation.T, np.eye(3), rtol=0, atol=1e-12)
+    assert np.linalg.det(rotation) > 0.0
+    assert np.degrees(np.arccos(min(1.0, rotation[2, 2]))) <= 45.0 + 1e-9
+    again = study.placement(seed, index)
+    np.testing.assert_array_equal(center, again[0])
+    np.testing.assert_array_equal(rotation, again[1])
+    assert (center != study.placement(seed, index + 1)[0]).all()
+
+
+def test_a_part_left_where_it_is_gives_the_shipped_waypoints() -> None:
+    task = study.placed(TASK, CENTER, np.eye(3))
+    for ours, shipped in ((task.waypoints, TASK.waypoints), (
+        task.flipped_waypoints, TASK.flipped_waypoints
+    )):  # fmt: skip
+        for a, b in zip(ours, shipped, strict=True):
+            np.testing.assert_allclose(a.as_matrix(), b.as_matrix(), rtol=0, atol=1e-12)
+
+
+@given(st.integers(0, 10**6))
+@settings(max_examples=10)
+def test_a_moved_part_moves_as_one_piece_and_keeps_the_roll_rule(index: int) -> None:
+    center, rotation = study.placement(3, index)
+    task = study.placed(TASK, center, rotation)
+    for shipped, pose, flipped in zip(
+        TASK.waypoints[::20], task.waypoints[::20], task.flipped_waypoints[::20], strict=True
+    ):
+        moved = center + rotation @ (shipped.translation() - CENTER)
+        np.testing.assert_allclose(pose.translation(), moved, rtol=0, atol=1e-12)
+        x, y, z = pose.rotation().as_matrix().T
+        np.testing.assert_allclose(moved + 0.3 * z, center, rtol=0, atol=1e-12)  # into the part
+        assert abs(y @ [0.0, 1.0, 0.0]) < 1e-12
+        np.testing.assert_allclose(
+            flipped.rotation().as_matrix().T, [-x, -y, z], rtol=0, atol=1e-12
+        )
+
+
+# ---------------------------------------------------------------- starts
+
+
+@pytest.mark.parametrize("index", range(3))
+def test_starts_are_in_the_limits_on_the_first_waypoint_in_the_order_of_z(index: int) -> None:
+    task = study.placed(TASK, *study.placement(5, index))
+    ranges = qt.JointRanges.of(TASK.model)
+    starts = ARM.starts(task.waypoints[0])
+    target = task.waypoints[0]
+    for q in starts:
+        assert ((q >= ranges.lower) & (q <= ranges.upper)).all()
+        pose = tool(q)
+        np.testing.assert_allclose(pose.translation(), target.translation(), rtol=0, atol=1e-9)
+        axes = pose.rotation().as_matrix()[:, 2], target.rotation().as_matrix()[:, 2]
+        np.testing.assert_allclose(*axes, rtol=0, atol=1e-9)
+    z = [float(ranges.centring(q)) for q in starts]
+    assert z == sorted(z)
+    # No position that Newton's method finds from anywhere is more central.
+    rows = qt.TwistTask("tool", "site", TASK.projector)
+    rows.set_target(target)
+    rng = np.random.default_rng(index)
+    found = 0
+    for _ in range(60):
+        configuration = mink.Configuration(TASK.model, rng.uniform(ranges.lower, ranges.upper))
+        for _ in range(40):
+            state = rows.state(configuration)
+            step = qt.closed_form.minimum_norm(state.jacobian, state.projector, state.error)
+            configuration.integrate_inplace(np.clip(step, -0.3, 0.3), 1.0)
+        q = configuration.q
+        on_it = np.linalg.norm(rows.state(configuration).error) < 1e-9
+        if on_it and ((q >= ranges.lower) & (q <= ranges.upper)).all():
+            found += 1
+            assert ranges.centring(q) >= z[0] - 1e-9
+    assert found > 3
+
+
+def test_a_start_at_a_given_roll_has_it() -> None:
+    task = study.placed(TASK, CENTER, np.eye(3))
+    for name, poses in (("rmr", task.waypoints), ("rmr_flipped", task.flipped_waypoints)):
+        for q in study.starts_of(name, task, ARM):
+            np.testing.assert_allclose(tool(q).as_matrix(), poses[0].as_matrix(), rtol=0, atol=1e-9)
+
+
+# ---------------------------------------------------------------- the judge
+
+
+def test_the_judge_refuses_doctored_runs() -> None:
+    ranges = qt.JointRanges.of(TASK.model)
+    middle = ranges.middle
+    almost = np.zeros(6)
+
+    def verdict(before: Any, q: Any, position: float = 0.0, axis: float = 0.0) -> str | None:
+        judge = study.Judge(TASK, np.array(before))
+        over = judge(np.array(q), position, axis)
+        assert over == (judge.fault is not None)
+        assert judge.waypoints == 2
+        fault: str | None = judge.fault
+        return fault
+
+    assert verdict(middle, middle) is None
+    assert verdict(middle, middle + np.radians(14.99), 0.99e-4, np.radians(0.0499)) is None
+    assert verdict(middle, middle, 1.01e-4) == "error"
+    assert verdict(middle, middle, 0.0, np.radians(0.0501)) == "error"
+    assert verdict(middle, middle, np.nan) == "diverged"
+    assert verdict(middle, np.full(6, np.inf)) == "diverged"
+    for joint in range(6):
+        almost[:] = middle
+        almost[joint] += np.radians(15.01)
+        assert verdict(middle, almost) == f"jump joint_{joint + 1}"
+        for limit, outward in ((ranges.lower, -1.0), (ranges.upper, 1.0)):
+            almost[:] = middle
+            almost[joint] = limit[joint]
+            assert verdict(almost, almost) is None
+            assert verdict(almost, almost, 2e-4) == f"held joint_{joint + 1}"
+            outside = almost.copy()
+            outside[joint] += outward * 2e-9
+            assert verdict(almost, outside) == f"limit joint_{joint + 1}"
+
+
+def test_a_run_is_over_at_its_first_fault() -> None:
+    task = study.placed(TASK, CENTER, np.eye(3))
+    [start] = ARM.starts(task.waypoints[0])[:1]
+    good = study.run_once(every(task, 4), "qp_gradient", start)
+    assert (good["fault"], good["waypoint"]) == (None, 101)
+    # The paper's step at gain 1 is off by a millimetre after the first waypoint.
+    bad = study.run_once(every(task, 4), "twa", start)
+    assert bad["fault"] is not None
+    assert bad["waypoint"] < 20
+    # Far away the constraint cannot be met: mink says so with an exception, which is the fault.
+    far = study.placed(TASK, np.array([0.0, 1.8, 0.3]), np.eye(3))
+    lost = study.run_once(replace(far, start=start), "mink_equality", start)
+    assert lost["fault"] == "NoSolutionFound"
+    assert lost["waypoint"] == 2
+
+
+@pytest.mark.parametrize("name", ["mink_soft", "mink_equality"])
+def test_plain_mink_finishes_the_shipped_run(name: str) -> None:
+    task = every(study.placed(TASK, CENTER, np.eye(3)), 4)
+    [start] = ARM.starts(task.waypoints[0])[:1]
+    assert study.run_once(task, name, start)["fault"] is None
+
+
+# ---------------------------------------------------------------- the search
+
+
+def test_the_search_finds_the_shipped_run_feasible() -> None:
+    task = every(study.placed(TASK, CENTER, np.eye(3)), 10)
+    assert study.dead_end(task, ARM) is None
+    assert study.dead_end(task, ARM, ARM.starts(task.waypoints[0])[0]) is None
+
+
+def test_the_search_ends_where_the_wrist_cannot_reach() -> None:
+    task = every(study.placed(TASK, np.array([0.0, 1.65, 0.3]), np.eye(3)), 8)
+    # The wrist's centre stands on a circle about the tool's axis, one point for each roll; the arm
+    # and the forearm at full stretch reach it from the axis of joint 2 or not at all.
+    at_zero = mink.Configuration(TASK.model, np.zeros(6))
+    wrist = at_zero.get_transform_frame_to_world("link_5", "body").translation()
+    wrist_in_tool = tool(np.zeros(6)).inverse().apply(wrist)
+    rolls = [mink.SO3.from_z_radians(a) for a in np.linspace(0.0, 2.0 * np.pi, 360)]
+    nearest = []
+    for pose in task.waypoints:
+        centers = np.array([pose.apply(roll.apply(wrist_in_tool)) for roll in rolls])
+        across = np.linalg.norm(centers[:, :2], axis=1) - 0.15
+        nearest.append(np.hypot(across, centers[:, 2] - 0.525).min())
+    out_of_reach = np.flatnonzero(np.array(nearest) > 0.77 + np.hypot(0.74, 0.10))
+    assert len(out_of_reach) and out_of_reach[0] > 0
+    assert study.dead_end(task, ARM) == out_of_reach[0] + 1
+    assert study.dead_end(study.placed(TASK, np.array([0.0, 3.0, 0.3]), np.eye(3)), ARM) == 1
+
+
+def test_the_search_knows_the_largest_step() -> None:
+    # Half the run away is more than a step, though both ends are within reach.
+    task = study.placed(TASK, CENTER, np.eye(3))
+    start = ARM.starts(task.waypoints[0])[0]
+    ends = replace(task, waypoints=(task.waypoints[0], task.waypoints[200]))
+    assert study.dead_end(ends, ARM, start) == 2
+
+
+# ---------------------------------------------------------------- the command
+
+
+def test_the_command_writes_its_results_and_takes_them_up_again(tmp_path: Path) -> None:
+    out, markdown = tmp_path / "out.json", tmp_path / "table.md"
+
+    def run(*methods: str) -> dict[str, Any]:
+        command = [
+            *(sys.executable, SCRIPT, "--placements", "1", "--jobs", "1", "--seed", "1"),
+            *("--methods", ",".join(methods), "--out", out, "--markdown", markdown, "--resume"),
+        ]
+        done = subprocess.run(command, capture_output=True, text=True, check=False)
+        assert done.returncode == 0, done.stderr
+        assert markdown.read_text("utf-8") in done.stdout
+        content: dict[str, Any] = json.loads(out.read_text("utf-8"))
+        return content
+
+    first = run("minimum_norm")
+    assert [r["index"] for r in first["placements"]] == [0]
+    assert all(r["feasible"] and r["feasible_from_start"] for r in first["placements"])
+    second = run("minimum_norm", "twa")
+    for before, after in zip(first["placements"], second["placements"], strict=True):
+        assert before["runs"]["minimum_norm"] == after["runs"]["minimum_norm"]  # not run again
+        assert after["runs"]["twa"][0]["fault"] is not None
+    table = markdown.read_text("utf-8")
+    assert table.startswith("1 placements. A motion without a fault exists for 1 of them; ")
+    assert f"| `minimum_norm` | {' | '.join(3 * ['100.0 (20.7–100.0)'])} | – |" in table
+    assert f"| `twa` | {' | '.join(3 * ['0.0 (0.0–79.3)'])} |" in table
+
+
+def outcome(**finished: bool) -> dict[str, Any]:
+    """A placement by what finished on it; ``_at_`` stands for @, ``_p_`` for the point."""
+    runs = {
+        name.replace("_at_", "@").replace("_p_", "."): [{"fault": None if done else "error"}]
+        for name, done in finished.items()
+    }
+    return {"feasible_from_start": True, "feasible": True, "runs": runs}
+
+
+def test_an_interval_is_wilsons_and_pairs_are_counted_on_the_same_placements() -> None:
+    z, k, n = 1.959964, 949, 971  # the solutions p of |k/n − p| = z √(p (1 − p)/n)
+    low, high = sorted(np.roots([n + z * z, -(2 * k + z * z), k * k / n]).real)
+    assert study.within(k, n) == f"{100 * k / n:.1f} ({100 * low:.1f}–{100 * high:.1f})"
+    first = np.array([True] * 90 + [False] * 10)
+    second = first.copy()
+    second[:9] = False  # nine that only the first finishes, then one that only the second does
+    second[-1] = True
+    # Two-sided exact: 2 (C(10, 0) + C(10, 1)) / 2¹⁰ = 0.021.
+    assert study.pairs(first, second) == "**9 : 1**"
+    assert study.pairs(second, first) == "**1 : 9**"
+    second[:3] = True  # 6 : 1 would come about in 2 (1 + 7) / 2⁷ = 12.5 % of cases
+    assert study.pairs(first, second) == "6 : 1"
+    assert study.pairs(first, first) == "0 : 0"
+
+
+def test_each_method_stands_at_its_default_and_at_its_best() -> None:
+    names = ["minimum_norm", "qp_gradient@0.05", "qp_gradient@1", "qp@0.05", "qp@1"]
+    found = [
+        outcome(minimum_norm=True, qp_gradient_at_0_p_05=True, qp_gradient_at_1=True,
+                qp_at_0_p_05=True, qp_at_1=index > 1)
+        for index in range(4)
+    ]  # fmt: skip
+    table = study.table_of_gains(found, names)
+    assert table.startswith("4 placements, of which 4 are feasible from the start of least z.")
+    all_, half = study.within(4, 4), study.within(2, 4)
+    assert f"| `qp` | 1 | {half} | 0 : 2 | 0.05 | {all_} | 0 : 0 |" in table
+    # Where several gains are best, the default is taken.
+    assert f"| `qp_gradient` | 0.05 | {all_} | – | 0.05 | {all_} | – |" in table
+    assert f"| `minimum_norm` | – | {all_} | 0 : 0 | – | {all_} | 0 : 0 |" in table
+    assert "| `qp` | 4 | 2 |" in table
+
+
+# ---------------------------------------------------------------- what the study needs of follow
+
+
+def test_a_run_can_be_stopped_at_a_waypoint(tmp_path: Path) -> None:
+    seen: list[tuple[float, float]] = []
+
+    def stop(q: np.ndarray, position_error: float, axis_error: float) -> bool:
+        seen.append((position_error, axis_error))
+        return len(seen) == 3
+
+    whole = qt.follow(every(TASK, 50), "minimum_norm")
+    stopped = qt.follow(every(TASK, 50), "minimum_norm", stop=stop)
+    np.testing.assert_array_equal(stopped.q, whole.q[:4])
+    np.testing.assert_array_equal(stopped.position_error[1:], [p for p, _ in seen])
+    np.testing.assert_array_equal(stopped.axis_error[1:], [a for _, a in seen])
+    lines = stopped.save(tmp_path / "stopped.csv").read_text("utf-8").splitlines()
+    assert len(lines) == 3 + 4
+    with pytest.raises(qt.InvalidInput, match="stop"):
+        qt.follow(TASK, "minimum_norm", stop=True)  # type: ignore[arg-type]

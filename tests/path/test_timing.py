@@ -1,0 +1,415 @@
+"""Timing: cubics in time, limits between rows, the feed, where it is slowed, errors between."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import mink
+import mujoco
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from oracles.arms import random_arm, random_configuration
+from oracles.joint_paths import evenly, joint_path, short, slider
+from scipy.interpolate import CubicHermiteSpline
+
+import qp_twist as qt
+from qp_twist.timing import (
+    JointMotion,
+    path_errors,
+    refine_trajectory,
+    speed_profile,
+    time_trajectory,
+)
+
+Array = np.ndarray
+SEEDS = st.integers(0, 2**32 - 1)
+
+# ---------------------------------------------------------------- the motion between rows
+
+
+@given(SEEDS)
+@settings(max_examples=25, deadline=None)
+def test_a_motion_is_the_cubic_through_positions_and_velocities(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    times = np.cumsum(rng.uniform(0.01, 2.0, size=6))
+    q, v = rng.normal(size=(2, 6, 3))
+    motion = JointMotion(times, q, v)
+    spline = CubicHermiteSpline(times, q, v)
+    t = np.sort(rng.uniform(times[0], times[-1], size=200))
+    state = motion.at(t)
+    assert state.q == pytest.approx(spline(t), abs=1e-11)
+    assert state.velocities == pytest.approx(spline(t, 1), abs=1e-9)
+    assert state.accelerations == pytest.approx(spline(t, 2), abs=1e-7)
+    piece = np.searchsorted(times, t, side="right") - 1
+    # Bounds that hold, and that a dense look comes near to.
+    dense = np.linspace(times[:-1], times[1:], 2001)
+    speeds = np.abs(spline(dense, 1)).max(axis=0)
+    assert (np.abs(state.velocities) <= motion.largest_speeds()[piece] * (1 + 1e-9)).all()
+    assert motion.largest_speeds() == pytest.approx(speeds, rel=1e-5)
+    lowest, highest = motion.extremes()
+    assert lowest == pytest.approx(spline(dense).min(axis=0), abs=1e-5)
+    assert highest == pytest.approx(spline(dense).max(axis=0), abs=1e-5)
+    hardest = np.abs(motion.end_accelerations()).max(axis=0)
+    inner = np.linspace(times[:-1] + 1e-9, times[1:] - 1e-9, 3)
+    assert hardest == pytest.approx(np.abs(spline(inner, 2)).max(axis=0), rel=1e-5)
+    assert (motion.at(times).q == q).all()
+
+
+def test_without_velocities_the_joints_move_straight_and_rest_outside() -> None:
+    motion = JointMotion(np.array([1.0, 2.0, 4.0]), np.array([[0.0], [1.0], [-1.0]]))
+    q, v, a = motion.at([0.0, 1.5, 2.0, 3.0, 4.0, 5.0])
+    assert q[:, 0] == pytest.approx([0.0, 0.5, 1.0, 0.0, -1.0, -1.0])
+    assert v[:, 0] == pytest.approx([0.0, 1.0, -1.0, -1.0, -1.0, 0.0])
+    assert not a.any()
+    assert motion.at(1.5).q.shape == (1,)
+
+
+def test_times_that_do_not_increase_are_refused() -> None:
+    with pytest.raises(qt.InvalidInput, match="row 3 is at 1 s, row 2 at 1 s"):
+        JointMotion(np.array([0.0, 1.0, 1.0]), np.zeros((3, 1)))
+
+
+# ---------------------------------------------------------------- analytic times
+
+
+@pytest.mark.parametrize(
+    ("length", "feed", "acceleration"), [(1.0, 0.5, 1.0), (1.0, 10.0, 1.0), (2.0, 0.5, 2.0)]
+)
+def test_a_straight_line_of_one_joint_takes_the_time_of_the_trapezoid(
+    length: float, feed: float, acceleration: float
+) -> None:
+    # Rows where the acceleration ends, so that the profile can switch there.
+    count = 65
+    q = np.linspace(0.0, length, count)[:, None]
+    trajectory = joint_path(
+        slider(), q, evenly(count, length / (count - 1) / feed), acceleration=acceleration
+    )
+    timed = time_trajectory(trajectory)
+    run_up = feed**2 / (2.0 * acceleration)
+    if 2.0 * run_up >= length:
+        expected = 2.0 * np.sqrt(length / acceleration)
+    else:
+        assert run_up / length * (count - 1) == pytest.approx(round(run_up / length * (count - 1)))
+        expected = length / feed + feed / acceleration
+    assert timed.times[-1] == pytest.approx(expected, rel=1e-9)
+    assert timed.velocities[[0, -1]] == pytest.approx(0.0)
+    assert not timed.stops
+
+
+def test_a_velocity_limit_alone_slows_to_exactly_that_velocity() -> None:
+    q = np.array([[0.0, 0.0], [1.0, 0.2], [1.5, 1.2]])
+    trajectory = joint_path(slider(2), q, evenly(3, 1.0), velocity=np.array([0.5, 2.0]))
+    timed = time_trajectory(trajectory)
+    assert timed.times == pytest.approx([0.0, 2.0, 3.0])
+    [slowed] = timed.slowed
+    assert (slowed.first, slowed.last, slowed.factor) == (0, 1, pytest.approx(2.0))
+    assert slowed.limits == ("velocity of slide_1",)
+    assert "rows 1 to 2: up to 2 times" in str(slowed)
+
+
+def test_limits_that_are_not_reached_leave_exactly_the_feed() -> None:
+    q = np.cumsum(np.random.default_rng(0).normal(scale=0.01, size=(20, 3)), axis=0)
+    durations = evenly(20, 0.1)
+    timed = time_trajectory(joint_path(slider(3), q, durations, velocity=100.0))
+    assert (timed.times == np.cumsum(durations)).all()
+    assert not timed.slowed
+
+
+def test_in_the_middle_of_a_smooth_path_the_feed_is_kept_under_accelerations() -> None:
+    s = np.linspace(0.0, 2.0, 81)
+    q = np.column_stack([np.cos(s), np.sin(s)])
+    timed = time_trajectory(joint_path(slider(2), q, evenly(81, 0.1), acceleration=5.0))
+    assert timed.durations[1:-1] == pytest.approx(0.1, rel=1e-9)
+    assert [(s.first, s.last) for s in timed.slowed] == [(0, 1), (79, 80)]
+    assert not timed.stops
+
+
+def test_a_corner_is_passed_at_rest_and_the_path_is_kept() -> None:
+    side = np.linspace(0.0, 1.0, 21)
+    q = np.vstack([np.column_stack([side, 0 * side]), np.column_stack([0 * side + 1, side])[1:]])
+    timed = time_trajectory(joint_path(slider(2), q, evenly(41, 0.1), acceleration=5.0))
+    assert timed.stops == (20,)
+    assert timed.velocities[20] == pytest.approx(0.0)
+    assert timed.errors.position_between.max() < 1e-9
+    assert any(slowed.stops == (20,) for slowed in timed.slowed)
+    # With a tolerance that allows it, the corner is cut instead, and faster.
+    cut = time_trajectory(timed.trajectory, position_tolerance=0.05)
+    assert not cut.stops
+    assert cut.times[-1] < timed.times[-1]
+    assert 1e-4 < cut.errors.position_between.max() <= 0.05
+
+
+# ---------------------------------------------------------------- limits hold everywhere
+
+
+@given(SEEDS, st.sampled_from(["smooth", "rough", "jumps"]))
+@settings(max_examples=25, deadline=None)
+def test_no_limit_is_exceeded_anywhere_between_the_rows(seed: int, kind: str) -> None:
+    rng = np.random.default_rng(seed)
+    count, joints = int(rng.integers(2, 30)), int(rng.integers(1, 5))
+    if kind == "smooth":
+        s = np.linspace(0.0, 1.0, count)[:, None]
+        q = np.sin(rng.uniform(0.5, 6.0, size=joints) * s + rng.uniform(0, 6, size=joints))
+    else:
+        q = np.cumsum(rng.normal(size=(count, joints)), axis=0)
+        if kind == "jumps":
+            q *= 10.0 ** rng.uniform(-3, 1, size=joints)
+            q[rng.uniform(size=count) < 0.3] = q[0]  # standing still, and back
+    feed = 10.0 ** rng.uniform(-2, 1, size=count - 1)
+    velocity = 10.0 ** rng.uniform(-1, 2, size=joints)
+    acceleration = 10.0 ** rng.uniform(-1, 2, size=joints)
+    velocity[rng.uniform(size=joints) < 0.2] = np.inf
+    acceleration[rng.uniform(size=joints) < 0.2] = np.inf
+    rests = rng.uniform(size=count) < 0.1
+    rests[[0, -1]] = True
+    motion = speed_profile(q, feed, velocity, acceleration, rests).motion
+    assert (np.diff(motion.times) >= feed * (1 - 1e-9)).all()
+    assert not motion.velocities[rests].any()
+    # Positions, densely, and nothing but their differences.
+    shares = np.linspace(0.0, 1.0, 101)
+    t = motion.times[:-1, None] + np.diff(motion.times)[:, None] * shares
+    at = motion.at(t.ravel()).q.reshape(count - 1, 101, joints)
+    dt = (np.diff(motion.times) / 100)[:, None, None]
+    rounding = 1e-13 * np.abs(q).max()
+    speeds = np.abs(np.diff(at, axis=1))
+    assert (speeds <= velocity * dt * (1 + 1e-6) + rounding).all()
+    changes = np.abs(np.diff(at, n=2, axis=1))
+    assert (changes <= acceleration * dt**2 * (1 + 1e-6) + 4 * rounding).all()
+    assert at[:, 0] == pytest.approx(q[:-1], abs=1e-12 + 10 * rounding)
+
+
+@given(SEEDS)
+@settings(max_examples=15, deadline=None)
+def test_no_single_row_can_be_passed_faster(seed: int) -> None:
+    """A pace that is raised alone, by a thousandth, breaks a limit or the feed beside it."""
+    rng = np.random.default_rng(seed)
+    s = np.linspace(0.0, 1.0, 24)[:, None]
+    q = np.sin(rng.uniform(1.0, 5.0, size=3) * s + rng.uniform(0, 6, size=3))
+    feed = np.full(23, 0.02)
+    velocity, acceleration = rng.uniform(1.0, 4.0, size=3), rng.uniform(2.0, 20.0, size=3)
+    rests = np.zeros(24, dtype=bool)
+    rests[[0, -1]] = True
+    profile = speed_profile(q, feed, velocity, acceleration, rests)
+    h = np.maximum(feed, (np.abs(np.diff(q, axis=0)) / velocity).max(axis=1))
+    directions = profile.motion.velocities[1:-1] / profile.pace[1:-1, None]
+    for k in range(1, 23):
+        pace = profile.pace.copy()
+        pace[k] *= 1.001
+        if pace[k] > 1.0:
+            continue
+        times = np.concatenate([[0.0], np.cumsum(2.0 * h / (pace[:-1] + pace[1:]))])
+        v = np.zeros_like(q)
+        v[1:-1] = directions * pace[1:-1, None]
+        T, D = np.diff(times)[:, None], np.diff(q, axis=0)
+        # The control points of the velocity, which are held in place of the velocity itself.
+        middle = 3.0 * D / T - v[:-1] - v[1:]
+        spline = CubicHermiteSpline(times, q, v)
+        ends = np.abs([spline(times[:-1], 2), spline(times[1:] - 1e-9, 2)])
+        fast = (np.abs(v) > velocity).any() or (np.abs(middle) > velocity).any()
+        assert fast or (ends > acceleration).any(), k
+
+
+# ---------------------------------------------------------------- errors between waypoints
+
+
+def test_the_error_between_waypoints_is_that_of_the_arc_over_its_chord() -> None:
+    model = mujoco.MjModel.from_xml_string(
+        '<mujoco><compiler angle="radian"/><worldbody><body><joint name="hinge" axis="0 0 1"/>'
+        '<geom size="0.1"/><site name="tool" pos="2 0 0"/></body></worldbody></mujoco>'
+    )
+    q = np.array([[0.0], [0.2], [0.5]])
+    trajectory = joint_path(model, q, evenly(3, 1.0))
+    errors = path_errors(trajectory.path_task, JointMotion(np.arange(3.0), q), samples=31)
+    assert errors.position == pytest.approx(0.0, abs=1e-12)
+    expected = [2.0 * (1.0 - np.cos(0.1)), 2.0 * (1.0 - np.cos(0.15))]
+    assert errors.position_between == pytest.approx(expected, rel=1e-3)
+    assert (errors.position_bound >= expected).all()
+    assert errors.position_bound[1] <= 1.2 * expected[1]
+    assert not errors.axis_between.any()
+    # The angle of the frame turns with the chord: nothing is left of it.
+    angle = qt.TwistProjector(linear=qt.Projector.none(), angular=qt.Projector.line([0, 0, 1]))
+    task = dataclasses.replace(trajectory.path_task, projector=angle)
+    turned = path_errors(task, JointMotion(np.arange(3.0), q))
+    assert turned.axis_between == pytest.approx(0.0, abs=1e-9)
+
+
+@given(SEEDS)
+@settings(max_examples=10, deadline=None)
+def test_errors_at_the_rows_are_those_of_the_task(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    model = random_arm(rng, 5, slides=True)
+    q = np.array([random_configuration(model, rng) for _ in range(4)])
+    roll_free = qt.TwistProjector(
+        linear=qt.Projector.plane([1, 2, 3]), angular=qt.Projector.plane([0, 0, 1]), frame="body"
+    )
+    trajectory = joint_path(model, q, evenly(4, 1.0), projector=roll_free)
+    moved = q + 0.1 * rng.normal(size=q.shape)
+    errors = path_errors(trajectory.path_task, JointMotion(np.arange(4.0), moved))
+    task = qt.TwistTask("tool", "site", roll_free)
+    configuration = mink.Configuration(model)
+    for k, row in enumerate(moved):
+        configuration.update(row)
+        task.set_target(trajectory.path_task.waypoints[k])
+        error = task.state(configuration).error
+        assert errors.position[k] == pytest.approx(np.linalg.norm(error[:3]), abs=1e-12)
+        assert errors.axis[k] == pytest.approx(np.linalg.norm(error[3:]), abs=1e-9)
+
+
+# ---------------------------------------------------------------- rows between
+
+
+def test_rows_are_inserted_where_straight_joints_would_leave_the_path() -> None:
+    task = short(qt.load_task("deburring"), 6, lines=10 * np.arange(6))
+    trajectory = qt.follow(task, "qp")
+    straight = path_errors(task, JointMotion(np.arange(6.0), trajectory.q))
+    assert straight.position_between.max() > 1e-4
+    refined = refine_trajectory(trajectory)
+    assert len(refined.q) > 6
+    # The rows that were there stay, at their times.
+    kept = [int(np.argmin(np.abs(refined.q - row).max(axis=1))) for row in trajectory.q]
+    assert (refined.q[kept] == trajectory.q).all()
+    times = np.cumsum(refined.durations)
+    assert times[kept] == pytest.approx(np.cumsum(trajectory.durations))
+    assert (refined.path_task.durations == refined.durations).all()
+    before = np.searchsorted(kept, np.arange(len(refined.q)), side="right") - 1
+    assert (refined.path_task.lines == 10 * before).all()
+    # A look at the joints between them, by another way: the frame against its straight line.
+    configuration = mink.Configuration(task.model)
+    for k in range(len(refined.q) - 1):
+        a, b = (w.translation() for w in refined.path_task.waypoints[k : k + 2])
+        for share in (0.25, 0.5, 0.75):
+            configuration.update((1.0 - share) * refined.q[k] + share * refined.q[k + 1])
+            p = configuration.get_transform_frame_to_world("tool", "site").translation()
+            off = (p - a) - (p - a) @ (b - a) / ((b - a) @ (b - a)) * (b - a)
+            assert np.linalg.norm(off) < 1e-4
+    for name in ("position_error", "axis_error"):
+        assert getattr(refined, name).max() < 1e-7
+    assert len(refined.binding) == len(refined.statuses) == len(refined.sigma_min)
+    assert refine_trajectory(refined) is refined
+
+
+def test_inserted_rows_keep_the_segments_of_the_path() -> None:
+    task = qt.load_task("approach_contact_retreat")
+    task = dataclasses.replace(
+        task, waypoints=task.waypoints[18:34], flipped_waypoints=None,
+        durations=task.durations[18:34],
+        segments=(dataclasses.replace(task.segments[0], first=3, blend=4),),
+    )  # fmt: skip
+    trajectory = qt.follow(task, "qp", gain=0.05)
+    refined = refine_trajectory(trajectory, position_tolerance=1e-6, axis_tolerance_deg=1e-3)
+    assert len(refined.q) > len(trajectory.q)
+    before = {tuple(w.translation()): t for w, t in zip(task.waypoints, task.in_force, strict=True)}
+    new = refined.path_task
+    for waypoint, projector in zip(new.waypoints, new.in_force, strict=True):
+        expected = before.get(tuple(waypoint.translation()))
+        assert expected is None or expected.rank == projector.rank
+    ranks = [t.rank for t in new.in_force]
+    assert ranks == sorted(ranks, reverse=True)
+    assert refined.axis_error.max() < 1e-8
+
+
+def test_what_was_missed_gets_no_rows_between() -> None:
+    task = short(qt.load_task("deburring"), 6, velocity_limits=np.full(6, 0.05))
+    missed = qt.follow(task, "qp")
+    assert missed.position_error[1:].min() > 1e-4
+    assert refine_trajectory(missed) is missed
+
+
+# ---------------------------------------------------------------- following slowly
+
+
+@pytest.mark.parametrize("acceleration", [np.inf, 1.0])
+def test_slowing_down_keeps_the_path_that_the_limits_would_not_let_it_keep(
+    acceleration: float,
+) -> None:
+    limits = {"velocity_limits": np.full(6, 0.12), "acceleration_limits": np.full(6, acceleration)}
+    task = short(qt.load_task("deburring"), 8, **limits)
+    missed = qt.follow(task, "qp_minimum_norm")
+    assert missed.position_error.max() > 1e-4
+    assert (missed.durations == task.durations).all()
+    kept = qt.follow(task, "qp_minimum_norm", slow_down=True)
+    assert kept.position_error.max() < 1e-8
+    assert kept.axis_error.max() < 1e-8
+    assert (kept.durations >= task.durations).all()
+    longer = kept.durations > task.durations
+    assert longer.any()
+    held = [names for names, slow in zip(kept.binding, longer, strict=True) if slow]
+    assert all("limit" in name for names in held for name in names)
+    assert any(held)
+    speeds = np.abs(np.diff(kept.q, axis=0)) / kept.durations[1:, None]
+    assert (speeds <= 0.12 * (1 + 1e-6)).all()
+    if np.isfinite(acceleration):
+        velocities = np.diff(kept.q, axis=0) / kept.durations[1:, None]
+        change = np.abs(np.diff(velocities, axis=0)) / kept.durations[2:, None]
+        assert change.max() <= acceleration * (1 + 1e-5)
+    timed = time_trajectory(kept)
+    assert timed.errors.position_between.max() < 1e-4
+    assert (timed.motion.largest_speeds() <= 0.12 * (1 + 1e-9)).all()
+
+
+def test_without_need_slowing_down_changes_nothing() -> None:
+    task = short(qt.load_task("deburring"), 8)
+    # Not compiled: a run that may slow down is not, and only to rounding they are the same.
+    plain = qt.follow(task, "qp_minimum_norm", solver="daqp")
+    slow = qt.follow(task, "qp_minimum_norm", solver="daqp", slow_down=True)
+    assert (plain.q == slow.q).all()
+    assert (slow.durations == task.durations).all()
+
+
+def test_what_no_time_can_reach_is_missed_as_without() -> None:
+    # The rail ends at 9 m.
+    rows = np.linspace(8.0, 10.0, 9)[:, None]
+    model = slider()
+    free = mujoco.MjModel.from_xml_string(
+        '<mujoco><worldbody><body><joint name="slide_1" type="slide" axis="1 0 0"/>'
+        '<geom size="0.1" mass="1"/><site name="tool"/></body></worldbody></mujoco>'
+    )
+    along = qt.TwistProjector(linear=qt.Projector.line([1, 0, 0]), angular=qt.Projector.none())
+    task = joint_path(free, rows, evenly(9, 1.0), velocity=1.0, projector=along).path_task
+    task = dataclasses.replace(task, model=model)
+    plain = qt.follow(task, "qp_minimum_norm")
+    slow = qt.follow(task, "qp_minimum_norm", slow_down=True)
+    assert slow.q == pytest.approx(plain.q, abs=1e-12)
+    assert slow.q.max() == pytest.approx(9.0)
+    assert (slow.durations == task.durations).all()
+
+
+def test_a_path_without_a_clock_and_without_limits_has_no_times() -> None:
+    trajectory = joint_path(slider(), np.array([[0.0], [1.0]]), None)
+    with pytest.raises(qt.InvalidInput, match="waypoint 1 to 2 takes; add"):
+        time_trajectory(trajectory)
+    limited = joint_path(slider(), np.array([[0.0], [1.0]]), None, velocity=0.5)
+    assert time_trajectory(limited).times == pytest.approx([0.0, 2.0])
+
+
+def test_refused_arguments() -> None:
+    trajectory = joint_path(slider(), np.array([[0.0], [1.0]]), evenly(2, 1.0))
+    with pytest.raises(qt.InvalidInput, match="expected a Trajectory"):
+        time_trajectory("trajectory")  # type: ignore[arg-type]
+    with pytest.raises(qt.InvalidInput, match="position_tolerance"):
+        time_trajectory(trajectory, position_tolerance=0.0)
+    with pytest.raises(qt.InvalidInput, match="slow_down"):
+        qt.follow(trajectory.path_task, slow_down="yes")  # type: ignore[arg-type]
+
+
+def test_accelerations_never_take_a_method_off_the_path() -> None:
+    # Entered fast, an arc that sharp cannot be followed by accelerations that are held on the way.
+    task = qt.load_task("deburring")
+    hurried = dataclasses.replace(
+        task,
+        waypoints=task.waypoints[80:125],
+        flipped_waypoints=None,
+        durations=0.05 * np.asarray(task.durations)[80:125],
+        acceleration_limits=np.full(6, 1.0),
+        start=qt.follow(task, "qp_minimum_norm").q[80],
+    )
+    kept = qt.follow(hurried, "qp_gradient", slow_down=True)
+    assert kept.position_error.max() < 1e-8
+    timed = qt.time_trajectory(kept)
+    t = np.linspace(0.0, timed.times[-1], 20_000)
+    assert np.abs(np.gradient(timed.at(t).velocities, t, axis=0)).max() < 1.01
+    assert timed.times[-1] > 2.0 * hurried.durations.sum()
+    lost = qt.follow(hurried, "qp_gradient")
+    assert lost.position_error.max() > 1e-4
