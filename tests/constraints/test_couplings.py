@@ -455,7 +455,7 @@ def test_a_study_takes_a_task_whose_scene_couples_joints(tmp_path: Path) -> None
     assert [summary.method for summary in study.summary()] == ["qp_gradient"]
     assert study.missing() == []
     loose = dataclasses.replace(task, constraints=(qt.JointCouplings(task.model, 1e-3),))
-    with pytest.raises(qt.InvalidInput, match=r"constraints \(coupling\) that its task file does"):
+    with pytest.raises(qt.InvalidInput, match=r"constraints \(coupling\) that its task file lacks"):
         qt.study(loose, ["start"], 1, out=tmp_path / "other")
 
 
