@@ -234,7 +234,7 @@ def _substeps(period: float, timestep: float) -> int:
         near = max(count, 1) * timestep
         raise InvalidInput(
             f"period: {period:g} s is no multiple of the simulation's time step of {timestep:g} s; "
-            f"use {near:g} s, or another time step for the plant."
+            f"take {near:g} s, or another time step for the plant."
         )
     return count
 
