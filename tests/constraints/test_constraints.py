@@ -297,7 +297,7 @@ def refused() -> qt.PathTask:
         (lambda task: qt.follow(task, "sns"), "takes bounds on single joints only.*half-space"),
         (lambda task: qt.follow(task, "mink"), "constraints are not handed to mink"),
         (lambda task: follow_many(task, starts=task.start[None]), "has no compiled form"),
-        (lambda task: qt.study(task, out="never"), "its task file does not state"),
+        (lambda task: qt.study(task, out="never"), "its task file lacks"),
     ],
 )
 def test_who_cannot_ask_it_refuses_the_task(ask, said: str) -> None:  # type: ignore[no-untyped-def]
