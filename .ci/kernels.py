@@ -7,6 +7,7 @@ so that a result that hangs on rounding is right on one machine and wrong on the
 ``OPENBLAS_CORETYPE`` chooses a kernel by the name of a processor. Taken are the first two of the
 names below that this machine can run and whose results differ, in their last digits, from those of
 its own kernel, on which all tests run already, and from each other's: three kernels in all.
+``QP_TWIST_KERNELS`` is another number than two.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ import sys
 from pathlib import Path
 
 NAMES = ("Haswell", "Zen", "SkylakeX", "Sandybridge", "Nehalem", "Prescott")
-WANTED = 2
+WANTED = int(os.environ.get("QP_TWIST_KERNELS", "2"))
 DIGITS = """
 import hashlib, numpy as np, scipy.linalg
 digits = hashlib.sha256()
