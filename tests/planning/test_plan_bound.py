@@ -23,7 +23,7 @@ from qp_twist.planning.roadmap import Grid, Roadmap
 
 pytestmark = pytest.mark.numerical
 Array = np.ndarray
-CONFIGURATIONS: dict[int, mink.Configuration] = {}
+CONFIGURATIONS: dict[mujoco.MjModel, mink.Configuration] = {}
 
 
 def seven_axes(seed: int) -> qt.PathTask:
@@ -71,9 +71,10 @@ def bound_of(task: qt.PathTask, objective: str) -> tuple[float, list[Array]]:
 
 
 def configuration_of(task: qt.PathTask) -> mink.Configuration:
-    if id(task) not in CONFIGURATIONS:
-        CONFIGURATIONS[id(task)] = mink.Configuration(task.model)
-    return CONFIGURATIONS[id(task)]
+    """One for each model. It keeps the model; an address could become another model's."""
+    if task.model not in CONFIGURATIONS:
+        CONFIGURATIONS[task.model] = mink.Configuration(task.model)
+    return CONFIGURATIONS[task.model]
 
 
 def missed(task: qt.PathTask, index: int, q: Array) -> tuple[Array, Array]:
