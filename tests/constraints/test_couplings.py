@@ -391,7 +391,7 @@ def test_a_run_with_a_gripper_keeps_it_and_a_check_finds_where_another_does_not(
     assert failed["outside coupling"].where == "finger_2 to finger_1, waypoint 5"
     assert failed["outside coupling"].value == pytest.approx(2e-3, abs=3e-5)
     assert not failed["outside coupling between"].passes
-    # A closed form knows nothing of it, and is told of.
+    # A closed form ignores the coupling, and the comparison says so.
     comparison = qt.compare(torn, methods=["gradient_projection", "qp_gradient"]).to_dict()
     excess = {name: m["constraint_excess_max"] for name, m in comparison["methods"].items()}
     assert excess["gradient_projection"] > 0.01

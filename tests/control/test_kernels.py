@@ -2,23 +2,18 @@
 
 from __future__ import annotations
 
-import importlib.util
 from pathlib import Path
 from typing import Any
 
 import pytest
+from oracles.scripts import script
 
 ROOT = Path(__file__).resolve().parents[2]
 
 
 @pytest.fixture
 def kernels() -> Any:
-    spec = importlib.util.spec_from_file_location("kernels", ROOT / ".ci" / "kernels.py")
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+    return script(".ci", "kernels.py")
 
 
 def test_two_kernels_that_run_and_differ_are_chosen(

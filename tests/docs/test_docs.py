@@ -17,6 +17,7 @@ from types import ModuleType
 import numpy as np
 import pytest
 from oracles.browser import open_page
+from oracles.scripts import script
 
 import qp_twist as qt
 from qp_twist.cli import main
@@ -84,12 +85,7 @@ def assert_says_the_same(new: str, kept: str) -> None:
 @pytest.fixture(scope="module")
 def figures() -> ModuleType:
     """docs/make_figures.py as a module."""
-    spec = importlib.util.spec_from_file_location("make_figures", DOCS / "make_figures.py")
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+    return script("docs", "make_figures.py")
 
 
 # ---------------------------------------------------------------- snippets

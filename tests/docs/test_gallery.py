@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-import importlib.util
 import re
 from collections.abc import Callable
 from pathlib import Path
-from types import ModuleType
 from typing import Any
 
 import mink
 import numpy as np
 import pytest
 from matplotlib.image import imread
+from oracles.scripts import script
 
 import qp_twist as qt
 from qp_twist.geometry import angular_error
@@ -21,17 +20,7 @@ DOCS = Path(__file__).parents[2] / "docs"
 Found = dict[str, Any]
 
 
-def module(name: str) -> ModuleType:
-    """A script of docs/ as a module."""
-    spec = importlib.util.spec_from_file_location(name, DOCS / f"{name}.py")
-    assert spec is not None
-    assert spec.loader is not None
-    loaded = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(loaded)
-    return loaded
-
-
-GALLERY = module("make_gallery")
+GALLERY = script("docs", "make_gallery.py")
 
 
 def joints_outside(trajectory: qt.Trajectory) -> dict[str, int]:
@@ -169,7 +158,7 @@ def test_the_page_shows_every_script_under_its_picture() -> None:
 
 
 def test_the_pictures_of_the_conventions_are_those_of_the_script(tmp_path: Path) -> None:
-    conventions = module("make_conventions")
+    conventions = script("docs", "make_conventions.py")
     page = (DOCS / "conventions.md").read_text("utf-8")
     for draw in conventions.PICTURES:
         kept = DOCS / "figures" / f"conventions_{draw.__name__}.svg"

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import importlib.util
 import json
 import subprocess
 import sys
 from dataclasses import replace
 from pathlib import Path
-from types import ModuleType
 from typing import Any
 
 import mink
@@ -16,6 +14,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from oracles.scripts import script
 
 import qp_twist as qt
 
@@ -25,16 +24,7 @@ TASK = qt.load_task("deburring")
 CENTER = np.array([0.0, 1.0, 0.3])
 
 
-def load_script() -> ModuleType:
-    spec = importlib.util.spec_from_file_location("placements", SCRIPT)
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
-
-
-study = load_script()
+study = script("examples", "placements.py")
 ARM = study.InverseKinematics(TASK)
 
 
