@@ -21,9 +21,8 @@ from qp_twist.errors import InvalidInput
 from qp_twist.exchange import Check, run_task
 from qp_twist.files import whole_file
 from qp_twist.following import FoundStart
-from qp_twist.following.resolver import twist_task
 from qp_twist.kinematics import JointRanges, SerialChain, largest_reach
-from qp_twist.path import PathTask, load_task, shipped_folder
+from qp_twist.path import PathTask, load_task, shipped_folder, twist_task
 from qp_twist.path.task_file import FILE_KEY
 from qp_twist.robots import Robot, load_robot
 from qp_twist.toolpath import (

@@ -10,17 +10,17 @@ from qp_twist.fast.null_space import reflection
 SOLVED, NO_ROOM, NOT_CONVEX, ENDLESS = 0, 1, 2, 3
 """What :func:`dual_active_set` returns: solved; no point satisfies the constraints; H is not
 positive definite; more iterations than any finite run needs."""
-PARALLEL = 1e-14
+_PARALLEL = 1e-14
 """Square of the part of a normal outside those held, as a share of the whole, that is none."""
 _RANK = 1e-9
 """A row of equalities whose part outside the others is below this share depends on them."""
 _APART = 1e-8
 """The same, squared, for a constraint that was active last time."""
-MET = 1e-12
+_MET = 1e-12
 """What a constraint may be exceeded by, as a share of the largest |x|, or of 1."""
 ROUNDING = 1e-9
 """The same, where those that are held leave no way to do better."""
-MOST = 50
+_MOST = 50
 """Times as many iterations as unknowns and rows are taken before the method gives up."""
 
 
@@ -325,7 +325,7 @@ def _enter(
             r[i] = total / R[i, i]
         longest, place = _blocking(u, r, first, q, active)
         full = math.inf
-        if outside > PARALLEL * whole and q < n:
+        if outside > _PARALLEL * whole and q < n:
             full = _violation(which, m, n, k, G, x, side) / outside
         step = min(longest, full)
         if step == math.inf:
@@ -435,8 +435,8 @@ def active_set(c, A, b, G, g, lengths, lower, upper, active, before, x, u, J, R,
         _drop(place, q, n, J, R, active)
         q -= 1
         _solve_held(q, n, m, k, c, b, g, lower, upper, J, R, active, x, u, t)
-    for _ in range(MOST * (n + k) + MOST):
-        which = _worst(n, m, k, G, g, lengths, lower, upper, x, held, MET)
+    for _ in range(_MOST * (n + k) + _MOST):
+        which = _worst(n, m, k, G, g, lengths, lower, upper, x, held, _MET)
         if which < 0:
             return (SOLVED if first == m or _rows_met(A, b, x) else NO_ROOM), q
         status, q = _enter(

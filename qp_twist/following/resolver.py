@@ -25,8 +25,7 @@ from qp_twist.kinematics import (
     total_displacement,
 )
 from qp_twist.limits import BindingLimit, GatheredLimits, gather_limits
-from qp_twist.path import METHODS, MethodSettings, PathTask
-from qp_twist.path import twist_task as twist_task  # noqa: PLC0414 (also for peers)
+from qp_twist.path import METHODS, MethodSettings, PathTask, twist_task
 
 LARGEST_JOINT = 1e6
 """A joint beyond this many rad has diverged; its error would only overflow."""

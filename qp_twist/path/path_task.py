@@ -235,9 +235,9 @@ def check_method(method: str) -> str:
 
 
 def twist_task(path_task: PathTask, projector: TwistProjector) -> TwistTask:
-    """The task of a path's frame with one of its projectors, and the path's bands.
+    """The twist task of a path's frame with one of its projectors, and the path's bands.
 
-    The whole operational twist leaves nothing free that a band could hold.
+    There are no bands with the whole operational twist, which leaves no freedom for them.
     """
     return TwistTask(
         path_task.frame_name,

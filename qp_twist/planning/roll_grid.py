@@ -31,7 +31,8 @@ def closed_form_arm(path_task: PathTask) -> OrthoParallelArm | None:
     """
     model = path_task.model
     arm = OrthoParallelArm.recognise(model, path_task.frame_name, path_task.frame_type)
-    if arm is None or len(arm.chain.screws) < model.nv or JointCouplings(model).names:
+    coupled = any(isinstance(c, JointCouplings) for c in path_task.constraints)
+    if arm is None or len(arm.chain.screws) < model.nv or coupled:
         return None
     return arm
 

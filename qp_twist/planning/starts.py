@@ -24,7 +24,7 @@ from qp_twist.planning.path_rows import PathRows
 from qp_twist.referee import BAND
 
 START_ITERATIONS = 200
-"""Most steps in which a start is corrected onto the first waypoint."""
+"""Largest number of steps for the correction of a start onto the first waypoint."""
 _AT_A_TIME = 300
 """Random configurations that are moved onto the first waypoint."""
 _TIMES = 10
@@ -102,10 +102,10 @@ def random_start(path_task: PathTask, rng: np.random.Generator) -> Array | None:
 def corrected_start(
     path_task: PathTask, waypoint: mink.SE3, *, holds_limits: bool, task: TwistTask | None = None
 ) -> Array:
-    """The start moved onto the first waypoint by the shortest steps in the method's own rows.
+    """The start, corrected onto the first waypoint by minimum-norm steps in the rows of ``task``.
 
-    Those of the path if ``task`` is ``None``. A method that holds the limits holds them here too,
-    and brings the start into the constraints where it can; the others know nothing of them.
+    The rows are the path's if ``task`` is ``None``. A method that holds the limits also holds them
+    here, and moves the start inside the constraints if possible; other methods ignore both.
     """
     if task is None:
         task = twist_task(path_task, path_task.in_force[0])
@@ -131,7 +131,7 @@ def corrected_start(
             twist = task.clamped(state.error)
             dq = closed_form.minimum_norm(state.jacobian, state.projector, twist)
         configuration.integrate_inplace(dq, 1.0)
-    if on_waypoint is not None:  # outside a constraint, which whoever uses it finds
+    if on_waypoint is not None:  # outside a constraint; the run that follows reports it
         return on_waypoint
     error = task.state(configuration).error
     raise InvalidInput(
@@ -146,9 +146,9 @@ def corrected_start(
 def reached(
     path_task: PathTask, task: TwistTask, configuration: mink.Configuration, *, held: bool
 ) -> bool:
-    """Whether the task is met, and each constraint is kept where a method holds them.
+    """Whether the task is met and, for methods that hold them (``held``), all constraints are kept.
 
-    Their rows are linear: what curvature takes from a constraint the next iteration brings back.
+    A constraint's rows are linear: curvature may violate it; the next iteration corrects that.
     """
     if missed_by(path_task, task, configuration) > 1.0:
         return False
@@ -158,7 +158,7 @@ def reached(
 
 
 def missed_by(path_task: PathTask, task: TwistTask, configuration: mink.Configuration) -> float:
-    """The task error in tolerances, the larger of the linear and the angular one."""
+    """The task error relative to its tolerance, the larger of the linear and the angular one."""
     error = task.state(configuration).error
     errors = np.linalg.norm(error[:3]), np.linalg.norm(error[3:])
     return float((np.array(errors) / path_task.iteration.tolerances).max())

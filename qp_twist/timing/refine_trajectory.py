@@ -13,8 +13,7 @@ from qp_twist.checks import Array, instance, number
 from qp_twist.controller import Status
 from qp_twist.errors import InvalidInput
 from qp_twist.following import Trajectory
-from qp_twist.following.resolver import twist_task
-from qp_twist.path import PathTask
+from qp_twist.path import PathTask, twist_task
 from qp_twist.planning.starts import corrected_start
 from qp_twist.referee import JointMotion, path_errors
 
