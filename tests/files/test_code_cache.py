@@ -113,8 +113,8 @@ print(int(found.found), *found.x)
 """
     assert run(folder, script) == pytest.approx([1, 1.0, 2.0])
     constants = folder / "dual_active_set.py"
-    assert "\nMOST = 50\n" in constants.read_text()
-    constants.write_text(constants.read_text().replace("\nMOST = 50\n", "\nMOST = 0\n"))
+    assert "\n_MOST = 50\n" in constants.read_text()
+    constants.write_text(constants.read_text().replace("\n_MOST = 50\n", "\n_MOST = 0\n"))
     assert run(folder, script)[0] == 0  # no iteration is allowed any more
 
 
