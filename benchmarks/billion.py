@@ -15,7 +15,7 @@ not run again, so that a run that was stopped goes on where it was. A second pro
 
 Where the referee's own multipliers do not prove a step, those of quadprog and HiGHS are tried in
 the same test, with the rare cost on motion that the rows of twist space hardly see
-(`qp_twist.controller.posing.unseen`) stated again. The table counts these steps as proved by
+(`qp_twist.control.posing.unseen`) stated again. The table counts these steps as proved by
 others; what they do not prove counts as refused, too.
 """
 

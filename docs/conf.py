@@ -76,7 +76,7 @@ nitpick_ignore = [
     ("py:class", "qp_twist.robots.known_robots._Axes"),
     ("py:class", "IterationSection"),
     ("py:class", "MethodSettings"),
-    ("py:class", "qp_twist.path.methods.MethodSettings"),
+    ("py:class", "qp_twist.paths.methods.MethodSettings"),
     # Fields of a dataclass stand in its list of attributes, which makes no targets.
     ("py:attr", "frame"),
 ]

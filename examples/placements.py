@@ -42,7 +42,7 @@ import qp_twist as qt
 from qp_twist.checks import Array
 from qp_twist.files import write_atomically
 from qp_twist.following.peer import posed_step
-from qp_twist.path.orientation import roll_by_plane
+from qp_twist.paths.orientation import roll_by_plane
 from qp_twist.peers import MinkPeer
 
 # ---------------------------------------------------------------- what counts as success

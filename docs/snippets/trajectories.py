@@ -6,8 +6,13 @@ from pathlib import Path
 import numpy as np
 
 import qp_twist as qt
-from qp_twist.exchange import check_trajectory, read_trajectory, write_trajectory
-from qp_twist.timing import refine_trajectory, time_trajectory
+from qp_twist.trajectories import (
+    check_trajectory,
+    read_trajectory,
+    refine_trajectory,
+    time_trajectory,
+    write_trajectory,
+)
 
 task = qt.load_task("./weld.toml")
 task = dataclasses.replace(task, acceleration_limits=np.full(6, 2.0))  # rad/s²

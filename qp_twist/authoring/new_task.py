@@ -18,20 +18,23 @@ from qp_twist.authoring.search import METHOD, PLANNED, Progress, Search, Searche
 from qp_twist.authoring.task_text import Parts, feeds_in_words, task_text
 from qp_twist.checks import Array, number
 from qp_twist.errors import InvalidInput
-from qp_twist.exchange import Check, run_task
 from qp_twist.files import whole_file
 from qp_twist.following import FoundStart
 from qp_twist.kinematics import JointRanges, SerialChain, largest_reach
-from qp_twist.path import PathTask, load_task, shipped_folder, twist_task
-from qp_twist.path.task_file import FILE_KEY
-from qp_twist.robots import Robot, load_robot
-from qp_twist.toolpath import (
+from qp_twist.paths import (
     ColumnChoice,
+    PathTask,
     Toolpath,
     UnclearColumns,
+    load_task,
     read_toolpath,
+    shipped_folder,
+    twist_task,
     unit_question,
 )
+from qp_twist.paths.task_file import FILE_KEY
+from qp_twist.robots import Robot, load_robot
+from qp_twist.trajectories import Check, run_task
 
 _ALONE = 1e-6
 """A unit vector this near to an axis is the motion of one joint."""

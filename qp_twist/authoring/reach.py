@@ -13,8 +13,8 @@ from scipy.spatial.transform import Rotation
 from qp_twist.checks import Array, Indices
 from qp_twist.geometry import ProjectorKind
 from qp_twist.kinematics import JointRanges
-from qp_twist.path import PathTask, placed
-from qp_twist.path.orientation import poses
+from qp_twist.paths import PathTask, placed
+from qp_twist.paths.orientation import poses
 from qp_twist.planning.bound import centred_nearby
 from qp_twist.planning.path_rows import PathRows
 

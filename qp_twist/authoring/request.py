@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-from qp_twist.path.file_path_schema import ColumnsTable
-from qp_twist.toolpath import AngleUnit, FeedUnit, LengthUnit, Orientation
+from qp_twist.paths import AngleUnit, FeedUnit, LengthUnit, Orientation
+from qp_twist.paths.file_path_schema import ColumnsTable
 
 
 @dataclass(frozen=True)

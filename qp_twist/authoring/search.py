@@ -14,12 +14,12 @@ import numpy as np
 from qp_twist.authoring.reach import Placement, Placements, placements
 from qp_twist.checks import Array
 from qp_twist.errors import InvalidInput
-from qp_twist.exchange import TaskRun, run_task
 from qp_twist.following import FoundStart, NoStart, find_starts, plan
 from qp_twist.following.compiled_walk import CompiledWalk, walk_known
 from qp_twist.kinematics import JointRanges
-from qp_twist.path import DEFAULT_METHOD, PathTask
+from qp_twist.paths import DEFAULT_METHOD, PathTask
 from qp_twist.planning import central_configurations, what_forbids
+from qp_twist.trajectories import TaskRun, run_task
 
 METHOD = DEFAULT_METHOD
 """By which a start is judged."""
@@ -93,7 +93,8 @@ class Searched:
 class Search:
     """Looks for a start, and for a place of the workpiece, within a time.
 
-    Every verdict is that of :func:`~qp_twist.exchange.run_task`, which ``qp-twist run`` calls, too.
+    Every verdict is that of :func:`~qp_twist.trajectories.run_task`, which ``qp-twist run``
+    calls, too.
 
     Args:
         seconds: That the search may take.

@@ -13,8 +13,7 @@ from qp_twist.authoring.frame_choice import FrameChoice
 from qp_twist.authoring.request import Request
 from qp_twist.checks import Array
 from qp_twist.kinematics import JointRanges
-from qp_twist.path import DEFAULT_METHOD, METHODS
-from qp_twist.toolpath import Toolpath
+from qp_twist.paths import DEFAULT_METHOD, METHODS, Toolpath
 
 _COLUMN = 36
 _BARE = frozenset("abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789_-")

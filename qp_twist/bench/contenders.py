@@ -15,12 +15,12 @@ from qp_twist.bench.problem import DT, Problem
 from qp_twist.bench.program import Asked, turn_error
 from qp_twist.checks import Array, Indices
 from qp_twist.closed_form import gradient_projection, minimum_norm, resolved_motion_rate, twa
-from qp_twist.controller import Controller, solve_ik
+from qp_twist.constraints import MotionLimit
+from qp_twist.control import Controller, solve_ik
 from qp_twist.errors import UnknownSolver
-from qp_twist.fast import COMPILED
 from qp_twist.geometry import Projector, TwistProjector
+from qp_twist.kernel import COMPILED
 from qp_twist.kinematics import PostureReference, TwistTask
-from qp_twist.limits import MotionLimit
 from qp_twist.peers import MinkPeer, Peer, PeerFrame, PinkPeer, PlacoPeer, Posed
 from qp_twist.qp import check_solver, installed_solvers
 

@@ -10,11 +10,11 @@ from functools import cache
 import mink
 import numpy as np
 
-from qp_twist.batch import follow
 from qp_twist.bench.record import Accuracy, Case, Measured, Quantiles
 from qp_twist.bench.timer import without_collection
 from qp_twist.following import follow as follow_one
-from qp_twist.path import PathTask, load_task
+from qp_twist.following.batch import follow
+from qp_twist.paths import PathTask, load_task
 
 SIZES = (1, 10, 100, 1000, 10_000)
 WAYPOINTS = 21

@@ -15,7 +15,7 @@ from qp_twist.bench.exact import NoExactSolution
 from qp_twist.bench.problem import DT, STEPS, Frame, NoProblem, Problem, Truth
 from qp_twist.checks import Array
 from qp_twist.geometry import Projector, TwistProjector
-from qp_twist.path import shipped_folder
+from qp_twist.paths import shipped_folder
 
 FULL, NONE = Projector.full(), Projector.none()
 Z = (0.0, 0.0, 1.0)

@@ -21,7 +21,7 @@ from tyro.extras import SubcommandApp
 
 from qp_twist.comparison.table import WIDTH
 from qp_twist.errors import InvalidInput
-from qp_twist.path import METHODS, PathTask, check_method, load_task
+from qp_twist.paths import METHODS, PathTask, check_method, load_task
 
 app = SubcommandApp()
 

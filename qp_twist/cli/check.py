@@ -11,9 +11,9 @@ import tyro
 from qp_twist.checks import number
 from qp_twist.cli.app import OptionalFile, Task, app, fail, load, say
 from qp_twist.cli.progress import working
-from qp_twist.exchange import check_trajectory, read_trajectory
 from qp_twist.kinematics import JointRanges
 from qp_twist.referee import AXIS_TOLERANCE_DEG, POSITION_TOLERANCE
+from qp_twist.trajectories import check_trajectory, read_trajectory
 
 TrajectoryFile = Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="TRAJECTORY")]
 Metres = Annotated[float, tyro.conf.arg(metavar="M")]

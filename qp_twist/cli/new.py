@@ -18,7 +18,7 @@ from qp_twist.checks import number
 from qp_twist.cli.app import app, check_file, say
 from qp_twist.cli.progress import share_progress
 from qp_twist.errors import InvalidInput
-from qp_twist.path.file_path_schema import ColumnsTable
+from qp_twist.paths.file_path_schema import ColumnsTable
 
 _LONG = 2.0
 """A search of more seconds than this says how it is ended."""

@@ -18,8 +18,8 @@ from rich.progress import (
 )
 
 from qp_twist.cli.app import quiet, terminal
-from qp_twist.fast import COMPILED
-from qp_twist.path import PathTask
+from qp_twist.kernel import COMPILED
+from qp_twist.paths import PathTask
 from qp_twist.qp import check_solver
 
 

@@ -20,8 +20,8 @@ from qp_twist.cli.progress import load_machine_code, method_progress, working
 from qp_twist.comparison import compare, metrics
 from qp_twist.comparison.style import pair_of
 from qp_twist.errors import InvalidInput
-from qp_twist.exchange import ENDINGS, run_task
-from qp_twist.path import DEFAULT_METHOD, PathTask, check_method
+from qp_twist.paths import DEFAULT_METHOD, PathTask, check_method
+from qp_twist.trajectories import ENDINGS, run_task
 
 _STRETCHES = 8
 """Most stretches that are listed one by one."""

@@ -13,7 +13,7 @@ from qp_twist.cli.progress import sample_progress
 from qp_twist.errors import InvalidInput
 from qp_twist.following import FoundStart, find_starts
 from qp_twist.kinematics import JointRanges
-from qp_twist.path import DEFAULT_METHOD
+from qp_twist.paths import DEFAULT_METHOD
 
 
 @app.command

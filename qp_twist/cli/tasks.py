@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from qp_twist.cli.app import app, say
-from qp_twist.path import shipped_tasks, task_title
+from qp_twist.paths import shipped_tasks, task_title
 
 
 @app.command

@@ -9,7 +9,7 @@ from typing import Annotated
 import tyro
 
 from qp_twist.cli.app import MethodName, OptionalFile, Solver, Task, app, load, say
-from qp_twist.path import DEFAULT_METHOD
+from qp_twist.paths import DEFAULT_METHOD
 
 Port = Annotated[int | None, tyro.conf.arg(metavar="N")]
 

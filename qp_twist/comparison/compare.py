@@ -21,7 +21,7 @@ from qp_twist.errors import InvalidInput
 from qp_twist.files import write_atomically
 from qp_twist.following import Trajectory, follow, with_start
 from qp_twist.notebook import html_table
-from qp_twist.path import METHODS, PathTask, check_method, load_task
+from qp_twist.paths import METHODS, PathTask, check_method, load_task
 from qp_twist.qp import check_solver
 
 if TYPE_CHECKING:

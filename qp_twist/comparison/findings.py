@@ -18,7 +18,7 @@ from qp_twist.comparison.metrics import (
     metrics,
 )
 from qp_twist.following import Trajectory
-from qp_twist.path import METHODS
+from qp_twist.paths import METHODS
 
 AS_GOOD = 0.05
 """Two runs that keep limits and task are as good as each other up to this share of z and travel."""

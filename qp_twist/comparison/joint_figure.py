@@ -17,7 +17,7 @@ from qp_twist.comparison.style import LIMIT, RC, line_style, method_handles
 from qp_twist.files import whole_file
 from qp_twist.following import Trajectory
 from qp_twist.kinematics import JointRanges
-from qp_twist.path import METHODS, PathTask
+from qp_twist.paths import METHODS, PathTask
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

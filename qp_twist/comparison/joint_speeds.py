@@ -9,7 +9,7 @@ import numpy as np
 from qp_twist.checks import Array
 from qp_twist.following import Trajectory
 from qp_twist.kinematics import JointRanges
-from qp_twist.path import PathTask
+from qp_twist.paths import PathTask
 
 OVER = 1.0 + 1e-6
 """A joint counts as too fast from this share of its limit on."""

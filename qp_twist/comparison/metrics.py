@@ -6,10 +6,10 @@ from typing import Any
 
 import numpy as np
 
-from qp_twist.controller import Status
+from qp_twist.control import Status
 from qp_twist.following import Trajectory
 from qp_twist.kinematics import JointRanges
-from qp_twist.path import METHODS
+from qp_twist.paths import METHODS
 
 OUTSIDE = 1e-9
 """A joint counts as outside its limits from here on, rad or m."""

@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 
 from qp_twist.checks import Array
-from qp_twist.path import PathTask
+from qp_twist.paths import PathTask
 
 
 class Sight(NamedTuple):

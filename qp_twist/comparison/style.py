@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import TYPE_CHECKING, Any
 
-from qp_twist.path import METHODS
+from qp_twist.paths import METHODS
 
 if TYPE_CHECKING:
     from matplotlib.lines import Line2D

@@ -13,7 +13,7 @@ from rich.text import Text
 
 from qp_twist.comparison.metrics import BAND_LEFT, EXCESSES
 from qp_twist.comparison.style import pair_of
-from qp_twist.path import METHODS
+from qp_twist.paths import METHODS
 
 WIDTH = 128
 """Width that the widest table takes, that with bands, characters."""

@@ -1,6 +1,37 @@
-"""Constraints: what a motion has to keep, with one interface for everyone who asks."""
+"""Constraints: what a motion has to keep, asked by everyone; joint limits, couplings and bands."""
 
+from .band_limit import BandLimit as BandLimit
+from .binding import BindingLimit as BindingLimit
+from .binding import binding_limits as binding_limits
+from .box_limit import Box as Box
+from .box_limit import BoxLimit as BoxLimit
+from .check_model import check_model as check_model
 from .constraint import Constraint as Constraint
 from .constraint import check_constraint as check_constraint
 from .constraint import check_constraints as check_constraints
 from .constraint import margins_of as margins_of
+from .couplings import COUPLED_WITHIN as COUPLED_WITHIN
+from .couplings import JointCouplings as JointCouplings
+from .couplings import couplings_of as couplings_of
+from .couplings import share_limits as share_limits
+from .displacement_window import DisplacementWindow as DisplacementWindow
+from .gather import GatheredLimits as GatheredLimits
+from .gather import gather_limits as gather_limits
+from .intersection import intersect as intersect
+from .mink_box import MinkRange as MinkRange
+from .mink_box import default_range as default_range
+from .mink_box import is_mink_box as is_mink_box
+from .mink_box import mink_box as mink_box
+from .mink_box import qpos_of as qpos_of
+from .mink_box import range_of as range_of
+from .mink_box import speeds_of as speeds_of
+from .motion_limit import MotionLimit as MotionLimit
+from .per_joint import per_joint as per_joint
+from .position_limit import PositionLimit as PositionLimit
+from .stated_limit import Named as Named
+from .stated_limit import RowName as RowName
+from .stated_limit import RowsOf as RowsOf
+from .stated_limit import StatedLimit as StatedLimit
+from .stated_limit import StatedRows as StatedRows
+from .stated_limit import kind_of as kind_of
+from .stopping_speed import stopping_speed as stopping_speed

@@ -2,6 +2,7 @@
 
 from qp_twist.planning import NoStart as NoStart
 
+from . import batch as batch
 from .follow import follow as follow
 from .found_starts import FoundStart as FoundStart
 from .found_starts import find_starts as find_starts

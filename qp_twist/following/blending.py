@@ -13,7 +13,7 @@ from qp_twist.following.peer import PeerLimits, PeerResolver
 from qp_twist.following.resolver import Displacement, Resolver, make_resolver
 from qp_twist.following.waypoint_limits import WaypointLimits
 from qp_twist.geometry import TwistProjector, twist_error
-from qp_twist.path import METHODS, MethodSettings, PathTask
+from qp_twist.paths import METHODS, MethodSettings, PathTask
 
 
 def resolvers_along(

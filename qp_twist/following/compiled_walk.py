@@ -6,23 +6,23 @@ import numpy as np
 import numpy.typing as npt
 
 from qp_twist.checks import Array, Indices
-from qp_twist.controller.controller import SINGULARITY, UNSEEN_WEIGHT
-from qp_twist.controller.step_tables import TOLERANCES, settings_of, table_of
-from qp_twist.fast import follow_kernel
-from qp_twist.fast.arm_kernel import Arm
-from qp_twist.fast.path_kernel import Rows
-from qp_twist.fast.step_kernel import STEP, Given, Settings
-from qp_twist.fast.step_record import Sizes
+from qp_twist.constraints import PositionLimit
+from qp_twist.control.controller import SINGULARITY, UNSEEN_WEIGHT
+from qp_twist.control.step_tables import TOLERANCES, settings_of, table_of
 from qp_twist.following.resolver import (
     LARGEST_JOINT,
     waypoints_of,
 )
 from qp_twist.following.waypoint_limits import WaypointLimits
 from qp_twist.geometry import TwistProjector, distinct_projectors
+from qp_twist.kernel import follow_kernel
+from qp_twist.kernel.arm_kernel import Arm
+from qp_twist.kernel.path_kernel import Rows
+from qp_twist.kernel.step_kernel import STEP, Given, Settings
+from qp_twist.kernel.step_record import Sizes
 from qp_twist.kinematics import JointCentering, JointRanges, SerialChain
 from qp_twist.kinematics.compiled_rows import arm_of, rows_of
-from qp_twist.limits import PositionLimit
-from qp_twist.path import METHODS, MethodSettings, PathTask
+from qp_twist.paths import METHODS, MethodSettings, PathTask
 from qp_twist.planning.starts import START_ITERATIONS
 
 Counts = npt.NDArray[np.int64]

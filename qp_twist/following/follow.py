@@ -14,7 +14,7 @@ from qp_twist.following.planned import plan as plan_path
 from qp_twist.following.planned import with_start
 from qp_twist.following.trajectory import Trajectory
 from qp_twist.following.walk import walk
-from qp_twist.path import DEFAULT_METHOD, METHODS, MethodSettings, PathTask, check_method
+from qp_twist.paths import DEFAULT_METHOD, METHODS, MethodSettings, PathTask, check_method
 from qp_twist.planning import Plan
 from qp_twist.planning.manifold_net import COVERED
 from qp_twist.planning.path_rows import PathRows
@@ -60,7 +60,7 @@ def follow(
             Methods that know nothing of velocity limits miss none for them. Acceleration limits
             are then left to :func:`~qp_twist.time_trajectory`.
         **options: Settings that replace those of the task file, which replace the method's own
-            (:data:`~qp_twist.path.methods.METHODS`): ``iterations``, ``secondary``,
+            (:data:`~qp_twist.paths.methods.METHODS`): ``iterations``, ``secondary``,
             ``weight``, ``gain``, ``objective``, and for the peers ``posture_cost`` and
             ``every_iteration``.
 

@@ -9,10 +9,10 @@ import numpy as np
 
 from qp_twist.checks import Array, instance, whole_number
 from qp_twist.errors import InvalidInput
-from qp_twist.fast import COMPILED
 from qp_twist.following.walk import walk
+from qp_twist.kernel import COMPILED
 from qp_twist.kinematics import JointRanges
-from qp_twist.path import DEFAULT_METHOD, PathTask, check_method
+from qp_twist.paths import DEFAULT_METHOD, PathTask, check_method
 from qp_twist.planning import CentralConfiguration, central_starts
 from qp_twist.planning.path_rows import PathRows
 

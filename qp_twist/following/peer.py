@@ -10,14 +10,14 @@ import numpy as np
 import qpsolvers
 
 from qp_twist.checks import Array
-from qp_twist.controller import Status
+from qp_twist.control import Status
 from qp_twist.errors import InvalidInput
-from qp_twist.fast import COMPILED
 from qp_twist.following.resolver import Displacement, Resolver
 from qp_twist.following.waypoint_limits import WaypointLimits
 from qp_twist.geometry import ProjectorKind, TwistProjector
+from qp_twist.kernel import COMPILED
 from qp_twist.kinematics import JointRanges
-from qp_twist.path import METHODS, Method, MethodSettings, PathTask, twist_task
+from qp_twist.paths import METHODS, Method, MethodSettings, PathTask, twist_task
 from qp_twist.peers import PEERS, PeerFrame, Posed
 from qp_twist.peers.mink_peer import MinkStep
 from qp_twist.peers.peer import Priority

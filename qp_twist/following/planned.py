@@ -10,9 +10,9 @@ import numpy.typing as npt
 
 from qp_twist.checks import Array, finite_array, instance
 from qp_twist.errors import InvalidInput
-from qp_twist.fast import COMPILED
 from qp_twist.following.walk import walk
-from qp_twist.path import DEFAULT_METHOD, PathTask, check_method
+from qp_twist.kernel import COMPILED
+from qp_twist.paths import DEFAULT_METHOD, PathTask, check_method
 from qp_twist.planning import Plan, central_starts, make_plan
 from qp_twist.planning.starts import corrected_start
 

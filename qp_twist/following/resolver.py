@@ -11,7 +11,8 @@ import numpy as np
 
 from qp_twist import closed_form
 from qp_twist.checks import Array
-from qp_twist.controller import Controller, Status
+from qp_twist.constraints import BindingLimit, GatheredLimits, gather_limits
+from qp_twist.control import Controller, Status
 from qp_twist.errors import InvalidInput
 from qp_twist.following.waypoint_limits import WaypointLimits
 from qp_twist.geometry import TwistProjector
@@ -24,8 +25,7 @@ from qp_twist.kinematics import (
     TwistTask,
     total_displacement,
 )
-from qp_twist.limits import BindingLimit, GatheredLimits, gather_limits
-from qp_twist.path import METHODS, MethodSettings, PathTask, twist_task
+from qp_twist.paths import METHODS, MethodSettings, PathTask, twist_task
 
 LARGEST_JOINT = 1e6
 """A joint beyond this many rad has diverged; its error would only overflow."""

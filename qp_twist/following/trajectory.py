@@ -10,11 +10,11 @@ import numpy as np
 import numpy.typing as npt
 
 from qp_twist.checks import Array
-from qp_twist.controller import Status
+from qp_twist.control import Status
 from qp_twist.files import write_atomically
 from qp_twist.kinematics import JointRanges
 from qp_twist.notebook import html_table
-from qp_twist.path import PathTask
+from qp_twist.paths import PathTask
 from qp_twist.referee import PathErrors, straight_errors
 
 

@@ -12,8 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from qp_twist.checks import Array
-from qp_twist.controller import Status
-from qp_twist.fast import COMPILED
+from qp_twist.control import Status
 from qp_twist.following.blending import resolvers_along
 from qp_twist.following.resolver import (
     LARGEST_JOINT,
@@ -23,7 +22,8 @@ from qp_twist.following.resolver import (
 )
 from qp_twist.following.slowing import Pace
 from qp_twist.following.trajectory import Trajectory
-from qp_twist.path import METHODS, MethodSettings, PathTask, twist_task
+from qp_twist.kernel import COMPILED
+from qp_twist.paths import METHODS, MethodSettings, PathTask, twist_task
 from qp_twist.planning.starts import corrected_start, missed_by, reached
 from qp_twist.qp import NoSolutionFound
 

@@ -6,8 +6,15 @@ import mink
 import numpy as np
 
 from qp_twist.checks import Array
-from qp_twist.limits import Box, BoxLimit, DisplacementWindow, MotionLimit, PositionLimit, intersect
-from qp_twist.path import PathTask
+from qp_twist.constraints import (
+    Box,
+    BoxLimit,
+    DisplacementWindow,
+    MotionLimit,
+    PositionLimit,
+    intersect,
+)
+from qp_twist.paths import PathTask
 
 
 class WaypointLimits:

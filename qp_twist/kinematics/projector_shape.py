@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from qp_twist.checks import Array
-from qp_twist.fast import twist_rows
 from qp_twist.geometry import ProjectorKind, TwistProjector
+from qp_twist.kernel import twist_rows
 
 _FRAMES = {"world": twist_rows.WORLD, "body": twist_rows.BODY, "target": twist_rows.TARGET}
 

@@ -9,11 +9,11 @@ import numpy as np
 from scipy.optimize import linprog
 
 from qp_twist.checks import Array, Indices
+from qp_twist.constraints import JointCouplings
 from qp_twist.geometry import ProjectorKind, TwistProjector
 from qp_twist.kinematics import JointRanges, SerialChain
 from qp_twist.kinematics.serial_chain import Screw
-from qp_twist.limits import JointCouplings
-from qp_twist.path import PathTask
+from qp_twist.paths import PathTask
 from qp_twist.planning.layer import Layer
 from qp_twist.planning.objective import Objective
 from qp_twist.planning.path_rows import ON_TASK, PathRows, newton

@@ -10,7 +10,7 @@ from scipy.spatial import KDTree
 
 from qp_twist.checks import Array, Indices, Mask
 from qp_twist.kinematics import JointRanges
-from qp_twist.path import PathTask
+from qp_twist.paths import PathTask
 from qp_twist.planning.bound import best_of_branches, settled_nearby
 from qp_twist.planning.layer import centred
 from qp_twist.planning.path_rows import PathRows

@@ -7,8 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from qp_twist.checks import Array, Indices
-from qp_twist.fast import path_kernel
 from qp_twist.geometry import TwistProjector
+from qp_twist.kernel import path_kernel
 from qp_twist.kinematics import JointRanges, SerialChain
 from qp_twist.kinematics.compiled_rows import arm_of, rows_of
 

@@ -6,11 +6,10 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from qp_twist.checks import Array, Indices, Mask
-from qp_twist.constraints import margins_of
+from qp_twist.constraints import JointCouplings, margins_of
 from qp_twist.errors import InvalidInput
 from qp_twist.kinematics import FramePair, SerialChain, Stretch, ToleranceBand, check_bands
-from qp_twist.limits import JointCouplings
-from qp_twist.path import PathTask
+from qp_twist.paths import PathTask
 from qp_twist.referee import PROVEN, Tolerances, constraints_left
 
 Poses = tuple[Array, Array]

@@ -9,7 +9,7 @@ from scipy.spatial import KDTree
 
 from qp_twist.checks import Array, Indices
 from qp_twist.kinematics import JointRanges
-from qp_twist.path import PathTask
+from qp_twist.paths import PathTask
 from qp_twist.planning.layer import TURN, Layer, boxed, centred, empty_layer, inside_limits
 from qp_twist.planning.path_rows import PathRows
 

@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from qp_twist.checks import Array, Indices, Mask
-from qp_twist.fast.path_kernel import Couplings
+from qp_twist.constraints import JointCouplings
 from qp_twist.geometry import distinct_projectors, many_twist_errors
+from qp_twist.kernel.path_kernel import Couplings
 from qp_twist.kinematics import SerialChain
-from qp_twist.limits import JointCouplings
-from qp_twist.path import PathTask
+from qp_twist.paths import PathTask
 from qp_twist.planning.hard_constraints import HardConstraints
 
 if TYPE_CHECKING:

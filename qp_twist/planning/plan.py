@@ -13,7 +13,7 @@ from qp_twist.checks import Array, finite_array, instance, number
 from qp_twist.errors import InvalidInput
 from qp_twist.kinematics import JointRanges, SerialChain
 from qp_twist.notebook import html_table
-from qp_twist.path import PathTask
+from qp_twist.paths import PathTask
 from qp_twist.planning.certificate import Certificate
 from qp_twist.planning.hard_constraints import WITHIN, HardConstraints
 from qp_twist.planning.objective import Objective

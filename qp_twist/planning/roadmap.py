@@ -9,7 +9,7 @@ import numpy as np
 
 from qp_twist.checks import Array
 from qp_twist.kinematics import JointRanges
-from qp_twist.path import PathTask
+from qp_twist.paths import PathTask
 from qp_twist.planning.layer import Layer
 from qp_twist.planning.manifold_net import COVERED, ManifoldNet
 from qp_twist.planning.path_rows import PathRows

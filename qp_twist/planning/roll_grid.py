@@ -7,11 +7,11 @@ from dataclasses import replace
 import numpy as np
 
 from qp_twist.checks import Array, Indices, Mask
+from qp_twist.constraints import JointCouplings
 from qp_twist.geometry import ProjectorKind
 from qp_twist.kinematics import JointRanges, OrthoParallelArm
 from qp_twist.kinematics.serial_chain import turns
-from qp_twist.limits import JointCouplings
-from qp_twist.path import PathTask
+from qp_twist.paths import PathTask
 from qp_twist.planning.hard_constraints import WITHIN, HardConstraints
 from qp_twist.planning.layer import TURN, Layer, empty_layer, inside_limits
 

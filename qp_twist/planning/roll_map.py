@@ -11,7 +11,7 @@ from qp_twist.checks import Array, Indices, Mask
 from qp_twist.errors import InvalidInput
 from qp_twist.geometry import ProjectorKind, twist_angle
 from qp_twist.kinematics import JointRanges, OrthoParallelArm
-from qp_twist.path import PathTask
+from qp_twist.paths import PathTask
 from qp_twist.planning.layer import TURN, centred
 from qp_twist.planning.path_rows import PathRows
 from qp_twist.planning.plan import motion_limits

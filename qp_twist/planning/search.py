@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from qp_twist.checks import Array, Indices, Mask
-from qp_twist.path import PathTask
+from qp_twist.paths import PathTask
 from qp_twist.planning.bound import pointwise_bound
 from qp_twist.planning.certificate import Certificate
 from qp_twist.planning.hard_constraints import SHARES

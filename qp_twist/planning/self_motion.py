@@ -8,7 +8,7 @@ import numpy as np
 
 from qp_twist.checks import Array, Indices
 from qp_twist.kinematics import JointRanges
-from qp_twist.path import PathTask
+from qp_twist.paths import PathTask
 from qp_twist.planning.path_rows import PathRows
 
 STEP = np.radians(3.0)

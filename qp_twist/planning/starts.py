@@ -12,12 +12,12 @@ import numpy as np
 
 from qp_twist import closed_form
 from qp_twist.checks import Array
-from qp_twist.controller import Controller
+from qp_twist.constraints import BindingLimit, PositionLimit
+from qp_twist.control import Controller
 from qp_twist.errors import InvalidInput
 from qp_twist.geometry import ProjectorKind
 from qp_twist.kinematics import JointRanges, SerialChain, TwistTask
-from qp_twist.limits import BindingLimit, PositionLimit
-from qp_twist.path import PathTask, twist_task
+from qp_twist.paths import PathTask, twist_task
 from qp_twist.planning.central import CentralConfiguration, central_configurations
 from qp_twist.planning.layer import centred, forbidding_bands
 from qp_twist.planning.path_rows import PathRows

@@ -12,7 +12,7 @@ import qpsolvers
 
 from qp_twist.checks import Array, did_you_mean, largest
 from qp_twist.errors import InvalidInput, UnknownSolver
-from qp_twist.fast import COMPILED
+from qp_twist.kernel import COMPILED
 from qp_twist.qp.problem import QuadraticProgram
 from qp_twist.qp.verification import Multipliers
 
@@ -143,7 +143,7 @@ def _asked(posed: tuple[Array, ...], solver: str, settings: dict[str, Any]) -> A
     """The backend's answer to a program of these arrays."""
     H, c, A, b, G, g, lower, upper = posed
     if solver == COMPILED:
-        from qp_twist.fast.quadratic_program import solve_program  # with numba
+        from qp_twist.kernel.quadratic_program import solve_program  # with numba
 
         return solve_program(*posed)
     problem = qpsolvers.Problem(

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 
 import mink
 
+from qp_twist.constraints.binding import BindingLimit
 from qp_twist.errors import QpTwistError
-from qp_twist.limits.binding import BindingLimit
 from qp_twist.qp.problem import QuadraticProgram
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from qp_twist.checks import Array
 from qp_twist.errors import InvalidInput
 from qp_twist.kinematics import JointRanges
-from qp_twist.path import PathTask
+from qp_twist.paths import PathTask
 from qp_twist.referee.joint_motion import JointMotion
 from qp_twist.referee.path_errors import PROVEN, PathErrors, path_errors
 
@@ -126,8 +126,8 @@ def examine(
     """Ask a motion about every constraint of its task, at and between the waypoints.
 
     Task errors and hard tolerance bands between the waypoints are proven by subdivision
-    (:func:`~qp_twist.timing.path_errors`), as is the feed; ranges, speeds and accelerations of the
-    joints have their extremes in closed form.
+    (:func:`~qp_twist.referee.path_errors`), as is the feed; ranges, speeds and accelerations
+    of the joints have their extremes in closed form.
 
     Args:
         path_task: The task.
@@ -135,7 +135,7 @@ def examine(
         tolerances: Largest task errors that pass; 0.1 mm and 0.05° if ``None``.
         passing: When the motion is at each waypoint; if ``None``, it has a row for each, and its
             times are a clock's if the task has one.
-        errors: From :func:`~qp_twist.timing.path_errors` for these tolerances, times and
+        errors: From :func:`~qp_twist.trajectories.path_errors` for these tolerances, times and
             ``fastest_progress``, where they are known.
 
     Raises:

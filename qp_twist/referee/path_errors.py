@@ -15,7 +15,7 @@ from qp_twist.checks import Array, Indices, Mask
 from qp_twist.geometry import TwistProjector, many_twist_errors
 from qp_twist.kinematics import FramePair, SerialChain, Stretch
 from qp_twist.kinematics.frame import frame_id
-from qp_twist.path import PathTask
+from qp_twist.paths import PathTask
 from qp_twist.referee.displacement import LeverArms
 from qp_twist.referee.intervals import Intervals
 from qp_twist.referee.joint_motion import JointMotion

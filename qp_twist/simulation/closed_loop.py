@@ -12,9 +12,9 @@ import numpy as np
 import numpy.typing as npt
 
 from qp_twist.checks import Array, finite_array, instance, number, one_of, whole_number
-from qp_twist.controller import Controller, Step
+from qp_twist.constraints import MotionLimit
+from qp_twist.control import Controller, Step
 from qp_twist.errors import InvalidInput
-from qp_twist.limits import MotionLimit
 from qp_twist.qp import NoSolutionFound
 from qp_twist.simulation.plant import Plant
 from qp_twist.simulation.push import Push

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from qp_twist.checks import Array, number
-from qp_twist.controller import Status, Step
+from qp_twist.control import Status, Step
 from qp_twist.errors import InvalidInput
 from qp_twist.kinematics import JointRanges
 

@@ -16,8 +16,8 @@ from qp_twist.checks import Array
 from qp_twist.comparison.metrics import BAND_LEFT, OUTSIDE
 from qp_twist.following import Trajectory
 from qp_twist.kinematics import JointRanges
-from qp_twist.path import PathTask
-from qp_twist.path.task_schema import StudySection
+from qp_twist.paths import PathTask
+from qp_twist.paths.task_schema import StudySection
 from qp_twist.planning import motion_limits
 
 Kind = Literal[

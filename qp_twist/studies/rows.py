@@ -12,10 +12,10 @@ import numpy as np
 
 from qp_twist.comparison.metrics import metrics
 from qp_twist.errors import QpTwistError
-from qp_twist.fast import COMPILED
 from qp_twist.following import Trajectory, follow, plan
 from qp_twist.following.planned import SEEDS
-from qp_twist.path import METHODS, PathTask
+from qp_twist.kernel import COMPILED
+from qp_twist.paths import METHODS, PathTask
 from qp_twist.planning import Plan, least_mean_z
 from qp_twist.studies.judge import Fault, Judge
 from qp_twist.studies.sample import Sample, Start, draw, section_of

@@ -13,8 +13,8 @@ import numpy as np
 from qp_twist.checks import Array, did_you_mean
 from qp_twist.errors import InvalidInput
 from qp_twist.kinematics import JointRanges, frame_pose
-from qp_twist.path import METHODS, PathTask, leaned, load_scene, placed
-from qp_twist.path.task_schema import StudySection
+from qp_twist.paths import METHODS, PathTask, leaned, load_scene, placed
+from qp_twist.paths.task_schema import StudySection
 from qp_twist.planning import least_z_start, random_start
 from qp_twist.qp import check_solver
 

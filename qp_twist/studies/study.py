@@ -16,10 +16,10 @@ import numpy as np
 from rich.console import Console
 
 from qp_twist.checks import one_of, whole_number
+from qp_twist.constraints import COUPLED_WITHIN, JointCouplings
 from qp_twist.errors import InvalidInput
 from qp_twist.files import read_text, write_atomically
-from qp_twist.limits import COUPLED_WITHIN, JointCouplings
-from qp_twist.path import (
+from qp_twist.paths import (
     METHODS,
     PathTask,
     check_method,
@@ -27,7 +27,7 @@ from qp_twist.path import (
     load_task,
     shipped_folder,
 )
-from qp_twist.path.section import Section
+from qp_twist.paths.section import Section
 from qp_twist.qp import check_solver
 from qp_twist.studies.rows import Job
 from qp_twist.studies.sample import Sample, Start, check_factors, drawn_columns, section_of

@@ -13,7 +13,7 @@ from qp_twist.checks import Array
 from qp_twist.comparison.metrics import metrics
 from qp_twist.following import Trajectory, follow, with_start
 from qp_twist.kinematics import frame_pose
-from qp_twist.path import PathTask
+from qp_twist.paths import PathTask
 from qp_twist.viewing.projectors import with_projector
 from qp_twist.viewing.roll import Roll
 from qp_twist.viewing.settings import Settings

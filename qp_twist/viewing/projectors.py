@@ -8,7 +8,7 @@ from qp_twist.checks import Array, one_of
 from qp_twist.errors import InvalidInput
 from qp_twist.geometry import Projector, ProjectorKind, TwistProjector
 from qp_twist.kinematics import check_bands
-from qp_twist.path import PathTask
+from qp_twist.paths import PathTask
 
 OWN = "as the task says"
 WHOLE = "whole pose"

@@ -7,7 +7,7 @@ import numpy as np
 
 from qp_twist.geometry import Projector, ProjectorKind, TwistProjector, twist_error
 from qp_twist.kinematics import frame_pose
-from qp_twist.path import PathTask
+from qp_twist.paths import PathTask
 from qp_twist.viewing.projectors import tool_axis
 
 

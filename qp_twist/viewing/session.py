@@ -13,7 +13,7 @@ import numpy as np
 from qp_twist.checks import Array
 from qp_twist.errors import InvalidInput
 from qp_twist.kinematics import JointRanges
-from qp_twist.path import PathTask, placed
+from qp_twist.paths import PathTask, placed
 from qp_twist.viewing.live_arm import LiveArm
 from qp_twist.viewing.one_run import Moment, Run, run_once
 from qp_twist.viewing.roll import Roll

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from qp_twist.errors import InvalidInput
-from qp_twist.path import METHODS, MethodSettings, PathTask, check_method
+from qp_twist.paths import METHODS, MethodSettings, PathTask, check_method
 from qp_twist.qp import check_solver, installed_solvers
 from qp_twist.viewing.projectors import OWN
 from qp_twist.viewing.unlimited import can_drop_limits

@@ -13,7 +13,7 @@ from mjviser import ViserMujocoScene
 from qp_twist.checks import Array
 from qp_twist.comparison.sight import sight
 from qp_twist.geometry import ProjectorKind
-from qp_twist.path import PathTask
+from qp_twist.paths import PathTask
 
 PATH_RGB = (208, 0, 0)
 TRACE_RGB = (0, 114, 178)

@@ -8,7 +8,7 @@ import dataclasses
 import numpy as np
 
 from qp_twist.kinematics import JointRanges
-from qp_twist.path import METHODS, MethodSettings, PathTask
+from qp_twist.paths import METHODS, MethodSettings, PathTask
 
 _WIDER = 64.0
 """A power of two: what is scaled by it and back has not changed by a bit."""

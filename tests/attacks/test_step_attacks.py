@@ -17,7 +17,7 @@ import pytest
 from oracles.same_steps import by_reference, plain_controller, same
 
 import qp_twist as qt
-from qp_twist.controller.plain_step import PlainStep
+from qp_twist.control.plain_step import PlainStep
 
 pytestmark = pytest.mark.numerical
 ARM = """<mujoco><compiler angle="radian"/><worldbody>{before}

@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 
 import qp_twist as qt
 from qp_twist.comparison import metrics
-from qp_twist.controller import Status
+from qp_twist.control import Status
 from qp_twist.following.peer import peer_frame
 from qp_twist.geometry import twist_error
 from qp_twist.peers import PEERS, Posed, peer_module

@@ -20,7 +20,7 @@ from hypothesis import strategies as st
 
 import qp_twist as qt
 from qp_twist.cli import main
-from qp_twist.path import leaned
+from qp_twist.paths import leaned
 from qp_twist.planning import least_mean_z, least_z_start, random_start
 from qp_twist.studies import draw
 from qp_twist.studies.judge import Judge

@@ -19,10 +19,10 @@ from scipy.spatial.transform import Rotation
 import qp_twist as qt
 from qp_twist.checks import Array
 from qp_twist.comparison import metrics
+from qp_twist.constraints import gather_limits
 from qp_twist.kinematics import FramePair, frame_pose
 from qp_twist.kinematics.cone_band import FACES
-from qp_twist.limits import gather_limits
-from qp_twist.path import shipped_folder
+from qp_twist.paths import shipped_folder
 
 X, Y, Z = np.eye(3)
 FREE = qt.TwistProjector(linear=qt.Projector.none(), angular=qt.Projector.none())

@@ -17,9 +17,9 @@ from oracles.half_space import HalfSpace
 from oracles.joint_paths import between, joint_path, slider
 
 import qp_twist as qt
-from qp_twist.batch import follow as follow_many
-from qp_twist.exchange import JointRows, check_trajectory
+from qp_twist.following.batch import follow as follow_many
 from qp_twist.referee import JointMotion, constraints_left, path_errors
+from qp_twist.trajectories import JointRows, check_trajectory
 
 Array = np.ndarray
 SEEDS = st.integers(0, 2**32 - 1)

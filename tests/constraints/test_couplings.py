@@ -17,15 +17,15 @@ from oracles.half_space import HalfSpace
 from oracles.joint_paths import between, evenly, joint_path
 
 import qp_twist as qt
-from qp_twist.batch import follow as follow_many
-from qp_twist.exchange import JointRows, check_trajectory
-from qp_twist.limits import COUPLED_WITHIN, PositionLimit
-from qp_twist.path.task_schema import StudySection
+from qp_twist.constraints import COUPLED_WITHIN, PositionLimit
+from qp_twist.following.batch import follow as follow_many
+from qp_twist.paths.task_schema import StudySection
 from qp_twist.planning import random_start
 from qp_twist.planning.path_rows import PathRows
 from qp_twist.planning.roll_grid import closed_form_arm
 from qp_twist.referee import JointMotion, constraints_left, path_errors
 from qp_twist.studies.judge import Judge
+from qp_twist.trajectories import JointRows, check_trajectory
 from qp_twist.viewing.live_arm import LiveArm
 from qp_twist.viewing.settings import Settings
 
@@ -180,7 +180,7 @@ def test_what_is_proven_between_waypoints_holds_at_every_sample(seed: int) -> No
 
 def test_a_joint_by_itself_stays_where_its_coupling_puts_it() -> None:
     model = planar('<joint joint1="joint_2" polycoef="0.3 7 7 7 7"/>').model
-    [couplings] = qt.limits.couplings_of(model)
+    [couplings] = qt.constraints.couplings_of(model)
     assert couplings.names == ("joint_2",) and couplings.units == ("rad",)
     assert couplings.residuals(np.array([[1.0, 0.5, 2.0]])) == pytest.approx(0.2)
 

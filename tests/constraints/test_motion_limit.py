@@ -15,7 +15,7 @@ from oracles.arms import chain, random_arm, random_configuration, random_directi
 from scipy.optimize import linprog
 
 import qp_twist as qt
-from qp_twist.limits import Box, gather_limits, intersect, stopping_speed
+from qp_twist.constraints import Box, gather_limits, intersect, stopping_speed
 
 Array = np.ndarray
 SEEDS = st.integers(0, 2**32 - 1)

@@ -16,12 +16,12 @@ from oracles.joint_paths import evenly, joint_path, slider
 from scipy.spatial.transform import Rotation, Slerp
 
 import qp_twist as qt
-from qp_twist.exchange import JointRows, check_trajectory
 from qp_twist.kinematics import FramePair, SerialChain, Stretch
 from qp_twist.kinematics.tolerance_band import Range
 from qp_twist.planning import Certificate, Plan, motion_limits
 from qp_twist.planning.roadmap import Grid
 from qp_twist.referee import JointMotion, LeverArms, PathErrors, Tolerances, path_errors
+from qp_twist.trajectories import JointRows, check_trajectory
 
 Array = np.ndarray
 SEEDS = st.integers(0, 2**32 - 1)

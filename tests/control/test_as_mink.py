@@ -21,8 +21,8 @@ import qpsolvers
 from oracles import mink_problems
 
 import qp_twist as qt
-from qp_twist.controller.compiled_program import CompiledProgram
-from qp_twist.limits import StatedRows, range_of, speeds_of
+from qp_twist.constraints import StatedRows, range_of, speeds_of
+from qp_twist.control.compiled_program import CompiledProgram
 
 DT = 0.01
 SEED = 1
@@ -581,7 +581,7 @@ def test_two_models_of_one_size_do_not_mix() -> None:
 
 @pytest.mark.parametrize("size", [3, 1000])
 def test_bounds_of_another_size_are_a_sentence(case: Case, size: int) -> None:
-    class Wrong(qt.limits.BoxLimit):
+    class Wrong(qt.constraints.BoxLimit):
         def bounds(self, configuration: mink.Configuration, dt: float) -> Any:
             return np.full(size, -1.0), np.full(size, 1.0)
 

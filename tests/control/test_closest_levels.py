@@ -12,7 +12,7 @@ from oracles.arms import random_arm, random_configuration
 from scipy.optimize import lsq_linear
 
 import qp_twist as qt
-from qp_twist.controller.plain_step import PlainStep
+from qp_twist.control.plain_step import PlainStep
 
 Array = npt.NDArray[np.float64]
 SEEDS = st.integers(0, 10**6)

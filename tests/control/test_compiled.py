@@ -37,7 +37,7 @@ def test_it_never_calls_a_wrong_result_solved(seed: int) -> None:
 @settings(max_examples=200, deadline=None)
 @given(st.integers(0, 2**32 - 1))
 def test_beginning_from_any_active_set_ends_at_the_same_point(seed: int) -> None:
-    from qp_twist.fast.dual_active_set import SOLVED, dual_active_set
+    from qp_twist.kernel.dual_active_set import SOLVED, dual_active_set
 
     rng = np.random.default_rng(seed)
     n, m, k = int(rng.integers(2, 9)), int(rng.integers(0, 3)), int(rng.integers(0, 4))

@@ -11,10 +11,10 @@ import qpsolvers
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from qp_twist.controller.compiled_program import CompiledProgram
-from qp_twist.controller.posing import WeightedRows
-from qp_twist.fast.program_step import keep_independent
-from qp_twist.limits import Box, StatedRows
+from qp_twist.constraints import Box, StatedRows
+from qp_twist.control.compiled_program import CompiledProgram
+from qp_twist.control.posing import WeightedRows
+from qp_twist.kernel.program_step import keep_independent
 
 DT = 0.01
 UNNAMED: Any = None

@@ -16,7 +16,7 @@ import pytest
 
 import qp_twist as qt
 from qp_twist.cli import main
-from qp_twist.path import DEFAULT_METHOD, METHODS, MethodSettings, shipped_tasks
+from qp_twist.paths import DEFAULT_METHOD, METHODS, MethodSettings, shipped_tasks
 from qp_twist.viewing.settings import Settings
 
 ROOT = Path(__file__).parents[2]

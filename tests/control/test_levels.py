@@ -17,7 +17,7 @@ from oracles.hierarchies import Hierarchy, cascade, harder, random_hierarchy, re
 from scipy.optimize import linprog, lsq_linear
 
 import qp_twist as qt
-from qp_twist.limits import gather_limits
+from qp_twist.constraints import gather_limits
 from qp_twist.qp import levels as qp_levels
 from qp_twist.qp.active_set import ActiveSetResult
 from qp_twist.qp.verification import EQUALITY_TOLERANCE

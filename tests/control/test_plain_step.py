@@ -17,7 +17,7 @@ from oracles.arms import planar_arm
 from oracles.same_steps import by_reference, plain_controller, same
 
 import qp_twist as qt
-from qp_twist.controller.plain_step import PlainStep
+from qp_twist.control.plain_step import PlainStep
 
 Array = np.ndarray
 
@@ -282,8 +282,8 @@ def test_machine_code_that_can_be_kept_nowhere_is_made_all_the_same() -> None:
 import numba.core.caching as c
 c.FunctionCache._impl_class._locator_classes = []
 import numpy as np
-from qp_twist.fast.compiling import entry
-from qp_twist.fast.dual_active_set import cholesky as kernel
+from qp_twist.kernel.compiling import entry
+from qp_twist.kernel.dual_active_set import cholesky as kernel
 cholesky = entry(kernel.py_func)
 S = np.array([[4.0, 0.0], [2.0, 5.0]])
 assert cholesky(S)

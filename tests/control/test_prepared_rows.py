@@ -13,7 +13,7 @@ from oracles import liars
 from oracles.same_steps import by_reference, same
 
 import qp_twist as qt
-from qp_twist.controller.plain_step import PlainStep
+from qp_twist.control.plain_step import PlainStep
 
 Array = np.ndarray
 

@@ -15,17 +15,17 @@ from oracles.joint_paths import evenly, joint_path, short, slider
 import qp_twist as qt
 from qp_twist.cli import check as _  # noqa: F401  (its command)
 from qp_twist.cli import main
-from qp_twist.exchange import (
+from qp_twist.trajectories import (
     ENDINGS,
     Check,
     Finding,
     JointRows,
     check_trajectory,
     read_trajectory,
+    time_trajectory,
     write_trajectory,
 )
-from qp_twist.exchange.matching import _cost as matching_cost
-from qp_twist.timing import time_trajectory
+from qp_twist.trajectories.matching import _cost as matching_cost
 
 Array = np.ndarray
 NAMES = ("slide_1", "slide_2")

@@ -18,21 +18,21 @@ import qp_twist
 
 FAST = Path(qp_twist.__file__).parent / "fast"
 INNER = """
-from qp_twist.fast.compiling import plain
+from qp_twist.kernel.compiling import plain
 FACTOR = 2.0
 @plain
 def scaled(x):
     return FACTOR * x
 """
 OUTER = """
-from qp_twist.fast.compiling import entry
-from qp_twist.fast.inner import scaled
+from qp_twist.kernel.compiling import entry
+from qp_twist.kernel.inner import scaled
 @entry
 def shifted(x):
     return scaled(x) + 1.0
 """
 CALL = """
-from qp_twist.fast.outer import shifted
+from qp_twist.kernel.outer import shifted
 print(shifted(10.0), sum(shifted.stats.cache_hits.values()))
 """
 
@@ -105,7 +105,7 @@ def test_a_constant_of_another_file_reaches_a_kernel_of_this_package(tmp_path: P
     # The nearest point of x ≥ 1 and y ≥ 2 is (1, 2).
     script = """
 import numpy as np
-from qp_twist.fast.quadratic_program import solve_program
+from qp_twist.kernel.quadratic_program import solve_program
 none, far = np.zeros((0, 2)), np.full(2, np.inf)
 found = solve_program(np.eye(2), np.zeros(2), none, np.zeros(0), -np.eye(2), np.array([-1.0, -2.0]),
                       -far, far)
@@ -122,7 +122,7 @@ def test_what_is_compiled_after_an_edit_of_the_sources_is_not_kept(package: Path
     inner = package / "inner.py"
     script = f"""
 from pathlib import Path
-import qp_twist.fast.inner
+import qp_twist.kernel.inner
 Path({str(inner)!r}).write_text({INNER.replace("2.0", "5.0")!r})
 {CALL}
 """

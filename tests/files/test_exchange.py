@@ -15,9 +15,16 @@ from hypothesis import strategies as st
 from oracles.joint_paths import evenly, joint_path, slider
 
 import qp_twist as qt
-from qp_twist.exchange import ENDINGS, JointRows, csv_file, read_trajectory, write_trajectory
 from qp_twist.files import whole_file, write_atomically
-from qp_twist.timing import TimedTrajectory, time_trajectory
+from qp_twist.trajectories import (
+    ENDINGS,
+    JointRows,
+    TimedTrajectory,
+    csv_trajectory,
+    read_trajectory,
+    time_trajectory,
+    write_trajectory,
+)
 
 Array = np.ndarray
 SEEDS = st.integers(0, 2**32 - 1)
@@ -122,7 +129,7 @@ def test_any_names_of_joints_go_through_a_table(
         tuple(names), q, np.array([0.0, 0.1]) if timed else None, -q if timed and cubic else None,
         metadata,
     )  # fmt: skip
-    rows = csv_file.decode(csv_file.encode(written).encode(), None)
+    rows = csv_trajectory.decode(csv_trajectory.encode(written).encode(), None)
     assert rows.joint_names == written.joint_names
     assert rows.metadata == metadata
     assert (rows.q == q).all()

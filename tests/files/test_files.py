@@ -14,10 +14,9 @@ import pytest
 
 import qp_twist as qt
 from qp_twist.bench.record import read_run
-from qp_twist.exchange import read_trajectory
-from qp_twist.path import shipped_folder
+from qp_twist.paths import read_toolpath, shipped_folder
 from qp_twist.qp import QuadraticProgram
-from qp_twist.toolpath import read_toolpath
+from qp_twist.trajectories import read_trajectory
 
 PLANAR = (shipped_folder("tasks") / "planar_line.toml").read_text("utf-8")
 

@@ -21,7 +21,7 @@ from scipy.spatial.transform import Rotation
 import qp_twist as qt
 from qp_twist.errors import InvalidInput
 from qp_twist.kinematics import JointRanges
-from qp_twist.path import load_scene
+from qp_twist.paths import load_scene
 from qp_twist.robots import Robot, load_robot
 
 Array = npt.NDArray[np.float64]

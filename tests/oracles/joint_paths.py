@@ -10,7 +10,7 @@ import mujoco
 import numpy as np
 
 import qp_twist as qt
-from qp_twist.controller import Status
+from qp_twist.control import Status
 
 Array = np.ndarray
 POSITION = qt.TwistProjector(linear=qt.Projector.full(), angular=qt.Projector.none())

@@ -27,7 +27,7 @@ if __name__ == "__main__":  # run as a script
 
 import qp_twist as qt
 from oracles.compositions import Composition, composition
-from qp_twist.controller.plain_step import PlainStep
+from qp_twist.control.plain_step import PlainStep
 
 Array = npt.NDArray[np.float64]
 

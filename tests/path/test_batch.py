@@ -13,7 +13,7 @@ from oracles.arms import random_arm, random_configuration
 
 import qp_twist as qt
 from qp_twist.kinematics import frame_pose
-from qp_twist.path import PathTask
+from qp_twist.paths import PathTask
 
 Array = np.ndarray
 

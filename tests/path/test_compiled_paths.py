@@ -33,7 +33,7 @@ def callable_from_python(kernel: Any) -> Any:
     """A kernel that only kernels call, compiled once more, for a test."""
     from numba.core.caching import NullCache
 
-    from qp_twist.fast.compiling import entry
+    from qp_twist.kernel.compiling import entry
 
     made = entry(kernel.py_func)
     made._cache = NullCache()  # the kernel's own machine code cannot be called from Python
@@ -43,7 +43,7 @@ def callable_from_python(kernel: Any) -> Any:
 @settings(max_examples=60, deadline=None)
 @given(SEEDS)
 def test_poses_and_jacobians_are_mujocos(seed: int) -> None:
-    from qp_twist.fast.arm_kernel import poses_and_jacobians
+    from qp_twist.kernel.arm_kernel import poses_and_jacobians
     from qp_twist.kinematics.compiled_rows import arm_of
 
     rng = np.random.default_rng(seed)
@@ -64,7 +64,7 @@ def test_poses_and_jacobians_are_mujocos(seed: int) -> None:
 @settings(max_examples=200, deadline=None)
 @given(SEEDS)
 def test_reflections_give_the_pseudoinverse_and_the_null_space(seed: int) -> None:
-    from qp_twist.fast import null_space as kernels
+    from qp_twist.kernel import null_space as kernels
 
     least_norm, null_space, reflect = map(
         callable_from_python, (kernels.least_norm, kernels.null_space, kernels.reflect)
@@ -89,7 +89,7 @@ def test_reflections_give_the_pseudoinverse_and_the_null_space(seed: int) -> Non
 @settings(max_examples=100, deadline=None)
 @given(SEEDS)
 def test_what_dependent_rows_do_not_see_is_what_their_singular_vectors_do_not(seed: int) -> None:
-    from qp_twist.fast import null_space as kernels
+    from qp_twist.kernel import null_space as kernels
 
     null_space, row_space = map(callable_from_python, (kernels.null_space, kernels.row_space))
 
@@ -111,7 +111,7 @@ def test_what_dependent_rows_do_not_see_is_what_their_singular_vectors_do_not(se
 
 def reduced(rng: np.random.Generator, diagonal: bool) -> tuple[Any, Any]:
     """A feasible program as ``reduced_program`` takes it, and the same for another solver."""
-    from qp_twist.fast.step_record import Program
+    from qp_twist.kernel.step_record import Program
 
     n = int(rng.integers(1, 9))
     m, k = int(rng.integers(0, n + 1)), int(rng.integers(0, 4))
@@ -147,8 +147,8 @@ def reduced(rng: np.random.Generator, diagonal: bool) -> tuple[Any, Any]:
 def test_a_program_in_the_null_space_is_solved_as_another_solver_solves_it(
     diagonal: bool, seed: int
 ) -> None:
-    from qp_twist.fast import reduced_program as kernels
-    from qp_twist.fast.dual_active_set import SOLVED
+    from qp_twist.kernel import reduced_program as kernels
+    from qp_twist.kernel.dual_active_set import SOLVED
 
     reduced_program = callable_from_python(kernels.reduced_program)
 
@@ -172,8 +172,8 @@ def test_a_program_in_the_null_space_is_solved_as_another_solver_solves_it(
 
 
 def test_bounds_and_rows_are_in_the_way_in_a_good_part_of_such_programs() -> None:
-    from qp_twist.fast import reduced_program as kernels
-    from qp_twist.fast.dual_active_set import SOLVED
+    from qp_twist.kernel import reduced_program as kernels
+    from qp_twist.kernel.dual_active_set import SOLVED
 
     reduced_program = callable_from_python(kernels.reduced_program)
 
@@ -187,8 +187,8 @@ def test_bounds_and_rows_are_in_the_way_in_a_good_part_of_such_programs() -> Non
 
 def test_a_program_without_an_inside_is_not_solved() -> None:
     """By a bound that another bound contradicts, or that the rows leave no way to meet."""
-    from qp_twist.fast import reduced_program as kernels
-    from qp_twist.fast.dual_active_set import NO_ROOM
+    from qp_twist.kernel import reduced_program as kernels
+    from qp_twist.kernel.dual_active_set import NO_ROOM
 
     reduced_program = callable_from_python(kernels.reduced_program)
 

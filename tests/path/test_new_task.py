@@ -25,9 +25,9 @@ from qp_twist.authoring.frame_choice import choose_frame
 from qp_twist.cli import main
 from qp_twist.cli import new as _command  # noqa: F401
 from qp_twist.cli import run as _run  # noqa: F401
-from qp_twist.path import shipped_folder
+from qp_twist.paths import shipped_folder
 from qp_twist.robots import load_robot
-from qp_twist.timing import refine_trajectory
+from qp_twist.trajectories import refine_trajectory
 
 Array = npt.NDArray[np.float64]
 

@@ -15,8 +15,8 @@ from scipy.spatial.transform import Rotation
 
 from qp_twist.checks import Array
 from qp_twist.errors import InvalidInput
-from qp_twist.toolpath import Curve, Sampling, resampled, transported
-from qp_twist.toolpath.turning import least_turn
+from qp_twist.paths import Curve, Sampling, resampled, transported
+from qp_twist.paths.turning import least_turn
 
 SEEDS = st.integers(0, 2**32 - 1)
 

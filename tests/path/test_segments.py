@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 import qp_twist as qt
 from qp_twist.comparison.roadmap_figure import roadmap_figure
 from qp_twist.following.blending import Ramp, towards
-from qp_twist.path import shipped_folder
+from qp_twist.paths import shipped_folder
 
 pytestmark = pytest.mark.numerical
 TASK = "approach_contact_retreat"

@@ -17,7 +17,7 @@ import qp_twist as qt
 from qp_twist.cli import main
 from qp_twist.cli import starts as _command  # noqa: F401
 from qp_twist.following import find_starts, with_start
-from qp_twist.path.path_task import PathTask
+from qp_twist.paths.path_task import PathTask
 from qp_twist.planning import central_configurations, least_z_start, what_forbids
 
 Array = npt.NDArray[np.float64]

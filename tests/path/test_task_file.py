@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import qp_twist as qt
-from qp_twist.path import shipped_folder, shipped_tasks
+from qp_twist.paths import shipped_folder, shipped_tasks
 
 MINIMAL = """\
 title = "A short line"

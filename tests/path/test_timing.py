@@ -15,7 +15,7 @@ from oracles.joint_paths import evenly, joint_path, short, slider
 from scipy.interpolate import CubicHermiteSpline
 
 import qp_twist as qt
-from qp_twist.timing import (
+from qp_twist.trajectories import (
     JointMotion,
     path_errors,
     refine_trajectory,

@@ -17,8 +17,8 @@ import qp_twist as qt
 from qp_twist.checks import Array
 from qp_twist.errors import InvalidInput
 from qp_twist.kinematics import JointRanges, SerialChain, largest_reach
-from qp_twist.path import leaned as leaned_in_a_study
-from qp_twist.toolpath import MOST, ColumnChoice, Orientation, UnclearColumns, read_toolpath
+from qp_twist.paths import MOST, ColumnChoice, Orientation, UnclearColumns, read_toolpath
+from qp_twist.paths import leaned as leaned_in_a_study
 
 QUICK = settings(
     max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]

@@ -19,7 +19,7 @@ from scipy.spatial.transform import Rotation
 import qp_twist as qt
 from qp_twist.following import NoStart, find_starts
 from qp_twist.kinematics import FramePair, OrthoParallelArm, SerialChain, frame_pose
-from qp_twist.path.placement import placed
+from qp_twist.paths.placement import placed
 from qp_twist.planning import least_z_start, random_start, what_forbids
 from qp_twist.planning.hard_constraints import BETWEEN, HardConstraints
 from qp_twist.planning.path_rows import PathRows

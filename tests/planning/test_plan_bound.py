@@ -15,7 +15,7 @@ from scipy.optimize import minimize
 
 import qp_twist as qt
 from qp_twist.kinematics import frame_jacobian, frame_pose
-from qp_twist.path import shipped_folder
+from qp_twist.paths import shipped_folder
 from qp_twist.planning.bound import pointwise_bound
 from qp_twist.planning.objective import Objective
 from qp_twist.planning.path_rows import PathRows

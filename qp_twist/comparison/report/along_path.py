@@ -17,7 +17,7 @@ from qp_twist.comparison.report.svg import SVG_RC, inline_svg
 from qp_twist.comparison.style import GRID, LIMIT
 from qp_twist.following import Trajectory
 from qp_twist.kinematics import frame_jacobian
-from qp_twist.path import PathTask
+from qp_twist.paths import PathTask
 
 _FLOOR = 1e-6
 """Errors below this (mm, degrees) are drawn here: they are within the tolerances."""

@@ -17,7 +17,7 @@ from qp_twist.comparison.report.svg import METHOD, SVG_RC, inline_svg
 from qp_twist.comparison.style import line_style
 from qp_twist.following import Trajectory
 from qp_twist.kinematics import JointRanges
-from qp_twist.path import PathTask
+from qp_twist.paths import PathTask
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -19,7 +19,7 @@ from qp_twist.comparison.report.svg import SVG_RC, inline_svg
 from qp_twist.comparison.report.swatch import swatch
 from qp_twist.comparison.style import line_style, pair_of
 from qp_twist.comparison.table import significant, time_in_code, whole
-from qp_twist.path import METHODS
+from qp_twist.paths import METHODS
 
 _COLUMNS = (
     "method", "joint limits", "min margin", "mean z", "position error mm", "axis error °",

@@ -25,7 +25,7 @@ from qp_twist.comparison.report.section import Choice, ReportSection, figure_htm
 from qp_twist.comparison.report.svg import inline_svg
 from qp_twist.comparison.report.swatch import swatch
 from qp_twist.following import Trajectory
-from qp_twist.path import METHODS, PathTask
+from qp_twist.paths import METHODS, PathTask
 
 _FOLDER = Path(__file__).parent
 

@@ -10,7 +10,7 @@ from typing import Any
 
 from qp_twist.comparison.report.section import ReportSection
 from qp_twist.comparison.report.swatch import swatch
-from qp_twist.path import METHODS, PathTask, shipped_tasks
+from qp_twist.paths import METHODS, PathTask, shipped_tasks
 
 _PACKAGES = ("qp_twist", "mujoco", "mink", "qpsolvers", "numpy", "scipy")
 

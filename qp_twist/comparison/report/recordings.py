@@ -15,7 +15,7 @@ import numpy as np
 from qp_twist.checks import Array
 from qp_twist.comparison.sight import sight
 from qp_twist.following import Trajectory
-from qp_twist.path import PathTask
+from qp_twist.paths import PathTask
 
 FRAMES = 100
 """About how many waypoints of a path are shown."""

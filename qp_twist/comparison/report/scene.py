@@ -12,7 +12,7 @@ from pathlib import Path
 from qp_twist.comparison.report.recordings import player, recordings
 from qp_twist.comparison.report.section import ReportSection
 from qp_twist.following import Trajectory
-from qp_twist.path import METHODS, PathTask
+from qp_twist.paths import METHODS, PathTask
 
 _PICTURE_PX = 800
 

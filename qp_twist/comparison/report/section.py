@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from qp_twist.comparison.report.svg import THINNED
-from qp_twist.path import METHODS
+from qp_twist.paths import METHODS
 
 
 class ReportSection(NamedTuple):

@@ -1,0 +1,262 @@
+"""Joints that MJCF couples (``<equality><joint …/></equality>``): grippers, linkages."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import mujoco
+import numpy as np
+
+from qp_twist.checks import Array, Indices, number, one_of
+from qp_twist.constraints.constraint import Constraint
+from qp_twist.errors import InvalidInput
+from qp_twist.kinematics import JointRanges
+
+COUPLED_WITHIN = 1e-5
+"""How far a coupled joint may be from where its coupling puts it, rad or m.
+
+The tool of an arm that reaches 2 m is moved by 0.02 mm by that, a fifth of what a check of a path
+allows; it is ten times what files round, and far above the accuracy of the solvers.
+"""
+
+
+class JointCouplings(Constraint):
+    r"""Keep joints coupled as the model's equality constraints of joints say.
+
+    .. math::
+
+        |\theta_1 - p(\theta_2)| \le \epsilon, \qquad
+        p(\theta_2) = \theta_1^0 + \sum_{k=0}^{4} c_k\,(\theta_2 - \theta_2^0)^k
+
+    with the positions at the reference configuration ``qpos0`` and the coefficients ``polycoef``
+    (MuJoCo's documentation, *XML Reference*, equality/joint). Without a second joint the first one
+    stays at :math:`\theta_1^0 + c_0`. Only those that are active at first (``eq_active0``) count.
+
+    A path whose model couples joints has this among its constraints, with the default tolerance
+    unless it is given one with another; so has a :class:`~qp_twist.Controller` whose ``limits`` are
+    not given. Nothing has to be in the chain of the tool: the fingers of a gripper are kept
+    together as well.
+
+    Attributes:
+        tolerance: ε, rad or m.
+        first: Degree of freedom of the first joint of each coupling, (C,).
+        second: Of the second one, (C,); of the first where there is no second.
+        start: Their positions at ``qpos0``, rad or m, (C, 2).
+        coefficients: :math:`c_0 \dots c_4`, (C, 5).
+        joints: Name of the joint of each degree of freedom.
+    """
+
+    kind = "coupling"
+
+    def __init__(
+        self,
+        model: mujoco.MjModel,
+        tolerance: float = COUPLED_WITHIN,
+        *,
+        unit: str | None = None,
+        recovery_speed: float = 0.1,
+    ) -> None:
+        """Read the couplings of a model.
+
+        Args:
+            model: The robot.
+            tolerance: ε, rad or m.
+            unit: ``"rad"``: only those whose first joint is a hinge; ``"m"``: a slide; ``None``:
+                all of them.
+            recovery_speed: Speed at which a step brings joints together again, rad/s or m/s.
+
+        Raises:
+            InvalidInput: If the tolerance or the speed is not above 0, or the model's coefficients
+                are no numbers.
+        """
+        ranges = JointRanges.of(model)
+        self.tolerance = number("tolerance", tolerance, above=0.0)
+        self.recovery_speed = number("recovery_speed", recovery_speed, above=0.0)
+        if unit is not None:
+            one_of("unit", unit, ("rad", "m"))
+        active = (model.eq_type == mujoco.mjtEq.mjEQ_JOINT) & (model.eq_active0 != 0)
+        rows = np.flatnonzero(active)
+        dofs = model.jnt_dofadr[model.eq_obj1id[rows]]
+        if unit is not None:
+            chosen = [ranges.units[dof] == unit for dof in dofs]
+            rows, dofs = rows[chosen], dofs[chosen]
+        alone = model.eq_obj2id[rows] < 0
+        self.first: Indices = dofs.astype(np.intp)
+        self.second: Indices = np.where(
+            alone, self.first, model.jnt_dofadr[model.eq_obj2id[rows]]
+        ).astype(np.intp)
+        self.start: Array = model.qpos0[ranges.qpos[np.column_stack([self.first, self.second])]]
+        self.coefficients: Array = model.eq_data[rows, :5].copy()
+        self.coefficients[alone, 1:] = 0.0
+        self.names = tuple(
+            ranges.names[one] if by_itself else f"{ranges.names[one]} to {ranges.names[two]}"
+            for one, two, by_itself in zip(self.first, self.second, alone, strict=True)
+        )
+        self.units = tuple(ranges.units[dof] for dof in self.first)
+        self.joints = ranges.names
+        self._ranges, self._reference = ranges, model.qpos0.copy()
+        self._each = np.arange(len(self.names))
+        self._first = np.zeros((len(self.names), model.nv))
+        self._first[self._each, self.first] = 1.0
+        # Of p and its derivatives what Horner's rule takes, from the highest power that there is.
+        degree = int(np.flatnonzero(self.coefficients.any(axis=0)).max(initial=0))
+        self._horner = [
+            [math.perm(power, order) * self.coefficients[:, power]
+             for power in range(degree, order - 1, -1)]
+            for order in range(5)
+        ]  # fmt: skip
+        if not np.isfinite(self.coefficients).all():
+            broken = self.names[int(np.argmin(np.isfinite(self.coefficients).all(axis=1)))]
+            raise InvalidInput(
+                f"model: the coupling of {broken} has coefficients that are no numbers; check "
+                "polycoef in the scene's <equality>."
+            )
+
+    def residuals(self, q: Array) -> Array:
+        """θ₁ − p(θ₂) of configurations q (N, nq), rad or m, (N, C)."""
+        positions = self._ranges.positions(q)
+        residuals: Array = positions[:, self.first] - self.start[:, 0] - self._p(0, positions)
+        return residuals
+
+    def slopes(self, q: Array) -> Array:
+        """How the residuals change with each degree of freedom, (N, C, nv)."""
+        slopes = np.repeat(self._first[None], len(q), axis=0)
+        slopes[:, self._each, self.second] -= self._p(1, self._ranges.positions(q))
+        return slopes
+
+    def margins(self, q: Array) -> Array:
+        """ε − |θ₁ − p(θ₂)|, rad or m, (N, C)."""
+        margins: Array = self.tolerance - np.abs(self.residuals(q))
+        return margins
+
+    def gradients(self, q: Array) -> Array:
+        """Of the nearer side, (N, C, nv)."""
+        signs = np.where(self.residuals(q) < 0.0, 1.0, -1.0)
+        gradients: Array = signs[:, :, None] * self.slopes(q)
+        return gradients
+
+    def change(self, q: Array, travel: Array) -> Array:
+        r"""Travel of the first joint, and that of the second times the steepest p, (N, C).
+
+        θ₂ stays within its travel t of where it begins, where the slope of a polynomial of fourth
+        degree is at most :math:`|p'| + |p''|\,t + |p'''|\,t^2/2 + |p''''|\,t^3/6` (Taylor).
+        """
+        t = travel[:, self.second]
+        positions = self._ranges.positions(q)
+        first, second, third, fourth = (np.abs(self._p(k, positions)) for k in range(1, 5))
+        steepest = first + t * (second + t * (third / 2.0 + t * fourth / 6.0))
+        change: Array = travel[:, self.first] + steepest * t
+        return change
+
+    def rows(self, q: Array) -> tuple[Array, Array, Indices]:
+        """Both sides of each coupling: rows (N, 2 C, nv), rooms (N, 2 C), and which it is of."""
+        slopes, residuals = self.slopes(q), self.residuals(q)
+        return (
+            np.concatenate([slopes, -slopes], axis=1),
+            np.concatenate([self.tolerance - residuals, self.tolerance + residuals], axis=1),
+            np.concatenate([self._each, self._each]),
+        )
+
+    def row_name(self, row: int) -> str:
+        """The coupling, on either of its sides."""
+        return self.names[row % len(self.names)]
+
+    def independent(self) -> Indices:
+        """Numbers of the couplings that do not follow from those before them, at ``qpos0``."""
+        slopes, kept = self.slopes(self._reference[None])[0], list[int]()
+        for row in range(len(slopes)):
+            if np.linalg.matrix_rank(slopes[[*kept, row]]) > len(kept):
+                kept.append(row)
+        return np.array(kept, dtype=np.intp)
+
+    def __repr__(self) -> str:
+        return f"JointCouplings({list(self.names)}, tolerance {self.tolerance:g})"
+
+    def _p(self, order: int, positions: Array) -> Array:
+        """p − θ₁⁰ or its derivative of some order at joint positions (N, nv), (N, C)."""
+        x = positions[:, self.second] - self.start[:, 1]
+        value = np.zeros_like(x)
+        for c in self._horner[order]:
+            value = value * x + c
+        return value
+
+
+def couplings_of(
+    model: mujoco.MjModel, given: Sequence[JointCouplings] = ()
+) -> tuple[JointCouplings, ...]:
+    """The couplings of a model, one constraint for each unit, which is what a path takes.
+
+    Args:
+        model: The robot.
+        given: What their tolerances and speeds are taken from, whichever model they were made of.
+    """
+    as_given = {unit: c for c in given for unit in c.units}
+    found: list[JointCouplings] = []
+    if not (model.eq_type == mujoco.mjtEq.mjEQ_JOINT).any():
+        return ()
+    for unit in ("rad", "m"):
+        like = as_given.get(unit)
+        made = JointCouplings(
+            model,
+            COUPLED_WITHIN if like is None else like.tolerance,
+            unit=unit,
+            recovery_speed=JointCouplings.recovery_speed if like is None else like.recovery_speed,
+        )
+        if made.names:
+            found.append(made)
+    return tuple(found)
+
+
+def share_limits(
+    model: mujoco.MjModel, lower: Array, upper: Array, acceleration: Array, *speeds: Array
+) -> None:
+    r"""Tighten limits in place until those of coupled joints are images of one another.
+
+    With :math:`\theta_1 = o + r\,\theta_2` the first joint brakes \|r\| times as hard as the
+    second. Unless their limits are in that ratio, the one may be free to move where the other
+    could not stop in time; with it a velocity that one box allows, the other allows as well.
+
+    Args:
+        model: The robot; of its equality constraints those that are active at first.
+        lower: θ_min, rad or m, (nv,).
+        upper: θ_max, (nv,).
+        acceleration: Largest acceleration, rad/s² or m/s², (nv,); ``inf`` where there is none.
+        speeds: Other limits in the ratio \|r\|, each (nv,).
+
+    Raises:
+        InvalidInput: If a joint with an acceleration limit is in a coupling that is not linear, or
+            coupled ranges have no position in common.
+    """
+    couplings = JointCouplings(model)
+    linear = (couplings.coefficients[:, 2:] == 0.0).all(axis=1)
+    pairs = np.column_stack([couplings.first, couplings.second])
+    bent = np.flatnonzero(~linear & np.isfinite(acceleration[pairs]).any(axis=1))
+    if len(bent):
+        raise InvalidInput(
+            f"acceleration: {_names(couplings, int(bent[0]))} are coupled by a polynomial that is "
+            "not linear, so that no fixed limits let both brake together; give them no "
+            "acceleration limits."
+        )
+    ratios = couplings.coefficients[:, 1]
+    offsets = couplings.start[:, 0] + couplings.coefficients[:, 0] - ratios * couplings.start[:, 1]
+    paired = np.flatnonzero(linear & (ratios != 0.0))
+    for _ in paired:  # as many passes reach the far end of any chain
+        for k in paired:
+            one, other = pairs[k]
+            o, r = float(offsets[k]), float(ratios[k])
+            for a, b, offset, ratio in ((one, other, o, r), (other, one, -o / r, 1.0 / r)):
+                image = sorted((offset + ratio * lower[b], offset + ratio * upper[b]))
+                lower[a], upper[a] = max(lower[a], image[0]), min(upper[a], image[1])
+                for limit in (acceleration, *speeds):
+                    limit[a] = min(limit[a], abs(ratio) * limit[b])
+            if lower[one] > upper[one]:
+                raise InvalidInput(
+                    f"{_names(couplings, int(k))} are coupled, but their ranges have no position "
+                    "in common; check the scene's <equality>."
+                )
+
+
+def _names(couplings: JointCouplings, number: int) -> str:
+    pair = couplings.first[number], couplings.second[number]
+    return f"joints {' and '.join(repr(couplings.joints[dof]) for dof in pair)}"

@@ -1,0 +1,166 @@
+"""mink's limits on single joints as bounds: what they state is known without asking them."""
+
+from __future__ import annotations
+
+import operator
+from typing import Any, NamedTuple
+from weakref import WeakKeyDictionary
+
+import mink
+import mujoco
+import numpy as np
+
+from qp_twist.checks import Array, Indices
+from qp_twist.constraints.box_limit import Box, no_box
+
+_addresses: WeakKeyDictionary[mink.Limit, _Addresses] = WeakKeyDictionary()
+_speeds: WeakKeyDictionary[mink.Limit, tuple[tuple[bytes, bytes], Box]] = WeakKeyDictionary()
+_of_models: WeakKeyDictionary[mujoco.MjModel, tuple[bytes, MinkRange]] = WeakKeyDictionary()
+
+
+def is_mink_box(limit: Any) -> bool:
+    """Whether it is a limit of mink's on single joints.
+
+    A limited ball joint is none: its row turns with the joint.
+    """
+    if type(limit) is mink.ConfigurationLimit:
+        return len(limit._ball_qposadr) == 0
+    return type(limit) is mink.VelocityLimit
+
+
+def mink_box(limit: Any, configuration: mink.Configuration, dt: float) -> Box | None:
+    r"""The bounds on :math:`\dot{\mathbf q}` that such a limit states, rad/s or m/s.
+
+    With mink's gain k they are :math:`k(\theta_{min} - \theta)/dt` and
+    :math:`k(\theta_{max} - \theta)/dt`, or :math:`\mp v_{max}`. ``None`` of any other limit.
+    """
+    if not is_mink_box(limit):
+        return None
+    model = configuration.model
+    if isinstance(limit, mink.VelocityLimit):
+        return speeds_of(limit, model.nv)
+    known = range_of(limit, model)
+    if known is None:
+        return None
+    lower, upper = np.full(model.nv, -np.inf), np.full(model.nv, np.inf)
+    at, share = known.addresses, known.gain / dt
+    q = configuration.data.qpos[at]
+    lower[known.dofs] = share * (known.lower[at] - q)
+    upper[known.dofs] = share * (known.upper[at] - q)
+    return Box("position", lower, upper)
+
+
+def qpos_of(limit: mink.ConfigurationLimit) -> Indices:
+    """Address in q of each joint that a limit is about."""
+    return _addresses_of(limit).addresses
+
+
+class MinkRange(NamedTuple):
+    """What a :class:`mink.ConfigurationLimit` states, ball joints included, without its rows."""
+
+    lower: Array
+    """θ_min, (nq,)."""
+    upper: Array
+    """θ_max, (nq,)."""
+    gain: float
+    addresses: Indices
+    """In q, of the joints that have a range, (k,)."""
+    dofs: Indices
+    """Their degrees of freedom, (k,)."""
+    ball_angles: Array
+    """φ_max of the ball joints that have one, rad."""
+    ball_addresses: Indices
+    """Of their quaternions in q."""
+    ball_dofs: Indices
+    """First degree of freedom of each."""
+
+    @property
+    def first_ball_row(self) -> int:
+        """Number of the first ball joint's row in the limit: two of each other joint precede it."""
+        return 2 * len(self.dofs)
+
+
+def range_of(limit: mink.ConfigurationLimit, model: mujoco.MjModel) -> MinkRange | None:
+    """What a limit states; ``None`` if it is for a model of other sizes, or not as mink makes it.
+
+    Its numbers are read anew each time. Where its joints are is looked up once, and again when the
+    arrays that say so are replaced.
+    """
+    known = _addresses_of(limit)
+    if (known.nq, known.nv) != (model.nq, model.nv):
+        return None
+    if (limit.projection_matrix is None) != (len(known.dofs) == 0):
+        return None
+    lower: object = limit.lower
+    upper: object = limit.upper
+    angles: object = limit._ball_max_angle
+    for numbers, shape in ((lower, known.nq), (upper, known.nq), (angles, len(known.ball_dofs))):
+        if (
+            not isinstance(numbers, np.ndarray)
+            or numbers.dtype != np.float64
+            or numbers.shape != (shape,)
+        ):
+            return None
+    return MinkRange(
+        lower, upper, float(limit.gain), known.addresses, known.dofs, angles,  # type: ignore[arg-type]
+        known.ball_addresses, known.ball_dofs,
+    )  # fmt: skip
+
+
+class _Addresses(NamedTuple):
+    """Where the joints of a limit are, and the arrays that say so."""
+
+    source: tuple[object, ...]
+    nq: int
+    nv: int
+    addresses: Indices
+    dofs: Indices
+    ball_addresses: Indices
+    ball_dofs: Indices
+
+
+def _addresses_of(limit: mink.ConfigurationLimit) -> _Addresses:
+    found = _addresses.get(limit)
+    source = limit.indices, limit.model, limit._ball_qposadr, limit._ball_dofadr
+    if found is None or any(map(operator.is_not, found.source, source)):
+        model = limit.model
+        dofs = np.array(limit.indices, dtype=np.intp)
+        found = _addresses[limit] = _Addresses(
+            source=source,
+            nq=model.nq,
+            nv=model.nv,
+            addresses=model.jnt_qposadr[model.dof_jntid[dofs]].astype(np.intp),
+            dofs=dofs,
+            ball_addresses=np.array(limit._ball_qposadr, dtype=np.intp),
+            ball_dofs=np.array(limit._ball_dofadr, dtype=np.intp),
+        )
+    return found
+
+
+def default_range(model: mujoco.MjModel) -> MinkRange:
+    """Of ``mink.ConfigurationLimit(model)``, made once while ranges and kinds of joints stay.
+
+    mink makes one in each call. What is compared are the ranges, and which joints have one; what
+    nobody can change in a model that is in use, its joints and their order, is not.
+    """
+    ranges = model.jnt_range.tobytes() + model.jnt_limited.tobytes()
+    kept = _of_models.get(model)
+    if kept is None or kept[0] != ranges:
+        made = range_of(mink.ConfigurationLimit(model), model)
+        assert made is not None
+        # Arrays alone: what refers to the model would keep it for ever.
+        kept = _of_models[model] = ranges, made
+    return kept[1]
+
+
+def speeds_of(limit: mink.VelocityLimit, nv: int) -> Box | None:
+    """The bounds of a limit; ``None`` where it is for another model."""
+    if limit.projection_matrix is None:
+        return no_box("velocity", nv)
+    state = limit.limit.tobytes(), limit.indices.tobytes()
+    kept = _speeds.get(limit)
+    if kept is None or kept[0] != state:
+        upper = np.full(limit.projection_matrix.shape[1], np.inf)
+        upper[limit.indices] = limit.limit
+        kept = _speeds[limit] = state, Box("velocity", -upper, upper)
+    return kept[1] if len(kept[1].lower) == nv else None

@@ -1,0 +1,141 @@
+"""Position, velocity and acceleration limits that can be kept together, step after step."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import mink
+import mujoco
+import numpy as np
+import numpy.typing as npt
+
+from qp_twist.checks import Array, finite_array, number
+from qp_twist.constraints.box_limit import Box
+from qp_twist.constraints.couplings import share_limits
+from qp_twist.constraints.intersection import intersect
+from qp_twist.constraints.per_joint import per_joint
+from qp_twist.constraints.position_limit import NOTICEABLE, PositionLimit
+from qp_twist.constraints.stated import stated
+from qp_twist.constraints.stopping_speed import stopping_speed
+
+
+class MotionLimit(PositionLimit):
+    r"""Keep positions, velocities and accelerations of the joints inside their limits.
+
+    A step moves the joints at the constant velocity :math:`\dot\theta`, after
+    :math:`\dot\theta_{before}`:
+
+    .. math::
+
+        |\dot\theta - \dot\theta_{before}| \le a_{max}\,dt, \qquad
+        |\dot\theta| \le v_{max}, \qquad
+        -v(\theta - \theta_{min}) \le \dot\theta \le v(\theta_{max} - \theta)
+
+    with v(d) the :func:`~qp_twist.constraints.stopping_speed`: the largest from which braking at
+    :math:`a_{max}` in steps of dt stops within the room d. A state is viable if some velocity
+    satisfies all three; then so is the state after the step, and the box never becomes empty.
+
+    *Proof.* After a step 0 ≤ q̇ ≤ v(d) the braking, which begins with q̇ − a dt, fits into what is
+    left of d: q̇ − a dt ≤ v(d − q̇ dt); downwards likewise. Every other pair of the three intervals
+    has 0 or q̇ in common, and intervals of which each two meet have a common point.
+
+    From a state that is not viable (outside a range, too fast to stop before its end, faster than
+    v_max), the joint brakes or returns at the fastest rate that the other limits allow:
+    acceleration limits hold before velocity limits, and these before position limits. The speed of
+    a return is v_max, or ``recovery_speed`` where there is none. :meth:`recovering` tells of it.
+
+    dt may change: what is viable remains so with longer steps; with shorter ones a joint that is
+    just able to stop comes to stand late, by less than :math:`\dot\theta\,dt/2`.
+
+    Velocity and acceleration limits count for each degree of freedom of a ball or free joint.
+    Joints that MJCF couples linearly share their limits
+    (:func:`~qp_twist.constraints.share_limits`). Other equality constraints (connect, weld,
+    tendon) are not looked at: the box holds, but braking inside it may not fit them.
+
+    Attributes:
+        velocity: Joint velocity before the step, rad/s or m/s, (nv,): the state of this limit,
+            which belongs to one robot. At first zero.
+        max_velocity: v_max, rad/s or m/s, (nv,); ∞ where there is none.
+        max_acceleration: a_max, rad/s² or m/s², (nv,); ∞ where there is none.
+    """
+
+    kind = "motion"
+    only_configurations = False
+    max_velocity: Array = stated()
+    max_acceleration: Array = stated()
+
+    def __init__(
+        self,
+        model: mujoco.MjModel,
+        *,
+        velocity: Mapping[str, float] | npt.ArrayLike | None = None,
+        acceleration: Mapping[str, float] | npt.ArrayLike | None = None,
+        margin: float = 0.0,
+        recovery_speed: float = 0.5,
+    ) -> None:
+        """State the limits; those of the positions are the model's.
+
+        Args:
+            model: The robot.
+            velocity: v_max by joint name, one number for all, or an array (nv,); rad/s or m/s.
+            acceleration: a_max in the same ways; rad/s² or m/s².
+            margin: What the ranges are narrowed by at either end, rad or m.
+            recovery_speed: Speed at which a joint without velocity limit returns, rad/s or m/s.
+
+        Raises:
+            InvalidInput: If a limit is not above 0 or of no joint, if a ball joint has a range, or
+                a joint with an acceleration limit is coupled to another, but not linearly.
+        """
+        super().__init__(model, margin=margin, recovery_speed=recovery_speed)
+        fastest = per_joint("velocity", velocity, self.ranges)
+        hardest = per_joint("acceleration", acceleration, self.ranges)
+        lower, upper = self.lower.copy(), self.upper.copy()
+        share_limits(model, lower, upper, hardest, fastest, self._recovery)
+        self._keep_between(lower, upper)
+        self.max_velocity, self.max_acceleration = fastest, hardest
+        stated = np.isfinite(self.max_velocity)
+        self._recovery = np.where(stated, self.max_velocity, self._recovery)
+        self.velocity = np.zeros(model.nv)
+
+    def note(self, velocity: npt.ArrayLike) -> None:
+        """Take the joint velocity (nv,), commanded or measured, as the one before the next step."""
+        self.velocity = finite_array("velocity", velocity, self.velocity.shape)
+
+    def boxes(self, configuration: mink.Configuration, dt: float) -> tuple[Box, ...]:
+        """The limits one by one: acceleration, velocity, position."""
+        dt = number("dt", dt, above=0.0)
+        change = self.max_acceleration * dt
+        return (
+            Box("acceleration", self.velocity - change, self.velocity + change),
+            Box("velocity", -self.max_velocity, self.max_velocity),
+            Box("position", *super().bounds(configuration, dt)),
+        )
+
+    def bounds(self, configuration: mink.Configuration, dt: float) -> tuple[Array, Array]:
+        """What the limits have in common, rad/s or m/s, each (nv,)."""
+        box = intersect(self.boxes(configuration, dt), configuration.model)
+        return box.lower, box.upper
+
+    def recovering(self, configuration: mink.Configuration, dt: float) -> tuple[str, ...]:
+        """A sentence for each joint outside its range, too fast, or too fast to stop in time."""
+        dt = number("dt", dt, above=0.0)
+        sentences = list(super().recovering(configuration, dt))
+        names, units = self.ranges.names, self.ranges.units
+        speed = np.array((-self.velocity, self.velocity))
+        braked = speed - self.max_acceleration * dt
+        if np.count_nonzero(braked > 0.0):  # whoever can stand still after this step is not late
+            room = self._room(configuration)
+            within = self._fastest(np.maximum(room, 0.0) + NOTICEABLE, dt)
+            for side, dof in np.argwhere((braked > within) & (room >= -NOTICEABLE)):
+                sentences.append(
+                    f"{names[dof]} moves at {speed[side, dof]:.3g} {units[dof]}/s and cannot stop "
+                    f"within the {room[side, dof]:.3g} {units[dof]} to the "
+                    f"{('lower', 'upper')[side]} end of its range"
+                )
+        for dof in (np.abs(self.velocity) > self.max_velocity + NOTICEABLE).nonzero()[0]:
+            share = abs(self.velocity[dof]) / self.max_velocity[dof]
+            sentences.append(f"{names[dof]} moves at {share:.3g} times its velocity limit")
+        return tuple(sentences)
+
+    def _fastest(self, room: Array, dt: float) -> Array:
+        return stopping_speed(room, self.max_acceleration, dt)

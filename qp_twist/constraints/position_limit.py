@@ -1,0 +1,136 @@
+"""Joint position limits."""
+
+from __future__ import annotations
+
+import mink
+import mujoco
+import numpy as np
+
+from qp_twist.checks import Array, number
+from qp_twist.constraints.box_limit import BoxLimit, one_by_one
+from qp_twist.constraints.constraint import Constraint
+from qp_twist.constraints.stated import stated
+from qp_twist.errors import InvalidInput
+from qp_twist.kinematics import JointRanges
+
+HAIR = 1e-12
+"""How far inside its limit a joint stops, as a share of the limit (rad or m, if that is below 1).
+
+So q + q̇ dt is inside as rounded."""
+NOTICEABLE = 1e-9
+"""Less than this beyond a limit, rad, m, rad/s or m/s, is rounding: neither mended nor told."""
+
+
+class PositionLimit(BoxLimit, Constraint):
+    r"""Keep every joint in its range after the step.
+
+    .. math:: (\theta_{min} - \theta)/dt \le \dot\theta \le (\theta_{max} - \theta)/dt
+
+    A joint that starts outside comes back at ``recovery_speed``, instead of in one step: neither an
+    error nor a snap. Velocity and acceleration limits hold.
+
+    Attributes:
+        lower: θ_min, rad or m, (nv,); −∞ where there is none. Another array may be assigned.
+        upper: θ_max, (nv,), likewise; ∞ where there is none.
+        hair: What a joint stops short of θ_min and θ_max by, for rounding, rad or m, (2, nv).
+    """
+
+    kind = "position"
+    lower: Array = stated()
+    upper: Array = stated()
+    revision: int
+
+    def __init__(
+        self, model: mujoco.MjModel, *, margin: float = 0.0, recovery_speed: float = 0.5
+    ) -> None:
+        """Read the ranges of a model.
+
+        Args:
+            model: The robot.
+            margin: What the ranges are narrowed by at either end, rad or m: a real joint is later
+                than its command, and runs on.
+            recovery_speed: Speed at which a joint outside returns, rad/s or m/s.
+
+        Raises:
+            InvalidInput: If a ball joint has a limit, which is not a bound on one velocity, or the
+                margin leaves a joint no range.
+        """
+        self.ranges = JointRanges.of(model)
+        self.names, self.units = self.ranges.names, self.ranges.units
+        for joint in range(model.njnt):
+            ball = model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_BALL
+            if ball and model.jnt_limited[joint]:
+                raise InvalidInput(
+                    f"{type(self).__name__}: ball joint {model.joint(joint).name!r} has a limit, "
+                    "which is not a bound on one velocity; pass "
+                    "limits=[mink.ConfigurationLimit(model)] instead."
+                )
+        self.recovery_speed = number("recovery_speed", recovery_speed, above=0.0)
+        self._recovery = np.full(model.nv, self.recovery_speed)
+        margin = number("margin", margin, at_least=0.0)
+        lower, upper = self.ranges.lower + margin, self.ranges.upper - margin
+        if (lower > upper).any():
+            dof = int(np.argmax(lower > upper))
+            raise InvalidInput(
+                f"{type(self).__name__}: a margin of {margin:g} leaves nothing of the range of "
+                f"{self.ranges.names[dof]}; give a smaller one."
+            )
+        self._keep_between(lower, upper)
+
+    def bounds(self, configuration: mink.Configuration, dt: float) -> tuple[Array, Array]:
+        """(θ_min − θ)/dt and (θ_max − θ)/dt, rad/s or m/s, each (nv,)."""
+        dt = number("dt", dt, above=0.0)
+        room = self._room(configuration)
+        # From inside, and from where rounding put it, a joint may always stand still.
+        fastest = self._fastest(np.maximum(room - self.hair, 0.0), dt)
+        lower, upper = -fastest[0], fastest[1]
+        if np.count_nonzero(room < -NOTICEABLE):
+            below, above = room < -NOTICEABLE
+            upper = np.where(below, np.minimum(upper, self._recovery), upper)
+            lower = np.where(below, np.minimum(-room[0] / dt, upper), lower)
+            lower = np.where(above, np.maximum(lower, -self._recovery), lower)
+            upper = np.where(above, np.maximum(room[1] / dt, lower), upper)
+        return lower, upper
+
+    def margins(self, q: Array) -> Array:
+        """Distance from the nearer end, rad or m, (N, nv)."""
+        positions = self.ranges.positions(q)
+        margins: Array = np.minimum(positions - self.lower, self.upper - positions)
+        return margins
+
+    def gradients(self, q: Array) -> Array:
+        """1 or −1 for each joint, (N, nv, nv)."""
+        positions = self.ranges.positions(q)
+        rising = positions - self.lower < self.upper - positions
+        return one_by_one(np.where(rising, 1.0, -1.0))
+
+    def change(self, q: Array, travel: Array) -> Array:
+        """As far as the joint moves, (N, nv)."""
+        return travel
+
+    def recovering(self, configuration: mink.Configuration, dt: float) -> tuple[str, ...]:
+        """A sentence for each joint outside its range."""
+        room = self._room(configuration)
+        if not np.count_nonzero(room < -NOTICEABLE):
+            return ()
+        return tuple(
+            f"{self.ranges.names[dof]} is {-beyond[dof]:.3g} {self.ranges.units[dof]} {side} its "
+            "range"
+            for side, beyond in zip(("below", "above"), room, strict=True)
+            for dof in np.flatnonzero(beyond < -NOTICEABLE)
+        )
+
+    def _keep_between(self, lower: Array, upper: Array) -> None:
+        """Set θ_min and θ_max, (nv,), in place of the model's."""
+        self.lower, self.upper = lower, upper
+        ends = np.abs(np.array((lower, upper)))
+        self.hair = HAIR * np.maximum(1.0, np.where(np.isfinite(ends), ends, 0.0))
+
+    def _room(self, configuration: mink.Configuration) -> Array:
+        """θ − θ_min and θ_max − θ, rad or m, (2, nv); negative outside."""
+        q = self.ranges.positions(configuration.q)
+        return np.array((q - self.lower, self.upper - q))
+
+    def _fastest(self, room: Array, dt: float) -> Array:
+        """Largest speed towards a limit that is ``room`` (…, nv) away."""
+        return room / dt

@@ -1,0 +1,195 @@
+"""What a mink limit of anybody's class states: bounds of single joints, and rows."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, NamedTuple, Protocol
+
+import mink
+import numpy as np
+
+from qp_twist.checks import Array, Indices, are_rows, float_array, within
+from qp_twist.constraints.band_limit import BandLimit
+from qp_twist.constraints.box_limit import Box, no_box
+from qp_twist.constraints.constraint import Constraint, margins_of
+from qp_twist.constraints.position_limit import NOTICEABLE
+from qp_twist.errors import InvalidInput
+
+RowName = tuple[str, str]
+"""Name and kind of an inequality row, as in :class:`~qp_twist.BindingLimit`."""
+
+
+class Named(Protocol):
+    """What inequality rows come from: names are looked up only where a message needs them."""
+
+    @property
+    def names(self) -> list[RowName]:
+        """Name and kind of each of the rows."""
+
+
+UNLIMITED = 1e12
+"""A velocity bound beyond this is none, rad/s or m/s."""
+_MINK_KINDS = {"ConfigurationLimit": "position", "VelocityLimit": "velocity"}
+
+
+@dataclass(eq=False)
+class StatedLimit:
+    """What a limit of anybody's class states at a configuration.
+
+    Attributes:
+        limit: It.
+        box: Its rows of a single entry, which are bounds.
+        rows: The others that say something, (k, nv).
+        bounds: Their right-hand side, (k,), rad/s or m/s.
+        which: Their numbers among all that it states, (k,).
+        recovering: A sentence for each margin of a constraint that is left.
+    """
+
+    limit: mink.Limit
+    box: Box
+    rows: Array
+    bounds: Array
+    which: np.ndarray[tuple[int], np.dtype[np.intp]]
+    recovering: tuple[str, ...] = ()
+
+    @classmethod
+    def of(
+        cls,
+        limit: mink.Limit,
+        configuration: mink.Configuration,
+        dt: float,
+        stated: StatedRows | None = None,
+    ) -> StatedLimit | None:
+        """Of a limit, or of the rows that it has stated already; ``None`` where they say nothing.
+
+        Raises:
+            InvalidInput: If what it states are no rows, or no numbers.
+        """
+        nv = configuration.model.nv
+        if stated is None:
+            stated = StatedRows.of(limit, configuration, dt)
+        G, g = _checked(type(limit).__name__, stated.G, stated.h, dt)
+        if not len(g):
+            return None
+        entries = (G != 0.0).sum(axis=1)
+        single = entries == 1
+        box = no_box(kind_of(limit), nv)
+        if single.any():
+            box = _box(kind_of(limit), G[single], g[single])
+        which = ((entries > 1) & (g < np.inf) | (entries == 0) & (g < 0.0)).nonzero()[0]
+        return cls(limit, box, G[which], g[which], which, stated.recovering(configuration))
+
+    @property
+    def names(self) -> list[RowName]:
+        """Of the rows."""
+        return RowsOf(self.limit, self.which).names
+
+
+class RowsOf(NamedTuple):
+    """Some of the rows that a limit states, by their numbers among all of them, (k,)."""
+
+    limit: mink.Limit
+    which: Indices
+
+    @property
+    def names(self) -> list[RowName]:
+        """Of the rows."""
+        return [_row_name(self.limit, int(row)) for row in self.which]
+
+
+def kind_of(limit: mink.Limit) -> str:
+    """How messages call a limit that is none of ours."""
+    name = type(limit).__name__
+    return limit.kind if isinstance(limit, Constraint) else _MINK_KINDS.get(name, name)
+
+
+class StatedRows(NamedTuple):
+    """What a limit has stated, G Δq ≤ h: any numbers, as arrays of the right shape."""
+
+    limit: mink.Limit
+    G: Array
+    """(k, nv)."""
+    h: Array
+    """(k,)."""
+
+    @classmethod
+    def of(cls, limit: mink.Limit, configuration: mink.Configuration, dt: float) -> StatedRows:
+        """Ask a limit; one that is inactive has no rows.
+
+        As in mink anything will do that has ``inactive``, ``G`` and ``h``; lists of numbers and a
+        single row will do for these.
+
+        Raises:
+            InvalidInput: If it returns anything else.
+        """
+        nv, name = configuration.model.nv, type(limit).__name__
+        stated: Any = limit.compute_qp_inequalities(configuration, dt)
+        try:
+            inactive, G, h = stated.inactive, stated.G, stated.h
+        except AttributeError:
+            raise InvalidInput(
+                f"{name}: compute_qp_inequalities has to return a mink.Constraint, it returned "
+                f"{stated!r}."[:300]
+            ) from None
+        if inactive:
+            return cls(limit, np.zeros((0, nv)), np.zeros(0))
+        if are_rows(G, h, nv):
+            return cls(limit, G, h)
+        rows = np.atleast_2d(float_array(f"{name}: G of G Δq ≤ h", G))
+        ends = np.atleast_1d(float_array(f"{name}: h of G Δq ≤ h", h))
+        if rows.ndim != 2 or rows.shape[1] != nv:
+            raise InvalidInput(
+                f"{name}: G of G Δq ≤ h: expected shape (rows, {nv}), got {np.shape(G)}."
+            )
+        if ends.shape != (len(rows),):
+            raise InvalidInput(
+                f"{name}: its rows G Δq ≤ h need h of shape {(len(rows),)}, it has {np.shape(h)}."
+            )
+        return cls(limit, rows, ends)
+
+    def recovering(self, configuration: mink.Configuration) -> tuple[str, ...]:
+        """A sentence for each margin of a constraint that is left already, and on its way back."""
+        limit = self.limit
+        if not np.count_nonzero(self.h < 0.0) or not isinstance(limit, Constraint):
+            return ()
+        margins = margins_of(limit, configuration.q[None])[0]
+        return tuple(
+            f"{limit.names[k]} is {-margins[k]:.3g} {limit.units[k]} outside its {limit.kind} limit"
+            for k in np.flatnonzero(margins < -NOTICEABLE)
+        )
+
+
+def _checked(name: str, G: Array, h: Array, dt: float) -> tuple[Array, Array]:
+    """G and h/dt, which are numbers; bounds too far away are none."""
+    within(f"{name}: G", G, UNLIMITED)
+    if not h.min(initial=0.0) > -np.inf:  # false for NaN
+        raise InvalidInput(
+            f"{name}: its rows G Δq ≤ h need h without NaN or −∞, it is {h!r}."[:300]
+        )
+    g: Array = h / dt
+    g[g > UNLIMITED] = np.inf
+    return G, g
+
+
+def _row_name(limit: mink.Limit, row: int) -> RowName:
+    if isinstance(limit, mink.CollisionAvoidanceLimit):
+        geoms = [limit.model.geom(g).name or f"geom {g}" for g in limit.geom_id_pairs[row]]
+        return " – ".join(geoms), "collision"
+    if isinstance(limit, BandLimit):
+        return f"{limit.task.name} band row {row}", "band"
+    if isinstance(limit, Constraint):
+        return limit.row_name(row), limit.kind
+    if type(limit) is mink.ConfigurationLimit and row >= 2 * len(limit.indices):
+        dof = int(limit._ball_dofadr[row - 2 * len(limit.indices)])
+        return limit.model.joint(int(limit.model.dof_jntid[dof])).name, "position"
+    name = type(limit).__name__
+    return f"{name} row {row}", name
+
+
+def _box(kind: str, rows: Array, bounds: Array) -> Box:
+    """Rows (m, nv) of a single entry each, and their bounds (m,), as a box."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        bound = bounds[:, None] / rows
+    lower = np.where(rows < 0.0, bound, -np.inf).max(axis=0, initial=-np.inf)
+    upper = np.where(rows > 0.0, bound, np.inf).min(axis=0, initial=np.inf)
+    return Box(kind, lower, upper)

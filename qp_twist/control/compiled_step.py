@@ -1,0 +1,483 @@
+"""A controller's step as machine code, on arrays that are allocated once."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any, Protocol
+
+import mink
+import mujoco
+import numpy as np
+import numpy.typing as npt
+
+from qp_twist.checks import Array
+from qp_twist.constraints import (
+    DisplacementWindow,
+    MotionLimit,
+    Named,
+    PositionLimit,
+    StatedLimit,
+    is_mink_box,
+)
+from qp_twist.control.composition import BOXES, rows_known
+from qp_twist.control.plain_step import Layout, PlainStep
+from qp_twist.control.posing import mink_costs
+from qp_twist.control.step import Status
+from qp_twist.control.step_tables import (
+    TOLERANCES,
+    numbers_of_kinds,
+    settings_of,
+    state_of_mink,
+    table_of,
+    with_slacks,
+)
+from qp_twist.kernel import COMPILED
+from qp_twist.kernel.live_step import (
+    ELSEWHERE,
+    GIVEN_JACOBIAN,
+    live_hindered_step,
+    live_step,
+)
+from qp_twist.kernel.step_kernel import GIVEN, RAISE, RELAX, SCALE, STATED, STEP, Given
+from qp_twist.kernel.step_record import PROGRAM, Program, Sizes
+from qp_twist.kernel.verified_program import (
+    DONE,
+    PRIORITIZED,
+    REFUSED,
+    RELAXED,
+    SCALED,
+    TOO_FAST,
+)
+from qp_twist.kinematics import (
+    BandRows,
+    FreeTwistCost,
+    JointCentering,
+    JointRanges,
+    PostureReference,
+    SecondaryObjective,
+    TwistTask,
+    checked_displacement,
+)
+from qp_twist.kinematics.frame import frame_id
+from qp_twist.kinematics.projector_shape import kinds_of, shape_of
+from qp_twist.kinematics.serial_chain import dofs_above
+from qp_twist.kinematics.twist_task import AT_REST
+
+_NO_ROWS: tuple[Named, ...] = ()
+_INFEASIBLE = {"raise": RAISE, "scale": SCALE, "relax": RELAX}
+_STATUSES = {
+    SCALED: Status.SCALED, RELAXED: Status.RELAXED, PRIORITIZED: Status.PRIORITIZED,
+}  # fmt: skip
+
+
+class Composition(Protocol):
+    """The parts of a :class:`~qp_twist.Controller` that the kernel reads."""
+
+    model: mujoco.MjModel
+    twist_tasks: tuple[TwistTask, ...]
+    secondary: tuple[SecondaryObjective, ...]
+    secondary_space: str
+    limits: list[mink.Limit]
+    levels: tuple[tuple[Any, ...], ...]
+    soft_tasks: tuple[mink.tasks.BaseTask, ...]
+    metric: Array
+    joint_weight: float
+    singularity: float
+    free_twist_costs: tuple[float, float]
+    free_costs: list[FreeTwistCost]
+    solver: str
+    on_infeasible: str
+
+
+class CompiledStep:
+    """The kernel and its arrays for one controller that ``composition_known`` accepts.
+
+    Limits of other classes, tolerance bands, tasks of derived classes or with a carried target, and
+    the costs of other tasks are evaluated in Python. :meth:`__call__` returns ``None`` if the
+    composition is no longer supported, or if the kernel could not solve or verify the step; the
+    reference then computes it.
+
+    Attributes:
+        twist_space: ``True`` for the twist-space cost, else ``None``: see ``step_kernel``.
+    """
+
+    def __init__(self, composed: Composition) -> None:
+        """Allocate the arrays for a composition that ``composition_known`` accepts."""
+        model, tasks, limits = composed.model, composed.twist_tasks, list(composed.limits)
+        self._model, self._tasks, self._limits = model, tasks, limits
+        self._secondary, self._metric = composed.secondary, composed.metric
+        self._space, self._soft_tasks = composed.secondary_space, composed.soft_tasks
+        self.twist_space = True if self._space == "twist" and len(tasks) > 0 else None
+        self._projectors = [task.projector for task in tasks]
+        self._named = [(task.frame_name, task.frame_type) for task in tasks]
+        ranges = self._ranges = JointRanges.of(model)
+        self._centering = [s for s in composed.secondary if type(s) is JointCentering]
+        self._postures = [
+            s
+            for s in composed.secondary
+            if type(s) is PostureReference and ranges.only_hinges_and_slides
+        ]
+        known = *self._centering, *self._postures
+        self._others = [s for s in composed.secondary if s not in known]
+        self._ranks = tuple(task.projector.rank for task in tasks)
+        self._row_ends: list[int] = np.cumsum(self._ranks).tolist()
+        self._levels = composed.levels
+        ranks = [sum(task.projector.rank for task in level) for level in self._levels]
+        self._ends = np.cumsum(ranks)
+        numbers = numbers_of_kinds(limits)
+        self._layout = Layout(
+            self._ranks, int(self._ends[0]), ranges.names,
+            {number: name for name, number in numbers.items()},
+        )  # fmt: skip
+        self._frames = [
+            (mink.FRAME_TO_JAC_FUNC[t.frame_type], frame_id(model, t.frame_name, t.frame_type))
+            for t in tasks
+        ]
+        self._lay_out(composed, 0)
+
+    def _lay_out(self, composed: Composition, capacity: int) -> None:
+        """Allocate the two arrays for up to ``capacity`` inequality rows, and make views."""
+        nv, limits = composed.model.nv, self._limits
+        # Each soft band has a slack ε ≥ 0: an additional unknown that moves no joint.
+        self._slacks = sum(band.weight is not None for task in self._tasks for band in task.bands)
+        table, types = with_slacks(*table_of(limits, nv), self._slacks)
+        n = nv + self._slacks
+        dense = self.twist_space is not None or bool(self._soft_tasks)
+        self._size = size = Sizes(
+            nv=n, m=sum(self._ranks), tasks=len(self._tasks), levels=len(self._ends),
+            limits=len(types), dense=n if dense else 0,
+            free=6 * len(self._tasks) if self.twist_space else 0,
+            others=n if self._soft_tasks else 0, k=capacity,
+        )  # fmt: skip
+        self._capacity = capacity
+        self._floats, self._integers = STEP.allocate(size)
+        self._take_rows(0)
+        g = self._given
+        self._python_tasks = [n for n, task in enumerate(self._tasks) if not rows_known(task)]
+        for n, task in enumerate(self._tasks):
+            known = n not in self._python_tasks
+            g.kinds[n] = kinds_of(task.projector) if known else (task.projector.rank, 0, STATED)
+        g.ends[:], g.types[:] = self._ends, types
+        g.addresses[:nv], g.addresses[nv:] = self._ranges.qpos, -1
+        g.tolerances[:] = TOLERANCES  # type: ignore[index]
+        g.free_costs[:], g.middle[:nv] = composed.free_twist_costs, self._ranges.middle
+        g.metric[:nv], g.metric[nv:], g.limits[:] = composed.metric, composed.metric.max(), table
+        self._take_settings(composed)
+        self._known_step_sizes = [_step_sizes(task) for task in self._tasks]
+        for shape, task in zip(g.shapes, self._tasks, strict=True):
+            shape[:] = shape_of(task.projector, *_step_sizes(task))
+        # The targets that are in the arrays now.
+        self._known_poses: list[Any] = [None] * len(self._tasks)
+        self._steady = np.zeros(nv)
+        self._take_secondary()
+        tables = list(zip(g.limits[:, :nv], limits, strict=False))
+        self._ranged = [(t, limit) for t, limit in tables if isinstance(limit, PositionLimit)]
+        self._revisions = [limit.revision for _, limit in self._ranged]
+        self._windows = [(t, limit) for t, limit in tables if isinstance(limit, DisplacementWindow)]
+        self._motions = [(t[:, 6], limit) for t, limit in tables if isinstance(limit, MotionLimit)]
+        self._mink_boxes = [(t, limit) for t, limit in tables if is_mink_box(limit)]
+        self._mink_states = [state_of_mink(limit) for _, limit in self._mink_boxes]
+        self._stated = [
+            (t, limit) for t, limit in tables if type(limit) not in BOXES and not is_mink_box(limit)
+        ]
+        self._calls_python = bool(self._stated or self._soft_tasks or self._python_tasks)
+        self._banded = False
+        self._data: mujoco.MjData | None = None
+        self._jacs: list[tuple[Callable[..., None], Array, int, int]] = []
+        self._lay_out_kinematics(composed.model)
+
+    def _lay_out_kinematics(self, model: mujoco.MjModel) -> None:
+        """Write which joints move which frame, and the numbers of MuJoCo's joints."""
+        g = self._given
+        g.links[:] = ELSEWHERE
+        self._without_links: list[int] = []
+        for number, task in enumerate(self._tasks):
+            dofs = dofs_above(model, task.frame_name, task.frame_type)
+            if number in self._python_tasks:
+                continue
+            if (self._ranges.qpos[dofs] < 0).any():  # a ball or free joint
+                g.links[number] = GIVEN_JACOBIAN
+                self._without_links.append(number)
+                continue
+            slides = ~self._ranges.hinge[dofs]
+            g.links[number, dofs] = 2 * model.dof_jntid[dofs] + slides
+        self._moving = [True] * len(self._tasks)
+        g.sources[-2:] = model.nq, model.njnt
+
+    def _take_rows(self, k: int) -> None:
+        """Make the views for k inequality rows."""
+        self._size = self._size._replace(k=k)
+        STEP.resize(self._integers, self._size)
+        stages = STEP.arrays(self._floats, self._integers, self._integers)
+        self._given: Given = stages.given
+        self._program: Program = stages.program
+        self._program.active_count[0] = 0
+        first = GIVEN.layout(self._size).floats
+        self._result = self._floats[first : first + PROGRAM.end(self._size, "gains")]
+
+    def __call__(
+        self,
+        composed: Composition,
+        configuration: mink.Configuration,
+        dt: float,
+        use_secondary: bool,
+    ) -> PlainStep | None:
+        """Compute the step; ``None`` if the reference has to compute it.
+
+        The latter includes a controller whose composition has changed since it was prepared.
+
+        Raises:
+            mink.TargetNotSet: If a task has no target.
+        """
+        if not (self._is_of(composed) and self._tasks_known()):
+            return None
+        rows: Sequence[Named] = _NO_ROWS
+        if self._calls_python or self._banded or self._size.k or self._slacks:
+            updated = self._update_rows(composed, configuration, dt)
+            if updated is None:
+                return None
+            rows = updated
+        if configuration.data is not self._data:
+            self._bind(configuration)
+        if use_secondary:
+            self._update_secondary(configuration)
+        self._update_state(composed)
+        for jac, rows_of_task, index, number in self._jacs:
+            jac(self._model, self._data, rows_of_task[:3], rows_of_task[3:], index)
+            self._given.jacobians[number, :, : self._model.nv] = rows_of_task
+        status = live_step(self._floats, self._integers, dt, use_secondary, self.twist_space)
+        if status == TOO_FAST:
+            status = live_hindered_step(self._floats, self._integers)
+        # A band is relaxed with its level, but the kernel treats it as a limit.
+        by_levels = status in (RELAXED, PRIORITIZED)
+        if status == REFUSED or (by_levels and self._banded):
+            return None
+        step = PlainStep.made(
+            self._program.x[: self._model.nv], self._result, self._size, self._layout, rows
+        )
+        if status != DONE:
+            gaps = tuple(self._program.levels.gaps.tolist()) if by_levels else ()
+            step.hindered(_STATUSES[status], float(self._program.gains[0]), gaps)
+        return step
+
+    def _is_of(self, composed: Composition) -> bool:
+        return (
+            composed.limits == self._limits
+            and composed.secondary is self._secondary
+            and composed.metric is self._metric
+            and composed.secondary_space == self._space
+            and composed.levels is self._levels
+            and composed.soft_tasks is self._soft_tasks
+            and composed.solver == COMPILED
+        )
+
+    def _update_rows(
+        self, composed: Composition, configuration: mink.Configuration, dt: float
+    ) -> Sequence[Named] | None:
+        """Evaluate limits of other classes, bands and other tasks' costs into the arrays.
+
+        Returns:
+            The sources of the inequality rows; ``None`` if the numbers of rows or slacks of the
+            tasks have changed.
+        """
+        with np.errstate(over="ignore", invalid="ignore"):  # non-finite values are refused later
+            stated = [StatedLimit.of(limit, configuration, dt) for _, limit in self._stated]
+            costs = mink_costs(self._soft_tasks, configuration, dt) if self._soft_tasks else None
+        rows: list[StatedLimit | BandRows] = [s for s in stated if s is not None]
+        for task in self._tasks:
+            rows += task.band_rows(configuration, dt)
+        k = sum(len(source.bounds) for source in rows)
+        weights = [r.weight for r in rows if isinstance(r, BandRows) and r.weight is not None]
+        if k > self._capacity or len(weights) != self._slacks:
+            self._lay_out(composed, max(2 * k, self._capacity))
+            self._tasks_known()
+        if len(weights) != self._slacks:
+            return None
+        if k != self._size.k:
+            self._take_rows(k)
+        for (table, _), limit in zip(self._stated, stated, strict=True):
+            table[:, 0], table[:, 1] = (-np.inf, np.inf) if limit is None else limit.box[1:]
+        hardest = 0.0
+        if costs is not None:
+            nv = composed.model.nv
+            self._given.quadratic[:nv, :nv], self._given.linear[:nv] = costs
+            hardest = float(np.abs(costs[0]).max())
+        self._write_rows(rows, composed, hardest)
+        if self._python_tasks and not self._update_stated_rows(composed, configuration, dt):
+            return None
+        return rows
+
+    def _write_rows(
+        self, rows: list[StatedLimit | BandRows], composed: Composition, hardest: float
+    ) -> None:
+        """Write the inequality rows; ``hardest`` is the largest quadratic cost of other tasks."""
+        nv, metric = composed.model.nv, self._given.metric
+        first, slack, G = 0, nv, self._program.G
+        # Slacks are scaled so that their cost is about that of the joints.
+        cost = max(composed.joint_weight * float(metric[:nv].max()), hardest)
+        metric[nv:] = cost / composed.joint_weight
+        G[:, nv:] = 0.0
+        for source in rows:
+            end = first + len(source.bounds)
+            G[first:end, :nv], self._program.g[first:end] = source.rows, source.bounds
+            if isinstance(source, BandRows) and source.weight is not None:
+                G[first:end, slack] = -np.sqrt(cost / source.weight)
+                slack += 1
+            first = end
+
+    def _update_stated_rows(
+        self, composed: Composition, configuration: mink.Configuration, dt: float
+    ) -> bool:
+        """Write the rows of tasks evaluated in Python; return whether their number is unchanged."""
+        for number in self._python_tasks:
+            task, last = self._tasks[number], self._row_ends[number]
+            first = last - self._ranks[number]
+            A, b = task.velocity_rows(configuration, dt)
+            if len(b) != last - first:
+                return False
+            self._given.stated_sides[first:last] = b
+            self._given.stated_rows[first:last, : A.shape[1]] = A
+            if self.twist_space:
+                cost = composed.free_costs[number]
+                free = cost.cost[:, None] * cost.compute_jacobian(configuration)
+                block = self._given.stated_free[6 * number : 6 * number + 6]
+                block[:], block[: len(free), : free.shape[1]] = 0.0, free
+        return True
+
+    def of_any_configuration(
+        self, composed: Composition
+    ) -> tuple[Array, npt.NDArray[np.int64], Array] | None:
+        """Floats and integers laid out as ``step_record``, and the tasks' own targets (T, 18).
+
+        The caller fills in poses, Jacobians and targets. ``None`` if Python has to evaluate
+        something at each configuration: bands, limits of other classes, other tasks or secondaries.
+        """
+        in_python = self._others or self._stated or self._soft_tasks or self._python_tasks
+        if in_python or any(task.bands for task in self._tasks):
+            return None
+        for number, task in enumerate(self._tasks):
+            pose = task.target_wxyz_xyz
+            if pose is not None:
+                row = self._given.targets[number]
+                mujoco.mju_quat2Mat(row[:9], pose[:4])
+                row[9:12], row[12:] = pose[4:], task.feedforward
+        self._update_secondary(None)
+        self._update_state(composed)
+        return self._floats, self._integers, self._given.targets
+
+    def _tasks_known(self) -> bool:
+        """Write what has changed in the tasks; return whether the kernel still supports them."""
+        self._banded = False
+        for number, task in enumerate(self._tasks):
+            if (
+                task.projector is not self._projectors[number]
+                or rows_known(task) is (number in self._python_tasks)
+                or (task.frame_name, task.frame_type) != self._named[number]
+            ):
+                return False
+            if task.bands:
+                self._banded = True
+            pose = task.target_wxyz_xyz
+            if pose is not self._known_poses[number] or pose is None:
+                if pose is None:
+                    raise mink.TargetNotSet(task.name)
+                if number not in self._python_tasks:
+                    self._write_target(number, task)
+                self._known_poses[number] = pose
+            paces = _step_sizes(task)
+            if paces != self._known_step_sizes[number]:
+                self._known_step_sizes[number] = paces
+                self._given.shapes[number, 24:] = paces
+        return True
+
+    def _update_secondary(self, configuration: mink.Configuration | None) -> None:
+        """Write the two parts of h = displacement + stiffness · (θ̄ − θ) if they have changed."""
+        for centering, gain, weight in self._asked_centering:
+            if centering.gain != gain or centering.weight != weight:
+                self._take_secondary()
+        for posture, gain, q_ref in self._asked_postures:
+            if posture.gain != gain or posture.q_ref is not q_ref:
+                self._take_secondary()
+        if self._others:
+            assert configuration is not None
+            displacement = self._given.displacement[: self._model.nv]
+            displacement[:] = self._steady
+            for other in self._others:
+                displacement += checked_displacement(other, configuration)
+
+    def _take_secondary(self) -> None:
+        """Write the parts of h that do not depend on the configuration."""
+        self._asked_centering = [(s, s.gain, s.weight) for s in self._centering]
+        self._asked_postures = [(s, s.gain, s.q_ref) for s in self._postures]
+        nv = self._model.nv
+        self._given.stiffness[:nv] = sum(s.gain * s.stiffness for s in self._centering)
+        self._steady[:] = 0.0
+        for s in self._postures:
+            self._given.stiffness[:nv] += s.gain
+            self._steady += s.gain * (self._ranges.positions(s.q_ref) - self._ranges.middle)
+        self._given.displacement[:nv] = self._steady
+
+    def _bind(self, configuration: mink.Configuration) -> None:
+        """Write the addresses of another configuration's data."""
+        self._data = data = configuration.data  # the reference keeps the addresses valid
+        arrays = [data.qpos, data.xaxis, data.xanchor]
+        self._jacs = []
+        for number, (task, (jac, index)) in enumerate(zip(self._tasks, self._frames, strict=True)):
+            arrays.append(getattr(data, mink.FRAME_TO_XMAT_ATTR[task.frame_type])[index])
+            arrays.append(getattr(data, mink.FRAME_TO_POS_ATTR[task.frame_type])[index])
+            if number in self._without_links:
+                rows = np.zeros((6, self._model.nv))
+                self._jacs.append((jac, rows, index, number))
+        self._given.sources[:-2] = [_address(array) for array in arrays]
+
+    def _write_target(self, number: int, task: TwistTask) -> None:
+        """Write a task's target."""
+        self._given.target_poses[number] = task.target_wxyz_xyz
+        moves = task.feedforward is not AT_REST
+        if moves or self._moving[number]:
+            self._given.targets[number, 12:] = task.feedforward
+            self._moving[number] = moves
+
+    def _take_settings(self, composed: Composition) -> None:
+        self._singularity, self._weighs = composed.singularity, composed.joint_weight
+        self._on_infeasible = composed.on_infeasible
+        settings = settings_of(self._singularity, self._weighs, _INFEASIBLE[composed.on_infeasible])
+        self._given.settings[:] = settings  # type: ignore[index]
+
+    def _update_state(self, composed: Composition) -> None:
+        """Write changed settings, and the windows and previous velocity of limits."""
+        if (
+            composed.singularity != self._singularity
+            or composed.joint_weight != self._weighs
+            or composed.on_infeasible != self._on_infeasible
+        ):
+            self._take_settings(composed)
+        for number, (table, limit) in enumerate(self._ranged):
+            if limit.revision != self._revisions[number]:
+                self._revisions[number] = limit.revision
+                table[:] = table_of([limit], len(table))[0][0]
+        for number, (table, box) in enumerate(self._mink_boxes):
+            state = state_of_mink(box)
+            if state != self._mink_states[number]:
+                self._mink_states[number] = state
+                table[:] = table_of([box], len(table))[0][0]
+        for table, window in self._windows:
+            table[:, 0], table[:, 1] = window.reference, window.half_width
+        for before, motion in self._motions:
+            before[:] = motion.velocity
+
+    def note(self, velocity: Array) -> None:
+        """As :meth:`~qp_twist.Controller.note`, for a velocity that the kernel has computed."""
+        for _, motion in self._motions:
+            motion.velocity = velocity.copy()
+
+
+def _step_sizes(task: TwistTask) -> tuple[float, float, float]:
+    """A task's gain and largest linear and angular step."""
+    return task.gain, task.max_linear_step, task.max_angular_step
+
+
+def _address(array: Array) -> int:
+    assert array.flags.c_contiguous and array.dtype == np.float64
+    address: int = array.ctypes.data
+    return address

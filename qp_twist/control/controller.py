@@ -1,0 +1,421 @@
+"""The controller: computes a joint velocity from tasks, limits and a backend."""
+
+from __future__ import annotations
+
+import math
+import threading
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any, Literal
+
+import mink
+import mujoco
+import numpy as np
+import numpy.typing as npt
+
+from qp_twist.checks import (
+    Array,
+    checked,
+    finite_array,
+    instance,
+    largest,
+    number,
+    one_of,
+    read_only,
+    refusing_unknown_names,
+)
+from qp_twist.constraints import (
+    BoxLimit,
+    Constraint,
+    PositionLimit,
+    check_constraint,
+    check_model,
+    couplings_of,
+    gather_limits,
+)
+from qp_twist.control.composition import composition_known
+from qp_twist.control.infeasible import finished
+from qp_twist.control.posed import Posed
+from qp_twist.control.posing import (
+    FASTEST,
+    LevelItem,
+    check_magnitudes,
+    mink_costs,
+    pose_levels,
+    unseen,
+    with_soft_bands,
+)
+from qp_twist.control.step import NOT_THE_LIMITS, Step
+from qp_twist.errors import InvalidInput
+from qp_twist.kernel import COMPILED
+from qp_twist.kinematics import (
+    FreeTwistCost,
+    SecondaryObjective,
+    TwistTask,
+    check_configuration,
+    frame_pose,
+    same_structure,
+    total_displacement,
+)
+from qp_twist.qp import InfeasibleStep, QuadraticProgram, check_solver, solve
+
+if TYPE_CHECKING:
+    from qp_twist.control.compiled_step import CompiledStep
+
+TIE_BREAK = 1e-9
+"""Default ρ in joint space if other mink tasks have costs; ρ then only makes the result unique."""
+UNSEEN_WEIGHT = 1e-2
+"""Default ρ in twist space, where it applies only to motion that the twist cost does not see."""
+SMALLEST_WEIGHT, LARGEST_WEIGHT = 1e-12, 1e12
+"""Range of ρ and the entries of M: beyond it, they or other costs are lost to rounding."""
+SINGULARITY = 1e-3
+"""Singular value of the task rows, m/rad or 1, below which a direction is slowed down."""
+_NOT_CHECKED: tuple[Any, Any, Any] = (object(), None, None)
+"""Placeholder for (configuration, model, data) that no argument equals."""
+
+
+def _metric(controller: Any, name: str, value: npt.ArrayLike) -> Array:
+    """The diagonal of M, read-only: only an assignment can change it, which steps detect."""
+    metric = finite_array(name, value, (controller.model.nv,))
+    if not ((metric >= SMALLEST_WEIGHT) & (metric <= LARGEST_WEIGHT)).all():
+        raise InvalidInput(
+            f"metric: every entry must be above 0, from {SMALLEST_WEIGHT:g} to {LARGEST_WEIGHT:g}."
+        )
+    return read_only(metric)
+
+
+class Controller:
+    r"""A quadratic program at every step (the design of the package, in one formula).
+
+    .. math::
+
+        \min_{\dot{\mathbf q}}\;& \tfrac12\lVert(\mathbf 1-\mathbf T)
+            (\mathbf J\dot{\mathbf q}-\mathbf J\dot{\mathbf h})\rVert_{\mathbf w}^2
+            \;[\text{secondary\_space = "twist"}]
+            + \tfrac\rho2\lVert\dot{\mathbf q}-\dot{\mathbf h}\rVert_{\mathbf M}^2
+            + \text{costs of other mink tasks} \\
+        \text{s.t.}\;& \mathbf U^T\mathbf J\dot{\mathbf q}
+            = s\,(k\,\mathbf U^T\Delta\mathbf t/dt + \mathbf U^T\mathbf t_{ff}),\quad
+            lower \le \dot{\mathbf q} \le upper,\quad \mathbf G\dot{\mathbf q}\le\mathbf g
+
+    with :math:`\dot{\mathbf h} = \mathbf h/dt`. While no limit is active, "joint" gives gradient
+    projection (minimum norm without a secondary) and "twist" the paper's decomposition.
+
+    In twist space the ρ term acts only in the null space of J, which the twist cost does not see.
+    Elsewhere it would change the twist: a weight too small to matter there is too small for the
+    solver's arithmetic. The result is exactly :math:`\mathbf J^\dagger\mathbf T\Delta\mathbf t +
+    (\mathbf 1-\mathbf J^\dagger\mathbf T\mathbf J)\mathbf h`.
+
+    Attributes:
+        reference_steps: Number of steps by the uncompiled reference, which takes milliseconds (the
+            docs' page *Performance* lists the cases); all steps if the solver is not compiled.
+
+    Example:
+        >>> import mink, qp_twist as qt
+        >>> path_task = qt.load_task("deburring")
+        >>> task = qt.TwistTask("tool", "site", path_task.projector)
+        >>> task.set_target(path_task.waypoints[0])
+        >>> controller = qt.Controller(path_task.model, tasks=[task],
+        ...                            secondary=[qt.JointCentering(path_task.model)])
+        >>> step = controller.step(mink.Configuration(path_task.model, path_task.start), dt=0.1)
+        >>> step.status.name, step.velocity.shape
+        ('SOLVED', (6,))
+    """
+
+    metric: Array = checked(_metric)
+    joint_weight: float = checked(
+        lambda _, name, value: number(name, value, at_least=SMALLEST_WEIGHT, at_most=LARGEST_WEIGHT)
+    )
+    singularity: float = checked(
+        lambda _, name, value: number(name, value, at_least=0.0, at_most=1.0)
+    )
+
+    @refusing_unknown_names
+    def __init__(
+        self,
+        model: mujoco.MjModel,
+        tasks: Sequence[mink.tasks.BaseTask] = (),
+        *,
+        levels: Sequence[Sequence[LevelItem]] | None = None,
+        secondary: Sequence[SecondaryObjective] = (),
+        secondary_space: Literal["joint", "twist"] = "joint",
+        limits: Sequence[mink.Limit] | None = None,
+        solver: str | None = None,
+        on_infeasible: Literal["scale", "relax", "raise"] = "scale",
+        metric: npt.ArrayLike | None = None,
+        joint_weight: float | None = None,
+        free_linear_cost: float = 1.0,
+        free_angular_cost: float = 1.0,
+        singularity: float = SINGULARITY,
+    ) -> None:
+        """Compose a controller.
+
+        Args:
+            model: The robot.
+            tasks: :class:`TwistTask` s become equality rows of one level; any other mink task adds
+                its cost.
+            levels: Strict priorities instead, most important first: lists of tasks (TwistTasks or
+                any mink task with equality rows) and of limits, whose rows are then met in least
+                squares at that level. ``tasks`` may then contain only mink tasks that add a cost.
+            secondary: Objectives whose displacements add up to h.
+            secondary_space: Whether the free motion follows h in joint space or in twist space.
+            limits: Any mink limits; ``[]`` for none. If ``None`` the model's own limits: its joint
+                ranges and, if it couples joints, its :class:`~qp_twist.JointCouplings`.
+            solver: A qpsolvers backend, or ``"compiled"``; every result is verified. If ``None``
+                the compiled step where it supports this composition, else daqp.
+            on_infeasible: If the first level is infeasible: ``"scale"`` slows it down,
+                ``"relax"`` takes the closest velocity, ``"raise"`` raises
+                :class:`~qp_twist.InfeasibleStep`. Lower levels are always relaxed.
+            metric: Diagonal of M, positive, shape (nv,); ones if ``None``.
+            joint_weight: ρ. By default 1 in joint space (1e-9 with other mink tasks and without a
+                secondary), 0.01 in twist space.
+            free_linear_cost: Square root of w for the linear rows of 1 − T, s/m.
+            free_angular_cost: Square root of w for the angular rows of 1 − T, s/rad; its ratio
+                to the linear one is the length in m that 1 rad/s counts for.
+            singularity: Singular value of the task rows below which a direction is slowed down, so
+                that the step stays bounded (:func:`~qp_twist.qp.regular_rows`); 0: never.
+
+        Raises:
+            InvalidInput: If an argument has the wrong type, shape or range.
+            UnknownSolver: If the backend is not installed.
+            mink.InvalidFrame: If the model lacks a task's frame.
+        """
+        instance("model", model, mujoco.MjModel)
+        self.model = model
+        self.levels = _levels(_sequence("tasks", tasks), levels)
+        self.tasks: tuple[mink.tasks.BaseTask, ...] = tuple(
+            item for level in self.levels for item in level if not isinstance(item, mink.Limit)
+        )
+        self.twist_tasks = tuple(t for t in self.tasks if isinstance(t, TwistTask))
+        self.soft_tasks = tuple(t for t in tasks if not isinstance(t, TwistTask))
+        self.secondary = tuple(_sequence("secondary", secondary))
+        self.secondary_space = one_of("secondary_space", secondary_space, ("joint", "twist"))
+        self.limits: list[mink.Limit] = (
+            [PositionLimit(model), *couplings_of(model)]
+            if limits is None
+            else list(_sequence("limits", limits))
+        )
+        if solver is None:
+            known = composition_known(self.levels, self.limits)
+            solver = COMPILED if known else "daqp"
+        self.solver = check_solver(solver)
+        self.on_infeasible = one_of("on_infeasible", on_infeasible, ("scale", "relax", "raise"))
+        self._check_types()
+        # The last checked configuration, its model and its data.
+        self._checked = _NOT_CHECKED
+        self._identity = np.eye(model.nv)
+        self.metric = (
+            np.ones(model.nv) if metric is None else metric  # type: ignore[assignment]
+        )
+        linear = number("free_linear_cost", free_linear_cost, at_least=0.0, at_most=1e6)
+        angular = number("free_angular_cost", free_angular_cost, at_least=0.0, at_most=1e6)
+        self.free_costs = [
+            FreeTwistCost(t, linear_cost=linear, angular_cost=angular)
+            for t in self.twist_tasks
+            if self.secondary_space == "twist"
+        ]
+        if joint_weight is None:
+            joint_weight = UNSEEN_WEIGHT
+            if self.secondary_space == "joint":
+                joint_weight = TIE_BREAK if self.soft_tasks and not self.secondary else 1.0
+        self.joint_weight, self.singularity = joint_weight, singularity
+        self.free_twist_costs = linear, angular
+        self._prepared, self._free = self._compiled_step(), threading.Lock()
+        self.reference_steps = 0
+
+    def step(
+        self,
+        configuration: mink.Configuration,
+        dt: float,
+        *,
+        use_secondary: bool = True,
+        velocity: npt.ArrayLike | None = None,
+    ) -> Step:
+        """Compute the joint velocity for one step of length ``dt``.
+
+        Args:
+            configuration: The robot's configuration; it is not changed.
+            dt: Length of the step, s.
+            use_secondary: ``False`` sets h to zero, as in the later iterations of a waypoint, where
+                the curvature of a secondary's motion would violate the task again and again.
+            velocity: Measured joint velocity before the step, (nv,), for acceleration limits; if
+                ``None`` that of the last step, and zero before the first.
+
+        Raises:
+            InvalidInput: If the configuration is not finite or of another model, or dt ≤ 0.
+            mink.TargetNotSet: If a task has no target.
+            InfeasibleStep: If the first level is infeasible within the limits, or the robot is
+                singular in a direction that it needs, and ``on_infeasible`` is ``"raise"``.
+            SolverInaccurate: If every installed backend failed on a feasible step.
+        """
+        dt = number("dt", dt, above=0.0)
+        # The user may replace the configuration's model or data between two steps; the compiled
+        # step reads the data's memory.
+        checked, model, data = self._checked
+        if (
+            configuration is not checked
+            or getattr(configuration, "data", None) is not data
+            or getattr(configuration, "model", None) is not model
+        ):
+            self._check_configuration(configuration)
+        if velocity is not None:
+            self.note(velocity)
+        # The arrays may be in use, by another thread or by a limit that itself calls step();
+        # then the reference computes this step.
+        if self._prepared is not None and self._free.acquire(False):
+            try:
+                plain = self._prepared(self, configuration, dt, bool(use_secondary))
+                if plain is not None:
+                    self._prepared.note(plain.velocity)
+                    return plain
+            finally:
+                self._free.release()
+        self.reference_steps += 1
+        if not math.isfinite(sum(configuration.data.qpos.tolist())):
+            self._check_configuration(configuration)  # raises, with the joint's name
+        with np.errstate(over="ignore", invalid="ignore"):  # the result is checked below
+            posed = self._pose(configuration, dt, bool(use_secondary))
+        if self.on_infeasible == "raise" and posed.levels.lost:
+            names = ", ".join(str(lost) for lost in posed.levels.lost)
+            raise InfeasibleStep(
+                f"infeasible step: {NOT_THE_LIMITS}: {names}. Use on_infeasible='scale' to keep "
+                "the other directions.",
+                posed.problem,
+            )
+        result = solve(posed.problem, self.solver)
+        step = finished(posed, result, self.solver, self.on_infeasible)
+        self._note(step.velocity)
+        return step
+
+    def note(self, velocity: npt.ArrayLike) -> None:
+        """Set the current joint velocity (nv,) for acceleration limits, as :meth:`step` does."""
+        self._note(finite_array("velocity", velocity, (self.model.nv,)))
+
+    def _note(self, velocity: Array) -> None:
+        if largest(velocity) > FASTEST:
+            raise InvalidInput(f"velocity: the joints cannot move faster than {FASTEST:g}.")
+        for limit in self.limits:
+            if isinstance(limit, BoxLimit):
+                limit.note(velocity)
+
+    def _compiled_step(self) -> CompiledStep | None:
+        """The compiled step; ``None`` with another solver or an unsupported composition."""
+        if self.solver != COMPILED or not composition_known(self.levels, self.limits):
+            return None
+        from qp_twist.control.compiled_step import CompiledStep  # numba takes half a second
+
+        return CompiledStep(self)
+
+    def _pose(self, configuration: mink.Configuration, dt: float, use_secondary: bool) -> Posed:
+        nv = self.model.nv
+        desired = np.zeros(nv)
+        if use_secondary:
+            desired = total_displacement(self.secondary, configuration) / dt
+        levels = pose_levels(self.levels, configuration, dt, self.singularity)
+        A, b = levels.equality
+        if self.secondary_space == "joint":
+            weights = self.joint_weight * self.metric
+            H, c = self._identity * weights, -weights * desired
+        else:
+            free = np.vstack(
+                [
+                    np.zeros((0, nv)),
+                    *(f.cost[:, None] * f.compute_jacobian(configuration) for f in self.free_costs),
+                ]
+            )
+            cost = free.T @ free + self.joint_weight * unseen(np.vstack([A, free]), self.metric)
+            # q̇ᵀAᵀA q̇ is constant where A q̇ = b, so that it does not change the solution, but H
+            # is then close to JᵀJ instead of close to singular.
+            H = cost + A.T @ A
+            c = -cost @ desired
+        if self.soft_tasks:
+            hessian, linear = mink_costs(self.soft_tasks, configuration, dt)
+            H, c = H + hessian, c + linear
+        limits = gather_limits(self.limits, configuration, dt)
+        problem = QuadraticProgram(
+            H, c, A, b, limits.rows, limits.bounds, limits.lower, limits.upper
+        )
+        check_magnitudes(problem, desired)
+        return Posed.of(with_soft_bands(problem, levels.soft_bands), levels, limits)
+
+    def _check_types(self) -> None:
+        if self.model.nv == 0:
+            raise InvalidInput("Controller: the model has no joints to move.")
+        if not self.tasks and not self.soft_tasks:
+            raise InvalidInput("Controller: tasks is empty; give at least one TwistTask.")
+        for item in (item for level in self.levels for item in level):
+            if not isinstance(item, (mink.tasks.BaseTask, mink.Limit)):
+                raise InvalidInput(
+                    f"Controller(levels=…): expected tasks and limits, got {item!r}."
+                )
+        for kind, expected, items in (
+            ("tasks", mink.tasks.BaseTask, self.soft_tasks),
+            ("secondary", SecondaryObjective, self.secondary),
+            ("limits", mink.Limit, self.limits),
+        ):
+            for item in items:
+                if not isinstance(item, expected):
+                    raise InvalidInput(
+                        f"Controller({kind}=…): expected objects of type {expected.__name__}, got "
+                        f"{item!r}."
+                    )
+                check_model(f"Controller({kind}=…)", item, self.model.nv)
+        for limit in (*self.limits, *(item for level in self.levels for item in level)):
+            if isinstance(limit, Constraint):
+                name = f"Controller(limits=…): {type(limit).__name__}"
+                check_constraint(name, limit, self.model)
+        probe = mink.Configuration(self.model)
+        for task in self.twist_tasks:
+            frame_pose(probe, task.frame_name, task.frame_type)
+
+    def _check_configuration(self, configuration: mink.Configuration) -> None:
+        check_configuration(configuration)
+        if not same_structure(configuration.model, self.model):
+            raise InvalidInput(
+                f"step: the configuration's model has nq = {configuration.model.nq}, nv = "
+                f"{configuration.model.nv} and {configuration.model.nbody} bodies, the "
+                f"controller's nq = {self.model.nq}, nv = {self.model.nv} and {self.model.nbody}, "
+                "or their names or joints differ; use a configuration of the same model."
+            )
+        finite_array("configuration.q", configuration.q, (self.model.nq,))
+        self._checked = configuration, configuration.model, configuration.data
+
+    def __getstate__(self) -> dict[str, Any]:
+        """State without the compiled step: copies of its array views would not share memory."""
+        return self.__dict__ | {"_prepared": None, "_checked": None, "_free": None}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """Restore the state and make a new compiled step."""
+        self.__dict__.update(state)
+        self._checked = _NOT_CHECKED
+        self._prepared, self._free = self._compiled_step(), threading.Lock()
+
+    def __repr__(self) -> str:
+        return (
+            f"Controller(levels={[list(level) for level in self.levels]!r}, "
+            f"tasks={list(self.soft_tasks)!r}, "
+            f"secondary={list(self.secondary)!r}, secondary_space={self.secondary_space!r}, "
+            f"solver={self.solver!r}, on_infeasible={self.on_infeasible!r})"
+        )
+
+
+def _levels(
+    tasks: Sequence[mink.tasks.BaseTask], levels: Sequence[Sequence[LevelItem]] | None
+) -> tuple[tuple[LevelItem, ...], ...]:
+    twist_tasks = tuple(task for task in tasks if isinstance(task, TwistTask))
+    if levels is None:
+        return (twist_tasks,)
+    if twist_tasks:
+        raise InvalidInput(
+            "Controller: with levels= every TwistTask belongs to a level; tasks= then holds only "
+            "mink tasks that add a cost."
+        )
+    given = tuple(tuple(_sequence("levels", level)) for level in _sequence("levels", levels))
+    if not given or not all(given):
+        raise InvalidInput("Controller(levels=…): expected lists of tasks, none of them empty.")
+    return given
+
+
+def _sequence(name: str, value: Any) -> Sequence[Any]:
+    if isinstance(value, (list, tuple)):
+        return value
+    raise InvalidInput(f"Controller({name}=…): expected a list, got {value!r}.")

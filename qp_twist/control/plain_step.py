@@ -1,0 +1,141 @@
+"""The result of a compiled step; all fields but the velocity are computed on first access."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from qp_twist.checks import Array
+from qp_twist.constraints import BindingLimit, Named, RowName, binding_limits
+from qp_twist.control.step import Status, Step
+from qp_twist.kernel import COMPILED
+from qp_twist.kernel.step_record import PROGRAM, Program, Sizes
+from qp_twist.qp import QuadraticProgram
+
+_NO_INTEGERS = np.zeros(0, dtype=np.int64)
+
+
+class Layout:
+    """Data common to all steps of a controller.
+
+    Attributes:
+        ranks: Number of rows of each task.
+        first: Number of rows of the first level.
+        names: Joint name of each degree of freedom.
+        kinds: Names of the kinds of bounds, by their numbers in ``fast.bounds``.
+    """
+
+    def __init__(
+        self,
+        ranks: tuple[int, ...],
+        first: int,
+        names: tuple[str, ...],
+        kinds: dict[float, str],
+    ) -> None:
+        """Store the attributes."""
+        self.ranks, self.first = ranks, first
+        self.names, self.kinds = names, kinds
+
+
+class PlainStep(Step):
+    """A :class:`Step` of the kernel, by default with all rows met inside all limits.
+
+    Residuals, binding limits, program and σ_min are computed on first access.
+    """
+
+    scale = 1.0
+    status = Status.SOLVED
+    solver = COMPILED
+    _numbers: bytes
+    _size: Sizes
+    _layout: Layout
+    _rows: Sequence[Named]
+
+    @classmethod
+    def made(
+        cls,
+        velocity: Array,
+        numbers: Array,
+        size: Sizes,
+        layout: Layout,
+        rows: Sequence[Named],
+    ) -> PlainStep:
+        """Copy the results in a step's arrays, ``step_record.Program`` up to ``gains``.
+
+        The velocity is a separate copy, so that the caller may modify it.
+        """
+        step = object.__new__(cls)
+        fields = step.__dict__
+        fields["velocity"] = velocity.copy()
+        fields["_numbers"] = numbers.tobytes()
+        fields["_size"], fields["_layout"] = size, layout
+        fields["_rows"] = rows
+        if rows:
+            left = [s for source in rows for s in getattr(source, "recovering", ())]
+            fields["recovering"] = tuple(left)
+        return step
+
+    def hindered(self, status: Status, scale: float, gaps: tuple[float, ...] = ()) -> None:
+        """Record that the rows are met only at a scale below 1, or not at all."""
+        self.__dict__.update(status=status, scale=scale, gaps=gaps)
+
+    def __getattr__(self, name: str) -> Any:
+        """Compute a field on first access."""
+        if name not in ("residuals", "binding", "problem", "sigma_min"):
+            raise AttributeError(name)
+        layout = self._layout
+        floats = np.frombuffer(self._numbers).copy()
+        left: Program = PROGRAM.arrays(
+            floats, _NO_INTEGERS, PROGRAM.layout(self._size).table, "gains"
+        )
+        value: Any
+        if name == "residuals":
+            value = tuple(np.split(left.A @ left.x - left.b, np.cumsum(layout.ranks)[:-1]))
+        elif name == "binding":
+            value = self._binding(left)
+        elif name == "sigma_min":
+            sigma = np.linalg.svd(left.A[: layout.first], compute_uv=False)
+            value = float(sigma[-1]) if len(sigma) else np.inf
+        else:
+            H = left.dense if self._size.dense else np.diag(left.h)
+            value = QuadraticProgram(
+                H, left.c, left.A, left.b, left.G, left.g, left.lower, left.upper
+            )
+        self.__dict__[name] = value
+        return value
+
+    def _binding(self, left: Program) -> tuple[BindingLimit, ...]:
+        box, lam, floor, kinds = left.box, left.lam, 1.0, self._layout.kinds
+        if self.status is not Status.SOLVED:  # then the multipliers of the levels count
+            box, lam, floor = *np.split(left.gains[1:], [len(box)]), 0.0
+            # A soft band does not limit a level.
+            lam = np.where(np.repeat(*self._soft_sources()), 0.0, lam)
+        box = box[: len(self._layout.names)]  # the slacks of soft bands follow
+        # Where there is no bound, the number has no kind.
+        lower, upper = (
+            [kinds.get(number, "") for number in side.tolist()]
+            for side in (left.lower_kind, left.upper_kind)
+        )
+        return binding_limits(box, lam, floor, self._layout.names, (lower, upper), self._rows)
+
+    def _soft_sources(self) -> tuple[list[bool], list[int]]:
+        """For each source whether it is a soft band, and its number of rows."""
+        soft = [getattr(source, "weight", None) is not None for source in self._rows]
+        return soft, [len(source.names) for source in self._rows]
+
+    def __getstate__(self) -> dict[str, Any]:
+        """State in which the names of inequality rows replace their limits and tasks."""
+        sources = self.__dict__.get("_rows", ())  # missing after dataclasses.replace
+        named = tuple(_Names(list(s.names), getattr(s, "weight", None)) for s in sources)
+        return self.__dict__ | {"_rows": named}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """Restore the state."""
+        self.__dict__.update(state)
+
+
+class _Names(NamedTuple):
+    names: list[RowName]
+    weight: float | None

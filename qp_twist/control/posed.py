@@ -1,0 +1,103 @@
+"""A step as posed, and the names of what is in it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
+
+import numpy as np
+
+from qp_twist.checks import Array
+from qp_twist.constraints import BindingLimit, GatheredLimits, binding_limits
+from qp_twist.control.posing import PosedLevels, stacked
+from qp_twist.control.step import Status, Step
+from qp_twist.qp import Level, QuadraticProgram
+
+
+@dataclass(eq=False)
+class Posed:
+    """Everything about a step before it is solved.
+
+    Attributes:
+        problem: The program as if every level could be met; unknowns beyond nv are the slacks of
+            soft bands. Of its inequality rows those of the limits come first, then those of soft
+            bands, then the levels' own.
+        levels: The levels as the tasks state them.
+        limits: The gathered limits.
+    """
+
+    problem: QuadraticProgram
+    levels: PosedLevels
+    limits: GatheredLimits
+
+    @classmethod
+    def of(cls, problem: QuadraticProgram, levels: PosedLevels, limits: GatheredLimits) -> Posed:
+        """Add the levels' own inequality rows to a program."""
+        own = [level.padded(problem.n) for level in levels.levels if len(level.g)]
+        if own:
+            blocks = [(problem.G, problem.g), *((level.G, level.g) for level in own)]
+            G, g = stacked(blocks, problem.n)
+            problem = replace(problem, G=G, g=g)
+        return cls(problem, levels, limits)
+
+    @cached_property
+    def hard(self) -> Level:
+        """The inequality rows that hold for all levels, on all unknowns."""
+        n, own = self.problem.n, sum(len(level.g) for level in self.levels.levels)
+        k = len(self.problem.g) - own
+        return Level(np.zeros((0, n)), np.zeros(0), self.problem.G[:k], self.problem.g[:k])
+
+    @cached_property
+    def padded(self) -> list[Level]:
+        """The levels on all unknowns."""
+        return [level.padded(self.problem.n) for level in self.levels.levels]
+
+    def step(
+        self,
+        x: Array,
+        status: Status,
+        solver: str,
+        multipliers: tuple[Array, Array, float],
+        *,
+        scale: float = 1.0,
+        problem: QuadraticProgram | None = None,
+        refused: tuple[str, ...] = (),
+        gaps: tuple[float, ...] = (),
+        proven: bool = True,
+    ) -> Step:
+        """The step that goes with a solution of the program; multipliers as in :meth:`binding`."""
+        velocity = x[: len(self.limits.lower)].copy()  # of the joints alone
+        return Step.of(
+            {
+                "binding": partial(self.binding, *multipliers),
+                "residuals": partial(self.residuals, velocity.copy(), scale),
+                "sigma_min": self.levels.sigma_min,
+            },
+            velocity=velocity,
+            scale=scale,
+            status=status,
+            solver=solver,
+            problem=self.problem if problem is None else problem,
+            lost=tuple(replace(d, missing=scale * d.missing) for d in self.levels.lost),
+            recovering=self.limits.recovering,
+            refused=refused,
+            gaps=gaps,
+            proven=proven,
+        )
+
+    def residuals(self, velocity: Array, scale: float) -> tuple[Array, ...]:
+        """A q̇ − s b of each task; s = 1 below the first level."""
+        return tuple(
+            rows.A @ velocity - (1.0 if index else scale) * rows.b
+            for index, tasks in enumerate(self.levels.tasks)
+            for rows in tasks
+        )
+
+    def binding(self, box: Array, rows: Array, floor: float = 0.0) -> tuple[BindingLimit, ...]:
+        """The limits with a multiplier, from those of bounds (n,) and rows of the program (k,)."""
+        limits, levels = self.limits, self.levels
+        return binding_limits(
+            box[: len(limits.lower)], rows, floor, limits.names,
+            (limits.box.lower_kind, limits.box.upper_kind),
+            [*limits.sources, *levels.soft_bands, *levels.sources],
+        )  # fmt: skip

@@ -1,0 +1,120 @@
+"""What one step of the controller returns."""
+
+from __future__ import annotations
+
+import enum
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+from qp_twist.checks import Array
+from qp_twist.constraints import BindingLimit
+from qp_twist.qp import LostDirection, QuadraticProgram
+
+NOT_THE_LIMITS = (
+    "no limit is in the way: the task rows contradict each other, or the robot is singular in a "
+    "direction that they need"
+)
+
+
+class Status(enum.Enum):
+    """What happened in a step; the value is a sentence of its own."""
+
+    SOLVED = "every level is met at full speed inside the limits"
+    PRIORITIZED = "the first level is met at full speed, a lower one as far as that leaves room"
+    DEGRADED = (
+        "the robot is singular, or the task contradicts itself, in a direction: others are met"
+    )
+    SCALED = "the task rows are met at a reduced speed: scale is the largest the limits allow"
+    RELAXED = "the task rows cannot be met: velocity is the closest in least squares"
+
+    @property
+    def severity(self) -> int:
+        """0 for ``SOLVED``, more the less is delivered."""
+        return list(Status).index(self)
+
+
+@dataclass(frozen=True, eq=False)
+class Step:
+    """A verified joint velocity, and what it achieves.
+
+    Attributes:
+        velocity: q̇ in the model's tangent space, rad/s or m/s, shape (nv,).
+        scale: s in A q̇ = s b of the first level: 1 where it is met at full speed. What is
+            missing beyond that lies in the directions that are ``lost``. A relaxed step has no such
+            s and says 1: look at its residuals.
+        residuals: A q̇ − s b for each task (s = 1 below the first level), m/s and rad/s, in the rows
+            of its basis; in the order of ``Controller.tasks``.
+        binding: The limits that hold the step back.
+        status: What happened.
+        solver: The backend whose result this is.
+        problem: The quadratic program as posed; ``step.problem.save("step.npz")`` keeps it.
+        sigma_min: Smallest singular value of the first level's task rows; ∞ without rows.
+        lost: Directions of the first level in which the robot is singular and is slowed down.
+        recovering: Sentences about joints that are outside their limits and on their way back.
+        refused: What was tried before this result, and why it was not believed.
+        gaps: Where the step was solved level by level: for each level, by how much its residual may
+            be longer than at its optimum, m/s and rad/s. Empty where one program holds all rows.
+        proven: Whether every gap is at most 1e-7 (longest row + max |b|) of its level. If not, rows
+            nearly depend on each other, and rounding decides what levels below them get.
+    """
+
+    velocity: Array
+    scale: float
+    residuals: tuple[Array, ...]
+    binding: tuple[BindingLimit, ...]
+    status: Status
+    solver: str
+    problem: QuadraticProgram
+    sigma_min: float
+    lost: tuple[LostDirection, ...] = ()
+    recovering: tuple[str, ...] = ()
+    refused: tuple[str, ...] = ()
+    gaps: tuple[float, ...] = ()
+    proven: bool = True
+
+    @classmethod
+    def of(cls, later: dict[str, Callable[[], Any]], **values: Any) -> Step:
+        """A step of which some attributes are found ``later``, when somebody asks for them."""
+        step = object.__new__(cls)
+        step.__dict__.update(values, _later=later)
+        return step
+
+    def __getattr__(self, name: str) -> Any:
+        """What nobody has asked for before."""
+        later = self.__dict__.get("_later", {})
+        if name not in later:
+            raise AttributeError(name)
+        value = self.__dict__[name] = later[name]()
+        return value
+
+    def __getstate__(self) -> dict[str, Any]:
+        """With all attributes, and without what finds them."""
+        found = {name: getattr(self, name) for name in self.__dict__.get("_later", {})}
+        return {k: v for k, v in (self.__dict__ | found).items() if k != "_later"}
+
+    @property
+    def message(self) -> str:
+        """The step in a sentence, with the limits that bind."""
+        text = f"{self.status.name.lower()}: {self.status.value}"
+        if self.status is Status.SCALED:
+            but = ", of all directions but the lost ones" if self.lost else ""
+            text += f" (scale {self.scale:.4g}{but})"
+            if not self.binding:
+                text += f"; {NOT_THE_LIMITS}"
+        if self.lost:
+            text += "; lost: " + ", ".join(str(direction) for direction in self.lost)
+        if self.binding:
+            text += "; binding: " + ", ".join(str(limit) for limit in self.binding)
+        if not self.proven:
+            worst = max(range(len(self.gaps)), key=self.gaps.__getitem__)
+            text += (
+                f"; not proven to be the optimum: level {worst + 1} may be off by "
+                f"{self.gaps[worst]:.2g}"
+            )
+        if self.recovering:
+            text += "; recovering: " + ", ".join(self.recovering)
+        return text
+
+    def __repr__(self) -> str:
+        return f"Step({self.message})"

@@ -1,0 +1,138 @@
+"""Limits, settings and tolerances as the arrays that a prepared step and the kernels take."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import mink
+import numpy as np
+
+from qp_twist.checks import Array
+from qp_twist.constraints import (
+    DisplacementWindow,
+    MotionLimit,
+    PositionLimit,
+    is_mink_box,
+    kind_of,
+    qpos_of,
+)
+from qp_twist.constraints.position_limit import NOTICEABLE
+from qp_twist.constraints.stated_limit import UNLIMITED
+from qp_twist.control.composition import BOXES
+from qp_twist.control.posing import FASTEST, NEARLY_UNSEEN, STEEPEST
+from qp_twist.kernel.bounds import (
+    ACCELERATION_BOUND,
+    MINK_RANGE,
+    MOTION,
+    POSITION,
+    POSITION_BOUND,
+    STATED,
+    VELOCITY_BOUND,
+    WINDOW,
+)
+from qp_twist.kernel.step_kernel import RAISE, Settings
+from qp_twist.kernel.verified_program import Tolerances
+from qp_twist.qp import SCALE_BACKOFF, levels, verification
+
+_TYPES: dict[type, int] = dict(zip(BOXES, (POSITION, MOTION, WINDOW), strict=True))
+_KINDS = {
+    "acceleration": ACCELERATION_BOUND, "velocity": VELOCITY_BOUND, "position": POSITION_BOUND,
+}  # fmt: skip
+"""Names of what bounds come from, with their numbers."""
+TOLERANCES = Tolerances(
+    equality=verification.EQUALITY_TOLERANCE,
+    optimality=verification.OPTIMALITY_TOLERANCE,
+    gain=verification.GAIN_TOLERANCE,
+    gap=verification.GAP_TOLERANCE,
+    rounding=verification.ROUNDING,
+    bound=verification.BOUND_TOLERANCE,
+    backoff=SCALE_BACKOFF,
+    held=levels.HELD,
+    dust=levels.ROUNDING,
+)
+
+
+def table_of(
+    limits: Sequence[mink.Limit], nv: int
+) -> tuple[Array, np.ndarray[tuple[int], np.dtype[np.int64]]]:
+    """Limits as ``fast.bounds`` takes them, (L, nv, 7), and what they are, (L,)."""
+    table, numbers = np.zeros((len(limits), nv, 7)), numbers_of_kinds(limits)
+    for row, limit in zip(table, limits, strict=True):
+        if isinstance(limit, DisplacementWindow):
+            row[:, 0], row[:, 1] = limit.reference, limit.half_width
+        elif isinstance(limit, PositionLimit):
+            row[:, 0], row[:, 1], row[:, 2:4] = limit.lower, limit.upper, limit.hair.T
+            if isinstance(limit, MotionLimit):
+                row[:, 4], row[:, 5] = limit.max_velocity, limit.max_acceleration
+        else:
+            row[:, 0], row[:, 1], row[:, 2] = -np.inf, np.inf, numbers[kind_of(limit)]
+        if is_mink_box(limit):
+            write_box_of_mink(row, limit)
+    types = [
+        MINK_RANGE if type(limit) is mink.ConfigurationLimit and is_mink_box(limit)
+        else _TYPES.get(type(limit), STATED)
+        for limit in limits
+    ]  # fmt: skip
+    return table, np.array(types, dtype=np.int64)
+
+
+def with_slacks(
+    table: Array, types: np.ndarray[tuple[int], np.dtype[np.int64]], slacks: int
+) -> tuple[Array, np.ndarray[tuple[int], np.dtype[np.int64]]]:
+    """Tables of limits with rows for slacks ε ≥ 0, which none of the limits knows."""
+    if not slacks:
+        return table, types
+    free = np.repeat(table[:, :1], slacks, axis=1)
+    free[..., 0], free[..., 1], free[..., 4:6], free[..., 6] = -np.inf, np.inf, np.inf, 0.0
+    free[types == WINDOW, :, 0] = 0.0
+    positive = np.zeros((1, table.shape[1] + slacks, 7))
+    positive[..., 1], positive[..., : table.shape[1], 0] = np.inf, -np.inf
+    return np.vstack([np.hstack([table, free]), positive]), np.append(types, STATED)
+
+
+def write_box_of_mink(row: Array, limit: Any) -> None:
+    """The numbers of such a limit into its table (nv, 7), as ``fast.bounds`` takes them."""
+    if limit.projection_matrix is None:
+        return
+    dofs = limit.indices
+    if isinstance(limit, mink.VelocityLimit):
+        row[dofs, 0], row[dofs, 1] = -limit.limit, limit.limit
+        return
+    qpos = qpos_of(limit)
+    row[dofs, 0], row[dofs, 1] = limit.lower[qpos], limit.upper[qpos]
+    row[:, 2] = limit.gain
+
+
+def state_of_mink(limit: Any) -> tuple[object, ...]:
+    """What may be written into such a limit between two steps, in a form that can be compared."""
+    about = limit.indices.tobytes(), limit.projection_matrix is None
+    if isinstance(limit, mink.VelocityLimit):
+        return (limit.limit.tobytes(), *about)
+    return (limit.lower.tobytes(), limit.upper.tobytes(), limit.gain, *about)
+
+
+def numbers_of_kinds(limits: Sequence[mink.Limit]) -> dict[str, float]:
+    """Numbers of what bounds come from, as ``intersect`` orders them.
+
+    Other kinds stand beside velocities, before or behind them as in the list.
+    """
+    found: dict[str, None] = {}
+    for limit in limits:
+        kind = "velocity"
+        if type(limit) not in BOXES:
+            kind = kind_of(limit)
+        found.setdefault("" if type(limit) is PositionLimit else kind)
+    names = [name for name in found if name not in ("", "acceleration", "position")]
+    at = names.index("velocity") if "velocity" in names else len(names)
+    step = 1.0 / (1 + len(names))
+    others = {name: VELOCITY_BOUND + step * (i - at) for i, name in enumerate(names)}
+    return others | _KINDS
+
+
+def settings_of(singularity: float, weight: float, infeasible: int = RAISE) -> Settings:
+    """Settings of a controller as ``step_kernel`` takes them."""
+    return Settings(
+        singularity, weight, NEARLY_UNSEEN, FASTEST, NOTICEABLE, UNLIMITED,
+        STEEPEST, infeasible,
+    )  # fmt: skip

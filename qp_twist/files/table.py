@@ -1,0 +1,256 @@
+"""A table as rows of numbers under a header, and all that is wrong with it."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from qp_twist.checks import Array
+from qp_twist.errors import InvalidInput
+from qp_twist.files.table_text import Dialect
+from qp_twist.files.table_units import is_unit_row, split_unit
+
+SHOWN = 20
+"""Problems that are listed one by one; the others are counted."""
+_LOOKED_AT = 300
+"""Lines by which the dialect is found."""
+_COMMENT = re.compile(r"\s*(?:#|//|%)")
+_SPREADSHEET_ERROR = re.compile(r"\s*\"?#(?:N/?A|VALUE!|REF!|DIV/0!|NUM!|NAME\?|NULL!)")
+
+
+class Problems:
+    """What is wrong with a file, collected so that one reading says all of it."""
+
+    def __init__(self) -> None:
+        self._found: list[tuple[int, str]] = []
+
+    def add(self, line: int, what: str, place: str = "") -> None:
+        """Note a problem.
+
+        Args:
+            line: Of the file, from 1.
+            what: What was read and what was expected, without a full stop.
+            place: Column or word in the line, if there is one to name.
+        """
+        self._found.append((line, f"line {line}{place and f', {place}'}: {what}."))
+
+    def refuse(self) -> None:
+        """Raise if there is a problem.
+
+        Raises:
+            InvalidInput: With every problem in the order of the lines, or the first :data:`SHOWN`
+                and the number of others.
+        """
+        sentences = [sentence for _, sentence in sorted(self._found, key=lambda item: item[0])]
+        if len(sentences) > 1:
+            hidden = len(sentences) - SHOWN
+            more = [f"and {hidden} more."] if hidden > 0 else []
+            sentences = [f"{len(sentences)} problems:", *sentences[:SHOWN], *more]
+        if sentences:
+            raise InvalidInput("\n  ".join(sentences))
+
+
+class TableLine(NamedTuple):
+    """A line below the header.
+
+    Attributes:
+        line: Of the file, from 1.
+        fields: The line's; none where it repeats the header or the units.
+        numbers: Of the columns that were asked for; ``None`` for a blank line and one of text.
+    """
+
+    line: int
+    fields: list[str]
+    numbers: tuple[float, ...] | None
+
+
+class Table:
+    """A table: its dialect, the names of its columns, and where its rows begin.
+
+    Args:
+        lines: Of the file.
+        least: Numbers in a row.
+        expected: What a table has to hold, for the message.
+        texts: Whether lines of text may stand between the rows, and between header and rows.
+            Without, they are broken rows.
+        is_header: Whether some names are those of the columns. Without such a line the first line
+            of text, with ``texts`` the last, counts that has as many entries as a row.
+
+    Attributes:
+        names: Of the columns, with their units; empty without a header line.
+        width: Number of columns.
+        first: Index of the line with the first row.
+        title: Text between the header and the first row.
+
+    Raises:
+        InvalidInput: If there is no row of numbers.
+    """
+
+    def __init__(
+        self,
+        lines: Sequence[str],
+        *,
+        least: int,
+        expected: str,
+        texts: bool,
+        is_header: Callable[[Sequence[str]], bool],
+    ) -> None:
+        data = [k for k, line in enumerate(lines) if line.strip() and not _is_comment(line)]
+        dialect = Dialect.detected([lines[k] for k in data[:_LOOKED_AT]], least, expected)
+        self._lines, self._dialect, self._texts = lines, dialect, texts
+        first = next((k for k in data if not self._is_text(dialect.split(lines[k]))), None)
+        if first is None:
+            raise InvalidInput("there is no row of numbers in it.")
+        self.width = len(_stripped(dialect.split(lines[first])))
+        at, names = -1, list[str]()
+        for index in range(first - 1, -1, -1) if texts else range(first):
+            comment = _is_comment(lines[index])
+            text = _COMMENT.sub("", lines[index], count=1) if comment else lines[index]
+            found = _stripped(dialect.names(text))
+            fits = len(found) == self.width
+            if found and (fits or not comment) and is_header(found):
+                at, names = index, found
+                break
+            usable = fits and not comment and self.width >= least
+            if at < 0 and usable and not is_unit_row(found, self.width):
+                at, names = index, found
+        between = [k for k in data if at < k < first]
+        for index in between if names else ():
+            units = _stripped(dialect.split(lines[index]))
+            if is_unit_row(units, len(names)):
+                units += [""] * (len(names) - len(units))
+                names = [_with_unit(*pair) for pair in zip(names, units, strict=True)]
+                between.remove(index)
+                break
+        self.names, self.width = tuple(names), len(names) or self.width
+        self.first = between[0] if between and not texts else first
+        self.title = " ".join(filter(None, dialect.split(lines[between[-1]]))) if between else ""
+        self._header = lines[at] if names else None
+
+    def call(self, index: int) -> str:
+        """A column as messages call it."""
+        return f"column {self.names[index]!r}" if self.names else f"column {index + 1}"
+
+    def rows(self, columns: Sequence[int], problems: Problems) -> Iterator[TableLine]:
+        """The rows, and the blank lines and lines of text between them.
+
+        Args:
+            columns: Indices of those that must hold finite numbers.
+            problems: Where every broken row is noted.
+        """
+        for index in range(self.first, len(self._lines)):
+            line = self._lines[index]
+            if _is_comment(line):
+                continue
+            fields = self._dialect.split(line)
+            numbers = self._numbers(fields, columns)
+            if numbers is not None or not any(fields):
+                yield TableLine(index + 1, fields, numbers)
+            elif self._texts and self._separates(fields, columns):
+                again = len(fields) == self.width and is_unit_row(fields, self.width)
+                yield TableLine(index + 1, [] if again or line == self._header else fields, None)
+            else:
+                self._explain(problems, index + 1, fields, columns)
+
+    def sample(self, count: int) -> Array:
+        """The numbers of the first rows, (N, columns), NaN where there is none."""
+        found, width = [], self.width
+        for line in self._lines[self.first : self.first + 2 * count]:
+            fields = self._dialect.split(line)
+            if not _is_comment(line) and len(fields) >= width and any(fields):
+                numbers = [self._dialect.number(field) for field in fields[:width]]
+                found.append([np.nan if value is None else value for value in numbers])
+        return np.array(found[:count], dtype=np.float64).reshape(-1, width)
+
+    def _numbers(self, fields: list[str], columns: Sequence[int]) -> tuple[float, ...] | None:
+        """The numbers of a row, or ``None`` if something is wrong with it."""
+        width = self.width
+        if len(fields) < width or (len(fields) > width and len(_stripped(fields)) > width):
+            return None
+        found = []
+        for index in columns:
+            value = self._dialect.number(fields[index])
+            if value is None or not math.isfinite(value):
+                return None
+            found.append(value)
+        return tuple(found)
+
+    def _separates(self, fields: Sequence[str], columns: Sequence[int]) -> bool:
+        """Whether a line among the rows is text, and no row that is broken."""
+        if len(fields) == self.width:
+            numbers = sum(self._dialect.number(fields[i]) is not None for i in columns)
+            # Words between blanks may be as many as there are columns: "Inner seam 2".
+            if numbers and (self._dialect.delimiter or 2 * numbers >= len(columns)):
+                return False
+        return self._is_text(fields)
+
+    def _is_text(self, fields: Sequence[str]) -> bool:
+        """Whether a line has no numbers.
+
+        Where texts are expected also one that begins with a word and has not mostly numbers.
+        """
+        numbers = [self._dialect.number(field) is not None for field in fields if field]
+        return not any(numbers) or (
+            self._texts and not numbers[0] and 2 * sum(numbers) <= len(numbers)
+        )
+
+    def _explain(
+        self, problems: Problems, line: int, fields: list[str], columns: Sequence[int]
+    ) -> None:
+        """Say what is wrong with a row."""
+        dialect, width, count = self._dialect, self.width, len(_stripped(fields))
+        if count > width:
+            row = " | ".join(fields)[:80]
+            what = f"{count} columns, where {width} are expected; the row reads {row!r}"
+            problems.add(line, what)
+            return
+        for index in columns:
+            field = fields[index] if index < len(fields) else ""
+            value = dialect.number(field)
+            if not field:
+                short = f"; the row has {count} of {width} columns"
+                what = f"the number is missing{short if count < width else ''}"
+            elif value is None:
+                other = replace(dialect, decimal="," if dialect.decimal == "." else ".")
+                mark = (
+                    "" if other.number(field) is None else f"; elsewhere it is {dialect.decimal!r}"
+                )
+                hint = mark and f" with the decimal mark {other.decimal!r}{mark}"
+                what = f"expected a number, got {field[:40]!r}{hint}"
+            elif not math.isfinite(value):
+                what = f"expected a finite number, got {field[:40]!r}"
+            else:
+                continue
+            problems.add(line, what, self.call(index))
+            return
+        what = f"missing; the row has {len(fields)} of {width} columns"
+        problems.add(line, what, self.call(len(fields)))
+
+
+def columns_named(names: Sequence[str], name: str) -> list[int]:
+    """Indices of the columns of a name: as it stands, or without its unit and in any case."""
+    exact = [i for i, other in enumerate(names) if other == name]
+    bare = name.strip().lower()
+    return exact or [i for i, other in enumerate(names) if split_unit(other)[0].lower() == bare]
+
+
+def _with_unit(name: str, unit: str) -> str:
+    """A name with the unit below it, which may repeat the one that it has."""
+    both = f"{name} [{unit.strip('[](){} ')}]"
+    return name if not unit or split_unit(name)[1] == split_unit(both)[1] else both
+
+
+def _is_comment(line: str) -> bool:
+    return bool(_COMMENT.match(line)) and not _SPREADSHEET_ERROR.match(line)
+
+
+def _stripped(fields: list[str]) -> list[str]:
+    """Fields without empty ones at the end, which some programs write."""
+    while fields and not fields[-1]:
+        fields = fields[:-1]
+    return fields

@@ -1,0 +1,293 @@
+"""Single steps of many configurations at once."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, cast
+
+import mink
+import mujoco
+import numpy as np
+import numpy.typing as npt
+
+from qp_twist import closed_form as one_by_one
+from qp_twist.checks import Array, finite_array, instance, number, one_of
+from qp_twist.control import Controller
+from qp_twist.control.composition import composition_known
+from qp_twist.errors import InvalidInput, QpTwistError
+from qp_twist.following.batch.rigid import pose_of, rigid_motions
+from qp_twist.following.batch.threads import shared
+from qp_twist.geometry import Projector, TwistProjector
+from qp_twist.kinematics import SerialChain, TwistTask
+from qp_twist.kinematics.projector_shape import kinds_of, shape_of
+
+Mask = npt.NDArray[np.bool_]
+Targets = Sequence[mink.SE3] | npt.ArrayLike
+FORMS = ("minimum_norm", "gradient_projection", "rmr", "twa")
+"""Closed forms, in the order of the kernel's numbers."""
+
+
+@dataclass(frozen=True, eq=False)
+class Steps:
+    """K steps.
+
+    Attributes:
+        velocity: q̇ of each, rad/s or m/s, (K, nv); NaN where there is none.
+        scale: Share of the task's speed that is kept, (K,).
+        by_reference: Which steps the kernel did not take, but ``Controller.step``, (K,).
+        failures: What ``Controller.step`` raised, by the number of the row.
+    """
+
+    velocity: Array
+    scale: Array
+    by_reference: Mask
+    failures: dict[int, str]
+
+
+def step(
+    controller: Controller,
+    q: npt.ArrayLike,
+    dt: float,
+    targets: Targets | Sequence[Targets] | None = None,
+    *,
+    use_secondary: bool = True,
+    others: bool = True,
+    threads: int | None = None,
+) -> Steps:
+    """:meth:`Controller.step <qp_twist.Controller.step>` for many configurations, to 1e-9.
+
+    Every result is verified. Steps near a singularity, and of joints outside their ranges, are
+    taken by ``Controller.step`` afterwards, one by one. The controller is left as it is; its
+    acceleration limits count from the velocity that it knows.
+
+    Args:
+        controller: TwistTasks (no GazeTasks, bands or carriers) in any levels, PositionLimits,
+            MotionLimits and DisplacementWindows, JointCentering and, where all joints are hinges
+            and slides, PostureReferences. Its ``solver`` takes the other steps.
+        q: Configurations, rad or m, (K, nq).
+        dt: Length of the steps, s.
+        targets: For each row the target of the task: :class:`mink.SE3`, or matrices (K, 4, 4); for
+            several tasks a sequence of such, in their order. They are at rest. By default the
+            tasks' own, with their feed-forward twists.
+        use_secondary: As for a single step.
+        others: Whether those steps are taken by ``Controller.step``; without it their velocity is
+            NaN.
+        threads: How many; all cores by default.
+
+    Raises:
+        InvalidInput: If an argument is wrong, or the controller has no
+            compiled form.
+        mink.TargetNotSet: If no targets are given and a task has none.
+    """
+    from qp_twist.control.compiled_step import CompiledStep
+    from qp_twist.kernel import batch_kernel
+    from qp_twist.kinematics.compiled_rows import arm_of
+
+    instance("batch.step(controller, …)", controller, Controller)
+    given = np.ascontiguousarray(finite_array("q", q, (None, controller.model.nq)))
+    dt = number("dt", dt, above=0.0)
+    arrays, twist_space = None, None
+    if composition_known(controller.levels, controller.limits):
+        compiled = CompiledStep(controller)
+        arrays, twist_space = compiled.of_any_configuration(controller), compiled.twist_space
+    if arrays is None:
+        raise InvalidInput(
+            "batch.step: this controller has no compiled form. One has TwistTasks "
+            "(no GazeTasks, bands or carriers), PositionLimits, MotionLimits and "
+            "DisplacementWindows, JointCentering and, where all joints are hinges and slides, "
+            "PostureReferences. Take the steps one by one with Controller.step."
+        )
+    floats, integers, own = arrays
+    tasks = controller.twist_tasks
+    arms = tuple(
+        arm_of(SerialChain.of(controller.model, t.frame_name, t.frame_type)) for t in tasks
+    )
+    aims = _aims(tasks, own, targets, len(given))
+    velocity, scale = np.zeros((len(given), controller.model.nv)), np.ones(len(given))
+    done = np.zeros(len(given), dtype=bool)
+
+    def some(part: slice) -> None:
+        batch_kernel.steps(
+            arms, floats.copy(), integers.copy(), given[part], aims[part], dt, bool(use_secondary),
+            twist_space, velocity[part], scale[part], done[part],
+        )  # fmt: skip
+
+    shared(len(given), some, threads)
+    failures = dict[int, str]()
+    if not others:
+        velocity[~done], scale[~done] = np.nan, np.nan
+    for k in np.flatnonzero(~done) if others else ():
+        try:
+            taken = _one(controller, given[k], dt, aims[k], bool(use_secondary))
+        except QpTwistError as error:
+            velocity[k], scale[k], failures[int(k)] = np.nan, np.nan, str(error)
+        else:
+            velocity[k], scale[k] = taken
+    return Steps(velocity, scale, ~done, failures)
+
+
+def closed_form(
+    model: mujoco.MjModel,
+    task: TwistTask,
+    q: npt.ArrayLike,
+    targets: Targets,
+    method: str = "minimum_norm",
+    *,
+    h: npt.ArrayLike | None = None,
+    operational: TwistProjector | None = None,
+    threads: int | None = None,
+) -> Array:
+    """A closed form with its kinematics at many configurations: displacements (K, nv), rad or m.
+
+    As the functions of :mod:`qp_twist.closed_form` of J and Δt: the error in the task's projector,
+    for RMR in the operational one, times the task's gain and shortened as the task says. Where rows
+    depend on each other, those functions are called.
+
+    Args:
+        model: The robot.
+        task: Frame, projector, gain and longest steps; its target does not count.
+        q: Configurations, rad or m, (K, nq).
+        targets: For each row the target: :class:`mink.SE3`, or matrices (K, 4, 4).
+        method: ``"minimum_norm"``, ``"gradient_projection"``, ``"rmr"`` or ``"twa"``.
+        h: Desired displacements, rad or m, (K, nv); none by default. Not for minimum norm and
+            RMR.
+        operational: T_O of RMR and TWA; full by default.
+        threads: How many; all cores by default.
+
+    Raises:
+        InvalidInput: If an argument is wrong.
+        mink.InvalidFrame: If the model has no such frame.
+    """
+    from qp_twist.kernel import batch_kernel
+    from qp_twist.kinematics.compiled_rows import arm_of
+
+    instance("batch.closed_form(model, …)", model, mujoco.MjModel)
+    instance("batch.closed_form(task=…)", task, TwistTask)
+    if type(task) is not TwistTask or task.bands or task.relative_to is not None:
+        raise InvalidInput(
+            f"batch.closed_form: {task.name} has no compiled form: TwistTasks have one that are no "
+            "GazeTasks and have neither bands nor a carrier."
+        )
+    one_of("batch.closed_form(method=…)", method, FORMS)
+    given = np.ascontiguousarray(finite_array("q", q, (None, model.nq)))
+    desired = np.zeros((0, model.nv))
+    if h is not None:
+        if method not in ("gradient_projection", "twa"):
+            raise InvalidInput(f"batch.closed_form: {method} has no secondary; leave h out.")
+        desired = np.ascontiguousarray(finite_array("h", h, (len(given), model.nv)))
+    held = task.projector
+    if method in ("rmr", "twa"):
+        full = TwistProjector(linear=Projector.full(), angular=Projector.full())
+        held = full if operational is None else operational
+        instance("batch.closed_form(operational=…)", held, TwistProjector)
+    chain = SerialChain.of(model, task.frame_name, task.frame_type)
+    arm, aims = arm_of(chain), _aims((task,), np.zeros((1, 18)), [targets], len(given))[:, 0]
+    paces = task.gain, task.max_linear_step, task.max_angular_step
+    kinds = [np.array(kinds_of(p), dtype=np.int64) for p in (task.projector, held)]
+    shapes = [shape_of(p, *paces) for p in (task.projector, held)]
+    moved, done = np.zeros((len(given), model.nv)), np.zeros(len(given), dtype=bool)
+
+    def some(part: slice) -> None:
+        batch_kernel.closed_forms(
+            arm, kinds[0], shapes[0], kinds[1], shapes[1], FORMS.index(method), given[part],
+            aims[part], desired[part], moved[part], done[part],
+        )  # fmt: skip
+
+    shared(len(given), some, threads)
+    for k in np.flatnonzero(~done):
+        asked = desired[k] if len(desired) else np.zeros(model.nv)
+        moved[k] = _closed_form(model, task, given[k], aims[k], method, asked, held)
+    return moved
+
+
+def _aims(
+    tasks: Sequence[TwistTask], own: Array, targets: Any, rows: int
+) -> npt.NDArray[np.float64]:
+    """R_d (9), p_d (3) and twist (6) of every task, (K, T, 18)."""
+    aims = np.tile(own, (rows, 1, 1))
+    if targets is None:
+        for task in tasks:
+            if task.target is None:
+                raise mink.TargetNotSet(task.name)
+        return aims
+    if not isinstance(targets, (Sequence, np.ndarray)):
+        raise InvalidInput(
+            "targets: expected a sequence of mink.SE3, one for each row, or matrices (K, 4, 4); "
+            f"got {type(targets).__name__}."
+        )
+    several = [targets] if len(tasks) == 1 and not _is_list_of_targets(targets) else targets
+    if len(several) != len(tasks):
+        raise InvalidInput(
+            f"targets: expected a sequence of targets for each of {len(tasks)} tasks, got "
+            f"{len(several)}."
+        )
+    for number_of, poses in enumerate(several):
+        motions = rigid_motions("targets", poses)
+        if len(motions) != rows:
+            raise InvalidInput(
+                f"targets: expected one for each of {rows} rows, got {len(motions)}."
+            )
+        aims[:, number_of, :12], aims[:, number_of, 12:] = motions, 0.0
+    return aims
+
+
+def _is_list_of_targets(targets: Any) -> bool:
+    """Whether there is a sequence for each task, and not one pose for each row."""
+    if isinstance(targets, np.ndarray):
+        return targets.ndim == 4
+    return bool(len(targets)) and not isinstance(targets[0], mink.SE3) and np.ndim(targets[0]) != 2
+
+
+def _one(
+    controller: Controller, q: Array, dt: float, aims: Array, use_secondary: bool
+) -> tuple[Array, float]:
+    """A step of the reference, with the controller as it was before."""
+    tasks = controller.twist_tasks
+    before = [(task.target, task.feedforward) for task in tasks]
+    velocities = [getattr(limit, "velocity", None) for limit in controller.limits]
+    try:
+        for task, aim in zip(tasks, aims, strict=True):
+            task.set_target(pose_of(aim), aim[12:])
+        taken = controller.step(
+            mink.Configuration(controller.model, q), dt, use_secondary=use_secondary
+        )
+        return taken.velocity, taken.scale
+    finally:
+        for task, (target, twist) in zip(tasks, before, strict=True):
+            if target is not None:
+                task.set_target(target, twist)
+        for limit, velocity in zip(controller.limits, velocities, strict=True):
+            if velocity is not None:
+                cast(Any, limit).velocity = velocity
+
+
+def _closed_form(
+    model: mujoco.MjModel,
+    task: TwistTask,
+    q: Array,
+    aim: Array,
+    method: str,
+    h: Array,
+    held: TwistProjector,
+) -> Array:
+    """By the functions of :mod:`qp_twist.closed_form`."""
+    projector = held if method == "rmr" else task.projector
+    alone = TwistTask(
+        task.frame_name, task.frame_type, projector, gain=task.gain,
+        max_linear_step=task.max_linear_step, max_angular_step=task.max_angular_step,
+    )  # fmt: skip
+    alone.set_target(pose_of(aim))
+    configuration = mink.Configuration(model, q)
+    state = alone.state(configuration)
+    J, twist = state.jacobian, task.gain * alone.clamped(state.error)
+    if method == "minimum_norm":
+        return one_by_one.minimum_norm(J, state.projector, twist)
+    if method == "gradient_projection":
+        return one_by_one.gradient_projection(J, state.projector, twist, h)
+    if method == "rmr":
+        return one_by_one.resolved_motion_rate(J, twist, state.projector)
+    target = aim[:9].reshape(3, 3)
+    body = configuration.get_transform_frame_to_world(task.frame_name, task.frame_type)
+    world = held.in_world(body.rotation().as_matrix(), target)
+    return one_by_one.twa(J, state.projector, twist, h, operational=world)

@@ -1,0 +1,247 @@
+"""Many runs of a path at once: from other starts, with the workpiece elsewhere."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import mink
+import numpy as np
+import numpy.typing as npt
+
+from qp_twist.checks import Array, finite_array, instance
+from qp_twist.errors import InvalidInput, QpTwistError
+from qp_twist.following.batch.rigid import pose_of, rigid_motions
+from qp_twist.following.batch.threads import shared
+from qp_twist.following.follow import follow as follow_one
+from qp_twist.following.follow import settings_of
+from qp_twist.following.walk import start_of
+from qp_twist.kernel import COMPILED
+from qp_twist.kinematics import JointRanges
+from qp_twist.paths import DEFAULT_METHOD, MethodSettings, PathTask, check_method
+
+if TYPE_CHECKING:
+    from qp_twist.following.compiled_walk import CompiledWalk
+
+Counts = npt.NDArray[np.int64]
+Mask = npt.NDArray[np.bool_]
+
+
+@dataclass(frozen=True, eq=False)
+class Trajectories:
+    """Results of K runs along N waypoints.
+
+    The numbers of a run that ends before the last waypoint cover the waypoints it reached; those
+    of a run without a start are NaN.
+
+    Attributes:
+        q: Configurations, rad or m, (K, N, nq), NaN after a run's end; ``None`` if not kept.
+        waypoints: Number of waypoints that each run has done, (K,).
+        position_error: Largest linear task error of each run, m, (K,).
+        axis_error: Largest angular task error, in the rows of the task, rad, (K,).
+        min_margin: Smallest margin of a joint, as :meth:`~qp_twist.JointRanges.margins`, (K,).
+        mean_z: Mean of z = ½‖W(θ̄ − θ)‖², (K,).
+        max_step: Largest displacement of a joint between two waypoints, rad or m, (K,).
+        steps: Number of steps, (K,).
+        by_reference: Which runs were completed by the uncompiled reference, (K,).
+        failures: Why a run has no start or no step, by the run's index.
+    """
+
+    q: Array | None
+    waypoints: Counts
+    position_error: Array
+    axis_error: Array
+    min_margin: Array
+    mean_z: Array
+    max_step: Array
+    steps: Counts
+    by_reference: Mask
+    failures: dict[int, str]
+
+
+def follow(
+    path_task: PathTask,
+    method: str = DEFAULT_METHOD,
+    *,
+    starts: npt.ArrayLike | None = None,
+    moves: Sequence[mink.SE3] | npt.ArrayLike | None = None,
+    keep: bool = True,
+    threads: int | None = None,
+    **options: Any,
+) -> Trajectories:
+    """:func:`qp_twist.follow` for many runs: the same trajectories, to 1e-9.
+
+    Runs of the closed forms ``rmr``, ``rmr_flipped``, ``minimum_norm`` and ``gradient_projection``
+    and of this package's QPs are machine code on all cores; every QP step is verified. A run with
+    a waypoint that needs more than plain steps (a limit scales the task, a singularity) is followed
+    by :func:`qp_twist.follow` instead, which takes longer.
+
+    Memory: with ``keep=False`` a few numbers per run, for any number of waypoints.
+
+    Args:
+        path_task: The task.
+        method: Name of the method.
+        starts: Configurations (K, nq), or one (nq,) for all; the task's by default. They are
+            corrected onto the first waypoint.
+        moves: Rigid motions of the workpiece in the world, one per run: :class:`mink.SE3`, or
+            matrices (K, 4, 4). They move the waypoints with their roll; the roll rule is not
+            applied again.
+        keep: Whether to return the configurations.
+        threads: Number of threads; all cores by default.
+        **options: Settings that replace those of the task file, as in :func:`qp_twist.follow`.
+
+    Raises:
+        InvalidInput: If an argument is wrong, or the method or the path has no compiled form
+            (tolerance bands, acceleration limits, ball joints).
+    """
+    from qp_twist.following.compiled_walk import CompiledWalk, walk_known
+
+    instance("batch.follow(path_task, …)", path_task, PathTask)
+    settings = settings_of(path_task, check_method(method), options)
+    if settings.secondary == "plan" or not walk_known(path_task, method, settings):
+        raise InvalidInput(
+            f"batch.follow: {method} on {path_task.name} has no compiled form; follow the runs one "
+            "by one with qp_twist.follow."
+        )
+    if method in path_task.starts:
+        path_task = dataclasses.replace(path_task, start=path_task.starts[method])
+    motions = _moves(moves)
+    q0 = _starts(path_task, starts, len(motions))
+    motions = np.broadcast_to(motions, (len(q0), 12)) if len(motions) == 1 else motions
+    return _Batch(
+        path_task, method, settings, CompiledWalk(path_task, method, settings), q0, motions
+    ).run(keep, threads)
+
+
+class _Batch:
+    """The runs of one call."""
+
+    def __init__(
+        self,
+        path_task: PathTask,
+        method: str,
+        settings: MethodSettings,
+        walk: CompiledWalk,
+        starts: Array,
+        moves: Array,
+    ) -> None:
+        self.path_task, self.method, self.settings, self.walk = path_task, method, settings, walk
+        self.starts, self.moves = starts.copy(), np.ascontiguousarray(moves)
+        self.failures: dict[int, str] = {}
+        count = len(starts)
+        self.numbers = np.zeros((count, 6))
+        self.ends = np.zeros(count, dtype=np.int64)
+
+    def run(self, keep: bool, threads: int | None) -> Trajectories:
+        """Do all runs with the kernel, and those that it could not complete with the reference."""
+        count, waypoints = len(self.starts), len(self.path_task.waypoints)
+        kept = np.zeros((count if keep else 0, waypoints, self.starts.shape[1]))
+        self._correct_starts(threads)
+        shared(count, lambda part: self._by_kernel(part, kept), threads)
+        by_reference = self.ends < waypoints
+        by_reference[list(self.failures)] = True  # runs without a start
+        for run in np.flatnonzero(by_reference):
+            self._by_reference(int(run), kept)
+        errors, axis, margin, z, step, steps = self.numbers.T
+        return Trajectories(
+            kept if keep else None, self.ends, errors, axis, margin, z, step,
+            np.nan_to_num(steps).astype(np.int64), by_reference, self.failures,
+        )  # fmt: skip
+
+    def _by_kernel(self, part: slice, kept: Array) -> None:
+        self.walk.many(
+            self.moves[part], self.starts[part], kept[part], self.numbers[part], self.ends[part]
+        )
+
+    def _off_start(self) -> npt.NDArray[np.intp]:
+        """Runs whose start is not on their first waypoint."""
+        allowed = self.path_task.iteration
+        apart, turned = self.walk.start_errors(self.moves, self.starts).T
+        reached = (apart <= allowed.position_tolerance) & (turned <= allowed.angle_tolerance)
+        return np.flatnonzero(~reached)
+
+    def _correct_starts(self, threads: int | None) -> None:
+        """Correct starts onto their first waypoint, as :func:`qp_twist.follow` does for one run."""
+        off, original = self._off_start(), self.starts.copy()
+        moves, corrected = self.moves[off], self.starts[off]
+        shared(
+            len(off), lambda part: self.walk.correct_starts(moves[part], corrected[part]), threads
+        )
+        self.starts[off] = corrected
+        for run in self._off_start():
+            self.starts[run] = original[run]
+            try:
+                self.starts[run] = start_of(self._task(int(run)), self.method)
+            except QpTwistError as error:
+                self.failures[int(run)] = str(error)
+
+    def _by_reference(self, run: int, kept: Array) -> None:
+        if run in self.failures:
+            self.ends[run], self.numbers[run] = 0, np.nan
+            kept[run : run + 1] = np.nan
+            return
+        try:
+            done = follow_one(
+                self._task(run), self.method, solver=COMPILED, **self.settings.model_dump()
+            )
+        except QpTwistError as error:
+            self.failures[run] = str(error)
+            return
+        if done.failure:
+            self.failures[run] = done.failure
+        ranges = JointRanges.of(self.path_task.model)
+        self.ends[run] = len(done.q)
+        self.numbers[run] = (
+            done.position_error.max(), done.axis_error.max(), done.margins.min(initial=np.inf),
+            float(ranges.centring(done.q).mean()),
+            np.abs(np.diff(done.q, axis=0)).max(initial=0.0), done.iterations.sum(),
+        )  # fmt: skip
+        kept[run : run + 1, : len(done.q)] = done.q
+
+    def _task(self, run: int) -> PathTask:
+        """The path task of one run, with its own start and placement."""
+        move = pose_of(self.moves[run])
+
+        def moved(waypoints: Sequence[mink.SE3]) -> tuple[mink.SE3, ...]:
+            return tuple(move @ waypoint for waypoint in waypoints)
+
+        flipped = self.path_task.flipped_waypoints
+        return dataclasses.replace(
+            self.path_task,
+            waypoints=moved(self.path_task.waypoints),
+            flipped_waypoints=None if flipped is None else moved(flipped),
+            start=self.starts[run],
+            starts={},
+            best_start=False,
+        )
+
+
+def _moves(moves: Sequence[mink.SE3] | npt.ArrayLike | None) -> Array:
+    """Rotations (9) and translations (3), (K, 12); the identity if ``None``."""
+    if moves is None:
+        return np.concatenate([np.eye(3).ravel(), np.zeros(3)])[None]
+    return rigid_motions("batch.follow(moves=…)", moves)
+
+
+def _starts(path_task: PathTask, starts: npt.ArrayLike | None, moves: int) -> Array:
+    """The start of each run, (K, nq)."""
+    nq = path_task.model.nq
+    if starts is None:
+        if path_task.best_start:
+            raise InvalidInput(
+                "batch.follow: the task file leaves the start to a search; give starts, from "
+                "qp_twist.find_starts or qp_twist.plan."
+            )
+        given = path_task.start[None]
+    else:
+        shape = (nq,) if np.ndim(starts) == 1 else (None, nq)
+        given = finite_array("batch.follow(starts=…)", starts, shape).reshape(-1, nq)
+    if len(given) == 1:
+        given = np.repeat(given, moves, axis=0)
+    if moves not in (1, len(given)):
+        raise InvalidInput(
+            f"batch.follow: {len(given)} starts and {moves} moves; give one of each for every run."
+        )
+    return given

@@ -1,0 +1,199 @@
+"""A wide system by Householder reflections: its least-norm solution and its null space."""
+
+from __future__ import annotations
+
+import math
+
+from qp_twist.kernel.compiling import part, plain
+
+INDEPENDENT = 1e-8
+"""Rows whose smallest pivot is a smaller share of the largest are left to the reference."""
+_SWEEPS = 60
+"""Far more than the ten that are ever needed."""
+_ROUNDING = 1e-15
+"""Cosine of the angle between columns that counts as none, and of what a column counts as one."""
+
+
+@part
+def reflection(v, first, length):
+    """v becomes the v of the reflection 1 − vvᵀ that takes v[first:] onto its first entry.
+
+    ``length`` is that of what it takes. Where it is 0 there is nothing to reflect.
+
+    Returns:
+        What the first entry becomes.
+    """
+    if length == 0.0:
+        return 0.0
+    head = v[first]
+    end = -length if head > 0.0 else length
+    # ‖v‖² = 2 for v = (x ± ‖x‖e₁) / √(‖x‖(‖x‖ + |x₁|)).
+    scale = 1.0 / math.sqrt(length * (length + abs(head)))
+    v[first] = head - end
+    for i in range(first, len(v)):
+        v[i] *= scale
+    return end
+
+
+@plain
+def reflect(A, V, R):
+    """Aᵀ = QR for A (m, n), m ≤ n, with Q as a product of reflections.
+
+    Args:
+        A: The rows.
+        V: Result, (m, n): the vectors v of the reflections 1 − vvᵀ, in rows.
+        R: Result, its upper triangle, (m, m).
+
+    Returns:
+        The smallest |R_ii| as a share of the largest.
+    """
+    m, n = A.shape
+    for row in range(m):
+        for i in range(n):
+            V[row, i] = A[row, i]
+        for k in range(row):
+            along = 0.0
+            for i in range(k, n):
+                along += V[k, i] * V[row, i]
+            for i in range(k, n):
+                V[row, i] -= along * V[k, i]
+        square = 0.0
+        for i in range(row, n):
+            square += V[row, i] * V[row, i]
+        for i in range(row):
+            R[i, row] = V[row, i]
+            V[row, i] = 0.0
+        R[row, row] = reflection(V[row], row, math.sqrt(square))
+    smallest, largest = math.inf, 0.0
+    for row in range(m):
+        size = abs(R[row, row])
+        smallest, largest = min(smallest, size), max(largest, size)
+    return smallest / largest if largest > 0.0 else 0.0
+
+
+@part
+def times_q(V, x):
+    """x (n,) becomes Q x."""
+    m, n = V.shape
+    for row in range(m - 1, -1, -1):
+        along = 0.0
+        for i in range(row, n):
+            along += V[row, i] * x[i]
+        for i in range(row, n):
+            x[i] -= along * V[row, i]
+
+
+@part
+def times_q_transposed(V, x):
+    """x (n,) becomes Qᵀ x."""
+    m, n = V.shape
+    for row in range(m):
+        along = 0.0
+        for i in range(row, n):
+            along += V[row, i] * x[i]
+        for i in range(row, n):
+            x[i] -= along * V[row, i]
+
+
+@plain
+def least_norm(V, R, b, x):
+    """x (n,) = Q (R⁻ᵀb, x₂), with x₂ what Qᵀ of the x given has behind the rows.
+
+    So of all solutions of A x = b it is the one that is nearest to the x given; the shortest one
+    for x = 0.
+    """
+    m = len(b)
+    times_q_transposed(V, x)
+    for row in range(m):
+        total = b[row]
+        for i in range(row):
+            total -= R[i, row] * x[i]
+        x[row] = total / R[row, row]
+    times_q(V, x)
+
+
+@plain
+def null_space(V, N):
+    """Orthonormal basis of the null space of A into the rows of N (n − m, n)."""
+    m, n = V.shape
+    for column in range(n - m):
+        for i in range(n):
+            N[column, i] = 0.0
+        N[column, m + column] = 1.0
+        times_q(V, N[column])
+
+
+@plain
+def row_space(A, V):
+    """Reflections that take the rows of A (m, n), however many depend on others, to a triangle.
+
+    Args:
+        A: The rows.
+        V: Result, (n, n): those of the independent rows, as :func:`reflect` has them.
+
+    Returns:
+        How many rows are independent.
+    """
+    m, n = A.shape
+    rank = 0
+    for row in range(m):
+        if rank == n:
+            break
+        v, whole, left = V[rank], 0.0, 0.0
+        for i in range(n):
+            v[i] = A[row, i]
+            whole += v[i] * v[i]
+        times_q_transposed(V[:rank], v)
+        for i in range(rank):
+            v[i] = 0.0
+        for i in range(rank, n):
+            left += v[i] * v[i]
+        if not left > INDEPENDENT * INDEPENDENT * whole:
+            continue
+        reflection(v, rank, math.sqrt(left))
+        rank += 1
+    return rank
+
+
+@plain
+def right_singular(A, V, sigma):
+    """The right singular vectors of A (m, n) into the rows of V (n, n), its values into sigma (n,).
+
+    One-sided Jacobi: the columns of A are turned against each other, in pairs, until they are
+    orthogonal. A becomes AVᵀ; the values come in no order. Hestenes, J. SIAM 6 (1958).
+    """
+    m, n = A.shape
+    whole = 0.0
+    for i in range(n):
+        for j in range(n):
+            V[i, j] = 1.0 if i == j else 0.0
+        for row in range(m):
+            whole += A[row, i] * A[row, i]
+    turned, sweeps = True, 0
+    while turned and sweeps < _SWEEPS:
+        turned, sweeps = False, sweeps + 1
+        for i in range(n):
+            for j in range(i):
+                first, second, both = 0.0, 0.0, 0.0
+                for row in range(m):
+                    first += A[row, i] * A[row, i]
+                    second += A[row, j] * A[row, j]
+                    both += A[row, i] * A[row, j]
+                if abs(both) <= _ROUNDING * max(math.sqrt(first * second), _ROUNDING * whole):
+                    continue
+                turned = True
+                zeta = (second - first) / (2.0 * both)
+                tan = (1.0 if zeta > 0.0 else -1.0) / (abs(zeta) + math.sqrt(1.0 + zeta * zeta))
+                cos = 1.0 / math.sqrt(1.0 + tan * tan)
+                sin = cos * tan
+                for row in range(m):
+                    a, b = A[row, i], A[row, j]
+                    A[row, i], A[row, j] = cos * a - sin * b, sin * a + cos * b
+                for k in range(n):
+                    a, b = V[i, k], V[j, k]
+                    V[i, k], V[j, k] = cos * a - sin * b, sin * a + cos * b
+    for i in range(n):
+        total = 0.0
+        for row in range(m):
+            total += A[row, i] * A[row, i]
+        sigma[i] = math.sqrt(total)

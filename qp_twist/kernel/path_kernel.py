@@ -1,0 +1,244 @@
+"""Configurations brought onto a path's waypoints, and down to less z there, compiled."""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from qp_twist.kernel.arm_kernel import pose_and_jacobian
+from qp_twist.kernel.compiling import kernel
+from qp_twist.kernel.dual_active_set import cholesky, cholesky_solve
+from qp_twist.kernel.null_space import null_space, reflect
+from qp_twist.kernel.twist_rows import twist_rows
+
+
+class Rows(NamedTuple):
+    """The task rows of a path: of every projector in it, and of every waypoint."""
+
+    kinds: npt.NDArray[np.int64]
+    """As ``twist_rows`` takes them, a row for each projector, (P, 3)."""
+    shapes: npt.NDArray[np.float64]
+    """The same, (P, 27)."""
+    which: npt.NDArray[np.int64]
+    """Number of each waypoint's projector, (N,)."""
+    targets: npt.NDArray[np.float64]
+    """R_d (9), p_d (3) and the twist (6) of each waypoint, (N, 18)."""
+
+
+class Couplings(NamedTuple):
+    """Joints that are coupled at every waypoint: θ₁ = θ₁⁰ + c₀ + c₁ x + … + c₄ x⁴, x = θ₂ − θ₂⁰."""
+
+    dofs: npt.NDArray[np.int64]
+    """Of the first and the second joint, (C, 2)."""
+    start: npt.NDArray[np.float64]
+    """θ₁⁰ and θ₂⁰, (C, 2)."""
+    coefficients: npt.NDArray[np.float64]
+    """c₀ … c₄, (C, 5)."""
+
+
+class Workspace(NamedTuple):
+    """Arrays for one configuration at a time."""
+
+    pose: Any
+    J: Any
+    A: Any
+    b: Any
+    square: Any
+    V: Any
+    R: Any
+    N: Any
+    free: Any
+    step: Any
+    there: Any
+    free_costs: Any
+
+
+@kernel
+def workspace(nv, couplings):
+    """A workspace for a robot of ``nv`` degrees of freedom."""
+    m = 6 + len(couplings.dofs)
+    return Workspace(
+        np.zeros(12), np.zeros((6, nv)), np.zeros((m, nv)), np.zeros(m), np.zeros((m, m)),
+        np.zeros((m, nv)), np.zeros((m, m)), np.zeros((nv, nv)),
+        np.zeros((0, nv)), np.zeros(nv), np.zeros(nv), np.ones(2),
+    )  # fmt: skip
+
+
+@kernel
+def _coupled_rows(couplings, q, A, b):
+    """Rows A (C, nv) and sides b (C,) that bring coupled joints together, into A and b."""
+    for k in range(len(couplings.dofs)):
+        first, second = couplings.dofs[k, 0], couplings.dofs[k, 1]
+        x = q[second] - couplings.start[k, 1]
+        value, slope = 0.0, 0.0
+        for power in range(4, -1, -1):  # Horner
+            slope = slope * x + value
+            value = value * x + couplings.coefficients[k, power]
+        for dof in range(len(q)):
+            A[k, dof] = 0.0
+        A[k, first] = 1.0
+        A[k, second] -= slope
+        b[k] = couplings.start[k, 0] + value - q[first]
+
+
+@kernel
+def rows_at(arm, rows, couplings, at, q, w):
+    """A (r, nv) and b (r,) of the rows UᵀJ and UᵀΔt at a waypoint, and of couplings, into w; r."""
+    pose_and_jacobian(arm, q, w.pose, w.J)
+    kinds = rows.kinds[rows.which[at]]
+    twist_rows(
+        kinds, rows.shapes[rows.which[at]], w.pose, rows.targets[at], w.J, 1.0, w.A, w.b, w.free,
+        w.free_costs,
+    )  # fmt: skip
+    r = kinds[0] + kinds[1]
+    _coupled_rows(couplings, q, w.A[r:], w.b[r:])
+    return r + len(couplings.dofs)
+
+
+@kernel
+def _shortest(A, b, rounding, square, step):
+    """As ``planning.path_rows._shortest``, for one configuration; whether there is a step."""
+    m, n = A.shape
+    trace = 0.0
+    for i in range(m):
+        for j in range(i + 1):
+            total = 0.0
+            for k in range(n):
+                total += A[i, k] * A[j, k]
+            square[i, j] = total
+        trace += square[i, i]
+    for i in range(m):
+        square[i, i] += rounding * trace if trace > 0.0 else 1.0
+    if not cholesky(square[:m, :m]):
+        return False
+    cholesky_solve(square, b)
+    for k in range(n):
+        step[k] = 0.0
+        for i in range(m):
+            step[k] += A[i, k] * b[i]
+    return True
+
+
+@kernel
+def _newton(arm, rows, couplings, at, q, settings, w):
+    """As ``PathRows.correct``, for one configuration, in place; whether it arrived."""
+    iterations, on_task, longest, rounding = settings
+    for _ in range(iterations):
+        r = rows_at(arm, rows, couplings, at, q, w)
+        square = 0.0
+        for i in range(r):
+            square += w.b[i] * w.b[i]
+        if math.sqrt(square) <= on_task:
+            return True
+        if not _shortest(w.A[:r], w.b[:r], rounding, w.square, w.step):
+            return False
+        largest = longest
+        for dof in range(len(q)):
+            largest = max(largest, abs(w.step[dof]))
+        for dof in range(len(q)):
+            q[dof] += w.step[dof] * (longest / largest)
+    return False
+
+
+@kernel
+def correct(arm, rows, couplings, q, at, settings):
+    """As ``PathRows.correct``: q (K, nv) in place, and which arrived, (K,).
+
+    ``settings``: most iterations; the error that counts as none, m and rad; the largest step of a
+    joint, rad or m; and the damping, as a share of the trace.
+    """
+    arrived = np.zeros(len(q), dtype=np.bool_)
+    w = workspace(q.shape[1], couplings)
+    for k in range(len(q)):
+        arrived[k] = _newton(arm, rows, couplings, at[k], q[k], settings, w)
+    return arrived
+
+
+@kernel
+def _centring(q, weight, middle):
+    total = 0.0
+    for dof in range(len(q)):
+        offset = weight[dof] * (middle[dof] - q[dof])
+        total += 0.5 * offset * offset
+    return total
+
+
+@kernel
+def _along_null_space(N, weight, middle, q, gram, side, step):
+    """The step of least ‖W(θ̄ − θ − step)‖ in the rows of N (d, nv); what it gains, to first order.
+
+    By the normal equations; their 1e-12 decides where W sees nothing.
+    """
+    d, n = N.shape
+    for i in range(d):
+        side[i] = 0.0
+        for dof in range(n):
+            side[i] += N[i, dof] * weight[dof] ** 2 * (middle[dof] - q[dof])
+        for j in range(i + 1):
+            gram[i, j] = 1e-12 if i == j else 0.0
+            for dof in range(n):
+                gram[i, j] += weight[dof] * N[i, dof] * weight[dof] * N[j, dof]
+    for dof in range(n):
+        step[dof] = 0.0
+    if not cholesky(gram[:d, :d]):
+        return 0.0
+    cholesky_solve(gram, side[:d])
+    expected = 0.0
+    for dof in range(n):
+        for i in range(d):
+            step[dof] += N[i, dof] * side[i]
+        expected += step[dof] * weight[dof] ** 2 * (middle[dof] - q[dof])
+    return expected
+
+
+@kernel
+def _down(arm, rows, couplings, at, q, weight, middle, settings, descent, w, gram, side):
+    """As ``planning.bound.centred_nearby`` from one configuration that is on its waypoint."""
+    rounds, longest, settled = descent
+    nv, share = len(q), 1.0
+    step = np.empty(nv)
+    for _ in range(rounds):
+        r = rows_at(arm, rows, couplings, at, q, w)
+        if r >= nv:
+            return
+        reflect(w.A[:r], w.V[:r], w.R)
+        N = w.N[: nv - r]
+        null_space(w.V[:r], N)
+        expected = share * _along_null_space(N, weight, middle, q, gram, side, step)
+        largest = longest
+        for dof in range(nv):
+            step[dof] *= share
+            largest = max(largest, abs(step[dof]))
+        for dof in range(nv):
+            w.there[dof] = q[dof] + step[dof] * (longest / largest)
+        gained = -1.0
+        if _newton(arm, rows, couplings, at, w.there, settings, w):
+            gained = _centring(q, weight, middle) - _centring(w.there, weight, middle)
+        if gained > 0.0:
+            for dof in range(nv):
+                q[dof] = w.there[dof]
+        elif gained < 0.0:
+            share *= 0.4
+        if not (expected > settled and share > 0.01):
+            return
+
+
+@kernel
+def centred_nearby(arm, rows, couplings, q, at, weight, middle, settings, descent):
+    """As ``planning.bound.centred_nearby``: q (K, nv) in place, NaN where it does not arrive.
+
+    ``settings`` as for :func:`correct`; ``descent``: most rounds, the largest step of a joint, rad
+    or m, and the gain of z that counts as none.
+    """
+    nv = q.shape[1]
+    w, gram, side = workspace(nv, couplings), np.zeros((nv, nv)), np.zeros(nv)
+    for k in range(len(q)):
+        if _newton(arm, rows, couplings, at[k], q[k], settings, w):
+            _down(
+                arm, rows, couplings, at[k], q[k], weight, middle, settings, descent, w, gram, side
+            )
+        else:
+            q[k, :] = math.nan

@@ -1,0 +1,213 @@
+"""Solve and verify a quadratic program whose arrays the caller provides, compiled."""
+
+from __future__ import annotations
+
+import math
+
+from qp_twist.kernel.compiling import entry, plain
+from qp_twist.kernel.dual_active_set import (
+    NO_ROOM,
+    SOLVED,
+    active_set,
+    cholesky_inverse,
+    row_lengths,
+)
+from qp_twist.kernel.largest_scale import scaled_program
+from qp_twist.kernel.step_record import read_program
+from qp_twist.kernel.verified_program import (
+    DEPENDENT,
+    DONE,
+    REFUSED,
+    TOO_FAST,
+    excess_of,
+    into_the_box,
+    no_multipliers,
+    well_conditioned,
+)
+
+
+@plain
+def _take_costs(H, c, lift, steepest, dt, w):
+    """Write H + lift·1 and c/dt; return whether they are finite and c is small enough."""
+    hardest, largest, finite = 0.0, 0.0, True
+    for i in range(len(c)):
+        w.c[i] = c[i] / dt
+        largest = max(largest, abs(w.c[i]))
+        finite &= abs(w.c[i]) < math.inf  # false for NaN
+        for j in range(len(c)):
+            w.dense[i, j] = H[i, j]
+            hardest = max(hardest, abs(H[i, j]))
+            finite &= abs(H[i, j]) < math.inf
+        w.dense[i, i] += lift
+        hardest = max(hardest, abs(w.dense[i, i]))
+        finite &= abs(w.dense[i, i]) < math.inf
+    return finite and largest <= steepest * hardest
+
+
+@plain
+def _take_box(box, unlimited, w):
+    """Write the bounds, ±∞ beyond ``unlimited``; return whether they are feasible."""
+    for i in range(len(w.x)):
+        low, high = box[0, i], box[1, i]
+        if not low <= high or low > unlimited or high < -unlimited:
+            return False
+        w.lower[i] = low if low >= -unlimited else -math.inf
+        w.upper[i] = high if high <= unlimited else math.inf
+        w.lower_kind[i], w.upper_kind[i] = box[2, i], box[3, i]
+    return True
+
+
+@plain
+def _in_joints(w, R, work, held):
+    """Solve for x and its multipliers by the active-set method in joint space; return its status.
+
+    Here a bound concerns one entry of x. ``reduced_program`` works in the null space of the
+    equality rows, where a bound is a dense row: that is faster if the rows leave one or two degrees
+    of freedom, as in a controller's step, but takes twice the time if many joints have bounds.
+
+    Args:
+        w: The program, with S of H⁻¹ = SSᵀ in J, which is overwritten.
+        R: Workspace, (n, n).
+        work: Workspace: (4, n + 1) for the method and the multipliers, then k row lengths.
+        held: Workspace, (m + k + 3n,).
+    """
+    n, m, k = len(w.x), len(w.b), len(w.g)
+    active, u = held[m + k + 2 * n :], work[3]
+    lengths = work[4:].reshape(-1)[:k]
+    row_lengths(w.G, lengths)
+    status, count = active_set(
+        w.c, w.A, w.b, w.G, w.g, lengths, w.lower, w.upper, active, 0, w.x, u, w.J, R,
+        held[: m + k + 2 * n], work[:3],
+    )  # fmt: skip
+    if status != SOLVED:
+        return status
+    no_multipliers(w)
+    for place in range(count):
+        which = active[place]
+        if which < m:
+            w.y[which] = -u[place]
+        elif which < m + k:
+            w.lam[which - m] = u[place]
+        elif which < m + k + n:
+            i = which - m - k
+            w.x[i], w.box[i] = w.lower[i], w.box[i] - u[place]
+        else:
+            i = which - m - k - n
+            w.x[i], w.box[i] = w.upper[i], w.box[i] + u[place]
+    return SOLVED
+
+
+@entry
+def program_step(
+    H, c, lift, steepest, dt, A, b, box, rows, ends, unlimited, floats, integers, level_ends,
+    threshold, tolerances, R, work, held,
+):  # fmt: skip
+    """Copy a program into ``floats``, solve and verify it.
+
+    Args:
+        H: Quadratic cost, (nv, nv), positive definite once ``lift`` is added to its diagonal.
+        c: Linear cost of a displacement, (nv,).
+        lift: Damping.
+        steepest: Largest linear cost, relative to the largest quadratic one.
+        dt: Length of the step, s.
+        A: Equality rows, (≥ m, nv), with m of the program's sizes.
+        b: Their right-hand side, (≥ m,), m/s or rad/s.
+        box: Lower and upper bounds and the kind of each, (4, nv): see ``stated_limits``.
+        rows: Inequality rows, (≥ k, nv).
+        ends: Their right-hand side, (≥ k,).
+        unlimited: A bound beyond it counts as infinite.
+        floats: Memory of ``step_record.Program``.
+        integers: The same; its table comes first.
+        level_ends: Number of rows of the only level, (1,).
+        threshold: Singular value below which the equality rows count as ``DEPENDENT``.
+        tolerances: Of the verification.
+        R: Workspace: see ``_in_joints``.
+        work: Workspace.
+        held: Workspace.
+
+    Returns:
+        ``DONE``, ``DEPENDENT``, ``TOO_FAST``, or ``REFUSED`` if the step is not solved inside all
+        limits for any other reason.
+    """
+    w = read_program(floats, integers, integers)
+    w.gains[0] = 1.0
+    w.active_count[0] = 0  # no warm start: the last program may be another caller's
+    if not (_take_box(box, unlimited, w) and _take_costs(H, c, lift, steepest, dt, w)):
+        return REFUSED
+    for row in range(len(w.b)):
+        w.b[row] = b[row]
+        for j in range(len(w.x)):
+            w.A[row, j] = A[row, j]
+    for row in range(len(w.g)):
+        w.g[row] = ends[row]
+        for j in range(len(w.x)):
+            w.G[row, j] = rows[row, j]
+    if not well_conditioned(w.A, level_ends, threshold, w.R, w.J):
+        return DEPENDENT
+    if not cholesky_inverse(w.dense, w.J):
+        return REFUSED
+    status = _in_joints(w, R, work, held)
+    if status == NO_ROOM and len(w.b) > 0:
+        return TOO_FAST
+    if status != SOLVED or not into_the_box(w.x, w.lower, w.upper):
+        return REFUSED
+    return DONE if excess_of(w, tolerances) <= 1.0 else REFUSED
+
+
+@entry
+def slower_step(floats, integers, tolerances):
+    """Scale, solve and verify a program for which :func:`program_step` returned ``TOO_FAST``.
+
+    Returns:
+        As ``scaled_program``.
+    """
+    w = read_program(floats, integers, integers)
+    if not cholesky_inverse(w.dense, w.J):
+        return REFUSED
+    return scaled_program(w, tolerances)
+
+
+@entry
+def keep_independent(A, b, m, dependent, basis):
+    """Move linearly independent rows to the front of A and b.
+
+    Gram-Schmidt with pivoting on the longest remainder. The caller has to check whether the other
+    rows are consistent with these.
+
+    Args:
+        A: Rows, (≥ m, n), reordered in place.
+        b: Right-hand sides, (≥ m,), reordered in place.
+        m: Number of rows.
+        dependent: A row whose remainder is at most this long counts as dependent.
+        basis: Workspace, (≥ m, n).
+
+    Returns:
+        The number of independent rows.
+    """
+    n = A.shape[1]
+    for row in range(m):
+        for j in range(n):
+            basis[row, j] = A[row, j]
+    for kept in range(min(m, n)):
+        longest, which = 0.0, kept
+        for row in range(kept, m):
+            total = 0.0
+            for j in range(n):
+                total += basis[row, j] * basis[row, j]
+            if total > longest:
+                longest, which = total, row
+        length = math.sqrt(longest)
+        if not length > dependent:
+            return kept
+        b[kept], b[which] = b[which], b[kept]
+        for j in range(n):
+            A[kept, j], A[which, j] = A[which, j], A[kept, j]
+            basis[kept, j], basis[which, j] = basis[which, j], basis[kept, j]
+            basis[kept, j] /= length
+        for row in range(kept + 1, m):
+            total = 0.0
+            for j in range(n):
+                total += basis[row, j] * basis[kept, j]
+            for j in range(n):
+                basis[row, j] -= total * basis[kept, j]
+    return min(m, n)

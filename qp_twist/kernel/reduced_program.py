@@ -1,0 +1,268 @@
+"""A step's program in the null space of its rows, where few unknowns are left."""
+
+from __future__ import annotations
+
+import math
+
+from qp_twist.kernel.compiling import part, plain
+from qp_twist.kernel.dual_active_set import NO_ROOM, ROUNDING, SOLVED, active_set
+from qp_twist.kernel.null_space import reflect, times_q, times_q_transposed
+
+DEPENDENT = 4
+"""The rows of a program depend on each other: see :func:`reduced_program`."""
+_RANK = 1e-9
+"""Rows whose smallest pivot is below this share of the largest are not taken as independent."""
+_FIXED = 1e-8
+"""A constraint of which less than this share is left in the null space is decided by the rows."""
+
+
+@plain
+def reduced_program(w):
+    r"""Minimise ½xᵀHx + cᵀx subject to Ax = b, Gx ≤ g, lower ≤ x ≤ upper.
+
+    With :math:`\mathbf H^{-1} = \mathbf S\mathbf S^T` and :math:`(\mathbf{AS})^T = \mathbf{QR}` the
+    solutions of the rows are :math:`\mathbf x = \mathbf{SQ}(\mathbf R^{-T}\mathbf b, z)`, and the
+    cost is half the squared distance of z from that of :math:`-\mathbf S^T\mathbf c`. Nearly
+    always that z is inside, and it is the result. Else the nearest one that is, is found by
+    ``active_set``: in as many unknowns as joints are left over, without equalities.
+
+    Args:
+        w: ``step_record.Program``: A, b, c, lower, upper, G, g and either h, the diagonal of H, or
+            S in J, upper triangular. Results are x, y, lam and box with Hx + c + Aᵀy + Gᵀλ + μ = 0.
+            The method begins with the first ``active_count`` of ``active``, and leaves behind what
+            then is active.
+
+    Returns:
+        ``SOLVED``; ``NO_ROOM`` where the limits leave no solution of the rows, or none was found;
+        ``DEPENDENT`` where the rows depend on each other.
+    """
+    m, n = w.A.shape
+    before, w.active_count[0] = w.active_count[0], 0
+    _scale(w)
+    if m > 0 and not reflect(w.scaled, w.V, w.R) >= _RANK:
+        return DEPENDENT
+    _begin(w)
+    for i in range(n):
+        w.box[i] = 0.0
+    for row in range(len(w.g)):
+        w.lam[row] = 0.0
+    if not _inside(w):
+        if not _enter(w, before):
+            return NO_ROOM
+        _pull_back(w)
+    for row in range(m - 1, -1, -1):
+        for i in range(row + 1, m):
+            w.y[row] -= w.R[row, i] * w.y[i]
+        w.y[row] /= w.R[row, row]
+    return SOLVED
+
+
+@part
+def _scale(w):
+    """AS, and −Sᵀc into ``line``."""
+    m, n = w.A.shape
+    if len(w.h):
+        for i in range(n):
+            w.root[i] = 1.0 / math.sqrt(w.h[i])
+            w.line[i] = -w.c[i] * w.root[i]
+            for row in range(m):
+                w.scaled[row, i] = w.A[row, i] * w.root[i]
+        return
+    for j in range(n):
+        total = 0.0
+        for i in range(j + 1):
+            total -= w.J[i, j] * w.c[i]
+        w.line[j] = total
+    for row in range(m):
+        for j in range(n):
+            w.scaled[row, j] = 0.0
+        for i in range(n):
+            for j in range(i, n):
+                w.scaled[row, j] += w.A[row, i] * w.J[i, j]
+
+
+@part
+def to_joints(is_diagonal, root, S, v):
+    """v (n,) becomes S v, with S a diagonal or upper triangular."""
+    n = len(v)
+    if is_diagonal:
+        for i in range(n):
+            v[i] *= root[i]
+        return
+    for i in range(n):
+        total = 0.0
+        for j in range(i, n):
+            total += S[i, j] * v[j]
+        v[i] = total
+
+
+@part
+def _begin(w):
+    """x without a look at the constraints, and the right-hand side of R y = …."""
+    m, n = w.A.shape
+    times_q_transposed(w.V, w.line)
+    for i in range(n):
+        w.x[i] = w.line[i]
+    for row in range(m):
+        total = w.b[row]
+        for i in range(row):
+            total -= w.R[i, row] * w.x[i]
+        w.x[row] = total / w.R[row, row]
+        w.y[row] = w.line[row] - w.x[row]
+    times_q(w.V, w.x)
+    to_joints(len(w.h) > 0, w.root, w.J, w.x)
+
+
+@part
+def _inside(w):
+    """Whether x meets all bounds and inequality rows."""
+    for i in range(len(w.x)):
+        if not w.lower[i] <= w.x[i] <= w.upper[i]:
+            return False
+    for row in range(len(w.g)):
+        total = -w.g[row]
+        for i in range(len(w.x)):
+            total += w.G[row, i] * w.x[i]
+        if not total <= 0.0:
+            return False
+    return True
+
+
+@plain
+def _ways(w):
+    """The directions SQe of what is left free, joint by joint, and how far S takes each joint."""
+    m, n = w.A.shape
+    for j in range(n - m):
+        for i in range(n):
+            w.ways[j, i] = 0.0
+        w.ways[j, m + j] = 1.0
+        times_q(w.V, w.ways[j])
+        to_joints(len(w.h) > 0, w.root, w.J, w.ways[j])
+    for i in range(n if len(w.h) == 0 else 0):
+        total = 0.0
+        for j in range(i, n):
+            total += w.J[i, j] * w.J[i, j]
+        w.root[i] = math.sqrt(total)
+
+
+@plain
+def _cut(w):
+    """Bounds and rows as half-spaces of what is left free, counted from x; whether there is room.
+
+    What has no part in it is decided already.
+    """
+    n, size, room = len(w.x), 1.0, True
+    for i in range(n):
+        size = max(size, abs(w.x[i]))
+        left = 0.0
+        for j in range(len(w.z)):
+            w.cuts[i, j], w.cuts[n + i, j] = -w.ways[j, i], w.ways[j, i]
+            left += w.ways[j, i] * w.ways[j, i]
+        w.ends[i], w.ends[n + i] = w.x[i] - w.lower[i], w.upper[i] - w.x[i]
+        w.lengths[i] = w.lengths[n + i] = 1.0
+        if left <= (_FIXED * w.root[i]) ** 2:
+            room = room and min(w.ends[i], w.ends[n + i]) >= -ROUNDING * size
+            w.ends[i] = w.ends[n + i] = math.inf
+    for row in range(len(w.g)):
+        at, end, square, whole, left = 2 * n + row, w.g[row], 0.0, 0.0, 0.0
+        for i in range(n):
+            end -= w.G[row, i] * w.x[i]
+            square += w.G[row, i] * w.G[row, i]
+            whole += abs(w.G[row, i]) * w.root[i]
+        for j in range(len(w.z)):
+            total = 0.0
+            for i in range(n):
+                total += w.ways[j, i] * w.G[row, i]
+            w.cuts[at, j] = total
+            left += total * total
+        w.ends[at], w.lengths[at] = end, math.sqrt(square) if square > 0.0 else 1.0
+        if left <= (_FIXED * whole) ** 2:
+            room = room and end >= -ROUNDING * size * w.lengths[at]
+            w.ends[at] = math.inf
+    return room
+
+
+@part
+def _on_line(w):
+    """The z of one unknown that is nearest to 0, with what is active; how many are, −1 for no z."""
+    least, most, first, last = -math.inf, math.inf, 0, 0
+    for which in range(len(w.ends)):
+        slope = w.cuts[which, 0]
+        if slope > 0.0 and w.ends[which] < most * slope:
+            most, last = w.ends[which] / slope, which
+        elif slope < 0.0 and w.ends[which] < least * slope:
+            least, first = w.ends[which] / slope, which
+    if not least <= most:
+        return -1
+    w.z[0] = min(max(0.0, least), most)
+    w.active[0] = first if w.z[0] > 0.0 else last
+    w.u[0] = -w.z[0] / w.cuts[w.active[0], 0]
+    return 0 if w.z[0] == 0.0 else 1
+
+
+@plain
+def _nearest(w, before):
+    """The z nearest to 0, with what is active; how many are, −1 where there is no such z."""
+    p = len(w.z)
+    for i in range(p):
+        for j in range(p):
+            w.Jz[i, j] = 0.0
+        w.Jz[i, i], w.zero[i] = 1.0, 0.0
+    none = w.nothing
+    status, count = active_set(
+        w.zero, w.no_rows, none, w.cuts, w.ends, w.lengths, none, none, w.active, min(before, p),
+        w.z, w.u, w.Jz, w.Rz, w.held, w.three,
+    )  # fmt: skip
+    return count if status == SOLVED else -1
+
+
+@plain
+def _enter(w, before):
+    """Move x inside, as little as can be, with λ and μ; whether there is an inside."""
+    n, count = len(w.x), 0
+    _ways(w)
+    if not _cut(w):
+        return False
+    if len(w.z) == 1:
+        count = _on_line(w)
+    elif len(w.z) > 1:
+        count = _nearest(w, before)
+    if count < 0:
+        return False
+    w.active_count[0] = count
+    for i in range(n):
+        for j in range(len(w.z)):
+            w.x[i] += w.ways[j, i] * w.z[j]
+    for k in range(count):
+        which = w.active[k]
+        if which < n:
+            w.x[which], w.box[which] = w.lower[which], w.box[which] - w.u[k]
+        elif which < 2 * n:
+            w.x[which - n], w.box[which - n] = w.upper[which - n], w.box[which - n] + w.u[k]
+        else:
+            w.lam[which - 2 * n] = w.u[k]
+    return True
+
+
+@plain
+def _pull_back(w):
+    """What μ and λ take from the right-hand side of y: QᵀSᵀ(μ + Gᵀλ), its first entries."""
+    n = len(w.x)
+    for i in range(n):
+        w.line[i] = w.box[i]
+    for row in range(len(w.g)):
+        if w.lam[row] > 0.0:
+            for i in range(n):
+                w.line[i] += w.lam[row] * w.G[row, i]
+    if len(w.h):
+        for i in range(n):
+            w.line[i] *= w.root[i]
+    else:
+        for j in range(n - 1, -1, -1):
+            total = 0.0
+            for i in range(j + 1):
+                total += w.J[i, j] * w.line[i]
+            w.line[j] = total
+    times_q_transposed(w.V, w.line)
+    for row in range(len(w.b)):
+        w.y[row] -= w.line[row]

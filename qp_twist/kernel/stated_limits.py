@@ -1,0 +1,156 @@
+"""What limits state as bounds on single joints and as rows, gathered for one program, compiled.
+
+All of them narrow the same box, (4, nv): lower bounds, upper bounds, and for either the number of
+the limit that it comes from. Of equal bounds the one with the smaller number counts. What is no
+bound on a single joint is appended to the same rows G q̇ ≤ g: ``rows`` (room, nv), ``ends`` (room,)
+and ``which`` (room,), the row's number in its own limit.
+"""
+
+from __future__ import annotations
+
+import math
+
+from qp_twist.kernel.bounds import _above, _below
+from qp_twist.kernel.compiling import entry, plain
+
+NOT_IN_ORDER = -1
+"""Something stated is not a number, or too large to compute with."""
+_NO_AXIS = 1e-9
+"""Angle of a ball joint below which its axis is not defined, as mink has it, rad."""
+
+
+@plain
+def _narrow(dof, low, high, number, box):
+    """Narrow the bounds of one joint; whether they are numbers."""
+    box[0, dof], box[2, dof] = _above(low, number, box[0, dof], box[2, dof])
+    box[1, dof], box[3, dof] = _below(high, number, box[1, dof], box[3, dof])
+    return low < math.inf and high > -math.inf  # false for NaN
+
+
+@entry
+def narrow_box(lower, upper, number, box):
+    """Narrow the box by bounds on all joints, each (nv,); whether they are numbers."""
+    fine = True
+    for dof in range(len(lower)):
+        fine &= _narrow(dof, lower[dof], upper[dof], number, box)
+    return fine
+
+
+@entry
+def narrow_to_range(q, lower, upper, gain, dt, addresses, dofs, number, box):
+    """Narrow the box by the ranges of joints, of which a step may go a share of the way.
+
+    Args:
+        q: Joint positions, (nq,).
+        lower: θ_min, (nq,).
+        upper: θ_max, (nq,).
+        gain: The share.
+        dt: Length of the step, s.
+        addresses: In q, of the joints that have a range, (k,).
+        dofs: Their degrees of freedom, (k,).
+        number: Of the limit.
+        box: Result.
+
+    Returns:
+        Whether the bounds are numbers.
+    """
+    fine = True
+    for k in range(len(dofs)):
+        at = addresses[k]
+        low, high = gain * (lower[at] - q[at]) / dt, gain * (upper[at] - q[at]) / dt
+        fine &= _narrow(dofs[k], low, high, number, box)
+    return fine
+
+
+@entry
+def append_ball_ranges(q, angles, gain, dt, addresses, dofs, first, rows, ends, which, at):
+    """Append aᵀ q̇ ≤ k (φ_max − φ)/dt for ball joints turned by φ about the axis a.
+
+    Args:
+        q: Joint positions, (nq,).
+        angles: φ_max, rad, (k,).
+        gain: The share k.
+        dt: Length of the step, s.
+        addresses: Of their quaternions in q, (k,).
+        dofs: First degree of freedom of each, (k,).
+        first: Number of the first one's row in its limit.
+        rows: Result.
+        ends: Result.
+        which: Result.
+        at: How many rows there are.
+
+    Returns:
+        How many there are now.
+    """
+    for k in range(len(dofs)):
+        start = addresses[k]
+        w, x, y, z = q[start], q[start + 1], q[start + 2], q[start + 3]
+        sine = math.sqrt(x * x + y * y + z * z)
+        turn = 2.0 * math.atan2(sine, w)
+        if turn > math.pi:  # the other way round is shorter
+            turn -= 2.0 * math.pi
+        angle = abs(turn)
+        end = gain * (angles[k] - angle) / dt
+        if not -math.inf < end < math.inf:
+            return NOT_IN_ORDER
+        for j in range(rows.shape[1]):
+            rows[at, j] = 0.0
+        if angle > _NO_AXIS:
+            side = (1.0 if turn > 0.0 else -1.0) / sine
+            rows[at, dofs[k]] = side * x
+            rows[at, dofs[k] + 1] = side * y
+            rows[at, dofs[k] + 2] = side * z
+        elif end >= 0.0:
+            continue
+        ends[at], which[at] = end, first + k
+        at += 1
+    return at
+
+
+@entry
+def append_rows(G, h, count, dt, number, unlimited, box, rows, ends, which, at):
+    """Take the first ``count`` rows of G Δq ≤ h: those of a single entry as bounds.
+
+    Rows that say nothing are left out, bounds beyond ``unlimited`` are none.
+
+    Args:
+        G: Rows, (≥ count, nv).
+        h: Right-hand sides, (≥ count,).
+        count: How many there are.
+        dt: Length of the step, s.
+        number: Of the limit.
+        unlimited: A bound beyond it is none, rad/s or m/s; larger entries of G are refused.
+        box: Result.
+        rows: Result, with room for all of them.
+        ends: Result.
+        which: Result.
+        at: How many rows there are.
+
+    Returns:
+        How many there are now.
+    """
+    for i in range(count):
+        end = h[i] / dt
+        entries, last = 0, 0
+        for j in range(G.shape[1]):
+            if G[i, j] != 0.0:
+                if not abs(G[i, j]) <= unlimited:
+                    return NOT_IN_ORDER
+                entries += 1
+                last = j
+        if not end > -math.inf:
+            return NOT_IN_ORDER
+        if end > unlimited:
+            end = math.inf
+        if entries == 1:
+            bound = end / G[i, last]
+            if G[i, last] > 0.0:
+                box[1, last], box[3, last] = _below(bound, number, box[1, last], box[3, last])
+            else:
+                box[0, last], box[2, last] = _above(bound, number, box[0, last], box[2, last])
+        elif (entries > 1 and end < math.inf) or (entries == 0 and end < 0.0):
+            for j in range(G.shape[1]):
+                rows[at, j] = G[i, j]
+            ends[at], which[at] = end, i
+            at += 1
+    return at

@@ -1,0 +1,368 @@
+"""One step from poses and Jacobians to a verified joint velocity, compiled."""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated, NamedTuple
+
+from qp_twist.kernel.bounds import bounds
+from qp_twist.kernel.closest_levels import closest_levels
+from qp_twist.kernel.compiling import plain
+from qp_twist.kernel.dual_active_set import cholesky, cholesky_inverse
+from qp_twist.kernel.largest_scale import scaled_program
+from qp_twist.kernel.null_space import null_space, right_singular, row_space
+from qp_twist.kernel.record import Floats, Integers, Record, reader
+from qp_twist.kernel.step_record import PROGRAM, Program, Sizes
+from qp_twist.kernel.twist_rows import twist_rows
+from qp_twist.kernel.verified_program import (
+    REFUSED,
+    Tolerances,
+    solved_program,
+    well_conditioned,
+)
+
+RAISE, SCALE, RELAX = 0, 1, 2
+"""If the first level is infeasible: leave it to the reference, scale the task, or minimise its
+residual inside the limits."""
+STATED = 3
+"""Replaces the projector's axes in ``kinds`` for a task whose rows are computed in Python."""
+
+
+class Settings(NamedTuple):
+    """Scalar settings of a controller."""
+
+    singularity: float
+    """Singular value of the rows below which the step is left to the reference."""
+    weight: float
+    """ρ."""
+    nearly_unseen: float
+    """Share of the largest singular value below which motion gradually counts as unseen."""
+    fastest: float
+    """Largest desired speed of a task or a secondary, m/s or rad/s."""
+    noticeable: float
+    """Smallest violation of a limit that counts, rad or m."""
+    unlimited: float
+    """A bound beyond it counts as infinite, rad/s or m/s."""
+    steepest: float
+    """Largest linear cost of other tasks, relative to the largest quadratic one."""
+    infeasible: float
+    """How an infeasible first level is handled: ``RAISE``, ``SCALE`` or ``RELAX``."""
+
+
+class Given(NamedTuple):
+    """Inputs of a step; the arrays are those of ``twist_rows`` and ``bounds``."""
+
+    settings: Settings
+    tolerances: Tolerances
+    free_costs: Annotated[Floats, 2]
+    """Square roots of the weights of the rows of 1 − T, linear and angular."""
+    middle: Annotated[Floats, "nv"]
+    """θ̄ of the secondary h = displacement + stiffness (θ̄ − θ), rad or m."""
+    stiffness: Annotated[Floats, "nv"]
+    displacement: Annotated[Floats, "nv"]
+    metric: Annotated[Floats, "nv"]
+    """Diagonal of M."""
+    shapes: Annotated[Floats, "tasks", 27]
+    poses: Annotated[Floats, "tasks", 12]
+    """R and p of the frames."""
+    targets: Annotated[Floats, "tasks", 18]
+    """R_d, p_d and the twist of the targets."""
+    target_poses: Annotated[Floats, "tasks", 7]
+    """Unit quaternions and positions, from which ``live_step`` computes R_d and p_d."""
+    jacobians: Annotated[Floats, "tasks", 6, "nv"]
+    limits: Annotated[Floats, "limits", "nv", 7]
+    stated_rows: Annotated[Floats, "m", "nv"]
+    """Rows of the tasks whose kind is ``STATED``, computed in Python."""
+    stated_sides: Annotated[Floats, "m"]
+    """Their right-hand sides."""
+    stated_free: Annotated[Floats, "free", "nv"]
+    """Their rows of 1 − T, times the square roots of the weights."""
+    quadratic: Annotated[Floats, "others", "nv"]
+    """H of other tasks."""
+    linear: Annotated[Floats, "others"]
+    """c of other tasks."""
+    kinds: Annotated[Integers, "tasks", 3]
+    """For each task the projector's ranks and axes; or the number of rows, 0 and ``STATED``."""
+    ends: Annotated[Integers, "levels"]
+    """Index after the last row of each level."""
+    addresses: Annotated[Integers, "nv"]
+    """Index of each degree of freedom in q; −1 where it has none of its own."""
+    types: Annotated[Integers, "limits"]
+    """Kinds of the limits."""
+    links: Annotated[Integers, "tasks", "nv"]
+    """Which joints move each task's frame: see ``live_step``."""
+    sources: Annotated[Integers, "5 + 2 * tasks"]
+    """Addresses of MuJoCo's arrays, and the number of joints: see ``live_step``."""
+
+
+GIVEN = Record(Given, Sizes)
+
+
+class Stages(NamedTuple):
+    """Inputs and program of a step."""
+
+    given: Given
+    program: Program
+
+
+STEP = Record(Stages, Sizes, GIVEN, PROGRAM)
+read_step = reader(STEP)
+
+
+@plain
+def _clear_cut(H, metric, N, nearly, work):
+    """Whether the rows, with Gram matrix H, see every motion outside their null space N (p, n).
+
+    True if M^(−1/2) H M^(−1/2) + trace · NᵀN has no small eigenvalue.
+    """
+    n, trace = len(metric), 0.0
+    for i in range(n):
+        trace += H[i, i] / metric[i]
+    for i in range(n):
+        for j in range(i + 1):
+            total = H[i, j] / math.sqrt(metric[i] * metric[j])
+            for k in range(len(N)):
+                total += trace * N[k, i] * N[k, j]
+            work[i, j] = total
+        work[i, i] -= nearly * nearly * trace
+    return cholesky(work)
+
+
+@plain
+def _rows_in_units_of(metric, A, free, seen):
+    """The rows A and those of 1 − T, each column divided by its root of the metric."""
+    m, n = A.shape
+    for j in range(n):
+        root = math.sqrt(metric[j])
+        for i in range(m):
+            seen[i, j] = A[i, j] / root
+        for i in range(len(free)):
+            seen[m + i, j] = free[i, j] / root
+
+
+@plain
+def _unseen(w, metric, nearly):
+    """Fill ``w.directions`` (joints times √metric) and ``w.sigma``; return how many there are.
+
+    ``w.sigma`` is 1 for an unseen direction and 0 for a well seen one. Usually the directions are
+    the null space of the rows. Otherwise they are the rows' right singular vectors; eigenvectors of
+    H would lose accuracy with the square of the rows' condition number.
+    """
+    n = len(metric)
+    _rows_in_units_of(metric, w.A, w.free, w.seen)
+    rank = row_space(w.seen, w.directions)
+    N = w.J[: n - rank]
+    null_space(w.directions[:rank], N)
+    for i in range(n - rank):
+        w.sigma[i] = 1.0
+        for j in range(n):
+            w.directions[i, j] = N[i, j]
+    if _clear_cut(w.dense, metric, w.directions[: n - rank], nearly, w.J):
+        return n - rank
+    right_singular(w.seen, w.directions, w.sigma)
+    largest = 0.0
+    for i in range(n):
+        largest = max(largest, w.sigma[i])
+    for i in range(n):
+        share = w.sigma[i] / (nearly * largest) if largest > 0.0 else 0.0
+        w.sigma[i] = 1.0 - min(1.0, share * share)
+    return n
+
+
+@plain
+def _add_unseen(w, metric, weight, nearly):
+    """Add the joint-space cost of motion that no row sees to H and c (``posing.unseen``).
+
+    H is ``w.dense``, c is ``w.c`` and ḣ is ``w.line``.
+    """
+    n = len(metric)
+    for k in range(_unseen(w, metric, nearly)):
+        if w.sigma[k] > 0.0:
+            for i in range(n):
+                for j in range(n):
+                    entry = (
+                        weight * w.sigma[k] * w.directions[k, i] * w.directions[k, j]
+                        * math.sqrt(metric[i] * metric[j])
+                    )  # fmt: skip
+                    w.dense[i, j] += entry
+                    w.c[i] -= entry * w.line[j]
+
+
+@plain
+def _all_rows(g, dt, A, b, free):
+    """Stack the rows of all tasks."""
+    row = 0
+    for index in range(len(g.kinds)):
+        rank = g.kinds[index, 0] + g.kinds[index, 1]
+        first = 6 * index if len(free) else 0
+        if g.kinds[index, 2] == STATED:
+            for i in range(row, row + rank):
+                b[i] = g.stated_sides[i]
+                for dof in range(A.shape[1]):
+                    A[i, dof] = g.stated_rows[i, dof]
+            for i in range(first, first + 6 if len(free) else 0):
+                for dof in range(A.shape[1]):
+                    free[i, dof] = g.stated_free[i, dof]
+        else:
+            twist_rows(
+                g.kinds[index], g.shapes[index], g.poses[index], g.targets[index],
+                g.jacobians[index], dt, A[row : row + rank], b[row : row + rank],
+                free[first : first + 6], g.free_costs,
+            )  # fmt: skip
+        row += rank
+
+
+@plain
+def _desired(qpos, addresses, middle, stiffness, displacement, dt, use_secondary, q, c):
+    """Write joint positions to q and ḣ to c; return max |ḣ|, or ∞ if q is not finite."""
+    largest = 0.0
+    for dof in range(len(q)):
+        q[dof] = qpos[addresses[dof]] if addresses[dof] >= 0 else 0.0
+        if not math.isfinite(q[dof]):
+            return math.inf
+        c[dof] = 0.0
+        if use_secondary:
+            c[dof] = (displacement[dof] + stiffness[dof] * (middle[dof] - q[dof])) / dt
+        if not abs(c[dof]) <= largest:
+            largest = abs(c[dof])
+    return largest
+
+
+@plain
+def _all_seen(H, metric, nearly, work):
+    """Whether the rows with the Gram matrix H see every motion well, as is usual.
+
+    The trace of M^(−1/2) H M^(−1/2) serves as an upper bound of its largest eigenvalue.
+    """
+    n, trace = len(metric), 0.0
+    for i in range(n):
+        for j in range(i + 1):
+            work[i, j] = H[i, j] / math.sqrt(metric[i] * metric[j])
+        trace += work[i, i]
+    for i in range(n):
+        work[i, i] -= nearly * nearly * trace
+    return cholesky(work)
+
+
+@plain
+def _twist_cost(w, metric, weight, nearly):
+    """H = FᵀF + AᵀA with F = ``w.free``, and c = −FᵀF ḣ from ḣ in c; then the unseen motion."""
+    A, free, H, c, desired = w.A, w.free, w.dense, w.c, w.line
+    nv = len(c)
+    for i in range(nv):
+        desired[i] = c[i]
+        for j in range(i + 1):
+            total = 0.0
+            for k in range(len(free)):
+                total += free[k, i] * free[k, j]
+            H[i, j] = H[j, i] = total
+    for i in range(nv):
+        total = 0.0
+        for j in range(nv):
+            total -= H[i, j] * desired[j]
+        c[i] = total
+    for i in range(nv):
+        for j in range(i + 1):
+            total = H[i, j]
+            for k in range(len(A)):
+                total += A[k, i] * A[k, j]
+            H[i, j] = H[j, i] = total
+    if not _all_seen(H, metric, nearly, w.J):
+        _add_unseen(w, metric, weight, nearly)
+
+
+@plain
+def _joint_cost(metric, weight, H, c):
+    """H = ρM, and c = −Hḣ from ḣ in c."""
+    for i in range(len(c)):
+        for j in range(len(c)):
+            H[i, j] = 0.0
+        H[i, i] = weight * metric[i]
+        c[i] *= -H[i, i]
+
+
+@plain
+def _add_costs(quadratic, linear, steepest, H, c):
+    """Add the costs of other tasks; return whether c is small enough relative to H."""
+    hardest, largest = 0.0, 0.0
+    for i in range(len(linear)):
+        c[i] += linear[i]
+        # Written so that NaN counts as the largest.
+        if not abs(c[i]) <= largest:
+            largest = abs(c[i])
+        for j in range(len(linear)):
+            H[i, j] += quadratic[i, j]
+            hardest = max(hardest, abs(H[i, j]))
+    return largest <= steepest * hardest
+
+
+@plain
+def _costs(w, metric, quadratic, linear, settings, twist_space):
+    """Compute H and c from ḣ in c, and S of H⁻¹ = SSᵀ if H is dense; return whether H ≻ 0.
+
+    ``twist_space`` is ``None`` for the joint-space cost: numba then does not compile the
+    twist-space cost, which saves a sixth of a step's compilation time.
+    """
+    if len(w.h):
+        for i in range(len(w.h)):
+            w.h[i] = settings.weight * metric[i]
+            w.c[i] *= -w.h[i]
+        return True
+    if twist_space is None:
+        _joint_cost(metric, settings.weight, w.dense, w.c)
+    else:
+        _twist_cost(w, metric, settings.weight, settings.nearly_unseen)
+    if not _add_costs(quadratic, linear, settings.steepest, w.dense, w.c):
+        return False
+    return cholesky_inverse(w.dense, w.J)
+
+
+@plain
+def step_on_rows(g, w, qpos, dt, use_secondary, twist_space):
+    """Compute the joint velocity ``w.x`` from the task rows in ``w``.
+
+    ``twist_space``: see :func:`_costs`.
+
+    Returns:
+        ``DONE``; ``TOO_FAST`` if the rows are infeasible within the limits: call
+        :func:`hindered_step`; or ``REFUSED`` if the reference has to compute the step.
+    """
+    fastest = _desired(
+        qpos, g.addresses, g.middle, g.stiffness, g.displacement, dt, use_secondary, w.q, w.c
+    )
+    for row in range(len(w.b)):
+        # Written so that NaN counts as the fastest.
+        if not abs(w.b[row]) <= fastest:
+            fastest = abs(w.b[row])
+    if not fastest <= g.settings.fastest:
+        return REFUSED
+    if not well_conditioned(w.A, g.ends, g.settings.singularity, w.R, w.J):
+        return REFUSED
+    if not bounds(
+        g.limits, g.types, w.q, dt, g.settings.noticeable, g.settings.unlimited, w.lower, w.upper,
+        w.lower_kind, w.upper_kind,
+    ):  # fmt: skip
+        return REFUSED
+    if not _costs(w, g.metric, g.quadratic, g.linear, g.settings, twist_space):
+        return REFUSED
+    return solved_program(w, g.tolerances)
+
+
+@plain
+def step(g, w, qpos, dt, use_secondary, twist_space):
+    """Compute a step from g into w; returns as :func:`step_on_rows`."""
+    _all_rows(g, dt, w.A, w.b, w.free)
+    return step_on_rows(g, w, qpos, dt, use_secondary, twist_space)
+
+
+@plain
+def hindered_step(g, w):
+    """Scale or relax a step that :func:`step` found infeasible; compiled on first use.
+
+    Returns:
+        ``SCALED``, ``RELAXED`` or ``PRIORITIZED``, or ``REFUSED`` as :func:`step_on_rows`.
+    """
+    scales, relaxes = g.settings.infeasible == SCALE, g.settings.infeasible == RELAX
+    if len(g.ends) > 1 or relaxes:
+        return closest_levels(w, g.ends, relaxes, g.tolerances)
+    return scaled_program(w, g.tolerances) if scales else REFUSED

@@ -1,0 +1,198 @@
+"""Curves from the rows of a file: checks that every format needs."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from qp_twist.checks import Array
+from qp_twist.errors import InvalidInput
+from qp_twist.files import LENGTHS, LengthUnit, Problems
+from qp_twist.paths.toolpath import Curve, Lines, Meaning, Toolpath
+from qp_twist.paths.toolpath_columns import Orientation
+from qp_twist.paths.turning import angles_between, turns_between
+
+LARGEST = 100.0
+"""Coordinates beyond it, m, are taken for a wrong unit."""
+FASTEST = 100.0
+"""Feeds above it, m/s, are taken for a wrong unit."""
+SAME_POINT = 1e-9
+"""Points nearer to each other, m, are the same."""
+SAME_DIRECTION = 1e-9
+"""And directions, rad."""
+
+
+@dataclass
+class RawCurve:
+    """The rows of one curve, as they are read.
+
+    Attributes:
+        name: Of the curve; empty if the file has none.
+        positions: m.
+        directions: Three or four numbers for each row, or none.
+        lines: Of the file, from 1.
+        feeds: Of the motion to each point, m/s; NaN where the file states none.
+    """
+
+    name: str = ""
+    positions: list[Sequence[float]] = field(default_factory=list)
+    directions: list[Sequence[float]] = field(default_factory=list)
+    lines: list[int] = field(default_factory=list)
+    feeds: list[float] = field(default_factory=list)
+
+
+def assembled(
+    path: Path,
+    orientation: Orientation,
+    curves: Sequence[RawCurve],
+    call: str,
+    notes: Sequence[str],
+    problems: Problems,
+    *,
+    unit: LengthUnit,
+    unit_in_file: bool,
+) -> Toolpath:
+    """The toolpath of some curves.
+
+    Args:
+        path: The file.
+        orientation: What the directions state; angles in radians, a quaternion's w first.
+        curves: RawCurve of at least one curve; curves without rows are left out.
+        call: What messages call the columns of the direction.
+        notes: Of the reader.
+        problems: What the reader found wrong; refused here, with what is wrong with the directions.
+        unit: In which the file's positions were read.
+        unit_in_file: Whether the file states that unit itself.
+
+    Raises:
+        InvalidInput: If there is no row, a coordinate is too large, or a direction states nothing.
+    """
+    curves = [rows for rows in curves if rows.positions]
+    if not curves:
+        problems.refuse()
+        raise InvalidInput("there is no point in it.")
+    _refuse_far(curves, problems, unit, unit_in_file=unit_in_file)
+    read = [
+        _curve(orientation, rows, rows.name or str(number), call, problems)
+        for number, rows in enumerate(curves, start=1)
+    ]
+    problems.refuse()
+    found, dropped = [], []
+    for curve in read:
+        kept, again = _without_repetitions(curve)
+        found.append(kept)
+        dropped += again
+    meaning: Meaning = "rotation" if orientation in ("quaternion", "rpy") else orientation  # type: ignore[assignment]
+    notes = list(notes)
+    if dropped:
+        first = f"line {dropped[0]}" if len(dropped) == 1 else f"the first in line {dropped[0]}"
+        notes.append(
+            f"{len(dropped)} points that repeat the one before were dropped ({first})."
+            if len(dropped) > 1
+            else f"a point that repeats the one before was dropped ({first})."
+        )
+    return Toolpath(path, meaning, tuple(found), tuple(notes), unit, unit_in_file)
+
+
+def _refuse_far(
+    curves: Sequence[RawCurve], problems: Problems, unit: LengthUnit, *, unit_in_file: bool
+) -> None:
+    """One problem for all points that are too far away: their unit is one mistake."""
+    positions = np.array([p for rows in curves for p in rows.positions], dtype=np.float64)
+    lines = [line for rows in curves for line in rows.lines]
+    apart = np.abs(positions).max(axis=1)
+    far = np.flatnonzero(apart > LARGEST)
+    if not len(far):
+        return
+    more = f", and {len(far) - 1} points more are as far" if len(far) > 1 else ""
+    problems.add(
+        lines[far[0]],
+        f"the point is {apart[far[0]]:.4g} m from the origin of its file, more than {LARGEST:g} m"
+        f"{more}; {unit_question(unit, float(apart.max()), LARGEST, unit_in_file=unit_in_file)}",
+    )
+
+
+def unit_question(unit: LengthUnit, size: float, most: float, *, unit_in_file: bool) -> str:
+    """The question whether a file is in another unit, where its size (m) exceeds ``most`` (m)."""
+    factors = {other: LENGTHS[other] / LENGTHS[unit] for other in LENGTHS}
+    likely: list[LengthUnit] = [u for u, f in factors.items() if f < 1.0 and f * size <= most]
+    if not likely:
+        return "in no unit that is known would it be small enough"
+    other = likely[0]
+    how = f"the file says {unit}, so write {other} there" if unit_in_file else (
+        f'if it is, say length_unit = "{other}"'
+    )  # fmt: skip
+    return f"is the file in {other}? {how}"
+
+
+def _curve(
+    orientation: Orientation, rows: RawCurve, name: str, call: str, problems: Problems
+) -> Curve:
+    positions = np.array(rows.positions, dtype=np.float64)
+    lines = np.array(rows.lines, dtype=np.int64)
+    feeds = _feeds(rows, problems)
+    if orientation == "none":
+        return Curve(name, positions, None, None, lines, feeds)
+    values = np.array(rows.directions, dtype=np.float64)
+    if orientation == "rpy":
+        rotations = Rotation.from_euler("xyz", values).as_matrix()
+        return Curve(name, positions, None, rotations, lines, feeds)
+    units = _unit_vectors(orientation, values, lines, call, problems)
+    if orientation != "quaternion":
+        return Curve(name, positions, units, None, lines, feeds)
+    rotations = Rotation.from_quat(units[:, [1, 2, 3, 0]]).as_matrix()
+    return Curve(name, positions, None, rotations, lines, feeds)
+
+
+def _feeds(rows: RawCurve, problems: Problems) -> Array | None:
+    """Feeds of the motions to the points; none leads to the first one of a curve."""
+    feeds = np.array(rows.feeds or [np.nan], dtype=np.float64)
+    feeds[0] = np.nan
+    fast = np.flatnonzero(feeds > FASTEST)
+    if len(fast):
+        many = f" (and to {len(fast) - 1} points more)" if len(fast) > 1 else ""
+        problems.add(
+            rows.lines[fast[0]],
+            f"the feed to this point{many} is {feeds[fast[0]]:.4g} m/s, more than {FASTEST:g} m/s; "
+            "check its unit",
+        )
+    return feeds if np.isfinite(feeds).any() else None
+
+
+def _unit_vectors(
+    orientation: Orientation, values: Array, lines: Lines, call: str, problems: Problems
+) -> Array:
+    """The directions with the length 1; those of length zero are problems."""
+    largest = np.abs(values).max(axis=1, keepdims=True)
+    nothing = largest[:, 0] < 1e-12
+    for line in lines[nothing].tolist():
+        problems.add(line, f"the {orientation} is zero and has no direction", call)
+    values, largest = np.where(nothing[:, None], 1.0, values), np.where(largest < 1e-12, 1, largest)
+    units: Array = values / largest
+    lengths = np.linalg.norm(units, axis=1)
+    units /= lengths[:, None]
+    if orientation == "quaternion":
+        lengths *= largest[:, 0]
+        for k in np.flatnonzero((np.abs(lengths - 1.0) > 0.01) & ~nothing).tolist():
+            problems.add(
+                int(lines[k]),
+                f"the quaternion has the length {lengths[k]:.4g} instead of 1; check which columns "
+                "it is in",
+                call,
+            )
+    return units
+
+
+def _without_repetitions(curve: Curve) -> tuple[Curve, list[int]]:
+    """The curve without points equal to the one before, and the lines of those."""
+    same = np.linalg.norm(np.diff(curve.positions, axis=0), axis=1) < SAME_POINT
+    if curve.vectors is not None:
+        same &= angles_between(curve.vectors[:-1], curve.vectors[1:]) < SAME_DIRECTION
+    if curve.rotations is not None:
+        same &= turns_between(curve.rotations[:-1], curve.rotations[1:]) < SAME_DIRECTION
+    keep = np.concatenate([[True], ~same])
+    return curve.part(keep), [int(line) for line in curve.lines[~keep]]

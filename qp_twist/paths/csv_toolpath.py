@@ -1,0 +1,138 @@
+"""Toolpaths from tables: CSV and its relatives."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from qp_twist.files import (
+    ANGLES,
+    FEEDS,
+    LENGTHS,
+    AngleUnit,
+    FeedUnit,
+    LengthUnit,
+    Problems,
+    Table,
+    columns_named,
+)
+from qp_twist.paths.assemble import RawCurve, assembled
+from qp_twist.paths.suggested_columns import suggested
+from qp_twist.paths.toolpath import Toolpath
+from qp_twist.paths.toolpath_columns import (
+    ColumnChoice,
+    ColumnRoles,
+    Orientation,
+    UnclearColumns,
+    column_roles,
+    has_position,
+    unit_of,
+    usual,
+)
+
+_LOOKED_AT = 500
+"""RawCurve by whose numbers columns are suggested."""
+
+
+def read_csv(
+    path: Path,
+    lines: Sequence[str],
+    choice: ColumnChoice,
+    orientation: Orientation | None,
+    length_unit: LengthUnit | None,
+    angle_unit: AngleUnit | None,
+    feed_unit: FeedUnit | None,
+) -> Toolpath:
+    """The toolpath of a table.
+
+    A blank line, a line of text between rows and a new entry in the curve's column begin another
+    curve; the text names it.
+
+    Raises:
+        InvalidInput: If the table is not clear, or rows are broken; with line and column of each.
+        UnclearColumns: If the columns have to be stated; with a suggestion where there is one.
+    """
+    by_name = [
+        column
+        for columns in vars(choice).values()
+        for column in (columns if isinstance(columns, tuple) else (columns,))
+        if isinstance(column, str)
+    ]
+    table = Table(
+        lines,
+        least=3,
+        texts=True,
+        expected="a toolpath needs x, y and z in every row",
+        is_header=lambda names: (
+            has_position(names)
+            or bool(by_name and all(columns_named(names, name) for name in by_name))
+        ),
+    )
+    try:
+        where = column_roles(table, choice, orientation, feed_unit)
+    except UnclearColumns as error:
+        raise UnclearColumns(error.message, suggested(table.sample(_LOOKED_AT))) from None
+    unit, in_file = unit_of(table, "length_unit", where.position, length_unit, LENGTHS)
+    scale, angle, feed = LENGTHS[unit], 1.0, 1.0
+    if where.orientation == "rpy":
+        angle = ANGLES[unit_of(table, "angle_unit", where.direction, angle_unit, ANGLES)[0]]
+    if where.feed is not None:
+        feed = FEEDS[unit_of(table, "feed_unit", (where.feed,), feed_unit, FEEDS)[0]]
+    problems = Problems()
+    curves = _curves(table, where, problems)
+    for rows in curves:
+        rows.positions = [tuple(scale * v for v in p) for p in rows.positions]
+        rows.feeds = [feed * v for v in rows.feeds]
+        if angle != 1.0:
+            rows.directions = [tuple(angle * v for v in d) for d in rows.directions]
+    used = {*where.numbers, *(() if where.curve is None else (where.curve,))}
+    unused = [table.call(i) for i in range(table.width) if i not in used]
+    notes = [f"not used: {', '.join(unused)}."] if unused else []
+    notes += _of_feeds(table, where)
+    call = ", ".join(table.call(i) for i in where.direction)
+    return assembled(
+        path, where.orientation, curves, call, notes, problems, unit=unit, unit_in_file=in_file
+    )
+
+
+def _of_feeds(table: Table, where: ColumnRoles) -> list[str]:
+    """What is not used although it is called like a feed."""
+    if where.feed is not None:
+        return []
+    named = usual(table.names).get("feed", {}).get(0, [])
+    if not named:
+        return []
+    return [
+        f"{' and '.join(table.call(i) for i in named)} may state feeds, but not in which unit; "
+        'write it into the header, e.g. "feed [mm/min]", or add feed_unit = "mm/min" to [path].'
+    ]
+
+
+def _curves(table: Table, where: ColumnRoles, problems: Problems) -> list[RawCurve]:
+    """The rows of all curves, checked one by one; what is wrong with a row is a problem."""
+    curves = [RawCurve(table.title)]
+    label: str | None = None
+    for row in table.rows(where.numbers, problems):
+        if row.numbers is None:
+            if curves[-1].positions:
+                curves.append(RawCurve())
+            curves[-1].name = " ".join(filter(None, row.fields)) or curves[-1].name
+            continue
+        if where.curve is not None:
+            name = row.fields[where.curve]
+            if label is not None and name != label and curves[-1].positions:
+                curves.append(RawCurve())
+            label = name
+            curves[-1].name = name
+        rows = curves[-1]
+        rows.positions.append(row.numbers[:3])
+        rows.directions.append(row.numbers[3 : 3 + len(where.direction)])
+        rows.lines.append(row.line)
+        if where.feed is not None:
+            value = row.numbers[-1]
+            rows.feeds.append(value)
+            # No motion leads to the first point of a curve; tables often have 0 there.
+            if value <= 0.0 and len(rows.positions) > 1:
+                what = f"expected a feed above 0, got {value:g}"
+                problems.add(row.line, what, table.call(where.feed))
+    return curves

@@ -1,0 +1,333 @@
+"""Waypoints from a toolpath file: placed, resampled, leaned, with ways to and from its curves."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Literal
+
+import mink
+import numpy as np
+
+from qp_twist.checks import Array
+from qp_twist.errors import InvalidInput
+from qp_twist.geometry import TwistProjector
+from qp_twist.paths.assemble import SAME_DIRECTION, SAME_POINT, unit_question
+from qp_twist.paths.file_path_schema import FilePath, LeadTable, WorkpieceTable
+from qp_twist.paths.orientation import lean_turns
+from qp_twist.paths.read_toolpath import read_toolpath
+from qp_twist.paths.resample import MOST, resampled
+from qp_twist.paths.segment import Segment, check_segments
+from qp_twist.paths.shapes import polyline
+from qp_twist.paths.toolpath import Curve, Lines, Toolpath
+from qp_twist.paths.turning import angles_between, turns_between
+
+Part = Literal["approach", "contact", "retreat", "transfer"]
+
+
+@dataclass(frozen=True, eq=False)
+class FileWaypoints:
+    """The waypoints of a toolpath file.
+
+    Attributes:
+        positions: In the world, m, (N, 3).
+        axes: z of the frame where the file states directions, (N, 3).
+        rotations: Where it states whole orientations, (N, 3, 3).
+        lines: Line of the file that a waypoint stands in or comes after, (N,).
+        parts: What each is part of.
+        toolpath: The file as read.
+        feeds: That the file states for the motion to each, m/s, (N,), NaN where it states none;
+            ``None`` if it states none at all, or they do not count.
+    """
+
+    positions: Array
+    axes: Array | None
+    rotations: Array | None
+    lines: Lines
+    parts: tuple[Part, ...]
+    toolpath: Toolpath
+    feeds: Array | None
+
+
+@dataclass(frozen=True, eq=False)
+class _Piece:
+    """A stretch of waypoints; its curve holds z of the frame as vectors, or rotations."""
+
+    part: Part
+    curve: Curve
+
+
+def file_waypoints(
+    task_file: Path, section: FilePath, held: Array, reach: float = np.inf
+) -> FileWaypoints:
+    """Read a toolpath and lay waypoints along it.
+
+    Args:
+        task_file: The file that names it.
+        section: How.
+        held: Orientation of the frame where the file states none, (3, 3).
+        reach: Largest distance of the frame from the robot's first joint, m.
+
+    Raises:
+        InvalidInput: If the toolpath is refused, is larger than the robot can reach anywhere, makes
+            too many waypoints, or does not fit the keys.
+    """
+    toolpath = read_toolpath(
+        task_file.parent / section.file,
+        format=section.format,
+        columns=None if section.columns is None else section.columns.choice(),
+        length_unit=section.length_unit,
+        angle_unit=section.angle_unit,
+        orientation=section.orientation,
+        feed_unit=section.feed_unit,
+    )
+    if section.curves is not None:
+        toolpath = toolpath.chosen(section.curves)
+    refuse_too_large(toolpath, reach)
+    ways = (section.approach, section.retreat, section.transfer)
+    if len(toolpath.curves) > 1 and ways == (None, None, None):
+        begins = ", ".join(str(curve.lines[0]) for curve in toolpath.curves[:10])
+        raise InvalidInput(
+            f"{toolpath.source.name} has {len(toolpath.curves)} curves, which begin in lines "
+            f"{begins}{', …' if len(toolpath.curves) > 10 else ''}; say how the tool gets from one "
+            "to the next by [path.retreat] and [path.approach], let it go straight by an empty "
+            "[path.transfer], or choose one with curves = [1]."
+        )
+    placement = section.placement or WorkpieceTable()
+    turn, origin = _rotation(placement), np.array(placement.position)
+    pieces: list[_Piece] = []
+    for read in toolpath.curves:
+        _refuse_too_many(pieces, toolpath, section)
+        _extend(pieces, _of_curve(section, _placed(read, turn, origin), held, toolpath), section)
+    _refuse_too_many(pieces, toolpath, section)
+    curve = _joined(pieces)
+    if len(curve) < 2:
+        raise InvalidInput(f"{toolpath.source.name}: a path needs at least two points.")
+    return FileWaypoints(
+        positions=curve.positions,
+        axes=curve.vectors,
+        rotations=curve.rotations,
+        lines=curve.lines,
+        parts=tuple(piece.part for piece in pieces for _ in range(len(piece.curve))),
+        toolpath=toolpath,
+        feeds=curve.feeds if section.feeds == "file" else None,
+    )
+
+
+def refuse_too_large(toolpath: Toolpath, reach: float) -> None:
+    """Refuse a path with two points further apart than any two that the robot reaches.
+
+    Raises:
+        InvalidInput: With the unit in which it would fit, if there is one.
+    """
+    extent = toolpath.extent
+    if extent <= 2.0 * reach:
+        return
+    largest = max(float(np.abs(curve.positions).max()) for curve in toolpath.curves)
+    question = unit_question(toolpath.unit, extent, 2.0 * reach, unit_in_file=toolpath.unit_in_file)
+    raise InvalidInput(
+        f"{toolpath.source.name}: its coordinates reach {largest:.3g} m and it is {extent:.3g} m "
+        f"across; the robot reaches {reach:.3g} m at most from its first joint: {question}."
+    )
+
+
+def _refuse_too_many(pieces: list[_Piece], toolpath: Toolpath, section: FilePath) -> None:
+    count = sum(len(piece.curve) for piece in pieces)
+    if count > MOST:
+        raise InvalidInput(
+            f"{toolpath.source.name}: max_spacing = {section.max_spacing:g} m and max_turn_deg = "
+            f"{section.max_turn_deg:g} make {count} waypoints or more; at most {MOST} are made. "
+            "Choose larger ones, leave points out by chord_error, or divide the path by curves."
+        )
+
+
+def file_segments(
+    section: FilePath,
+    projector: TwistProjector,
+    operational: TwistProjector,
+    parts: tuple[Part, ...],
+) -> tuple[TwistProjector, tuple[Segment, ...]]:
+    """The projector of the first waypoint, and the segments in which another one holds.
+
+    Raises:
+        InvalidInput: If a projector or a blend does not fit, with the key of its table.
+    """
+    of = {"contact": projector}
+    for part, table in (("approach", section.approach), ("retreat", section.retreat)):
+        of[part] = (table and table.projector()) or projector
+    own = section.transfer and section.transfer.projector()
+    lifted = of["retreat"] if section.retreat else of["approach"]
+    of["transfer"] = own or lifted
+    blends = {
+        part: table.blend if table else 0
+        for part, table in (
+            ("approach", section.approach),
+            ("retreat", section.retreat),
+            ("transfer", section.transfer),
+        )
+    }
+    segments: list[Segment] = []
+    keys: list[Part] = []
+    begin = 0
+    for index in range(1, len(parts)):
+        before, part = parts[index - 1], parts[index]
+        if before == part:
+            continue
+        if of[before] is not of[part]:
+            # Into a retreat T changes over its first waypoints. Out of an approach or a transfer it
+            # does over the last ones, so that all rows of what follows hold from the first one on.
+            late = before in ("approach", "transfer")
+            blend = blends[before] if late else blends["retreat"] if part == "retreat" else 0
+            if late and blend >= index - begin:
+                raise InvalidInput(
+                    f"path.{before}.blend: waypoints {begin + 1} to {index} are {before}, and its "
+                    f"projector has to hold at one of them at least; got a blend over {blend}."
+                )
+            segments.append(Segment(index - blend if late else index, of[part], blend))
+            keys.append(before if late else part)
+        begin = index
+    try:
+        check_segments(operational, of[parts[0]], segments, len(parts))
+    except InvalidInput as error:
+        message = str(error)
+        for index, key in enumerate(keys):
+            message = message.replace(f"segments[{index}]", f"path.{key}")
+        raise InvalidInput(message) from None
+    return of[parts[0]], tuple(segments)
+
+
+def _rotation(table: WorkpieceTable) -> Array:
+    """Of the file's frame to the world, (3, 3)."""
+    if table.quaternion_wxyz is not None:
+        wxyz = np.array(table.quaternion_wxyz)
+        wxyz /= np.abs(wxyz).max()
+        rotation = mink.SO3(wxyz / np.linalg.norm(wxyz))
+    else:
+        rotation = mink.SO3.from_rpy_radians(*np.radians(table.rpy_deg or (0.0, 0.0, 0.0)))
+    matrix: Array = rotation.as_matrix()
+    return matrix
+
+
+def _placed(curve: Curve, turn: Array, origin: Array) -> Curve:
+    """The curve in the world."""
+    return replace(
+        curve,
+        positions=origin + curve.positions @ turn.T,
+        vectors=None if curve.vectors is None else curve.vectors @ turn.T,
+        rotations=None if curve.rotations is None else turn @ curve.rotations,
+    )
+
+
+def _of_curve(section: FilePath, curve: Curve, held: Array, toolpath: Toolpath) -> list[_Piece]:
+    """The ways to a curve, along it and from it."""
+    try:
+        curve = resampled(curve, section.sampling())
+    except InvalidInput as error:
+        raise InvalidInput(f"{toolpath.source.name}: {error}") from error
+    # From the surface to the holder; the frame's z points the other way if the tool is "into".
+    sign = -1.0 if section.tool == "into" else 1.0
+    normals = curve.vectors
+    if curve.vectors is not None:
+        curve = replace(curve, vectors=sign * curve.vectors)
+    elif curve.rotations is None:
+        curve = replace(curve, rotations=np.broadcast_to(held, (len(curve), 3, 3)))
+    if section.lead_deg or section.tilt_deg:
+        turns = lean_turns(
+            f"{toolpath.source.name}, curve {curve.name!r}",
+            curve.positions,
+            _z(curve),
+            np.radians(section.lead_deg),
+            np.radians(section.tilt_deg),
+        )
+        curve = replace(
+            curve,
+            vectors=None
+            if curve.vectors is None
+            else np.einsum("nij,nj->ni", turns, curve.vectors),
+            rotations=None if curve.rotations is None else turns @ curve.rotations,
+        )
+    away = normals if toolpath.meaning == "normal" and normals is not None else sign * _z(curve)
+    pieces = [_Piece("contact", curve)]
+    if section.approach is not None:
+        pieces.insert(0, _Piece("approach", _lead(curve, 0, away, section.approach)))
+    if section.retreat is not None:
+        pieces.append(_Piece("retreat", _lead(curve, -1, away, section.retreat)))
+    return pieces
+
+
+def _z(curve: Curve) -> Array:
+    """z of the frame at each waypoint, (N, 3)."""
+    if curve.vectors is not None:
+        return curve.vectors
+    assert curve.rotations is not None
+    return curve.rotations[:, :, 2]
+
+
+def _lead(curve: Curve, end: Literal[0, -1], away: Array, table: LeadTable) -> Curve:
+    """Straight away from one end of a curve, or to it, without that end."""
+    far = curve.positions[end] + table.distance * away[end]
+    steps = table.steps
+    ends = [far, curve.positions[0]] if end == 0 else [curve.positions[-1], far]
+    points = polyline(np.array(ends), steps)
+    index = np.full(steps, 0 if end == 0 else len(curve) - 1)
+    return replace(curve.part(index), positions=points[:-1] if end == 0 else points[1:], feeds=None)
+
+
+def _extend(pieces: list[_Piece], more: list[_Piece], section: FilePath) -> None:
+    """Add the pieces of a curve, after a transfer to the first of them."""
+    if pieces:
+        last, first = pieces[-1].curve, more[0].curve
+        ends = replace(
+            last.part([-1]),
+            positions=np.array([last.positions[-1], first.positions[0]]),
+            vectors=_two(last.vectors, first.vectors),
+            rotations=_two(last.rotations, first.rotations),
+            lines=np.array([last.lines[-1], first.lines[0]]),
+            feeds=None,
+        )
+        if _same(last, first):
+            # Nowhere to go, and no time for it: the point is there once.
+            more[0] = replace(more[0], curve=first.part(np.arange(1, len(first))))
+        else:
+            way = resampled(ends, section.sampling())
+            pieces.append(_Piece("transfer", way.part(np.arange(1, len(way) - 1))))
+    pieces += [piece for piece in more if len(piece.curve)]
+
+
+def _two(a: Array | None, b: Array | None) -> Array | None:
+    return None if a is None or b is None else np.array([a[-1], b[0]])
+
+
+def _same(a: Curve, b: Curve) -> bool:
+    """Whether one curve ends where another begins."""
+    if np.linalg.norm(a.positions[-1] - b.positions[0]) >= SAME_POINT:
+        return False
+    if a.vectors is not None and b.vectors is not None:
+        return bool(angles_between(a.vectors[-1], b.vectors[0]) < SAME_DIRECTION)
+    if a.rotations is not None and b.rotations is not None:
+        return bool(turns_between(a.rotations[-1:], b.rotations[:1])[0] < SAME_DIRECTION)
+    return True
+
+
+def _joined(pieces: list[_Piece]) -> Curve:
+    curves = [piece.curve for piece in pieces]
+
+    def stacked(arrays: list[Array | None]) -> Array | None:
+        found = [array for array in arrays if array is not None]
+        return np.concatenate(found) if found else None
+
+    return Curve(
+        "",
+        np.concatenate([curve.positions for curve in curves]),
+        stacked([curve.vectors for curve in curves]),
+        stacked([curve.rotations for curve in curves]),
+        np.concatenate([curve.lines for curve in curves]),
+        stacked(
+            [
+                np.full(len(curve), np.nan) if curve.feeds is None else curve.feeds
+                for curve in curves
+            ]
+        )
+        if any(curve.feeds is not None for curve in curves)
+        else None,
+    )

@@ -1,0 +1,197 @@
+"""The methods by name, which one runs by default, and with which settings each of them does.
+
+The defaults of the whole package are stated here and nowhere else: :data:`DEFAULT_METHOD`, the
+fields of :class:`MethodSettings`, and in :data:`METHODS` what single methods have otherwise.
+docs/choose.md says what they were measured on. What a task file states in ``[methods.NAME]`` comes
+before them, and an option of ``follow`` before both.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Annotated, Literal, get_args
+
+from pydantic import Field
+
+from qp_twist.paths.section import Section
+
+MethodName = Literal[
+    "rmr",
+    "rmr_flipped",
+    "qp_rmr",
+    "minimum_norm",
+    "weighted_least_norm",
+    "sns",
+    "qp_minimum_norm",
+    "gradient_projection",
+    "qp_gradient",
+    "mink",
+    "mink_default",
+    "pink",
+    "placo_hard",
+    "placo_scaled",
+    "twa",
+    "qp",
+    "qp_planned",
+]
+
+
+DEFAULT_METHOD: MethodName = "qp_gradient"
+"""What runs where no method is named."""
+
+
+class MethodSettings(Section):
+    """How one method is run: a ``[methods.NAME]`` table of a task file.
+
+    The defaults of weight and gain are those of :data:`DEFAULT_METHOD`.
+    """
+
+    iterations: Annotated[int, Field(ge=1, le=1000)] = Field(
+        default=20, description="most iterations for a waypoint"
+    )
+    secondary: Literal["none", "centering", "posture", "manipulability", "plan"] = Field(
+        default="none", description="what the free motion is spent on"
+    )
+    weight: Literal["gradient", "paper", "natural", "equal"] = Field(
+        default="natural",
+        description="of centering: h = WᵀW(θ̄ − θ), the paper's W(θ̄ − θ), or θ̄ − θ with the "
+        "joint-space cost measured in WᵀW; equal: peers only, the same cost for every joint",
+    )
+    gain: Annotated[float, Field(ge=0.0, allow_inf_nan=False)] = Field(
+        default=0.05, description="of the secondary, per waypoint"
+    )
+    objective: Literal["centering", "travel", "margin"] = Field(
+        default="centering", description="of the plan, where that is the secondary"
+    )
+    optimal: bool = Field(
+        default=True, description="of sns: whether held joints are released, or the basic form runs"
+    )
+    posture_cost: Annotated[float, Field(ge=0.0, allow_inf_nan=False)] = Field(
+        default=1e-3,
+        description="of a peer's posture, beside 1 for the task's rows; where these are hard "
+        "constraints only its being above 0 matters, and where they are scaled its square competes "
+        "with the scale, whose weight is 1",
+    )
+    every_iteration: bool = Field(
+        default=False,
+        description="of a peer: whether the posture pulls in every iteration, not only in the "
+        "first of a waypoint",
+    )
+
+    @property
+    def metric(self) -> Literal["1", "WᵀW"]:
+        """M of the joint-space cost ‖q̇ − ḣ‖²_M of a QP of this package."""
+        natural = self.secondary == "centering" and self.weight == "natural"
+        return "WᵀW" if natural else "1"
+
+    def __str__(self) -> str:
+        """The secondary and its numbers, e.g. ``centering, weight natural, gain 0.05``."""
+        match self.secondary:
+            case "none":
+                return "no secondary"
+            case "centering":
+                return f"centering, weight {self.weight}, gain {self.gain:g}"
+            case name:
+                return f"{name}, gain {self.gain:g}"
+
+
+@dataclass(frozen=True)
+class Method:
+    """One way to resolve a step.
+
+    Attributes:
+        name: As in the command line, task files and Python.
+        title: As in figures.
+        constrained: Whether it is one of this package's QPs, with the limits in it. ``sns`` and
+            the peers are none: they are drawn and listed beside the QP that they come nearest to.
+        whole_twist: Whether it fixes the roll too (T = T_O) by the task's roll rule.
+        flipped: Whether it takes the roll rule's other sign.
+        space: Where the QP measures the secondary.
+        counterpart: The QP nearest to a closed form, or the closed form that a QP equals while no
+            limit is active; none for ``qp_planned``. ``sns`` and ``weighted_least_norm`` both have
+            ``qp_minimum_norm``: the one is what it is with limits, the other what it would be in
+            another metric.
+        peer: The library whose own step it is, with its own tasks, limits and solver; none for the
+            methods of this package.
+        on_request: Whether it runs only where it is named.
+        defaults: Settings where the task file says nothing.
+    """
+
+    name: str
+    title: str
+    constrained: bool
+    counterpart: str | None
+    whole_twist: bool = False
+    flipped: bool = False
+    space: Literal["joint", "twist"] = "joint"
+    peer: Literal["", "mink", "pink", "placo"] = ""
+    on_request: bool = False
+    defaults: MethodSettings = field(default_factory=MethodSettings)
+
+    @property
+    def holds_limits(self) -> bool:
+        """Whether it keeps position and velocity limits: of the closed forms, ``sns`` alone."""
+        return self.constrained or self.name == "sns" or bool(self.peer)
+
+
+_CENTERING = MethodSettings(secondary="centering")
+# The closed forms as they are published: one step a waypoint, along the paper's direction or −∇z.
+_TWA = MethodSettings(iterations=1, secondary="centering", weight="paper", gain=1.0)
+_GRADIENT = MethodSettings(iterations=1, secondary="centering", weight="gradient", gain=1.0)
+# What a first program with mink has: a posture task as it is built, one step a target.
+_FIRST_PROGRAM = MethodSettings(
+    iterations=1, secondary="centering", weight="equal", gain=1.0, posture_cost=1e-2,
+    every_iteration=True,
+)  # fmt: skip
+
+METHODS: dict[str, Method] = {
+    method.name: method
+    for method in (
+        Method("rmr", "resolved motion rate", False, "qp_rmr", whole_twist=True),
+        Method(
+            "rmr_flipped", "resolved motion rate, other y", False, "qp_rmr",
+            whole_twist=True, flipped=True,
+        ),
+        Method("qp_rmr", "QP, whole twist", True, "rmr", whole_twist=True),
+        Method("minimum_norm", "minimum norm", False, "qp_minimum_norm"),
+        Method("weighted_least_norm", "weighted least norm", False, "qp_minimum_norm"),
+        Method("sns", "saturation in the null space", False, "qp_minimum_norm"),
+        Method("qp_minimum_norm", "QP, minimum norm", True, "minimum_norm"),
+        Method(
+            "gradient_projection", "gradient projection", False, "qp_gradient",
+            defaults=_GRADIENT,
+        ),
+        Method(
+            "qp_gradient", "QP, joint-space cost", True, "gradient_projection",
+            defaults=_CENTERING,
+        ),
+        Method("mink", "mink's own step", False, "qp_gradient", peer="mink", defaults=_CENTERING),
+        Method(
+            "mink_default", "mink's own step, as first written", False, "qp_gradient", peer="mink",
+            on_request=True, defaults=_FIRST_PROGRAM,
+        ),
+        Method(
+            "pink", "pink's own step", False, "qp_gradient", peer="pink", on_request=True,
+            defaults=_CENTERING,
+        ),
+        Method(
+            "placo_hard", "placo's own step, task hard", False, "qp_gradient", peer="placo",
+            on_request=True, defaults=_CENTERING,
+        ),
+        Method(
+            "placo_scaled", "placo's own step, task scaled", False, "qp_gradient", peer="placo",
+            on_request=True, defaults=_CENTERING,
+        ),
+        Method("twa", "twist decomposition, TWA", False, "qp", space="twist", defaults=_TWA),
+        Method(
+            "qp", "QP, twist-space cost", True, "twa", space="twist",
+            defaults=_TWA.model_copy(update={"iterations": 20}),
+        ),
+        Method(
+            "qp_planned", "QP along a plan", True, None,
+            defaults=MethodSettings(secondary="plan", gain=1.0),  # all the way to the plan
+        ),
+    )
+}  # fmt: skip
+
+assert set(METHODS) == set(get_args(MethodName))

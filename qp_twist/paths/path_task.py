@@ -1,0 +1,249 @@
+"""A path task: a robot, a path, what of the path counts, and how it is to be followed."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from pathlib import Path
+from typing import Literal
+
+import mink
+import mujoco
+import numpy as np
+
+from qp_twist.checks import Array, did_you_mean
+from qp_twist.constraints import Constraint, JointCouplings, check_constraints, couplings_of
+from qp_twist.errors import InvalidInput
+from qp_twist.geometry import ProjectorKind, TwistProjector, task_redundancy
+from qp_twist.geometry.projector import SAME_DIRECTION
+from qp_twist.kinematics import JointRanges, ToleranceBand, TwistTask, frame_pose
+from qp_twist.paths.methods import METHODS, MethodSettings
+from qp_twist.paths.orientation import poses
+from qp_twist.paths.segment import Segment, check_segments, projectors_in_force
+from qp_twist.paths.task_schema import IterationSection, StudySection
+from qp_twist.paths.toolpath import Lines, Toolpath
+from qp_twist.paths.turning import transported
+from qp_twist.robots import KnownRobot, known_speeds
+
+FromStart = Literal["nothing", "roll", "orientation"]
+
+
+@dataclass(frozen=True, eq=False)
+class PathTask:
+    """Everything that a method needs to follow a path.
+
+    Attributes:
+        name: Short name, the file's stem.
+        title: One line for people.
+        source: The task file, if there is one.
+        scene: The MJCF file.
+        model: The robot.
+        frame_name: Name of the controlled frame.
+        frame_type: Its type.
+        projector: T of the task; where it changes along the path, T of the first waypoint.
+        operational: T_O of the robot.
+        waypoints: Poses in the world, with the roll of the roll rule.
+        flipped_waypoints: The same with the rule's other sign; ``None`` without a rule.
+        start: Starting configuration, before it is corrected onto the first waypoint, (nq,).
+        best_start: Whether a start is to be found instead: ``True``, that of the best plan;
+            ``"central"``, the configuration of least z on the first waypoint.
+        starts: Starting configurations of single methods, by name, instead of ``start``.
+        roll_normal: Normal of the roll rule's plane, in the world, (3,); ``None`` without a rule.
+        study: What a study varies, and what counts as success in it, if the task file says so.
+        durations: Time that each waypoint may take, s, (N,); the first is 0; ``None`` untimed.
+        velocity_limits: Largest joint speeds, rad/s or m/s, (nv,); ∞ where none is stated.
+        acceleration_limits: Largest joint accelerations, rad/s² or m/s², (nv,); ∞ likewise.
+        iteration: Tolerances and step clamps.
+        methods: Settings by method name, where the file states them.
+        segments: Where another projector takes over, in the order of the path.
+        bands: Tolerance bands in directions that T leaves free.
+        constraints: What else every configuration has to keep. Joints that the model couples
+            (:class:`~qp_twist.JointCouplings`) are always among them, at the end: with the
+            tolerance of those that were given, else with the default.
+        toolpath: The toolpath file as read, where the path is from one.
+        lines: Line of that file which each waypoint stands in or comes after, (N,).
+        from_start: What of the waypoints' orientation is that of the frame at the start.
+
+    Raises:
+        InvalidInput: If the segments do not fit the waypoints, the robot or each other, or a
+            constraint cannot be asked about a path.
+    """
+
+    name: str
+    title: str
+    source: Path | None
+    scene: Path
+    model: mujoco.MjModel
+    frame_name: str
+    frame_type: str
+    projector: TwistProjector
+    operational: TwistProjector
+    waypoints: tuple[mink.SE3, ...]
+    flipped_waypoints: tuple[mink.SE3, ...] | None
+    start: Array
+    durations: Array | None
+    velocity_limits: Array
+    acceleration_limits: Array
+    iteration: IterationSection = field(default_factory=IterationSection)
+    methods: dict[str, MethodSettings] = field(default_factory=dict)
+    segments: tuple[Segment, ...] = ()
+    bands: tuple[ToleranceBand, ...] = ()
+    constraints: tuple[Constraint, ...] = ()
+    best_start: bool | Literal["central"] = False
+    starts: Mapping[str, Array] = field(default_factory=dict)
+    roll_normal: Array | None = None
+    study: StudySection | None = None
+    toolpath: Toolpath | None = None
+    lines: Lines | None = None
+    from_start: FromStart = "nothing"
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "constraints", self._with_couplings())
+        check_segments(self.operational, self.projector, self.segments, len(self.waypoints))
+
+    def _with_couplings(self) -> tuple[Constraint, ...]:
+        """The constraints that were given, and the couplings of the model as it is now."""
+        given: list[JointCouplings] = []
+        others = self.constraints
+        if isinstance(others, (list, tuple)):
+            given = [c for c in others if isinstance(c, JointCouplings)]
+            others = tuple(c for c in others if not isinstance(c, JointCouplings))
+        checked = check_constraints(self.name, others, self.model)
+        return *checked, *couplings_of(self.model, given)
+
+    @property
+    def positions(self) -> Array:
+        """Positions of the waypoints in the world, m, (N, 3)."""
+        return np.array([w.translation() for w in self.waypoints])
+
+    @property
+    def projectors(self) -> tuple[TwistProjector, ...]:
+        """The projectors of the path, in its order: ``projector``, then those of the segments."""
+        return (self.projector, *(segment.projector for segment in self.segments))
+
+    @cached_property
+    def in_force(self) -> tuple[TwistProjector, ...]:
+        """The projector whose rows hold at each waypoint; in a blend that of the common rows."""
+        return projectors_in_force(self.projector, self.segments, len(self.waypoints))
+
+    @cached_property
+    def known_speeds(self) -> tuple[KnownRobot, Array] | None:
+        """The known robot that the arm is, and its largest joint speeds, rad/s or m/s, (nv,).
+
+        ∞ for joints that are not its own; ``None`` where the robot is not known. The limits of the
+        task, ``velocity_limits``, do not change by it: these are what a verdict asks where the task
+        states none.
+        """
+        names = (self.scene.stem, self.scene.parent.name)
+        found = known_speeds(self.model, self.frame_name, self.frame_type, names)
+        if found is None:
+            return None
+        robot, by_joint = found
+        joints = JointRanges.of(self.model).names
+        return robot, np.array([by_joint.get(name, np.inf) for name in joints])
+
+    @property
+    def redundancy(self) -> int:
+        """r_t = rank(T_O) − rank(T_T); where T changes, the smallest on the path."""
+        return min(task_redundancy(self.operational, t) for t in self.projectors)
+
+    def constraint_excess(self, q: Array) -> Array:
+        """How far configurations q (N, nq) are outside of each constraint, m or rad, (N, C)."""
+        excess = [constraint.excess(q) for constraint in self.constraints]
+        return np.array(excess).reshape(len(excess), len(q)).T
+
+    def started_at(self, start: Array) -> PathTask:
+        """The task with a start (nq,) that was found, and the orientation that it brings along.
+
+        For a method that holds the whole twist, the roll that a path leaves open is the start's;
+        one that was laid before the start was known has another. Where a band or a segment sees
+        that roll, the start was found for the one that was laid, which stays.
+        """
+        waypoints = self.waypoints
+        if self.from_start != "nothing" and not self._sees_orientation():
+            configuration = mink.Configuration(self.model, start)
+            held, _ = frame_pose(configuration, self.frame_name, self.frame_type)
+            rotations = np.broadcast_to(held, (len(waypoints), 3, 3))
+            if self.from_start == "roll":
+                axes = np.array([w.rotation().as_matrix()[:, 2] for w in waypoints])
+                rotations = transported(held, axes)
+            waypoints = poses(self.positions, rotations)
+        return replace(self, start=start, best_start=False, waypoints=waypoints)
+
+    def _sees_orientation(self) -> bool:
+        """Whether something that the task asks for changes with what the start brings along."""
+        if self.bands:
+            return True
+        for projector in self.projectors:
+            angular = projector.angular
+            roll = angular.kind is ProjectorKind.PLANE and projector.frame == "body"
+            if roll and self.from_start == "roll" and angular.axis is not None:
+                roll = bool(abs(angular.axis[2]) > 1.0 - SAME_DIRECTION)
+            elif self.from_start == "orientation":
+                roll = False
+            if not roll and angular.kind is not ProjectorKind.NONE:
+                return True
+            if projector.linear.axis is not None and projector.frame == "target":
+                return True
+        return False
+
+    def settings(self, method: str) -> MethodSettings:
+        """Settings of a method: its own, with those that the file states in their place.
+
+        Raises:
+            InvalidInput: If there is no such method.
+        """
+        defaults = METHODS[check_method(method)].defaults
+        stated = self.methods.get(method)
+        if stated is None:
+            return defaults
+        return defaults.model_copy(update=stated.model_dump(exclude_unset=True))
+
+    def method_names(self) -> list[str]:
+        """The methods that make sense for this task, closed forms before their counterparts."""
+        return [
+            name
+            for name, method in METHODS.items()
+            if not method.on_request
+            and not (name == "sns" and self.constraints)  # which takes bounds only
+            and not (method.flipped and self.flipped_waypoints is None)
+            # Bands and constraints are not put into the words of other libraries.
+            and not (method.peer and (self.bands or self.constraints))
+            # An arm with fewer joints than operational directions cannot fix its whole twist.
+            and not (method.whole_twist and self.operational.rank > self.model.nv)
+        ]
+
+    def __repr__(self) -> str:
+        ranks = ", then ".join(str(t.rank) for t in self.projectors)
+        return (
+            f"PathTask({self.name!r}, {len(self.waypoints)} waypoints, "
+            f"rank {ranks} of {self.operational.rank})"
+        )
+
+
+def check_method(method: str) -> str:
+    """``method`` if it is one of the known names.
+
+    Raises:
+        InvalidInput: If there is no such method.
+    """
+    if not isinstance(method, str) or method not in METHODS:
+        hint = did_you_mean(str(method), METHODS)
+        raise InvalidInput(f"unknown method {method!r}{hint} Methods: {', '.join(METHODS)}.")
+    return method
+
+
+def twist_task(path_task: PathTask, projector: TwistProjector) -> TwistTask:
+    """The twist task of a path's frame with one of its projectors, and the path's bands.
+
+    There are no bands with the whole operational twist, which leaves no freedom for them.
+    """
+    return TwistTask(
+        path_task.frame_name,
+        path_task.frame_type,
+        projector,
+        max_linear_step=path_task.iteration.max_linear_step,
+        max_angular_step=path_task.iteration.max_angular_step,
+        bands=() if projector is path_task.operational else path_task.bands,
+    )

@@ -1,0 +1,96 @@
+"""The same path with its workpiece elsewhere, or its tool at another angle."""
+
+from __future__ import annotations
+
+import copy
+import dataclasses
+
+import mink
+import mujoco
+import numpy as np
+import numpy.typing as npt
+
+from qp_twist.checks import Array, finite_array
+from qp_twist.errors import InvalidInput
+from qp_twist.paths.orientation import lean_turns, poses, roll_by_plane
+from qp_twist.paths.path_task import PathTask
+
+
+def placed(
+    path_task: PathTask,
+    rotation: mink.SO3,
+    point: npt.ArrayLike,
+    to: npt.ArrayLike,
+    body: str | None = None,
+) -> PathTask:
+    """The path turned about a point of the workpiece, the point put elsewhere.
+
+    The roll rule speaks of the robot's base and is applied anew.
+
+    Args:
+        path_task: The task.
+        rotation: Of the workpiece, in the world.
+        point: In the world, where the task has the workpiece, m, (3,).
+        to: Where it comes to, m, (3,).
+        body: The workpiece in the scene, fixed to the world, which moves along.
+
+    Raises:
+        InvalidInput: If a vector is wrong, there is no such body, or the roll rule says nothing for
+            an axis.
+    """
+    about, there = finite_array("point", point, (3,)), finite_array("to", to, (3,))
+    turn = rotation.as_matrix()
+    rotations = turn @ _rotations(path_task)
+    positions = there + (path_task.positions - about) @ turn.T
+    if body is not None:
+        path_task = _with_body_moved(path_task, body, rotation, about, there)
+    return _with_poses(path_task, positions, rotations)
+
+
+def _with_body_moved(
+    path_task: PathTask, body: str, rotation: mink.SO3, point: Array, to: Array
+) -> PathTask:
+    model = copy.copy(path_task.model)
+    number = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, body)
+    if number < 1 or model.body_parentid[number] != 0 or model.body_jntnum[number]:
+        raise InvalidInput(
+            f"{path_task.name}: a workpiece that moves along is a body fixed to the world; "
+            f"{path_task.scene.name} has no such body {body!r}."
+        )
+    model.body_pos[number] = to + rotation.apply(model.body_pos[number] - point)
+    model.body_quat[number] = (rotation @ mink.SO3(model.body_quat[number])).wxyz
+    return dataclasses.replace(path_task, model=model)
+
+
+def leaned(path_task: PathTask, lead: float, tilt: float) -> PathTask:
+    """The path with its tool leaned, at every waypoint in the same way against the path.
+
+    The frame's z is turned by :func:`~qp_twist.paths.orientation.lean_turns`.
+
+    Args:
+        path_task: The task.
+        lead: Towards the way the path goes, rad.
+        tilt: To the left of it, seen from where z points to, rad.
+
+    Raises:
+        InvalidInput: If the path goes along the tool's axis everywhere.
+    """
+    rotations = _rotations(path_task)
+    turns = lean_turns(path_task.name, path_task.positions, rotations[:, :, 2], lead, tilt)
+    return _with_poses(path_task, path_task.positions, turns @ rotations)
+
+
+def _rotations(path_task: PathTask) -> Array:
+    return np.array([waypoint.rotation().as_matrix() for waypoint in path_task.waypoints])
+
+
+def _with_poses(path_task: PathTask, positions: Array, rotations: Array) -> PathTask:
+    normal = path_task.roll_normal
+    if normal is None:
+        return dataclasses.replace(path_task, waypoints=poses(positions, rotations))
+    axes = rotations[:, :, 2]
+    return dataclasses.replace(
+        path_task,
+        waypoints=poses(positions, roll_by_plane(axes, normal)),
+        flipped_waypoints=poses(positions, roll_by_plane(axes, normal, flip=True)),
+    )

@@ -1,0 +1,70 @@
+"""Read a toolpath file of any format."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Literal
+
+from qp_twist.errors import InvalidInput
+from qp_twist.files import AngleUnit, FeedUnit, LengthUnit, of_file, read_bytes, text_lines
+from qp_twist.paths.apt_toolpath import read_apt
+from qp_twist.paths.csv_toolpath import read_csv
+from qp_twist.paths.toolpath import Toolpath
+from qp_twist.paths.toolpath_columns import ColumnChoice, Orientation
+
+Format = Literal["csv", "apt"]
+
+
+def read_toolpath(
+    file: str | Path,
+    *,
+    format: Format | None = None,
+    columns: ColumnChoice | None = None,
+    length_unit: LengthUnit | None = None,
+    angle_unit: AngleUnit | None = None,
+    orientation: Orientation | None = None,
+    feed_unit: FeedUnit | None = None,
+) -> Toolpath:
+    """Read a toolpath from a table (CSV) or APT-CL.
+
+    What the file says itself (names and units in its header, ``UNITS/MM``) need not be stated.
+
+    Args:
+        file: The file.
+        format: Of the file; found out from its lines if left out.
+        columns: Columns whose names are not the usual ones.
+        length_unit: Of the positions.
+        angle_unit: Of roll, pitch and yaw.
+        orientation: Which columns of direction count.
+        feed_unit: Of a column of feeds.
+
+    Returns:
+        The curves, in metres, with unit vectors or rotations, and the feeds that the file states.
+
+    Raises:
+        InvalidInput: If the file cannot be read, is not clear, or has broken rows; with the line
+            and the column of each, the first twenty of them.
+
+    Example:
+        >>> from qp_twist.paths import shipped_folder
+        >>> read_toolpath(shipped_folder("tasks") / "dome_seams.csv")
+        Toolpath('dome_seams.csv', 2 curves, 122 points, normal)
+    """
+    path = Path(file)
+    content = read_bytes(path, "toolpath file")
+    with of_file(path.name):
+        lines = text_lines(content)
+        if format is None:
+            goto = any(re.match(r"\s*GOTO\s*/", line, re.IGNORECASE) for line in lines)
+            format = "apt" if goto else "csv"
+        if format == "csv":
+            choice = columns or ColumnChoice()
+            return read_csv(path, lines, choice, orientation, length_unit, angle_unit, feed_unit)
+        if columns is not None:
+            raise InvalidInput("an APT file has no columns; leave columns out.")
+        if feed_unit is not None:
+            raise InvalidInput(
+                "an APT file states the unit of a feed in FEDRAT; leave feed_unit out."
+            )
+        return read_apt(path, lines, orientation, length_unit)

@@ -1,0 +1,199 @@
+"""Waypoints along a curve: fewer where it is straight, more where it is coarse."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from qp_twist.checks import Array
+from qp_twist.errors import InvalidInput
+from qp_twist.paths.toolpath import Curve
+from qp_twist.paths.turning import (
+    angles_between,
+    rotations_at,
+    turns_between,
+    vectors_at,
+)
+
+CORNER = math.radians(30.0)
+"""A point where the path turns by more than this stays."""
+FLAT = math.radians(179.0)
+"""Between neighbours that are turned by more than this, the way of turning is open."""
+MOST = 200_000
+"""Waypoints of a curve; more are taken for a mistake in a setting."""
+
+
+@dataclass(frozen=True)
+class Sampling:
+    """How waypoints are laid along a curve.
+
+    Attributes:
+        chord_error: Largest distance between the given path and the new one, m; ``None`` keeps
+            every given point.
+        axis_error: Largest angle, at a point left out, between its direction and the one
+            interpolated there, rad.
+        max_turn: Largest turn of the direction from a waypoint to the next, rad.
+        max_spacing: Largest distance from a waypoint to the next, m.
+    """
+
+    chord_error: float | None = None
+    axis_error: float = math.radians(0.1)
+    max_turn: float = math.radians(3.0)
+    max_spacing: float = 0.01
+
+
+def resampled(curve: Curve, sampling: Sampling) -> Curve:
+    r"""The curve with other points on it.
+
+    First points are left out: of the points between two that stay, each is nearer than
+    ``chord_error`` to the chord, and the direction interpolated over the arc length differs there
+    by less than ``axis_error``. A chord's distance is a convex function along the path, so the
+    whole path is as near; ends, corners, points where the tool turns in place and points where the
+    feed changes stay. Then every chord is divided into
+
+    .. math:: \max\left(\left\lceil \frac{\ell}{\text{max\_spacing}} \right\rceil,
+        \left\lceil \frac{\theta}{\text{max\_turn}} \right\rceil\right)
+
+    equal steps, with directions on the great circle between its ends.
+
+    Returns:
+        The new curve; a new point has the line of the given one before it.
+
+    Raises:
+        InvalidInput: If neighbouring directions are opposite, or there are too many waypoints.
+    """
+    if len(curve) < 2:
+        return curve
+    _refuse_opposite(curve)
+    kept = np.arange(len(curve))
+    if sampling.chord_error is not None:
+        kept = np.flatnonzero(_kept(curve, sampling.chord_error, sampling.axis_error))
+    return _divided(curve, kept, sampling)
+
+
+def _refuse_opposite(curve: Curve) -> None:
+    flat = _turns(curve, np.arange(len(curve))) > FLAT
+    if flat.any():
+        first = int(np.argmax(flat))
+        more = f", and in {flat.sum() - 1} places more" if flat.sum() > 1 else ""
+        raise InvalidInput(
+            f"the direction is turned round from line {curve.lines[first]} to line "
+            f"{curve.lines[first + 1]}{more}, and which way the tool should turn is open; give a "
+            "direction in between, or correct the sign."
+        )
+
+
+def _turns(curve: Curve, kept: npt.NDArray[np.intp]) -> Array:
+    """Turns from each of some points to the next of them, rad."""
+    if curve.vectors is not None:
+        return angles_between(curve.vectors[kept[:-1]], curve.vectors[kept[1:]])
+    if curve.rotations is not None:
+        return turns_between(curve.rotations[kept[:-1]], curve.rotations[kept[1:]])
+    return np.zeros(len(kept) - 1)
+
+
+def _kept(curve: Curve, chord_error: float, axis_error: float) -> npt.NDArray[np.bool_]:
+    """Which points stay: between fixed ones a chord is split at its worst point until it fits."""
+    steps = np.diff(curve.positions, axis=0)
+    lengths = np.linalg.norm(steps, axis=1)
+    arc = np.concatenate([[0.0], np.cumsum(lengths)])
+    stays = np.zeros(len(curve), dtype=np.bool_)
+    stays[[0, -1]] = True
+    standing = lengths < 1e-9
+    stays[:-1] |= standing
+    stays[1:] |= standing
+    units = steps / np.where(standing, 1.0, lengths)[:, None]
+    stays[1:-1] |= angles_between(units[:-1], units[1:]) > CORNER
+    if curve.feeds is not None:
+        feeds = np.nan_to_num(curve.feeds, nan=-1.0)
+        stays[1:-1] |= feeds[1:-1] != feeds[2:]
+    fixed = np.flatnonzero(stays)
+    spans = list(zip(fixed[:-1].tolist(), fixed[1:].tolist(), strict=True))
+    while spans:
+        a, b = spans.pop()
+        if b - a < 2:
+            continue
+        # Relative to what is allowed, so that one number says whether and where to split.
+        excess = np.maximum(
+            _off_chord(curve.positions, a, b) / chord_error,
+            _off_direction(curve, arc, a, b) / axis_error,
+        )
+        worst = int(np.argmax(excess))
+        if excess[worst] > 1.0:
+            middle = a + 1 + worst
+            stays[middle] = True
+            spans += [(a, middle), (middle, b)]
+    return stays
+
+
+def _off_chord(positions: Array, a: int, b: int) -> Array:
+    """Distances of the points between a and b from the chord from a to b, m."""
+    chord = positions[b] - positions[a]
+    inner = positions[a + 1 : b] - positions[a]
+    square = float(chord @ chord)
+    along = np.clip(inner @ chord / square, 0.0, 1.0) if square > 0.0 else np.zeros(len(inner))
+    return np.asarray(np.linalg.norm(inner - along[:, None] * chord, axis=1))
+
+
+def _off_direction(curve: Curve, arc: Array, a: int, b: int) -> Array:
+    """Angles between the directions of the points between a and b and those interpolated, rad."""
+    shares = (arc[a + 1 : b] - arc[a]) / (arc[b] - arc[a])
+    if curve.vectors is not None:
+        ends = curve.vectors[[a, b]]
+        if angles_between(ends[0], ends[1]) > FLAT:
+            return np.full(len(shares), np.inf)
+        found = vectors_at(ends[0], ends[1], shares)
+        return angles_between(found, curve.vectors[a + 1 : b])
+    if curve.rotations is not None:
+        found = rotations_at(curve.rotations[a], curve.rotations[b], shares)
+        return turns_between(found, curve.rotations[a + 1 : b])
+    return np.zeros(len(shares))
+
+
+def _divided(curve: Curve, kept: npt.NDArray[np.intp], sampling: Sampling) -> Curve:
+    """The chords between the points that stay, each in equal steps."""
+    lengths = np.linalg.norm(np.diff(curve.positions[kept], axis=0), axis=1)
+    turns = _turns(curve, kept)
+    # A step longer by a rounding error is no reason for another one.
+    wanted = np.maximum(lengths / sampling.max_spacing, turns / sampling.max_turn) * (1.0 - 1e-9)
+    if wanted.sum() > MOST:
+        raise InvalidInput(
+            f"max_spacing = {sampling.max_spacing:g} m and max_turn_deg = "
+            f"{math.degrees(sampling.max_turn):g} make {wanted.sum():.3g} waypoints of curve "
+            f"{curve.name!r}, which is {lengths.sum():.3g} m long; at most {MOST} are made."
+        )
+    counts = np.maximum(np.ceil(wanted).astype(np.int64), 1)
+    chord = np.repeat(np.arange(len(counts)), counts)
+    first = np.cumsum(counts) - counts
+    shares = (np.arange(len(chord)) - first[chord]) / counts[chord]
+    begin, end = kept[chord], kept[chord + 1]
+
+    def with_last(points: Array, values: Array) -> Array:
+        # A given point is taken as it is given, not as interpolation rounds it.
+        given = shares == 0.0
+        points[given] = values[begin[given]]
+        return np.concatenate([points, values[-1:]])
+
+    positions = curve.positions
+    between = positions[begin] + shares[:, None] * (positions[end] - positions[begin])
+    vectors = rotations = None
+    if curve.vectors is not None:
+        v = curve.vectors
+        vectors = with_last(vectors_at(v[begin], v[end], shares), v)
+    if curve.rotations is not None:
+        r = curve.rotations
+        rotations = with_last(rotations_at(r[begin], r[end], shares), r)
+    feeds = None
+    if curve.feeds is not None:
+        feeds = with_last(curve.feeds[end], curve.feeds)
+    return Curve(
+        curve.name,
+        with_last(between, positions),
+        vectors,
+        rotations,
+        np.concatenate([curve.lines[begin], curve.lines[-1:]]),
+        feeds,
+    )

@@ -1,0 +1,550 @@
+"""Read a task file (TOML) into a :class:`PathTask`."""
+
+from __future__ import annotations
+
+import difflib
+import itertools
+import json
+import os
+import re
+import tomllib
+import warnings
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import mink
+import mujoco
+import numpy as np
+from pydantic import ValidationError
+
+from qp_twist.checks import Array, did_you_mean, unit_vector
+from qp_twist.constraints import per_joint
+from qp_twist.errors import InvalidInput, TaskFileError
+from qp_twist.files import read_text
+from qp_twist.geometry import ProjectorKind, TwistProjector, rotation_vector, task_redundancy
+from qp_twist.kinematics import JointRanges, SerialChain, check_bands, frame_pose, largest_reach
+from qp_twist.paths.file_path import FileWaypoints, file_segments, file_waypoints
+from qp_twist.paths.file_path_schema import FilePath
+from qp_twist.paths.orientation import poses, roll_by_plane
+from qp_twist.paths.path_task import FromStart, PathTask
+from qp_twist.paths.resources import shipped_folder
+from qp_twist.paths.section import Section
+from qp_twist.paths.segment import Segment
+from qp_twist.paths.shapes import polyline, spherical_patch_edges, with_leads
+from qp_twist.paths.task_schema import (
+    PolylinePath,
+    PosesPath,
+    SphericalPatchPath,
+    StartSection,
+    TaskFile,
+)
+from qp_twist.paths.turning import transported
+from qp_twist.robots import Robot, load_robot
+
+FILE_KEY = "path.file: "
+"""Begins the messages about a toolpath."""
+
+
+def shipped_tasks() -> list[Path]:
+    """The task files that come with the package, by name."""
+    return sorted(shipped_folder("tasks").glob("*.toml"))
+
+
+def load_task(task: str | Path, *, path: str | Path | None = None) -> PathTask:
+    """Load a task by the name of a shipped file, or a path to a ``.toml`` file.
+
+    Scenes and other relative paths resolve from the file; a scene that is not there is looked for
+    among the shipped ones.
+
+    Args:
+        task: ``"deburring"``, or ``"./mine.toml"``.
+        path: A toolpath file, CSV or APT-CL, to follow instead of the task's path. Where that is
+            from a file as well, its keys hold for this one.
+
+    Raises:
+        TaskFileError: If there is no such file, or something in it is wrong: the message names the
+            file, the line where it can be found, and the key.
+
+    Example:
+        >>> import qp_twist as qt
+        >>> qt.load_task("deburring")
+        PathTask('deburring', 401 waypoints, rank 5 of 6)
+    """
+    source = _find(task)
+    try:
+        text = read_text(source, "task file")
+        table = tomllib.loads(text)
+    except InvalidInput as error:
+        raise TaskFileError(str(error)) from None
+    except tomllib.TOMLDecodeError as error:
+        twice = "; the same key or table stands in the file twice, or as both"
+        why = twice if "overwrite" in str(error) or "twice" in str(error) else ""
+        raise TaskFileError(f"{source}: not valid TOML: {error}{why}.") from error
+    except (ValueError, RecursionError) as error:
+        raise TaskFileError(f"{source}: cannot be read: {error}.") from error
+    if table.get("start") in ("best", "central"):
+        table["start"] = {table["start"]: True}
+    if path is not None:
+        table = _with_toolpath(source, table, path)
+    try:
+        # By way of JSON, since only there strict mode takes an array for a tuple.
+        file = TaskFile.model_validate_json(json.dumps(table, default=str))
+    except ValidationError as error:
+        raise TaskFileError(_explain(source, text, error)) from None
+    except RecursionError as error:
+        raise TaskFileError(f"{source}: its tables are nested too deep.") from error
+    try:
+        return _build(source, file)
+    except TaskFileError:
+        raise
+    except InvalidInput as error:
+        if path is not None and str(error).startswith(FILE_KEY):
+            # That key was not read.
+            raise TaskFileError(str(error).removeprefix(FILE_KEY)) from error
+        key = re.match(r"[\w.\[\]]+(?=: )", str(error))
+        number = _line_of(text, _split(key[0])) if key else None
+        raise TaskFileError(f"{_place(source, number)}: {error}") from error
+    except OverflowError as error:
+        raise TaskFileError(f"{source}: a length in it is too large to compute with.") from error
+
+
+def task_title(path: Path) -> str:
+    """The title line of a task file, without loading its scene."""
+    with path.open("rb") as file:
+        return str(tomllib.load(file).get("title", ""))
+
+
+def _find(task: str | Path) -> Path:
+    if not isinstance(task, (str, Path)):
+        raise TaskFileError(
+            "task: expected the name of a shipped task or the path of a task file (.toml), got "
+            f"{task!r}."[:300]
+        )
+    text = str(task)
+    if text.endswith(".toml") or "/" in text or "\\" in text:
+        return Path(task)
+    shipped = {path.stem: path for path in shipped_tasks()}
+    if text not in shipped:
+        names = ", ".join(shipped)
+        raise TaskFileError(
+            f"there is no shipped task {text!r}{did_you_mean(text, shipped)} Shipped: {names}. A "
+            f"file of your own is given by its path, e.g. ./{text}.toml."
+        )
+    return shipped[text]
+
+
+def _with_toolpath(source: Path, table: dict[str, Any], path: str | Path) -> dict[str, Any]:
+    """The tables of a task file with another toolpath in them."""
+    if not isinstance(path, (str, Path)) or not str(path):
+        raise TaskFileError(f"load_task(path=…): expected a toolpath file, got {path!r}.")
+    if table.get("segments"):
+        raise TaskFileError(
+            f"{source}: segments: they count the waypoints of the path in the file, so another "
+            "cannot take its place; write a task with [path.approach] and [path.retreat]."
+        )
+    section = table.get("path")
+    section = section if isinstance(section, dict) else {}
+    if section.get("kind") != "file":
+        section = {"kind": "file", "tool": section.get("tool", "into")}
+    title = f"{table.get('title', source.stem)}; along {Path(path).name}"
+    return {**table, "title": title, "path": {**section, "file": str(Path(path).absolute())}}
+
+
+def _build(path: Path, file: TaskFile) -> PathTask:
+    robot = load_scene(path, file.robot.scene, file.robot.packages)
+    model = robot.model
+    ranges = JointRanges.of(model)
+    if not ranges.only_hinges_and_slides:
+        joint = ranges.names[int(np.argmax(ranges.qpos < 0))]
+        raise TaskFileError(
+            f"{path}: robot.scene: joint {joint!r} is a ball or free joint; a path task follows "
+            "arms of hinges and slides. For other robots use qp_twist.Controller step by step."
+        )
+    start = ranges.middle if file.start.found else _start(path, file.start, model)
+    projector, operational = file.projector.projector(), file.operational.projector()
+    task_redundancy(operational, projector)
+    bands = check_bands("bands", [table.band() for table in file.bands], projector)
+    configuration = mink.Configuration(model, start)
+    try:
+        rotation, _ = frame_pose(configuration, file.robot.frame, file.robot.frame_type)
+    except mink.InvalidFrame as error:
+        raise TaskFileError(f"{path}: robot.frame: {error}") from error
+    reach = np.inf
+    if projector.linear.kind is ProjectorKind.FULL:
+        chain = SerialChain.of(model, file.robot.frame, file.robot.frame_type)
+        reach = largest_reach(chain, ranges)
+    laid = _laid(path, file, rotation, projector, operational, reach)
+    durations, notes = _durations(path, file, laid)
+    toolpath = None
+    if laid.read is not None:
+        toolpath = laid.read.toolpath
+        toolpath = replace(toolpath, notes=(*toolpath.notes, *notes))
+    timed = durations is not None
+    return PathTask(
+        name=path.stem,
+        title=file.title,
+        source=path,
+        scene=robot.path,
+        model=model,
+        frame_name=file.robot.frame,
+        frame_type=file.robot.frame_type,
+        projector=laid.projector,
+        operational=operational,
+        waypoints=poses(laid.positions, laid.rotations),
+        flipped_waypoints=None if laid.flipped is None else poses(laid.positions, laid.flipped),
+        start=start,
+        durations=durations,
+        velocity_limits=_limits(path, file, ranges, "velocity", robot.velocity_limits, timed=timed),
+        acceleration_limits=_limits(path, file, ranges, "acceleration", {}, timed=timed),
+        iteration=file.iteration,
+        methods={str(name): settings for name, settings in file.methods.items()},
+        segments=laid.segments,
+        bands=bands,
+        best_start=file.start.found,
+        roll_normal=None
+        if laid.flipped is None or file.roll is None
+        else unit_vector("roll.plane_normal", file.roll.plane_normal),
+        study=file.study,
+        toolpath=toolpath,
+        lines=None if laid.read is None else laid.read.lines,
+        from_start=laid.from_start,
+    )
+
+
+def load_scene(path: Path, scene: str, packages: Mapping[str, str] | None = None) -> Robot:
+    """The robot of the MJCF or URDF file that the task file at ``path`` calls ``scene``.
+
+    Raises:
+        TaskFileError: If there is none, or it is refused.
+    """
+    candidates = [path.parent / scene, shipped_folder("scenes") / scene]
+    folders = {name: path.parent / folder for name, folder in (packages or {}).items()}
+    for candidate in candidates:
+        if os.path.lexists(candidate):
+            try:
+                robot = load_robot(candidate, packages=folders)
+            except InvalidInput as error:
+                raise TaskFileError(f"{path}: robot.scene: {error}") from error
+            for sentence in robot.left_out:
+                warnings.warn(f"{candidate.name}: {sentence}", stacklevel=2)
+            return robot
+    raise TaskFileError(
+        f"{path}: robot.scene: there is no {scene!r} beside the task file or among the shipped "
+        "scenes."
+    )
+
+
+def _start(path: Path, section: StartSection, model: mujoco.MjModel) -> Array:
+    key = "q_deg" if section.q_deg is not None else "q"
+    values = np.array(section.q_deg if section.q_deg is not None else section.q, dtype=np.float64)
+    if values.shape != (model.nq,):
+        raise TaskFileError(
+            f"{path}: start.{key}: the scene has {model.nq} joint coordinates, got {len(values)}."
+        )
+    if key == "q_deg":
+        if not (model.jnt_type == mujoco.mjtJoint.mjJNT_HINGE).all():
+            raise TaskFileError(
+                f"{path}: start.q_deg: the scene has joints that are not hinges; give start.q in "
+                "rad and m."
+            )
+        values = np.radians(values)
+    return values
+
+
+class _Laid(NamedTuple):
+    """A path as it is laid.
+
+    Attributes:
+        positions: m, (N, 3).
+        rotations: With the roll of the roll rule, (N, 3, 3).
+        flipped: With its other sign; ``None`` without a rule.
+        projector: T of the first waypoint.
+        segments: Where another T takes over.
+        read: What a toolpath file gave, if the path is from one.
+        from_start: What of the rotations is that of the frame at the start.
+    """
+
+    positions: Array
+    rotations: Array
+    flipped: Array | None
+    projector: TwistProjector
+    segments: tuple[Segment, ...]
+    read: FileWaypoints | None = None
+    from_start: FromStart = "nothing"
+
+
+def _laid(
+    path: Path,
+    file: TaskFile,
+    held: Array,
+    projector: TwistProjector,
+    operational: TwistProjector,
+    reach: float,
+) -> _Laid:
+    """The path of the task.
+
+    ``held`` (3, 3) is the frame's orientation at the start; a toolpath that is larger than
+    ``reach`` (m) lets the robot pass is refused before it is resampled.
+    """
+    segments = tuple(Segment(s.first - 1, s.projector(), s.blend) for s in file.segments)
+    section = file.path
+    if not isinstance(section, FilePath):
+        unstated = isinstance(section, PolylinePath) and section.tool_axis is None
+        whole: FromStart = "orientation" if unstated else "nothing"
+        return _Laid(*_poses(path, file, held), projector, segments, from_start=whole)
+    try:
+        read = file_waypoints(path, section, held, reach)
+    except InvalidInput as error:
+        raise InvalidInput(f"{FILE_KEY}{error}") from error
+    if read.toolpath.meaning == "none":
+        _refuse_held(path, file, "directions in the toolpath")
+    first, own = file_segments(section, projector, operational, read.parts)
+    if own and segments:
+        raise TaskFileError(
+            f"{path}: segments: [path.approach], [path.retreat] and [path.transfer] change T "
+            "already; state projectors here or there."
+        )
+    brought: FromStart = "nothing"
+    if read.rotations is not None:
+        rotations, flipped = read.rotations, None
+        if read.toolpath.meaning == "none" and not (section.lead_deg or section.tilt_deg):
+            brought = "orientation"
+    elif file.roll is not None:
+        assert read.axes is not None
+        normal = np.array(file.roll.plane_normal)
+        rotations = roll_by_plane(read.axes, normal)
+        flipped = roll_by_plane(read.axes, normal, flip=True)
+    else:
+        assert read.axes is not None
+        rotations, flipped, brought = transported(held, read.axes), None, "roll"
+    return _Laid(read.positions, rotations, flipped, first, own or segments, read, brought)
+
+
+def _refuse_held(path: Path, file: TaskFile, without: str) -> None:
+    """Refuse to look for a start on a path that has its orientation from the start."""
+    if file.start.found and file.projector.projector().angular.rank:
+        raise TaskFileError(
+            f"{path}: start: a start is looked for on the path, and without {without} the path has "
+            "its orientation from the start; give one of them."
+        )
+
+
+def _poses(path: Path, file: TaskFile, held: Array) -> tuple[Array, Array, Array | None]:
+    """Positions (N, 3), rotations (N, 3, 3), and those of the roll rule's other sign."""
+    section = file.path
+    if isinstance(section, PosesPath):
+        return (
+            np.array([pose.position for pose in section.poses]),
+            np.array([_pose_rotation(pose) for pose in section.poses]),
+            None,
+        )
+    if isinstance(section, PolylinePath):
+        positions = polyline(np.array(section.points), section.steps_per_segment)
+        if section.tool_axis is None:
+            _refuse_held(path, file, "path.tool_axis")
+            return positions, np.broadcast_to(held, (len(positions), 3, 3)), None
+        axis = unit_vector("path.tool_axis", section.tool_axis)
+        axes = np.broadcast_to(axis, (len(positions), 3))
+    else:
+        assert isinstance(section, SphericalPatchPath)
+        positions, normals = spherical_patch_edges(
+            np.array(section.center),
+            section.radius,
+            np.array(section.half_width),
+            section.steps_per_edge,
+        )
+        if section.lead is not None and section.steps_per_lead is not None:
+            positions, normals = with_leads(
+                positions, normals, section.lead, section.steps_per_lead
+            )
+        axes = -normals if section.tool == "into" else normals
+    if file.roll is None:
+        raise TaskFileError(
+            f"{path}: roll: this path states the tool axis only; add [roll] with plane_normal, the "
+            "rule by which rmr and qp_rmr fix the roll."
+        )
+    normal = np.array(file.roll.plane_normal)
+    return positions, roll_by_plane(axes, normal), roll_by_plane(axes, normal, flip=True)
+
+
+def _pose_rotation(pose: Any) -> Array:
+    if pose.quaternion_wxyz is not None:
+        wxyz = np.array(pose.quaternion_wxyz)
+        wxyz /= np.abs(wxyz).max()  # the norm of huge or tiny numbers over- or underflows
+        rotation = mink.SO3(wxyz / np.linalg.norm(wxyz))
+    else:
+        rotation = mink.SO3.from_rpy_radians(*np.radians(pose.rpy_deg))
+    matrix: Array = rotation.as_matrix()
+    return matrix
+
+
+def _durations(path: Path, file: TaskFile, laid: _Laid) -> tuple[Array | None, list[str]]:
+    """Time for each waypoint, s, (N,), and what is to be said of it.
+
+    The slower of the linear and the angular feed. Where a toolpath states a feed, that is the
+    linear one; elsewhere it is ``feed.speed``, and without [feed] that of the nearest stretch.
+    """
+    feed = file.feed
+    of_file = None if laid.read is None else laid.read.feeds
+    if feed is not None and feed.dt is not None:
+        notes = ["the feeds in the file are not used: feed.dt is the time of every waypoint."]
+        durations = np.concatenate([[0.0], np.full(len(laid.positions) - 1, feed.dt)])
+        return durations, notes if of_file is not None else []
+    if feed is None and of_file is None:
+        return None, []
+    if feed is not None:
+        assert feed.speed is not None
+        speeds = np.full(len(laid.positions), feed.speed)
+        if of_file is not None:
+            speeds = np.where(np.isnan(of_file), speeds, of_file)
+    else:
+        assert laid.read is not None
+        speeds = _nearest_feeds(path, laid.read)
+    durations = np.zeros(len(laid.positions))
+    durations[1:] = np.linalg.norm(np.diff(laid.positions, axis=0), axis=1) / speeds[1:]
+    if feed is not None and feed.angular_speed_deg is not None:
+        pairs = itertools.pairwise(laid.rotations)
+        turns = [np.linalg.norm(rotation_vector(b @ a.T)) for a, b in pairs]
+        durations[1:] = np.maximum(durations[1:], turns / np.radians(feed.angular_speed_deg))
+    standing = np.flatnonzero(durations[1:] <= 0.0)
+    if len(standing):
+        raise TaskFileError(
+            f"{path}: feed: waypoints {standing[0] + 1} and {standing[0] + 2} are at the same "
+            "position, so speed alone gives them no time; add feed.angular_speed_deg, or use "
+            "feed.dt."
+        )
+    if not np.isfinite(durations).all():
+        raise TaskFileError(f"{path}: feed: it is so low that the path takes no finite time.")
+    return durations, []
+
+
+def _nearest_feeds(path: Path, read: FileWaypoints) -> Array:
+    """The feeds of a toolpath, and on the ways between its curves those of the next or last."""
+    for curve in read.toolpath.curves:
+        open_ = np.ones(len(curve) - 1, dtype=bool)
+        if curve.feeds is not None:
+            open_ = np.isnan(curve.feeds[1:])
+        if open_.any():
+            raise TaskFileError(
+                f"{path}: feed: {read.toolpath.source.name} states feeds, but none for line "
+                f"{curve.lines[1:][open_][0]}; add [feed] with the speed (m/s) where it states "
+                'none, or leave its feeds out by feeds = "task" in [path].'
+            )
+    assert read.feeds is not None
+    stated = np.flatnonzero(~np.isnan(read.feeds))
+    following = np.searchsorted(stated, np.arange(len(read.feeds)))
+    feeds: Array = read.feeds[stated[np.minimum(following, len(stated) - 1)]]
+    return feeds
+
+
+def _limits(
+    path: Path,
+    file: TaskFile,
+    ranges: JointRanges,
+    kind: str,
+    of_robot: dict[str, float],
+    *,
+    timed: bool,
+) -> Array:
+    """Limits by joint, (nv,): those of the file; where it has none, and a clock, the robot's."""
+    stated: dict[str, float] = getattr(file.limits, kind)
+    if not stated and timed:
+        return per_joint(f"{kind} limits of the robot", of_robot, ranges)
+    limits = per_joint(f"limits.{kind}", stated, ranges)
+    if stated and not timed:
+        raise TaskFileError(
+            f"{path}: limits.{kind}: {kind} limits need a clock; add [feed] with speed or dt."
+        )
+    return limits
+
+
+def _explain(path: Path, text: str, error: ValidationError) -> str:
+    """One line for each thing that is wrong, with its place in the file."""
+    items = error.errors()
+    places = [_keys(item) for item in items]
+    lines = []
+    for item, keys in zip(items, places, strict=True):
+        # A list is also called too short when one of its entries is refused: once is enough.
+        if item["type"] == "too_short" and any(
+            k != keys and k[: len(keys)] == keys for k in places
+        ):
+            continue
+        key = "".join(f"[{k}]" if isinstance(k, int) else f".{k}" for k in keys).lstrip(".")
+        place = _place(path, _line_of(text, keys))
+        lines.append(f"{place}: {key}: {_sentence(item, keys)}")
+    return "\n".join(lines)
+
+
+def _place(path: Path, number: int | None) -> str:
+    return f"{path}, line {number}" if number else str(path)
+
+
+def _split(key: str) -> list[str | int]:
+    """``segments[1].first`` as the keys that lead there."""
+    return [int(k) if k.isdecimal() else k for k in re.findall(r"\w+", key)]
+
+
+def _keys(item: Any) -> list[str | int]:
+    """The keys that lead to an error, as they stand in the file."""
+    keys = list(item["loc"])
+    if not keys:
+        return ["file"]
+    if keys[0] == "path" and len(keys) > 1:
+        del keys[1]  # pydantic puts the kind of path there, which is no key of the file
+    if keys[0] == "bands" and len(keys) > 2:
+        del keys[2]  # and the kind of band
+    if item["type"].startswith("union_tag"):
+        keys.append("kind")
+    if keys[-1] == "[key]":
+        del keys[-1]
+    return keys
+
+
+def _sentence(item: Any, keys: list[str | int]) -> str:
+    if item["type"] == "extra_forbidden":
+        close = difflib.get_close_matches(str(keys[-1]), _known_keys(Section), n=1)
+        # A known key in the wrong table is no misspelling.
+        hint = f"; did you mean {close[0]!r}?" if close and close[0] != keys[-1] else " here."
+        return f"unknown key{hint}"
+    if item["type"] in ("missing", "union_tag_not_found"):
+        return "missing; add this key."
+    if item["type"] == "union_tag_invalid":
+        return f"expected one of {item['ctx']['expected_tags']}; got {item['ctx']['tag']!r}."
+    message = str(item["msg"]).removeprefix("Value error, ").rstrip(".")
+    if item["type"] == "value_error":
+        return f"{message}."
+    given = json.dumps(item["input"], default=str)
+    return f"{message}, got {given if len(given) < 60 else given[:57] + '…'}."
+
+
+def _known_keys(section: type[Section]) -> set[str]:
+    """Every key that the schema knows, in any table."""
+    keys = set(section.model_fields)
+    for table in section.__subclasses__():
+        keys |= _known_keys(table)
+    return keys
+
+
+def _line_of(text: str, keys: list[str | int]) -> int | None:
+    """Line of a dotted key, by headers and assignments; the nearest parent's if it is nested."""
+    table: list[str | int] = []
+    best, depth = None, 0
+    seen: dict[str, int] = {}
+    for number, line in enumerate(text.splitlines(), start=1):
+        header = re.match(r"\s*(\[+)\s*([^\]]+?)\s*\]+", line)
+        assignment = re.match(r"\s*([\w.\"'-]+)\s*=", line)
+        if header:
+            table = [part.strip(" \"'") for part in header[2].split(".")]
+            if header[1] == "[[":  # the tables of an array are counted
+                seen[header[2]] = seen.get(header[2], -1) + 1
+                table.append(seen[header[2]])
+            here = table
+        elif assignment:
+            here = table + [part.strip(" \"'") for part in assignment[1].split(".")]
+        else:
+            continue
+        if keys[: len(here)] == here and len(here) > depth:
+            best, depth = number, len(here)
+    return best

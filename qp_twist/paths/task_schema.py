@@ -1,0 +1,352 @@
+"""The task file's sections: every key, its type and its default."""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated, Literal, Self
+
+import numpy as np
+from pydantic import AfterValidator, Field, model_validator
+
+from qp_twist.checks import Array
+from qp_twist.geometry import Projector, ProjectorFrame
+from qp_twist.kinematics import BoxBand, ConeBand, RollBand, SlabBand, ToleranceBand
+from qp_twist.paths.file_path_schema import FilePath
+from qp_twist.paths.methods import MethodName, MethodSettings
+from qp_twist.paths.projector_schema import ProjectorSection
+from qp_twist.paths.section import Number, Positive, Section, Vector
+
+Count = Annotated[int, Field(ge=1, le=1_000_000)]
+
+
+class RobotSection(Section):
+    """Which robot and which of its frames."""
+
+    scene: str = Field(description="MJCF file, relative to the task file or one that is shipped")
+    frame: str = Field(description="name of the controlled frame in the scene")
+    frame_type: Literal["site", "body", "geom"] = "site"
+    packages: dict[str, str] = Field(
+        default_factory=dict,
+        description="folders of the ROS packages with a URDF's meshes, relative to the task file",
+    )
+
+
+class SegmentSection(ProjectorSection):
+    """Another projector, from a waypoint on."""
+
+    first: Annotated[int, Field(ge=2, le=1_000_000)] = Field(
+        description="waypoint, counted from 1; [projector] holds before"
+    )
+    blend: Annotated[int, Field(ge=0, le=1_000_000)] = Field(
+        default=0, description="waypoints over which the change into it is spread"
+    )
+
+
+class BandTable(Section):
+    """What the kinds of tolerance bands have in common."""
+
+    def band(self) -> ToleranceBand:
+        """The band that the table states."""
+        raise NotImplementedError
+
+    @model_validator(mode="after")
+    def _is_a_band(self) -> Self:
+        self.band()
+        return self
+
+
+class RollBandTable(BandTable):
+    """A range for the roll."""
+
+    kind: Literal["roll"]
+    axis: Vector
+    lower_deg: Annotated[float, Field(ge=-360.0, le=360.0)]
+    upper_deg: Annotated[float, Field(ge=-360.0, le=360.0)]
+    frame: ProjectorFrame = "body"
+    weight: Positive | None = None
+
+    def band(self) -> RollBand:
+        """The band that the table states."""
+        lower, upper = math.radians(self.lower_deg), math.radians(self.upper_deg)
+        return RollBand(self.axis, lower, upper, frame=self.frame, weight=self.weight)
+
+
+class ConeBandTable(BandTable):
+    """A range for the angle between an axis of the frame and a direction."""
+
+    kind: Literal["cone"]
+    axis: Vector
+    reference: Vector
+    upper_deg: Annotated[float, Field(gt=0.0, le=180.0)]
+    lower_deg: Annotated[float, Field(ge=0.0, le=180.0)] = 0.0
+    frame: Literal["target", "world"] = "target"
+    weight: Positive | None = None
+
+    def band(self) -> ConeBand:
+        """The band that the table states."""
+        lower, upper = math.radians(self.lower_deg), math.radians(self.upper_deg)
+        return ConeBand(
+            self.axis, self.reference, upper, lower, frame=self.frame, weight=self.weight
+        )
+
+
+class SlabBandTable(BandTable):
+    """A range for the distance along a normal."""
+
+    kind: Literal["slab"]
+    normal: Vector
+    lower: Number
+    upper: Number
+    frame: ProjectorFrame = "target"
+    weight: Positive | None = None
+
+    def band(self) -> SlabBand:
+        """The band that the table states."""
+        return SlabBand(self.normal, self.lower, self.upper, frame=self.frame, weight=self.weight)
+
+
+class BoxBandTable(BandTable):
+    """A box for the position."""
+
+    kind: Literal["box"]
+    lower: Vector
+    upper: Vector
+    frame: ProjectorFrame = "target"
+    weight: Positive | None = None
+
+    def band(self) -> BoxBand:
+        """The band that the table states."""
+        return BoxBand(self.lower, self.upper, frame=self.frame, weight=self.weight)
+
+
+BandSection = Annotated[
+    RollBandTable | ConeBandTable | SlabBandTable | BoxBandTable, Field(discriminator="kind")
+]
+
+
+class PolylinePath(Section):
+    """Straight segments through points."""
+
+    kind: Literal["polyline"]
+    points: Annotated[tuple[Vector, ...], Field(min_length=2)]
+    steps_per_segment: Count
+    tool_axis: Vector | None = Field(
+        default=None, description="direction of the tool's z; held from the start if missing"
+    )
+
+
+class SphericalPatchPath(Section):
+    """The four edges of a patch on top of a sphere."""
+
+    kind: Literal["spherical_patch"]
+    center: Vector
+    radius: Positive
+    half_width: tuple[Positive, Positive]
+    steps_per_edge: Count
+    tool: Literal["into", "out"] = "into"
+    lead: Positive | None = Field(
+        default=None, description="straight way along the normal, before and after the edges, m"
+    )
+    steps_per_lead: Count | None = None
+
+    @model_validator(mode="after")
+    def _whole_lead(self) -> SphericalPatchPath:
+        if (self.lead is None) != (self.steps_per_lead is None):
+            raise ValueError("give both lead (m) and steps_per_lead, or neither")
+        return self
+
+
+class Pose(Section):
+    """One waypoint."""
+
+    position: Vector
+    quaternion_wxyz: tuple[Number, Number, Number, Number] | None = None
+    rpy_deg: Vector | None = None
+
+    @model_validator(mode="after")
+    def _one_orientation(self) -> Pose:
+        if (self.quaternion_wxyz is None) == (self.rpy_deg is None):
+            raise ValueError("give either quaternion_wxyz or rpy_deg")
+        if self.quaternion_wxyz is not None and not any(self.quaternion_wxyz):
+            raise ValueError("quaternion_wxyz is zero")
+        return self
+
+
+class PosesPath(Section):
+    """A list of poses."""
+
+    kind: Literal["poses"]
+    poses: Annotated[tuple[Pose, ...], Field(min_length=2)]
+
+
+PathSection = Annotated[
+    PolylinePath | SphericalPatchPath | PosesPath | FilePath, Field(discriminator="kind")
+]
+
+
+class RollSection(Section):
+    """How `rmr` and `qp_rmr` fix the roll which the task leaves free."""
+
+    plane_normal: Vector = Field(description="y of the tool lies in the plane with this normal")
+
+
+class StartSection(Section):
+    """Where the robot starts; it is corrected onto the first waypoint."""
+
+    q_deg: tuple[Number, ...] | None = None
+    q: tuple[Number, ...] | None = None
+    best: Literal[True] | None = None
+    central: Literal[True] | None = None
+
+    @property
+    def found(self) -> bool | Literal["central"]:
+        """Whether the start is to be found: of the best plan, or the central one."""
+        return "central" if self.central else bool(self.best)
+
+    @model_validator(mode="after")
+    def _one_of_them(self) -> StartSection:
+        if [self.q_deg, self.q, self.best, self.central].count(None) != 3:
+            raise ValueError(
+                'give either q_deg (degrees) or q (rad, m), or start = "central" or "best"'
+            )
+        return self
+
+
+class FeedSection(Section):
+    """How long a waypoint may take; needed for velocity and acceleration limits."""
+
+    speed: Positive | None = Field(default=None, description="along the path, m/s")
+    angular_speed_deg: Positive | None = Field(default=None, description="of the tool, deg/s")
+    dt: Positive | None = Field(default=None, description="for every waypoint, s")
+
+    @model_validator(mode="after")
+    def _one_clock(self) -> FeedSection:
+        if self.dt is not None and (self.speed, self.angular_speed_deg) != (None, None):
+            raise ValueError("give either dt or speed and angular_speed_deg")
+        if self.dt is None and self.speed is None:
+            raise ValueError("give speed (m/s) or dt (s)")
+        return self
+
+
+class LimitsSection(Section):
+    """Limits that an MJCF scene cannot state. Position limits are the scene's."""
+
+    velocity: dict[str, Positive] = Field(
+        default_factory=dict, description="joint name: largest speed, rad/s or m/s"
+    )
+    acceleration: dict[str, Positive] = Field(
+        default_factory=dict, description="joint name: largest acceleration, rad/s² or m/s²"
+    )
+
+
+class IterationSection(Section):
+    """How a waypoint is approached."""
+
+    position_tolerance: Positive = 1e-9
+    angle_tolerance_deg: Positive = 1e-7
+    max_linear_step: Positive = 0.05
+    max_angular_step_deg: Positive = 5.0
+
+    @property
+    def angle_tolerance(self) -> float:
+        """Angular tolerance, rad."""
+        return math.radians(self.angle_tolerance_deg)
+
+    @property
+    def tolerances(self) -> Array:
+        """Linear and angular tolerance, m and rad, (2,)."""
+        return np.array([self.position_tolerance, self.angle_tolerance])
+
+    @property
+    def max_angular_step(self) -> float:
+        """Largest angular step, rad."""
+        return math.radians(self.max_angular_step_deg)
+
+
+def _ordered(interval: tuple[float, float]) -> tuple[float, float]:
+    if interval[0] > interval[1]:
+        raise ValueError(f"expected [lowest, highest], got {list(interval)}")
+    return interval
+
+
+Interval = Annotated[tuple[Number, Number], AfterValidator(_ordered)]
+
+
+class PlacementTable(Section):
+    """Where the workpiece may stand."""
+
+    point: Vector = Field(description="of the workpiece where the file has it, m")
+    body: str | None = Field(default=None, description="of the scene that moves along")
+    lower: Vector = Field(description="lowest position that the point is put to, m")
+    upper: Vector = Field(description="highest position that the point is put to, m")
+    yaw_deg: Interval = Field(default=(0.0, 0.0), description="turn about the vertical")
+    tilt_deg: Interval = Field(
+        default=(0.0, 0.0), description="then a tilt about a horizontal axis of any direction"
+    )
+
+    @model_validator(mode="after")
+    def _is_a_box(self) -> PlacementTable:
+        if any(a > b for a, b in zip(self.lower, self.upper, strict=True)):
+            raise ValueError("no entry of lower may be above that of upper")
+        return self
+
+
+class ToolTable(Section):
+    """How the tool may lean."""
+
+    lead_deg: Interval = Field(default=(0.0, 0.0), description="towards the way it goes")
+    tilt_deg: Interval = Field(default=(0.0, 0.0), description="to the left of it")
+
+
+class SolverTable(Section):
+    """Backends to choose from."""
+
+    names: Annotated[tuple[str, ...], Field(min_length=1)]
+
+
+class RobotTable(Section):
+    """Robots to choose from."""
+
+    scenes: Annotated[tuple[str, ...], Field(min_length=1)]
+
+
+PositiveInterval = Annotated[tuple[Positive, Positive], AfterValidator(_ordered)]
+
+
+class StudySection(Section):
+    """What a study varies, and what counts as success."""
+
+    seed: Annotated[int, Field(ge=0)] = 0
+    position_error: Positive = Field(default=1e-4, description="largest that is a success, m")
+    axis_error_deg: Positive = 0.05
+    max_step_deg: Positive | None = Field(
+        default=None,
+        description="largest step of a joint from a waypoint to the next, instead of the task's "
+        "clock and speed limits",
+    )
+    placement: PlacementTable | None = None
+    tool: ToolTable | None = None
+    gain: Annotated[dict[MethodName, PositiveInterval], Field(min_length=1)] | None = None
+    solver: SolverTable | None = None
+    robot: RobotTable | None = None
+
+
+class TaskFile(Section):
+    """A whole task file."""
+
+    title: str
+    robot: RobotSection
+    projector: ProjectorSection
+    operational: ProjectorSection = ProjectorSection(
+        linear=Projector.full(), angular=Projector.full()
+    )
+    segments: tuple[SegmentSection, ...] = ()
+    bands: tuple[BandSection, ...] = ()
+    path: PathSection
+    roll: RollSection | None = None
+    start: StartSection
+    feed: FeedSection | None = None
+    limits: LimitsSection = LimitsSection()
+    iteration: IterationSection = IterationSection()
+    methods: dict[MethodName, MethodSettings] = Field(default_factory=dict)
+    study: StudySection | None = None

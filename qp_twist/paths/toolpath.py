@@ -1,0 +1,130 @@
+"""A toolpath as arrays: one or more curves, as a file has them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from qp_twist.checks import Array
+from qp_twist.errors import InvalidInput
+from qp_twist.files import LengthUnit
+
+Lines = npt.NDArray[np.int64]
+Meaning = Literal["axis", "normal", "rotation", "none"]
+
+
+@dataclass(frozen=True, eq=False)
+class Curve:
+    """Points that a tool passes without being lifted.
+
+    Attributes:
+        name: As in the file; ``"3"`` for the third curve of a file without names.
+        positions: Of the points, in the frame of the file, m, (N, 3).
+        vectors: Tool axes or surface normals, unit vectors, (N, 3); ``None`` if the file has none.
+        rotations: Of the tool to the frame of the file, (N, 3, 3); ``None`` likewise.
+        lines: Line of the file that each point stands in, from 1, (N,).
+        feeds: Feed of the motion to each point, m/s, (N,), NaN where the file states none; ``None``
+            if it states none at all.
+    """
+
+    name: str
+    positions: Array
+    vectors: Array | None
+    rotations: Array | None
+    lines: Lines
+    feeds: Array | None = None
+
+    def __len__(self) -> int:
+        return len(self.positions)
+
+    def __repr__(self) -> str:
+        return f"Curve({self.name!r}, {len(self)} points)"
+
+    def part(self, index: npt.ArrayLike) -> Curve:
+        """The points of some indices, or of a mask."""
+        index = np.asarray(index)
+        return replace(
+            self,
+            positions=self.positions[index],
+            vectors=None if self.vectors is None else self.vectors[index],
+            rotations=None if self.rotations is None else self.rotations[index],
+            lines=self.lines[index],
+            feeds=None if self.feeds is None else self.feeds[index],
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Toolpath:
+    """What a toolpath file says.
+
+    Attributes:
+        source: The file.
+        meaning: What the curves' directions are: the tool axis, from the tip to the holder; the
+            surface normal, away from the part; the whole rotation of the tool; or nothing.
+        curves: The curves, in the order of the file.
+        notes: What was left out or assumed, a sentence each.
+        unit: In which the positions stand in the file.
+        unit_in_file: Whether the file states it itself.
+    """
+
+    source: Path
+    meaning: Meaning
+    curves: tuple[Curve, ...]
+    notes: tuple[str, ...] = ()
+    unit: LengthUnit = "m"
+    unit_in_file: bool = True
+
+    @property
+    def feeds(self) -> tuple[float, float] | None:
+        """Lowest and highest feed that the file states, m/s; ``None`` if it states none."""
+        stated = [curve.feeds for curve in self.curves if curve.feeds is not None]
+        if not stated:
+            return None
+        feeds = np.concatenate(stated)
+        return float(np.nanmin(feeds)), float(np.nanmax(feeds))
+
+    @property
+    def extent(self) -> float:
+        """A lower bound on the largest distance between two of its points, m.
+
+        The largest of the distances from the first point and the sides of the bounding box.
+        """
+        positions = np.concatenate([curve.positions for curve in self.curves])
+        from_first = np.linalg.norm(positions - positions[0], axis=1).max()
+        return float(max(from_first, np.ptp(positions, axis=0).max()))
+
+    def chosen(self, curves: Sequence[str | int]) -> Toolpath:
+        """The toolpath of some of its curves, in the order asked for.
+
+        Args:
+            curves: Names, or numbers counted from 1. A name stands for all curves that have it.
+
+        Raises:
+            InvalidInput: If there is no such curve.
+        """
+        found: list[Curve] = []
+        for which in curves:
+            if isinstance(which, int):
+                matching = list(self.curves[which - 1 : which]) if which > 0 else []
+            else:
+                matching = [curve for curve in self.curves if curve.name == which]
+            if not matching:
+                names = ", ".join(dict.fromkeys(repr(curve.name) for curve in self.curves[:20]))
+                raise InvalidInput(
+                    f"{self.source.name}: there is no curve {which!r}; it has "
+                    f"{len(self.curves)}: {names}{', …' if len(self.curves) > 20 else ''}."
+                )
+            found += matching
+        return replace(self, curves=tuple(found))
+
+    def __repr__(self) -> str:
+        points = sum(map(len, self.curves))
+        return (
+            f"Toolpath({self.source.name!r}, {len(self.curves)} curves, {points} points, "
+            f"{self.meaning})"
+        )

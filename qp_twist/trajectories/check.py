@@ -1,0 +1,247 @@
+"""Whether a joint trajectory, from wherever it comes, does a task."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from qp_twist.checks import Array, instance, number
+from qp_twist.errors import InvalidInput
+from qp_twist.following import Trajectory
+from qp_twist.kinematics import JointRanges
+from qp_twist.paths import PathTask
+from qp_twist.referee import (
+    AXIS_TOLERANCE_DEG,
+    POSITION_TOLERANCE,
+    Finding,
+    JointMotion,
+    Passing,
+    PathErrors,
+    Tolerances,
+    errors_of,
+    examine,
+    speed_limits,
+)
+from qp_twist.trajectories.joint_rows import JointRows
+from qp_twist.trajectories.matching import times_at_waypoints
+from qp_twist.trajectories.metadata import disagreements
+from qp_twist.trajectories.time_trajectory import TimedTrajectory
+
+_NAMED = 3
+"""Most joints without a limit that are named one by one."""
+_REST = 1e-6
+"""A joint rests below this speed, rad/s or m/s."""
+
+
+@dataclass(frozen=True, eq=False)
+class Check:
+    """What :func:`~qp_twist.check_trajectory` found.
+
+    Attributes:
+        task: Name of the task.
+        rows: Number of rows of the trajectory.
+        waypoints: Number of waypoints of the task.
+        matched: How rows and waypoints were brought together, in words.
+        findings: What was looked at, line by line.
+        notes: What the file says otherwise, and what else is worth knowing.
+        unchecked: What could not be looked at, and why; the verdict names it.
+        sources: Whose limits it was checked against where the task states none.
+    """
+
+    task: str
+    rows: int
+    waypoints: int
+    matched: str
+    findings: tuple[Finding, ...]
+    notes: tuple[str, ...]
+    unchecked: tuple[str, ...] = ()
+    sources: tuple[str, ...] = ()
+
+    @property
+    def passes(self) -> bool:
+        """Whether every finding passes."""
+        return all(finding.passes for finding in self.findings)
+
+    @property
+    def problems(self) -> tuple[str, ...]:
+        """A sentence for each finding that does not pass."""
+        return tuple(str(finding) for finding in self.findings if not finding.passes)
+
+    @property
+    def verdict(self) -> str:
+        """One line: whether it passes, what could not be checked, and whose limits were taken."""
+        if not self.passes:
+            return "; ".join([f"does not pass: {'; '.join(self.problems)}", *self.sources])
+        rows = f"{self.rows} rows do {self.task}"
+        but = [*self.unchecked, *self.sources]
+        return "; ".join(["passes", *but]) + f" ({rows})" if but else f"passes: {rows}"
+
+    def table(self) -> str:
+        """The findings as a plain table."""
+        head = ("", "largest", "proven", "limit", "", "where", "")
+        cells = [
+            (
+                finding.name,
+                f"{finding.value:.4g}",
+                "" if finding.bound is None else f"≤ {finding.bound:.4g}",
+                "–" if finding.limit is None else f"{finding.limit:.4g}",
+                finding.unit,
+                finding.where,
+                "" if finding.passes else "✗",
+            )
+            for finding in self.findings
+        ]
+        widths = [max(len(row[k]) for row in (head, *cells)) for k in range(len(head))]
+        lines = [
+            "  ".join(
+                cell.rjust(width) if k in (1, 2, 3) else cell.ljust(width)
+                for k, (cell, width) in enumerate(zip(row, widths, strict=True))
+            ).rstrip()
+            for row in (head, *cells)
+        ]
+        return "\n".join(lines) + "\n"
+
+    def to_dict(self) -> dict[str, Any]:
+        """Everything, ready for JSON."""
+        return {
+            "task": self.task,
+            "rows": self.rows,
+            "waypoints": self.waypoints,
+            "matched": self.matched,
+            "passes": self.passes,
+            "findings": [vars(finding) for finding in self.findings],
+            "problems": list(self.problems),
+            "notes": list(self.notes),
+            "unchecked": list(self.unchecked),
+            "sources": list(self.sources),
+        }
+
+    def __repr__(self) -> str:
+        return f"Check({self.task!r}, {self.verdict!r})"
+
+
+def check_trajectory(
+    trajectory: JointRows | Trajectory | TimedTrajectory,
+    path_task: PathTask,
+    *,
+    position_tolerance: float = POSITION_TOLERANCE,
+    axis_tolerance_deg: float = AXIS_TOLERANCE_DEG,
+) -> Check:
+    """Measure a trajectory against a task: errors at and between waypoints, limits, speeds.
+
+    Everything is computed anew from the joint positions, and from times and velocities where there
+    are any; of what the trajectory says of itself only that it says otherwise becomes a note.
+
+    As many rows as waypoints belong together one by one. With another number of rows, or where rows
+    miss waypoints that the motion between them meets, the trajectory has to pass all waypoints in
+    their order, at times that are looked for.
+
+    Args:
+        trajectory: From :func:`~qp_twist.read_trajectory`, or one that was just made.
+        path_task: The task that it is meant for.
+        position_tolerance: Largest linear task error that passes, m.
+        axis_tolerance_deg: Largest angular task error that passes, degrees.
+
+    Raises:
+        InvalidInput: If a joint of the task's robot is missing, or the robot has others than hinges
+            and slides.
+    """
+    instance("check_trajectory(path_task)", path_task, PathTask)
+    tolerances = Tolerances(
+        number("position_tolerance", position_tolerance, above=0.0),
+        float(np.radians(number("axis_tolerance_deg", axis_tolerance_deg, above=0.0))),
+    )
+    ranges = JointRanges.of(path_task.model)
+    if not ranges.only_hinges_and_slides:
+        raise InvalidInput(
+            "check_trajectory: the robot has ball or free joints; only hinges and slides can be "
+            "checked."
+        )
+    given = trajectory if isinstance(trajectory, JointRows) else JointRows.of(trajectory)
+    rows = given.of_joints(ranges.names)
+    motion, count, timed = rows.motion(), len(path_task.waypoints), rows.times is not None
+    passing = Passing(motion.times, timed, by_row=True)
+    errors = None
+    if len(rows.q) == count:
+        errors = errors_of(path_task, motion, tolerances, passing)
+    if errors is None or not _met(errors, tolerances):
+        times = times_at_waypoints(path_task, motion, tolerances.position, tolerances.axis)
+        matched = Passing(times, timed, by_row=False)
+        nearest = errors_of(path_task, motion, tolerances, matched)
+        if errors is None or _met(nearest, tolerances):
+            errors, passing = nearest, matched
+    notes = disagreements(rows.metadata, path_task)
+    if rows.accelerated:
+        notes.append(
+            "the accelerations of the file are not looked at: checked are cubics between the rows; "
+            "a controller that takes accelerations moves on other curves"
+        )
+    if timed:
+        notes += _at_speed(path_task, ranges, motion)
+    return Check(
+        path_task.name,
+        len(rows.q),
+        count,
+        "row by row" if passing.by_row else "nearest points in the waypoints' order",
+        examine(path_task, motion, tolerances, passing, errors),
+        tuple(notes),
+        *_coverage(path_task, ranges, timed=timed),
+    )
+
+
+def _met(errors: PathErrors, tolerances: Tolerances) -> bool:
+    on = (errors.position <= tolerances.position) & (errors.axis <= tolerances.axis)
+    return bool(on.all())
+
+
+def _coverage(
+    path_task: PathTask, ranges: JointRanges, *, timed: bool
+) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """What could not be checked and why, and what was checked by limits that no task states."""
+    unchecked, sources = [], []
+    if not timed:
+        what = "joint speeds and accelerations"
+        if path_task.durations is not None:
+            what = f"feed, {what}"
+        unchecked.append(f"{what} not checked: no times")
+    else:
+        limits, robot = speed_limits(path_task)
+        unchecked += _without("joint speeds", limits, ranges)
+        if robot:
+            sources.append(f"speeds checked against the {robot}'s data sheet")
+        unchecked += _without("joint accelerations", path_task.acceleration_limits, ranges)
+    if not ranges.limited.any():
+        unchecked.append("joint ranges not checked: the model states none")
+    model = path_task.model
+    if ((model.eq_type != mujoco.mjtEq.mjEQ_JOINT) & (model.eq_active0 != 0)).any():
+        unchecked.append("equality constraints other than those of joints not checked")
+    return tuple(unchecked), tuple(sources)
+
+
+def _without(what: str, limits: Array, ranges: JointRanges) -> list[str]:
+    """A sentence about the joints for which no limit is known, if there are any."""
+    unknown = [name for name, limit in zip(ranges.names, limits, strict=True) if limit == np.inf]
+    if not unknown:
+        return []
+    if len(unknown) < len(limits):
+        more = f" and {len(unknown) - _NAMED} more" if len(unknown) > _NAMED else ""
+        what += f" of {', '.join(unknown[:_NAMED])}{more}"
+    return [f"{what} not checked: no limits known"]
+
+
+def _at_speed(path_task: PathTask, ranges: JointRanges, motion: JointMotion) -> list[str]:
+    """Whether a robot has to be brought to the trajectory's first or from its last speed."""
+    notes = []
+    if motion.velocities is not None and np.isfinite(path_task.acceleration_limits).any():
+        for end, row in (("begins", 0), ("ends", -1)):
+            speed = np.abs(motion.velocities[row])
+            joint = int(np.argmax(speed))
+            if speed[joint] > _REST:
+                notes.append(
+                    f"the trajectory {end} at speed: {ranges.names[joint]} at {speed[joint]:.3g} "
+                    f"{ranges.units[joint]}/s; the robot has to be brought to it and to rest"
+                )
+    return notes

@@ -1,0 +1,202 @@
+"""Trajectories as CSV: comments, a line of names with units, rows."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import re
+from collections.abc import Container, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from qp_twist.checks import Array
+from qp_twist.errors import InvalidInput
+from qp_twist.files import (
+    ANGLES,
+    LENGTHS,
+    TIMES,
+    Problems,
+    Table,
+    factor,
+    split_unit,
+    text_lines,
+)
+from qp_twist.trajectories.joint_rows import JointRows
+from qp_twist.trajectories.metadata import read_metadata
+
+_METADATA = "# metadata "
+_ENDINGS = {unit + per for unit in ("rad", "deg", "mm") for per in ("", "/s")} | {"ms"}
+"""Units that count without brackets; ``slide_m`` may well be the name of a joint."""
+_INDEX = {"", "#", "waypoint", "index", "row", "point", "i", "k", "n", "no", "nr", "id"}
+_TIME = {"t", "time", "times", "time_from_start", "timestamp", "seconds", "sec", "t_s", "time_s"}
+_KINDS = {
+    "position": r"positions?|pos|angle|q|theta",
+    "velocity": r"velocity|velocities|vel|speed|dq|qd|qdot",
+    "acceleration": r"acceleration|accelerations|accel|acc|ddq|qdd|qddot",
+    "other": r"effort|torque|current",
+}
+_BETWEEN = r"[\s_./:-]+"
+
+
+def encode(rows: JointRows) -> str:
+    """Two comment lines, the names, the rows; times and velocities where there are any."""
+    units = rows.metadata.get("units", {})
+    task = ", ".join(f"{key} {rows.metadata[key]}" for key in ("task", "method"))
+    how = "positions only, joints straight between rows"
+    if rows.velocities is not None:
+        how = "each joint on the cubic through positions and velocities of two rows"
+    if rows.times is None:
+        how = "no clock"
+    file = io.StringIO()
+    file.write(f"# qp_twist joint trajectory; {task}; {how}\n")
+    file.write(_METADATA + json.dumps(rows.metadata, ensure_ascii=False) + "\n")
+    header, columns = ["row"], [rows.q]
+    if rows.times is not None:
+        header, columns = [*header, "time [s]"], [rows.times[:, None], rows.q]
+    header += [f"{name} [{units[name]}]" for name in rows.joint_names]
+    if rows.velocities is not None:
+        header += [f"{name} velocity [{units[name]}/s]" for name in rows.joint_names]
+        columns.append(rows.velocities)
+    writer = csv.writer(file, lineterminator="\n")
+    writer.writerow(header)
+    for number, values in enumerate(np.hstack(columns).tolist(), start=1):
+        writer.writerow([number, *values])
+    return file.getvalue()
+
+
+def decode(content: bytes, joint_names: tuple[str, ...] | None) -> JointRows:
+    """The rows of a CSV file, ours or another tool's.
+
+    Understood: any delimiter, decimal mark and encoding that :mod:`qp_twist.files` reads; units in
+    the names' brackets or endings (``joint_1 [deg]``, ``joint_1_deg``), rad, m and s where there is
+    none; velocities as ``joint_1 velocity``, ``vel_joint_1`` or ``joint_1 [deg/s]``. Accelerations
+    and efforts are left out.
+    """
+    lines = text_lines(content)
+    metadata: dict[str, Any] = {}
+    for line in lines:
+        if line.startswith(_METADATA):
+            metadata = read_metadata(line.removeprefix(_METADATA))
+    if joint_names is None and isinstance(metadata.get("units"), dict):
+        joint_names = tuple(metadata["units"])
+
+    def is_header(names: Sequence[str]) -> bool:
+        kinds = {_Column.of(name, joint_names).kind for name in names}
+        sure = {"velocity"} if joint_names is None else {"velocity", "position"}
+        return not sure.isdisjoint(kinds) or {"time", "position"} <= kinds
+
+    table = Table(
+        lines,
+        least=1,
+        texts=False,
+        expected="expected a line of column names and rows of numbers below it",
+        is_header=is_header,
+    )
+    names = table.names
+    if not names:
+        raise InvalidInput(
+            f"line {table.first + 1}: expected the names of the columns; put a line "
+            f"with the joints' names above them, one for each of the {table.width} columns."
+        )
+    columns = [_Column.of(name, joint_names) for name in names]
+    if not any(column.kind == "position" for column in columns):
+        known = "" if joint_names is None else f"; its joints are {', '.join(joint_names)}"
+        raise InvalidInput(
+            f"none of the columns {', '.join(names)} is a joint of the robot{known}. Name the "
+            "columns as the robot names its joints."
+        )
+    used = [k for k, c in enumerate(columns) if c.kind in ("time", "position", "velocity")]
+    problems = Problems()
+    found = [row.numbers for row in table.rows(used, problems) if row.numbers is not None]
+    problems.refuse()
+    values = np.array(found) * [columns[k].scale(names[k]) for k in used]
+    accelerated = any(column.kind == "acceleration" for column in columns)
+    return _rows([columns[k] for k in used], values, metadata, accelerated)
+
+
+@dataclass(frozen=True)
+class _Column:
+    """What a column holds: ``kind`` of ``joint``, in its unit, if one is written behind it."""
+
+    kind: str
+    joint: str = ""
+    unit: str | None = None
+
+    @classmethod
+    def of(cls, name: str, joint_names: tuple[str, ...] | None) -> _Column:
+        """From its name, with the joints' names where they are known."""
+        joints: Container[str] = joint_names or ()
+        name = label = name.strip()
+        unit = None
+        if name not in joints:
+            label, unit = split_unit(name, _ENDINGS)
+            if unit is None:
+                label = name  # "arm[0]": the brackets belong to the name
+        if label not in joints and label.lower() in _INDEX:
+            return cls("index")
+        if label.lower() in _TIME and (label not in joints or unit in TIMES):
+            return cls("time", unit=unit)
+        kind, joint = _parted(label, joint_names)
+        if joint_names is not None and joint not in joints:
+            return cls("other")
+        if kind == "position" and unit is not None:
+            # Of "joint_1 [deg/s]" the unit says what it is.
+            kind = {"s": "velocity", "s²": "acceleration"}.get(unit.partition("/")[2], kind)
+        return cls(kind, joint, unit)
+
+    def scale(self, name: str) -> float:
+        """SI units in one of the column's.
+
+        Raises:
+            InvalidInput: If the unit is not known, or none of what the column holds.
+        """
+        if self.unit is None:
+            return 1.0
+        size = factor(self.unit, *((TIMES,) if self.kind == "time" else (ANGLES, LENGTHS)))
+        if size is None or ("/" in self.unit and self.kind != "velocity"):
+            raise InvalidInput(
+                f"column {name!r}: the unit {self.unit!r} is not known; expected rad, deg, m or mm "
+                "for joints, the same per s for velocities, s or ms for time."
+            )
+        return size
+
+
+def _parted(label: str, joint_names: tuple[str, ...] | None) -> tuple[str, str]:
+    """Kind and joint of a label such as ``joint_1 velocity``, ``vel_joint_1`` or ``joint_1``."""
+    for kind, joint in (("position", label), ("velocity", label.removesuffix(" velocity"))):
+        if joint_names is not None and joint in joint_names:
+            return kind, joint
+    for kind, words in _KINDS.items():
+        for pattern in (rf"^(?:{words}){_BETWEEN}(.+)$", rf"^(.+?){_BETWEEN}(?:{words})$"):
+            match = re.match(pattern, label, re.IGNORECASE)
+            if match:
+                return kind, match[1]
+    return "position", label
+
+
+def _rows(
+    columns: list[_Column], values: Array, metadata: dict[str, Any], accelerated: bool
+) -> JointRows:
+    kinds = [column.kind for column in columns]
+    positions = [k for k, kind in enumerate(kinds) if kind == "position"]
+    joints = tuple(columns[k].joint for k in positions)
+    for joint in joints:
+        if joints.count(joint) > 1:
+            raise InvalidInput(f"two columns hold the positions of {joint}.")
+    velocities: Array | None = None
+    places = {columns[k].joint: k for k, kind in enumerate(kinds) if kind == "velocity"}
+    without = [joint for joint in joints if joint not in places]
+    if places and without and len(without) < len(joints):
+        raise InvalidInput(
+            f"there are velocities, but none of {', '.join(without)}; give those of all joints or "
+            "of none."
+        )
+    if not without:
+        velocities = values[:, [places[joint] for joint in joints]]
+    if kinds.count("time") > 1:
+        raise InvalidInput("two columns hold the time; leave one of them.")
+    times = values[:, kinds.index("time")] if "time" in kinds else None
+    return JointRows(joints, values[:, positions], times, velocities, metadata, accelerated)

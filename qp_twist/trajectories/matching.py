@@ -1,0 +1,135 @@
+"""When a trajectory with rows of its own is at each waypoint of a path."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+
+from qp_twist.checks import Array, Indices
+from qp_twist.geometry import ProjectorKind, many_twist_errors
+from qp_twist.paths import PathTask
+from qp_twist.referee import JointMotion, poses_of, task_errors
+
+_DENSITY = 8
+"""Looks at the motion for each waypoint, at least."""
+_NEAR = 100.0
+"""Linear error, in tolerances, beyond which the angular one is not computed."""
+_REFINED = 17
+_ROUNDS = 3
+_ON = 1e-3
+"""Task error, in tolerances, from which on nothing nearer is looked for."""
+
+
+def times_at_waypoints(
+    path_task: PathTask, motion: JointMotion, position_tolerance: float, axis_tolerance: float
+) -> Array:
+    r"""Times, s, (N,), never decreasing, at which the motion is nearest to the waypoints in order.
+
+    Of all ways to give the waypoints times in their order, the one with the least sum of squared
+    task errors, each in tolerances: by dynamic programming over densely sampled times, then each
+    time refined beside its sample. So a path that crosses itself or is passed twice is matched in
+    its order, and a run-in before the first waypoint or a run-out after the last costs nothing.
+
+    This is a search and no verdict: times that are not the best give larger errors at the
+    waypoints, and what lies between them is proven for whatever times are found.
+    """
+    tolerances = position_tolerance, axis_tolerance
+    times = motion.times
+    at, met = _matched(path_task, motion, times, tolerances)
+    if not met.all():  # by the rows alone
+        parts = max(1, -(-_DENSITY * len(at) // (len(motion.times) - 1)))
+        begins, spans = motion.times[:-1, None], np.diff(motion.times)[:, None]
+        times = np.append((begins + spans * np.arange(parts) / parts).ravel(), motion.times[-1])
+        at, met = _matched(path_task, motion, times, tolerances)
+    found, missed = times[at], np.flatnonzero(~met)
+    if len(missed):
+        found[missed] = _refined(path_task, motion, times, at[missed], missed, tolerances)
+    ordered: Array = np.maximum.accumulate(found)
+    return ordered
+
+
+def _refined(
+    path_task: PathTask,
+    motion: JointMotion,
+    times: Array,
+    at: Indices,
+    waypoints: Indices,
+    tolerances: tuple[float, float],
+) -> Array:
+    """Times nearest to some waypoints (M,), beside their samples ``at`` (M,), all at once."""
+    R_d = np.array([path_task.waypoints[k].rotation().as_matrix() for k in waypoints])
+    p_d = np.array([path_task.waypoints[k].translation() for k in waypoints])
+    looks = _REFINED + 1
+    rows = [path_task.in_force[k] for k in waypoints for _ in range(looks)]
+    found = times[at]
+    low, high = times[np.maximum(at - 1, 0)], times[np.minimum(at + 1, len(times) - 1)]
+    for _ in range(_ROUNDS):
+        near = np.column_stack([np.linspace(low, high, _REFINED, axis=1), found])
+        R, p = poses_of(path_task, motion.at(near.ravel()).q)
+        errors = task_errors(R, p, np.repeat(R_d, looks, axis=0), np.repeat(p_d, looks, axis=0),
+                             rows)  # fmt: skip
+        best = _squared(errors, tolerances).reshape(near.shape).argmin(axis=1)
+        found = near[np.arange(len(near)), best]
+        width = (high - low) / (_REFINED - 1)
+        low, high = np.maximum(low, found - width), np.minimum(high, found + width)
+    return found
+
+
+def _matched(
+    path_task: PathTask, motion: JointMotion, times: Array, tolerances: tuple[float, float]
+) -> tuple[Indices, np.ndarray[tuple[int], np.dtype[np.bool_]]]:
+    """The index of each waypoint's time, (N,), and whether the motion is on the waypoint then."""
+    R, p = poses_of(path_task, motion.at(times).q)
+    count = len(path_task.waypoints)
+    at = _in_order(_cost(path_task, k, R, p, tolerances) for k in range(count))
+    costs = [
+        _cost(path_task, k, R[j : j + 1], p[j : j + 1], tolerances)[0] for k, j in enumerate(at)
+    ]
+    return at, np.array(costs) < _ON**2
+
+
+def _in_order(costs: Iterable[Array]) -> Indices:
+    """Indices of times, (N,), never decreasing, with the least sum of N costs, (K,) each."""
+    so_far: Array | None = None
+    # A bit for each waypoint and time, since a long path has some 1e9 of them.
+    firsts = []
+    for cost in costs:
+        if so_far is None:
+            so_far = np.zeros(len(cost))
+        # The least cost up to each time, and at which times it fell.
+        least = np.minimum.accumulate(so_far)
+        firsts.append(np.packbits(np.concatenate([[True], so_far[1:] < least[:-1]])))
+        so_far = least + cost
+    assert so_far is not None
+    at = np.empty(len(firsts), dtype=np.intp)
+    at[-1] = int(np.argmin(so_far))
+    for k in range(len(firsts) - 1, 0, -1):
+        at[k - 1] = np.flatnonzero(np.unpackbits(firsts[k], count=at[k] + 1))[-1]
+    return at
+
+
+def _cost(
+    path_task: PathTask, k: int, R: Array, p: Array, tolerances: tuple[float, float]
+) -> Array:
+    """Squared task error of poses (K) at waypoint k, in tolerances.
+
+    Poses that are far away in their positions count as turned as far as can be: a long path has
+    some 1e8 of them, and none of them shall be better than one that is near.
+    """
+    waypoint, rows = path_task.waypoints[k], path_task.in_force[k]
+    R_d, p_d = waypoint.rotation().as_matrix(), waypoint.translation()
+    if rows.linear.kind is not ProjectorKind.FULL:
+        return _squared(many_twist_errors(R, p, R_d, p_d, rows)[1], tolerances)
+    cost: Array = np.einsum("ki,ki->k", p - p_d, p - p_d) / tolerances[0] ** 2
+    near = np.flatnonzero(cost < _NEAR**2)
+    cost += (np.pi / tolerances[1]) ** 2
+    cost[near] = _squared(many_twist_errors(R[near], p[near], R_d, p_d, rows)[1], tolerances)
+    return cost
+
+
+def _squared(errors: Array, tolerances: tuple[float, float]) -> Array:
+    """Squares of task errors (K, 6) in tolerances, (K,)."""
+    squared: Array = np.sum((errors[:, :3] / tolerances[0]) ** 2, axis=1)
+    squared += np.sum((errors[:, 3:] / tolerances[1]) ** 2, axis=1)
+    return squared

@@ -1,0 +1,83 @@
+"""What a trajectory file says of the task that it was made for."""
+
+from __future__ import annotations
+
+import json
+from importlib.metadata import version
+from typing import Any
+
+from qp_twist.following import Trajectory
+from qp_twist.geometry import Projector, TwistProjector
+from qp_twist.kinematics import JointRanges
+from qp_twist.paths import PathTask
+from qp_twist.trajectories.time_trajectory import TimedTrajectory
+
+
+def metadata_of(trajectory: Trajectory | TimedTrajectory) -> dict[str, Any]:
+    """Facts for people and programs, ready for JSON; nothing that depends on the machine."""
+    timed = trajectory if isinstance(trajectory, TimedTrajectory) else None
+    rows = trajectory.trajectory if isinstance(trajectory, TimedTrajectory) else trajectory
+    task = rows.path_task
+    ranges = JointRanges.of(task.model)
+    firsts = [1, *(segment.first + 1 for segment in task.segments)]
+    return {
+        "generator": f"qp_twist {version('qp_twist')}",
+        "versions": {name: version(name) for name in ("mujoco", "mink")},
+        "task": task.name,
+        "title": task.title,
+        "method": rows.method,
+        "robot": task.scene.name,
+        "frame": {"name": task.frame_name, "type": task.frame_type},
+        "projectors": [
+            {"first_row": first, **_words(projector)}
+            for first, projector in zip(firsts, task.projectors, strict=True)
+        ],
+        "units": dict(zip(ranges.names, ranges.units, strict=True)),
+        "interpolation": None if timed is None else timed.motion.interpolation,
+        "position_error_max_m": float(rows.position_error.max()),
+        "axis_error_max_rad": float(rows.axis_error.max()),
+    }
+
+
+def read_metadata(text: str) -> dict[str, Any]:
+    """The metadata of a file from their JSON; empty where that is not what was written here."""
+    try:
+        found = json.loads(text)
+    except (ValueError, RecursionError):
+        return {}
+    return found if isinstance(found, dict) else {}
+
+
+def disagreements(metadata: dict[str, Any], path_task: PathTask) -> list[str]:
+    """Sentences about what the metadata of a file say otherwise than the task it is held against.
+
+    Nothing is decided by them: whoever writes a file may say what he likes in it.
+    """
+    ranges = JointRanges.of(path_task.model)
+    facts = {"task": path_task.name, "robot": path_task.scene.name}
+    told = [(key, metadata[key], fact) for key, fact in facts.items() if key in metadata]
+    frame, units = metadata.get("frame"), metadata.get("units")
+    if isinstance(frame, dict) and "name" in frame:
+        told.append(("frame", frame["name"], path_task.frame_name))
+    if isinstance(units, dict):
+        here = zip(ranges.names, ranges.units, strict=True)
+        told += [(f"unit of {name}", units[name], unit) for name, unit in here if name in units]
+    return [
+        f"the file's metadata say {key} {str(said)[:60]!r}, but it is checked with {fact!r}"
+        for key, said, fact in told
+        if said != fact
+    ]
+
+
+def _words(projector: TwistProjector) -> dict[str, Any]:
+    """A projector as a task file states it."""
+    return {
+        "linear": _block(projector.linear),
+        "angular": _block(projector.angular),
+        "frame": projector.frame,
+    }
+
+
+def _block(block: Projector) -> str | dict[str, list[float]]:
+    word = block.kind.name.lower()
+    return word if block.axis is None else {word: [float(x) for x in block.axis]}

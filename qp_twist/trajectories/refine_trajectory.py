@@ -1,0 +1,186 @@
+"""Rows between waypoints, where the way from one to the next would leave the path."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from typing import Any
+
+import mink
+import numpy as np
+
+from qp_twist.checks import Array, instance, number
+from qp_twist.control import Status
+from qp_twist.errors import InvalidInput
+from qp_twist.following import Trajectory
+from qp_twist.paths import PathTask, twist_task
+from qp_twist.planning.starts import corrected_start
+from qp_twist.referee import JointMotion, path_errors
+
+_ROUNDS = 12
+_ROOM = 0.5
+"""Share of the tolerances that straight pieces may use, so that smooth ones have some left."""
+_MORE = 0.25
+"""Share by which a piece has to be worse than its rows: rows in it could mend no more than that."""
+
+
+def refine_trajectory(
+    trajectory: Trajectory, *, position_tolerance: float = 1e-4, axis_tolerance_deg: float = 0.05
+) -> Trajectory:
+    """Insert rows until the joints may move straight from each to the next and keep the path.
+
+    A method meets the waypoints. Between two of them the joints move straight, and the further they
+    move, most of all in what the task leaves free, the further the task's rows stray: with the
+    secondary's whole gain by millimetres. Halfway between such waypoints another is put, halfway in
+    position and orientation, and the middle of the joints is corrected onto it by the shortest
+    steps in the limits; again until every piece stays within half the tolerances, and within hard
+    tolerance bands but for as much.
+
+    Args:
+        trajectory: From :func:`~qp_twist.follow`.
+        position_tolerance: Largest linear task error between rows, m.
+        axis_tolerance_deg: Largest angular task error there, degrees.
+
+    Returns:
+        A trajectory whose ``path_task`` has the inserted waypoints as well, each with its part of
+        the time; the same one where nothing was to be inserted. Where a row cannot be corrected, or
+        a waypoint was missed anyway, the piece stays as it is.
+    """
+    instance("refine_trajectory(trajectory)", trajectory, Trajectory)
+    position = number("position_tolerance", position_tolerance, above=0.0)
+    axis = np.radians(number("axis_tolerance_deg", axis_tolerance_deg, above=0.0))
+    met = (trajectory.position_error <= position) & (trajectory.axis_error <= axis)
+    stuck = np.zeros(len(met), dtype=bool)  # rows after which nothing can be inserted
+    for _ in range(_ROUNDS):
+        task = trajectory.path_task
+        if len(met) < 2:
+            break
+        motion = JointMotion(np.arange(len(met), dtype=np.float64), trajectory.q)
+        errors = path_errors(task, motion, tolerances=(_ROOM * position, _ROOM * axis))
+        strays = _strays(errors.position, errors.position_between, position)
+        strays |= _strays(errors.axis, errors.axis_between, axis)
+        for band, unit in enumerate(errors.band_units):
+            tolerance = position if unit == "m" else axis
+            strays |= _strays(errors.bands[:, band], errors.bands_between[:, band], tolerance)
+        pieces, rows = [], []
+        for k in np.flatnonzero(strays & met[:-1] & met[1:] & ~stuck[:-1]).tolist():
+            try:
+                rows.append(_halfway(task, trajectory.q, k))
+                pieces.append(k)
+            except InvalidInput:
+                stuck[k] = True
+        if not pieces:
+            break
+        trajectory = _with_rows(trajectory, pieces, rows)
+        after = np.array(pieces) + 1
+        met, stuck = np.insert(met, after, True), np.insert(stuck, after, False)
+    return trajectory
+
+
+def _strays(at: Array, between: Array, tolerance: float) -> np.ndarray[Any, np.dtype[np.bool_]]:
+    """Pieces whose error is too large, and larger than that of the rows which they join."""
+    ends = np.maximum(at[:-1], at[1:])
+    return between > np.maximum(_ROOM * tolerance, ends + _MORE * tolerance)
+
+
+def _halfway(task: PathTask, q: Array, k: int) -> Array:
+    """The middle of rows k and k + 1, corrected onto the middle of their waypoints."""
+    before, after = task.in_force[k : k + 2]
+    rows = twist_task(task, after if after.rank <= before.rank else before)
+    middle = dataclasses.replace(task, start=0.5 * (q[k] + q[k + 1]))
+    return corrected_start(middle, _middle(task.waypoints, k), holds_limits=True, task=rows)
+
+
+def _middle(waypoints: Sequence[mink.SE3], k: int) -> mink.SE3:
+    before, after = waypoints[k : k + 2]
+    turn = (after.rotation() @ before.rotation().inverse()).log()
+    return mink.SE3.from_rotation_and_translation(
+        (mink.SO3.exp(0.5 * turn) @ before.rotation()).normalize(),
+        0.5 * (before.translation() + after.translation()),
+    )
+
+
+def _with_rows(trajectory: Trajectory, pieces: list[int], rows: list[Array]) -> Trajectory:
+    """The trajectory and its task with a row in each of the pieces, in rising order."""
+    task = _with_waypoints(trajectory.path_task, pieces)
+    after = np.array(pieces) + 1
+    measured = [
+        _measured(task, k + 1 + shift, q)
+        for shift, (k, q) in enumerate(zip(pieces, rows, strict=True))
+    ]
+    changes: dict[str, Any] = {
+        "path_task": task,
+        "q": np.insert(trajectory.q, after, rows, axis=0),
+        "scale": np.insert(trajectory.scale, after, 1.0),
+        "iterations": np.insert(trajectory.iterations, after, 0),
+        "durations": _split(trajectory.durations, pieces),
+    }
+    for name, column in zip(
+        ("position_error", "axis_error", "sigma_min", "band_excess"),
+        np.transpose(measured),
+        strict=True,
+    ):
+        changes[name] = np.insert(getattr(trajectory, name), after, column)
+    binding, statuses = list(trajectory.binding), list(trajectory.statuses)
+    for k in reversed(pieces):
+        binding.insert(k + 1, ())
+        statuses.insert(k + 1, Status.SOLVED)
+    return dataclasses.replace(
+        trajectory, binding=tuple(binding), statuses=tuple(statuses), **changes
+    )
+
+
+def _with_waypoints(task: PathTask, pieces: list[int]) -> PathTask:
+    waypoints = list(task.waypoints)
+    flipped = None if task.flipped_waypoints is None else list(task.flipped_waypoints)
+    for k in reversed(pieces):
+        for poses in (waypoints, flipped):
+            if poses is not None:
+                poses.insert(k + 1, _middle(poses, k))
+    segments = []
+    for segment in task.segments:
+        # A waypoint inserted where the projector changes has the fewer rows of the two.
+        first, last = segment.first, segment.first + segment.blend
+        fewer = task.in_force[first].rank <= task.in_force[first - 1].rank
+        begin = sum(k + 1 < first or (k + 1 == first and not fewer) for k in pieces)
+        inside = sum(first <= k + 1 < last for k in pieces)  # of a blend, whose rows are fewer
+        segments.append(
+            dataclasses.replace(segment, first=first + begin, blend=segment.blend + inside)
+        )
+    return dataclasses.replace(
+        task,
+        waypoints=tuple(waypoints),
+        flipped_waypoints=None if flipped is None else tuple(flipped),
+        durations=_split(task.durations, pieces),
+        segments=tuple(segments),
+        # As where a toolpath is resampled: a point between two has the line of the one before.
+        lines=None
+        if task.lines is None
+        else np.insert(task.lines, np.array(pieces) + 1, task.lines[pieces]),
+    )
+
+
+def _split(durations: Array | None, pieces: list[int]) -> Array | None:
+    """Durations with those of the pieces halved."""
+    if durations is None:
+        return None
+    after = np.array(pieces) + 1
+    halved = durations.copy()
+    halved[after] *= 0.5
+    found: Array = np.insert(halved, after, halved[after])
+    return found
+
+
+def _measured(task: PathTask, index: int, q: Array) -> tuple[float, float, float, float]:
+    """Position error, axis error, σ_min and band excess of a row, as :func:`follow` has them."""
+    rows = twist_task(task, task.in_force[index])
+    rows.set_target(task.waypoints[index])
+    configuration = mink.Configuration(task.model, q)
+    state = rows.state(configuration)
+    sigma = np.linalg.svd(state.basis.T @ state.jacobian, compute_uv=False)
+    return (
+        float(np.linalg.norm(state.error[:3])),
+        float(np.linalg.norm(state.error[3:])),
+        float(sigma[-1]) if len(sigma) else 0.0,
+        float(rows.band_excess(configuration).max(initial=0.0)) if rows.bands else 0.0,
+    )

@@ -1,0 +1,259 @@
+"""A joint trajectory in time: as fast as the feed, no faster than the limits."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from qp_twist.checks import Array, instance, number
+from qp_twist.errors import InvalidInput
+from qp_twist.following import Trajectory
+from qp_twist.kinematics import JointRanges
+from qp_twist.notebook import html_table
+from qp_twist.paths import PathTask
+from qp_twist.referee import JointMotion, PathErrors, State, path_errors
+from qp_twist.trajectories.speed_profile import SpeedProfile, speed_profile
+
+_SLOWED = 1e-6
+"""A piece counts as slowed where it takes longer than the feed by more than this share."""
+_TIGHT = 0.99
+"""A limit stands in the way where this share of it is used."""
+_ROUNDS = 20
+
+
+@dataclass(frozen=True)
+class Slowed:
+    """A stretch of the path that limits make slower than the feed.
+
+    Attributes:
+        first: Index of the waypoint where it begins, from 0.
+        last: Index of the waypoint where it ends.
+        factor: Largest time from a waypoint to the next in it, in times of the feed.
+        longer: Time by which the stretch takes longer, s.
+        limits: What is used up there, e.g. ``"velocity of joint_4"``, the most frequent first.
+        stops: Indices of waypoints in it at which the joints stand still, from 0.
+    """
+
+    first: int
+    last: int
+    factor: float
+    longer: float
+    limits: tuple[str, ...]
+    stops: tuple[int, ...]
+
+    def __str__(self) -> str:
+        """A line for people, rows counted from 1."""
+        why = [", ".join(self.limits)] if self.limits else []
+        if self.stops:
+            word = "row" if len(self.stops) == 1 else "rows"
+            why.append(f"at rest at {word} {', '.join(str(k + 1) for k in self.stops)}")
+        return (
+            f"rows {self.first + 1} to {self.last + 1}: up to {self.factor:.3g} times as "
+            f"long, {self.longer:.3g} s in all ({'; '.join(why) or 'acceleration'})"
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class TimedTrajectory:
+    """What :func:`~qp_twist.time_trajectory` returns: a trajectory with its times.
+
+    Attributes:
+        trajectory: The joint path.
+        motion: Times, positions and velocities at the waypoints and the interpolation between them.
+        slowed: Where the limits make it slower than the feed, in the order of the path.
+        stops: Indices of the waypoints between the ends at which the joints have to stand still.
+        errors: Task errors at and between the waypoints.
+    """
+
+    trajectory: Trajectory
+    motion: JointMotion
+    slowed: tuple[Slowed, ...]
+    stops: tuple[int, ...]
+    errors: PathErrors
+
+    @property
+    def times(self) -> Array:
+        """When each waypoint is reached, s, (N,), the first at 0."""
+        return self.motion.times
+
+    @property
+    def q(self) -> Array:
+        """Joint positions at the waypoints, rad or m, (N, nv)."""
+        return self.motion.q
+
+    @property
+    def velocities(self) -> Array:
+        """q̇ at the waypoints, rad/s or m/s, (N, nv); where it jumps, after the waypoint."""
+        given = self.motion.velocities
+        return self.motion.at(self.times).velocities if given is None else given
+
+    @property
+    def accelerations(self) -> Array:
+        """q̈ at the waypoints, rad/s² or m/s², (N, nv); where it jumps, after the waypoint."""
+        return self.motion.at(self.times).accelerations
+
+    @property
+    def durations(self) -> Array:
+        """Time from each waypoint to the next, s, (N − 1,)."""
+        return np.diff(self.times)
+
+    def at(self, t: npt.ArrayLike) -> State:
+        """q, q̇ and q̈ at a time or at many, s: (nv,) or (K, nv) each."""
+        return self.motion.at(t)
+
+    def __repr__(self) -> str:
+        task = self.trajectory.path_task.name
+        return (
+            f"TimedTrajectory({task!r}, {self.trajectory.method!r}, {self.times[-1]:.6g} s, "
+            f"{len(self.slowed)} stretches slowed, {len(self.stops)} stops)"
+        )
+
+    def _repr_html_(self) -> str:
+        """A small table, for notebooks."""
+        between = self.errors.position_between.max(initial=0.0)
+        rows: list[tuple[str, object]] = [
+            ("waypoints", len(self.q)),
+            ("time, s", float(self.times[-1])),
+            ("stretches slower than the feed", len(self.slowed)),
+            ("stops between the ends", len(self.stops)),
+            ("position error at waypoints, mm", 1e3 * float(self.errors.position.max())),
+            ("position error between them, mm", 1e3 * float(between)),
+        ]
+        caption = f"{self.trajectory.method} along {self.trajectory.path_task.name}, timed"
+        return html_table(caption, rows)
+
+
+def time_trajectory(
+    trajectory: Trajectory, *, position_tolerance: float = 1e-4, axis_tolerance_deg: float = 0.05
+) -> TimedTrajectory:
+    r"""Give a joint path its times: the feed's, or longer ones where a limit asks for them.
+
+    The waypoints stay what they are; only times change. From each waypoint to the next the path
+    takes at least what the task's feed gives it (``path_task.durations``), and
+
+    * without acceleration limits every joint moves at constant speed from waypoint to waypoint, the
+      piece takes :math:`\max(\text{feed},\, \max_j |\Delta q_j|/v_j)`;
+    * with acceleration limits every joint moves on a cubic in time
+      (:class:`~qp_twist.JointMotion`), from rest to rest, its velocity continuous;
+      ``speed_profile`` finds the fastest that keeps velocity and acceleration limits everywhere,
+      not only at the waypoints.
+
+    A smooth motion cuts corners. Where it would leave the way between two waypoints by more than
+    the tolerances, and moving straight in the joints would not, the joints come to a stop at the
+    waypoint with the sharper turn. A path with more waypoints in its corners, or with rounded ones,
+    has fewer stops.
+
+    Args:
+        trajectory: From :func:`~qp_twist.follow`, best with ``slow_down=True``.
+        position_tolerance: Largest linear task error between waypoints, m.
+        axis_tolerance_deg: Largest angular task error there, degrees.
+
+    Raises:
+        InvalidInput: If the task has neither a feed nor a limit that gives a piece its time, or a
+            joint that is neither hinge nor slide.
+    """
+    instance("time_trajectory(trajectory)", trajectory, Trajectory)
+    tolerances = (
+        number("position_tolerance", position_tolerance, above=0.0),
+        np.radians(number("axis_tolerance_deg", axis_tolerance_deg, above=0.0)),
+    )
+    task = trajectory.path_task
+    ranges = JointRanges.of(task.model)
+    if not ranges.only_hinges_and_slides:
+        raise InvalidInput(
+            "time_trajectory: the robot has ball or free joints; only hinges and slides have times."
+        )
+    q = trajectory.q
+    if len(q) < 2:
+        raise InvalidInput("time_trajectory: the trajectory has one waypoint only; follow more.")
+    feed = np.zeros(len(q) - 1) if task.durations is None else task.durations[1 : len(q)]
+    floor = _least_times(task, q, feed)
+    if np.isfinite(task.acceleration_limits).any():
+        profile, errors = _smooth(task, q, floor, tolerances)
+    else:
+        profile = _straight(task, q, floor)
+        errors = path_errors(task, profile.motion, tolerances=tolerances)
+    slowed = _slowed(profile, feed, ranges.names)
+    stops = tuple(int(k) for k in np.flatnonzero(profile.pace[1:-1] == 0.0) + 1)
+    return TimedTrajectory(trajectory, profile.motion, slowed, stops, errors)
+
+
+def _least_times(task: PathTask, q: Array, feed: Array) -> Array:
+    """The feed's time of each piece, s, (N − 1,); where there is none, what the limits ask for."""
+    moved = np.abs(np.diff(q, axis=0))
+    by_limits = np.maximum(
+        moved / task.velocity_limits, np.sqrt(6.0 * moved / task.acceleration_limits)
+    )
+    floor = np.where(feed > 0.0, feed, by_limits.max(axis=1, initial=0.0))
+    if (floor <= 0.0).any():
+        k = int(np.argmax(floor <= 0.0))
+        raise InvalidInput(
+            f"time_trajectory: nothing says how long the way from waypoint {k + 1} to {k + 2} "
+            "takes; add [feed] to the task file, and [limits]."
+        )
+    return floor
+
+
+def _straight(task: PathTask, q: Array, floor: Array) -> SpeedProfile:
+    """Constant joint speeds from waypoint to waypoint."""
+    moved = np.abs(np.diff(q, axis=0))
+    T = np.maximum(floor, (moved / task.velocity_limits).max(axis=1, initial=0.0))
+    motion = JointMotion(np.concatenate([[0.0], np.cumsum(T)]), q)
+    use = moved / T[:, None] / task.velocity_limits
+    return SpeedProfile(motion, np.ones(len(q)), use, np.zeros_like(use))
+
+
+def _smooth(
+    task: PathTask, q: Array, floor: Array, tolerances: tuple[float, float]
+) -> tuple[SpeedProfile, PathErrors]:
+    """Cubics between as few stops as the tolerances allow."""
+    limits = task.velocity_limits, task.acceleration_limits
+    straight = path_errors(task, _straight(task, q, floor).motion, tolerances=tolerances)
+    may_help = straight.kept(*tolerances)
+    D = np.diff(q, axis=0) / floor[:, None]
+    turn = np.linalg.norm(np.diff(D, axis=0), axis=1)
+    turn = np.concatenate([[0.0], turn, [0.0]])
+    rests = np.zeros(len(q), dtype=bool)
+    rests[[0, -1]] = True
+    for _ in range(_ROUNDS):
+        profile = speed_profile(q, floor, *limits, rests)
+        errors = path_errors(task, profile.motion, tolerances=tolerances)
+        leaves = may_help & ~errors.kept(*tolerances) & ~(rests[:-1] & rests[1:])
+        if not leaves.any():
+            break
+        pieces = np.flatnonzero(leaves)
+        at_begin = rests[pieces + 1] | (~rests[pieces] & (turn[pieces] >= turn[pieces + 1]))
+        rests[np.where(at_begin, pieces, pieces + 1)] = True
+    return profile, errors
+
+
+def _slowed(profile: SpeedProfile, feed: Array, names: tuple[str, ...]) -> tuple[Slowed, ...]:
+    """The stretches of pieces that take longer than the feed."""
+    T = np.diff(profile.motion.times)
+    slow = np.flatnonzero((feed > 0.0) & (T / np.where(feed > 0.0, feed, 1.0) > 1.0 + _SLOWED))
+    found = []
+    for pieces in np.split(slow, np.flatnonzero(np.diff(slow) > 1) + 1):
+        if not len(pieces):
+            continue
+        count: dict[str, int] = {}
+        for kind, use in (
+            ("velocity", profile.speed_use),
+            ("acceleration", profile.acceleration_use),
+        ):
+            for joint, tight in enumerate((use[pieces] >= _TIGHT).sum(axis=0)):
+                if tight:
+                    count[f"{kind} of {names[joint]}"] = int(tight)
+        first, last = int(pieces[0]), int(pieces[-1]) + 1
+        found.append(
+            Slowed(
+                first,
+                last,
+                float((T[pieces] / feed[pieces]).max()),
+                float((T[pieces] - feed[pieces]).sum()),
+                tuple(sorted(count, key=lambda name: -count[name])),
+                tuple(k for k in range(first, last + 1) if profile.pace[k] == 0.0),
+            )
+        )
+    return tuple(found)
