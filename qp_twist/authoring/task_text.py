@@ -119,8 +119,8 @@ def _path(parts: Parts) -> str:
     request, toolpath = parts.request, parts.toolpath
     points = sum(map(len, toolpath.curves))
     curves = len(toolpath.curves)
-    said = f"{points} points" + (f" in {curves} curves" if curves > 1 else "")
-    lines = ["[path]", 'kind = "file"', _line(f"file = {_quoted(parts.toolpath_file)}", said)]
+    summary = f"{points} points" + (f" in {curves} curves" if curves > 1 else "")
+    lines = ["[path]", 'kind = "file"', _line(f"file = {_quoted(parts.toolpath_file)}", summary)]
     if request.length_unit:
         lines.append(_line(f'length_unit = "{request.length_unit}"', "of the positions"))
     else:

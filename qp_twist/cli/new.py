@@ -147,10 +147,10 @@ def _columns(text: str) -> ColumnsTable:
         return ColumnsTable.model_validate(table)
     except ValidationError as error:
         item = error.errors()[0]
-        said = item["msg"].removeprefix("Value error, ")
+        message = item["msg"].removeprefix("Value error, ")
         if item["type"] in ("missing", "too_short", "too_long"):
-            said = "a position needs three columns, and a direction as many as it has numbers"
+            message = "a position needs three columns, and a direction as many as it has numbers"
         raise InvalidInput(
-            f"--columns {text!r}: {item['loc'][0] if item['loc'] else 'columns'}: {said}; "
+            f"--columns {text!r}: {item['loc'][0] if item['loc'] else 'columns'}: {message}; "
             f"{expected}."
         ) from None

@@ -35,11 +35,11 @@ def view(
         port: Port of 127.0.0.1; without it the first free one from 8080 on.
         browser: Open the page in a browser, where this runs in a terminal.
     """
-    from qp_twist.viewing import Session, Settings, free_port
+    from qp_twist.viewing import PageSettings, Session, free_port
 
     free = free_port(port)
     path_task = load(task, path)
-    settings = Settings.of(path_task, method, solver)
+    settings = PageSettings.of(path_task, method, solver)
     from qp_twist.viewing.page import Page  # its libraries take a second
 
     session = Session(path_task, settings)

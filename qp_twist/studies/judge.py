@@ -36,7 +36,7 @@ Kind = Literal[
 
 _AT = 1e-4
 """A joint is at its limit, of position or of speed, within this, rad or m."""
-_HAIR = 1e-9
+_ROUNDING = 1e-9
 """Longer by less is rounding, rad or m."""
 
 
@@ -118,7 +118,7 @@ class Judge:
         left = np.full(len(q), np.inf)
         if before is not None:
             left = self._steps[waypoint - 2] - np.abs(q - before)
-        if (left < -_HAIR).any():
+        if (left < -_ROUNDING).any():
             return Fault("jump", self.ranges.names[int(np.argmin(left))], waypoint)
         if position_error > self._position_error or axis_error > self._axis_error:
             at_limit = (room < _AT) | (left < _AT)
