@@ -24,7 +24,7 @@ class Layout:
         ranks: Number of rows of each task.
         first: Number of rows of the first level.
         names: Joint name of each degree of freedom.
-        kinds: Names of the kinds of bounds, by their numbers in ``fast.bounds``.
+        kinds: Names of the kinds of bounds, by their numbers in ``kernel.bounds``.
     """
 
     def __init__(

@@ -56,7 +56,7 @@ TOLERANCES = Tolerances(
 def table_of(
     limits: Sequence[mink.Limit], nv: int
 ) -> tuple[Array, np.ndarray[tuple[int], np.dtype[np.int64]]]:
-    """Limits as ``fast.bounds`` takes them, (L, nv, 7), and what they are, (L,)."""
+    """Limits as ``kernel.bounds`` takes them, (L, nv, 7), and what they are, (L,)."""
     table, numbers = np.zeros((len(limits), nv, 7)), numbers_of_kinds(limits)
     for row, limit in zip(table, limits, strict=True):
         if isinstance(limit, DisplacementWindow):
@@ -92,7 +92,7 @@ def with_slacks(
 
 
 def write_box_of_mink(row: Array, limit: Any) -> None:
-    """The numbers of such a limit into its table (nv, 7), as ``fast.bounds`` takes them."""
+    """The numbers of such a limit into its table (nv, 7), as ``kernel.bounds`` takes them."""
     if limit.projection_matrix is None:
         return
     dofs = limit.indices

@@ -35,7 +35,7 @@ class Method(NamedTuple):
     tolerances: npt.NDArray[np.float64]
     """Position and angle at which a waypoint counts as reached, m and rad, (2,)."""
     limits: npt.NDArray[np.float64]
-    """As in ``fast.bounds``, (L, nv, 7); a window's half-width is that of one second."""
+    """As in ``kernel.bounds``, (L, nv, 7); a window's half-width is that of one second."""
     sane: float
     """A joint beyond it has diverged, rad or m."""
     floats: npt.NDArray[np.float64]

@@ -16,7 +16,7 @@ import pytest
 
 import qp_twist
 
-FAST = Path(qp_twist.__file__).parent / "fast"
+KERNEL = Path(qp_twist.__file__).parent / "kernel"
 INNER = """
 from qp_twist.kernel.compiling import plain
 FACTOR = 2.0
@@ -40,11 +40,11 @@ print(shifted(10.0), sum(shifted.stats.cache_hits.values()))
 @pytest.fixture
 def package(tmp_path: Path) -> Path:
     """A package of two kernels, one of which calls the other, which lies in another file."""
-    folder = tmp_path / "qp_twist" / "fast"
+    folder = tmp_path / "qp_twist" / "kernel"
     folder.mkdir(parents=True)
     (tmp_path / "qp_twist" / "__init__.py").touch()
     for name in ("__init__", "compiling", "code_cache"):
-        shutil.copy(FAST / f"{name}.py", folder)
+        shutil.copy(KERNEL / f"{name}.py", folder)
     (folder / "inner.py").write_text(INNER)
     (folder / "outer.py").write_text(OUTER)
     return folder
@@ -99,8 +99,8 @@ def test_a_kernel_is_compiled_anew_where_what_it_calls_was(package: Path) -> Non
 
 
 def test_a_constant_of_another_file_reaches_a_kernel_of_this_package(tmp_path: Path) -> None:
-    folder = tmp_path / "qp_twist" / "fast"
-    shutil.copytree(FAST, folder, ignore=shutil.ignore_patterns("__pycache__"))
+    folder = tmp_path / "qp_twist" / "kernel"
+    shutil.copytree(KERNEL, folder, ignore=shutil.ignore_patterns("__pycache__"))
     (tmp_path / "qp_twist" / "__init__.py").touch()
     # The nearest point of x ≥ 1 and y ≥ 2 is (1, 2).
     script = """
