@@ -18,6 +18,7 @@ from qp_twist.kernel.verified_program import (
     DEPENDENT,
     DONE,
     REFUSED,
+    SCALED,
     TOO_FAST,
     excess_of,
     into_the_box,
@@ -159,12 +160,12 @@ def slower_step(floats, integers, tolerances):
     """Scale, solve and verify a program for which :func:`program_step` returned ``TOO_FAST``.
 
     Returns:
-        As ``scaled_program``.
+        ``SCALED`` or ``REFUSED``.
     """
     w = read_program(floats, integers, integers)
     if not cholesky_inverse(w.dense, w.J):
         return REFUSED
-    return scaled_program(w, tolerances)
+    return SCALED if scaled_program(w, tolerances) == SCALED else REFUSED
 
 
 @entry
