@@ -27,6 +27,7 @@ extensions = [
     "myst_parser",
     "sphinx.ext.autodoc",
     "sphinx.ext.napoleon",
+    "sphinx.ext.viewcode",  # from a function to its lines
     "mathml",
 ]
 source_suffix = {".md": "markdown"}

@@ -19,7 +19,6 @@ and their symbols; these are loaded first.
 
 from __future__ import annotations
 
-import contextlib
 import hashlib
 import importlib
 import sys
@@ -31,6 +30,8 @@ import llvmlite
 import numpy as np
 from llvmlite.binding import parse_assembly
 from numba.core.caching import CompileResultCacheImpl, FunctionCache, IndexDataCacheFile
+
+from qp_twist.kernel.compile_lock import CompileLock
 
 _FOLDER = Path(__file__).resolve().parent
 
@@ -123,6 +124,16 @@ class KernelCache(FunctionCache):
         self._python = f"py{sys.version_info[0]}{sys.version_info[1]}{sys.abiflags}"
         name = f"{self._kernel}-{self._key[:16]}.{self._python}"
         self._cache_file = IndexDataCacheFile(self.cache_path, name, self._key)
+        self._lock = CompileLock(Path(self.cache_path) / f"{name}.lock")
+
+    def load_overload(self, sig: Any, target_context: Any) -> Any:
+        """Load cached machine code, after another process that compiles it; ``None`` for none."""
+        found = super().load_overload(sig, target_context)
+        if found is None and self._lock.acquire():
+            found = super().load_overload(sig, target_context)
+        if found is not None:
+            self._lock.release()
+        return found
 
     def save_overload(self, sig: Any, data: Any) -> None:
         """Save the machine code of one signature, unless the sources were edited meanwhile.
@@ -142,10 +153,14 @@ class KernelCache(FunctionCache):
                 function.__module__, function.__name__, tuple(sig), data.fndesc.mangled_name
             )
             data.library._shared_module = parse_assembly("")  # linked into its callers
-        with contextlib.suppress(OSError):
+        try:
             if _contents() == self._key:
                 super().save_overload(sig, data)
                 self._remove_other_sources()
+        except OSError:
+            pass
+        finally:
+            self._lock.release()
 
     def _remove_other_sources(self) -> None:
         for file in Path(self.cache_path).glob(f"{self._kernel}-*.{self._python}.*"):

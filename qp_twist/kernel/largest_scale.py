@@ -8,8 +8,10 @@ from qp_twist.kernel.compiling import plain
 from qp_twist.kernel.dual_active_set import NO_ROOM, SOLVED, active_set
 from qp_twist.kernel.null_space import times_q
 from qp_twist.kernel.reduced_program import reduced_program, to_joints
-from qp_twist.kernel.verified_program import DONE, REFUSED, SCALED, solved_program
+from qp_twist.kernel.verified_program import DONE, INFEASIBLE, REFUSED, SCALED, solved_program
 
+EXCLUDED = -1.0
+"""Returned instead of a scale if the limits exclude even a task at rest."""
 _EPSILON = 1e-5
 """Weight of ‖z‖² in the cost: s comes out below its optimum by ½ε²‖z‖² at most."""
 _CLEAR = 1e-6
@@ -20,7 +22,10 @@ _OF_THE_MOTION = 10.0 * _EPSILON
 
 @plain
 def largest_scale(w, backoff):
-    r"""The largest s ≤ 1 for which A x = s b has a solution inside the limits, 0 for none.
+    r"""The largest s ≤ 1 for which A x = s b has a solution inside the limits.
+
+    It is 0 where rounding decides whether such an s exists, and ``EXCLUDED`` if none exists with
+    s ≥ 0.
 
     With the solutions :math:`\mathbf x = s\,\mathbf x_1 + \mathbf N z` of the rows it is the linear
     program of ``qp.scaling``. It is solved as the strictly convex
@@ -62,6 +67,8 @@ def largest_scale(w, backoff):
     scale, largest = p.x[0], 0.0
     for row in range(len(w.b)):
         largest = max(largest, abs(w.b[row]))
+    if status == NO_ROOM or (status == SOLVED and scale * largest < -_CLEAR):
+        return EXCLUDED
     if status != SOLVED or not scale > 0.0 or not (1.0 - scale) * largest > _CLEAR:
         return 0.0
     _sensitivity(p, count, n, w.sensitivity)
@@ -111,10 +118,17 @@ def _half_spaces(w, cuts, x):
 
 @plain
 def scaled_program(w, tolerances):
-    """Compute the verified solution at the largest feasible scale: ``SCALED``, else ``REFUSED``."""
+    """Compute the verified solution at the largest feasible scale.
+
+    Returns:
+        ``SCALED``; ``INFEASIBLE`` where the limits exclude even a task at rest (b is then
+        unchanged); else ``REFUSED``.
+    """
     if reduced_program(w) != NO_ROOM:
         return REFUSED
     scale = largest_scale(w, tolerances.backoff)
+    if scale == EXCLUDED:
+        return INFEASIBLE
     for row in range(len(w.b)):
         w.b[row] *= scale
     if scale == 0.0 or solved_program(w, tolerances) != DONE:

@@ -19,6 +19,7 @@ from qp_twist.kernel.verified_program import (
     DONE,
     INFEASIBLE,
     REFUSED,
+    SCALED,
     clear_multipliers,
     clip_to_bounds,
     excess_of,
@@ -159,12 +160,12 @@ def scaled_step(floats, integers, tolerances):
     """Scale, solve and verify a program for which :func:`program_step` returned ``INFEASIBLE``.
 
     Returns:
-        As ``scaled_program``.
+        ``SCALED`` or ``REFUSED``.
     """
     w = read_program(floats, integers, integers)
     if not cholesky_inverse(w.dense, w.J):
         return REFUSED
-    return scaled_program(w, tolerances)
+    return SCALED if scaled_program(w, tolerances) == SCALED else REFUSED
 
 
 @entry

@@ -15,6 +15,7 @@ from qp_twist.kernel.record import Floats, Integers, RecordType, reader
 from qp_twist.kernel.step_record import PROGRAM, Program, Sizes
 from qp_twist.kernel.twist_rows import twist_rows
 from qp_twist.kernel.verified_program import (
+    INFEASIBLE,
     REFUSED,
     SolverTolerances,
     solved_program,
@@ -365,4 +366,7 @@ def infeasible_step(g, w):
     scales, relaxes = g.settings.infeasible == SCALE, g.settings.infeasible == RELAX
     if len(g.ends) > 1 or relaxes:
         return closest_levels(w, g.ends, relaxes, g.tolerances)
-    return scaled_program(w, g.tolerances) if scales else REFUSED
+    if not scales:
+        return REFUSED
+    status = scaled_program(w, g.tolerances)
+    return closest_levels(w, g.ends, True, g.tolerances) if status == INFEASIBLE else status

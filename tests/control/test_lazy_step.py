@@ -308,3 +308,31 @@ def test_steps_that_are_left_to_the_reference_are_counted() -> None:
     by_name = qt.Controller(model, [task], limits=[], solver="daqp")
     by_name.step(bent, 0.01)
     assert by_name.reference_steps == 1
+
+
+def test_a_step_whose_limits_exclude_even_rest_is_relaxed_without_the_reference() -> None:
+    # An arm that is moving cannot stop within a step: its acceleration limits exclude s = 0.
+    path_task = qt.load_task("deburring")
+    model = path_task.model
+    configuration = mink.Configuration(model, path_task.start)
+    start = configuration.get_transform_frame_to_world("tool", "site")
+    controllers = []
+    for solver in ("compiled", "daqp"):
+        task = qt.TwistTask("tool", "site", path_task.projector)
+        motion = qt.MotionLimit(model, velocity=1.5, acceleration=10.0)
+        controllers.append(qt.Controller(model, [task], limits=[motion], solver=solver))
+    rng, relaxed = np.random.default_rng(0), 0
+    for k in range(60):
+        if k % 20 == 0:
+            target = mink.SE3.from_translation(0.1 * rng.normal(size=3)) @ start
+        for controller in controllers:
+            controller.twist_tasks[0].set_target(target)
+        step, expected = (controller.step(configuration, 0.005) for controller in controllers)
+        assert step.status is expected.status
+        np.testing.assert_allclose(step.velocity, expected.velocity, atol=1e-9)
+        assert [str(x) for x in step.binding] == [str(x) for x in expected.binding]
+        relaxed += step.status is qt.Status.RELAXED
+        controllers[1].note(step.velocity)
+        configuration.integrate_inplace(step.velocity, 0.005)
+    assert relaxed > 30
+    assert controllers[0].reference_steps <= 2

@@ -43,7 +43,7 @@ def package(tmp_path: Path) -> Path:
     folder = tmp_path / "qp_twist" / "kernel"
     folder.mkdir(parents=True)
     (tmp_path / "qp_twist" / "__init__.py").touch()
-    for name in ("__init__", "compiling", "code_cache"):
+    for name in ("__init__", "compiling", "code_cache", "compile_lock"):
         shutil.copy(KERNEL / f"{name}.py", folder)
     (folder / "inner.py").write_text(INNER)
     (folder / "outer.py").write_text(OUTER)
@@ -135,7 +135,10 @@ Path({str(inner)!r}).write_text({INNER.replace("2.0", "5.0")!r})
 
 def test_processes_that_compile_at_once_do_not_disturb_each_other(package: Path) -> None:
     together = [started(package) for _ in range(4)]
-    assert [printed(process)[0] for process in together] == [21.0] * 4
+    done = [printed(process) for process in together]
+    assert [result for result, _ in done] == [21.0] * 4
+    # One of them compiled, the others waited for it and loaded.
+    assert sorted(hits for _, hits in done) == [0, 1, 1, 1]
     assert run(package) == [21.0, 1]
 
 
