@@ -354,8 +354,8 @@ def _placement_notes(request: Request, searched: TaskSearchResult) -> list[str]:
             f"MOVED to {best.placement}, since with the file's frame in the origin of the robot's "
             f"world {here.why}. Measure where it really is, and put that here."
         ]
-    asked = "where --place puts it" if request.place else "where the file has it"
-    text = f"NOT REACHED {asked}: {here.why}. "
+    place = "where --place puts it" if request.place else "where the file has it"
+    text = f"NOT REACHED {place}: {here.why}. "
     if searched.places is not None:
         promising = len(searched.places.found)
         text += f"Elsewhere: of {searched.places}, "

@@ -21,11 +21,11 @@ _BARE = frozenset("abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ012345678
 
 @dataclass(frozen=True)
 class Parts:
-    """What a task file is written of.
+    """Content of a task file.
 
     Attributes:
-        request: What was asked for.
-        title: One line for people.
+        request: The arguments of ``qp-twist new``.
+        title: One line that names the task.
         scene: Robot file as the task file names it.
         toolpath_file: Toolpath file likewise.
         frame: The controlled frame.

@@ -141,14 +141,14 @@ class CompiledWalk:
         self, path_task: PathTask, method: str, settings: MethodSettings, ranges: JointRanges
     ) -> follow_kernel.FollowSettings:
         kind, model = METHODS[method], path_task.model
-        pull, metric = np.zeros(model.nv), np.ones(model.nv)
+        stiffness, metric = np.zeros(model.nv), np.ones(model.nv)
         if settings.secondary == "centering":
             assert settings.weight != "equal"
-            pull = settings.gain * JointCentering(model, settings.weight).stiffness
+            stiffness = settings.gain * JointCentering(model, settings.weight).stiffness
             if kind.constrained and settings.metric != "1":
                 metric = ranges.metric
         elif settings.secondary == "plan":
-            pull[:] = settings.gain
+            stiffness[:] = settings.gain
         limits = WaypointLimits(path_task)
         if limits.window is not None:
             limits.window.half_width = path_task.velocity_limits
@@ -163,7 +163,9 @@ class CompiledWalk:
             np.array([path_task.iteration.position_tolerance, path_task.iteration.angle_tolerance]),
             table,
             LARGEST_JOINT,
-            *_steps(table, types, metric, pull, kernel_settings(SINGULARITY, weight), twist_space),
+            *_steps(
+                table, types, metric, stiffness, kernel_settings(SINGULARITY, weight), twist_space
+            ),
         )
 
 
@@ -171,7 +173,7 @@ def _steps(
     table: Array,
     types: Counts,
     metric: Array,
-    pull: Array,
+    stiffness: Array,
     settings: Settings,
     twist_space: bool | None,
 ) -> tuple[Array, Counts]:
@@ -186,7 +188,7 @@ def _steps(
         STEP.resize(integers[m], size)
         g: StepInputs = STEP.arrays(floats[m], integers[m], integers[m]).inputs
         g.settings[:], g.tolerances[:] = settings, TOLERANCES  # type: ignore[index]
-        g.free_costs[:], g.metric[:], g.stiffness[:], g.limits[:] = 1.0, metric, pull, table
+        g.free_costs[:], g.metric[:], g.stiffness[:], g.limits[:] = 1.0, metric, stiffness, table
         g.ends[:], g.addresses[:], g.types[:] = m, range(nv), types
     return floats, integers
 

@@ -163,8 +163,8 @@ class ToleranceBand(abc.ABC):
         free = ~np.array(self.fixed(projector))
         rows, rooms = self.rows(pair, self.recovery_speed * dt)
         rows, rooms = rows[free].reshape(-1, 6), rooms[free].ravel()
-        asked = np.isfinite(rooms)
-        rows, rooms = rows[asked], rooms[asked]
+        bounded = np.isfinite(rooms)
+        rows, rooms = rows[bounded], rooms[bounded]
         return rows, rooms / dt + rows @ self.carried(pair)
 
     def excess(self, pair: FramePair) -> float:

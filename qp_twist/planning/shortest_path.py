@@ -146,7 +146,7 @@ def _least(
     Validating every edge would take too long: only the best one to each node is validated, and if
     it is invalid, the next best.
     """
-    asked = np.zeros(len(values), dtype=bool)
+    validated = np.zeros(len(values), dtype=bool)
     values = values.copy()
     for attempt in itertools.count():
         reached = np.full(count, np.inf)
@@ -156,12 +156,12 @@ def _least(
         before[edge.end[giving]] = edge.start[giving]
         if valid is None:
             break
-        chosen = giving & np.isfinite(values) & (edge.start == before[edge.end]) & ~asked
+        chosen = giving & np.isfinite(values) & (edge.start == before[edge.end]) & ~validated
         if attempt >= _ROUNDS:  # all edges to the nodes whose best edges are invalid
             failing = np.zeros(count, dtype=bool)
             failing[edge.end[chosen]] = True
-            chosen = failing[edge.end] & np.isfinite(values) & ~asked
-        asked |= chosen
+            chosen = failing[edge.end] & np.isfinite(values) & ~validated
+        validated |= chosen
         which = np.flatnonzero(chosen)
         ok = valid(number, Edges(edge.start[which], edge.end[which]))
         values[which[~ok]] = np.inf

@@ -1,8 +1,8 @@
-"""What counts as success: the first fault of a joint path at its waypoints, if it has one.
+"""Criterion of success: the first fault of a joint path at its waypoints, if any.
 
-Between the waypoints nothing is judged but the length of the joints' steps: a study counts at how
-many placements a method meets its waypoints. Whether a trajectory keeps the path between them is
-asked of the one that a robot is to run, by :func:`~qp_twist.check_trajectory`.
+Between waypoints only the length of the joints' steps is judged: a study counts at how many
+placements a method meets its waypoints. Use :func:`~qp_twist.check_trajectory` to check a
+trajectory for a robot between them, too.
 """
 
 from __future__ import annotations

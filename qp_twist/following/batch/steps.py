@@ -196,8 +196,8 @@ def closed_form(
 
     shared(len(given), some, threads)
     for k in np.flatnonzero(~done):
-        asked = desired[k] if len(desired) else np.zeros(model.nv)
-        moved[k] = _closed_form(model, task, given[k], aims[k], method, asked, held)
+        motion = desired[k] if len(desired) else np.zeros(model.nv)
+        moved[k] = _closed_form(model, task, given[k], aims[k], method, motion, held)
     return moved
 
 
