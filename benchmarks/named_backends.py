@@ -25,7 +25,7 @@ from publishing import command
 
 import qp_twist as qt
 from qp_twist.bench.contender import StepOf
-from qp_twist.bench.contenders import hard_posed, mink_step, own_step
+from qp_twist.bench.contenders import hard_problem, mink_step, own_step
 from qp_twist.bench.problem import STEPS, Problem
 from qp_twist.bench.problems import table
 from qp_twist.bench.timer import blocks_of, interleaved
@@ -36,7 +36,9 @@ SOLVERS = ("daqp", "quadprog", "proxqp", "osqp")
 
 def minks(problem: Problem, solver: str, **settings: Any) -> StepOf:
     """mink's step."""
-    return mink_step(lambda p: replace(hard_posed(p), solver=solver, settings=settings), problem)()
+    return mink_step(
+        lambda p: replace(hard_problem(p), solver=solver, settings=settings), problem
+    )()
 
 
 def minks_terms(problem: Problem, solver: str) -> StepOf:
@@ -50,7 +52,7 @@ def minks_terms(problem: Problem, solver: str) -> StepOf:
         return controller.step(configuration, dt).velocity
 
     controller: qt.Controller | None = None
-    return mink_step(lambda p: replace(hard_posed(p), solver=solver), problem, solve)()
+    return mink_step(lambda p: replace(hard_problem(p), solver=solver), problem, solve)()
 
 
 def timed(steps: dict[str, StepOf], rounds: int) -> dict[str, float]:

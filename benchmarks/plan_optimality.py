@@ -32,7 +32,7 @@ import qp_twist as qt
 from qp_twist.checks import Array
 from qp_twist.files import write_atomically
 from qp_twist.studies.judge import Judge
-from qp_twist.studies.sample import draw, section_of
+from qp_twist.studies.sample import draw_sample, section_of
 
 CELL = np.radians(2.0)
 """Of joint positions this near to each other the one of least z stands for all."""
@@ -67,7 +67,7 @@ def least_mean_z(task: qt.PathTask, roll_step: float) -> float:
 def measure(index: int, roll_step: float) -> dict[str, Any]:
     """One sample."""
     task = qt.load_task("deburring")
-    task = draw(task, ("placement",), index, start="best", methods=("qp_planned",)).path_task
+    task = draw_sample(task, ("placement",), index, start="best", methods=("qp_planned",)).path_task
     plan = qt.plan(task)
     if plan.q is None:
         return {"sample": index, "feasible": False}

@@ -13,7 +13,7 @@ import numpy as np
 from PIL import Image
 
 import qp_twist as qt
-from qp_twist.viewing import Session, Settings, free_port
+from qp_twist.viewing import PageSettings, Session, free_port
 from qp_twist.viewing.page import Page
 
 DOCS = Path(__file__).parent
@@ -28,7 +28,7 @@ REACH = np.array([0.0, -0.7, 0.5])
 def main() -> None:
     """Drag the tool of the deburring robot out of reach, and take the picture."""
     task = qt.load_task("deburring")
-    session = Session(task, Settings.of(task, "qp_minimum_norm"))
+    session = Session(task, PageSettings.of(task, "qp_minimum_norm"))
     page, stop = Page(session, free_port()), threading.Event()
     clock = threading.Thread(target=page.run, args=(stop,))
     clock.start()

@@ -1,4 +1,4 @@
-"""Checks of arguments: each returns a clean value or raises a sentence."""
+"""Checks of arguments: each returns a valid value or raises a clear message."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ def float_array(
 
 
 def are_rows(rows: Any, ends: Any, n: int) -> bool:
-    """Whether these are arrays of floats (k, n) and (k,), at a glance: a tenth of checking them."""
+    """Whether these are arrays of floats (k, n) and (k,); a tenth of the time of full checks."""
     return (
         type(rows) is type(ends) is np.ndarray
         and rows.dtype == ends.dtype == np.float64
@@ -67,7 +67,7 @@ def are_rows(rows: Any, ends: Any, n: int) -> bool:
 
 
 def largest(values: Array) -> float:
-    """max |values|; 0 of none, NaN if there is one. By ``argmax``, which takes half of ``max``."""
+    """max |values|; 0 for no values, NaN if any is. ``argmax`` takes half the time of ``max``."""
     sizes = np.abs(values)
     return float(sizes.item(sizes.argmax())) if sizes.size else 0.0
 
@@ -75,7 +75,7 @@ def largest(values: Array) -> float:
 def within(
     name: str, array: Array, largest: float, *, error: type[InvalidInput] = InvalidInput
 ) -> Array:
-    """``array`` if no entry is larger than ``largest``, beyond which the others are lost in it."""
+    """``array`` if no entry exceeds ``largest``, beyond which others are lost in rounding."""
     if not float(np.abs(array).max(initial=0.0)) <= largest:
         raise error(
             f"{name}: an entry of size {float(np.abs(array).max()):.3g} is too large to compute "
@@ -169,7 +169,7 @@ _Method = TypeVar("_Method", bound=Callable[..., None])
 
 
 def refusing_unknown_names(init: _Method) -> _Method:
-    """An ``__init__`` that refuses a keyword it does not know, with the one that may be meant."""
+    """An ``__init__`` that refuses unknown keywords and suggests similar ones."""
     known = inspect.signature(init).parameters
 
     @functools.wraps(init)
@@ -183,13 +183,13 @@ def refusing_unknown_names(init: _Method) -> _Method:
 
 
 def read_only(array: Array) -> Array:
-    """The same array, which from now on cannot be written into."""
+    """The same array, made read-only."""
     array.setflags(write=False)
     return array
 
 
 class _Checked:
-    """Makes way for a property whose getter is C's: it is read at every step."""
+    """A property whose getter is implemented in C, for attributes read at every step."""
 
     def __init__(self, check: Callable[[Any, str, Any], Any]) -> None:
         self._check = check
@@ -204,5 +204,5 @@ class _Checked:
 
 
 def checked(check: Callable[[Any, str, Any], Any]) -> Any:
-    """An attribute that holds what ``check(instance, name, value)`` makes of what is assigned."""
+    """An attribute that stores ``check(instance, name, value)`` of assigned values."""
     return _Checked(check)

@@ -1,8 +1,8 @@
 """The exceptions of refused input; those of a failed step are in ``qp_twist.qp.failures``.
 
-All derive from :class:`QpTwistError`, itself a :class:`mink.MinkError`; where mink or
-qpsolvers has an exception of the same meaning ours derives from it too, so that the handlers of a
-mink app still catch it.
+All derive from :class:`QpTwistError`, itself a :class:`mink.MinkError`; if mink or qpsolvers has an
+exception with the same meaning, the class derives from it, too, so that the handlers of a mink app
+catch it.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ class QpTwistError(mink.MinkError):
 
 
 class InvalidInput(QpTwistError, ValueError):
-    """An argument was refused: the message says what was given, what was expected, what to do."""
+    """An argument was refused: the message has the value, what was expected, and what to do."""
 
 
 class InvalidTarget(InvalidInput, mink.InvalidTarget):
@@ -26,7 +26,7 @@ class InvalidTarget(InvalidInput, mink.InvalidTarget):
 class UnknownSolver(InvalidInput, qpsolvers.SolverNotFound):
     """The QP solver is not known to qpsolvers, or is not installed.
 
-    Also what mink lets through from qpsolvers, for the handlers of its apps.
+    Also a qpsolvers exception, which mink passes through, for the handlers of its apps.
     """
 
 

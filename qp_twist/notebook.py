@@ -1,4 +1,4 @@
-"""Small tables that a notebook shows for a result."""
+"""Small tables for results in notebooks."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ _CELL = "padding:2px 10px;border-bottom:1px solid #ccc"
 def html_table(
     caption: str, rows: Iterable[Sequence[object]], heads: Sequence[str] | None = None
 ) -> str:
-    """A table in one piece, which needs nothing from elsewhere; all text is escaped.
+    """A self-contained table; all text is escaped.
 
     Args:
-        caption: Above it.
-        rows: Cells; the first of each row is its head. Numbers stand at the right.
-        heads: Of the columns, if they have any.
+        caption: Text above it.
+        rows: Cells; the first of each row is its head. Numbers are right-aligned.
+        heads: Heads of the columns, if any.
     """
     top = "".join(
         f'<th scope="col" style="{_CELL}">{html.escape(head)}</th>' for head in heads or ()

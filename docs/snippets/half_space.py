@@ -27,7 +27,7 @@ class HalfSpace(qt.Constraint):
         return (self.normal @ jacobians[:, :3])[:, None]
 
     def change(self, q, travel):  # (N, 1): no further than the frame can come
-        return self.chain.way(q, travel)[:, None]
+        return self.chain.path_length(q, travel)[:, None]
 
 
 if __name__ == "__main__":

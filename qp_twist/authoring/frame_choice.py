@@ -1,4 +1,4 @@
-"""Which frame of a robot a task controls."""
+"""Choose the controlled frame of a robot."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ class FrameChoice:
     """A frame.
 
     Attributes:
-        name: In the model.
-        kind: What it is.
-        why: Why it was chosen; empty where it was given.
+        name: Its name in the model.
+        kind: ``"site"``, ``"body"`` or ``"geom"``.
+        why: Why it was chosen; empty if the user named it.
     """
 
     name: str
@@ -32,17 +32,16 @@ class FrameChoice:
 def choose_frame(
     model: mujoco.MjModel, name: str | None, kind: FrameType | None = None
 ) -> FrameChoice:
-    """The frame of a name, or the only one that a tool can be at.
+    """The frame with a name, or the only possible tool frame.
 
     Args:
         model: The robot.
-        name: As it was given; ``None``: the only site that moves, or the last link if there is one
-            last link.
-        kind: Among which frames to look; all if ``None``, sites first.
+        name: Name; if ``None``, the only site that moves, or the last link if there is only one.
+        kind: Kind of frames to search; all if ``None``, sites first.
 
     Raises:
-        InvalidInput: If there is no such frame, or more than one to choose from; the message lists
-            those that move.
+        InvalidInput: If there is no such frame, or the choice is ambiguous; the message lists those
+            that move.
     """
     moving: dict[FrameType, list[str]] = {
         "site": [model.site(i).name for i in range(model.nsite) if _moves(model, _owner(model, i))],

@@ -1,4 +1,4 @@
-"""A task file for a robot and a toolpath, which runs as it is written."""
+"""Write a task file for a robot and a toolpath that runs without changes."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from scipy.linalg import null_space
 
 from qp_twist.authoring.frame_choice import FrameChoice, choose_frame
 from qp_twist.authoring.request import Request
-from qp_twist.authoring.search import METHOD, PLANNED, Progress, Search, Searched, Trial
+from qp_twist.authoring.search import METHOD, PLANNED, Progress, TaskSearch, TaskSearchResult, Trial
 from qp_twist.authoring.task_text import Parts, feeds_in_words, task_text
 from qp_twist.checks import Array, number
 from qp_twist.errors import InvalidInput
@@ -37,17 +37,17 @@ from qp_twist.robots import Robot, load_robot
 from qp_twist.trajectories import Check, run_task
 
 _ALONE = 1e-6
-"""A unit vector this near to an axis is the motion of one joint."""
+"""Tolerance at which a unit vector counts as the motion of one joint."""
 _NO_SPEEDS = (
     "limits: the robot file states no joint speeds; put those of the data sheet into "
     "[limits.velocity], or none is held."
 )
 _WIDE = 8.0 * np.pi
-"""A hinge that turns further than this from its zero has its limits in degrees, most likely."""
+"""A hinge with a larger limit, rad, probably has its limits in degrees."""
 _FAR = 10.0
-"""A path further from the robot than so many times its reach is asked about."""
+"""Distance of a path, in reaches of the robot, from which its unit is questioned."""
 _SMALL = 2e-3
-"""A path that is smaller than this, m, is asked about."""
+"""Size of a path, m, below which its unit is questioned."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,12 +56,12 @@ class NewTask:
 
     Attributes:
         path: The file.
-        path_task: What it says.
-        start: Where it starts; ``None`` if no start was found.
-        notes: What was decided, a sentence each.
-        check: What ``qp-twist run`` finds of the trajectory that it makes of the file by
-            ``method``; ``None`` where no run came to the end of the path.
-        method: By which the task was run.
+        path_task: The task in it.
+        start: Its start; ``None`` if none was found.
+        notes: A sentence for each decision.
+        check: The check of ``qp-twist run`` with ``method``; ``None`` if no run reached the end of
+            the path.
+        method: Method of that run.
     """
 
     path: Path
@@ -82,19 +82,19 @@ def new_task(
 ) -> NewTask:
     """Write a task file for a robot and a toolpath.
 
-    The frame, the projector and the workpiece's placement follow from the two files, unless they
-    are given; the start is the most central one from which a run comes to the end of the path.
-    Where the robot cannot reach the path as the file has it, and no placement is given, the
-    workpiece is moved to where it can. The verdict is that of a run of the written file.
+    Frame, projector and placement of the workpiece follow from the two files unless the request
+    contains them. The start is the most central one from which a run reaches the end of the path.
+    If the robot cannot reach the path as in the file, and the request has no placement, the
+    workpiece is moved. The verdict is that of a run of the written file.
 
     Args:
-        request: The files, and what is given.
+        request: The files and options.
         out: The file to write; its paths are relative to its folder.
-        force: Whether a file that is there is overwritten.
-        progress: Called with what is being done and the share of the search's time that is spent.
+        force: Whether to overwrite an existing file.
+        progress: Called with the current phase and the share of the search time that is used.
 
     Raises:
-        InvalidInput: If a file is refused, the frame is not clear, or ``out`` is there.
+        InvalidInput: If a file is refused, the frame is ambiguous, or ``out`` exists.
     """
     _check_out(out, force)
     number("speed", request.speed, above=0.0)
@@ -121,7 +121,7 @@ def new_task(
     )
     with whole_file(out) as unfinished:
         path_task = _loaded(parts, unfinished, out)
-        search = Search(request.search_seconds, report, lambda q: _rounded(q, parts.ranges))
+        search = TaskSearch(request.search_seconds, report, lambda q: _rounded(q, parts.ranges))
         searched = search.run(path_task, elsewhere=request.place is None)
         best = searched.best
         if best.placement is not None:
@@ -154,7 +154,7 @@ def new_task(
 
 
 def _run_once_more(path_task: PathTask, best: Trial, report: Progress) -> Check | None:
-    """What the written file does, as it is read."""
+    """Read and run the written file."""
     report("running the task as it is written", 1.0)
     with tempfile.TemporaryDirectory() as folder:
         return run_task(path_task, best.method, Path(folder) / "run.csv", give_up=True).check
@@ -173,7 +173,7 @@ def _check_out(out: Path, force: bool) -> None:
 
 
 def _robot(file: Path, out: Path) -> tuple[Robot, str]:
-    """The robot, and how the task file names it."""
+    """The robot, and its reference in the task file."""
     if not file.exists() and file.name == str(file):
         shipped = shipped_folder("scenes") / file
         if shipped.is_file():
@@ -182,13 +182,13 @@ def _robot(file: Path, out: Path) -> tuple[Robot, str]:
 
 
 def _model_name(robot: Robot) -> str:
-    """What the model calls itself, or else the name of its file."""
+    """The model's name, or else that of its file."""
     name = bytes(robot.model.names).split(b"\0", 1)[0].decode("utf-8", "replace")
     return name if name not in ("", "MuJoCo Model") else robot.path.stem
 
 
 def _relative(file: Path, out: Path) -> str:
-    """A path as a file ``out`` says it."""
+    """A path relative to the file ``out``."""
     try:
         return Path(os.path.relpath(file.resolve(), out.resolve().parent)).as_posix()
     except ValueError:  # on another drive
@@ -213,7 +213,7 @@ def _toolpath(request: Request) -> Toolpath:
 
 
 def _hint(error: InvalidInput) -> str:
-    """Which options say what a message about a toolpath asks for."""
+    """The command line options that answer a message about a toolpath."""
     text = str(error)
     options = {
         "add length_unit": "--unit mm, --unit m or --unit inch",
@@ -223,17 +223,17 @@ def _hint(error: InvalidInput) -> str:
         "add feed_unit": "--feed-unit mm/min or another",
         "orientation =": "--orientation normal, axis, rpy or none",
     }
-    said = [option for words, option in options.items() if words in text]
+    answers = [option for words, option in options.items() if words in text]
     if isinstance(error, UnclearColumns):
         found = error.suggestion
-        said = [found.option if found else '--columns "position=1,2,3;normal=4,5,6"']
-    return f" For qp-twist new: {' or '.join(said)}" if said else ""
+        answers = [found.option if found else '--columns "position=1,2,3;normal=4,5,6"']
+    return f" For qp-twist new: {' or '.join(answers)}" if answers else ""
 
 
 def _refuse_far(request: Request, robot: Robot, frame: FrameChoice, toolpath: Toolpath) -> None:
-    """Ask about a unit with which the path is many times the robot's reach away from it.
+    """Refuse a unit with which the path is many times the robot's reach away from it.
 
-    Whether the path is too large as a whole is asked where the task is loaded.
+    The size of the path is checked when the task is loaded.
     """
     if request.place is not None or request.length_unit is not None:
         return
@@ -256,17 +256,17 @@ def _refuse_far(request: Request, robot: Robot, frame: FrameChoice, toolpath: To
 
 
 def _loaded(parts: Parts, unfinished: Path, out: Path) -> PathTask:
-    """The task that the parts make, written to a file that gets its name later."""
+    """The task of the parts, written to a temporary file."""
     unfinished.write_text(task_text(parts), encoding="utf-8")
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # what is left out of the robot is in the file
+            warnings.simplefilter("ignore")  # what was left out of the robot is in the file
             task = load_task(str(unfinished))
     except InvalidInput as error:
-        # There is no task file that could be looked at; of a toolpath its own message says where.
+        # There is no task file to look at; a message about the toolpath has its own place.
         _, found, of_toolpath = str(error).partition(FILE_KEY)
-        said = of_toolpath if found else str(error).replace(str(unfinished), str(out))
-        raise InvalidInput(f"{said}{_hint(error)}") from error
+        text = of_toolpath if found else str(error).replace(str(unfinished), str(out))
+        raise InvalidInput(f"{text}{_hint(error)}") from error
     return replace(task, name=out.stem)
 
 
@@ -286,7 +286,7 @@ def _summary(toolpath: Toolpath, path_task: PathTask) -> str:
 
 
 def _of_feed(request: Request, toolpath: Toolpath) -> list[str]:
-    """The feeds of the file, and where they do not say anything."""
+    """A note on the feeds of the file, and where it has none."""
     if toolpath.feeds is None:
         return []
     return [
@@ -296,7 +296,7 @@ def _of_feed(request: Request, toolpath: Toolpath) -> list[str]:
 
 
 def _small(toolpath: Toolpath) -> list[str]:
-    """A path in metres that was read as millimetres."""
+    """Warn about a path in metres that was read as millimetres."""
     extent = toolpath.extent
     if toolpath.unit == "m" or extent > _SMALL:
         return []
@@ -304,7 +304,7 @@ def _small(toolpath: Toolpath) -> list[str]:
 
 
 def _ways(toolpath: Toolpath) -> list[str]:
-    """What was added between curves."""
+    """A note on the motions added between curves."""
     if len(toolpath.curves) < 2:
         return []
     return [
@@ -315,7 +315,7 @@ def _ways(toolpath: Toolpath) -> list[str]:
 
 
 def _wide(ranges: JointRanges) -> list[str]:
-    """Limits that are degrees where radians were meant."""
+    """Warn about limits that may be in degrees instead of radians."""
     furthest = np.maximum(np.abs(ranges.lower), np.abs(ranges.upper))
     wide = ranges.hinge & ranges.limited & (furthest > _WIDE)
     if not wide.any():
@@ -328,7 +328,7 @@ def _wide(ranges: JointRanges) -> list[str]:
 
 
 def _alone(path_task: PathTask) -> list[str]:
-    """Where what is free is the motion of one joint, nothing is to be gained by it."""
+    """Warn if the free motion is that of one joint: then nothing is gained by it."""
     rows = twist_task(path_task, path_task.projector)
     rows.set_target(path_task.waypoints[0])
     state = rows.state(mink.Configuration(path_task.model, path_task.start))
@@ -345,7 +345,7 @@ def _alone(path_task: PathTask) -> list[str]:
 # ---------------------------------------------------------------- where it is, where it starts
 
 
-def _placement_notes(request: Request, searched: Searched) -> list[str]:
+def _placement_notes(request: Request, searched: TaskSearchResult) -> list[str]:
     best, here = searched.best, searched.here
     if here.passes:
         return [] if request.place else ["where the file has it, in the axes of the robot's world."]
@@ -354,12 +354,12 @@ def _placement_notes(request: Request, searched: Searched) -> list[str]:
             f"MOVED to {best.placement}, since with the file's frame in the origin of the robot's "
             f"world {here.why}. Measure where it really is, and put that here."
         ]
-    asked = "where --place puts it" if request.place else "where the file has it"
-    said = f"NOT REACHED {asked}: {here.why}. "
+    place = "where --place puts it" if request.place else "where the file has it"
+    text = f"NOT REACHED {place}: {here.why}. "
     if searched.places is not None:
         promising = len(searched.places.found)
-        said += f"Elsewhere: of {searched.places}, "
-        said += (
+        text += f"Elsewhere: of {searched.places}, "
+        text += (
             f"{promising} are reached at the waypoints that were looked at; of these "
             f"{searched.run} were run, none to the end. "
             if promising
@@ -367,13 +367,13 @@ def _placement_notes(request: Request, searched: Searched) -> list[str]:
         )
     if searched.ended:
         more = "" if searched.by_user else "; --search-time gives it more"
-        said += f"The search was ended {searched.ended}{more}. "
+        text += f"The search was ended {searched.ended}{more}. "
     if not here.impossible and not request.place:
-        said += "It was not moved, since no waypoint was found that cannot be reached. "
-    return [f"{said}Change position or rpy_deg, or free more of the orientation in [projector]."]
+        text += "It was not moved, since no waypoint was found that cannot be reached. "
+    return [f"{text}Change position or rpy_deg, or free more of the orientation in [projector]."]
 
 
-def _start_notes(searched: Searched) -> list[str]:
+def _start_notes(searched: TaskSearchResult) -> list[str]:
     best = searched.best
     start = best.start
     if start is None:
@@ -400,12 +400,12 @@ def _start_notes(searched: Searched) -> list[str]:
 
 
 def _rounded(q: Array, ranges: JointRanges) -> Array:
-    """To four decimals, as the file has it, and still inside the limits."""
+    """Rounded to four decimals, as in the file, and still inside the limits."""
     scale = 180.0 / np.pi if ranges.hinge.all() else 1.0
     shown = np.round(q * scale, 4)
     low, high = ranges.lower * scale, ranges.upper * scale
     shown = np.where(shown < low, np.ceil(low * 1e4) * 1e-4, shown)
     shown = np.where(shown > high, np.floor(high * 1e4) * 1e-4, shown)
-    # As a task file is read, so that a trial and a run of the file begin with the same numbers.
+    # Convert as when reading a task file, so that a trial and a run of the file start equally.
     rounded: Array = np.radians(shown) if ranges.hinge.all() else shown
     return rounded

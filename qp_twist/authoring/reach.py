@@ -1,4 +1,4 @@
-"""Where a workpiece may stand so that a robot reaches the whole path."""
+"""Search placements of a workpiece at which a robot reaches the whole path."""
 
 from __future__ import annotations
 
@@ -19,36 +19,36 @@ from qp_twist.planning.bound import centred_nearby
 from qp_twist.planning.path_rows import PathRows
 
 _DRAWN = 6000
-"""Random configurations whose poses are candidates for the middle of the path."""
+"""Number of random configurations, whose poses are candidates for the middle of the path."""
 _PER_KIND = 240
-"""Candidates of each kind of orientation that are followed along the path, half of them the most
-central ones, half of them any."""
+"""Number of candidates of each kind of orientation that are followed along the path; half of them
+are the most central ones."""
 _LOOKED_AT = 13
-"""Waypoints that have to be reachable, evenly spread."""
+"""Number of evenly spaced waypoints that have to be reachable."""
 _LEANING = np.radians(30.0)
-"""How far from the asked orientation a random configuration may be to be led to it."""
+"""Largest orientation error of a random configuration that is corrected."""
 _NEAR = 1.0
-"""How far the configuration may be moved by what the task leaves free, rad or m."""
+"""Largest motion of the configuration in the null space, rad or m."""
 _UPRIGHT = 0.1
-"""Share of the directions' lengths that has to lie across the vertical for a turn about it to
-matter."""
+"""Smallest horizontal share of the directions' lengths for which a rotation about the vertical
+matters."""
 _PARALLEL = 1e-9
-"""Sine of the angle between directions that are parallel or opposite."""
+"""Sine of the angle below which directions count as parallel or opposite."""
 _ROUND = 2
-"""Decimals of a placement, m; its angles are whole degrees."""
+"""Number of decimals of a placement, m; its angles are whole degrees."""
 
 
 @dataclass(frozen=True, eq=False)
 class Placement:
-    """Where the frame of a toolpath stands in the robot's world.
+    """Pose of a toolpath's frame in the robot's world.
 
     Attributes:
-        position: Of its origin, m, (3,).
+        position: Position of its origin, m, (3,).
         rpy_deg: Its orientation, R = Rz Ry Rx, degrees, (3,).
-        start: A configuration on the first waypoint from which Newton's method leads along the
-            path, (nv,).
-        margin: 1 − |θ − θ̄|/half-range of the joint that comes nearest to a limit on the way.
-        sunk: Whether some of the path lies below z = 0, where most robots have their floor.
+        start: A configuration on the first waypoint from which Newton's method follows the path,
+            (nv,).
+        margin: Smallest 1 − |θ − θ̄|/half-range of all joints along the path.
+        sunk: Whether a part of the path is below z = 0, usually the floor.
     """
 
     position: Array
@@ -59,16 +59,16 @@ class Placement:
 
     @property
     def turned(self) -> bool:
-        """Whether it is not only displaced."""
+        """Whether it is rotated, too."""
         return bool(self.rpy_deg.any())
 
     def of(self, path_task: PathTask) -> PathTask:
-        """The task whose toolpath, in the world's axes and origin so far, stands here."""
+        """The task with its toolpath, so far in the world's origin and axes, at this placement."""
         rotation = mink.SO3.from_rpy_radians(*np.radians(self.rpy_deg))
         return placed(path_task, rotation, np.zeros(3), self.position)
 
     def __str__(self) -> str:
-        """A clause for people."""
+        """The placement in words."""
         to = ", ".join(f"{value:.4g}" for value in self.position)
         turned = ", ".join(f"{value:.4g}" for value in self.rpy_deg)
         return f"({to}) m" + (f", turned by rpy ({turned})°" if self.turned else "")
@@ -76,13 +76,13 @@ class Placement:
 
 @dataclass(frozen=True, eq=False)
 class Placements:
-    """What a search for placements found.
+    """Result of a search for placements.
 
     Attributes:
-        found: Those at which some waypoints, evenly spread, are reached one after the other, the
-            most promising first.
-        tried: How many were tried.
-        lower: Smallest coordinates of the middle of the path among these, m, (3,).
+        found: Placements at which evenly spaced waypoints are reached one after the other, the most
+            promising first.
+        tried: Number of placements tried.
+        lower: Smallest coordinates of the middle of the path among the tried ones, m, (3,).
         upper: Largest ones, m, (3,).
         tilt_deg: Largest angle among them between the file's z and the world's.
     """
@@ -94,7 +94,7 @@ class Placements:
     tilt_deg: float
 
     def __str__(self) -> str:
-        """What was searched, for people."""
+        """The searched region in words."""
         if not self.tried:
             return "no place was found to be tried"
         box = ", ".join(
@@ -110,18 +110,17 @@ class Placements:
 def placements(
     path_task: PathTask, *, seed: int = 0, progress: Callable[[], None] | None = None
 ) -> Placements:
-    """Places of a path at which the robot reaches it, as far as waypoints spread along it tell.
+    """Placements of a path at which the robot reaches evenly spaced waypoints.
 
-    Random configurations inside the limits say where the middle waypoint could be: with the
-    orientation that the file has, with that turned about the vertical, and with any other. From
-    there the other waypoints are reached by Newton's method, one after the other, with the
-    configuration brought to the middle of its ranges by what the task leaves free. First come
-    places above the floor, z = 0; of them those with the file's own orientation, then those turned
-    about the vertical, by turns.
+    Random configurations inside the limits are candidates for the middle waypoint: with the
+    orientation of the file, with that rotated about the vertical, and with any other. From there
+    Newton's method reaches the other waypoints one after the other, and centres the configuration
+    in the null space. Placements above the floor, z = 0, come first; among them those with the
+    file's orientation alternate with those rotated about the vertical.
 
     Args:
-        path_task: The task, whose toolpath stands in the world's origin and axes.
-        seed: Of the random configurations.
+        path_task: The task, with its toolpath in the world's origin and axes.
+        seed: Seed of the random configurations.
         progress: Called from time to time.
     """
     ranges, rng = JointRanges.of(path_task.model), np.random.default_rng(seed)
@@ -158,7 +157,7 @@ def placements(
 
 
 def _by_turns(lists: Sequence[list[Placement]]) -> list[Placement]:
-    """Two of each list, by turns."""
+    """Merge lists, two of each in turn."""
     longest = max(map(len, lists))
     return [place for k in range(0, longest, 2) for one in lists for place in one[k : k + 2]]
 
@@ -168,7 +167,7 @@ def _candidates(
 ) -> tuple[Array, Array, Indices]:
     """Configurations (K, nv) with rotations of the workpiece (K, 3, 3) and their kinds (K,).
 
-    Kind 0: none; 1: about the vertical; 2: any.
+    Kind 0: no rotation; 1: about the vertical; 2: any.
     """
     ranges, middle = JointRanges.of(path_task.model), len(path_task.waypoints) // 2
     chain = PathRows(path_task).chain
@@ -182,7 +181,7 @@ def _candidates(
     none = np.broadcast_to(np.eye(3), upright.shape)
     off = [_apart(file[None], robot), _apart(turned, robot), np.zeros(len(drawn))]
     central = np.argsort(ranges.centring(drawn), kind="stable")
-    # Most robots stand on the floor of their world, and their workpieces do.
+    # Most robots stand on the floor of their world, like their workpieces.
     offsets = path_task.positions - path_task.positions[middle]
     found: list[tuple[Array, Array, Indices]] = []
     for kind, (R, leaning) in enumerate(zip((none, upright, tilted), off, strict=True)):
@@ -197,7 +196,7 @@ def _candidates(
 
 
 def _seen(path_task: PathTask, index: int) -> Array:
-    """The axes of the frame whose directions the task asks for at a waypoint, columns (3, s)."""
+    """The axes of the frame whose directions the task fixes at a waypoint, columns (3, s)."""
     angular = path_task.in_force[index].angular
     if angular.kind is ProjectorKind.NONE:
         return np.zeros((3, 0))
@@ -208,9 +207,9 @@ def _seen(path_task: PathTask, index: int) -> Array:
 
 
 def _about_vertical(file: Array, robot: Array, rng: np.random.Generator) -> Array:
-    """Turns about the vertical (K, 3, 3) that bring directions (3, s) nearest to (K, 3, s).
+    """Rotations about the vertical (K, 3, 3) that bring directions (3, s) closest to (K, 3, s).
 
-    Where the directions do not see such a turn it is random.
+    Random if the directions do not depend on such a rotation.
     """
     sine = (file[0] * robot[:, 1] - file[1] * robot[:, 0]).sum(axis=-1)
     cosine = (file[0] * robot[:, 0] + file[1] * robot[:, 1]).sum(axis=-1)
@@ -222,9 +221,9 @@ def _about_vertical(file: Array, robot: Array, rng: np.random.Generator) -> Arra
 
 
 def _onto(a: Array, b: Array) -> Array:
-    """Turns (K, 3, 3) that take directions (K, 3, s) onto others with the same angles.
+    """Rotations (K, 3, 3) that map directions (K, 3, s) onto others with the same angles.
 
-    Of one direction the least turn; of opposite ones, where that is any half turn, none is made.
+    For one direction the shortest rotation; none for opposite directions, where it is ambiguous.
     """
     if a.shape[2] > 1:
         whole: Array = b @ a.transpose(0, 2, 1)
@@ -259,8 +258,8 @@ def _followed(
     All places at once: they are the waypoints of one path.
 
     Returns:
-        Configurations on the first waypoints (K, nv), and the least margin on the way (K,), NaN
-        where a waypoint was not reached inside the limits.
+        Configurations on the first waypoints (K, nv), and the least margin along the path (K,), NaN
+        if a waypoint was not reached inside the limits.
     """
     count = len(path_task.waypoints)
     spread = np.unique(np.linspace(0, count - 1, min(count, _LOOKED_AT)).round().astype(int))
@@ -295,12 +294,12 @@ def _followed(
 
 
 def _settled(rows: PathRows, ranges: JointRanges, q: Array, at: Indices) -> tuple[Array, Array]:
-    """Onto waypoints and to the least z nearby; margins (K,), NaN where that leads nowhere."""
+    """Correct onto waypoints and to the local minimum of z; margins (K,), NaN on failure."""
     corrected, arrived = rows.correct(q, at, iterations=20)
     margin = np.where(arrived, ranges.margins(corrected).min(axis=1, initial=np.inf), np.nan)
     central = centred_nearby(corrected, at, rows, ranges)
     better = ranges.margins(central).min(axis=1, initial=np.inf)
-    # Never by a turn of a joint: from one waypoint to the next the robot has to follow.
+    # Without whole turns of a joint: the robot has to follow from one waypoint to the next.
     near = np.abs(central - corrected).max(axis=1) <= _NEAR
     take = arrived & near & (better > margin)
     found = np.where(take[:, None], central, corrected)

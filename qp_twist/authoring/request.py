@@ -1,4 +1,4 @@
-"""What a task file is asked to be made of."""
+"""Request for a new task file."""
 
 from __future__ import annotations
 
@@ -12,24 +12,24 @@ from qp_twist.paths.file_path_schema import ColumnsTable
 
 @dataclass(frozen=True)
 class Request:
-    """A robot, a toolpath, and whatever is not to be decided for the user.
+    """A robot, a toolpath, and the options that the user chose.
 
     Attributes:
         robot: MJCF or URDF file, or the name of a shipped scene.
         toolpath: CSV or APT-CL file.
-        frame: Controlled frame; ``None``: the only one there is.
-        frame_type: ``"site"``, ``"body"`` or ``"geom"``; ``None``: what has that name.
-        length_unit: Of a file that does not say it.
-        angle_unit: Of roll, pitch and yaw in such a file.
-        orientation: Which columns of direction count.
-        feed_unit: Of a column of feeds, where its header does not say it.
+        frame: Controlled frame; ``None`` for the only one.
+        frame_type: ``"site"``, ``"body"`` or ``"geom"``; ``None`` for any with that name.
+        length_unit: Unit of a file without one.
+        angle_unit: Unit of roll, pitch and yaw in such a file.
+        orientation: Which direction columns to use.
+        feed_unit: Unit of a feed column without one.
         columns: Columns without usual names.
         tool: Whether the frame's z points into the part.
-        place: Where the origin of the toolpath's frame stands in the world, m; ``None``: in the
-            world's origin, or elsewhere if the robot does not reach it there.
-        place_rpy_deg: How that frame is turned, R = Rz Ry Rx, degrees; with ``place`` only.
-        speed: Along the path where the toolpath states no feed, m/s.
-        search_seconds: Time that the search for a start and a placement may take, s.
+        place: Origin of the toolpath's frame in the world, m; ``None`` for the world's origin, or
+            elsewhere if the robot does not reach it there.
+        place_rpy_deg: Orientation of that frame, R = Rz Ry Rx, degrees; only with ``place``.
+        speed: Speed along the path where the toolpath has no feed, m/s.
+        search_seconds: Time limit of the search for a start and a placement, s.
     """
 
     robot: Path

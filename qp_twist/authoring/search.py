@@ -1,4 +1,4 @@
-"""Whether a robot does a task: starts and placements, each tried by running the task."""
+"""Search starts and placements, each tested by a run of the task."""
 
 from __future__ import annotations
 
@@ -22,36 +22,36 @@ from qp_twist.planning import central_configurations, what_forbids
 from qp_twist.trajectories import TaskRun, run_task
 
 METHOD = DEFAULT_METHOD
-"""By which a start is judged."""
+"""Method that tests a start."""
 PLANNED = "qp_planned"
-"""By which it is judged where no start leads to the end by :data:`METHOD`."""
+"""Method that tests a start if none reaches the end by :data:`METHOD`."""
 _STARTS = 48
-"""Most starts that are tried where the workpiece is."""
+"""Largest number of starts tried at the present placement."""
 _STARTS_ELSEWHERE = 4
 _MOST_PLACES = 60
-"""Placements that are run."""
+"""Largest number of placements that are run."""
 _SHARE_HERE = 0.6
-"""Of the search's time, for where the workpiece is."""
+"""Share of the search time for the present placement."""
 
 Progress = Callable[[str, float], None]
-"""Called with what is being done, and the share of it that is done."""
+"""Called with the current phase and its share done."""
 
 
 class _TimeIsUp(Exception):
-    """Ends a plan."""
+    """Stops a plan."""
 
 
 @dataclass(frozen=True, eq=False)
 class Trial:
-    """How far the robot gets with the workpiece somewhere.
+    """Result of a test at one placement of the workpiece.
 
     Attributes:
         path_task: The task there.
-        placement: Where; ``None``: where the task file has it.
-        start: The start that leads furthest; ``None`` if there is none inside the limits.
-        method: By which it does.
-        run: What came of running the task from that start.
-        why: Why not to the end; empty if it does.
+        placement: The placement; ``None`` for that of the task file.
+        start: The start with the longest run; ``None`` if there is none inside the limits.
+        method: Method of that run.
+        run: Result of the run from that start.
+        why: Why it does not reach the end; empty if it does.
         impossible: Whether a waypoint has no configuration inside the limits.
     """
 
@@ -70,15 +70,15 @@ class Trial:
 
 
 @dataclass(frozen=True, eq=False)
-class Searched:
-    """What a search ended with.
+class TaskSearchResult:
+    """Result of a search.
 
     Attributes:
-        best: The trial that got furthest.
-        here: The trial where the workpiece is.
-        places: What was searched for other placements, if they were.
-        run: How many of these were run.
-        ended: When, and by whom, the search was ended before it was through; empty if it was not.
+        best: The trial with the longest run.
+        here: The trial at the present placement.
+        places: The search for other placements, if there was one.
+        run: Number of these that were run.
+        ended: When and why the search was stopped early; empty if it was completed.
         by_user: Whether it was interrupted.
     """
 
@@ -90,16 +90,15 @@ class Searched:
     by_user: bool = False
 
 
-class Search:
-    """Looks for a start, and for a place of the workpiece, within a time.
+class TaskSearch:
+    """Searches a start, and a placement of the workpiece, within a time limit.
 
-    Every verdict is that of :func:`~qp_twist.trajectories.run_task`, which ``qp-twist run``
-    calls, too.
+    Every verdict is that of :func:`~qp_twist.trajectories.run_task`, as in ``qp-twist run``.
 
     Args:
-        seconds: That the search may take.
-        report: Called with what is being done, and the share of the time that is spent.
-        rounded: A start as the task file will have it.
+        seconds: Time limit of the search.
+        report: Called with the current phase and the share of the time that is used.
+        rounded: Rounds a start as in the task file.
     """
 
     def __init__(self, seconds: float, report: Progress, rounded: Callable[[Array], Array]) -> None:
@@ -108,11 +107,11 @@ class Search:
         self._began = time.monotonic()
         self._folder = Path()
 
-    def run(self, path_task: PathTask, *, elsewhere: bool) -> Searched:
-        """Search where the workpiece is, and then, if the robot cannot do it there, elsewhere.
+    def run(self, path_task: PathTask, *, elsewhere: bool) -> TaskSearchResult:
+        """Search at the present placement of the workpiece, then, if that fails, elsewhere.
 
-        The workpiece is only displaced where some waypoint cannot be reached as it stands; where a
-        start that leads on was merely not found, it stays.
+        The workpiece is only moved if some waypoint is out of reach; it is not moved if only no
+        suitable start was found.
 
         Interrupted (Ctrl-C), it returns what it has.
         """
@@ -130,7 +129,7 @@ class Search:
                 if not here.passes and not here.impossible and self._spent(_SHARE_HERE):
                     ended = f"after {self._elapsed()} s"
                 if here.passes or not elsewhere or not here.impossible:
-                    return Searched(best, here, ended=ended)
+                    return TaskSearchResult(best, here, ended=ended)
                 what = "looking for places for the workpiece"
                 self._say(what)
                 places = placements(path_task, progress=lambda: self._say(what))
@@ -146,13 +145,13 @@ class Search:
                         break
             except KeyboardInterrupt:
                 ended = f"by you after {self._elapsed()} s"
-                return Searched(best, here, places, count, ended, by_user=True)
-        return Searched(best, here, places, count, ended)
+                return TaskSearchResult(best, here, places, count, ended, by_user=True)
+        return TaskSearchResult(best, here, places, count, ended)
 
-    # ------------------------------------------------------------ where the workpiece is
+    # ------------------------------------------------------------ the present placement
 
     def _here(self, path_task: PathTask) -> Iterable[Trial]:
-        """Trials where the workpiece is, each at least as good as the one before."""
+        """Trials at the present placement, each at least as good as the one before."""
         self._say("looking for a start")
         best = Trial(path_task, None, None)
         tried = 0
@@ -179,7 +178,7 @@ class Search:
             yield from self._by_plan(path_task, best)
 
     def _explained(self, trial: Trial, tried: int, starts: int) -> Trial:
-        """Why a trial does not pass: a waypoint without a configuration, or what held it back."""
+        """Why a trial does not pass: a waypoint without a configuration, or the active limits."""
         run, count = trial.run, len(trial.path_task.waypoints)
         if run is None or run.kept == 0:
             return dataclasses.replace(trial, why=trial.why or "no start leads to the path")

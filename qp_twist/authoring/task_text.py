@@ -21,11 +21,11 @@ _BARE = frozenset("abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ012345678
 
 @dataclass(frozen=True)
 class Parts:
-    """What a task file is written of.
+    """Content of a task file.
 
     Attributes:
-        request: What was asked for.
-        title: One line for people.
+        request: The arguments of ``qp-twist new``.
+        title: One line that names the task.
         scene: Robot file as the task file names it.
         toolpath_file: Toolpath file likewise.
         frame: The controlled frame.
@@ -119,8 +119,8 @@ def _path(parts: Parts) -> str:
     request, toolpath = parts.request, parts.toolpath
     points = sum(map(len, toolpath.curves))
     curves = len(toolpath.curves)
-    said = f"{points} points" + (f" in {curves} curves" if curves > 1 else "")
-    lines = ["[path]", 'kind = "file"', _line(f"file = {_quoted(parts.toolpath_file)}", said)]
+    summary = f"{points} points" + (f" in {curves} curves" if curves > 1 else "")
+    lines = ["[path]", 'kind = "file"', _line(f"file = {_quoted(parts.toolpath_file)}", summary)]
     if request.length_unit:
         lines.append(_line(f'length_unit = "{request.length_unit}"', "of the positions"))
     else:

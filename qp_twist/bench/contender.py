@@ -1,4 +1,4 @@
-"""What takes part: a name, and a function that makes its step for a problem."""
+"""A contender of the benchmark: a name, and a function that makes its step for a problem."""
 
 from __future__ import annotations
 
@@ -7,20 +7,21 @@ from dataclasses import dataclass
 from typing import Any
 
 from qp_twist.bench.problem import Problem
-from qp_twist.bench.program import Asked
+from qp_twist.bench.program import Variant
 from qp_twist.checks import Array
 from qp_twist.geometry import ProjectorKind
 
 StepOf = Callable[[int], Array | None]
-"""Takes the k-th step of a problem, kinematics included: q̇, rad/s, (nv,); ``None`` of the floor."""
+"""Computes the k-th step of a problem, kinematics included: q̇, rad/s, (nv,); ``None`` for the
+floor."""
 
 
 @dataclass(frozen=True)
 class Parted:
-    """A step whose call is timed alone, too: kinematics and targets come before it.
+    """A step whose call is also timed alone, without kinematics and targets.
 
     Attributes:
-        before: What is done at step k; it returns what the call takes.
+        before: Prepares step k; returns the arguments of the call.
         call: The step itself.
     """
 
@@ -34,26 +35,27 @@ class Parted:
 
 @dataclass(frozen=True)
 class Contender:
-    """One way to take a step.
+    """A method and library that computes a step.
 
     Attributes:
-        name: FAMILY:VARIANT, as ``--only`` takes it.
-        asked: Its program.
-        prepare: What is not timed: the robot as the library reads it, targets in its types. It
-            returns what makes the step: controller, tasks, limits. None of these is shared.
-        missing: A sentence where it cannot take part at all; ``None`` where it can.
+        name: FAMILY:VARIANT, as for ``--only``.
+        variant: The program that it solves.
+        prepare: Untimed preparation: the robot and targets in the library's types. Returns a
+            function that makes the step's objects (controller, tasks, limits), which are never
+            shared.
+        missing: Why it cannot take part at all; ``None`` if it can.
         applies: Whether it can take part in a problem.
     """
 
     name: str
-    asked: Asked
+    variant: Variant
     prepare: Callable[[Problem], Callable[[], StepOf]]
     missing: Callable[[], str | None] = lambda: None
     applies: Callable[[Problem], bool] = lambda problem: True
 
     @property
     def family(self) -> str:
-        """What stands before the colon."""
+        """The part of the name before the colon."""
         return self.name.partition(":")[0]
 
 
@@ -63,9 +65,9 @@ def one_level(problem: Problem) -> bool:
 
 
 def tool_axes(problem: Problem) -> bool:
-    """Whether every frame has to keep its position and its z axis, and there is nothing else.
+    """Whether every frame has to keep exactly its position and its z axis.
 
-    The contenders of other libraries are set up for that, and one formula an arm says no more.
+    The contenders of other libraries, and the closed forms, are set up for these rows.
     """
     return (
         one_level(problem)

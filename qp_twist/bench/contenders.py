@@ -1,4 +1,4 @@
-"""All who take part: the floor, this package's steps, other libraries' steps, the closed forms."""
+"""The contenders: the floor, this package's steps, other libraries' steps, the closed forms."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import numpy as np
 
 from qp_twist.bench.contender import Contender, Parted, StepOf, one_level, tool_axes
 from qp_twist.bench.problem import DT, Problem
-from qp_twist.bench.program import Asked, turn_error
+from qp_twist.bench.program import Variant, turn_error
 from qp_twist.checks import Array, Indices
 from qp_twist.closed_form import gradient_projection, minimum_norm, resolved_motion_rate, twa
 from qp_twist.constraints import MotionLimit
@@ -21,27 +21,27 @@ from qp_twist.errors import UnknownSolver
 from qp_twist.geometry import Projector, TwistProjector
 from qp_twist.kernel import COMPILED
 from qp_twist.kinematics import PostureReference, TwistTask
-from qp_twist.peers import MinkPeer, Peer, PeerFrame, PinkPeer, PlacoPeer, Posed
+from qp_twist.peers import MinkPeer, Peer, PeerFrame, PeerProblem, PinkPeer, PlacoPeer
 from qp_twist.qp import check_solver, installed_solvers
 
 EXPECTED = ("daqp", "proxqp", "osqp", "piqp", "quadprog", "clarabel", COMPILED)
-"""Backends that are named where they are missing."""
+"""Backends that are listed as missing if not installed."""
 _ALL = TwistProjector(linear=Projector.full(), angular=Projector.full())
 
 
 def contenders() -> list[Contender]:
-    """All that are known, installed or not."""
-    return [*floor(), *own_steps(), *peer_steps(), *closed_forms()]
+    """All contenders, installed or not."""
+    return [*floor(), *own_steps(), *peer_steps(), *closed_form_contenders()]
 
 
-# ---------------------------------------------------------------- what everybody has to compute
+# ---------------------------------------------------------------- the floor
 
 
 def floor() -> list[Contender]:
-    """MuJoCo's own calls, and mink's around them: the floor under all times."""
+    """MuJoCo's calls, and mink's wrappers of them: the floor of all times."""
     return [
-        Contender("floor:mujoco", Asked.OTHER, _mujoco),
-        Contender("floor:mink", Asked.OTHER, _mink),
+        Contender("floor:mujoco", Variant.OTHER, _mujoco),
+        Contender("floor:mink", Variant.OTHER, _mink),
     ]
 
 
@@ -81,12 +81,12 @@ def _mink(problem: Problem) -> Callable[[], StepOf]:
 
 
 def own_steps() -> list[Contender]:
-    """Every backend that is installed, the usual ones that are not, and the drop-in for mink's."""
+    """Every installed backend, the usual ones that are missing, and the drop-in for mink's."""
     solvers = dict.fromkeys([*EXPECTED, *installed_solvers()])
     return [
         *(_controller(solver, "joint") for solver in solvers),
         *(_controller(solver, "twist") for solver in ("daqp", COMPILED)),
-        Contender("solve_ik:daqp", Asked.COMMON, _drop_in, applies=one_level),
+        Contender("solve_ik:daqp", Variant.COMMON, _drop_in, applies=one_level),
     ]
 
 
@@ -94,7 +94,7 @@ def _controller(solver: str, space: Literal["joint", "twist"]) -> Contender:
     suffix = "" if space == "joint" else ":twist"
     return Contender(
         f"step:{solver}{suffix}",
-        Asked.COMMON if space == "joint" else Asked.OTHER,
+        Variant.COMMON if space == "joint" else Variant.OTHER,
         partial(own_step, solver, space),
         partial(_missing, solver),
     )
@@ -109,10 +109,10 @@ def _missing(solver: str) -> str | None:
 
 
 class HalfSpaces(mink.Limit):
-    """G q̇ ≤ g as a limit of mink, which states it for the displacement of the step.
+    """G q̇ ≤ g as a mink limit, on the displacement of the step.
 
     Attributes:
-        ends: g of the step that is next, rad/s, (m,).
+        ends: g of the next step, rad/s, (m,).
     """
 
     def __init__(self, rows: Array) -> None:
@@ -170,21 +170,23 @@ def own_step(
 
 def peer_steps() -> list[Contender]:
     """mink's, pink's and PlaCo's; costs and damping of soft tasks are those of their examples."""
-    mink_soft = partial(mink_step, partial(posed, costs=1e-2, damping=1.0, aligned=False))
-    pink_soft = partial(_peer_step, PinkPeer, partial(posed, costs=1e-3, damping=1.0))
-    # A scale is itself a soft cost, of weight 1, which PlaCo does not let anyone change: a posture
-    # of cost 1 buys motion with it where the whole task fits. With 1e-2 the task is whole to 2e-7,
-    # and PlaCo's own regularisation of 1e-8 is still small.
+    mink_soft = partial(mink_step, partial(peer_problem, costs=1e-2, damping=1.0, aligned=False))
+    pink_soft = partial(_peer_step, PinkPeer, partial(peer_problem, costs=1e-3, damping=1.0))
+    # In PlaCo the scale is a soft cost of fixed weight 1: a posture of cost 1 reduces the scale
+    # even where the whole task is feasible. With 1e-2 the task is met to 2e-7, and PlaCo's
+    # regularisation of 1e-8 is still small.
     placo = {"hard": 1.0, "soft": 1e-3, "scaled": 1e-2}
     return [
-        Contender("mink:hard", Asked.COMMON, partial(mink_step, hard_posed), applies=one_level),
-        Contender("mink:soft", Asked.OTHER, mink_soft, applies=tool_axes),
-        Contender("pink:soft", Asked.OTHER, pink_soft, PinkPeer.missing, tool_axes),
+        Contender("mink:hard", Variant.COMMON, partial(mink_step, hard_problem), applies=one_level),
+        Contender("mink:soft", Variant.OTHER, mink_soft, applies=tool_axes),
+        Contender("pink:soft", Variant.OTHER, pink_soft, PinkPeer.missing, tool_axes),
         *(
             Contender(
                 f"placo:{priority}",
-                Asked.COMMON if priority == "hard" else Asked.OTHER,
-                partial(_peer_step, PlacoPeer, partial(posed, priority=priority, costs=cost)),
+                Variant.COMMON if priority == "hard" else Variant.OTHER,
+                partial(
+                    _peer_step, PlacoPeer, partial(peer_problem, priority=priority, costs=cost)
+                ),
                 PlacoPeer.missing,
                 tool_axes,
             )
@@ -193,31 +195,31 @@ def peer_steps() -> list[Contender]:
     ]
 
 
-def posed(problem: Problem, **how: Any) -> Posed:
-    """A problem as other libraries are handed it: ranges to their ends, speeds, the posture.
+def peer_problem(problem: Problem, **how: Any) -> PeerProblem:
+    """A problem for other libraries: full joint ranges, speed limits, the posture.
 
-    A gain below 1 of the limits would stop short of the ends of the ranges.
+    A limit gain below 1 would stop before the ends of the ranges.
     """
     frames = tuple(PeerFrame(f.site, "site", f.projector, _ALL) for f in problem.frames)
-    return Posed(
+    return PeerProblem(
         problem.model, frames, problem.middle, speeds=problem.speeds, limit_gain=1.0, **how
     )
 
 
-hard_posed: Callable[[Problem], Posed] = partial(posed, priority="hard", costs=1.0)
+hard_problem: Callable[[Problem], PeerProblem] = partial(peer_problem, priority="hard", costs=1.0)
 """The frames as constraints, the posture as the only cost."""
 
 
 def _drop_in(problem: Problem) -> Callable[[], Parted]:
-    return mink_step(hard_posed, problem, solve_ik)
+    return mink_step(hard_problem, problem, solve_ik)
 
 
 def mink_step(
-    pose: Callable[[Problem], Posed],
+    pose: Callable[[Problem], PeerProblem],
     problem: Problem,
     solve: Callable[..., Any] = mink.solve_ik,
 ) -> Callable[[], Parted]:
-    """``mink.solve_ik``, or what has its arguments."""
+    """``mink.solve_ik``, or a function with its arguments."""
     peer = MinkPeer(pose(problem))
     goals = _goals(peer, problem)
 
@@ -239,9 +241,9 @@ def mink_step(
 
 
 def _peer_step(
-    library: type[Peer], pose: Callable[[Problem], Posed], problem: Problem
+    library: type[Peer], pose: Callable[[Problem], PeerProblem], problem: Problem
 ) -> Callable[[], StepOf]:
-    """A step of a library that has its own kinematics."""
+    """A step of a library with its own kinematics."""
     peer = library(pose(problem))
     states, goals = peer.state(problem.q), _goals(peer, problem)
 
@@ -271,27 +273,27 @@ def _goals(peer: Peer, problem: Problem) -> list[list[Any]]:
 Formula = Callable[[Array, TwistProjector, Array, Array], Array]
 """J (6, n), T in world axes, Δt (6,), h (n,) → Δθ (n,)."""
 
-_FORMULAS: dict[str, tuple[Asked, Formula]] = {
-    "minimum_norm": (Asked.SHORTEST, lambda J, T, dt, h: minimum_norm(J, T, dt)),
-    "gradient_projection": (Asked.UNLIMITED, gradient_projection),
-    "rmr": (Asked.OTHER, lambda J, T, dt, h: resolved_motion_rate(J, dt)),
-    "twa": (Asked.OTHER, twa),
+_FORMULAS: dict[str, tuple[Variant, Formula]] = {
+    "minimum_norm": (Variant.SHORTEST, lambda J, T, dt, h: minimum_norm(J, T, dt)),
+    "gradient_projection": (Variant.UNLIMITED, gradient_projection),
+    "rmr": (Variant.OTHER, lambda J, T, dt, h: resolved_motion_rate(J, dt)),
+    "twa": (Variant.OTHER, twa),
 }
 
 
-def closed_forms() -> list[Contender]:
-    """Each formula on arrays, once for every arm of the robot; the kinematics is given.
+def closed_form_contenders() -> list[Contender]:
+    """Each formula on arrays, once for every arm of the robot; kinematics not included.
 
-    Resolved motion rate is given the whole twist to the target, the others what T asks of it.
+    Resolved motion rate receives the whole twist to the target, the others its projection by T.
     """
     return [
         Contender(
             f"closed:{name}",
-            asked,
+            variant,
             partial(_closed_form, formula, name == "rmr"),
             applies=tool_axes,
         )
-        for name, (asked, formula) in _FORMULAS.items()
+        for name, (variant, formula) in _FORMULAS.items()
     ]
 
 

@@ -3,11 +3,11 @@ r"""The step's program, solved without rounding.
 .. math:: \min_{\dot q}\ \tfrac12\lVert\dot q-\dot q_0\rVert^2 \quad\text{s.t.}\quad
     A\dot q=b,\quad G\dot q\le g,\quad l\le\dot q\le u
 
-The numbers of a program are binary fractions, so that its solution is rational: given which bounds
-and rows are active, it is a linear system, solved here in integers of any length. Which ones are
-active is guessed by a solver and mended until the conditions of optimality hold, as comparisons of
-fractions, without a tolerance. A guess may be wrong; what is returned cannot be. Where mending does
-not end, the dual method of Goldfarb and Idnani (1983) does, in fractions as well, only longer.
+The numbers of a program are binary fractions, so that its solution is rational: for a given active
+set, it is a linear system, solved here in integers of any length. A solver provides the initial
+active set, which is corrected until the optimality conditions hold, compared as fractions without a
+tolerance. So the result is exact even if the initial guess is wrong. If the corrections do not
+terminate, the slower dual method of Goldfarb and Idnani (1983) is used, in fractions as well.
 """
 
 from __future__ import annotations
@@ -20,24 +20,24 @@ from fractions import Fraction
 import numpy as np
 import qpsolvers
 
-from qp_twist.bench.program import Program
+from qp_twist.bench.program import StepProgram
 from qp_twist.checks import Array
 
 _GUESS = 1e-7
-"""Multipliers of the guess above this are taken for active; the exact conditions decide."""
+"""Multipliers of the guess above this count as active; the exact conditions decide."""
 _MENDINGS = 20
-"""Rounds of mending before the longer way is gone."""
+"""Number of corrections before the dual method is used."""
 
 
 Row = list[Fraction]
 
 
 class Dependent(ArithmeticError):
-    """The rows of a system depend on each other."""
+    """The rows of a system are linearly dependent."""
 
 
 class NoExactSolution(ArithmeticError):
-    """The program has no solution, or its equality rows depend on each other."""
+    """The program has no solution, or its equality rows are dependent."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,7 +46,7 @@ class ExactSolution:
 
     Attributes:
         velocity: q̇ rounded once, at the end, rad/s, (n,).
-        active: How many bounds and inequality rows have a multiplier above zero.
+        active: Number of bounds and inequality rows with a multiplier above zero.
     """
 
     velocity: Array
@@ -57,11 +57,11 @@ _Key = tuple[str, int, int]
 """("bound", joint, −1 lower or 1 upper) or ("row", i, 1)."""
 
 
-def exact_solution(program: Program) -> ExactSolution:
+def exact_solution(program: StepProgram) -> ExactSolution:
     """Solve a program exactly.
 
     Raises:
-        NoExactSolution: If there is no solution, or the equality rows depend on each other.
+        NoExactSolution: If there is no solution, or the equality rows are dependent.
     """
     exact = _Exact(program)
     active = _guess(program) & set(exact.ends)
@@ -87,7 +87,7 @@ def _found(velocity: Row, multipliers: dict[_Key, Fraction]) -> ExactSolution:
 class _Exact:
     """A program as fractions; its inequalities as normal · q̇ ≤ end."""
 
-    def __init__(self, program: Program) -> None:
+    def __init__(self, program: StepProgram) -> None:
         self.desired = fractions(program.desired)
         self.A, self.b = [fractions(row) for row in program.A], fractions(program.b)
         self.G = [fractions(row) for row in program.G]
@@ -109,15 +109,16 @@ class _Exact:
         return row
 
     def beyond(self, key: _Key, velocity: Row) -> Fraction:
-        """How far beyond an end a velocity is; negative inside."""
+        """Violation of an inequality by a velocity; negative inside."""
         kind, index, side = key
         value = dot(self.G[index], velocity) if kind == "row" else side * velocity[index]
         return value - self.ends[key]
 
     def held(self, active: set[_Key]) -> tuple[Row, dict[_Key, Fraction]]:
-        """The best velocity with the active inequalities as equalities, and their multipliers.
+        """The optimal velocity with the active inequalities as equalities, and their multipliers.
 
-        Bounds are put in instead of being rows: the system is as small as the task.
+        Active bounds are substituted instead of added as rows: the system stays as small as the
+        task.
         """
         fixed = {i: side * self.ends[kind, i, side] for kind, i, side in active if kind == "bound"}
         chosen = [key for key in active if key[0] == "row"]
@@ -126,21 +127,22 @@ class _Exact:
         begin = [fixed.get(i, desired) for i, desired in enumerate(self.desired)]
         free = [[v for i, v in enumerate(row) if i not in fixed] for row in rows]
         gram = [[dot(p, q) for q in free] for p in free]
-        pull = solve(gram, [end - dot(row, begin) for row, end in zip(rows, ends, strict=True)])
-        moved = [dot(pull, [row[i] for row in rows]) for i in range(len(self.desired))]
+        gaps = [end - dot(row, begin) for row, end in zip(rows, ends, strict=True)]
+        y = solve_square(gram, gaps)
+        moved = [dot(y, [row[i] for row in rows]) for i in range(len(self.desired))]
         velocity = [fixed[i] if i in fixed else begin[i] + moved[i] for i in range(len(begin))]
         multipliers: dict[_Key, Fraction] = {}
         for key in active:
             kind, i, side = key
             if kind == "bound":
-                # Stationarity: q̇ − q̇₀ − pull is what the bound holds back.
+                # Stationarity: q̇ − q̇₀ minus the rows' term is the multiplier of the bound.
                 multipliers[key] = -side * (velocity[i] - self.desired[i] - moved[i])
-        for key, multiplier in zip(chosen, pull[len(self.b) :], strict=True):
+        for key, multiplier in zip(chosen, y[len(self.b) :], strict=True):
             multipliers[key] = -multiplier
         return velocity, multipliers
 
     def dual_method(self) -> tuple[Row, dict[_Key, Fraction]]:
-        """Goldfarb and Idnani's: one violated inequality after the other, the cost only rises."""
+        """Goldfarb and Idnani's method: add violated inequalities one by one; the cost rises."""
         try:
             velocity, _ = self.held(set())
         except Dependent as error:
@@ -159,10 +161,10 @@ class _Exact:
             kept = list(multipliers)
             rows = [*self.A, *(self.normal(k) for k in kept)]
             gram = [[dot(p, q) for q in rows] for p in rows]
-            share = solve(gram, [dot(row, normal) for row in rows])
+            share = solve_square(gram, [dot(row, normal) for row in rows])
             along = [
                 v - dot(share, [row[i] for row in rows]) for i, v in enumerate(normal)
-            ]  # what of the normal the others leave free
+            ]  # the part of the normal orthogonal to the others
             room = dict(zip(kept, share[len(self.A) :], strict=True))
             drop = min(
                 (k for k in kept if room[k] > 0),
@@ -186,10 +188,10 @@ class _Exact:
             del multipliers[drop]
 
 
-def _guess(program: Program) -> set[_Key]:
-    """What a solver in floating point takes for active."""
+def _guess(program: StepProgram) -> set[_Key]:
+    """The active set of a floating-point solver."""
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # of dense matrices that are converted
+        warnings.simplefilter("ignore")  # about converted dense matrices
         solution = qpsolvers.solve_problem(program.posed(), solver="clarabel")
     if not solution.found:
         return set()
@@ -203,7 +205,7 @@ def _guess(program: Program) -> set[_Key]:
 
 
 def fractions(values: Array) -> Row:
-    """Binary fractions as what they are."""
+    """Convert floats to fractions, exactly."""
     return [Fraction(float(value)) for value in values]
 
 
@@ -212,11 +214,11 @@ def dot(a: Sequence[Fraction], b: Sequence[Fraction]) -> Fraction:
     return sum((p * q for p, q in zip(a, b, strict=True) if p and q), Fraction())
 
 
-def solve(matrix: Sequence[Sequence[Fraction]], right: Sequence[Fraction]) -> Row:
-    """The solution of a square system, by elimination with any pivot that is not zero.
+def solve_square(matrix: Sequence[Sequence[Fraction]], right: Sequence[Fraction]) -> Row:
+    """The solution of a square system, by elimination with any nonzero pivot.
 
     Raises:
-        Dependent: If it has none, or many.
+        Dependent: If the system is singular.
     """
     work = [[*row, end] for row, end in zip(matrix, right, strict=True)]
     size = len(work)

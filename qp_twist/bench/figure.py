@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from qp_twist.bench.ratios import off_by
-from qp_twist.bench.record import Case, Measured, Run
+from qp_twist.bench.record import BenchRun, Case, Measured
 from qp_twist.bench.tables import GROUPS, WRONG
 from qp_twist.comparison.style import RC
 from qp_twist.files import whole_file
@@ -32,7 +32,7 @@ _SERIES: dict[str, tuple[str, str]] = {
 }
 
 
-def draw(run: Run, path: Path) -> Path:
+def draw(run: BenchRun, path: Path) -> Path:
     """Write the figure; the ending of the name says in which format."""
     import matplotlib as mpl
     from matplotlib.backends.backend_agg import FigureCanvasAgg

@@ -1,4 +1,4 @@
-"""What a step costs where many runs are followed in one call."""
+"""Times of a step if many runs are followed in one call."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def piece() -> PathTask:
 
 
 def moves(count: int, seed: int) -> list[mink.SE3]:
-    """Where the workpiece stands: as the task says for the first run, near there for the others."""
+    """Placements of the workpiece: the task's for the first run, near it for the others."""
     rng = np.random.default_rng([seed, 2])
     middle = mink.SE3.from_translation(piece().positions.mean(axis=0))
     size = np.array([0.01] * 3 + [np.radians(1.0)] * 3)
@@ -46,7 +46,7 @@ def moves(count: int, seed: int) -> list[mink.SE3]:
     ]
 
 
-def measure(
+def time_calls(
     sizes: tuple[int, ...],
     names: list[str],
     times: int,
@@ -63,7 +63,7 @@ def measure(
     rng = np.random.default_rng([seed, 3])
     taken: dict[tuple[int, str], list[int]] = {(n, name): [] for n in sizes for name in names}
     worst = dict.fromkeys(taken, 0.0)
-    follow(task, METHOD, moves=all_moves[:1], keep=False)  # compiles, or loads
+    follow(task, METHOD, moves=all_moves[:1], keep=False)  # compile, or load from the cache
     for _ in range(times):
         for index in rng.permutation(len(taken)).tolist():
             count, name = key = list(taken)[index]

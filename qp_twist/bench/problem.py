@@ -1,4 +1,4 @@
-"""A robot on a given trajectory: what every contender gets at every step."""
+"""A robot on a trajectory: the input of every contender at every step."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import mujoco
 import numpy as np
 
 from qp_twist.bench.exact import ExactSolution, exact_solution
-from qp_twist.bench.program import Asked, Program, basis, turn_error
+from qp_twist.bench.program import StepProgram, Variant, basis, turn_error
 from qp_twist.bench.record import Accuracy
 from qp_twist.checks import Array
 from qp_twist.errors import QpTwistError
@@ -40,20 +40,20 @@ class Frame:
 class Problem:
     r"""A trajectory whose poses are the targets, and the limits around it.
 
-    At step k every contender is at :math:`q_k` and asked for the poses at :math:`q_{k+1}`: the
-    trajectory is given, and nobody's answer changes what comes next. The desired velocity goes a
-    share of the way to the middle, :math:`\dot q_0 = k\,(q_{mid} - q)/dt`.
+    At step k every contender starts at :math:`q_k` with the poses at :math:`q_{k+1}` as targets:
+    the trajectory is fixed, whatever the contenders return. The desired velocity is a share of the
+    distance to the middle, :math:`\dot q_0 = k\,(q_{mid} - q)/dt`.
 
     Attributes:
         group: Name of what varies: ``"step"``, or that of a series.
-        x: Where in the series: joints, rows, levels, inequality rows.
-        title: For people.
+        x: Value of the series' parameter: joints, rows, levels or inequality rows.
+        title: Title in tables.
         model: The robot, its ranges those of the bench.
-        frames: What follows.
+        frames: The controlled frames.
         q: Configurations, (STEPS + 1, nq).
         speeds: Velocity limits, rad/s, (nv,).
         gain: k.
-        levels: Frames by priority, as their numbers; all in one by default.
+        levels: Indices of frames by priority; all in one level by default.
         half_spaces: Rows G of G q̇ ≤ g, (m, nv).
         ends: g at every step, (STEPS, m).
     """
@@ -90,7 +90,7 @@ class Problem:
 
     @property
     def rows(self) -> int:
-        """Task rows."""
+        """Number of task rows."""
         return sum(frame.projector.rank for frame in self.frames)
 
     def jacobians(self, k: int) -> tuple[list[Array], list[Array], list[Array]]:
@@ -109,8 +109,8 @@ class Problem:
             jacobians.append(jacobian)
         return rotations, positions, jacobians
 
-    def program(self, k: int) -> Program:
-        """What a step asks for, as arrays."""
+    def program(self, k: int) -> StepProgram:
+        """The program of a step, as arrays."""
         A, b = [], []
         for frame, target, R, p, J in zip(
             self.frames, self.targets[k], *self.jacobians(k), strict=True
@@ -128,7 +128,7 @@ class Problem:
                 b.append(U.T @ error / DT)
         q = self.q[k]
         lower, upper = self.model.jnt_range.T
-        return Program(
+        return StepProgram(
             self.gain * (self.middle - q) / DT,
             np.vstack(A),
             np.concatenate(b),
@@ -140,14 +140,14 @@ class Problem:
 
 
 class NoProblem(QpTwistError):
-    """No trajectory was found that every hard contender can follow."""
+    """No trajectory was found that is feasible at every step."""
 
 
 @dataclass(frozen=True, eq=False)
 class Truth:
     """The programs of some steps of a problem, and their exact solutions."""
 
-    programs: dict[int, Program]
+    programs: dict[int, StepProgram]
     solutions: dict[int, ExactSolution]
 
     @classmethod
@@ -165,16 +165,16 @@ class Truth:
         """Share of the steps on which a bound or an inequality row has a multiplier above zero."""
         return sum(s.active > 0 for s in self.solutions.values()) / max(1, len(self.solutions))
 
-    def accuracy(self, asked: Asked, velocities: Mapping[int, Array]) -> Accuracy | None:
-        """Of the answers by step of who was asked that program; ``None`` if there are none."""
+    def accuracy(self, variant: Variant, velocities: Mapping[int, Array]) -> Accuracy | None:
+        """Accuracy of a contender's velocities by step; ``None`` if there are none."""
         if not velocities:
             return None
         error = None
-        if asked is not Asked.OTHER:
+        if variant is not Variant.OTHER:
             right = {
                 k: self.solutions[k]
-                if asked is Asked.COMMON
-                else exact_solution(self.programs[k].of(asked))
+                if variant is Variant.COMMON
+                else exact_solution(self.programs[k].of(variant))
                 for k in velocities
             }
             error = max(float(np.abs(v - right[k].velocity).max()) for k, v in velocities.items())

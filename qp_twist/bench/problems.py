@@ -1,6 +1,6 @@
 """The bench's problems: three robots for the table, and the series of growing ones.
 
-Their joint motions are smooth, their limits as tight as they can be without being in the way.
+Their joint motions are smooth, their limits as tight as possible without making a step infeasible.
 """
 
 from __future__ import annotations
@@ -25,19 +25,19 @@ POSITION = TwistProjector(linear=FULL, angular=NONE)
 LEAST_ACTIVE = 0.25
 """Share of the steps of a problem of the table on which a bound has to be active."""
 GAIN = 0.07
-"""Share of the way to the middle of the ranges that a step is asked to go."""
-HAIR = 2e-3
-"""What the ranges are wider than the motion, at either end, rad."""
+"""Desired velocity: share of the distance to the middle of the ranges in a step."""
+RANGE_CLEARANCE = 2e-3
+"""Margin of the ranges around the motion, at either end, rad."""
 SLACK = 1.15
 """Velocity limits, as multiples of each joint's largest speed on the motion."""
 SMALLEST_SIGMA = 0.03
 """Least singular value of the task rows along a trajectory, m/rad or 1."""
 REACH = 1.5
-"""Length of an arm, m, however many links it has."""
+"""Length of an arm, m, for any number of links."""
 TIP = "tip"
 _TRIES = 40
 _LOOKED_AT = range(0, STEPS, 8)
-"""The steps by which a drawn trajectory is accepted, whichever are then measured."""
+"""The steps at which a drawn trajectory is checked."""
 
 JOINTS = (3, 6, 12, 24, 40, 60)
 ROWS = (1, 2, 3, 4, 5, 6)
@@ -47,7 +47,7 @@ HALF_SPACES = (0, 1, 4, 16)
 
 @dataclass(frozen=True)
 class Planned:
-    """A problem that has a place in the run, before it is made."""
+    """A problem of the run, before it is built."""
 
     group: str
     x: int
@@ -67,7 +67,7 @@ def table(seed: int) -> Iterator[Planned]:
 
 
 def growth(seed: int) -> Iterator[Planned]:
-    """One number at a time."""
+    """Vary one number at a time."""
     for joints in JOINTS:
         yield _series(
             "joints", joints, f"{joints} joints, position", joints, [(TIP, POSITION)], seed
@@ -175,9 +175,9 @@ def _along(
     set_ranges(model, q)
     G = rng.normal(size=(half_spaces, model.nv))
     G /= np.linalg.norm(G, axis=1, keepdims=True)
-    # The motion itself keeps them, and a tenth of a rad/s is left.
+    # The motion itself satisfies them with a margin of 0.1 rad/s.
     ends = np.diff(q, axis=0) / DT @ G.T + 0.1
-    return Problem(group, x, title, model, frames, q, speeds_of(q), gain, levels, G, ends)
+    return Problem(group, x, title, model, frames, q, velocity_limits_of(q), gain, levels, G, ends)
 
 
 def _first(
@@ -190,7 +190,7 @@ def _first(
     """The first drawn problem that is regular and has a solution at every step.
 
     Raises:
-        NoProblem: If there is none among many.
+        NoProblem: If no drawn problem is feasible.
     """
     for attempt in range(_TRIES):
         problem = draw(np.random.default_rng([*seed, attempt]), GAIN)
@@ -234,20 +234,20 @@ def joint_motion(
 
 
 def set_ranges(model: mujoco.MjModel, q: Array) -> None:
-    """Narrow the ranges of all joints to what a motion takes, and a hair."""
-    model.jnt_range[:, 0] = q.min(axis=0) - HAIR
-    model.jnt_range[:, 1] = q.max(axis=0) + HAIR
+    """Narrow the ranges of all joints to a motion, plus a small margin."""
+    model.jnt_range[:, 0] = q.min(axis=0) - RANGE_CLEARANCE
+    model.jnt_range[:, 1] = q.max(axis=0) + RANGE_CLEARANCE
     model.jnt_limited[:] = 1
 
 
-def speeds_of(q: Array) -> Array:
-    """Velocity limits a little above what a motion takes, rad/s, (n,)."""
+def velocity_limits_of(q: Array) -> Array:
+    """Velocity limits a little above the speeds of a motion, rad/s, (n,)."""
     speeds: Array = SLACK * np.abs(np.diff(q, axis=0)).max(axis=0) / DT
     return speeds
 
 
 def site_name(joint: int) -> str:
-    """Name of the site at the far end of a link."""
+    """Name of the site at the end of a link."""
     return f"after_{joint}"
 
 

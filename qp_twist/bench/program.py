@@ -1,7 +1,7 @@
-r"""The program that one step of every contender with hard rows is asked to solve.
+r"""The program of a step that every contender with hard rows has to solve.
 
-Its rows are written down here from MuJoCo's Jacobian and the poses alone, so that they can judge
-the package's own: nothing of its tasks, limits or controllers is used.
+Its rows are computed here from MuJoCo's Jacobian and the poses alone, as an independent reference:
+none of the package's tasks, limits or controllers is used.
 """
 
 from __future__ import annotations
@@ -17,8 +17,8 @@ from qp_twist.checks import Array
 from qp_twist.geometry import Projector, ProjectorKind
 
 
-class Asked(enum.Enum):
-    """The program that a contender solves, for its error."""
+class Variant(enum.Enum):
+    """The variant of the program that a contender solves, for its error."""
 
     COMMON = "the program of the problem"
     UNLIMITED = "the same without limits"
@@ -27,7 +27,7 @@ class Asked(enum.Enum):
 
 
 @dataclass(frozen=True, eq=False)
-class Program:
+class StepProgram:
     r"""One step as arrays.
 
     .. math:: \min_{\dot q}\ \tfrac12\lVert\dot q-\dot q_0\rVert^2 \quad\text{s.t.}\quad
@@ -65,12 +65,12 @@ class Program:
             self.upper,
         )
 
-    def of(self, asked: Asked) -> Program:
-        """Without its limits, and without the desired velocity where the shortest step is asked."""
-        if asked is Asked.COMMON:
+    def of(self, variant: Variant) -> StepProgram:
+        """The program without its limits; for ``SHORTEST`` also without the desired velocity."""
+        if variant is Variant.COMMON:
             return self
         free = np.full(len(self.desired), np.inf)
-        desired = np.zeros_like(self.desired) if asked is Asked.SHORTEST else self.desired
+        desired = np.zeros_like(self.desired) if variant is Variant.SHORTEST else self.desired
         return replace(self, desired=desired, lower=-free, upper=free, G=self.G[:0], g=self.g[:0])
 
     def residual(self, velocity: Array) -> float:
@@ -78,7 +78,7 @@ class Program:
         return float(np.linalg.norm(self.A @ velocity - self.b))
 
     def excess(self, velocity: Array) -> float:
-        """How far q̇ is beyond a bound or a row, at the most; 0 inside, rad/s."""
+        """Largest violation of a bound or a row by q̇; 0 inside, rad/s."""
         beyond = [self.lower - velocity, velocity - self.upper, self.G @ velocity - self.g]
         return max(0.0, float(np.concatenate(beyond).max(initial=0.0)))
 
@@ -92,7 +92,7 @@ def basis(block: Projector, rotation: Array) -> Array:
 
 
 def turn_error(block: Projector, here: Array, there: Array) -> Array:
-    """The rotation, as a vector in world axes (3,), that the block asks for.
+    """Rotation error of a block, as a rotation vector in world axes, (3,).
 
     Full: the whole of R_e = R_d Rᵀ. A plane: the geodesic that takes the axis e to R_e e. A line:
     the turn about e that is in R_e.
@@ -102,7 +102,7 @@ def turn_error(block: Projector, here: Array, there: Array) -> Array:
         return _rotation_vector(between) if block.rank else np.zeros(3)
     e = here @ block.axis
     if block.kind is ProjectorKind.PLANE:
-        # A difference first: of nearly equal vectors it is exact, the product's rounding is not.
+        # Subtract first: exact for nearly equal vectors, unlike the product.
         across = np.cross(e, between @ e - e)
         sine = float(np.linalg.norm(across))
         return across * (math.atan2(sine, float(e @ between @ e)) / sine) if sine else across

@@ -1,14 +1,14 @@
-"""Ratios of medians: of contenders in one run, and of two runs."""
+"""Ratios of medians: between contenders of one run, and between two runs."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from typing import Literal
 
-from qp_twist.bench.record import Case, Measured, Quantiles, Run
+from qp_twist.bench.record import BenchRun, Case, Measured, Quantiles
 
 CHECKED = ("step:daqp", "step:compiled")
-"""The steps of this package that are verified: every backend's is; these two are shown."""
+"""Verified steps of this package, as every backend's is; these two are shown."""
 AGAINST = {
     "mink:hard": "mink's step with the task as constraint",
     "placo:hard": "PlaCo's whole step, hard tasks",
@@ -17,17 +17,17 @@ AGAINST = {
 
 
 PLUG_IN = "solve_ik:daqp"
-"""What an app that changes one import gets: it stands beside mink's own call alone."""
+"""The drop-in for one import; compared with mink's own call only."""
 PAIRS = (*((ours, other) for ours in CHECKED for other in AGAINST), (PLUG_IN, "mink:hard"))
 
 
 def ratios(case: Case) -> dict[tuple[str, str], float]:
-    """Median of a whole step of ours over another's whole step, where both were timed."""
+    """Median of this package's whole step over another's, if both were timed."""
     return _ratios({m.contender: m.warm.median for m in case.results if m.warm})
 
 
 def ratios_of_calls(case: Case) -> dict[tuple[str, str], float]:
-    """The same of the calls alone, where both have one: a call is not held against a whole step."""
+    """The same for the calls alone; a call is not compared with a whole step."""
     return _ratios({m.contender: m.call.median for m in case.results if m.call})
 
 
@@ -44,12 +44,12 @@ class Change:
     """A contender on a problem, before and now.
 
     Attributes:
-        case: The problem now.
-        contender: Whose.
-        before: Its times then, µs.
-        now: Its times now, µs.
-        worst_before: Its :func:`off_by` then.
-        worst_now: Its :func:`off_by` now.
+        case: The problem, in the later run.
+        contender: Name of the contender.
+        before: Its times in the earlier run, µs.
+        now: Its times in the later run, µs.
+        worst_before: Its :func:`off_by` in the earlier run.
+        worst_now: Its :func:`off_by` in the later run.
     """
 
     case: Case
@@ -61,19 +61,19 @@ class Change:
 
     @property
     def ratio(self) -> float:
-        """Median now over median before."""
+        """Ratio of the medians, later over earlier."""
         return self.now.median / self.before.median
 
     @property
     def verdict(self) -> Literal["faster", "slower", ""]:
-        """Empty where the two spans from p10 to p90 overlap: then nothing has been shown."""
+        """Empty if the two ranges p10–p90 overlap: then no difference is shown."""
         if self.now.p90 < self.before.p10:
             return "faster"
         return "slower" if self.now.p10 > self.before.p90 else ""
 
 
-def changes(before: Run, now: Run) -> list[Change]:
-    """What both runs timed, in the order of the run now."""
+def changes(before: BenchRun, now: BenchRun) -> list[Change]:
+    """The changes of everything that both runs timed, in the order of the later run."""
     earlier = {(case.group, case.x): case for case in before.cases}
     found = []
     for case in now.cases:
@@ -90,35 +90,35 @@ def changes(before: Run, now: Run) -> list[Change]:
 
 
 def off_by(measured: Measured) -> float | None:
-    """The largest of residual, excess and error; ``None`` where there is no answer to judge."""
+    """The largest of residual, excess and error; ``None`` without a velocity to check."""
     accuracy = measured.accuracy
     if accuracy is None:
         return None
     return max(accuracy.residual, accuracy.excess, accuracy.error or 0.0)
 
 
-def differences(before: Run, now: Run) -> list[str]:
-    """A sentence for each thing beside the code that the two runs do not share."""
-    said = []
+def differences(before: BenchRun, now: BenchRun) -> list[str]:
+    """A sentence for each difference between the runs other than the code."""
+    sentences = []
     if before.machine.in_words() != now.machine.in_words():
-        said.append(
+        sentences.append(
             f"The runs are of two machines, then {before.machine.in_words()}: the ratios compare "
             "these, too."
         )
     if before.machine.threads != now.machine.threads:
         then = ", ".join(f"{name}={n}" for name, n in before.machine.threads.items())
-        said.append(f"Threads were set otherwise: {then or 'not at all'} then.")
+        sentences.append(f"Threads were set otherwise: {then or 'not at all'} then.")
     versions = [
         f"{name} {before.machine.versions.get(name, 'none')} → {version}"
         for name, version in now.machine.versions.items()
         if before.machine.versions.get(name) != version
     ]
     if versions:
-        said.append(f"Versions differ: {', '.join(versions)}.")
+        sentences.append(f"Versions differ: {', '.join(versions)}.")
     if before.seed != now.seed:
-        said.append(f"The seeds differ ({before.seed} then): so do the trajectories.")
+        sentences.append(f"The seeds differ ({before.seed} then): so do the trajectories.")
     if before.quick != now.quick:
-        said.append("One of the runs is quick: it timed fewer steps.")
+        sentences.append("One of the runs is quick: it timed fewer steps.")
     here = {m.contender for c in now.cases for m in c.results}
     there = {m.contender for c in before.cases for m in c.results}
     for names, when in (
@@ -126,5 +126,5 @@ def differences(before: Run, now: Run) -> list[str]:
         (here - there, "now"),
     ):
         if names:
-            said.append(f"Took part only {when}: {', '.join(sorted(names))}.")
-    return said
+            sentences.append(f"Took part only {when}: {', '.join(sorted(names))}.")
+    return sentences

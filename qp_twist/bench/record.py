@@ -1,4 +1,4 @@
-"""What a run found, as ``bench.json`` keeps it."""
+"""Results of a run, as in ``bench.json``."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from qp_twist.files import read_text, write_atomically
 
 FORMAT = "qp-twist bench"
 VERSION = 1
-"""Raised when a file of before can no longer be read as one of now."""
+"""Version of the format; increased when older files can no longer be read."""
 _PACKAGES = (
     "qp_twist", "numpy", "scipy", "mujoco", "mink", "qpsolvers", "daqp", "proxsuite", "osqp",
     "piqp", "quadprog", "clarabel", "numba", "pin", "pin-pink", "placo",
@@ -31,9 +31,9 @@ class _Strict(BaseModel):
 
 
 class Quantiles(_Strict):
-    """The median of times, and between what four fifths of them lie, µs.
+    """Median of times, and the interval of their middle 80 %, µs.
 
-    A mean would follow the scheduler's interruptions, and a minimum the luckiest step.
+    A mean depends on the scheduler's interruptions, a minimum on the luckiest step.
     """
 
     median: float
@@ -43,7 +43,7 @@ class Quantiles(_Strict):
 
     @classmethod
     def of(cls, nanoseconds: Sequence[int]) -> Quantiles | None:
-        """Of times in ns; ``None`` if there are none."""
+        """From times in ns; ``None`` if there are none."""
         if not nanoseconds:
             return None
         p10, median, p90 = np.percentile(np.asarray(nanoseconds) / 1e3, (10, 50, 90))
@@ -51,13 +51,13 @@ class Quantiles(_Strict):
 
 
 class Accuracy(_Strict):
-    """The worst of a contender's answers.
+    """Largest errors of a contender's velocities.
 
     Attributes:
         residual: Largest ‖Uᵀ(J q̇ − t)‖, m/s and rad/s.
-        excess: Farthest beyond a bound or an inequality row, rad/s.
-        error: Largest |q̇ − q̇*| of a joint, rad/s, from the exact solution of the program that it
-            was asked; ``None`` where it solves another one.
+        excess: Largest violation of a bound or an inequality row, rad/s.
+        error: Largest |q̇ − q̇*| of a joint, rad/s, from the exact solution of its program;
+            ``None`` if it solves another one.
     """
 
     residual: float
@@ -66,14 +66,14 @@ class Accuracy(_Strict):
 
 
 class Machine(_Strict):
-    """What times depend on beside the code.
+    """The machine, on which times depend.
 
     Attributes:
         processor: Its name, as the system knows it.
-        cores: How many the system shows.
+        cores: Number of cores that the system shows.
         system: Operating system and architecture.
-        threads: Environment variables that say how many threads libraries take.
-        versions: Of Python and of the packages that are installed.
+        threads: Environment variables that set the number of threads of libraries.
+        versions: Versions of Python and of the installed packages.
     """
 
     processor: str
@@ -84,7 +84,7 @@ class Machine(_Strict):
 
     @classmethod
     def here(cls) -> Machine:
-        """This one."""
+        """The current machine."""
         return cls(
             processor=_processor(),
             cores=os.cpu_count() or 1,
@@ -94,7 +94,7 @@ class Machine(_Strict):
         )
 
     def in_words(self) -> str:
-        """A line for people."""
+        """A line for tables."""
         return f"{self.processor}, {self.cores} cores, {self.system}"
 
 
@@ -103,13 +103,13 @@ class Measured(_Strict):
 
     Attributes:
         contender: Its name.
-        warm: Of its steps, µs; in batches of the steps of a call, on average.
-        call: Of the call alone, without kinematics and targets, µs; where it can be told apart.
-        cold: Of making it and its first step, µs.
-        first_us: The same the first time in this process, µs: what is loaded once is loaded here.
-        accuracy: Of the answers that were timed; ``None`` where there are none, as of the floor.
-        failures: Steps that ended with an exception; they are not among the times.
-        said: What the first of them said.
+        warm: Times of its steps, µs; in batches the average over the steps of a call.
+        call: Times of the call alone, without kinematics and targets, µs; if it can be separated.
+        cold: Times of creating it and of its first step, µs.
+        first_us: The same for the first time in this process, µs, including one-time loading.
+        accuracy: Accuracy of the timed steps; ``None`` without velocities, as for the floor.
+        failures: Number of steps that raised an exception; they are not among the times.
+        said: Message of the first of them.
     """
 
     contender: str
@@ -123,17 +123,17 @@ class Measured(_Strict):
 
 
 class Case(_Strict):
-    """A problem, and what everybody made of it.
+    """A problem, and the results of all contenders.
 
     Attributes:
-        group: ``step`` for the table; else what grows.
-        x: How large it is.
-        title: For people.
+        group: ``step`` for the table; else the parameter of the series.
+        x: Value of that parameter.
+        title: Title in tables.
         joints: Degrees of freedom.
         rows: Task rows.
-        steps: Different steps that were timed.
+        steps: Number of different steps that were timed.
         active_share: Share of them on which a limit is active, by the exact solution.
-        results: By contender.
+        results: Results by contender.
     """
 
     group: str
@@ -146,21 +146,21 @@ class Case(_Strict):
     results: tuple[Measured, ...]
 
     def of(self, contender: str) -> Measured | None:
-        """What a contender made of it."""
+        """The result of a contender."""
         return next((m for m in self.results if m.contender == contender), None)
 
 
-class Run(_Strict):
+class BenchRun(_Strict):
     """A whole run.
 
     Attributes:
-        format: What file this is.
-        version: Of the format.
-        created: When, ISO 8601, UTC.
-        seed: Of trajectories and orders.
-        quick: Whether few steps were timed.
-        machine: Where, and with which versions.
-        skipped: A sentence for each contender that took no part.
+        format: Identifies the file type.
+        version: Version of the format.
+        created: Time of the run, ISO 8601, UTC.
+        seed: Seed of trajectories and orders.
+        quick: Whether only a few steps were timed.
+        machine: The machine and the versions.
+        skipped: A sentence for each contender that did not take part.
         cases: The problems.
     """
 
@@ -174,16 +174,16 @@ class Run(_Strict):
     cases: tuple[Case, ...]
 
 
-def write_run(run: Run, path: Path) -> Path:
+def write_run(run: BenchRun, path: Path) -> Path:
     """Write ``bench.json``."""
     return write_atomically(path, run.model_dump_json(indent=1) + "\n")
 
 
-def read_run(path: Path) -> Run:
+def read_run(path: Path) -> BenchRun:
     """Read what :func:`write_run` wrote.
 
     Raises:
-        InvalidInput: If there is no such file, or it is something else or of another version.
+        InvalidInput: If there is no such file, or it has another type or version.
     """
     what = "give the bench.json of an earlier run"
     try:
@@ -208,7 +208,7 @@ def read_run(path: Path) -> Run:
         )
     try:
         # As JSON: lists are the tuples of the classes.
-        return Run.model_validate_json(text)
+        return BenchRun.model_validate_json(text)
     except ValidationError as error:
         first = error.errors()[0]
         where = ".".join(str(part) for part in first["loc"])

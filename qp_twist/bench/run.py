@@ -1,4 +1,4 @@
-"""A run: which problems, which contenders, in which order."""
+"""Run the benchmark: problems, contenders, and their order."""
 
 from __future__ import annotations
 
@@ -15,27 +15,27 @@ from qp_twist.bench.contender import Contender, StepOf
 from qp_twist.bench.contenders import contenders
 from qp_twist.bench.problem import STEPS, Problem
 from qp_twist.bench.problems import Planned, growth, table
-from qp_twist.bench.record import Accuracy, Case, Machine, Measured, Quantiles, Run
+from qp_twist.bench.record import Accuracy, BenchRun, Case, Machine, Measured, Quantiles
 from qp_twist.bench.timer import Cold, Timed, blocks_of, cold, interleaved
 from qp_twist.checks import did_you_mean
 from qp_twist.errors import InvalidInput
 
 PARTS = ("steps", "growth", "batch")
 GROWING = ("step:daqp", "step:compiled", "mink:hard")
-"""Who takes part in the series, unless others are named."""
+"""Contenders of the series, unless others are named."""
 
 
 @dataclass(frozen=True)
 class Extent:
-    """How much is timed.
+    """Extent of a run.
 
     Attributes:
         blocks: Runs of consecutive steps along a trajectory.
-        length: Steps of each.
-        rounds: How often all blocks are gone through, for the table and for a series.
-        cold: How often a contender is made anew.
-        sizes: Of batches, runs.
-        calls: Of each batch.
+        length: Number of steps of each.
+        rounds: Number of passes over all blocks, for the table and for a series.
+        cold: Number of cold starts of each contender.
+        sizes: Sizes of batches, in runs.
+        calls: Number of calls of each batch.
     """
 
     blocks: int
@@ -50,7 +50,7 @@ WHOLE = Extent(12, 16, (4, 3), 10, many_runs.SIZES, 9)
 QUICK = Extent(6, 8, (1, 1), 3, many_runs.SIZES[:4], 3)
 
 Progress = Callable[[str, float], None]
-"""Takes what is being timed, and the share of the run that is done."""
+"""Called with what is being timed, and the share of the run that is done."""
 
 
 def bench(
@@ -61,15 +61,15 @@ def bench(
     seed: int = 0,
     progress: Progress = lambda what, share: None,
     known: Iterable[Contender] | None = None,
-) -> Run:
-    """Measure.
+) -> BenchRun:
+    """Run the benchmark.
 
     Args:
         parts: ``steps`` (the table), ``growth`` (the series), ``batch``.
-        only: Contenders by name, or by family (what stands before the colon).
+        only: Contenders by name, or by family (the part before the colon).
         quick: Whether to time a few steps only.
-        seed: Of the trajectories and of the order of contenders.
-        progress: Is told how far the run is.
+        seed: Seed of the trajectories and of the order of contenders.
+        progress: Called with the progress of the run.
         known: The contenders to choose from; all of the package by default.
 
     Raises:
@@ -101,20 +101,20 @@ def bench(
         meter.tell(f"{plan.title}: exact solutions, cold steps")
         entered.append(_Entered(plan, who, rounds, extent, seed, skipped))
         meter.count(60)
-    # Round by round over all problems, so that a disturbed minute is not one problem's alone.
+    # Interleave the problems in rounds, so that a disturbance does not hit a single one.
     for turn in range(max(extent.rounds)):
         for problem in entered:
             if turn < problem.rounds:
                 problem.time(meter)
     cases = [case for problem in entered if (case := problem.judged()).results]
     if runs:
-        cases += many_runs.measure(extent.sizes, runs, extent.calls, seed, meter.one)
+        cases += many_runs.time_calls(extent.sizes, runs, extent.calls, seed, meter.one)
     if not cases:
         why = " ".join(dict.fromkeys(skipped))
         raise InvalidInput(
             f"bench: none of the contenders named takes part in {', '.join(parts)}. {why}".strip()
         )
-    return Run(
+    return BenchRun(
         created=datetime.now(UTC).isoformat(timespec="seconds"),
         seed=seed,
         quick=quick,
@@ -125,7 +125,7 @@ def bench(
 
 
 class _Entered:
-    """A problem with those who take part in it: made and started cold, then timed in rounds."""
+    """A problem with its contenders: started cold, then timed in rounds."""
 
     def __init__(
         self,
@@ -149,7 +149,7 @@ class _Entered:
         self._timed = {name: Timed() for name in makers}
 
     def time(self, meter: _Meter) -> None:
-        """Go through all blocks once."""
+        """Run all blocks once."""
 
         def count(name: str) -> None:
             meter.one(f"{self._title}: {name}")
@@ -158,14 +158,14 @@ class _Entered:
             interleaved(self._steppers, self._blocks, self._rng, count, self._timed)
 
     def judged(self) -> Case:
-        """Times beside accuracies."""
+        """Times and accuracies."""
         problem, truth = self.problem, self._truth
         results = []
         for contender in self._who:
             timed = self._timed.get(contender.name)
             if timed is None:
                 continue
-            accuracy = truth.accuracy(contender.asked, timed.velocities)
+            accuracy = truth.accuracy(contender.variant, timed.velocities)
             results.append(_measured(contender, timed, self._cold[contender.name], accuracy))
         return Case(
             group=problem.group,
@@ -181,7 +181,7 @@ class _Entered:
 
 @contextmanager
 def _no_warnings() -> Iterator[None]:
-    """Without the warnings of backends that convert dense matrices."""
+    """Suppress warnings of backends that convert dense matrices."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         yield
@@ -209,17 +209,17 @@ def _prepared(
     for contender in taking:
         try:
             makers[contender.name] = contender.prepare(problem)
-        except Exception as error:  # whatever a library raises; the others go on
+        except Exception as error:  # any exception of a library; the others continue
             why = str(error).splitlines()[0] if str(error) else type(error).__name__
             skipped.append(f"skipped {contender.name} with {problem.title}: {why}")
     return makers
 
 
 def _present(chosen: list[Contender], skipped: list[str]) -> list[Contender]:
-    """Those that can take part; for the others a sentence each reason."""
+    """The contenders that can take part; for the others a sentence for each reason."""
     why = {c.name: c.missing() for c in chosen}
     for reason in dict.fromkeys(r for r in why.values() if r):
-        names = ", ".join(name for name, said in why.items() if said == reason)
+        names = ", ".join(name for name, cause in why.items() if cause == reason)
         skipped.append(f"skipped {names}: {reason}")
     return [c for c in chosen if not why[c.name]]
 
@@ -243,20 +243,20 @@ def _check(
 
 
 class _Meter:
-    """How much of a run is done."""
+    """Progress of a run."""
 
     def __init__(self, total: int, progress: Progress) -> None:
         self._total, self._progress, self._done = max(1, total), progress, 0
 
     def tell(self, what: str) -> None:
-        """Say what is being done."""
+        """Report the current phase."""
         self._progress(what, min(1.0, self._done / self._total))
 
     def count(self, turns: int) -> None:
-        """So many turns are done."""
+        """Report that this many turns are done."""
         self._done += turns
 
     def one(self, what: str) -> None:
-        """One turn is done, and whose."""
+        """Report that a turn of a contender is done."""
         self.count(1)
         self.tell(what)

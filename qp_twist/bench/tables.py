@@ -10,12 +10,12 @@ from rich.table import Table
 from rich.text import Text
 
 from qp_twist.bench.ratios import AGAINST, PAIRS, changes, off_by, ratios, ratios_of_calls
-from qp_twist.bench.record import Case, Measured, Run
+from qp_twist.bench.record import BenchRun, Case, Measured
 
 NONE = "–"
 RATIOS = "Ratios of medians"
 WRONG = 1e-6
-"""An answer that is off by more is marked."""
+"""Larger errors are marked."""
 GROUPS = {
     "joints": "joints",
     "rows": "task rows",
@@ -30,11 +30,11 @@ class Sheet:
     """A table.
 
     Attributes:
-        title: Above it.
-        headings: Of its columns; the first is of words, the others of numbers.
+        title: Text above it.
+        headings: Headings of its columns; the first column is text, the others numbers.
         rows: Cells.
-        wrong: Cells, as (row, column), that show an answer to be wrong.
-        note: Below it.
+        wrong: Cells (row, column) that show a wrong result.
+        note: Text below it.
     """
 
     title: str
@@ -44,7 +44,7 @@ class Sheet:
     note: str = ""
 
     def rich(self) -> Table:
-        """For a terminal."""
+        """The table for a terminal."""
         table = Table(
             title=Text(self.title),
             title_justify="left",
@@ -64,7 +64,7 @@ class Sheet:
         return table
 
     def markdown(self) -> str:
-        """For a page; what is wrong stands bold."""
+        """The table for a page; wrong results are bold."""
         lines = [
             f"| {' | '.join(h.replace(chr(10), ' ') for h in self.headings)} |",
             f"| :-- |{' --: |' * (len(self.headings) - 1)}",
@@ -79,8 +79,8 @@ class Sheet:
         return f"**{self.title}**\n\n" + "\n".join(lines) + f"\n{note}"
 
 
-def sheets(run: Run) -> Iterator[Sheet]:
-    """All tables of a run; the ratios last, where a terminal shows them."""
+def sheets(run: BenchRun) -> Iterator[Sheet]:
+    """All tables of a run; the ratios last, so that a terminal ends with them."""
     steps = [case for case in run.cases if case.group == "step"]
     for case in steps:
         yield _step(case)
@@ -172,7 +172,7 @@ def _growth(group: str, cases: list[Case]) -> Sheet:
 
 
 def _about(group: str, cases: list[Case]) -> str:
-    """What stays the same in a series."""
+    """Parameters that are constant in a series."""
     first = cases[0]
     return {
         "joints": f"{first.rows} rows",
@@ -183,7 +183,7 @@ def _about(group: str, cases: list[Case]) -> str:
     }[group]
 
 
-def compared(before: Run, now: Run) -> Sheet:
+def compared(before: BenchRun, now: BenchRun) -> Sheet:
     """The ratios to an earlier run."""
     found = changes(before, now)
     rows = [
@@ -210,8 +210,8 @@ def compared(before: Run, now: Run) -> Sheet:
     )
 
 
-def document(run: Run) -> str:
-    """All tables as Markdown, the ratios first, and on what they were measured."""
+def document(run: BenchRun) -> str:
+    """All tables as Markdown, the ratios first, with the machine and versions."""
     versions = ", ".join(f"{name} {version}" for name, version in run.machine.versions.items())
     lines = [
         f"Measured {run.created[:10]}{' (quick)' if run.quick else ''} on "

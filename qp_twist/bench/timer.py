@@ -1,4 +1,4 @@
-"""Times of contenders that take turns."""
+"""Time contenders in turns."""
 
 from __future__ import annotations
 
@@ -14,19 +14,20 @@ from qp_twist.bench.contender import Parted, StepOf
 from qp_twist.checks import Array
 
 LEAD_IN = 2
-"""Untimed steps before a block: caches and warm starts are then the contender's own."""
+"""Number of untimed steps before a block, to fill caches and warm starts."""
 
 
 @dataclass(eq=False)
 class Timed:
-    """What a contender did.
+    """Times and velocities of a contender.
 
     Attributes:
         warm: Time of each step, ns.
-        call: Of its call alone, where it can be told apart.
-        velocities: Its answer at each step that was timed last, by the step's number.
-        failures: Steps that ended with an exception, or with a velocity that is not finite.
-        said: What the first of them said.
+        call: Times of its call alone, if it can be separated.
+        velocities: Its last velocity at each timed step, by step index.
+        failures: Number of steps that raised an exception, or returned a velocity that is not
+        finite.
+        said: Message of the first of them.
     """
 
     warm: list[int] = field(default_factory=list)
@@ -38,7 +39,7 @@ class Timed:
 
 @dataclass(eq=False)
 class Cold:
-    """Times to make a contender and take its first step, ns."""
+    """Times to create a contender and compute its first step, ns."""
 
     first: int = 0
     again: list[int] = field(default_factory=list)
@@ -57,10 +58,10 @@ def interleaved(
     done: Callable[[str], None] = lambda name: None,
     found: dict[str, Timed] | None = None,
 ) -> dict[str, Timed]:
-    """Every contender on every block, in an order that is drawn anew for each block.
+    """Run every contender on every block, in a random order for each block.
 
-    What disturbs the machine for a while disturbs all of them, and nobody is always the first.
-    ``found`` is what was timed before, which is added to.
+    So a disturbance of the machine affects all contenders, and none is always the first. New times
+    are appended to ``found``.
     """
     found = {name: Timed() for name in contenders} if found is None else found
     for block in blocks:
@@ -74,7 +75,7 @@ def interleaved(
 def cold(
     makers: Mapping[str, Callable[[], StepOf]], k: int, times: int, rng: np.random.Generator
 ) -> dict[str, Cold]:
-    """Make every contender and take step k; once, and ``times`` times more."""
+    """Create every contender and compute step k, once and ``times`` times more."""
     found = {name: Cold() for name in makers}
     for turn in range(times + 1):
         for name in rng.permutation(list(makers)).tolist():
@@ -83,7 +84,7 @@ def cold(
                 try:
                     makers[name]()(k)
                 except Exception:
-                    continue  # told by the warm steps
+                    continue  # reported by the warm steps
                 took = time.perf_counter_ns() - began
             if turn == 0:
                 found[name].first = took
@@ -103,7 +104,7 @@ def _run(step: StepOf, block: range, timed: Timed) -> None:
                 velocity = step.call(given)
             else:
                 velocity = step(k)
-        except Exception as error:  # whatever a library raises, its step has failed
+        except Exception as error:  # any exception of a library is a failure of its step
             if k in block:
                 timed.failures += 1
                 timed.said = timed.said or f"{type(error).__name__}: {error}".splitlines()[0]
@@ -124,7 +125,7 @@ def _run(step: StepOf, block: range, timed: Timed) -> None:
 
 @contextmanager
 def without_collection() -> Iterator[None]:
-    """Python's garbage collector does not run inside."""
+    """Disable Python's garbage collector inside."""
     enabled = gc.isenabled()
     gc.disable()
     try:

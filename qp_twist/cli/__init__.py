@@ -11,29 +11,29 @@ from typing import TextIO
 from qp_twist import __version__
 
 REFUSED = 2
-"""Exit code where the input was refused, or something could not be read or written."""
+"""Exit code of refused input, or of a file that could not be read or written."""
 INTERRUPTED = 130
-"""Exit code after Ctrl-C, as shells have it."""
+"""Exit code after Ctrl-C, 128 + SIGINT."""
 NOT_READ = 141
-"""The same of a command that nobody reads the output of, 128 + SIGPIPE."""
+"""Exit code if the reader of the output has closed the pipe, 128 + SIGPIPE."""
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Entry point of ``qp-twist``.
 
-    ``--quiet`` may stand anywhere among the arguments; ``--version`` stands alone.
+    ``--quiet`` may be any of the arguments; ``--version`` must be the only one.
     """
-    given = list(sys.argv[1:] if arguments is None else arguments)
+    words = list(sys.argv[1:] if arguments is None else arguments)
     try:
         try:
-            _main(given)
+            _main(words)
         finally:
             for stream in _streams():
-                stream.flush()  # here, where it can be seen, and not when Python ends
+                stream.flush()  # here, so that errors are reported, and not when Python exits
     except OSError as error:
         unread = isinstance(error, BrokenPipeError) and not all(map(_is_read, _streams()))
         for stream in _streams():
-            _drop_what_cannot_be_written(stream)
+            _discard_buffer(stream)
         if unread:
             raise SystemExit(NOT_READ) from None
         print(f"qp-twist: {error}", file=sys.stderr)
@@ -45,7 +45,7 @@ def _streams() -> list[TextIO]:
 
 
 def _is_read(stream: TextIO) -> bool:
-    """Whether there is still somebody at the other end of a pipe."""
+    """Whether the other end of a pipe is still open."""
     if not hasattr(select, "poll"):  # Windows
         return False
     end = select.poll()
@@ -53,23 +53,23 @@ def _is_read(stream: TextIO) -> bool:
     return not any(event & (select.POLLERR | select.POLLHUP) for _, event in end.poll(0))
 
 
-def _drop_what_cannot_be_written(stream: TextIO) -> None:
-    """Empty a stream's buffer, so that Python does not try again, and complain, when it ends."""
+def _discard_buffer(stream: TextIO) -> None:
+    """Empty a stream's buffer, so that Python does not fail on it again at exit."""
     try:
         stream.flush()
     except OSError:
         os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
 
 
-def _main(given: list[str]) -> None:
-    if given == ["--version"]:
+def _main(words: list[str]) -> None:
+    if words == ["--version"]:
         print(f"qp-twist {__version__}")
         return
     try:
-        # What the commands need takes a second to load; Ctrl-C in that second is said, too.
+        # Imported here: it takes a second, in which Ctrl-C is reported, too.
         from qp_twist.cli.command import run_command
 
-        run_command(given)
+        run_command(words)
     except KeyboardInterrupt:
         print("qp-twist: interrupted; files that were written before are whole.", file=sys.stderr)
         raise SystemExit(INTERRUPTED) from None

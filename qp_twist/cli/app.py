@@ -1,8 +1,14 @@
-"""What the commands share: the application, their arguments' types, and how they speak.
+"""Parts that all commands share: the application, argument types and output.
 
-Exit codes: 0 done; 1 checked, and something is wrong; 2 the input was refused (the message says
-why); 130 interrupted; 141 whoever read the output has read enough (``| head -1``), as of any tool
-that is ended by SIGPIPE.
+======  =======================================================================================
+code    meaning of an exit code
+======  =======================================================================================
+0       done
+1       checked, and something is wrong
+2       the input was refused; the message says why
+130     interrupted
+141     the reader of the output closed the pipe (``| head -1``), as for a tool ended by SIGPIPE
+======  =======================================================================================
 """
 
 from __future__ import annotations
@@ -27,7 +33,7 @@ app = SubcommandApp()
 
 
 class _Console(Console):
-    """Hands on that nobody reads the output any more; rich itself would end with exit code 1."""
+    """A console that raises if the output pipe is closed; rich itself would exit with code 1."""
 
     def on_broken_pipe(self) -> None:
         raise BrokenPipeError
@@ -42,30 +48,30 @@ File = Annotated[Path, tyro.conf.arg(metavar="FILE")]
 OptionalFile = Annotated[Path | None, tyro.conf.arg(metavar="FILE")]
 
 quiet: ContextVar[bool] = ContextVar("quiet", default=False)
-"""Whether the commands leave out what they print for people: progress, tables, what was written."""
+"""Whether progress, tables and the names of written files are left out."""
 
 
 def say(*lines: str) -> None:
-    """Print lines for people on standard output, each as it is; nothing where quiet."""
+    """Print lines on standard output without markup; nothing if quiet."""
     if not quiet.get():
         for line in lines:
             console().print(line, highlight=False, markup=False, soft_wrap=True)
 
 
 def fail(sentence: str) -> NoReturn:
-    """Say on standard error, also where quiet, what is wrong with what was checked; exit code 1."""
+    """Print on standard error, also if quiet, why a check failed; exit code 1."""
     print(f"qp-twist: {sentence}", file=sys.stderr)
     raise SystemExit(1)
 
 
 def show(table: RenderableType) -> None:
-    """Print a table for people; nothing where quiet."""
+    """Print a table; nothing if quiet."""
     if not quiet.get():
         console().print(table)
 
 
 def console() -> Console:
-    """A console that never squeezes the table: better a wrapped line than numbers cut off."""
+    """A console at least as wide as the tables: lines wrap, but no number is cut off."""
     found = _Console()
     if not found.is_terminal:
         return _Console(width=WIDTH, color_system=None)
@@ -73,14 +79,14 @@ def console() -> Console:
 
 
 def terminal() -> Console | None:
-    """Standard error as a console, if a person is looking at it and wants to see progress."""
+    """Standard error as a console if it is an interactive terminal and not quiet, else ``None``."""
     found = _Console(stderr=True)
-    looking = found.is_terminal and sys.stdout.isatty() and os.environ.get("TERM") != "dumb"
-    return found if looking and not quiet.get() else None
+    interactive = found.is_terminal and sys.stdout.isatty() and os.environ.get("TERM") != "dumb"
+    return found if interactive and not quiet.get() else None
 
 
 def load(task: str, path: Path | None = None) -> PathTask:
-    """The task, with what its robot's and its toolpath's files left out said on standard error."""
+    """Load a task; print on standard error what its robot's and toolpath's files leave out."""
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         path_task = load_task(task, path=path)
@@ -94,7 +100,7 @@ def load(task: str, path: Path | None = None) -> PathTask:
 
 
 def method_names(path_task: PathTask, methods: str | None) -> list[str]:
-    """The methods named in an argument; without it all that apply."""
+    """The methods named in an argument; without it all applicable ones."""
     if methods is None:
         return path_task.method_names()
     names = [name.strip() for name in methods.split(",") if name.strip()]
@@ -104,7 +110,7 @@ def method_names(path_task: PathTask, methods: str | None) -> list[str]:
 
 
 def check_file(file: Path, option: str = "--out") -> None:
-    """Refuse a file that cannot be written before anything is computed; say of a new folder."""
+    """Refuse a file that cannot be written, before any computation; announce a new folder."""
     if file.is_dir():
         raise InvalidInput(f"{option} {file}: this is a folder; give a file to write.")
     if why := _no_folder(file.parent):
@@ -116,15 +122,15 @@ def check_file(file: Path, option: str = "--out") -> None:
 
 
 def check_folder(folder: Path, option: str = "--out") -> None:
-    """Refuse a folder that cannot be written to, before anything has been computed."""
+    """Refuse a folder that cannot be written to, before any computation."""
     if why := _no_folder(folder):
         raise InvalidInput(f"{option} {folder}: {why[0]}; {why[1]}.")
 
 
 def _no_folder(folder: Path) -> tuple[str, str] | None:
-    """Why nothing can be written to a folder, and what to do; ``None`` if it can.
+    """Why a folder cannot be written to, and what to do; ``None`` if it can.
 
-    Tried out in the nearest folder that is there already; nothing stays behind.
+    Tested with a temporary file in the nearest existing folder.
     """
     existing = folder.absolute()
     while not existing.exists():

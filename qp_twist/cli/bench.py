@@ -22,20 +22,20 @@ def bench(
     compare: OptionalFile = None,
     seed: Annotated[int, tyro.conf.arg(metavar="N")] = 0,
 ) -> None:
-    """Time a step of this package, of mink, pink and PlaCo, and how right each is; print tables.
+    """Time steps of this package, mink, pink and PlaCo, and measure their errors; print tables.
 
-    The contenders take turns on the same robots and trajectories. Three minutes or so; with --quick
-    half a minute. For times to compare set OMP_NUM_THREADS=1 and let nothing else run.
+    The contenders take turns on the same robots and trajectories. Duration: about three minutes,
+    with --quick half a minute. For comparable times set OMP_NUM_THREADS=1 and run nothing else.
 
     Args:
-        out: Folder to write to; without it out/bench.
-        quick: Time a few steps only.
+        out: Folder to write to; if omitted, out/bench.
+        quick: Time only a few steps.
         only: Contenders by name, or by family (step, mink, placo …), separated by commas.
-        parts: Of steps, growth, batch, separated by commas; without it all.
-        compare: bench.json of an earlier run; print the ratios to it.
-        seed: Of the trajectories and of the order of the contenders.
+        parts: Parts (steps, growth, batch), separated by commas; if omitted, all.
+        compare: bench.json of an earlier run; ratios to it are printed.
+        seed: Seed of the trajectories and of the order of the contenders.
     """
-    # Here, since no other command needs it.
+    # Imported here: no other command needs it.
     from qp_twist.bench import PARTS, read_run, write_run
     from qp_twist.bench import bench as run_bench
     from qp_twist.bench.figure import draw
@@ -69,5 +69,5 @@ def bench(
     say(*(f"wrote {file}" for file in files))
 
 
-def _names(given: str) -> list[str]:
-    return [name.strip() for name in given.split(",") if name.strip()]
+def _names(text: str) -> list[str]:
+    return [name.strip() for name in text.split(",") if name.strip()]

@@ -29,9 +29,9 @@ def check(
     axis_tolerance_deg: Degrees = AXIS_TOLERANCE_DEG,
     json_: Annotated[bool, tyro.conf.arg(name="json"), tyro.conf.FlagCreatePairsOff] = False,
 ) -> None:
-    """Verify a joint trajectory, ours or another tool's, against a task.
+    """Verify a joint trajectory, of this package or another tool, against a task.
 
-    Exit code 0: it passes; 1: it does not, and what and where is said; 2: it cannot be read.
+    Exit code 0: it passes; 1: it fails, and the output says what and where; 2: it cannot be read.
 
     Args:
         trajectory: File that ends in .csv, .npz or .json.

@@ -31,21 +31,21 @@ COMMANDS = {
 }
 
 
-def run_command(given: Sequence[str]) -> None:
-    """The command that the arguments name."""
-    before = quiet.set("--quiet" in given)
+def run_command(words: Sequence[str]) -> None:
+    """Run the command that the words of the command line name."""
+    before = quiet.set("--quiet" in words)
     for stream in (sys.stdout, sys.stderr):
-        # A terminal that has no θ shows a question mark instead of a stack trace.
+        # A terminal whose encoding lacks θ prints a question mark instead of a stack trace.
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="replace")
     try:
-        check_names(given, COMMANDS)
+        check_names(words, COMMANDS)
         app.cli(
             prog="qp-twist",
             description="QP-based task-priority control for tasks of fewer than six degrees of "
             "freedom, beside its closed forms. With --quiet a command prints errors only; "
             "--version prints the version.",
-            args=[argument for argument in given if argument != "--quiet"],
+            args=[argument for argument in words if argument != "--quiet"],
         )
     except mink.MinkError as error:
         print(f"qp-twist: {error}", file=sys.stderr)

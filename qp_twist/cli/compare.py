@@ -41,17 +41,17 @@ def compare(
     sample: Annotated[int | None, tyro.conf.arg(metavar="N")] = None,
     from_: Annotated[Path | None, tyro.conf.arg(name="from", metavar="DIR")] = None,
 ) -> None:
-    """Run methods side by side on a task; print the table, write report.html, figures, numbers.
+    """Compare methods on a task; print the table, write report.html, figures and numbers.
 
     Args:
         task: Name of a shipped task, or path to a .toml file.
-        methods: Method names separated by commas; without it all that apply.
-        solver: Backend of the QPs, e.g. proxqp, osqp; without it the study's, or machine code.
-        out: Folder to write to; without it out/TASK, with --json or --csv none.
+        methods: Method names separated by commas; if omitted, all applicable ones.
+        solver: Backend of the QPs, e.g. proxqp, osqp; if omitted, the study's, or machine code.
+        out: Folder to write to; if omitted, out/TASK, with --json or --csv none.
         path: Toolpath file to follow instead of the task's path.
-        json: Print the content of comparison.json, and nothing else.
-        csv: Print the metrics as CSV, a row a method, and nothing else.
-        sample: A sample of a study, as it was there, with the study's methods and backend.
+        json: Print only the content of comparison.json.
+        csv: Print only the metrics as CSV, one row per method.
+        sample: Number of a study's sample to repeat, with the study's methods and backend.
         from_: Folder of that study.
     """
     if json and csv:
@@ -102,7 +102,7 @@ def compare(
 
 
 def _command(task: str, **options: object) -> str:
-    """The command line with the options that were given."""
+    """The command line with the options in use."""
     words = ["qp-twist", "compare", task]
     for name, value in options.items():
         if value is not None:

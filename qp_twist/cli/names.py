@@ -1,4 +1,4 @@
-"""Commands and options that were misspelled."""
+"""Messages for misspelled commands and options."""
 
 from __future__ import annotations
 
@@ -16,19 +16,19 @@ _ONE_FLAG = get_args(tyro.conf.FlagCreatePairsOff[bool])[1]
 _ALWAYS = ("--help", "--quiet")
 
 
-def check_names(given: Sequence[str], commands: Mapping[str, Callable[..., Any]]) -> None:
-    """Refuse a command or an option that there is none of, and say which is near.
+def check_names(line: Sequence[str], commands: Mapping[str, Callable[..., Any]]) -> None:
+    """Refuse an unknown command or option, and suggest the nearest.
 
-    Everything else about the arguments is left to tyro.
+    All other checks of the arguments are tyro's.
 
     Args:
-        given: The words of the command line.
+        line: The words of the command line.
         commands: The functions of the commands, by name.
 
     Raises:
-        InvalidInput: If the first word is no command, or one that begins with ``--`` no option.
+        InvalidInput: If the first word is not a command, or a word with ``--`` not an option.
     """
-    words = [word.partition("=")[0] for word in given if word != "--quiet"]
+    words = [word.partition("=")[0] for word in line if word != "--quiet"]
     if not words or words[0] in ("-h", "--help"):
         return
     command, *rest = words
@@ -51,7 +51,7 @@ def check_names(given: Sequence[str], commands: Mapping[str, Callable[..., Any]]
 
 
 def options_of(command: Callable[..., Any]) -> list[str]:
-    """The options that tyro makes of a command's parameters."""
+    """The options that tyro derives from a command's parameters."""
     hints = get_type_hints(command, include_extras=True)
     options = []
     for name in inspect.signature(command).parameters:

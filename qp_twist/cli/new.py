@@ -21,7 +21,7 @@ from qp_twist.errors import InvalidInput
 from qp_twist.paths.file_path_schema import ColumnsTable
 
 _LONG = 2.0
-"""A search of more seconds than this says how it is ended."""
+"""A longer search also prints how to end it, s."""
 Text = Annotated[str | None, tyro.conf.arg(metavar="NAME")]
 
 
@@ -45,26 +45,26 @@ def new(
     search_time: Annotated[float, tyro.conf.arg(metavar="S")] = 60.0,
     force: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False,
 ) -> None:
-    """Write a commented task file for a robot and a toolpath; it runs as it is.
+    """Write a commented task file for a robot and a toolpath; it runs without edits.
 
     Args:
         robot: MJCF or URDF file, or a shipped scene.
         path: Toolpath, CSV or APT-CL.
-        frame: The robot's frame that follows it; without it the only one that can.
-        frame_type: What the frame is, where names are used twice.
+        frame: The robot's frame that follows it; if omitted, the only possible one.
+        frame_type: Kind of the frame, if two frames have the same name.
         out: Task file to write.
-        unit: Of positions, where the toolpath does not say it.
-        angle_unit: Of roll, pitch and yaw, likewise.
-        orientation: Which columns of direction count, where there are several.
-        feed_unit: Of a column of feeds, likewise.
-        columns: Columns without usual names, e.g. "position=1,2,3;normal=4,5,6".
+        unit: Unit of positions, if the toolpath does not contain it.
+        angle_unit: Unit of roll, pitch and yaw, likewise.
+        orientation: Columns of direction to use, if there are several.
+        feed_unit: Unit of a column of feeds, likewise.
+        columns: Columns with unusual names, e.g. "position=1,2,3;normal=4,5,6".
         tool: Whether the frame's z points into the part or out of it.
-        place: Where the toolpath's frame stands in the robot's world: its origin in m, and how it
-            is turned in degrees (R = Rz Ry Rx), e.g. 0.5,0,0.2 or 0.5,0,0.2,0,0,90; without it in
-            the world's origin, or elsewhere if it cannot be reached there.
-        speed: Along the path where the toolpath states no feed, m/s.
-        search_time: That looking for a start and a place may take, s; Ctrl-C ends it with the best
-            so far.
+        place: Pose of the toolpath's frame in the robot's world: origin in m, roll, pitch and yaw
+            in degrees (R = Rz Ry Rx), e.g. 0.5,0,0.2 or 0.5,0,0.2,0,0,90; if omitted, the world's
+            origin, or elsewhere if the robot cannot reach it there.
+        speed: Speed along the path where the toolpath has no feed, m/s.
+        search_time: Longest search for a start and a placement, s; Ctrl-C ends it with the best so
+            far.
         force: Overwrite the task file.
     """
     request = Request(
@@ -99,14 +99,14 @@ def new(
 
 
 def _with_hint(report: Callable[[str, float], None]) -> Callable[[str, float], None]:
-    """After two seconds also that the search can be ended."""
+    """Add after two seconds that the search can be ended."""
     began = time.monotonic()
 
-    def say_so(what: str, share: float) -> None:
+    def report_with_hint(what: str, share: float) -> None:
         long = time.monotonic() - began > _LONG
         report(f"{what}; Ctrl-C ends the search with the best so far" if long else what, share)
 
-    return say_so
+    return report_with_hint
 
 
 Three = tuple[float, float, float]
@@ -147,10 +147,10 @@ def _columns(text: str) -> ColumnsTable:
         return ColumnsTable.model_validate(table)
     except ValidationError as error:
         item = error.errors()[0]
-        said = item["msg"].removeprefix("Value error, ")
+        message = item["msg"].removeprefix("Value error, ")
         if item["type"] in ("missing", "too_short", "too_long"):
-            said = "a position needs three columns, and a direction as many as it has numbers"
+            message = "a position needs three columns, and a direction as many as it has numbers"
         raise InvalidInput(
-            f"--columns {text!r}: {item['loc'][0] if item['loc'] else 'columns'}: {said}; "
+            f"--columns {text!r}: {item['loc'][0] if item['loc'] else 'columns'}: {message}; "
             f"{expected}."
         ) from None

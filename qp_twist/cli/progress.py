@@ -24,16 +24,16 @@ from qp_twist.qp import check_solver
 
 
 class MethodProgress:
-    """What the methods of a command are doing, for whoever draws it."""
+    """Receives the progress of the methods of a command; this one draws nothing."""
 
     def done(self, method: str, waypoints: int) -> None:
-        """So many waypoints of a method are done."""
+        """Number of waypoints done of a method."""
 
     def planning(self, what: str, share: float) -> None:
-        """A plan is being made, and so much of a part of it is done."""
+        """Part of a plan in progress, and its completed share."""
 
     def says(self, what: str) -> None:
-        """What is done with all waypoints."""
+        """Activity that concerns all waypoints."""
 
 
 class _Bar(MethodProgress):
@@ -59,7 +59,7 @@ class _Bar(MethodProgress):
 
 @contextmanager
 def method_progress(methods: Sequence[str], waypoints: int) -> Iterator[MethodProgress]:
-    """Yield who takes the progress of methods; drawn on stderr where it is a terminal."""
+    """Yield the receiver of progress; it draws on standard error if that is a terminal."""
     console = terminal()
     if console is None:
         yield MethodProgress()
@@ -76,7 +76,7 @@ def method_progress(methods: Sequence[str], waypoints: int) -> Iterator[MethodPr
 
 @contextmanager
 def sample_progress(samples: int) -> Iterator[Callable[[int], None]]:
-    """Yield ``report(samples done)``; drawn on stderr where it is a terminal."""
+    """Yield ``report(samples done)``; it draws on standard error if that is a terminal."""
     console = terminal()
     if console is None:
         yield lambda done: None
@@ -96,7 +96,7 @@ def sample_progress(samples: int) -> Iterator[Callable[[int], None]]:
 
 @contextmanager
 def share_progress() -> Iterator[Callable[[str, float], None]]:
-    """Yield ``report(what, share done)``; drawn on stderr where it is a terminal."""
+    """Yield ``report(what, share done)``; it draws on standard error if that is a terminal."""
     console = terminal()
     if console is None:
         yield lambda what, share: None
@@ -114,10 +114,7 @@ def share_progress() -> Iterator[Callable[[str, float], None]]:
 
 @contextmanager
 def working(what: str) -> Iterator[Callable[[str], None]]:
-    """A spinner with a few words while something runs that cannot say how far it is.
-
-    Yields what changes the words.
-    """
+    """Show a spinner with a text during work of unknown length; yield a setter of the text."""
     console = terminal()
     if console is None:
         yield lambda words: None
@@ -129,7 +126,7 @@ def working(what: str) -> Iterator[Callable[[str], None]]:
 def load_machine_code(
     path_task: PathTask, methods: Sequence[str] | None, solver: str | None
 ) -> None:
-    """Where runs will run as machine code, load it now; the first time it takes its time."""
+    """Load the machine code of the runs, if they use it; the first time compiles it."""
     if check_solver(solver) != COMPILED:
         return
     from qp_twist.following.compiled_walk import CompiledWalk, walk_known  # with numba
@@ -138,7 +135,7 @@ def load_machine_code(
         settings = path_task.settings(method)
         if walk_known(path_task, method, settings):
             words = "machine code is made, once on a machine: up to half a minute"
-            # Loading takes half a second; without a spinner who waits longer is told.
+            # Loading takes half a second. If it takes longer and no spinner shows, print a note.
             late = Timer(3.0, print, [f"note: {words}"], {"file": sys.stderr})
             if terminal() is None and not quiet.get():
                 late.start()

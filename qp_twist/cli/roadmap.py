@@ -23,16 +23,16 @@ from qp_twist.comparison import compare as compare_methods
 def roadmap(
     task: Task, methods: Names = None, solver: Solver = None, out: OptionalFile = None
 ) -> None:
-    """Draw what the limits leave of the free motion along the path, with the methods over it.
+    """Draw the feasible free motion along the path, with the motions of the methods over it.
 
-    For an industrial arm with a free roll: the margin over waypoint and roll, a panel a branch. For
-    a planar arm with one free degree: its self-motion manifolds, joint by joint.
+    For an industrial arm with a free roll: the margin over waypoint and roll, one panel per branch.
+    For a planar arm with one free degree of freedom: its self-motion manifolds, joint by joint.
 
     Args:
         task: Name of a shipped task, or path to a .toml file.
-        methods: Method names separated by commas; without it all that apply.
-        solver: Backend of the QPs; without it machine code.
-        out: PNG file to write; without it out/TASK/roadmap.png.
+        methods: Method names separated by commas; if omitted, all applicable ones.
+        solver: Backend of the QPs; if omitted, machine code.
+        out: PNG file to write; if omitted, out/TASK/roadmap.png.
     """
     from qp_twist.comparison.joint_figure import save_figure  # with matplotlib
     from qp_twist.comparison.roadmap_figure import check_applies, roadmap_figure

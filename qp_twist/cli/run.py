@@ -24,7 +24,7 @@ from qp_twist.paths import DEFAULT_METHOD, PathTask, check_method
 from qp_twist.trajectories import ENDINGS, run_task
 
 _STRETCHES = 8
-"""Most stretches that are listed one by one."""
+"""Largest number of slowed stretches that are listed."""
 
 
 @app.command
@@ -38,18 +38,18 @@ def run(
 ) -> None:
     """Follow a task with one method, time it, write the joint trajectory and check the file.
 
-    The path is kept: where limits ask for it, it is passed more slowly, and where is said. Exit
-    code 1: the file is written, but does not pass; what and where is said.
+    The path is kept: where limits require it, it is followed more slowly, and the output says
+    where. Exit code 1: the file is written, but does not pass; the output says what fails, and
+    where.
 
     Args:
         task: Name of a shipped task, or path to a .toml file.
-        out: File to write: trajectory.csv, .npz, or .json in the fields of ROS' JointTrajectory.
-            Its folder is made if there is none, which is said.
+        out: File to write: trajectory.csv, .npz, or .json in the fields of ROS' JointTrajectory. A
+            missing folder is created, with a note.
         method: Method name.
-        solver: Backend of the QPs; without it machine code.
+        solver: Backend of the QPs; if omitted, machine code.
         path: Toolpath to follow instead of the task's own, e.g. path.csv.
-        report: Folder for a report, too: the method beside its closed form or QP, as compare
-            runs them.
+        report: Folder for a report that compares the method with its closed form or QP.
     """
     path_task = load(task, path)
     check_method(method)
@@ -70,9 +70,9 @@ def run(
             timing=lambda: progress.says("timing and checking"),
         )
     trajectory, rows, timed, check = done.trajectory, done.rows, done.timed, done.check
-    assert rows is not None and check is not None  # nothing was given up
+    assert rows is not None and check is not None  # since ``give_up`` is false
     say(f"wrote {out}: {len(trajectory.q)} waypoints, {method}: {trajectory.summary}")
-    say(f"{method}: {path_task.settings(method)} ({_stated_by(path_task, method)})")
+    say(f"{method}: {path_task.settings(method)} ({_source_of_settings(path_task, method)})")
     status = metrics(trajectory)["status"]
     if status != "ok":
         say(f"{method}: {status}")
@@ -101,8 +101,8 @@ def run(
         fail(f"{out}: {check.verdict}")
 
 
-def _stated_by(path_task: PathTask, method: str) -> str:
-    """Who says on what the free motion is spent: the task file, or nobody."""
+def _source_of_settings(path_task: PathTask, method: str) -> str:
+    """Source of the secondary objective: the task file or the default."""
     stated = path_task.methods.get(method)
     own = stated is None or not stated.model_fields_set & {"secondary", "weight", "gain"}
     return "default" if own else "of the task file"

@@ -22,12 +22,12 @@ def starts(
     count: Annotated[int, tyro.conf.arg(metavar="N")] = 8,
     method: MethodName = DEFAULT_METHOD,
 ) -> None:
-    """List where the robot may start: the most central configurations, and how far each leads.
+    """List possible starts: the most central configurations, and how far each run gets.
 
     Args:
         task: Name of a shipped task, or path to a .toml file.
-        count: Most starts.
-        method: Of the runs.
+        count: Largest number of starts.
+        method: Method of the runs.
     """
     if count < 1:
         raise InvalidInput(f"--count {count}: expected a number of at least 1.")

@@ -30,21 +30,22 @@ def study(
 ) -> None:
     """Run methods on many samples of a task; print how often each succeeds, and why it fails.
 
-    What varies, and in which ranges, is said by the task file's [study]. Results stream to Parquet
-    files; the same command again goes on where it was stopped.
+    The task file's [study] defines what varies, and its ranges. Results are appended to Parquet
+    files; repeating the command continues an interrupted study.
 
     Args:
         task: Name of a shipped task, or path to a .toml file.
         vary: What varies, separated by commas: placement, tool, robot, gain, solver, start.
-        samples: How many.
-        methods: Method names separated by commas; without it all that apply.
-        out: Folder to write to; without it out/TASK_study.
-        seed: Instead of the task file's.
-        solver: Backend of the QPs, where it does not vary; without it machine code.
-        start: Where a sample starts: task, least_z, random, best; auto chooses.
-        certify: Where no method succeeds, let a plan decide whether there is a motion.
-        jobs: Processes; without it one a core.
-        scheduler: Address of a Dask scheduler, e.g. tcp://host:8786; its workers are taken instead.
+        samples: Number of samples.
+        methods: Method names separated by commas; if omitted, all applicable ones.
+        out: Folder to write to; if omitted, out/TASK_study.
+        seed: Seed; if omitted, the task file's.
+        solver: Backend of the QPs, if it does not vary; if omitted, machine code.
+        start: Start of a sample: task, least_z, random, best; auto chooses.
+        certify: If no method succeeds, let a plan decide whether the task is feasible.
+        jobs: Number of processes; if omitted, one per core.
+        scheduler: Address of a Dask scheduler, e.g. tcp://host:8786, whose workers are used
+            instead.
     """
     path_task = load(task)
     folder = out or Path("out") / f"{path_task.name}_study"

@@ -8,7 +8,7 @@ from qp_twist.paths import shipped_tasks, task_title
 
 @app.command
 def tasks() -> None:
-    """List the task files that are shipped, a line each."""
+    """List the shipped task files, one per line."""
     paths = shipped_tasks()
     width = max(len(path.stem) for path in paths)
     for path in paths:

@@ -23,23 +23,23 @@ def view(
     port: Port = None,
     browser: bool = True,
 ) -> None:
-    """Serve a page for this machine: the robot along the path, in the hand, with other settings.
+    """Serve a page on this machine to run a task, drag its target and change its settings.
 
-    It ends with Ctrl-C, exit code 0.
+    Ctrl-C ends it, exit code 0.
 
     Args:
         task: Name of a shipped task, or path to a .toml file.
-        method: Method name to begin with.
-        solver: Backend of the QPs to begin with; without it machine code.
+        method: Initial method name.
+        solver: Initial backend of the QPs; if omitted, machine code.
         path: Toolpath to follow instead of the task's own, e.g. path.csv.
-        port: Port of 127.0.0.1; without it the first free one from 8080 on.
-        browser: Open the page in a browser, where this runs in a terminal.
+        port: Port of 127.0.0.1; if omitted, the first free one from 8080 on.
+        browser: Open the page in a browser, if this runs in a terminal.
     """
-    from qp_twist.viewing import Session, Settings, free_port
+    from qp_twist.viewing import PageSettings, Session, free_port
 
     free = free_port(port)
     path_task = load(task, path)
-    settings = Settings.of(path_task, method, solver)
+    settings = PageSettings.of(path_task, method, solver)
     from qp_twist.viewing.page import Page  # its libraries take a second
 
     session = Session(path_task, settings)

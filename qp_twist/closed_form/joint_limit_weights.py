@@ -1,4 +1,4 @@
-"""Chan and Dubey's weights: a joint on its way to a limit becomes expensive."""
+"""Chan and Dubey's weights: a joint that approaches a limit gets a large weight."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from qp_twist.checks import Array, finite_array, float_array
 from qp_twist.errors import InvalidInput
 
 NEAREST = 1e-4
-"""Share of its range before a limit from which on a joint counts as being at the limit."""
+"""Distance from a limit, as a share of the range, at which a joint counts as at the limit."""
 
 
 def joint_limit_gradient(q: npt.ArrayLike, lower: npt.ArrayLike, upper: npt.ArrayLike) -> Array:
@@ -20,9 +20,9 @@ def joint_limit_gradient(q: npt.ArrayLike, lower: npt.ArrayLike, upper: npt.Arra
         H(\theta) = \sum_i \frac14 \frac{(\theta_{max,i} - \theta_{min,i})^2}
             {(\theta_{max,i} - \theta_i)(\theta_i - \theta_{min,i})}
 
-    H is infinite at a limit and has no meaning outside. From a share of 10⁻⁴ of the range before a
-    limit on, the gradient is therefore that at this place, 2.5 · 10⁷ over the range, times one plus
-    the share of the range beyond it: large, finite, and still smaller on the way back.
+    H is infinite at a limit and undefined outside. From a distance of 10⁻⁴ of the range on, the
+    gradient is therefore its value there, 2.5 · 10⁷ over the range, times one plus the share of the
+    range beyond: large, finite, and decreasing on the way back.
 
     Args:
         q: Joint positions θ, rad or m, shape (n,).
@@ -57,7 +57,7 @@ def joint_limit_weights(
     upper: npt.ArrayLike,
     previous_gradient: npt.ArrayLike | None = None,
 ) -> Array:
-    r"""Weights for :func:`weighted_least_norm` that slow down a joint on its way to a limit.
+    r"""Weights for :func:`weighted_least_norm` that slow down joints approaching a limit.
 
     .. math::
 
@@ -67,7 +67,7 @@ def joint_limit_weights(
         \end{cases}, \qquad
         \mathbf g = \partial H/\partial\theta
 
-    A joint on its way back from a limit is free to go; where it turns round its weight jumps.
+    A joint that moves away from a limit has weight 1; when it reverses, its weight jumps.
     Unlimited joints have weight 1. That of a joint at a limit or beyond it is finite, above 10⁷
     over its range in rad or m (:func:`joint_limit_gradient`).
 
@@ -75,8 +75,8 @@ def joint_limit_weights(
         q: Joint positions θ, rad or m, shape (n,).
         lower: θ_min, shape (n,); −∞ where there is none.
         upper: θ_max, shape (n,); +∞ where there is none.
-        previous_gradient: ∂H/∂θ at the last step, shape (n,); ``None`` at the first, where every
-            joint counts as on its way to the nearer limit.
+        previous_gradient: ∂H/∂θ at the last step, shape (n,); ``None`` at the first step, where
+            every joint counts as approaching the nearer limit.
 
     Returns:
         Diagonal of W, at least 1, shape (n,).

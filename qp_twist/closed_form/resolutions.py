@@ -39,7 +39,7 @@ def resolved_motion_rate(
 
 
 def minimum_norm(jacobian: npt.ArrayLike, projector: ProjectorLike, twist: npt.ArrayLike) -> Array:
-    r"""The shortest joint displacement that does the task.
+    r"""The minimum-norm joint displacement of the task.
 
     .. math:: \Delta\theta = (\mathbf T\mathbf J)^\dagger \mathbf T\Delta\mathbf t
 

@@ -1,4 +1,4 @@
-"""The rows of a task: T J and T Δt without what T leaves out."""
+"""Task rows T J and T Δt."""
 
 from __future__ import annotations
 
@@ -34,8 +34,8 @@ def task_rows(
 ) -> tuple[Array, Array]:
     """A and b of the task A Δθ = b.
 
-    With a projector A = T J (6, n) and b = TΔt (6,); without one the rows are those given, of any
-    number: A = J (m, n), b = Δt (m,).
+    With a projector A = T J (6, n) and b = TΔt (6,); without one any rows A = J (m, n), b = Δt
+    (m,).
 
     Raises:
         InvalidInput: If a shape is wrong, an entry is not finite, or T is not in world axes.

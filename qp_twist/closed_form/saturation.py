@@ -16,15 +16,15 @@ from qp_twist.qp.verification import row_tolerance
 
 @dataclass(frozen=True, eq=False)
 class Saturation:
-    """What :func:`saturation_in_null_space` returns.
+    """Result of :func:`saturation_in_null_space`.
 
     Attributes:
-        displacement: Δθ, inside the bounds to the last bit, shape (n,).
-        scale: s in [0, 1], the share of the task that it does.
+        displacement: Δθ, exactly inside the bounds, shape (n,).
+        scale: s in [0, 1], the scale of the task.
         saturated: Joints that are held at a bound, shape (n,).
-        proven: Whether s is known to be the largest there is: always at s = 1; in the basic form
-            also where releasing a joint would not help; in the optimal form unless it ran out of
-            iterations. Where it is not, Δθ does s of the task inside the bounds all the same.
+        proven: Whether s is known to be the largest feasible scale: always at s = 1; in the basic
+            form also if releasing a joint would not help; in the optimal form unless the iterations
+            ran out. In any case Δθ is feasible and does s times the task.
     """
 
     displacement: Array
@@ -42,7 +42,7 @@ def saturation_in_null_space(
     *,
     optimal: bool = False,
 ) -> Saturation:
-    r"""The task within hard bounds on the joints, scaled where it does not fit.
+    r"""The task within hard bounds on the joints, scaled if infeasible.
 
     With A = T J, b = TΔt and W the diagonal matrix of ones for free and zeros for held joints,
 
@@ -54,30 +54,29 @@ def saturation_in_null_space(
     where Δθ_N has the held joints at their bounds and zeros elsewhere. Basic form (Flacco, De Luca
     and Khatib, "Control of redundant robots under hard joint constraints: saturation in the null
     space", IEEE Trans. Robotics 31(3), 2015): start with all joints free; while a bound is exceeded
-    at s = 1, hold the joint that allows the least s at its bound. It ends when the free joints
-    cannot do the task any more. A joint once held stays held, so neither the largest s nor the
-    shortest Δθ is guaranteed.
+    at s = 1, hold the joint that allows the least s at its bound. It ends when the free joints can
+    no longer do the task. Joints are never released, so neither the largest s nor the shortest Δθ
+    is guaranteed.
 
     Optimal form (after Flacco and De Luca, "Optimal redundancy resolution with task scaling under
     hard bounds in the robot joint space", IEEE ICRA 2013): held joints whose multiplier has the
     wrong sign are released, so that Δθ is the shortest at the largest s.
 
-    Both are found by letting s grow from 0
-    (:func:`~qp_twist.closed_form.saturation_path.saturation_path`). For the basic form that is the
-    same: when the joint that allows the least s is held, Δθ at this s is unchanged, so each trial
-    goes on where the one before ended, and the best scale need not be kept book of. For the optimal
-    form it gives a proof of the largest s.
+    Both are computed by increasing s from 0
+    (:func:`~qp_twist.closed_form.saturation_path.saturation_path`). For the basic form this is
+    equivalent: when the joint that allows the least s is held, Δθ at this s does not change, so
+    each trial continues where the previous one ended. For the optimal form it proves the largest s.
 
-    Where the rows of A are dependent b counts with its part in their range, as with the
-    pseudo-inverse: the rest is met by no displacement, at any scale. A task that bounds keep from
-    being met by no more than 1e-8 (longest row of A + max |b|) is met: its scale is 1.
+    For dependent rows of A only the part of b in their range counts, as with the pseudo-inverse: no
+    displacement meets the rest. A task whose residual due to bounds is at most 1e-8 (longest row of
+    A + max |b|) counts as met, with scale 1.
 
     Args:
         jacobian: J, shape (6, n); (m, n) without a projector.
-        projector: T of the task; ``None`` takes every row as it is.
+        projector: T of the task; ``None`` for all rows.
         twist: Δt, shape (6,); (m,) without a projector.
-        lower: Least displacement of each joint, at most 0, −∞ where there is none, shape (n,).
-        upper: Largest displacement of each joint, at least 0, +∞ where there is none, shape (n,).
+        lower: Smallest displacement of each joint, at most 0, −∞ without a bound, shape (n,).
+        upper: Largest displacement of each joint, at least 0, +∞ without a bound, shape (n,).
         optimal: The optimal form instead of the basic one.
 
     Raises:
@@ -98,7 +97,7 @@ def saturation_in_null_space(
     if scale < 1.0:
         closest = np.clip(c @ Q, low, high)
         if np.linalg.norm(A @ (closest - c @ Q)) <= row_tolerance(A, b):
-            # A task that is met up to rounding, by a joint at its bound.
+            # The task is met up to rounding, with a joint at its bound.
             return Saturation(closest, 1.0, closest != c @ Q, True)
     return Saturation(np.clip(step, low, high), scale, held, proven)
 

@@ -1,4 +1,4 @@
-"""The shortest step in a metric that makes some joints more expensive than others."""
+"""The least-norm step in a weighted metric."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ def weighted_least_norm(
     twist: npt.ArrayLike,
     weight: npt.ArrayLike,
 ) -> Array:
-    r"""The joint displacement of least weighted norm that does the task.
+    r"""The joint displacement of least weighted norm for the task.
 
     .. math::
 
@@ -28,14 +28,14 @@ def weighted_least_norm(
 
     with A = T J, b = TΔt and W diagonal. Chan and Dubey, "A weighted least-norm solution based
     scheme for avoiding joint limits for redundant joint manipulators", IEEE Trans. Robotics and
-    Automation 11(2), 1995. With :func:`joint_limit_weights` a joint that nears a limit is slowed
-    down; nothing keeps it from crossing where the task needs it.
+    Automation 11(2), 1995. With :func:`joint_limit_weights` a joint that approaches a limit is
+    slowed down; it still crosses the limit if the task requires it.
 
     The inverse is Moore–Penrose: rows that contradict each other are met in least squares.
 
     Args:
         jacobian: J, shape (6, n); (m, n) without a projector.
-        projector: T of the task; ``None`` takes every row as it is.
+        projector: T of the task; ``None`` for all rows.
         twist: Δt, shape (6,); (m,) without a projector.
         weight: Diagonal of W, positive, shape (n,).
 

@@ -28,18 +28,18 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _SAME_START = 1e-6
-"""Starts that differ by less were corrected from the same one, rad or m."""
+"""Starts that differ by less count as the same, rad or m."""
 
 
 @dataclass(frozen=True, eq=False)
 class Comparison:
-    """Trajectories of several methods along one path, and what they say.
+    """Trajectories of several methods along one path, and their comparison.
 
     Attributes:
         path_task: The task.
         solver: Backend of the QP methods.
         trajectories: By method name, closed forms before their QP counterparts.
-        not_run: Why a method could not start, by its name.
+        not_run: Why a method could not start, by method name.
     """
 
     path_task: PathTask
@@ -69,9 +69,9 @@ class Comparison:
 
     @property
     def z_bound(self) -> float | None:
-        """What the mean z of no motion from the start can be below.
+        """Lower bound of the mean z of all motions from the start.
 
-        ``None`` where no plan has found it, or the methods started differently.
+        ``None`` without a plan, or if the methods have different starts.
         """
         for run in self.trajectories.values():
             if run.z_bound is not None and math.isfinite(run.z_bound):
@@ -93,10 +93,10 @@ class Comparison:
 
         ``joints``: resolved motion rate and the twist decomposition, the paper's Fig. 3;
         ``joints_NAME``: a closed form beside its QP; ``along_the_path``: z, margin, task error;
-        ``roadmap``: what the limits leave, for an industrial arm with a free roll or a planar arm
-        with one redundant degree of freedom (the paper's Fig. 4).
+        ``roadmap``: the configurations inside the limits, for an industrial arm with a free roll or
+        a planar arm with one redundant degree of freedom (the paper's Fig. 4).
         """
-        # Matplotlib takes half a second that those who want numbers need not wait.
+        # Import Matplotlib on demand: it takes half a second.
         from qp_twist.comparison import joint_figure, path_figure, roadmap_figure
 
         figures = joint_figure.joint_figures(self.path_task, self.trajectories)
@@ -116,15 +116,15 @@ class Comparison:
     def report(self, folder: str | Path, *, command: str | None = None) -> list[str]:
         """Write ``report.html``, ``comparison.json``, the table, the figures and a picture.
 
-        ``report.html`` has everything in one page, with the arms moving in 3D. It opens from its
-        file and asks the network for nothing.
+        ``report.html`` has everything in one page, with the arms moving in 3D. It opens as a file,
+        without a network.
 
         Args:
-            folder: Folder to write to; made if it is not there.
-            command: What the report says makes it again; without it a command to the same effect.
+            folder: Folder to write to; created if necessary.
+            command: Command that reproduces the report; if ``None``, an equivalent one.
 
         Returns:
-            What was written, one path a line, and a sentence for what could not be.
+            The written files, one path per line, and a sentence for what could not be written.
         """
         from qp_twist.comparison.joint_figure import save_figure
         from qp_twist.comparison.report import report_page
@@ -132,14 +132,14 @@ class Comparison:
         folder = Path(folder)
         lines = self.save(folder)
         figures = self.figures()
-        # Figures of an earlier comparison in this folder would be taken for this one's.
+        # Remove figures of an earlier comparison in this folder.
         for name in {"roadmap", *(f"joints_{method}" for method in METHODS)} - set(figures):
             (folder / f"{name}.png").unlink(missing_ok=True)
         for name, figure in figures.items():
             lines.append(str(save_figure(figure, folder / f"{name}.png")))
         picture = folder / "scene.png"
         with tempfile.TemporaryDirectory() as temporary:
-            # The model, not its file: a workpiece may have been put elsewhere.
+            # Use the model, not its file: the workpiece may have been moved.
             scene = Path(temporary) / f"{self.path_task.scene.stem}.mjb"
             mujoco.mj_saveModel(self.path_task.model, str(scene), None)
             sentence = scene_picture.draw_scene(
@@ -160,7 +160,7 @@ class Comparison:
         return f"Comparison({self.path_task.name!r}, {list(self.trajectories)})"
 
     def _repr_html_(self) -> str:
-        """A small table, for notebooks; :meth:`table` and :meth:`report` say more."""
+        """A small table, for notebooks; see also :meth:`table` and :meth:`report`."""
         rows: list[tuple[object, ...]] = []
         for name, numbers in self.to_dict()["methods"].items():
             margin = numbers["min_margin"]
@@ -187,7 +187,7 @@ class Interrupted(KeyboardInterrupt):
     """Ctrl-C in the middle of a comparison.
 
     Attributes:
-        comparison: Of the methods that were finished before.
+        comparison: Comparison of the methods that were finished.
     """
 
     def __init__(self, comparison: Comparison) -> None:
@@ -206,11 +206,11 @@ def compare(
     """Follow a path with several methods.
 
     Args:
-        path_task: A task, or what :func:`~qp_twist.load_task` takes.
-        methods: Method names; all that make sense for the task if ``None``.
+        path_task: A task, or an argument of :func:`~qp_twist.load_task`.
+        methods: Method names; all that apply to the task if ``None``.
         solver: Backend of the QP methods; machine code if ``None``.
         progress: Called with a method's name and the number of its waypoints done.
-        planning: Called, while a plan is made, with what is being done and the share of it that is.
+        planning: Called during planning with the current phase and its share done.
 
     Raises:
         InvalidInput: If a method is unknown or does not apply, or none can start.
@@ -246,7 +246,8 @@ def compare(
                 task, name, solver=solver, progress=report_progress, planning=planning
             )
         except InvalidInput as error:
-            # One method that cannot start, such as one that needs the whole twist, stops no other.
+            # A method that cannot start, such as one that needs the whole twist, does not stop the
+            # others.
             not_run[name] = str(error)
         except KeyboardInterrupt:
             if not trajectories:

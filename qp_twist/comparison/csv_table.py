@@ -1,4 +1,4 @@
-"""The metrics as CSV: a row a method."""
+"""The metrics as CSV, one row per method."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any
 
 
 def csv_table(comparison: dict[str, Any]) -> str:
-    """The metrics as CSV, from the content of ``comparison.json``: a row a method.
+    """The metrics as CSV, from the content of ``comparison.json``: one row per method.
 
     Columns are named as in the JSON, with the unit in the name where it has one. ``null`` is an
     empty cell; ``first_violation`` reads ``joint_2 at 3; joint_5 at 40``, ``reconfigurations`` has

@@ -1,4 +1,4 @@
-"""What a comparison shows, in sentences computed from its numbers."""
+"""Findings of a comparison, as sentences computed from its numbers."""
 
 from __future__ import annotations
 
@@ -21,23 +21,23 @@ from qp_twist.following import Trajectory
 from qp_twist.paths import METHODS
 
 AS_GOOD = 0.05
-"""Two runs that keep limits and task are as good as each other up to this share of z and travel."""
+"""Two runs that keep limits and task count as equally good up to this share of z and travel."""
 _COMPARED = {"mean_z": "mean z", "travel_deg": "travel"}
-"""What runs are compared by, and its name."""
+"""The compared metrics, and their names."""
 _MORE_MM, _MORE_DEG = 1e3, math.degrees(1.0)
 
 
 @dataclass(frozen=True)
-class MethodSummary:
-    """What the sentences about one method are made from.
+class MethodRun:
+    """Data of one method for the sentences.
 
     Attributes:
-        name: Of the method.
+        name: Name of the method.
         numbers: Its :func:`~qp_twist.comparison.metrics`.
-        reached: Number of waypoints that it went through before it ended or diverged.
+        reached: Number of waypoints before it ended or diverged.
         waypoints: Number of waypoints of the path.
-        speed: Its highest joint speed; ``None`` where the task has no clock or no such limits.
-        compiled: Share of its waypoints that compiled code reached.
+        speed: Its highest joint speed; ``None`` without a feed or speed limits.
+        compiled: Share of its waypoints that compiled code computed.
     """
 
     name: str
@@ -48,7 +48,7 @@ class MethodSummary:
     compiled: float = 0.0
 
     @classmethod
-    def of(cls, trajectory: Trajectory) -> MethodSummary:
+    def of(cls, trajectory: Trajectory) -> MethodRun:
         """The run of a trajectory."""
         reached = len(trajectory.q)
         if trajectory.diverged_at is not None:
@@ -77,7 +77,7 @@ class MethodSummary:
 
     @property
     def faults(self) -> list[str]:
-        """What it did not keep, as ends of a sentence that begins with its name."""
+        """Its faults, as clauses that follow its name."""
         faults = []
         if self.reached < self.waypoints:
             faults.append(f"stopped at waypoint {self.reached} of {self.waypoints}")
@@ -101,7 +101,7 @@ class MethodSummary:
 
     @property
     def code(self) -> str:
-        """What its time was taken in; times compare only where it is the same."""
+        """The code of its run; times compare only for the same code."""
         if METHODS[self.name].peer:
             return "another library"
         if self.compiled >= 1.0:
@@ -114,19 +114,19 @@ def findings(
     not_run: Mapping[str, str] | None = None,
     bound: float | None = None,
 ) -> list[str]:
-    """What a comparison shows, a sentence or two an entry.
+    """Findings of a comparison, one or two sentences each.
 
     Args:
-        trajectories: By method name.
-        not_run: Why a method could not start, by its name.
-        bound: What no motion's mean z can be below, where a plan has found it.
+        trajectories: Trajectories by method name.
+        not_run: Why a method could not start, by method name.
+        bound: Lower bound of the mean z of all motions, if a plan has one.
     """
-    runs = [MethodSummary.of(trajectory) for trajectory in trajectories.values()]
+    runs = [MethodRun.of(trajectory) for trajectory in trajectories.values()]
     return list(chain.from_iterable(by_topic(runs, not_run or {}, bound).values()))
 
 
 def by_topic(
-    runs: Sequence[MethodSummary],
+    runs: Sequence[MethodRun],
     not_run: Mapping[str, str] | None = None,
     bound: float | None = None,
 ) -> dict[str, list[str]]:
@@ -144,11 +144,11 @@ def by_topic(
     return {heading: sentences for heading, sentences in topics.items() if sentences}
 
 
-def _limits(runs: Sequence[MethodSummary]) -> list[str]:
+def _limits(runs: Sequence[MethodRun]) -> list[str]:
     margins = {r.name: r.numbers["min_margin"] for r in runs}
     if all(margin is None for margin in margins.values()):
         return ["No joint has limits, so that there were none to keep."]
-    # Equal as printed: in the order in which they ran.
+    # Runs equal as printed stay in the order in which they ran.
     inside = sorted((r for r in runs if r.inside), key=lambda r: -float(_margin(margins[r.name])))
     outside = sorted((r for r in runs if not r.inside), key=lambda r: _first_violation(r)[1])
     if not inside:
@@ -158,7 +158,7 @@ def _limits(runs: Sequence[MethodSummary]) -> list[str]:
             _either(len(runs) - 1, "Neither method", f"None of {_number(len(runs))} methods")
             + " stayed",
         )
-        said = [f"{who} inside the joint limits."]
+        sentences = [f"{who} inside the joint limits."]
     else:
         if len(runs) == 1:
             who = inside[0].name
@@ -167,19 +167,19 @@ def _limits(runs: Sequence[MethodSummary]) -> list[str]:
         else:
             who = _either(len(runs) - 1, "Both methods", f"All {_number(len(runs))} methods")
         names = _listed([f"{r.name} {_margin(margins[r.name])}" for r in inside])
-        said = [
+        sentences = [
             f"{who} stayed inside the joint limits. Smallest margin, 1 mid-range and 0 at a limit: "
             f"{names}."
         ]
     if outside:
-        said.append(_left_limits(outside, len(runs)))
-    return said
+        sentences.append(_left_limits(outside, len(runs)))
+    return sentences
 
 
-def _left_limits(outside: Sequence[MethodSummary], count: int) -> str:
-    """Who of ``count`` left the limits, in the order of the waypoints, and how far."""
+def _left_limits(outside: Sequence[MethodRun], count: int) -> str:
+    """Which of ``count`` methods left the limits, by waypoint, and how far."""
 
-    def where(run: MethodSummary) -> str:
+    def where(run: MethodRun) -> str:
         joint, waypoint = _first_violation(run)
         return f"{run.name} ({joint} at waypoint {waypoint})"
 
@@ -204,7 +204,7 @@ def _left_limits(outside: Sequence[MethodSummary], count: int) -> str:
     return f"{text}. {who} {out}, the furthest."
 
 
-def _speeds(runs: Sequence[MethodSummary]) -> list[str]:
+def _speeds(runs: Sequence[MethodRun]) -> list[str]:
     timed = [r for r in runs if r.speed is not None]
     if not timed:
         return []
@@ -219,33 +219,33 @@ def _speeds(runs: Sequence[MethodSummary]) -> list[str]:
     return [f"At the task's feed joints were too fast in {_listed(too_fast)}."]
 
 
-def _task(runs: Sequence[MethodSummary]) -> list[str]:
-    said = []
+def _task(runs: Sequence[MethodRun]) -> list[str]:
+    sentences = []
     off = [r for r in runs if not r.on_path]
     tolerance = f"{_MORE_MM * TASK_MET_M:g} mm and {_digits(_MORE_DEG * TASK_MET_RAD)}°"
     if len(runs) == 1:
         met = "met" if not off else "did not meet"
-        said.append(f"{runs[0].name} {met} every waypoint to {tolerance}.")
+        sentences.append(f"{runs[0].name} {met} every waypoint to {tolerance}.")
     elif not off:
-        said.append(f"Every waypoint was met by all methods to {tolerance}.")
+        sentences.append(f"Every waypoint was met by all methods to {tolerance}.")
     elif len(off) == len(runs):
-        said.append(f"No method met every waypoint to {tolerance}.")
+        sentences.append(f"No method met every waypoint to {tolerance}.")
     if off:
         off.sort(key=lambda r: -r.numbers["position_error_max_m"])
         errors = _listed([f"{r.name} (by {_off_by(r)})" for r in off])
-        said.append(f"Off the path by more than {tolerance} at some waypoint: {errors}.")
+        sentences.append(f"Off the path by more than {tolerance} at some waypoint: {errors}.")
     ended = [r for r in runs if r.reached < r.waypoints]
     if ended:
         where = _listed([f"{r.name} at waypoint {r.reached}" for r in ended])
-        said.append(f"Stopped before the end, of {runs[0].waypoints} waypoints: {where}.")
+        sentences.append(f"Stopped before the end, of {runs[0].waypoints} waypoints: {where}.")
     for key, what in EXCESSES.items():
         left = [r.name for r in runs if r.numbers.get(key, 0.0) > BAND_LEFT]
         if left:
-            said.append(f"Outside a {what} at some waypoint: {_listed(left)}.")
-    return said
+            sentences.append(f"Outside a {what} at some waypoint: {_listed(left)}.")
+    return sentences
 
 
-def _best(runs: Sequence[MethodSummary], bound: float | None) -> list[str]:
+def _best(runs: Sequence[MethodRun], bound: float | None) -> list[str]:
     if len(runs) < 2 or all(r.numbers["min_margin"] is None for r in runs):
         return []
     kept = [r for r in runs if not r.faults]
@@ -278,18 +278,18 @@ def _best(runs: Sequence[MethodSummary], bound: float | None) -> list[str]:
             f"; next {_either(len(second), 'is', 'are')} {_listed([r.name for r in second])} with "
             f"{value}"
         )
-    said = [text + "."]
+    sentences = [text + "."]
     if len(kept) > 1 and len(best) < len(kept):
-        said += [_cost(run, kept, named=len(best) > 1) for run in best]
+        sentences += [_cost(run, kept, named=len(best) > 1) for run in best]
     lower = [r for r in runs if r.faults and _mean_z(r) < float(z) and _digits(_mean_z(r)) != z]
     if lower:
         reasons = [f"{r.name} ({_digits(_mean_z(r))}) {_listed(r.faults)}" for r in lower]
-        said.append(f"A lower mean z came with a fault: {'; '.join(reasons)}.")
-    return said
+        sentences.append(f"A lower mean z came with a fault: {'; '.join(reasons)}.")
+    return sentences
 
 
-def _cost(run: MethodSummary, kept: Sequence[MethodSummary], *, named: bool) -> str:
-    """What the best z was paid with: travel, time and error beside the least of those that kept."""
+def _cost(run: MethodRun, kept: Sequence[MethodRun], *, named: bool) -> str:
+    """Costs of the best z: travel, time and error beside the least of the faultless runs."""
     travel, time = run.numbers["travel_deg"], run.numbers["time_per_waypoint_us"]
     parts = [f"travels {travel:.0f}°" + _beside_least(run, kept, "travel_deg")]
     alike = [r for r in kept if r.code == run.code]
@@ -301,8 +301,8 @@ def _cost(run: MethodSummary, kept: Sequence[MethodSummary], *, named: bool) -> 
     return f"{who} {', and '.join(parts)}; its error is at most {_error(run)}."
 
 
-def _beside_least(run: MethodSummary, runs: Sequence[MethodSummary], key: str, of: str = "") -> str:
-    """A number beside the least of all, as an end of a sentence: equal as printed is equal."""
+def _beside_least(run: MethodRun, runs: Sequence[MethodRun], key: str, of: str = "") -> str:
+    """A number beside the least of all, as a clause; numbers equal as printed are equal."""
     least, shown = _extreme(runs, lambda r: float(r.numbers[key]), digits="{:.0f}".format)
     if run in least:
         equal = _either(len(least), "the least", "as little as any other")
@@ -314,25 +314,25 @@ def _beside_least(run: MethodSummary, runs: Sequence[MethodSummary], key: str, o
     return f", {_digits(run.numbers[key] / low)} times the least{of} ({names})"
 
 
-def _pairs(runs: Sequence[MethodSummary]) -> list[str]:
+def _pairs(runs: Sequence[MethodRun]) -> list[str]:
     ran = {r.name: r for r in runs}
-    said = []
+    sentences = []
     for run in runs:
         method = METHODS[run.name]
         if method.constrained or method.counterpart not in ran:
             continue
-        said.append(_pair(run, ran[method.counterpart]))
-    if said:
-        said.append(
+        sentences.append(_pair(run, ran[method.counterpart]))
+    if sentences:
+        sentences.append(
             f"“As good” means: limits and task kept, mean z and travel no more than "
             f"{100 * AS_GOOD:g} % above. Times are wall times of one run on one machine, and are "
             "compared where both methods ran compiled or both in Python."
         )
-    return said
+    return sentences
 
 
-def _pair(closed: MethodSummary, qp: MethodSummary) -> str:
-    """How a closed form, or another library's step, did beside its QP."""
+def _pair(closed: MethodRun, qp: MethodRun) -> str:
+    """A closed form, or another library's step, compared with its QP."""
     if closed.faults and qp.faults:
         return (
             f"Neither {closed.name} nor {qp.name} kept everything: {closed.name} "
@@ -348,7 +348,7 @@ def _pair(closed: MethodSummary, qp: MethodSummary) -> str:
             f"{closed.name} was better than {qp.name}: it kept limits and task, while {qp.name} "
             f"{_listed(qp.faults)}."
         )
-    # As printed: what the digits cannot tell decides nothing.
+    # Compare as printed: differences below the digits do not count.
     z = _ratio(closed.numbers["mean_z"], qp.numbers["mean_z"])
     travel = _ratio(closed.numbers["travel_deg"], qp.numbers["travel_deg"])
     low, high = 1.0 / (1.0 + AS_GOOD), 1.0 + AS_GOOD
@@ -364,7 +364,7 @@ def _pair(closed: MethodSummary, qp: MethodSummary) -> str:
     )
 
 
-def _time_beside(closed: MethodSummary, qp: MethodSummary) -> str:
+def _time_beside(closed: MethodRun, qp: MethodRun) -> str:
     """The time of a pair: a ratio where both ran in the same code, else both times and codes."""
     mine, theirs = (float(r.numbers["time_per_waypoint_us"]) for r in (closed, qp))
     if closed.code == qp.code:
@@ -385,39 +385,39 @@ def _of_code(code: str) -> str:
 
 
 def _extreme(
-    runs: Sequence[MethodSummary],
-    value: Callable[[MethodSummary], float],
+    runs: Sequence[MethodRun],
+    value: Callable[[MethodRun], float],
     *,
     largest: bool = False,
     digits: Callable[[float], str] | None = None,
-) -> tuple[list[MethodSummary], str]:
-    """The runs whose value is the smallest or the largest as printed, and how it is printed.
+) -> tuple[list[MethodRun], str]:
+    """The runs with the smallest or largest value as printed, and that value.
 
-    Runs that the printed digits cannot tell apart share the place.
+    Runs with equal printed digits share the place.
     """
     shown = digits or _digits
     text = shown((max if largest else min)(map(value, runs)))
     return [r for r in runs if shown(value(r)) == text], text
 
 
-def _mean_z(run: MethodSummary) -> float:
+def _mean_z(run: MethodRun) -> float:
     return float(run.numbers["mean_z"])
 
 
-def _first_violation(run: MethodSummary) -> tuple[str, int]:
+def _first_violation(run: MethodRun) -> tuple[str, int]:
     joint, waypoint = min(run.numbers["first_violation"].items(), key=lambda item: item[1])
     return str(joint), int(waypoint)
 
 
-def _error(run: MethodSummary) -> str:
-    """The largest errors; the angular one only where there is one."""
+def _error(run: MethodRun) -> str:
+    """The largest errors; the angular one only if nonzero."""
     text = f"{_digits(_MORE_MM * run.numbers['position_error_max_m'])} mm"
     angle = run.numbers["axis_error_max_rad"]
     return text + (f" and {_digits(_MORE_DEG * angle)}°" if angle > 0.0 else "")
 
 
-def _off_by(run: MethodSummary) -> str:
-    """How far a run is off the path, which may be anything where it diverged."""
+def _off_by(run: MethodRun) -> str:
+    """Path error of a run, possibly huge if it diverged."""
     errors = run.numbers["position_error_max_m"], run.numbers["axis_error_max_rad"]
     return f"up to {_error(run)}" if all(map(math.isfinite, errors)) else "an unknown amount"
 
@@ -428,7 +428,7 @@ def _speed(speed: PeakSpeed) -> str:
 
 
 def _ratio(value: float, other: float) -> float:
-    """``value / other`` to the digits that are printed; 1 where both are nothing."""
+    """``value / other`` to the printed digits; 1 if both are zero."""
     if abs(value - other) <= 1e-12:
         return 1.0
     return round(value / other, 2) if other else math.inf
@@ -447,7 +447,7 @@ def _margin(margin: float | None) -> str:
 
 
 def _digits(value: float) -> str:
-    """Three significant digits, without a power of ten where one is not needed."""
+    """Three significant digits, without a power of ten if possible."""
     if not math.isfinite(value):
         return "an unknown number of" if math.isnan(value) else "∞" if value > 0.0 else "−∞"
     if value == 0.0:

@@ -47,7 +47,7 @@ def joint_figures(path_task: PathTask, trajectories: Mapping[str, Trajectory]) -
 
 
 def joint_figure(path_task: PathTask, trajectories: Mapping[str, Trajectory], title: str) -> Figure:
-    """One panel a joint: limits in red, violations and reconfigurations marked.
+    """One panel per joint: limits in red, violations and reconfigurations marked.
 
     A red cross marks a joint's first waypoint outside its limits, a triangle on the axis a
     waypoint that was reached by a step above 15° in some joint.
@@ -74,7 +74,7 @@ def joint_figure(path_task: PathTask, trajectories: Mapping[str, Trajectory], ti
 
 
 def save_figure(figure: Figure, path: Path) -> Path:
-    """Write a PNG beside its place and rename it, so that a failure leaves nothing half-written."""
+    """Write a PNG under a temporary name and rename it: a failure leaves no partial file."""
     with whole_file(path) as unfinished, mpl.rc_context(RC):
         figure.savefig(unfinished, format="png")
     return path
@@ -114,7 +114,7 @@ def mark_violation(
     panel.plot(
         waypoint, value, "x", color=LIMIT, ms=size[0], mew=size[1], zorder=6, gid=gid,
     )  # fmt: skip
-    # Towards the inside of the limits, where there is room.
+    # Towards the inside of the limits.
     panel.annotate(
         str(waypoint), (waypoint, value), textcoords="offset points",
         xytext=(6, -11 if value > middle else 5), color=LIMIT, fontweight="bold", gid=gid,
@@ -122,7 +122,7 @@ def mark_violation(
 
 
 def draw_limits(panel: Axes, ranges: JointRanges, dof: int, curves: Sequence[Array]) -> None:
-    """A joint's limits in red, what lies beyond them shaded, and its name and unit."""
+    """A joint's limits in red, the outside shaded, and its name and unit."""
     if ranges.limited[dof]:
         unit = np.degrees(1.0) if ranges.hinge[dof] else 1.0
         lower, upper = unit * ranges.lower[dof], unit * ranges.upper[dof]
@@ -136,7 +136,7 @@ def draw_limits(panel: Axes, ranges: JointRanges, dof: int, curves: Sequence[Arr
 
 
 def _view(lower: float, upper: float, curves: Sequence[Array]) -> tuple[float, float]:
-    """The limits with some room, more where a curve leaves them, but not all that it may take."""
+    """Axis limits: the joint limits with a margin, larger if a curve leaves them, but bounded."""
     width = upper - lower
     seen = np.concatenate(curves)
     low = max(min(lower - 0.08 * width, seen.min() - 0.05 * width), lower - 0.5 * width)

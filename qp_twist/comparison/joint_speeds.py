@@ -12,31 +12,31 @@ from qp_twist.kinematics import JointRanges
 from qp_twist.paths import PathTask
 
 OVER = 1.0 + 1e-6
-"""A joint counts as too fast from this share of its limit on."""
+"""Share of its limit from which a joint counts as too fast."""
 
 
 class PeakSpeed(NamedTuple):
     """The highest joint speed of a trajectory."""
 
     share: float
-    """Of the joint's limit."""
+    """Share of the joint's limit."""
     joint: str
     waypoint: int
-    """That the motion arrives at, counted from 1."""
+    """Waypoint at which the motion arrives, from 1."""
 
 
 def has_speed_limits(path_task: PathTask) -> bool:
-    """Whether the task has a clock, and a limit of some joint's speed."""
+    """Whether the task has a feed and a joint speed limit."""
     return path_task.durations is not None and bool(np.isfinite(path_task.velocity_limits).any())
 
 
 def speed_shares(trajectory: Trajectory) -> Array:
-    r"""Mean speed of each joint on the way to each waypoint over its limit, (N, nv).
+    r"""Mean speed of each joint before each waypoint, over its limit, (N, nv).
 
     .. math:: |\theta_{i+1} - \theta_i| \,/\, (\dot\theta_{max}\, \delta t_{i+1})
 
-    The first row is 0: nothing leads to the first waypoint. Without a clock or limits all are 0.
-    δt is the time that the trajectory took for the waypoint.
+    The first row is 0. Without a feed or limits all are 0. δt is the trajectory's duration of the
+    waypoint.
     """
     task = trajectory.path_task
     q = JointRanges.of(task.model).positions(trajectory.q)
@@ -48,7 +48,7 @@ def speed_shares(trajectory: Trajectory) -> Array:
 
 
 def peak_speed(trajectory: Trajectory) -> PeakSpeed | None:
-    """Where a joint comes closest to its speed limit; ``None`` without a clock or limits."""
+    """The joint and waypoint closest to a speed limit; ``None`` without a feed or limits."""
     if not has_speed_limits(trajectory.path_task):
         return None
     shares = speed_shares(trajectory)

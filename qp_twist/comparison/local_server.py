@@ -1,9 +1,9 @@
-"""A viser server for this machine alone, which serves no page but its own.
+"""A viser server for this machine only, which serves only its own page.
 
-viser accepts a websocket whatever page opened it, and whatever name the page was reached by. Any
-web page that is open in a browser of this machine could then send it the messages of the live page:
-directly (cross-site WebSocket hijacking), or under a host name of its own that it lets point at
-127.0.0.1 (DNS rebinding). :class:`LocalServer` looks at each request before viser does.
+viser accepts a websocket from any page and under any host name. Any web page open in a browser of
+this machine could send it the messages of the live page: directly (cross-site WebSocket hijacking),
+or under its own host name that resolves to 127.0.0.1 (DNS rebinding). :class:`LocalServer` checks
+each request before viser receives it.
 """
 
 from __future__ import annotations
@@ -33,20 +33,20 @@ from qp_twist.errors import QpTwistError
 HOST = "127.0.0.1"
 """The address that is served."""
 NAMES = (HOST, "localhost", "[::1]")
-"""The names of this machine by which a page may be asked for; none that DNS can give away."""
+"""Host names under which a page is served; none that DNS could assign to others."""
 _FOREIGN = "foreign.invalid"
-"""A name that no machine has (RFC 2606): with it a server checks whether it refuses."""
+"""A host name that no machine has (RFC 2606), to test the refusal."""
 _LONGEST = 200
 _MOST = 20
-"""Different refusals that are logged; a page may try for ever."""
+"""Largest number of logged refusals."""
 _REPLACING = threading.Lock()
-"""Held while the function that viser starts its server by is replaced."""
+"""Lock while viser's start function is replaced."""
 
 log = logging.getLogger(__name__)
 
 
 class OpenServer(QpTwistError):
-    """The server would have answered any web page, so it was ended."""
+    """The server would have answered any web page, so it was stopped."""
 
 
 class LocalServer(viser.ViserServer):
@@ -61,24 +61,24 @@ class LocalServer(viser.ViserServer):
     for a websocket           it has such an ``Origin``; browsers always send one
     ========================  ==============================================================
 
-    All others get 403 Forbidden. The port in ``Host`` is free, since that is what a forwarded port
-    looks like (``ssh -L``). A query is refused because viser's page takes the server that it obeys
-    from it (``?websocket=``), and that server may run scripts in the page. The page cannot be put
-    into a frame of another page, nor ask other servers for anything (``Content-Security-Policy``).
-
-    A message that cannot be read ends its connection, and is one line of the log.
+    All others get 403 Forbidden. Any port in ``Host`` is accepted, because of forwarded ports
+    (``ssh -L``). A query is refused because it can direct viser's page to another server
+    (``?websocket=``), which could run scripts in the page. The page cannot be embedded in a frame
+    of another page, nor contact other servers (``Content-Security-Policy``). An invalid message
+    ends its connection and is logged in one line.
     """
 
     def __init__(self, port: int, names: Sequence[str] = NAMES, **options: Any) -> None:
         """Serve at 127.0.0.1.
 
         Args:
-            port: Of this machine; 0 for a free one.
-            names: The names by which it may be asked for; none: it answers nobody.
-            options: Of :class:`viser.ViserServer`.
+            port: Port of this machine; 0 for a free one.
+            names: Host names that it answers; if empty, it refuses every request.
+            options: Options of :class:`viser.ViserServer`.
 
         Raises:
-            OpenServer: If it answers what it must refuse, as a later version of viser might.
+            OpenServer: If it answers a request that it must refuse, as with a later version of
+                viser.
         """
         requests = _RequestFilter(names)
         with contextlib.redirect_stdout(io.StringIO()), _filtering(requests):
@@ -94,15 +94,15 @@ class LocalServer(viser.ViserServer):
 
     @property
     def url(self) -> str:
-        """Where the page is."""
+        """URL of the page."""
         return f"http://{HOST}:{self.get_port()}"
 
     def request_share_url(self, verbose: bool = True) -> str | None:
-        """Refuse: viser would hand the page on by a server elsewhere."""
+        """Refuse: viser would share the page over a server elsewhere."""
         return None
 
     def stop(self) -> None:
-        """End, without the line that viser prints."""
+        """Stop, without the line that viser prints."""
         with contextlib.redirect_stdout(io.StringIO()):
             super().stop()
 
@@ -120,7 +120,7 @@ class _RequestFilter:
         self.logs = False
 
     def refusal(self, request: Request) -> str | None:
-        """Why a request is not answered; ``None`` if it is."""
+        """Why a request is refused; ``None`` if it is answered."""
         headers = request.headers
         hosts, origins = headers.get_all("Host"), headers.get_all("Origin")
         if len(hosts) != 1 or self._host.fullmatch(hosts[0].lower()) is None:
@@ -142,7 +142,7 @@ class _RequestFilter:
 
 @contextlib.contextmanager
 def _filtering(requests: _RequestFilter) -> Iterator[None]:
-    """Filter the requests of the viser server that is started meanwhile.
+    """Filter the requests of the viser server that is started inside.
 
     viser has no option for a filter. It starts its server by ``websockets.asyncio.server.serve``,
     which has one (``process_request``): that function is replaced while the server starts.
@@ -187,7 +187,7 @@ def _filtering(requests: _RequestFilter) -> Iterator[None]:
 
 
 def _confine(headers: Headers, host: str) -> None:
-    """The page stays out of other pages' frames, and asks no other server for anything."""
+    """Headers: no embedding in frames of other pages, no connections to other servers."""
     headers["Content-Security-Policy"] = (
         f"frame-ancestors 'none'; connect-src 'self' ws://{host} data: blob:"
     )
@@ -214,14 +214,14 @@ def _refuses(port: int) -> bool:
 
 
 def _log_failed_task(loop: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
-    """A task of viser's failed: a message could be read, but says something impossible."""
+    """Log a failed task of viser: a valid message with impossible content."""
     error = context.get("exception")
     why = context["message"] if error is None else _named(error)
     log.warning("ignored a message of the page (%s)", why)
 
 
 def _server_log() -> logging.Logger:
-    """Of requests that are no HTTP, a line; of those that were given up, nothing."""
+    """Log requests that are not HTTP in one line; ignore cancelled ones."""
     server = log.getChild("requests")
     if not server.filters:
         server.addFilter(_to_one_line)
@@ -245,7 +245,7 @@ def _named(error: BaseException) -> str:
 
 
 def _shown(values: Sequence[str], quotes: bool = True) -> str:
-    """Values of a stranger, fit for a terminal."""
+    """Values from a request, safe for a terminal."""
     text = ", ".join(values)[:_LONGEST]
     text = "".join(c if c.isprintable() and c.isascii() else "?" for c in text)
     return f"“{text}”" if quotes else text

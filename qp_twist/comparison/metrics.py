@@ -12,15 +12,15 @@ from qp_twist.kinematics import JointRanges
 from qp_twist.paths import METHODS
 
 OUTSIDE = 1e-9
-"""A joint counts as outside its limits from here on, rad or m."""
+"""Violation from which a joint counts as outside its limits, rad or m."""
 RECONFIGURATION_DEG = 15.0
 """A step larger than this in any joint is a reconfiguration, degrees."""
 TASK_MET_M = 1e-5
 TASK_MET_RAD = 1e-5
 EXCESSES = {"band_excess_max": "tolerance band", "constraint_excess_max": "constraint"}
-"""Columns that only tasks have which state such a thing, and what is left where they are not 0."""
+"""Metrics of tasks with bands or constraints, and the name of what is left if they are not 0."""
 BAND_LEFT = 1e-5
-"""A band counts as left from here on, rad or m."""
+"""Violation from which a band counts as left, rad or m."""
 
 
 def metrics(trajectory: Trajectory) -> dict[str, Any]:
@@ -38,8 +38,8 @@ def metrics(trajectory: Trajectory) -> dict[str, Any]:
     share of the waypoints was :func:`compiled <compiled_share>`.
     ``band_excess_max``, ``constraint_excess_max``: largest excess of a tolerance band and of a
     constraint, only where the task has such.
-    ``status``: the run in a sentence. Like the errors it is about the waypoints; what lies between
-    them is asked by :attr:`~qp_twist.Trajectory.between` and :func:`~qp_twist.check_trajectory`.
+    ``status``: the run in a sentence. Like the errors it is about the waypoints; for the motion
+    between them see :attr:`~qp_twist.Trajectory.between` and :func:`~qp_twist.check_trajectory`.
     """
     ranges = JointRanges.of(trajectory.path_task.model)
     q = ranges.positions(trajectory.q)
@@ -78,12 +78,12 @@ def metrics(trajectory: Trajectory) -> dict[str, Any]:
 
 
 def compiled_share(trajectory: Trajectory) -> float:
-    """Share of the waypoints after the start that compiled code reached, 0 to 1."""
+    """Share of the waypoints after the start computed by compiled code, 0 to 1."""
     return min(1.0, trajectory.compiled / max(1, len(trajectory.q) - 1))
 
 
 def _status(trajectory: Trajectory, numbers: dict[str, Any]) -> str:
-    """What happened, and what stood in the way."""
+    """Status of the run, with active limits."""
     parts = []
     if trajectory.diverged_at is not None:
         parts.append(f"diverged at waypoint {trajectory.diverged_at}")
@@ -122,6 +122,6 @@ def _status(trajectory: Trajectory, numbers: dict[str, Any]) -> str:
 
 
 def _waypoints(which: np.ndarray[tuple[int], np.dtype[np.bool_]]) -> str:
-    """How many waypoints, in words."""
+    """Number of waypoints in words."""
     count = int(which.sum())
     return f"{count} waypoint{'' if count == 1 else 's'}"

@@ -41,7 +41,7 @@ def path_figure(path_task: PathTask, trajectories: Mapping[str, Trajectory]) -> 
                 panel.axvspan(begin, begin + segment.blend, color=GRID, linewidth=1.0, zorder=0)
         panels[0].set_title("z, distance from the middle of the joint ranges (lower is better)")
         if largest:
-            # Methods that leave the limits may leave the panel: the others are to be told apart.
+            # Scale the panel to methods inside the limits; others may leave it.
             panels[0].set_ylim(0.0, 1.25 * largest)
         panels[1].set_title("smallest joint margin: 1 mid-range, 0 at a limit")
         panels[1].axhline(0.0, color=LIMIT, linewidth=1.2)

@@ -1,4 +1,4 @@
-"""Roadmaps; for planar arms that of the paper's Fig. 4: self-motion manifolds and the methods."""
+"""Roadmaps; for planar arms as in the paper's Fig. 4: self-motion manifolds and the methods."""
 
 from __future__ import annotations
 
@@ -28,11 +28,11 @@ if TYPE_CHECKING:
 
 _INSIDE, _OUTSIDE = "#333333", "#C8C8C8"
 _DRAWN = 50
-"""About how many waypoints have their manifolds drawn."""
+"""Approximate number of waypoints whose manifolds are drawn."""
 
 
 def applies_to(path_task: PathTask) -> bool:
-    """Whether the figure can be drawn: a free roll, or a planar arm with always one free degree."""
+    """Whether the figure can be drawn: a free roll, or a planar arm with one free degree."""
     return roll_arm(path_task) is not None or _is_planar(path_task)
 
 
@@ -62,14 +62,14 @@ def check_applies(path_task: PathTask) -> None:
 def roadmap_figure(
     path_task: PathTask, trajectories: Mapping[str, Trajectory], *, seed: int = 0
 ) -> Figure:
-    """What is possible along the path, with each method over it.
+    """The configurations inside the limits along the path, with each method.
 
     For an industrial arm with a free roll :func:`~qp_twist.comparison.roll_figure.roll_figure`. For
     a planar arm one panel a joint: manifolds as vertical lines, limits in red. A manifold's part is
     dark where the whole configuration is inside its limits, light elsewhere.
 
     Raises:
-        InvalidInput: If the task is not of the kind that can be drawn so.
+        InvalidInput: If the figure cannot be drawn for the task.
     """
     check_applies(path_task)
     if not _is_planar(path_task):
@@ -113,7 +113,7 @@ def _draw_manifolds(
                 if abs(theta[i + 1] - theta[i]) < 90.0:
                     segment = [(waypoint, theta[i]), (waypoint, theta[i + 1])]
                     (inside if ok[i] and ok[i + 1] else outside).append(segment)
-    # Thousands of short lines: a picture of them weighs a tenth.
+    # Thousands of short lines: rasterised they take a tenth of the size.
     panel.add_collection(
         LineCollection(outside, colors=_OUTSIDE, linewidths=1.0, zorder=1, rasterized=True)
     )

@@ -1,4 +1,4 @@
-"""The roadmap of an industrial arm: waypoint × roll, a panel a branch."""
+"""The roadmap of an industrial arm: waypoint × roll, one panel per branch."""
 
 from __future__ import annotations
 
@@ -25,15 +25,14 @@ Mask = npt.NDArray[np.bool_]
 
 _MARGINS = mpl.colormaps["viridis"].resampled(16)  # bands are easier to compare than a gradient
 SINGULAR = 0.1
-"""σ_min of the task rows that is marked: below it joints run fast for little motion."""
+"""Contour of σ_min of the task rows: below it joints move fast for little motion."""
 _OUTSIDE, _STUCK = "#D9D9D9", "#444444"
 
 
 def roll_figure(roll_map: RollMap, trajectories: Mapping[str, Trajectory]) -> Figure:
     """Margin by colour, red at the joint limits, grey outside; each method's roll over it.
 
-    A panel for each branch of which more than 0.5 % is inside the limits, or that a method goes
-    through.
+    One panel for each branch with more than 0.5 % inside the limits, or that a method uses.
     """
     ways = {name: roll_map.locate(t.q) for name, t in trajectories.items()}
     margins = roll_map.margins
@@ -109,7 +108,7 @@ def _draw_margins(panel: Axes, roll_map: RollMap, branch: int, largest: float) -
 
 
 def _draw_way(panel: Axes, name: str, rolls: Array, here: Mask) -> None:
-    """The part of a method's way that is in a branch; cut where the roll passes 180°."""
+    """The part of a method's path in a branch; cut where the roll passes 180°."""
     degrees = np.where(here, np.degrees(rolls), np.nan)
     if np.isfinite(degrees).sum() < 2:
         return

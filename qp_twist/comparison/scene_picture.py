@@ -1,8 +1,8 @@
-"""A picture of the scene: the arm, the path as a red tube, traces of what was followed.
+"""A picture of the scene: the arm, the path as a red tube, traces of trajectories.
 
 OpenGL without a screen may be missing, raise, abort or crash, depending on the machine's drivers.
-The picture is therefore drawn by a process of its own, which runs this module with `python -m`:
-whatever happens there, the caller gets a picture or a sentence, and goes on.
+The picture is therefore drawn by a separate process, which runs this module with `python -m`: if
+that fails, the caller gets a sentence instead of a picture.
 """
 
 from __future__ import annotations
@@ -60,7 +60,7 @@ def draw_scene(
 
     Returns:
         None when `out` is written; otherwise a sentence that says why there is no picture and what
-        to install. Then there is no file at `out`: an older picture would pass for this one.
+        to install. Then there is no file at `out`: an older picture is removed.
 
     Raises:
         ValueError: If an array has the wrong shape.
@@ -143,8 +143,8 @@ def _run(job: Path) -> str | None:
         return f"No picture of the scene: Python could not start a process to draw it ({error})."
     if done.returncode == 0:
         return None
-    said = [line.strip() for line in done.stderr.splitlines() if line.strip()]
-    reason = said[-1][:300].rstrip(".") if said else f"exit status {done.returncode}"
+    output = [line.strip() for line in done.stderr.splitlines() if line.strip()]
+    reason = output[-1][:300].rstrip(".") if output else f"exit status {done.returncode}"
     if done.returncode == _BAD_SCENE:
         return f"No picture of the scene: {reason}."
     if done.returncode < 0:
@@ -176,7 +176,7 @@ def _no_gl(gl: str, reason: str) -> str:
 
 
 class _BadSceneError(Exception):
-    """The scene cannot be drawn, by no fault of OpenGL."""
+    """The scene cannot be drawn, for a reason other than OpenGL."""
 
 
 def _draw(job: Path) -> None:
@@ -195,13 +195,13 @@ def _draw(job: Path) -> None:
         model.vis.headlight.ambient[:] = 0.4
         model.vis.headlight.diffuse[:] = 0.6
     if factor > 1:
-        model.vis.quality.offsamples = 0  # the averaging does its work, and software pays for it
+        model.vis.quality.offsamples = 0  # the averaging replaces it
     view = _View(model, factor * width, factor * height, settings["camera"], lines)
 
     view.update(configurations[0])
     picture = view.colours()
     if not _has_sky(model):
-        # MuJoCo's nothing is black; it lies where the camera's sight ends.
+        # MuJoCo's background is black, at the far clipping plane.
         end = 0.99 * model.vis.map.zfar * model.stat.extent
         picture[view.depth() > end] = 1.0
     if len(configurations) > 1:
@@ -312,7 +312,8 @@ def _add_tube(
         elif start is None:
             start = end
         else:
-            # Points closer than a tube is thick cannot be told apart, and each capsule costs time.
+            # Points closer than the tube's thickness are indistinguishable, and each capsule costs
+            # time.
             last = i + 1 == len(points) or not np.isfinite(points[i + 1]).all()
             length = np.linalg.norm(end - start)
             if length < 1e-9 or (length < spacing and not last) or scene.ngeom == scene.maxgeom:

@@ -1,4 +1,4 @@
-"""From where a scene is looked at in the browser."""
+"""Initial camera of a scene in the browser."""
 
 from __future__ import annotations
 
@@ -12,29 +12,29 @@ from qp_twist.paths import PathTask
 
 
 class Sight(NamedTuple):
-    """Where a camera looks, and from how far."""
+    """A camera pose."""
 
     look_at: Array
     """m, in the world, (3,)."""
     forward: Array
     """Unit vector, (3,)."""
     distance: float
-    """From the camera to what it looks at, m."""
+    """Distance from the camera to the point in focus, m."""
     fov: float
     """Vertical, rad."""
 
 
 def sight(path_task: PathTask) -> Sight:
-    """What the scene's camera ``overview`` sees; without one the robot at its start and the path.
+    """The scene's camera ``overview``; without one, a view of the robot at its start and the path.
 
-    Then the direction is that of MuJoCo's free camera, and the sphere about all that moves, and the
-    path, just fits: what stands around may be as large as a hall.
+    Then the direction is that of MuJoCo's free camera, and the bounding sphere of the path and
+    everything that moves just fits; fixed surroundings may be as large as a hall.
     """
     model = path_task.model
     data = mujoco.MjData(model)
     data.qpos[:] = path_task.start
     mujoco.mj_kinematics(model, data)
-    mujoco.mj_comPos(model, data)  # for cameras that look at a body's mass
+    mujoco.mj_comPos(model, data)  # for cameras that track a body's centre of mass
     mujoco.mj_camlight(model, data)
     camera = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_CAMERA, "overview")
     if camera >= 0:

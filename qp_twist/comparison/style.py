@@ -1,4 +1,4 @@
-"""Colours and lines of the figures: a colour a QP, its closed forms dashed, itself solid."""
+"""Colours and lines of the figures: one colour per QP, solid; its closed forms dashed."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from qp_twist.paths import METHODS
 if TYPE_CHECKING:
     from matplotlib.lines import Line2D
 
-# Okabe and Ito's palette, which keeps apart for all common kinds of colour vision. Blue for the
+# Okabe and Ito's palette, distinguishable with all common kinds of colour vision. Blue for the
 # twist decomposition and orange for resolved motion rate are the paper's own.
 _PAIR_COLOURS = {
     "qp_rmr": "#E69F00",
@@ -19,7 +19,7 @@ _PAIR_COLOURS = {
     "qp": "#0072B2",
     "qp_planned": "#000000",
 }
-# In turn for the closed forms and peers of one QP.
+# Used in turn for the closed forms and peers of one QP.
 _DASHES: tuple[Any, ...] = (
     (0, (4, 2)), (0, (1, 1.5)), (0, (6, 1.5, 1, 1.5)),
     (0, (2, 1)), (0, (8, 2)), (0, (4, 1, 1, 1, 1, 1)),
@@ -57,7 +57,7 @@ def line_style(name: str) -> dict[str, Any]:
     if method.constrained:
         dashes: Any = "solid"
     else:
-        # Darker, so that dashes show even where they lie on their counterpart's line.
+        # Darker, so that dashes show on top of their counterpart's line.
         red, green, blue = colour
         colour = (0.62 * red, 0.62 * green, 0.62 * blue)
         beside = [m.name for m in METHODS.values() if m.counterpart == method.counterpart]

@@ -16,7 +16,7 @@ from qp_twist.comparison.style import pair_of
 from qp_twist.paths import METHODS
 
 WIDTH = 128
-"""Width that the widest table takes, that with bands, characters."""
+"""Width of the widest table, that with bands, in characters."""
 
 
 def rich_table(comparison: dict[str, Any]) -> Table:
@@ -54,7 +54,7 @@ def rich_table(comparison: dict[str, Any]) -> Table:
 
 
 def plain_table(comparison: dict[str, Any]) -> str:
-    """The same table without colour, and a note for each method that was not simply ok."""
+    """The table without colour, and a note for each method whose status is not ok."""
     console = Console(file=io.StringIO(), width=WIDTH, color_system=None, force_terminal=False)
     console.print(rich_table(comparison))
     for line in notes(comparison):
@@ -73,7 +73,7 @@ def notes(comparison: dict[str, Any]) -> list[str]:
 
 
 def time_in_code(microseconds: float, compiled: float) -> str:
-    """A time a waypoint, with a sign where compiled code reached all waypoints, or some."""
+    """A time per waypoint, marked if compiled code computed all waypoints, or some."""
     sign = "*" if compiled >= 1.0 else "(*)" if compiled > 0.0 else ""
     return f"{whole(microseconds)}{sign}"
 
@@ -101,7 +101,7 @@ def _row(name: str, numbers: dict[str, Any], compiled: float) -> list[Text | str
 
 
 def significant(value: float, digits: int = 4) -> str:
-    """A number to a few decimals; tiny ones as what they are below, huge ones as a power."""
+    """A number to a few decimals; tiny ones as an upper bound, huge ones as a power."""
     if value and abs(value) < 10.0**-digits:
         return f"{value:.0e}"
     return f"{value:.{digits}f}" if abs(value) < 1e3 else f"{value:.1e}"

@@ -1,4 +1,4 @@
-"""Constraints: what a motion has to keep, asked by everyone; joint limits, couplings and bands."""
+"""Constraints of a motion: joint limits, couplings, tolerance bands and those of the user."""
 
 from .band_limit import BandLimit as BandLimit
 from .binding import BindingLimit as BindingLimit
@@ -15,6 +15,12 @@ from .couplings import JointCouplings as JointCouplings
 from .couplings import couplings_of as couplings_of
 from .couplings import share_limits as share_limits
 from .displacement_window import DisplacementWindow as DisplacementWindow
+from .evaluated_limit import EvaluatedLimit as EvaluatedLimit
+from .evaluated_limit import LimitRows as LimitRows
+from .evaluated_limit import Named as Named
+from .evaluated_limit import RowName as RowName
+from .evaluated_limit import RowsOf as RowsOf
+from .evaluated_limit import kind_of as kind_of
 from .gather import GatheredLimits as GatheredLimits
 from .gather import gather_limits as gather_limits
 from .intersection import intersect as intersect
@@ -28,10 +34,4 @@ from .mink_box import speeds_of as speeds_of
 from .motion_limit import MotionLimit as MotionLimit
 from .per_joint import per_joint as per_joint
 from .position_limit import PositionLimit as PositionLimit
-from .stated_limit import Named as Named
-from .stated_limit import RowName as RowName
-from .stated_limit import RowsOf as RowsOf
-from .stated_limit import StatedLimit as StatedLimit
-from .stated_limit import StatedRows as StatedRows
-from .stated_limit import kind_of as kind_of
 from .stopping_speed import stopping_speed as stopping_speed

@@ -15,10 +15,10 @@ class BandLimit(mink.Limit):
 
     The rows of :meth:`TwistTask.band_rows <qp_twist.TwistTask.band_rows>` on the displacement,
     :math:`\mathbf G\,\Delta\mathbf q \le \mathbf g\,dt`. Soft bands need a slack, which a mink
-    limit has not; :class:`~qp_twist.Controller` takes both kinds from the task itself.
+    limit cannot have; :class:`~qp_twist.Controller` reads both kinds from the task itself.
 
     Attributes:
-        kind: How messages and :class:`~qp_twist.BindingLimit` call it.
+        kind: Its name in messages and in :class:`~qp_twist.BindingLimit`.
         task: The task whose bands these are.
     """
 
@@ -31,7 +31,7 @@ class BandLimit(mink.Limit):
             task: A task with at least one hard band.
 
         Raises:
-            InvalidInput: If it has none, or is no TwistTask.
+            InvalidInput: If it has none, or is not a TwistTask.
         """
         instance("BandLimit(task)", task, TwistTask)
         if all(band.weight is not None for band in task.bands):

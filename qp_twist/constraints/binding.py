@@ -1,4 +1,4 @@
-"""A limit that stands in the way, by name."""
+"""Active limits of a step, by name."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ import numpy as np
 
 from qp_twist.checks import Array, largest
 
-DUST = 1e-7
-"""A multiplier below this share of the largest, or of 1 where those are small, is none."""
+NEGLIGIBLE = 1e-7
+"""Multipliers below this share of the largest one (or of 1, if larger) count as zero."""
 
 
 @dataclass(frozen=True)
 class BindingLimit:
-    """One limit that holds the step back.
+    """A limit that is active in a step.
 
     Attributes:
         joint: Joint name as in the scene; for a collision the pair of geoms, for a tolerance band
@@ -24,8 +24,8 @@ class BindingLimit:
         kind: ``"position"``, ``"velocity"``, ``"acceleration"``, ``"collision"``, ``"band"``, or
             the name of the limit's class.
         side: ``"lower"`` or ``"upper"``.
-        multiplier: How much the objective (or, where the step was scaled, the scale) would gain for
-            each unit of room; positive.
+        multiplier: Gain of the objective (of the scale, if the step was scaled) per unit by which
+            the limit is widened; positive.
     """
 
     joint: str
@@ -45,25 +45,25 @@ def binding_limits(
     kinds: tuple[Any, Any],
     sources: Iterable[Any],
 ) -> tuple[BindingLimit, ...]:
-    """The limits with a multiplier, by name.
+    """The limits with a nonzero multiplier, by name.
 
     Args:
         box: Multipliers of the bounds, positive at an upper one, negative at a lower one, (nv,).
-        rows: Those of inequality rows, (k,).
-        floor: Multipliers are dust below a share of the largest, or of this if that is larger.
+        rows: Multipliers of the inequality rows, (k,).
+        floor: Multipliers count as zero below a share of the largest one, or of this if larger.
         joints: Names by degree of freedom.
-        kinds: Of the lower and of the upper bounds, by degree of freedom.
-        sources: What the rows come from, which knows their names.
+        kinds: Kinds of the lower and of the upper bounds, by degree of freedom.
+        sources: Limits and bands behind the rows; they provide the rows' names.
     """
-    # Interior-point and first-order backends leave dust on inactive limits.
-    dust = DUST * max(largest(box), rows.max(initial=0.0), floor)
+    # Interior-point and first-order backends return small multipliers for inactive limits.
+    negligible = NEGLIGIBLE * max(largest(box), rows.max(initial=0.0), floor)
     found = []
-    for dof in np.flatnonzero(np.abs(box) > dust).tolist():
+    for dof in np.flatnonzero(np.abs(box) > negligible).tolist():
         upper = bool(box[dof] > 0.0)
         side = "upper" if upper else "lower"
         found.append(BindingLimit(joints[dof], kinds[upper][dof], side, float(abs(box[dof]))))
-    active = np.flatnonzero(rows > dust).tolist()
-    if active:  # only then names are looked up
+    active = np.flatnonzero(rows > negligible).tolist()
+    if active:  # names are looked up only then
         names: list[tuple[str, str]] = [name for source in sources for name in source.names]
         found += [BindingLimit(*names[row], "upper", float(rows[row])) for row in active]
     return tuple(found)

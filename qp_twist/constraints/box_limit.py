@@ -13,7 +13,7 @@ from qp_twist.checks import Array
 
 
 class Box(NamedTuple):
-    """lower ≤ q̇ ≤ upper, each (nv,), rad/s or m/s, and the kind of limit that says so."""
+    """lower ≤ q̇ ≤ upper, each (nv,), rad/s or m/s, and the kind of limit."""
 
     kind: str
     lower: Array
@@ -22,7 +22,7 @@ class Box(NamedTuple):
 
 @functools.lru_cache
 def no_box(kind: str, nv: int) -> Box:
-    """A box without an end."""
+    """A box without bounds."""
     return Box(kind, np.full(nv, -np.inf), np.full(nv, np.inf))
 
 
@@ -30,30 +30,30 @@ class BoxLimit(mink.Limit):
     """Base of the limits lower ≤ q̇ ≤ upper; also a plain :class:`mink.Limit`.
 
     Attributes:
-        kind: How messages and :class:`~qp_twist.BindingLimit` call it.
+        kind: Its name in messages and in :class:`~qp_twist.BindingLimit`.
     """
 
     kind: str = "box"
 
     @abc.abstractmethod
     def bounds(self, configuration: mink.Configuration, dt: float) -> tuple[Array, Array]:
-        """Lower and upper joint velocity, rad/s or m/s, each (nv,); ±∞ where there is none."""
+        """Lower and upper joint velocity, rad/s or m/s, each (nv,); ±∞ without a bound."""
 
     def boxes(self, configuration: mink.Configuration, dt: float) -> tuple[Box, ...]:
-        """The bounds by their kind: one box, unless a limit is of several kinds."""
+        """The bounds, one box for each kind of limit."""
         return (Box(self.kind, *self.bounds(configuration, dt)),)
 
     def recovering(self, configuration: mink.Configuration, dt: float) -> tuple[str, ...]:
-        """A sentence for each joint that breaks the limit already and is on its way back."""
+        """A sentence for each joint that is outside the limit and returning."""
         return ()
 
     def note(self, velocity: Array) -> None:
-        """Told by the controller which joint velocity (nv,) is running after a step."""
+        """Store the joint velocity (nv,) of the last step; called by the controller."""
 
     def compute_qp_inequalities(
         self, configuration: mink.Configuration, dt: float
     ) -> mink.Constraint:
-        """The same bounds as mink's rows G Δq ≤ h."""
+        """The bounds as mink's rows G Δq ≤ h."""
         lower, upper = self.bounds(configuration, dt)
         below, above = np.isfinite(lower), np.isfinite(upper)
         if not (below.any() or above.any()):
@@ -66,6 +66,6 @@ class BoxLimit(mink.Limit):
 
 
 def one_by_one(signs: Array) -> Array:
-    """Gradients (N, nv, nv) of margins of the joints themselves, that rise by ``signs`` (N, nv)."""
+    """Gradients (N, nv, nv) of one margin for each joint, with slopes ``signs`` (N, nv)."""
     gradients: Array = signs[:, :, None] * np.eye(signs.shape[1])
     return gradients

@@ -1,4 +1,4 @@
-"""Whether a limit or a task is for the robot that it is used with."""
+"""Check that a limit or task belongs to the robot it is used with."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from qp_twist.errors import InvalidInput
 
 
 def check_model(name: str, item: Any, nv: int) -> None:
-    """Refuse an item that was made for a model of another number of degrees of freedom.
+    """Refuse an item made for a model with another number of degrees of freedom.
 
     Raises:
         InvalidInput: If it was.
@@ -27,7 +27,7 @@ def check_model(name: str, item: Any, nv: int) -> None:
 
 
 def _degrees_of_freedom(item: Any) -> int | None:
-    """Of the model that an item was made with, where it tells."""
+    """Degrees of freedom of the model that an item was made with, if known."""
     if isinstance(item, PositionLimit):
         return len(item.ranges.names)
     if isinstance(item, mink.PostureTask):  # a DampingTask, too

@@ -1,4 +1,4 @@
-"""What a motion has to keep, stated once: a class per constraint, which everyone asks."""
+"""Base class of constraints on configurations, used by steps, plans and checks alike."""
 
 from __future__ import annotations
 
@@ -16,28 +16,27 @@ from qp_twist.kinematics import JointRanges
 
 
 class Constraint(mink.Limit):
-    r"""Base of the constraints on configurations: margins m(q) that have to stay at 0 or above.
+    r"""Base of constraints on configurations, m(q) ≥ 0, with margins m.
 
-    A constraint states for itself its :meth:`margins`, their :meth:`gradients`, a bound on their
-    :meth:`change`, and its ``names`` and ``units``. That is enough for everyone who asks: a step
-    keeps its rows
+    A constraint provides its :meth:`margins`, their :meth:`gradients`, a bound on their
+    :meth:`change`, and its ``names`` and ``units``. A step uses the rows
 
     .. math::
 
         -\nabla m(\mathbf q)^T \Delta\mathbf q \le \max(m(\mathbf q),\; -v\,dt)
 
-    (it is a :class:`mink.Limit`, also for :func:`mink.solve_ik`; v is ``recovery_speed``, by which
-    what is outside comes back), a plan its rows along the whole path, and the referee proves from
-    the bound that it is kept between two waypoints. It is given to a path by
-    ``dataclasses.replace(path_task, constraints=(…,))``, to a controller among its ``limits``.
+    with the ``recovery_speed`` v, at which a violated margin returns (a constraint is a
+    :class:`mink.Limit`, also for :func:`mink.solve_ik`). A plan uses the rows along the whole path.
+    A check proves from the bound that the constraint holds between two waypoints. Add it to a path
+    by ``dataclasses.replace(path_task, constraints=(…,))``, to a controller by ``limits``.
 
     Attributes:
-        kind: How messages and :class:`~qp_twist.BindingLimit` call it.
-        names: What each of the k margins is of.
-        units: ``"m"`` or ``"rad"`` of each margin.
-        recovery_speed: Largest speed of return that a step demands outside, m/s or rad/s.
-        only_configurations: Whether the margins say all that the rows keep; where a limit keeps
-            velocities, too, it is no constraint of a path.
+        kind: Its name in messages and in :class:`~qp_twist.BindingLimit`.
+        names: Name of each of the k margins.
+        units: Unit of each margin, ``"m"`` or ``"rad"``.
+        recovery_speed: Largest speed at which a step returns from outside, m/s or rad/s.
+        only_configurations: Whether it constrains configurations only. A limit that also constrains
+            velocities cannot be a constraint of a path.
     """
 
     kind: str = "constraint"
@@ -52,28 +51,27 @@ class Constraint(mink.Limit):
 
     @abc.abstractmethod
     def gradients(self, q: Array) -> Array:
-        """How the margins change with each degree of freedom, (N, k, nv)."""
+        """Derivatives of the margins with respect to each degree of freedom, (N, k, nv)."""
 
     @abc.abstractmethod
     def change(self, q: Array, travel: Array) -> Array:
-        """By how much each margin varies at most, in sum, on motions that begin at q, (N, k).
+        """Bound of each margin's total variation on motions that start at q, (N, k).
 
         Args:
-            q: Where they begin, (N, nq).
-            travel: How far each degree of freedom moves on them, forth and back counted, at most,
-                rad or m, (N, nv).
+            q: Start of the motions, (N, nq).
+            travel: Largest path length of each degree of freedom, rad or m, (N, nv).
         """
 
     def least(self, before: Array, after: Array, travel: Array) -> Array:
-        r"""What no margin falls below on motions from one configuration to another, (N, k).
+        r"""Lower bound of each margin on motions from one configuration to another, (N, k).
 
-        Of margins :math:`m_0` at the begin and :math:`m_1` at the end, and a change of at most c
-        in sum, none on the way is below :math:`(m_0 + m_1 - c)/2`. A constraint that knows more
-        about its margins may say more, of every motion within that travel, be it straight or not.
+        With margins :math:`m_0` at the start and :math:`m_1` at the end, and a total variation of
+        at most c, the margin stays above :math:`(m_0 + m_1 - c)/2`. A subclass may return a tighter
+        bound; it has to hold for every motion within that travel, straight or not.
 
         Args:
-            before: Where the motions begin, (N, nq).
-            after: Where they end, (N, nq).
+            before: Start of the motions, (N, nq).
+            after: Their end, (N, nq).
             travel: As in :meth:`change`.
         """
         change = self.change(before, travel)
@@ -86,11 +84,11 @@ class Constraint(mink.Limit):
         return least
 
     def rows(self, q: Array) -> tuple[Array, Array, Indices]:
-        """What keeps the margins above 0, to first order: rows · Δq ≤ rooms.
+        """Linear rows that keep the margins above 0, to first order: rows · Δq ≤ rooms.
 
         Returns:
-            Rows (N, m, nv), rooms (N, m), and which margin each of them is of, (m,); here one row a
-            margin.
+            Rows (N, m, nv), rooms (N, m), and the index of each row's margin, (m,); by default one
+            row for each margin.
         """
         return -self.gradients(q), self.margins(q), np.arange(len(self.names))
 
@@ -102,20 +100,20 @@ class Constraint(mink.Limit):
         return mink.Constraint(G=rows[0], h=np.maximum(rooms[0], -self.recovery_speed * dt))
 
     def row_name(self, row: int) -> str:
-        """What a row of the step is of; to be overridden where it has others than one a margin."""
+        """Name of a row of the step; override it if there is not one row for each margin."""
         return self.names[row]
 
     def excess(self, q: Array) -> Array:
-        """How far configurations q (N, nq) are outside, 0 inside, m or rad, (N,)."""
+        """Largest violation at configurations q (N, nq), 0 inside, m or rad, (N,)."""
         worst: Array = np.maximum(-self.margins(q).min(axis=1, initial=np.inf), 0.0)
         return worst
 
 
 def margins_of(constraint: Constraint, q: Array) -> Array:
-    """The margins (N, k) that a constraint states at configurations q (N, nq), which are numbers.
+    """The margins (N, k) of a constraint at configurations q (N, nq), checked.
 
     Raises:
-        InvalidInput: If they have another shape, or one is NaN: nothing can be proven by that.
+        InvalidInput: If their shape is wrong, or one is NaN.
     """
     margins = constraint.margins(q)
     shape = len(q), len(constraint.names)
@@ -133,77 +131,78 @@ def margins_of(constraint: Constraint, q: Array) -> Array:
     return margins
 
 
-def check_constraint(said: str, constraint: Constraint, model: mujoco.MjModel) -> None:
-    """Refuse a constraint that does not fit itself or the robot; ``said``: how messages call it.
+def check_constraint(label: str, constraint: Constraint, model: mujoco.MjModel) -> None:
+    """Refuse a constraint that is inconsistent or does not fit the robot.
 
     Raises:
-        InvalidInput: If its kind is no name, or its names, units, margins, gradients or change are
-            not of one number of margins, for this robot.
+        InvalidInput: If its kind is not a name, or the shapes of its names, units, margins,
+            gradients and change do not match each other and this robot; the message begins with
+            ``label``.
     """
     kind, names = constraint.kind, constraint.names
     if not isinstance(kind, str) or not kind:
-        raise InvalidInput(f"{said}: expected its kind as a name for messages, got {kind!r}.")
+        raise InvalidInput(f"{label}: expected its kind as a name for messages, got {kind!r}.")
     count = len(names)
     if not all(isinstance(name, str) for name in names) or len(constraint.units) != count:
         raise InvalidInput(
-            f"{said}: expected names, texts, and as many units; got {names!r} and "
+            f"{label}: expected names, texts, and as many units; got {names!r} and "
             f"{constraint.units!r}."[:300]
         )
     q, travel = np.tile(model.qpos0, (2, 1)), np.ones((2, model.nv))
-    for what, ask, shape in (
+    for what, evaluate, shape in (
         ("margins(q)", partial(constraint.margins, q), (2, count)),
         ("gradients(q)", partial(constraint.gradients, q), (2, count, model.nv)),
         ("change(q, travel)", partial(constraint.change, q, travel), (2, count)),
     ):
-        asked = f"{said}: {what} of two configurations (2, {model.nq})"
+        call = f"{label}: {what} of two configurations (2, {model.nq})"
         try:
-            found = float_array(asked, ask())
+            found = float_array(call, evaluate())
         except InvalidInput:
             raise
-        except Exception as error:  # of anybody's class
+        except Exception as error:  # may be a class of the user
             raise InvalidInput(
-                f"{asked} raises {type(error).__name__}: {error}. It has to be a constraint of "
+                f"{call} raises {type(error).__name__}: {error}. It has to be a constraint of "
                 f"this robot, which has {model.nv} degrees of freedom."
             ) from error
         if found.shape != shape or np.isnan(found).any():
-            raise InvalidInput(f"{asked}: expected numbers of shape {shape}, got {found!r}."[:300])
+            raise InvalidInput(f"{call}: expected numbers of shape {shape}, got {found!r}."[:300])
 
 
 def check_constraints(
     name: str, constraints: Sequence[Constraint], model: mujoco.MjModel
 ) -> tuple[Constraint, ...]:
-    """The constraints of a path called ``name``.
+    """Check the constraints of the path ``name``.
 
     Raises:
-        InvalidInput: If one is no :class:`Constraint`, keeps more than configurations, or its
-            margins, names and units do not fit each other or the robot.
+        InvalidInput: If one is not a :class:`Constraint`, constrains velocities, or its margins,
+            names and units do not match each other or the robot.
     """
     if not isinstance(constraints, (list, tuple)):
         raise InvalidInput(f"{name}: constraints: expected a list, got {constraints!r}.")
     if constraints and not JointRanges.of(model).only_hinges_and_slides:
         raise InvalidInput(
-            f"{name}: constraints: the robot has ball or free joints, of which nothing is proven "
-            "between waypoints; give its controller the limits instead."
+            f"{name}: constraints: the robot has ball or free joints, for which nothing can be "
+            "proven between waypoints; give its controller the limits instead."
         )
     for k, constraint in enumerate(constraints):
-        said = f"{name}: constraints[{k}]"
+        label = f"{name}: constraints[{k}]"
         if not isinstance(constraint, Constraint):
             raise InvalidInput(
-                f"{said}: expected a qp_twist.Constraint, got {type(constraint).__name__}: it has "
-                "no margins that plans and checks could ask. State it as a subclass of Constraint, "
-                "or give it to a Controller's limits, where steps keep its rows."
+                f"{label}: expected a qp_twist.Constraint, got {type(constraint).__name__}: it has "
+                "no margins that plans and checks could evaluate. Write a subclass of Constraint, "
+                "or pass it to a Controller as a limit, which needs its rows only."
             )
         if not constraint.only_configurations:
             raise InvalidInput(
-                f"{said}: {type(constraint).__name__} limits velocities, too, which are no "
+                f"{label}: {type(constraint).__name__} limits velocities, too, which are no "
                 "constraint on configurations; give those to the path as velocity_limits and "
                 "acceleration_limits."
             )
         count, units = len(constraint.names), set(constraint.units)
         if len(constraint.units) != count or len(units) != 1 or not units <= {"m", "rad"}:
             raise InvalidInput(
-                f"{said}: expected a unit for each of its {count} names, all 'm' or all 'rad', got "
-                f"{constraint.units!r}."
+                f"{label}: expected a unit for each of its {count} names, all 'm' or all 'rad', "
+                f"got {constraint.units!r}."
             )
-        check_constraint(said, constraint, model)
+        check_constraint(label, constraint, model)
     return tuple(constraints)

@@ -14,15 +14,15 @@ from qp_twist.errors import InvalidInput
 from qp_twist.kinematics import JointRanges
 
 COUPLED_WITHIN = 1e-5
-"""How far a coupled joint may be from where its coupling puts it, rad or m.
+"""Largest deviation of a coupled joint from its coupling, rad or m.
 
-The tool of an arm that reaches 2 m is moved by 0.02 mm by that, a fifth of what a check of a path
-allows; it is ten times what files round, and far above the accuracy of the solvers.
+It moves the tool of an arm with a reach of 2 m by 0.02 mm, a fifth of the tolerance of a check. It
+is ten times the rounding of files, and far above the accuracy of the solvers.
 """
 
 
 class JointCouplings(Constraint):
-    r"""Keep joints coupled as the model's equality constraints of joints say.
+    r"""Keep the joint couplings of a model (equality constraints of joints).
 
     .. math::
 
@@ -31,17 +31,17 @@ class JointCouplings(Constraint):
 
     with the positions at the reference configuration ``qpos0`` and the coefficients ``polycoef``
     (MuJoCo's documentation, *XML Reference*, equality/joint). Without a second joint the first one
-    stays at :math:`\theta_1^0 + c_0`. Only those that are active at first (``eq_active0``) count.
+    stays at :math:`\theta_1^0 + c_0`. Only couplings that are initially active (``eq_active0``)
+    count.
 
-    A path whose model couples joints has this among its constraints, with the default tolerance
-    unless it is given one with another; so has a :class:`~qp_twist.Controller` whose ``limits`` are
-    not given. Nothing has to be in the chain of the tool: the fingers of a gripper are kept
-    together as well.
+    A path whose model couples joints always has this constraint, with the default tolerance unless
+    another is passed; so has a :class:`~qp_twist.Controller` without ``limits``. The joints do not
+    have to move the tool: the fingers of a gripper are kept together as well.
 
     Attributes:
         tolerance: ε, rad or m.
         first: Degree of freedom of the first joint of each coupling, (C,).
-        second: Of the second one, (C,); of the first where there is no second.
+        second: That of the second one, (C,); the first again if there is none.
         start: Their positions at ``qpos0``, rad or m, (C, 2).
         coefficients: :math:`c_0 \dots c_4`, (C, 5).
         joints: Name of the joint of each degree of freedom.
@@ -64,7 +64,7 @@ class JointCouplings(Constraint):
             tolerance: ε, rad or m.
             unit: ``"rad"``: only those whose first joint is a hinge; ``"m"``: a slide; ``None``:
                 all of them.
-            recovery_speed: Speed at which a step brings joints together again, rad/s or m/s.
+            recovery_speed: Speed at which a step corrects a violated coupling, rad/s or m/s.
 
         Raises:
             InvalidInput: If the tolerance or the speed is not above 0, or the model's coefficients
@@ -99,7 +99,7 @@ class JointCouplings(Constraint):
         self._each = np.arange(len(self.names))
         self._first = np.zeros((len(self.names), model.nv))
         self._first[self._each, self.first] = 1.0
-        # Of p and its derivatives what Horner's rule takes, from the highest power that there is.
+        # Coefficients of p and its derivatives for Horner's rule, from the highest power.
         degree = int(np.flatnonzero(self.coefficients.any(axis=0)).max(initial=0))
         self._horner = [
             [math.perm(power, order) * self.coefficients[:, power]
@@ -120,7 +120,7 @@ class JointCouplings(Constraint):
         return residuals
 
     def slopes(self, q: Array) -> Array:
-        """How the residuals change with each degree of freedom, (N, C, nv)."""
+        """Derivatives of the residuals with respect to each degree of freedom, (N, C, nv)."""
         slopes = np.repeat(self._first[None], len(q), axis=0)
         slopes[:, self._each, self.second] -= self._p(1, self._ranges.positions(q))
         return slopes
@@ -131,16 +131,16 @@ class JointCouplings(Constraint):
         return margins
 
     def gradients(self, q: Array) -> Array:
-        """Of the nearer side, (N, C, nv)."""
+        """Derivatives of the margins, (N, C, nv)."""
         signs = np.where(self.residuals(q) < 0.0, 1.0, -1.0)
         gradients: Array = signs[:, :, None] * self.slopes(q)
         return gradients
 
     def change(self, q: Array, travel: Array) -> Array:
-        r"""Travel of the first joint, and that of the second times the steepest p, (N, C).
+        r"""Travel of the first joint plus that of the second times the largest |p'|, (N, C).
 
-        θ₂ stays within its travel t of where it begins, where the slope of a polynomial of fourth
-        degree is at most :math:`|p'| + |p''|\,t + |p'''|\,t^2/2 + |p''''|\,t^3/6` (Taylor).
+        θ₂ stays within its travel t of its start, where the slope of a polynomial of degree four is
+        at most :math:`|p'| + |p''|\,t + |p'''|\,t^2/2 + |p''''|\,t^3/6` (Taylor).
         """
         t = travel[:, self.second]
         positions = self._ranges.positions(q)
@@ -150,7 +150,7 @@ class JointCouplings(Constraint):
         return change
 
     def rows(self, q: Array) -> tuple[Array, Array, Indices]:
-        """Both sides of each coupling: rows (N, 2 C, nv), rooms (N, 2 C), and which it is of."""
+        """Both sides of each coupling: rows (N, 2 C, nv), rooms (N, 2 C), and its index."""
         slopes, residuals = self.slopes(q), self.residuals(q)
         return (
             np.concatenate([slopes, -slopes], axis=1),
@@ -159,11 +159,11 @@ class JointCouplings(Constraint):
         )
 
     def row_name(self, row: int) -> str:
-        """The coupling, on either of its sides."""
+        """Name of the coupling, the same for both sides."""
         return self.names[row % len(self.names)]
 
     def independent(self) -> Indices:
-        """Numbers of the couplings that do not follow from those before them, at ``qpos0``."""
+        """Indices of the linearly independent couplings, at ``qpos0``."""
         slopes, kept = self.slopes(self._reference[None])[0], list[int]()
         for row in range(len(slopes)):
             if np.linalg.matrix_rank(slopes[[*kept, row]]) > len(kept):
@@ -183,20 +183,20 @@ class JointCouplings(Constraint):
 
 
 def couplings_of(
-    model: mujoco.MjModel, given: Sequence[JointCouplings] = ()
+    model: mujoco.MjModel, templates: Sequence[JointCouplings] = ()
 ) -> tuple[JointCouplings, ...]:
-    """The couplings of a model, one constraint for each unit, which is what a path takes.
+    """The couplings of a model, one constraint for each unit, as a path needs them.
 
     Args:
         model: The robot.
-        given: What their tolerances and speeds are taken from, whichever model they were made of.
+        templates: Tolerances and recovery speeds by unit; they may be of another model.
     """
-    as_given = {unit: c for c in given for unit in c.units}
+    templates_by_unit = {unit: c for c in templates for unit in c.units}
     found: list[JointCouplings] = []
     if not (model.eq_type == mujoco.mjtEq.mjEQ_JOINT).any():
         return ()
     for unit in ("rad", "m"):
-        like = as_given.get(unit)
+        like = templates_by_unit.get(unit)
         made = JointCouplings(
             model,
             COUPLED_WITHIN if like is None else like.tolerance,
@@ -214,19 +214,19 @@ def share_limits(
     r"""Tighten limits in place until those of coupled joints are images of one another.
 
     With :math:`\theta_1 = o + r\,\theta_2` the first joint brakes \|r\| times as hard as the
-    second. Unless their limits are in that ratio, the one may be free to move where the other
-    could not stop in time; with it a velocity that one box allows, the other allows as well.
+    second. With limits in that ratio, a velocity allowed for one joint is allowed for the other.
+    Otherwise one joint may move at a speed at which the other cannot stop in time.
 
     Args:
-        model: The robot; of its equality constraints those that are active at first.
+        model: The robot; only couplings that are initially active count.
         lower: θ_min, rad or m, (nv,).
         upper: θ_max, (nv,).
-        acceleration: Largest acceleration, rad/s² or m/s², (nv,); ``inf`` where there is none.
+        acceleration: Largest acceleration, rad/s² or m/s², (nv,); ``inf`` without a limit.
         speeds: Other limits in the ratio \|r\|, each (nv,).
 
     Raises:
-        InvalidInput: If a joint with an acceleration limit is in a coupling that is not linear, or
-            coupled ranges have no position in common.
+        InvalidInput: If a joint with an acceleration limit is coupled nonlinearly, or coupled
+            ranges have no position in common.
     """
     couplings = JointCouplings(model)
     linear = (couplings.coefficients[:, 2:] == 0.0).all(axis=1)
@@ -241,7 +241,7 @@ def share_limits(
     ratios = couplings.coefficients[:, 1]
     offsets = couplings.start[:, 0] + couplings.coefficients[:, 0] - ratios * couplings.start[:, 1]
     paired = np.flatnonzero(linear & (ratios != 0.0))
-    for _ in paired:  # as many passes reach the far end of any chain
+    for _ in paired:  # enough passes for any chain of couplings
         for k in paired:
             one, other = pairs[k]
             o, r = float(offsets[k]), float(ratios[k])

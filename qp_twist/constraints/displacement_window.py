@@ -1,4 +1,4 @@
-"""A window around a configuration: how far each joint may go before the next waypoint is due."""
+"""A window around a configuration: how far each joint may move before the next waypoint."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ from qp_twist.kinematics import JointRanges
 class DisplacementWindow(BoxLimit, Constraint):
     r"""Keep :math:`|\theta - \theta_{ref}| \le w` for each joint.
 
-    With w = v_max · Δt it is the velocity limit over a whole waypoint, however many iterations the
-    waypoint takes: the iterations share one allowance.
+    With w = v_max · Δt it is the velocity limit for a whole waypoint: all iterations of a waypoint
+    together move a joint by at most w.
     """
 
     kind = "velocity"
@@ -31,7 +31,7 @@ class DisplacementWindow(BoxLimit, Constraint):
         Args:
             model: The robot.
             q_ref: Configuration at the last waypoint, shape (nq,).
-            half_width: w for each degree of freedom, rad or m, shape (nv,); ``inf`` where free.
+            half_width: w for each degree of freedom, rad or m, shape (nv,); ``inf`` for no limit.
 
         Raises:
             InvalidInput: If a shape is wrong or a width is negative or NaN.
@@ -42,7 +42,7 @@ class DisplacementWindow(BoxLimit, Constraint):
         self.move(q_ref, half_width)
 
     def move(self, q_ref: npt.ArrayLike, half_width: npt.ArrayLike) -> None:
-        """Open the window anew around ``q_ref``, at the next waypoint; arguments as above."""
+        """Move the window to ``q_ref``, for the next waypoint; arguments as above."""
         self.reference = self.ranges.positions(finite_array("q_ref", q_ref, (self._nq,)))
         self.half_width = float_array("half_width", half_width)
         if self.half_width.shape != self.reference.shape or not (self.half_width >= 0.0).all():
@@ -61,7 +61,7 @@ class DisplacementWindow(BoxLimit, Constraint):
         return lower, upper
 
     def margins(self, q: Array) -> Array:
-        """What each joint may still move away, rad or m, (N, nv)."""
+        """Distance of each joint from the window's nearer end, rad or m, (N, nv)."""
         margins: Array = self.half_width - np.abs(self.ranges.positions(q) - self.reference)
         return margins
 
@@ -70,5 +70,5 @@ class DisplacementWindow(BoxLimit, Constraint):
         return one_by_one(np.where(self.ranges.positions(q) < self.reference, 1.0, -1.0))
 
     def change(self, q: Array, travel: Array) -> Array:
-        """As far as the joint moves, (N, nv)."""
+        """The travel of each joint, (N, nv)."""
         return travel

@@ -13,9 +13,15 @@ import numpy as np
 
 from qp_twist.checks import Array, Indices
 from qp_twist.constraints.box_limit import Box, BoxLimit
+from qp_twist.constraints.evaluated_limit import (
+    UNLIMITED,
+    EvaluatedLimit,
+    LimitRows,
+    Named,
+    RowName,
+)
 from qp_twist.constraints.intersection import Intersection, intersect
 from qp_twist.constraints.mink_box import mink_box
-from qp_twist.constraints.stated_limit import UNLIMITED, Named, RowName, StatedLimit, StatedRows
 from qp_twist.errors import InvalidInput
 from qp_twist.kinematics.joint_ranges import joint_names
 
@@ -88,7 +94,7 @@ def gather_limits(
     limits: Sequence[mink.Limit],
     configuration: mink.Configuration,
     dt: float,
-    stated: Mapping[int, StatedRows] = MappingProxyType({}),
+    known: Mapping[int, LimitRows] = MappingProxyType({}),
 ) -> GatheredLimits:
     """Evaluate limits at a configuration.
 
@@ -100,26 +106,25 @@ def gather_limits(
         limits: The limits to evaluate.
         configuration: The robot's configuration.
         dt: Length of the step, s.
-        stated: Rows that are already known, by index into ``limits``; these are not evaluated
-            again.
+        known: Rows that are already evaluated, by index into ``limits``.
 
     Raises:
         InvalidInput: If a limit returns NaN, or two limits contradict each other and neither
             yields.
     """
     boxes: list[Box] = []
-    found: list[StatedLimit] = []
+    found: list[EvaluatedLimit] = []
     recovering: list[str] = []
     for place, limit in enumerate(limits):
         if isinstance(limit, BoxLimit):
             boxes += limit.boxes(configuration, dt)
             recovering += limit.recovering(configuration, dt)
             continue
-        known = mink_box(limit, configuration, dt)
-        if known is not None:
-            boxes.append(known)
+        bounds = mink_box(limit, configuration, dt)
+        if bounds is not None:
+            boxes.append(bounds)
             continue
-        rows = StatedLimit.of(limit, configuration, dt, stated.get(place))
+        rows = EvaluatedLimit.of(limit, configuration, dt, known.get(place))
         if rows is not None:
             boxes.append(rows.box)
             found.append(rows)

@@ -1,4 +1,4 @@
-"""mink's limits on single joints as bounds: what they state is known without asking them."""
+"""mink's limits on single joints as bounds, computed without evaluating their rows."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ _of_models: WeakKeyDictionary[mujoco.MjModel, tuple[bytes, MinkRange]] = WeakKey
 
 
 def is_mink_box(limit: Any) -> bool:
-    """Whether it is a limit of mink's on single joints.
+    """Whether a limit is one of mink's on single joints.
 
-    A limited ball joint is none: its row turns with the joint.
+    A limited ball joint does not count: its row turns with the joint.
     """
     if type(limit) is mink.ConfigurationLimit:
         return len(limit._ball_qposadr) == 0
@@ -29,10 +29,10 @@ def is_mink_box(limit: Any) -> bool:
 
 
 def mink_box(limit: Any, configuration: mink.Configuration, dt: float) -> Box | None:
-    r"""The bounds on :math:`\dot{\mathbf q}` that such a limit states, rad/s or m/s.
+    r"""Bounds of such a limit on :math:`\dot{\mathbf q}`, rad/s or m/s.
 
     With mink's gain k they are :math:`k(\theta_{min} - \theta)/dt` and
-    :math:`k(\theta_{max} - \theta)/dt`, or :math:`\mp v_{max}`. ``None`` of any other limit.
+    :math:`k(\theta_{max} - \theta)/dt`, or :math:`\mp v_{max}`. ``None`` for any other limit.
     """
     if not is_mink_box(limit):
         return None
@@ -51,12 +51,12 @@ def mink_box(limit: Any, configuration: mink.Configuration, dt: float) -> Box | 
 
 
 def qpos_of(limit: mink.ConfigurationLimit) -> Indices:
-    """Address in q of each joint that a limit is about."""
+    """Index in q of each joint of the limit."""
     return _addresses_of(limit).addresses
 
 
 class MinkRange(NamedTuple):
-    """What a :class:`mink.ConfigurationLimit` states, ball joints included, without its rows."""
+    """Bounds of a :class:`mink.ConfigurationLimit`, ball joints included, without its rows."""
 
     lower: Array
     """θ_min, (nq,)."""
@@ -64,27 +64,27 @@ class MinkRange(NamedTuple):
     """θ_max, (nq,)."""
     gain: float
     addresses: Indices
-    """In q, of the joints that have a range, (k,)."""
+    """Indices in q of the joints that have a range, (k,)."""
     dofs: Indices
     """Their degrees of freedom, (k,)."""
     ball_angles: Array
-    """φ_max of the ball joints that have one, rad."""
+    """φ_max of the limited ball joints, rad."""
     ball_addresses: Indices
-    """Of their quaternions in q."""
+    """Indices of their quaternions in q."""
     ball_dofs: Indices
     """First degree of freedom of each."""
 
     @property
     def first_ball_row(self) -> int:
-        """Number of the first ball joint's row in the limit: two of each other joint precede it."""
+        """Index of the first ball joint's row in the limit, after two rows for each other joint."""
         return 2 * len(self.dofs)
 
 
 def range_of(limit: mink.ConfigurationLimit, model: mujoco.MjModel) -> MinkRange | None:
-    """What a limit states; ``None`` if it is for a model of other sizes, or not as mink makes it.
+    """The range of a limit; ``None`` if it is for another model, or not as mink builds it.
 
-    Its numbers are read anew each time. Where its joints are is looked up once, and again when the
-    arrays that say so are replaced.
+    The bounds are read in each call. The indices of its joints are cached until the arrays that
+    contain them are replaced.
     """
     known = _addresses_of(limit)
     if (known.nq, known.nv) != (model.nq, model.nv):
@@ -108,7 +108,7 @@ def range_of(limit: mink.ConfigurationLimit, model: mujoco.MjModel) -> MinkRange
 
 
 class _Addresses(NamedTuple):
-    """Where the joints of a limit are, and the arrays that say so."""
+    """Indices of a limit's joints, and the arrays that they come from."""
 
     source: tuple[object, ...]
     nq: int
@@ -138,23 +138,23 @@ def _addresses_of(limit: mink.ConfigurationLimit) -> _Addresses:
 
 
 def default_range(model: mujoco.MjModel) -> MinkRange:
-    """Of ``mink.ConfigurationLimit(model)``, made once while ranges and kinds of joints stay.
+    """The range of ``mink.ConfigurationLimit(model)``, cached while the model's ranges stay.
 
-    mink makes one in each call. What is compared are the ranges, and which joints have one; what
-    nobody can change in a model that is in use, its joints and their order, is not.
+    mink builds one in each call. The ranges, and which joints have one, are compared; joints and
+    their order cannot change in a model that is in use.
     """
     ranges = model.jnt_range.tobytes() + model.jnt_limited.tobytes()
     kept = _of_models.get(model)
     if kept is None or kept[0] != ranges:
         made = range_of(mink.ConfigurationLimit(model), model)
         assert made is not None
-        # Arrays alone: what refers to the model would keep it for ever.
+        # Only arrays: a reference to the model would keep it alive for ever.
         kept = _of_models[model] = ranges, made
     return kept[1]
 
 
 def speeds_of(limit: mink.VelocityLimit, nv: int) -> Box | None:
-    """The bounds of a limit; ``None`` where it is for another model."""
+    """The bounds of a velocity limit; ``None`` if it is for another model."""
     if limit.projection_matrix is None:
         return no_box("velocity", nv)
     state = limit.limit.tobytes(), limit.indices.tobytes()

@@ -1,4 +1,4 @@
-"""Position, velocity and acceleration limits that can be kept together, step after step."""
+"""Position, velocity and acceleration limits that remain feasible together in every step."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ import numpy as np
 import numpy.typing as npt
 
 from qp_twist.checks import Array, finite_array, number
+from qp_twist.constraints.array_attribute import array_attribute
 from qp_twist.constraints.box_limit import Box
 from qp_twist.constraints.couplings import share_limits
 from qp_twist.constraints.intersection import intersect
 from qp_twist.constraints.per_joint import per_joint
 from qp_twist.constraints.position_limit import NOTICEABLE, PositionLimit
-from qp_twist.constraints.stated import stated
 from qp_twist.constraints.stopping_speed import stopping_speed
 
 
@@ -35,34 +35,34 @@ class MotionLimit(PositionLimit):
     :math:`a_{max}` in steps of dt stops within the room d. A state is viable if some velocity
     satisfies all three; then so is the state after the step, and the box never becomes empty.
 
-    *Proof.* After a step 0 ≤ q̇ ≤ v(d) the braking, which begins with q̇ − a dt, fits into what is
-    left of d: q̇ − a dt ≤ v(d − q̇ dt); downwards likewise. Every other pair of the three intervals
-    has 0 or q̇ in common, and intervals of which each two meet have a common point.
+    *Proof.* After a step with 0 ≤ q̇ ≤ v(d), braking from q̇ − a dt stops within the remaining
+    distance: q̇ − a dt ≤ v(d − q̇ dt); downwards likewise. Any other two of the three intervals
+    have 0 or q̇ in common, and intervals that intersect pairwise have a common point.
 
     From a state that is not viable (outside a range, too fast to stop before its end, faster than
     v_max), the joint brakes or returns at the fastest rate that the other limits allow:
     acceleration limits hold before velocity limits, and these before position limits. The speed of
-    a return is v_max, or ``recovery_speed`` where there is none. :meth:`recovering` tells of it.
+    a return is v_max, or ``recovery_speed`` where there is none. :meth:`recovering` reports it.
 
-    dt may change: what is viable remains so with longer steps; with shorter ones a joint that is
-    just able to stop comes to stand late, by less than :math:`\dot\theta\,dt/2`.
+    dt may change: a viable state remains viable with longer steps; with shorter ones a joint that
+    can just stop may overshoot by less than :math:`\dot\theta\,dt/2`.
 
     Velocity and acceleration limits count for each degree of freedom of a ball or free joint.
     Joints that MJCF couples linearly share their limits
-    (:func:`~qp_twist.constraints.share_limits`). Other equality constraints (connect, weld,
-    tendon) are not looked at: the box holds, but braking inside it may not fit them.
+    (:func:`~qp_twist.constraints.share_limits`). Other equality constraints (connect, weld, tendon)
+    are ignored: the limits hold, but braking may violate those constraints.
 
     Attributes:
-        velocity: Joint velocity before the step, rad/s or m/s, (nv,): the state of this limit,
-            which belongs to one robot. At first zero.
-        max_velocity: v_max, rad/s or m/s, (nv,); ∞ where there is none.
-        max_acceleration: a_max, rad/s² or m/s², (nv,); ∞ where there is none.
+        velocity: Joint velocity before the step, rad/s or m/s, (nv,), initially zero. This is
+            state: use one limit object for each robot.
+        max_velocity: v_max, rad/s or m/s, (nv,); ∞ without a limit.
+        max_acceleration: a_max, rad/s² or m/s², (nv,); ∞ without a limit.
     """
 
     kind = "motion"
     only_configurations = False
-    max_velocity: Array = stated()
-    max_acceleration: Array = stated()
+    max_velocity: Array = array_attribute()
+    max_acceleration: Array = array_attribute()
 
     def __init__(
         self,
@@ -73,18 +73,18 @@ class MotionLimit(PositionLimit):
         margin: float = 0.0,
         recovery_speed: float = 0.5,
     ) -> None:
-        """State the limits; those of the positions are the model's.
+        """Set the limits; position limits are the model's.
 
         Args:
             model: The robot.
             velocity: v_max by joint name, one number for all, or an array (nv,); rad/s or m/s.
-            acceleration: a_max in the same ways; rad/s² or m/s².
-            margin: What the ranges are narrowed by at either end, rad or m.
-            recovery_speed: Speed at which a joint without velocity limit returns, rad/s or m/s.
+            acceleration: a_max, in the same forms; rad/s² or m/s².
+            margin: Distance by which the ranges are narrowed at either end, rad or m.
+            recovery_speed: Speed at which a joint without a velocity limit returns, rad/s or m/s.
 
         Raises:
-            InvalidInput: If a limit is not above 0 or of no joint, if a ball joint has a range, or
-                a joint with an acceleration limit is coupled to another, but not linearly.
+            InvalidInput: If a limit is not above 0 or names an unknown joint, a ball joint has a
+                range, or a joint with an acceleration limit is coupled nonlinearly to another.
         """
         super().__init__(model, margin=margin, recovery_speed=recovery_speed)
         fastest = per_joint("velocity", velocity, self.ranges)
@@ -93,16 +93,16 @@ class MotionLimit(PositionLimit):
         share_limits(model, lower, upper, hardest, fastest, self._recovery)
         self._keep_between(lower, upper)
         self.max_velocity, self.max_acceleration = fastest, hardest
-        stated = np.isfinite(self.max_velocity)
-        self._recovery = np.where(stated, self.max_velocity, self._recovery)
+        limited = np.isfinite(self.max_velocity)
+        self._recovery = np.where(limited, self.max_velocity, self._recovery)
         self.velocity = np.zeros(model.nv)
 
     def note(self, velocity: npt.ArrayLike) -> None:
-        """Take the joint velocity (nv,), commanded or measured, as the one before the next step."""
+        """Store the joint velocity (nv,), commanded or measured, for the next step."""
         self.velocity = finite_array("velocity", velocity, self.velocity.shape)
 
     def boxes(self, configuration: mink.Configuration, dt: float) -> tuple[Box, ...]:
-        """The limits one by one: acceleration, velocity, position."""
+        """The acceleration, velocity and position limits, one box each."""
         dt = number("dt", dt, above=0.0)
         change = self.max_acceleration * dt
         return (
@@ -112,7 +112,7 @@ class MotionLimit(PositionLimit):
         )
 
     def bounds(self, configuration: mink.Configuration, dt: float) -> tuple[Array, Array]:
-        """What the limits have in common, rad/s or m/s, each (nv,)."""
+        """The intersection of the limits, rad/s or m/s, each (nv,)."""
         box = intersect(self.boxes(configuration, dt), configuration.model)
         return box.lower, box.upper
 
@@ -123,7 +123,7 @@ class MotionLimit(PositionLimit):
         names, units = self.ranges.names, self.ranges.units
         speed = np.array((-self.velocity, self.velocity))
         braked = speed - self.max_acceleration * dt
-        if np.count_nonzero(braked > 0.0):  # whoever can stand still after this step is not late
+        if np.count_nonzero(braked > 0.0):  # a joint that can stop in this step is not late
             room = self._room(configuration)
             within = self._fastest(np.maximum(room, 0.0) + NOTICEABLE, dt)
             for side, dof in np.argwhere((braked > within) & (room >= -NOTICEABLE)):

@@ -1,4 +1,4 @@
-"""Limits as people state them, by joint or one for all, as an array."""
+"""Convert limits by joint name, or one for all joints, to an array."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from qp_twist.kinematics import JointRanges
 def per_joint(
     name: str, value: Mapping[str, float] | npt.ArrayLike | None, ranges: JointRanges
 ) -> Array:
-    """Limits by degree of freedom, (nv,); ∞ where there is none.
+    """Limits by degree of freedom, (nv,); ∞ without a limit.
 
     Args:
-        name: What messages call the value.
+        name: Name of the value in messages.
         value: By joint name (a ball or free joint's counts for each of its degrees of freedom), a
             number for all, an array (nv,), or ``None`` for no limits. Entries are above 0, ``inf``
             included.
-        ranges: Those of the model.
+        ranges: Joint ranges of the model.
 
     Raises:
         InvalidInput: If there is no such joint, or a shape or a sign is wrong.

@@ -7,18 +7,18 @@ import mujoco
 import numpy as np
 
 from qp_twist.checks import Array, number
+from qp_twist.constraints.array_attribute import array_attribute
 from qp_twist.constraints.box_limit import BoxLimit, one_by_one
 from qp_twist.constraints.constraint import Constraint
-from qp_twist.constraints.stated import stated
 from qp_twist.errors import InvalidInput
 from qp_twist.kinematics import JointRanges
 
-HAIR = 1e-12
-"""How far inside its limit a joint stops, as a share of the limit (rad or m, if that is below 1).
-
-So q + q̇ dt is inside as rounded."""
+STOPPING_CLEARANCE = 1e-12
+"""Distance from its limit at which a joint stops, as a share of the limit (of 1 rad or m, if
+larger), so that the rounded q + q̇ dt is inside."""
 NOTICEABLE = 1e-9
-"""Less than this beyond a limit, rad, m, rad/s or m/s, is rounding: neither mended nor told."""
+"""A smaller violation of a limit (rad, m, rad/s or m/s) is rounding: neither corrected nor
+reported."""
 
 
 class PositionLimit(BoxLimit, Constraint):
@@ -26,18 +26,18 @@ class PositionLimit(BoxLimit, Constraint):
 
     .. math:: (\theta_{min} - \theta)/dt \le \dot\theta \le (\theta_{max} - \theta)/dt
 
-    A joint that starts outside comes back at ``recovery_speed``, instead of in one step: neither an
-    error nor a snap. Velocity and acceleration limits hold.
+    A joint that starts outside returns at ``recovery_speed`` instead of in one step; this is not an
+    error. Velocity and acceleration limits hold meanwhile.
 
     Attributes:
-        lower: θ_min, rad or m, (nv,); −∞ where there is none. Another array may be assigned.
-        upper: θ_max, (nv,), likewise; ∞ where there is none.
-        hair: What a joint stops short of θ_min and θ_max by, for rounding, rad or m, (2, nv).
+        lower: θ_min, rad or m, (nv,); −∞ without a limit. Another array may be assigned.
+        upper: θ_max, (nv,), likewise; ∞ without a limit.
+        rounding: Distance from θ_min and θ_max at which a joint stops, rad or m, (2, nv).
     """
 
     kind = "position"
-    lower: Array = stated()
-    upper: Array = stated()
+    lower: Array = array_attribute()
+    upper: Array = array_attribute()
     revision: int
 
     def __init__(
@@ -47,8 +47,8 @@ class PositionLimit(BoxLimit, Constraint):
 
         Args:
             model: The robot.
-            margin: What the ranges are narrowed by at either end, rad or m: a real joint is later
-                than its command, and runs on.
+            margin: Distance by which the ranges are narrowed at either end, rad or m: a real joint
+                lags behind its command, and overshoots.
             recovery_speed: Speed at which a joint outside returns, rad/s or m/s.
 
         Raises:
@@ -81,8 +81,8 @@ class PositionLimit(BoxLimit, Constraint):
         """(θ_min − θ)/dt and (θ_max − θ)/dt, rad/s or m/s, each (nv,)."""
         dt = number("dt", dt, above=0.0)
         room = self._room(configuration)
-        # From inside, and from where rounding put it, a joint may always stand still.
-        fastest = self._fastest(np.maximum(room - self.hair, 0.0), dt)
+        # A joint inside its range, up to rounding, may always stand still.
+        fastest = self._fastest(np.maximum(room - self.rounding, 0.0), dt)
         lower, upper = -fastest[0], fastest[1]
         if np.count_nonzero(room < -NOTICEABLE):
             below, above = room < -NOTICEABLE
@@ -93,7 +93,7 @@ class PositionLimit(BoxLimit, Constraint):
         return lower, upper
 
     def margins(self, q: Array) -> Array:
-        """Distance from the nearer end, rad or m, (N, nv)."""
+        """Distance of each joint from the nearer end of its range, rad or m, (N, nv)."""
         positions = self.ranges.positions(q)
         margins: Array = np.minimum(positions - self.lower, self.upper - positions)
         return margins
@@ -105,7 +105,7 @@ class PositionLimit(BoxLimit, Constraint):
         return one_by_one(np.where(rising, 1.0, -1.0))
 
     def change(self, q: Array, travel: Array) -> Array:
-        """As far as the joint moves, (N, nv)."""
+        """The travel of each joint, (N, nv)."""
         return travel
 
     def recovering(self, configuration: mink.Configuration, dt: float) -> tuple[str, ...]:
@@ -124,7 +124,7 @@ class PositionLimit(BoxLimit, Constraint):
         """Set θ_min and θ_max, (nv,), in place of the model's."""
         self.lower, self.upper = lower, upper
         ends = np.abs(np.array((lower, upper)))
-        self.hair = HAIR * np.maximum(1.0, np.where(np.isfinite(ends), ends, 0.0))
+        self.rounding = STOPPING_CLEARANCE * np.maximum(1.0, np.where(np.isfinite(ends), ends, 0.0))
 
     def _room(self, configuration: mink.Configuration) -> Array:
         """θ − θ_min and θ_max − θ, rad or m, (2, nv); negative outside."""

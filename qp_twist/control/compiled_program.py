@@ -1,4 +1,4 @@
-"""Programs that mink tasks and limits have stated, solved by the kernel."""
+"""The quadratic program of mink tasks and limits, solved by the kernel."""
 
 from __future__ import annotations
 
@@ -9,16 +9,16 @@ import mink
 import numpy as np
 
 from qp_twist.checks import Array, Indices
-from qp_twist.constraints import Box, MinkRange, Named, RowsOf, StatedRows, kind_of
-from qp_twist.constraints.stated_limit import UNLIMITED
-from qp_twist.control.plain_step import Layout, PlainStep
+from qp_twist.constraints import Box, LimitRows, MinkRange, Named, RowsOf, kind_of
+from qp_twist.constraints.evaluated_limit import UNLIMITED
+from qp_twist.control.lazy_step import LazyStep, StepLabels
 from qp_twist.control.posing import STEEPEST, WeightedRows
 from qp_twist.control.step import Status
 from qp_twist.control.step_tables import TOLERANCES
 from qp_twist.kernel.program_step import (
     keep_independent,
     program_step,
-    slower_step,
+    scaled_step,
 )
 from qp_twist.kernel.stated_limits import (
     append_ball_ranges,
@@ -27,50 +27,49 @@ from qp_twist.kernel.stated_limits import (
     narrow_to_range,
 )
 from qp_twist.kernel.step_record import PROGRAM, Sizes
-from qp_twist.kernel.verified_program import DEPENDENT, DONE, SCALED, TOO_FAST
+from qp_twist.kernel.verified_program import DEPENDENT, DONE, INFEASIBLE, SCALED
 from qp_twist.qp.verification import EQUALITY_TOLERANCE
 
 _MOST = 64
-"""Shapes of programs for which arrays are kept."""
+"""Number of program shapes for which arrays are kept."""
 _FIRST = {"acceleration": 0.0, "position": 2000.0}
-"""Numbers of kinds begin here, others at 1000: of equal bounds the one that comes first counts."""
+"""First number of each kind of bound, 1000 for other kinds: of equal bounds the lowest counts."""
 _GONE = 1e-9
-"""What is left of a row outside the others, as a length, that makes it depend on them."""
+"""A row depends on others if its remainder after projecting them out is at most this long."""
 _mine = threading.local()
 
 
 class CompiledProgram:
-    """Room for programs of n unknowns: what is stated is laid down here, then solved.
+    """Arrays in which programs of n unknowns are assembled, one after the other, and solved.
 
-    Each thread has its own for each n, and lays down one program after the other. So nobody else's
-    code (a task, a limit) may run between :meth:`begin` and the last look at the result: it might
-    ask for a step itself.
+    Each thread has one object for each n and reuses it. So no code of a task or limit may run
+    between :meth:`begin` and the last access to the result: it might compute a step itself.
     """
 
     def __init__(self, n: int) -> None:
         self.n = n
-        # Of the costs: W, e and their sums.
+        # Costs: W, e and their sums.
         self._weighted, self._errors = np.zeros((4 * n, n)), np.zeros(4 * n)
         self._H, self._c, self._lift = np.zeros((n, n)), np.zeros(n), 0.0
-        # Of the constraints: A and b.
+        # Constraints: A and b.
         self._A, self._b = np.zeros((n, n)), np.zeros(n)
         self._m = 0
-        # Of the limits: bounds, rows, and what one limit states before it is looked at.
+        # Limits: bounds, rows, and the rows of one limit before they are checked.
         self._open = np.array([[-np.inf], [np.inf], [np.inf], [np.inf]]).repeat(n, axis=1)
         self._box, self._kinds = self._open.copy(), dict[float, str]()
         self._rows, self._ends = np.zeros((n, n)), np.zeros(n)
         self._which = np.zeros(n, dtype=np.intp)
-        self._stated, self._stated_ends = np.zeros((n, n)), np.zeros(n)
+        self._limit_rows, self._limit_ends = np.zeros((n, n)), np.zeros(n)
         self._sources = list[tuple[mink.Limit | MinkRange, int, int]]()
-        self._k, self._in_order = 0, True
-        # Programs by m and the inequality rows that they have room for.
+        self._k, self._is_valid = 0, True
+        # Arrays by m and their capacity of inequality rows.
         self._kept: dict[tuple[int, int], _Arrays] = {}
         self._size, self._result = Sizes(n, 0, 0, 1, 0, n, 0, 0, 0), np.zeros(0)
         self._dependent: tuple[Array, Array] | None = None
 
     @classmethod
     def of(cls, n: int) -> CompiledProgram:
-        """The one of this thread."""
+        """The object of this thread for n unknowns."""
         kept: dict[int, CompiledProgram] = _mine.__dict__.setdefault("kept", {})
         found = kept.get(n)
         if found is None:
@@ -80,15 +79,15 @@ class CompiledProgram:
         return found
 
     def begin(self) -> None:
-        """Forget the program before."""
+        """Clear the previous program."""
         self._m = self._k = 0
-        self._in_order = True
+        self._is_valid = True
         self._box[:] = self._open
         self._kinds, self._sources = {}, []
         self._dependent = None
 
     def add_costs(self, costs: list[WeightedRows | mink.Objective], damping: float | Array) -> None:
-        r"""Sum up what the tasks state, as mink does, with a damping of all joints."""
+        r"""Add up the costs of the tasks, as mink does, and the damping of all joints."""
         at, lift = 0, damping
         for cost in costs:
             if type(cost) is WeightedRows:
@@ -114,7 +113,7 @@ class CompiledProgram:
         self._lift = float(lift)
 
     def cost(self, dt: float) -> tuple[Array, Array]:
-        """H and c on a velocity, copies."""
+        """Copies of H and c, for the velocity as the unknown."""
         H = self._H.copy()
         H.flat[:: self.n + 1] += self._lift
         return H, self._c / dt
@@ -127,21 +126,21 @@ class CompiledProgram:
         self._A[first : self._m], self._b[first : self._m] = A, b
 
     def add_box(self, box: Box) -> None:
-        """Bounds, each (n,); of others the reference says what is wrong."""
+        """Bounds, each (n,); invalid ones are left to the reference, which names them."""
         lower, upper = box.lower, box.upper
-        self._in_order &= _are_bounds(lower, self.n) and _are_bounds(upper, self.n)
-        if self._in_order:
-            self._in_order = narrow_box(lower, upper, self._number(box.kind), self._box)
+        self._is_valid &= _are_bounds(lower, self.n) and _are_bounds(upper, self.n)
+        if self._is_valid:
+            self._is_valid = narrow_box(lower, upper, self._number(box.kind), self._box)
 
     def add_range(self, limit: MinkRange, q: Array, dt: float) -> None:
-        """A range of mink's, at joint positions q (nq,)."""
-        self._in_order &= narrow_to_range(
+        """mink's joint ranges at joint positions q (nq,)."""
+        self._is_valid &= narrow_to_range(
             q, limit.lower, limit.upper, limit.gain, dt, limit.addresses, limit.dofs,
             self._number("position"), self._box,
         )  # fmt: skip
         count = len(limit.ball_dofs)
-        if count and self._make_room(count):
-            self._taken(
+        if count and self._reserve(count):
+            self._record_source(
                 limit,
                 append_ball_ranges(
                     q, limit.ball_angles, limit.gain, dt, limit.ball_addresses, limit.ball_dofs,
@@ -149,55 +148,55 @@ class CompiledProgram:
                 ),
             )  # fmt: skip
 
-    def add_rows(self, stated: StatedRows, dt: float) -> None:
-        """Rows G Δq ≤ h that a limit states, (k, n)."""
-        limit, G, h = stated
+    def add_rows(self, limit_rows: LimitRows, dt: float) -> None:
+        """Rows G Δq ≤ h of a limit, (k, n)."""
+        limit, G, h = limit_rows
         count = len(h)
-        if count > len(self._stated_ends):
-            self._stated = _longer(self._stated, count)
-            self._stated_ends = _longer(self._stated_ends, count)
-        self._stated[:count], self._stated_ends[:count] = G, h
-        if self._make_room(count):
-            self._taken(
+        if count > len(self._limit_ends):
+            self._limit_rows = _longer(self._limit_rows, count)
+            self._limit_ends = _longer(self._limit_ends, count)
+        self._limit_rows[:count], self._limit_ends[:count] = G, h
+        if self._reserve(count):
+            self._record_source(
                 limit,
                 append_rows(
-                    self._stated, self._stated_ends, count, dt, self._number(kind_of(limit)),
+                    self._limit_rows, self._limit_ends, count, dt, self._number(kind_of(limit)),
                     UNLIMITED, self._box, self._rows, self._ends, self._which, self._k,
                 ),
             )  # fmt: skip
 
     def _number(self, kind: str) -> float:
-        """Of a kind of limit, as the bounds have it."""
+        """A new number for a bound of this kind."""
         number = _FIRST.get(kind, 1000.0) + len(self._kinds)
         self._kinds[number] = kind
         return number
 
-    def _make_room(self, count: int) -> bool:
-        """For more inequality rows; whether everything is in order so far."""
+    def _reserve(self, count: int) -> bool:
+        """Grow the arrays for more inequality rows; return whether all input is valid so far."""
         if self._k + count > len(self._ends):
             self._rows = _longer(self._rows, self._k + count)
             self._ends = _longer(self._ends, self._k + count)
             self._which = _longer(self._which, self._k + count)
-        return self._in_order
+        return self._is_valid
 
-    def _taken(self, limit: mink.Limit | MinkRange, end: int) -> None:
-        """Remember whose the rows are that now end at ``end``."""
+    def _record_source(self, limit: mink.Limit | MinkRange, end: int) -> None:
+        """Record the limit of the rows that were appended up to ``end``."""
         if end < 0:
-            self._in_order = False
+            self._is_valid = False
         elif end > self._k:
             self._sources.append((limit, self._k, end))
             self._k = end
 
     def solve(self, dt: float, threshold: float, scales: bool = False) -> bool:
-        """Whether the program has a verified solution that meets every row; then it is kept here.
+        """Solve and verify the program; return whether there is a solution that meets all rows.
 
         Args:
             dt: Length of the step, s.
-            threshold: Singular value of A below which the reference has to look at it. Rows that
-                depend on others altogether, and ask for the same, count once.
-            scales: Whether A x = s b at the largest s will do where A x = b does not fit.
+            threshold: Singular value of A below which the reference solves the program. Linearly
+                dependent rows that are consistent count once.
+            scales: Whether to solve A x = s b with the largest feasible s if A x = b is infeasible.
         """
-        if not self._in_order:
+        if not self._is_valid:
             return False
         status = self._solve(dt, threshold, self._m, scales)
         if status == DEPENDENT:
@@ -227,40 +226,40 @@ class CompiledProgram:
             self._ends, UNLIMITED, arrays.floats, arrays.integers, arrays.level_ends, threshold,
             TOLERANCES, arrays.R, arrays.work, arrays.held,
         )  # fmt: skip
-        if status == TOO_FAST and scales:
-            status = slower_step(arrays.floats, arrays.integers, TOLERANCES)
+        if status == INFEASIBLE and scales:
+            status = scaled_step(arrays.floats, arrays.integers, TOLERANCES)
         return status
 
     @property
     def velocity(self) -> Array:
-        """q̇ of the program solved last, (n,), in arrays that the next one uses."""
+        """q̇ of the last program, (n,): a view that the next program overwrites."""
         velocity: Array = self._result[self.n : 2 * self.n]
         return velocity
 
     @property
     def scale(self) -> float:
-        """s of A x = s b, likewise."""
+        """s of A x = s b of the last program."""
         return float(self._result[PROGRAM.end(self._size, "lam")])
 
-    def step(self, ranks: tuple[int, ...], names: tuple[str, ...]) -> PlainStep:
-        """The step of the program solved last.
+    def step(self, ranks: tuple[int, ...], names: tuple[str, ...]) -> LazyStep:
+        """The step of the last program.
 
         Args:
-            ranks: Equality rows of each constraint.
-            names: Of the joints, by degree of freedom.
+            ranks: Number of equality rows of each constraint.
+            names: Joint names by degree of freedom.
         """
         sources: list[Named] = [
             _rows_of(limit, self._which[first:end].copy(), names)
             for limit, first, end in self._sources
         ]
         if self._dependent is not None:
-            ranks_laid_down: tuple[int, ...] = (self._size.m,)
+            solved_ranks: tuple[int, ...] = (self._size.m,)
         else:
-            ranks_laid_down = ranks
-        layout = Layout(ranks_laid_down, self._size.m, names, self._kinds)
-        step = PlainStep.made(self.velocity, self._result, self._size, layout, sources)
+            solved_ranks = ranks
+        labels = StepLabels(solved_ranks, self._size.m, names, self._kinds)
+        step = LazyStep.made(self.velocity, self._result, self._size, labels, sources)
         if self.scale < 1.0:
-            step.hindered(Status.SCALED, self.scale)
+            step.set_outcome(Status.SCALED, self.scale)
         if self._dependent is not None:
             A, b = self._dependent
             apart = np.split(A @ self.velocity - self.scale * b, np.cumsum(ranks)[:-1])
@@ -271,7 +270,7 @@ class CompiledProgram:
 
 
 class _Arrays:
-    """What the kernel works in: m equality rows, room for so many inequality rows."""
+    """Arrays of the kernel for m equality rows and up to ``room`` inequality rows."""
 
     def __init__(self, n: int, m: int, room: int) -> None:
         self._most = Sizes(n, m, 0, 1, 0, n, 0, 0, room)
@@ -283,17 +282,17 @@ class _Arrays:
         self._by_rows: dict[int, tuple[Sizes, Array]] = {}
 
     def begin(self, k: int) -> tuple[Sizes, Array]:
-        """Sizes of a program with k inequality rows, and where it is left behind."""
+        """Sizes of a program with k inequality rows, and a view of its result."""
         found = self._by_rows.get(k)
         if found is None:
             size = self._most._replace(k=k)
-            found = self._by_rows[k] = size, self.floats[: PROGRAM.end(size, "gains")]
+            found = self._by_rows[k] = size, self.floats[: PROGRAM.end(size, "sensitivity")]
         PROGRAM.resize(self.integers, found[0])
         return found
 
 
 class _BallRows:
-    """Names of the ball joints' rows of a range."""
+    """Names of the ball joints' rows of a joint range."""
 
     def __init__(self, limit: MinkRange, which: Indices, names: tuple[str, ...]) -> None:
         dofs = limit.ball_dofs[which - limit.first_ball_row]
@@ -307,12 +306,12 @@ def _rows_of(limit: mink.Limit | MinkRange, which: Indices, names: tuple[str, ..
 
 
 def _are_bounds(values: Any, n: int) -> bool:
-    """Whether these are n floats; the kernel takes it for granted."""
+    """Whether these are n floats, which the kernel does not check."""
     return type(values) is np.ndarray and values.dtype == np.float64 and values.shape == (n,)
 
 
 def _longer(array: Any, length: int) -> Any:
-    """The same with room for at least ``length`` entries."""
+    """A copy with at least ``length`` rows."""
     longer = np.zeros((max(length, 2 * len(array)), *array.shape[1:]), dtype=array.dtype)
     longer[: len(array)] = array
     return longer

@@ -13,40 +13,48 @@ import numpy.typing as npt
 from qp_twist.checks import Array
 from qp_twist.constraints import (
     DisplacementWindow,
+    EvaluatedLimit,
     MotionLimit,
     Named,
     PositionLimit,
-    StatedLimit,
     is_mink_box,
 )
 from qp_twist.control.composition import BOXES, rows_known
-from qp_twist.control.plain_step import Layout, PlainStep
+from qp_twist.control.lazy_step import LazyStep, StepLabels
 from qp_twist.control.posing import mink_costs
 from qp_twist.control.step import Status
 from qp_twist.control.step_tables import (
     TOLERANCES,
+    kernel_settings,
     numbers_of_kinds,
-    settings_of,
     state_of_mink,
     table_of,
     with_slacks,
 )
 from qp_twist.kernel import COMPILED
 from qp_twist.kernel.live_step import (
-    ELSEWHERE,
-    GIVEN_JACOBIAN,
-    live_hindered_step,
+    NO_EFFECT,
+    PYTHON_JACOBIAN,
+    live_infeasible_step,
     live_step,
 )
-from qp_twist.kernel.step_kernel import GIVEN, RAISE, RELAX, SCALE, STATED, STEP, Given
+from qp_twist.kernel.step_kernel import (
+    FROM_PYTHON,
+    RAISE,
+    RELAX,
+    SCALE,
+    STEP,
+    STEP_INPUTS,
+    StepInputs,
+)
 from qp_twist.kernel.step_record import PROGRAM, Program, Sizes
 from qp_twist.kernel.verified_program import (
     DONE,
+    INFEASIBLE,
     PRIORITIZED,
     REFUSED,
     RELAXED,
     SCALED,
-    TOO_FAST,
 )
 from qp_twist.kinematics import (
     BandRows,
@@ -125,7 +133,7 @@ class CompiledStep:
         ranks = [sum(task.projector.rank for task in level) for level in self._levels]
         self._ends = np.cumsum(ranks)
         numbers = numbers_of_kinds(limits)
-        self._layout = Layout(
+        self._labels = StepLabels(
             self._ranks, int(self._ends[0]), ranges.names,
             {number: name for name, number in numbers.items()},
         )  # fmt: skip
@@ -152,11 +160,13 @@ class CompiledStep:
         self._capacity = capacity
         self._floats, self._integers = STEP.allocate(size)
         self._take_rows(0)
-        g = self._given
+        g = self._inputs
         self._python_tasks = [n for n, task in enumerate(self._tasks) if not rows_known(task)]
         for n, task in enumerate(self._tasks):
             known = n not in self._python_tasks
-            g.kinds[n] = kinds_of(task.projector) if known else (task.projector.rank, 0, STATED)
+            g.kinds[n] = (
+                kinds_of(task.projector) if known else (task.projector.rank, 0, FROM_PYTHON)
+            )
         g.ends[:], g.types[:] = self._ends, types
         g.addresses[:nv], g.addresses[nv:] = self._ranges.qpos, -1
         g.tolerances[:] = TOLERANCES  # type: ignore[index]
@@ -177,10 +187,10 @@ class CompiledStep:
         self._motions = [(t[:, 6], limit) for t, limit in tables if isinstance(limit, MotionLimit)]
         self._mink_boxes = [(t, limit) for t, limit in tables if is_mink_box(limit)]
         self._mink_states = [state_of_mink(limit) for _, limit in self._mink_boxes]
-        self._stated = [
+        self._evaluated_limits = [
             (t, limit) for t, limit in tables if type(limit) not in BOXES and not is_mink_box(limit)
         ]
-        self._calls_python = bool(self._stated or self._soft_tasks or self._python_tasks)
+        self._calls_python = bool(self._evaluated_limits or self._soft_tasks or self._python_tasks)
         self._banded = False
         self._data: mujoco.MjData | None = None
         self._jacs: list[tuple[Callable[..., None], Array, int, int]] = []
@@ -188,15 +198,15 @@ class CompiledStep:
 
     def _lay_out_kinematics(self, model: mujoco.MjModel) -> None:
         """Write which joints move which frame, and the numbers of MuJoCo's joints."""
-        g = self._given
-        g.links[:] = ELSEWHERE
+        g = self._inputs
+        g.links[:] = NO_EFFECT
         self._without_links: list[int] = []
         for number, task in enumerate(self._tasks):
             dofs = dofs_above(model, task.frame_name, task.frame_type)
             if number in self._python_tasks:
                 continue
             if (self._ranges.qpos[dofs] < 0).any():  # a ball or free joint
-                g.links[number] = GIVEN_JACOBIAN
+                g.links[number] = PYTHON_JACOBIAN
                 self._without_links.append(number)
                 continue
             slides = ~self._ranges.hinge[dofs]
@@ -209,11 +219,11 @@ class CompiledStep:
         self._size = self._size._replace(k=k)
         STEP.resize(self._integers, self._size)
         stages = STEP.arrays(self._floats, self._integers, self._integers)
-        self._given: Given = stages.given
+        self._inputs: StepInputs = stages.inputs
         self._program: Program = stages.program
         self._program.active_count[0] = 0
-        first = GIVEN.layout(self._size).floats
-        self._result = self._floats[first : first + PROGRAM.end(self._size, "gains")]
+        first = STEP_INPUTS.layout(self._size).floats
+        self._result = self._floats[first : first + PROGRAM.end(self._size, "sensitivity")]
 
     def __call__(
         self,
@@ -221,7 +231,7 @@ class CompiledStep:
         configuration: mink.Configuration,
         dt: float,
         use_secondary: bool,
-    ) -> PlainStep | None:
+    ) -> LazyStep | None:
         """Compute the step; ``None`` if the reference has to compute it.
 
         The latter includes a controller whose composition has changed since it was prepared.
@@ -244,20 +254,20 @@ class CompiledStep:
         self._update_state(composed)
         for jac, rows_of_task, index, number in self._jacs:
             jac(self._model, self._data, rows_of_task[:3], rows_of_task[3:], index)
-            self._given.jacobians[number, :, : self._model.nv] = rows_of_task
+            self._inputs.jacobians[number, :, : self._model.nv] = rows_of_task
         status = live_step(self._floats, self._integers, dt, use_secondary, self.twist_space)
-        if status == TOO_FAST:
-            status = live_hindered_step(self._floats, self._integers)
+        if status == INFEASIBLE:
+            status = live_infeasible_step(self._floats, self._integers)
         # A band is relaxed with its level, but the kernel treats it as a limit.
         by_levels = status in (RELAXED, PRIORITIZED)
         if status == REFUSED or (by_levels and self._banded):
             return None
-        step = PlainStep.made(
-            self._program.x[: self._model.nv], self._result, self._size, self._layout, rows
+        step = LazyStep.made(
+            self._program.x[: self._model.nv], self._result, self._size, self._labels, rows
         )
         if status != DONE:
             gaps = tuple(self._program.levels.gaps.tolist()) if by_levels else ()
-            step.hindered(_STATUSES[status], float(self._program.gains[0]), gaps)
+            step.set_outcome(_STATUSES[status], float(self._program.sensitivity[0]), gaps)
         return step
 
     def _is_of(self, composed: Composition) -> bool:
@@ -281,9 +291,11 @@ class CompiledStep:
             tasks have changed.
         """
         with np.errstate(over="ignore", invalid="ignore"):  # non-finite values are refused later
-            stated = [StatedLimit.of(limit, configuration, dt) for _, limit in self._stated]
+            evaluated = [
+                EvaluatedLimit.of(limit, configuration, dt) for _, limit in self._evaluated_limits
+            ]
             costs = mink_costs(self._soft_tasks, configuration, dt) if self._soft_tasks else None
-        rows: list[StatedLimit | BandRows] = [s for s in stated if s is not None]
+        rows: list[EvaluatedLimit | BandRows] = [s for s in evaluated if s is not None]
         for task in self._tasks:
             rows += task.band_rows(configuration, dt)
         k = sum(len(source.bounds) for source in rows)
@@ -295,23 +307,23 @@ class CompiledStep:
             return None
         if k != self._size.k:
             self._take_rows(k)
-        for (table, _), limit in zip(self._stated, stated, strict=True):
+        for (table, _), limit in zip(self._evaluated_limits, evaluated, strict=True):
             table[:, 0], table[:, 1] = (-np.inf, np.inf) if limit is None else limit.box[1:]
         hardest = 0.0
         if costs is not None:
             nv = composed.model.nv
-            self._given.quadratic[:nv, :nv], self._given.linear[:nv] = costs
+            self._inputs.quadratic[:nv, :nv], self._inputs.linear[:nv] = costs
             hardest = float(np.abs(costs[0]).max())
         self._write_rows(rows, composed, hardest)
-        if self._python_tasks and not self._update_stated_rows(composed, configuration, dt):
+        if self._python_tasks and not self._update_python_rows(composed, configuration, dt):
             return None
         return rows
 
     def _write_rows(
-        self, rows: list[StatedLimit | BandRows], composed: Composition, hardest: float
+        self, rows: list[EvaluatedLimit | BandRows], composed: Composition, hardest: float
     ) -> None:
         """Write the inequality rows; ``hardest`` is the largest quadratic cost of other tasks."""
-        nv, metric = composed.model.nv, self._given.metric
+        nv, metric = composed.model.nv, self._inputs.metric
         first, slack, G = 0, nv, self._program.G
         # Slacks are scaled so that their cost is about that of the joints.
         cost = max(composed.joint_weight * float(metric[:nv].max()), hardest)
@@ -325,7 +337,7 @@ class CompiledStep:
                 slack += 1
             first = end
 
-    def _update_stated_rows(
+    def _update_python_rows(
         self, composed: Composition, configuration: mink.Configuration, dt: float
     ) -> bool:
         """Write the rows of tasks evaluated in Python; return whether their number is unchanged."""
@@ -335,12 +347,12 @@ class CompiledStep:
             A, b = task.velocity_rows(configuration, dt)
             if len(b) != last - first:
                 return False
-            self._given.stated_sides[first:last] = b
-            self._given.stated_rows[first:last, : A.shape[1]] = A
+            self._inputs.python_rhs[first:last] = b
+            self._inputs.python_rows[first:last, : A.shape[1]] = A
             if self.twist_space:
                 cost = composed.free_costs[number]
                 free = cost.cost[:, None] * cost.compute_jacobian(configuration)
-                block = self._given.stated_free[6 * number : 6 * number + 6]
+                block = self._inputs.python_free[6 * number : 6 * number + 6]
                 block[:], block[: len(free), : free.shape[1]] = 0.0, free
         return True
 
@@ -352,18 +364,18 @@ class CompiledStep:
         The caller fills in poses, Jacobians and targets. ``None`` if Python has to evaluate
         something at each configuration: bands, limits of other classes, other tasks or secondaries.
         """
-        in_python = self._others or self._stated or self._soft_tasks or self._python_tasks
+        in_python = self._others or self._evaluated_limits or self._soft_tasks or self._python_tasks
         if in_python or any(task.bands for task in self._tasks):
             return None
         for number, task in enumerate(self._tasks):
             pose = task.target_wxyz_xyz
             if pose is not None:
-                row = self._given.targets[number]
+                row = self._inputs.targets[number]
                 mujoco.mju_quat2Mat(row[:9], pose[:4])
                 row[9:12], row[12:] = pose[4:], task.feedforward
         self._update_secondary(None)
         self._update_state(composed)
-        return self._floats, self._integers, self._given.targets
+        return self._floats, self._integers, self._inputs.targets
 
     def _tasks_known(self) -> bool:
         """Write what has changed in the tasks; return whether the kernel still supports them."""
@@ -387,7 +399,7 @@ class CompiledStep:
             paces = _step_sizes(task)
             if paces != self._known_step_sizes[number]:
                 self._known_step_sizes[number] = paces
-                self._given.shapes[number, 24:] = paces
+                self._inputs.shapes[number, 24:] = paces
         return True
 
     def _update_secondary(self, configuration: mink.Configuration | None) -> None:
@@ -400,7 +412,7 @@ class CompiledStep:
                 self._take_secondary()
         if self._others:
             assert configuration is not None
-            displacement = self._given.displacement[: self._model.nv]
+            displacement = self._inputs.displacement[: self._model.nv]
             displacement[:] = self._steady
             for other in self._others:
                 displacement += checked_displacement(other, configuration)
@@ -410,12 +422,12 @@ class CompiledStep:
         self._asked_centering = [(s, s.gain, s.weight) for s in self._centering]
         self._asked_postures = [(s, s.gain, s.q_ref) for s in self._postures]
         nv = self._model.nv
-        self._given.stiffness[:nv] = sum(s.gain * s.stiffness for s in self._centering)
+        self._inputs.stiffness[:nv] = sum(s.gain * s.stiffness for s in self._centering)
         self._steady[:] = 0.0
         for s in self._postures:
-            self._given.stiffness[:nv] += s.gain
+            self._inputs.stiffness[:nv] += s.gain
             self._steady += s.gain * (self._ranges.positions(s.q_ref) - self._ranges.middle)
-        self._given.displacement[:nv] = self._steady
+        self._inputs.displacement[:nv] = self._steady
 
     def _bind(self, configuration: mink.Configuration) -> None:
         """Write the addresses of another configuration's data."""
@@ -428,21 +440,23 @@ class CompiledStep:
             if number in self._without_links:
                 rows = np.zeros((6, self._model.nv))
                 self._jacs.append((jac, rows, index, number))
-        self._given.sources[:-2] = [_address(array) for array in arrays]
+        self._inputs.sources[:-2] = [_address(array) for array in arrays]
 
     def _write_target(self, number: int, task: TwistTask) -> None:
         """Write a task's target."""
-        self._given.target_poses[number] = task.target_wxyz_xyz
+        self._inputs.target_poses[number] = task.target_wxyz_xyz
         moves = task.feedforward is not AT_REST
         if moves or self._moving[number]:
-            self._given.targets[number, 12:] = task.feedforward
+            self._inputs.targets[number, 12:] = task.feedforward
             self._moving[number] = moves
 
     def _take_settings(self, composed: Composition) -> None:
         self._singularity, self._weighs = composed.singularity, composed.joint_weight
         self._on_infeasible = composed.on_infeasible
-        settings = settings_of(self._singularity, self._weighs, _INFEASIBLE[composed.on_infeasible])
-        self._given.settings[:] = settings  # type: ignore[index]
+        settings = kernel_settings(
+            self._singularity, self._weighs, _INFEASIBLE[composed.on_infeasible]
+        )
+        self._inputs.settings[:] = settings  # type: ignore[index]
 
     def _update_state(self, composed: Composition) -> None:
         """Write changed settings, and the windows and previous velocity of limits."""

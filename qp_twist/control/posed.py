@@ -1,4 +1,4 @@
-"""A step as posed, and the names of what is in it."""
+"""A step's quadratic program before it is solved, and the names of its rows."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ from qp_twist.qp import Level, QuadraticProgram
 
 @dataclass(eq=False)
 class Posed:
-    """Everything about a step before it is solved.
+    """A step before it is solved.
 
     Attributes:
-        problem: The program as if every level could be met; unknowns beyond nv are the slacks of
-            soft bands. Of its inequality rows those of the limits come first, then those of soft
+        problem: The program with all levels as equality constraints; unknowns beyond nv are the
+            slacks of soft bands. Its inequality rows are those of the limits, then those of soft
             bands, then the levels' own.
-        levels: The levels as the tasks state them.
+        levels: The priority levels.
         limits: The gathered limits.
     """
 
@@ -42,7 +42,7 @@ class Posed:
 
     @cached_property
     def hard(self) -> Level:
-        """The inequality rows that hold for all levels, on all unknowns."""
+        """The inequality rows common to all levels, on all unknowns."""
         n, own = self.problem.n, sum(len(level.g) for level in self.levels.levels)
         k = len(self.problem.g) - own
         return Level(np.zeros((0, n)), np.zeros(0), self.problem.G[:k], self.problem.g[:k])
@@ -65,7 +65,7 @@ class Posed:
         gaps: tuple[float, ...] = (),
         proven: bool = True,
     ) -> Step:
-        """The step that goes with a solution of the program; multipliers as in :meth:`binding`."""
+        """The step of a solution x of the program; multipliers as for :meth:`binding`."""
         velocity = x[: len(self.limits.lower)].copy()  # of the joints alone
         return Step.of(
             {
@@ -94,7 +94,7 @@ class Posed:
         )
 
     def binding(self, box: Array, rows: Array, floor: float = 0.0) -> tuple[BindingLimit, ...]:
-        """The limits with a multiplier, from those of bounds (n,) and rows of the program (k,)."""
+        """The limits with a multiplier above ``floor``: of bounds (n,) and of rows (k,)."""
         limits, levels = self.limits, self.levels
         return binding_limits(
             box[: len(limits.lower)], rows, floor, limits.names,

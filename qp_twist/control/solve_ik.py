@@ -26,8 +26,8 @@ from qp_twist.constraints import (
     Box,
     BoxLimit,
     Constraint,
+    LimitRows,
     MinkRange,
-    StatedRows,
     check_constraint,
     check_model,
     default_range,
@@ -71,8 +71,8 @@ from qp_twist.qp import (
 if TYPE_CHECKING:
     from qp_twist.control.compiled_program import CompiledProgram
 
-DEPENDENT = 1e-9
-"""Default of ``singularity``: rows that depend on each other to this much count once."""
+DEFAULT_SINGULARITY = 1e-9
+"""Default of ``singularity``: rows whose smallest singular value is below it are dependent."""
 
 _MINK_LOG = logging.getLogger(mink.__name__)
 _CHECK_LIMITS = mink.Configuration.check_limits
@@ -89,10 +89,10 @@ def solve_ik(
     constraints: Iterable[mink.Task] | None = None,
     *,
     on_infeasible: Literal["scale", "relax", "raise"] = "scale",
-    singularity: float = DEPENDENT,
+    singularity: float = DEFAULT_SINGULARITY,
     **kwargs: Any,
 ) -> Array:
-    r"""The joint velocity that :func:`mink.solve_ik` states, verified; its signature and meaning.
+    r"""The joint velocity of :func:`mink.solve_ik`, verified; same signature and meaning.
 
     .. math::
 
@@ -101,36 +101,37 @@ def solve_ik(
         \mathbf J_c\dot{\mathbf q} = -s\,k\,\mathbf e_c/dt,\quad
         \mathbf G\dot{\mathbf q} \le \mathbf h/dt
 
-    While the constraints fit into the limits s is 1 and the velocity is mink's. Where they do not,
-    mink raises; here the constraints are met at the largest s that fits (``"scale"``; 0 where they
-    contradict each other), or in least squares (``"relax"``). Whatever the backend says, the result
-    is checked; if it is not a solution the other backends are asked. :func:`ik_step` gives the
-    velocity with all that is known of it: scale, status, binding limits.
+    If the constraints are feasible within the limits, s is 1 and the velocity is mink's. If not,
+    mink raises; here the constraints are met at the largest feasible s (``"scale"``; 0 if they
+    contradict each other) or in least squares (``"relax"``). The result of the backend is verified;
+    if it is not a solution, the other backends are tried. :func:`ik_step` also returns scale,
+    status and binding limits.
 
     Args:
-        configuration: Where the robot is; it is not changed.
-        tasks: mink tasks, each a cost. As of limits and constraints, any iterable will do, and
-            anything that has the methods which mink calls.
+        configuration: Configuration of the robot; not modified.
+        tasks: mink tasks, each a cost. Tasks, limits and constraints may be any iterables of
+            objects that have the methods which mink calls.
         dt: Length of the step, s.
-        solver: A qpsolvers backend by name.
-        damping: Levenberg–Marquardt damping of all degrees of freedom, or of each, (nv,).
+        solver: Name of a qpsolvers backend.
+        damping: Levenberg–Marquardt damping, a number or one for each degree of freedom, (nv,).
         safety_break: Whether a joint outside its range is an error; otherwise mink logs it.
-        limits: mink limits and ours; ``mink.ConfigurationLimit`` if ``None``, ``[]`` for none.
-        constraints: mink tasks whose rows are equalities.
-        on_infeasible: What is done where the constraints do not fit.
+        limits: Limits of mink and this package; ``None`` for ``mink.ConfigurationLimit``, ``[]``
+            for none.
+        constraints: mink tasks whose rows are equality constraints.
+        on_infeasible: What to do if the constraints are infeasible.
         singularity: Singular value of the constraints' rows below which a direction is slowed down,
             as in :class:`~qp_twist.Controller`.
-        kwargs: Options of the backend, which take the place of ours in the first attempt.
+        kwargs: Options of the backend; they replace this package's in the first attempt.
 
     Returns:
         q̇, rad/s and m/s, shape (nv,).
 
     Raises:
         mink.NotWithinConfigurationLimits: If ``safety_break`` is set and a joint is outside.
-        UnknownSolver: If there is no such backend; it is a ``qpsolvers.SolverNotFound``, too.
+        UnknownSolver: If there is no such backend; also a ``qpsolvers.SolverNotFound``.
         InvalidInput: If an argument has the wrong type or range, or a task is not finite.
-        InfeasibleStep: If the constraints do not fit and ``on_infeasible`` is ``"raise"``; as
-            :class:`SolverInaccurate` a subclass of :class:`mink.NoSolutionFound`.
+        InfeasibleStep: If the constraints are infeasible and ``on_infeasible`` is ``"raise"``; a
+            subclass of :class:`mink.NoSolutionFound`, as :class:`SolverInaccurate` is.
         SolverInaccurate: If every installed backend failed.
 
     Example:
@@ -142,12 +143,12 @@ def solve_ik(
         >>> bool(abs(qt.solve_ik(configuration, [hand], 0.01, "daqp")).max() < 1e-9)
         True
     """
-    request, solved = _solved(
+    problem, solved = _solved(
         configuration, tasks, dt, solver, damping, safety_break, limits, constraints,
         on_infeasible, singularity, kwargs,
     )  # fmt: skip
     velocity = solved.velocity.copy()
-    request.note(velocity)
+    problem.note(velocity)
     return velocity
 
 
@@ -162,55 +163,56 @@ def ik_step(
     constraints: Iterable[mink.Task] | None = None,
     *,
     on_infeasible: Literal["scale", "relax", "raise"] = "scale",
-    singularity: float = DEPENDENT,
+    singularity: float = DEFAULT_SINGULARITY,
     **kwargs: Any,
 ) -> Step:
-    """:func:`solve_ik` with its whole :class:`~qp_twist.Step`; residuals are of the constraints."""
-    request, solved = _solved(
+    """:func:`solve_ik`, returning a :class:`~qp_twist.Step` with the constraints' residuals."""
+    problem, solved = _solved(
         configuration, tasks, dt, solver, damping, safety_break, limits, constraints,
         on_infeasible, singularity, kwargs,
     )  # fmt: skip
     step = solved
     if not isinstance(step, Step):
-        ranks = tuple(len(rows.b) for rows in request.rows)
+        ranks = tuple(len(rows.b) for rows in problem.rows)
         step = step.step(ranks, joint_names(configuration.model))
-        step.__dict__["recovering"] = request.recovering(configuration)
-    request.note(step.velocity)
+        step.__dict__["recovering"] = problem.recovering(configuration)
+    problem.note(step.velocity)
     return step
 
 
-class _Request(NamedTuple):
-    """What tasks, limits and constraints have stated, each asked once, as mink does."""
+class _Problem(NamedTuple):
+    """Tasks, limits and constraints, each evaluated once, as mink does."""
 
     tasks: Sequence[mink.tasks.BaseTask]
     costs: list[WeightedRows | mink.Objective]
-    """Of the tasks."""
+    """Costs of the tasks."""
     limits: Sequence[mink.Limit] | None
-    """``None`` for mink's own default."""
-    findings: Sequence[MinkRange | StatedRows | tuple[Box, ...]]
-    """What the limits say, each in the shortest form that is known of its class."""
+    """``None`` for mink's default."""
+    bounds: Sequence[MinkRange | LimitRows | tuple[Box, ...]]
+    """Bounds and rows of the limits, each in the most compact form known for its class."""
     constraints: Sequence[mink.Task]
     rows: list[TaskRows]
-    """Of the constraints."""
+    """Rows of the constraints."""
     damping: float | Array
     dt: float
 
     @property
-    def ours(self) -> list[Any]:
-        """Those of the limits that are of this package."""
+    def own_limits(self) -> list[Any]:
+        """The limits of classes of this package."""
         return [limit for limit in self.limits or () if _is_a(limit, BoxLimit)]
 
     def recovering(self, configuration: mink.Configuration) -> tuple[str, ...]:
-        """What our limits, and constraints of anybody's, say of what is outside."""
-        stated = [f for f in self.findings if isinstance(f, StatedRows)]
+        """Messages about joints and constraints that are outside their limits."""
+        row_sets = [bounds for bounds in self.bounds if isinstance(bounds, LimitRows)]
+        own = self.own_limits
         return (
-            *(words for limit in self.ours for words in limit.recovering(configuration, self.dt)),
-            *(words for rows in stated for words in rows.recovering(configuration)),
+            *(text for limit in own for text in limit.recovering(configuration, self.dt)),
+            *(text for rows in row_sets for text in rows.recovering(configuration)),
         )
 
     def note(self, velocity: Array) -> None:
-        """Tell our limits which velocity is running from now on."""
-        for limit in self.ours:
+        """Store the new joint velocity in the limits that need the previous one."""
+        for limit in self.own_limits:
             limit.note(velocity)
 
 
@@ -226,8 +228,8 @@ def _solved(
     on_infeasible: str,
     singularity: float,
     options: dict[str, Any],
-) -> tuple[_Request, CompiledProgram | Step]:
-    """What was asked, and the program as the kernel has solved it or the reference's step."""
+) -> tuple[_Problem, CompiledProgram | Step]:
+    """The evaluated problem, and the program solved by the kernel or the reference's step."""
     from qp_twist.control.compiled_program import CompiledProgram  # numba takes half a second
 
     check_configuration(configuration)
@@ -241,79 +243,80 @@ def _solved(
     q = configuration.data.qpos
     if not math.isfinite(np.add.reduce(q)):
         finite_array("configuration.q", configuration.q, (model.nq,))
-    if safety_break or _check_is_heard(configuration):
+    if safety_break or _check_has_effect(configuration):
         configuration.check_limits(safety_break=safety_break)
-    request = _asked(configuration, tasks, dt, _damping(damping, model.nv), limits, constraints)
+    problem = _evaluated(configuration, tasks, dt, _damping(damping, model.nv), limits, constraints)
 
     program = CompiledProgram.of(model.nv)
     program.begin()
-    program.add_costs(request.costs, request.damping)
-    for found in request.findings:
-        if isinstance(found, MinkRange):
-            program.add_range(found, q, dt)
-        elif isinstance(found, StatedRows):
-            program.add_rows(found, dt)
+    program.add_costs(problem.costs, problem.damping)
+    for bounds in problem.bounds:
+        if isinstance(bounds, MinkRange):
+            program.add_range(bounds, q, dt)
+        elif isinstance(bounds, LimitRows):
+            program.add_rows(bounds, dt)
         else:
-            for box in found:
+            for box in bounds:
                 program.add_box(box)
-    for constraint, rows in zip(request.constraints, request.rows, strict=True):
+    for constraint, rows in zip(problem.constraints, problem.rows, strict=True):
         if not largest(rows.b) <= FASTEST:
             _check_rows(constraint, rows)
         program.add_equality(rows.A, rows.b)
     if not options and program.solve(dt, threshold, on_infeasible == "scale"):
-        return request, program
-    return request, _by_reference(
-        request, program.cost(dt), configuration, solver, on_infeasible, threshold, options
+        return problem, program
+    return problem, _by_reference(
+        problem, program.cost(dt), configuration, solver, on_infeasible, threshold, options
     )
 
 
-def _check_is_heard(configuration: mink.Configuration) -> bool:
-    """Whether mink's check of the joints does more than write lines of its log for nobody."""
+def _check_has_effect(configuration: mink.Configuration) -> bool:
+    """Whether mink's check of the joints does more than write log lines that are discarded."""
     check = getattr(configuration.check_limits, "__func__", None)
     return check is not _CHECK_LIMITS or _MINK_LOG.isEnabledFor(logging.DEBUG)
 
 
-def _asked(
+def _evaluated(
     configuration: mink.Configuration,
     tasks: Iterable[mink.tasks.BaseTask],
     dt: float,
     damping: float | Array,
     limits: Iterable[mink.Limit] | None,
     constraints: Iterable[mink.Task] | None,
-) -> _Request:
-    """What everybody states; whoever cannot be asked is named."""
-    given = _listed("tasks", tasks)
-    stated = None if limits is None else _listed("limits", limits)
+) -> _Problem:
+    """Evaluate tasks, limits and constraints; an item that cannot be evaluated is named."""
+    costed = _listed("tasks", tasks)
+    limiting = None if limits is None else _listed("limits", limits)
     if not isinstance(constraints, Iterable):
         constraints = constraints or ()  # as in mink
-    exact = _listed("constraints", constraints)
+    equalities = _listed("constraints", constraints)
     try:
         task: Any
-        for task in (*given, *exact):
+        for task in (*costed, *equalities):
             if _is_a(task, TwistTask):
                 task.set_dt(dt)  # for its feed-forward
-        costs = [mink_cost(task, configuration) for task in given]
-        findings: list[MinkRange | StatedRows | tuple[Box, ...]]
-        if stated is None:
-            findings = [default_range(configuration.model)]
+        costs = [mink_cost(task, configuration) for task in costed]
+        bounds: list[MinkRange | LimitRows | tuple[Box, ...]]
+        if limiting is None:
+            bounds = [default_range(configuration.model)]
         else:
-            findings = [_finding(limit, configuration, dt) for limit in stated]
-        rows = [_constraint_rows(task, configuration, dt) for task in exact]
+            bounds = [_bounds_of(limit, configuration, dt) for limit in limiting]
+        rows = [_constraint_rows(task, configuration, dt) for task in equalities]
     except Exception:
-        for name, items in (("tasks", given), ("limits", stated or ()), ("constraints", exact)):
-            _check_items(name, items, configuration.model)
+        _check_items("tasks", costed, configuration.model)
+        _check_items("limits", limiting or (), configuration.model)
+        _check_items("constraints", equalities, configuration.model)
         raise
-    return _Request(given, costs, stated, findings, exact, rows, damping, dt)
+    return _Problem(costed, costs, limiting, bounds, equalities, rows, damping, dt)
 
 
-def _finding(
+def _bounds_of(
     limit: Any, configuration: mink.Configuration, dt: float
-) -> MinkRange | StatedRows | tuple[Box, ...]:
-    """What a limit says: mink's own on single joints are known and need not state their rows."""
+) -> MinkRange | LimitRows | tuple[Box, ...]:
+    """Bounds of a limit; mink's own limits on single joints do not have to compute their rows."""
     if type(limit) is mink.ConfigurationLimit:
-        found = range_of(limit, configuration.model)
-        if found is not None:
-            return found
+        joint_range = range_of(limit, configuration.model)
+        if joint_range is not None:
+            return joint_range
     elif type(limit) is mink.VelocityLimit:
         speeds = speeds_of(limit, configuration.model.nv)
         if speeds is not None:
@@ -321,11 +324,11 @@ def _finding(
     elif _is_a(limit, BoxLimit):
         boxes: tuple[Box, ...] = limit.boxes(configuration, dt)
         return boxes
-    return StatedRows.of(limit, configuration, dt)
+    return LimitRows.of(limit, configuration, dt)
 
 
 def _by_reference(
-    request: _Request,
+    evaluated: _Problem,
     cost: tuple[Array, Array],
     configuration: mink.Configuration,
     solver: str,
@@ -333,19 +336,19 @@ def _by_reference(
     threshold: float,
     options: dict[str, Any],
 ) -> Step:
-    """The step by a backend of qpsolvers, whatever becomes of it; what is no number is named."""
-    for task, found in zip(request.tasks, request.costs, strict=True):
-        check_cost(task, found)
-    for constraint, rows in zip(request.constraints, request.rows, strict=True):
+    """Compute the step by a backend of qpsolvers; values that are not finite are named."""
+    for task, task_cost in zip(evaluated.tasks, evaluated.costs, strict=True):
+        check_cost(task, task_cost)
+    for constraint, rows in zip(evaluated.constraints, evaluated.rows, strict=True):
         _check_rows(constraint, rows)
-    stated = request.limits
+    own = evaluated.limits
     limits = gather_limits(
-        [mink.ConfigurationLimit(configuration.model)] if stated is None else stated,
+        [mink.ConfigurationLimit(configuration.model)] if own is None else own,
         configuration,
-        request.dt,
-        {i: found for i, found in enumerate(request.findings) if isinstance(found, StatedRows)},
+        evaluated.dt,
+        {i: bounds for i, bounds in enumerate(evaluated.bounds) if isinstance(bounds, LimitRows)},
     )
-    levels = _levels(request.constraints, request.rows, configuration, threshold)
+    levels = _levels(evaluated.constraints, evaluated.rows, configuration, threshold)
     if on_infeasible == "raise" and levels.lost:
         names = ", ".join(str(lost) for lost in levels.lost)
         raise InfeasibleStep(f"infeasible step: {NOT_THE_LIMITS}: {names}.")
@@ -356,9 +359,9 @@ def _by_reference(
     posed = Posed.of(problem, levels, limits)
     try:
         result = solve(posed.problem, solver, options=options)
-    except InvalidInput as error:  # of an option that the backend does not know
-        own = inspect.signature(ik_step).parameters
-        meant = "".join(f" {name!r}{did_you_mean(name, own)}" for name in options)
+    except InvalidInput as error:  # the backend does not know an option
+        parameters = inspect.signature(ik_step).parameters
+        meant = "".join(f" {name!r}{did_you_mean(name, parameters)}" for name in options)
         raise InvalidInput(f"{error} As arguments of solve_ik:{meant}") from error
     if options and isinstance(result, Refused):
         again, before = solve(posed.problem, solver), result.says
@@ -367,20 +370,20 @@ def _by_reference(
 
 
 def _damping(damping: Any, nv: int) -> float | Array:
-    """mink's damping: a number, or one for each degree of freedom."""
+    """Check mink's damping: a number, or one for each degree of freedom."""
     if type(damping) is float:  # nearly always
         return number("damping", damping, at_least=0.0)
     if np.size(damping) == 1:
         return number("damping", np.asarray(damping).item(), at_least=0.0)
-    found = finite_array("damping", damping, (nv,))
-    if (found < 0.0).any():
-        raise InvalidInput(f"damping: expected numbers of at least 0, got {found.min():g}.")
-    return found
+    values = finite_array("damping", damping, (nv,))
+    if (values < 0.0).any():
+        raise InvalidInput(f"damping: expected numbers of at least 0, got {values.min():g}.")
+    return values
 
 
 def _constraint_rows(task: Any, configuration: mink.Configuration, dt: float) -> TaskRows:
-    """J q̇ = −k e/dt of a constraint."""
-    if _looks_once(task):
+    """Rows J q̇ = −k e/dt of a constraint."""
+    if _has_joint_evaluation(task):
         return TaskRows(*task.velocity_rows(configuration, dt))
     jacobian, error = task.compute_jacobian(configuration), task.compute_error(configuration)
     nv = configuration.model.nv
@@ -391,14 +394,14 @@ def _constraint_rows(task: Any, configuration: mink.Configuration, dt: float) ->
 
 
 def _is_a(item: object, ours: type) -> bool:
-    """``isinstance``, which takes mink's abstract classes three times as long."""
+    """``isinstance``, in a third of the time that it takes for mink's abstract classes."""
     return ours in type(item).__mro__
 
 
-def _looks_once(task: Any) -> bool:
-    """Whether error and Jacobian of a task are those of :class:`~qp_twist.TwistTask`.
+def _has_joint_evaluation(task: Any) -> bool:
+    """Whether a task has the error and Jacobian of :class:`~qp_twist.TwistTask`.
 
-    Then one look at the configuration gives both.
+    Then ``velocity_rows`` evaluates both at once.
     """
     kind = type(task)
     return _is_a(task, TwistTask) and all(
@@ -408,7 +411,7 @@ def _looks_once(task: Any) -> bool:
 
 
 def _check_rows(task: mink.Task, rows: TaskRows) -> None:
-    """Refuse rows of a constraint that are not finite, or ask for a speed that is none, by name."""
+    """Refuse rows of a constraint that are not finite or require an impossible speed; name it."""
     check_target(task)
     name = name_of(task)
     finite_array(f"{name}: its Jacobian", rows.A, rows.A.shape)
@@ -422,21 +425,21 @@ def _levels(
     configuration: mink.Configuration,
     threshold: float,
 ) -> PosedLevels:
-    """The constraints, with their rows, as one level."""
+    """Combine the constraints' rows into one level."""
     nv = configuration.model.nv
     lost: list[LostDirection] = []
     regular: list[tuple[Array, Array]] = []
-    for task, stated in zip(constraints, rows, strict=True):
-        # What a task cannot do for itself is given up; the rest of it stays.
-        own = regular_rows(stated.A, stated.b, threshold)
-        lost += lost_where([task], [stated], own.lost, configuration)
+    for task, task_rows in zip(constraints, rows, strict=True):
+        # Directions that are singular for one task alone are slowed down in this task only.
+        own = regular_rows(task_rows.A, task_rows.b, threshold)
+        lost += lost_where([task], [task_rows], own.lost, configuration)
         regular.append((np.vstack([own.A, own.damped]), np.concatenate([own.b, own.damped_b])))
     A, b = stacked(regular, nv)
     whole = regular_rows(A, b, threshold)
     none = np.zeros((0, nv)), np.zeros(0)
     levels = [Level(whole.A, whole.b, *none)]
-    if any(direction.sigma <= DEPENDENT for direction in whole.lost):
-        # Constraints that contradict each other: none gives way, together they stand (s = 0).
+    if any(direction.sigma <= DEFAULT_SINGULARITY for direction in whole.lost):
+        # Contradicting constraints: none is relaxed; all are scaled together, to s = 0.
         levels = [Level(A, b, *none)]
     else:
         blocks = [TaskRows(*block) for block in regular]
@@ -446,16 +449,16 @@ def _levels(
     return PosedLevels(levels, [0] * len(levels), [], [rows], whole, tuple(lost), False, [])
 
 
-_ASKED = {
+_METHODS_CALLED = {
     "tasks": ("compute_qp_residual",),
     "limits": ("compute_qp_inequalities",),
     "constraints": ("compute_error", "compute_jacobian"),
 }
-"""What mink calls of an item of each list."""
+"""Methods that mink calls on the items of each list."""
 
 
 def _listed(name: str, items: Any) -> Sequence[Any]:
-    """The items of any iterable."""
+    """Items of an iterable."""
     if isinstance(items, (list, tuple)):
         return items
     if isinstance(items, (str, bytes)) or not isinstance(items, Iterable):
@@ -464,20 +467,20 @@ def _listed(name: str, items: Any) -> Sequence[Any]:
 
 
 def _check_items(name: str, items: Sequence[Any], model: mujoco.MjModel) -> None:
-    """Refuse an item that lacks what mink would call, or is for another model."""
+    """Refuse an item that lacks the methods mink calls, or belongs to another model."""
     for index, item in enumerate(items):
-        if not all(hasattr(item, asked) for asked in _ASKED[name]):
-            others = [other for other, calls in _ASKED.items() if hasattr(item, calls[0])]
+        if not all(hasattr(item, method) for method in _METHODS_CALLED[name]):
+            others = [other for other, calls in _METHODS_CALLED.items() if hasattr(item, calls[0])]
             hint = f" It belongs into {others[0]}=." if others else ""
             raise InvalidInput(
                 f"solve_ik: {name}[{index}] is {type(item).__name__}, which is none of mink's "
                 f"{name}.{hint}"
             )
-        said = f"solve_ik: {name}[{index}]"
+        label = f"solve_ik: {name}[{index}]"
         if isinstance(item, type):
             raise InvalidInput(
-                f"{said} is the class {item.__name__}; make an object of it: {item.__name__}(…)."
+                f"{label} is the class {item.__name__}; make an object of it: {item.__name__}(…)."
             )
-        check_model(said, item, model.nv)
+        check_model(label, item, model.nv)
         if isinstance(item, Constraint):
-            check_constraint(f"{said}, {type(item).__name__}", item, model)
+            check_constraint(f"{label}, {type(item).__name__}", item, model)

@@ -1,4 +1,4 @@
-"""What one step of the controller returns."""
+"""Result of one step of the controller."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ NOT_THE_LIMITS = (
 
 
 class Status(enum.Enum):
-    """What happened in a step; the value is a sentence of its own."""
+    """Status of a step; its value is a sentence."""
 
     SOLVED = "every level is met at full speed inside the limits"
     PRIORITIZED = "the first level is met at full speed, a lower one as far as that leaves room"
@@ -30,33 +30,33 @@ class Status(enum.Enum):
 
     @property
     def severity(self) -> int:
-        """0 for ``SOLVED``, more the less is delivered."""
+        """0 for ``SOLVED``, larger for worse outcomes."""
         return list(Status).index(self)
 
 
 @dataclass(frozen=True, eq=False)
 class Step:
-    """A verified joint velocity, and what it achieves.
+    """A verified joint velocity with its residuals, active limits and status.
 
     Attributes:
         velocity: q̇ in the model's tangent space, rad/s or m/s, shape (nv,).
-        scale: s in A q̇ = s b of the first level: 1 where it is met at full speed. What is
-            missing beyond that lies in the directions that are ``lost``. A relaxed step has no such
-            s and says 1: look at its residuals.
+        scale: s in A q̇ = s b of the first level: 1 if it is met at full speed, except in the
+            directions that are ``lost``. A relaxed step has no s, and scale is 1: see its
+            residuals.
         residuals: A q̇ − s b for each task (s = 1 below the first level), m/s and rad/s, in the rows
             of its basis; in the order of ``Controller.tasks``.
-        binding: The limits that hold the step back.
-        status: What happened.
-        solver: The backend whose result this is.
-        problem: The quadratic program as posed; ``step.problem.save("step.npz")`` keeps it.
+        binding: The active limits.
+        status: The outcome.
+        solver: The backend that computed the result.
+        problem: The quadratic program; ``step.problem.save("step.npz")`` stores it.
         sigma_min: Smallest singular value of the first level's task rows; ∞ without rows.
         lost: Directions of the first level in which the robot is singular and is slowed down.
-        recovering: Sentences about joints that are outside their limits and on their way back.
-        refused: What was tried before this result, and why it was not believed.
-        gaps: Where the step was solved level by level: for each level, by how much its residual may
-            be longer than at its optimum, m/s and rad/s. Empty where one program holds all rows.
+        recovering: Sentences about joints that are outside their limits and returning.
+        refused: Results of other attempts, and why they failed the verification.
+        gaps: If the step was solved level by level: for each level, a bound of its residual's
+            length above the optimum, m/s and rad/s. Empty if one program contains all rows.
         proven: Whether every gap is at most 1e-7 (longest row + max |b|) of its level. If not, rows
-            nearly depend on each other, and rounding decides what levels below them get.
+            are nearly dependent, and lower levels depend on rounding.
     """
 
     velocity: Array
@@ -75,13 +75,13 @@ class Step:
 
     @classmethod
     def of(cls, later: dict[str, Callable[[], Any]], **values: Any) -> Step:
-        """A step of which some attributes are found ``later``, when somebody asks for them."""
+        """A step with attributes that are computed ``later``, on first access."""
         step = object.__new__(cls)
         step.__dict__.update(values, _later=later)
         return step
 
     def __getattr__(self, name: str) -> Any:
-        """What nobody has asked for before."""
+        """Compute an attribute on first access."""
         later = self.__dict__.get("_later", {})
         if name not in later:
             raise AttributeError(name)
@@ -89,13 +89,13 @@ class Step:
         return value
 
     def __getstate__(self) -> dict[str, Any]:
-        """With all attributes, and without what finds them."""
+        """State with all attributes computed."""
         found = {name: getattr(self, name) for name in self.__dict__.get("_later", {})}
         return {k: v for k, v in (self.__dict__ | found).items() if k != "_later"}
 
     @property
     def message(self) -> str:
-        """The step in a sentence, with the limits that bind."""
+        """The step in a sentence, with its active limits."""
         text = f"{self.status.name.lower()}: {self.status.value}"
         if self.status is Status.SCALED:
             but = ", of all directions but the lost ones" if self.lost else ""

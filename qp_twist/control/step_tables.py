@@ -1,4 +1,4 @@
-"""Limits, settings and tolerances as the arrays that a prepared step and the kernels take."""
+"""Limits, settings and tolerances as arrays for the kernels."""
 
 from __future__ import annotations
 
@@ -17,30 +17,30 @@ from qp_twist.constraints import (
     kind_of,
     qpos_of,
 )
+from qp_twist.constraints.evaluated_limit import UNLIMITED
 from qp_twist.constraints.position_limit import NOTICEABLE
-from qp_twist.constraints.stated_limit import UNLIMITED
 from qp_twist.control.composition import BOXES
 from qp_twist.control.posing import FASTEST, NEARLY_UNSEEN, STEEPEST
 from qp_twist.kernel.bounds import (
     ACCELERATION_BOUND,
+    BOX_BOUNDS,
     MINK_RANGE,
     MOTION,
     POSITION,
     POSITION_BOUND,
-    STATED,
     VELOCITY_BOUND,
     WINDOW,
 )
 from qp_twist.kernel.step_kernel import RAISE, Settings
-from qp_twist.kernel.verified_program import Tolerances
+from qp_twist.kernel.verified_program import SolverTolerances
 from qp_twist.qp import SCALE_BACKOFF, levels, verification
 
 _TYPES: dict[type, int] = dict(zip(BOXES, (POSITION, MOTION, WINDOW), strict=True))
 _KINDS = {
     "acceleration": ACCELERATION_BOUND, "velocity": VELOCITY_BOUND, "position": POSITION_BOUND,
 }  # fmt: skip
-"""Names of what bounds come from, with their numbers."""
-TOLERANCES = Tolerances(
+"""Kinds of bounds by name, with their numbers."""
+TOLERANCES = SolverTolerances(
     equality=verification.EQUALITY_TOLERANCE,
     optimality=verification.OPTIMALITY_TOLERANCE,
     gain=verification.GAIN_TOLERANCE,
@@ -56,13 +56,13 @@ TOLERANCES = Tolerances(
 def table_of(
     limits: Sequence[mink.Limit], nv: int
 ) -> tuple[Array, np.ndarray[tuple[int], np.dtype[np.int64]]]:
-    """Limits as ``kernel.bounds`` takes them, (L, nv, 7), and what they are, (L,)."""
+    """Tables of limits for ``kernel.bounds``, (L, nv, 7), and their kinds, (L,)."""
     table, numbers = np.zeros((len(limits), nv, 7)), numbers_of_kinds(limits)
     for row, limit in zip(table, limits, strict=True):
         if isinstance(limit, DisplacementWindow):
             row[:, 0], row[:, 1] = limit.reference, limit.half_width
         elif isinstance(limit, PositionLimit):
-            row[:, 0], row[:, 1], row[:, 2:4] = limit.lower, limit.upper, limit.hair.T
+            row[:, 0], row[:, 1], row[:, 2:4] = limit.lower, limit.upper, limit.rounding.T
             if isinstance(limit, MotionLimit):
                 row[:, 4], row[:, 5] = limit.max_velocity, limit.max_acceleration
         else:
@@ -71,7 +71,7 @@ def table_of(
             write_box_of_mink(row, limit)
     types = [
         MINK_RANGE if type(limit) is mink.ConfigurationLimit and is_mink_box(limit)
-        else _TYPES.get(type(limit), STATED)
+        else _TYPES.get(type(limit), BOX_BOUNDS)
         for limit in limits
     ]  # fmt: skip
     return table, np.array(types, dtype=np.int64)
@@ -80,7 +80,7 @@ def table_of(
 def with_slacks(
     table: Array, types: np.ndarray[tuple[int], np.dtype[np.int64]], slacks: int
 ) -> tuple[Array, np.ndarray[tuple[int], np.dtype[np.int64]]]:
-    """Tables of limits with rows for slacks ε ≥ 0, which none of the limits knows."""
+    """Tables of limits extended by rows for the slacks ε ≥ 0."""
     if not slacks:
         return table, types
     free = np.repeat(table[:, :1], slacks, axis=1)
@@ -88,11 +88,11 @@ def with_slacks(
     free[types == WINDOW, :, 0] = 0.0
     positive = np.zeros((1, table.shape[1] + slacks, 7))
     positive[..., 1], positive[..., : table.shape[1], 0] = np.inf, -np.inf
-    return np.vstack([np.hstack([table, free]), positive]), np.append(types, STATED)
+    return np.vstack([np.hstack([table, free]), positive]), np.append(types, BOX_BOUNDS)
 
 
 def write_box_of_mink(row: Array, limit: Any) -> None:
-    """The numbers of such a limit into its table (nv, 7), as ``kernel.bounds`` takes them."""
+    """Write the numbers of such a limit to its table (nv, 7), for ``kernel.bounds``."""
     if limit.projection_matrix is None:
         return
     dofs = limit.indices
@@ -105,7 +105,7 @@ def write_box_of_mink(row: Array, limit: Any) -> None:
 
 
 def state_of_mink(limit: Any) -> tuple[object, ...]:
-    """What may be written into such a limit between two steps, in a form that can be compared."""
+    """The attributes of such a limit that may change between steps, in comparable form."""
     about = limit.indices.tobytes(), limit.projection_matrix is None
     if isinstance(limit, mink.VelocityLimit):
         return (limit.limit.tobytes(), *about)
@@ -113,9 +113,9 @@ def state_of_mink(limit: Any) -> tuple[object, ...]:
 
 
 def numbers_of_kinds(limits: Sequence[mink.Limit]) -> dict[str, float]:
-    """Numbers of what bounds come from, as ``intersect`` orders them.
+    """Numbers of the kinds of bounds, in the order of ``intersect``.
 
-    Other kinds stand beside velocities, before or behind them as in the list.
+    Other kinds are numbered around velocities, in the order of the limits.
     """
     found: dict[str, None] = {}
     for limit in limits:
@@ -130,8 +130,8 @@ def numbers_of_kinds(limits: Sequence[mink.Limit]) -> dict[str, float]:
     return others | _KINDS
 
 
-def settings_of(singularity: float, weight: float, infeasible: int = RAISE) -> Settings:
-    """Settings of a controller as ``step_kernel`` takes them."""
+def kernel_settings(singularity: float, weight: float, infeasible: int = RAISE) -> Settings:
+    """Settings of a controller for ``step_kernel``."""
     return Settings(
         singularity, weight, NEARLY_UNSEEN, FASTEST, NOTICEABLE, UNLIMITED,
         STEEPEST, infeasible,

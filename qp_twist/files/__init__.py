@@ -1,4 +1,4 @@
-"""Files: written whole or not at all; tables that other programs wrote."""
+"""Files: atomic writing, and reading of tables from other programs."""
 
 from .table import Problems as Problems
 from .table import Table as Table
@@ -14,7 +14,7 @@ from .table_units import FeedUnit as FeedUnit
 from .table_units import LengthUnit as LengthUnit
 from .table_units import factor as factor
 from .table_units import split_unit as split_unit
-from .writing import LARGEST as LARGEST
+from .writing import LARGEST_FILE as LARGEST_FILE
 from .writing import check_regular as check_regular
 from .writing import read_bytes as read_bytes
 from .writing import read_text as read_text

@@ -1,4 +1,4 @@
-"""A table as rows of numbers under a header, and all that is wrong with it."""
+"""Read a table of numbers with a header, and collect its problems."""
 
 from __future__ import annotations
 
@@ -16,21 +16,21 @@ from qp_twist.files.table_text import Dialect
 from qp_twist.files.table_units import is_unit_row, split_unit
 
 SHOWN = 20
-"""Problems that are listed one by one; the others are counted."""
+"""Number of problems that are listed; the others are counted."""
 _LOOKED_AT = 300
-"""Lines by which the dialect is found."""
+"""Number of lines from which the dialect is detected."""
 _COMMENT = re.compile(r"\s*(?:#|//|%)")
 _SPREADSHEET_ERROR = re.compile(r"\s*\"?#(?:N/?A|VALUE!|REF!|DIV/0!|NUM!|NAME\?|NULL!)")
 
 
 class Problems:
-    """What is wrong with a file, collected so that one reading says all of it."""
+    """Problems of a file, collected so that all are reported at once."""
 
     def __init__(self) -> None:
         self._found: list[tuple[int, str]] = []
 
     def add(self, line: int, what: str, place: str = "") -> None:
-        """Note a problem.
+        """Add a problem.
 
         Args:
             line: Of the file, from 1.
@@ -60,8 +60,8 @@ class TableLine(NamedTuple):
 
     Attributes:
         line: Of the file, from 1.
-        fields: The line's; none where it repeats the header or the units.
-        numbers: Of the columns that were asked for; ``None`` for a blank line and one of text.
+        fields: Fields of the line; none if it repeats the header or the units.
+        numbers: Numbers of the requested columns; ``None`` for a blank line or text.
     """
 
     line: int
@@ -70,19 +70,19 @@ class TableLine(NamedTuple):
 
 
 class Table:
-    """A table: its dialect, the names of its columns, and where its rows begin.
+    """A table: its dialect, column names and first row.
 
     Args:
-        lines: Of the file.
-        least: Numbers in a row.
-        expected: What a table has to hold, for the message.
-        texts: Whether lines of text may stand between the rows, and between header and rows.
-            Without, they are broken rows.
-        is_header: Whether some names are those of the columns. Without such a line the first line
-            of text, with ``texts`` the last, counts that has as many entries as a row.
+        lines: Lines of the file.
+        least: Smallest number of numbers in a row.
+        expected: Expected contents, for the message.
+        texts: Whether lines of text are allowed between the rows, and between header and rows; if
+            not, they are invalid rows.
+        is_header: Whether some names are those of a header. Without such a line, the header is the
+            first line of text (with ``texts`` the last) that has as many entries as a row.
 
     Attributes:
-        names: Of the columns, with their units; empty without a header line.
+        names: Names of the columns, with their units; empty without a header line.
         width: Number of columns.
         first: Index of the line with the first row.
         title: Text between the header and the first row.
@@ -133,15 +133,15 @@ class Table:
         self._header = lines[at] if names else None
 
     def call(self, index: int) -> str:
-        """A column as messages call it."""
+        """Name of a column in messages."""
         return f"column {self.names[index]!r}" if self.names else f"column {index + 1}"
 
     def rows(self, columns: Sequence[int], problems: Problems) -> Iterator[TableLine]:
         """The rows, and the blank lines and lines of text between them.
 
         Args:
-            columns: Indices of those that must hold finite numbers.
-            problems: Where every broken row is noted.
+            columns: Indices of the columns that must contain finite numbers.
+            problems: Collects every invalid row.
         """
         for index in range(self.first, len(self._lines)):
             line = self._lines[index]
@@ -158,7 +158,7 @@ class Table:
                 self._explain(problems, index + 1, fields, columns)
 
     def sample(self, count: int) -> Array:
-        """The numbers of the first rows, (N, columns), NaN where there is none."""
+        """The numbers of the first rows, (N, columns), NaN for other entries."""
         found, width = [], self.width
         for line in self._lines[self.first : self.first + 2 * count]:
             fields = self._dialect.split(line)
@@ -168,7 +168,7 @@ class Table:
         return np.array(found[:count], dtype=np.float64).reshape(-1, width)
 
     def _numbers(self, fields: list[str], columns: Sequence[int]) -> tuple[float, ...] | None:
-        """The numbers of a row, or ``None`` if something is wrong with it."""
+        """The numbers of a row, or ``None`` if it is invalid."""
         width = self.width
         if len(fields) < width or (len(fields) > width and len(_stripped(fields)) > width):
             return None
@@ -181,7 +181,7 @@ class Table:
         return tuple(found)
 
     def _separates(self, fields: Sequence[str], columns: Sequence[int]) -> bool:
-        """Whether a line among the rows is text, and no row that is broken."""
+        """Whether a line among the rows is text, not an invalid row."""
         if len(fields) == self.width:
             numbers = sum(self._dialect.number(fields[i]) is not None for i in columns)
             # Words between blanks may be as many as there are columns: "Inner seam 2".
@@ -192,7 +192,7 @@ class Table:
     def _is_text(self, fields: Sequence[str]) -> bool:
         """Whether a line has no numbers.
 
-        Where texts are expected also one that begins with a word and has not mostly numbers.
+        If texts are allowed, also a line that begins with a word and is not mostly numbers.
         """
         numbers = [self._dialect.number(field) is not None for field in fields if field]
         return not any(numbers) or (
@@ -202,7 +202,7 @@ class Table:
     def _explain(
         self, problems: Problems, line: int, fields: list[str], columns: Sequence[int]
     ) -> None:
-        """Say what is wrong with a row."""
+        """Add the problem of a row."""
         dialect, width, count = self._dialect, self.width, len(_stripped(fields))
         if count > width:
             row = " | ".join(fields)[:80]
@@ -233,14 +233,14 @@ class Table:
 
 
 def columns_named(names: Sequence[str], name: str) -> list[int]:
-    """Indices of the columns of a name: as it stands, or without its unit and in any case."""
+    """Indices of the columns with a name: exactly, or without unit and case."""
     exact = [i for i, other in enumerate(names) if other == name]
     bare = name.strip().lower()
     return exact or [i for i, other in enumerate(names) if split_unit(other)[0].lower() == bare]
 
 
 def _with_unit(name: str, unit: str) -> str:
-    """A name with the unit below it, which may repeat the one that it has."""
+    """A name with the unit below it, which may repeat that of the name."""
     both = f"{name} [{unit.strip('[](){} ')}]"
     return name if not unit or split_unit(name)[1] == split_unit(both)[1] else both
 

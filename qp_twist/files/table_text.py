@@ -1,4 +1,4 @@
-"""From the bytes of a text file to the fields of its lines: encoding, delimiter, decimal mark."""
+"""Decode text files and split their lines: encoding, delimiter, decimal mark."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _NOT_FINITE = re.compile(r"[+-]?(?:1\.#)?(?:nan|inf|infinity|ind|qnan)(?:\(\w*\)
 
 @contextmanager
 def of_file(name: object) -> Iterator[None]:
-    """Put the name of a file before the message of what is refused of its content."""
+    """Prefix messages about a file's content with its name."""
     try:
         yield
     except InvalidInput as error:
@@ -31,7 +31,7 @@ def text_lines(content: bytes) -> list[str]:
     """The lines of a text, without their ends; UTF-8, UTF-16 with its mark, or Latin-1.
 
     Raises:
-        InvalidInput: If it is empty, or no text.
+        InvalidInput: If it is empty, or not text.
     """
     marked = content.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))
     for encoding in ["utf-16"] if marked else ["utf-8-sig", "latin-1"]:
@@ -39,7 +39,7 @@ def text_lines(content: bytes) -> list[str]:
             text = content.decode(encoding)
         except UnicodeDecodeError:
             continue
-        # A few form feeds are found in text; other control characters are not.
+        # Text may contain form feeds, but no other control characters.
         if any(ord(c) < 32 and c not in "\t\n\r\f\x1a" for c in set(text)):
             break
         if not text.strip():
@@ -50,7 +50,7 @@ def text_lines(content: bytes) -> list[str]:
 
 @dataclass(frozen=True)
 class Dialect:
-    """How one line is split.
+    """Syntax of a line.
 
     Attributes:
         delimiter: Between the fields; empty for any blanks.
@@ -65,12 +65,12 @@ class Dialect:
         """The dialect in which some lines of a file have the most numbers.
 
         Args:
-            lines: The first ones, without comments.
-            least: Numbers that a line has to have in order to count.
-            expected: What a table has to hold, for the message.
+            lines: The first lines, without comments.
+            least: Smallest number of numbers for a line to count.
+            expected: Expected contents, for the message.
 
         Raises:
-            InvalidInput: If no line has so many numbers in any dialect.
+            InvalidInput: If no line has that many numbers in any dialect.
         """
         marks = [mark for mark in ";\t" if any(mark in line for line in lines)]
         dialects = [cls(delimiter, decimal) for delimiter in marks for decimal in ".,"]
@@ -84,7 +84,7 @@ class Dialect:
         return best
 
     def _score(self, lines: Iterable[str], least: int) -> tuple[int, int]:
-        """Numbers in the lines that have at least so many; less, the other fields in them."""
+        """Count of numbers in the lines with at least that many, minus the other fields in them."""
         numbers = others = 0
         for line in lines:
             fields = [field for field in self.split(line) if field]
@@ -101,7 +101,7 @@ class Dialect:
                     csv.reader([line], delimiter=self.delimiter, skipinitialspace=True), []
                 )
                 return [field.strip() for field in found]
-            except csv.Error:  # a field longer than any number; that is said where it is read
+            except csv.Error:  # a field longer than any number; reported when it is read
                 pass
         fields = line.split(self.delimiter) if self.delimiter else line.split()
         return [field.strip().strip('"').strip() for field in fields]
@@ -119,7 +119,7 @@ class Dialect:
         return found
 
     def number(self, field: str) -> float | None:
-        """The number that a field states, NaN and infinite ones included; ``None`` for text."""
+        """The number in a field, NaN and infinity included; ``None`` for text."""
         field = field.replace("\u2212", "-")
         if (_POINT if self.decimal == "." else _COMMA).fullmatch(field):
             return float(field.replace(",", ".").replace("d", "e").replace("D", "e"))

@@ -1,4 +1,4 @@
-"""Units as headers write them, and their size in SI units."""
+"""Units in headers, and their size in SI units."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ _SPELLINGS = {
     "cm": "cm", "µm": "um µm μm", "ft": "ft feet", "grad": "grad",
 }  # fmt: skip
 _UNITS = {word: unit for unit, words in _SPELLINGS.items() for word in words.split()}
-"""Those that are in none of the tables above are refused by their name."""
+"""Units that are in none of the tables above; these are refused by name."""
 _RATES = {"mmpm": "mm/min", "ipm": "inch/min"}
 _PER = {"s": "s", "sec": "s", "s²": "s²", "s^2": "s²", "min": "min"}
 _SECONDS = {"": 1.0, "s": 1.0, "s²": 1.0, "min": 60.0}
@@ -45,16 +45,16 @@ ENDINGS = frozenset(_UNITS.values()) - TIMES.keys() | FEEDS.keys()
 
 
 def split_unit(name: str, endings: Container[str] = ENDINGS) -> tuple[str, str | None]:
-    """A column's name, and the unit that is written behind it: ``x [mm]``, ``x_mm``, ``x/mm``.
+    """A column's name, and the unit after it: ``x [mm]``, ``x_mm``, ``x/mm``.
 
     Args:
-        name: As in the header.
-        endings: Units that count without brackets; others belong to the name.
+        name: The name in the header.
+        endings: Units that are recognised without brackets; others belong to the name.
 
     Returns:
         The name without the unit, and the unit, ``None`` without one: spelled as in the tables of
-        this module, or as in the header if it is not known. What is in brackets but no unit, as in
-        ``nx [-]``, says nothing.
+        this module, or as in the header if it is not known. Brackets without a unit, as in ``nx
+        [-]``, are ignored.
     """
     bracket = _BRACKETS.fullmatch(name)
     if bracket and bracket[1]:
@@ -76,13 +76,13 @@ def _unit(written: str) -> str | None:
 
 
 def factor(unit: str, *tables: Mapping[Any, float]) -> float | None:
-    """SI units in one of the tables' units, or in one of these per time; ``None`` for others."""
+    """Size in SI units of a unit of the tables, or of one per time; ``None`` for others."""
     above, _, below = unit.partition("/")
     return next((table[above] / _SECONDS[below] for table in tables if above in table), None)
 
 
 def is_unit_row(fields: Sequence[str], width: int) -> bool:
-    """Whether a line below the header states the columns' units, in brackets or not."""
+    """Whether a line below the header contains the columns' units, in brackets or not."""
     bare = [field.strip("[](){} ").lower() for field in fields]
     return (
         len(fields) <= width

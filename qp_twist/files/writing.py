@@ -1,4 +1,4 @@
-"""Files: read only if they are regular ones, written whole or not at all."""
+"""Files: only regular ones are read; writing is atomic."""
 
 from __future__ import annotations
 
@@ -11,24 +11,24 @@ from pathlib import Path
 
 from qp_twist.errors import InvalidInput
 
-LARGEST = 500_000_000
-"""Bytes; a file that is larger is refused before it fills the memory."""
+LARGEST_FILE = 500_000_000
+"""Largest file that is read, bytes; larger ones would fill the memory."""
 
 
 def check_regular(path: Path, noun: str = "file") -> None:
-    """Refuse what is no regular file, such as a pipe, which whoever reads it waits for without end.
+    """Refuse files that are not regular, such as a pipe, which would block the reader.
 
     Args:
-        path: What was given.
-        noun: What it should be, for the message: ``"task file"``.
+        path: The path.
+        noun: Its kind, for the message: ``"task file"``.
 
     Raises:
         InvalidInput: If there is no such file, it is a folder, a pipe, a socket, a device or larger
-            than ``LARGEST``, or nothing can be known of it.
+            than ``LARGEST_FILE``, or cannot be accessed.
     """
     try:
         status = path.stat()
-    except (FileNotFoundError, ValueError):  # a name that no file can have is a ValueError
+    except (FileNotFoundError, ValueError):  # an invalid file name raises ValueError
         raise InvalidInput(f"{path}: there is no such {noun}; check the path.") from None
     except OSError as error:
         raise _unreadable(path, error) from None
@@ -39,10 +39,10 @@ def check_regular(path: Path, noun: str = "file") -> None:
             f"{path}: is a pipe, a socket or a device; write what comes out of it to a file, and "
             "give that one."
         )
-    if status.st_size > LARGEST:
+    if status.st_size > LARGEST_FILE:
         raise InvalidInput(
-            f"{path}: has {status.st_size / 1e6:.0f} MB, and at most {LARGEST / 1e6:.0f} MB are "
-            f"read; give a smaller {noun}."
+            f"{path}: has {status.st_size / 1e6:.0f} MB, and at most "
+            f"{LARGEST_FILE / 1e6:.0f} MB are read; give a smaller {noun}."
         )
 
 
@@ -71,10 +71,10 @@ def _unreadable(path: Path, error: OSError) -> InvalidInput:
 
 @contextmanager
 def whole_file(path: Path) -> Iterator[Path]:
-    """Yield a temporary path beside ``path``; what is there afterwards is renamed to ``path``.
+    """Yield a temporary path beside ``path``; the file there is then renamed to ``path``.
 
-    The temporary name ends as ``path`` does, for writers that look at the ending. After a failure
-    there is neither a half-written file nor a temporary one, and an older file is as it was.
+    The temporary name has the suffix of ``path``, which some writers need. After a failure there is
+    neither a partial nor a temporary file, and an older file is unchanged.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
     handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.stem}.", suffix=path.suffix)

@@ -1,4 +1,4 @@
-"""A method along a path."""
+"""Follow a path with a method."""
 
 from qp_twist.planning import NoStart as NoStart
 

@@ -1,4 +1,4 @@
-"""From one projector to the next along a path, at once or spread over several waypoints."""
+"""Change of the projector along a path, at once or blended over several waypoints."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import mink
 
 from qp_twist.checks import Array
 from qp_twist.following.peer import PeerLimits, PeerResolver
-from qp_twist.following.resolver import Displacement, Resolver, make_resolver
+from qp_twist.following.resolver import Iteration, Resolver, make_resolver
 from qp_twist.following.waypoint_limits import WaypointLimits
 from qp_twist.geometry import TwistProjector, twist_error
 from qp_twist.paths import METHODS, MethodSettings, PathTask
@@ -23,9 +23,9 @@ def resolvers_along(
     settings: MethodSettings,
     solver: str,
 ) -> list[Resolver]:
-    """The resolver of each waypoint: that of its segment, or a blend of two.
+    """The resolvers of the waypoints: that of the segment, or a blend of two.
 
-    A method that fixes the whole twist has one for the whole path: it meets every projector.
+    A method that fixes the whole twist has a single one: it meets every projector.
     """
     limits = PeerLimits(path_task) if METHODS[method].peer else WaypointLimits(path_task)
 
@@ -53,9 +53,9 @@ def resolvers_along(
 
 @dataclass(frozen=True)
 class Ramp:
-    r"""How far a change has gone at the ``step``-th of ``length`` waypoints.
+    r"""Progress of a blend at the ``step``-th of ``length`` waypoints.
 
-    With n = length, the waypoint before the blend is step 0, the first one behind it step n + 1.
+    With n = length, the waypoint before the blend is step 0, the first one after it step n + 1.
     """
 
     step: int
@@ -63,20 +63,20 @@ class Ramp:
 
     @property
     def weight(self) -> float:
-        r"""α, the new projector's part of the displacement.
+        r"""α, the weight of the new projector's displacement.
 
-        :math:`3s^2 - 2s^3` with :math:`s = step/(n+1)`: its slope is zero at both ends and 1.5 at
-        most.
+        :math:`3s^2 - 2s^3` with :math:`s = step/(n+1)`: its slope is zero at both ends and at most
+        1.5.
         """
         s = self.step / (self.length + 1)
         return s * s * (3.0 - 2.0 * s)
 
     @property
     def share(self) -> float:
-        r"""Share of the error in the acquired rows which the new projector's step removes.
+        r"""Share of the error in the acquired rows that the new projector's step removes.
 
-        :math:`1 - ((m-1)/m)^3` with m = n + 2 − step waypoints to go. At weight 1 the error would
-        fall with m³, to nothing at step n + 1 and with no jump of speed or acceleration there.
+        :math:`1 - ((m-1)/m)^3` with m = n + 2 − step remaining waypoints. At weight 1 the error
+        would fall with m³, to zero at step n + 1 without a jump of speed or acceleration.
         """
         m = self.length + 2 - self.step
         return 1.0 - ((m - 1) / m) ** 3
@@ -89,14 +89,14 @@ class BlendingResolver(Resolver):
 
     .. math:: \Delta\mathbf q = (1-\alpha)\,\Delta\mathbf q_{old} + \alpha\,\Delta\mathbf q_{new}
 
-    of what the method does with either projector. Bounds and rows G q̇ ≤ g are convex, and the rows
-    which both projectors have hold in both, so they hold in the combination. The other iterations
-    correct the common rows alone: they would undo the blend in all others.
+    of the method's displacements with either projector. Bounds and rows G q̇ ≤ g are convex, and
+    the common rows hold in both, so they hold in the combination. The other iterations correct the
+    common rows only: otherwise they would undo the blend.
 
-    Rows that only one of them has are not pulled to the waypoint, from which the other takes them
-    away. The old projector lets the rows being released go with the target as they stand; the new
-    one removes the share of :class:`Ramp` from the error of the rows being acquired. Their speed is
-    then α and 1 − α of the free one's, and what has to be removed starts and ends at rest.
+    Rows of only one projector are not corrected to the waypoint, since the other one moves them
+    away. In the rows being released the old projector keeps the present error to the target; in the
+    rows being acquired the new one removes the share of :class:`Ramp` of the error. So the
+    correction starts and ends at rest.
 
     Attributes:
         task: The common rows.
@@ -108,11 +108,11 @@ class BlendingResolver(Resolver):
         """Wrap the resolvers of both projectors and of their common rows.
 
         Args:
-            old: Of the segment before.
-            new: Of the segment that begins.
-            common: Of the rows that both have; its limits are those of the other two.
-            previous: The waypoint before, from which the target comes.
-            ramp: How far the change has gone.
+            old: Resolver of the segment before.
+            new: Resolver of the segment that begins.
+            common: Resolver of the common rows; its limits are those of the other two.
+            previous: The previous waypoint.
+            ramp: Progress of the blend.
         """
         self.old, self.new, self.common = old, new, common
         self.task = common.task
@@ -121,11 +121,11 @@ class BlendingResolver(Resolver):
         self.ramp = ramp
 
     def aim(self, plan: Array, index: int) -> None:
-        """For all three."""
+        """Set it for all three resolvers."""
         for resolver in (self.old, self.new, self.common):
             resolver.aim(plan, index)
 
-    def displacement(self, configuration: mink.Configuration, *, first: bool) -> Displacement:
+    def displacement(self, configuration: mink.Configuration, *, first: bool) -> Iteration:
         """The combination, or a correction of the common rows."""
         if not first:
             return self.common.displacement(configuration, first=False)
@@ -139,7 +139,7 @@ class BlendingResolver(Resolver):
         old = self.old.displacement(configuration, first=True)
         new = self.new.displacement(configuration, first=True)
         weight = self.ramp.weight
-        return Displacement(
+        return Iteration(
             (1.0 - weight) * old.dq + weight * new.dq,
             (1.0 - weight) * old.scale + weight * new.scale,
             tuple(dict.fromkeys(itertools.chain(old.binding, new.binding))),
@@ -148,7 +148,7 @@ class BlendingResolver(Resolver):
 
 
 def towards(pose: mink.SE3, target: mink.SE3, projector: TwistProjector, share: float) -> mink.SE3:
-    """``pose`` moved by a share of its task error, after which 1 − share of it is left."""
+    """``pose`` moved by a share of its task error."""
     rotation = pose.rotation()
     error = twist_error(
         rotation.as_matrix(),

@@ -1,4 +1,4 @@
-"""A method along a path as machine code, for the methods and paths that the kernel knows."""
+"""Follow a path by the compiled kernel, for the methods and paths that it supports."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy.typing as npt
 from qp_twist.checks import Array, Indices
 from qp_twist.constraints import PositionLimit
 from qp_twist.control.controller import SINGULARITY, UNSEEN_WEIGHT
-from qp_twist.control.step_tables import TOLERANCES, settings_of, table_of
+from qp_twist.control.step_tables import TOLERANCES, kernel_settings, table_of
 from qp_twist.following.resolver import (
     LARGEST_JOINT,
     waypoints_of,
@@ -18,7 +18,7 @@ from qp_twist.geometry import TwistProjector, distinct_projectors
 from qp_twist.kernel import follow_kernel
 from qp_twist.kernel.arm_kernel import Arm
 from qp_twist.kernel.path_kernel import Rows
-from qp_twist.kernel.step_kernel import STEP, Given, Settings
+from qp_twist.kernel.step_kernel import STEP, Settings, StepInputs
 from qp_twist.kernel.step_record import Sizes
 from qp_twist.kinematics import JointCentering, JointRanges, SerialChain
 from qp_twist.kinematics.compiled_rows import arm_of, rows_of
@@ -27,14 +27,14 @@ from qp_twist.planning.starts import START_ITERATIONS
 
 Counts = npt.NDArray[np.int64]
 CLOSED_FORMS = ("rmr", "rmr_flipped", "minimum_norm", "gradient_projection")
-"""Closed forms that the kernel knows; of the QPs it knows all."""
+"""Closed forms that the kernel supports; it supports all QPs."""
 
 
 class CompiledWalk:
-    """A method and a path as arrays, and the kernel on them."""
+    """A method and a path in the kernel's arrays."""
 
     def __init__(self, path_task: PathTask, method: str, settings: MethodSettings) -> None:
-        """Lay them out; :func:`walk_known` has been asked."""
+        """Fill the arrays of a path for which :func:`walk_known` is true."""
         kind, model = METHODS[method], path_task.model
         ranges = JointRanges.of(model)
         self._weight, self._middle = ranges.weight, ranges.middle
@@ -65,7 +65,12 @@ class CompiledWalk:
         self._way = self._way_of(path_task, method, settings, ranges)
         table, types = table_of([PositionLimit(model)] if kind.holds_limits else [], model.nv)
         floats, integers = _steps(
-            table, types, np.ones(model.nv), np.zeros(model.nv), settings_of(SINGULARITY, 1), None
+            table,
+            types,
+            np.ones(model.nv),
+            np.zeros(model.nv),
+            kernel_settings(SINGULARITY, 1),
+            None,
         )
         self._correction = self._way._replace(
             iterations=START_ITERATIONS,
@@ -76,15 +81,15 @@ class CompiledWalk:
         )
         self._measured = rows_of(*distinct_projectors(path_task.in_force), rotations, positions)
         self._ranks = np.array([projector.rank for projector in path_task.in_force])
-        # On nothing, so that compiling, or loading what was compiled, is not a run's time.
+        # Run on nothing, so that compiling or loading is not part of a run's time.
         self.on_from(ranges.middle, len(waypoints))
 
     def toward(self, references: Array) -> None:
-        """Let the secondary pull to these configurations (N, nq), waypoint by waypoint."""
+        """Set the secondary's references (N, nq), one for each waypoint."""
         self._path = self._path._replace(references=np.ascontiguousarray(references))
 
     def on_from(self, start: Array, first: int) -> tuple[Array, Counts, Array, Array]:
-        """Every waypoint from ``first`` on that needs no reference, after the one at ``start``.
+        """Follow the waypoints from ``first`` on, from ``start``, until the reference is needed.
 
         Returns:
             Configurations (K, nq), iterations (K,), lengths of the task errors (K, 2), m and rad,
@@ -99,18 +104,18 @@ class CompiledWalk:
         return q, iterations[first:end], *self.measured(q, np.arange(first, end))
 
     def many(self, moves: Array, starts: Array, kept: Array, numbers: Array, ends: Counts) -> None:
-        """Many runs; the arrays are those of ``follow_kernel.follow_many``."""
+        """Follow many runs; arguments as for ``follow_kernel.follow_many``."""
         follow_kernel.follow_many(
             self._arm, self._way, self._path, self._measured, moves, starts, self._weight,
             self._middle, kept, numbers, ends,
         )  # fmt: skip
 
     def correct_starts(self, moves: Array, starts: Array) -> None:
-        """Towards the first waypoints of paths that are moved, (K, nq) in place."""
+        """Correct q (K, nq), in place, to the first waypoints of moved paths."""
         follow_kernel.onto_start(self._arm, self._correction, self._path, moves, starts)
 
     def start_errors(self, moves: Array, starts: Array) -> Array:
-        """Lengths of the task errors on the first waypoints of paths that are moved, (K, 2)."""
+        """Lengths of the task errors at the first waypoints of moved paths, (K, 2)."""
         count, target = len(starts), self._path.rows.targets[0]
         turns = moves[:, :9].reshape(-1, 3, 3)
         targets = np.zeros((count, 18))
@@ -134,23 +139,23 @@ class CompiledWalk:
 
     def _way_of(
         self, path_task: PathTask, method: str, settings: MethodSettings, ranges: JointRanges
-    ) -> follow_kernel.Method:
+    ) -> follow_kernel.FollowSettings:
         kind, model = METHODS[method], path_task.model
-        pull, metric = np.zeros(model.nv), np.ones(model.nv)
+        stiffness, metric = np.zeros(model.nv), np.ones(model.nv)
         if settings.secondary == "centering":
             assert settings.weight != "equal"
-            pull = settings.gain * JointCentering(model, settings.weight).stiffness
+            stiffness = settings.gain * JointCentering(model, settings.weight).stiffness
             if kind.constrained and settings.metric != "1":
                 metric = ranges.metric
         elif settings.secondary == "plan":
-            pull[:] = settings.gain
+            stiffness[:] = settings.gain
         limits = WaypointLimits(path_task)
         if limits.window is not None:
             limits.window.half_width = path_task.velocity_limits
         table, types = table_of(limits.limits if kind.constrained else [], model.nv)
         twist_space = True if kind.constrained and kind.space == "twist" else None
         weight = UNSEEN_WEIGHT if twist_space else 1.0
-        return follow_kernel.Method(
+        return follow_kernel.FollowSettings(
             kind.constrained,
             twist_space,
             settings.iterations,
@@ -158,7 +163,9 @@ class CompiledWalk:
             np.array([path_task.iteration.position_tolerance, path_task.iteration.angle_tolerance]),
             table,
             LARGEST_JOINT,
-            *_steps(table, types, metric, pull, settings_of(SINGULARITY, weight), twist_space),
+            *_steps(
+                table, types, metric, stiffness, kernel_settings(SINGULARITY, weight), twist_space
+            ),
         )
 
 
@@ -166,11 +173,11 @@ def _steps(
     table: Array,
     types: Counts,
     metric: Array,
-    pull: Array,
+    stiffness: Array,
     settings: Settings,
     twist_space: bool | None,
 ) -> tuple[Array, Counts]:
-    """Steps of one task of 0 to 6 rows, as ``step_kernel.Stages`` has them: (7, F) and (7, I)."""
+    """Steps of one task of 0 to 6 rows, as ``step_kernel.StepArrays``: (7, F) and (7, I)."""
     nv = len(metric)
     cost = {"dense": nv, "free": 6} if twist_space else {"dense": 0, "free": 0}
     sizes = [Sizes(nv, m, 1, 1, len(types), others=0, k=0, **cost) for m in range(7)]
@@ -179,18 +186,18 @@ def _steps(
     integers = np.zeros((7, max(end.integers for end in ends)), dtype=np.int64)
     for m, size in enumerate(sizes):
         STEP.resize(integers[m], size)
-        g: Given = STEP.arrays(floats[m], integers[m], integers[m]).given
+        g: StepInputs = STEP.arrays(floats[m], integers[m], integers[m]).inputs
         g.settings[:], g.tolerances[:] = settings, TOLERANCES  # type: ignore[index]
-        g.free_costs[:], g.metric[:], g.stiffness[:], g.limits[:] = 1.0, metric, pull, table
+        g.free_costs[:], g.metric[:], g.stiffness[:], g.limits[:] = 1.0, metric, stiffness, table
         g.ends[:], g.addresses[:], g.types[:] = m, range(nv), types
     return floats, integers
 
 
 def walk_known(path_task: PathTask, method: str, settings: MethodSettings) -> bool:
-    """Whether :class:`CompiledWalk` knows a method on a path.
+    """Whether :class:`CompiledWalk` supports a method on a path.
 
-    Not with tolerance bands, constraints or acceleration limits, robots with other joints than
-    hinges and slides, or a secondary other than centering and a plan.
+    It does not support tolerance bands, constraints, acceleration limits, ball and free joints, or
+    secondaries other than centering and a plan.
     """
     kind = METHODS[method]
     if kind.peer or not (kind.constrained or method in CLOSED_FORMS):

@@ -35,29 +35,29 @@ def follow(
 ) -> Trajectory:
     """Follow a path with one method.
 
-    At each waypoint the method iterates until the task is within the tolerances or its iterations
-    are spent. The secondary objective acts in the first iteration only: repeated, it would keep
-    breaking the task by curvature. The QPs hold the scene's position limits and, over the time of
-    the waypoint, the task's velocity limits; where these do not leave room for the whole task the
-    step is scaled, and the waypoint's error is what is left of it. With ``slow_down`` the path is
-    kept instead: a waypoint that is missed is repeated from where it began with more time, and the
-    trajectory carries its own durations. What no time can reach (a position limit) stays missed.
+    At each waypoint the method iterates until the task error is within the tolerances, up to its
+    number of iterations. The secondary objective acts in the first iteration only: repeated, it
+    would keep violating the task by curvature. The QPs keep the scene's position limits and, over
+    the time of the waypoint, the task's velocity limits; if the whole task is infeasible within
+    these, the step is scaled and the waypoint has an error. With ``slow_down`` the path is kept
+    instead: a missed waypoint is repeated with more time, and the trajectory has its own durations.
+    A waypoint that no duration can reach (position limits) stays missed.
 
-    Where the task's projector changes (:class:`~qp_twist.Segment`), the first iteration goes over
-    from one to the other within the blend and the others correct the rows that both have.
+    Where the task's projector changes (:class:`~qp_twist.Segment`), the first iteration blends from
+    one to the other, and the others correct the rows common to both.
 
     Args:
         path_task: The task, from :func:`~qp_twist.load_task`.
         method: One of the method names; ``"qp_gradient"`` if none is given, the joint-space QP.
         solver: Backend of the QP methods; machine code if ``None``.
         progress: Called with the number of waypoints done.
-        stop: Called at every waypoint that is done with q (nq,), the position error (m) and the
-            axis error (rad). Where it returns true the run ends, and the trajectory with it.
-        plan: What ``qp_planned`` follows, from :func:`~qp_twist.plan`; without one it plans from
-            the task's start. With one it starts where the plan does.
-        planning: Called, while a plan is made, with what is being done and the share of it that is.
-        slow_down: Whether a waypoint may take longer than the task says, rather than be missed.
-            Methods that know nothing of velocity limits miss none for them. Acceleration limits
+        stop: Called after every waypoint with q (nq,), the position error (m) and the axis error
+            (rad). The run ends if it returns true.
+        plan: Plan that ``qp_planned`` follows, with the plan's start; if ``None`` it plans from the
+            task's start.
+        planning: Called during planning with the current phase and its share done.
+        slow_down: Whether to extend a waypoint's duration instead of missing it. Methods without
+            velocity limits never need it. Acceleration limits
             are then left to :func:`~qp_twist.time_trajectory`.
         **options: Settings that replace those of the task file, which replace the method's own
             (:data:`~qp_twist.paths.methods.METHODS`): ``iterations``, ``secondary``,
@@ -91,11 +91,11 @@ def follow(
     path_task = with_start(path_task, planning)
     motion: Array | None = None
     bound: float | None = None
-    if settings.secondary == "plan" and not METHODS[method].peer:  # which refuse it
+    if settings.secondary == "plan" and not METHODS[method].peer:  # these refuse it
         if plan is None:
             plan = plan_path(path_task, settings.objective, path_task.start, progress=planning)
         motion = plan.motion()
-        # With more than two degrees free not everything was looked at: that bound proves nothing.
+        # With more than two free degrees the search is incomplete, and its bound proves nothing.
         free = int(PathRows(path_task).freedom.max())
         bound = plan.bound if plan.objective == "centering" and free <= COVERED else None
         path_task = dataclasses.replace(path_task, start=motion[0])
@@ -116,7 +116,7 @@ def settings_of(path_task: PathTask, method: str, options: dict[str, Any]) -> Me
     """Settings of a method: the task file's, with options in their place.
 
     Raises:
-        InvalidInput: If an option is unknown or has a value that it cannot have.
+        InvalidInput: If an option is unknown or has an invalid value.
     """
     merged = {**path_task.settings(method).model_dump(), **options}
     try:

@@ -1,4 +1,4 @@
-"""Starts that are found: the most central ones of every branch, each tried with a run."""
+"""Search starts: the most central ones of every branch, each tested by a run."""
 
 from __future__ import annotations
 
@@ -17,24 +17,23 @@ from qp_twist.planning import CentralConfiguration, central_starts
 from qp_twist.planning.path_rows import PathRows
 
 _KEPT_M, _KEPT_RAD = 1e-5, 1e-5
-"""A run ends where it is further off the path."""
+"""A run ends if its path error exceeds this."""
 
 
 @dataclass(frozen=True, eq=False)
 class FoundStart:
-    """A configuration on the first waypoint, inside the limits, and how far it leads.
+    """A configuration on the first waypoint, inside the limits, and how far a run from it comes.
 
     Attributes:
         q: The configuration, rad or m, (nq,).
-        branch: Number of its branch of the closed-form inverse kinematics; ``None`` where the arm
-            has none.
+        branch: Index of its branch of the closed-form inverse kinematics; ``None`` without one.
         margin: 1 − |θ − θ̄|/half-range of the joint that is nearest to a limit; ∞ without limits.
-        z: ½‖W(θ̄ − θ)‖², the least nearby.
+        z: ½‖W(θ̄ − θ)‖², a local minimum.
         sigma_min: Smallest singular value of the task rows UᵀJ; small near a singularity.
-        reached: Waypoints that a run from it kept to the path, the first one counted; 0 where no
-            run was run.
-        waypoints: Of the path.
-        stopped_by: What a run that was not completed was held by, where it is known.
+        reached: Number of waypoints, the first included, that a run from it kept to the path; 0
+            without a run.
+        waypoints: Number of waypoints of the path.
+        stopped_by: Active limits at the end of an incomplete run, where known.
     """
 
     q: Array
@@ -67,27 +66,27 @@ def find_starts(
     runs: bool = True,
     progress: Callable[[int, int], None] | None = None,
 ) -> list[FoundStart]:
-    """Where the robot may start: candidates on the first waypoint, the best first.
+    """Search candidate starts on the first waypoint, the best first.
 
-    Each candidate is inside the limits and hard bands and has less z than all configurations near
-    it; they come from every branch of the closed-form inverse kinematics of an industrial arm, or
-    from many random seeds on any other one (hinges and slides, with and without limits). A run from
-    each of them says how far it leads: what is best at the first waypoint may end at a limit or a
-    singularity later. Where joint speeds ask for it, it passes the path more slowly than the feed,
-    as ``follow(…, slow_down=True)`` does. Those whose run is completed come first, by z; the others
-    by how far they come.
+    Each candidate is a local minimum of z inside the limits and hard bands. They come from every
+    branch of the closed-form inverse kinematics of an industrial arm, or from many random seeds on
+    any other arm of hinges and slides. A run from each candidate tests how far it comes: the best
+    one at the first waypoint may end at a limit or a singularity. If joint speeds require it, the
+    run is slower than the feed, as with ``follow(…, slow_down=True)``. Candidates with a completed
+    run come first, by z; then the others, by the length of their runs.
 
     Args:
         path_task: The task, from :func:`~qp_twist.load_task`.
-        count: Most candidates. The best of every branch come before second ones of a branch.
-        method: Of the runs; one that holds the limits.
-        runs: Whether to run them. Without, candidates are in the order of z.
+        count: Largest number of candidates. The best of every branch precede second ones of a
+        branch.
+        method: Method of the runs; one with limits.
+        runs: Whether to run them; if not, candidates are ordered by z.
         progress: Called with the number of candidates done and their number.
 
     Raises:
         InvalidInput: If an argument is wrong.
-        NoStart: If no start is inside the limits; the message says which joint forbids it, or how
-            far the waypoint is out of reach.
+        NoStart: If no start is inside the limits; the message names the joint, or the distance by
+            which the waypoint is out of reach.
 
     Example:
         >>> import qp_twist as qt
@@ -112,7 +111,7 @@ def _chosen(found: Sequence[CentralConfiguration], count: int) -> list[CentralCo
     """The best of every branch, then the second of every branch, and so on."""
     seen: dict[int | None, int] = {}
     places = []
-    for candidate in found:  # in the order of z
+    for candidate in found:  # ordered by z
         places.append(seen.get(candidate.branch, 0))
         seen[candidate.branch] = places[-1] + 1
     return [found[number] for number in np.argsort(places, kind="stable")[:count]]
@@ -137,7 +136,7 @@ def _tried(
 
 
 def _run(path_task: PathTask, q: Array, method: str) -> tuple[int, str]:
-    """How many waypoints a run from q keeps to the path, slowed down, and what ended it."""
+    """Number of waypoints that a slowed-down run from q keeps to the path, and what ended it."""
     task = path_task.started_at(q)
 
     def lost(q: Array, position_error: float, axis_error: float) -> bool:
@@ -145,7 +144,7 @@ def _run(path_task: PathTask, q: Array, method: str) -> tuple[int, str]:
 
     try:
         run = walk(task, method, task.settings(method), solver=COMPILED, slow_down=True, stop=lost)
-    except InvalidInput as error:  # what T leaves free may still be outside a limit of the method
+    except InvalidInput as error:  # directions free in T may still violate a limit of the method
         return 0, str(error)
     off = (run.position_error > _KEPT_M) | (run.axis_error > _KEPT_RAD)
     if not off.any():

@@ -1,4 +1,4 @@
-"""The methods that are other libraries' steps: a path's task and settings as they are posed."""
+"""Steps of other libraries as methods: conversion of a path's task and settings."""
 
 from __future__ import annotations
 
@@ -12,31 +12,31 @@ import qpsolvers
 from qp_twist.checks import Array
 from qp_twist.control import Status
 from qp_twist.errors import InvalidInput
-from qp_twist.following.resolver import Displacement, Resolver
+from qp_twist.following.resolver import Iteration, Resolver
 from qp_twist.following.waypoint_limits import WaypointLimits
 from qp_twist.geometry import ProjectorKind, TwistProjector
 from qp_twist.kernel import COMPILED
 from qp_twist.kinematics import JointRanges
 from qp_twist.paths import METHODS, Method, MethodSettings, PathTask, twist_task
-from qp_twist.peers import PEERS, PeerFrame, Posed
+from qp_twist.peers import PEERS, PeerFrame, PeerProblem
 from qp_twist.peers.mink_peer import MinkStep
 from qp_twist.peers.peer import Priority
 from qp_twist.qp import NoSolutionFound
 from qp_twist.qp.backend import SETTINGS
 
 _STANDING = 1e-9
-"""The least speed limit, rad/s or m/s: pink takes one of zero for none."""
+"""Smallest speed limit, rad/s or m/s: pink treats zero as no limit."""
 _SCALE_ROUNDING = 1e-6
-"""A share of the task that is short of one by less than this is PlaCo's rounding."""
+"""A scale below 1 by less than this is PlaCo's rounding."""
 
 _PRIORITIES: dict[str, Priority] = {"placo_hard": "hard", "placo_scaled": "scaled"}
 
 
 class PeerLimits(WaypointLimits):
-    """The time of a waypoint, and the speeds that its iterations have left.
+    """Duration of a waypoint, and the speed limits that remain for its iterations.
 
-    A peer's speed limit holds for one step. The iterations of a waypoint share its time, so each is
-    given what the ones before have left of |q̇| Δt.
+    A peer's speed limit holds for one step. The iterations of a waypoint share its duration, so
+    each may use what the previous ones left of |q̇| Δt.
     """
 
     def __init__(self, path_task: PathTask) -> None:
@@ -45,27 +45,27 @@ class PeerLimits(WaypointLimits):
         self._began = self.ranges.positions(path_task.start)
 
     def begin_waypoint(self, configuration: mink.Configuration, duration: float | None) -> None:
-        """Note where the waypoint begins."""
+        """Store the configuration at the beginning of a waypoint."""
         super().begin_waypoint(configuration, duration)
         self._began = self.ranges.positions(configuration.q)
 
     def speeds(self, configuration: mink.Configuration) -> Array:
-        """Largest joint speeds, rad/s or m/s, (nv,); ∞ where none is stated."""
+        """Largest joint speeds, rad/s or m/s, (nv,); ∞ without a limit."""
         moved = np.abs(self.ranges.positions(configuration.q) - self._began) / self.dt
         left: Array = np.maximum(self.velocity_limits - moved, _STANDING)
         return left
 
 
 class PeerResolver(Resolver):
-    """One step of another library, as it comes: nothing here verifies or repairs it.
+    """One step of another library, neither verified nor repaired.
 
-    Iterations and tolerances are those of all methods, and the posture pulls in the first iteration
-    of a waypoint, unless the settings say otherwise. What the library calls solved is reported as
-    solved; what it raises ends the run with its name.
+    Iterations and tolerances are the same as for all methods, and the posture task acts in the
+    first iteration of a waypoint unless the settings differ. A step is reported as solved if the
+    library says so; an exception of the library ends the run with its name.
 
     Attributes:
-        limits: The time of the waypoint and the speeds; the peers hold their own limits.
-        peer: The library, with the robot that it has read.
+        limits: Duration of the waypoint and the speed limits; peers have their own limits.
+        peer: The library, with its robot model.
         step: Its tasks and limits.
     """
 
@@ -80,21 +80,21 @@ class PeerResolver(Resolver):
         solver: str,
         limits: PeerLimits,
     ) -> None:
-        """Pose the step to the library.
+        """Set up the step in the library.
 
         Raises:
             InvalidInput: If it cannot express the task or the settings, or is not installed.
         """
         self.method = METHODS[method]
-        posed = posed_step(path_task, settings, projector, self.method, solver)
-        self.peer = PEERS[self.method.peer](posed)
+        problem = posed_step(path_task, settings, projector, self.method, solver)
+        self.peer = PEERS[self.method.peer](problem)
         self.step = self.peer.step()
         self.task = twist_task(path_task, projector)
         self.limits = limits
         self._gain = 0.0 if settings.secondary == "none" else settings.gain
         self._every_iteration = settings.every_iteration
 
-    def displacement(self, configuration: mink.Configuration, *, first: bool) -> Displacement:
+    def displacement(self, configuration: mink.Configuration, *, first: bool) -> Iteration:
         """The library's step over the time of the waypoint."""
         gain = self._gain if first or self._every_iteration else 0.0
         failures: tuple[type[Exception], ...] = (
@@ -104,7 +104,7 @@ class PeerResolver(Resolver):
         )
         try:
             with warnings.catch_warnings():
-                # qpsolvers warns of each dense matrix that it converts for a sparse solver.
+                # qpsolvers warns about dense matrices that it converts for a sparse solver.
                 warnings.simplefilter("ignore")
                 self._aim(configuration, gain)
                 velocity = self.step.velocity(self.limits.dt)
@@ -113,19 +113,19 @@ class PeerResolver(Resolver):
         scale, status = self.step.scale, Status.SCALED
         if scale >= 1.0 - _SCALE_ROUNDING:
             scale, status = 1.0, Status.SOLVED
-        return Displacement(velocity * self.limits.dt, scale, (), status)
+        return Iteration(velocity * self.limits.dt, scale, (), status)
 
     def _aim(self, configuration: mink.Configuration, gain: float) -> None:
-        """Hand the library where the robot is, the target, the posture and the speeds left."""
+        """Set configuration, target, posture and remaining speeds in the library."""
         target, task = self.task.target, self.task
         assert target is not None
         here = configuration.get_transform_frame_to_world(task.frame_name, task.frame_type)
         if isinstance(self.step, MinkStep):
-            self.step.configuration = configuration  # its kinematics is done
+            self.step.configuration = configuration  # its kinematics is computed
         else:
             self.step.update(self.peer.state(configuration.q))
         self.step.aim(self.peer.goals(configuration.q, [target], gain, [here]))
-        if self.peer.posed.speeds is not None:
+        if self.peer.problem.speeds is not None:
             self.step.limit_speeds(self.limits.speeds(configuration))
 
 
@@ -135,13 +135,13 @@ def posed_step(
     projector: TwistProjector,
     method: Method,
     solver: str,
-) -> Posed:
-    """A method's step as its library is handed it.
+) -> PeerProblem:
+    """A method's step for its library.
 
     Without a secondary the posture's costs remain: they keep the program strictly convex.
 
     Raises:
-        InvalidInput: If task or settings are more than other libraries can express.
+        InvalidInput: If other libraries cannot express the task or the settings.
     """
     frame, ranges = peer_frame(path_task, projector, method), JointRanges.of(path_task.model)
     weight, centering = settings.weight, settings.secondary == "centering"
@@ -159,16 +159,16 @@ def posed_step(
     if centering:
         target[ranges.qpos] = ranges.middle
     if centering and weight == "natural":
-        # In the ratio of W, the widest range 1; a joint without a range, which W leaves out, costs
-        # a hundredth of that.
+        # Costs in the ratio of W, 1 for the widest range; a hundredth of that for joints without a
+        # range.
         W = ranges.weight
         costs *= np.where(W > 0.0, W / W[W > 0.0].min(initial=np.inf), 1e-2)
-    # Our own compiled method is known to nobody else.
+    # Other libraries do not have this package's compiled method.
     solver = "daqp" if solver == COMPILED else solver
-    # A peer at its best has the tolerances that our own QPs have. Polishing is left out: OSQP says
-    # on standard output where there is nothing to polish.
+    # For a fair comparison use the tolerances of this package's QPs. Without polishing: OSQP prints
+    # a message if there is nothing to polish.
     tuned = {} if method.name == "mink_default" else SETTINGS.get(solver, {})
-    return Posed(
+    return PeerProblem(
         path_task.model,
         (frame,),
         target,

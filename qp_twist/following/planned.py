@@ -1,4 +1,4 @@
-"""The plan of a path: the search over all branches, helped by methods that go step by step."""
+"""Plan a path: search over all branches, seeded also by step-by-step methods."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ from qp_twist.paths import DEFAULT_METHOD, PathTask, check_method
 from qp_twist.planning import Plan, central_starts, make_plan
 from qp_twist.planning.starts import corrected_start
 
-SEEDS = (DEFAULT_METHOD, "qp_minimum_norm")
-"""Methods whose trajectories the search may start from."""
+SEED_METHODS = (DEFAULT_METHOD, "qp_minimum_norm")
+"""Methods whose trajectories are further initial paths of the search."""
 _ON_PATH_M, _ON_PATH_RAD = 1e-2, 1e-1
-"""Beyond such errors a trajectory is not worth improving."""
+"""Trajectories with larger errors are not used."""
 
 
 def plan(
@@ -28,15 +28,15 @@ def plan(
     start: npt.ArrayLike | None = None,
     max_step_deg: float | None = None,
     *,
-    seeds: Sequence[str] = SEEDS,
+    seeds: Sequence[str] = SEED_METHODS,
     progress: Callable[[str, float], None] | None = None,
 ) -> Plan:
-    r"""Plan the whole joint motion along a path: the best over all branches, turns and rolls.
+    r"""Plan the whole joint motion along a path, over all branches, turns and rolls.
 
-    A method that goes step by step walks into corners. This looks at the whole path: layers of all
-    configurations at its waypoints (on a grid of what the task leaves free), the best way through
-    them by dynamic programming, from coarse to fine, and quadratic programs over all waypoints at
-    once that move the way off the grid:
+    A step-by-step method may end at a limit that a global choice avoids. A plan considers the whole
+    path: layers of all configurations at its waypoints (on a grid of the free coordinates), the
+    best path through them by dynamic programming, from coarse to fine, and quadratic programs over
+    all waypoints at once that move this path off the grid:
 
     .. math::
 
@@ -45,12 +45,11 @@ def plan(
         \boldsymbol\theta_{min} \le \mathbf q_k \le \boldsymbol\theta_{max},\quad
         |\mathbf q_{k+1} - \mathbf q_k| \le \mathbf s_k,
 
-    with **s** from the task's speed limits and clock, ``max_step_deg`` and, where neither says
-    anything, 15°. Acceleration limits hold between the waypoints, too. Hard tolerance bands hold at
-    the waypoints, to 1e-9, and on the straight line in joints between them, to 0.05° and 0.1 mm,
-    which is proved; soft ones are costs of a step, which a plan does not weigh. The layers have the
-    closed-form inverse kinematics where the arm has one, else nets of its self-motion manifolds
-    grown from random seeds.
+    with **s** from the task's speed limits and feed and from ``max_step_deg``; 15° without either.
+    Acceleration limits hold between the waypoints, too. Hard tolerance bands hold to 1e-9 at the
+    waypoints and, with linearly interpolated joints, provably to 0.05° and 0.1 mm between them;
+    soft bands are ignored. The layers are computed by the closed-form inverse kinematics if the arm
+    has one, else by nets of its self-motion manifolds grown from random seeds.
 
     Args:
         path_task: The task, from :func:`~qp_twist.load_task`.
@@ -59,15 +58,15 @@ def plan(
             the worst waypoint; or weights of the first two, e.g.
             ``{"centering": 1.0, "travel": 0.001}``.
         start: The first configuration, (nq,), corrected onto the first waypoint; free if ``None``.
-        max_step_deg: Largest displacement of a joint between two waypoints, degrees; a slide's
-            metre counts as a radian.
+        max_step_deg: Largest displacement of a joint between two waypoints, degrees; a metre of a
+            slide counts as a radian.
         seeds: Methods whose trajectories are improved as well. They find passages near a
             singularity that are narrower than the grid.
-        progress: Called with what is being done and the share of it that is done.
+        progress: Called with the current phase and its share done.
 
     Returns:
-        A plan with its motion, value, bound and certificate. Where there is no motion the
-        certificate says why; nothing is raised.
+        A plan with its motion, value, bound and certificate. If there is no motion, nothing is
+        raised; the certificate has the reason.
 
     Raises:
         InvalidInput: If an argument is wrong, the start cannot be corrected or is outside a hard
@@ -100,7 +99,7 @@ def plan(
 def _run(
     path_task: PathTask, method: str, progress: Callable[[str, float], None] | None
 ) -> Array | None:
-    """A method's joint path; ``None`` where it has none on the path."""
+    """A method's joint path; ``None`` if it fails on the path."""
 
     def lost(q: Array, position_error: float, axis_error: float) -> bool:
         return position_error > _ON_PATH_M or axis_error > _ON_PATH_RAD
@@ -112,7 +111,7 @@ def _run(
     settings = path_task.settings(method)
     try:
         trajectory = walk(path_task, method, settings, solver=COMPILED, progress=report, stop=lost)
-    except InvalidInput:  # its start cannot be corrected
+    except InvalidInput:  # the start cannot be corrected
         return None
     errors = trajectory.position_error[-1], trajectory.axis_error[-1]
     arrived = trajectory.diverged_at is None and not trajectory.failure
@@ -122,14 +121,13 @@ def _run(
 def with_start(
     path_task: PathTask, progress: Callable[[str, float], None] | None = None
 ) -> PathTask:
-    """The task with a start that is to be found replaced by what is found.
+    """The task with its start searched, if it leaves the start open.
 
     With ``start = "best"`` that of the best plan, with ``start = "central"`` the configuration of
     least z on the first waypoint.
 
     Raises:
-        InvalidInput: If there is no plan, or no configuration inside the limits; the message says
-            why.
+        InvalidInput: If there is no plan, or no configuration inside the limits; with the reason.
     """
     if not path_task.best_start:
         return path_task

@@ -32,7 +32,7 @@ LARGEST_JOINT = 1e6
 
 
 @dataclass(frozen=True, eq=False)
-class Displacement:
+class Iteration:
     """Result of one iteration.
 
     Attributes:
@@ -62,7 +62,7 @@ class Resolver(abc.ABC):
     objectives: Sequence[SecondaryObjective] = ()
 
     @abc.abstractmethod
-    def displacement(self, configuration: mink.Configuration, *, first: bool) -> Displacement:
+    def displacement(self, configuration: mink.Configuration, *, first: bool) -> Iteration:
         """Compute one iteration; on the waypoint's ``first`` one the secondary is active."""
 
     def aim(self, plan: Array, index: int) -> None:
@@ -95,7 +95,7 @@ class ClosedFormResolver(Resolver):
         self._weights = np.ones(path_task.model.nv)
         self._gradient: Array | None = None
 
-    def displacement(self, configuration: mink.Configuration, *, first: bool) -> Displacement:
+    def displacement(self, configuration: mink.Configuration, *, first: bool) -> Iteration:
         """The method's formula at the configuration."""
         state = self.task.state(configuration)
         twist = self.task.clamped(state.error)
@@ -118,7 +118,7 @@ class ClosedFormResolver(Resolver):
                 dq = closed_form.twa(J, T, twist, h, operational=self.operational)
             case name:
                 raise AssertionError(f"unknown closed form {name}")
-        return Displacement(dq)
+        return Iteration(dq)
 
     def _weigh(self, q: Array) -> None:
         """Compute the joint weights for a waypoint.
@@ -148,7 +148,7 @@ class SaturationResolver(Resolver):
         self.limits = limits
         self.names = JointRanges.of(path_task.model).names
 
-    def displacement(self, configuration: mink.Configuration, *, first: bool) -> Displacement:
+    def displacement(self, configuration: mink.Configuration, *, first: bool) -> Iteration:
         """The shortest step inside the limits, which are widened to include zero velocity.
 
         So a joint outside its range may stay or return, and a joint that an acceleration limit
@@ -170,7 +170,7 @@ class SaturationResolver(Resolver):
             side = "upper" if above else "lower"
             names.append(str(BindingLimit(self.names[dof], kind, side, 0.0)))
         status = Status.SCALED if result.scale < 1.0 else Status.SOLVED
-        return Displacement(dq, result.scale, tuple(names), status)
+        return Iteration(dq, result.scale, tuple(names), status)
 
 
 class QpResolver(Resolver):
@@ -218,7 +218,7 @@ class QpResolver(Resolver):
         lead: Array = np.clip(desired, lower, upper)
         return lead
 
-    def displacement(self, configuration: mink.Configuration, *, first: bool) -> Displacement:
+    def displacement(self, configuration: mink.Configuration, *, first: bool) -> Iteration:
         """One step of the controller, over the whole duration of the waypoint.
 
         A plan is followed in every iteration: it meets the task, so that the motion towards it does
@@ -229,7 +229,7 @@ class QpResolver(Resolver):
         names: tuple[str, ...] = ()
         if step.status is not Status.SOLVED:
             names = tuple(str(limit) for limit in step.binding)
-        return Displacement(step.velocity * dt, step.scale, names, step.status)
+        return Iteration(step.velocity * dt, step.scale, names, step.status)
 
 
 def _with_rest(limits: GatheredLimits, dt: float) -> tuple[Array, Array]:

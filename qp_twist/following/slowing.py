@@ -1,4 +1,4 @@
-"""More time for a waypoint that cannot be reached within its own."""
+"""Extend the duration of a waypoint that cannot be reached in time."""
 
 from __future__ import annotations
 
@@ -10,23 +10,22 @@ import numpy as np
 from qp_twist.qp import NoSolutionFound
 
 GROWTH = 1.5
-"""How much longer each further attempt may take."""
+"""Factor of the duration from one attempt to the next."""
 LONGEST = 1e4
-"""Most that a waypoint is stretched by."""
+"""Largest factor of a waypoint's duration."""
 _PATIENCE = 3
-"""Attempts that come no nearer, after which time is not what is missing."""
+"""Number of attempts without improvement after which it gives up."""
 
 
 class Pace:
-    """Gives waypoints more time where the limits do not let the method reach them in their own.
+    """Extends durations of waypoints that the limits make unreachable in time.
 
-    A waypoint that was missed is repeated from where it began, 1.5 times
-    as long as before, until it is reached. Where longer attempts come no nearer (a position limit,
-    a target out of reach) the first attempt stands, as it does without slowing down. The next
-    waypoint begins with a pace that is faster by one step, so that the feed is resumed.
+    A missed waypoint is repeated with 1.5 times the duration until it is reached. If longer
+    attempts do not improve it (a position limit, a target out of reach), the first attempt is kept.
+    The next waypoint starts with a duration one factor shorter, so that the feed is resumed.
 
     Attributes:
-        factor: Of the last waypoint's duration.
+        factor: Factor of the last waypoint's duration.
     """
 
     def __init__(self) -> None:
@@ -34,7 +33,7 @@ class Pace:
 
     @property
     def at_feed(self) -> bool:
-        """Whether the next waypoint begins with the time that the task gives it."""
+        """Whether the next waypoint starts with the task's duration."""
         return self.factor <= GROWTH
 
     def approach(
@@ -46,10 +45,10 @@ class Pace:
         """Reach the resolver's target and return the time that it took, s.
 
         Args:
-            attempt: Approaches the target within a duration, s; returns by how many times the
-                tolerance it is missed, at most 1 where it is reached.
-            configuration: The robot where the waypoint begins; moved.
-            duration: What the waypoint may take, s.
+            attempt: Approaches the target within a duration, s; returns the error in tolerances, at
+                most 1 if the target is reached.
+            configuration: The robot at the beginning of the waypoint; modified.
+            duration: The task's duration of the waypoint, s.
         """
         begin = configuration.q.copy()
         factor = max(1.0, self.factor / GROWTH)

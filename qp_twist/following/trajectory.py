@@ -1,4 +1,4 @@
-"""A joint trajectory along a path, and what it does at every waypoint."""
+"""A joint trajectory along a path, with its errors at every waypoint."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ from qp_twist.referee import PathErrors, straight_errors
 
 @dataclass(frozen=True, eq=False)
 class Trajectory:
-    """What :func:`~qp_twist.follow` returns. N waypoints; row 0 is the start.
+    """Result of :func:`~qp_twist.follow`, with N waypoints; row 0 is the start.
 
     A run that was stopped has fewer rows than the path has waypoints. Its errors are those at the
-    waypoints; ``between`` proves what lies between them.
+    waypoints; ``between`` has proven bounds between them.
 
     Attributes:
         path_task: The task that was followed.
@@ -34,18 +34,18 @@ class Trajectory:
         sigma_min: Smallest singular value of the task rows UᵀJ, (N,).
         scale: Smallest scale of the waypoint's steps; 1 for closed forms, (N,).
         iterations: Iterations that each waypoint took, (N,).
-        binding: Names of the limits that held a step of the waypoint back, or for which it was
-            given more time, for each waypoint.
-        statuses: The least that a step of the waypoint delivered, for each waypoint.
+        binding: Names of the limits active in a step of the waypoint, or because of which its
+            duration was extended, for each waypoint.
+        statuses: The worst status of the waypoint's steps, for each waypoint.
         seconds: Wall time of the whole run, without the start's correction, s.
         diverged_at: 1-based waypoint from which the method had no finite step, or ``None``.
-        failure: Why there was no step, and where; empty if there always was one.
-        band_excess: How far the frame is outside the band that it is furthest outside of, rad or m,
-            (N,); 0 inside all bands, and where there is none.
-        durations: Time that each waypoint was given, s, (N,): the task's own, or more where
-            :func:`~qp_twist.follow` slowed down; ``None`` untimed.
-        z_bound: What the mean z of no motion from this start can be below, where a plan that was
-            followed has found it.
+        failure: Why and where there was no step; empty if there always was one.
+        band_excess: Largest violation of a band, rad or m, (N,); 0 inside all bands, or without
+            bands.
+        durations: Duration of each waypoint, s, (N,): the task's, or longer if
+            :func:`~qp_twist.follow` slowed down; ``None`` if untimed.
+        z_bound: Lower bound of the mean z of all motions from this start, if the followed plan has
+            one.
         compiled: Number of waypoints that were reached by compiled code; the rest by Python.
     """
 
@@ -84,13 +84,13 @@ class Trajectory:
 
     @cached_property
     def constraint_excess(self) -> Array:
-        """How far each waypoint is outside the task's constraints, the largest, m or rad, (N,)."""
+        """Largest violation of the task's constraints at each waypoint, m or rad, (N,)."""
         excess: Array = self.path_task.constraint_excess(self.q).max(axis=1, initial=0.0)
         return excess
 
     @cached_property
     def between(self) -> PathErrors:
-        """How far joints that move straight from waypoint to waypoint stray from the path: proven.
+        """Proven deviation from the path between waypoints, with linearly interpolated joints.
 
         Raises:
             InvalidInput: If there are fewer than two rows, a row is not finite, or a joint is
@@ -131,7 +131,7 @@ class Trajectory:
     def save(self, path: str | Path) -> Path:
         """Write the joint trajectory as CSV: a commented header, joint names with units, rows.
 
-        The file is written beside its place and renamed, so a failure leaves nothing half-written.
+        The file is written under a temporary name and renamed, so a failure leaves no partial file.
         """
         ranges = JointRanges.of(self.path_task.model)
         columns = ["waypoint", "time [s]"] + [

@@ -16,7 +16,7 @@ from qp_twist.control import Status
 from qp_twist.following.blending import resolvers_along
 from qp_twist.following.resolver import (
     LARGEST_JOINT,
-    Displacement,
+    Iteration,
     Resolver,
     waypoints_of,
 )
@@ -189,7 +189,7 @@ def _approach(
             break
         configuration.integrate_inplace(move.dq, 1.0)
         recorder.note(move)
-        # Blocked by its limits: further iterations would not move it either.
+        # Blocked by limits: further iterations would not move it either.
         if np.abs(move.dq).max(initial=0.0) < 1e-13 or not _sane(configuration.q):
             break
 
@@ -249,7 +249,7 @@ class _Recorder:
         """Begin a waypoint, or repeat it; then the names of its binding limits are kept."""
         self._scale, self._count, self._status = 1.0, 0, Status.SOLVED
 
-    def note(self, move: Displacement) -> None:
+    def note(self, move: Iteration) -> None:
         """Record an iteration of the current waypoint."""
         self._scale = min(self._scale, move.scale)
         self._count += 1

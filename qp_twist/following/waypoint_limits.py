@@ -1,4 +1,4 @@
-"""The limits that the QPs of a path share."""
+"""The limits shared by the QPs of a path."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ from qp_twist.paths import PathTask
 class WaypointLimits:
     """The limits of a path's QPs, and their state from waypoint to waypoint.
 
-    All resolvers of a path share one: what the robot did last does not depend on which of them
-    moved it, nor on how many iterations it took.
+    Shared by all resolvers of a path: the state does not depend on the resolver or the number of
+    iterations.
 
     Attributes:
-        limits: For the controllers.
-        dt: Time of the waypoint under way, s.
+        limits: The limits of the controllers.
+        dt: Duration of the current waypoint, s.
     """
 
     def __init__(self, path_task: PathTask) -> None:
@@ -52,7 +52,7 @@ class WaypointLimits:
         self.dt = 1.0
 
     def begin_waypoint(self, configuration: mink.Configuration, duration: float | None) -> None:
-        """Open the window in which the joints may move until the next waypoint is due."""
+        """Move the window in which the joints may move during the next waypoint."""
         if self.motion is not None:
             self.motion.begin(configuration, duration or 1.0)
         if self.window is not None:
@@ -63,9 +63,9 @@ class WaypointLimits:
 class MotionWindow(BoxLimit):
     r"""A :class:`~qp_twist.MotionLimit` for the mean velocity over a waypoint.
 
-    The iterations of a waypoint share one allowance: the bounds are those of the motion limit where
-    the waypoint began, less what has been moved since. A path is entered at speed: accelerations
-    count from its second step on.
+    The bounds are those of the motion limit at the beginning of the waypoint, minus the motion of
+    its previous iterations. The first step of a path may have any speed: accelerations are limited
+    from the second step on.
     """
 
     kind = "motion"
@@ -77,7 +77,7 @@ class MotionWindow(BoxLimit):
         self._dt = 1.0
 
     def begin(self, configuration: mink.Configuration, dt: float) -> None:
-        """Begin a waypoint of ``dt`` seconds; what was moved in the last one is the velocity."""
+        """Begin a waypoint of ``dt`` seconds; the mean velocity of the last one is stored."""
         here = self.motion.ranges.positions(configuration.q)
         entered = self._begin is not None
         if self._begin is not None:
@@ -90,13 +90,13 @@ class MotionWindow(BoxLimit):
         self._begin, self._dt = here, dt
 
     def boxes(self, configuration: mink.Configuration, dt: float) -> tuple[Box, ...]:
-        """The boxes of the waypoint, less what has been moved in it."""
+        """The boxes of the waypoint, minus the motion within it so far."""
         assert self._begin is not None
         moved = (self.motion.ranges.positions(configuration.q) - self._begin) / self._dt
         return tuple(Box(kind, lower - moved, upper - moved) for kind, lower, upper in self._boxes)
 
     def bounds(self, configuration: mink.Configuration, dt: float) -> tuple[Array, Array]:
-        """What the boxes have in common, rad/s or m/s, each (nv,)."""
+        """The intersection of the boxes, rad/s or m/s, each (nv,)."""
         box = intersect(self.boxes(configuration, dt), configuration.model)
         return box.lower, box.upper
 

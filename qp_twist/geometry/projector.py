@@ -34,7 +34,7 @@ class Projector:
         \mathbf L = \mathbf e \mathbf e^T,\; \mathbf O\}
 
     Build one with :meth:`full`, :meth:`plane`, :meth:`line` or :meth:`none`. It has no unit and no
-    frame: what its axis is fixed to is said by :class:`TwistProjector`.
+    frame; the frame of its axis is that of :class:`TwistProjector`.
 
     Attributes:
         kind: Which of the four it is.
@@ -107,7 +107,7 @@ class Projector:
         return _unchecked(ProjectorKind.PLANE, _perpendicular_pair(self.axis), self.axis)
 
     def intersection(self, other: Projector) -> Projector:
-        r"""The projector onto what both keep.
+        r"""The projector onto the intersection of both ranges.
 
         .. math:: \mathrm{range}\,\mathbf M_1 \cap \mathrm{range}\,\mathbf M_2
             = \ker \begin{bmatrix} \mathbf 1 - \mathbf M_1 \\ \mathbf 1 - \mathbf M_2 \end{bmatrix}
@@ -126,13 +126,13 @@ class Projector:
         return Projector.none()
 
     def rotated(self, rotation: npt.ArrayLike) -> Projector:
-        """The projector R M Rᵀ whose axis has been turned by ``rotation`` (3, 3).
+        """The projector R M Rᵀ, rotated by ``rotation`` (3, 3).
 
-        The basis turns with it, so that the rows of a task stay continuous along a motion. Full and
-        none have no direction to turn and stay as they are.
+        The basis rotates with it, so that the rows of a task stay continuous along a motion. Full
+        and none do not change.
 
         Raises:
-            InvalidInput: If it is not a matrix (3, 3), or not one that turns.
+            InvalidInput: If it is not a rotation matrix (3, 3).
         """
         rotation = finite_array("rotation", rotation, (3, 3))
         turned = self.turned(rotation)
@@ -151,7 +151,7 @@ class Projector:
 
 
 def _unchecked(kind: ProjectorKind, basis: Array, axis: Array) -> Projector:
-    """A projector made of another one's arrays."""
+    """A projector from another one's arrays."""
     made = object.__new__(Projector)
     made.__dict__.update(kind=kind, basis=basis, axis=axis)
     return made

@@ -29,8 +29,8 @@ def rotation_vector(rotation: Array) -> Array:
 def geodesic(start: Array, end: Array) -> Array:
     """Rotation vector (3,) of the shortest rotation taking unit vector ``start`` to ``end``, rad.
 
-    Where the two are opposite every half turn about a perpendicular axis is as short; a fixed one
-    is taken, so the result is never NaN.
+    For opposite vectors every half turn about a perpendicular axis is equally short; a fixed one is
+    used, so the result is never NaN.
     """
     cosine = float(start @ end)
     # start × end, from a difference that is exact for nearly equal or opposite vectors: the plain
@@ -44,7 +44,7 @@ def geodesic(start: Array, end: Array) -> Array:
 
 
 def cross(a: Array, b: Array) -> Array:
-    """a × b of two vectors; numpy's own takes ten times as long, for the shapes it also allows."""
+    """a × b of two vectors; numpy's general function takes ten times as long."""
     (ax, ay, az), (bx, by, bz) = a.tolist(), b.tolist()
     return np.array([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx])
 
@@ -72,9 +72,10 @@ def angular_error(
     With :math:`R_e = R_d R^T`: the rotation vector of R_e (full), its swing about e (plane), its
     twist angle about e times e (line), zero (none).
 
-    The swing is a geodesic. Where e moves with the body it takes e to R_e e, the direction which
-    e shall have. Where e stays in space it takes R_eᵀ e to e: what points now where e pointed in
-    the target. The two agree without roll; with roll only these make one full step exact.
+    The swing is a geodesic. If e moves with the body, it rotates e to R_e e, the desired direction
+    of e. If e is fixed in space, it rotates R_eᵀ e to e, where R_eᵀ e is the present direction of
+    the body axis that is e in the target. The two agree without roll; with roll each makes one full
+    step exact.
 
     Args:
         rotation: R, from the controlled frame to the world, (3, 3).
@@ -116,10 +117,10 @@ def twist_error(
         position: Its origin in the world, m, (3,).
         target_rotation: R_d of the target frame to the world, (3, 3).
         target_position: Its origin in the world, m, (3,).
-        projector: T, in whichever frame it is fixed to.
+        projector: T, fixed to any frame.
 
     Raises:
-        InvalidInput: If an array has the wrong shape, is not finite or no rotation.
+        InvalidInput: If an array has the wrong shape, is not finite or not a rotation.
     """
     instance("projector", projector, TwistProjector)
     body = rotation_matrix("rotation", rotation)
@@ -143,7 +144,7 @@ def resolved_twist_error(
     *,
     moves_with_body: bool,
 ) -> Array:
-    """:func:`twist_error` for a projector that has been resolved in the world already, (6,)."""
+    """:func:`twist_error` for a projector that is already resolved in the world, (6,)."""
     linear = world.linear.basis @ (world.linear.basis.T @ (target_position - position))
     angular = angular_error(
         rotation, target_rotation, world.angular, moves_with_body=moves_with_body
@@ -152,10 +153,10 @@ def resolved_twist_error(
 
 
 def clamp_twist(twist: Array, max_linear: float = math.inf, max_angular: float = math.inf) -> Array:
-    """``twist`` (6,) with its linear and angular parts shortened to the given lengths, m and rad.
+    """``twist`` (6,) with its linear and angular parts clamped to some lengths, m and rad.
 
-    A full 90° swing in one step overshoots, since the Jacobian holds only nearby. Directions are
-    kept.
+    A full 90° swing in one step overshoots, since the Jacobian is only valid locally. Directions
+    are kept.
     """
     return np.concatenate([_shortened(twist[:3], max_linear), _shortened(twist[3:], max_angular)])
 

@@ -31,7 +31,8 @@ class TwistProjector:
     Attributes:
         linear: Projector of the velocity v of the frame's origin.
         angular: Projector of the angular velocity ω.
-        frame: What the projectors' axes are fixed to: ``"world"``, ``"body"`` (they move with the
+        frame: The frame that the projectors' axes are fixed to: ``"world"``, ``"body"`` (they move
+        with the
             controlled frame, like a tool axis) or ``"target"`` (they move with the target pose,
             like a surface normal). :meth:`resolved` gives the projector in world axes.
 
@@ -86,7 +87,7 @@ class TwistProjector:
         )
 
     def intersection(self, other: TwistProjector) -> TwistProjector:
-        """The twist projector onto the rows that both have, block by block.
+        """The twist projector onto the rows common to both, block by block.
 
         Raises:
             InvalidInput: If axes of the two are fixed to different frames: what they have in common
@@ -107,7 +108,7 @@ class TwistProjector:
 
     @property
     def has_axis(self) -> bool:
-        """Whether it matters what ``frame`` is."""
+        """Whether the projector depends on ``frame``."""
         return self.linear.axis is not None or self.angular.axis is not None
 
     def resolved(
@@ -151,9 +152,9 @@ class TwistProjector:
 def distinct_projectors(
     projectors: Sequence[TwistProjector | None],
 ) -> tuple[list[TwistProjector], Indices]:
-    """Each of them once, and the number of the one that is meant at every place.
+    """The distinct projectors, and the index of each entry's projector.
 
-    The number is −1 for ``None``. Projectors are distinct if they are distinct objects.
+    The index is −1 for ``None``. Projectors are distinct if they are distinct objects.
     """
     distinct: list[TwistProjector] = []
     which = np.full(len(projectors), -1, dtype=np.intp)
@@ -170,9 +171,9 @@ def task_redundancy(operational: TwistProjector, task: TwistProjector) -> int:
     r"""Redundancy of a task, r_t = rank(T_O) − rank(T_T) (paper, section 4).
 
     Args:
-        operational: T_O, what the robot is used for (full for a spatial arm; the plane's three
-            directions for a planar one).
-        task: T_T, what the task needs of it; its range lies within that of T_O.
+        operational: T_O of the robot (full for a spatial arm; the plane's three directions for a
+            planar one).
+        task: T_T of the task; its range lies within that of T_O.
 
     Raises:
         InvalidInput: If the task needs a direction which the operational space does not have.

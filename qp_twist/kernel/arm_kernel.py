@@ -12,29 +12,28 @@ from qp_twist.kernel.compiling import entry, plain
 
 
 class Arm(NamedTuple):
-    """A chain as the kernels read it: each joint turns about, or slides along, its frame's z."""
+    """A serial chain in arrays: each joint turns about, or slides along, its frame's z axis."""
 
     frames: npt.NDArray[np.float64]
-    """From the frame of the joint before (the first: from the world) to the joint's, where the
-    joint is at its reference: rotation, row by row (9), and origin, m (3); (S, 12)."""
+    """Transform from the previous joint's frame (for the first: the world) to the joint's frame at
+    its reference position: rotation, row by row (9), and origin, m (3); (S, 12)."""
     tip: npt.NDArray[np.float64]
     """The same from the last joint's frame to the controlled one, (12,)."""
     reference: npt.NDArray[np.float64]
-    """Coordinate of each joint there, rad or m, (S,)."""
+    """Reference position of each joint, rad or m, (S,)."""
     qpos: npt.NDArray[np.int64]
-    """Address of each joint's coordinate in q, (S,)."""
+    """Index of each joint's coordinate in q, (S,)."""
     dofs: npt.NDArray[np.int64]
-    """Its column of the Jacobian, (S,)."""
+    """Index of each joint's column in the Jacobian, (S,)."""
     slides: npt.NDArray[np.int64]
     """1 for a slide, 0 for a hinge, (S,)."""
 
 
 @plain
 def pose_and_jacobian(arm, q, pose, J):
-    """R (9) and p (3) of the frame into ``pose`` and the columns of its joints into J (6, nv).
+    """Write R (9) and p (3) of the frame to ``pose``, and its joints' columns to J (6, nv).
 
-    World axes, rows (linear, angular), as MuJoCo's; the columns of other joints are left as they
-    are.
+    World axes, rows (linear, angular), as MuJoCo's; the columns of other joints are not changed.
     """
     a, b, c, d, e, f, g, h, i = 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0
     x, y, z = 0.0, 0.0, 0.0

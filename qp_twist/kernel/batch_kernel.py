@@ -1,4 +1,4 @@
-"""Single steps of many configurations, each for itself, compiled."""
+"""Independent single steps of many configurations, compiled."""
 
 from __future__ import annotations
 
@@ -7,9 +7,9 @@ import numpy as np
 from qp_twist.kernel.arm_kernel import pose_and_jacobian
 from qp_twist.kernel.compiling import kernel
 from qp_twist.kernel.null_space import INDEPENDENT, least_norm, reflect
-from qp_twist.kernel.step_kernel import hindered_step, read_step, step
-from qp_twist.kernel.twist_rows import in_basis, left_free, twist_rows, wanted_twist
-from qp_twist.kernel.verified_program import REFUSED, TOO_FAST
+from qp_twist.kernel.step_kernel import infeasible_step, read_step, step
+from qp_twist.kernel.twist_rows import desired_velocity, in_basis, left_free, twist_rows
+from qp_twist.kernel.verified_program import INFEASIBLE, REFUSED
 
 MINIMUM_NORM, GRADIENT_PROJECTION, RMR, TWA = range(4)
 """Closed forms."""
@@ -19,7 +19,7 @@ MINIMUM_NORM, GRADIENT_PROJECTION, RMR, TWA = range(4)
 def steps(
     arms, floats, integers, q, targets, dt, use_secondary, twist_space, velocities, scales, done
 ):  # fmt: skip
-    """A controller's step from each row of q (K, nq), its arrays laid out as ``step_record`` says.
+    """Compute a controller's step from each row of q (K, nq); for the arrays see ``step_record``.
 
     Args:
         arms: The chain of each task's frame.
@@ -29,32 +29,32 @@ def steps(
         targets: R_d (9), p_d (3) and twist (6) of each task, (K, T, 18).
         dt: Length of the steps, s.
         use_secondary: Whether the secondary acts.
-        twist_space: ``None`` where the cost is that of joint space.
+        twist_space: ``None`` for the joint-space cost.
         velocities: Result, (K, nv).
-        scales: Result, share of the tasks' speed that is kept, (K,).
-        done: Result, which of them are verified, (K,).
+        scales: Result, scale s of the tasks' speed, (K,).
+        done: Result, whether each step is verified, (K,).
     """
     s = read_step(floats, integers, integers)
-    g, w = s.given, s.program
+    g, w = s.inputs, s.program
     g.jacobians[:] = 0.0
     for k in range(len(q)):
         for task in range(len(g.kinds)):
             pose_and_jacobian(arms[task], q[k], g.poses[task], g.jacobians[task])
             for i in range(18):
                 g.targets[task, i] = targets[k, task, i]
-        w.active_count[0] = 0  # no row knows what was active in another
+        w.active_count[0] = 0  # no warm start: the rows are independent
         status = step(g, w, q[k], dt, use_secondary, twist_space)
-        if status == TOO_FAST:
-            status = hindered_step(g, w)
+        if status == INFEASIBLE:
+            status = infeasible_step(g, w)
         done[k] = status != REFUSED
-        scales[k] = w.gains[0]
+        scales[k] = w.sensitivity[0]
         for dof in range(len(w.x)):
             velocities[k, dof] = w.x[dof]
 
 
 @kernel
 def closed_forms(arm, kinds, shape, held_kinds, held_shape, form, q, targets, h, moved, done):
-    """A closed form at each row of q (K, nq).
+    """Evaluate a closed form at each row of q (K, nq).
 
     Args:
         arm: The chain of the frame.
@@ -68,7 +68,7 @@ def closed_forms(arm, kinds, shape, held_kinds, held_shape, form, q, targets, h,
         targets: R_d (9), p_d (3) and twist (6), (K, 18).
         h: Desired displacements, (K, nv); or (0, nv), none.
         moved: Result, (K, nv).
-        done: Result, where the rows are independent, (K,).
+        done: Result, whether the task rows are linearly independent, (K,).
     """
     nv, m = moved.shape[1], held_kinds[0] + held_kinds[1]
     pose, J, A, b = np.zeros(12), np.zeros((6, nv)), np.zeros((m, nv)), np.zeros(m)
@@ -87,7 +87,7 @@ def closed_forms(arm, kinds, shape, held_kinds, held_shape, form, q, targets, h,
                 moved[k, dof] = h[k, dof]
         if form == TWA:
             for block in range(2):
-                x, y, z, u, v, w, _ = wanted_twist(block, kinds, shape, pose, targets[k], 1.0)
+                x, y, z, u, v, w, _ = desired_velocity(block, kinds, shape, pose, targets[k], 1.0)
                 twist[3 * block], twist[3 * block + 1], twist[3 * block + 2] = u, v, w
                 if len(h):
                     left_free(kinds[block], x, y, z, J, h[k], 3 * block, twist)

@@ -6,18 +6,19 @@ import math
 
 from qp_twist.kernel.compiling import part, plain
 
-POSITION, MOTION, WINDOW, STATED, MINK_RANGE = 0, 1, 2, 3, 4
-"""Kinds of limits. What is stated are bounds on velocities, by whatever limit; a range of mink's is
-approached at a share of the way to its end each step, and snaps back from outside."""
+POSITION, MOTION, WINDOW, BOX_BOUNDS, MINK_RANGE = 0, 1, 2, 3, 4
+"""Kinds of limits. ``BOX_BOUNDS`` are velocity bounds that Python has evaluated. ``MINK_RANGE`` is
+mink's joint range: a step may cover a share of the distance to its end, and returns from outside
+at once."""
 ACCELERATION_BOUND, VELOCITY_BOUND, POSITION_BOUND = 0.0, 1.0, 2.0
-"""What a bound comes from, in the order in which they give way to each other; numbers between them
-are of limits of other kinds."""
+"""Kind of a bound, which is also its priority: of equal bounds the one with the lower number is
+reported. Numbers in between belong to other kinds of limits."""
 NO_BOUND = 9.0
 
 
 @part
 def _stopping_speed(room, acceleration, dt):
-    """As ``limits.stopping_speed``, for one joint."""
+    """As ``constraints.stopping_speed``, for one joint."""
     if math.isinf(acceleration) or math.isinf(room):
         return room / dt
     braking = acceleration * dt
@@ -27,7 +28,7 @@ def _stopping_speed(room, acceleration, dt):
 
 @part
 def _above(bound, kind, least, least_kind):
-    """The higher of two lower bounds; of equal ones the one whose kind comes first."""
+    """Return the higher of two lower bounds; of equal ones the one with the lower kind."""
     if bound > least or (bound == least and kind < least_kind):
         return bound, kind
     return least, least_kind
@@ -35,7 +36,7 @@ def _above(bound, kind, least, least_kind):
 
 @part
 def _below(bound, kind, most, most_kind):
-    """The lower of two upper bounds; of equal ones the one whose kind comes first."""
+    """Return the lower of two upper bounds; of equal ones the one with the lower kind."""
     if bound < most or (bound == most and kind < most_kind):
         return bound, kind
     return most, most_kind
@@ -43,27 +44,40 @@ def _below(bound, kind, most, most_kind):
 
 @part
 def joint_bounds(kind, q, dt, noticeable, numbers, least, from_below, most, from_above):
-    """Narrow a joint's bounds by one limit.
+    """Narrow a joint's velocity bounds by one limit.
+
+    Columns of ``numbers`` (7,), by kind of limit:
+
+    ============  =========  =========  ================  ==========  =====  =====  ========
+    kind          0          1          2                 3           4      5      6
+    ============  =========  =========  ================  ==========  =====  =====  ========
+    POSITION      θ_min      θ_max      distance kept     distance
+                                        to θ_min          to θ_max
+    MOTION        as above                                            v_max  a_max  last q̇
+    WINDOW        reference  half
+                             width
+    BOX_BOUNDS    lower      upper      kind of bound
+    MINK_RANGE    θ_min      θ_max      share of the
+                                        distance
+    ============  =========  =========  ================  ==========  =====  =====  ========
 
     Args:
-        kind: Of the limit.
+        kind: Kind of the limit.
         q: Position of the joint.
         dt: Length of the step, s.
-        noticeable: What counts as outside, rad or m.
-        numbers: Of the joint in the limit's table, (7,): of positions θ_min, θ_max and what the
-            joint stops short of either by; of motions also v_max, a_max and the velocity before;
-            of windows the reference and the half width; of what is stated the two bounds and what
-            they come from; of mink's ranges the two ends and the share.
-        least: Lower bound by the limits before, rad/s or m/s.
-        from_below: What it comes from.
-        most: Upper bound by the limits before.
-        from_above: What it comes from.
+        noticeable: Smallest violation that counts as outside, rad or m.
+        numbers: The joint's row of the limit's table; positions in rad or m, rates per second.
+        least: Lower bound by the previous limits, rad/s or m/s.
+        from_below: Kind of that bound.
+        most: Upper bound by the previous limits.
+        from_above: Kind of that bound.
 
     Returns:
-        Whether the joint is inside, and can stop in time; the bounds, each with what it comes from.
+        Whether the joint is inside its range and can stop in time; then ``least``, ``from_below``,
+        ``most`` and ``from_above`` as narrowed.
     """
     first, second = numbers[0], numbers[1]
-    if kind == STATED:
+    if kind == BOX_BOUNDS:
         least, from_below = _above(first, numbers[2], least, from_below)
         most, from_above = _below(second, numbers[2], most, from_above)
         return True, least, from_below, most, from_above
@@ -84,7 +98,7 @@ def joint_bounds(kind, q, dt, noticeable, numbers, least, from_below, most, from
     if kind == MOTION:
         fastest, hardest, before = numbers[4], numbers[5], numbers[6]
         change = hardest * dt
-        # Too fast to stop in time: recovering, which the reference tells of.
+        # A joint that is too fast to stop in time is left to the reference, which reports it.
         inside = (
             inside
             and abs(before) <= fastest + noticeable
@@ -107,15 +121,17 @@ def joint_bounds(kind, q, dt, noticeable, numbers, least, from_below, most, from
 def bounds(
     limits, types, q, dt, noticeable, unlimited, lower, upper, lower_kind, upper_kind
 ):  # fmt: skip
-    """The box of all limits, (nv,); whether no joint is outside and no two limits contradict.
+    """Intersect the bounds of all limits, (nv,); return whether all joints are inside them.
+
+    Also returns false if two limits contradict each other.
 
     Args:
         limits: A table for each limit, (L, nv, 7): see :func:`joint_bounds`.
-        types: Of the limits, (L,).
+        types: Kinds of the limits, (L,).
         q: Joint positions, (nv,).
         dt: Length of the step, s.
-        noticeable: What counts as outside, rad or m.
-        unlimited: A bound beyond it is none, rad/s or m/s.
+        noticeable: Smallest violation that counts as outside, rad or m.
+        unlimited: A bound beyond it counts as infinite, rad/s or m/s.
         lower: Result.
         upper: Result.
         lower_kind: Result.

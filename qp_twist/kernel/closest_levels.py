@@ -14,9 +14,9 @@ from qp_twist.kernel.verified_program import (
     PRIORITIZED,
     REFUSED,
     RELAXED,
+    clear_multipliers,
+    clip_to_bounds,
     excess_of,
-    into_the_box,
-    no_multipliers,
 )
 
 _PROXIMAL = 1e-4
@@ -70,7 +70,7 @@ def _closest(w, p, first, end, longest):
     Returns:
         The number of active constraints, −1 on failure; and the remaining gradient.
     """
-    n, weight, held = len(w.x), (_PROXIMAL * longest) ** 2, p.many[0]
+    n, weight, held = len(w.x), (_PROXIMAL * longest) ** 2, p.held_count[0]
     count, left, none = 0, math.inf, len(w.nothing)
     for _ in range(_ROUNDS):
         for i in range(n):
@@ -84,7 +84,7 @@ def _closest(w, p, first, end, longest):
                     p.H[i, j] += w.A[row, i] * w.A[row, j]
         terms = 0.0
         for i in range(n):
-            p.before[i] = p.x[i]
+            p.previous[i] = p.x[i]
             terms = max(terms, abs(p.c[i]))
         if not cholesky_inverse(p.H, p.J):
             return -1, left
@@ -92,11 +92,11 @@ def _closest(w, p, first, end, longest):
             p.c, p.E[:held], p.e[:held], w.G, w.g, p.lengths, w.lower, w.upper, p.active, none, p.x,
             p.u, p.J, p.R, p.held, p.work,
         )  # fmt: skip
-        if status != SOLVED or not into_the_box(p.x, w.lower, w.upper):
+        if status != SOLVED or not clip_to_bounds(p.x, w.lower, w.upper):
             return -1, left
         left = 0.0
         for i in range(n):
-            left = max(left, weight * abs(p.x[i] - p.before[i]))
+            left = max(left, weight * abs(p.x[i] - p.previous[i]))
         if left <= _SETTLED * terms:
             break
     return count, left
@@ -108,7 +108,7 @@ def _hold(w, p, first, end, count, negligible):
 
     A constraint is active if its multiplier exceeds ``negligible``.
     """
-    n, k, m = len(w.x), len(w.g), p.many[0]
+    n, k, m = len(w.x), len(w.g), p.held_count[0]
     held = m
     for place in range(count):
         which, multiplier = p.active[place], p.u[place]
@@ -131,8 +131,8 @@ def _hold(w, p, first, end, count, negligible):
             p.e[held] = w.upper[dof] if is_upper else w.lower[dof]
             p.fixed[dof] = 1
         held += 1
-        if w.gains[at] == 0.0:
-            w.gains[at] = sign * multiplier
+        if w.sensitivity[at] == 0.0:
+            w.sensitivity[at] = sign * multiplier
     for row in range(first, end):
         p.e[held] = 0.0
         p.origins[held, 0], p.origins[held, 1] = _OF_A_LEVEL, row
@@ -140,7 +140,7 @@ def _hold(w, p, first, end, count, negligible):
             p.E[held, i] = w.A[row, i]
             p.e[held] += w.A[row, i] * p.x[i]
         held += 1
-    p.many[0] = held
+    p.held_count[0] = held
 
 
 @plain
@@ -159,7 +159,7 @@ def _gap(w, p, left, length):
 @plain
 def _with_costs(w, p):
     """Write the point of least cost subject to all held rows to ``w``; return whether it exists."""
-    n, held, none = len(w.x), p.many[0], len(w.nothing)
+    n, held, none = len(w.x), p.held_count[0], len(w.nothing)
     for i in range(n):
         for j in range(n):
             p.J[i, j] = w.J[i, j] if len(w.h) == 0 else 0.0
@@ -180,8 +180,8 @@ def _take_multipliers(w, p, count):
 
     Held rows are equality constraints, so their multipliers may have either sign.
     """
-    n, k, held = len(w.x), len(w.g), p.many[0]
-    no_multipliers(w)
+    n, k, held = len(w.x), len(w.g), p.held_count[0]
+    clear_multipliers(w)
     for place in range(count):
         which, u = p.active[place], p.u[place]
         if which < held:
@@ -208,13 +208,13 @@ def _verified(w, p, tolerances):
     replaces b by the achieved A x, and fixes the held bounds.
     """
     n = len(w.x)
-    for place in range(p.many[0]):
+    for place in range(p.held_count[0]):
         if p.origins[place, 0] == _OF_A_LEVEL:
             row = p.origins[place, 1]
-            p.asked[row], w.b[row] = w.b[row], p.e[place]
+            p.desired[row], w.b[row] = w.b[row], p.e[place]
     for i in range(n):
         p.lower[i], p.upper[i] = w.lower[i], w.upper[i]
-    found = _with_costs(w, p) and into_the_box(w.x, w.lower, w.upper)
+    found = _with_costs(w, p) and clip_to_bounds(w.x, w.lower, w.upper)
     for i in range(n):
         if p.fixed[i]:
             w.lower[i] = w.upper[i] = w.x[i]
@@ -222,19 +222,19 @@ def _verified(w, p, tolerances):
     for i in range(n):
         w.lower[i], w.upper[i] = p.lower[i], p.upper[i]
     for row in range(len(w.b)):
-        w.b[row] = p.asked[row]
+        w.b[row] = p.desired[row]
     return found
 
 
 @plain
 def _begin(w, p):
     """Start inside the bounds, with no held rows, scale 1 and zero multipliers."""
-    p.many[0] = 0
+    p.held_count[0] = 0
     for i in range(len(w.x)):
         p.x[i], p.fixed[i] = min(max(0.0, w.lower[i]), w.upper[i]), 0
     row_lengths(w.G, p.lengths)
-    for i in range(len(w.gains)):
-        w.gains[i] = 1.0 if i == 0 else 0.0
+    for i in range(len(w.sensitivity)):
+        w.sensitivity[i] = 1.0 if i == 0 else 0.0
 
 
 @plain
@@ -278,7 +278,7 @@ def closest_levels(w, ends, relaxes, tolerances):
     Args:
         w: ``step_record.Program`` that
             :func:`~qp_twist.kernel.verified_program.solved_program` found infeasible. It receives
-            the results of a step; ``gains`` receives the multipliers of the constraints that
+            the results of a step; ``sensitivity`` receives the multipliers of the constraints that
             limit a level.
         ends: Index after the last row of each level, (levels,).
         relaxes: Whether the first level may be relaxed.

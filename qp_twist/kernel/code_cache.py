@@ -1,20 +1,20 @@
-"""Where the machine code of kernels is kept, and which sources it belongs to.
+"""The disk cache of the kernels' machine code, keyed by the contents of all kernel sources.
 
-numba keeps the machine code of a function for as long as the function's own file stays as it is. A
-kernel also contains the machine code of the kernels that it calls, most of them in other files, so
-that an edit there, or an upgrade of the package, would go on running the code of before. So an
-entry belongs to the contents of all files of this folder together. numba adds its own version, the
-processor and the bytecode of the function; the versions of NumPy and llvmlite are added here.
+**Key.** numba discards cached machine code only if the function's own file changes. But a kernel
+also contains the code of the kernels that it calls, most of them in other files: after an edit
+there, or an upgrade of the package, numba would run outdated code. Here an entry is keyed by a hash
+of all files in this folder. numba adds its own version, the processor and the function's bytecode;
+this module adds the versions of NumPy and llvmlite.
 
-The names of the files contain the key, so that processes which run different sources never read
-each other's code. Whoever stores a kernel removes the same kernel's files of other sources: one
-generation is kept for each version of Python, some 10 MB.
+**Files.** File names contain the key, so processes with different sources never load each other's
+code. Saving a kernel deletes its files for other sources: each version of Python keeps one
+generation, about 10 MB.
 
-numba puts the code of a kernel into every kernel that calls it, and optimises it there again: at
-the top of a chain of ten calls, everything ten times over. Most kernels here are too long to gain
-by it. They stand ``apart``: their callers get their names alone, and the processor jumps. That
-makes the time to compile a step half as long. An entry on disk then names the kernels that it
-calls, and with which symbols; they are loaded first.
+**Separate linking.** numba copies the code of a kernel into every kernel that calls it and
+optimises each copy, ten times over at the top of a chain of ten calls. Most kernels here are too
+long to gain from inlining. They are compiled ``apart``: a caller contains only a reference to the
+symbol. This halves the compilation time of a step. A cache entry lists the kernels that it calls
+and their symbols; these are loaded first.
 """
 
 from __future__ import annotations
@@ -37,10 +37,10 @@ _FOLDER = Path(__file__).resolve().parent
 
 
 def _contents() -> str:
-    """One hash of the names and contents of all files in this folder that kernels may lie in.
+    """Hash of the names and contents of all Python files in this folder.
 
     Raises:
-        RuntimeError: If there are none, as where a package is shipped without its sources.
+        RuntimeError: If there are none, as in a package shipped without its sources.
     """
     files = sorted(_FOLDER.glob("*.py"))
     if not files:
@@ -52,21 +52,21 @@ def _contents() -> str:
 
 
 _contents_at_start = cache(_contents)
-"""The same as it was when the first kernel of this process was declared."""
+"""The hash at the time when the first kernel of this process was declared."""
 
 
 class _Call(NamedTuple):
-    """A kernel that stands apart, as its callers know it."""
+    """A reference to a kernel that is compiled ``apart``."""
 
     module: str
     name: str
     arguments: tuple[Any, ...]
     symbol: str
-    """Of its machine code. It is another one in another process that compiles it anew."""
+    """Symbol of its machine code; differs in each process that compiles it."""
 
 
 def _calls_of(library: Any) -> tuple[_Call, ...]:
-    """What the machine code of a kernel jumps to, of what stands apart."""
+    """The kernels compiled ``apart`` that a kernel calls."""
     found = dict[_Call, None]()
     for linked in getattr(library, "_linking_libraries", ()):
         itself: _Call | None = getattr(linked, "kernel_apart", None)
@@ -75,14 +75,14 @@ def _calls_of(library: Any) -> tuple[_Call, ...]:
 
 
 def _is_there(call: _Call) -> bool:
-    """Load a kernel, or compile it; whether its machine code has the symbol that is asked for."""
+    """Load or compile a kernel; return whether its machine code has the expected symbol."""
     dispatcher = getattr(importlib.import_module(call.module), call.name)
     dispatcher.compile(call.arguments)
     return bool(dispatcher.overloads[call.arguments].fndesc.mangled_name == call.symbol)
 
 
-class _Kept(CompileResultCacheImpl):
-    """What is kept of a kernel: numba's own, and what it calls."""
+class _CacheEntry(CompileResultCacheImpl):
+    """Contents of a cache entry: numba's own, and the kernels that it calls."""
 
     def reduce(self, data: Any) -> Any:
         library = data.library
@@ -91,7 +91,7 @@ class _Kept(CompileResultCacheImpl):
 
     def rebuild(self, target_context: Any, payload: Any) -> Any:
         itself, calls, kept = payload
-        # Machine code that is loaded before what it jumps to ends the process.
+        # Machine code with an unresolved call would crash the process: load the callees first.
         if not all(_is_there(call) for call in calls):
             return None
         found = super().rebuild(target_context, kept)
@@ -102,18 +102,18 @@ class _Kept(CompileResultCacheImpl):
 
 
 class KernelCache(FunctionCache):
-    """The cache of one kernel, in the folder that numba chooses for it.
+    """The cache of one kernel, in the folder that numba chooses.
 
-    That is ``NUMBA_CACHE_DIR``, else ``__pycache__`` beside the file, else the user's cache folder.
+    This is ``NUMBA_CACHE_DIR``, else ``__pycache__`` beside the file, else the user's cache folder.
     """
 
-    _impl_class = _Kept
+    _impl_class = _CacheEntry
 
     def __init__(self, function: Any, *, apart: bool = False) -> None:
         """Find the folder.
 
         Raises:
-            RuntimeError: If there is no folder to write to, or the sources are not in this one.
+            RuntimeError: If no folder is writable, or the function is not defined in this folder.
         """
         self._key, self._apart = _contents_at_start(), apart
         super().__init__(function)
@@ -127,7 +127,7 @@ class KernelCache(FunctionCache):
         self._lock = CompileLock(Path(self.cache_path) / f"{name}.lock")
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
-        """Machine code that is kept, or that another process is compiling; else ``None``."""
+        """Load cached machine code, after another process that compiles it; ``None`` for none."""
         found = super().load_overload(sig, target_context)
         if found is None and self._lock.acquire():
             found = super().load_overload(sig, target_context)
@@ -136,13 +136,14 @@ class KernelCache(FunctionCache):
         return found
 
     def save_overload(self, sig: Any, data: Any) -> None:
-        """Keep the machine code of one signature, unless the sources were edited meanwhile.
+        """Save the machine code of one signature, unless the sources were edited meanwhile.
 
-        Modules that were imported before and after an edit make code that belongs to no sources. A
-        folder that cannot be written to (a full disk) costs time at the next start, but no step.
+        Modules imported before and after an edit yield code that matches neither version of the
+        sources. A folder that cannot be written to (a full disk) only costs compilation at the next
+        start.
         """
         data.library.kernel_calls = _calls_of(data.library)
-        # Where another numba does not know these, kernels are put into their callers as ever.
+        # Versions of numba without these attributes inline every kernel, as usual.
         known = hasattr(data.library, "_shared_module") and hasattr(
             data.library, "_linking_libraries"
         )
@@ -151,7 +152,7 @@ class KernelCache(FunctionCache):
             data.library.kernel_apart = _Call(
                 function.__module__, function.__name__, tuple(sig), data.fndesc.mangled_name
             )
-            data.library._shared_module = parse_assembly("")  # what its callers are linked with
+            data.library._shared_module = parse_assembly("")  # linked into its callers
         try:
             if _contents() == self._key:
                 super().save_overload(sig, data)

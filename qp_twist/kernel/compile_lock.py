@@ -1,7 +1,7 @@
-"""A lock on a kernel, so that of several processes that need it one compiles and the others load.
+"""A lock on a kernel: of several processes that need it, one compiles it and the others load it.
 
-Workers of a study, or of a test run, start together and need the same kernels. Without the lock
-each of them would compile each kernel: the same work as many times over, on the same cores.
+The workers of a study or of a test run start together and need the same kernels. Without the lock,
+each worker would compile every kernel, on the same processor cores.
 """
 
 from __future__ import annotations
@@ -13,27 +13,27 @@ from pathlib import Path
 
 try:
     import fcntl
-except ImportError:  # not a POSIX system: then every process compiles for itself, as ever
+except ImportError:  # not a POSIX system: every process compiles for itself
     fcntl = None  # type: ignore[assignment]
 
 _LONGEST, _POLL = 120.0, 0.05
-"""s. Whoever has waited for longer compiles for himself: the other process may be suspended."""
+"""s. A process that has waited longer compiles for itself: the other may be suspended."""
 
 
 class CompileLock:
-    """An advisory lock on a file, which the system releases where its process ends.
+    """An advisory lock on a file; the operating system releases it when its process ends.
 
-    A kernel is compiled while those that call it are being compiled, never the other way round, so
-    that two processes cannot wait for each other.
+    A kernel is compiled during the compilation of its callers, never the reverse, so two processes
+    cannot wait for each other.
     """
 
     def __init__(self, path: Path) -> None:
-        """Lock nothing yet."""
+        """Remember the file; :meth:`acquire` takes the lock."""
         self._path, self._file = path, -1
 
     def acquire(self) -> bool:
-        """Take the lock; return whether another process has had it meanwhile."""
-        self.release()  # from a compilation that was interrupted
+        """Take the lock; return whether another process held it before."""
+        self.release()  # after an interrupted compilation
         if fcntl is None:
             return False
         try:
@@ -54,11 +54,11 @@ class CompileLock:
         return waited
 
     def release(self) -> None:
-        """Give the lock back, if it is held."""
+        """Release the lock if it is held."""
         if self._file < 0:
             return
         with contextlib.suppress(OSError):
-            self._path.unlink()  # who has it open already waits for the file, not for its name
+            self._path.unlink()  # waiting processes hold the open file, not its name
         with contextlib.suppress(OSError):
             os.close(self._file)
         self._file = -1

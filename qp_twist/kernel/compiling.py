@@ -1,8 +1,7 @@
 """How the kernels are compiled.
 
-Machine code is kept on disk and belongs to the contents of all files of this folder
-(:mod:`~qp_twist.kernel.code_cache`); where it can be kept nowhere, every process compiles for
-itself.
+Machine code is cached on disk, keyed by the contents of all files of this folder
+(:mod:`~qp_twist.kernel.code_cache`). If no cache folder is writable, every process compiles anew.
 """
 
 from __future__ import annotations
@@ -17,11 +16,11 @@ from numba import njit
 from qp_twist.kernel.code_cache import KernelCache
 
 _REORDERED = {"reassoc", "contract", "nsz"}
-"""Sums may be taken in any order, by as many lanes as there are. NaN and infinity stay what they
-are: comparisons rely on them."""
+"""Sums may be reordered and vectorised. NaN and infinity keep their meaning: comparisons rely on
+them."""
 _RARELY = 1_000_000
-"""Objects between two looks for garbage. numba makes millions that stay; with Python's 700 a
-quarter of the time to compile a step goes into looking at them."""
+"""Threshold of the garbage collector while compiling. numba allocates millions of objects that stay
+alive; with Python's default of 700, a quarter of the compilation time is garbage collection."""
 
 
 def _by_numba(*, apart: bool = False, **options: Any) -> Any:
@@ -29,9 +28,9 @@ def _by_numba(*, apart: bool = False, **options: Any) -> Any:
         settings: Any = {"error_model": "numpy", "nogil": True, "fastmath": _REORDERED} | options
         dispatcher: Any = njit(**settings)(function)
         dispatcher._compiler.compile = _without_looking_for_garbage(dispatcher._compiler.compile)
-        # No folder to keep machine code in, or no sources to tell which code it is: none is kept.
+        # No writable folder, or no sources to compute the key from: machine code is not cached.
         with contextlib.suppress(RuntimeError):
-            # What njit(cache=True) does with its own.
+            # As njit(cache=True) does with its own cache.
             dispatcher._cache = KernelCache(function, apart=apart)
         return dispatcher
 
@@ -51,16 +50,16 @@ def _without_looking_for_garbage(compile_: Callable[..., Any]) -> Callable[..., 
 
 
 kernel: Any = _by_numba(_nrt=True)
-"""For what makes arrays."""
+"""Decorator of functions that allocate arrays."""
 entry: Any = _by_numba(_nrt=False)
-"""For what is called from Python and makes no arrays."""
+"""Decorator of functions that are called from Python and allocate no arrays."""
 plain: Any = _by_numba(
     apart=True, _nrt=False, no_cpython_wrapper=True, no_cfunc_wrapper=True
 )  # fmt: skip
-"""For what only kernels call. They make no arrays, and what they return are views without an owner
-(``record``), so that nothing has to be counted: counting the references to ten small arrays takes
-longer than a matrix product of theirs. To make each of them callable from Python, too, would take a
-third of the time to compile a step. Each is compiled once, by itself: see ``code_cache``."""
+"""Decorator of functions that only kernels call. They allocate no arrays and return views without
+an owner (``record``), so numba does not count references: for ten small arrays that takes longer
+than a matrix product. They cannot be called from Python, which saves a third of the compilation
+time. Each is compiled once, separately: see ``code_cache``."""
 part: Any = _by_numba(_nrt=False, no_cpython_wrapper=True, no_cfunc_wrapper=True)
-"""For what is small and called in a loop: it is compiled, and optimised, within every kernel that
-calls it."""
+"""Decorator of small functions called in loops: they are inlined in every kernel that calls
+them."""

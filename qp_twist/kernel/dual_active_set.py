@@ -8,25 +8,26 @@ from qp_twist.kernel.compiling import entry, part, plain
 from qp_twist.kernel.null_space import reflection
 
 SOLVED, NO_ROOM, NOT_CONVEX, ENDLESS = 0, 1, 2, 3
-"""What :func:`dual_active_set` returns: solved; no point satisfies the constraints; H is not
-positive definite; more iterations than any finite run needs."""
+"""Status of :func:`dual_active_set`: solved; the constraints are infeasible; H is not positive
+definite; the iteration limit was reached."""
 _PARALLEL = 1e-14
-"""Square of the part of a normal outside those held, as a share of the whole, that is none."""
+"""A normal depends on the active ones if the squared length of its remainder is below this
+share."""
 _RANK = 1e-9
-"""A row of equalities whose part outside the others is below this share depends on them."""
+"""An equality row depends on the others if the length of its remainder is below this share."""
 _APART = 1e-8
-"""The same, squared, for a constraint that was active last time."""
+"""The same, squared, for a constraint of the initial active set."""
 _MET = 1e-12
-"""What a constraint may be exceeded by, as a share of the largest |x|, or of 1."""
+"""Largest violation that counts as met, as a share of the largest |x|, or of 1."""
 ROUNDING = 1e-9
-"""The same, where those that are held leave no way to do better."""
+"""The same, if the active constraints leave no direction to reduce it."""
 _MOST = 50
-"""Times as many iterations as unknowns and rows are taken before the method gives up."""
+"""Iteration limit, as a multiple of the number of unknowns and rows."""
 
 
 @plain
 def cholesky(S):
-    """L of S = LLᵀ into the lower triangle of S (n, n); whether S is positive definite."""
+    """Replace the lower triangle of S (n, n) by L of S = LLᵀ; return whether S ≻ 0."""
     for i in range(S.shape[0]):
         for j in range(i + 1):
             total = S[i, j]
@@ -43,7 +44,7 @@ def cholesky(S):
 
 @plain
 def cholesky_solve(L, b):
-    """b (n,) becomes the solution of LLᵀx = b, with L in the lower triangle of an array."""
+    """Replace b (n,) by the solution of LLᵀx = b, with L in the lower triangle of an array."""
     n = len(b)
     for i in range(n):
         for j in range(i):
@@ -57,7 +58,7 @@ def cholesky_solve(L, b):
 
 @plain
 def cholesky_inverse(H, J):
-    """J = L⁻ᵀ of H = LLᵀ, so that JJᵀ = H⁻¹; whether H (n, n) is positive definite."""
+    """Compute J = L⁻ᵀ of H = LLᵀ, so JJᵀ = H⁻¹; return whether H (n, n) is positive definite."""
     n = H.shape[0]
     for i in range(n):
         for j in range(n):
@@ -79,7 +80,7 @@ def cholesky_inverse(H, J):
 
 @plain
 def _normal_in_factor(which, m, n, k, A, G, J, d):
-    """d = Jᵀ a for the normal of a constraint, written as aᵀx ≥ …: how it is signed is below."""
+    """Compute d = Jᵀa for the normal a of a constraint, written as aᵀx ≥ side."""
     if which < m + k:
         for j in range(n):
             d[j] = 0.0
@@ -99,7 +100,7 @@ def _normal_in_factor(which, m, n, k, A, G, J, d):
 
 @part
 def _side(which, m, k, b, g, lower, upper):
-    """The right-hand side of a constraint aᵀx ≥ side (equality rows: =)."""
+    """Right-hand side of a constraint aᵀx ≥ side (equality rows: =)."""
     if which < m:
         return b[which]
     if which < m + k:
@@ -111,7 +112,7 @@ def _side(which, m, k, b, g, lower, upper):
 
 @plain
 def _add(q, n, d, J, R):
-    """Give the normal with d = Jᵀa the column q of R, reflecting the free columns of J onto it."""
+    """Add the normal with d = Jᵀa as column q of R; reflect the free columns of J accordingly."""
     square = 0.0
     for j in range(q, n):
         square += d[j] * d[j]
@@ -130,7 +131,7 @@ def _add(q, n, d, J, R):
 
 @plain
 def _drop(place, q, n, J, R, active):
-    """Take away column ``place`` of R (q columns) and make R triangular again."""
+    """Remove column ``place`` of R (q columns) and make R triangular again."""
     for j in range(place, q - 1):
         active[j] = active[j + 1]
         for i in range(j + 2):
@@ -154,7 +155,7 @@ def _drop(place, q, n, J, R, active):
 
 @plain
 def _solve_held(q, n, m, k, c, b, g, lower, upper, J, R, active, x, u, t):
-    """x that minimises the cost with the active constraints as equalities, and multipliers u.
+    """Compute x that minimises the cost with the active constraints as equalities, and u.
 
     x = J₁R⁻ᵀs − J₂J₂ᵀc and u = R⁻¹(R⁻ᵀs + J₁ᵀc), with s the active right-hand sides.
     """
@@ -186,7 +187,7 @@ def _solve_held(q, n, m, k, c, b, g, lower, upper, J, R, active, x, u, t):
 
 @part
 def _size(x):
-    """The largest of |x|, at least 1."""
+    """Largest |x_i|, at least 1."""
     size = 1.0
     for value in x:
         size = max(size, abs(value))
@@ -195,7 +196,7 @@ def _size(x):
 
 @plain
 def _worst(n, m, k, G, g, lengths, lower, upper, x, held, tolerance):
-    """The constraint that is violated most, in units of its normal's length, or −1."""
+    """Index of the most violated constraint, in units of its normal's length, or −1."""
     worst, most = -1, tolerance * _size(x)
     bounds = len(lower)
     for i in range(bounds):
@@ -216,7 +217,7 @@ def _worst(n, m, k, G, g, lengths, lower, upper, x, held, tolerance):
 
 @plain
 def _outside(q, n, d):
-    """Squares of d, and of its part outside the q normals held."""
+    """Squared lengths of d and of its part outside the q active normals."""
     whole, outside = 0.0, 0.0
     for j in range(n):
         whole += d[j] * d[j]
@@ -227,7 +228,7 @@ def _outside(q, n, d):
 
 @plain
 def _hold_equalities(m, n, k, A, G, J, R, d, active):
-    """The independent rows of A as the first active constraints; how many they are."""
+    """Make the independent rows of A the first active constraints; return their number."""
     q = 0
     for row in range(m):
         if q == n:
@@ -243,7 +244,7 @@ def _hold_equalities(m, n, k, A, G, J, R, d, active):
 
 @plain
 def _rows_met(A, b, x):
-    """Whether x meets the rows of A that depend on others, too: then they do not contradict."""
+    """Whether x also meets the dependent rows of A: then they are consistent."""
     for row in range(len(b)):
         total, length = -b[row], 0.0
         for i in range(len(x)):
@@ -255,8 +256,8 @@ def _rows_met(A, b, x):
 
 
 @plain
-def _hold_wanted(q, m, n, k, A, G, b, g, lower, upper, J, R, d, active, held):
-    """Constraints that were active last time (marked 2 in ``held``), where they fit; how many."""
+def _hold_initial(q, m, n, k, A, G, b, g, lower, upper, J, R, d, active, held):
+    """Add those of the initial active set (marked 2 in ``held``) that fit; return their number."""
     for which in range(m, m + k + 2 * len(lower)):
         if held[which] != 2:
             continue
@@ -274,7 +275,7 @@ def _hold_wanted(q, m, n, k, A, G, b, g, lower, upper, J, R, d, active, held):
 
 @part
 def _least(u, first, q):
-    """The place of the most negative multiplier of an inequality, or −1."""
+    """Index of the most negative multiplier of an inequality, or −1."""
     least, place = 0.0, -1
     for i in range(first, q):
         if u[i] < least:
@@ -284,7 +285,7 @@ def _least(u, first, q):
 
 @part
 def _blocking(u, r, first, q, active):
-    """The longest step before a multiplier turns negative, and the place of that one, or −1."""
+    """Longest step before a multiplier turns negative, and the index of that one, or −1."""
     longest, place = math.inf, -1
     for i in range(first, q):
         if r[i] > 0.0:
@@ -296,7 +297,7 @@ def _blocking(u, r, first, q, active):
 
 @part
 def _violation(which, m, n, k, G, x, side):
-    """How far a constraint is from being met, in its own units, at least 0."""
+    """Violation of a constraint, in its own units, at least 0."""
     missing = side
     if which < m + k:
         for i in range(n):
@@ -312,12 +313,12 @@ def _violation(which, m, n, k, G, x, side):
 def _enter(
     which, first, q, m, n, k, A, G, b, g, lengths, lower, upper, J, R, d, r, x, u, active, held
 ):  # fmt: skip
-    """Let a violated constraint in and out go those in its way; what happened, and how many."""
+    """Add a violated constraint and drop blocking ones; return status and number active."""
     side = _side(which, m, k, b, g, lower, upper)
     for _ in range(q - first + 1):
         _normal_in_factor(which, m, n, k, A, G, J, d)
         whole, outside = _outside(q, n, d)
-        # How the multipliers of the others fall while the new one grows: r = R⁻¹d₁.
+        # Decrease of the other multipliers per unit of the new one: r = R⁻¹d₁.
         for i in range(q - 1, -1, -1):
             total = d[i]
             for j in range(i + 1, q):
@@ -332,7 +333,7 @@ def _enter(
             excess = _violation(which, m, n, k, G, x, side)
             if excess > ROUNDING * _size(x) * (lengths[which - m] if which < m + k else 1.0):
                 return NO_ROOM, q
-            # Those held say the same to rounding, and nothing more is to be had.
+            # The active constraints imply this one up to rounding: it cannot be met any better.
             held[which] = 3
             return SOLVED, q
         if full <= longest:
@@ -357,7 +358,7 @@ def _enter(
 
 @plain
 def row_lengths(G, lengths):
-    """The length of each row of G (k, n), 1 for a row of zeros: the unit of its excess."""
+    """Compute the length of each row of G (k, n), 1 for zero rows: the unit of its violation."""
     for row in range(len(G)):
         square = 0.0
         for i in range(G.shape[1]):
@@ -372,37 +373,37 @@ def dual_active_set(
     r"""Minimise ½xᵀHx + cᵀx subject to Ax = b, Gx ≤ g, lower ≤ x ≤ upper.
 
     Goldfarb and Idnani, *A numerically stable dual method for solving strictly convex quadratic
-    programs*, Mathematical Programming 27 (1983): equality rows first, then, one at a time, the
-    constraint that is violated most, each with the longest step that keeps all multipliers
-    non-negative. The dual cost grows with every constraint that enters, so that no set of active
-    constraints is met twice and the method ends; of those that block at once the one of least
-    number leaves. After each, x and the multipliers are computed anew from the factors, so that
-    rounding does not add up.
+    programs*, Mathematical Programming 27 (1983): equality rows enter first, then one at a time the
+    most violated constraint, each with the longest step that keeps all multipliers non-negative.
+    The dual cost grows with every constraint that enters, so no active set occurs twice and the
+    method terminates; of several blocking constraints the one with the lowest number leaves. After
+    each change, x and the multipliers are recomputed from the factors, so that rounding errors do
+    not accumulate.
 
     Constraints are numbered: rows of A, rows of G, lower bounds, upper bounds. ``active[:before]``
-    are those that were active last time; from them the method begins where they still fit.
+    is the initial active set (warm start); its members are used if they still fit.
 
     Args:
         H: Positive definite, (n, n).
         c: (n,).
-        A: (m, n); rows that depend on others are left out, and looked at in the end.
+        A: (m, n); dependent rows are left out, and checked at the end.
         b: (m,).
         G: (k, n).
         g: (k,).
-        lower: (n,), −∞ where there is none.
-        upper: (n,), ∞ where there is none.
-        active: Numbers of the active constraints, in and out, those of A first, (n,).
-        before: How many of them are given.
+        lower: (n,), −∞ without a bound.
+        upper: (n,), ∞ without a bound.
+        active: Numbers of the active constraints, input and result, those of A first, (n,).
+        before: Size of the initial active set.
         x: Result, (n,).
         u: Their multipliers, result, (n + 1,).
         J: Workspace, (n, n); JJᵀ = H⁻¹ on return.
         R: Workspace, (n, n).
         held: Workspace, (m + k + 2n,).
         work: Workspace, (3, n + 1).
-        lengths: Workspace, (k,): of the rows of G.
+        lengths: Workspace, (k,), for the lengths of the rows of G.
 
     Returns:
-        What happened, and how many constraints are active.
+        The status, and the number of active constraints.
     """
     if not cholesky_inverse(H, J):
         return NOT_CONVEX, 0
@@ -412,10 +413,10 @@ def dual_active_set(
 
 @plain
 def active_set(c, A, b, G, g, lengths, lower, upper, active, before, x, u, J, R, held, work):
-    """:func:`dual_active_set` where J with JJᵀ = H⁻¹ is known; it is overwritten.
+    """:func:`dual_active_set` for a known J with JJᵀ = H⁻¹, which is overwritten.
 
-    There may be no bounds at all, ``lower`` and ``upper`` (0,); and a row of G counts as exceeded
-    in units of its entry of ``lengths``, (k,).
+    ``lower`` and ``upper`` may be empty, (0,), for no bounds. Violations of rows of G are measured
+    in units of ``lengths``, (k,).
     """
     n, m, k = c.shape[0], b.shape[0], g.shape[0]
     d, t, r = work[0], work[1], work[2]
@@ -425,9 +426,9 @@ def active_set(c, A, b, G, g, lengths, lower, upper, active, before, x, u, J, R,
         held[active[i]] = 2
     q = first = _hold_equalities(m, n, k, A, G, J, R, d, active)
     if before > 0:
-        q = _hold_wanted(q, m, n, k, A, G, b, g, lower, upper, J, R, d, active, held)
+        q = _hold_initial(q, m, n, k, A, G, b, g, lower, upper, J, R, d, active, held)
     _solve_held(q, n, m, k, c, b, g, lower, upper, J, R, active, x, u, t)
-    while True:  # what is not wanted any more leaves, the most unwanted first
+    while True:  # drop constraints with negative multipliers, most negative first
         place = _least(u, first, q)
         if place < 0:
             break

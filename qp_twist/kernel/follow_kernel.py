@@ -21,11 +21,12 @@ _STANDS_STILL = 1e-13
 """A displacement below it counts as zero, rad or m."""
 
 
-class Method(NamedTuple):
+class FollowSettings(NamedTuple):
     """Settings of a method, the same for every waypoint and every run."""
 
     program: bool
-    """Whether a step is the QP; otherwise the closed form of minimum norm plus free motion."""
+    """Whether the method is the QP; otherwise the closed form: minimum norm plus null-space
+    motion."""
     twist_space: Any
     """``None`` for the QP's joint-space cost."""
     iterations: int
@@ -33,13 +34,13 @@ class Method(NamedTuple):
     every_iteration: bool
     """Whether the secondary (a plan) acts before the first and in every iteration."""
     tolerances: npt.NDArray[np.float64]
-    """Position and angle at which a waypoint counts as reached, m and rad, (2,)."""
+    """Tolerances at which a waypoint counts as reached, m and rad, (2,)."""
     limits: npt.NDArray[np.float64]
-    """As in ``kernel.bounds``, (L, nv, 7); a window's half-width is that of one second."""
+    """Limits as in ``kernel.bounds``, (L, nv, 7); a window's half-width is that of one second."""
     sane: float
-    """A joint beyond it has diverged, rad or m."""
+    """A joint position beyond it counts as diverged, rad or m."""
     floats: npt.NDArray[np.float64]
-    """``step_kernel.Stages`` of a step with one task, for each number of rows, (7, F)."""
+    """``step_kernel.StepArrays`` of a step with one task, for each number of rows, (7, F)."""
     integers: npt.NDArray[np.int64]
     """The same, (7, I)."""
 
@@ -57,7 +58,7 @@ class Path(NamedTuple):
 
 @plain
 def _begin(method, path, at, q, g, w):
-    """Centre the windows on q and move q towards a plan; false: left to the reference."""
+    """Centre the windows on q, move q towards a plan; return false if the reference has to."""
     dt = path.durations[at]
     for dof in range(len(q)):
         g.middle[dof] = path.references[at, dof]
@@ -99,7 +100,7 @@ def _approach(arm, method, path, at, q, floats, integers):
     kinds, shape = rows.kinds[rows.which[at]], rows.shapes[rows.which[at]]
     m = kinds[0] + kinds[1]
     s = read_step(floats[m], integers[m], integers[m])
-    g, w = s.given, s.program
+    g, w = s.inputs, s.program
     if at > 0 and rows.which[at] != rows.which[at - 1]:
         w.active_count[0] = 0  # no warm start: the active set belongs to other rows
     if not _begin(method, path, at, q, g, w):
@@ -138,9 +139,9 @@ def follow(arm, method, path, first, q, iterations):
     Args:
         arm: The robot.
         method: The method.
-        path: Its path.
-        first: Index of the first waypoint that is not done, at least 1.
-        q: Configurations; rows before ``first`` are input, the others result.
+        path: The path of the run.
+        first: Index of the first waypoint to compute, at least 1.
+        q: Configurations; rows before ``first`` are input, the others are the result.
         iterations: Result, (N,).
 
     Returns:
@@ -229,7 +230,7 @@ def follow_many(arm, method, path, measured, moves, starts, weight, middle, kept
     Args:
         arm: The robot.
         method: The method.
-        path: Its path.
+        path: The path of the run.
         measured: The rows in which errors are measured.
         moves: Rigid motion of each run's path: rotation (9) and translation (3), (K, 12).
         starts: Configurations on the first waypoints, (K, nq).

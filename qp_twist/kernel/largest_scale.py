@@ -1,4 +1,4 @@
-"""The largest part of a step's rows that fits inside the limits, compiled."""
+"""The largest scale s of a step's rows that is feasible within the limits, compiled."""
 
 from __future__ import annotations
 
@@ -8,23 +8,23 @@ from qp_twist.kernel.compiling import plain
 from qp_twist.kernel.dual_active_set import NO_ROOM, SOLVED, active_set
 from qp_twist.kernel.null_space import times_q
 from qp_twist.kernel.reduced_program import reduced_program, to_joints
-from qp_twist.kernel.verified_program import DONE, REFUSED, SCALED, TOO_FAST, solved_program
+from qp_twist.kernel.verified_program import DONE, INFEASIBLE, REFUSED, SCALED, solved_program
 
 EXCLUDED = -1.0
-"""In place of a scale: the limits exclude even a task at rest."""
+"""Returned instead of a scale if the limits exclude even a task at rest."""
 _EPSILON = 1e-5
-"""Weight of the motion beside the scale: s comes out below its optimum by ½ε²‖z‖² at most."""
+"""Weight of ‖z‖² in the cost: s comes out below its optimum by ½ε²‖z‖² at most."""
 _CLEAR = 1e-6
-"""What scaling takes from the rows has to be more, m/s or rad/s: less may count as met."""
+"""Smallest reduction of a row that counts as scaling, m/s or rad/s."""
 _OF_THE_MOTION = 10.0 * _EPSILON
-"""A multiplier of at most this share of ε‖z‖ is owed to the weight of z: no limit of the scale."""
+"""A multiplier of at most this share of ε‖z‖ is due to the weight of z: it does not limit s."""
 
 
 @plain
 def largest_scale(w, backoff):
     r"""The largest s ≤ 1 for which A x = s b has a solution inside the limits.
 
-    It is 0 where rounding decides whether there is one, and ``EXCLUDED`` where there is none with
+    It is 0 where rounding decides whether such an s exists, and ``EXCLUDED`` if none exists with
     s ≥ 0.
 
     With the solutions :math:`\mathbf x = s\,\mathbf x_1 + \mathbf N z` of the rows it is the linear
@@ -39,9 +39,9 @@ def largest_scale(w, backoff):
     SIAM J. Control Optim. 17, 1979), and near it above.
 
     Args:
-        w: ``step_record.Program``, with V, R, root and ways as ``reduced_program`` has left them.
-            Result, where s > 0: ``gains``, but for the first.
-        backoff: Share that is given up, so that the scaled rows are not on the very edge.
+        w: ``step_record.Program`` after ``reduced_program``, which sets V, R, root and null_basis.
+            If s > 0, ``sensitivity[1:]`` is set.
+        backoff: Share by which s is reduced, so that the scaled rows are strictly feasible.
     """
     p, n, x = w.scaling, len(w.x), w.line
     for i in range(n):
@@ -71,36 +71,36 @@ def largest_scale(w, backoff):
         return EXCLUDED
     if status != SOLVED or not scale > 0.0 or not (1.0 - scale) * largest > _CLEAR:
         return 0.0
-    _gains(p, count, n, w.gains)
+    _sensitivity(p, count, n, w.sensitivity)
     return scale * (1.0 - backoff)
 
 
 @plain
-def _gains(p, count, n, gains):
-    """What the scale would gain by more room at each of the ``count`` active limits, (n + k,)."""
+def _sensitivity(p, count, n, sensitivity):
+    """Set ∂s/∂(limit) of the ``count`` active limits, in ``sensitivity[1:]``, (n + k,)."""
     furthest = _EPSILON
     for j in range(1, len(p.x)):
         furthest = max(furthest, abs(p.x[j]))
-    for i in range(1, len(gains)):
-        gains[i] = 0.0
+    for i in range(1, len(sensitivity)):
+        sensitivity[i] = 0.0
     for place in range(count):
         if p.u[place] <= _OF_THE_MOTION * furthest:
             continue
         which, gain = p.active[place], p.u[place] / (2.0 - p.x[0])
         if which < n:
-            gains[1 + which] -= gain
+            sensitivity[1 + which] -= gain
         else:
-            gains[1 + which - n] += gain
+            sensitivity[1 + which - n] += gain
 
 
 @plain
 def _half_spaces(w, cuts, x):
-    """Bounds and rows of G as half-spaces in s and εz."""
-    n, free = len(x), len(w.ways)
+    """Write bounds and rows of G as half-spaces in s and εz."""
+    n, free = len(x), len(w.null_basis)
     for i in range(n):
         cuts[i, 0], cuts[n + i, 0] = -x[i], x[i]
         for j in range(free):
-            along = w.ways[j, i] / _EPSILON
+            along = w.null_basis[j, i] / _EPSILON
             cuts[i, 1 + j], cuts[n + i, 1 + j] = -along, along
         w.ends[i], w.ends[n + i] = -w.lower[i], w.upper[i]
         w.lengths[i] = w.lengths[n + i] = 1.0
@@ -112,26 +112,26 @@ def _half_spaces(w, cuts, x):
             square += w.G[row, i] * w.G[row, i]
             cuts[at, 0] += w.G[row, i] * x[i]
             for j in range(free):
-                cuts[at, 1 + j] += w.G[row, i] * w.ways[j, i] / _EPSILON
+                cuts[at, 1 + j] += w.G[row, i] * w.null_basis[j, i] / _EPSILON
         w.ends[at], w.lengths[at] = w.g[row], math.sqrt(square) if square > 0.0 else 1.0
 
 
 @plain
 def scaled_program(w, tolerances):
-    """The verified solution at the largest speed that fits.
+    """Compute the verified solution at the largest feasible scale.
 
     Returns:
-        ``SCALED``; ``TOO_FAST`` where the limits exclude even a task at rest, and then b is as it
-        was; else ``REFUSED``.
+        ``SCALED``; ``INFEASIBLE`` where the limits exclude even a task at rest (b is then
+        unchanged); else ``REFUSED``.
     """
     if reduced_program(w) != NO_ROOM:
         return REFUSED
     scale = largest_scale(w, tolerances.backoff)
     if scale == EXCLUDED:
-        return TOO_FAST
+        return INFEASIBLE
     for row in range(len(w.b)):
         w.b[row] *= scale
     if scale == 0.0 or solved_program(w, tolerances) != DONE:
         return REFUSED
-    w.gains[0] = scale
+    w.sensitivity[0] = scale
     return SCALED

@@ -1,26 +1,27 @@
-"""A step from where MuJoCo has put the joints and frames, compiled."""
+"""A step from the poses and joint axes in MuJoCo's data, compiled."""
 
 from __future__ import annotations
 
 from qp_twist.kernel.compiling import entry, part
 from qp_twist.kernel.record import at_address
-from qp_twist.kernel.step_kernel import hindered_step, read_step, step
+from qp_twist.kernel.step_kernel import infeasible_step, read_step, step
 
-GIVEN_JACOBIAN, ELSEWHERE = -2, -1
-"""What stands in place of a joint: the task's Jacobian is given; the joint does not move it."""
+PYTHON_JACOBIAN, NO_EFFECT = -2, -1
+"""Entries of ``links`` that are no joint: Python computes the task's Jacobian; the joint does not
+move the frame."""
 
 
 @part
 def _jacobian(links, axes, anchors, origin, J):
     """World-aligned Jacobian of a frame at ``origin``, joint by joint: a and a × (p − p₀), or a, 0.
 
-    ``links`` says of each degree of freedom 2 · joint, and 1 more where it slides; axes and anchors
-    are MuJoCo's, (njnt · 3,).
+    ``links`` has 2 · joint for a hinge and 2 · joint + 1 for a slide joint, for each degree of
+    freedom; axes and anchors are MuJoCo's, (njnt · 3,).
     """
     for dof in range(len(links)):
         for row in range(6):
             J[row, dof] = 0.0
-        if links[dof] == ELSEWHERE:
+        if links[dof] == NO_EFFECT:
             continue
         at = 3 * (links[dof] // 2)
         x, y, z = axes[at], axes[at + 1], axes[at + 2]
@@ -47,17 +48,17 @@ def _target(pose, target):
 
 @entry
 def live_step(floats, integers, dt, use_secondary, twist_space):
-    """A step; ``controller.compiled_step`` lays out the arrays, as ``step_record`` says.
+    """Compute a step from the arrays that ``control.compiled_step`` has allocated.
 
-    Targets are taken from where they stand as quaternions, poses and Jacobians from MuJoCo, whose
-    addresses are the ``sources``: of q (nq), axes and anchors of the joints, and of each task's
-    frame the rotation (9) and the position (3); then come nq, and how many joints there are.
+    Target rotations are computed from ``target_poses``; poses and Jacobians are read from MuJoCo.
+    ``sources`` contains the addresses of q (nq), joint axes and joint anchors; for each task those
+    of its frame's rotation (9) and position (3); then nq and the number of joints.
 
     Returns:
         As ``step_kernel.step``.
     """
     s = read_step(floats, integers, integers)
-    g, w = s.given, s.program
+    g, w = s.inputs, s.program
     sources, links = g.sources, g.links
     tasks = len(links)
     nq, joints = sources[3 + 2 * tasks], sources[4 + 2 * tasks]
@@ -70,13 +71,13 @@ def live_step(floats, integers, dt, use_secondary, twist_space):
         for i in range(3):
             g.poses[task, 9 + i] = position[i]
         _target(g.target_poses[task], g.targets[task])
-        if links[task, 0] != GIVEN_JACOBIAN:
+        if links[task, 0] != PYTHON_JACOBIAN:
             _jacobian(links[task], axes, anchors, position, g.jacobians[task])
     return step(g, w, at_address(sources[0], nq), dt, use_secondary, twist_space)
 
 
 @entry
-def live_hindered_step(floats, integers):
-    """What :func:`live_step` has found too fast, as ``step_kernel.hindered_step``."""
+def live_infeasible_step(floats, integers):
+    """Scale or relax what :func:`live_step` found infeasible: ``step_kernel.infeasible_step``."""
     s = read_step(floats, integers, integers)
-    return hindered_step(s.given, s.program)
+    return infeasible_step(s.inputs, s.program)

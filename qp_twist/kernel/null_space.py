@@ -1,4 +1,4 @@
-"""A wide system by Householder reflections: its least-norm solution and its null space."""
+"""Least-norm solution and null space of a wide linear system, by Householder reflections."""
 
 from __future__ import annotations
 
@@ -7,21 +7,22 @@ import math
 from qp_twist.kernel.compiling import part, plain
 
 INDEPENDENT = 1e-8
-"""Rows whose smallest pivot is a smaller share of the largest are left to the reference."""
+"""Rows whose smallest pivot is below this share of the largest are left to the reference."""
 _SWEEPS = 60
-"""Far more than the ten that are ever needed."""
+"""Limit of the sweeps; ten are enough in practice."""
 _ROUNDING = 1e-15
-"""Cosine of the angle between columns that counts as none, and of what a column counts as one."""
+"""Cosine of the angle below which columns count as orthogonal; share below which a column is
+zero."""
 
 
 @part
 def reflection(v, first, length):
-    """v becomes the v of the reflection 1 − vvᵀ that takes v[first:] onto its first entry.
+    """Replace v by that of the reflection 1 − vvᵀ which maps v[first:] onto its first entry.
 
-    ``length`` is that of what it takes. Where it is 0 there is nothing to reflect.
+    ``length`` is the length of v[first:]; if it is 0 there is nothing to reflect.
 
     Returns:
-        What the first entry becomes.
+        The first entry after the reflection.
     """
     if length == 0.0:
         return 0.0
@@ -37,7 +38,7 @@ def reflection(v, first, length):
 
 @plain
 def reflect(A, V, R):
-    """Aᵀ = QR for A (m, n), m ≤ n, with Q as a product of reflections.
+    """Factorise Aᵀ = QR for A (m, n), m ≤ n, with Q as a product of reflections.
 
     Args:
         A: The rows.
@@ -73,7 +74,7 @@ def reflect(A, V, R):
 
 @part
 def times_q(V, x):
-    """x (n,) becomes Q x."""
+    """Replace x (n,) by Q x."""
     m, n = V.shape
     for row in range(m - 1, -1, -1):
         along = 0.0
@@ -85,7 +86,7 @@ def times_q(V, x):
 
 @part
 def times_q_transposed(V, x):
-    """x (n,) becomes Qᵀ x."""
+    """Replace x (n,) by Qᵀ x."""
     m, n = V.shape
     for row in range(m):
         along = 0.0
@@ -97,10 +98,9 @@ def times_q_transposed(V, x):
 
 @plain
 def least_norm(V, R, b, x):
-    """x (n,) = Q (R⁻ᵀb, x₂), with x₂ what Qᵀ of the x given has behind the rows.
+    """Replace x (n,) by Q (R⁻ᵀb, x₂), with x₂ the last n − m entries of Qᵀx.
 
-    So of all solutions of A x = b it is the one that is nearest to the x given; the shortest one
-    for x = 0.
+    This is the solution of A x = b nearest to the initial x; for x = 0 the least-norm solution.
     """
     m = len(b)
     times_q_transposed(V, x)
@@ -114,7 +114,7 @@ def least_norm(V, R, b, x):
 
 @plain
 def null_space(V, N):
-    """Orthonormal basis of the null space of A into the rows of N (n − m, n)."""
+    """Write an orthonormal basis of the null space of A to the rows of N (n − m, n)."""
     m, n = V.shape
     for column in range(n - m):
         for i in range(n):
@@ -125,14 +125,14 @@ def null_space(V, N):
 
 @plain
 def row_space(A, V):
-    """Reflections that take the rows of A (m, n), however many depend on others, to a triangle.
+    """Reduce the rows of A (m, n), which may be dependent, to a triangle by reflections.
 
     Args:
         A: The rows.
         V: Result, (n, n): those of the independent rows, as :func:`reflect` has them.
 
     Returns:
-        How many rows are independent.
+        The number of independent rows.
     """
     m, n = A.shape
     rank = 0
@@ -157,10 +157,10 @@ def row_space(A, V):
 
 @plain
 def right_singular(A, V, sigma):
-    """The right singular vectors of A (m, n) into the rows of V (n, n), its values into sigma (n,).
+    """Write right singular vectors of A (m, n) to the rows of V (n, n), the values to sigma (n,).
 
-    One-sided Jacobi: the columns of A are turned against each other, in pairs, until they are
-    orthogonal. A becomes AVᵀ; the values come in no order. Hestenes, J. SIAM 6 (1958).
+    One-sided Jacobi: pairs of columns of A are rotated until all are orthogonal. A becomes AVᵀ; the
+    singular values are not sorted. Hestenes, J. SIAM 6 (1958).
     """
     m, n = A.shape
     whole = 0.0

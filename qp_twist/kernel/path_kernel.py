@@ -1,4 +1,4 @@
-"""Configurations brought onto a path's waypoints, and down to less z there, compiled."""
+"""Correct configurations onto a path's waypoints, and minimise z there, compiled."""
 
 from __future__ import annotations
 
@@ -16,23 +16,23 @@ from qp_twist.kernel.twist_rows import twist_rows
 
 
 class Rows(NamedTuple):
-    """The task rows of a path: of every projector in it, and of every waypoint."""
+    """Task rows of a path: its projectors and waypoints."""
 
     kinds: npt.NDArray[np.int64]
-    """As ``twist_rows`` takes them, a row for each projector, (P, 3)."""
+    """``kinds`` of ``twist_rows`` for each projector, (P, 3)."""
     shapes: npt.NDArray[np.float64]
-    """The same, (P, 27)."""
+    """``shape`` of ``twist_rows`` for each projector, (P, 27)."""
     which: npt.NDArray[np.int64]
-    """Number of each waypoint's projector, (N,)."""
+    """Index of each waypoint's projector, (N,)."""
     targets: npt.NDArray[np.float64]
     """R_d (9), p_d (3) and the twist (6) of each waypoint, (N, 18)."""
 
 
 class Couplings(NamedTuple):
-    """Joints that are coupled at every waypoint: θ₁ = θ₁⁰ + c₀ + c₁ x + … + c₄ x⁴, x = θ₂ − θ₂⁰."""
+    """Coupled joints: θ₁ = θ₁⁰ + c₀ + c₁ x + … + c₄ x⁴, x = θ₂ − θ₂⁰."""
 
     dofs: npt.NDArray[np.int64]
-    """Of the first and the second joint, (C, 2)."""
+    """Degrees of freedom of the first and the second joint, (C, 2)."""
     start: npt.NDArray[np.float64]
     """θ₁⁰ and θ₂⁰, (C, 2)."""
     coefficients: npt.NDArray[np.float64]
@@ -69,7 +69,7 @@ def workspace(nv, couplings):
 
 @kernel
 def _coupled_rows(couplings, q, A, b):
-    """Rows A (C, nv) and sides b (C,) that bring coupled joints together, into A and b."""
+    """Write the rows A (C, nv) and right-hand sides b (C,) that correct coupled joints."""
     for k in range(len(couplings.dofs)):
         first, second = couplings.dofs[k, 0], couplings.dofs[k, 1]
         x = q[second] - couplings.start[k, 1]
@@ -86,7 +86,7 @@ def _coupled_rows(couplings, q, A, b):
 
 @kernel
 def rows_at(arm, rows, couplings, at, q, w):
-    """A (r, nv) and b (r,) of the rows UᵀJ and UᵀΔt at a waypoint, and of couplings, into w; r."""
+    """Write UᵀJ, UᵀΔt and the couplings' rows at a waypoint to w.A (r, nv), w.b (r,); return r."""
     pose_and_jacobian(arm, q, w.pose, w.J)
     kinds = rows.kinds[rows.which[at]]
     twist_rows(
@@ -100,7 +100,7 @@ def rows_at(arm, rows, couplings, at, q, w):
 
 @kernel
 def _shortest(A, b, rounding, square, step):
-    """As ``planning.path_rows._shortest``, for one configuration; whether there is a step."""
+    """As ``planning.path_rows._shortest``, for one q; return whether there is a step."""
     m, n = A.shape
     trace = 0.0
     for i in range(m):
@@ -124,7 +124,7 @@ def _shortest(A, b, rounding, square, step):
 
 @kernel
 def _newton(arm, rows, couplings, at, q, settings, w):
-    """As ``PathRows.correct``, for one configuration, in place; whether it arrived."""
+    """As ``PathRows.correct``, for one configuration, in place; return whether it converged."""
     iterations, on_task, longest, rounding = settings
     for _ in range(iterations):
         r = rows_at(arm, rows, couplings, at, q, w)
@@ -145,10 +145,10 @@ def _newton(arm, rows, couplings, at, q, settings, w):
 
 @kernel
 def correct(arm, rows, couplings, q, at, settings):
-    """As ``PathRows.correct``: q (K, nv) in place, and which arrived, (K,).
+    """As ``PathRows.correct``: q (K, nv) in place, and which converged, (K,).
 
-    ``settings``: most iterations; the error that counts as none, m and rad; the largest step of a
-    joint, rad or m; and the damping, as a share of the trace.
+    ``settings``: largest number of iterations; tolerance, m and rad; largest step of a joint, rad
+    or m; and the damping, as a share of the trace.
     """
     arrived = np.zeros(len(q), dtype=np.bool_)
     w = workspace(q.shape[1], couplings)
@@ -168,9 +168,10 @@ def _centring(q, weight, middle):
 
 @kernel
 def _along_null_space(N, weight, middle, q, gram, side, step):
-    """The step of least ‖W(θ̄ − θ − step)‖ in the rows of N (d, nv); what it gains, to first order.
+    """Compute the step in the rows of N (d, nv) that minimises ‖W(θ̄ − θ − step)‖; return its gain.
 
-    By the normal equations; their 1e-12 decides where W sees nothing.
+    Solves the normal equations, regularised by 1e-12 for directions in which W is zero. The gain is
+    to first order.
     """
     d, n = N.shape
     for i in range(d):
@@ -196,7 +197,7 @@ def _along_null_space(N, weight, middle, q, gram, side, step):
 
 @kernel
 def _down(arm, rows, couplings, at, q, weight, middle, settings, descent, w, gram, side):
-    """As ``planning.bound.centred_nearby`` from one configuration that is on its waypoint."""
+    """As ``planning.bound.centred_nearby``, from one configuration on its waypoint."""
     rounds, longest, settled = descent
     nv, share = len(q), 1.0
     step = np.empty(nv)
@@ -228,10 +229,10 @@ def _down(arm, rows, couplings, at, q, weight, middle, settings, descent, w, gra
 
 @kernel
 def centred_nearby(arm, rows, couplings, q, at, weight, middle, settings, descent):
-    """As ``planning.bound.centred_nearby``: q (K, nv) in place, NaN where it does not arrive.
+    """As ``planning.bound.centred_nearby``: q (K, nv) in place, NaN where it does not converge.
 
-    ``settings`` as for :func:`correct`; ``descent``: most rounds, the largest step of a joint, rad
-    or m, and the gain of z that counts as none.
+    ``settings`` as for :func:`correct`; ``descent``: largest number of rounds, largest step of a
+    joint, rad or m, and the decrease of z below which it stops.
     """
     nv = q.shape[1]
     w, gram, side = workspace(nv, couplings), np.zeros((nv, nv)), np.zeros(nv)

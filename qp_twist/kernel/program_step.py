@@ -17,12 +17,12 @@ from qp_twist.kernel.step_record import read_program
 from qp_twist.kernel.verified_program import (
     DEPENDENT,
     DONE,
+    INFEASIBLE,
     REFUSED,
     SCALED,
-    TOO_FAST,
+    clear_multipliers,
+    clip_to_bounds,
     excess_of,
-    into_the_box,
-    no_multipliers,
     well_conditioned,
 )
 
@@ -82,7 +82,7 @@ def _in_joints(w, R, work, held):
     )  # fmt: skip
     if status != SOLVED:
         return status
-    no_multipliers(w)
+    clear_multipliers(w)
     for place in range(count):
         which = active[place]
         if which < m:
@@ -127,12 +127,12 @@ def program_step(
         held: Workspace.
 
     Returns:
-        ``DONE``, ``DEPENDENT``, ``TOO_FAST``, or ``REFUSED`` if the step is not solved inside all
+        ``DONE``, ``DEPENDENT``, ``INFEASIBLE``, or ``REFUSED`` if the step is not solved inside all
         limits for any other reason.
     """
     w = read_program(floats, integers, integers)
-    w.gains[0] = 1.0
-    w.active_count[0] = 0  # no warm start: the last program may be another caller's
+    w.sensitivity[0] = 1.0
+    w.active_count[0] = 0  # no warm start: the last program may have been another one
     if not (_take_box(box, unlimited, w) and _take_costs(H, c, lift, steepest, dt, w)):
         return REFUSED
     for row in range(len(w.b)):
@@ -149,15 +149,15 @@ def program_step(
         return REFUSED
     status = _in_joints(w, R, work, held)
     if status == NO_ROOM and len(w.b) > 0:
-        return TOO_FAST
-    if status != SOLVED or not into_the_box(w.x, w.lower, w.upper):
+        return INFEASIBLE
+    if status != SOLVED or not clip_to_bounds(w.x, w.lower, w.upper):
         return REFUSED
     return DONE if excess_of(w, tolerances) <= 1.0 else REFUSED
 
 
 @entry
-def slower_step(floats, integers, tolerances):
-    """Scale, solve and verify a program for which :func:`program_step` returned ``TOO_FAST``.
+def scaled_step(floats, integers, tolerances):
+    """Scale, solve and verify a program for which :func:`program_step` returned ``INFEASIBLE``.
 
     Returns:
         ``SCALED`` or ``REFUSED``.

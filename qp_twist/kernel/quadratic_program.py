@@ -1,4 +1,4 @@
-"""A quadratic program by the compiled method, from arrays to arrays."""
+"""Solve a quadratic program by the compiled method, from arrays to arrays."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ Array = npt.NDArray[np.float64]
 _solved: Any = dual_active_set
 
 
-class Found(NamedTuple):
-    """A result with its multipliers, by the names that qpsolvers gives them."""
+class ProgramSolution(NamedTuple):
+    """A solution with its multipliers, named as in qpsolvers."""
 
     found: bool
     x: Array
@@ -25,7 +25,7 @@ class Found(NamedTuple):
 
 def solve_program(
     H: Array, c: Array, A: Array, b: Array, G: Array, g: Array, lower: Array, upper: Array
-) -> Found:
+) -> ProgramSolution:
     """Minimise ½xᵀHx + cᵀx subject to Ax = b, Gx ≤ g, lower ≤ x ≤ upper, from a cold start."""
     n, m, k = len(c), len(b), len(g)
     x, u, active = np.zeros(n), np.zeros(n + 1), np.zeros(n, dtype=np.int64)
@@ -42,4 +42,4 @@ def solve_program(
             z_box[number - m - k] -= multiplier
         else:
             z_box[number - m - k - n] += multiplier
-    return Found(status == SOLVED, x, y, z, z_box)
+    return ProgramSolution(status == SOLVED, x, y, z, z_box)

@@ -1,8 +1,8 @@
 """Named arrays inside one array of floats and one of integers, each declared in one line.
 
-A kernel with twenty arrays for arguments costs its caller 2 µs, and a slice that is reshaped 50 ns;
-so what a step reads and writes lies in two arrays that the caller keeps. A record is a
-``NamedTuple`` whose annotations say what lies there, one after the other::
+Calling a kernel with twenty array arguments costs 2 µs, reshaping a slice 50 ns. So everything that
+a step reads and writes lies in two arrays that the caller keeps. A record is a ``NamedTuple`` whose
+annotations declare the fields in these arrays, one after the other::
 
     class Pair(NamedTuple):
         x: Annotated[Floats, "n"]
@@ -12,11 +12,10 @@ so what a step reads and writes lies in two arrays that the caller keeps. A reco
 Shapes are expressions in the fields of another ``NamedTuple`` of integers, the sizes. A field may
 also be a ``NamedTuple`` of floats, or another record.
 
-In Python a record is the ``NamedTuple``, of views. In a kernel it is three addresses: of the
-floats, of the integers, and of a table that says where each field begins and how long it is; it
-lies at the head of the integers. ``w.A`` looks there. So a kernel that takes a record takes three
-arguments. A ``NamedTuple`` of fifty arrays would be four hundred, and most of the time to compile a
-step.
+In Python a record is the ``NamedTuple`` of views. In a kernel it is three addresses: those of the
+floats, the integers, and a table with offset and shape of each field, at the head of the integers.
+``w.A`` reads the table. So a record is three arguments of a kernel. A ``NamedTuple`` of fifty
+arrays would be four hundred, and dominate the compilation time of a step.
 """
 
 from __future__ import annotations
@@ -36,38 +35,38 @@ from numba.np.arrayobj import make_array, populate_array
 Floats = npt.NDArray[np.float64]
 Integers = npt.NDArray[np.int64]
 _ENTRY = 4
-"""Numbers that a table has for a field: where it begins, and up to three lengths."""
-_extend: Any = register_model  # numba's decorators and what they make have no types
+"""Entries of the table for a field: its offset, and up to three lengths."""
+_extend: Any = register_model  # numba's decorators and their results are untyped
 _attributes: Any = infer_getattr
 _code_of_attributes: Any = lower_getattr_generic
 _intrinsic: Any = intrinsic
 
 
-class Layout(NamedTuple):
-    """Where the fields of a record of some sizes lie."""
+class Offsets(NamedTuple):
+    """Offsets of a record's fields for given sizes."""
 
     table: Integers
     floats: int
-    """Where its floats end."""
+    """Number of its floats."""
     integers: int
 
 
-class Record:
-    """What a declaration says.
+class RecordType:
+    """The declaration of a record.
 
     Attributes:
-        kind: The ``NamedTuple`` that is declared.
-        head: How many numbers its table has.
-        type: What it is in kernels.
+        kind: The ``NamedTuple``.
+        head: Number of entries of its table.
+        type: Its numba type.
     """
 
-    def __init__(self, kind: type, sizes: type, *inside: Record) -> None:
+    def __init__(self, kind: type, sizes: type, *inside: RecordType) -> None:
         """Read the declaration of ``kind``, with shapes in the fields of ``sizes``.
 
-        ``inside`` are the records that are fields of it.
+        ``inside``: the records that are its fields.
         """
         self.kind: Any = kind
-        self._inside: dict[str, Record] = {}
+        self._inside: dict[str, RecordType] = {}
         self._shapes: dict[str, Any] = {}
         fields: dict[str, Any] = {}
         records = {record.kind: record for record in inside}
@@ -85,12 +84,12 @@ class Record:
                 fields[name] = types.Array(dtype, len(shape), "C")
             lengths = ", ".join(map(str, shape))
             self._shapes[name] = compile(f"({lengths},)", name, "eval")
-        self.type: _RecordType = _RecordType(f"{kind.__module__}.{kind.__qualname__}", fields)
+        self.type: _NumbaRecord = _NumbaRecord(f"{kind.__module__}.{kind.__qualname__}", fields)
         self.head: int = _ENTRY * len(fields) + sum(r.head for r in self._inside.values())
-        self.layout = lru_cache(maxsize=256)(self._layout)
+        self.layout = lru_cache(maxsize=256)(self._offsets)
 
-    def _layout(self, size: Any, floats: int = 0, integers: int = 0) -> Layout:
-        """Of a record whose arrays begin at these entries of the two."""
+    def _offsets(self, size: Any, floats: int = 0, integers: int = 0) -> Offsets:
+        """The layout of a record that begins at these entries of the two arrays."""
         known, below, at = {"max": max} | size._asdict(), list[Integers](), 0
         own = np.zeros((len(self.type.fields), _ENTRY), dtype=np.int64)
         at = own.size
@@ -109,21 +108,21 @@ class Record:
             else:
                 entry[0] = integers
                 integers += math.prod(shape)
-        return Layout(np.concatenate([own.ravel(), *below]), floats, integers)
+        return Offsets(np.concatenate([own.ravel(), *below]), floats, integers)
 
     def allocate(self, size: Any) -> tuple[Floats, Integers]:
-        """The two arrays, of zeros; the integers begin with the table."""
+        """Allocate the two arrays, zeros; the integers begin with the table."""
         found = self.layout(size, 0, self.head)
         floats, integers = np.zeros(found.floats), np.zeros(found.integers, dtype=np.int64)
         self.resize(integers, size)
         return floats, integers
 
     def resize(self, integers: Integers, size: Any) -> None:
-        """Write the table of other sizes, for which the two arrays are long enough."""
+        """Write the table for other sizes, for which the two arrays must be long enough."""
         integers[: self.head] = self.layout(size, 0, self.head).table
 
     def arrays(self, floats: Floats, integers: Integers, table: Integers, last: str = "") -> Any:
-        """The ``NamedTuple`` of views; only up to field ``last`` where the arrays end there."""
+        """The ``NamedTuple`` of views; up to field ``last`` if the arrays end there."""
         fields = self.type.fields
         views = dict[str, Any].fromkeys(fields)
         entries = table[: _ENTRY * len(fields)].reshape(-1, _ENTRY)
@@ -139,14 +138,14 @@ class Record:
         return self.kind(**views)
 
     def end(self, size: Any, last: str) -> int:
-        """How many floats the record has up to and with field ``last``."""
+        """Number of floats up to and including field ``last``."""
         first, *shape = self.layout(size).table[_ENTRY * list(self.type.fields).index(last) :][:4]
         ndim = getattr(self.type.fields[last], "ndim", 1)
         return int(first) + math.prod(map(int, shape[:ndim]))
 
 
-class _RecordType(types.Type):
-    """Of a record in kernels.
+class _NumbaRecord(types.Type):
+    """numba type of a record.
 
     Attributes:
         fields: Their types.
@@ -157,7 +156,7 @@ class _RecordType(types.Type):
         self.fields = fields
 
 
-@_extend(_RecordType)
+@_extend(_NumbaRecord)
 class _RecordModel(models.StructModel):
     """The three addresses."""
 
@@ -173,13 +172,13 @@ class _RecordModel(models.StructModel):
 class _Fields(AttributeTemplate):
     """The type of ``record.field``."""
 
-    key = _RecordType
+    key = _NumbaRecord
 
     def generic_resolve(self, record: Any, name: str) -> Any:  # type: ignore[override]
         return record.fields.get(name)
 
 
-@_code_of_attributes(_RecordType)
+@_code_of_attributes(_NumbaRecord)
 def _field(context: Any, builder: Any, kind: Any, value: Any, name: str) -> Any:
     """The code of ``record.field``."""
     record = cgutils.create_struct_proxy(kind)(context, builder, value)
@@ -187,11 +186,11 @@ def _field(context: Any, builder: Any, kind: Any, value: Any, name: str) -> Any:
 
     def number(place: int) -> Any:
         found = builder.load(cgutils.gep(builder, record.table, entry + place))
-        # Nobody writes to the table while a kernel runs, so that a loop need not look again.
+        # The table does not change while a kernel runs: let loops load its entries once.
         found.set_metadata("invariant.load", builder.module.add_metadata([]))
         return found
 
-    if isinstance(result, _RecordType):
+    if isinstance(result, _NumbaRecord):
         inside = cgutils.create_struct_proxy(result)(context, builder)
         inside.floats, inside.integers = record.floats, record.integers
         inside.table = cgutils.gep(builder, record.table, number(0))
@@ -201,11 +200,11 @@ def _field(context: Any, builder: Any, kind: Any, value: Any, name: str) -> Any:
     if isinstance(result, types.NamedUniTuple):
         numbers = [builder.load(cgutils.gep(builder, data, i)) for i in range(result.count)]
         return context.make_tuple(builder, result, numbers)
-    return view(context, builder, result, data, [number(1 + i) for i in range(result.ndim)])
+    return view_at(context, builder, result, data, [number(1 + i) for i in range(result.ndim)])
 
 
-def view(context: Any, builder: Any, kind: Any, data: Any, lengths: list[Any]) -> Any:
-    """An array of type ``kind`` at an address, whose memory somebody else keeps."""
+def view_at(context: Any, builder: Any, kind: Any, data: Any, lengths: list[Any]) -> Any:
+    """An array of type ``kind`` at an address; it does not own the memory."""
     word = context.get_value_type(types.intp)
     size = word(context.get_abi_sizeof(context.get_data_type(kind.dtype)))
     strides = [size]
@@ -223,10 +222,10 @@ def view(context: Any, builder: Any, kind: Any, data: Any, lengths: list[Any]) -
     return found._getvalue()
 
 
-def reader(record: Record) -> Any:
-    """For kernels: ``read(floats, integers, table)``, the record in the two arrays.
+def reader(record: RecordType) -> Any:
+    """Make ``read(floats, integers, table)`` for kernels: the record in the two arrays.
 
-    In Python there is no such thing; the table is nearly always the integers themselves.
+    It cannot be called from Python; the table is usually the integers themselves.
     """
 
     def read(typing: Any, floats: Any, integers: Any, table: Any) -> tuple[Any, Any]:
@@ -245,12 +244,12 @@ def reader(record: Record) -> Any:
 
 @_intrinsic
 def at_address(typing: Any, address: Any, n: Any) -> tuple[Any, Any]:
-    """The ``n`` floats at an address, which their owner has to keep there."""
+    """The ``n`` floats at an address; their owner has to keep them alive."""
     result = types.Array(types.float64, 1, "C")
 
     def code(context: Any, builder: Any, signature: Any, given: Any) -> Any:
         data = builder.inttoptr(given[0], context.get_data_type(types.float64).as_pointer())
         length = context.cast(builder, given[1], signature.args[1], types.intp)
-        return view(context, builder, result, data, [length])
+        return view_at(context, builder, result, data, [length])
 
     return result(address, n), code

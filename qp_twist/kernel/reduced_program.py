@@ -1,4 +1,4 @@
-"""A step's program in the null space of its rows, where few unknowns are left."""
+"""A step's program in the null space of its equality rows, which has few unknowns."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ DEPENDENT = 4
 _RANK = 1e-9
 """Rows whose smallest pivot is below this share of the largest are not taken as independent."""
 _FIXED = 1e-8
-"""A constraint of which less than this share is left in the null space is decided by the rows."""
+"""A constraint is fixed by the equality rows if its null-space part is below this share of it."""
 
 
 @plain
@@ -22,19 +22,19 @@ def reduced_program(w):
 
     With :math:`\mathbf H^{-1} = \mathbf S\mathbf S^T` and :math:`(\mathbf{AS})^T = \mathbf{QR}` the
     solutions of the rows are :math:`\mathbf x = \mathbf{SQ}(\mathbf R^{-T}\mathbf b, z)`, and the
-    cost is half the squared distance of z from that of :math:`-\mathbf S^T\mathbf c`. Nearly
-    always that z is inside, and it is the result. Else the nearest one that is, is found by
-    ``active_set``: in as many unknowns as joints are left over, without equalities.
+    cost is half the squared distance of z from that of :math:`-\mathbf S^T\mathbf c`. That z is
+    nearly always feasible, and then it is the result. Otherwise ``active_set`` finds the nearest
+    feasible z: a problem in n − m unknowns without equalities.
 
     Args:
         w: ``step_record.Program``: A, b, c, lower, upper, G, g and either h, the diagonal of H, or
             S in J, upper triangular. Results are x, y, lam and box with Hx + c + Aᵀy + Gᵀλ + μ = 0.
-            The method begins with the first ``active_count`` of ``active``, and leaves behind what
-            then is active.
+            The first ``active_count`` entries of ``active`` are the initial active set (warm
+            start); they are replaced by the final one.
 
     Returns:
-        ``SOLVED``; ``NO_ROOM`` where the limits leave no solution of the rows, or none was found;
-        ``DEPENDENT`` where the rows depend on each other.
+        ``SOLVED``; ``NO_ROOM`` if no solution of the rows lies inside the limits, or none was
+        found; ``DEPENDENT`` if the rows are linearly dependent.
     """
     m, n = w.A.shape
     before, w.active_count[0] = w.active_count[0], 0
@@ -47,9 +47,9 @@ def reduced_program(w):
     for row in range(len(w.g)):
         w.lam[row] = 0.0
     if not _inside(w):
-        if not _enter(w, before):
+        if not _move_inside(w, before):
             return NO_ROOM
-        _pull_back(w)
+        _subtract_inequality_multipliers(w)
     for row in range(m - 1, -1, -1):
         for i in range(row + 1, m):
             w.y[row] -= w.R[row, i] * w.y[i]
@@ -59,7 +59,7 @@ def reduced_program(w):
 
 @part
 def _scale(w):
-    """AS, and −Sᵀc into ``line``."""
+    """Compute AS, and −Sᵀc into ``line``."""
     m, n = w.A.shape
     if len(w.h):
         for i in range(n):
@@ -83,7 +83,7 @@ def _scale(w):
 
 @part
 def to_joints(is_diagonal, root, S, v):
-    """v (n,) becomes S v, with S a diagonal or upper triangular."""
+    """Replace v (n,) by S v, with S diagonal or upper triangular."""
     n = len(v)
     if is_diagonal:
         for i in range(n):
@@ -98,7 +98,7 @@ def to_joints(is_diagonal, root, S, v):
 
 @part
 def _begin(w):
-    """x without a look at the constraints, and the right-hand side of R y = …."""
+    """Compute x without the inequality constraints, and the right-hand side of R y = …."""
     m, n = w.A.shape
     times_q_transposed(w.V, w.line)
     for i in range(n):
@@ -115,7 +115,7 @@ def _begin(w):
 
 @part
 def _inside(w):
-    """Whether x meets all bounds and inequality rows."""
+    """Return whether x meets all bounds and inequality rows."""
     for i in range(len(w.x)):
         if not w.lower[i] <= w.x[i] <= w.upper[i]:
             return False
@@ -129,15 +129,15 @@ def _inside(w):
 
 
 @plain
-def _ways(w):
-    """The directions SQe of what is left free, joint by joint, and how far S takes each joint."""
+def _null_basis(w):
+    """Compute a basis SQ e_j of the null space of A, and the length of each row of S (``root``)."""
     m, n = w.A.shape
     for j in range(n - m):
         for i in range(n):
-            w.ways[j, i] = 0.0
-        w.ways[j, m + j] = 1.0
-        times_q(w.V, w.ways[j])
-        to_joints(len(w.h) > 0, w.root, w.J, w.ways[j])
+            w.null_basis[j, i] = 0.0
+        w.null_basis[j, m + j] = 1.0
+        times_q(w.V, w.null_basis[j])
+        to_joints(len(w.h) > 0, w.root, w.J, w.null_basis[j])
     for i in range(n if len(w.h) == 0 else 0):
         total = 0.0
         for j in range(i, n):
@@ -147,17 +147,17 @@ def _ways(w):
 
 @plain
 def _cut(w):
-    """Bounds and rows as half-spaces of what is left free, counted from x; whether there is room.
+    """Write bounds and rows as half-spaces in z, relative to x; return ``False`` if infeasible.
 
-    What has no part in it is decided already.
+    A constraint that z does not change is only checked, and then left out.
     """
     n, size, room = len(w.x), 1.0, True
     for i in range(n):
         size = max(size, abs(w.x[i]))
         left = 0.0
         for j in range(len(w.z)):
-            w.cuts[i, j], w.cuts[n + i, j] = -w.ways[j, i], w.ways[j, i]
-            left += w.ways[j, i] * w.ways[j, i]
+            w.cuts[i, j], w.cuts[n + i, j] = -w.null_basis[j, i], w.null_basis[j, i]
+            left += w.null_basis[j, i] * w.null_basis[j, i]
         w.ends[i], w.ends[n + i] = w.x[i] - w.lower[i], w.upper[i] - w.x[i]
         w.lengths[i] = w.lengths[n + i] = 1.0
         if left <= (_FIXED * w.root[i]) ** 2:
@@ -172,7 +172,7 @@ def _cut(w):
         for j in range(len(w.z)):
             total = 0.0
             for i in range(n):
-                total += w.ways[j, i] * w.G[row, i]
+                total += w.null_basis[j, i] * w.G[row, i]
             w.cuts[at, j] = total
             left += total * total
         w.ends[at], w.lengths[at] = end, math.sqrt(square) if square > 0.0 else 1.0
@@ -184,7 +184,7 @@ def _cut(w):
 
 @part
 def _on_line(w):
-    """The z of one unknown that is nearest to 0, with what is active; how many are, −1 for no z."""
+    """Find the feasible z nearest to 0, for one unknown; return the number active, −1 if none."""
     least, most, first, last = -math.inf, math.inf, 0, 0
     for which in range(len(w.ends)):
         slope = w.cuts[which, 0]
@@ -202,7 +202,7 @@ def _on_line(w):
 
 @plain
 def _nearest(w, before):
-    """The z nearest to 0, with what is active; how many are, −1 where there is no such z."""
+    """Find the feasible z nearest to 0; return the number of active constraints, −1 if none."""
     p = len(w.z)
     for i in range(p):
         for j in range(p):
@@ -211,16 +211,16 @@ def _nearest(w, before):
     none = w.nothing
     status, count = active_set(
         w.zero, w.no_rows, none, w.cuts, w.ends, w.lengths, none, none, w.active, min(before, p),
-        w.z, w.u, w.Jz, w.Rz, w.held, w.three,
+        w.z, w.u, w.Jz, w.Rz, w.held, w.work_z,
     )  # fmt: skip
     return count if status == SOLVED else -1
 
 
 @plain
-def _enter(w, before):
-    """Move x inside, as little as can be, with λ and μ; whether there is an inside."""
+def _move_inside(w, before):
+    """Move x to the nearest feasible point, with λ and μ; return whether there is one."""
     n, count = len(w.x), 0
-    _ways(w)
+    _null_basis(w)
     if not _cut(w):
         return False
     if len(w.z) == 1:
@@ -232,7 +232,7 @@ def _enter(w, before):
     w.active_count[0] = count
     for i in range(n):
         for j in range(len(w.z)):
-            w.x[i] += w.ways[j, i] * w.z[j]
+            w.x[i] += w.null_basis[j, i] * w.z[j]
     for k in range(count):
         which = w.active[k]
         if which < n:
@@ -245,8 +245,8 @@ def _enter(w, before):
 
 
 @plain
-def _pull_back(w):
-    """What μ and λ take from the right-hand side of y: QᵀSᵀ(μ + Gᵀλ), its first entries."""
+def _subtract_inequality_multipliers(w):
+    """Subtract the first entries of QᵀSᵀ(μ + Gᵀλ) from the right-hand side of y."""
     n = len(w.x)
     for i in range(n):
         w.line[i] = w.box[i]

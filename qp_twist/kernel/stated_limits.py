@@ -1,9 +1,9 @@
-"""What limits state as bounds on single joints and as rows, gathered for one program, compiled.
+"""Gather the bounds and inequality rows of mink limits for one program, compiled.
 
-All of them narrow the same box, (4, nv): lower bounds, upper bounds, and for either the number of
-the limit that it comes from. Of equal bounds the one with the smaller number counts. What is no
-bound on a single joint is appended to the same rows G q̇ ≤ g: ``rows`` (room, nv), ``ends`` (room,)
-and ``which`` (room,), the row's number in its own limit.
+Bounds on single joints narrow one box, (4, nv): lower bounds, upper bounds, and the number of the
+limit behind each of them. Of equal bounds the one with the smaller number counts. Other rows are
+appended to G q̇ ≤ g: ``rows`` (capacity, nv), ``ends`` (capacity,) and ``which`` (capacity,), the
+row's index in its own limit.
 """
 
 from __future__ import annotations
@@ -13,15 +13,15 @@ import math
 from qp_twist.kernel.bounds import _above, _below
 from qp_twist.kernel.compiling import entry, plain
 
-NOT_IN_ORDER = -1
-"""Something stated is not a number, or too large to compute with."""
+INVALID = -1
+"""A bound or row is not a number, or too large to compute with."""
 _NO_AXIS = 1e-9
 """Angle of a ball joint below which its axis is not defined, as mink has it, rad."""
 
 
 @plain
 def _narrow(dof, low, high, number, box):
-    """Narrow the bounds of one joint; whether they are numbers."""
+    """Narrow the bounds of one joint; return whether they are numbers."""
     box[0, dof], box[2, dof] = _above(low, number, box[0, dof], box[2, dof])
     box[1, dof], box[3, dof] = _below(high, number, box[1, dof], box[3, dof])
     return low < math.inf and high > -math.inf  # false for NaN
@@ -29,7 +29,7 @@ def _narrow(dof, low, high, number, box):
 
 @entry
 def narrow_box(lower, upper, number, box):
-    """Narrow the box by bounds on all joints, each (nv,); whether they are numbers."""
+    """Narrow the box by bounds on all joints, each (nv,); return whether they are numbers."""
     fine = True
     for dof in range(len(lower)):
         fine &= _narrow(dof, lower[dof], upper[dof], number, box)
@@ -38,7 +38,7 @@ def narrow_box(lower, upper, number, box):
 
 @entry
 def narrow_to_range(q, lower, upper, gain, dt, addresses, dofs, number, box):
-    """Narrow the box by the ranges of joints, of which a step may go a share of the way.
+    """Narrow the box by mink's joint ranges: a step may cover a share of the distance to an end.
 
     Args:
         q: Joint positions, (nq,).
@@ -46,9 +46,9 @@ def narrow_to_range(q, lower, upper, gain, dt, addresses, dofs, number, box):
         upper: θ_max, (nq,).
         gain: The share.
         dt: Length of the step, s.
-        addresses: In q, of the joints that have a range, (k,).
+        addresses: Indices in q of the joints that have a range, (k,).
         dofs: Their degrees of freedom, (k,).
-        number: Of the limit.
+        number: Number of the limit.
         box: Result.
 
     Returns:
@@ -71,16 +71,16 @@ def append_ball_ranges(q, angles, gain, dt, addresses, dofs, first, rows, ends, 
         angles: φ_max, rad, (k,).
         gain: The share k.
         dt: Length of the step, s.
-        addresses: Of their quaternions in q, (k,).
+        addresses: Indices of their quaternions in q, (k,).
         dofs: First degree of freedom of each, (k,).
-        first: Number of the first one's row in its limit.
+        first: Index of the first ball joint's row in its limit.
         rows: Result.
         ends: Result.
         which: Result.
-        at: How many rows there are.
+        at: Number of rows before.
 
     Returns:
-        How many there are now.
+        Number of rows after.
     """
     for k in range(len(dofs)):
         start = addresses[k]
@@ -92,7 +92,7 @@ def append_ball_ranges(q, angles, gain, dt, addresses, dofs, first, rows, ends, 
         angle = abs(turn)
         end = gain * (angles[k] - angle) / dt
         if not -math.inf < end < math.inf:
-            return NOT_IN_ORDER
+            return INVALID
         for j in range(rows.shape[1]):
             rows[at, j] = 0.0
         if angle > _NO_AXIS:
@@ -109,25 +109,26 @@ def append_ball_ranges(q, angles, gain, dt, addresses, dofs, first, rows, ends, 
 
 @entry
 def append_rows(G, h, count, dt, number, unlimited, box, rows, ends, which, at):
-    """Take the first ``count`` rows of G Δq ≤ h: those of a single entry as bounds.
+    """Append the first ``count`` rows of G Δq ≤ h; rows with a single entry become bounds.
 
-    Rows that say nothing are left out, bounds beyond ``unlimited`` are none.
+    Rows that hold for every velocity are left out.
 
     Args:
         G: Rows, (≥ count, nv).
         h: Right-hand sides, (≥ count,).
-        count: How many there are.
+        count: Number of rows.
         dt: Length of the step, s.
-        number: Of the limit.
-        unlimited: A bound beyond it is none, rad/s or m/s; larger entries of G are refused.
+        number: Number of the limit.
+        unlimited: A bound beyond it counts as infinite, rad/s or m/s; larger entries of G are
+            refused.
         box: Result.
-        rows: Result, with room for all of them.
+        rows: Result, with room for all rows.
         ends: Result.
         which: Result.
-        at: How many rows there are.
+        at: Number of rows before.
 
     Returns:
-        How many there are now.
+        Number of rows after.
     """
     for i in range(count):
         end = h[i] / dt
@@ -135,11 +136,11 @@ def append_rows(G, h, count, dt, number, unlimited, box, rows, ends, which, at):
         for j in range(G.shape[1]):
             if G[i, j] != 0.0:
                 if not abs(G[i, j]) <= unlimited:
-                    return NOT_IN_ORDER
+                    return INVALID
                 entries += 1
                 last = j
         if not end > -math.inf:
-            return NOT_IN_ORDER
+            return INVALID
         if end > unlimited:
             end = math.inf
         if entries == 1:

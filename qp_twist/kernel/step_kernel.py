@@ -11,13 +11,13 @@ from qp_twist.kernel.compiling import plain
 from qp_twist.kernel.dual_active_set import cholesky, cholesky_inverse
 from qp_twist.kernel.largest_scale import scaled_program
 from qp_twist.kernel.null_space import null_space, right_singular, row_space
-from qp_twist.kernel.record import Floats, Integers, Record, reader
+from qp_twist.kernel.record import Floats, Integers, RecordType, reader
 from qp_twist.kernel.step_record import PROGRAM, Program, Sizes
 from qp_twist.kernel.twist_rows import twist_rows
 from qp_twist.kernel.verified_program import (
+    INFEASIBLE,
     REFUSED,
-    TOO_FAST,
-    Tolerances,
+    SolverTolerances,
     solved_program,
     well_conditioned,
 )
@@ -25,8 +25,8 @@ from qp_twist.kernel.verified_program import (
 RAISE, SCALE, RELAX = 0, 1, 2
 """If the first level is infeasible: leave it to the reference, scale the task, or minimise its
 residual inside the limits."""
-STATED = 3
-"""Replaces the projector's axes in ``kinds`` for a task whose rows are computed in Python."""
+FROM_PYTHON = 3
+"""Replaces the projector's axes in ``kinds`` if the task's rows are computed in Python."""
 
 
 class Settings(NamedTuple):
@@ -50,11 +50,11 @@ class Settings(NamedTuple):
     """How an infeasible first level is handled: ``RAISE``, ``SCALE`` or ``RELAX``."""
 
 
-class Given(NamedTuple):
-    """Inputs of a step; the arrays are those of ``twist_rows`` and ``bounds``."""
+class StepInputs(NamedTuple):
+    """Inputs of a step; for the arrays see ``twist_rows`` and ``bounds``."""
 
     settings: Settings
-    tolerances: Tolerances
+    tolerances: SolverTolerances
     free_costs: Annotated[Floats, 2]
     """Square roots of the weights of the rows of 1 − T, linear and angular."""
     middle: Annotated[Floats, "nv"]
@@ -72,18 +72,18 @@ class Given(NamedTuple):
     """Unit quaternions and positions, from which ``live_step`` computes R_d and p_d."""
     jacobians: Annotated[Floats, "tasks", 6, "nv"]
     limits: Annotated[Floats, "limits", "nv", 7]
-    stated_rows: Annotated[Floats, "m", "nv"]
-    """Rows of the tasks whose kind is ``STATED``, computed in Python."""
-    stated_sides: Annotated[Floats, "m"]
+    python_rows: Annotated[Floats, "m", "nv"]
+    """Rows of the tasks whose kind is ``FROM_PYTHON``, computed in Python."""
+    python_rhs: Annotated[Floats, "m"]
     """Their right-hand sides."""
-    stated_free: Annotated[Floats, "free", "nv"]
+    python_free: Annotated[Floats, "free", "nv"]
     """Their rows of 1 − T, times the square roots of the weights."""
     quadratic: Annotated[Floats, "others", "nv"]
     """H of other tasks."""
     linear: Annotated[Floats, "others"]
     """c of other tasks."""
     kinds: Annotated[Integers, "tasks", 3]
-    """For each task the projector's ranks and axes; or the number of rows, 0 and ``STATED``."""
+    """For each task the projector's ranks and axes; or number of rows, 0, ``FROM_PYTHON``."""
     ends: Annotated[Integers, "levels"]
     """Index after the last row of each level."""
     addresses: Annotated[Integers, "nv"]
@@ -96,23 +96,23 @@ class Given(NamedTuple):
     """Addresses of MuJoCo's arrays, and the number of joints: see ``live_step``."""
 
 
-GIVEN = Record(Given, Sizes)
+STEP_INPUTS = RecordType(StepInputs, Sizes)
 
 
-class Stages(NamedTuple):
+class StepArrays(NamedTuple):
     """Inputs and program of a step."""
 
-    given: Given
+    inputs: StepInputs
     program: Program
 
 
-STEP = Record(Stages, Sizes, GIVEN, PROGRAM)
+STEP = RecordType(StepArrays, Sizes, STEP_INPUTS, PROGRAM)
 read_step = reader(STEP)
 
 
 @plain
 def _clear_cut(H, metric, N, nearly, work):
-    """Whether the rows, with Gram matrix H, see every motion outside their null space N (p, n).
+    """Whether rows with Gram matrix H are well conditioned outside their null space N (p, n).
 
     True if M^(−1/2) H M^(−1/2) + trace · NᵀN has no small eigenvalue.
     """
@@ -196,14 +196,14 @@ def _all_rows(g, dt, A, b, free):
     for index in range(len(g.kinds)):
         rank = g.kinds[index, 0] + g.kinds[index, 1]
         first = 6 * index if len(free) else 0
-        if g.kinds[index, 2] == STATED:
+        if g.kinds[index, 2] == FROM_PYTHON:
             for i in range(row, row + rank):
-                b[i] = g.stated_sides[i]
+                b[i] = g.python_rhs[i]
                 for dof in range(A.shape[1]):
-                    A[i, dof] = g.stated_rows[i, dof]
+                    A[i, dof] = g.python_rows[i, dof]
             for i in range(first, first + 6 if len(free) else 0):
                 for dof in range(A.shape[1]):
-                    free[i, dof] = g.stated_free[i, dof]
+                    free[i, dof] = g.python_free[i, dof]
         else:
             twist_rows(
                 g.kinds[index], g.shapes[index], g.poses[index], g.targets[index],
@@ -325,8 +325,8 @@ def step_on_rows(g, w, qpos, dt, use_secondary, twist_space):
     ``twist_space``: see :func:`_costs`.
 
     Returns:
-        ``DONE``; ``TOO_FAST`` if the rows are infeasible within the limits: call
-        :func:`hindered_step`; or ``REFUSED`` if the reference has to compute the step.
+        ``DONE``; ``INFEASIBLE`` if the rows are infeasible within the limits: call
+        :func:`infeasible_step`; or ``REFUSED`` if the reference has to compute the step.
     """
     fastest = _desired(
         qpos, g.addresses, g.middle, g.stiffness, g.displacement, dt, use_secondary, w.q, w.c
@@ -357,7 +357,7 @@ def step(g, w, qpos, dt, use_secondary, twist_space):
 
 
 @plain
-def hindered_step(g, w):
+def infeasible_step(g, w):
     """Scale or relax a step that :func:`step` found infeasible; compiled on first use.
 
     Returns:
@@ -369,4 +369,4 @@ def hindered_step(g, w):
     if not scales:
         return REFUSED
     status = scaled_program(w, g.tolerances)
-    return closest_levels(w, g.ends, True, g.tolerances) if status == TOO_FAST else status
+    return closest_levels(w, g.ends, True, g.tolerances) if status == INFEASIBLE else status

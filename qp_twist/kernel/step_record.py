@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from typing import Annotated, NamedTuple
 
-from qp_twist.kernel.record import Floats, Integers, Record, reader
+from qp_twist.kernel.record import Floats, Integers, RecordType, reader
 
 
 class Sizes(NamedTuple):
-    """How long everything in a step is."""
+    """Sizes of the arrays of a step."""
 
     nv: int
     m: int
@@ -17,17 +17,17 @@ class Sizes(NamedTuple):
     levels: int
     limits: int
     dense: int
-    """nv where H has entries off its diagonal, else 0."""
+    """nv if H has entries off its diagonal, else 0."""
     free: int
-    """Rows of 1 − T, 6 for each task, in twist space, else 0."""
+    """Rows of 1 − T: 6 for each task with the twist-space cost, else 0."""
     others: int
-    """nv where other tasks add their costs, else 0."""
+    """nv if other mink tasks add their costs, else 0."""
     k: int
     """Inequality rows."""
 
 
 class ScaleProgram(NamedTuple):
-    """The program in s and what the rows leave free: see ``largest_scale``."""
+    """The program in the scale s and the null-space coordinates: see ``largest_scale``."""
 
     cuts: Annotated[Floats, "2 * nv + k", "max(nv - m, 0) + 1"]
     c: Annotated[Floats, "max(nv - m, 0) + 1"]
@@ -43,13 +43,13 @@ class ScaleProgram(NamedTuple):
 
 
 class Levels(NamedTuple):
-    """The levels one after the other, where they do not fit: see ``closest_levels``."""
+    """Arrays of the levels, solved one after the other if infeasible: see ``closest_levels``."""
 
     E: Annotated[Floats, "m + nv + k", "nv"]
-    """Rows that are held: what levels achieve, and what stands in their way."""
+    """Held rows: those of higher levels at their achieved values, and the active constraints."""
     e: Annotated[Floats, "m + nv + k"]
     x: Annotated[Floats, "nv"]
-    before: Annotated[Floats, "nv"]
+    previous: Annotated[Floats, "nv"]
     H: Annotated[Floats, "nv", "nv"]
     c: Annotated[Floats, "nv"]
     J: Annotated[Floats, "nv", "nv"]
@@ -58,25 +58,27 @@ class Levels(NamedTuple):
     work: Annotated[Floats, 3, "nv + 1"]
     lengths: Annotated[Floats, "k"]
     gaps: Annotated[Floats, "levels"]
-    """By how much the residual of each may be longer than at its optimum."""
+    """Bound on how much longer each level's residual is than at its optimum."""
     r: Annotated[Floats, "m"]
-    asked: Annotated[Floats, "m"]
+    desired: Annotated[Floats, "m"]
+    """b of the tasks, while it is replaced by the achieved A x."""
     lower: Annotated[Floats, "nv"]
     upper: Annotated[Floats, "nv"]
     origins: Annotated[Integers, "m + nv + k", 2]
-    """Of the held rows: what they are, and their number."""
+    """Origin of each held row: its kind, and its index in that kind."""
     fixed: Annotated[Integers, "nv"]
     """1 where a bound is held."""
-    many: Annotated[Integers, 1]
-    """How many rows are held."""
+    held_count: Annotated[Integers, 1]
+    """Number of held rows."""
     active: Annotated[Integers, "nv"]
     held: Annotated[Integers, "m + 3 * nv + 2 * k"]
 
 
 class Program(NamedTuple):
-    """The program lower ≤ x ≤ upper, A x = b, G x ≤ g; its result; a workspace.
+    """The program min ½xᵀHx + cᵀx, lower ≤ x ≤ upper, A x = b, G x ≤ g; its result; a workspace.
 
-    What a step leaves behind ends with ``gains``. At the result Hx + c + Aᵀy + Gᵀλ + μ = 0.
+    The result satisfies Hx + c + Aᵀy + Gᵀλ + μ = 0. Fields up to ``sensitivity`` are copied into
+    the :class:`~qp_twist.Step`; those after it are workspace.
     """
 
     c: Annotated[Floats, "nv"]
@@ -84,9 +86,9 @@ class Program(NamedTuple):
     lower_kind: Annotated[Floats, "nv"]
     upper_kind: Annotated[Floats, "nv"]
     h: Annotated[Floats, "nv - dense"]
-    """Diagonal of H where it has no other entries."""
+    """Diagonal of H, if it is diagonal."""
     dense: Annotated[Floats, "dense", "nv"]
-    """H where it has."""
+    """H, if it is not diagonal."""
     A: Annotated[Floats, "m", "nv"]
     G: Annotated[Floats, "k", "nv"]
     lower: Annotated[Floats, "nv"]
@@ -97,29 +99,28 @@ class Program(NamedTuple):
     """μ, negative at a lower bound."""
     y: Annotated[Floats, "m"]
     lam: Annotated[Floats, "k"]
-    gains: Annotated[Floats, "1 + nv + k"]
-    """s of A x = s b: ``b`` is what was met, s times what the tasks ask. Where s < 1, how much s
-    grows with the room at each bound, negative at a lower one, and at each row of G; where levels
-    give way, the multipliers of what stands in the way. What a step leaves behind ends here."""
+    sensitivity: Annotated[Floats, "1 + nv + k"]
+    """First s of A x = s b; ``b`` already contains the factor s. Then for each bound (negative at a
+    lower one) and row of G: ∂s/∂limit if s < 1; the multiplier if levels were relaxed."""
     q: Annotated[Floats, "nv"]
     levels: Levels
     root: Annotated[Floats, "nv"]
     line: Annotated[Floats, "nv"]
     J: Annotated[Floats, "nv", "nv"]
-    """S of H⁻¹ = SSᵀ where H has entries off its diagonal."""
+    """S of H⁻¹ = SSᵀ, if H is not diagonal."""
     scaled: Annotated[Floats, "m", "nv"]
     V: Annotated[Floats, "m", "nv"]
     R: Annotated[Floats, "m", "m"]
-    ways: Annotated[Floats, "max(nv - m, 0)", "nv"]
-    """What the rows leave free."""
+    null_basis: Annotated[Floats, "max(nv - m, 0)", "nv"]
+    """Basis of the null space of A."""
     cuts: Annotated[Floats, "2 * nv + k", "max(nv - m, 0)"]
-    """Bounds and rows of G on it."""
+    """Bounds and rows of G in these coordinates."""
     ends: Annotated[Floats, "2 * nv + k"]
     lengths: Annotated[Floats, "2 * nv + k"]
     zero: Annotated[Floats, "max(nv - m, 0)"]
     z: Annotated[Floats, "max(nv - m, 0)"]
     u: Annotated[Floats, "max(nv - m, 0) + 1"]
-    three: Annotated[Floats, 3, "max(nv - m, 0) + 1"]
+    work_z: Annotated[Floats, 3, "max(nv - m, 0) + 1"]
     Jz: Annotated[Floats, "max(nv - m, 0)", "max(nv - m, 0)"]
     Rz: Annotated[Floats, "max(nv - m, 0)", "max(nv - m, 0)"]
     no_rows: Annotated[Floats, 0, "max(nv - m, 0)"]
@@ -131,12 +132,12 @@ class Program(NamedTuple):
     directions: Annotated[Floats, "dense", "dense"]
     sigma: Annotated[Floats, "dense"]
     active: Annotated[Integers, "nv"]
-    """Constraints that were active last time: lower bounds from 0, upper ones from nv and rows of G
-    from 2 nv on."""
+    """Constraints that were active in the last step: lower bounds are numbered from 0, upper bounds
+    from nv, rows of G from 2 nv."""
     active_count: Annotated[Integers, 1]
-    """How many they are."""
+    """Number of these."""
     held: Annotated[Integers, "2 * nv + k"]
 
 
-PROGRAM = Record(Program, Sizes, Record(ScaleProgram, Sizes), Record(Levels, Sizes))
+PROGRAM = RecordType(Program, Sizes, RecordType(ScaleProgram, Sizes), RecordType(Levels, Sizes))
 read_program = reader(PROGRAM)

@@ -1,4 +1,4 @@
-"""Task rows of one frame: the same equations as ``geometry`` and ``TwistTask``, by scalars."""
+"""Task rows of one frame: the equations of ``geometry`` and ``TwistTask``, in scalars."""
 
 from __future__ import annotations
 
@@ -7,9 +7,9 @@ import math
 from qp_twist.kernel.compiling import part, plain
 
 WORLD, BODY, TARGET = 0, 1, 2
-"""What the axes of a projector are fixed to."""
+"""Frame to which the axes of a projector are fixed."""
 NONE, LINE, PLANE, FULL = 0, 1, 2, 3
-"""Kinds of projectors: their ranks."""
+"""Kinds of projectors, equal to their ranks."""
 _TINY = 1e-12
 
 
@@ -71,7 +71,7 @@ def quaternion(pose, target):
 
 @part
 def _rotation_vector(w, x, y, z):
-    """Of a unit quaternion, of length at most π, rad."""
+    """Rotation vector of a unit quaternion, of length at most π, rad."""
     sine = math.sqrt(x * x + y * y + z * z)
     if w < 0.0:
         w, x, y, z = -w, -x, -y, -z
@@ -116,11 +116,11 @@ def _turned_back(M, x, y, z):
 
 @part
 def angular_error(pose, target, kind, x, y, z, moves_with_body):
-    """Δω of a projector's kind and world axis: as ``geometry.angular_error`` states it."""
+    """Δω for a projector's kind and world axis: see ``geometry.angular_error``."""
     if kind == NONE:
         return 0.0, 0.0, 0.0
     if kind == PLANE:
-        if moves_with_body:  # R_d Rᵀ takes the axis where it shall be
+        if moves_with_body:  # R_d Rᵀ maps the axis to its desired direction
             ux, uy, uz = _turned_back(pose, x, y, z)
             ux, uy, uz = _turned(target, ux, uy, uz)
             return geodesic(x, y, z, ux, uy, uz)
@@ -191,12 +191,12 @@ def _free_of(kind, x, y, z, cost, first, J, free):
 
 
 @part
-def wanted_twist(block, kinds, shape, pose, target, dt):
-    """What a task asks of its linear (0) or angular (1) block; arguments as in :func:`twist_rows`.
+def desired_velocity(block, kinds, shape, pose, target, dt):
+    """Desired velocity of the linear (0) or angular (1) block; arguments: :func:`twist_rows`.
 
     Returns:
         The projector's axis and the velocity, m/s or rad/s, in the world; and the length of the
-        error before it is shortened, m or rad.
+        error before clamping, m or rad.
     """
     body = kinds[2] == BODY
     turn = pose if body else target
@@ -247,30 +247,30 @@ def in_basis(kinds, shape, pose, target, twist, b):
 
 @plain
 def twist_rows(kinds, shape, pose, target, J, dt, A, b, free, free_costs):
-    r"""Rows A q̇ = b of one task, and the rows of what it leaves free, times their costs.
+    r"""Rows A q̇ = b of one task, and its rows of 1 − T times their costs.
 
     Args:
-        kinds: Of the linear and the angular block, and what their axes are fixed to, (3,).
-        shape: Bases (3, 3) of the two blocks, padded with zeros, each with its axis (3,) behind it;
-            then gain and the longest steps, m and rad: (27,).
+        kinds: Kind of the linear and the angular block, and the frame of their axes, (3,).
+        shape: For each block its basis (3, 3), padded with zeros, and its axis (3,); then the gain
+            and the largest steps, m and rad: (27,).
         pose: R (9) and p (3) of the frame.
         target: R_d (9), p_d (3) and the twist (6) of the target.
         J: World-aligned Jacobian, (6, nv).
         dt: Length of the step, s.
         A: Result, (r, nv).
         b: Result, (r,).
-        free: Result, (6, nv), or (0, nv) where it is not wanted: 1 − T, three rows a block.
-        free_costs: Of the linear and the angular rows, (2,).
+        free: Result, the rows of 1 − T, three for each block, (6, nv); or (0, nv) to skip them.
+        free_costs: Costs of the linear and the angular rows, (2,).
 
     Returns:
-        Lengths of the linear and the angular error before they are shortened, m and rad.
+        Lengths of the linear and the angular error before clamping, m and rad.
     """
     turn = pose if kinds[2] == BODY else target
     row, apart, turned = 0, 0.0, 0.0
     for block in range(2):
         kind, at, first = kinds[block], 12 * block, 3 * block
         stays = kinds[2] == WORLD or kind in (FULL, NONE)
-        x, y, z, ex, ey, ez, length = wanted_twist(block, kinds, shape, pose, target, dt)
+        x, y, z, ex, ey, ez, length = desired_velocity(block, kinds, shape, pose, target, dt)
         apart, turned = turned, length
         for j in range(kind):
             u, v, w = _column(shape, at + j, turn, stays)

@@ -9,14 +9,18 @@ from qp_twist.kernel.compiling import part, plain
 from qp_twist.kernel.dual_active_set import NO_ROOM, SOLVED, cholesky
 from qp_twist.kernel.reduced_program import reduced_program
 
-DONE, REFUSED, SCALED, RELAXED, PRIORITIZED, TOO_FAST, DEPENDENT = range(7)
-"""The step is verified; the reference has to look at it; it is verified at a reduced speed; as
-close as the limits let it come; with the first of several levels met; no velocity inside the limits
-meets all rows; the equality rows depend on each other, up to the threshold."""
+DONE, REFUSED, SCALED, RELAXED, PRIORITIZED, INFEASIBLE, DEPENDENT = range(7)
+"""Outcome of a step.
+
+``DONE``: verified, with all rows met. ``REFUSED``: the reference has to compute the step.
+``SCALED``: verified with the rows scaled by s < 1. ``RELAXED``: verified, the first level in least
+squares. ``PRIORITIZED``: verified, the first of several levels met. ``INFEASIBLE``: no velocity
+inside the limits meets all rows. ``DEPENDENT``: equality rows linearly dependent, to the threshold.
+"""
 
 
-class Tolerances(NamedTuple):
-    """What ``qp.verification``, ``qp.scaling`` and ``qp.levels`` allow; they say what each is."""
+class SolverTolerances(NamedTuple):
+    """Tolerances of ``qp.verification``, ``qp.scaling`` and ``qp.levels``; described there."""
 
     equality: float
     optimality: float
@@ -31,10 +35,10 @@ class Tolerances(NamedTuple):
 
 @plain
 def well_conditioned(A, ends, threshold, work, scratch):
-    """Whether no singular value of a level's rows is below a threshold.
+    """Return whether no singular value of a level's rows is below a threshold.
 
-    Of each level in the null space of those above. AAᵀ = LLᵀ, and there what is left of the squares
-    of a level's rows is made of its own block of L.
+    Each level's rows are first projected to the null space of the levels above. With AAᵀ = LLᵀ, the
+    Gram matrix of a level's projected rows is that of its own diagonal block of L.
     """
     m, n = A.shape
     if m > n:
@@ -65,7 +69,7 @@ def well_conditioned(A, ends, threshold, work, scratch):
 
 @part
 def _excess(hardest, left, largest, gap, w, tolerances):
-    """What the multipliers leave, in units of its tolerance, as ``verification`` has it.
+    """Largest optimality or feasibility error, in units of its tolerance (``qp.verification``).
 
     ``hardest`` is the largest entry of H, ``left`` that of r = Hx + c + Aᵀy + Gᵀλ + μ, ``largest``
     the largest term in it, and ``gap`` ½rᵀH⁻¹r.
@@ -107,8 +111,8 @@ def _excess(hardest, left, largest, gap, w, tolerances):
 
 
 @part
-def _pull_of_rows(A, y, residual):
-    """Add Aᵀy to ``residual``; the largest of it."""
+def _add_multiplier_terms(A, y, residual):
+    """Add Aᵀy to ``residual``; return its largest entry."""
     largest = 0.0
     for i in range(A.shape[1] if len(y) else 0):
         total = 0.0
@@ -120,12 +124,14 @@ def _pull_of_rows(A, y, residual):
 
 
 @part
-def _left_of_diagonal(w, residual):
-    """What :func:`_excess` asks, but for w, where H = diag h."""
+def _gradient_diagonal(w, residual):
+    """Gradient of the Lagrangian for H = diag h: the first four arguments of :func:`_excess`."""
     hardest, left, gap = 1e-300, 0.0, 0.0
     for i in range(len(w.c)):
         residual[i] = w.h[i] * w.x[i] + w.c[i] + w.box[i]
-    largest = max(_pull_of_rows(w.A, w.y, residual), _pull_of_rows(w.G, w.lam, residual))
+    largest = max(
+        _add_multiplier_terms(w.A, w.y, residual), _add_multiplier_terms(w.G, w.lam, residual)
+    )
     for i in range(len(w.c)):
         hardest, left = max(hardest, w.h[i]), max(left, abs(residual[i]))
         gap += 0.5 * residual[i] * residual[i] / w.h[i]
@@ -133,8 +139,8 @@ def _left_of_diagonal(w, residual):
 
 
 @plain
-def _left_of_dense(w, residual, along):
-    """What :func:`_excess` asks, but for w, for any H, with JJᵀ = H⁻¹: rᵀH⁻¹r = ‖Jᵀr‖²."""
+def _gradient_dense(w, residual, along):
+    """As :func:`_gradient_diagonal` for any H, with JJᵀ = H⁻¹ and so rᵀH⁻¹r = ‖Jᵀr‖²."""
     n, hardest, left, gap = len(w.c), 1e-300, 0.0, 0.0
     for i in range(n):
         residual[i] = w.c[i] + w.box[i]
@@ -142,7 +148,9 @@ def _left_of_dense(w, residual, along):
         for j in range(n):
             residual[i] += w.dense[i, j] * w.x[j]
             hardest = max(hardest, abs(w.dense[i, j]))
-    largest = max(_pull_of_rows(w.A, w.y, residual), _pull_of_rows(w.G, w.lam, residual))
+    largest = max(
+        _add_multiplier_terms(w.A, w.y, residual), _add_multiplier_terms(w.G, w.lam, residual)
+    )
     for k in range(n):
         left = max(left, abs(residual[k]))
         for i in range(n):
@@ -156,15 +164,15 @@ def _left_of_dense(w, residual, along):
 def excess_of(w, tolerances):
     """How far the result in w is from the optimum, in units of its tolerance; ≤ 1 is verified."""
     if len(w.h):
-        hardest, left, largest, gap = _left_of_diagonal(w, w.line)
+        hardest, left, largest, gap = _gradient_diagonal(w, w.line)
     else:
-        hardest, left, largest, gap = _left_of_dense(w, w.root, w.line)
+        hardest, left, largest, gap = _gradient_dense(w, w.root, w.line)
     return _excess(hardest, left, largest, gap, w, tolerances)
 
 
 @part
-def into_the_box(x, lower, upper):
-    """To the last bit; whether x is finite."""
+def clip_to_bounds(x, lower, upper):
+    """Clip x to the bounds, exactly; return whether x is finite."""
     for i in range(len(x)):
         x[i] = min(max(x[i], lower[i]), upper[i])
         if not math.isfinite(x[i]):
@@ -173,8 +181,8 @@ def into_the_box(x, lower, upper):
 
 
 @plain
-def no_multipliers(w):
-    """All of them 0."""
+def clear_multipliers(w):
+    """Set all multipliers to 0."""
     for i in range(len(w.box)):
         w.box[i] = 0.0
     for row in range(len(w.y)):
@@ -185,15 +193,15 @@ def no_multipliers(w):
 
 @plain
 def solved_program(w, tolerances):
-    """The verified solution of a program into ``w.x``.
+    """Write the verified solution of a program to ``w.x``.
 
     Returns:
-        ``DONE``, ``TOO_FAST``, or ``REFUSED`` where others have to look at it.
+        ``DONE``, ``INFEASIBLE``, or ``REFUSED`` if the reference has to solve it.
     """
-    w.gains[0] = 1.0
+    w.sensitivity[0] = 1.0
     status = reduced_program(w)
     if status == NO_ROOM:
-        return TOO_FAST
-    if status != SOLVED or not into_the_box(w.x, w.lower, w.upper):
+        return INFEASIBLE
+    if status != SOLVED or not clip_to_bounds(w.x, w.lower, w.upper):
         return REFUSED
     return DONE if excess_of(w, tolerances) <= 1.0 else REFUSED

@@ -1,4 +1,4 @@
-"""Chains and projectors as the compiled kernels read them. Needs the extra ``fast``."""
+"""Serial chains and projectors as arrays for the kernels."""
 
 from __future__ import annotations
 
@@ -27,12 +27,12 @@ def rows_of(
     """The task rows of a path of N waypoints.
 
     Args:
-        projectors: All that are in force somewhere.
-        which: Number of each waypoint's projector, (N,); −1 where none of them is meant.
-        rotations: Of the waypoints, (N, 3, 3).
-        positions: Of the waypoints, m, (N, 3).
-        max_linear_step: Length to which a linear error is shortened, m.
-        max_angular_step: The same of an angular one, rad.
+        projectors: The projectors of the path.
+        which: Index of each waypoint's projector, (N,); −1 for none of them.
+        rotations: Rotations of the waypoints, (N, 3, 3).
+        positions: Positions of the waypoints, m, (N, 3).
+        max_linear_step: Length to which a linear error is clamped, m.
+        max_angular_step: Angle to which an angular error is clamped, rad.
     """
     count, steps = len(positions), (max_linear_step, max_angular_step)
     return Rows(
@@ -62,5 +62,5 @@ def arm_of(chain: SerialChain) -> Arm:
 
 
 def _between(rotation: Array, origin: Array, turned: Array, anchor: Array) -> Array:
-    """The second frame as the first one sees it: rotation (9) and origin (3)."""
+    """Pose of the second frame in the first one: rotation (9) and origin (3)."""
     return np.concatenate([(rotation.T @ turned).ravel(), rotation.T @ (anchor - origin)])

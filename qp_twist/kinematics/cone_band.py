@@ -16,9 +16,10 @@ from qp_twist.kinematics.stretch import Stretch, angle_of_chord
 from qp_twist.kinematics.tolerance_band import Range, ToleranceBand, keeps
 
 FACES = 16
-"""Sides of the polygon around a cone; its corners stand out by 1/cos(π/16) − 1 = 2 %."""
+"""Number of sides of the polygon around a cone; its corners exceed the radius by 1/cos(π/16) − 1 =
+2 %."""
 _NO_SWING = 1e-12
-"""Angle below which no direction of the swing is told, rad."""
+"""Angle below which the direction of the swing is undefined, rad."""
 _AROUND = 2.0 * math.pi / FACES * np.arange(FACES)
 _COSINES, _SINES = np.cos(_AROUND), np.sin(_AROUND)
 
@@ -37,11 +38,11 @@ class ConeBand(ToleranceBand):
         \dot{\mathbf x} = (\mathbf k\cdot\boldsymbol\omega)\,\mathbf e
         + \big(\theta\,(\mathbf n - \cot\theta\,\mathbf e)\cdot\boldsymbol\omega\big)\,\mathbf k
 
-    A single row along e would let u pass the cone sideways, far when it is near the middle. So the
-    disc ‖x‖ ≤ upper is held by 16 rows, the sides of the polygon around it, one of them along e:
-    a sideways motion t at the rim overshoots by t²/(2 upper), and never by more than the polygon's
-    corners stand out. The lower end is one row along e: sideways u only moves away from n.
-    Beyond 90° the two exchange their parts.
+    A single row along e would let u leave the cone sideways, by much if u is near its middle. So
+    the disc ‖x‖ ≤ upper is enclosed by a polygon of 16 rows, one of them along e: a sideways motion
+    t at the rim overshoots by t²/(2 upper), at most by the excess of the polygon's corners. The
+    lower end is one row along e: a sideways motion only moves u away from n. Beyond 90° the two
+    exchange their roles.
     """
 
     kind, unit = "cone", "rad"
@@ -57,19 +58,19 @@ class ConeBand(ToleranceBand):
         weight: float | None = None,
         recovery_speed: float = 0.5,
     ) -> None:
-        """State a band.
+        """Define a band.
 
         Args:
             axis: The axis in the body, shape (3,).
-            reference: The direction around which the cone stands, shape (3,).
+            reference: Axis of the cone, shape (3,).
             upper: Largest angle, rad, up to π.
             lower: Smallest angle, rad.
-            frame: What the reference is fixed to.
+            frame: The frame that the reference is fixed to.
             weight: ``None`` for a hard band, else the weight of the soft one.
-            recovery_speed: Largest speed of return that is demanded outside, rad/s.
+            recovery_speed: Outside the band, the largest required speed of return, rad/s.
 
         Raises:
-            InvalidInput: If an argument is no such thing, or out of range.
+            InvalidInput: If an argument has the wrong type or range.
         """
         super().__init__(weight, recovery_speed)
         self.axis = unit_vector("ConeBand(axis=…)", axis)
@@ -95,7 +96,7 @@ class ConeBand(ToleranceBand):
         return angle
 
     def gradients(self, pair: FramePair) -> Array:
-        """(0, k), (1, 6): what turns u away from n fastest; some way of doing so at 0 and at π."""
+        """(0, k), (1, 6): the fastest rotation of u away from n; an arbitrary one at 0 and at π."""
         u, n = self._directions(pair)
         axis, _, _ = _swing(u, n)
         return np.concatenate([np.zeros_like(axis), axis], axis=-1)[..., None, :]
@@ -104,7 +105,7 @@ class ConeBand(ToleranceBand):
         """The polygon's sides and the lower end; see :meth:`ToleranceBand.rows`."""
         u, n = self._directions(pair)
         blocks = []
-        # θ is never above π nor below 0: an end there is none.
+        # θ lies between 0 and π: a bound there has no effect.
         if self.range.upper < math.pi:
             blocks.append(disc_rows(u, n, self.range.upper, reach))
         if self.range.lower > 0.0:
@@ -117,7 +118,7 @@ class ConeBand(ToleranceBand):
         return rows[..., None, :, :], rooms[..., None, :]
 
     def carried(self, pair: FramePair) -> Array:
-        """The target's own turn, where the reference turns with it."""
+        """The target's rotation, if the reference rotates with it."""
         carried = np.zeros_like(pair.target_twist)
         if self.frame == "target":
             carried[..., 3:] = pair.target_twist[..., 3:]
@@ -136,7 +137,7 @@ class ConeBand(ToleranceBand):
         return (math.pi - more)[:, None], less[:, None]
 
     def fixed(self, projector: TwistProjector) -> tuple[bool, ...]:
-        """Whether T holds the angle: all of the rotation, or one of the two directions in both."""
+        """Whether T fixes the angle: the whole rotation, or one of the two directions in both."""
         if self.frame == "world":
             return (False,)
         angular = projector.angular
@@ -149,7 +150,7 @@ class ConeBand(ToleranceBand):
         )
 
     def contradiction(self, projector: TwistProjector) -> str | None:
-        """In words: the task holds the angle at a value which the range leaves out."""
+        """A sentence if the task fixes the angle at a value outside the range."""
         held = float(np.linalg.norm(geodesic(self.reference, self.axis)))
         if self.fixed(projector)[0] and self.range.excess(held) > 1e-9:
             return f"it holds the angle at {math.degrees(held):.6g}°, outside the band"
@@ -169,20 +170,20 @@ class ConeBand(ToleranceBand):
 
 
 def disc_rows(u: Array, n: Array, radius: float, reach: float) -> tuple[Array, Array]:
-    """Rows on ω (16, 3) that keep the angle between u and n within a radius, and the rooms (16,).
+    """Rows on ω (16, 3) that keep the angle between u and n below a radius, and rooms (16,).
 
     Args:
-        u: Unit vector that turns with ω, (3,), or many.
-        n: Unit vector that stays.
+        u: Unit vector that rotates with ω, (3,), or many.
+        n: Fixed unit vector.
         radius: Largest angle, rad.
-        reach: What recovery may demand, rad: from further outside the disc shrinks by this much.
+        reach: Largest required return, rad: from further outside the disc shrinks by this much.
     """
     k, e, angle = _swing(u, n)
     within = np.maximum(radius, angle - reach)
     sideways = angle[..., None] * n - _cotangent(angle)[..., None] * e
     rows = _COSINES[:, None] * k[..., None, :] + _SINES[:, None] * sideways[..., None, :]
     rooms = within[..., None] - angle[..., None] * _COSINES
-    # Beyond the quarter turn a sideways motion brings u nearer to n: the row along e is enough.
+    # Beyond 90° a sideways motion moves u closer to n: the row along e is sufficient.
     rooms[..., 1:][np.maximum(angle, within) >= math.pi / 2] = math.inf
     return rows, rooms
 

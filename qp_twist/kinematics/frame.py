@@ -15,7 +15,7 @@ from qp_twist.errors import InvalidInput
 def same_structure(one: mujoco.MjModel, other: mujoco.MjModel) -> bool:
     """Whether two models have the same joints, bodies, geoms and sites under the same ids.
 
-    Then what is looked up in the one is found in the other, whatever their sizes and masses.
+    Then ids of the one are valid in the other; sizes and masses may differ.
     """
     if one is other:
         return True
@@ -29,13 +29,12 @@ def same_structure(one: mujoco.MjModel, other: mujoco.MjModel) -> bool:
 
 
 def check_configuration(configuration: mink.Configuration) -> None:
-    """Refuse what is no configuration, or one whose data belong to another model than its own.
+    """Refuse objects that are not configurations, or whose data belong to another model.
 
-    Both are plain attributes that anyone can replace, and MuJoCo reads what the model says is there
-    without a look at the data's sizes.
+    Both are plain attributes that may be replaced, and MuJoCo does not check the data's sizes.
     """
     instance("configuration", configuration, mink.Configuration)
-    # As whatever was put there.
+    # It may be any object.
     model: Any = getattr(configuration, "model", None)
     data: Any = getattr(configuration, "data", None)
     instance("configuration.model", model, mujoco.MjModel)
@@ -105,15 +104,15 @@ def relative_jacobian(
     root: str | int,
     root_type: str,
 ) -> Array:
-    r"""Jacobian (6, nv) of a frame as seen from another one that moves as well, in world axes.
+    r"""Jacobian (6, nv) of a frame relative to another moving frame, in world axes.
 
     .. math::
 
         \mathbf J = \mathbf J_A - \begin{bmatrix} \mathbf 1 & -[\mathbf p_A - \mathbf p_B]_\times \\
         \mathbf O & \mathbf 1 \end{bmatrix} \mathbf J_B
 
-    The twist of A less that which A would have if it were carried along by B: zero where both move
-    as one body.
+    The twist of A minus the twist that A would have if rigidly attached to B: zero if both move as
+    one body.
     """
     jacobian = frame_jacobian(configuration, name, frame_type)
     carrier = frame_jacobian(configuration, root, root_type)
@@ -128,7 +127,7 @@ def relative_jacobian(
 def together(
     model: mujoco.MjModel, name: str | int, frame_type: str, other: str | int, other_type: str
 ) -> bool:
-    """Whether two frames are on bodies that no joint lets move relative to each other."""
+    """Whether two frames are on bodies without a joint between them."""
     welded = {
         int(model.body_weldid[_body(model, frame_id(model, *frame), frame[1])])
         for frame in ((name, frame_type), (other, other_type))

@@ -13,7 +13,7 @@ _REST = read_only(np.zeros(6))
 
 
 class FramePair(NamedTuple):
-    """A frame and its target, in the world; or many, with their number N before every shape."""
+    """A frame and its target, in the world; or N of them, with N before every shape."""
 
     rotation: Array
     """R of the frame, shape (3, 3)."""
@@ -27,7 +27,7 @@ class FramePair(NamedTuple):
     """Twist of the target (linear, angular), world axes, m/s and rad/s, shape (6,)."""
 
     def axes(self, frame: str) -> Array:
-        """Rotation to the world of what a band's vectors are fixed to, (3, 3)."""
+        """Rotation to the world of the frame that a band's vectors are fixed to, (3, 3)."""
         if frame == "world":
             return _WORLD
         return self.rotation if frame == "body" else self.target_rotation

@@ -25,7 +25,7 @@ class FreeTwistCost(mink.Task):
     J†TΔt + J†(1 − T)Jh for a regular square J.
 
     Attributes:
-        task: The task whose complement this is.
+        task: The task whose complement 1 − T is used.
         objectives: The secondary objectives whose h is followed.
     """
 
@@ -37,11 +37,11 @@ class FreeTwistCost(mink.Task):
         linear_cost: float = 1.0,
         angular_cost: float = 1.0,
     ) -> None:
-        """State the cost.
+        """Define the cost.
 
         Args:
             task: The task; 1 − T is rebuilt with it at every step.
-            objectives: Where the free motion shall go; none: nowhere (zero free twist).
+            objectives: Objectives of the free motion; none for zero free twist.
             linear_cost: Square root of w for the linear rows, 1/m.
             angular_cost: Square root of w for the angular rows, 1/rad.
 

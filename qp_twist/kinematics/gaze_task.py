@@ -1,4 +1,4 @@
-"""A task that no pose states: an axis of a frame points at a target."""
+"""A task without a target pose: an axis of a frame points at a target point."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ _NEAREST = 1e-6
 class GazeTask(TwistTask):
     r"""Point an axis a of a frame at a target.
 
-    With the line of sight :math:`\mathbf d = (\mathbf p_d - \mathbf p)/\ell`, which turns as the
-    frame and the target move, :math:`\ell = \lVert\mathbf p_d - \mathbf p\rVert`, the twist that
-    counts is that of the frame relative to it:
+    With the line of sight :math:`\mathbf d = (\mathbf p_d - \mathbf p)/\ell`, which rotates as
+    frame and target move, and :math:`\ell = \lVert\mathbf p_d - \mathbf p\rVert`, the task uses the
+    twist of the frame relative to that line:
 
     .. math::
 
@@ -31,7 +31,7 @@ class GazeTask(TwistTask):
         \Delta\boldsymbol\omega = \text{the shortest rotation taking } \mathbf a \text{ to }
         \mathbf d, \qquad \mathbf T = \mathrm{diag}(\mathbf O,\; \mathbf 1 - \mathbf a\mathbf a^T)
 
-    Two rows, independent wherever the frame can turn. Distance and roll about the axis are free.
+    Two rows, independent wherever the frame can rotate. Distance and roll about the axis are free.
 
     Example:
         >>> import mink, qp_twist as qt
@@ -50,14 +50,14 @@ class GazeTask(TwistTask):
         gain: float = 1.0,
         **options: Any,
     ) -> None:
-        """State a task.
+        """Define a task.
 
         Args:
             frame_name: Name or id of the frame to control.
             frame_type: ``"body"``, ``"geom"`` or ``"site"``.
             axis: a, in the axes of the frame, (3,).
             gain: Share of the error to remove in one step, in [0, 1].
-            options: As in :class:`TwistTask`, but for bands, which are of a pose.
+            options: As in :class:`TwistTask`, except bands, which need a pose.
 
         Raises:
             InvalidInput: If an argument has the wrong type or range.
@@ -73,7 +73,7 @@ class GazeTask(TwistTask):
 
         Args:
             point: In the world, or in the frame that carries it, m, (3,).
-            velocity: Of the point, along the axes of the same, m/s, (3,); at rest if ``None``.
+            velocity: Velocity of the point, in the same axes, m/s, (3,); at rest if ``None``.
 
         Raises:
             InvalidTarget: If either is not finite.

@@ -24,12 +24,11 @@ class JointCentering(SecondaryObjective):
         \mathbf h = k(\bar\theta - \theta) \quad(\texttt{"natural"})
 
     The paper defines z with WᵀW but steps along W(θ̄ − θ), and calls that −∇z. It is not the
-    gradient, yet a good direction: both are offered. ``"natural"`` is −∇z in the metric WᵀW: with
+    gradient, but a good direction: both are available. ``"natural"`` is −∇z in the metric WᵀW: with
     ``Controller(metric=…)`` set to the diagonal of WᵀW the QP then descends z itself. Unlimited
     joints do not move.
 
-    Keep the gain of ``"natural"`` below 2: above, a step goes beyond its aim, and the arm
-    oscillates.
+    Keep the gain of ``"natural"`` below 2: above, a step overshoots, and the arm oscillates.
 
     Example:
         >>> import numpy as np, mink, qp_twist as qt
@@ -54,13 +53,13 @@ class JointCentering(SecondaryObjective):
         *,
         cost: float = 1.0,
     ) -> None:
-        """State the objective.
+        """Define the objective.
 
         Args:
             model: The model whose joint ranges are used.
             weight: ``"gradient"`` for −∇z, ``"paper"`` for W(θ̄ − θ), ``"natural"`` for θ̄ − θ.
             gain: k, per step.
-            cost: Weight where the objective is used as a plain mink task.
+            cost: Weight if the objective is used as a plain mink task.
         """
         super().__init__(model, gain, cost=cost)
         self.weight = weight

@@ -1,4 +1,4 @@
-"""The joint ranges of a model per degree of freedom, and the paper's measure z of being centred."""
+"""The joint ranges of a model by degree of freedom, and the paper's centering measure z."""
 
 from __future__ import annotations
 
@@ -19,8 +19,7 @@ _SCALAR = (int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE))
 class JointRanges:
     r"""Lower and upper limits by degree of freedom (hinges and slides), rad or m.
 
-    Unlimited joints, and ball and free joints, have limits of ±∞ and weight 0: they count for
-    nothing in
+    Unlimited joints, and ball and free joints, have limits of ±∞ and weight 0 in
 
     .. math::
 
@@ -31,7 +30,7 @@ class JointRanges:
     Attributes:
         lower: θ_min, shape (nv,).
         upper: θ_max, shape (nv,).
-        qpos: Address in q of each scalar joint's coordinate, −1 for ball and free joints, (nv,).
+        qpos: Index in q of each scalar joint's coordinate, −1 for ball and free joints, (nv,).
         hinge: Which degrees of freedom are hinges, whose unit is rad, (nv,).
         names: Name of the joint that owns each degree of freedom.
         nq: Length of q.
@@ -58,7 +57,7 @@ class JointRanges:
             if model.jnt_type[joint] not in _SCALAR:
                 continue
             qpos[dof] = model.jnt_qposadr[joint]
-            # MuJoCo takes a range with a NaN for none.
+            # MuJoCo treats a range with NaN as no range.
             if np.isnan(model.jnt_range[joint]).any():
                 raise InvalidInput(
                     f"model: the range of {names[dof]} is not a number; check the scene."
@@ -82,7 +81,7 @@ class JointRanges:
 
     @cached_property
     def middle(self) -> Array:
-        """θ̄, the middle of each range; 0 where there is none, shape (nv,)."""
+        """θ̄, the middle of each range; 0 without a range, shape (nv,)."""
         middle = np.zeros_like(self.lower)
         limited = self.limited
         middle[limited] = 0.5 * (self.lower[limited] + self.upper[limited])
@@ -97,7 +96,7 @@ class JointRanges:
 
     @property
     def metric(self) -> Array:
-        """Diagonal of WᵀW as a metric M, which has no zeros, 1/rad² or 1/m², (nv,).
+        """Diagonal of WᵀW as a metric M, without zeros, 1/rad² or 1/m², (nv,).
 
         A joint without a range has a hundredth of the smallest weight of the others, squared.
         """
@@ -124,7 +123,7 @@ class JointRanges:
 
     @cached_property
     def only_hinges_and_slides(self) -> bool:
-        """Whether every joint is one coordinate of q; ball and free joints are more."""
+        """Whether every joint has one coordinate of q, unlike ball and free joints."""
         return bool((self.qpos >= 0).all())
 
     def inside(self, positions: Array) -> np.ndarray[tuple[int, ...], np.dtype[np.bool_]]:
@@ -137,7 +136,7 @@ class JointRanges:
         return room
 
     def random(self, count: int, rng: np.random.Generator) -> Array:
-        """Uniform between the limits; hinges without: over a turn, slides: ±1 m; (count, nv)."""
+        """Uniform between the limits, else over a turn (hinges) or ±1 m (slides); (count, nv)."""
         half = np.where(self.hinge, np.pi, 1.0)
         lower = np.where(np.isfinite(self.lower), self.lower, -half)
         upper = np.where(np.isfinite(self.upper), self.upper, half)
@@ -161,7 +160,7 @@ _names: WeakKeyDictionary[mujoco.MjModel, tuple[str, ...]] = WeakKeyDictionary()
 
 
 def joint_names(model: mujoco.MjModel) -> tuple[str, ...]:
-    """Name of the joint that owns each degree of freedom, looked up once a model."""
+    """Name of the joint of each degree of freedom, cached by model."""
     found = _names.get(model)
     if found is None:
         found = _names[model] = JointRanges.of(model).names

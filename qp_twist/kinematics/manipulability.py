@@ -23,10 +23,10 @@ class Manipulability(SecondaryObjective):
         \frac{\partial}{\partial q_i} = 2\,\mathrm{tr}\!\left(
             \mathbf J_T^{+}\,\frac{\partial \mathbf J_T}{\partial q_i}\right)
 
-    The derivative of J is MuJoCo's ``mj_jacDot`` along each joint, that of a basis which moves with
-    the body is exact. It is the square of Yoshikawa's measure (1985) inside the logarithm, for the
-    rows that the task needs and no others. Near a singularity the gradient grows without bound, so
-    the displacement at gain 1 is shortened to ``longest``.
+    The derivative of J is MuJoCo's ``mj_jacDot`` along each joint; that of a basis fixed to the
+    body is exact. The determinant is the square of Yoshikawa's measure (1985), for the task's rows
+    only. Near a singularity the gradient is unbounded, so the displacement at gain 1 is clamped to
+    ``longest``.
     """
 
     def __init__(
@@ -38,14 +38,14 @@ class Manipulability(SecondaryObjective):
         longest: float = 1.0,
         cost: float = 1.0,
     ) -> None:
-        """State the objective.
+        """Define the objective.
 
         Args:
             model: The robot.
-            task: The task whose rows shall stay independent.
+            task: The task whose rows should stay independent.
             gain: k, per step.
-            longest: Length to which the direction is shortened, rad.
-            cost: Weight where the objective is used as a plain mink task.
+            longest: Length to which the direction is clamped, rad.
+            cost: Weight if the objective is used as a plain mink task.
 
         Raises:
             InvalidInput: If the task has no rows, or more rows than the robot has joints.

@@ -15,16 +15,16 @@ from qp_twist.kinematics.serial_chain import Screw, SerialChain
 BRANCHES = 8
 """Shoulder × elbow × wrist."""
 _SAME = 1e-6
-"""Lengths (m) and sines of angles below this are zero; the lengths of a scene are rounded."""
+"""Lengths (m) and sines of angles below this count as zero; the lengths of a scene are rounded."""
 _VERIFIED = 1e-6
 """Largest error of a solution in the model's own kinematics, m and rad."""
 _NOWHERE = np.tile([1e6, 2e6], (6, 1))
-"""Limits that no joint is inside of: ``reach`` drops no branch for them, but computes no singular
-values for what is outside, which are most of its time."""
+"""Unsatisfiable limits: ``reach`` drops no branch for them, but skips the singular values of
+configurations outside, which take most of its time."""
 
 
 class _Poses(NamedTuple):
-    """What ``reach`` asks of scipy's RigidTransform, which would orthonormalise every rotation."""
+    """The part of scipy's RigidTransform that ``reach`` uses, without orthonormalisation."""
 
     matrices: Array
 
@@ -39,8 +39,8 @@ class OrthoParallelArm:
 
     The closed form is that of Brandstötter, Angerer and Hofbaur, *An analytical solution of the
     inverse kinematics problem of industrial serial manipulators with an ortho-parallel basis and a
-    spherical wrist* (Austrian Robotics Workshop 2014), as ``py-opw-kinematics`` computes it; what
-    is done here is to find its parameters in a model's axes:
+    spherical wrist* (Austrian Robotics Workshop 2014), computed by ``py-opw-kinematics``; this
+    class finds its parameters from a model's axes:
 
     .. math:: \mathbf x(\mathbf q) = \mathbf B\;\mathrm{opw}(\mathbf s \circ \mathbf q + \mathbf o)
         \;\mathbf F
@@ -64,10 +64,10 @@ class OrthoParallelArm:
     def recognise(
         cls, model: mujoco.MjModel, frame_name: str | int, frame_type: str
     ) -> OrthoParallelArm | None:
-        """The arm, if the model's axes are those of such an arm; ``None`` if they are not.
+        """The arm, if the model's axes are of this kind; else ``None``.
 
-        The parameters are verified against the model at random configurations, so that ``None`` is
-        also the answer where the axes have the right directions and the closed form fails.
+        The parameters are verified against the model at random configurations; if the closed form
+        fails there, the result is ``None``, too.
         """
         chain = SerialChain.of(model, frame_name, frame_type)
         if len(chain.screws) != 6 or any(screw.slides for screw in chain.screws):
@@ -131,14 +131,14 @@ class OrthoParallelArm:
         )
 
     def branches(self, rotations: Array, positions: Array) -> Array:
-        """Joint positions that hold the frame in K poses, rad, (K, 8, 6).
+        """All solutions of the inverse kinematics for K poses of the frame, rad, (K, 8, 6).
 
-        NaN where a branch does not reach; the slots keep their branch along a motion. Full turns
-        are not counted.
+        NaN where a branch is out of reach; an index keeps its branch along a motion. Whole turns
+        are not included.
 
         Args:
-            rotations: Of the frame to the world, (K, 3, 3).
-            positions: Its origins in the world, m, (K, 3).
+            rotations: Rotations of the frame to the world, (K, 3, 3).
+            positions: Positions of its origin in the world, m, (K, 3).
         """
         poses = np.linalg.inv(self.base) @ homogeneous(rotations, positions)
         hands = _Poses(poses @ np.linalg.inv(self.flange))
@@ -147,7 +147,7 @@ class OrthoParallelArm:
         return joints
 
     def _agrees(self) -> bool:
-        """Whether the model finds its own configurations among the branches, and no others."""
+        """Whether the branches reproduce random configurations of the model, and no others."""
         q = np.random.default_rng(0).uniform(-np.pi, np.pi, (64, 6))
         every = np.zeros((len(q), max(self.chain.qpos) + 1))
         every[:, self.chain.qpos] = q
@@ -176,7 +176,7 @@ def homogeneous(rotations: Array, positions: Array) -> Array:
 
 
 def _meeting_point(a: Screw, b: Screw) -> Array | None:
-    """Where two axes meet, m, (3,); ``None`` where they do not, or all along."""
+    """Intersection of two axes, m, (3,); ``None`` if there is none, or they coincide."""
     rows = np.vstack([np.eye(3) - np.outer(s.axis, s.axis) for s in (a, b)])
     sides = np.concatenate([s.anchor - (s.axis @ s.anchor) * s.axis for s in (a, b)])
     point, _, rank, _ = np.linalg.lstsq(rows, sides, rcond=1e-6)

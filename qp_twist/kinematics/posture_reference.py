@@ -15,10 +15,11 @@ class PostureReference(SecondaryObjective):
     r"""Move towards a reference, :math:`\mathbf h = k\,(\mathbf q_{ref} - \mathbf q)`.
 
     The difference is MuJoCo's, so ball and free joints are handled. Keep the gain small along a
-    path: a gain of 1 asks for the whole way in one step.
+    path: with a gain of 1 a step covers the whole displacement.
 
     Attributes:
-        q_ref: Reference configuration, rad or m, (nq,); another one is assigned as a whole.
+        q_ref: Reference configuration, rad or m, (nq,); read-only, assign another array to change
+        it.
     """
 
     q_ref: Array = checked(
@@ -30,13 +31,13 @@ class PostureReference(SecondaryObjective):
     def __init__(
         self, model: mujoco.MjModel, q_ref: npt.ArrayLike, gain: float = 1.0, *, cost: float = 1.0
     ) -> None:
-        """State the objective.
+        """Define the objective.
 
         Args:
             model: The robot.
             q_ref: Reference configuration, rad or m, shape (nq,).
             gain: k, per step.
-            cost: Weight where the objective is used as a plain mink task.
+            cost: Weight if the objective is used as a plain mink task.
 
         Raises:
             InvalidInput: If ``q_ref`` has the wrong shape or is not finite.

@@ -1,4 +1,4 @@
-"""Projectors as ``fast.twist_rows`` reads them."""
+"""Projectors as arrays for ``kernel.twist_rows``."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ _FRAMES = {"world": twist_rows.WORLD, "body": twist_rows.BODY, "target": twist_r
 
 
 def kinds_of(projector: TwistProjector) -> tuple[int, int, int]:
-    """Of the linear and the angular block, and what the axes are fixed to."""
+    """Kinds of the linear and the angular block, and the frame of their axes."""
     frame = _FRAMES[projector.frame]
     return projector.linear.kind.value, projector.angular.kind.value, frame
 
@@ -23,7 +23,7 @@ def shape_of(projector: TwistProjector, *settings: float) -> Array:
     for block in (projector.linear, projector.angular):
         basis = np.zeros((3, 3))
         basis[:, : block.rank] = block.basis
-        # Of a projector without an axis there is none to be turned.
+        # A projector without an axis does not rotate.
         has_axis = block.kind in (ProjectorKind.PLANE, ProjectorKind.LINE)
         numbers += [basis.ravel(), block.axis if has_axis else np.zeros(3)]
     return np.concatenate([*numbers, settings])

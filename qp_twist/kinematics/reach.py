@@ -1,4 +1,4 @@
-"""How far a chain of joints can reach at most."""
+"""Upper bound of the reach of a serial chain."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ def largest_reach(chain: SerialChain, ranges: JointRanges) -> float:
         \lvert q - q^0 \rvert
 
     Two neighbouring anchors :math:`\mathbf a` (the last one is the frame's origin) are fixed to the
-    link between them, so that their distance is that of the reference configuration, but for a
-    slide's travel. Infinite with a slide without a range, 0 where no joint moves the frame.
+    link between them, so their distance is that of the reference configuration, except for a
+    slide's travel. Infinite for a slide without a range, 0 if no joint moves the frame.
     """
     if not chain.screws:
         return 0.0

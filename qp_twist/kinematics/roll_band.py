@@ -15,7 +15,7 @@ from qp_twist.kinematics.stretch import Stretch, TurnAbout
 from qp_twist.kinematics.tolerance_band import Range, ToleranceBand, keeps
 
 SWUNG_OVER = 1e-3
-"""Cosine of half the swing below which the roll counts as undefined: 0.1° short of a half turn."""
+"""Cosine of half the swing below which the roll counts as undefined: 0.1° before a half turn."""
 _TURN = 2.0 * math.pi
 
 
@@ -33,9 +33,10 @@ class RollBand(ToleranceBand):
         {1 + \mathbf a\cdot\mathbf E\mathbf a}
 
     (with the quaternion (η, ε) of E and s = a·ε it is 2 atan2(s, η); differentiate η̇ = −½ ω·ε,
-    ε̇ = ½(ηω + ω×ε)). The gradient's length is 1/cos(swing/2): it is a while the frame is aligned
-    with its target but for the roll. An axis fixed to the body and one fixed to the target have the
-    same roll. Where the axis has swung by a half turn there is no roll: the band has no rows there.
+    ε̇ = ½(ηω + ω×ε)). The gradient's length is 1/cos(swing/2): it is a as long as the frame is
+    aligned with its target except for the roll. An axis fixed to the body and one fixed to the
+    target have the same roll. If the axis has swung by a half turn, the roll is undefined, and the
+    band has no rows.
 
     Example:
         >>> import math, qp_twist as qt
@@ -55,18 +56,18 @@ class RollBand(ToleranceBand):
         weight: float | None = None,
         recovery_speed: float = 0.5,
     ) -> None:
-        """State a band.
+        """Define a band.
 
         Args:
             axis: a, shape (3,).
             lower: Smallest roll, rad. The range may lie across π, e.g. from 150° to 210°.
             upper: Largest roll, rad.
-            frame: What the axis is fixed to.
+            frame: The frame that the axis is fixed to.
             weight: ``None`` for a hard band, else the weight of the soft one.
-            recovery_speed: Largest speed of return that is demanded outside, rad/s.
+            recovery_speed: Outside the band, the largest required speed of return, rad/s.
 
         Raises:
-            InvalidInput: If an argument is no such thing, or the range is a whole turn.
+            InvalidInput: If an argument has the wrong type or range, or the range is a whole turn.
         """
         super().__init__(weight, recovery_speed)
         self.axis = unit_vector("RollBand(axis=…)", axis)
@@ -104,7 +105,7 @@ class RollBand(ToleranceBand):
         """(1, 6); see :meth:`ToleranceBand.gradients`."""
         a = self._axis(pair)
         turned = _turned(pair.error, a)
-        cosine = (a * turned).sum(axis=-1)  # of the swing
+        cosine = (a * turned).sum(axis=-1)  # cosine of half the swing
         defined = 0.5 * (1.0 + cosine) > SWUNG_OVER**2
         share = np.where(defined, 1.0 / np.where(defined, 1.0 + cosine, 1.0), 0.0)
         gradient = np.zeros((*cosine.shape, 1, 6))
@@ -112,14 +113,14 @@ class RollBand(ToleranceBand):
         return gradient
 
     def carried(self, pair: FramePair) -> Array:
-        """E turns with ω − E ω_d; an axis that the target carries along makes it ω − ω_d."""
+        """E rotates with ω − E ω_d; for an axis fixed to the target with ω − ω_d."""
         carried = np.zeros_like(pair.target_twist)
         omega = pair.target_twist[..., 3:]
         carried[..., 3:] = _turned(pair.error, omega) if self.frame == "world" else omega
         return carried
 
     def span(self, before: FramePair, after: FramePair, stretch: Stretch) -> tuple[Array, Array]:
-        """The rolls at both ends, and what it is away from its chord; where that is far, all."""
+        """The rolls at both ends plus the deviation from the chord, or the full range."""
         lowest, highest = self._span(before, after, stretch)
         middle = 0.5 * (self.range.lower + self.range.upper)
         # Beyond half a turn from the middle the roll is nearer to the other end.
@@ -129,7 +130,7 @@ class RollBand(ToleranceBand):
         return lowest, highest
 
     def may_hold(self, before: FramePair, after: FramePair, stretch: Stretch) -> Mask:
-        """Whether the roll, or one a turn away, may be in its range on the way, (K, 1)."""
+        """Whether the roll, modulo whole turns, may be in its range between the poses, (K, 1)."""
         lowest, highest = self._span(before, after, stretch)
         meets: Mask = np.any(
             [
@@ -141,7 +142,7 @@ class RollBand(ToleranceBand):
         return meets
 
     def _span(self, before: FramePair, after: FramePair, stretch: Stretch) -> tuple[Array, Array]:
-        """Without a jump, from a roll within half a turn of the middle on, rad, (K, 1) each."""
+        """Continuous bounds, from a roll within half a turn of the middle, rad, (K, 1) each."""
         begin, end, away = TurnAbout(self.axis, self.frame).between(before, after, stretch)
         middle = 0.5 * (self.range.lower + self.range.upper)
         turns = _TURN * np.round((begin - middle) / _TURN)
@@ -150,14 +151,14 @@ class RollBand(ToleranceBand):
         return lowest[:, None], highest[:, None]
 
     def fixed(self, projector: TwistProjector) -> tuple[bool, ...]:
-        """Whether T holds the roll at 0: about an axis in the range of its block there is none."""
+        """Whether T fixes the roll at 0: its axis is in the range of the angular block."""
         if projector.angular.kind is ProjectorKind.FULL:
             return (True,)
         same = (self.frame == "world") == (projector.frame == "world")
         return (same and keeps(projector.angular, self.axis),)
 
     def contradiction(self, projector: TwistProjector) -> str | None:
-        """In words: the task holds the roll at 0, which the range leaves out."""
+        """A sentence if the task fixes the roll at 0, and 0 is outside the range."""
         middle = 0.5 * (self.range.lower + self.range.upper)
         nearest = middle + math.remainder(-middle, _TURN)
         if self.fixed(projector)[0] and self.range.excess(nearest) > 1e-9:

@@ -1,4 +1,4 @@
-"""What is done with the motion that the task leaves free: a joint displacement h for one step."""
+"""Secondary objectives for the null-space motion: a joint displacement h for one step."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ from qp_twist.errors import InvalidInput
 class SecondaryObjective(mink.Task):
     r"""Base of the secondary objectives: a desired displacement **h** of the joints in one step.
 
-    In :class:`~qp_twist.Controller` the h of all objectives add up and the free motion follows
-    their sum. As a plain :class:`mink.Task` an objective is the soft cost
+    In :class:`~qp_twist.Controller` the null-space motion follows the sum of all objectives' h. As
+    a plain :class:`mink.Task` an objective is the soft cost
     :math:`\tfrac12\lVert \mathrm{diag}(cost)\,(\Delta\mathbf q - \mathbf h)\rVert^2`.
 
     Gains are per step, as mink's and the paper's.
@@ -61,10 +61,10 @@ def total_displacement(
 
 
 def checked_displacement(objective: SecondaryObjective, configuration: mink.Configuration) -> Array:
-    """h of an objective of anybody's class, shape (nv,).
+    """h of an objective of any class, checked, shape (nv,).
 
     Raises:
-        InvalidInput: If it is no such array.
+        InvalidInput: If it is not such an array.
     """
     name, nv = f"{type(objective).__name__}: its displacement", configuration.model.nv
     displacement = float_array(name, objective.displacement(configuration))

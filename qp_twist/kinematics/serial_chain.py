@@ -17,18 +17,18 @@ from qp_twist.kinematics.joint_ranges import JointRanges
 
 
 class Screw(NamedTuple):
-    """A joint as it stands in the world at the model's reference configuration."""
+    """A joint at the model's reference configuration, in the world."""
 
     axis: Array
     """Direction of the axis, (3,)."""
     anchor: Array
     """A point on it, m, (3,)."""
     dof: int
-    """Its degree of freedom."""
+    """Index of its degree of freedom."""
     slides: bool
-    """Whether it slides."""
+    """Whether it is a slide."""
     reference: float
-    """Its coordinate there, rad or m."""
+    """Its reference coordinate, rad or m."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,7 +48,7 @@ class SerialChain:
         position: Its origin there, m, (3,).
         nv: Number of degrees of freedom of the model; those that do not move the frame have
             columns of zeros.
-        qpos: Address in q of each screw's coordinate.
+        qpos: Index in q of each screw's coordinate.
     """
 
     screws: tuple[Screw, ...]
@@ -109,14 +109,14 @@ class SerialChain:
         return rotation @ self.rotation, origin, jacobians
 
     def levers(self, extent: Array) -> Array:
-        """How far the frame's origin is from each joint's axis at most, m; 1 for slides, (…, n).
+        """Largest distance of the frame's origin from each joint's axis, m; 1 for slides, (…, n).
 
         Args:
-            extent: How far each screw's coordinate is from its reference at most, (…, n); only that
-                of slides matters.
+            extent: Largest distance of each screw's coordinate from its reference, (…, n); used for
+                slides only.
         """
         levers = np.ones(extent.shape)
-        # From the frame inwards: the links between, and the travels of the slides among them.
+        # Sum from the frame inwards: lengths of the links, and travels of the slides among them.
         beyond, after = np.zeros(extent.shape[:-1]), self.position
         for j in range(len(self.screws) - 1, -1, -1):
             screw = self.screws[j]
@@ -129,12 +129,12 @@ class SerialChain:
             after = screw.anchor
         return levers
 
-    def way(self, q: Array, travel: Array) -> Array:
-        """Longest way of the frame's origin on motions that begin at q (K, nq), m, (K,).
+    def path_length(self, q: Array, travel: Array) -> Array:
+        """Largest path length of the frame's origin on motions that start at q (K, nq), m, (K,).
 
         Args:
-            q: Where they begin.
-            travel: How far each degree of freedom moves on them at most, rad or m, (K, nv).
+            q: Start of the motions.
+            travel: Largest path length of each degree of freedom, rad or m, (K, nv).
         """
         moved = travel[:, [screw.dof for screw in self.screws]]
         reference = np.array([screw.reference for screw in self.screws])
@@ -143,7 +143,7 @@ class SerialChain:
         return way
 
     def _walk(self, q: Array) -> tuple[Array, Array, list[tuple[Array, Array]]]:
-        """The product of the exponentials, and each joint's axis and anchor on the way."""
+        """The product of the exponentials, and each joint's axis and anchor."""
         rotation = np.tile(np.eye(3), (len(q), 1, 1))
         position = np.zeros((len(q), 3))
         axes = []

@@ -1,4 +1,4 @@
-"""What a frame and its target may do from one pose to the next: how far from a chord they get."""
+"""Bounds for the motion of a frame and its target from one pose to the next."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from qp_twist.kinematics.frame_pair import FramePair
 
 
 class Stretch(NamedTuple):
-    r"""Bounds of what happens from one pose to the next, s going from 0 to 1; (K,) each.
+    r"""Bounds of the motion from one pose to the next, with s from 0 to 1; (K,) each.
 
-    The target moves on a straight line and turns about a fixed axis, both evenly. That target may
-    be another point of the path than the one that a pose is measured against: by so much a value
-    may differ. A vector x(s) differs from the chord between its ends by at most max‖x″‖/8.
+    The target moves on a straight line and rotates about a fixed axis, both at constant speed. It
+    may differ from the target that a pose is measured against, by bounded distances. A vector x(s)
+    differs from the chord between its ends by at most max‖x″‖/8.
     """
 
     turn: Array
@@ -28,9 +28,9 @@ class Stretch(NamedTuple):
     target_turn: Array
     """‖ω_d‖, rad."""
     slip: Array
-    """Distance to the target that a pose is measured against, m."""
+    """Bound of the distance to the target that a pose is measured against, m."""
     slip_turn: Array
-    """The same in its orientation, rad."""
+    """The same for its orientation, rad."""
 
     @property
     def curl(self) -> Array:
@@ -45,7 +45,7 @@ class Stretch(NamedTuple):
         return largest + self.bend / 8.0, change + self.bend / 2.0
 
     def off_chord(self, before: FramePair, after: FramePair, frame: str) -> Array:
-        """How far p_d − p, in the axes of a frame, gets from its chord, m, (K,)."""
+        """Bound of the deviation of p_d − p, in the axes of a frame, from its chord, m, (K,)."""
         second = self.bend
         if frame != "world":
             apart, change = self.apart(before, after)
@@ -57,14 +57,14 @@ class Stretch(NamedTuple):
         return off
 
     def slipped(self, before: FramePair, after: FramePair, frame: str) -> Array:
-        """What another target may change p_d − p by, in the axes of a frame, m, (K,)."""
+        """Bound of the change of p_d − p by another target, in the axes of a frame, m, (K,)."""
         if frame != "target":
             return self.slip
         slipped: Array = self.slip + self.apart(before, after)[0] * self.slip_turn
         return slipped
 
     def off_chord_of_angle(self, *, target: bool) -> Array:
-        """How far a unit vector of the frame, less one of the target or the world, gets, (K,)."""
+        """Bound for a unit vector of the frame minus one of the target or world, (K,)."""
         if not target:
             return self.curl / 8.0
         off: Array = (self.curl + self.target_turn**2) / 8.0 + self.slip_turn
@@ -72,7 +72,7 @@ class Stretch(NamedTuple):
 
 
 class TurnAbout:
-    """The angle φ by which a frame is turned about an axis a relative to its target.
+    """The angle φ of a frame's rotation about an axis a relative to its target.
 
     With the quaternion (η, ε) of the relative rotation φ/2 is the direction of (η, a·ε) in the
     plane. That vector stays near its chord; φ is bounded while the chord keeps away from 0.
@@ -84,7 +84,7 @@ class TurnAbout:
     def between(
         self, before: FramePair, after: FramePair, stretch: Stretch
     ) -> tuple[Array, Array, Array]:
-        """φ at both ends, without a jump between them, and how far it may be beyond them, rad."""
+        """φ at both ends, continuous between them, and the bound of its deviation, rad."""
         one, two = self._quaternion(before), self._quaternion(after)
         two = np.where(np.einsum("ki,ki->k", one, two) < 0.0, -1.0, 1.0)[:, None] * two
         a, b = self._vector(one), self._vector(two)
@@ -93,7 +93,7 @@ class TurnAbout:
         total = stretch.turn + stretch.target_turn
         away = (0.25 * total**2 + 0.5 * stretch.turn_change) / 8.0 + 0.5 * stretch.slip_turn
         near = _nearest_to_zero(a, b)
-        # Up to half a turn in all the quaternion at the end is the one that the motion leads to.
+        # Up to half a turn in total, the quaternion at the end is the one that the motion reaches.
         held = (total < np.pi) & (away < near)
         sine = np.divide(away, near, out=np.ones_like(away), where=held)
         begin = begin - 2.0 * np.pi * np.round(begin / (2.0 * np.pi))

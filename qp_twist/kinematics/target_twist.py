@@ -1,4 +1,4 @@
-"""The twist of a target that is known by its poses."""
+"""The twist of a target from its poses."""
 
 from __future__ import annotations
 
@@ -9,16 +9,16 @@ from qp_twist.checks import Array, finite_array, instance, number
 
 
 def target_twist(before: mink.SE3, now: mink.SE3, dt: float) -> Array:
-    r"""Twist (6,) that takes a target from one pose to another in a time, for its feed-forward.
+    r"""Twist (6,) that moves a target from one pose to another in a time, for its feed-forward.
 
     .. math::
 
         \mathbf v = (\mathbf p - \mathbf p_{before})/dt, \qquad
         \boldsymbol\omega = \log(\mathbf R\mathbf R_{before}^T)/dt
 
-    (linear, angular), along the axes in which the poses are stated, reference point the target's
-    origin, m/s and rad/s. The two poses are those between which the robot shall move: of a conveyor
-    whose motion is known, now and at the end of the step; of a tracked part, the last two.
+    (linear, angular), in the axes of the poses, reference point the target's origin, m/s and rad/s.
+    For a conveyor with a known motion, use its poses now and at the end of the step; for a tracked
+    part, its last two poses.
 
     Raises:
         InvalidInput: If a pose is no ``mink.SE3`` or dt ≤ 0.

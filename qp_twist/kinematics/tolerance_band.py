@@ -1,4 +1,4 @@
-"""What lies between "must" and "free": a range that a frame has to keep, and no value in it."""
+"""Tolerance bands: ranges for values of a frame's pose, between fixed and free."""
 
 from __future__ import annotations
 
@@ -16,20 +16,21 @@ from qp_twist.kinematics.frame_pair import FramePair
 from qp_twist.kinematics.stretch import Stretch
 
 HEAVIEST = 1e12
-"""Largest weight of a soft band: beyond it the other costs are lost in the arithmetic."""
+"""Largest weight of a soft band: beyond it the other costs are lost in rounding."""
 
 
 class BandRows(NamedTuple):
-    """What a band asks of a step: G q̇ ≤ g."""
+    """Rows of a band for a step: G q̇ ≤ g."""
 
     rows: Array
     """G, shape (k, nv)."""
     bounds: Array
     """g, rad/s or m/s, shape (k,)."""
     label: str
-    """E.g. ``"roll band of TwistTask('tool', 'site')"``."""
+    """Name, e.g. ``"roll band of TwistTask('tool', 'site')"``."""
     weight: float | None
-    """``None``: hard. Otherwise ½·weight·ε² is the cost of G q̇ ≤ g + ε, one ε ≥ 0 for them all."""
+    """``None`` for a hard band. Otherwise G q̇ ≤ g + ε with the cost ½·weight·ε², one ε ≥ 0 for all
+    rows."""
 
     @property
     def names(self) -> list[tuple[str, str]]:
@@ -40,27 +41,27 @@ class BandRows(NamedTuple):
 class ToleranceBand(abc.ABC):
     r"""Base of the bands: values φ(R, p) of a frame, each of which has to stay in a range.
 
-    A step of length dt from φ, with ∇φ acting on the frame's twist and φ̇_d what the target's own
-    motion adds, asks
+    A step of length dt from φ, with ∇φ acting on the frame's twist and φ̇_d due to the target's
+    motion, has the rows
 
     .. math::
 
         \nabla\varphi^T\,\mathbf J\dot{\mathbf q} \le
         \frac{upper - \varphi}{dt} - \dot\varphi_d
 
-    and the same for the lower end. Outside its range the value has to come back at
-    ``recovery_speed``, or in one step where that is slower. The range holds after integration to
+    and the same for the lower end. Outside its range the value has to return at ``recovery_speed``,
+    or in one step if that is slower. The range holds after integration to
     second order in the step (:doc:`/equations`).
 
-    Everything but :meth:`half_spaces` and :meth:`excess` takes one frame or N at once: shapes below
-    are of one, with N before them if there are N. What is asked of the way between two poses is
-    asked of K ways.
+    All methods but :meth:`half_spaces` and :meth:`excess` take one frame or N at once: shapes are
+    those of one, preceded by N for N frames. Methods about the motion between two poses take K
+    motions.
 
     Attributes:
         kind: ``"roll"``, ``"cone"``, ``"slab"`` or ``"box"``.
-        unit: Of the values, ``"rad"`` or ``"m"``.
+        unit: Unit of the values, ``"rad"`` or ``"m"``.
         weight: ``None`` for a hard band, else the weight of the soft one.
-        recovery_speed: Largest speed of return that is demanded outside, rad/s or m/s.
+        recovery_speed: Outside the band, the largest required speed of return, rad/s or m/s.
     """
 
     kind: str
@@ -84,7 +85,7 @@ class ToleranceBand(abc.ABC):
 
     @abc.abstractmethod
     def gradients(self, pair: FramePair) -> Array:
-        """∇φ on the frame's twist (linear, angular), world axes, (k, 6); 0 where φ is undefined."""
+        """∇φ on the frame's twist (linear, angular), world axes, (k, 6); 0 if φ is undefined."""
 
     @abc.abstractmethod
     def carried(self, pair: FramePair) -> Array:
@@ -92,21 +93,21 @@ class ToleranceBand(abc.ABC):
 
     @abc.abstractmethod
     def fixed(self, projector: TwistProjector) -> tuple[bool, ...]:
-        """Which of the values a task with this T holds by itself."""
+        """Which of the values a task with this T fixes."""
 
     @abc.abstractmethod
     def span(self, before: FramePair, after: FramePair, stretch: Stretch) -> tuple[Array, Array]:
-        """Between which two values each φ stays from one pose to the next, rad or m, (K, k) each.
+        """Bounds of each φ from one pose to the next, rad or m, (K, k) each.
 
         Args:
             before: K frames and targets.
-            after: Where they go, evenly in some parameter of the motion.
-            stretch: What they do on the way.
+            after: The same at the end of the motion.
+            stretch: Bounds of their motion.
         """
 
     @abc.abstractmethod
     def contradiction(self, projector: TwistProjector) -> str | None:
-        """Why a task with this T can never be inside the band, in words; ``None`` if it can."""
+        """A sentence if a task with this T can never be inside the band; else ``None``."""
 
     def margins(self, pair: FramePair) -> Array:
         """Distance of each value from the nearer end of its range, rad or m, (k,); ≥ 0 inside."""
@@ -116,29 +117,29 @@ class ToleranceBand(abc.ABC):
         return margins
 
     def least(self, before: FramePair, after: FramePair, stretch: Stretch) -> Array:
-        """What no margin falls below from one pose to the next, rad or m, (K, k)."""
+        """Lower bound of each margin from one pose to the next, rad or m, (K, k)."""
         lower, upper = np.array(self.ranges).T
         lowest, highest = self.span(before, after, stretch)
         least: Array = np.minimum(lowest - lower, upper - highest)
         return least
 
     def may_hold(self, before: FramePair, after: FramePair, stretch: Stretch) -> Mask:
-        """Whether each value may be in its range somewhere from one pose to the next, (K, k)."""
+        """Whether each value may be in its range between one pose and the next, (K, k)."""
         lower, upper = np.array(self.ranges).T
         lowest, highest = self.span(before, after, stretch)
         meets: Mask = (highest >= lower) & (lowest <= upper)
         return meets
 
     def rows(self, pair: FramePair, reach: float = math.inf) -> tuple[Array, Array]:
-        """What keeps the values in their ranges, to first order: rows · displacement ≤ rooms.
+        """Linear rows that keep the values in their ranges: rows · displacement ≤ rooms.
 
         Args:
-            pair: Where the frame and its target are.
-            reach: Most that a value outside its range is asked to come back by, rad or m.
+            pair: The frame and its target.
+            reach: Largest required return of a value outside its range, rad or m.
 
         Returns:
             Rows (k, s, 6) on a displacement of the frame (linear, angular), m and rad, and rooms
-            (k, s), rad or m: s for each value, with ∞ where there is nothing to ask.
+            (k, s), rad or m: s for each value, ∞ for inactive rows.
         """
         lower, upper = np.array(self.ranges).T
         values, gradients = self.values(pair), self.gradients(pair)
@@ -152,9 +153,9 @@ class ToleranceBand(abc.ABC):
         """Rows on the frame's twist (linear, angular), world axes, and their bounds.
 
         Args:
-            pair: Where one frame and its target are.
+            pair: One frame and its target.
             dt: Length of the step, s.
-            projector: T of the task; what it fixes by itself needs no row.
+            projector: T of the task; values that it fixes need no row.
 
         Returns:
             Rows (k, 6) and bounds (k,), rad/s or m/s; k may be 0.
@@ -162,17 +163,17 @@ class ToleranceBand(abc.ABC):
         free = ~np.array(self.fixed(projector))
         rows, rooms = self.rows(pair, self.recovery_speed * dt)
         rows, rooms = rows[free].reshape(-1, 6), rooms[free].ravel()
-        asked = np.isfinite(rooms)
-        rows, rooms = rows[asked], rooms[asked]
+        bounded = np.isfinite(rooms)
+        rows, rooms = rows[bounded], rooms[bounded]
         return rows, rooms / dt + rows @ self.carried(pair)
 
     def excess(self, pair: FramePair) -> float:
-        """How far one frame is outside the band, rad or m; 0 inside."""
+        """Violation of the band by one frame, rad or m; 0 inside."""
         return max(0.0, -float(self.margins(pair).min()))
 
 
 class Range(NamedTuple):
-    """The range [lower, upper] of one value, and how it is kept."""
+    """The range [lower, upper] of one value."""
 
     lower: float
     upper: float
@@ -198,7 +199,7 @@ class Range(NamedTuple):
 
 
 def keeps(projector: Projector, axis: Array) -> bool:
-    """Whether ``axis``, in the projector's own frame, lies in the subspace that it keeps."""
+    """Whether ``axis``, in the projector's frame, lies in its range."""
     return bool(np.abs(projector.matrix @ axis - axis).max() < 1e-9)
 
 
@@ -208,7 +209,7 @@ def check_bands(
     """``bands`` of a task called ``name`` with the given T.
 
     Raises:
-        InvalidInput: If one is no band, or contradicts what T fixes.
+        InvalidInput: If one is not a band, or contradicts a value that T fixes.
     """
     if not isinstance(bands, (list, tuple)):
         raise InvalidInput(f"{name}: bands: expected a list of bands, got {bands!r}.")

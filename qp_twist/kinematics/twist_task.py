@@ -1,4 +1,4 @@
-"""The task: a frame, its target, and the twist projector that says which part of it counts."""
+"""The task: a frame, its target, and the twist projector that selects its rows."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ from qp_twist.kinematics.tolerance_band import BandRows, ToleranceBand, check_ba
 
 
 class TaskState(NamedTuple):
-    """What a task sees at one configuration, in world axes."""
+    """State of a task at one configuration, in world axes."""
 
     projector: TwistProjector
     """T, with its axes resolved in the world."""
@@ -44,9 +44,9 @@ class TaskState(NamedTuple):
     error: Array
     """Δt, the twist to the target, m and rad, shape (6,)."""
     jacobian: Array
-    """J of the frame, relative to what carries the target, shape (6, nv)."""
+    """J of the frame, relative to the frame that carries the target, shape (6, nv)."""
     feedforward: Array
-    """Twist of the target relative to what carries it, m/s and rad/s, shape (6,)."""
+    """Twist of the target relative to the frame that carries it, m/s and rad/s, shape (6,)."""
 
 
 def _step_limit(_: Any, name: str, value: float) -> float:
@@ -73,7 +73,7 @@ def _costs(task: TwistTask, _: str, value: npt.ArrayLike) -> Array:
 
 
 def _frame(task: TwistTask, _: str, value: Any) -> tuple[str | int, str] | None:
-    """The frame that carries the target, as far as it can be looked at without a model."""
+    """Check the frame that carries the target, as far as possible without a model."""
     if value is None:
         return None
     if not isinstance(value, tuple) or len(value) != 2:
@@ -99,7 +99,7 @@ def _frame(task: TwistTask, _: str, value: Any) -> tuple[str | int, str] | None:
 
 
 def _check_frame(what: str, name: Any, kind: Any) -> None:
-    """Refuse what can be no frame of any model."""
+    """Refuse a name or id that no model can have."""
     if not isinstance(kind, str) or kind not in mink.SUPPORTED_FRAMES:
         raise mink.UnsupportedFrame(kind, mink.SUPPORTED_FRAMES)
     if isinstance(name, bool) or not isinstance(name, (str, int, np.integer)):
@@ -121,23 +121,23 @@ class TwistTask(mink.Task):
     misalignment, so the task may stand in ``tasks=`` and in ``constraints=`` of
     :func:`mink.solve_ik`, with any solver, and in :class:`~qp_twist.Controller`.
 
-    The target stands in the world, or is carried by another frame of the model, ``relative_to``: a
-    part in the other hand or on a positioner. J is then that of the frame relative to its carrier
+    The target is fixed to the world, or to another frame of the model, ``relative_to``: a part in
+    the other hand or on a positioner. J is then that of the frame relative to its carrier
     (:func:`~qp_twist.kinematics.relative_jacobian`), and axes fixed to the target move with it.
 
     :meth:`axis_free`, :meth:`point`, :meth:`on_line`, :meth:`on_plane` and :meth:`line_on_line`
-    state the usual tasks by name; :class:`~qp_twist.GazeTask` points a camera.
+    construct the usual tasks; :class:`~qp_twist.GazeTask` points a camera.
 
     Attributes:
         frame_name: Name or id of the controlled frame.
         frame_type: ``"body"``, ``"geom"`` or ``"site"``.
         projector: T. Its axes are rebuilt in the world at every step.
-        cost: Weight of each row where mink treats the task as soft, 1/m and 1/rad, (r,), the linear
-            rows first. A number may be assigned, for all rows.
+        cost: Weight of each row if mink treats the task as soft, 1/m and 1/rad, (r,), the linear
+            rows first. A number may be assigned for all rows.
         relative_to: Name or id, and type, of the frame that carries the target; ``None``: the
             world.
-        bands: Ranges to keep in directions that T leaves free. With a T of rank 0 they are all
-            that the task asks.
+        bands: Ranges to keep in directions that T leaves free. With a T of rank 0 the task consists
+            of them only.
 
     Example:
         >>> import mink, qp_twist as qt
@@ -171,28 +171,27 @@ class TwistTask(mink.Task):
         orientation_cost: npt.ArrayLike | None = None,
         cost: npt.ArrayLike | None = None,
     ) -> None:
-        """State a task.
+        """Define a task.
 
         Args:
             frame_name: Name or id of the frame to control.
             frame_type: ``"body"``, ``"geom"`` or ``"site"``.
-            projector: T, which twist directions the task needs.
+            projector: T, the twist directions of the task.
             gain: Share of the error to remove in one step, in [0, 1].
             relative_to: The frame that carries the target, as (name or id, type); the world if
                 ``None``. The axes of T are then fixed to the frame or to the target.
-            linear_cost: Weight of the linear rows where mink treats the task as soft, 1/m.
-            angular_cost: Weight of the angular rows where mink treats the task as soft, 1/rad.
-            max_linear_step: Longest linear error that one step is asked to remove, m.
-            max_angular_step: Largest angular error that one step is asked to remove, rad.
-            lm_damping: mink's Levenberg–Marquardt damping where the task is soft.
-            bands: Tolerance bands. mink knows none: give it :class:`~qp_twist.BandLimit` too.
-            position_cost: mink's name of ``linear_cost``, in whose place it counts.
+            linear_cost: Weight of the linear rows if mink treats the task as soft, 1/m.
+            angular_cost: Weight of the angular rows if mink treats the task as soft, 1/rad.
+            max_linear_step: Length to which the linear error of one step is clamped, m.
+            max_angular_step: Angle to which the angular error of one step is clamped, rad.
+            lm_damping: mink's Levenberg–Marquardt damping if the task is soft.
+            bands: Tolerance bands. mink has none: pass it a :class:`~qp_twist.BandLimit`, too.
+            position_cost: mink's name of ``linear_cost``; replaces it.
             orientation_cost: mink's name of ``angular_cost``, likewise.
-            cost: Weights of all rows in place of those, a number or (r,).
+            cost: Weights of all rows instead, a number or (r,).
 
         Raises:
-            InvalidInput: If an argument has the wrong type or range, or a band leaves out what T
-                demands.
+            InvalidInput: If an argument has the wrong type or range, or a band contradicts T.
             mink.InvalidGain: If the gain is outside [0, 1].
             mink.InvalidDamping: If ``lm_damping`` is negative.
         """
@@ -218,7 +217,7 @@ class TwistTask(mink.Task):
             self.set_cost(cost)
         self.bands = check_bands(self.name, bands, projector)
         self.max_linear_step, self.max_angular_step = max_linear_step, max_angular_step
-        self._target: mink.SE3 | None = None  # of the pose, made where somebody asks for it
+        self._target: mink.SE3 | None = None  # created on first access
         self._feedforward = AT_REST
         self._pose: Array | None = None
         self._rotation: Array | None = None
@@ -280,7 +279,7 @@ class TwistTask(mink.Task):
             frame_name: Name or id of the frame to control.
             frame_type: ``"body"``, ``"geom"`` or ``"site"``.
             normal: Of the plane, in the axes of the target, (3,).
-            flat: Whether the same axis of the frame shall point along the normal.
+            flat: Whether the same axis of the frame is aligned with the normal.
             options: As in :class:`TwistTask`.
         """
         normal = unit_vector("on_plane(normal=…)", normal)
@@ -297,7 +296,7 @@ class TwistTask(mink.Task):
     ) -> TwistTask:
         """An axis of the frame on the same axis of the target, as a peg in its hole; rank 4.
 
-        It may slide along the axis and turn about it.
+        It may slide along the axis and rotate about it.
 
         Args:
             frame_name: Name or id of the frame to control.
@@ -311,7 +310,7 @@ class TwistTask(mink.Task):
 
     @property
     def name(self) -> str:
-        """How messages call this task, e.g. ``TwistTask('tool', 'site')``."""
+        """Name of this task in messages, e.g. ``TwistTask('tool', 'site')``."""
         carrier = "" if self.relative_to is None else f" relative to {self.relative_to[0]!r}"
         return f"{type(self).__name__}({self.frame_name!r}, {self.frame_type!r}){carrier}"
 
@@ -339,10 +338,10 @@ class TwistTask(mink.Task):
     orientation_cost = angular_cost
 
     def set_position_cost(self, position_cost: npt.ArrayLike) -> None:
-        """Weigh the linear rows, as :meth:`mink.FrameTask.set_position_cost` does.
+        """Set the weight of the linear rows, as :meth:`mink.FrameTask.set_position_cost` does.
 
         Args:
-            position_cost: A number, 1/m. mink's one for each axis of the frame are refused unless
+            position_cost: A number, 1/m. One number for each axis, as in mink, is refused unless
                 they are equal: the rows are along the axes of T.
 
         Raises:
@@ -352,12 +351,12 @@ class TwistTask(mink.Task):
         self.cost[:rank] = self._one_cost("linear_cost", position_cost)
 
     def set_orientation_cost(self, orientation_cost: npt.ArrayLike) -> None:
-        """Weigh the angular rows, 1/rad, likewise."""
+        """Set the weight of the angular rows, 1/rad, likewise."""
         rank = self.projector.linear.rank
         self.cost[rank:] = self._one_cost("angular_cost", orientation_cost)
 
     def set_cost(self, cost: npt.ArrayLike) -> None:
-        """Weigh all rows, a number or (r,), as mink's other tasks do."""
+        """Set the weights of all rows, a number or (r,), as mink's other tasks do."""
         self.cost = _costs(self, "cost", cost)
 
     def _one_cost(self, name: str, value: npt.ArrayLike) -> float:
@@ -389,7 +388,7 @@ class TwistTask(mink.Task):
 
     @property
     def target_rotation(self) -> Array:
-        """R_d, as :meth:`set_target` was given it, (3, 3); read-only."""
+        """R_d, as passed to :meth:`set_target`, (3, 3); read-only."""
         if self._rotation is None:
             rotation, pose = np.empty(9), self._pose
             mujoco.mju_quat2Mat(rotation, _AT_THE_ORIGIN[:4] if pose is None else pose[:4])
@@ -403,18 +402,17 @@ class TwistTask(mink.Task):
         return position
 
     target_wxyz_xyz: Any = property(operator.attrgetter("_pose"))
-    """Unit quaternion and position of the target, (7,), read-only; another array each time that
-    one is set, and ``None`` before. Its getter is C's: it is read at every step."""
+    """Unit quaternion and position of the target, (7,), read-only; a new array for each target,
+    ``None`` before. Its getter is implemented in C, since it is read at every step."""
 
     def set_target(self, target: mink.SE3, twist: npt.ArrayLike | None = None) -> None:
-        """Set the target pose, and its twist where it moves.
+        """Set the target pose, and the twist of a moving target.
 
         Args:
             target: Pose of the target in the world, or in the frame that carries it.
-            twist: Feed-forward (linear, angular) velocity of the target there, along the axes of
-                the world or of that frame, reference point the target's origin, m/s and rad/s,
-                shape (6,); at rest if ``None``. :func:`~qp_twist.target_twist` finds it from two
-                poses.
+            twist: Feed-forward (linear, angular) velocity of the target, in the axes of the world
+                or of that frame, reference point the target's origin, m/s and rad/s, shape (6,); at
+                rest if ``None``. :func:`~qp_twist.target_twist` computes it from two poses.
 
         Raises:
             InvalidTarget: If the pose or the twist is not finite, or not a pose at all.
@@ -430,12 +428,12 @@ class TwistTask(mink.Task):
         if twist is not None:
             feedforward = finite_array(f"{self.name} twist", twist, (6,), error=InvalidTarget)
             read_only(feedforward)
-        pose.setflags(write=False)  # another one is set, and then noticed
+        pose.setflags(write=False)  # a new array, so that the change is noticed
         self._target, self._pose, self._rotation = None, pose, None
         self._feedforward = feedforward
 
     def _checked_pose(self, wxyz_xyz: npt.ArrayLike) -> Array:
-        """Quaternion and position (7,), if they are some in another form; or what is wrong."""
+        """Convert another form of quaternion and position (7,), or raise."""
         pose = finite_array(f"{self.name} target", wxyz_xyz, (7,), error=InvalidTarget)
         if not _is_pose(pose):
             length = float(np.linalg.norm(pose[:4]))
@@ -445,7 +443,7 @@ class TwistTask(mink.Task):
         return pose
 
     def set_target_from_configuration(self, configuration: mink.Configuration) -> None:
-        """Make the frame's present pose the target, at rest."""
+        """Set the frame's present pose as the target, at rest."""
         check_configuration(configuration)
         pose = configuration.get_transform_frame_to_world(self.frame_name, self.frame_type)
         if self.relative_to is not None:
@@ -454,10 +452,10 @@ class TwistTask(mink.Task):
         self.set_target(pose)
 
     def set_dt(self, dt: float) -> None:
-        """Tell the task the time step, s. Needed only for feed-forward under ``mink.solve_ik``.
+        """Set the time step, s. Required only for feed-forward with ``mink.solve_ik``.
 
-        mink's tasks state a displacement and do not know the step;
-        :class:`~qp_twist.Controller` knows it and needs no such call.
+        mink's tasks return a displacement and do not know the time step;
+        :class:`~qp_twist.Controller` passes it.
         """
         self._dt = number("dt", dt, above=0.0)
 
@@ -487,7 +485,7 @@ class TwistTask(mink.Task):
         )
 
     def clamped(self, error: npt.ArrayLike) -> Array:
-        """The part of Δt (6,) that one step is asked to remove, before the gain."""
+        """Δt (6,) clamped to the largest steps, before the gain."""
         return self._clamped(finite_array("error", error, (6,)))
 
     def _clamped(self, error: Array) -> Array:
@@ -513,7 +511,7 @@ class TwistTask(mink.Task):
         return state.basis.T @ state.jacobian
 
     def compute_qp_residual(self, configuration: mink.Configuration) -> tuple[Array, Array, float]:
-        """The weighted residual which mink stacks, from one look at the configuration."""
+        """The weighted residual for mink, from one evaluation of the configuration."""
         state = self.state(configuration)
         weighted: tuple[Array, Array, float] = self._weighted_residual(
             self._mink_error(state), state.basis.T @ state.jacobian
@@ -539,8 +537,7 @@ class TwistTask(mink.Task):
     def band_rows(self, configuration: mink.Configuration, dt: float) -> list[BandRows]:
         """The rows G q̇ ≤ g that the bands impose on a step of length ``dt``.
 
-        One entry for each band that has rows: a band on a value that T fixes, inside the band, says
-        nothing more and has none.
+        One entry for each band with rows; a band on a value that T fixes has none.
 
         Raises:
             InvalidInput: If dt ≤ 0.
@@ -560,7 +557,7 @@ class TwistTask(mink.Task):
         return found
 
     def band_excess(self, configuration: mink.Configuration) -> Array:
-        """How far the frame is outside each band, rad or m, shape (bands,); 0 inside.
+        """Violation of each band, rad or m, shape (bands,); 0 inside.
 
         Raises:
             mink.TargetNotSet: If :meth:`set_target` has not been called.
@@ -571,7 +568,7 @@ class TwistTask(mink.Task):
         return np.array([band.excess(pair) for band in self.bands])
 
     def _pair(self, configuration: mink.Configuration) -> FramePair:
-        """Where the frame and its target are."""
+        """Poses of the frame and its target."""
         if self._pose is None:
             raise mink.TargetNotSet(self.name)
         rotation, position = frame_pose(configuration, self.frame_name, self.frame_type)
@@ -623,7 +620,7 @@ class TwistTask(mink.Task):
 
 
 AT_REST, _AT_THE_ORIGIN = read_only(np.zeros(6)), read_only(np.eye(7)[0])
-"""The twist of every target that does not move, one object; and the pose of none."""
+"""The twist of every target at rest, one shared object; and the missing pose."""
 
 
 def _is_pose(pose: Array) -> bool:

@@ -18,7 +18,7 @@ _NUMBER = re.compile(r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eEdD][+-]?[0-9]+)?")
 _COORDINATES = ("x", "y", "z", "i", "j", "k")
 
 _TEXT = ("PARTNO", "PPRINT", "REMARK", "INSERT", "TPRINT", "MACHIN", "TITLES", "DISPLY", "PAINT")
-"""Words whose rest is free text, or speaks to a person or a machine only."""
+"""Words followed by free text, or that concern only the operator or the machine."""
 
 _IGNORED = frozenset({
     *_TEXT, "COOLNT", "LOAD", "SELCTL", "SELECT", "TOOLNO",
@@ -27,10 +27,10 @@ _IGNORED = frozenset({
     "CLRSRF", "CLAMP", "HEAD", "MODE", "PROBE", "VERIFY", "TMARK", "CLDIST", "ARCSLP",
     "END-OF-PATH", "END", "FINI", "NOPOST", "CLPRNT", "PRINT", "AIR", "COUPLE",
 })  # fmt: skip
-"""Words that do not move the tool off the line between two points."""
+"""Words that do not change the path between two points."""
 
 _BREAKS = frozenset({"GOHOME", "HOME", "RETRCT", "RAPTO", "LOADTL", "UNLOAD", "TURRET"})
-"""Words after which the tool is elsewhere."""
+"""Words after which the tool is at an unknown point."""
 
 _CHANGES = {
     "CIRCLE": "a circular move", "ARC": "a circular move", "MOVARC": "a circular move",
@@ -48,7 +48,7 @@ _CHANGES = {
     "THREAD": "a thread", "OFSTNO": "a shifted path", "SET": "an offset or a tool axis",
     "TLAXIS": "a tool axis of its own",
 }  # fmt: skip
-"""Words that change the path in a way that is not read."""
+"""Words that change the path in a way that this reader does not support."""
 
 _PER_MINUTE: dict[str, LengthUnit | None] = {
     "MMPM": "mm", "MMPMIN": "mm", "IPM": "inch", "INPM": "inch", "MPM": "m",
@@ -58,7 +58,7 @@ _PER_MINUTE: dict[str, LengthUnit | None] = {
 _PER_TURN: dict[str, LengthUnit | None] = {
     "MMPR": "mm", "IPR": "inch", "UPR": None, "PERREV": None,
 }  # fmt: skip
-"""The same per turn of the spindle."""
+"""Units of a feed per turn of the spindle."""
 
 
 def read_apt(
@@ -69,13 +69,13 @@ def read_apt(
 ) -> Toolpath:
     """The toolpath of an APT-CL file.
 
-    ``RAPID`` begins another curve with the point that it leads to, since what follows begins there.
-    A point between two ``RAPID`` is left out, as is that of ``FROM``. A tool axis holds until
-    another one is stated; before the first, and after ``MULTAX/OFF``, it is (0, 0, 1). A feed of
-    ``FEDRAT`` holds until another one is stated, but not for a motion by ``RAPID``.
+    The point after ``RAPID`` begins another curve. A point between two ``RAPID`` is left out, as is
+    that of ``FROM``. A tool axis holds until the next one; before the first, and after
+    ``MULTAX/OFF``, it is (0, 0, 1). A feed of ``FEDRAT`` holds until the next one, except for
+    motions by ``RAPID``.
 
     Raises:
-        InvalidInput: If a line is broken, or changes the path in a way that is not read.
+        InvalidInput: If a line is invalid, or changes the path in a way that is not supported.
     """
     if orientation not in (None, "axis", "none"):
         raise InvalidInput(
@@ -89,7 +89,7 @@ def read_apt(
         reader.problems.refuse()
         raise InvalidInput("there is no GOTO in it.")
     notes = []
-    if orientation is None and not reader.axis_stated:
+    if orientation is None and not reader.has_axis:
         notes.append("no GOTO states a tool axis; (0, 0, 1) is taken, as APT has it.")
     cuts = reader.cuts()
     if not cuts:
@@ -130,14 +130,14 @@ def _statements(lines: Sequence[str]) -> Iterator[tuple[int, str]]:
 
 @dataclass
 class _Reader:
-    """What is known while the statements go by."""
+    """State of the reader while it processes the statements."""
 
     problems: Problems
-    stated_unit: LengthUnit | None
+    length_unit: LengthUnit | None
     unit: LengthUnit | None = None
     axis: tuple[float, ...] = (0.0, 0.0, 1.0)
-    axis_stated: bool = False
-    feed: tuple[float, LengthUnit | None] = (math.nan, "m")  # per second, in a unit or the file's
+    has_axis: bool = False
+    feed: tuple[float, LengthUnit | None] = (math.nan, "m")  # per second; None: the file's unit
     turns_per_second: float | None = None
     rapid: bool = False
     rapids: int = 0
@@ -148,7 +148,7 @@ class _Reader:
     seventh: list[int] = field(default_factory=list)
 
     def statement(self, line: int, text: str) -> None:
-        """Take one statement."""
+        """Process one statement."""
         word, _, rest = text.partition("/")
         word = word.strip().upper()
         first = re.split(r"[\s,]", word, maxsplit=1)[0]
@@ -189,11 +189,11 @@ class _Reader:
             )
 
     def cuts(self) -> list[RawCurve]:
-        """The curves along which the tool moves, and not only to their first point."""
+        """The curves with more than one point."""
         return [rows for rows in self.curves if len(rows.positions) > 1]
 
     def notes(self) -> list[str]:
-        """What was assumed of feeds, and what is not taken from the file."""
+        """Notes on what was assumed about feeds, and what was ignored."""
         found = []
         if self.rapids:
             found.append(
@@ -223,10 +223,10 @@ class _Reader:
         if numbers is None:
             return
         if len(numbers) == 6 and not any(numbers[3:]):
-            # Once: the points after it, for which it holds, have the axis before.
+            # Report it once: the points for which it would hold keep the previous axis.
             self.problems.add(line, "the axis is zero and has no direction", "i, j, k")
         elif len(numbers) == 6:
-            self.axis, self.axis_stated = numbers[3:], True
+            self.axis, self.has_axis = numbers[3:], True
         if len(arguments) == 7:
             self.seventh.append(line)
         rows = self.curves[-1]
@@ -238,12 +238,12 @@ class _Reader:
         rows.feeds.append(math.nan if rapid else feed * (LENGTHS[unit] if unit else scale))
 
     def _begin(self) -> None:
-        """Another curve from here on."""
+        """Begin another curve."""
         if self.curves[-1].positions:
             self.curves.append(RawCurve())
 
     def _numbers(self, line: int, word: str, arguments: Sequence[str]) -> tuple[float, ...] | None:
-        """Coordinates, or ``None`` where something is wrong with them."""
+        """Coordinates, or ``None`` if they are invalid."""
         # A seventh number is a feed rate in some systems.
         if len(arguments) not in (3, 6, 7):
             self.problems.add(
@@ -257,7 +257,7 @@ class _Reader:
         return None if None in found else tuple(v for v in found if v is not None)
 
     def _number(self, line: int, place: str, argument: str) -> float | None:
-        """A number, or ``None`` where it is none."""
+        """A number, or ``None`` if it is not one."""
         compact = argument.replace(" ", "")
         if not _NUMBER.fullmatch(compact):
             what = f"expected a number, got {argument[:40]!r}" if argument else "it is missing"
@@ -302,7 +302,7 @@ class _Reader:
             )
 
     def _spindle(self, arguments: Sequence[str]) -> None:
-        """Turns per second, where they are stated."""
+        """Read turns per second, if the statement has them."""
         numbers = [argument for argument in arguments if _NUMBER.fullmatch(argument)]
         if "OFF" in arguments or {"SFM", "SMM"} & set(arguments):
             self.turns_per_second = None  # a speed of the surface depends on the tool
@@ -317,14 +317,14 @@ class _Reader:
         }  # fmt: skip
         if len(arguments) != 1 or arguments[0] not in names:
             self.problems.add(line, f"UNITS/{','.join(arguments)[:40]}: expected MM or INCHES")
-            # What the points are in is then open; that they lack a unit would be the same problem.
-            self.unit = self.unit or self.stated_unit or "mm"
+            # The unit of the points is then unknown; a missing unit would be the same problem.
+            self.unit = self.unit or self.length_unit or "mm"
             return
         unit = names[arguments[0]]
-        if self.stated_unit not in (None, unit):
+        if self.length_unit not in (None, unit):
             self.problems.add(
                 line,
-                f"the file is in {unit}, length_unit of the task file says {self.stated_unit}; "
+                f"the file is in {unit}, length_unit of the task file says {self.length_unit}; "
                 "correct one of them",
             )
         if self.points and unit != self.unit:
@@ -332,11 +332,11 @@ class _Reader:
         self.unit = unit
 
     def _length(self) -> LengthUnit:
-        return self.unit or self.stated_unit or "mm"
+        return self.unit or self.length_unit or "mm"
 
     def _unit(self, line: int) -> LengthUnit:
-        """The unit of length; that there is none is a problem of the first line that needs it."""
-        if self.unit is None and self.stated_unit is None:
+        """The unit of length; if there is none, the first line that needs it is a problem."""
+        if self.unit is None and self.length_unit is None:
             self.problems.add(
                 line,
                 'no UNITS/ before the first GOTO; add UNITS/MM above it, or length_unit = "mm" '

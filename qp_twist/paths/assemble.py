@@ -1,4 +1,4 @@
-"""Curves from the rows of a file: checks that every format needs."""
+"""Build curves from the rows of a file, with the checks common to all formats."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ from qp_twist.paths.toolpath import Curve, Lines, Meaning, Toolpath
 from qp_twist.paths.toolpath_columns import Orientation
 from qp_twist.paths.turning import angles_between, turns_between
 
-LARGEST = 100.0
-"""Coordinates beyond it, m, are taken for a wrong unit."""
-FASTEST = 100.0
-"""Feeds above it, m/s, are taken for a wrong unit."""
+LARGEST_COORDINATE = 100.0
+"""Coordinates beyond it, m, indicate a wrong unit."""
+LARGEST_FEED = 100.0
+"""Feeds above it, m/s, indicate a wrong unit."""
 SAME_POINT = 1e-9
-"""Points nearer to each other, m, are the same."""
+"""Points closer together, m, count as one."""
 SAME_DIRECTION = 1e-9
-"""And directions, rad."""
+"""The same for directions, rad."""
 
 
 @dataclass
@@ -34,8 +34,8 @@ class RawCurve:
         name: Of the curve; empty if the file has none.
         positions: m.
         directions: Three or four numbers for each row, or none.
-        lines: Of the file, from 1.
-        feeds: Of the motion to each point, m/s; NaN where the file states none.
+        lines: Lines of the file, from 1.
+        feeds: Feed of the motion to each point, m/s; NaN where the file has none.
     """
 
     name: str = ""
@@ -60,16 +60,16 @@ def assembled(
 
     Args:
         path: The file.
-        orientation: What the directions state; angles in radians, a quaternion's w first.
+        orientation: Meaning of the directions; angles in radians, a quaternion's w first.
         curves: RawCurve of at least one curve; curves without rows are left out.
-        call: What messages call the columns of the direction.
-        notes: Of the reader.
-        problems: What the reader found wrong; refused here, with what is wrong with the directions.
-        unit: In which the file's positions were read.
-        unit_in_file: Whether the file states that unit itself.
+        call: Name of the direction's columns in messages.
+        notes: Notes of the reader.
+        problems: Problems that the reader found; raised here together with those of the directions.
+        unit: Unit in which the file's positions were read.
+        unit_in_file: Whether the file specifies that unit itself.
 
     Raises:
-        InvalidInput: If there is no row, a coordinate is too large, or a direction states nothing.
+        InvalidInput: If there is no row, a coordinate is too large, or a direction is zero.
     """
     curves = [rows for rows in curves if rows.positions]
     if not curves:
@@ -101,23 +101,25 @@ def assembled(
 def _refuse_far(
     curves: Sequence[RawCurve], problems: Problems, unit: LengthUnit, *, unit_in_file: bool
 ) -> None:
-    """One problem for all points that are too far away: their unit is one mistake."""
+    """Report all points that are too far away as one problem: a wrong unit."""
     positions = np.array([p for rows in curves for p in rows.positions], dtype=np.float64)
     lines = [line for rows in curves for line in rows.lines]
     apart = np.abs(positions).max(axis=1)
-    far = np.flatnonzero(apart > LARGEST)
+    far = np.flatnonzero(apart > LARGEST_COORDINATE)
     if not len(far):
         return
     more = f", and {len(far) - 1} points more are as far" if len(far) > 1 else ""
+    extent = float(apart.max())
+    question = unit_question(unit, extent, LARGEST_COORDINATE, unit_in_file=unit_in_file)
     problems.add(
         lines[far[0]],
-        f"the point is {apart[far[0]]:.4g} m from the origin of its file, more than {LARGEST:g} m"
-        f"{more}; {unit_question(unit, float(apart.max()), LARGEST, unit_in_file=unit_in_file)}",
+        f"the point is {apart[far[0]]:.4g} m from the origin of its file, more than "
+        f"{LARGEST_COORDINATE:g} m{more}; {question}",
     )
 
 
 def unit_question(unit: LengthUnit, size: float, most: float, *, unit_in_file: bool) -> str:
-    """The question whether a file is in another unit, where its size (m) exceeds ``most`` (m)."""
+    """Ask in a message whether a file of a size (m) above ``most`` (m) is in another unit."""
     factors = {other: LENGTHS[other] / LENGTHS[unit] for other in LENGTHS}
     likely: list[LengthUnit] = [u for u, f in factors.items() if f < 1.0 and f * size <= most]
     if not likely:
@@ -149,16 +151,16 @@ def _curve(
 
 
 def _feeds(rows: RawCurve, problems: Problems) -> Array | None:
-    """Feeds of the motions to the points; none leads to the first one of a curve."""
+    """Feeds of the motions to the points, NaN for the first one of a curve."""
     feeds = np.array(rows.feeds or [np.nan], dtype=np.float64)
     feeds[0] = np.nan
-    fast = np.flatnonzero(feeds > FASTEST)
+    fast = np.flatnonzero(feeds > LARGEST_FEED)
     if len(fast):
         many = f" (and to {len(fast) - 1} points more)" if len(fast) > 1 else ""
         problems.add(
             rows.lines[fast[0]],
-            f"the feed to this point{many} is {feeds[fast[0]]:.4g} m/s, more than {FASTEST:g} m/s; "
-            "check its unit",
+            f"the feed to this point{many} is {feeds[fast[0]]:.4g} m/s, more than "
+            f"{LARGEST_FEED:g} m/s; check its unit",
         )
     return feeds if np.isfinite(feeds).any() else None
 
@@ -166,7 +168,7 @@ def _feeds(rows: RawCurve, problems: Problems) -> Array | None:
 def _unit_vectors(
     orientation: Orientation, values: Array, lines: Lines, call: str, problems: Problems
 ) -> Array:
-    """The directions with the length 1; those of length zero are problems."""
+    """The directions, normalised; those of length zero are problems."""
     largest = np.abs(values).max(axis=1, keepdims=True)
     nothing = largest[:, 0] < 1e-12
     for line in lines[nothing].tolist():
@@ -188,7 +190,7 @@ def _unit_vectors(
 
 
 def _without_repetitions(curve: Curve) -> tuple[Curve, list[int]]:
-    """The curve without points equal to the one before, and the lines of those."""
+    """The curve without repeated points, and the lines of those."""
     same = np.linalg.norm(np.diff(curve.positions, axis=0), axis=1) < SAME_POINT
     if curve.vectors is not None:
         same &= angles_between(curve.vectors[:-1], curve.vectors[1:]) < SAME_DIRECTION

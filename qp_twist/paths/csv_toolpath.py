@@ -1,4 +1,4 @@
-"""Toolpaths from tables: CSV and its relatives."""
+"""Toolpaths from tables: CSV and similar formats."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ from qp_twist.paths.toolpath_columns import (
 )
 
 _LOOKED_AT = 500
-"""RawCurve by whose numbers columns are suggested."""
+"""Number of rows from which columns are suggested."""
 
 
 def read_csv(
@@ -45,12 +45,12 @@ def read_csv(
 ) -> Toolpath:
     """The toolpath of a table.
 
-    A blank line, a line of text between rows and a new entry in the curve's column begin another
-    curve; the text names it.
+    A blank line, a line of text between rows, or a new entry in the curve column begins another
+    curve; the text is its name.
 
     Raises:
-        InvalidInput: If the table is not clear, or rows are broken; with line and column of each.
-        UnclearColumns: If the columns have to be stated; with a suggestion where there is one.
+        InvalidInput: If the table is ambiguous, or rows are invalid; with line and column of each.
+        UnclearColumns: If the columns have to be specified; with a suggestion if there is one.
     """
     by_name = [
         column
@@ -96,7 +96,7 @@ def read_csv(
 
 
 def _of_feeds(table: Table, where: ColumnRoles) -> list[str]:
-    """What is not used although it is called like a feed."""
+    """Columns that are named like a feed but not used."""
     if where.feed is not None:
         return []
     named = usual(table.names).get("feed", {}).get(0, [])
@@ -109,7 +109,7 @@ def _of_feeds(table: Table, where: ColumnRoles) -> list[str]:
 
 
 def _curves(table: Table, where: ColumnRoles, problems: Problems) -> list[RawCurve]:
-    """The rows of all curves, checked one by one; what is wrong with a row is a problem."""
+    """The rows of all curves, checked one by one; invalid entries are problems."""
     curves = [RawCurve(table.title)]
     label: str | None = None
     for row in table.rows(where.numbers, problems):

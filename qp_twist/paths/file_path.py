@@ -1,4 +1,4 @@
-"""Waypoints from a toolpath file: placed, resampled, leaned, with ways to and from its curves."""
+"""Waypoints of a toolpath file: placed, resampled, tilted, with approach and retreat."""
 
 from __future__ import annotations
 
@@ -31,13 +31,13 @@ class FileWaypoints:
 
     Attributes:
         positions: In the world, m, (N, 3).
-        axes: z of the frame where the file states directions, (N, 3).
-        rotations: Where it states whole orientations, (N, 3, 3).
-        lines: Line of the file that a waypoint stands in or comes after, (N,).
-        parts: What each is part of.
+        axes: z of the frame, if the file has directions, (N, 3).
+        rotations: Orientations of the frame, if the file has them, (N, 3, 3).
+        lines: Line of the file at or before each waypoint, (N,).
+        parts: Part of the path that each waypoint belongs to.
         toolpath: The file as read.
-        feeds: That the file states for the motion to each, m/s, (N,), NaN where it states none;
-            ``None`` if it states none at all, or they do not count.
+        feeds: Feeds of the file for the motion to each waypoint, m/s, (N,), NaN without one;
+            ``None`` if the file has none, or they are not used.
     """
 
     positions: Array
@@ -51,7 +51,7 @@ class FileWaypoints:
 
 @dataclass(frozen=True, eq=False)
 class _Piece:
-    """A stretch of waypoints; its curve holds z of the frame as vectors, or rotations."""
+    """A section of the path; its curve has z of the frame as vectors, or rotations."""
 
     part: Part
     curve: Curve
@@ -60,17 +60,17 @@ class _Piece:
 def file_waypoints(
     task_file: Path, section: FilePath, held: Array, reach: float = np.inf
 ) -> FileWaypoints:
-    """Read a toolpath and lay waypoints along it.
+    """Read a toolpath and place waypoints along it.
 
     Args:
-        task_file: The file that names it.
-        section: How.
-        held: Orientation of the frame where the file states none, (3, 3).
+        task_file: The task file that names it.
+        section: The task file's ``[path]``.
+        held: Orientation of the frame if the file has none, (3, 3).
         reach: Largest distance of the frame from the robot's first joint, m.
 
     Raises:
-        InvalidInput: If the toolpath is refused, is larger than the robot can reach anywhere, makes
-            too many waypoints, or does not fit the keys.
+        InvalidInput: If the toolpath is refused, is larger than the robot's reach, yields too many
+            waypoints, or contradicts the keys.
     """
     toolpath = read_toolpath(
         task_file.parent / section.file,
@@ -115,7 +115,7 @@ def file_waypoints(
 
 
 def refuse_too_large(toolpath: Toolpath, reach: float) -> None:
-    """Refuse a path with two points further apart than any two that the robot reaches.
+    """Refuse a path with two points further apart than any two points in the robot's reach.
 
     Raises:
         InvalidInput: With the unit in which it would fit, if there is one.
@@ -147,7 +147,7 @@ def file_segments(
     operational: TwistProjector,
     parts: tuple[Part, ...],
 ) -> tuple[TwistProjector, tuple[Segment, ...]]:
-    """The projector of the first waypoint, and the segments in which another one holds.
+    """The projector of the first waypoint, and the segments with other projectors.
 
     Raises:
         InvalidInput: If a projector or a blend does not fit, with the key of its table.
@@ -174,8 +174,8 @@ def file_segments(
         if before == part:
             continue
         if of[before] is not of[part]:
-            # Into a retreat T changes over its first waypoints. Out of an approach or a transfer it
-            # does over the last ones, so that all rows of what follows hold from the first one on.
+            # T changes over the first waypoints of a retreat, but over the last ones of an approach
+            # or a transfer, so that all rows of the next part hold from its first waypoint on.
             late = before in ("approach", "transfer")
             blend = blends[before] if late else blends["retreat"] if part == "retreat" else 0
             if late and blend >= index - begin:
@@ -197,7 +197,7 @@ def file_segments(
 
 
 def _rotation(table: WorkpieceTable) -> Array:
-    """Of the file's frame to the world, (3, 3)."""
+    """Rotation of the file's frame to the world, (3, 3)."""
     if table.quaternion_wxyz is not None:
         wxyz = np.array(table.quaternion_wxyz)
         wxyz /= np.abs(wxyz).max()
@@ -219,7 +219,7 @@ def _placed(curve: Curve, turn: Array, origin: Array) -> Curve:
 
 
 def _of_curve(section: FilePath, curve: Curve, held: Array, toolpath: Toolpath) -> list[_Piece]:
-    """The ways to a curve, along it and from it."""
+    """Approach, curve and retreat."""
     try:
         curve = resampled(curve, section.sampling())
     except InvalidInput as error:
@@ -264,7 +264,7 @@ def _z(curve: Curve) -> Array:
 
 
 def _lead(curve: Curve, end: Literal[0, -1], away: Array, table: LeadTable) -> Curve:
-    """Straight away from one end of a curve, or to it, without that end."""
+    """A straight line away from one end of a curve, or to it, without that end."""
     far = curve.positions[end] + table.distance * away[end]
     steps = table.steps
     ends = [far, curve.positions[0]] if end == 0 else [curve.positions[-1], far]
@@ -274,7 +274,7 @@ def _lead(curve: Curve, end: Literal[0, -1], away: Array, table: LeadTable) -> C
 
 
 def _extend(pieces: list[_Piece], more: list[_Piece], section: FilePath) -> None:
-    """Add the pieces of a curve, after a transfer to the first of them."""
+    """Add the parts of a curve, after a transfer to the first of them."""
     if pieces:
         last, first = pieces[-1].curve, more[0].curve
         ends = replace(
@@ -286,7 +286,7 @@ def _extend(pieces: list[_Piece], more: list[_Piece], section: FilePath) -> None
             feeds=None,
         )
         if _same(last, first):
-            # Nowhere to go, and no time for it: the point is there once.
+            # No distance and no time: use the point once.
             more[0] = replace(more[0], curve=first.part(np.arange(1, len(first))))
         else:
             way = resampled(ends, section.sampling())

@@ -1,4 +1,4 @@
-"""The keys of a path that is read from a toolpath file."""
+"""Keys of a path that is read from a toolpath file."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ Quadruple = tuple[Name, Name, Name, Name]
 
 
 class ColumnsTable(Section):
-    """Which columns of a table are what, where their names are not the usual ones."""
+    """Columns of a table without usual names."""
 
     position: Triple | None = None
     axis: Triple | None = Field(default=None, description="of the tool, from its tip to its holder")
@@ -44,12 +44,12 @@ class ColumnsTable(Section):
     feed: Name | None = Field(default=None, description="of the motion to each point")
 
     def choice(self) -> ColumnChoice:
-        """The same for a reader."""
+        """The choice as the reader takes it."""
         return ColumnChoice(**{key: getattr(self, key) for key in type(self).model_fields})
 
 
 class WorkpieceTable(Section):
-    """Where the frame of the file lies in the world."""
+    """Pose of the file's frame in the world."""
 
     position: Vector = (0.0, 0.0, 0.0)
     quaternion_wxyz: tuple[Number, Number, Number, Number] | None = None
@@ -65,7 +65,7 @@ class WorkpieceTable(Section):
 
 
 class LeadTable(OwnProjector):
-    """A straight way to a curve or from it."""
+    """A straight approach to a curve, or retreat from it."""
 
     distance: Positive = Field(description="m")
     steps: Annotated[int, Field(ge=1, le=100_000)]
@@ -86,7 +86,7 @@ class LeadTable(OwnProjector):
 
 
 class TransferTable(OwnProjector):
-    """The straight way from one curve to the next."""
+    """The straight transfer from one curve to the next."""
 
     blend: Annotated[int, Field(ge=0, le=100_000)] = Field(
         default=0, description="its last waypoints, over which the projector changes to the next"
@@ -121,7 +121,7 @@ class FilePath(Section):
     transfer: TransferTable | None = None
 
     def sampling(self) -> Sampling:
-        """How waypoints are laid."""
+        """How waypoints are placed."""
         return Sampling(
             chord_error=self.chord_error,
             axis_error=math.radians(self.axis_error_deg),

@@ -1,9 +1,9 @@
-"""The methods by name, which one runs by default, and with which settings each of them does.
+"""The methods by name, the default method, and the default settings of each.
 
-The defaults of the whole package are stated here and nowhere else: :data:`DEFAULT_METHOD`, the
-fields of :class:`MethodSettings`, and in :data:`METHODS` what single methods have otherwise.
-docs/choose.md says what they were measured on. What a task file states in ``[methods.NAME]`` comes
-before them, and an option of ``follow`` before both.
+All defaults of the package are defined here: :data:`DEFAULT_METHOD`, the
+fields of :class:`MethodSettings`, and deviations of single methods in :data:`METHODS`.
+docs/choose.md documents the measurements behind them. ``[methods.NAME]`` of a task file overrides
+them, and an option of ``follow`` overrides both.
 """
 
 from __future__ import annotations
@@ -37,11 +37,11 @@ MethodName = Literal[
 
 
 DEFAULT_METHOD: MethodName = "qp_gradient"
-"""What runs where no method is named."""
+"""The method that runs if none is named."""
 
 
 class MethodSettings(Section):
-    """How one method is run: a ``[methods.NAME]`` table of a task file.
+    """Settings of one method: a ``[methods.NAME]`` table of a task file.
 
     The defaults of weight and gain are those of :data:`DEFAULT_METHOD`.
     """
@@ -97,24 +97,24 @@ class MethodSettings(Section):
 
 @dataclass(frozen=True)
 class Method:
-    """One way to resolve a step.
+    """A method of resolving a step.
 
     Attributes:
-        name: As in the command line, task files and Python.
-        title: As in figures.
-        constrained: Whether it is one of this package's QPs, with the limits in it. ``sns`` and
-            the peers are none: they are drawn and listed beside the QP that they come nearest to.
+        name: Its name in the command line, task files and Python.
+        title: Its name in figures.
+        constrained: Whether it is one of this package's QPs, with limits. ``sns`` and the peers are
+            not: they are drawn and listed beside their nearest QP.
         whole_twist: Whether it fixes the roll too (T = T_O) by the task's roll rule.
-        flipped: Whether it takes the roll rule's other sign.
-        space: Where the QP measures the secondary.
+        flipped: Whether it uses the roll rule's other sign.
+        space: Space in which the QP measures the secondary.
         counterpart: The QP nearest to a closed form, or the closed form that a QP equals while no
             limit is active; none for ``qp_planned``. ``sns`` and ``weighted_least_norm`` both have
-            ``qp_minimum_norm``: the one is what it is with limits, the other what it would be in
+            ``qp_minimum_norm``: ``sns`` adds limits to minimum norm, ``weighted_least_norm``
             another metric.
-        peer: The library whose own step it is, with its own tasks, limits and solver; none for the
-            methods of this package.
-        on_request: Whether it runs only where it is named.
-        defaults: Settings where the task file says nothing.
+        peer: The library whose step it is, with that library's tasks, limits and solver; none for
+            the methods of this package.
+        on_request: Whether it runs only if it is named.
+        defaults: Settings unless the task file has others.
     """
 
     name: str
@@ -130,7 +130,7 @@ class Method:
 
     @property
     def holds_limits(self) -> bool:
-        """Whether it keeps position and velocity limits: of the closed forms, ``sns`` alone."""
+        """Whether it keeps position and velocity limits; of the closed forms only ``sns`` does."""
         return self.constrained or self.name == "sns" or bool(self.peer)
 
 
@@ -138,7 +138,7 @@ _CENTERING = MethodSettings(secondary="centering")
 # The closed forms as they are published: one step a waypoint, along the paper's direction or −∇z.
 _TWA = MethodSettings(iterations=1, secondary="centering", weight="paper", gain=1.0)
 _GRADIENT = MethodSettings(iterations=1, secondary="centering", weight="gradient", gain=1.0)
-# What a first program with mink has: a posture task as it is built, one step a target.
+# As in a first program with mink: a posture task with its defaults, one step for each target.
 _FIRST_PROGRAM = MethodSettings(
     iterations=1, secondary="centering", weight="equal", gain=1.0, posture_cost=1e-2,
     every_iteration=True,
@@ -189,7 +189,7 @@ METHODS: dict[str, Method] = {
         ),
         Method(
             "qp_planned", "QP along a plan", True, None,
-            defaults=MethodSettings(secondary="plan", gain=1.0),  # all the way to the plan
+            defaults=MethodSettings(secondary="plan", gain=1.0),  # moves all the way to the plan
         ),
     )
 }  # fmt: skip

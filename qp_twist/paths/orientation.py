@@ -24,7 +24,7 @@ def roll_by_plane(axes: Array, plane_normal: Array, *, flip: bool = False) -> Ar
     Args:
         axes: Tool axes z, unit vectors in the world, (N, 3).
         plane_normal: n, world, (3,).
-        flip: Take −y.
+        flip: Use −y.
 
     Returns:
         Rotations to the world, (N, 3, 3).
@@ -46,19 +46,19 @@ def roll_by_plane(axes: Array, plane_normal: Array, *, flip: bool = False) -> Ar
 
 
 def lean_turns(what: str, positions: Array, axes: Array, lead: float, tilt: float) -> Array:
-    r"""Turns of a tool at the waypoints of a path, the same way against the path everywhere.
+    r"""Tilts of a tool at the waypoints of a path, constant relative to the path.
 
-    The turn at each waypoint has the rotation vector :math:`\text{lead}\;\hat{\mathbf z} \times
+    The tilt at each waypoint has the rotation vector :math:`\text{lead}\;\hat{\mathbf z} \times
     \hat{\mathbf t} + \text{tilt}\;\hat{\mathbf t}`, with z the tool's axis and t the direction of
-    the path perpendicular to it; where the path goes along z, that of the nearest waypoint where it
-    does not.
+    the path perpendicular to it; where the path is parallel to z, t is that of the nearest waypoint
+    where it is not.
 
     Args:
-        what: What messages call the path.
+        what: Name of the path in messages.
         positions: Of the waypoints, m, (N, 3).
         axes: z, unit vectors, (N, 3).
-        lead: Towards the way the path goes, rad.
-        tilt: To the left of it, seen from where z points to, rad.
+        lead: Tilt towards the direction of the path, rad.
+        tilt: Tilt to the left of it, as seen from the tip of z, rad.
 
     Returns:
         Rotations in the world, (N, 3, 3), to be multiplied from the left.

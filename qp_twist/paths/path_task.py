@@ -1,4 +1,4 @@
-"""A path task: a robot, a path, what of the path counts, and how it is to be followed."""
+"""A path task: robot, path, projectors, limits and settings."""
 
 from __future__ import annotations
 
@@ -31,11 +31,11 @@ FromStart = Literal["nothing", "roll", "orientation"]
 
 @dataclass(frozen=True, eq=False)
 class PathTask:
-    """Everything that a method needs to follow a path.
+    """Robot, path, projectors, limits and settings for following a path.
 
     Attributes:
         name: Short name, the file's stem.
-        title: One line for people.
+        title: Title line.
         source: The task file, if there is one.
         scene: The MJCF file.
         model: The robot.
@@ -46,28 +46,29 @@ class PathTask:
         waypoints: Poses in the world, with the roll of the roll rule.
         flipped_waypoints: The same with the rule's other sign; ``None`` without a rule.
         start: Starting configuration, before it is corrected onto the first waypoint, (nq,).
-        best_start: Whether a start is to be found instead: ``True``, that of the best plan;
-            ``"central"``, the configuration of least z on the first waypoint.
+        best_start: Whether to search the start instead: ``True`` for that of the best plan;
+            ``"central"`` for the configuration of least z on the first waypoint.
         starts: Starting configurations of single methods, by name, instead of ``start``.
         roll_normal: Normal of the roll rule's plane, in the world, (3,); ``None`` without a rule.
-        study: What a study varies, and what counts as success in it, if the task file says so.
-        durations: Time that each waypoint may take, s, (N,); the first is 0; ``None`` untimed.
-        velocity_limits: Largest joint speeds, rad/s or m/s, (nv,); ∞ where none is stated.
+        study: What a study varies, and its criterion of success, if the task file has a
+        ``[study]``.
+        durations: Time for each waypoint, s, (N,); the first is 0; ``None`` for an untimed path.
+        velocity_limits: Largest joint speeds, rad/s or m/s, (nv,); ∞ without a limit.
         acceleration_limits: Largest joint accelerations, rad/s² or m/s², (nv,); ∞ likewise.
         iteration: Tolerances and step clamps.
-        methods: Settings by method name, where the file states them.
-        segments: Where another projector takes over, in the order of the path.
+        methods: Settings by method name, as far as the file has them.
+        segments: Sections of the path with other projectors, in the order of the path.
         bands: Tolerance bands in directions that T leaves free.
-        constraints: What else every configuration has to keep. Joints that the model couples
-            (:class:`~qp_twist.JointCouplings`) are always among them, at the end: with the
-            tolerance of those that were given, else with the default.
-        toolpath: The toolpath file as read, where the path is from one.
-        lines: Line of that file which each waypoint stands in or comes after, (N,).
-        from_start: What of the waypoints' orientation is that of the frame at the start.
+        constraints: Further constraints on every configuration. The model's joint couplings
+            (:class:`~qp_twist.JointCouplings`) are always appended: with the tolerance of couplings
+            that are passed, else with the default.
+        toolpath: The toolpath file as read, if the path is from one.
+        lines: Line of that file at or before each waypoint, (N,).
+        from_start: Which part of the waypoints' orientation is taken from the start.
 
     Raises:
         InvalidInput: If the segments do not fit the waypoints, the robot or each other, or a
-            constraint cannot be asked about a path.
+            constraint cannot be evaluated on a path.
     """
 
     name: str
@@ -103,7 +104,7 @@ class PathTask:
         check_segments(self.operational, self.projector, self.segments, len(self.waypoints))
 
     def _with_couplings(self) -> tuple[Constraint, ...]:
-        """The constraints that were given, and the couplings of the model as it is now."""
+        """The constraints that were passed, and the couplings of the current model."""
         given: list[JointCouplings] = []
         others = self.constraints
         if isinstance(others, (list, tuple)):
@@ -129,11 +130,10 @@ class PathTask:
 
     @cached_property
     def known_speeds(self) -> tuple[KnownRobot, Array] | None:
-        """The known robot that the arm is, and its largest joint speeds, rad/s or m/s, (nv,).
+        """The known robot that this arm is, and its largest joint speeds, rad/s or m/s, (nv,).
 
-        ∞ for joints that are not its own; ``None`` where the robot is not known. The limits of the
-        task, ``velocity_limits``, do not change by it: these are what a verdict asks where the task
-        states none.
+        ∞ for other joints; ``None`` for an unknown robot. This does not change the task's
+        ``velocity_limits``: checks use these speeds if the task has no limits.
         """
         names = (self.scene.stem, self.scene.parent.name)
         found = known_speeds(self.model, self.frame_name, self.frame_type, names)
@@ -149,16 +149,16 @@ class PathTask:
         return min(task_redundancy(self.operational, t) for t in self.projectors)
 
     def constraint_excess(self, q: Array) -> Array:
-        """How far configurations q (N, nq) are outside of each constraint, m or rad, (N, C)."""
+        """Violation of each constraint at configurations q (N, nq), m or rad, (N, C)."""
         excess = [constraint.excess(q) for constraint in self.constraints]
         return np.array(excess).reshape(len(excess), len(q)).T
 
     def started_at(self, start: Array) -> PathTask:
-        """The task with a start (nq,) that was found, and the orientation that it brings along.
+        """The task with another start (nq,), and the orientation that depends on it.
 
-        For a method that holds the whole twist, the roll that a path leaves open is the start's;
-        one that was laid before the start was known has another. Where a band or a segment sees
-        that roll, the start was found for the one that was laid, which stays.
+        For a method that holds the whole twist, an unspecified roll of the path is that of the
+        start, so the waypoints are rebuilt for the new start. If a band or a segment depends on
+        that roll, the start was searched for the existing waypoints, and these are kept.
         """
         waypoints = self.waypoints
         if self.from_start != "nothing" and not self._sees_orientation():
@@ -172,7 +172,7 @@ class PathTask:
         return replace(self, start=start, best_start=False, waypoints=waypoints)
 
     def _sees_orientation(self) -> bool:
-        """Whether something that the task asks for changes with what the start brings along."""
+        """Whether a band or projector depends on the orientation that comes from the start."""
         if self.bands:
             return True
         for projector in self.projectors:
@@ -189,26 +189,26 @@ class PathTask:
         return False
 
     def settings(self, method: str) -> MethodSettings:
-        """Settings of a method: its own, with those that the file states in their place.
+        """Settings of a method: its defaults, overridden by those of the file.
 
         Raises:
             InvalidInput: If there is no such method.
         """
         defaults = METHODS[check_method(method)].defaults
-        stated = self.methods.get(method)
-        if stated is None:
+        own = self.methods.get(method)
+        if own is None:
             return defaults
-        return defaults.model_copy(update=stated.model_dump(exclude_unset=True))
+        return defaults.model_copy(update=own.model_dump(exclude_unset=True))
 
     def method_names(self) -> list[str]:
-        """The methods that make sense for this task, closed forms before their counterparts."""
+        """The methods that apply to this task, closed forms before their counterparts."""
         return [
             name
             for name, method in METHODS.items()
             if not method.on_request
-            and not (name == "sns" and self.constraints)  # which takes bounds only
+            and not (name == "sns" and self.constraints)  # bounds only
             and not (method.flipped and self.flipped_waypoints is None)
-            # Bands and constraints are not put into the words of other libraries.
+            # Bands and constraints are not translated for other libraries.
             and not (method.peer and (self.bands or self.constraints))
             # An arm with fewer joints than operational directions cannot fix its whole twist.
             and not (method.whole_twist and self.operational.rank > self.model.nv)

@@ -1,4 +1,4 @@
-"""The same path with its workpiece elsewhere, or its tool at another angle."""
+"""Move the workpiece of a path, or tilt its tool."""
 
 from __future__ import annotations
 
@@ -23,20 +23,20 @@ def placed(
     to: npt.ArrayLike,
     body: str | None = None,
 ) -> PathTask:
-    """The path turned about a point of the workpiece, the point put elsewhere.
+    """The path with its workpiece rotated about a point, and the point moved.
 
-    The roll rule speaks of the robot's base and is applied anew.
+    The roll rule refers to the robot's base, so it is applied again.
 
     Args:
         path_task: The task.
-        rotation: Of the workpiece, in the world.
-        point: In the world, where the task has the workpiece, m, (3,).
-        to: Where it comes to, m, (3,).
-        body: The workpiece in the scene, fixed to the world, which moves along.
+        rotation: Rotation of the workpiece, in the world.
+        point: The point, in the world, at the task's placement, m, (3,).
+        to: Its new position, m, (3,).
+        body: Name of the workpiece's body in the scene, fixed to the world, which is moved too.
 
     Raises:
-        InvalidInput: If a vector is wrong, there is no such body, or the roll rule says nothing for
-            an axis.
+        InvalidInput: If a vector is invalid, there is no such body, or the roll rule is undefined
+            for an axis.
     """
     about, there = finite_array("point", point, (3,)), finite_array("to", to, (3,))
     turn = rotation.as_matrix()
@@ -63,17 +63,17 @@ def _with_body_moved(
 
 
 def leaned(path_task: PathTask, lead: float, tilt: float) -> PathTask:
-    """The path with its tool leaned, at every waypoint in the same way against the path.
+    """The path with its tool tilted, constant relative to the path.
 
     The frame's z is turned by :func:`~qp_twist.paths.orientation.lean_turns`.
 
     Args:
         path_task: The task.
-        lead: Towards the way the path goes, rad.
-        tilt: To the left of it, seen from where z points to, rad.
+        lead: Tilt towards the direction of the path, rad.
+        tilt: Tilt to the left of it, as seen from the tip of z, rad.
 
     Raises:
-        InvalidInput: If the path goes along the tool's axis everywhere.
+        InvalidInput: If the path is parallel to the tool's axis everywhere.
     """
     rotations = _rotations(path_task)
     turns = lean_turns(path_task.name, path_task.positions, rotations[:, :, 2], lead, tilt)

@@ -1,4 +1,4 @@
-"""Projectors as task files state them."""
+"""Projectors as written in task files."""
 
 from __future__ import annotations
 
@@ -42,19 +42,19 @@ class ProjectorSection(Section):
     frame: ProjectorFrame = "world"
 
     def projector(self) -> TwistProjector:
-        """The projector that the section states."""
+        """The projector of the section."""
         return TwistProjector(linear=self.linear, angular=self.angular, frame=self.frame)
 
 
 class OwnProjector(Section):
-    """A twist projector, or the one that holds otherwise."""
+    """A twist projector, or the default one."""
 
     linear: Block | None = None
     angular: Block | None = None
     frame: ProjectorFrame = "world"
 
     def projector(self) -> TwistProjector | None:
-        """The projector that the section states; ``None`` if it states none."""
+        """The projector of the section; ``None`` if it has none."""
         if self.linear is None or self.angular is None:
             return None
         return TwistProjector(linear=self.linear, angular=self.angular, frame=self.frame)

@@ -28,23 +28,23 @@ def read_toolpath(
 ) -> Toolpath:
     """Read a toolpath from a table (CSV) or APT-CL.
 
-    What the file says itself (names and units in its header, ``UNITS/MM``) need not be stated.
+    Information in the file (names and units in its header, ``UNITS/MM``) need not be passed.
 
     Args:
         file: The file.
-        format: Of the file; found out from its lines if left out.
+        format: Format of the file; detected from its lines if left out.
         columns: Columns whose names are not the usual ones.
-        length_unit: Of the positions.
-        angle_unit: Of roll, pitch and yaw.
-        orientation: Which columns of direction count.
-        feed_unit: Of a column of feeds.
+        length_unit: Unit of the positions.
+        angle_unit: Unit of roll, pitch and yaw.
+        orientation: Which direction columns to use.
+        feed_unit: Unit of the feed column.
 
     Returns:
-        The curves, in metres, with unit vectors or rotations, and the feeds that the file states.
+        The curves, in metres, with unit vectors or rotations, and the feeds of the file.
 
     Raises:
-        InvalidInput: If the file cannot be read, is not clear, or has broken rows; with the line
-            and the column of each, the first twenty of them.
+        InvalidInput: If the file cannot be read, is ambiguous, or has invalid rows; with line and
+            column of the first twenty.
 
     Example:
         >>> from qp_twist.paths import shipped_folder

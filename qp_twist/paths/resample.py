@@ -1,4 +1,4 @@
-"""Waypoints along a curve: fewer where it is straight, more where it is coarse."""
+"""Resample a curve: fewer points where it is straight, more where it is coarse."""
 
 from __future__ import annotations
 
@@ -19,16 +19,16 @@ from qp_twist.paths.turning import (
 )
 
 CORNER = math.radians(30.0)
-"""A point where the path turns by more than this stays."""
+"""A point where the path turns by more than this is kept."""
 FLAT = math.radians(179.0)
-"""Between neighbours that are turned by more than this, the way of turning is open."""
+"""Between neighbours turned by more than this, the direction of rotation is ambiguous."""
 MOST = 200_000
-"""Waypoints of a curve; more are taken for a mistake in a setting."""
+"""Largest number of waypoints of a curve; more indicate a wrong setting."""
 
 
 @dataclass(frozen=True)
 class Sampling:
-    """How waypoints are laid along a curve.
+    """Sampling of a curve.
 
     Attributes:
         chord_error: Largest distance between the given path and the new one, m; ``None`` keeps
@@ -48,11 +48,11 @@ class Sampling:
 def resampled(curve: Curve, sampling: Sampling) -> Curve:
     r"""The curve with other points on it.
 
-    First points are left out: of the points between two that stay, each is nearer than
-    ``chord_error`` to the chord, and the direction interpolated over the arc length differs there
-    by less than ``axis_error``. A chord's distance is a convex function along the path, so the
-    whole path is as near; ends, corners, points where the tool turns in place and points where the
-    feed changes stay. Then every chord is divided into
+    First, points are left out if they are nearer than ``chord_error`` to the chord between their
+    kept neighbours, and the direction interpolated over the arc length differs there by less than
+    ``axis_error``. The distance from a chord is a convex function along the path, so the whole path
+    is as near. Ends, corners, points where the tool turns in place and points where the feed
+    changes are kept. Then every chord is divided into
 
     .. math:: \max\left(\left\lceil \frac{\ell}{\text{max\_spacing}} \right\rceil,
         \left\lceil \frac{\theta}{\text{max\_turn}} \right\rceil\right)
@@ -87,7 +87,7 @@ def _refuse_opposite(curve: Curve) -> None:
 
 
 def _turns(curve: Curve, kept: npt.NDArray[np.intp]) -> Array:
-    """Turns from each of some points to the next of them, rad."""
+    """Angles from each of some points to the next, rad."""
     if curve.vectors is not None:
         return angles_between(curve.vectors[kept[:-1]], curve.vectors[kept[1:]])
     if curve.rotations is not None:
@@ -96,7 +96,7 @@ def _turns(curve: Curve, kept: npt.NDArray[np.intp]) -> Array:
 
 
 def _kept(curve: Curve, chord_error: float, axis_error: float) -> npt.NDArray[np.bool_]:
-    """Which points stay: between fixed ones a chord is split at its worst point until it fits."""
+    """Which points are kept: a chord is split at its worst point until it fits."""
     steps = np.diff(curve.positions, axis=0)
     lengths = np.linalg.norm(steps, axis=1)
     arc = np.concatenate([[0.0], np.cumsum(lengths)])
@@ -154,7 +154,7 @@ def _off_direction(curve: Curve, arc: Array, a: int, b: int) -> Array:
 
 
 def _divided(curve: Curve, kept: npt.NDArray[np.intp], sampling: Sampling) -> Curve:
-    """The chords between the points that stay, each in equal steps."""
+    """The chords between the kept points, each in equal steps."""
     lengths = np.linalg.norm(np.diff(curve.positions[kept], axis=0), axis=1)
     turns = _turns(curve, kept)
     # A step longer by a rounding error is no reason for another one.
@@ -172,7 +172,7 @@ def _divided(curve: Curve, kept: npt.NDArray[np.intp], sampling: Sampling) -> Cu
     begin, end = kept[chord], kept[chord + 1]
 
     def with_last(points: Array, values: Array) -> Array:
-        # A given point is taken as it is given, not as interpolation rounds it.
+        # Kept points are copied, so that interpolation does not round them.
         given = shares == 0.0
         points[given] = values[begin[given]]
         return np.concatenate([points, values[-1:]])

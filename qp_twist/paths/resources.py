@@ -1,4 +1,4 @@
-"""Where the shipped task files and scenes lie."""
+"""Folders of the shipped task files and scenes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What every table of a task file has in common."""
+"""Base class of all tables of a task file."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where along a path the projector changes, and over how many waypoints."""
+"""Sections of a path with their own projectors."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from qp_twist.geometry import TwistProjector, task_redundancy
 
 @dataclass(frozen=True, eq=False)
 class Segment:
-    """A stretch of a path with a projector of its own; it ends where the next one begins.
+    """A section of a path with its own projector; it ends where the next one begins.
 
     Attributes:
         first: Index of its first waypoint, from 0 as in ``PathTask.waypoints`` (task files and
             tables count from 1).
         projector: T of its waypoints.
-        blend: Number of waypoints, from ``first`` on, over which the change into it is spread. In
-            them the rows that both projectors have in common are in force.
+        blend: Number of waypoints, from ``first`` on, over which the change into it is spread.
+            There the rows common to both projectors hold.
     """
 
     first: int
@@ -35,7 +35,7 @@ class Segment:
 def projectors_in_force(
     projector: TwistProjector, segments: Sequence[Segment], count: int
 ) -> tuple[TwistProjector, ...]:
-    """The projector whose rows hold at each of ``count`` waypoints, in blends the common one."""
+    """The projector in force at each of ``count`` waypoints; in blends the common one."""
     found = [projector] * count
     for segment in segments:
         common = found[segment.first - 1].intersection(segment.projector)
@@ -53,7 +53,7 @@ def check_segments(
     """Refuse segments that do not fit the path or the robot.
 
     Raises:
-        InvalidInput: With the segment's key as it stands in a task file.
+        InvalidInput: With the segment's key in the task file.
     """
     for index, segment in enumerate(segments):
         instance(f"segments[{index}]", segment, Segment)

@@ -1,4 +1,4 @@
-"""Paths as arrays: positions, and the tool axis where the path states one."""
+"""Paths as arrays: positions, and the tool axis if the path has one."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ def polyline(points: Array, steps: int) -> Array:
 
 
 def with_leads(points: Array, normals: Array, length: float, steps: int) -> tuple[Array, Array]:
-    """A path with a straight way in before it and out after it, along the normals of its ends.
+    """A path with a straight approach and retreat along the normals of its ends.
 
     Args:
         points: The path, m, (N, 3).
         normals: Unit normals, away from the part, (N, 3).
-        length: Of each of the two, m.
+        length: Length of each, m.
         steps: Equal steps along each.
 
     Returns:

@@ -1,4 +1,4 @@
-"""What the columns of a table without usual names may be, judged by their numbers."""
+"""Suggest the meaning of a table's columns by their numbers."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ import numpy as np
 from qp_twist.checks import Array
 
 _UNIT = 0.01
-"""By so much the length of a direction or a quaternion may differ from 1."""
+"""Tolerance of the length 1 of a direction or a quaternion."""
 _EVEN = 0.05
-"""Share by which the steps of a clock may differ from each other."""
+"""Relative tolerance of equal steps of a clock."""
 
 
 @dataclass(frozen=True)
@@ -20,9 +20,9 @@ class Suggestion:
     """Columns for ``[path.columns]``, and why.
 
     Attributes:
-        columns: Numbers of columns, from 1, by their key.
-        reasons: What was seen in the numbers, a clause each.
-        angle_unit: Of roll, pitch and yaw, where the numbers tell.
+        columns: Column numbers, from 1, by key.
+        reasons: Evidence in the numbers, one clause each.
+        angle_unit: Unit of roll, pitch and yaw, if the numbers show it.
     """
 
     columns: dict[str, tuple[int, ...]]
@@ -37,19 +37,19 @@ class Suggestion:
         return f'--columns "{text}"{unit}'
 
     def __str__(self) -> str:
-        """A sentence for people."""
-        stated = ", ".join(f"{key} = {list(at)}" for key, at in self.columns.items())
+        """A sentence for the user."""
+        keys = ", ".join(f"{key} = {list(at)}" for key, at in self.columns.items())
         unit = f', with angle_unit = "{self.angle_unit}"' if self.angle_unit else ""
         why = f" since {', '.join(self.reasons)}" if self.reasons else ""
-        return f"By the numbers in it: [path.columns] {stated}{unit}{why}; check it."
+        return f"By the numbers in it: [path.columns] {keys}{unit}{why}; check it."
 
 
 def suggested(values: Array) -> Suggestion | None:
-    """What the columns of a table may be; ``None`` where its numbers do not tell.
+    """Suggest the columns of a table; ``None`` if its numbers are ambiguous.
 
-    Every choice of three neighbouring columns as a position, and of others as a direction, is
-    weighed by what it leaves unexplained: columns that count the rows, rise evenly like a clock or
-    are constant may be left over, others less so. Three neighbours of length 1 in every row are a
+    Every choice of three neighbouring columns as a position, and of others as a direction, is rated
+    by the columns that it leaves unexplained. Columns that count the rows, rise evenly like a clock
+    or are constant cost little, others more. Three neighbours of length 1 in every row are a
     normal, four a quaternion; the last three after a position may be angles.
 
     Args:
@@ -78,7 +78,7 @@ def suggested(values: Array) -> Suggestion | None:
 
 
 Choice = tuple[float, range, tuple[str, range] | None]
-"""What is left unexplained, the position, and what the direction is and where."""
+"""Cost of the unexplained columns, the position, and the kind and columns of the direction."""
 
 
 class _Columns:
@@ -90,12 +90,13 @@ class _Columns:
         self.counting = [k for k in self.left if self._counts(k)]
 
     def choices(self) -> Iterator[Choice]:
-        """Every choice, with the weight of what it leaves unexplained."""
+        """Every choice, with the cost of the columns it leaves unexplained."""
         for p in self.left:
             position = range(p, p + 3)
             if not self._free(position):
                 continue
-            # The first of equal ones, with the direction behind it, is the usual order.
+            # Of equal choices prefer the first, with the direction after the position: the usual
+            # order.
             price = 0.01 * p + (2.0 if all(map(self._constant, position)) else 0.0)
             price += 0.5 * self._has_length_1(position)
             price += 0.4 * len(set(position) & set(self.counting))
@@ -129,9 +130,10 @@ class _Columns:
         return bool((np.abs(lengths - 1.0) <= _UNIT).all())
 
     def _is_flat(self, at: range) -> bool:
-        """Whether four columns are rather z = 0 of a flat part and a direction.
+        """Whether four columns are more likely z = 0 of a flat part and a direction.
 
-        Of constant ones only with the direction along z: (0, 1, 0, 0) turns a tool upside down.
+        For constant columns only if the direction is along z: (0, 1, 0, 0) turns a tool upside
+        down.
         """
         if not (self._has_length_1(at[1:]) and self._constant(at[0])):
             return False
@@ -139,7 +141,7 @@ class _Columns:
         return bool(upright) or not all(map(self._constant, at))
 
     def _unexplained(self, used: set[int]) -> float:
-        """The weight of the columns that are left over."""
+        """Cost of the unexplained columns."""
         price = 0.0
         for k in self.left:
             if k in used or k in self.counting:

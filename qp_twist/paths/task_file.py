@@ -44,7 +44,7 @@ from qp_twist.paths.turning import transported
 from qp_twist.robots import Robot, load_robot
 
 FILE_KEY = "path.file: "
-"""Begins the messages about a toolpath."""
+"""Prefix of messages about a toolpath."""
 
 
 def shipped_tasks() -> list[Path]:
@@ -55,17 +55,17 @@ def shipped_tasks() -> list[Path]:
 def load_task(task: str | Path, *, path: str | Path | None = None) -> PathTask:
     """Load a task by the name of a shipped file, or a path to a ``.toml`` file.
 
-    Scenes and other relative paths resolve from the file; a scene that is not there is looked for
-    among the shipped ones.
+    Relative paths are resolved from the file's folder; a scene that is not there is searched among
+    the shipped ones.
 
     Args:
         task: ``"deburring"``, or ``"./mine.toml"``.
-        path: A toolpath file, CSV or APT-CL, to follow instead of the task's path. Where that is
-            from a file as well, its keys hold for this one.
+        path: A toolpath file, CSV or APT-CL, to follow instead of the task's path. If that path is
+            from a file, too, its keys apply to this one.
 
     Raises:
-        TaskFileError: If there is no such file, or something in it is wrong: the message names the
-            file, the line where it can be found, and the key.
+        TaskFileError: If there is no such file, or it is invalid: the message names file, line and
+            key.
 
     Example:
         >>> import qp_twist as qt
@@ -89,7 +89,7 @@ def load_task(task: str | Path, *, path: str | Path | None = None) -> PathTask:
     if path is not None:
         table = _with_toolpath(source, table, path)
     try:
-        # By way of JSON, since only there strict mode takes an array for a tuple.
+        # Convert to JSON: only there strict mode accepts an array for a tuple.
         file = TaskFile.model_validate_json(json.dumps(table, default=str))
     except ValidationError as error:
         raise TaskFileError(_explain(source, text, error)) from None
@@ -136,7 +136,7 @@ def _find(task: str | Path) -> Path:
 
 
 def _with_toolpath(source: Path, table: dict[str, Any], path: str | Path) -> dict[str, Any]:
-    """The tables of a task file with another toolpath in them."""
+    """The tables of a task file with another toolpath."""
     if not isinstance(path, (str, Path)) or not str(path):
         raise TaskFileError(f"load_task(path=…): expected a toolpath file, got {path!r}.")
     if table.get("segments"):
@@ -175,11 +175,11 @@ def _build(path: Path, file: TaskFile) -> PathTask:
     if projector.linear.kind is ProjectorKind.FULL:
         chain = SerialChain.of(model, file.robot.frame, file.robot.frame_type)
         reach = largest_reach(chain, ranges)
-    laid = _laid(path, file, rotation, projector, operational, reach)
-    durations, notes = _durations(path, file, laid)
+    built = _waypoints(path, file, rotation, projector, operational, reach)
+    durations, notes = _durations(path, file, built)
     toolpath = None
-    if laid.read is not None:
-        toolpath = laid.read.toolpath
+    if built.read is not None:
+        toolpath = built.read.toolpath
         toolpath = replace(toolpath, notes=(*toolpath.notes, *notes))
     timed = durations is not None
     return PathTask(
@@ -190,34 +190,34 @@ def _build(path: Path, file: TaskFile) -> PathTask:
         model=model,
         frame_name=file.robot.frame,
         frame_type=file.robot.frame_type,
-        projector=laid.projector,
+        projector=built.projector,
         operational=operational,
-        waypoints=poses(laid.positions, laid.rotations),
-        flipped_waypoints=None if laid.flipped is None else poses(laid.positions, laid.flipped),
+        waypoints=poses(built.positions, built.rotations),
+        flipped_waypoints=None if built.flipped is None else poses(built.positions, built.flipped),
         start=start,
         durations=durations,
         velocity_limits=_limits(path, file, ranges, "velocity", robot.velocity_limits, timed=timed),
         acceleration_limits=_limits(path, file, ranges, "acceleration", {}, timed=timed),
         iteration=file.iteration,
         methods={str(name): settings for name, settings in file.methods.items()},
-        segments=laid.segments,
+        segments=built.segments,
         bands=bands,
         best_start=file.start.found,
         roll_normal=None
-        if laid.flipped is None or file.roll is None
+        if built.flipped is None or file.roll is None
         else unit_vector("roll.plane_normal", file.roll.plane_normal),
         study=file.study,
         toolpath=toolpath,
-        lines=None if laid.read is None else laid.read.lines,
-        from_start=laid.from_start,
+        lines=None if built.read is None else built.read.lines,
+        from_start=built.from_start,
     )
 
 
 def load_scene(path: Path, scene: str, packages: Mapping[str, str] | None = None) -> Robot:
-    """The robot of the MJCF or URDF file that the task file at ``path`` calls ``scene``.
+    """Load the robot of the MJCF or URDF file ``scene`` of the task file ``path``.
 
     Raises:
-        TaskFileError: If there is none, or it is refused.
+        TaskFileError: If there is no such file, or it is refused.
     """
     candidates = [path.parent / scene, shipped_folder("scenes") / scene]
     folders = {name: path.parent / folder for name, folder in (packages or {}).items()}
@@ -253,17 +253,17 @@ def _start(path: Path, section: StartSection, model: mujoco.MjModel) -> Array:
     return values
 
 
-class _Laid(NamedTuple):
-    """A path as it is laid.
+class _Waypoints(NamedTuple):
+    """The waypoints of a path.
 
     Attributes:
         positions: m, (N, 3).
-        rotations: With the roll of the roll rule, (N, 3, 3).
-        flipped: With its other sign; ``None`` without a rule.
+        rotations: Orientations, with the roll of the roll rule, (N, 3, 3).
+        flipped: The same with the rule's other sign; ``None`` without a rule.
         projector: T of the first waypoint.
-        segments: Where another T takes over.
-        read: What a toolpath file gave, if the path is from one.
-        from_start: What of the rotations is that of the frame at the start.
+        segments: Sections with another T.
+        read: Waypoints of a toolpath file, if the path is from one.
+        from_start: Which part of the rotations is taken from the start.
     """
 
     positions: Array
@@ -275,25 +275,25 @@ class _Laid(NamedTuple):
     from_start: FromStart = "nothing"
 
 
-def _laid(
+def _waypoints(
     path: Path,
     file: TaskFile,
     held: Array,
     projector: TwistProjector,
     operational: TwistProjector,
     reach: float,
-) -> _Laid:
-    """The path of the task.
+) -> _Waypoints:
+    """Build the waypoints of the task.
 
-    ``held`` (3, 3) is the frame's orientation at the start; a toolpath that is larger than
-    ``reach`` (m) lets the robot pass is refused before it is resampled.
+    ``held`` (3, 3) is the frame's orientation at the start. A toolpath that exceeds the robot's
+    ``reach`` (m) is refused before it is resampled.
     """
     segments = tuple(Segment(s.first - 1, s.projector(), s.blend) for s in file.segments)
     section = file.path
     if not isinstance(section, FilePath):
-        unstated = isinstance(section, PolylinePath) and section.tool_axis is None
-        whole: FromStart = "orientation" if unstated else "nothing"
-        return _Laid(*_poses(path, file, held), projector, segments, from_start=whole)
+        no_axis = isinstance(section, PolylinePath) and section.tool_axis is None
+        whole: FromStart = "orientation" if no_axis else "nothing"
+        return _Waypoints(*_poses(path, file, held), projector, segments, from_start=whole)
     try:
         read = file_waypoints(path, section, held, reach)
     except InvalidInput as error:
@@ -319,11 +319,11 @@ def _laid(
     else:
         assert read.axes is not None
         rotations, flipped, brought = transported(held, read.axes), None, "roll"
-    return _Laid(read.positions, rotations, flipped, first, own or segments, read, brought)
+    return _Waypoints(read.positions, rotations, flipped, first, own or segments, read, brought)
 
 
 def _refuse_held(path: Path, file: TaskFile, without: str) -> None:
-    """Refuse to look for a start on a path that has its orientation from the start."""
+    """Refuse to search a start on a path whose orientation comes from the start."""
     if file.start.found and file.projector.projector().angular.rank:
         raise TaskFileError(
             f"{path}: start: a start is looked for on the path, and without {without} the path has "
@@ -380,32 +380,32 @@ def _pose_rotation(pose: Any) -> Array:
     return matrix
 
 
-def _durations(path: Path, file: TaskFile, laid: _Laid) -> tuple[Array | None, list[str]]:
-    """Time for each waypoint, s, (N,), and what is to be said of it.
+def _durations(path: Path, file: TaskFile, built: _Waypoints) -> tuple[Array | None, list[str]]:
+    """Time for each waypoint, s, (N,), and notes about it.
 
-    The slower of the linear and the angular feed. Where a toolpath states a feed, that is the
-    linear one; elsewhere it is ``feed.speed``, and without [feed] that of the nearest stretch.
+    The slower of the linear and the angular feed counts. The linear feed is that of the toolpath;
+    where it has none, ``feed.speed``; and without [feed] that of the nearest section.
     """
     feed = file.feed
-    of_file = None if laid.read is None else laid.read.feeds
+    of_file = None if built.read is None else built.read.feeds
     if feed is not None and feed.dt is not None:
         notes = ["the feeds in the file are not used: feed.dt is the time of every waypoint."]
-        durations = np.concatenate([[0.0], np.full(len(laid.positions) - 1, feed.dt)])
+        durations = np.concatenate([[0.0], np.full(len(built.positions) - 1, feed.dt)])
         return durations, notes if of_file is not None else []
     if feed is None and of_file is None:
         return None, []
     if feed is not None:
         assert feed.speed is not None
-        speeds = np.full(len(laid.positions), feed.speed)
+        speeds = np.full(len(built.positions), feed.speed)
         if of_file is not None:
             speeds = np.where(np.isnan(of_file), speeds, of_file)
     else:
-        assert laid.read is not None
-        speeds = _nearest_feeds(path, laid.read)
-    durations = np.zeros(len(laid.positions))
-    durations[1:] = np.linalg.norm(np.diff(laid.positions, axis=0), axis=1) / speeds[1:]
+        assert built.read is not None
+        speeds = _nearest_feeds(path, built.read)
+    durations = np.zeros(len(built.positions))
+    durations[1:] = np.linalg.norm(np.diff(built.positions, axis=0), axis=1) / speeds[1:]
     if feed is not None and feed.angular_speed_deg is not None:
-        pairs = itertools.pairwise(laid.rotations)
+        pairs = itertools.pairwise(built.rotations)
         turns = [np.linalg.norm(rotation_vector(b @ a.T)) for a, b in pairs]
         durations[1:] = np.maximum(durations[1:], turns / np.radians(feed.angular_speed_deg))
     standing = np.flatnonzero(durations[1:] <= 0.0)
@@ -421,7 +421,7 @@ def _durations(path: Path, file: TaskFile, laid: _Laid) -> tuple[Array | None, l
 
 
 def _nearest_feeds(path: Path, read: FileWaypoints) -> Array:
-    """The feeds of a toolpath, and on the ways between its curves those of the next or last."""
+    """The feeds of a toolpath; between its curves those of the next or last curve."""
     for curve in read.toolpath.curves:
         open_ = np.ones(len(curve) - 1, dtype=bool)
         if curve.feeds is not None:
@@ -433,9 +433,9 @@ def _nearest_feeds(path: Path, read: FileWaypoints) -> Array:
                 'none, or leave its feeds out by feeds = "task" in [path].'
             )
     assert read.feeds is not None
-    stated = np.flatnonzero(~np.isnan(read.feeds))
-    following = np.searchsorted(stated, np.arange(len(read.feeds)))
-    feeds: Array = read.feeds[stated[np.minimum(following, len(stated) - 1)]]
+    known = np.flatnonzero(~np.isnan(read.feeds))
+    following = np.searchsorted(known, np.arange(len(read.feeds)))
+    feeds: Array = read.feeds[known[np.minimum(following, len(known) - 1)]]
     return feeds
 
 
@@ -448,12 +448,12 @@ def _limits(
     *,
     timed: bool,
 ) -> Array:
-    """Limits by joint, (nv,): those of the file; where it has none, and a clock, the robot's."""
-    stated: dict[str, float] = getattr(file.limits, kind)
-    if not stated and timed:
+    """Limits by joint, (nv,): those of the file; for a timed path without them, the robot's."""
+    limits_by_joint: dict[str, float] = getattr(file.limits, kind)
+    if not limits_by_joint and timed:
         return per_joint(f"{kind} limits of the robot", of_robot, ranges)
-    limits = per_joint(f"limits.{kind}", stated, ranges)
-    if stated and not timed:
+    limits = per_joint(f"limits.{kind}", limits_by_joint, ranges)
+    if limits_by_joint and not timed:
         raise TaskFileError(
             f"{path}: limits.{kind}: {kind} limits need a clock; add [feed] with speed or dt."
         )
@@ -461,12 +461,12 @@ def _limits(
 
 
 def _explain(path: Path, text: str, error: ValidationError) -> str:
-    """One line for each thing that is wrong, with its place in the file."""
+    """One line for each problem, with its place in the file."""
     items = error.errors()
     places = [_keys(item) for item in items]
     lines = []
     for item, keys in zip(items, places, strict=True):
-        # A list is also called too short when one of its entries is refused: once is enough.
+        # pydantic also reports a list as too short if an entry is refused: report it once.
         if item["type"] == "too_short" and any(
             k != keys and k[: len(keys)] == keys for k in places
         ):
@@ -482,12 +482,12 @@ def _place(path: Path, number: int | None) -> str:
 
 
 def _split(key: str) -> list[str | int]:
-    """``segments[1].first`` as the keys that lead there."""
+    """Split ``segments[1].first`` into its keys."""
     return [int(k) if k.isdecimal() else k for k in re.findall(r"\w+", key)]
 
 
 def _keys(item: Any) -> list[str | int]:
-    """The keys that lead to an error, as they stand in the file."""
+    """The keys of an error, as in the file."""
     keys = list(item["loc"])
     if not keys:
         return ["file"]

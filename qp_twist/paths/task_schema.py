@@ -20,7 +20,7 @@ Count = Annotated[int, Field(ge=1, le=1_000_000)]
 
 
 class RobotSection(Section):
-    """Which robot and which of its frames."""
+    """The robot and its controlled frame."""
 
     scene: str = Field(description="MJCF file, relative to the task file or one that is shipped")
     frame: str = Field(description="name of the controlled frame in the scene")
@@ -43,10 +43,10 @@ class SegmentSection(ProjectorSection):
 
 
 class BandTable(Section):
-    """What the kinds of tolerance bands have in common."""
+    """Base of the tolerance bands."""
 
     def band(self) -> ToleranceBand:
-        """The band that the table states."""
+        """The band of this table."""
         raise NotImplementedError
 
     @model_validator(mode="after")
@@ -66,7 +66,7 @@ class RollBandTable(BandTable):
     weight: Positive | None = None
 
     def band(self) -> RollBand:
-        """The band that the table states."""
+        """The band of this table."""
         lower, upper = math.radians(self.lower_deg), math.radians(self.upper_deg)
         return RollBand(self.axis, lower, upper, frame=self.frame, weight=self.weight)
 
@@ -83,7 +83,7 @@ class ConeBandTable(BandTable):
     weight: Positive | None = None
 
     def band(self) -> ConeBand:
-        """The band that the table states."""
+        """The band of this table."""
         lower, upper = math.radians(self.lower_deg), math.radians(self.upper_deg)
         return ConeBand(
             self.axis, self.reference, upper, lower, frame=self.frame, weight=self.weight
@@ -101,7 +101,7 @@ class SlabBandTable(BandTable):
     weight: Positive | None = None
 
     def band(self) -> SlabBand:
-        """The band that the table states."""
+        """The band of this table."""
         return SlabBand(self.normal, self.lower, self.upper, frame=self.frame, weight=self.weight)
 
 
@@ -115,7 +115,7 @@ class BoxBandTable(BandTable):
     weight: Positive | None = None
 
     def band(self) -> BoxBand:
-        """The band that the table states."""
+        """The band of this table."""
         return BoxBand(self.lower, self.upper, frame=self.frame, weight=self.weight)
 
 
@@ -191,7 +191,7 @@ class RollSection(Section):
 
 
 class StartSection(Section):
-    """Where the robot starts; it is corrected onto the first waypoint."""
+    """Start of the robot; it is corrected onto the first waypoint."""
 
     q_deg: tuple[Number, ...] | None = None
     q: tuple[Number, ...] | None = None
@@ -200,7 +200,7 @@ class StartSection(Section):
 
     @property
     def found(self) -> bool | Literal["central"]:
-        """Whether the start is to be found: of the best plan, or the central one."""
+        """Whether to search the start: that of the best plan, or the central one."""
         return "central" if self.central else bool(self.best)
 
     @model_validator(mode="after")
@@ -213,7 +213,7 @@ class StartSection(Section):
 
 
 class FeedSection(Section):
-    """How long a waypoint may take; needed for velocity and acceleration limits."""
+    """Time for each waypoint; required for velocity and acceleration limits."""
 
     speed: Positive | None = Field(default=None, description="along the path, m/s")
     angular_speed_deg: Positive | None = Field(default=None, description="of the tool, deg/s")
@@ -229,7 +229,7 @@ class FeedSection(Section):
 
 
 class LimitsSection(Section):
-    """Limits that an MJCF scene cannot state. Position limits are the scene's."""
+    """Limits that MJCF does not have. Position limits are the scene's."""
 
     velocity: dict[str, Positive] = Field(
         default_factory=dict, description="joint name: largest speed, rad/s or m/s"
@@ -240,7 +240,7 @@ class LimitsSection(Section):
 
 
 class IterationSection(Section):
-    """How a waypoint is approached."""
+    """Iteration to a waypoint."""
 
     position_tolerance: Positive = 1e-9
     angle_tolerance_deg: Positive = 1e-7
@@ -273,7 +273,7 @@ Interval = Annotated[tuple[Number, Number], AfterValidator(_ordered)]
 
 
 class PlacementTable(Section):
-    """Where the workpiece may stand."""
+    """Range of placements of the workpiece."""
 
     point: Vector = Field(description="of the workpiece where the file has it, m")
     body: str | None = Field(default=None, description="of the scene that moves along")
@@ -292,7 +292,7 @@ class PlacementTable(Section):
 
 
 class ToolTable(Section):
-    """How the tool may lean."""
+    """Range of tilts of the tool."""
 
     lead_deg: Interval = Field(default=(0.0, 0.0), description="towards the way it goes")
     tilt_deg: Interval = Field(default=(0.0, 0.0), description="to the left of it")
@@ -314,7 +314,7 @@ PositiveInterval = Annotated[tuple[Positive, Positive], AfterValidator(_ordered)
 
 
 class StudySection(Section):
-    """What a study varies, and what counts as success."""
+    """What a study varies, and its criterion of success."""
 
     seed: Annotated[int, Field(ge=0)] = 0
     position_error: Positive = Field(default=1e-4, description="largest that is a success, m")

@@ -1,4 +1,4 @@
-"""A toolpath as arrays: one or more curves, as a file has them."""
+"""A toolpath as arrays: the curves of a file."""
 
 from __future__ import annotations
 
@@ -20,16 +20,16 @@ Meaning = Literal["axis", "normal", "rotation", "none"]
 
 @dataclass(frozen=True, eq=False)
 class Curve:
-    """Points that a tool passes without being lifted.
+    """Points that a tool passes without lifting.
 
     Attributes:
-        name: As in the file; ``"3"`` for the third curve of a file without names.
+        name: Its name in the file; ``"3"`` for the third curve of a file without names.
         positions: Of the points, in the frame of the file, m, (N, 3).
         vectors: Tool axes or surface normals, unit vectors, (N, 3); ``None`` if the file has none.
         rotations: Of the tool to the frame of the file, (N, 3, 3); ``None`` likewise.
-        lines: Line of the file that each point stands in, from 1, (N,).
-        feeds: Feed of the motion to each point, m/s, (N,), NaN where the file states none; ``None``
-            if it states none at all.
+        lines: Line of the file of each point, from 1, (N,).
+        feeds: Feed of the motion to each point, m/s, (N,), NaN without one; ``None`` if the file
+            has none.
     """
 
     name: str
@@ -60,16 +60,16 @@ class Curve:
 
 @dataclass(frozen=True, eq=False)
 class Toolpath:
-    """What a toolpath file says.
+    """Contents of a toolpath file.
 
     Attributes:
         source: The file.
-        meaning: What the curves' directions are: the tool axis, from the tip to the holder; the
-            surface normal, away from the part; the whole rotation of the tool; or nothing.
+        meaning: Meaning of the curves' directions: the tool axis, from the tip to the holder; the
+            surface normal, away from the part; the whole rotation of the tool; or none.
         curves: The curves, in the order of the file.
-        notes: What was left out or assumed, a sentence each.
-        unit: In which the positions stand in the file.
-        unit_in_file: Whether the file states it itself.
+        notes: A sentence for each thing that was left out or assumed.
+        unit: Unit of the positions in the file.
+        unit_in_file: Whether the file specifies it.
     """
 
     source: Path
@@ -81,11 +81,11 @@ class Toolpath:
 
     @property
     def feeds(self) -> tuple[float, float] | None:
-        """Lowest and highest feed that the file states, m/s; ``None`` if it states none."""
-        stated = [curve.feeds for curve in self.curves if curve.feeds is not None]
-        if not stated:
+        """Lowest and highest feed of the file, m/s; ``None`` if it has none."""
+        feeds_of_curves = [curve.feeds for curve in self.curves if curve.feeds is not None]
+        if not feeds_of_curves:
             return None
-        feeds = np.concatenate(stated)
+        feeds = np.concatenate(feeds_of_curves)
         return float(np.nanmin(feeds)), float(np.nanmax(feeds))
 
     @property
@@ -99,7 +99,7 @@ class Toolpath:
         return float(max(from_first, np.ptp(positions, axis=0).max()))
 
     def chosen(self, curves: Sequence[str | int]) -> Toolpath:
-        """The toolpath of some of its curves, in the order asked for.
+        """The toolpath with some of its curves, in the order of ``curves``.
 
         Args:
             curves: Names, or numbers counted from 1. A name stands for all curves that have it.

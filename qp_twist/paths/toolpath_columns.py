@@ -1,4 +1,4 @@
-"""Which column of a table is what, and in which unit."""
+"""Meaning and unit of a table's columns."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _SIZES = {"position": 3, "axis": 3, "normal": 3, "quaternion": 4, "rpy": 3, "ang
 
 
 def _usual_names() -> dict[str, tuple[str, int]]:
-    """What the letters and digits of a usual column name mean: a group, and a place in it."""
+    """Usual column names (letters and digits only): each with its group and index in it."""
     names: dict[str, tuple[str, int]] = {}
     forms = {
         "position": ("{}", "p{}", "pos{}", "{}pos", "position{}", "{}position", "coord{}",
@@ -49,17 +49,17 @@ _USUAL = _usual_names()
 
 @dataclass(frozen=True)
 class ColumnChoice:
-    """Columns stated by hand: each a header's name, or a number counted from 1.
+    """Columns chosen by the user: names of the header, or numbers counted from 1.
 
     Attributes:
         position: x, y, z.
-        axis: Of the tool, from its tip to its holder.
-        normal: Of the surface, away from the part.
+        axis: Axis of the tool, from its tip to its holder.
+        normal: Normal of the surface, away from the part.
         quaternion_wxyz: w first.
         quaternion_xyzw: w last.
         rpy: Roll about x, pitch about y, yaw about z.
-        curve: Where its entry changes, another curve begins.
-        feed: Of the motion to each point.
+        curve: Another curve begins where its entry changes.
+        feed: Feed of the motion to each point.
     """
 
     position: tuple[Column, ...] | None = None
@@ -73,11 +73,11 @@ class ColumnChoice:
 
 
 class UnclearColumns(InvalidInput):
-    """A table whose header does not say what its columns are.
+    """The header of a table does not identify its columns.
 
     Attributes:
         message: Without the suggestion.
-        suggestion: What they may be by their numbers, if these tell.
+        suggestion: Their likely meaning by the numbers, if there is one.
     """
 
     def __init__(self, message: str, suggestion: Suggestion | None = None) -> None:
@@ -88,7 +88,7 @@ class UnclearColumns(InvalidInput):
 
 
 def index_of(table: Table, key: str, column: Column) -> int:
-    """Index of a column that was stated by name, or by number from 1.
+    """Index of a column that was chosen by name, or by number from 1.
 
     Raises:
         InvalidInput: If there is no such column, or more than one.
@@ -110,12 +110,12 @@ def index_of(table: Table, key: str, column: Column) -> int:
 
 
 def unit_of(
-    table: Table, key: str, columns: Sequence[int], stated: Unit | None, known: Collection[Unit]
+    table: Table, key: str, columns: Sequence[int], chosen: Unit | None, known: Collection[Unit]
 ) -> tuple[Unit, bool]:
-    """The unit of some columns, and whether it is the header's own and not the one stated.
+    """The unit of some columns, and whether it is from the header.
 
     Raises:
-        InvalidInput: If there is none, the two differ, or it is not known.
+        InvalidInput: If there is none, header and ``chosen`` differ, or it is not known.
     """
     found = {split_unit(table.names[i])[1] for i in columns} if table.names else {None}
     called = ", ".join(table.call(i) for i in columns)
@@ -123,8 +123,8 @@ def unit_of(
         raise InvalidInput(f"{called} have different units in the header; write one unit for all.")
     [unit] = found
     if unit is None:
-        if stated is not None:
-            return stated, False
+        if chosen is not None:
+            return chosen, False
         first, example = table.names[columns[0]] if table.names else "x", next(iter(known))
         raise InvalidInput(
             f"the unit of {called} is not said; add {key} = "
@@ -133,9 +133,9 @@ def unit_of(
         )
     if unit not in known:
         raise InvalidInput(f"{called}: the header says {unit!r}; known are {', '.join(known)}.")
-    if stated not in (None, unit):
+    if chosen not in (None, unit):
         raise InvalidInput(
-            f"{called}: the header says {unit}, {key} of the task file says {stated}; correct one "
+            f"{called}: the header says {unit}, {key} of the task file says {chosen}; correct one "
             "of them."
         )
     return cast(Unit, unit), True
@@ -143,11 +143,11 @@ def unit_of(
 
 @dataclass(frozen=True)
 class ColumnRoles:
-    """Where in a row everything stands.
+    """Roles of the columns of a table.
 
     Attributes:
         position: Indices of x, y, z.
-        orientation: What the other columns state.
+        orientation: Meaning of the direction columns.
         direction: Their indices; a quaternion's w first.
         curve: Index of the curve's name.
         feed: Index of the feed.
@@ -166,7 +166,7 @@ class ColumnRoles:
 
 
 def usual(names: Sequence[str]) -> dict[str, dict[int, list[int]]]:
-    """Groups of columns that have usual names: for each place in a group, indices of columns."""
+    """Groups of columns with usual names: for each index in a group, the columns."""
     found: dict[str, dict[int, list[int]]] = {}
     for index, name in enumerate(names):
         letters = re.sub(r"[^a-z0-9]", "", split_unit(name)[0].lower())
@@ -189,18 +189,18 @@ def column_roles(
     orientation: Orientation | None,
     feed_unit: FeedUnit | None = None,
 ) -> ColumnRoles:
-    """Where everything stands: as stated, else by usual names, else in the only way possible.
+    """Roles of the columns: as chosen, else by usual names, else the only ones possible.
 
-    A column of feeds counts where its unit is known: ``speed`` alone may be that of a spindle.
+    A feed column is used only if its unit is known: ``speed`` alone may be that of a spindle.
 
     Raises:
-        InvalidInput: If that does not settle it.
-        UnclearColumns: If the columns have to be stated.
+        InvalidInput: If the columns contradict each other.
+        UnclearColumns: If the columns have to be chosen.
     """
-    position = _stated(table, "position", choice.position, 3)
-    stated = _stated_direction(table, choice)
+    position = _chosen(table, "position", choice.position, 3)
+    direction = _chosen_direction(table, choice)
     settled = set() if position is None else {"position"}
-    if stated is not None or orientation == "none":
+    if direction is not None or orientation == "none":
         settled |= _SIZES.keys() - {"position", "curve", "feed"}
     if choice.feed is not None:
         settled.add("feed")
@@ -216,37 +216,37 @@ def column_roles(
                 f"no columns x, y, z among {', '.join(map(repr, table.names))}; "
                 "say which they are in [path.columns] of the task file."
             )
-        if stated is None or table.width < 3:
+        if direction is None or table.width < 3:
             return _without_header(table, choice, orientation, feed)
         position = (0, 1, 2)
     curve = index_of(table, "curve", choice.curve) if choice.curve is not None else None
     if curve is None and "curve" in groups:
         [curve] = groups["curve"]
-    if stated is not None:
-        if orientation not in (None, stated[0], "none"):
+    if direction is not None:
+        if orientation not in (None, direction[0], "none"):
             raise InvalidInput(
-                f"columns states {stated[0]}, orientation states {orientation}; "
+                f"columns has {direction[0]}, orientation is {orientation!r}; "
                 "leave one of them out."
             )
-        found = ("none", ()) if orientation == "none" else stated
+        found = ("none", ()) if orientation == "none" else direction
     else:
         found = _usual_direction(table, groups, orientation)
     where = ColumnRoles(position, found[0], found[1], curve, feed)
     if len(set(where.numbers)) < len(where.numbers):
-        raise InvalidInput("columns: a column is stated twice.")
+        raise InvalidInput("columns: a column is used twice.")
     return where
 
 
 def _groups(
     table: Table, settled: set[str], feed_unit: FeedUnit | None
 ) -> dict[str, tuple[int, ...]]:
-    """The whole groups among the usual names of a header, without those settled otherwise."""
+    """The complete groups among the usual names of a header, except those already settled."""
     groups = {}
     for group, places in usual(table.names).items():
         if group in settled:
             continue
         if group == "feed":
-            # The same names are used for what is no feed; the unit tells.
+            # The same names are used for other quantities; the unit decides.
             known = [i for i in places[0] if split_unit(table.names[i])[1] in FEEDS]
             places = {0: known or (places[0] if feed_unit is not None else [])}  # noqa: PLW2901
             if not places[0]:
@@ -274,7 +274,7 @@ def _groups(
     return groups
 
 
-def _stated(
+def _chosen(
     table: Table, key: str, columns: tuple[Column, ...] | None, size: int
 ) -> tuple[int, ...] | None:
     if columns is None:
@@ -284,7 +284,7 @@ def _stated(
     return tuple(index_of(table, key, column) for column in columns)
 
 
-def _stated_direction(
+def _chosen_direction(
     table: Table, choice: ColumnChoice
 ) -> tuple[Orientation, tuple[int, ...]] | None:
     found: list[tuple[Orientation, tuple[int, ...]]] = []
@@ -293,13 +293,13 @@ def _stated_direction(
         ("quaternion_xyzw", "quaternion"), ("rpy", "rpy"),
     )  # fmt: skip
     for key, orientation in kinds:
-        indices = _stated(table, key, getattr(choice, key), _SIZES[orientation])
+        indices = _chosen(table, key, getattr(choice, key), _SIZES[orientation])
         if indices is not None:
             if key == "quaternion_xyzw":
                 indices = (indices[3], *indices[:3])
             found.append((orientation, indices))
     if len(found) > 1:
-        raise InvalidInput(f"columns: state one orientation, not {len(found)}.")
+        raise InvalidInput(f"columns: choose one orientation, not {len(found)}.")
     return found[0] if found else None
 
 
@@ -337,7 +337,7 @@ def _usual_direction(
 def _without_header(
     table: Table, choice: ColumnChoice, orientation: Orientation | None, feed: int | None
 ) -> ColumnRoles:
-    """A table whose columns have no names and were not stated."""
+    """Roles in a table whose columns have no names and were not chosen."""
     curve = None if choice.curve is None else index_of(table, "curve", choice.curve)
     if table.width == 3 and orientation in (None, "none") and feed is None:
         return ColumnRoles((0, 1, 2), "none", (), curve)

@@ -1,4 +1,4 @@
-"""Directions and rotations along a path: angles, interpolation, and the roll with least turning."""
+"""Directions and rotations along a path: angles, interpolation, and the least-turning roll."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ def vectors_at(a: Array, b: Array, shares: Array) -> Array:
 
 
 def rotations_at(a: Array, b: Array, shares: Array) -> Array:
-    """Rotations on the way from a to b about one fixed axis.
+    """Rotations interpolated from a to b about one fixed axis.
 
     Args:
         a: Rotation, (3, 3) or (N, 3, 3).
@@ -88,10 +88,10 @@ def least_turn(a: Array, b: Array) -> Array:
 
 
 def transported(first: Array, axes: Array) -> Array:
-    """Rotations whose z are given axes, and which turn as little as that allows.
+    """Rotations with prescribed z axes that turn as little as possible (parallel transport).
 
     The roll of the first is that of ``first`` after the least turn of its z to the first axis; from
-    each axis to the next the rotation has no component about the axis (parallel transport).
+    each axis to the next the rotation has no component about the axis.
 
     Args:
         first: Rotation (3, 3).

@@ -1,4 +1,4 @@
-"""One step as it is posed to another library, and the interface of those who take it."""
+"""Description of a step for another library, and the interface of the libraries."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from qp_twist.errors import InvalidInput
 from qp_twist.geometry import Projector, ProjectorKind, TwistProjector, twist_error
 
 _ALONG = 1e-9
-"""An axis is one of the frame's own if its other two entries are below this."""
+"""An axis counts as one of the frame's axes if its other two entries are below this."""
 
 
 Priority = Literal["hard", "soft", "scaled"]
@@ -27,17 +27,17 @@ Priority = Literal["hard", "soft", "scaled"]
 
 @dataclass(frozen=True, eq=False)
 class PeerFrame:
-    """A frame of the robot, and what of its pose counts.
+    """A controlled frame and its projector.
 
-    Other libraries weigh the error of a pose along the frame's own axes, or align one axis of the
-    frame with a direction. Not every twist projector can be expressed like that.
+    Other libraries weight the pose error along the frame's axes, or align one axis of the frame
+    with a direction. This cannot express every twist projector.
 
     Attributes:
-        name: Of the frame.
+        name: Name of the frame.
         type: ``"site"``, ``"body"`` or ``"geom"``.
         projector: Its twist projector.
-        operational: In which directions the robot can move the frame.
-        refused: Begins the message where a library cannot express the projector.
+        operational: Directions in which the robot can move the frame.
+        refused: Beginning of the message if a library cannot express the projector.
     """
 
     name: str
@@ -48,7 +48,7 @@ class PeerFrame:
 
     @cached_property
     def linear(self) -> Projector:
-        """The linear block; full where that leaves free only what the robot cannot do."""
+        """The linear block; full if only immovable directions are free."""
         return self._widened(self.projector.linear, self.operational.linear)
 
     @cached_property
@@ -69,7 +69,7 @@ class PeerFrame:
         return Projector.full() if np.abs(left).max(initial=0.0) < _ALONG else block
 
     def position_costs(self) -> Array:
-        """Along which of the frame's own axes the position counts, 0 or 1, (3,).
+        """Weights, 0 or 1, of the position along the frame's axes, (3,).
 
         Raises:
             InvalidInput: If the linear block has another axis.
@@ -89,7 +89,7 @@ class PeerFrame:
         return position
 
     def orientation_costs(self) -> Array:
-        """About which of the frame's own axes the orientation counts, 0 or 1, (3,).
+        """Weights, 0 or 1, of the orientation about the frame's axes, (3,).
 
         Raises:
             InvalidInput: If the free axis is none of these.
@@ -116,7 +116,7 @@ class PeerFrame:
 
     @cached_property
     def axis_in_world(self) -> bool:
-        """Whether the free axis is fixed to the world: its place in the frame then changes."""
+        """Whether the free axis is fixed to the world: then it moves in the frame."""
         T = self.projector if self.projector.angular.axis is not None else self.minimal
         return T.frame == "world"
 
@@ -132,9 +132,9 @@ class PeerFrame:
         return (target.T @ e, e) if self.axis_in_world else (e, target @ e)
 
     def facing(self, target: mink.SE3, here: mink.SE3) -> mink.SE3:
-        """The waypoint where the whole orientation counts; else with the roll that the frame has.
+        """The waypoint; with a free roll, it gets the frame's roll.
 
-        An error of the pose then contains nothing of the roll, however far that has turned.
+        Then the pose error does not contain the roll.
         """
         if self.angular.kind is ProjectorKind.FULL:
             return target
@@ -149,30 +149,30 @@ class PeerFrame:
 
 
 def _own_axis(axis: Array) -> int | None:
-    """Which of a frame's axes ``axis`` (3,) is, either way round; ``None`` for an oblique one."""
+    """Index of the frame's axis that is ±``axis`` (3,); ``None`` for an oblique one."""
     index = int(np.argmax(np.abs(axis)))
     return index if np.abs(np.delete(axis, index)).max() < _ALONG else None
 
 
 @dataclass(frozen=True, eq=False)
-class Posed:
-    """One step as any library is handed it: frames, a posture, limits of position and speed.
+class PeerProblem:
+    """A step for any library: frames, a posture, limits of position and speed.
 
     Attributes:
         model: The robot, hinges and slides only.
-        frames: What has to follow, each at cost 1.
-        posture: The configuration to which the free motion goes, (nq,).
-        costs: Of the posture, one for all joints or (nv,).
-        speeds: Velocity limits, rad/s or m/s, (nv,), ∞ where there is none; ``None`` for none.
-        priority: Of the frames: costs, equality constraints, or constraints that are scaled down
-            together where they do not fit; :attr:`Peer.priorities` says who has which.
-        damping: Levenberg–Marquardt's, of the frame tasks of mink and pink.
-        aligned: Whether mink leaves an axis free by its ``AxisAlignTask``, which takes any axis, or
-            by a ``FrameTask`` without a cost about it.
-        limit_gain: Which share of the way to the end of its range a joint may go in a step, for
-            mink and pink; ``None`` for their own default.
+        frames: Controlled frames, each at cost 1.
+        posture: Reference configuration of the free motion, (nq,).
+        costs: Costs of the posture, one for all joints or (nv,).
+        speeds: Velocity limits, rad/s or m/s, (nv,), ∞ without a limit; ``None`` for none at all.
+        priority: Priority of the frames: costs, equality constraints, or constraints that are
+            scaled together if infeasible; for those of a library see :attr:`Peer.priorities`.
+        damping: Levenberg–Marquardt damping of the frame tasks of mink and pink.
+        aligned: Whether mink frees an axis by its ``AxisAlignTask``, for any axis, or by a
+            ``FrameTask`` without a cost about it.
+        limit_gain: Share of the distance to the end of its range that a joint may move in a step,
+            for mink and pink; ``None`` for their defaults.
         solver: Backend of mink and pink.
-        settings: Its options.
+        settings: Options of the backend.
     """
 
     model: mujoco.MjModel
@@ -189,11 +189,11 @@ class Posed:
 
 
 class PeerStep(abc.ABC):
-    """Tasks and limits of a library: what a program that uses it makes once and calls again.
+    """Tasks and limits of a library, created once and used for many steps.
 
     Attributes:
-        setters: Functions that take the :meth:`Peer.goals` of a step, one each.
-        scale: Share of the task that the last step kept.
+        setters: Functions, one for each of the :meth:`Peer.goals` of a step.
+        scale: Scale of the last step.
     """
 
     setters: Sequence[Callable[[Any], object]]
@@ -210,43 +210,43 @@ class PeerStep(abc.ABC):
 
     @abc.abstractmethod
     def limit_speeds(self, speeds: Array) -> None:
-        """Change the velocity limits, rad/s or m/s, (nv,); they must have been posed."""
+        """Change the velocity limits, rad/s or m/s, (nv,); the problem must have some."""
 
     @abc.abstractmethod
     def velocity(self, dt: float) -> Array:
-        """The library's own step, rad/s or m/s, (nv,)."""
+        """The library's step, rad/s or m/s, (nv,)."""
 
 
 class Peer(abc.ABC):
-    """A robot as a library reads it; what is converted here is no part of a step.
+    """A robot in a library's types; the conversion is not part of a step.
 
     Attributes:
-        posed: The step.
-        failures: What the library raises where it has no step.
-        needs: Its modules, each with the package that brings it.
-        priorities: Which priorities of the frames it has.
+        problem: The step.
+        failures: Exceptions of the library if it has no step.
+        needs: Its modules, each with its package.
+        priorities: Supported priorities of the frames.
     """
 
     failures: tuple[type[Exception], ...] = ()
     needs: ClassVar[tuple[tuple[str, str], ...]] = ()
     priorities: ClassVar[tuple[Priority, ...]] = ("soft",)
 
-    def __init__(self, posed: Posed) -> None:
-        """Read the robot.
+    def __init__(self, problem: PeerProblem) -> None:
+        """Convert the robot.
 
         Raises:
             InvalidInput: If the library is not installed or cannot express the step.
         """
-        if posed.priority not in self.priorities:
+        if problem.priority not in self.priorities:
             raise InvalidInput(
                 f"{type(self).__name__}: its frames can be {' or '.join(self.priorities)}, not "
-                f"{posed.priority}."
+                f"{problem.priority}."
             )
-        self.posed = posed
+        self.problem = problem
 
     @classmethod
     def modules(cls) -> list[Any]:
-        """Those of :attr:`needs`.
+        """The modules of :attr:`needs`.
 
         Raises:
             InvalidInput: If one is not installed.
@@ -278,36 +278,36 @@ class Peer(abc.ABC):
         Args:
             q: The configuration, (nq,).
             targets: Pose of each frame.
-            gain: Share of the way to the posture, 0 to 1.
-            here: Where the frames are now; where they are close to the targets these will do.
+            gain: Share of the displacement to the posture, 0 to 1.
+            here: Present poses of the frames; may be the targets if these are close.
         """
         goals: list[Any] = []
-        for frame, target, pose in zip(self.posed.frames, targets, here or targets, strict=True):
+        for frame, target, pose in zip(self.problem.frames, targets, here or targets, strict=True):
             goals += self.frame_goals(frame, target, pose)
         return goals + self.posture_goals(q, gain)
 
     @abc.abstractmethod
     def frame_goals(self, frame: PeerFrame, target: mink.SE3, here: mink.SE3) -> list[Any]:
-        """Those of a frame."""
+        """Goals of a frame."""
 
     def posture_goals(self, q: Array, gain: float) -> list[Any]:
-        """Those of the posture."""
+        """Goal of the posture."""
         return [gain]
 
     @abc.abstractmethod
     def step(self) -> PeerStep:
-        """Make tasks and limits."""
+        """Create tasks and limits."""
 
 
 def peer_module(name: str, package: str) -> Any:
-    """A module of a library that need not be there.
+    """Import a module of an optional library.
 
     Raises:
         InvalidInput: If it is not installed.
     """
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # pinocchio's import warns of its own parts
+            warnings.simplefilter("ignore")  # pinocchio's import warns about its own parts
             return importlib.import_module(name)
     except ImportError as error:
         raise InvalidInput(

@@ -12,8 +12,8 @@ import numpy as np
 from qp_twist.checks import Array
 from qp_twist.geometry import Projector, ProjectorKind
 from qp_twist.kinematics import JointRanges
-from qp_twist.peers.peer import Peer, PeerFrame, PeerStep, Posed
-from qp_twist.peers.urdf import UNLIMITED, link_name, robot_urdf
+from qp_twist.peers.peer import Peer, PeerFrame, PeerProblem, PeerStep
+from qp_twist.peers.urdf import URDF_UNLIMITED, link_name, robot_urdf
 
 KEPT = {ProjectorKind.PLANE: "xy", ProjectorKind.LINE: "z"}
 """The axes that a block keeps, where its own is z."""
@@ -23,26 +23,26 @@ Z = np.array([0.0, 0.0, 1.0])
 class PlacoPeer(Peer):
     """``placo.KinematicsSolver``, the frames at any priority; it reads the robot from URDF.
 
-    It has its own QP solver. A hard task that does not fit raises; of a scaled one it meets the
-    share that it reports. It weighs squares: a weight is a cost squared.
+    It has its own QP solver. An infeasible hard task raises; a scaled one is met at the reported
+    scale. A weight is a squared cost.
     """
 
     failures = (RuntimeError,)
     needs = (("placo", "placo"),)
     priorities = ("soft", "hard", "scaled")
 
-    def __init__(self, posed: Posed) -> None:
+    def __init__(self, problem: PeerProblem) -> None:
         """Read the robot."""
-        super().__init__(posed)
+        super().__init__(problem)
         [self.placo] = self.modules()
         self.robot: Any = self.placo.RobotWrapper(
             "",
             self.placo.Flags.ignore_collisions,
-            robot_urdf(posed.model, posed.frames, posed.speeds),
+            robot_urdf(problem.model, problem.frames, problem.speeds),
         )
-        self.names = JointRanges.of(posed.model).names
-        self.costs = np.broadcast_to(np.asarray(posed.costs), len(self.names))
-        # A task of PlaCo's has one weight: joints of the same cost share one.
+        self.names = JointRanges.of(problem.model).names
+        self.costs = np.broadcast_to(np.asarray(problem.costs), len(self.names))
+        # A PlaCo task has one weight: joints with the same cost share a task.
         self.alike = [np.flatnonzero(self.costs == cost) for cost in dict.fromkeys(self.costs)]
 
     def frame_goals(self, frame: PeerFrame, target: mink.SE3, here: mink.SE3) -> list[Any]:
@@ -64,8 +64,8 @@ class PlacoPeer(Peer):
         return goals
 
     def posture_goals(self, q: Array, gain: float) -> list[Any]:
-        """Where the joints shall be after the step, by name, for each of their tasks."""
-        there = (q + gain * (self.posed.posture - q)).tolist()
+        """Desired joint positions after the step, by name, for each of their tasks."""
+        there = (q + gain * (self.problem.posture - q)).tolist()
         return [{self.names[i]: there[i] for i in joints} for joints in self.alike]
 
     def step(self) -> PlacoStep:
@@ -77,16 +77,16 @@ class PlacoStep(PeerStep):
     """A ``placo.KinematicsSolver`` with its tasks."""
 
     def __init__(self, peer: PlacoPeer) -> None:
-        """Make them. Rows in which the robot cannot move are left out: PlaCo refuses hard ones."""
-        posed = peer.posed
-        self.robot, self.scaled = peer.robot, posed.priority == "scaled"
+        """Create them, without immovable rows: PlaCo refuses these if they are hard."""
+        problem = peer.problem
+        self.robot, self.scaled = peer.robot, problem.priority == "scaled"
         self.solver: Any = peer.placo.KinematicsSolver(peer.robot)
         self.solver.mask_fbase(True)
         self.solver.enable_joint_limits(True)
-        self.solver.enable_velocity_limits(posed.speeds is not None)
+        self.solver.enable_velocity_limits(problem.speeds is not None)
         self.setters: list[Callable[[Any], object]] = []
-        for number, frame in enumerate(posed.frames):
-            self._add_frame(link_name(number), frame, posed.priority)
+        for number, frame in enumerate(problem.frames):
+            self._add_frame(link_name(number), frame, problem.priority)
         for joints in peer.alike:
             task = self.solver.add_joints_task()
             task.set_joints({peer.names[i]: 0.0 for i in joints})
@@ -118,7 +118,7 @@ class PlacoStep(PeerStep):
             turn.configure(f"orientation of {link}", priority, 1.0)
 
     def _mask(self, task: Any, block: Projector) -> None:
-        """Let a task count along some axes only."""
+        """Restrict a task to some axes."""
         if block.kind in KEPT:
             task.mask.set_axises(KEPT[block.kind], "custom")
             self.setters.append(partial(setattr, task.mask, "R_custom_world"))
@@ -130,9 +130,9 @@ class PlacoStep(PeerStep):
         self.robot.update_kinematics()
 
     def limit_speeds(self, speeds: Array) -> None:
-        """Of all joints."""
+        """Set the limits of all joints."""
         for name, speed in zip(self.names, speeds.tolist(), strict=True):
-            self.robot.set_velocity_limit(name, min(speed, UNLIMITED))
+            self.robot.set_velocity_limit(name, min(speed, URDF_UNLIMITED))
 
     def velocity(self, dt: float) -> Array:
         """One call of ``KinematicsSolver.solve``, which returns a displacement."""

@@ -1,4 +1,4 @@
-"""A robot as URDF, for libraries that read no MJCF; kinematics only."""
+"""A robot as URDF, for libraries that do not read MJCF; kinematics only."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ from qp_twist.kinematics import JointRanges, SerialChain
 from qp_twist.kinematics.serial_chain import Screw
 from qp_twist.peers.peer import PeerFrame
 
-UNLIMITED = 1e9
-"""What stands for no limit; a joint without one would be ``continuous``, of another q."""
+URDF_UNLIMITED = 1e9
+"""Value for no limit; a joint without limits would be ``continuous``, with another q."""
 
 
 def link_name(number: int) -> str:
-    """Name of the link that stands for a frame of the step."""
+    """Name of the link of a controlled frame."""
     return f"frame_{number}"
 
 
@@ -34,12 +34,12 @@ def robot_urdf(
     joint's axis; the world is the root. Joints keep their names, their coordinates and limits.
 
     Args:
-        model: Of the scene.
-        frames: Each becomes a link of the name :func:`link_name`.
-        speeds: Velocity limits, rad/s or m/s, (nv,); ∞ where there is none, as for ``None``.
+        model: The robot.
+        frames: Controlled frames; each becomes a link named :func:`link_name`.
+        speeds: Velocity limits, rad/s or m/s, (nv,); ∞ or ``None`` without a limit.
 
     Raises:
-        InvalidInput: If a joint of the scene moves none of them: such a robot is no tree to them.
+        InvalidInput: If a joint of the model moves none of the frames.
     """
     ranges = JointRanges.of(model)
     robot = ET.Element("robot", name="robot")
@@ -86,12 +86,14 @@ def _joint(
     _place(joint, parent, link, screw.anchor - origin + shift, mink.SO3.exp(turn).as_matrix())
     ET.SubElement(joint, "axis", xyz=_numbers(screw.axis))
     lower, upper, speed = (
-        UNLIMITED if limit is None else float(np.clip(limit[screw.dof], -UNLIMITED, UNLIMITED))
+        URDF_UNLIMITED
+        if limit is None
+        else float(np.clip(limit[screw.dof], -URDF_UNLIMITED, URDF_UNLIMITED))
         for limit in (ranges.lower, ranges.upper, speeds)
     )
     ET.SubElement(
         joint, "limit", lower=repr(lower), upper=repr(upper), velocity=repr(speed),
-        effort=repr(UNLIMITED),
+        effort=repr(URDF_UNLIMITED),
     )  # fmt: skip
 
 
@@ -104,8 +106,8 @@ def _place(joint: ET.Element, parent: str, child: str, position: Array, rotation
 def roll_pitch_yaw(rotation: Array) -> Array:
     """Angles (3,), rad, with rotation = Rz(yaw) Ry(pitch) Rx(roll).
 
-    The roll is read behind the yaw, so that the three agree where the pitch is straight up and yaw
-    alone means nothing.
+    The roll is computed after the yaw, so that the three are consistent at a pitch of 90°, where
+    yaw alone is undefined.
     """
     yaw = math.atan2(rotation[1, 0], rotation[0, 0])
     unyawed = mink.SO3.from_z_radians(-yaw).as_matrix() @ rotation

@@ -1,4 +1,4 @@
-"""Plans of a whole path: what is possible at every waypoint, and the best way through it."""
+"""Plans of a whole path: the configurations of every waypoint, and the best motion through them."""
 
 from .central import CentralConfiguration as CentralConfiguration
 from .central import central_configurations as central_configurations

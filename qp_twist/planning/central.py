@@ -1,4 +1,4 @@
-"""The most central configurations of a waypoint: every local least z inside the limits."""
+"""The most central configurations of a waypoint: the local minima of z inside the limits."""
 
 from __future__ import annotations
 
@@ -20,35 +20,34 @@ from qp_twist.qp import QuadraticProgram, Verified, solve
 
 _GRID = np.radians(4.0)
 _VALLEY = 0.35
-"""A configuration of the grid with less z than all others within this distance is looked at, rad
-or m: a little more than the distance of the grid's neighbours."""
+"""A grid configuration with less z than all others within this distance is a seed, rad or m: a
+little more than the distance of neighbours in the grid."""
 _MOST = 48
-"""Valleys that are looked at."""
+"""Largest number of seeds."""
 _SEEDS, _ITERATIONS, _PROJECTIONS = 300, 20, 20
 _ENOUGH = 60
-"""With so many seeds inside at once, the others are let go."""
+"""With so many seeds inside the limits, the others are dropped."""
 _POLISHED = 6
-"""Of those that a limit holds, so many are led on along their limits."""
+"""Number of seeds at a limit that are moved on along it."""
 _ALIKE = 0.02
-"""Configurations whose limited joints differ by less are one, rad or m."""
-_HAIR = 1e-9
-"""What the programs stay away from every limit, rad or m."""
+"""Configurations whose limited joints differ by less count as one, rad or m."""
+_INSET = 1e-9
+"""Distance from every limit that the programs keep, rad or m."""
 _ROUNDS, _HALVINGS, _SETTLING = 40, 30, 6
 _FIRST, _LARGEST, _SMALLEST = 0.1, 0.4, 1e-4
-"""Radius in which the linear model is believed: at first, at most, and where it ends."""
+"""Trust region radius: initial, largest, and the one at which the iteration ends."""
 _SETTLED = 1e-9
-"""A gain of z below this is none."""
+"""Decrease of z below which the iteration ends."""
 
 
 @dataclass(frozen=True, eq=False)
 class CentralConfiguration:
-    """A configuration on a waypoint, inside the limits, with less z than all others nearby.
+    """A configuration on a waypoint, inside the limits, with locally minimal z.
 
     Attributes:
         q: The configuration, rad or m, (nv,).
         z: ½‖W(θ̄ − θ)‖² there.
-        branch: Number of its branch of the closed-form inverse kinematics; ``None`` where the arm
-            has none.
+        branch: Index of its branch of the closed-form inverse kinematics; ``None`` without one.
     """
 
     q: Array
@@ -61,16 +60,15 @@ class CentralConfiguration:
 
 
 def central_configurations(path_task: PathTask, index: int = 0) -> list[CentralConfiguration]:
-    """The local minima of z on a waypoint, the least first; none if none is inside the limits.
+    """The local minima of z on a waypoint inside the limits, the least first.
 
-    Of an industrial arm all branches and whole turns are laid out on a grid of what the task leaves
-    free; of any other robot random configurations are brought onto the waypoint and into the
-    limits. From each valley steps along the null space go down to the minimum, along the limits
-    where these hold it.
+    For an industrial arm the seeds are all branches and whole turns on a grid of the free
+    coordinate; for any other robot random configurations, corrected onto the waypoint and into the
+    limits. From each seed, steps in the null space descend to the minimum, along active limits.
 
     Args:
         path_task: The task.
-        index: Of the waypoint, from 0.
+        index: The waypoint, from 0.
     """
     rows, ranges = PathRows(path_task), JointRanges.of(path_task.model)
     descent = _Descent(rows, ranges, index)
@@ -96,9 +94,9 @@ def central_configurations(path_task: PathTask, index: int = 0) -> list[CentralC
 
 
 def least_mean_z(path_task: PathTask, waypoints: Sequence[int]) -> float:
-    """Mean, over some waypoints, of the least z that each has for itself.
+    """Mean, over some waypoints, of the least z of each.
 
-    NaN if one of them has no configuration inside the limits.
+    NaN if a waypoint has no configuration inside the limits.
     """
     rows, ranges = PathRows(path_task), JointRanges.of(path_task.model)
     grid = Grid(_GRID, np.full(path_task.model.nv, 2.0 * _GRID))
@@ -125,12 +123,12 @@ def _inside(q: Array, at: Indices, rows: PathRows, ranges: JointRanges) -> Mask:
 def _lowest_nearby(
     q: Array, at: Indices, rows: PathRows, ranges: JointRanges
 ) -> tuple[Array, Indices]:
-    """From configurations q (K, nv) inside down to the least z nearby.
+    """Descend from configurations q (K, nv) inside the limits to the local minimum of z.
 
-    Where that is outside, by halves as far towards it as is inside.
+    If that is outside, go as far towards it as is inside, by bisection.
 
     Returns:
-        The configurations, and the indices of those that a limit or band holds.
+        The configurations, and the indices of those at a limit or band.
     """
     lower = settled_nearby(q, at, rows, ranges)
     lowest = np.where(np.isfinite(lower), lower, q)
@@ -145,7 +143,7 @@ def _lowest_nearby(
 
 
 def _valleys(q: Array, ranges: JointRanges) -> Indices:
-    """Which configurations (K, nv) have the least z around them, the least first."""
+    """Indices of the configurations (K, nv) with locally minimal z, the least first."""
     if not len(q):
         return np.zeros(0, dtype=np.intp)
     z = ranges.centring(q)
@@ -153,7 +151,7 @@ def _valleys(q: Array, ranges: JointRanges) -> Indices:
     tree = KDTree(q)
     pairs = tree.query_pairs(_VALLEY, output_type="ndarray")
     first, last = np.concatenate([pairs, pairs[:, ::-1]]).T
-    # The configurations that have a neighbour of less z are none.
+    # Drop configurations that have a neighbour of less z.
     lowest = np.ones(len(z), dtype=bool)
     lowest[first[z[last] < z[first]]] = False
     found: list[int] = []
@@ -167,7 +165,7 @@ def _valleys(q: Array, ranges: JointRanges) -> Indices:
 
 
 class _Descent:
-    """Down to the least z nearby, on the waypoint and inside limits and hard bands."""
+    """Descend to the local minimum of z, on the waypoint and inside limits and hard bands."""
 
     def __init__(self, rows: PathRows, ranges: JointRanges, index: int) -> None:
         self.rows = rows
@@ -175,15 +173,15 @@ class _Descent:
         self.index = index
 
     def random(self) -> Array:
-        """Random configurations, brought onto the waypoint and inside, (K, nv).
+        """Random configurations, corrected onto the waypoint and into the limits, (K, nv).
 
-        By turns onto the nearest position inside the ranges and back onto the waypoint and into the
+        Alternates between clipping to the ranges, and correcting onto the waypoint and into the
         bands.
         """
         drawn = self.ranges.random(_SEEDS, np.random.default_rng(0))
         q, arrived = self.rows.correct(drawn, self._at(drawn), iterations=_ITERATIONS)
         middle = centred(q[arrived], self.ranges)
-        # Where a range is longer than a turn, other turns are other starts.
+        # In a range longer than a turn, other turns are other seeds.
         turned = (middle != q[arrived]).any(axis=1)
         q = np.vstack([middle, q[arrived][turned]])
         inside = self._inside(q)
@@ -204,10 +202,10 @@ class _Descent:
         return np.vstack(kept)
 
     def lowest(self, q: Array) -> Array:
-        """From configurations q (K, nv), each inside."""
+        """Descend from configurations q (K, nv), each inside."""
         lowest, held = _lowest_nearby(q, self._at(q), self.rows, self.ranges)
         if self.rows.freedom[self.index] > 1:
-            # Of more than one free direction some lead on along the limits and bands.
+            # With more than one free direction, some descents continue along limits and bands.
             for number in held[np.argsort(self.ranges.centring(lowest[held]))][:_POLISHED]:
                 lowest[number] = self._along_limits(lowest[number])
         return lowest
@@ -237,7 +235,7 @@ class _Descent:
         return q
 
     def _stepped(self, q: Array, radius: float) -> Array | None:
-        """One program and the way back onto the waypoint; ``None`` where that leads outside."""
+        """Solve one program and correct onto the waypoint; ``None`` if the result is outside."""
         weight = self.ranges.weight
         moved = self._solved(q, weight, weight * (self.ranges.middle - q), radius)
         for _ in range(_SETTLING):
@@ -254,18 +252,18 @@ class _Descent:
         return None
 
     def _solved(self, q: Array, weight: Array, desired: Array, radius: float) -> Array | None:
-        """q + N u of least ‖weight · N u − desired‖ within the limits, no entry of u > radius."""
+        """q + N u that minimises ‖weight · N u − desired‖ within the limits, |uᵢ| ≤ radius."""
         [basis] = self.rows.motions(q[None], np.array([self.index]))
         count = basis.shape[1]
         weighted = weight[:, None] * basis
         G = np.vstack([basis, -basis])
-        g = np.concatenate([self.ranges.upper - q, q - self.ranges.lower]) - _HAIR
+        g = np.concatenate([self.ranges.upper - q, q - self.ranges.lower]) - _INSET
         if self.rows.hard:
             rows, rooms, _ = self.rows.hard.rows(q[None], np.array([self.index]))
-            G, g = np.vstack([G, rows[0] @ basis]), np.append(g, rooms[0] - _HAIR)
+            G, g = np.vstack([G, rows[0] @ basis]), np.append(g, rooms[0] - _INSET)
         bounded = np.isfinite(g)
         problem = QuadraticProgram(
-            # Joints without limits weigh nothing; a little keeps them where they are.
+            # Joints without limits have no weight in z; a small weight keeps them in place.
             weighted.T @ weighted + 1e-9 * np.eye(count),
             -weighted.T @ desired,
             np.zeros((0, count)),

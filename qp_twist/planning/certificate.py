@@ -1,4 +1,4 @@
-"""The result of a search: why there is a plan, or none."""
+"""Certificate of a search: why there is a plan, or none."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ _SHOWN = 8
 
 @dataclass(frozen=True)
 class Certificate:
-    """What a search has shown.
+    """What a search has proven or found.
 
     Attributes:
         kind: ``"path"``: there is a motion; ``"unreachable"``: waypoints that the arm does not
@@ -21,8 +21,8 @@ class Certificate:
             tolerance bands and constraints; ``"speed"``: two waypoints between which every
             connection breaks the speed limits. If there is a ``detail``, ``"band"`` and
             ``"speed"`` name only what the best motion found violates; this is not a proof.
-        waypoints: Those waypoints, counted from 1; at most twelve that are out of reach or outside
-            the limits.
+        waypoints: The waypoints concerned, counted from 1; at most twelve that are out of reach or
+            outside the limits.
         joints: The joints whose limits exclude a motion.
         grid: The grid that was searched.
         covered: Whether the layers contain all configurations to the grid's spacing. They do not

@@ -1,4 +1,4 @@
-"""The rows of a path as machine code."""
+"""Task rows of a path for the kernels."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from qp_twist.kinematics import JointRanges, SerialChain
 from qp_twist.kinematics.compiled_rows import arm_of, rows_of
 
 Newton = tuple[int, float, float, float]
-"""Most iterations, the error that counts as none, the largest step, the damping."""
+"""Largest number of iterations, tolerance, largest step, damping."""
 Descent = tuple[int, float, float]
-"""Most rounds, the largest step, the gain that counts as none."""
+"""Largest number of rounds, largest step, smallest gain."""
 
 
 class CompiledPath:
@@ -30,20 +30,20 @@ class CompiledPath:
         positions: Array,
         couplings: path_kernel.Couplings,
     ) -> None:
-        """Lay out the arrays; ``which`` (N,) of the projectors is in force at each waypoint."""
+        """Fill the arrays; ``which`` (N,) is the index of each waypoint's projector."""
         self._rows = (
             arm_of(chain), rows_of(projectors, which, rotations, positions), couplings
         )  # fmt: skip
 
     def correct(self, q: Array, at: Indices, newton: Newton) -> np.ndarray:
-        """Move q (K, nv) onto the waypoints, in place; which arrived, (K,)."""
+        """Correct q (K, nv) onto the waypoints, in place; return which converged, (K,)."""
         arrived: np.ndarray = path_kernel.correct(*self._rows, q, at, newton)
         return arrived
 
     def descend(
         self, q: Array, at: Indices, ranges: JointRanges, newton: Newton, descent: Descent
     ) -> None:
-        """Move q (K, nv) to the least z nearby, in place; NaN where it does not arrive."""
+        """Move q (K, nv) to the local minimum of z, in place; NaN where it does not converge."""
         path_kernel.centred_nearby(
             *self._rows, q, at, ranges.weight, ranges.middle, newton, descent
         )

@@ -1,4 +1,4 @@
-"""What the configurations of a path have to keep, for many of them at many waypoints at once."""
+"""Hard bands and constraints of a path, for many configurations at many waypoints at once."""
 
 from __future__ import annotations
 
@@ -15,36 +15,36 @@ from qp_twist.referee import PROVEN, Tolerances, constraints_left
 Poses = tuple[Array, Array]
 
 WITHIN = 1e-9
-"""Excess at a waypoint that is rounding, rad or m."""
+"""Violation at a waypoint that counts as rounding, rad or m."""
 BETWEEN = {"rad": Tolerances().axis, "m": Tolerances().position}
-"""Most that a motion may be outside between two waypoints, where its joints go straight: what a
-check lets pass."""
+"""Largest violation between two waypoints, with linearly interpolated joints: the tolerance of a
+check."""
 NARROWEST = 1e-6
-"""Width below which a range is no range, rad or m: Newton's method holds waypoints to 1e-9."""
+"""Smallest width of a band, rad or m: Newton's method keeps waypoints to 1e-9."""
 SHARES = (0.25, 0.5, 0.75)
-"""Of the way to the next waypoint: there searches look at margins, and programs at first."""
+"""Shares of each interval at which searches, and programs initially, evaluate the margins."""
 
 
 class HardConstraints:
     r"""The hard bands and the constraints of a path task, one column for each of their margins.
 
-    Soft bands are costs, which a plan does not weigh.
+    Soft bands are costs, which a plan ignores.
 
     Each value φ of a band (its roll, its angle, its distances) has a margin
-    :math:`\min(\varphi - lower,\; upper - \varphi)`, rad or m, that is not negative inside. Values
-    that the projector in force holds by itself have a margin of ∞ there. After the bands' margins
-    stand those of the constraints.
+    :math:`\min(\varphi - lower,\; upper - \varphi)`, rad or m, nonnegative inside. Values that the
+    projector in force fixes anyway have a margin of ∞ there. The constraints' margins follow those
+    of the bands.
 
     Attributes:
-        names: What each of the k margins is of, as messages call it.
+        names: Name of each of the k margins in messages.
         units: ``"rad"`` or ``"m"`` of each.
-        halves: Half the width of each range, rad or m, (k,); ∞ of constraints.
-        cuts: Whether something may cut a self-motion manifold into pieces: all but couplings, which
-            are rows that a search keeps (:class:`~qp_twist.planning.path_rows.PathRows`).
+        halves: Half the width of each range, rad or m, (k,); ∞ for constraints.
+        cuts: Whether a constraint may cut a self-motion manifold into pieces: any but couplings,
+            which a search keeps as equality rows (:class:`~qp_twist.planning.path_rows.PathRows`).
     """
 
     def __init__(self, path_task: PathTask, chain: SerialChain) -> None:
-        """Take the bands of a task whose frame ``chain`` moves.
+        """Read the bands of a task whose frame is moved by ``chain``.
 
         Raises:
             InvalidInput: If a band contradicts a projector of the path, or has no width.
@@ -90,7 +90,7 @@ class HardConstraints:
         self._rotations = np.array([w.rotation().as_matrix() for w in path_task.waypoints])
         self._positions = path_task.positions
         turned = self._rotations[1:] @ self._rotations[:-1].transpose(0, 2, 1)
-        #: Of the target from each waypoint to the next, rad, (N − 1, 3).
+        #: Rotation vectors of the target from each waypoint to the next, rad, (N − 1, 3).
         self._turns: Array = Rotation.from_matrix(turned).as_rotvec()
         self._fixed: Mask = np.zeros((len(path_task.in_force), len(self.names)), dtype=bool)
         for fixed, T in zip(self._fixed, path_task.in_force, strict=True):
@@ -100,35 +100,35 @@ class HardConstraints:
         return len(self.bands) + len(self.constraints)
 
     def margins(self, q: Array, at: Indices) -> Array:
-        """Margins (K, k) of configurations q (K, nv) at waypoints of numbers (K,), rad or m."""
+        """Margins (K, k) of configurations q (K, nv) at waypoints (K,), rad or m."""
         if not self:
             return np.zeros((len(q), 0))
         margins = self._margins(self._pair(*self.chain.poses(q), at), q)
         return np.where(self._fixed[at], np.inf, margins)
 
     def band_margins(self, rotations: Array, positions: Array, at: Indices) -> Array:
-        """Those of the bands at poses of the frame: rotations (K, 3, 3) and origins (K, 3)."""
+        """Margins of the bands at poses of the frame: rotations (K, 3, 3) and origins (K, 3)."""
         if not self.bands:
             return np.zeros((len(at), 0))
         margins = self._of_bands(self._pair(rotations, positions, at))
         return np.where(self._fixed[at][:, : margins.shape[1]], np.inf, margins)
 
     def inside(self, q: Array, at: Indices) -> Mask:
-        """Which of the configurations q (K, nv) are inside all of them, (K,)."""
+        """Which configurations q (K, nv) are inside all bands and constraints, (K,)."""
         return np.asarray((self.margins(q, at) >= -WITHIN).all(axis=1))
 
     def rows(self, q: Array, at: Indices) -> tuple[Array, Array, Indices]:
-        """What keeps the margins above 0, to first order: rows · Δq ≤ rooms.
+        """Linear rows that keep the margins above 0, to first order: rows · Δq ≤ rooms.
 
         Returns:
-            Rows (K, m, nv), rooms (K, m), rad or m, some of them ∞, and which margin each row is
-            of, (m,).
+            Rows (K, m, nv), rooms (K, m), rad or m, possibly ∞, and the index of each row's margin,
+            (m,).
         """
         rotations, positions, J = self.chain.poses_and_jacobians(q)
         return self._rows(self._pair(rotations, positions, at), q, J, self._fixed[at])
 
     def rows_between(self, q: Array, at: Indices, share: Array) -> tuple[Array, Array, Indices]:
-        """The same of a path q (N, nv), at shares (K,) of the way from waypoints to the next."""
+        """The rows of a path q (N, nv) at shares (K,) of intervals between waypoints."""
         way = q[at] + share[:, None] * (q[at + 1] - q[at])
         rotations, positions, J = self.chain.poses_and_jacobians(way)
         held = self._fixed[at] & self._fixed[at + 1]
@@ -157,7 +157,7 @@ class HardConstraints:
         )
 
     def returns(self, q: Array, at: Indices, inset: float) -> tuple[Array, Array]:
-        """Where margins are negative, what brings them back to ``inset``: rows · Δq = sides.
+        """Rows that bring negative margins back to ``inset``: rows · Δq = sides.
 
         Returns:
             Rows (K, k, nv) and sides (K, k), rad or m; zeros where a margin is not negative.
@@ -177,12 +177,12 @@ class HardConstraints:
         return rows, np.where(outside, depth - np.where(outside, margins, 0.0), 0.0)
 
     def may_keep_bands(self, ends: tuple[Poses, Poses], at: Indices, turn: float) -> Mask:
-        """Whether a frame that turns in place may be inside all bands somewhere on its way, (K,).
+        """Whether a frame that turns in place may be inside all bands during the turn, (K,).
 
         Args:
             ends: Rotations (K, 3, 3) and origins (K, 3) of the frame before and after.
-            at: Numbers of the waypoints, (K,).
-            turn: Angle by which it turns, evenly, rad.
+            at: Indices of the waypoints, (K,).
+            turn: Angle of the turn, at constant speed, rad.
         """
         none = np.zeros(len(at))
         stretch = Stretch(none + turn, none, none, none, none, none)
@@ -192,29 +192,29 @@ class HardConstraints:
         return np.asarray((every | self._fixed[at][:, : every.shape[1]]).all(axis=1))
 
     def margins_between(self, begin: Array, end: Array, at: Indices, share: Array) -> Array:
-        """Margins (K, k) at shares (K,) of the way from waypoints to the next, rad or m.
+        """Margins (K, k) at shares (K,) of intervals between waypoints, rad or m.
 
         Args:
             begin: Configurations at the waypoints, (K, nv).
-            end: At the next ones; between them joints go straight, and the target with them.
+            end: Configurations at the next ones; joints and target are interpolated between them.
             at: Numbers of the waypoints, (K,).
-            share: Of the way, from 0 to 1.
+            share: Share of each interval, from 0 to 1.
         """
         q = begin + share[:, None] * (end - begin)
         margins = self._margins(self._on_the_way(*self.chain.poses(q), at, share), q)
         return np.where(self._fixed[at] & self._fixed[at + 1], np.inf, margins)
 
     def between(self, q: Array) -> tuple[Array, Array]:
-        """How far a joint path (N, nv) is outside between its waypoints, at most, rad or m.
+        """Proven violation of a joint path (N, nv) between its waypoints, rad or m.
 
-        The joints go straight, and the target goes with them: its position straight, its
-        orientation by the shortest rotation, all in the same proportion. Proved by the referee
+        Joints and the target's position are interpolated linearly, its orientation by the shortest
+        rotation, all in the same proportion. Proved by subdivision
         (:func:`~qp_twist.referee.constraints_left`).
 
         Returns:
-            For each way and margin an upper bound of the excess, (N − 1, k): at most
-            :data:`BETWEEN` where the tolerance is proved. And the share of each way at which the
-            largest was found, (N − 1,).
+            For each interval and margin an upper bound of the violation, (N − 1, k), at most
+            :data:`BETWEEN` if the tolerance is proved; and the share of each interval at which the
+            largest violation was found, (N − 1,).
         """
         if not self:
             return np.zeros((len(q) - 1, 0)), np.zeros(len(q) - 1)
@@ -226,9 +226,9 @@ class HardConstraints:
     def _on_the_way(
         self, rotations: Array, positions: Array, at: Indices, share: Array
     ) -> FramePair:
-        """Frames and their targets, at rest, at shares of the way from waypoints to the next.
+        """Frames and their targets, at rest, at shares of intervals between waypoints.
 
-        The target's position goes straight, its orientation by the shortest rotation.
+        The target's position is interpolated linearly, its orientation by the shortest rotation.
         """
         share = share[:, None]
         turned = Rotation.from_rotvec(share * self._turns[at]).as_matrix()
@@ -248,5 +248,5 @@ class HardConstraints:
         return np.concatenate([np.zeros((len(pair.position), 0)), *margins], axis=1)
 
     def _pair(self, rotations: Array, positions: Array, at: Indices) -> FramePair:
-        """Frames and the waypoints that they belong to, at rest."""
+        """Frames and their waypoints, at rest."""
         return FramePair(rotations, positions, self._rotations[at], self._positions[at])

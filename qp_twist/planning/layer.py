@@ -1,4 +1,4 @@
-"""All configurations at one waypoint, on a grid of what the task leaves free."""
+"""All configurations at one waypoint, on a grid of the free coordinates."""
 
 from __future__ import annotations
 
@@ -15,15 +15,15 @@ TURN = 2.0 * np.pi
 
 @dataclass(frozen=True, eq=False)
 class Layer:
-    """What the search may choose from at a waypoint.
+    """The configurations of a waypoint that a search may choose from.
 
     Attributes:
-        q: Configurations inside the limits, whole turns of each joint counted, (K, nv).
-        branch: Number of the branch that each belongs to, (K,).
-        solutions: How many configurations the waypoint has without limits, turns not counted.
-        outside: Which joints forbid it, where no configuration is inside the limits.
-        bands: Which hard bands forbid it, where some are inside the limits and none inside the
-            bands.
+        q: Configurations inside the limits, including whole turns of the joints, (K, nv).
+        branch: Index of each one's branch, (K,).
+        solutions: Number of configurations without limits, whole turns not counted.
+        outside: Joints that exclude the waypoint, if no configuration is inside the limits.
+        bands: Hard bands that exclude it, if configurations are inside the limits but none inside
+            the bands.
     """
 
     q: Array
@@ -34,14 +34,15 @@ class Layer:
 
 
 def inside_limits(q: Array, branch: Indices, ranges: JointRanges) -> Layer:
-    """The layer of configurations (K, nv), of which whole turns do not matter.
+    """The layer of configurations (K, nv), with all their whole turns.
 
-    Every choice of turns inside the limits counts; hinges without limits stay within half a turn.
+    All combinations of whole turns inside the limits are added; hinges without limits stay within
+    half a turn.
     """
     every = centred(q, ranges)
     q, which = every, np.arange(len(every))
     width = np.where(ranges.hinge, ranges.upper - ranges.lower, 0.0)
-    for joint in np.argsort(width):  # those without a second turn first: fewer rows
+    for joint in np.argsort(width):  # joints with one choice first: fewer rows
         if np.isfinite(width[joint]) and width[joint] > TURN:
             turn = TURN * np.eye(q.shape[1])[joint]
             q, which = np.concatenate([q - turn, q, q + turn]), np.tile(which, 3)
@@ -52,19 +53,19 @@ def inside_limits(q: Array, branch: Indices, ranges: JointRanges) -> Layer:
 
 
 def centred(q: Array, ranges: JointRanges) -> Array:
-    """Full turns taken off so that every hinge is nearest to the middle of its range."""
+    """Remove full turns so that every hinge is nearest to the middle of its range."""
     turns = np.round((q - ranges.middle) / TURN)
     return q - TURN * np.where(ranges.hinge, turns, 0.0)
 
 
 def boxed(q: Array, period: Array) -> Array:
-    """Coordinates (K, nv) in [0, period) where a period is not 0: a tree's box of that size."""
+    """Coordinates (K, nv) modulo nonzero periods, for a periodic tree."""
     wrapped: Array = np.where(period > 0.0, np.mod(q, np.where(period > 0.0, period, 1.0)), q)
     return wrapped
 
 
 def empty_layer(q: Array, ranges: JointRanges, bands: HardConstraints, index: int) -> Layer:
-    """The layer of a waypoint none of whose configurations q (K, nv) is inside limits and bands."""
+    """The empty layer of a waypoint: no configuration q (K, nv) is inside limits and bands."""
     layer = inside_limits(q, np.zeros(len(q), dtype=np.intp), ranges)
     forbidden: tuple[str, ...] = ()
     if len(layer.q):
@@ -73,7 +74,7 @@ def empty_layer(q: Array, ranges: JointRanges, bands: HardConstraints, index: in
 
 
 def forbidding_bands(q: Array, bands: HardConstraints, index: int) -> tuple[tuple[str, ...], Array]:
-    """The bands that the configuration of q (K, nv) that is nearest to fit is outside of.
+    """The bands violated by the configuration of q (K, nv) with the least violation.
 
     Returns:
         Their names, and all margins of that configuration, rad or m, (k,).
@@ -84,7 +85,7 @@ def forbidding_bands(q: Array, bands: HardConstraints, index: int) -> tuple[tupl
 
 
 def _forbidding(q: Array, ranges: JointRanges) -> tuple[str, ...]:
-    """The joints that are outside in every configuration, or in the one that is nearest to fit."""
+    """The joints outside in every configuration, or else in the one with the least violation."""
     beyond = -ranges.room(q)
     always = np.flatnonzero((beyond > 0.0).all(axis=0))
     if not len(always):

@@ -14,30 +14,30 @@ from qp_twist.planning.layer import TURN, Layer, boxed, centred, empty_layer, in
 from qp_twist.planning.path_rows import PathRows
 
 SEEDS = 300
-"""Random configurations from which a waypoint's manifolds are looked for."""
+"""Number of random seeds for a waypoint's manifolds."""
 _AGAIN = 3
-"""Times that as many are drawn again where none ends inside."""
+"""Number of redraws if no seed ends inside the limits."""
 COVERED = 2
-"""Free degrees up to which manifolds are covered; beyond, only what was found before is carried."""
+"""Largest number of free degrees for which manifolds are covered; beyond, only the previous layer
+is carried over."""
 _THIN = 0.6
-"""Nodes nearer than this share of the spacing are one."""
+"""Nodes closer than this share of the spacing count as one."""
 _MOST = 20_000
-"""Nodes of a waypoint."""
+"""Largest number of nodes of a waypoint."""
 _CARRIED = 500
-"""Nodes of a waypoint with hard bands where more than two degrees are free."""
+"""The same with hard bands and more than two free degrees."""
 
 
 class ManifoldNet:
     """Self-motion manifolds inside the limits, as nets of configurations.
 
-    Newton's method brings random configurations onto the task and into its hard bands; from each of
-    them the net grows in steps along the null space of the task rows until it meets itself or a
-    limit. A manifold on which no seed falls is not found. Where the task leaves more than two
-    degrees free the net would be too large: there the configurations of the layer before are
-    carried over.
+    Newton's method corrects random configurations onto the task and into its hard bands; from each
+    of them the net grows in steps along the null space of the task rows until it meets itself or a
+    limit. A manifold without a seed is not found. With more than two free degrees the net would be
+    too large: the configurations of the previous layer are carried over instead.
 
     Attributes:
-        spacing: Between neighbours, rad or m in joint space.
+        spacing: Distance between neighbours, rad or m in joint space.
     """
 
     def __init__(
@@ -48,12 +48,12 @@ class ManifoldNet:
         self.spacing = spacing
         self.ranges = JointRanges.of(path_task.model)
         width = self.ranges.upper - self.ranges.lower
-        #: Joints whose position matters up to whole turns only.
+        #: Joints whose whole turns do not matter.
         self._period = np.where(self.ranges.hinge & ~(width < TURN), TURN, 0.0)
         self._rng = np.random.default_rng(seed)
 
     def layer(self, index: int, before: Layer | None = None) -> Layer:
-        """The configurations at a waypoint; those of the layer before it help to find them."""
+        """The configurations at a waypoint, seeded also by those of the previous layer."""
         seeds = self._random(SEEDS)
         if before is not None:
             seeds = np.vstack([centred(before.q, self.ranges), seeds])
@@ -70,7 +70,7 @@ class ManifoldNet:
         freedom = int(self.rows.freedom[index])
         if 0 < freedom <= COVERED:
             nodes = self._grown(nodes, index, freedom)
-        elif self.rows.hard and len(nodes) > _CARRIED:  # every one of which is brought inside
+        elif self.rows.hard and len(nodes) > _CARRIED:  # each of which is corrected into the bands
             nodes = nodes[self._rng.permutation(len(nodes))[:_CARRIED]]
         return inside_limits(nodes, self._components(nodes), self.ranges)
 
@@ -102,7 +102,7 @@ class ManifoldNet:
         return nodes
 
     def _thinned(self, q: Array, others: Array | None) -> Array:
-        """Those of q (K, nv) that are not too near to each other or to ``others``."""
+        """Those of q (K, nv) that are not too close to each other or to ``others``."""
         radius = _THIN * self.spacing
         if others is not None and len(q):
             distance, _ = self._tree(others).query(
@@ -121,16 +121,16 @@ class ManifoldNet:
         return q[kept]
 
     def _components(self, q: Array) -> Indices:
-        """Which manifold each configuration is on, by who is whose neighbour."""
+        """Index of each configuration's manifold, by the connected components of neighbours."""
         pairs = self._tree(q).query_pairs(2.0 * self.spacing, output_type="ndarray")
         graph = coo_matrix((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), (len(q), len(q)))
         labels: Indices = connected_components(graph, directed=False)[1].astype(np.intp)
         return labels
 
     def _brought_inside(self, q: Array, index: int) -> tuple[Array, Indices]:
-        """Those of q (K, nv), on the waypoint, that are inside the limits, turns not counted.
+        """Those of q (K, nv), on the waypoint, that are inside the limits up to whole turns.
 
-        What is outside a hard band is brought back into it, if it can be.
+        Configurations outside a hard band are corrected into it, if possible.
 
         Returns:
             The configurations, and which of q they come from.
@@ -147,7 +147,7 @@ class ManifoldNet:
 
 
 def _directions(freedom: int) -> Array:
-    """Where a net grows: unit vectors in the null space, (M, freedom)."""
+    """Directions in which a net grows: unit vectors in the null space, (M, freedom)."""
     if freedom == 1:
         return np.array([[1.0], [-1.0]])
     around = np.radians(60.0) * np.arange(6)

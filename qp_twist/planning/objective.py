@@ -1,4 +1,4 @@
-"""What a plan is best in."""
+"""Objectives of a plan."""
 
 from __future__ import annotations
 
@@ -25,14 +25,14 @@ class Objective:
         \text{margin: } \min_k\min_j \min(\theta_{k,j} - \theta_{min,j},
         \theta_{max,j} - \theta_{k,j})
 
-    The first two are made small, or a sum of them with weights; the margin is made large. Travel
-    and margin count in degrees; a slide's metre counts as a radian.
+    Centering and travel, or a weighted sum of them, are minimised; the margin is maximised. Travel
+    and margin are in degrees; a metre of a slide counts as a radian.
 
     Attributes:
-        ranges: Of the joints.
+        ranges: The joint ranges.
         centering: Weight of the mean z.
         travel: Weight of the travel, 1/degree.
-        margin: Whether it is the margin instead.
+        margin: Whether the objective is the margin.
     """
 
     ranges: JointRanges
@@ -71,7 +71,7 @@ class Objective:
         )
 
     def value(self, q: Array) -> float:
-        """Of a joint path q (N, nv): mean z, degrees, or their weighted sum."""
+        """Value of a joint path q (N, nv): mean z, degrees, or their weighted sum."""
         if self.margin:
             return float(self.margins(q).min())
         step = np.abs(np.diff(q, axis=0)).sum()
@@ -81,7 +81,7 @@ class Objective:
 
     @property
     def penalty(self) -> float:
-        """What a radian beyond the limits costs more than it can gain, in the value's unit."""
+        """Penalty of a violation of a radian that exceeds any gain, in the value's unit."""
         return 10.0 * self.centering + 1e5 * self.travel + 1e4 * self.margin
 
     def better(self, a: float, b: float) -> bool:

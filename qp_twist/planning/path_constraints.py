@@ -1,4 +1,4 @@
-"""What a joint path has to keep, asked by everything that plans: one verdict, with names."""
+"""All constraints of a joint path in a plan, and where a path violates them."""
 
 from __future__ import annotations
 
@@ -24,15 +24,15 @@ from qp_twist.planning.path_limits import (
 
 
 class Violation(NamedTuple):
-    """Where a joint path is furthest outside a constraint."""
+    """The largest violation of a joint path."""
 
     kind: Kind
     name: str
-    """Of the joint, band or constraint."""
+    """Name of the joint, band or constraint."""
     waypoint: int
-    """From 0; of a step, and between two waypoints, the second."""
+    """The waypoint, from 0; for a step, or between two waypoints, the second one."""
     excess: float
-    """rad or m; between waypoints beyond what is allowed there."""
+    """Violation, rad or m; between waypoints beyond the tolerance."""
     unit: str
     between: bool = False
     """Whether it is between the waypoint and the one before it."""
@@ -40,23 +40,23 @@ class Violation(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class PathConstraints:
-    """What holds at and between the waypoints.
+    """Constraints at and between the waypoints.
 
-    The task's own rows are not among them: every path that is judged here has been brought onto its
-    waypoints by :meth:`~qp_twist.planning.path_rows.PathRows.correct`.
+    The task's own rows are not included: every path has been corrected onto its waypoints by
+    :meth:`~qp_twist.planning.path_rows.PathRows.correct`.
 
     Attributes:
-        ranges: Of the joints.
-        steps: Largest displacement of each joint to each waypoint from the one before, rad or m,
-            (N − 1, nv).
+        ranges: The joint ranges.
+        steps: Largest displacement of each joint between consecutive waypoints, rad or m, (N − 1,
+            nv).
         speed_changes: Largest change of velocity at each waypoint but the first and last, rad/s or
             m/s, (N − 2, nv); infinite without acceleration limits.
-        durations: Time to each waypoint from the one before, s, (N − 1,).
-        fixed_start: Whether the first configuration is given.
+        durations: Time between consecutive waypoints, s, (N − 1,).
+        fixed_start: Whether the first configuration is fixed.
         hard: The hard bands and the constraints of the task, if there are any.
-        points: Where on the ways between waypoints those are looked at, beside
-            :data:`~qp_twist.planning.hard_constraints.SHARES` of each of them: numbers of the
-            waypoints before, and shares, (K,) each.
+        points: Further points between waypoints at which these are evaluated, beside
+            :data:`~qp_twist.planning.hard_constraints.SHARES`: indices and shares of intervals,
+            (K,) each.
     """
 
     ranges: JointRanges
@@ -69,10 +69,10 @@ class PathConstraints:
 
     @cached_property
     def kept(self) -> tuple[PathLimit, ...]:
-        """All of them, each with its margins and rows.
+        """The constraints, each with its margins and rows.
 
-        The margins of a step stand at its second waypoint. Those of accelerations are of the
-        displacement in the shortest step that would make up for them.
+        The margins of a step belong to its second waypoint. Margins of accelerations are
+        displacements in the shortest adjacent step.
         """
         count, nv = len(self.steps) + 1, len(self.ranges.names)
         whole = sparse.identity(count * nv, format="csr")
@@ -101,31 +101,31 @@ class PathConstraints:
         return tuple(found)
 
     def margins(self, q: Array) -> list[Margins]:
-        """The margins of a joint path q (N, nv) at its waypoints, and some between them."""
+        """The margins of a joint path q (N, nv), at its waypoints and at points between."""
         return [limit.margins(q) for limit in self.kept]
 
     def rows(self, q: Array) -> Iterator[tuple[sparse.csr_matrix, Array]]:
-        """What keeps the margins above 0, to first order: rows · Δq ≤ rooms, Δq (N·nv,)."""
+        """Linear rows that keep the margins above 0: rows · Δq ≤ rooms, Δq (N·nv,)."""
         return (limit.rows(q) for limit in self.kept)
 
     def excess(self, q: Array) -> float:
-        """By how much a path (N, nv) breaks a constraint, rad or m; at most 0 if none."""
+        """Largest violation of a path (N, nv), rad or m; at most 0 if there is none."""
         return -min(float(kept.values.min(initial=np.inf)) for kept in self.margins(q))
 
     def broken(self, q: Array) -> Indices:
-        """The waypoints at which a path (N, nv) breaks one, from 0; of a step the second."""
+        """Waypoints, from 0, at which a path (N, nv) violates a constraint; of steps the second."""
         least = [kept.values.min(axis=1, initial=np.inf) for kept in self.margins(q)]
         return np.flatnonzero(np.min(least, axis=0) < -WITHIN)
 
     def beyond_between(self, q: Array) -> tuple[Array, Array]:
-        """How far a path is outside between waypoints, beyond what is allowed there, at most.
+        """Proven violation of a path between waypoints, beyond the tolerance.
 
-        Joint ranges, speeds and changes of speed hold between waypoints where they hold at them,
-        since joints go straight.
+        Joint ranges, speeds and changes of speed hold between waypoints if they hold at them, since
+        joints are interpolated linearly.
 
         Returns:
-            Of each way and band, rad or m, (N − 1, k), at most 0 where that is proved; and at which
-            share of each way the largest is, (N − 1,).
+            The violation in each interval and of each band, rad or m, (N − 1, k), at most 0 if
+            proved; and the share of each interval at which it is largest, (N − 1,).
         """
         if not self.hard:
             return np.full((len(q) - 1, 0), -np.inf), np.zeros(len(q) - 1)
@@ -133,7 +133,7 @@ class PathConstraints:
         return excess - np.array([BETWEEN[unit] for unit in self.hard.units]), share
 
     def worst(self, q: Array) -> Violation:
-        """Where a path (N, nv) is furthest outside, at its waypoints or else between them."""
+        """The largest violation of a path (N, nv), at its waypoints or else between them."""
         found = []
         for kept in self.margins(q):
             found.append(_furthest(kept.kind, kept.names, kept.units, -kept.values, kept.between))
@@ -147,7 +147,7 @@ class PathConstraints:
 def _furthest(
     kind: Kind, names: tuple[str, ...], units: tuple[str, ...], excess: Array, between: bool
 ) -> Violation:
-    """The largest of some excesses (N, k)."""
+    """The largest of some violations (N, k)."""
     row, column = np.unravel_index(int(np.argmax(excess)), excess.shape)
     most = float(excess[row, column])
     return Violation(kind, names[column], int(row), most, units[column], between)

@@ -1,4 +1,4 @@
-"""What a joint path has to keep, each stated once: its margins, and its rows for programs."""
+"""The constraints of a joint path: their margins, and their rows for programs."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ from qp_twist.planning.hard_constraints import BETWEEN, HardConstraints
 
 Kind = Literal["position", "velocity", "acceleration", "band"]
 
-HAIR = 1e-7
-"""What the programs stay away from every limit, rad or m, for their own rounding."""
+INSET = 1e-7
+"""Distance from every limit that the programs keep, for rounding, rad or m."""
 
 
 class Margins(NamedTuple):
@@ -24,17 +24,17 @@ class Margins(NamedTuple):
 
     kind: Kind
     names: tuple[str, ...]
-    """Of the joints, bands or constraints, (k)."""
+    """Names of the joints, bands or constraints, (k)."""
     units: tuple[str, ...]
-    """Of the margins, ``"rad"`` or ``"m"``, (k)."""
+    """Units of the margins, ``"rad"`` or ``"m"``, (k)."""
     values: Array
-    """At each waypoint, not negative inside, ∞ where there is nothing to keep, (N, k)."""
+    """Margins at each waypoint, nonnegative inside, ∞ without a constraint, (N, k)."""
     between: bool = False
-    """Whether they are on the way from the waypoint before."""
+    """Whether they belong to the interval before the waypoint."""
 
 
 class PathLimit(abc.ABC):
-    """One thing that a joint path q (N, nv) has to keep."""
+    """A constraint on a joint path q (N, nv)."""
 
     @abc.abstractmethod
     def margins(self, q: Array) -> Margins:
@@ -42,7 +42,7 @@ class PathLimit(abc.ABC):
 
     @abc.abstractmethod
     def rows(self, q: Array) -> tuple[sparse.csr_matrix, Array]:
-        """What keeps the margins above 0, to first order: rows (M, N·nv) · Δq ≤ rooms (M,)."""
+        """Linear rows that keep the margins above 0: rows (M, N·nv) · Δq ≤ rooms (M,)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,11 +51,11 @@ class LinearLimit(PathLimit):
 
     Attributes:
         kind: ``"position"``, ``"velocity"`` or ``"acceleration"``.
-        ranges: Of the joints.
-        G: On the path, (M·nv, N·nv), its rows those of M waypoints.
-        lower: rad or m, (M, nv), or (nv,) where it is the same everywhere.
-        upper: Likewise.
-        first: The waypoint, from 0, that the first rows belong to.
+        ranges: The joint ranges.
+        G: Matrix of the path, (M·nv, N·nv), with rows for M waypoints.
+        lower: Lower bounds, rad or m, (M, nv), or (nv,) for all waypoints.
+        upper: Upper bounds, likewise.
+        first: The waypoint of the first rows, from 0.
     """
 
     kind: Kind
@@ -66,7 +66,7 @@ class LinearLimit(PathLimit):
     first: int
 
     def margins(self, q: Array) -> Margins:
-        """Distance from the nearer end; ∞ at waypoints without rows."""
+        """Distance from the nearer bound; ∞ at waypoints without rows."""
         values = (self.G @ q.ravel()).reshape(-1, q.shape[1])
         margins = np.full(q.shape, np.inf)
         here = slice(self.first, self.first + len(values))
@@ -77,7 +77,7 @@ class LinearLimit(PathLimit):
         """G and −G."""
         values = (self.G @ q.ravel()).reshape(-1, q.shape[1])
         rooms = [self.upper - values, values - self.lower]
-        return sparse.vstack([self.G, -self.G], format="csr"), np.ravel(rooms) - HAIR
+        return sparse.vstack([self.G, -self.G], format="csr"), np.ravel(rooms) - INSET
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,25 +87,25 @@ class AtWaypoints(PathLimit):
     hard: HardConstraints
 
     def margins(self, q: Array) -> Margins:
-        """Those of the configurations."""
+        """Margins of the configurations."""
         margins = self.hard.margins(q, np.arange(len(q)))
         return Margins("band", self.hard.names, self.hard.units, margins)
 
     def rows(self, q: Array) -> tuple[sparse.csr_matrix, Array]:
-        """Those of the configurations, side by side."""
+        """Rows of the configurations, as one matrix."""
         rows, rooms, of = self.hard.rows(q, np.arange(len(q)))
-        inset = np.minimum(HAIR, 0.25 * self.hard.halves)
+        inset = np.minimum(INSET, 0.25 * self.hard.halves)
         return _blocks(rows), (rooms - inset[of]).ravel()
 
 
 @dataclass(frozen=True, eq=False)
 class BetweenWaypoints(PathLimit):
-    """The same on the way between waypoints, where :data:`BETWEEN` is allowed.
+    """Hard bands and constraints between waypoints, with the tolerance :data:`BETWEEN`.
 
     Attributes:
         hard: Bands and constraints.
-        at: Numbers of the waypoints before the points that are looked at, (K,).
-        share: Of the way to the next, (K,).
+        at: Index of the waypoint before each evaluated point, (K,).
+        share: Share of the interval to the next, (K,).
     """
 
     hard: HardConstraints
@@ -118,14 +118,14 @@ class BetweenWaypoints(PathLimit):
         return np.array([BETWEEN[unit] for unit in self.hard.units])
 
     def margins(self, q: Array) -> Margins:
-        """The least on the way to each waypoint, and what is allowed."""
+        """The least margin in the interval before each waypoint, plus the tolerance."""
         found = self.hard.margins_between(q[self.at], q[self.at + 1], self.at, self.share)
         least = np.full((len(q), found.shape[1]), np.inf)
         np.minimum.at(least, self.at + 1, found + self.allowed)
         return Margins("band", self.hard.names, self.hard.units, least, between=True)
 
     def rows(self, q: Array) -> tuple[sparse.csr_matrix, Array]:
-        """Half of what is allowed is left for the points between those looked at."""
+        """Half of the tolerance is reserved for the points between the evaluated ones."""
         rows, rooms, of = self.hard.rows_between(q, self.at, self.share)
         nv = q.shape[1]
         joints = (nv * self.at[:, None] + np.arange(nv)).ravel()
@@ -136,6 +136,6 @@ class BetweenWaypoints(PathLimit):
 
 
 def _blocks(rows: Array) -> sparse.csr_matrix:
-    """Rows (K, m, nv) on K displacements one after the other, (K·m, K·nv)."""
+    """Rows (K, m, nv) as a block-diagonal matrix on K displacements, (K·m, K·nv)."""
     at = np.arange(len(rows) + 1)
     return sparse.csr_matrix(sparse.bsr_matrix((rows, at[:-1], at)))

@@ -1,4 +1,4 @@
-"""The rows of a whole path, task and couplings, for many configurations at many waypoints."""
+"""Task and coupling rows of a path, for many configurations at many waypoints."""
 
 from __future__ import annotations
 
@@ -24,25 +24,25 @@ _ITERATIONS = 40
 _LONGEST = 0.3
 """Largest joint displacement of a Newton step, rad or m: the rows hold only nearby."""
 _INSET = 1e-6
-"""What is brought into a band comes to stand this far inside, rad or m."""
+"""Distance inside a band to which configurations are corrected, rad or m."""
 _RETURNS = 12
-"""Most steps into the bands."""
+"""Largest number of steps into the bands."""
 _ROUNDING = 1e-12
-"""Share of the trace of AAᵀ by which it is damped: singular values below its root are given up."""
+"""Damping as a share of the trace of AAᵀ: singular values below its root are not inverted."""
 
 
 class PathRows:
-    """Residuals, Newton corrections and free motions along a path.
+    """Residuals, Newton corrections and null spaces along a path.
 
-    Joints that the model couples are no band that a search could hit: the couplings are equality
-    rows beside those of the task, wherever the robot has them, and take degrees of freedom as these
-    do. Of couplings that follow from others the others are taken.
+    Joint couplings of the model are equality rows, like those of the task, and remove as many
+    degrees of freedom; as narrow bands no random search would hit them. Dependent couplings are
+    left out.
 
     Attributes:
-        chain: The arm up to the controlled frame.
-        couplings: The joints that are coupled.
+        chain: The serial chain up to the controlled frame.
+        couplings: The joint couplings.
         hard: The hard bands and the constraints of the path.
-        freedom: Degrees of freedom that the rows leave at each waypoint, (N,).
+        freedom: Dimension of the null space at each waypoint, (N,).
     """
 
     def __init__(self, path_task: PathTask) -> None:
@@ -59,7 +59,7 @@ class PathRows:
 
     @cached_property
     def compiled(self) -> CompiledPath:
-        """The same as machine code."""
+        """The compiled rows."""
         from qp_twist.planning.compiled_path import CompiledPath
 
         return CompiledPath(
@@ -79,11 +79,11 @@ class PathRows:
         Args:
             q: Configurations, (K, nv).
             at: Index of each one's waypoint, (K,).
-            iterations: Most steps.
+            iterations: Largest number of steps.
 
         Returns:
-            The configurations that were reached, (K, nv), and for which of them the task error is
-            below :data:`ON_TASK`.
+            The corrected configurations, (K, nv), and whether each one's task error is below
+            :data:`ON_TASK`.
         """
         q = np.array(q, order="C")
         return q, self.compiled.correct(q, at, newton(iterations))
@@ -91,9 +91,9 @@ class PathRows:
     def correct_inside(
         self, q: Array, at: Indices, *, iterations: int = _ITERATIONS
     ) -> tuple[Array, Mask]:
-        """As :meth:`correct`, and into the hard bands: which are on their waypoints and inside.
+        """As :meth:`correct`, and into the hard bands; also returns which are inside.
 
-        What is outside a band takes steps of least norm that keep the rows and bring the values
+        Configurations outside a band take least-norm steps that keep the rows and bring the values
         back to the nearer end.
         """
         q, arrived = self.correct(q, at, iterations=iterations)
@@ -117,7 +117,7 @@ class PathRows:
         return q, inside
 
     def shortest(self, q: Array, at: Indices) -> Array:
-        """The step of least norm that the rows at the waypoints ask for, rad or m, (K, nv)."""
+        """The least-norm step that satisfies the rows at the waypoints, rad or m, (K, nv)."""
         steps = np.zeros(q.shape)
         for which, rows, errors in self._groups(q, at):
             steps[which] = _shortest(rows, errors)
@@ -131,14 +131,14 @@ class PathRows:
         return norms
 
     def motions(self, q: Array, at: Indices) -> Array:
-        """Orthonormal bases of what the rows do not see, (K, nv, d).
+        """Orthonormal bases of the null space of the rows, (K, nv, d).
 
-        Columns of zeros where a waypoint leaves fewer than d free.
+        Columns of zeros where the null space has fewer than d dimensions.
         """
         basis = np.zeros((*q.shape, int(self.freedom.max(initial=0))))
         for which, rows, _ in self._groups(q, at):
             rank = rows.shape[1]
-            # Of Jᵀ = QR the last columns of Q, whether or not the rows are independent.
+            # The last columns of Q in Jᵀ = QR, whether or not the rows are independent.
             whole = np.linalg.qr(rows.transpose(0, 2, 1), mode="complete").Q
             basis[which, :, : max(q.shape[1] - rank, 0)] = whole[:, :, rank:]
         return basis
@@ -152,7 +152,7 @@ class PathRows:
         return smallest
 
     def multipliers(self, q: Array, at: Indices, gradient: Array) -> tuple[Array, Array, Array]:
-        """How a function with a gradient (K, nv) changes with the task error, at its minimum.
+        """Sensitivity of a function with a gradient (K, nv) to the task error, at its minimum.
 
         Lengths of the linear and the angular multipliers and of those of couplings,
         (AAᵀ)⁻¹A · gradient with the rows A, in units of the function per m and rad, (K,) each.
@@ -169,7 +169,7 @@ class PathRows:
         return linear, angular, coupled
 
     def _groups(self, q: Array, at: Indices) -> list[tuple[Indices, Array, Array]]:
-        """For each projector: where it holds, UᵀJ and UᵀΔt, and after them those of couplings."""
+        """For each projector: its waypoints, and A and b of UᵀJ, UᵀΔt and the couplings."""
         found = []
         slopes = self.couplings.slopes(q)[:, self._coupled]
         torn = -self.couplings.residuals(q)[:, self._coupled]
@@ -197,21 +197,20 @@ class PathRows:
 
 
 def coupled_rows(couplings: JointCouplings, which: Indices) -> Couplings:
-    """Some of the couplings as the kernel reads them."""
+    """The independent couplings, as the kernel reads them."""
     dofs = np.column_stack([couplings.first[which], couplings.second[which]]).astype(np.int64)
     return Couplings(dofs, couplings.start[which], couplings.coefficients[which])
 
 
 def newton(iterations: int = _ITERATIONS) -> Newton:
-    """What Newton's method does, for :class:`CompiledPath`."""
+    """Settings of Newton's method, for :class:`CompiledPath`."""
     return iterations, ON_TASK, _LONGEST, _ROUNDING
 
 
 def _shortest(rows: Array, sides: Array) -> Array:
     """Least-norm solutions (K, nv) of rows (K, r, nv) x = sides (K, r).
 
-    By the normal equations, damped by what rounding makes of them: x = Aᵀ(AAᵀ + λ1)⁻¹ b, in a
-    seventh of the time of singular values.
+    Damped normal equations, x = Aᵀ(AAᵀ + λ1)⁻¹ b, in a seventh of the time of an SVD.
     """
     if not rows.size:
         return np.zeros((len(rows), rows.shape[2]))
@@ -219,6 +218,6 @@ def _shortest(rows: Array, sides: Array) -> Array:
     normal = rows @ transposed
     diagonal = np.einsum("kii->ki", normal)
     trace = diagonal.sum(axis=1, keepdims=True)
-    diagonal += np.where(trace > 0.0, _ROUNDING * trace, 1.0)  # rows of zeros ask for nothing
+    diagonal += np.where(trace > 0.0, _ROUNDING * trace, 1.0)  # rows of zeros
     shortest: Array = (transposed @ np.linalg.solve(normal, sides[:, :, None]))[:, :, 0]
     return shortest

@@ -18,7 +18,7 @@ from qp_twist.planning.certificate import Certificate
 from qp_twist.planning.hard_constraints import WITHIN, HardConstraints
 from qp_twist.planning.objective import Objective
 from qp_twist.planning.path_constraints import PathConstraints
-from qp_twist.planning.search import Progress, Search, Trials
+from qp_twist.planning.search import PlanSearch, Progress, Trials
 from qp_twist.referee import (
     Finding,
     JointMotion,
@@ -29,7 +29,7 @@ from qp_twist.referee import (
 )
 
 UNTIMED_STEP = np.radians(15.0)
-"""Largest step of a joint to the next waypoint where nothing limits it, rad or m.
+"""Largest step of a joint to the next waypoint without a limit, rad or m.
 
 Above it a step counts as a reconfiguration (the comparison's ``reconfigurations``).
 """
@@ -39,25 +39,25 @@ Above it a step counts as a reconfiguration (the comparison's ``reconfigurations
 class Plan:
     """A joint motion along a path task, or why there is none.
 
-    The configurations keep the path at the waypoints. Between two of them the joints move straight;
-    how far that strays from the path is proven by ``between``, and ``examined`` asks the motion
-    about everything that a check asks.
+    The configurations are on the path at the waypoints; between two of them the joints are
+    interpolated linearly. ``between`` proves how far that deviates from the path; ``examined`` is
+    the full check of the motion.
 
     Attributes:
         path_task: The task.
         q: The motion, (N, nq), every configuration on its waypoint, inside the joint limits and the
             hard tolerance bands and constraints, and no step longer than allowed; ``None`` if there
-            is none. On the straight line in joints between two waypoints these are left by 0.05°
-            or 0.1 mm at most, what a check lets pass, which is proved
+            is none. Between two waypoints, with linearly interpolated joints, violations are proven
+            to be at most 0.05° or 0.1 mm, the tolerance of a check
             (``planning.hard_constraints.BETWEEN``).
-        value: Of the objective: mean z (centering), degrees (travel, margin), or the weighted sum;
+        value: Value of the objective: mean z (centering), degrees (travel, margin), or the weighted
+        sum;
             NaN if there is no motion.
-        bound: What no motion can be better than, each waypoint taken for itself
-            (``planning.bound.pointwise_bound`` says what is proved); NaN where a
-            waypoint has no configuration, and of centering and margin where one leaves more than
-            two degrees free.
+        bound: Bound of the value over all motions, each waypoint taken for itself (for what is
+            proved see ``planning.bound.pointwise_bound``); NaN if a waypoint has no configuration,
+            and for centering and margin if one leaves more than two degrees free.
         certificate: Why there is a motion or none, as a sentence and as data.
-        objective: As it was asked for.
+        objective: The objective, as passed.
     """
 
     path_task: PathTask
@@ -69,7 +69,7 @@ class Plan:
 
     @property
     def gap(self) -> float:
-        """Distance of the value from the bound; the motion that is best is somewhere between."""
+        """Distance of the value from the bound; the optimal value lies between them."""
         return abs(self.value - self.bound)
 
     @property
@@ -94,10 +94,10 @@ class Plan:
 
     @cached_property
     def between(self) -> PathErrors:
-        """How far the motion strays between its waypoints, the joints moving straight: proven.
+        """Proven deviation between the waypoints, with linearly interpolated joints.
 
-        Largest values that were found, and bounds that hold for every instant: of position and
-        axis, m and rad, and of the hard tolerance bands and constraints.
+        Largest values found, and bounds for every instant: of position and axis error, m and rad,
+        and of violations of hard tolerance bands and constraints.
 
         Raises:
             InvalidInput: If there is no motion; the message says why.
@@ -106,7 +106,7 @@ class Plan:
 
     @property
     def promise(self) -> str:
-        """What the motion keeps, at the waypoints and between them, in a sentence.
+        """What was proven about the motion, at and between the waypoints, in a sentence.
 
         Raises:
             InvalidInput: If there is no motion; the message says why.
@@ -129,11 +129,10 @@ class Plan:
         return text
 
     def examined(self, tolerances: Tolerances | None = None) -> tuple[Finding, ...]:
-        """What a check finds of the motion, the joints moving straight between its waypoints.
+        """Check of the motion, with linearly interpolated joints.
 
-        At the task's clock, where it has one. A trajectory that is to pass has rows between the
-        waypoints where this does not: follow the plan, and
-        :func:`~qp_twist.refine_trajectory`.
+        Timed by the task's feed, if it has one. Where it does not pass between waypoints, the
+        trajectory needs further rows: follow the plan and use :func:`~qp_twist.refine_trajectory`.
 
         Args:
             tolerances: Largest task errors that pass; 0.1 mm and 0.05° if ``None``.
@@ -189,9 +188,9 @@ def make_plan(
     runs: Trials,
     progress: Progress | None = None,
 ) -> Plan:
-    """The best motion that a search finds; see :func:`qp_twist.plan`.
+    """Search the best motion; see :func:`qp_twist.plan`.
 
-    ``start`` stands on the first waypoint. ``runs`` gives joint paths (N, nq) of other methods.
+    ``start`` is on the first waypoint. ``runs`` returns joint paths (N, nq) of other methods.
     """
     instance("plan(path_task, …)", path_task, PathTask)
     if len(path_task.waypoints) < 2:
@@ -216,7 +215,7 @@ def make_plan(
             name = ranges.names[int(np.argmax(outside))]
             raise InvalidInput(f"plan: the start is outside the limits of {name}.")
         _check_inside_bands(limits, first)
-    found = Search(path_task, goal, limits, first, runs, progress).run()
+    found = PlanSearch(path_task, goal, limits, first, runs, progress).run()
     path = found.path
     return Plan(
         path_task,
@@ -247,7 +246,7 @@ def _check_inside_bands(limits: PathConstraints, start: Array) -> None:
 def motion_limits(
     path_task: PathTask, ranges: JointRanges, max_step_deg: float | None, *, fixed_start: bool
 ) -> PathConstraints:
-    """What a joint path along the task has to keep at its waypoints and between them."""
+    """Constraints of a joint path along the task, at and between its waypoints."""
     count = len(path_task.waypoints)
     durations = np.ones(count - 1) if path_task.durations is None else path_task.durations[1:]
     steps = np.full((count - 1, path_task.model.nv), np.inf)
@@ -256,11 +255,12 @@ def motion_limits(
     if max_step_deg is not None:
         steps = np.minimum(steps, np.radians(number("max_step_deg", max_step_deg, above=0.0)))
     steps = np.where(np.isfinite(steps), steps, UNTIMED_STEP)
-    # Who turns by more than half a turn comes to the same place the other way round; a joint with a
-    # range may be unable to, one without a range never has a reason to turn on between waypoints.
+    # A turn by more than half a turn has the same end as a shorter one in the other direction. A
+    # joint with a range may not have that choice; a joint without a range never needs the longer
+    # turn.
     endless = ranges.hinge & ~ranges.limited
     steps[:, endless] = np.minimum(steps[:, endless], np.pi)
-    # Velocities count as constant between waypoints, and change where these meet.
+    # Velocities are constant between waypoints, and change at the waypoints.
     times = 0.5 * (durations[1:] + durations[:-1])
     speed_changes = path_task.acceleration_limits * times[:, None]
     chain = SerialChain.of(path_task.model, path_task.frame_name, path_task.frame_type)

@@ -17,23 +17,23 @@ from qp_twist.planning.path_constraints import PathConstraints
 from qp_twist.planning.path_rows import PathRows
 
 _TIE_BREAK = 1e-6
-"""Weight of the mean z where the objective does not decide."""
+"""Weight of the mean z as a tie-breaker of the objective."""
 ITERATIONS, _SETTLING = 40, 6
 _FIRST, _LARGEST, _SMALLEST = 0.1, 0.4, 1e-6
-"""Radius in which the linear model is believed, rad: at first, at most, and where it ends."""
+"""Trust region radius, rad: initial, largest, and the one at which the iteration ends."""
 _SETTLED = 1e-6
-"""Share of the objective below which an iteration's gain is none."""
+"""Gain of an iteration, as a share of the objective, below which it ends."""
 
 
 @dataclass(frozen=True, eq=False)
-class Refined:
-    """A joint path and what is wrong with it.
+class RefinedPath:
+    """A joint path and its largest violation.
 
     Attributes:
         q: The path, (N, nv).
-        value: Of the objective.
-        excess: By how much it breaks a constraint, rad or m; at most
-            :data:`~qp_twist.planning.hard_constraints.WITHIN` if none.
+        value: Value of the objective.
+        excess: Largest violation of a constraint, rad or m; at most
+            :data:`~qp_twist.planning.hard_constraints.WITHIN` if there is none.
     """
 
     q: Array
@@ -42,7 +42,7 @@ class Refined:
 
     @property
     def feasible(self) -> bool:
-        """Whether it breaks no constraint."""
+        """Whether it violates no constraint."""
         return self.excess <= WITHIN
 
 
@@ -53,12 +53,12 @@ def refine(
     objective: Objective,
     progress: Callable[[float], None] | None = None,
     iterations: int = ITERATIONS,
-) -> Refined:
+) -> RefinedPath:
     r"""The best path near ``q`` (N, nv), whose configurations are on their waypoints.
 
-    Sequential quadratic programming in what the task leaves free: with
-    :math:`\mathbf q_k \leftarrow \mathbf q_k + \mathbf N_k \mathbf u_k` and Newton's method for
-    what curvature takes from the task,
+    Sequential quadratic programming in the null space: with
+    :math:`\mathbf q_k \leftarrow \mathbf q_k + \mathbf N_k \mathbf u_k` and Newton corrections onto
+    the waypoints,
 
     .. math::
 
@@ -66,14 +66,14 @@ def refine(
         \quad\text{s.t.}\quad \text{ranges, steps and changes of speed within } \sigma,\quad
         \lVert\mathbf u\rVert_\infty \le \rho,\; \sigma \ge 0,
 
-    sparse, for all waypoints together. A path that breaks constraints is brought inside them where
-    the penalty μ can. The radius ρ shrinks where the linear model was wrong. Hard bands and
-    constraints have the rows of
-    :meth:`~qp_twist.planning.hard_constraints.HardConstraints.rows`: of a cone the sides of a
-    polygon around it, so that it is held in all directions.
+    sparse, for all waypoints together. The penalty μ drives a path that violates constraints back
+    inside, if possible. The radius ρ shrinks if the linear model was inaccurate. Hard bands and
+    constraints use the rows of
+    :meth:`~qp_twist.planning.hard_constraints.HardConstraints.rows`: for a cone these are the sides
+    of a polygon, so that it is kept in all directions.
     """
     here, radius = _judged(q, limits, objective), _FIRST
-    if not rows.freedom.any():  # nothing can be moved
+    if not rows.freedom.any():  # no free direction
         return here
     for iteration in range(iterations):
         if progress is not None:
@@ -88,7 +88,7 @@ def refine(
         here, radius = there, min(2.0 * radius, _LARGEST)
         if gain <= _SETTLED * abs(_merit(here, objective)):
             break
-    # What curvature left of the excess goes in a few steps of least length.
+    # The remaining violation, due to curvature, is removed by a few least-norm steps.
     for _ in range(_SETTLING):
         if here.feasible:
             break
@@ -99,24 +99,24 @@ def refine(
     return here
 
 
-def _judged(q: Array, limits: PathConstraints, objective: Objective) -> Refined:
-    return Refined(q, objective.value(q), limits.excess(q))
+def _judged(q: Array, limits: PathConstraints, objective: Objective) -> RefinedPath:
+    return RefinedPath(q, objective.value(q), limits.excess(q))
 
 
-def _merit(path: Refined, objective: Objective) -> float:
+def _merit(path: RefinedPath, objective: Objective) -> float:
     value = -path.value if objective.margin else path.value
     return value + objective.penalty * max(path.excess, 0.0)
 
 
 def _step(
-    here: Refined,
+    here: RefinedPath,
     rows: PathRows,
     limits: PathConstraints,
     objective: Objective,
     radius: float,
     *,
     settle: bool = False,
-) -> Refined | None:
+) -> RefinedPath | None:
     """The path after one program; ``None`` where it has no solution or leaves the task."""
     at = np.arange(len(here.q))
     basis = rows.motions(here.q, at)
@@ -166,7 +166,7 @@ def _solved(
 
 
 class _Program:
-    """A sparse program in (u, more unknowns, σ), built up block by block."""
+    """A sparse program in (u, further unknowns, σ), assembled block by block."""
 
     def __init__(self, size: int, radius: float) -> None:
         self.size, self.radius = size, radius
@@ -195,7 +195,7 @@ class _Program:
         self.rows += [(G, bound, -g, False), (-G, bound, g, False)]
 
     def least_largest(self, move: sparse.csr_matrix, ranges: JointRanges, q: Array) -> None:
-        """Subtract the margin in degrees: its unknown t is below the room of every joint."""
+        """Subtract the margin in degrees: its unknown t is at most each joint's margin."""
         before = self._added
         self.more.append(np.full(1, -np.degrees(1.0)))
         for sign, ends in ((1.0, ranges.upper), (-1.0, -ranges.lower)):
@@ -208,7 +208,7 @@ class _Program:
     def solution(self, penalty: float) -> Array | None:
         """The minimiser, or ``None``."""
         n = self.size + self._added + 1
-        # From all entries at once: to stack the blocks takes longer than to solve the program.
+        # Build from all entries at once: stacking blocks takes longer than solving the program.
         at, columns, entries = [], [], []
         before = 0
         for G, more, g, soft in self.rows:

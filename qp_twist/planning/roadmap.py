@@ -1,4 +1,4 @@
-"""What is possible along a path: the layers of its waypoints."""
+"""Roadmap of a path: the layers of its waypoints."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ from qp_twist.planning.roll_grid import RollGrid, closed_form_arm
 
 @dataclass(frozen=True, eq=False)
 class Grid:
-    """How finely the free coordinates are sampled.
+    """Sampling of the free coordinates.
 
     Attributes:
-        roll: Spacing of rolls, where the inverse kinematics has a closed form, rad.
+        roll: Spacing of rolls, for closed-form inverse kinematics, rad.
         joints: Largest distance of neighbours in each joint, rad or m, (nv,).
     """
 
@@ -34,13 +34,13 @@ class Grid:
 
 
 class Roadmap:
-    """The layers of a path, made as they are asked for.
+    """The layers of a path, computed on request.
 
     Attributes:
         path_task: The path.
         rows: Its task rows.
-        ranges: Of the joints.
-        grid: How finely the free coordinates are sampled.
+        ranges: The joint ranges.
+        grid: Sampling of the free coordinates.
         arm: The closed-form inverse kinematics, if the robot has one.
     """
 
@@ -56,10 +56,10 @@ class Roadmap:
         )
 
     def covers(self, index: int) -> bool:
-        """Whether the layer of a waypoint holds all that there is, to the grid's spacing.
+        """Whether the layer of a waypoint is complete, to the grid's spacing.
 
-        Hard bands may cut a self-motion manifold into pieces on which no seed falls; of rolls it is
-        known on which side of a band they are.
+        Hard bands may cut a self-motion manifold into pieces without a seed; for rolls the ends of
+        the bands are found.
         """
         if self._closed_form(index):
             assert self._rolls is not None
@@ -67,7 +67,7 @@ class Roadmap:
         return self.samples_all(index) and not self.rows.hard.cuts
 
     def samples_all(self, index: int) -> bool:
-        """The same without hard bands."""
+        """The same layers without hard bands."""
         return self._closed_form(index) or int(self.rows.freedom[index]) <= COVERED
 
     def layers(

@@ -16,18 +16,18 @@ from qp_twist.planning.hard_constraints import WITHIN, HardConstraints
 from qp_twist.planning.layer import TURN, Layer, empty_layer, inside_limits
 
 FINEST = 16
-"""Most parts of a grid interval in which the joints run fast."""
+"""Largest number of parts of a grid interval in which the joints move fast."""
 _HALVINGS = 12
-"""Times that a grid interval in which a band may begin or end is halved."""
+"""Number of times that a grid interval with a possible end of a band is halved."""
 _MOST_STRETCHES = 20_000
-"""So many stretches of rolls are not halved again."""
+"""Beyond this number of intervals, no interval is halved."""
 
 
 def closed_form_arm(path_task: PathTask) -> OrthoParallelArm | None:
-    """The task's arm, if it has closed-form inverse kinematics and is all of the robot.
+    """The task's arm, if it has closed-form inverse kinematics and is the whole robot.
 
-    With joints beside it (fingers, a track) the task leaves more free than a roll, and where joints
-    are coupled a closed form that knows nothing of that has next to no solution that is kept.
+    With further joints (fingers, a track) the task leaves more free than a roll; and almost no
+    solution of the closed form satisfies joint couplings.
     """
     model = path_task.model
     arm = OrthoParallelArm.recognise(model, path_task.frame_name, path_task.frame_type)
@@ -42,8 +42,8 @@ class RollGrid:
 
     Attributes:
         arm: The inverse kinematics.
-        spacing: Of the grid, rad.
-        rolls: Of the grid, against each waypoint's own, rad.
+        spacing: Spacing of the grid, rad.
+        rolls: Rolls of the grid, relative to each waypoint's, rad.
         hard: The hard tolerance bands and the constraints.
     """
 
@@ -55,9 +55,9 @@ class RollGrid:
         Args:
             path_task: The task.
             arm: Its arm.
-            spacing: Of the grid of rolls, rad.
-            joints: Change of each joint between two rolls of the grid above which the interval is
-                divided, rad, (6,): near a straight wrist the joints run faster than the roll.
+            spacing: Spacing of the rolls, rad.
+            joints: Change of each joint between two rolls above which the interval is divided, rad,
+                (6,): near a straight wrist the joints move faster than the roll.
         """
         self.path_task = path_task
         self.arm = arm
@@ -71,7 +71,7 @@ class RollGrid:
 
     @staticmethod
     def applies(path_task: PathTask, index: int) -> bool:
-        """Whether at a waypoint only the roll is free, or nothing."""
+        """Whether a waypoint leaves at most the roll free."""
         projector = path_task.in_force[index]
         return projector.linear.kind is ProjectorKind.FULL and projector.angular.kind in (
             ProjectorKind.FULL,
@@ -99,9 +99,9 @@ class RollGrid:
         return self._inside(index, rolls, found)
 
     def settled(self, index: int) -> bool:
-        """Whether what is hard has been looked at, at a waypoint, at every roll there is.
+        """Whether all rolls of a waypoint are covered in spite of hard bands and constraints.
 
-        Of bands the rolls are found at which they begin and end; of constraints they are not.
+        The rolls at which bands begin and end are found; those of constraints are not.
         """
         if not self.hard or self.path_task.in_force[index].angular.kind is ProjectorKind.FULL:
             return True
@@ -134,11 +134,11 @@ class RollGrid:
         return layer
 
     def _edges(self, index: int) -> tuple[Array, bool]:
-        """The rolls just inside the bands' ends, and whether the side of all others is known.
+        """The rolls just inside the bands' ends, and whether all others are classified.
 
-        Stretches of the grid with one end inside are halved, and those with both ends outside until
-        the margins cannot rise to 0 on the way to their middle. So a band narrower than the grid's
-        spacing is found, too.
+        Intervals with one end inside are halved, and those with both ends outside until the margins
+        cannot rise to 0 before their middle. So bands narrower than the grid's spacing are found,
+        too.
         """
         if index in self._known:
             return self._known[index]
@@ -158,21 +158,21 @@ class RollGrid:
             inside = np.hstack([[inside[0], within], [within, inside[1]]])
         mixed = inside[0] != inside[1]
         edges = np.unique(np.where(inside[0], ends[0], ends[1])[mixed])
-        # Beside an end of a band nothing is decided, however short the stretch is.
+        # Next to an end of a band no interval is decided, however short.
         left = ends[0, ~mixed & self._open(index, ends, inside, width)]
         beside = np.abs(left[:, None] - edges).min(axis=1, initial=np.inf) < 3.0 * width
         self._known[index] = edges, bool(beside.all())
         return self._known[index]
 
     def _margins(self, index: int, rolls: Array) -> Array:
-        """The least margin of the bands at some rolls, rad or m, (K,)."""
+        """Least margin of the bands at some rolls, rad or m, (K,)."""
         margins: Array = self.hard.band_margins(*self._poses(index, rolls)).min(
             axis=1, initial=np.inf
         )
         return margins
 
     def _open(self, index: int, ends: Array, inside: Mask, width: float) -> Mask:
-        """Which stretches of rolls, their ends (2, C), hold an end of a band, or may hold one."""
+        """Which intervals of rolls, with ends (2, C), contain or may contain an end of a band."""
         open_: Mask = inside[0] != inside[1]
         outside = ~inside.any(axis=0)
         if not outside.any():
@@ -192,7 +192,7 @@ class RollGrid:
         return self.arm.branches(rotations, np.broadcast_to(position, (len(rolls), 3)))
 
     def _rotations(self, index: int, rolls: Array) -> Array:
-        """Of the frame at a waypoint with some rolls more than the waypoint's, (K, 3, 3)."""
+        """Rotations of the frame at a waypoint with additional rolls, (K, 3, 3)."""
         rotation = self.path_task.waypoints[index].rotation().as_matrix()
         if self.path_task.in_force[index].angular.axis is None:
             return rotation[None]

@@ -1,4 +1,4 @@
-"""What every roll at every waypoint leaves of the joint limits, branch by branch."""
+"""Joint limit margins over waypoint and roll, branch by branch."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from qp_twist.planning.plan import motion_limits
 from qp_twist.planning.roll_grid import RollGrid, closed_form_arm
 
 _REACH = np.radians(45.0)
-"""How far to either side a roll is looked for that connects to the next waypoint, rad."""
+"""Range to either side in which a roll is searched that connects to the next waypoint, rad."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,13 +28,13 @@ class RollMap:
     Attributes:
         path_task: The path.
         arm: Its arm.
-        waypoints: Which waypoints, from 0, (W,).
-        rolls: Against each waypoint's own roll, rad, from −π on, (R,).
-        margins: Distance from the nearest joint limit at the best turns, degrees, (W, R, 8):
-            negative outside the limits, NaN where the branch does not reach.
+        waypoints: The waypoints, from 0, (W,).
+        rolls: Rolls relative to each waypoint's, rad, from −π on, (R,).
+        margins: Distance from the nearest joint limit, for the best whole turns, degrees, (W, R,
+            8): negative outside the limits, NaN out of reach.
         sigma_min: Smallest singular value of the task rows UᵀJ, (W, R, 8); NaN likewise.
-        stuck: Where the joints cannot follow to the next of the waypoints at the task's speed, in
-            the same branch at whatever roll, (W, R, 8).
+        stuck: Whether no roll of the next waypoint, in the same branch, is within the task's speed
+            limits, (W, R, 8).
     """
 
     path_task: PathTask
@@ -50,8 +50,8 @@ class RollMap:
         """Evaluate the map of a path.
 
         Raises:
-            InvalidInput: If more than a roll is free, or less, or the arm has no closed-form
-                inverse kinematics.
+            InvalidInput: If not exactly a roll is free, or the arm has no closed-form inverse
+                kinematics.
         """
         arm = roll_arm(path_task)
         if arm is None:
@@ -109,7 +109,7 @@ class RollMap:
 
 
 def roll_arm(path_task: PathTask) -> OrthoParallelArm | None:
-    """The arm of a task whose roll is free all the way, if it has closed-form kinematics."""
+    """The arm of a task whose roll is free everywhere, if it has closed-form kinematics."""
     count = len(path_task.waypoints)
     if not all(
         RollGrid.applies(path_task, k) and path_task.in_force[k].angular.kind is ProjectorKind.PLANE
@@ -126,7 +126,7 @@ def _wrapped(angles: Array) -> Array:
 
 
 def _sigma_min(path_task: PathTask, q: Array, waypoints: Indices) -> Array:
-    """Of configurations (W, R, 8, 6) at their waypoints, (W, R, 8)."""
+    """σ_min of configurations (W, R, 8, 6) at their waypoints, (W, R, 8)."""
     found = np.full(q.shape[:3], np.nan)
     reached = np.isfinite(q).all(axis=3)
     at = np.broadcast_to(waypoints[:, None, None], reached.shape)

@@ -1,4 +1,4 @@
-"""From coarse to fine: a way through the layers, moved off the grid."""
+"""Search from coarse to fine: the best path through the layers, then moved off the grid."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ from qp_twist.planning.manifold_net import COVERED
 from qp_twist.planning.objective import Objective
 from qp_twist.planning.path_constraints import PathConstraints, Violation
 from qp_twist.planning.path_rows import PathRows
-from qp_twist.planning.refine import ITERATIONS, Refined, refine
+from qp_twist.planning.refine import ITERATIONS, RefinedPath, refine
 from qp_twist.planning.roadmap import Grid, Roadmap
-from qp_twist.planning.shortest_path import Edges, Way, edges, shortest_way, widest_way
+from qp_twist.planning.shortest_path import Edges, LayerPath, cheapest_path, edges, widest_path
 
 Progress = Callable[[str, float], None]
 Trials = Callable[[Array | None], list[Array]]
@@ -29,32 +29,32 @@ Trials = Callable[[Array | None], list[Array]]
 COARSEST = np.radians(15.0)
 """Largest spacing of configurations in a joint, rad or m."""
 _PRICE, _PRICE_OF_TRAVEL = 1.0, 50.0
-"""Of a step twice as long as allowed: in z at a waypoint, and in degrees of travel."""
+"""Price of a step twice as long as allowed: in z at a waypoint, and in degrees of travel."""
 _ROUNDED, _ROUNDED_TRAVEL = 0.02, 0.3
-"""What the grid may cost, as a share of the objective: travel sees its zigzag."""
+"""Possible loss by the grid, as a share of the objective: travel includes its zigzag."""
 _PROOFS = 12
-"""Waypoints without a configuration that are looked at on the finest grid."""
+"""Largest number of waypoints without a configuration that are searched on the finest grid."""
 _TRIAL = 8
-"""Iterations after which a seed that is far from the best is given up."""
+"""Iterations after which a seed far from the best one is dropped."""
 _ABOUT = 30
-"""Waypoints to either side of one that breaks limits, which are looked for again."""
+"""Number of waypoints on either side of a violation that are searched again."""
 _LOOKED_WITHIN = (0.05, 0.2, 0.6)
-"""Shares above the layers' least mean z within which a way is looked for first: few nodes are."""
+"""Shares above the layers' least mean z within which a path is searched first: few nodes are."""
 _POINTS = 6
-"""Times that points between waypoints are added at which a band was left."""
+"""Number of times that points of violations between waypoints are added."""
 _STRICTNESS = (1.0, 1e3)
-"""Times the price, one after the other: first for the best way, then for one that is possible."""
+"""Factors of the price, in turn: first for the best path, then for a feasible one."""
 _LOOSE = {"rad": np.radians([3.0, 1.0]), "m": np.array([5e-3, 1e-3])}
-"""What an edge of the grid may leave a band on its way then: the programs make the way smooth."""
+"""Violation of a band allowed along an edge of the grid: the programs smooth the path later."""
 
 
 @dataclass(frozen=True)
 class SearchStage:
-    """How coarsely to look.
+    """Resolution of a stage.
 
     Attributes:
-        motion: Of a joint between the waypoints that are looked at, rad.
-        longest_stride: Most waypoints from one of them to the next.
+        motion: Motion of a joint between the selected waypoints, rad.
+        longest_stride: Largest number of waypoints from one of them to the next.
         roll: Spacing of rolls, rad.
         joints: Least spacing of configurations in any joint, rad or m.
         resolution: The same as a share of the joint's motion, up to :data:`COARSEST`.
@@ -75,35 +75,35 @@ _STAGES = (
 
 
 @dataclass(frozen=True, eq=False)
-class Found:
+class SearchResult:
     """The outcome of a search.
 
     Attributes:
-        path: The best path that breaks no constraint, if there is one.
-        certificate: Why, or why not.
-        layers: Of the last stage.
-        waypoints: Of those layers, from 0.
-        bound: What no path can be better than; NaN where a waypoint has no configuration, and of
-            centering and margin where one leaves more than two degrees free.
+        path: The best feasible path, if there is one.
+        certificate: Why there is one, or none.
+        layers: Layers of the last stage.
+        waypoints: Waypoints of those layers, from 0.
+        bound: Bound of the value of any path; NaN if a waypoint has no configuration, and for
+            centering and margin if one leaves more than two degrees free.
     """
 
-    path: Refined | None
+    path: RefinedPath | None
     certificate: Certificate
     layers: list[Layer]
     waypoints: list[int]
     bound: float = np.nan
 
 
-class Search:
+class PlanSearch:
     """A search for one task, objective and start.
 
-    The stages look at more and more waypoints on finer and finer grids. In each, steps may be
-    longer by what the grid cannot resolve; the quadratic programs that move the path off the grid
-    then hold the limits exactly. The first stage whose path can be brought inside them ends it.
+    The stages use more and more waypoints and finer and finer grids. In each, steps may exceed
+    their limits by the grid's resolution; the quadratic programs that then move the path off the
+    grid satisfy the limits exactly. The search ends at the first stage with a feasible path.
 
     The paths of other methods find passages near a singularity that are narrower than the grid.
-    From a given start they come first, and bound what the stages must look at. With a free start
-    they begin where the stages' path does, and only where that is not close to the bound.
+    With a fixed start they run first, and bound the search of the stages. With a free start they
+    run only if the stages' path is not close to the bound, from its start.
     """
 
     def __init__(
@@ -119,11 +119,11 @@ class Search:
 
         Args:
             path_task: The path.
-            objective: What to be best in.
-            limits: What holds at and between the waypoints.
+            objective: The objective.
+            limits: Constraints at and between the waypoints.
             start: The first configuration, on the first waypoint, (nv,), or ``None``.
-            runs: Gives the paths of other methods, from which the search may also go on.
-            progress: Called with what is being done and the share of it that is.
+            runs: Returns the paths of other methods, as further initial paths.
+            progress: Called with the current phase and its share done.
         """
         self.path_task = path_task
         self.objective = objective
@@ -133,12 +133,12 @@ class Search:
         self.rows = PathRows(path_task)
         self._progress = progress or (lambda what, share: None)
         ranges = limits.ranges
-        #: Hinges without limits: of them whole turns do not matter.
+        #: Hinges without limits: their whole turns do not matter.
         self._period = np.where(ranges.hinge & ~np.isfinite(ranges.upper - ranges.lower), TURN, 0.0)
 
-    def run(self) -> Found:
-        """Look for the best motion."""
-        best: Refined | None = None
+    def run(self) -> SearchResult:
+        """Search the best motion."""
+        best: RefinedPath | None = None
         tried = self._tried(self.start) if self.start is not None else []
         for trial in tried:
             best = self._better(best, trial)
@@ -147,7 +147,7 @@ class Search:
             if found.path is not None:
                 break
             if best is None and not all(len(layer.q) for layer in found.layers):
-                # What is empty on the finest grid stays so: no need to look at the others.
+                # Layers that are empty on the finest grid are empty on any grid: stop here.
                 proven = self._proven_empty(found)
                 if proven is not None:
                     return proven
@@ -156,7 +156,7 @@ class Search:
         if self.start is None and (best is None or not _alike(bound, best.value)):
             tried = self._tried(None if best is None else best.q[0])
         for trial in tried:
-            # One that is far from the best by now does not become it.
+            # A seed that is still far from the best will not become it.
             near = best is not None and _alike(trial.value, best.value)
             if best is None or near or self.objective.better(trial.value, best.value):
                 best = self._better(best, self._refined(trial.q))
@@ -167,8 +167,8 @@ class Search:
             bound = self._bound(found, best)
         return replace(found, path=best, certificate=certificate, bound=self._stated(bound))
 
-    def _tried(self, start: Array | None) -> list[Refined]:
-        """The runs of other methods that can be brought onto their waypoints, improved a little."""
+    def _tried(self, start: Array | None) -> list[RefinedPath]:
+        """The runs of other methods, corrected onto their waypoints and improved a little."""
         tried, at = [], np.arange(len(self.path_task.waypoints))
         for run in self.runs(start):
             on_path, arrived = self.rows.correct(run, at)
@@ -177,7 +177,7 @@ class Search:
                 tried.append(self._improved(on_path, iterations=_TRIAL))
         return tried
 
-    def _bound(self, found: Found, best: Refined | None) -> float:
+    def _bound(self, found: SearchResult, best: RefinedPath | None) -> float:
         if not all(len(layer.q) for layer in found.layers):
             return np.nan
         return pointwise_bound(
@@ -191,16 +191,16 @@ class Search:
         )
 
     def _stated(self, bound: float) -> float:
-        """The bound, where valleys of z and of the margin have been looked for everywhere."""
+        """The bound, if the layers cover all minima of z and maxima of the margin."""
         pointwise = self.objective.centering > 0.0 or self.objective.margin
         return np.nan if pointwise and int(self.rows.freedom.max()) > COVERED else bound
 
-    def _better(self, a: Refined | None, b: Refined | None) -> Refined | None:
+    def _better(self, a: RefinedPath | None, b: RefinedPath | None) -> RefinedPath | None:
         if b is None or not b.feasible:
             return a
         return b if a is None or self.objective.better(b.value, a.value) else a
 
-    def _stage(self, stage: SearchStage, best: Refined | None) -> Found:
+    def _stage(self, stage: SearchStage, best: RefinedPath | None) -> SearchResult:
         count = len(self.path_task.waypoints)
         stride = int(np.clip(round(stage.motion / self._typical_step()), 1, stage.longest_stride))
         grid = self._grid(stage, stride)
@@ -215,45 +215,44 @@ class Search:
         empty = [i for i, layer in zip(waypoints, layers, strict=True) if not len(layer.q)]
         if empty:
             certificate = _empty(waypoints, layers, grid, roadmap)
-            return Found(None, certificate, layers, waypoints)
-        # The grid's way may be a little worse than the best one between its nodes.
+            return SearchResult(None, certificate, layers, waypoints)
+        # The grid's path may be a little worse than the best one between its nodes.
         rounded = _ROUNDED_TRAVEL if self.objective.travel else _ROUNDED
         known = np.inf if best is None else best.value * (1.0 + rounded)
         if self.objective.margin:
             known = -np.inf if best is None else best.value - _ROUNDED * abs(best.value)
         refined = None
         for strictness in _STRICTNESS:
-            way = self._way(layers, waypoints, grid, strictness, known)
+            way = self._layer_path(layers, waypoints, grid, strictness, known)
             if len(way.nodes) < len(layers):
-                if best is not None:  # the grid has nothing better
-                    return Found(best, Certificate("path", grid), layers, waypoints)
+                if best is not None:  # the grid has no better path
+                    return SearchResult(best, Certificate("path", grid), layers, waypoints)
                 certificate = self._blocked(way, layers, waypoints, grid, covered)
-                return Found(None, certificate, layers, waypoints)
+                return SearchResult(None, certificate, layers, waypoints)
             nodes = [layer.q[node] for layer, node in zip(layers, way.nodes, strict=True)]
             path = self._interpolated(np.array(nodes), waypoints)
             refined = None if path is None else self._refined(path)
             if refined is not None and not refined.feasible and stage is not _STAGES[-1]:
                 refined = self._mended(refined) or refined
             if refined is not None and refined.feasible:
-                return Found(refined, Certificate("path", grid), layers, waypoints)
-        return Found(None, self._too_fast(refined, grid, covered), layers, waypoints)
+                return SearchResult(refined, Certificate("path", grid), layers, waypoints)
+        return SearchResult(None, self._too_fast(refined, grid, covered), layers, waypoints)
 
     def _grid(self, stage: SearchStage, stride: int = 1) -> Grid:
         step = stride * np.median(self.limits.steps, axis=0)
         joints = np.clip(stage.resolution * step, stage.joints, COARSEST)
         return Grid(max(stage.roll, 0.5 * joints.max()), joints)
 
-    def _mended(self, path: Refined) -> Refined | None:
-        """The path, looked for anew on the finest grid about the waypoints where it breaks limits.
+    def _mended(self, path: RefinedPath) -> RefinedPath | None:
+        """Search the path again on the finest grid around the waypoints where it violates limits.
 
-        Mostly these are a passage near a singularity that is too fast; the rest of the path need
-        not be looked for again.
+        These are mostly passages near a singularity; the rest of the path is kept.
         """
         whole, count = path.q.copy(), len(path.q)
         grid = self._grid(_STAGES[-1])
         roadmap = Roadmap(self.path_task, self.rows, grid)
         broken = self.limits.broken(whole)
-        if not len(broken):  # what is left of a band is between the waypoints
+        if not len(broken):  # the violation is between waypoints
             return None
         for first, last in _stretches(broken, count):
             waypoints = list(range(first, last + 1))
@@ -263,7 +262,7 @@ class Search:
                     layers[end] = Layer(whole[waypoints[end]][None], np.full(1, -1), 1)
             if not all(len(layer.q) for layer in layers):
                 return None
-            way = self._way(
+            way = self._layer_path(
                 layers, waypoints, grid, 1.0, -np.inf if self.objective.margin else np.inf
             )
             if len(way.nodes) < len(layers):
@@ -274,9 +273,9 @@ class Search:
             whole[first : last + 1] = nodes
         return self._refined(whole)
 
-    def _proven_empty(self, found: Found) -> Found | None:
-        """The same verdict on the finest grid, from some of its waypoints, if it holds there."""
-        # Those that have none, and what was left out on either side of them.
+    def _proven_empty(self, found: SearchResult) -> SearchResult | None:
+        """Confirm a negative verdict on the finest grid, at some of its waypoints."""
+        # The empty ones, and the waypoints skipped on either side of them.
         ends = [-1, *found.waypoints, len(self.path_task.waypoints)]
         open_ = sorted(
             {
@@ -293,32 +292,32 @@ class Search:
         layers = roadmap.layers(waypoints)
         if all(len(layer.q) for layer in layers):
             return None
-        return Found(None, _empty(waypoints, layers, grid, roadmap), layers, waypoints)
+        return SearchResult(None, _empty(waypoints, layers, grid, roadmap), layers, waypoints)
 
     def _typical_step(self) -> float:
-        """How far a joint may move between two waypoints."""
+        """Largest motion of each joint between two waypoints."""
         return float(np.median(self.limits.steps))
 
     def _waypoints(self, stride: int, count: int) -> list[int]:
-        """Every ``stride``-th, the last, and those at which the projector changes."""
+        """Every ``stride``-th waypoint, the last, and those at which the projector changes."""
         in_force = self.path_task.in_force
         changes = {
             at for k in range(1, count) if in_force[k] is not in_force[k - 1] for at in (k - 1, k)
         }
         return sorted({*range(0, count, stride), count - 1, *changes})
 
-    def _way(
+    def _layer_path(
         self,
         layers: list[Layer],
         waypoints: list[int],
         grid: Grid,
         strictness: float,
         known: float,
-    ) -> Way:
-        """The best way, with steps longer by what the grid does not resolve, at a price.
+    ) -> LayerPath:
+        """The best path, with steps that may exceed limits by the grid's resolution, at a price.
 
-        Without the price the way would jump from branch to branch where a longer step just reaches,
-        which nothing brings back inside the limits.
+        Without the price the path would jump between branches where a longer step just reaches, and
+        could not be corrected into the limits.
         """
         objective = self.objective
         allowed = [self.limits.steps[a:b].sum(axis=0) for a, b in itertools.pairwise(waypoints)]
@@ -339,9 +338,9 @@ class Search:
             return cost
 
         def kept(number: int, edge: Edges) -> Mask:
-            """Whether the bands are kept on the way to the next waypoint, as far as a grid can."""
+            """Whether the bands are kept between the waypoints, to the grid's resolution."""
             at = waypoints[number]
-            if waypoints[number + 1] > at + 1:  # joints do not go straight there
+            if waypoints[number + 1] > at + 1:  # joints are not interpolated linearly there
                 return np.ones(len(edge.start), dtype=bool)
             begin = layers[number].q[edge.start]
             end = begin + self._unwound(layers[number + 1].q[edge.end] - begin)
@@ -362,26 +361,26 @@ class Search:
             for share in _LOOKED_WITHIN:
                 at_most = least * (1.0 + share)
                 if 0.0 < at_most < known:
-                    way = shortest_way(centering, connections, along, at_most=at_most, valid=valid)
+                    way = cheapest_path(centering, connections, along, at_most=at_most, valid=valid)
                     if len(way.nodes) == len(layers):
                         return way
-            return shortest_way(centering, connections, along, at_most=known, valid=valid)
+            return cheapest_path(centering, connections, along, at_most=known, valid=valid)
         margins = [objective.margins(layer.q) for layer in layers]
-        widest = widest_way(margins, connections, at_least=known, valid=valid)
+        widest = widest_path(margins, connections, at_least=known, valid=valid)
         if not np.isfinite(widest.value):
             return widest
-        # Many ways are as wide; of them the most central.
+        # Of many paths of equal width, take the most central.
         narrow = [margin < widest.value for margin in margins]
         centering = [np.where(n, np.inf, cost) for n, cost in zip(narrow, centering, strict=True)]
-        return shortest_way(centering, connections, along, valid=valid)
+        return cheapest_path(centering, connections, along, valid=valid)
 
     def _unwound(self, difference: Array) -> Array:
-        """Differences of configurations less whole turns that do not matter."""
+        """Differences of configurations, modulo whole turns that do not matter."""
         unwound: Array = difference - self._period * np.round(difference / TURN)
         return unwound
 
     def _interpolated(self, corners: Array, waypoints: list[int]) -> Array | None:
-        """A configuration on every waypoint, between those of the grid."""
+        """Interpolate a configuration on every waypoint between those of the grid."""
         steps = self._unwound(np.diff(corners, axis=0))
         corners = corners[0] + np.vstack([np.zeros(corners.shape[1]), np.cumsum(steps, axis=0)])
         at = np.arange(len(self.path_task.waypoints))
@@ -391,7 +390,7 @@ class Search:
             path[0] = self.start
         return path if arrived.all() else None
 
-    def _refined(self, path: Array) -> Refined:
+    def _refined(self, path: Array) -> RefinedPath:
         return self._improved(path, lambda share: self._progress("off the grid", share))
 
     def _improved(
@@ -399,11 +398,11 @@ class Search:
         path: Array,
         progress: Callable[[float], None] | None = None,
         iterations: int = ITERATIONS,
-    ) -> Refined:
-        """The best path nearby that keeps the constraints at the waypoints and between them.
+    ) -> RefinedPath:
+        """The best path nearby that satisfies the constraints at and between the waypoints.
 
-        Where the straight line in joints leaves a band between two waypoints by more than it may,
-        the point where it does so most is a row of the programs from then on.
+        If a band is violated between two waypoints beyond the tolerance, the point of the largest
+        violation is added to the programs.
         """
         limits = self.limits
         for _ in range(1 + _POINTS):
@@ -422,9 +421,9 @@ class Search:
         return found
 
     def _blocked(
-        self, way: Way, layers: list[Layer], waypoints: list[int], grid: Grid, covered: bool
+        self, way: LayerPath, layers: list[Layer], waypoints: list[int], grid: Grid, covered: bool
     ) -> Certificate:
-        """What is in the way between the last layer that is reached and the next."""
+        """The constraints that block the motion between the last reached layer and the next."""
         number = max(len(way.nodes), 1)
         before, after = waypoints[number - 1], waypoints[number]
         here, there = layers[number - 1].q[way.nodes[-1]], layers[number].q
@@ -436,8 +435,8 @@ class Search:
         )
         return Certificate("speed", grid, (before + 1, after + 1), joints, covered)
 
-    def _too_fast(self, path: Refined | None, grid: Grid, covered: bool) -> Certificate:
-        """The grid has a way that cannot be brought inside the constraints."""
+    def _too_fast(self, path: RefinedPath | None, grid: Grid, covered: bool) -> Certificate:
+        """Certificate if no correction brings the grid's path inside the constraints."""
         if path is None:
             return Certificate("speed", grid, (), (), covered, "the grid's way leaves the path")
         worst = self.limits.worst(path.q)
@@ -455,7 +454,7 @@ class Search:
 
 
 def _left(worst: Violation, grid: Grid, covered: bool) -> Certificate:
-    """The best path that was found leaves a band."""
+    """Certificate if the best path found violates a band."""
     amount = f"{np.degrees(worst.excess):.3g}°"
     if worst.unit == "m":
         amount = f"{1e3 * worst.excess:.3g} mm"
@@ -476,7 +475,7 @@ def _alike(value: float, best: float) -> bool:
 
 
 def _stretches(broken: Indices, count: int) -> list[tuple[int, int]]:
-    """First and last waypoint of the stretches about some waypoints, without overlap."""
+    """First and last waypoint of the intervals around some waypoints, without overlap."""
     found: list[tuple[int, int]] = []
     for index in broken:
         first, last = max(0, int(index) - _ABOUT), min(count - 1, int(index) + _ABOUT)
@@ -490,7 +489,7 @@ def _stretches(broken: Indices, count: int) -> list[tuple[int, int]]:
 def _empty(
     waypoints: Sequence[int], layers: Sequence[Layer], grid: Grid, roadmap: Roadmap
 ) -> Certificate:
-    """Waypoints that are not reached; if all are, those outside the limits, or else the bands."""
+    """Waypoints out of reach; if none, those outside the limits, or else outside the bands."""
     pairs = list(zip(waypoints, layers, strict=True))
     unreached = tuple(index + 1 for index, layer in pairs if layer.solutions == 0)
     sampled = all(roadmap.samples_all(index) for index in waypoints)

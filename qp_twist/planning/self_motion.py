@@ -11,10 +11,10 @@ from qp_twist.kinematics import JointRanges
 from qp_twist.paths import PathTask
 from qp_twist.planning.path_rows import PathRows
 
-STEP = np.radians(3.0)
+STEP_LENGTH = np.radians(3.0)
 """Length of a predictor step in joint space, rad."""
-_LONGEST = int(20.0 * 2.0 * np.pi / STEP)
-"""Steps after which a curve that has not closed is left open."""
+_LONGEST = int(20.0 * 2.0 * np.pi / STEP_LENGTH)
+"""Number of steps after which a curve is left open."""
 
 
 def manifolds(
@@ -22,15 +22,15 @@ def manifolds(
 ) -> list[list[Array]]:
     """For each of some waypoints all self-motion manifolds found from random seeds.
 
-    Each seed is brought onto the task by Newton steps; unless it lies on a curve that is known
-    already, a new one is traced along the null vector of the task rows. All waypoints are traced at
-    once, a curve each at a time.
+    Each seed is corrected onto the task by Newton steps; unless it lies on a known curve, a new one
+    is traced along the null vector of the task rows. All waypoints are traced at once, one curve of
+    each at a time.
 
     Args:
         path_task: A task whose rows leave one degree of freedom to an arm of hinges.
         indices: The waypoints, counted from 0.
-        seeds: Number of random configurations to start from, at each.
-        rng: Source of the seeds.
+        seeds: Number of random seeds at each.
+        rng: Random generator of the seeds.
 
     Returns:
         For each waypoint its closed curves (K, nv), rad.
@@ -51,29 +51,29 @@ def manifolds(
         starts = np.array([left[k].pop(0) for k in begun])
         for k, curve in zip(begun, _trace(rows, starts, at[::seeds][begun]), strict=True):
             found[k].append(curve)
-            left[k] = [q for q in left[k] if _distance(curve, q).min() >= 2.0 * STEP]
+            left[k] = [q for q in left[k] if _distance(curve, q).min() >= 2.0 * STEP_LENGTH]
     return found
 
 
 def _trace(rows: PathRows, starts: Array, at: Indices) -> list[Array]:
-    """From each start along the null vector until its curve closes (modulo whole turns)."""
+    """Trace from each start along the null vector until the curve closes (modulo whole turns)."""
     curves = [[start] for start in starts]
     q, going = starts.copy(), np.arange(len(starts))
     tangent = rows.motions(q, at)[:, :, 0]
     for count in range(_LONGEST):
-        moved, arrived = rows.correct(q[going] + STEP * tangent[going], at[going])
-        going = going[arrived]  # the others have lost the task's rows
+        moved, arrived = rows.correct(q[going] + STEP_LENGTH * tangent[going], at[going])
+        going = going[arrived]  # the others did not converge
         q[going] = moved[arrived]
         closed = np.zeros(len(going), dtype=bool)
         for k, curve in enumerate(going):
             curves[curve].append(q[curve].copy())
-            closed[k] = count > 2 and _distance(starts[curve], q[curve]) < 0.75 * STEP
+            closed[k] = count > 2 and _distance(starts[curve], q[curve]) < 0.75 * STEP_LENGTH
             if closed[k]:
                 curves[curve].append(starts[curve])
         going = going[~closed]
         if not len(going):
             break
-        # Keep going the same way: a null vector's sign is arbitrary.
+        # Keep the direction: the sign of a null vector is arbitrary.
         candidate = rows.motions(q[going], at[going])[:, :, 0]
         same = (candidate * tangent[going]).sum(axis=1) >= 0.0
         tangent[going] = np.where(same[:, None], candidate, -candidate)

@@ -1,4 +1,4 @@
-"""The best way through layers of configurations, by dynamic programming."""
+"""The best path through layers of configurations, by dynamic programming."""
 
 from __future__ import annotations
 
@@ -16,26 +16,26 @@ from qp_twist.planning.layer import boxed
 
 Mask = npt.NDArray[np.bool_]
 _ROUNDS = 4
-"""Times that the best edge to each node is asked for; then all that are left."""
+"""Rounds in which only the best edge to each node is validated; then all remaining ones."""
 
 
 class Edges(NamedTuple):
-    """Pairs of configurations of two layers that a motion can connect."""
+    """Edges between the configurations of two layers."""
 
     start: Indices
-    """Number in the first layer, (E,)."""
+    """Index in the first layer, (E,)."""
     end: Indices
-    """Number in the second layer, (E,)."""
+    """Index in the second layer, (E,)."""
 
 
 @dataclass(frozen=True, eq=False)
-class Way:
-    """A way through the layers, or how far there is one.
+class LayerPath:
+    """A path through the layers, possibly incomplete.
 
     Attributes:
-        nodes: Number of the configuration in each layer; ends before the first layer that none of
-            those reached before leads to.
-        value: Of the whole way; infinite if it ends early.
+        nodes: Index of the configuration in each layer; ends before the first layer that cannot be
+            reached.
+        value: Value of the whole path; infinite if it is incomplete.
     """
 
     nodes: list[int]
@@ -43,24 +43,25 @@ class Way:
 
 
 Connections = Callable[[int, Indices], Edges]
-"""Makes the edges from some nodes of a layer to the next layer; all at once would fill memory."""
+"""Computes the edges from some nodes of a layer to the next layer; all at once would fill
+memory."""
 Valid = Callable[[int, Edges], Mask]
-"""Which edges to the next layer can be gone, (E,): asked of the best edge to each node only."""
+"""Which edges to the next layer are valid, (E,): evaluated for the best edge to each node only."""
 
 
 def edges(q: Array, after: Array, largest_step: Array, period: Array) -> Edges:
-    """Which of the configurations q (K, nv) and ``after`` (M, nv) are one step apart.
+    """Edges between configurations q (K, nv) and ``after`` (M, nv) that are one step apart.
 
     Args:
         q: Configurations.
         after: Configurations at the next waypoint.
-        largest_step: Of each joint, rad or m, (nv,).
-        period: 2π for joints of which whole turns do not matter, 0 for others, (nv,).
+        largest_step: Largest step of each joint, rad or m, (nv,).
+        period: 2π for joints whose whole turns do not matter, 0 for others, (nv,).
     """
     if not len(q) or not len(after):
         none = np.zeros(0, dtype=np.intp)
         return Edges(none, none)
-    # What is further from all of q than a step in some joint need not be looked at.
+    # Skip configurations that are further than a step from all of q in some joint.
     near = (after >= q.min(axis=0) - largest_step) & (after <= q.max(axis=0) + largest_step)
     kept = np.flatnonzero((near | (period > 0.0)).all(axis=1))
     box = period / largest_step
@@ -69,23 +70,23 @@ def edges(q: Array, after: Array, largest_step: Array, period: Array) -> Edges:
     return Edges(found["i"], kept[found["j"]])
 
 
-def shortest_way(
+def cheapest_path(
     node_costs: Sequence[Array],
     connections: Connections,
     edge_cost: Callable[[int, Edges], Array],
     *,
     at_most: float = np.inf,
     valid: Valid | None = None,
-) -> Way:
-    """The way of least Σ node costs + Σ edge costs.
+) -> LayerPath:
+    """The path of least Σ node costs + Σ edge costs.
 
     Args:
         node_costs: For each layer, (K,); infinite where a node is not allowed.
-        connections: Makes the edges.
-        edge_cost: Costs (E,) of the edges from the layer of a number to the next.
-        at_most: A value that is known to be possible. A node is given up as soon as what leads to
-            it and the least costs of the layers ahead are more.
-        valid: Says which edges can be gone, where that is not known of all beforehand.
+        connections: Computes the edges.
+        edge_cost: Costs (E,) of the edges from a layer, by its index, to the next.
+        at_most: A value known to be attainable. A node is dropped if the cost up to it plus the
+            least costs of the remaining layers exceed it.
+        valid: Validates edges lazily, if not all of them are valid.
     """
     least = np.array([cost.min(initial=np.inf) for cost in node_costs])
     ahead = np.append(np.cumsum(least[::-1])[::-1][1:], 0.0)
@@ -102,20 +103,20 @@ def shortest_way(
     return _back(best, came, len(node_costs), smallest=True)
 
 
-def widest_way(
+def widest_path(
     node_widths: Sequence[Array],
     connections: Connections,
     *,
     at_least: float = -np.inf,
     valid: Valid | None = None,
-) -> Way:
-    """The way whose smallest node width is largest.
+) -> LayerPath:
+    """The path whose smallest node width is largest.
 
     Args:
         node_widths: For each layer, (K,).
         connections: Makes the edges.
-        at_least: A width that is known to be possible; narrower nodes are given up.
-        valid: As for :func:`shortest_way`.
+        at_least: A width known to be attainable; narrower nodes are dropped.
+        valid: As for :func:`cheapest_path`.
     """
     best = [-_within(-node_widths[0], -at_least)]
     came: list[Indices] = []
@@ -132,7 +133,7 @@ def widest_way(
 
 
 def _within(costs: Array, most: float) -> Array:
-    """The costs, infinite where they are above ``most`` by more than rounding."""
+    """The costs, infinite where they exceed ``most`` by more than rounding."""
     within: Array = np.where(costs <= most + 1e-9 * max(abs(most), 1.0), costs, np.inf)
     return within
 
@@ -140,12 +141,12 @@ def _within(costs: Array, most: float) -> Array:
 def _least(
     values: Array, edge: Edges, count: int, number: int, valid: Valid | None
 ) -> tuple[Array, Indices]:
-    """Least value (count,) of the valid edges to each node of the second layer, and their starts.
+    """Least value (count,) over the valid edges to each node of the second layer, and their starts.
 
-    To ask of every edge whether it is valid would take too long: only the best to each node is
-    asked about, and where it is not, the next best.
+    Validating every edge would take too long: only the best one to each node is validated, and if
+    it is invalid, the next best.
     """
-    asked = np.zeros(len(values), dtype=bool)
+    validated = np.zeros(len(values), dtype=bool)
     values = values.copy()
     for attempt in itertools.count():
         reached = np.full(count, np.inf)
@@ -155,12 +156,12 @@ def _least(
         before[edge.end[giving]] = edge.start[giving]
         if valid is None:
             break
-        chosen = giving & np.isfinite(values) & (edge.start == before[edge.end]) & ~asked
-        if attempt >= _ROUNDS:  # all edges to the nodes whose best ones could not be gone
+        chosen = giving & np.isfinite(values) & (edge.start == before[edge.end]) & ~validated
+        if attempt >= _ROUNDS:  # all edges to the nodes whose best edges are invalid
             failing = np.zeros(count, dtype=bool)
             failing[edge.end[chosen]] = True
-            chosen = failing[edge.end] & np.isfinite(values) & ~asked
-        asked |= chosen
+            chosen = failing[edge.end] & np.isfinite(values) & ~validated
+        validated |= chosen
         which = np.flatnonzero(chosen)
         ok = valid(number, Edges(edge.start[which], edge.end[which]))
         values[which[~ok]] = np.inf
@@ -169,12 +170,12 @@ def _least(
     return reached, before
 
 
-def _back(best: list[Array], came: list[Indices], count: int, *, smallest: bool) -> Way:
-    """From the best node of the last layer that is reached to the first layer."""
+def _back(best: list[Array], came: list[Indices], count: int, *, smallest: bool) -> LayerPath:
+    """Trace back from the best node of the last reached layer to the first layer."""
     if len(best[-1]) == 0 or not np.isfinite(best[-1]).any():
         best = best[:-1]
     if not best:
-        return Way([], np.inf)
+        return LayerPath([], np.inf)
     values = best[-1]
     node = int(np.argmin(values) if smallest else np.argmax(values))
     value = float(values[node]) if len(best) == count else np.inf
@@ -182,4 +183,4 @@ def _back(best: list[Array], came: list[Indices], count: int, *, smallest: bool)
     for before in reversed(came[: len(best) - 1]):
         node = int(before[node])
         nodes.append(node)
-    return Way(nodes[::-1], value)
+    return LayerPath(nodes[::-1], value)

@@ -1,6 +1,6 @@
-"""Where a robot may start: a start found on the first waypoint, one corrected onto it, or why none.
+"""Starts of a path: searched on the first waypoint, corrected onto it, or why there is none.
 
-What a whole run makes of a start is seen by :func:`qp_twist.find_starts`.
+:func:`qp_twist.find_starts` runs the whole path from each start.
 """
 
 from __future__ import annotations
@@ -26,25 +26,25 @@ from qp_twist.referee import BAND
 START_ITERATIONS = 200
 """Largest number of steps for the correction of a start onto the first waypoint."""
 _AT_A_TIME = 300
-"""Random configurations that are moved onto the first waypoint."""
+"""Number of random configurations that are corrected onto the first waypoint."""
 _TIMES = 10
 _SEEDS = 300
 _NEAR = 40
-"""Seeds that are led on towards a waypoint that is out of reach."""
+"""Number of seeds that are moved on towards a waypoint out of reach."""
 _STEPS = 200
 _LONGEST = 0.3
 """Largest of these steps in any joint, rad or m."""
 _REACHED = 1e-4
 """m."""
 _DAMPING = 0.05
-"""Of the steps towards what is out of reach, against a lever arm of a metre."""
+"""Damping of the steps towards a point out of reach, relative to a lever arm of a metre."""
 
 
 class NoStart(InvalidInput):
     """No configuration on the first waypoint is inside the limits.
 
     Attributes:
-        why: What forbids it.
+        why: The reason.
     """
 
     def __init__(self, task: str, why: str) -> None:
@@ -60,7 +60,7 @@ class NoStart(InvalidInput):
 def least_z_start(path_task: PathTask) -> Array | None:
     """The configuration (nv,) of least z on the first waypoint; ``None`` if none is inside limits.
 
-    Over all branches, turns, and what the task and its hard bands leave free.
+    Over all branches, whole turns, and free coordinates of the task inside its hard bands.
     """
     found = central_configurations(path_task)
     return found[0].q if found else None
@@ -83,7 +83,7 @@ def random_start(path_task: PathTask, rng: np.random.Generator) -> Array | None:
 
     Configurations drawn uniformly between the limits (hinges without: over a turn) are moved onto
     the waypoint and into its hard bands by Newton's method; the first that ends inside the limits,
-    too, is taken.
+    too, is returned.
     """
     rows, ranges = PathRows(path_task), JointRanges.of(path_task.model)
     for _ in range(_TIMES):
@@ -168,12 +168,12 @@ def missed_by(path_task: PathTask, task: TwistTask, configuration: mink.Configur
 
 
 def what_forbids(path_task: PathTask, index: int = 0) -> str:
-    """What forbids a waypoint: its distance from the reach, its orientation, limits, or bands.
+    """Why a waypoint has no configuration: its distance, its orientation, limits, or bands.
 
-    Looked for from random configurations, so that distances are upper bounds.
+    Based on random configurations, so distances are upper bounds.
 
     Args:
-        path_task: The task, of whose waypoint no configuration was found inside the limits.
+        path_task: The task; no configuration of the waypoint was found inside the limits.
         index: The waypoint, from 0.
     """
     rows, ranges = PathRows(path_task), JointRanges.of(path_task.model)
@@ -190,13 +190,13 @@ def what_forbids(path_task: PathTask, index: int = 0) -> str:
     if not len(over):
         return _outside_bands(rows, q[ranges.inside(q)], index)
     always = np.flatnonzero((beyond > 0.0).all(axis=0))
-    said = " and ".join(
+    violations = " and ".join(
         f"{ranges.names[dof]} by {_amount(beyond[nearest, dof], bool(ranges.hinge[dof]))}"
         for dof in over
     )
     text = (
         f"the arm reaches {where}, but in no configuration inside its limits; in the one that is "
-        f"nearest to fit they are exceeded by {said}"
+        f"nearest to fit they are exceeded by {violations}"
     )
     if len(always):
         names = " and ".join(ranges.names[dof] for dof in always)
@@ -205,14 +205,14 @@ def what_forbids(path_task: PathTask, index: int = 0) -> str:
 
 
 def _outside_bands(rows: PathRows, q: Array, index: int) -> str:
-    """The sentence for a waypoint some of whose configurations q (K, nv) are inside the limits."""
+    """The sentence for a waypoint with configurations q (K, nv) inside the limits."""
     forbidding, margins = forbidding_bands(q, rows.hard, index) if rows.hard else ((), None)
     if margins is None or not forbidding:
         return (
             f"waypoint {index + 1} has configurations inside the limits, but the search for the "
             "most central ones found none"
         )
-    said = " and ".join(
+    violations = " and ".join(
         f"{name} by {_amount(-margin, unit == 'rad')}"
         for name, unit, margin in zip(rows.hard.names, rows.hard.units, margins, strict=True)
         if name in forbidding
@@ -222,7 +222,7 @@ def _outside_bands(rows: PathRows, q: Array, index: int) -> str:
         what += " and constraints"
     return (
         f"no configuration that was found at waypoint {index + 1} is inside both the joint limits "
-        f"and {what}; the nearest one inside the limits is outside {said}"
+        f"and {what}; the nearest one inside the limits is outside {violations}"
     )
 
 
@@ -231,9 +231,9 @@ def _amount(beyond: float, hinge: bool) -> str:
 
 
 def _out_of_reach(path_task: PathTask, q: Array, index: int) -> str:
-    """The sentence for a waypoint that no seed arrived at, from where the seeds ended.
+    """The sentence for a waypoint that no seed reached, from where the seeds ended.
 
-    The distance is that of the arm with every joint free.
+    The distance ignores joint limits.
     """
     where = f"waypoint {index + 1}"
     position = path_task.waypoints[index].translation()

@@ -1,4 +1,4 @@
-"""The referee: what a joint motion keeps of its task, at the waypoints and proven between them."""
+"""The referee: errors and violations of a joint motion, at and (proven) between waypoints."""
 
 from .displacement import Displacement as Displacement
 from .displacement import LeverArms as LeverArms

@@ -1,4 +1,4 @@
-"""How far a frame can move, and stray from its chord, while its joints move."""
+"""Bounds of a frame's displacement, and of its deviation from the chord, while its joints move."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from qp_twist.referee.joint_motion import JointMotion
 
 
 class Displacement(NamedTuple):
-    r"""Bounds over stretches of a motion, each passed as s goes from 0 to 1; (K,) each.
+    r"""Bounds over sections of a motion, each parametrised by s from 0 to 1; (K,) each.
 
     A vector x(s) differs from the chord between its ends by at most max‖x″‖/8.
     """
@@ -52,7 +52,7 @@ class LeverArms:
 
     @classmethod
     def of(cls, chain: SerialChain, motion: JointMotion) -> LeverArms:
-        """For a frame and the travels of the slides that occur in a motion."""
+        """Lever arms of a frame, given the travels of the slides in a motion."""
         screws = chain.screws
         dofs = np.array([screw.dof for screw in screws], dtype=np.intp)
         hinge = np.array([not screw.slides for screw in screws], dtype=bool)

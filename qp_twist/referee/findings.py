@@ -1,4 +1,4 @@
-"""What is asked of every motion: errors, bands, ranges, speeds, feed, each as a named finding."""
+"""Examine a motion: errors, bands, ranges, speeds and feed, each as a named finding."""
 
 from __future__ import annotations
 
@@ -18,21 +18,21 @@ POSITION_TOLERANCE = 1e-4
 """Largest linear task error that passes, m."""
 AXIS_TOLERANCE_DEG = 0.05
 """Largest angular task error that passes, degrees."""
-OUTSIDE = 1e-6
-"""A joint is outside its range from here on, rad or m: files round."""
+RANGE_TOLERANCE = 1e-6
+"""Violation from which a joint counts as outside its range, rad or m: files are rounded."""
 EXCEEDED = 1e-6
-"""Share by which a speed or an acceleration exceeds its limit when it counts."""
+"""Share by which a speed or an acceleration has to exceed its limit to count."""
 FASTER = 1e-3
-"""Share by which the feed is exceeded when it counts."""
+"""Share by which the feed has to be exceeded to count."""
 FASTER_MATCHED = 0.02
-"""The same where the times at the waypoints had to be looked for."""
+"""The same if the times at the waypoints were searched."""
 RUSHED = 1.5
-"""Share of the feed from which on it counts between two waypoints: a cubic from rest to rest runs
-so much faster in its middle than on its way as a whole."""
+"""Factor of the feed that counts as exceeded between two waypoints: the ratio of the largest to the
+mean speed of a cubic from rest to rest."""
 CLOCK = 1e-9
-"""Times in files are rounded to it, s; what speeds and accelerations owe to that does not count."""
+"""Rounding of times in files, s; its effect on speeds and accelerations is not counted."""
 BAND = 1e-5
-"""A band is left at a waypoint from here on, rad or m."""
+"""Violation from which a band counts as left at a waypoint, rad or m."""
 
 
 @dataclass(frozen=True)
@@ -40,14 +40,14 @@ class Finding:
     """One line of a check.
 
     Attributes:
-        name: What was looked at.
-        value: The largest of it that was found (the smallest margin).
-        limit: What it may be; ``None`` where there is none.
-        unit: Of both.
-        where: Where that is, e.g. ``"joint_4, waypoint 17"``.
-        passes: Whether the value keeps the limit, and between waypoints is proven to.
-        bound: What the value is proven not to exceed between the points that were looked at;
-            ``None`` where the value itself is exact.
+        name: The checked quantity.
+        value: Its largest value found (for margins the smallest).
+        limit: Its limit; ``None`` without one.
+        unit: Unit of both.
+        where: Place of the value, e.g. ``"joint_4, waypoint 17"``.
+        passes: Whether the value is within the limit, proven also between waypoints.
+        bound: Proven bound of the value between the evaluated points; ``None`` if the value itself
+            is exact.
     """
 
     name: str
@@ -60,11 +60,11 @@ class Finding:
 
     @property
     def proven(self) -> bool:
-        """Whether it is known if it passes."""
+        """Whether it is decided if it passes."""
         return self.passes or self.limit is None or self.value > self.limit
 
     def __str__(self) -> str:
-        """A sentence for people."""
+        """The finding as a sentence."""
         unit = f" {self.unit}" if self.unit else ""
         limit = "" if self.limit is None else f", limit {self.limit:.4g}{unit}"
         found = f"{self.name}: {self.value:.4g}{unit} at {self.where}{limit}"
@@ -81,8 +81,8 @@ class Finding:
 class Tolerances:
     """Largest task errors that pass.
 
-    Between waypoints a hard band may be left by as much, each in its unit: the path itself is known
-    no better there.
+    Between waypoints they also apply to violations of hard bands, each in its unit: the path itself
+    is not known more precisely there.
 
     Attributes:
         position: m.
@@ -95,12 +95,12 @@ class Tolerances:
 
 @dataclass(frozen=True, eq=False)
 class Passing:
-    """When a motion is at each waypoint.
+    """Times at which a motion passes the waypoints.
 
     Attributes:
-        times: s, (N,), never decreasing.
-        timed: Whether the motion's times are a clock's; otherwise they count its rows.
-        by_row: Whether each waypoint has its row.
+        times: s, (N,), nondecreasing.
+        timed: Whether the motion's times are seconds; otherwise they are row numbers.
+        by_row: Whether rows and waypoints correspond one by one.
     """
 
     times: Array
@@ -112,7 +112,7 @@ class Passing:
         k = int(np.argmin(np.abs(self.times - time)))
         if self.by_row:
             return f"waypoint {k + 1}"
-        # Without times the rows are counted.
+        # Without times, name the row.
         return f"{f'{time:.4g} s' if self.timed else f'row {round(time) + 1}'}, waypoint {k + 1}"
 
 
@@ -123,7 +123,7 @@ def examine(
     passing: Passing | None = None,
     errors: PathErrors | None = None,
 ) -> tuple[Finding, ...]:
-    """Ask a motion about every constraint of its task, at and between the waypoints.
+    """Check a motion against every constraint of its task, at and between the waypoints.
 
     Task errors and hard tolerance bands between the waypoints are proven by subdivision
     (:func:`~qp_twist.referee.path_errors`), as is the feed; ranges, speeds and accelerations
@@ -131,12 +131,12 @@ def examine(
 
     Args:
         path_task: The task.
-        motion: Joints by degree of freedom, and the way between its rows.
+        motion: Joints by degree of freedom, with the interpolation between its rows.
         tolerances: Largest task errors that pass; 0.1 mm and 0.05° if ``None``.
-        passing: When the motion is at each waypoint; if ``None``, it has a row for each, and its
-            times are a clock's if the task has one.
-        errors: From :func:`~qp_twist.trajectories.path_errors` for these tolerances, times and
-            ``fastest_progress``, where they are known.
+        passing: Times at the waypoints; if ``None``, rows and waypoints correspond, and times are
+            seconds if the task has a feed.
+        errors: Result of :func:`~qp_twist.trajectories.path_errors` for these tolerances, times and
+            ``fastest_progress``, if already known.
 
     Raises:
         InvalidInput: If the robot has joints that are neither hinges nor slides, or the task a band
@@ -210,7 +210,7 @@ def _of_errors(errors: PathErrors, tolerances: Tolerances) -> list[Finding]:
 def _between(
     name: str, values: Array, bound: Array, limit: float, scale: float, unit: str, which: str = ""
 ) -> Finding:
-    """The largest value between waypoints, or the largest bound where that fails alone."""
+    """The largest value between waypoints, or the largest bound if only that fails."""
     kept = bound <= (1.0 + PROVEN) * limit
     exceeded = values > limit
     k = int(np.argmax(values if kept.all() or exceeded.any() else bound))
@@ -226,7 +226,7 @@ def _between(
 
 
 def _of_bands(path_task: PathTask, errors: PathErrors, tolerances: Tolerances) -> list[Finding]:
-    """How far the frame leaves its hard bands at the waypoints, and between them."""
+    """Violation of the hard bands at the waypoints, and between them."""
     hard = [band for band in path_task.bands if band.weight is None]
     if not hard:
         return []
@@ -246,7 +246,8 @@ def _of_bands(path_task: PathTask, errors: PathErrors, tolerances: Tolerances) -
         if len(values)
     ]  # fmt: skip
     if between:
-        # Bands of lengths and of angles side by side: what fails first, then what comes nearest.
+        # Compare bands of lengths and of angles: failures first, then the largest ratio to the
+        # tolerance.
         found.append(max(between, key=lambda f: (not f.passes, f.value / (f.limit or 1.0))))
     return found
 
@@ -258,7 +259,7 @@ def _of_constraints(
     tolerances: Tolerances,
     passing: Passing,
 ) -> list[Finding]:
-    """How far the motion leaves each of the task's constraints at the waypoints, and between."""
+    """Violation of each of the task's constraints at the waypoints, and between them."""
     found: list[Finding] = []
     first = len(errors.band_units) - len(path_task.constraints)  # after the hard bands
     for column, constraint in enumerate(path_task.constraints, start=first):
@@ -282,21 +283,21 @@ def _of_positions(ranges: JointRanges, motion: JointMotion, passing: Passing) ->
         return []
     lowest, highest = motion.extremes()
     between = np.minimum(ranges.margins(lowest), ranges.margins(highest))
-    # Rows first: of a least margin at a row the row is named, not the piece that ends there.
+    # Rows first: a least margin at a row is reported there, not for the piece that ends there.
     margins = np.vstack([ranges.margins(motion.q), between])
     times = np.concatenate([motion.times, 0.5 * (motion.times[:-1] + motion.times[1:])])
     k, joint = np.unravel_index(int(np.argmin(margins)), margins.shape)
     outside = float(np.maximum(ranges.lower - lowest, highest - ranges.upper).max())
     where = f"{ranges.names[joint]}, {passing.place(times[k])}"
     value = float(margins[k, joint])
-    return [Finding("smallest joint margin", value, 0.0, "", where, outside <= OUTSIDE)]
+    return [Finding("smallest joint margin", value, 0.0, "", where, outside <= RANGE_TOLERANCE)]
 
 
 def speed_limits(path_task: PathTask) -> tuple[Array, str]:
-    """Largest joint speeds that a motion is checked against, (nv,), and whose they are.
+    """Largest joint speeds for the check of a motion, (nv,), and their source.
 
-    Those of the task (its file's, or its URDF's); for the other joints those of the robot, if it is
-    a known one, whose name is then returned. ∞ where nobody states one.
+    Those of the task (its file's, or its URDF's); for other joints those of the robot, if it is a
+    known one, whose name is then returned. ∞ without a limit.
     """
     limits = path_task.velocity_limits
     if np.isfinite(limits).all() or path_task.known_speeds is None:
@@ -309,7 +310,7 @@ def speed_limits(path_task: PathTask) -> tuple[Array, str]:
 def _of_speeds(
     path_task: PathTask, ranges: JointRanges, motion: JointMotion, passing: Passing
 ) -> list[Finding]:
-    """Largest shares of the velocity and acceleration limits; the speeds where there are none."""
+    """Largest shares of the velocity and acceleration limits; the speeds if there are none."""
     middles = 0.5 * (motion.times[:-1] + motion.times[1:])
     clocks = _within_rounding(motion)
     speeds = np.min([clock.largest_speeds() for clock in clocks], axis=0)
@@ -325,12 +326,12 @@ def _of_speeds(
     limits = path_task.acceleration_limits
     if np.isfinite(limits).any():
         if motion.velocities is None:
-            # Straight pieces: what it takes to change from one speed to the next between middles.
+            # Linear pieces: the acceleration for the change of speed between their middles.
             speeds = np.diff(motion.q, axis=0) / np.diff(motion.times)[:, None]
             accelerations = np.abs(np.diff(speeds, axis=0)) / np.diff(middles)[:, None]
             middles = motion.times[1:-1]
         else:
-            # At either end on the clock that suits it: what one gains by rounding the other loses.
+            # Evaluate each end with the more favourable rounding of the times.
             ends = np.abs([clock.end_accelerations() for clock in clocks])
             accelerations = ends.min(axis=0).max(axis=0)
         if len(accelerations):
@@ -341,7 +342,7 @@ def _of_speeds(
 
 
 def _within_rounding(motion: JointMotion) -> list[JointMotion]:
-    """The motion on its own clock, and on two from which that differs by its rounding."""
+    """The motion with its times, and with the times changed by their rounding either way."""
     T = np.diff(motion.times)
     clocks = [motion]
     for pieces in (T + CLOCK, np.maximum(T - CLOCK, 0.5 * T)):
@@ -358,12 +359,12 @@ def _share(kind: str, use: Array, names: Sequence[str], times: Array, passing: P
 
 
 def _of_feed(path_task: PathTask, errors: PathErrors, passing: Passing) -> list[Finding]:
-    """How fast the waypoints are passed, how fast between them, and how long it takes in all."""
+    """Feed at the waypoints, between them, and over the whole path."""
     times = passing.times
     if path_task.durations is None or len(times) < 2:
         return []
     durations = path_task.durations[1 : len(times)]
-    took = np.maximum(np.diff(times), CLOCK)  # a motion that stands still may meet two at once
+    took = np.maximum(np.diff(times), CLOCK)  # a motion at rest may meet two waypoints at once
     use = durations / took
     k = int(np.argmax(use))
     passes = bool(use[k] <= _rushed(passing) / RUSHED)

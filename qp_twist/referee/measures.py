@@ -1,8 +1,7 @@
-"""What a motion has to keep at and between the waypoints: its size at poses, and a bound between.
+"""Measures of a motion: their values at poses, and bounds between poses.
 
-Each measure states its values at many instants at once, 0 or more, and how large they can become
-while joints, frame and target move from one to the next. So "kept between two waypoints" can be
-proven.
+Each measure has nonnegative values at many instants, and bounds for the motion of joints, frame and
+target from one instant to the next. So constraints can be proven between waypoints.
 """
 
 from __future__ import annotations
@@ -28,20 +27,20 @@ class Poses(NamedTuple):
 
 
 class Passage(NamedTuple):
-    """What happens from one instant to the next, K times."""
+    """The motion from one instant to the next, K times."""
 
     stretch: Stretch
-    """What frame and target do at most."""
+    """Bounds for the motion of frame and target."""
     travel: Array
-    """How far each joint moves at most, forth and back counted, rad or m, (K, nv)."""
+    """Bound of each joint's path length, rad or m, (K, nv)."""
 
 
 class Measure(abc.ABC):
-    """Quantities that have to stay small.
+    """Quantities to be bounded.
 
     Attributes:
         unit: ``"m"`` or ``"rad"``.
-        width: How many.
+        width: Number of quantities.
     """
 
     unit: str
@@ -53,7 +52,7 @@ class Measure(abc.ABC):
 
     @abc.abstractmethod
     def most(self, before: Poses, after: Poses, passage: Passage) -> Array:
-        """What they cannot exceed on the way from each pose to the next, (K, width)."""
+        """Upper bounds from each pose to the next, (K, width)."""
 
 
 class PositionError(Measure):
@@ -63,7 +62,7 @@ class PositionError(Measure):
 
     def __init__(self, projector: TwistProjector) -> None:
         self.projector = projector
-        # Turning the rows changes nothing where they are all of them, or none.
+        # A rotation of the rows has no effect on full or empty rows.
         kind = projector.linear.kind
         whole = kind in (ProjectorKind.FULL, ProjectorKind.NONE)
         self._frame = "world" if whole else projector.frame
@@ -77,7 +76,7 @@ class PositionError(Measure):
         return norm
 
     def most(self, before: Poses, after: Poses, passage: Passage) -> Array:
-        """The larger end and what the curve of the error is away from its chord."""
+        """The larger end plus the error's deviation from its chord."""
         if self.projector.linear.kind is ProjectorKind.NONE:
             return np.zeros((len(before.q), 1))
         ends, stretch = (before.pair, after.pair), passage.stretch
@@ -112,7 +111,7 @@ class AxisError(Measure):
         return norm
 
     def most(self, before: Poses, after: Poses, passage: Passage) -> Array:
-        """The larger end and what the error is away from its chord."""
+        """The larger end plus the error's deviation from its chord."""
         if not self.projector.angular.rank:
             return np.zeros((len(before.q), 1))
         if self._turn is not None:
@@ -124,32 +123,32 @@ class AxisError(Measure):
 
 
 class BandExcess(Measure):
-    """How far the values of a band are outside their ranges, rad or m."""
+    """Violation of a band, rad or m."""
 
     def __init__(self, band: ToleranceBand) -> None:
         self.band, self.unit, self.width = band, band.unit, len(band.ranges)
 
     def at(self, poses: Poses) -> Array:
-        """What its margins are below 0."""
+        """Violations of the margins, 0 inside."""
         return np.maximum(-self.band.margins(poses.pair), 0.0)
 
     def most(self, before: Poses, after: Poses, passage: Passage) -> Array:
-        """What its least margins are below 0."""
+        """Violations of the lower bounds of the margins, 0 inside."""
         least = self.band.least(before.pair, after.pair, passage.stretch)
         return np.maximum(-least, 0.0)
 
 
 class ConstraintExcess(Measure):
-    """How far configurations are outside a constraint, rad or m."""
+    """Violation of a constraint, rad or m."""
 
     def __init__(self, constraint: Constraint) -> None:
         self.constraint = constraint
         self.unit, self.width = constraint.units[0], len(constraint.names)
 
     def at(self, poses: Poses) -> Array:
-        """What its margins are below 0."""
+        """Violations of the margins, 0 inside."""
         return np.maximum(-margins_of(self.constraint, poses.q), 0.0)
 
     def most(self, before: Poses, after: Poses, passage: Passage) -> Array:
-        """What its least margins are below 0."""
+        """Violations of the lower bounds of the margins, 0 inside."""
         return np.maximum(-self.constraint.least(before.q, after.q, passage.travel), 0.0)

@@ -1,4 +1,4 @@
-"""Robots from files: MJCF as MuJoCo loads it, URDF as it comes."""
+"""Robots from MJCF and URDF files."""
 
 from .known_robots import KNOWN_ROBOTS as KNOWN_ROBOTS
 from .known_robots import KnownRobot as KnownRobot

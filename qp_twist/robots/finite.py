@@ -1,4 +1,4 @@
-"""Numbers of a model that nothing can be computed with."""
+"""Refuse NaN, infinite and huge numbers in a model."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 
 _LARGEST = 1e10
-"""Beyond it MuJoCo takes a coordinate for the result of a simulation that has blown up."""
+"""Beyond it MuJoCo considers a coordinate the result of a diverged simulation."""
 _ARRAYS = {
     "body": ("pos", "quat", "ipos", "iquat", "mass", "inertia"),
     "joint": ("pos", "axis"),
@@ -25,8 +25,8 @@ _KINDS = {
 def not_computable(model: mujoco.MjModel) -> str:
     """The first element with a number that is NaN, infinite or huge, in words; ``""`` for none.
 
-    MuJoCo takes such a model; for a NaN it prints a warning. Ranges may be infinite, on one side or
-    on both, but a NaN in one leaves the joint without a range.
+    MuJoCo accepts such a model; for a NaN it prints a warning. Ranges may be infinite, on one side
+    or on both; with a NaN the joint would have no range.
     """
     for kind, arrays in _ARRAYS.items():
         for array in arrays:
@@ -34,17 +34,17 @@ def not_computable(model: mujoco.MjModel) -> str:
             finite = np.abs(values) <= _LARGEST
             wrong = ~(finite if finite.ndim == 1 else finite.all(axis=1))
             if wrong.any():
-                return _said(model, kind, array, values, int(np.argmax(wrong)))
+                return _describe(model, kind, array, values, int(np.argmax(wrong)))
     wrong = np.isnan(model.jnt_range).any(axis=1)
     if wrong.any():
-        return _said(model, "joint", "range", model.jnt_range, int(np.argmax(wrong)))
+        return _describe(model, "joint", "range", model.jnt_range, int(np.argmax(wrong)))
     for what, values in (("qpos0", model.qpos0), ("a keyframe's qpos", model.key_qpos)):
         if not (np.abs(values) <= _LARGEST).all():
             return f"{what} = {values.tolist()}"
     return ""
 
 
-def _said(model: mujoco.MjModel, kind: str, array: str, values: np.ndarray, index: int) -> str:
+def _describe(model: mujoco.MjModel, kind: str, array: str, values: np.ndarray, index: int) -> str:
     name = mujoco.mj_id2name(model, _KINDS[kind], index)
     numbers = np.array2string(values[index], separator=" ")
     return f"{kind} {name or index!r}: {array} = {numbers}"

@@ -1,11 +1,9 @@
 """Joint speed limits of known robots, from their makers' data sheets.
 
-A model rarely states how fast its joints may turn: MJCF cannot, and many URDFs do not. For the
-robots in this table it is known. A robot is recognised by its name *and* its geometry, so that
-neither another arm of the same name nor a renamed one of the same shape is taken for it.
-
-The limits serve verdicts (:func:`~qp_twist.check_trajectory`), which name them. What a step or a
-plan may do is stated by the task alone.
+MJCF has no joint speed limits, and many URDFs omit them. This table has those of some robots. A
+robot is recognised by its name *and* its geometry, so that neither another arm of the same name nor
+a renamed one of the same shape is mistaken for it. The limits are used in checks
+(:func:`~qp_twist.check_trajectory`), which name them. Steps and plans use the task's limits only.
 """
 
 from __future__ import annotations
@@ -25,22 +23,22 @@ from qp_twist.kinematics import JointRanges, SerialChain
 from qp_twist.kinematics.serial_chain import Screw
 
 _NEAR = 2e-3
-"""Lengths that differ by less are the same, m: models round, or are calibrated."""
+"""Lengths that differ by less count as equal, m: models are rounded or calibrated."""
 _NEAR_DEG = 1.0
 _PARALLEL = float(np.sin(np.radians(_NEAR_DEG)))
 """Sine of an angle below which axes have no single common normal."""
 
 
 class _Axes(NamedTuple):
-    """How joint axes lie to one another; the same in every configuration and on every base."""
+    """Geometry of the joint axes; independent of configuration and base."""
 
     distances: tuple[float, ...]
-    """Between each axis and the next, along their common normal, m."""
+    """Distances between consecutive axes, along their common normal, m."""
     angles_deg: tuple[float, ...]
-    """Between each axis and the next, 0° to 90°."""
+    """Angles between consecutive axes, 0° to 90°."""
     offsets: tuple[float | None, ...]
-    """Along each axis but the first and last, between the common normals with the axes before and
-    after, m; ``None`` where one of them is parallel to it."""
+    """Offsets along each axis but the first and last, between its common normals with the
+    neighbouring axes, m; ``None`` if a neighbour is parallel."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,7 +50,7 @@ class KnownRobot:
         pattern: What a name of the model, its file or its bodies contains, lower case.
         axes: Geometry.
         speeds_deg: Largest joint speeds from the base on, degrees/s.
-        source: Where they are stated.
+        source: Source of the speeds.
     """
 
     name: str
@@ -119,7 +117,7 @@ KNOWN_ROBOTS: tuple[KnownRobot, ...] = (
         "KUKA KR 16-2 specification, as in ros-industrial/kuka_experimental",
     ),
 )
-"""The robots that are recognised."""
+"""The known robots."""
 
 
 def known_robot(
@@ -134,7 +132,7 @@ def known_robot(
         model: The scene.
         frame_name: A frame at the end of the arm, or on a tool.
         frame_type: ``"body"``, ``"site"`` or ``"geom"``.
-        names: Names beside those in the model, such as its file's.
+        names: Further names, such as that of its file.
 
     Raises:
         mink.InvalidFrame: If the model has no such frame.
@@ -161,9 +159,9 @@ def known_speeds(
     frame_type: str,
     names: Iterable[str] = (),
 ) -> tuple[KnownRobot, dict[str, float]] | None:
-    """The robot that is recognised and its largest joint speeds by joint name, rad/s.
+    """The recognised robot and its largest joint speeds by joint name, rad/s.
 
-    Arguments as of :func:`known_robot`; ``None`` if it is none of the table.
+    Arguments as for :func:`known_robot`; ``None`` if it is not in the table.
     """
     robot = known_robot(model, frame_name, frame_type, names)
     if robot is None:

@@ -1,4 +1,4 @@
-"""A robot from a file, whatever of MJCF and URDF the file is."""
+"""A robot from an MJCF or URDF file."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ from qp_twist.robots.urdf import read_urdf
 
 @dataclass(frozen=True, eq=False)
 class Robot:
-    """What a file says of a robot.
+    """A robot from a file.
 
     Attributes:
-        model: The robot as MuJoCo computes with it.
-        velocity_limits: Largest joint speeds by joint name, rad/s or m/s. Those of a URDF that are
-            above 0; empty for MJCF, which has none.
-        left_out: A sentence for each thing that the file states and the model lacks.
+        model: MuJoCo's model of the robot.
+        velocity_limits: Largest joint speeds by joint name, rad/s or m/s: those of a URDF above 0;
+            empty for MJCF.
+        left_out: A sentence for each part of the file that is missing in the model.
         path: The file.
 
     Example:
@@ -51,17 +51,16 @@ def load_robot(
     *,
     packages: Mapping[str, str | Path] | None = None,
 ) -> Robot:
-    """Load a robot from an MJCF or a URDF file; its root element tells which of them it is.
+    """Load a robot from an MJCF or a URDF file, distinguished by the root element.
 
-    MJCF is loaded as MuJoCo does it. So is URDF, where every link stays a body, also one on a
-    fixed joint, such as a ``tool0``. What MuJoCo refuses in a URDF but positions and velocities do
-    not depend on is left out: meshes that are not found or not readable, masses and inertias of no
-    physical body. ``left_out`` of the result tells of it.
+    Both are loaded by MuJoCo; in a URDF every link remains a body, also one on a fixed joint, such
+    as ``tool0``. Parts of a URDF that MuJoCo refuses but kinematics does not need are left out and
+    listed in ``left_out``: missing or unreadable meshes, unphysical masses and inertias.
 
     Args:
         path: The file.
-        packages: Folders of the ROS packages that a URDF's meshes are in, by name. A package that
-            is not given is looked for beside the file and beside each of the folders it is in.
+        packages: Folders of the ROS packages with a URDF's meshes, by name. Other packages are
+            searched beside the file and beside each of its parent folders.
 
     Raises:
         InvalidInput: If there is no such file, it is neither MJCF nor URDF, it contradicts itself,
@@ -121,7 +120,7 @@ def _folders(packages: Mapping[str, str | Path] | None) -> dict[str, Path]:
 
 
 def _text(file: Path) -> str:
-    """The file without its comments, lines kept: MuJoCo allows comments that are not XML."""
+    """The file without comments, with the same lines: MuJoCo allows comments that are not XML."""
     text = read_bytes(file).decode("utf-8-sig", errors="replace")
     return re.sub(r"<!--.*?-->", lambda comment: "\n" * comment[0].count("\n"), text, flags=re.S)
 

@@ -1,4 +1,4 @@
-"""Shapes for a robot that has none: rods from joint to joint, so that there is something to see."""
+"""Shapes for a robot without any: rods from joint to joint, for pictures."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ _COLOUR = (0.68, 0.73, 0.80, 1.0)
 
 
 def add_rods(spec: mujoco.MjSpec) -> None:
-    """A capsule from each link's origin to those of its children; it collides with nothing."""
+    """Add a capsule from each link's origin to those of its children, without collisions."""
     links = [(body, child) for body in spec.bodies for child in body.bodies]
     lengths = [float(np.linalg.norm(child.pos)) for _, child in links]
     radius = max(_THICKNESS * sum(lengths) / 2.0, 1e-4)

@@ -1,4 +1,4 @@
-"""URDF files, made into what MuJoCo's reader takes."""
+"""Convert URDF files for MuJoCo's reader."""
 
 from __future__ import annotations
 
@@ -14,7 +14,8 @@ from qp_twist.robots.urdf_joints import read_joints
 from qp_twist.robots.urdf_meshes import take_meshes
 
 _DEEPEST = 100
-"""Levels of elements. MuJoCo's reader ends at 500, and Python's writer at about a thousand."""
+"""Largest nesting depth of elements. MuJoCo's reader supports 500, Python's writer about a
+thousand."""
 
 
 def read_urdf(
@@ -24,11 +25,11 @@ def read_urdf(
 
     Args:
         text: The file's text.
-        file: Where it lies.
+        file: Its path.
         packages: Folders by package name.
 
     Raises:
-        InvalidInput: If the file is a xacro template, no XML, or contradicts itself.
+        InvalidInput: If the file is a xacro template, not XML, or inconsistent.
     """
     root = _parsed(text, file)
     joints = read_joints(root, file)
@@ -45,7 +46,7 @@ def read_urdf(
 
 
 def _depth(root: ET.Element) -> int:
-    """How deep the elements are nested; without recursion, which ends at a thousand."""
+    """Nesting depth of the elements, without recursion, which is limited to a thousand."""
     depth, level = 0, [root]
     while level:
         depth, level = depth + 1, [child for element in level for child in element]

@@ -1,4 +1,4 @@
-"""From a URDF's tree to a model, without what MuJoCo refuses and kinematics does not need."""
+"""Compile a URDF tree, without parts that MuJoCo refuses and kinematics does not need."""
 
 from __future__ import annotations
 
@@ -31,13 +31,13 @@ _TRIAL = """
   <joint name="b" type="fixed"><parent link="tried"/><child link="ballast"/></joint>
 </robot>
 """
-"""A robot with one part of another one, to see whether MuJoCo takes that part."""
+"""A robot with one part of another one, to test whether MuJoCo accepts that part."""
 
 
 def compile_urdf(
     root: ET.Element, file: Path, meshes: Meshes, mimics: Sequence[Mimic]
 ) -> tuple[mujoco.MjModel, list[str]]:
-    """Compile a tree; what MuJoCo refuses in it is looked for only if it refuses the whole.
+    """Compile a tree; refused parts are only searched if MuJoCo refuses the whole.
 
     Returns:
         The model, in which every link is a body, and a sentence for each thing left out.
@@ -78,7 +78,7 @@ def _seen(
     *,
     token_inertia: bool = False,
 ) -> mujoco.MjModel:
-    """The model; one without a single shape has rods from joint to joint."""
+    """Compile the model; if it has no shapes, add rods from joint to joint."""
     model = _compiled(root, assets, mimics, token_inertia=token_inertia)
     if model.ngeom:
         return model
@@ -118,7 +118,7 @@ def _compiled(
 def _without_what_is_refused(
     root: ET.Element, assets: Mapping[str, bytes]
 ) -> tuple[list[str], dict[str, str]]:
-    """Take inertias and meshes out that MuJoCo refuses; links, and reasons by mesh file."""
+    """Remove inertias and meshes that MuJoCo refuses; return links, reasons by mesh file."""
     settings = root.findall("mujoco")
     unphysical = []
     for link in root.findall("link"):
@@ -138,7 +138,7 @@ def _without_what_is_refused(
 def _refused(
     settings: Sequence[ET.Element], parts: Sequence[ET.Element], assets: Mapping[str, bytes]
 ) -> str:
-    """Why MuJoCo takes no link with these parts under these settings, or ``""``."""
+    """Why MuJoCo refuses a link with these parts under these settings, or ``""``."""
     trial = _TRIAL.format(settings=_text(settings), parts=_text(parts))
     try:
         _compiled(ET.fromstring(trial), assets)

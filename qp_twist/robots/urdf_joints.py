@@ -1,4 +1,4 @@
-"""The joints of a URDF: types, ranges, speeds, and which joint follows which."""
+"""The joints of a URDF: types, ranges, speeds and mimic relations."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class Mimic(NamedTuple):
 
 
 class Joints(NamedTuple):
-    """What the joints of a file say beyond what MuJoCo's reader takes from them."""
+    """Data of a file's joints that MuJoCo's reader does not read."""
 
     velocity_limits: dict[str, float]
     mimics: list[Mimic]
@@ -32,14 +32,14 @@ class Joints(NamedTuple):
 
 
 def read_joints(root: ET.Element, file: Path) -> Joints:
-    """Read the joints, and leave in the tree what every version of MuJoCo reads alike.
+    """Read the joints, and normalise the tree for all versions of MuJoCo.
 
-    A continuous joint has no range whatever its ``<limit>`` says. A range from 0 to 0 is what
-    exporters write for one that nobody stated: no range. ``<mimic>`` is taken out.
+    A continuous joint has no range, whatever its ``<limit>``. A range from 0 to 0 counts as none:
+    exporters write it for a missing range. ``<mimic>`` is removed.
 
     Raises:
-        InvalidInput: If a joint is of another type, its range is upside down or a single position
-            other than 0, a number is none, or a joint follows one that is not there.
+        InvalidInput: If a joint has another type, its range is reversed or a single position other
+            than 0, a number is invalid, or a joint mimics a missing one.
     """
     joints = root.findall("joint")
     _check_names(joints, file)
@@ -99,7 +99,7 @@ def _check_names(joints: list[ET.Element], file: Path) -> None:
 
 
 def _check_vectors(joint: ET.Element, where: str) -> None:
-    """MuJoCo lets a NaN pass."""
+    """Check numbers: MuJoCo accepts NaN."""
     for element in (*joint.findall("origin"), *joint.findall("axis")):
         for attribute in ("xyz", "rpy"):
             text = element.get(attribute, "0 0 0")
@@ -114,7 +114,7 @@ def _check_vectors(joint: ET.Element, where: str) -> None:
 
 
 def _has_range(limit: ET.Element, where: str) -> bool:
-    """Whether a range is stated; then both of its ends are."""
+    """Whether a range is given; then both of its ends are set."""
     lower, upper = (_number(limit, end, 0.0, where) for end in ("lower", "upper"))
     if lower > upper:
         raise InvalidInput(
@@ -124,7 +124,7 @@ def _has_range(limit: ET.Element, where: str) -> bool:
         raise InvalidInput(
             f"{where}: its range is the one position {lower:g}; make it a fixed joint there."
         )
-    # MuJoCo takes a range of which one end is not stated for none; URDF has it end at 0.
+    # MuJoCo ignores a range with a missing end; in URDF that end is 0.
     limit.attrib.update(lower=repr(lower), upper=repr(upper))
     return lower < upper
 

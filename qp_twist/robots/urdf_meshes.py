@@ -1,4 +1,4 @@
-"""The mesh files of a URDF: where they are, and those that are nowhere."""
+"""Find the mesh files of a URDF, and report missing ones."""
 
 from __future__ import annotations
 
@@ -20,19 +20,18 @@ class Meshes(NamedTuple):
     """The meshes of a file."""
 
     assets: dict[str, bytes]
-    """Their contents, by the names that the tree now has for them."""
+    """Their contents, by their new names in the tree."""
     stated: dict[str, str]
-    """What the file calls them, by the same names."""
+    """Their names in the file, by the same new names."""
     left_out: list[str]
 
 
 def take_meshes(root: ET.Element, file: Path, packages: Mapping[str, Path]) -> Meshes:
-    """Read the mesh files that a URDF names; take shapes out of the tree whose mesh is not found.
+    """Read the mesh files of a URDF; remove shapes whose mesh is not found.
 
-    The names in the tree become short ones, one for each file and scale, since MuJoCo's reader
-    takes two files of one name for the same. Visual shapes are taken out as MuJoCo does, unless
-    there are no others, or ``<mujoco><compiler discardvisual="false"/></mujoco>`` in the file keeps
-    them.
+    The tree gets short names, one for each file and scale, since MuJoCo's reader identifies files
+    by name. Visual shapes are removed, as MuJoCo does, unless there are no others or
+    ``<mujoco><compiler discardvisual="false"/></mujoco>`` in the file keeps them.
     """
     compiler = _compiler(root)
     folder = file.parent / compiler.attrib.pop("meshdir", "")
@@ -73,7 +72,7 @@ def take_meshes(root: ET.Element, file: Path, packages: Mapping[str, Path]) -> M
 
 
 def mesh_shapes(root: ET.Element) -> Iterator[tuple[ET.Element, ET.Element, ET.Element]]:
-    """Link, shape and mesh of every shape that is a mesh; the shape may be removed meanwhile."""
+    """Link, shape and mesh of every mesh shape; shapes may be removed during the iteration."""
     for link in root.findall("link"):
         for shape in [*link.findall("visual"), *link.findall("collision")]:
             mesh = shape.find("geometry/mesh")
@@ -82,7 +81,7 @@ def mesh_shapes(root: ET.Element) -> Iterator[tuple[ET.Element, ET.Element, ET.E
 
 
 def _compiler(root: ET.Element) -> ET.Element:
-    """The element for MuJoCo's settings, made where there is none, and first as it must be."""
+    """The element of MuJoCo's settings, created if missing; it has to be the first."""
     extension = root.find("mujoco")
     if extension is None:
         extension = ET.Element("mujoco")
@@ -92,7 +91,7 @@ def _compiler(root: ET.Element) -> ET.Element:
 
 
 def _found(stated: str, file: Path, folder: Path, packages: Mapping[str, Path]) -> Path | None:
-    """The file that is meant, or ``None``; at last the bare name, as MuJoCo looks for it."""
+    """The mesh file, or ``None``; finally try the bare name, as MuJoCo does."""
     in_package = _IN_PACKAGE.fullmatch(stated)
     if in_package:
         package, rest = in_package[1], in_package[2]
@@ -113,7 +112,7 @@ def _found(stated: str, file: Path, folder: Path, packages: Mapping[str, Path]) 
 
 
 def _free_name(found: Path, assets: Mapping[str, bytes]) -> str:
-    """The file's name, numbered where another mesh has it: MuJoCo names meshes by the stem."""
+    """The file's name, numbered if another mesh has it: MuJoCo names meshes by the stem."""
     taken = {Path(name).stem for name in assets}
     stem, count = found.stem, 1
     while stem in taken:

@@ -1,4 +1,4 @@
-"""Words for what is left out."""
+"""Words for parts that are left out."""
 
 from __future__ import annotations
 

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 if TYPE_CHECKING:
     from qp_twist.simulation.record import Record
 
-# Okabe and Ito's palette, which keeps apart for all common kinds of colour vision.
+# Okabe and Ito's palette, distinguishable with all common kinds of colour vision.
 BLUE, ORANGE, GREEN = "#0072B2", "#E69F00", "#009E73"
 LIMIT = "#D00000"
 

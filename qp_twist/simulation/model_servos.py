@@ -1,4 +1,4 @@
-"""The servos that a model brings."""
+"""Servos that are part of a model."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from qp_twist.simulation.plant import Plant
 class ModelServos(Plant):
     """The model's own actuators, one position or velocity servo at every joint.
 
-    What MJCF's ``<position>`` and ``<velocity>`` make. Their gains, their dynamics and gravity are
-    the model's; a ``lag`` comes on top. Only the integrator is that of all plants, implicitfast.
+    MJCF's ``<position>`` and ``<velocity>`` actuators, with the model's gains, dynamics and
+    gravity, and an additional ``lag``. The integrator is implicitfast, as for all plants.
     """
 
     def __init__(
@@ -70,7 +70,7 @@ class ModelServos(Plant):
         return np.array(dofs, dtype=np.intp)
 
     def _kind(self, actuator: int) -> str:
-        """What the force law of an actuator makes of its control: MuJoCo's gain and bias."""
+        """Kind of an actuator by its force law: MuJoCo's gain and bias."""
         model = self.model
         gain = float(model.actuator_gainprm[actuator, 0])
         stiffness, damping = -model.actuator_biasprm[actuator, 1:3]
@@ -84,9 +84,9 @@ class ModelServos(Plant):
         return "others"
 
     def start(self, q: object) -> None:
-        """Put the robot at rest at q, (nq,), with the servos told to hold it there."""
+        """Put the robot at rest at q, (nq,), with the servos commanded to hold it."""
         super().start(q)  # type: ignore[arg-type]
-        # Actuators with dynamics of their own begin where they would settle.
+        # Actuators with dynamics start in their steady state.
         command = self._position if self.kind == "position" else self._velocity
         for actuator in range(self.model.nu):
             address = self.model.actuator_actadr[actuator]

@@ -1,4 +1,4 @@
-"""A simulated robot whose joints follow commands: what all kinds of servos share."""
+"""A simulated robot whose joints follow commands: base of all kinds of servos."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from qp_twist.kinematics import JointRanges
 from qp_twist.simulation.push import Push
 
 LARGEST_STATE = 1e6
-"""A joint beyond this many rad, m, rad/s or m/s has diverged."""
+"""A joint beyond this, in rad, m, rad/s or m/s, has diverged."""
 
 
 class Plant(abc.ABC):
@@ -28,13 +28,13 @@ class Plant(abc.ABC):
 
     .. math:: \tau\,\dot u = u_{command} - u,
 
-    integrated exactly over a time step, in which commands do not change. The model is copied: the
-    one given keeps to kinematics.
+    integrated exactly over a time step with a constant command. The model is copied; the original
+    is not changed.
 
     Attributes:
         model: The copy that is simulated.
         data: Its state.
-        kind: What the servos are told, ``"position"`` or ``"velocity"``.
+        kind: Command of the servos, ``"position"`` or ``"velocity"``.
         lag: τ, s.
         ranges: The joint ranges of the model.
     """
@@ -70,7 +70,7 @@ class Plant(abc.ABC):
             options.timestep = number("timestep", timestep, above=0.0)
         # Damping is then integrated implicitly: a stiff servo needs no short step.
         options.integrator = int(mujoco.mjtIntegrator.mjINT_IMPLICITFAST)
-        # MuJoCo would start a diverged state afresh at qpos0.
+        # MuJoCo would reset a diverged state to qpos0.
         options.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)
         if not stops:
             options.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_LIMIT)
@@ -104,7 +104,7 @@ class Plant(abc.ABC):
         return not float(state.max(initial=0.0)) < LARGEST_STATE
 
     def start(self, q: npt.ArrayLike) -> None:
-        """Put the robot at rest at q, (nq,), with the servos told to hold it there."""
+        """Put the robot at rest at q, (nq,), with the servos commanded to hold it."""
         q = finite_array("q", q, (self.model.nq,))
         mujoco.mj_resetData(self.model, self.data)
         self.data.qpos[:] = q
@@ -135,4 +135,4 @@ class Plant(abc.ABC):
 
     @abc.abstractmethod
     def _drive(self, position: Array, velocity: Array) -> None:
-        """Hand the lagged command to what moves the joints."""
+        """Apply the lagged command to the servos."""

@@ -14,8 +14,8 @@ class Push:
     Attributes:
         body: Name of the body.
         wrench: Force and torque (linear, angular), N and N m, (6,).
-        start: When it begins, s on the clock of the loop.
-        end: When it is over, s.
+        start: Time at which it begins, on the loop's clock, s.
+        end: Time at which it ends, s.
     """
 
     def __init__(
@@ -27,14 +27,14 @@ class Push:
         start: float,
         duration: float = 0.2,
     ) -> None:
-        """State a push.
+        """Define a push.
 
         Args:
             body: Name of the body; the loop refuses one that the plant does not have.
             force: Force, N, world axes, (3,).
             torque: Torque, N m, world axes, (3,).
-            start: When it begins, s.
-            duration: How long it lasts, s.
+            start: Time at which it begins, s.
+            duration: Duration, s.
 
         Raises:
             InvalidInput: If a number is not finite, or ``duration`` not above 0.

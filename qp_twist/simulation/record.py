@@ -1,4 +1,4 @@
-"""What happened in a closed loop."""
+"""Record of a closed loop."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ if TYPE_CHECKING:
 class Record:
     """A run of a :class:`~qp_twist.simulation.ClosedLoop`, one entry for each of its N periods.
 
-    States are true ones at the beginning of the period, when the controller decides. What could
-    be missed between two such instants is taken over the time steps of the simulation: margin, room
-    and speed at their worst, accelerations.
+    States are true states at the beginning of the period, when the controller computes its step.
+    Extremes between two such instants are taken over the simulation's time steps: margin, room,
+    speed and accelerations.
 
     Attributes:
-        time: When each period begins, s, (N,).
+        time: Beginning of each period, s, (N,).
         q: Joint positions, rad or m, (N, nq).
         velocity: Joint velocities, rad/s or m/s, (N, nv).
         measured: Joint positions with noise, (N, nq).
@@ -39,8 +39,8 @@ class Record:
         acceleration_peak: Largest joint accelerations in size, rad/s² or m/s², (N, nv).
         acceleration_rms: Their root mean square, (N, nv).
         speed_share: Largest joint speed as a share of its limit, (N,); 0 without limits.
-        scale: Scale of each step, (N,); 0 where there was none.
-        statuses: Status of each step, (N,); ``None`` where there was none.
+        scale: Scale of each step, (N,); 0 without a step.
+        statuses: Status of each step, (N,); ``None`` without a step.
         failures: Why there was no step, by time.
         period: Length of a period, s.
         diverged: Whether the run ended early since the robot diverged.
@@ -104,7 +104,7 @@ class Record:
         }
 
     def count(self) -> dict[str, int]:
-        """How many steps had which status; ``NO_STEP`` where there was none."""
+        """Number of steps of each status; ``NO_STEP`` for periods without a step."""
         return dict(Counter("NO_STEP" if s is None else s.name for s in self.statuses))
 
     def figure(self, title: str = "") -> Figure:
@@ -119,7 +119,7 @@ class Record:
 
 
 class Interval(NamedTuple):
-    """One period of a loop: its beginning, the command, and the true states on the way."""
+    """One period of a loop: its beginning, the command, and the true states in it."""
 
     time: float
     error: Array
@@ -134,7 +134,7 @@ class Interval(NamedTuple):
 
 
 class Recorder:
-    """Makes records of intervals."""
+    """Collects intervals into a record."""
 
     def __init__(self, ranges: JointRanges, speeds: Array, period: float, timestep: float) -> None:
         self._ranges = ranges

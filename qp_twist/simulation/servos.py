@@ -26,17 +26,17 @@ class Servos(Plant):
         \kappa &= I\omega^2,\; \delta = 2\zeta I\omega \\
         \text{velocity:}\quad & \delta\,(\dot u - \dot\theta), & \delta &= I\omega
 
-    where I is the inertia that the joint sees by itself: the mean of the diagonal of the mass
-    matrix over random configurations, armature included. So one bandwidth ω does for the large
-    joints and the small ones of any arm. Behind a steady motion a servo is late by its
-    ``delay``, :math:`\tau + 2\zeta(1-c)/\omega` or :math:`\tau + 1/\omega`.
+    where I is the inertia at the joint: the mean of the diagonal of the mass matrix over random
+    configurations, armature included. So one bandwidth ω suits large and small joints of any arm.
+    In a steady motion a servo lags by its ``delay``, :math:`\tau + 2\zeta(1-c)/\omega` or
+    :math:`\tau + 1/\omega`.
 
     Attributes:
         inertia: I, kg m² or kg, (nv,).
         stiffness: κ, N m/rad or N/m, (nv,); zeros for velocity servos.
         damping: δ, N m s/rad or N s/m, (nv,).
         feedforward: c.
-        delay: How late a joint is in a steady motion, s.
+        delay: Lag of a joint in a steady motion, s.
 
     Example:
         >>> import qp_twist as qt
@@ -64,16 +64,16 @@ class Servos(Plant):
 
         Args:
             model: The robot, without actuators, of hinges and slides.
-            kind: What the servos are told.
+            kind: Command of the servos: ``"position"`` or ``"velocity"``.
             bandwidth: ω/2π, Hz.
             damping_ratio: ζ of position servos.
-            feedforward: c, the share of the commanded velocity that position servos are told.
+            feedforward: c, the share of the commanded velocity that position servos receive.
             lag: τ of the first-order lag between command and servo, s.
             gravity_compensation: Share of the weight that is compensated; with the rest the arm
                 sags on position servos, and sinks on velocity servos.
             armature: Inertia of the rotors as the joints see it, kg m² or kg, (nv,). If ``None``
-                the model's, and as much as the joint's mean inertia where the model states none,
-                which is what the usual choice of a gear ratio makes it.
+                the model's, and the joint's mean inertia where the model has none, which
+                corresponds to the usual choice of a gear ratio.
             stops: Whether the ends of the joint ranges are mechanical stops.
             timestep: Time step of the simulation, s; the model's if ``None``.
 
@@ -90,7 +90,7 @@ class Servos(Plant):
         omega = 2.0 * np.pi * number("bandwidth", bandwidth, above=0.0)
         zeta = number("damping_ratio", damping_ratio, above=0.0)
         self.feedforward = number("feedforward", feedforward, at_least=0.0, at_most=1.0)
-        # Gravity that is compensated exactly is gravity that is not there.
+        # Exactly compensated gravity is modelled as no gravity.
         compensated = number(
             "gravity_compensation", gravity_compensation, at_least=0.0, at_most=1.0
         )
@@ -127,7 +127,7 @@ class Servos(Plant):
         return inertia
 
     def _drive(self, position: Array, velocity: Array) -> None:
-        # What remains of the torque, −δ θ̇, is the damping of the model's own joints.
+        # The remaining torque, −δ θ̇, is modelled as joint damping.
         self.data.qfrc_applied[:] = (
             self.stiffness * (position - self.data.qpos) + self._told * self.damping * velocity
         )

@@ -16,14 +16,14 @@ from qp_twist.kinematics import TwistTask
 class TimedPath:
     r"""Moves the target of a task along poses, each at its time, with its twist as feed-forward.
 
-    Between two poses the position moves on the straight line, the orientation about the axis that
-    leads from one to the other, both at constant speed. Before the start the target rests at the
-    first pose, afterwards at the last.
+    Between two poses the position is interpolated linearly and the orientation by the shortest
+    rotation, both at constant speed. Before the start the target rests at the first pose, after the
+    end at the last.
 
     Attributes:
         task: The task whose target it sets.
-        start: When the path begins, s.
-        end: When it is over, s.
+        start: Beginning of the path, s.
+        end: End of the path, s.
     """
 
     def __init__(
@@ -35,15 +35,15 @@ class TimedPath:
         start: float = 0.0,
         feedforward: bool = True,
     ) -> None:
-        """State a path in time.
+        """Define a timed path.
 
         Args:
             task: The task whose target it sets.
             poses: Poses in the world, N ≥ 2.
-            durations: Time from the pose before to each pose, s, (N,); the first is not used, and
-                0 in the durations of a :class:`~qp_twist.PathTask`.
+            durations: Time from the previous pose to each pose, s, (N,); the first is not used (0
+                in a :class:`~qp_twist.PathTask`).
             start: When the path begins, s.
-            feedforward: Whether the target comes with its twist.
+            feedforward: Whether the target's twist is set, too.
 
         Raises:
             InvalidInput: If there are fewer than two poses, or a duration is not above 0.
@@ -78,7 +78,7 @@ class TimedPath:
         )
 
     def __call__(self, time: float) -> None:
-        """Set the target to where it is at ``time``, s."""
+        """Set the target to its pose at ``time``, s."""
         if not self.start <= time < self.end:
             last = -1 if time >= self.end else 0
             self._set(self._rotations[last], self._positions[last], None)

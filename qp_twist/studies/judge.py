@@ -1,8 +1,8 @@
-"""What counts as success: the first fault of a joint path at its waypoints, if it has one.
+"""Criterion of success: the first fault of a joint path at its waypoints, if any.
 
-Between the waypoints nothing is judged but the length of the joints' steps: a study counts at how
-many placements a method meets its waypoints. Whether a trajectory keeps the path between them is
-asked of the one that a robot is to run, by :func:`~qp_twist.check_trajectory`.
+Between waypoints only the length of the joints' steps is judged: a study counts at how many
+placements a method meets its waypoints. Use :func:`~qp_twist.check_trajectory` to check a
+trajectory for a robot between them, too.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ Kind = Literal[
 
 _AT = 1e-4
 """A joint is at its limit, of position or of speed, within this, rad or m."""
-_HAIR = 1e-9
+_ROUNDING = 1e-9
 """Longer by less is rounding, rad or m."""
 
 
@@ -118,7 +118,7 @@ class Judge:
         left = np.full(len(q), np.inf)
         if before is not None:
             left = self._steps[waypoint - 2] - np.abs(q - before)
-        if (left < -_HAIR).any():
+        if (left < -_ROUNDING).any():
             return Fault("jump", self.ranges.names[int(np.argmin(left))], waypoint)
         if position_error > self._position_error or axis_error > self._axis_error:
             at_limit = (room < _AT) | (left < _AT)

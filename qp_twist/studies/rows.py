@@ -1,4 +1,4 @@
-"""The rows of a sample: what each method did with it."""
+"""The rows of a sample: the result of each method."""
 
 from __future__ import annotations
 
@@ -13,17 +13,17 @@ import numpy as np
 from qp_twist.comparison.metrics import metrics
 from qp_twist.errors import QpTwistError
 from qp_twist.following import Trajectory, follow, plan
-from qp_twist.following.planned import SEEDS
+from qp_twist.following.planned import SEED_METHODS
 from qp_twist.kernel import COMPILED
 from qp_twist.paths import METHODS, PathTask
 from qp_twist.planning import Plan, least_mean_z
 from qp_twist.studies.judge import Fault, Judge
-from qp_twist.studies.sample import Sample, Start, draw, section_of
+from qp_twist.studies.sample import Sample, Start, draw_sample, section_of
 
 Row = dict[str, Any]
 
 _LOOKED_AT = 41
-"""Waypoints at which the least z is looked for."""
+"""Number of waypoints at which the least z is searched."""
 NUMBERS = (
     "position_error_max_m", "axis_error_max_rad", "min_margin", "mean_z", "max_step_deg",
     "travel_deg", "sigma_min",
@@ -32,16 +32,16 @@ NUMBERS = (
 
 @dataclass(frozen=True, eq=False)
 class Job:
-    """What is done with every sample; it travels to the processes that do it.
+    """The job for every sample; sent to the worker processes.
 
     Attributes:
         path_task: The task.
-        vary: What is varied.
-        seed: Of the study.
-        methods: Which methods follow each sample.
-        solver: Backend of the QPs where it is not varied.
-        start: Where a sample starts.
-        certify: Whether a plan decides if there is a motion, where no method found one.
+        vary: The varied factors.
+        seed: Seed of the study.
+        methods: Methods that follow each sample.
+        solver: Backend of the QPs if it is not varied.
+        start: Choice of the start of a sample.
+        certify: Whether to plan samples without a successful method, to decide if a motion exists.
     """
 
     path_task: PathTask
@@ -53,29 +53,29 @@ class Job:
     certify: bool
 
     def sample(self, index: int) -> Sample:
-        """The sample of a number."""
-        return draw(
+        """The sample with an index."""
+        return draw_sample(
             self.path_task, self.vary, index, seed=self.seed, solver=self.solver,
             start=self.start, methods=self.methods,
         )  # fmt: skip
 
     def __call__(self, index: int) -> list[Row]:
-        """The rows of a sample, one a method. Whatever is raised becomes their error."""
+        """The rows of a sample, one per method. An exception becomes their error."""
         try:
             sample = self.sample(index)
             return _rows(self, sample)
-        except Exception as error:  # a study of thousands does not end by one sample
-            return self.failed(index, _said(error))
+        except Exception as error:  # a failed sample does not end the study
+            return self.failed(index, _error_line(error))
 
     def failed(self, index: int, message: str) -> list[Row]:
-        """The rows of a sample that has nothing but an error."""
+        """The rows of a sample that failed with an error."""
         fault = Fault("raised", message=message)
         sample = Sample(index, self.path_task, self.solver, {})
         return [_row(sample, name, fault) for name in self.methods]
 
 
 def looked_at(path_task: PathTask) -> list[int]:
-    """The waypoints, evenly spread, at which the least z is looked for."""
+    """The evenly spaced waypoints at which the least z is searched."""
     count = len(path_task.waypoints)
     return sorted({round(k) for k in np.linspace(0, count - 1, min(count, _LOOKED_AT))})
 
@@ -101,10 +101,10 @@ def _rows(job: Job, sample: Sample) -> list[Row]:
 
 
 def _is_followed(path_task: PathTask, sample: Sample) -> bool:
-    """Whether a run of other methods is a motion without fault: sooner said than by a plan."""
+    """Whether a run of another method has no fault: faster than a plan."""
     if sample.no_start.issuperset(sample.methods):
         return False
-    for method in SEEDS:
+    for method in SEED_METHODS:
         judge = Judge(path_task, section_of(path_task))
         try:
             run = follow(path_task, method, solver=COMPILED, stop=judge.stop)
@@ -118,7 +118,7 @@ def _is_followed(path_task: PathTask, sample: Sample) -> bool:
 def _method_row(
     path_task: PathTask, sample: Sample, method: str, best: Plan | None, least: float
 ) -> Row:
-    """What one method does with a sample."""
+    """The result of one method on a sample."""
     if best is not None and best.q is None:
         return _row(sample, method, Fault("no plan", message=str(best.certificate)))
     if method in sample.no_start:
@@ -132,7 +132,7 @@ def _method_row(
     began = time.perf_counter()
     try:
         if settings.secondary == "plan":
-            # The best start is that of the plan of least z; with it a plan is there already.
+            # The best start is that of the plan of least z, so the plan exists already.
             known = best if settings.objective == "centering" else None
             planned = known or plan(path_task, settings.objective, path_task.start)
             if planned.q is None:
@@ -164,7 +164,7 @@ def _row(sample: Sample, method: str, fault: Fault | None, run: Trajectory | Non
     return row
 
 
-def _said(error: Exception) -> str:
-    """An error in a line, with the place that raised it."""
+def _error_line(error: Exception) -> str:
+    """An error in one line, with the place that raised it."""
     place = traceback.extract_tb(error.__traceback__)[-1]
     return f"{type(error).__name__}: {error} ({Path(place.filename).name}, line {place.lineno})"

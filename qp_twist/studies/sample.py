@@ -1,4 +1,4 @@
-"""A sample of a study: the task with what its number draws."""
+"""A sample of a study: the task with values drawn by its index."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ from qp_twist.qp import check_solver
 
 Start = Literal["auto", "task", "least_z", "random", "best"]
 FACTORS = ("robot", "placement", "tool", "gain", "solver", "start")
-"""What can be varied, in the order in which it is done."""
+"""Factors that can be varied, in the order of application."""
 _MOVED = {"placement", "tool", "robot"}
 _REACHED = 0.2
-"""A waypoint counts as reached at this share of the errors allowed."""
+"""A waypoint counts as reached at this share of the tolerances."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,12 +31,12 @@ class Sample:
     """One sample.
 
     Attributes:
-        index: Its number; with the seed it says everything.
-        path_task: The task as it is in this sample.
+        index: Its index; with the seed it determines the sample.
+        path_task: The task of this sample.
         solver: Backend of the QP methods.
-        drawn: What was drawn, by name of the column.
-        methods: Which are to follow it.
-        no_start: Methods for which there is no start.
+        drawn: The drawn values by column name.
+        methods: Methods that follow it.
+        no_start: Methods without a start.
     """
 
     index: int
@@ -55,7 +55,7 @@ class Sample:
 
 
 def section_of(path_task: PathTask) -> StudySection:
-    """The task's study section; an empty one where it has none."""
+    """The task's study section, possibly empty."""
     return path_task.study or StudySection()
 
 
@@ -63,7 +63,7 @@ def check_factors(path_task: PathTask, vary: Collection[str]) -> tuple[str, ...]
     """``vary`` in the order of :data:`FACTORS`.
 
     Raises:
-        InvalidInput: If a factor is unknown or the task does not say how to vary it.
+        InvalidInput: If a factor is unknown or the task has no range for it.
     """
     section = section_of(path_task)
     if not vary:
@@ -101,7 +101,7 @@ def check_factors(path_task: PathTask, vary: Collection[str]) -> tuple[str, ...]
 
 
 def drawn_columns(path_task: PathTask, vary: Collection[str]) -> dict[str, str]:
-    """Names and types of what :func:`draw` says of a sample."""
+    """Names and types of the values drawn by :func:`draw_sample`."""
     columns: dict[str, str] = {}
     if "placement" in vary:
         columns |= dict.fromkeys(("x", "y", "z", "yaw_deg", "tilt_deg", "azimuth_deg"), "float64")
@@ -115,7 +115,7 @@ def drawn_columns(path_task: PathTask, vary: Collection[str]) -> dict[str, str]:
     return columns
 
 
-def draw(
+def draw_sample(
     path_task: PathTask,
     vary: Collection[str],
     index: int,
@@ -125,19 +125,18 @@ def draw(
     start: Start = "auto",
     methods: Collection[str] = (),
 ) -> Sample:
-    """The sample of a number: what it draws depends on seed and number alone.
+    """The sample with an index; it depends on seed and index only.
 
     Args:
         path_task: The task.
-        vary: Names out of :data:`FACTORS`.
-        index: Number of the sample, from 0.
-        seed: Of the study.
-        solver: Where ``vary`` does not choose one.
-        start: ``"task"``: the task's own; ``"least_z"`` and ``"random"``: on the first waypoint of
-            the sample, inside the limits; ``"best"``: a plan's; ``"auto"``: random where the start
-            is varied, the task's own where nothing moves the first waypoint, else of least z.
-        methods: Methods that will follow it; those that fix the whole twist need a start of their
-            own.
+        vary: Names from :data:`FACTORS`.
+        index: Index of the sample, from 0.
+        seed: Seed of the study.
+        solver: Backend, unless it is varied.
+        start: ``"task"``: the task's; ``"least_z"`` and ``"random"``: on the first waypoint of the
+            sample, inside the limits; ``"best"``: a plan's; ``"auto"``: random if the start is
+            varied, the task's if the first waypoint does not move, else of least z.
+        methods: Methods that will follow it; those that fix the whole twist need another start.
     """
     section = section_of(path_task)
     drawn: dict[str, Any] = {}
@@ -146,7 +145,7 @@ def draw(
     path_task = dataclasses.replace(path_task, iteration=_tolerances(path_task, section))
     for factor, one_draw in _DRAWS.items():
         if factor in vary:
-            # A stream each: what one factor draws does not depend on which others are varied.
+            # One random stream per factor: its values do not depend on which others are varied.
             path_task, values = one_draw(path_task, section, _stream(seed, index, factor))
             drawn |= values
     if start == "auto":
@@ -160,7 +159,7 @@ def draw(
 
 
 def _stream(seed: int, index: int, factor: str) -> np.random.Generator:
-    # The placements are those of examples/placements.py.
+    # The same placements as in examples/placements.py.
     number = [] if factor == "placement" else [FACTORS.index(factor)]
     return np.random.default_rng([seed, index, *number])
 
@@ -176,7 +175,7 @@ def _default_start(path_task: PathTask, vary: Collection[str]) -> Start:
 
 
 def _with_largest_step(path_task: PathTask, max_step_deg: float) -> PathTask:
-    """A waypoint a second, so that speeds are steps."""
+    """One waypoint per second, so that speeds equal steps."""
     return dataclasses.replace(
         path_task,
         durations=np.concatenate([[0.0], np.ones(len(path_task.waypoints) - 1)]),
@@ -186,14 +185,15 @@ def _with_largest_step(path_task: PathTask, max_step_deg: float) -> PathTask:
 
 
 def _tolerances(path_task: PathTask, section: StudySection) -> Any:
-    """Waypoints count as reached well inside what is a success, not to the task's last digit."""
+    """Waypoints count as reached well inside the tolerances of success, not the task's."""
     given = path_task.iteration
     angle = max(given.angle_tolerance_deg, _REACHED * section.axis_error_deg)
     position = max(given.position_tolerance, _REACHED * section.position_error)
     return given.model_copy(update={"position_tolerance": position, "angle_tolerance_deg": angle})
 
 
-# ---------------------------------------------------------------- what is drawn
+# ---------------------------------------------------------------- drawn values
+
 
 Drawn = tuple[PathTask, dict[str, Any]]
 
@@ -203,7 +203,7 @@ def _placement(path_task: PathTask, section: StudySection, rng: np.random.Genera
     assert table is not None
     to = rng.uniform(table.lower, table.upper)
     low, high = np.radians(table.yaw_deg)
-    # Numbers are drawn whether or not they are used: other ranges do not shift them.
+    # Draw numbers even if they are not used, so that other ranges do not shift them.
     yaw, azimuth = low + (high - low) * rng.uniform(), rng.uniform(-np.pi, np.pi)
     tilt = rng.uniform(*np.radians(table.tilt_deg))
     axis = np.array([np.cos(azimuth), np.sin(azimuth), 0.0])
@@ -270,13 +270,13 @@ def _with_robot(path_task: PathTask, scene: str) -> PathTask:
     return dataclasses.replace(path_task, scene=robot.path, model=model)
 
 
-# ---------------------------------------------------------------- where it starts
+# ---------------------------------------------------------------- starts
 
 
 def _with_starts(
     path_task: PathTask, methods: Collection[str], start: str, rng: np.random.Generator
 ) -> tuple[PathTask, frozenset[str]]:
-    """The task with a start, one of their own for methods that fix the roll."""
+    """The task with a start, and another one for methods that fix the roll."""
 
     def found(task: PathTask) -> Array | None:
         return least_z_start(task) if start == "least_z" else random_start(task, rng)

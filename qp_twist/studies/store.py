@@ -1,8 +1,8 @@
-"""The rows of a study on disk: Parquet files that are written as the rows come.
+"""The rows of a study on disk, in Parquet files that are written during the study.
 
-A Parquet file is whole or it is nothing: it ends with its index. So the rows come in parts, each
-written beside its place and renamed, and ``compact`` makes one file of them. A process that is
-killed loses the rows that are not in a part yet, and these are computed again.
+A Parquet file is only readable when complete, since it ends with its index. So rows are written in
+parts, each under a temporary name and then renamed; ``compact`` merges them into one file. If the
+process is killed, rows that are not yet in a part are lost and computed again.
 """
 
 from __future__ import annotations
@@ -18,20 +18,20 @@ from qp_twist.files import whole_file
 
 try:
     import fcntl
-except ImportError:  # there is none on Windows: nothing is locked there
+except ImportError:  # not available on Windows: no lock there
     fcntl = None  # type: ignore[assignment]
 
 try:
     import pyarrow as pa
     import pyarrow.compute as pc
     import pyarrow.parquet as pq
-except ImportError:  # the extra is not installed; check_installed says so
+except ImportError:  # the extra is not installed; check_installed reports it
     pa = None
 
 _ROWS, _SECONDS = 2000, 10.0
-"""Rows and time after which a part is written."""
+"""Number of rows and time after which a part is written."""
 _GROUP = 20_000
-"""Rows of a Parquet row group: what is in memory at a time."""
+"""Number of rows of a Parquet row group, which are in memory at a time."""
 BASE = {
     "sample": "int64",
     "method": "string",
@@ -55,14 +55,14 @@ BASE = {
     "feasible": "bool",
     "certificate": "string",
 }
-"""Columns that every study has."""
+"""Columns common to all studies."""
 
 
 def check_installed() -> None:
-    """Refuse to go on without pyarrow.
+    """Raise if pyarrow or joblib is missing.
 
     Raises:
-        InvalidInput: With what to install.
+        InvalidInput: With the extra to install.
     """
     if pa is None:
         raise InvalidInput("study: needs joblib and pyarrow; install the extra: qp_twist[study].")
@@ -72,10 +72,10 @@ class Store:
     """The rows below a folder: ``results.parquet`` and, while a study runs, ``parts/``."""
 
     def __init__(self, folder: Path, drawn: Mapping[str, str]) -> None:
-        """Open, or begin.
+        """Open or create the store.
 
         Args:
-            folder: Of the study.
+            folder: Folder of the study.
             drawn: Type of each column that the study draws, by name.
         """
         check_installed()
@@ -89,7 +89,7 @@ class Store:
 
     @contextlib.contextmanager
     def alone(self) -> Iterator[None]:
-        """Keep other processes from writing here; a process that dies keeps nobody.
+        """Lock the folder against other processes; the lock ends with the process.
 
         Raises:
             InvalidInput: If another process is writing.
@@ -109,7 +109,7 @@ class Store:
                 yield
             finally:
                 lock.unlink(missing_ok=True)
-                with contextlib.suppress(OSError):  # there are parts in it
+                with contextlib.suppress(OSError):  # it contains parts
                     self._folder.rmdir()
 
     def samples(self) -> set[int]:
@@ -120,13 +120,13 @@ class Store:
         return found
 
     def add(self, rows: Sequence[dict[str, Any]]) -> None:
-        """Keep the rows of a sample; they are on disk ten seconds later."""
+        """Add the rows of a sample; they are on disk ten seconds later."""
         self._waiting.extend(rows)
         if len(self._waiting) >= _ROWS or time.monotonic() - self._since > _SECONDS:
             self.flush()
 
     def flush(self) -> None:
-        """Write what waits."""
+        """Write the pending rows."""
         if self._waiting:
             number = max((int(part.stem) for part in self._parts()), default=0) + 1
             table = pa.Table.from_pylist(self._waiting, schema=self.schema)
@@ -134,7 +134,7 @@ class Store:
         self._waiting, self._since = [], time.monotonic()
 
     def compact(self) -> Path:
-        """Make one file of everything, and return its path."""
+        """Merge everything into one file, and return its path."""
         self.flush()
         parts = self._parts()
         if parts or not self.file.exists():
@@ -144,7 +144,7 @@ class Store:
         return self.file
 
     def tables(self, columns: Sequence[str] | None = None) -> Iterator[pa.Table]:
-        """What is on disk, a bounded number of rows at a time, each sample once.
+        """The stored rows, a bounded number at a time, each sample once.
 
         With ``columns`` only these and the sample's number.
 
@@ -162,7 +162,7 @@ class Store:
             before |= here
 
     def table(self, columns: Sequence[str] | None = None) -> pa.Table:
-        """All that :meth:`tables` gives, in the order of the samples."""
+        """All rows of :meth:`tables`, ordered by sample."""
         names = self.schema.names if columns is None else list(dict.fromkeys(["sample", *columns]))
         empty = pa.schema([self.schema.field(name) for name in names]).empty_table()
         found: pa.Table = pa.concat_tables([empty, *self.tables(columns)])

@@ -56,7 +56,7 @@ class Study:
 
     Attributes:
         folder: Its folder.
-        job: What is done with each sample.
+        job: The job for each sample.
         count: Number of samples when it is complete.
     """
 
@@ -110,7 +110,7 @@ class Study:
         return store.table(columns)
 
     def missing(self) -> list[int]:
-        """The samples that are not done."""
+        """Indices of the missing samples."""
         done = self._store().samples()
         return [index for index in range(self.count) if index not in done]
 
@@ -190,7 +190,7 @@ class Study:
         scheduler: str | None = None,
         progress: Callable[[int], None] | None = None,
     ) -> None:
-        """Do the missing samples; finished ones are stored even if the run is interrupted."""
+        """Compute the missing samples; finished ones are stored even if interrupted."""
         store = self._store()
         with store.alone():
             missing = self.missing()

@@ -1,4 +1,4 @@
-"""What a study says: how often each method succeeds, and what makes it fail."""
+"""Summary of a study: success rate and faults of each method."""
 
 from __future__ import annotations
 
@@ -19,22 +19,22 @@ _REASONS = 3
 
 @dataclass(frozen=True)
 class Rate:
-    """A share, with the interval that holds the true one in 95 % of studies (Wilson's)."""
+    """A share with its 95 % confidence interval (Wilson)."""
 
     count: int
     of: int
 
     @property
     def share(self) -> float:
-        """The share, NaN of nothing."""
+        """The share, NaN for 0 samples."""
         return self.count / self.of if self.of else float("nan")
 
     @property
     def interval(self) -> tuple[float, float]:
-        """Lowest and highest."""
+        """Ends of the interval."""
         if not self.of:
             return float("nan"), float("nan")
-        from scipy.stats import binomtest  # half a second that few commands need
+        from scipy.stats import binomtest  # imported on demand: half a second
 
         found = binomtest(self.count, self.of).proportion_ci(0.95, method="wilson")
         return float(found.low), float(found.high)
@@ -56,13 +56,13 @@ class MethodSummary:
 
     Attributes:
         method: Its name.
-        all: Successes of all samples.
-        feasible: Successes of the samples that have a motion inside the limits from some start; of
-            none where that is not known of all.
-        possible: Successes of the samples of which it is not known that they have none.
-        faults: How often each fault ended a run, of possible samples; kind, then joint.
+        all: Success rate over all samples.
+        feasible: Success rate over the samples that have a motion inside the limits from some
+            start; over none if that is not known for all samples.
+        possible: Success rate over the samples not known to be infeasible.
+        faults: Number of runs of possible samples that each fault ended, by kind and joint.
         waypoints: Quartiles of the waypoint at which runs of possible samples failed.
-        over_least: Median of z_over_least, of successes.
+        over_least: Median of z_over_least over the successes.
     """
 
     method: str
@@ -102,7 +102,7 @@ def summarise(columns: dict[str, Any], methods: tuple[str, ...]) -> list[MethodS
     Args:
         columns: Of the results, by name: method, success, feasible, fault, joint, waypoint,
             z_over_least.
-        methods: In the order in which they are wanted.
+        methods: Methods in the order of the result.
     """
     name = np.array(columns["method"], dtype=object)
     possible = np.array([value is not False for value in columns["feasible"]], dtype=bool)

@@ -1,8 +1,8 @@
-"""Do a job with every sample, in processes of this machine or of a cluster.
+"""Run a job on every sample, in processes of this machine or of a cluster.
 
-One way for both, over futures: joblib's process pool (loky) here, Dask's workers there. A process
-that dies (out of memory, killed, crashed in native code) breaks loky's pool: it is made anew, and
-what was under way is done again. Dask does the same by itself.
+Both use futures: joblib's process pool (loky) on this machine, Dask's workers on a cluster. A
+process that dies (out of memory, killed, crashed in native code) breaks loky's pool: it is
+recreated, and the interrupted samples are run again. Dask does this itself.
 """
 
 from __future__ import annotations
@@ -19,17 +19,17 @@ from qp_twist.errors import InvalidInput
 Rows = list[dict[str, Any]]
 
 TRIES = 2
-"""After so many deaths of its process a sample is given up."""
+"""Number of deaths of its process after which a sample is given up."""
 _AHEAD = 2
-"""Samples under way for each process: the next is there when one is done."""
+"""Number of queued samples per process."""
 _ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 
 
 class Work(Protocol):
-    """What is done with a sample."""
+    """The job for a sample."""
 
     def __call__(self, index: int) -> Rows:
-        """The rows of a sample. Raises nothing."""
+        """The rows of a sample. Does not raise."""
 
     def failed(self, index: int, message: str) -> Rows:
         """The rows of a sample whose process died."""
@@ -42,9 +42,9 @@ def each(
 
     Args:
         job: Can be pickled.
-        indices: Of the samples.
-        jobs: Processes of this machine; one a core if ``None``.
-        scheduler: Address of a Dask scheduler, whose workers are taken instead.
+        indices: Indices of the samples.
+        jobs: Number of processes on this machine; one per core if ``None``.
+        scheduler: Address of a Dask scheduler whose workers are used instead.
 
     Raises:
         InvalidInput: If there is no such scheduler, or it has no workers.
@@ -56,7 +56,7 @@ def each(
     try:
         while waiting or under_way:
             while waiting and len(under_way) < pool.room():
-                # One that was there when a process died runs alone: then it is known.
+                # A sample that ran when a process died is run alone, to identify the cause.
                 last_try = {i for i in (*under_way.values(), waiting[0]) if deaths[i] == TRIES - 1}
                 if last_try and under_way:
                     break
@@ -76,8 +76,11 @@ def each(
                 if isinstance(error, BrokenProcessPool) and deaths[index] < TRIES:
                     waiting.appendleft(index)
                     continue
-                said = str(error).strip().partition("\n")[0]
-                yield index, job.failed(index, f"its process died: {type(error).__name__}: {said}")
+                message = str(error).strip().partition("\n")[0]
+                yield (
+                    index,
+                    job.failed(index, f"its process died: {type(error).__name__}: {message}"),
+                )
     finally:
         for future in under_way:
             future.cancel()
@@ -85,7 +88,7 @@ def each(
 
 
 class _Pickled:
-    """A job as bytes, which a process reads once."""
+    """A job as bytes, unpickled once per process."""
 
     _read: tuple[bytes, Work] | None = None
 
@@ -115,22 +118,22 @@ class _Here:
         self.renew()
 
     def renew(self) -> None:
-        """Take another pool in place of a broken one."""
+        """Replace a broken pool."""
         from joblib.externals.loky import get_reusable_executor
 
         self._executor = get_reusable_executor(self._jobs, env=_ONE_THREAD, timeout=60)
 
     def room(self) -> int:
-        """How many samples may be under way."""
+        """Largest number of queued samples."""
         return _AHEAD * self._jobs
 
     def submit(self, index: int) -> Future[Rows]:
-        """Begin with a sample."""
+        """Submit a sample."""
         future: Future[Rows] = self._executor.submit(_do, self._job, index)
         return future
 
     def close(self) -> None:
-        """End the processes, whatever they do."""
+        """Terminate the processes."""
         self._executor.shutdown(wait=True, kill_workers=True)
 
 
@@ -155,21 +158,21 @@ class _Cluster:
             self._client.close()
             raise InvalidInput(f"study(scheduler={scheduler!r}): it has no workers; start some.")
         self._executor: Executor = self._client.get_executor(pure=False)
-        # As a task of its own, which the scheduler can have done again where it was lost.
+        # As a separate task, which the scheduler can rerun if its result is lost.
         self._job = self._client.submit(_Pickled, pickle.dumps(job))
 
     def renew(self) -> None:
-        """Nothing to do: the scheduler looks after its workers."""
+        """Nothing to do: the scheduler manages its workers."""
 
     def room(self) -> int:
-        """How many samples may be under way."""
+        """Largest number of queued samples."""
         return _AHEAD * max(1, sum(int(n) for n in self._client.ncores().values()))
 
     def submit(self, index: int) -> Future[Rows]:
-        """Begin with a sample."""
+        """Submit a sample."""
         return self._executor.submit(_do, self._job, index)
 
     def close(self) -> None:
-        """Leave the scheduler."""
+        """Disconnect from the scheduler."""
         self._executor.shutdown(wait=False)
         self._client.close()

@@ -1,4 +1,4 @@
-"""Trajectories: when a joint path is where, their files, and whether one of them does a task."""
+"""Trajectories: timing of joint paths, trajectory files, and their check against a task."""
 
 from qp_twist.referee import Finding as Finding
 from qp_twist.referee import JointMotion as JointMotion

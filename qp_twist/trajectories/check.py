@@ -1,4 +1,4 @@
-"""Whether a joint trajectory, from wherever it comes, does a task."""
+"""Check a joint trajectory from any source against a task."""
 
 from __future__ import annotations
 
@@ -31,24 +31,24 @@ from qp_twist.trajectories.metadata import disagreements
 from qp_twist.trajectories.time_trajectory import TimedTrajectory
 
 _NAMED = 3
-"""Most joints without a limit that are named one by one."""
+"""Largest number of joints without a limit that are named one by one."""
 _REST = 1e-6
-"""A joint rests below this speed, rad/s or m/s."""
+"""A joint counts as at rest below this speed, rad/s or m/s."""
 
 
 @dataclass(frozen=True, eq=False)
 class Check:
-    """What :func:`~qp_twist.check_trajectory` found.
+    """Result of :func:`~qp_twist.check_trajectory`.
 
     Attributes:
         task: Name of the task.
         rows: Number of rows of the trajectory.
         waypoints: Number of waypoints of the task.
-        matched: How rows and waypoints were brought together, in words.
-        findings: What was looked at, line by line.
-        notes: What the file says otherwise, and what else is worth knowing.
-        unchecked: What could not be looked at, and why; the verdict names it.
-        sources: Whose limits it was checked against where the task states none.
+        matched: How rows and waypoints were matched, in words.
+        findings: The checked quantities, line by line.
+        notes: Contradictions of the file's metadata, and other remarks.
+        unchecked: What could not be checked, and why; part of the verdict.
+        sources: Source of the limits that are not the task's.
     """
 
     task: str
@@ -72,7 +72,7 @@ class Check:
 
     @property
     def verdict(self) -> str:
-        """One line: whether it passes, what could not be checked, and whose limits were taken."""
+        """One line: whether it passes, what could not be checked, and the source of the limits."""
         if not self.passes:
             return "; ".join([f"does not pass: {'; '.join(self.problems)}", *self.sources])
         rows = f"{self.rows} rows do {self.task}"
@@ -105,7 +105,7 @@ class Check:
         return "\n".join(lines) + "\n"
 
     def to_dict(self) -> dict[str, Any]:
-        """Everything, ready for JSON."""
+        """All results, ready for JSON."""
         return {
             "task": self.task,
             "rows": self.rows,
@@ -132,16 +132,15 @@ def check_trajectory(
 ) -> Check:
     """Measure a trajectory against a task: errors at and between waypoints, limits, speeds.
 
-    Everything is computed anew from the joint positions, and from times and velocities where there
-    are any; of what the trajectory says of itself only that it says otherwise becomes a note.
-
-    As many rows as waypoints belong together one by one. With another number of rows, or where rows
-    miss waypoints that the motion between them meets, the trajectory has to pass all waypoints in
-    their order, at times that are looked for.
+    Everything is computed from the joint positions, and from times and velocities if there are any;
+    the trajectory's metadata only produce notes where they contradict the task. If there are as
+    many rows as waypoints, they correspond one by one. With another number of rows, or if the
+    motion between rows meets waypoints that the rows miss, the trajectory has to pass all waypoints
+    in their order, at times that are searched.
 
     Args:
-        trajectory: From :func:`~qp_twist.read_trajectory`, or one that was just made.
-        path_task: The task that it is meant for.
+        trajectory: From :func:`~qp_twist.read_trajectory`, or a computed one.
+        path_task: The task of the trajectory.
         position_tolerance: Largest linear task error that passes, m.
         axis_tolerance_deg: Largest angular task error that passes, degrees.
 
@@ -200,7 +199,7 @@ def _met(errors: PathErrors, tolerances: Tolerances) -> bool:
 def _coverage(
     path_task: PathTask, ranges: JointRanges, *, timed: bool
 ) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """What could not be checked and why, and what was checked by limits that no task states."""
+    """What could not be checked and why, and the sources of limits that are not the task's."""
     unchecked, sources = [], []
     if not timed:
         what = "joint speeds and accelerations"
@@ -233,7 +232,7 @@ def _without(what: str, limits: Array, ranges: JointRanges) -> list[str]:
 
 
 def _at_speed(path_task: PathTask, ranges: JointRanges, motion: JointMotion) -> list[str]:
-    """Whether a robot has to be brought to the trajectory's first or from its last speed."""
+    """A sentence if the trajectory does not start or end at rest."""
     notes = []
     if motion.velocities is not None and np.isfinite(path_task.acceleration_limits).any():
         for end, row in (("begins", 0), ("ends", -1)):

@@ -29,7 +29,7 @@ from qp_twist.trajectories.metadata import read_metadata
 
 _METADATA = "# metadata "
 _ENDINGS = {unit + per for unit in ("rad", "deg", "mm") for per in ("", "/s")} | {"ms"}
-"""Units that count without brackets; ``slide_m`` may well be the name of a joint."""
+"""Units that are recognised without brackets; ``slide_m`` may be the name of a joint."""
 _INDEX = {"", "#", "waypoint", "index", "row", "point", "i", "k", "n", "no", "nr", "id"}
 _TIME = {"t", "time", "times", "time_from_start", "timestamp", "seconds", "sec", "t_s", "time_s"}
 _KINDS = {
@@ -42,7 +42,7 @@ _BETWEEN = r"[\s_./:-]+"
 
 
 def encode(rows: JointRows) -> str:
-    """Two comment lines, the names, the rows; times and velocities where there are any."""
+    """Two comment lines, the names, the rows; times and velocities if there are any."""
     units = rows.metadata.get("units", {})
     task = ", ".join(f"{key} {rows.metadata[key]}" for key in ("task", "method"))
     how = "positions only, joints straight between rows"
@@ -68,12 +68,12 @@ def encode(rows: JointRows) -> str:
 
 
 def decode(content: bytes, joint_names: tuple[str, ...] | None) -> JointRows:
-    """The rows of a CSV file, ours or another tool's.
+    """Rows of a CSV file, of this package or another tool.
 
-    Understood: any delimiter, decimal mark and encoding that :mod:`qp_twist.files` reads; units in
-    the names' brackets or endings (``joint_1 [deg]``, ``joint_1_deg``), rad, m and s where there is
-    none; velocities as ``joint_1 velocity``, ``vel_joint_1`` or ``joint_1 [deg/s]``. Accelerations
-    and efforts are left out.
+    Supported are the delimiters, decimal marks and encodings of :mod:`qp_twist.files`; units in
+    brackets or endings of the names (``joint_1 [deg]``, ``joint_1_deg``), else rad, m and s;
+    velocities as ``joint_1 velocity``, ``vel_joint_1`` or ``joint_1 [deg/s]``. Accelerations and
+    efforts are ignored.
     """
     lines = text_lines(content)
     metadata: dict[str, Any] = {}
@@ -119,7 +119,7 @@ def decode(content: bytes, joint_names: tuple[str, ...] | None) -> JointRows:
 
 @dataclass(frozen=True)
 class _Column:
-    """What a column holds: ``kind`` of ``joint``, in its unit, if one is written behind it."""
+    """Contents of a column: ``kind`` of ``joint``, and the unit after its name, if any."""
 
     kind: str
     joint: str = ""
@@ -127,7 +127,7 @@ class _Column:
 
     @classmethod
     def of(cls, name: str, joint_names: tuple[str, ...] | None) -> _Column:
-        """From its name, with the joints' names where they are known."""
+        """From the column's name, with the joints' names if known."""
         joints: Container[str] = joint_names or ()
         name = label = name.strip()
         unit = None
@@ -143,15 +143,15 @@ class _Column:
         if joint_names is not None and joint not in joints:
             return cls("other")
         if kind == "position" and unit is not None:
-            # Of "joint_1 [deg/s]" the unit says what it is.
+            # For "joint_1 [deg/s]" the unit determines the kind.
             kind = {"s": "velocity", "s²": "acceleration"}.get(unit.partition("/")[2], kind)
         return cls(kind, joint, unit)
 
     def scale(self, name: str) -> float:
-        """SI units in one of the column's.
+        """Factor from the column's unit to SI.
 
         Raises:
-            InvalidInput: If the unit is not known, or none of what the column holds.
+            InvalidInput: If the unit is unknown, or does not fit the column's kind.
         """
         if self.unit is None:
             return 1.0

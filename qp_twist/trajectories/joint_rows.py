@@ -1,4 +1,4 @@
-"""What a trajectory file holds: rows of joint positions, by name."""
+"""Contents of a trajectory file: rows of joint positions, by joint name."""
 
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ class JointRows:
     Attributes:
         joint_names: Names of the columns.
         q: Positions, rad or m, (N, n).
-        times: s, (N,), increasing; ``None`` where there is no clock.
-        velocities: rad/s or m/s, (N, n); ``None`` where the joints move straight between rows.
-        metadata: Facts of the task that the rows were made for, if the file has them.
-        accelerated: Whether the file states accelerations, too. They are not read: between rows the
-            joints move on cubics here, and a controller that takes them moves otherwise.
+        times: s, (N,), increasing; ``None`` without times.
+        velocities: rad/s or m/s, (N, n); ``None`` if joints are interpolated linearly.
+        metadata: Data of the task of these rows, if the file has them.
+        accelerated: Whether the file has accelerations, too. They are not used: joints move on
+            cubics here; a controller that uses accelerations interpolates differently.
     """
 
     joint_names: tuple[str, ...]
@@ -70,7 +70,7 @@ class JointRows:
         return cls(ranges.names, ranges.positions(trajectory.q), metadata=metadata)
 
     def of_joints(self, names: Sequence[str]) -> JointRows:
-        """The same rows with the columns of these joints, in this order; others are left out.
+        """The rows with the columns of these joints, in this order.
 
         Raises:
             InvalidInput: If a joint is missing.
@@ -90,6 +90,6 @@ class JointRows:
         )
 
     def motion(self) -> JointMotion:
-        """The rows with the way between them; without times one row a second."""
+        """The motion through the rows; without times one row per second."""
         times = np.arange(len(self.q), dtype=np.float64) if self.times is None else self.times
         return JointMotion(times, self.q, None if self.times is None else self.velocities)

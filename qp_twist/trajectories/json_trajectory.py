@@ -16,10 +16,10 @@ _NANO = 1_000_000_000
 
 
 def encode(rows: JointRows) -> str:
-    """A JointTrajectory, a point a line, and beside its fields ``metadata``.
+    """A JointTrajectory with one point per line, and the additional field ``metadata``.
 
-    ``accelerations`` stay empty: with positions and velocities ROS' joint trajectory controller
-    moves on the same cubic that was timed, with accelerations it would take one of fifth order.
+    ``accelerations`` is empty: with positions and velocities ROS' joint trajectory controller uses
+    the same cubic as the timing, with accelerations a polynomial of degree five.
     """
     points = []
     for k, q in enumerate(rows.q):
@@ -49,11 +49,11 @@ def encode(rows: JointRows) -> str:
 def decode(content: bytes, joint_names: tuple[str, ...] | None) -> JointRows:
     """The rows of a JointTrajectory, also inside a ``joint_trajectory`` or a goal's ``trajectory``.
 
-    ``joint_names`` is not needed: the file names its own.
+    ``joint_names`` is not used: the file has its own.
     """
     try:
         document = json.loads(content.decode("utf-8-sig"))
-    except (ValueError, RecursionError) as error:  # no UTF-8 and endless numbers, too
+    except (ValueError, RecursionError) as error:  # also invalid UTF-8 and endless numbers
         raise InvalidInput(f"this is no JSON: {error}.") from None
     found = document
     for key in ("goal", "trajectory", "joint_trajectory"):
@@ -83,7 +83,7 @@ def decode(content: bytes, joint_names: tuple[str, ...] | None) -> JointRows:
 
 
 def _array(points: list[dict[str, Any]], key: str, width: int) -> Array | None:
-    """A field of all points, (N, n); ``None`` where no point has it."""
+    """A field of all points, (N, n); ``None`` if no point has it."""
     if not any(point.get(key) for point in points):
         return None
     rows = np.empty((len(points), width))

@@ -1,4 +1,4 @@
-"""When a trajectory with rows of its own is at each waypoint of a path."""
+"""Match a trajectory with any rows to the waypoints of a path."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from qp_twist.paths import PathTask
 from qp_twist.referee import JointMotion, poses_of, task_errors
 
 _DENSITY = 8
-"""Looks at the motion for each waypoint, at least."""
+"""Smallest number of samples of the motion for each waypoint."""
 _NEAR = 100.0
-"""Linear error, in tolerances, beyond which the angular one is not computed."""
+"""Linear error, in tolerances, above which the angular one is not computed."""
 _REFINED = 17
 _ROUNDS = 3
 _ON = 1e-3
-"""Task error, in tolerances, from which on nothing nearer is looked for."""
+"""Task error, in tolerances, at which the refinement ends."""
 
 
 def times_at_waypoints(
@@ -26,18 +26,17 @@ def times_at_waypoints(
 ) -> Array:
     r"""Times, s, (N,), never decreasing, at which the motion is nearest to the waypoints in order.
 
-    Of all ways to give the waypoints times in their order, the one with the least sum of squared
-    task errors, each in tolerances: by dynamic programming over densely sampled times, then each
-    time refined beside its sample. So a path that crosses itself or is passed twice is matched in
-    its order, and a run-in before the first waypoint or a run-out after the last costs nothing.
-
-    This is a search and no verdict: times that are not the best give larger errors at the
-    waypoints, and what lies between them is proven for whatever times are found.
+    Among all nondecreasing times of the waypoints, the result minimises the sum of squared task
+    errors, each in tolerances: by dynamic programming over dense samples, then by refining each
+    time near its sample. So a path that crosses itself or is passed twice is matched in its order,
+    and a run-in before the first waypoint or a run-out after the last costs nothing. The times need
+    not be optimal: other times only give larger errors at the waypoints, and the bounds between
+    waypoints are proven for the times found.
     """
     tolerances = position_tolerance, axis_tolerance
     times = motion.times
     at, met = _matched(path_task, motion, times, tolerances)
-    if not met.all():  # by the rows alone
+    if not met.all():  # from the rows alone
         parts = max(1, -(-_DENSITY * len(at) // (len(motion.times) - 1)))
         begins, spans = motion.times[:-1, None], np.diff(motion.times)[:, None]
         times = np.append((begins + spans * np.arange(parts) / parts).ravel(), motion.times[-1])
@@ -57,7 +56,7 @@ def _refined(
     waypoints: Indices,
     tolerances: tuple[float, float],
 ) -> Array:
-    """Times nearest to some waypoints (M,), beside their samples ``at`` (M,), all at once."""
+    """Refine the times (M,) of some waypoints near their samples ``at`` (M,), all at once."""
     R_d = np.array([path_task.waypoints[k].rotation().as_matrix() for k in waypoints])
     p_d = np.array([path_task.waypoints[k].translation() for k in waypoints])
     looks = _REFINED + 1
@@ -79,7 +78,7 @@ def _refined(
 def _matched(
     path_task: PathTask, motion: JointMotion, times: Array, tolerances: tuple[float, float]
 ) -> tuple[Indices, np.ndarray[tuple[int], np.dtype[np.bool_]]]:
-    """The index of each waypoint's time, (N,), and whether the motion is on the waypoint then."""
+    """Index of each waypoint's time, (N,), and whether the motion is on the waypoint then."""
     R, p = poses_of(path_task, motion.at(times).q)
     count = len(path_task.waypoints)
     at = _in_order(_cost(path_task, k, R, p, tolerances) for k in range(count))
@@ -92,12 +91,12 @@ def _matched(
 def _in_order(costs: Iterable[Array]) -> Indices:
     """Indices of times, (N,), never decreasing, with the least sum of N costs, (K,) each."""
     so_far: Array | None = None
-    # A bit for each waypoint and time, since a long path has some 1e9 of them.
+    # One bit for each waypoint and time: a long path has some 1e9 of them.
     firsts = []
     for cost in costs:
         if so_far is None:
             so_far = np.zeros(len(cost))
-        # The least cost up to each time, and at which times it fell.
+        # The least cost up to each time, and the times at which it decreased.
         least = np.minimum.accumulate(so_far)
         firsts.append(np.packbits(np.concatenate([[True], so_far[1:] < least[:-1]])))
         so_far = least + cost
@@ -114,8 +113,8 @@ def _cost(
 ) -> Array:
     """Squared task error of poses (K) at waypoint k, in tolerances.
 
-    Poses that are far away in their positions count as turned as far as can be: a long path has
-    some 1e8 of them, and none of them shall be better than one that is near.
+    For poses with a large position error the angular error is not computed but set to its maximum:
+    a long path has some 1e8 of them.
     """
     waypoint, rows = path_task.waypoints[k], path_task.in_force[k]
     R_d, p_d = waypoint.rotation().as_matrix(), waypoint.translation()

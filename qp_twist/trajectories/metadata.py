@@ -1,4 +1,4 @@
-"""What a trajectory file says of the task that it was made for."""
+"""Metadata of a trajectory file about its task."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from qp_twist.trajectories.time_trajectory import TimedTrajectory
 
 
 def metadata_of(trajectory: Trajectory | TimedTrajectory) -> dict[str, Any]:
-    """Facts for people and programs, ready for JSON; nothing that depends on the machine."""
+    """Metadata ready for JSON; independent of the machine."""
     timed = trajectory if isinstance(trajectory, TimedTrajectory) else None
     rows = trajectory.trajectory if isinstance(trajectory, TimedTrajectory) else trajectory
     task = rows.path_task
@@ -40,7 +40,7 @@ def metadata_of(trajectory: Trajectory | TimedTrajectory) -> dict[str, Any]:
 
 
 def read_metadata(text: str) -> dict[str, Any]:
-    """The metadata of a file from their JSON; empty where that is not what was written here."""
+    """Parse the metadata of a file; empty if this package did not write them."""
     try:
         found = json.loads(text)
     except (ValueError, RecursionError):
@@ -49,28 +49,28 @@ def read_metadata(text: str) -> dict[str, Any]:
 
 
 def disagreements(metadata: dict[str, Any], path_task: PathTask) -> list[str]:
-    """Sentences about what the metadata of a file say otherwise than the task it is held against.
+    """Sentences about contradictions between a file's metadata and the task.
 
-    Nothing is decided by them: whoever writes a file may say what he likes in it.
+    They do not affect the verdict: a file may contain any metadata.
     """
     ranges = JointRanges.of(path_task.model)
     facts = {"task": path_task.name, "robot": path_task.scene.name}
-    told = [(key, metadata[key], fact) for key, fact in facts.items() if key in metadata]
+    claims = [(key, metadata[key], fact) for key, fact in facts.items() if key in metadata]
     frame, units = metadata.get("frame"), metadata.get("units")
     if isinstance(frame, dict) and "name" in frame:
-        told.append(("frame", frame["name"], path_task.frame_name))
+        claims.append(("frame", frame["name"], path_task.frame_name))
     if isinstance(units, dict):
         here = zip(ranges.names, ranges.units, strict=True)
-        told += [(f"unit of {name}", units[name], unit) for name, unit in here if name in units]
+        claims += [(f"unit of {name}", units[name], unit) for name, unit in here if name in units]
     return [
-        f"the file's metadata say {key} {str(said)[:60]!r}, but it is checked with {fact!r}"
-        for key, said, fact in told
-        if said != fact
+        f"the file's metadata say {key} {str(value)[:60]!r}, but it is checked with {fact!r}"
+        for key, value, fact in claims
+        if value != fact
     ]
 
 
 def _words(projector: TwistProjector) -> dict[str, Any]:
-    """A projector as a task file states it."""
+    """A projector as written in task files."""
     return {
         "linear": _block(projector.linear),
         "angular": _block(projector.angular),

@@ -1,4 +1,4 @@
-"""Rows between waypoints, where the way from one to the next would leave the path."""
+"""Insert rows between waypoints where the motion would leave the path."""
 
 from __future__ import annotations
 
@@ -19,32 +19,32 @@ from qp_twist.referee import JointMotion, path_errors
 
 _ROUNDS = 12
 _ROOM = 0.5
-"""Share of the tolerances that straight pieces may use, so that smooth ones have some left."""
+"""Share of the tolerances for linear pieces, which leaves a reserve for smooth ones."""
 _MORE = 0.25
-"""Share by which a piece has to be worse than its rows: rows in it could mend no more than that."""
+"""A piece is refined only if its error exceeds that of its rows by this share."""
 
 
 def refine_trajectory(
     trajectory: Trajectory, *, position_tolerance: float = 1e-4, axis_tolerance_deg: float = 0.05
 ) -> Trajectory:
-    """Insert rows until the joints may move straight from each to the next and keep the path.
+    """Insert rows until linear interpolation of the joints keeps the path.
 
-    A method meets the waypoints. Between two of them the joints move straight, and the further they
-    move, most of all in what the task leaves free, the further the task's rows stray: with the
-    secondary's whole gain by millimetres. Halfway between such waypoints another is put, halfway in
-    position and orientation, and the middle of the joints is corrected onto it by the shortest
-    steps in the limits; again until every piece stays within half the tolerances, and within hard
-    tolerance bands but for as much.
+    A method meets the waypoints. Between two of them the joints are interpolated linearly, and the
+    path error grows with their displacement, above all in the null space: with a large gain of the
+    secondary by millimetres. Between such waypoints another is inserted, at half the displacement
+    in position and orientation; the mean of the joint positions is corrected onto it by least-norm
+    steps within the limits. This is repeated until every piece stays within half the tolerances,
+    also for hard tolerance bands.
 
     Args:
-        trajectory: From :func:`~qp_twist.follow`.
+        trajectory: Result of :func:`~qp_twist.follow`.
         position_tolerance: Largest linear task error between rows, m.
         axis_tolerance_deg: Largest angular task error there, degrees.
 
     Returns:
-        A trajectory whose ``path_task`` has the inserted waypoints as well, each with its part of
-        the time; the same one where nothing was to be inserted. Where a row cannot be corrected, or
-        a waypoint was missed anyway, the piece stays as it is.
+        A trajectory whose ``path_task`` includes the inserted waypoints, each with its share of the
+        time; the same trajectory if none was inserted. A piece is unchanged if its row cannot be
+        corrected, or a waypoint was missed anyway.
     """
     instance("refine_trajectory(trajectory)", trajectory, Trajectory)
     position = number("position_tolerance", position_tolerance, above=0.0)
@@ -78,13 +78,13 @@ def refine_trajectory(
 
 
 def _strays(at: Array, between: Array, tolerance: float) -> np.ndarray[Any, np.dtype[np.bool_]]:
-    """Pieces whose error is too large, and larger than that of the rows which they join."""
+    """Pieces whose error is too large, and larger than that of their rows."""
     ends = np.maximum(at[:-1], at[1:])
     return between > np.maximum(_ROOM * tolerance, ends + _MORE * tolerance)
 
 
 def _halfway(task: PathTask, q: Array, k: int) -> Array:
-    """The middle of rows k and k + 1, corrected onto the middle of their waypoints."""
+    """The mean of rows k and k + 1, corrected onto the middle of their waypoints."""
     before, after = task.in_force[k : k + 2]
     rows = twist_task(task, after if after.rank <= before.rank else before)
     middle = dataclasses.replace(task, start=0.5 * (q[k] + q[k + 1]))
@@ -101,7 +101,7 @@ def _middle(waypoints: Sequence[mink.SE3], k: int) -> mink.SE3:
 
 
 def _with_rows(trajectory: Trajectory, pieces: list[int], rows: list[Array]) -> Trajectory:
-    """The trajectory and its task with a row in each of the pieces, in rising order."""
+    """The trajectory and its task with a row in each of the pieces, in ascending order."""
     task = _with_waypoints(trajectory.path_task, pieces)
     after = np.array(pieces) + 1
     measured = [
@@ -153,7 +153,7 @@ def _with_waypoints(task: PathTask, pieces: list[int]) -> PathTask:
         flipped_waypoints=None if flipped is None else tuple(flipped),
         durations=_split(task.durations, pieces),
         segments=tuple(segments),
-        # As where a toolpath is resampled: a point between two has the line of the one before.
+        # As in resampling: a point between two has the line of the one before.
         lines=None
         if task.lines is None
         else np.insert(task.lines, np.array(pieces) + 1, task.lines[pieces]),
@@ -161,7 +161,7 @@ def _with_waypoints(task: PathTask, pieces: list[int]) -> PathTask:
 
 
 def _split(durations: Array | None, pieces: list[int]) -> Array | None:
-    """Durations with those of the pieces halved."""
+    """Durations with those of the divided pieces halved."""
     if durations is None:
         return None
     after = np.array(pieces) + 1

@@ -1,4 +1,4 @@
-"""The fastest way along joint rows whose pieces are cubics in time."""
+"""The fastest timing of joint rows connected by cubics in time."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from qp_twist.referee import JointMotion
 
 _ROUNDS = 100
 _ROUNDING = 1e-10
-"""Share of a limit that rounding may exceed it by."""
+"""Share by which rounding may exceed a limit."""
 
 
 @dataclass(frozen=True, eq=False)
 class SpeedProfile:
-    """How fast a path is passed.
+    """Timing of a path.
 
     Attributes:
         motion: The joints in time.
@@ -40,12 +40,12 @@ def speed_profile(
     max_acceleration: Array,
     rests: np.ndarray[tuple[int], np.dtype[np.bool_]],
 ) -> SpeedProfile:
-    r"""Velocities and times at the rows of a joint path, as fast as feed and limits allow.
+    r"""Velocities and times at the rows of a joint path, as fast as feed and limits permit.
 
     Let s be the time that the feed would take. At row k the joints move at
     :math:`\dot{\mathbf q}_k = \sigma_k\,\mathbf p_k`: the direction :math:`\mathbf p = d\mathbf
-    q/ds` is that of the parabola through three rows, the pace :math:`0 \le \sigma \le 1` is looked
-    for. A piece of length h in s takes :math:`T = 2h/(a + b)` from pace a to pace b, and with
+    q/ds` is that of the parabola through three rows, the pace :math:`0 \le \sigma \le 1` is
+    unknown. A piece of length h in s takes :math:`T = 2h/(a + b)` from pace a to pace b, and with
     :math:`\mathbf D = \Delta\mathbf q/h` the accelerations at its ends are, joint by joint,
 
     .. math::
@@ -65,7 +65,7 @@ def speed_profile(
     Args:
         q: Joint positions, rad or m, (N, nv), no two successive rows alike where ``feed`` is 0.
         feed: Least time of each piece, s, (N − 1,), above 0.
-        max_velocity: rad/s or m/s, (nv,); ∞ where there is none.
+        max_velocity: rad/s or m/s, (nv,); ∞ without a limit.
         max_acceleration: rad/s² or m/s², (nv,); ∞ likewise.
         rests: Rows at which the joints stand still, (N,).
     """
@@ -92,7 +92,7 @@ def speed_profile(
             break
     together = pace[:-1] + pace[1:]
     T = 2.0 * h / np.where(together > 0.0, together, 1.0)
-    # From rest to rest in one piece: q̇ is 1.5 D at most, q̈ 6 D/T at its ends.
+    # From rest to rest in one piece: |q̇| ≤ 1.5 D, and |q̈| = 6 D/T at its ends.
     both = together == 0.0
     slowest = np.maximum(
         1.5 * np.abs(moved) / max_velocity, np.sqrt(6.0 * np.abs(moved) / max_acceleration)
@@ -101,7 +101,7 @@ def speed_profile(
     times, velocities = np.concatenate([[0.0], np.cumsum(T)]), pace[:, None] * p
     motion = JointMotion(times, q, velocities)
     use = _largest_use(motion, max_velocity, max_acceleration)
-    if use > 1.0:  # what rounding, or passes that were cut short, have left
+    if use > 1.0:  # violations due to rounding, or to passes that were cut short
         motion = JointMotion(use * times, q, velocities / use)
     return SpeedProfile(
         motion,
@@ -112,7 +112,7 @@ def speed_profile(
 
 
 def _largest_use(motion: JointMotion, max_velocity: Array, max_acceleration: Array) -> float:
-    """By what factor all times would have to be longer."""
+    """Factor by which all times have to be extended."""
     speed = (motion.largest_speeds() / max_velocity).max(initial=0.0)
     acceleration = (motion.largest_accelerations() / max_acceleration).max(initial=0.0)
     return float(max(speed, np.sqrt(acceleration)))
@@ -123,8 +123,8 @@ def _directions(
 ) -> tuple[Array, Array, Array]:
     """dq/ds at the rows (N, nv), and at the begin and the end of each piece (N − 1, nv).
 
-    Of the parabola through a row and its neighbours; at a rest, where the path may turn, of the
-    piece's own side.
+    The derivative of the parabola through a row and its neighbours; at a rest, where the path may
+    turn, the one-sided derivative.
     """
     p = np.empty((len(D) + 1, D.shape[1]))
     before, after = h[:-1, None], h[1:, None]
@@ -163,7 +163,7 @@ class _Piece(NamedTuple):
         )
 
     def steady_pace(self) -> float:
-        """Largest pace, up to 1, at which the piece may be passed without changing it."""
+        """Largest constant pace, up to 1, on the piece."""
         with np.errstate(divide="ignore"):
             squares = self.c / np.abs(2.0 * (self.alpha + self.beta))
             paces = self.v / np.max(

@@ -1,4 +1,4 @@
-"""A task followed, timed, written to a file and checked: what ``qp-twist run`` does."""
+"""Follow a task, time it, write the trajectory and check it, as ``qp-twist run`` does."""
 
 from __future__ import annotations
 
@@ -26,13 +26,13 @@ Mask = npt.NDArray[np.bool_]
 
 @dataclass(frozen=True, eq=False)
 class TaskRun:
-    """What came of a task.
+    """Result of a task.
 
     Attributes:
-        trajectory: As it was followed, at the task's waypoints.
-        rows: The same with rows between waypoints, where the joints would have left the path.
-        timed: With its times; ``None`` without a feed.
-        check: Of the file that was written; ``None`` where the run was given up.
+        trajectory: The trajectory at the task's waypoints.
+        rows: The same with inserted rows, where the joints would have left the path.
+        timed: The timed trajectory; ``None`` without a feed.
+        check: Check of the written file; ``None`` if the run was given up.
     """
 
     trajectory: Trajectory
@@ -47,14 +47,14 @@ class TaskRun:
 
     @property
     def kept(self) -> int:
-        """How many waypoints from the first one on are within the tolerances of the check."""
+        """Number of waypoints, from the first one on, within the tolerances of the check."""
         trajectory = self.trajectory
         off = _off(trajectory.position_error, trajectory.axis_error)
         return int(np.argmax(off)) if off.any() else len(off)
 
     @property
     def held_by(self) -> str:
-        """What stood in the way at the first waypoint that was missed, where that is known."""
+        """Active limits at the first missed waypoint, where known."""
         trajectory, index = self.trajectory, self.kept
         if trajectory.failure:
             return trajectory.failure
@@ -72,21 +72,21 @@ def run_task(
     planning: Callable[[str, float], None] | None = None,
     timing: Callable[[], None] | None = None,
 ) -> TaskRun:
-    """Follow a task, more slowly where limits ask for it, time it, write the file and check it.
+    """Follow a task, slower where limits require it; time it, write the file and check it.
 
-    Whoever wants to know whether a robot does a task asks this function: the verdict on a start or
-    on a placement of the workpiece is the one on the trajectory that is written for them.
+    Every verdict on a start or a placement of the workpiece is the check of the trajectory that
+    this function writes.
 
     Args:
         path_task: The task.
         method: Name of the method.
         out: The file to write: ``.csv``, ``.npz`` or ``.json``.
         solver: Backend of the QPs.
-        give_up: Whether to end at the first waypoint that is missed by more than the check allows.
-            Then nothing is written and there is no check.
+        give_up: Whether to end at the first waypoint outside the tolerances of the check. Then
+            nothing is written and there is no check.
         progress: Called with the number of waypoints done.
-        planning: Called, while a plan is made, with what is being done and the share of it that is.
-        timing: Called when the path has been followed.
+        planning: Called during planning with the current phase and its share done.
+        timing: Called after the path was followed.
 
     Raises:
         InvalidInput: If the method has no start, or the file cannot be written.
@@ -117,8 +117,8 @@ def run_task(
 
 
 def _off(position_error: Array, axis_error: Array) -> Mask:
-    """Which waypoints are further off the path than the check allows."""
-    # A NaN, of a step that was not finite, is off, too.
+    """Which waypoints are outside the tolerances of the check."""
+    # NaN, of a step that was not finite, counts as outside.
     kept: Mask = (position_error <= POSITION_TOLERANCE) & (
         axis_error <= np.radians(AXIS_TOLERANCE_DEG)
     )

@@ -1,4 +1,4 @@
-"""A joint trajectory in time: as fast as the feed, no faster than the limits."""
+"""Time a joint trajectory: as fast as the feed, within the limits."""
 
 from __future__ import annotations
 
@@ -17,23 +17,23 @@ from qp_twist.referee import JointMotion, PathErrors, State, path_errors
 from qp_twist.trajectories.speed_profile import SpeedProfile, speed_profile
 
 _SLOWED = 1e-6
-"""A piece counts as slowed where it takes longer than the feed by more than this share."""
+"""A piece counts as slowed if it takes longer than the feed by more than this share."""
 _TIGHT = 0.99
-"""A limit stands in the way where this share of it is used."""
+"""A limit counts as active if this share of it is used."""
 _ROUNDS = 20
 
 
 @dataclass(frozen=True)
 class Slowed:
-    """A stretch of the path that limits make slower than the feed.
+    """A section of the path that is slower than the feed because of limits.
 
     Attributes:
-        first: Index of the waypoint where it begins, from 0.
-        last: Index of the waypoint where it ends.
-        factor: Largest time from a waypoint to the next in it, in times of the feed.
-        longer: Time by which the stretch takes longer, s.
-        limits: What is used up there, e.g. ``"velocity of joint_4"``, the most frequent first.
-        stops: Indices of waypoints in it at which the joints stand still, from 0.
+        first: Index of its first waypoint, from 0.
+        last: Index of its last waypoint.
+        factor: Largest ratio of a piece's duration to that of the feed.
+        longer: Additional time of the section, s.
+        limits: The active limits, e.g. ``"velocity of joint_4"``, the most frequent first.
+        stops: Indices of its waypoints at which the joints rest, from 0.
     """
 
     first: int
@@ -44,7 +44,7 @@ class Slowed:
     stops: tuple[int, ...]
 
     def __str__(self) -> str:
-        """A line for people, rows counted from 1."""
+        """A line of text, rows counted from 1."""
         why = [", ".join(self.limits)] if self.limits else []
         if self.stops:
             word = "row" if len(self.stops) == 1 else "rows"
@@ -57,13 +57,13 @@ class Slowed:
 
 @dataclass(frozen=True, eq=False)
 class TimedTrajectory:
-    """What :func:`~qp_twist.time_trajectory` returns: a trajectory with its times.
+    """Result of :func:`~qp_twist.time_trajectory`: a trajectory with its times.
 
     Attributes:
         trajectory: The joint path.
         motion: Times, positions and velocities at the waypoints and the interpolation between them.
-        slowed: Where the limits make it slower than the feed, in the order of the path.
-        stops: Indices of the waypoints between the ends at which the joints have to stand still.
+        slowed: Sections slower than the feed, in the order of the path.
+        stops: Indices of the intermediate waypoints at which the joints rest.
         errors: Task errors at and between the waypoints.
     """
 
@@ -75,7 +75,7 @@ class TimedTrajectory:
 
     @property
     def times(self) -> Array:
-        """When each waypoint is reached, s, (N,), the first at 0."""
+        """Time at each waypoint, s, (N,), the first at 0."""
         return self.motion.times
 
     @property
@@ -128,31 +128,31 @@ class TimedTrajectory:
 def time_trajectory(
     trajectory: Trajectory, *, position_tolerance: float = 1e-4, axis_tolerance_deg: float = 0.05
 ) -> TimedTrajectory:
-    r"""Give a joint path its times: the feed's, or longer ones where a limit asks for them.
+    r"""Time a joint path: at the feed, or slower where a limit requires it.
 
-    The waypoints stay what they are; only times change. From each waypoint to the next the path
-    takes at least what the task's feed gives it (``path_task.durations``), and
+    The waypoints do not change. Each piece from a waypoint to the next takes at least the duration
+    of the task's feed (``path_task.durations``), and
 
     * without acceleration limits every joint moves at constant speed from waypoint to waypoint, the
       piece takes :math:`\max(\text{feed},\, \max_j |\Delta q_j|/v_j)`;
     * with acceleration limits every joint moves on a cubic in time
       (:class:`~qp_twist.JointMotion`), from rest to rest, its velocity continuous;
-      ``speed_profile`` finds the fastest that keeps velocity and acceleration limits everywhere,
-      not only at the waypoints.
+      ``speed_profile`` computes the fastest motion that keeps velocity and acceleration limits
+      everywhere, not only at the waypoints.
 
-    A smooth motion cuts corners. Where it would leave the way between two waypoints by more than
-    the tolerances, and moving straight in the joints would not, the joints come to a stop at the
-    waypoint with the sharper turn. A path with more waypoints in its corners, or with rounded ones,
-    has fewer stops.
+    A smooth motion cuts corners. If it would leave the path between two waypoints by more than the
+    tolerances, but linear interpolation of the joints would not, the joints stop at the waypoint
+    with the sharper turn. A path with more waypoints in its corners, or with rounded corners, has
+    fewer stops.
 
     Args:
-        trajectory: From :func:`~qp_twist.follow`, best with ``slow_down=True``.
+        trajectory: Result of :func:`~qp_twist.follow`, preferably with ``slow_down=True``.
         position_tolerance: Largest linear task error between waypoints, m.
         axis_tolerance_deg: Largest angular task error there, degrees.
 
     Raises:
-        InvalidInput: If the task has neither a feed nor a limit that gives a piece its time, or a
-            joint that is neither hinge nor slide.
+        InvalidInput: If neither the feed nor a limit determines the duration of a piece, or a joint
+            is neither hinge nor slide.
     """
     instance("time_trajectory(trajectory)", trajectory, Trajectory)
     tolerances = (
@@ -181,7 +181,7 @@ def time_trajectory(
 
 
 def _least_times(task: PathTask, q: Array, feed: Array) -> Array:
-    """The feed's time of each piece, s, (N − 1,); where there is none, what the limits ask for."""
+    """Duration of each piece at the feed, s, (N − 1,); without a feed that of the limits."""
     moved = np.abs(np.diff(q, axis=0))
     by_limits = np.maximum(
         moved / task.velocity_limits, np.sqrt(6.0 * moved / task.acceleration_limits)
@@ -208,7 +208,7 @@ def _straight(task: PathTask, q: Array, floor: Array) -> SpeedProfile:
 def _smooth(
     task: PathTask, q: Array, floor: Array, tolerances: tuple[float, float]
 ) -> tuple[SpeedProfile, PathErrors]:
-    """Cubics between as few stops as the tolerances allow."""
+    """Cubics, with as few stops as the tolerances permit."""
     limits = task.velocity_limits, task.acceleration_limits
     straight = path_errors(task, _straight(task, q, floor).motion, tolerances=tolerances)
     may_help = straight.kept(*tolerances)
@@ -230,7 +230,7 @@ def _smooth(
 
 
 def _slowed(profile: SpeedProfile, feed: Array, names: tuple[str, ...]) -> tuple[Slowed, ...]:
-    """The stretches of pieces that take longer than the feed."""
+    """The sections of pieces that take longer than the feed."""
     T = np.diff(profile.motion.times)
     slow = np.flatnonzero((feed > 0.0) & (T / np.where(feed > 0.0, feed, 1.0) > 1.0 + _SLOWED))
     found = []

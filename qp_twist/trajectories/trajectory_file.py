@@ -1,4 +1,4 @@
-"""Trajectory files by their ending; those of NumPy."""
+"""Trajectory files by their suffix; NumPy archives."""
 
 from __future__ import annotations
 
@@ -28,8 +28,8 @@ class _Format(NamedTuple):
 def _to_npz(rows: JointRows) -> bytes:
     """Arrays ``joint_names``, ``q``, ``times``, ``velocities``; ``metadata`` is a JSON text.
 
-    What there is not is left out. With velocities ``accelerations`` stands there too, for readers
-    in a hurry: q̈ of the piece that begins at each row.
+    Missing data are left out. With velocities there is also ``accelerations``, for convenience: q̈
+    of the piece that begins at each row.
     """
     arrays = {"joint_names": np.array(rows.joint_names), "q": rows.q}
     if rows.times is not None:
@@ -44,11 +44,11 @@ def _to_npz(rows: JointRows) -> bytes:
 
 
 def _from_npz(content: bytes, joint_names: tuple[str, ...] | None) -> JointRows:
-    """The rows of an archive; ``positions`` and ``time`` are understood as well."""
+    """The rows of an archive; the names ``positions`` and ``time`` are also supported."""
     try:
         with np.load(io.BytesIO(content), allow_pickle=False) as archive:
             arrays = {name: archive[name] for name in archive.files}
-    except Exception as error:  # what is broken fails in zipfile, zlib or NumPy, each in its way
+    except Exception as error:  # invalid files raise various errors of zipfile, zlib or NumPy
         raise InvalidInput(f"this is no NumPy archive (.npz): {error}") from None
 
     def found(*names: str) -> Array | None:
@@ -78,37 +78,36 @@ _FORMATS = {
     ".json": _Format(json_trajectory.encode, json_trajectory.decode),
 }
 ENDINGS = tuple(_FORMATS)
-"""The endings of the files that are written and read."""
+"""Suffixes of the files that are written and read."""
 
 
 def write_trajectory(trajectory: Trajectory | TimedTrajectory, path: str | Path) -> Path:
-    """Write a trajectory as CSV, NPZ or JSON, whichever ``path`` ends in.
+    """Write a trajectory as CSV, NPZ or JSON, by the suffix of ``path``.
 
-    A :class:`~qp_twist.TimedTrajectory` is written with its times and, where its joints move on
-    cubics, its velocities. A plain trajectory has rows only. The file is written beside its place
-    and renamed, so a failure leaves nothing half-written.
+    A :class:`~qp_twist.TimedTrajectory` is written with its times and, for cubics, its velocities;
+    a plain trajectory has rows only. The file is written under a temporary name and renamed, so a
+    failure leaves no partial file.
 
     Raises:
-        InvalidInput: If the ending is another.
+        InvalidInput: If the suffix is unknown.
     """
     path = Path(path)
     return write_atomically(path, _format(path).encode(JointRows.of(trajectory)))
 
 
 def read_trajectory(path: str | Path, joint_names: Sequence[str] | None = None) -> JointRows:
-    """Read a trajectory file, one of ours or of another tool.
+    """Read a trajectory file of this package or of another tool.
 
     Args:
         path: A file that ends in ``.csv``, ``.npz`` or ``.json``.
-        joint_names: The joints that are wanted, in this order. Columns are found by these names,
-            in any order, and others are left out; without names every column that is not known for
-            something else is a joint.
+        joint_names: The joints to read, in this order. Columns are found by these names; others are
+            ignored. Without names every column that is not recognised as something else is a joint.
 
     Returns:
         The rows, in rad, m and s.
 
     Raises:
-        InvalidInput: If the file cannot be opened or understood; the message says where.
+        InvalidInput: If the file cannot be opened or parsed; with the place.
     """
     path = Path(path)
     form = _format(path)

@@ -7,4 +7,4 @@ from .one_run import run_once as run_once
 from .port import free_port as free_port
 from .projectors import projector_choices as projector_choices
 from .session import Session as Session
-from .settings import Settings as Settings
+from .settings import PageSettings as PageSettings

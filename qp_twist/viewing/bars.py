@@ -1,4 +1,4 @@
-"""Each joint between its limits, as one drawing (SVG)."""
+"""The joints between their limits, as one SVG drawing."""
 
 from __future__ import annotations
 
@@ -12,25 +12,24 @@ from qp_twist.kinematics import JointRanges
 
 _OUTSIDE = 1e-9
 _AT_LIMIT = 1e-6
-"""A margin below this share of the half-range is at the limit."""
+"""A margin below this share of the half-range counts as at the limit."""
 _LEFT, _WIDTH, _ROW, _RIGHT = 62.0, 172.0, 30.0, 66.0
 _OVER = 0.08
-"""What is drawn beyond either end, as a share of the range."""
+"""Space drawn beyond either end, as a share of the range."""
 INK, QUIET, TRACK = "#1f2937", "#6b7280", "#e5e7eb"
 FREE, HELD, LOST = "#0072B2", "#E69F00", "#D00000"
 
 
 def joint_bars(ranges: JointRanges, q: Array, binding: Sequence[str] = ()) -> str:
-    """A row for each joint: its range as a track with ticks, a mark where it stands, its value.
+    """One row per joint: its range as a track with ticks, a mark at its position, its value.
 
-    A joint that a limit holds back is marked by a diamond and the word "held", one outside its
-    range by a cross and "outside": never by a colour alone. Joints without a range have a value
-    only.
+    A joint with an active limit is marked by a diamond and the word "held", one outside its range
+    by a cross and "outside", not by colour alone. Joints without a range only have a value.
 
     Args:
-        ranges: Of the model.
+        ranges: Joint ranges of the model.
         q: Configuration, rad or m, (nq,).
-        binding: Names of the limits that hold the step back, each beginning with its joint's.
+        binding: Names of the active limits, each beginning with the joint's name.
     """
     positions = ranges.positions(q)
     margins = ranges.margins(q)
@@ -125,7 +124,7 @@ def _state(margin: float, held: Sequence[str]) -> str:
 
 
 def _kinds(held: Sequence[str]) -> list[str]:
-    """What holds a joint: "at limit" for its range, else the kind of the limit."""
+    """The active limit of a joint: "at limit" for its range, else the kind."""
     kinds = []
     for limit in held:
         kind = "at limit" if "position" in limit else limit.split("(")[-1].split(" ")[-2]
@@ -151,7 +150,7 @@ def _mark(x: float, y: float, state: str, colour: str) -> str:
 
 
 def _at(share: float) -> float:
-    """Where a share of the range is drawn."""
+    """Horizontal position of a share of the range."""
     inner = _WIDTH / (1.0 + 2.0 * _OVER)
     return _LEFT + inner * (_OVER + share)
 

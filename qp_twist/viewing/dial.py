@@ -10,10 +10,10 @@ _SIZE = 112.0
 
 
 def roll_dial(angle: float | None) -> str:
-    """A needle that turns with the roll, counter-clockwise, zero to the right; with its value.
+    """A needle at the roll angle, counter-clockwise from the right, with its value.
 
     Args:
-        angle: The roll, rad; ``None`` where there is no axis to roll about: no dial then.
+        angle: The roll, rad; ``None`` without a roll axis: then there is no dial.
     """
     if angle is None:
         return ""

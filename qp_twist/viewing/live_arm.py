@@ -1,4 +1,4 @@
-"""An arm that follows a target which is being moved, step by step."""
+"""An arm that follows a dragged target step by step."""
 
 from __future__ import annotations
 
@@ -18,49 +18,49 @@ from qp_twist.paths import METHODS, MethodSettings, PathTask
 from qp_twist.viewing.one_run import Moment
 from qp_twist.viewing.projectors import with_projector
 from qp_twist.viewing.roll import Roll
-from qp_twist.viewing.settings import Settings
+from qp_twist.viewing.settings import PageSettings
 
 WAYPOINTS_PER_S = 20.0
-"""A secondary's gain is per waypoint; here that many waypoints count as a second."""
-GAIN = 0.25
+"""A secondary's gain is per waypoint; here a second counts as this number of waypoints."""
+TARGET_GAIN = 0.25
 """Share of the task error that a step removes."""
 STEP_SHARE = 0.03
-"""Largest linear error that a step looks at, as a share of the scene's extent."""
+"""Largest linear error of a step, as a share of the scene's extent."""
 STEP_ANGLE = np.radians(6.0)
-"""Largest angular error that a step looks at, rad."""
+"""Largest angular error of a step, rad."""
 
 
 class LiveArm:
     """The QP of a method, driven by a target instead of a path.
 
-    A closed form is represented by its QP: it has no limits that could hold. Position, speed and
-    acceleration limits are those of the task; the secondary acts as a velocity.
+    A closed form is represented by its QP, which has limits. Position, speed and acceleration
+    limits are those of the task; the secondary acts as a velocity.
 
     Attributes:
         method: Name of the QP.
-        configuration: Where the arm is.
-        target: Where the frame is to go.
-        last: The last step, ``None`` before the first and where there was none.
+        configuration: The arm's configuration.
+        target: Target pose of the frame.
+        last: The last step; ``None`` before the first one, or without a step.
     """
 
     def __init__(
         self,
         path_task: PathTask,
-        settings: Settings,
+        settings: PageSettings,
         q: npt.ArrayLike,
         *,
         dt: float = 0.025,
         on_infeasible: Literal["scale", "relax"] = "scale",
     ) -> None:
-        """Put the arm somewhere, with its target where its frame is.
+        """Put the arm at a configuration, with its target at its frame.
 
         Args:
             path_task: The task.
-            settings: Of the page.
+            settings: Settings of the page.
             q: Configuration, (nq,).
             dt: Time between two steps, s.
-            on_infeasible: Whether a target that does not fit inside the limits slows the arm down
-                or draws it as close as they let it.
+            on_infeasible: Whether an infeasible target slows the arm down (``"scale"``) or is
+                approached in least squares (``"relax"``).
         """
         self.method = pair_of(settings.method)
         kind = METHODS[self.method]
@@ -72,7 +72,7 @@ class LiveArm:
             path_task.frame_name,
             path_task.frame_type,
             projector,
-            gain=GAIN,
+            gain=TARGET_GAIN,
             max_linear_step=STEP_SHARE * float(model.stat.extent),
             max_angular_step=STEP_ANGLE,
             bands=() if kind.whole_twist else self.path_task.bands,
@@ -96,13 +96,13 @@ class LiveArm:
 
     @property
     def pose(self) -> mink.SE3:
-        """Where the frame is."""
+        """Pose of the frame."""
         return self.configuration.get_transform_frame_to_world(
             self.path_task.frame_name, self.path_task.frame_type
         )
 
     def step(self) -> Moment:
-        """Move towards the target for one time step; the arm stands still where there is none."""
+        """Move towards the target for one time step; stand still if there is no step."""
         self.task.set_target(self.target)
         sentence = ""
         try:
@@ -129,10 +129,10 @@ class LiveArm:
             sentence=sentence,
         )
 
-    def _method_settings(self, settings: Settings) -> MethodSettings:
-        """Of the QP; its gain is that of the page, per step instead of per waypoint."""
+    def _method_settings(self, settings: PageSettings) -> MethodSettings:
+        """Settings of the QP, with the page's gain per step instead of per waypoint."""
         own = self.path_task.settings(self.method)
-        if own.secondary == "plan":  # none leads here; its place takes what the plan is best at
+        if own.secondary == "plan":  # there is no plan here: use the plan's objective instead
             own = own.model_copy(
                 update={"secondary": "centering", "weight": "natural", "gain": 0.05}
             )

@@ -1,4 +1,4 @@
-"""A method once along the path, and what it does at each waypoint."""
+"""One run of a method along the path, with its state at each waypoint."""
 
 from __future__ import annotations
 
@@ -16,28 +16,28 @@ from qp_twist.kinematics import frame_pose
 from qp_twist.paths import PathTask
 from qp_twist.viewing.projectors import with_projector
 from qp_twist.viewing.roll import Roll
-from qp_twist.viewing.settings import Settings
+from qp_twist.viewing.settings import PageSettings
 from qp_twist.viewing.unlimited import without_limits
 
 Progress = Callable[[float, str], None]
-"""Called with the share that is done, from 0 to 1, and what is being done."""
+"""Called with the share done, from 0 to 1, and the current phase."""
 
 
 @dataclass(frozen=True, eq=False)
 class Moment:
-    """All that the page shows of one configuration.
+    """The data of one configuration that the page shows.
 
     Attributes:
         q: The configuration, rad or m, (nq,).
-        scale: Share of the task's speed that the limits left.
+        scale: Scale s of the task.
         position_error: Length of the linear task error, m.
         axis_error: Length of the angular task error, in the rows of the task, rad.
         sigma_min: Smallest singular value of the task rows.
         z: z = ½‖W(θ̄ − θ)‖².
         margins: 1 − |θ − θ̄|/half-range of each joint, (nv,); negative outside.
-        binding: The limits that held the step back, by name.
-        roll: Turn about the tool's axis, rad; ``None`` where there is no such axis.
-        sentence: What the step says; empty for a waypoint, whose run has a sentence.
+        binding: The active limits, by name.
+        roll: Rotation about the tool's axis, rad; ``None`` without such an axis.
+        sentence: Status of the step; empty for a waypoint, whose run has a status.
     """
 
     q: Array
@@ -54,18 +54,18 @@ class Moment:
 
 @dataclass(frozen=True, eq=False)
 class Run:
-    """A trajectory, ready to be shown.
+    """A trajectory with the data that the page shows.
 
     Attributes:
-        settings: With which it was run.
-        trajectory: What :func:`~qp_twist.follow` returned. Its task has the robot's limits, also
-            where they were switched off.
+        settings: Settings of the run.
+        trajectory: Result of :func:`~qp_twist.follow`. Its task has the robot's limits, even if
+            they were switched off.
         status: The run in a sentence.
-        roll: At each waypoint, rad, (N,); ``None`` where there is no axis to roll about.
-        trace: Where the frame's origin went, m, (N, 3).
+        roll: Roll at each waypoint, rad, (N,); ``None`` without a roll axis.
+        trace: Positions of the frame's origin, m, (N, 3).
     """
 
-    settings: Settings
+    settings: PageSettings
     trajectory: Trajectory
     status: str
     roll: Array | None
@@ -93,11 +93,11 @@ class Run:
         )
 
 
-def run_once(path_task: PathTask, settings: Settings, progress: Progress | None = None) -> Run:
+def run_once(path_task: PathTask, settings: PageSettings, progress: Progress | None = None) -> Run:
     """Follow a task with the settings of the page.
 
     Raises:
-        InvalidInput: If the method cannot follow the task; the message says why.
+        InvalidInput: If the method cannot follow the task; with the reason.
     """
     report: Progress = progress or (lambda share, what: None)
     steps = max(1, len(path_task.waypoints) - 1)

@@ -1,4 +1,4 @@
-"""The page: what of the session is shown, and what its controls do."""
+"""The page: display of the session, and its controls."""
 
 from __future__ import annotations
 
@@ -25,9 +25,9 @@ from qp_twist.viewing.settings import WEIGHTS, method_choices, solver_choices
 from qp_twist.viewing.stage import Stage
 
 RATE_HZ = 40.0
-"""Of the clock: steps of the arm in the hand, and pictures."""
+"""Clock: period of the dragged arm's steps and of the pictures, s."""
 _READ_EVERY = 3
-"""Clock ticks between two updates of what is read; nobody reads faster."""
+"""Number of clock ticks between two updates of the readings."""
 log = logging.getLogger(__name__)
 _LIMITS = {"slow down": "scale", "come as close as they let it": "relax"}
 
@@ -36,14 +36,14 @@ class Page:
     """The page of one session.
 
     Attributes:
-        url: Where it is.
+        url: Its address.
     """
 
     def __init__(self, session: Session, port: int) -> None:
-        """Serve the page; :meth:`run` lets it live.
+        """Serve the page; :meth:`run` updates it.
 
         Args:
-            session: What it shows.
+            session: The session that it shows.
             port: A free port of this machine.
         """
         self.session = session
@@ -66,7 +66,7 @@ class Page:
         self._enable()
         self._show(session.moment())
 
-    # What is read
+    # Readings
 
     def _add_readings(self) -> None:
         gui = self.server.gui
@@ -82,7 +82,7 @@ class Page:
 
     def _read(self, moment: Moment) -> None:
         session = self.session
-        # Each read once: viser's threads and the worker change them in between.
+        # Read each of them once: viser's threads and the worker may change them.
         arm, run, computing = session.arm, session.run, session.computing
         if arm is not None:
             text = f"in the hand, by {arm.method}: {moment.sentence}"
@@ -102,7 +102,7 @@ class Page:
         if self._texts.get(name) != content:
             self._texts[name] = self._html[name].content = content
 
-    # What is chosen
+    # Controls
 
     def _add_controls(self) -> None:
         gui, session = self.server.gui, self.session
@@ -161,7 +161,7 @@ class Page:
         self._react()
 
     def _react(self) -> None:
-        """What the controls do. A change that the page made itself has no client."""
+        """Callbacks of the controls. A change by the page itself has no client."""
         session = self.session
 
         def on(handle: Any, action: Any) -> None:
@@ -190,7 +190,7 @@ class Page:
         self._play.on_click(lambda _: self._toggle_play())
         self._roadmap.on_click(lambda _: self._draw_roadmap())
         self._back.on_click(lambda _: self._put_back())
-        # Coroutines: they come in the order in which the hand moved.
+        # Coroutines keep the order of the drag events.
         self.stage.target.on_update(self._target_moved)
         self.stage.workpiece.on_update(self._workpiece_moved)
 
@@ -209,7 +209,7 @@ class Page:
         self._enable()
 
     def _enable(self) -> None:
-        """Leave only those controls that do something for the method."""
+        """Show only the controls that affect the method."""
         settings = self.session.settings
         self._title.content = note(METHODS[settings.method].title)
         _set(self._gain, settings.gain)
@@ -241,7 +241,7 @@ class Page:
         self.take_hand(self.session.arm is None)
 
     def take_hand(self, take: bool) -> None:
-        """Take the tool in the hand, its handle where it stands; or go back to the run."""
+        """Start to drag the tool from its present pose, or return to the run."""
         if take:
             pose = self.session.grasp()
             self.stage.target.position = pose.translation()
@@ -264,7 +264,7 @@ class Page:
             self.session.place(pose)
 
     def _draw_roadmap(self) -> None:
-        """Draw it, in viser's thread of the click, and show it in a window of its own."""
+        """Draw it in viser's thread of the click, and show it in a separate window."""
         run = self.session.run
         if run is None or self._roadmap.disabled:
             return
@@ -293,20 +293,20 @@ class Page:
     # The clock
 
     def run(self, stop: threading.Event | None = None) -> None:
-        """Let the page live until ``stop`` is set, or Ctrl-C."""
+        """Update the page until ``stop`` is set, or Ctrl-C."""
         stop = stop or threading.Event()
         period = 1.0 / RATE_HZ
         before = time.monotonic()
         while not stop.is_set():
             now = time.monotonic()
-            # After a pause the film goes on where it was, instead of jumping.
+            # After a pause the playback continues where it was, instead of jumping.
             self._show(self.session.tick(min(now - before, 4 * period)))
             before = now
             stop.wait(max(0.001, period - (time.monotonic() - now)))
 
     def _show(self, moment: Moment) -> None:
         session = self.session
-        task, run = session.task, session.run  # another thread may replace them meanwhile
+        task, run = session.task, session.run  # another thread may replace them
         with self.server.atomic():
             if self._shown is None or not np.array_equal(moment.q, self._shown.q):
                 self.stage.show(moment.q)
@@ -340,18 +340,18 @@ class Page:
 
 
 def _set(handle: Any, value: object) -> None:
-    """Let a control show a value, if it does not yet."""
+    """Set the value of a control, if it differs."""
     if handle.value != value:
         handle.value = value
 
 
 def _known(weight: str) -> str:
-    """A weight for the dropdown; "equal", of other libraries, is none that one can choose."""
+    """A weight for the dropdown; "equal" (other libraries only) cannot be chosen."""
     return weight if weight in WEIGHTS else WEIGHTS[0]
 
 
 def _offered(handle: Any) -> bool:
-    """Whether a control's value is one of those that it offers; a message can hold any other."""
+    """Whether a control's value is one of its options; a message may contain others."""
     value = handle.value
     if hasattr(handle, "options"):
         return value in handle.options
@@ -361,11 +361,11 @@ def _offered(handle: Any) -> bool:
 
 
 def _pose(handle: Any) -> mink.SE3 | None:
-    """Where a handle of the scene stands; ``None`` where its message held no pose."""
+    """Pose of a handle of the scene; ``None`` if its message had no pose."""
     numbers = [*np.ravel(handle.wxyz).tolist(), *np.ravel(handle.position).tolist()]
     try:
         fits = len(numbers) == 7 and all(map(math.isfinite, numbers)) and any(numbers[:4])
-    except TypeError:  # of something else than numbers
+    except TypeError:  # not numbers
         fits = False
     if not fits:
         log.warning("ignored a message of the page (no pose for %s)", handle.name)

@@ -1,4 +1,4 @@
-"""A port to serve at."""
+"""Choose a port."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from qp_twist.checks import whole_number
 from qp_twist.errors import InvalidInput
 
 HOST = "127.0.0.1"
-"""The page is for this machine alone."""
+"""The page is for this machine only."""
 FIRST_PORT = 8080
 _TRIED = 50
 
@@ -17,7 +17,7 @@ def free_port(port: int | None = None) -> int:
     """``port`` if it is free; the first free one from 8080 on if it is ``None``.
 
     Raises:
-        InvalidInput: If it is no port, or is taken.
+        InvalidInput: If it is not a port, or in use.
     """
     if port is None:
         for candidate in range(FIRST_PORT, FIRST_PORT + _TRIED):

@@ -1,4 +1,4 @@
-"""What of the pose may count instead: the projectors that one can choose between."""
+"""The projectors that can be chosen on the page."""
 
 from __future__ import annotations
 
@@ -18,12 +18,11 @@ POSITION_ONLY = "position only"
 
 
 def projector_choices(path_task: PathTask) -> dict[str, TwistProjector]:
-    """The projectors that a task may be tried with, by name, its own first.
+    """The projectors for a task, by name, its own first.
 
     With e the tool's axis, fixed to the tool: the angular block is 1 for the whole pose,
     1 − e eᵀ for a free roll (the axis is held), e eᵀ for a free tilt (the roll is held) and O for
-    the position only. A robot that turns about one direction only has no axis to hold, and keeps
-    the first and the last.
+    the position only. A robot that turns about one direction only has just the first and the last.
     """
     operational = path_task.operational
     choices = {OWN: path_task.projector, WHOLE: operational}
@@ -39,7 +38,7 @@ def projector_choices(path_task: PathTask) -> dict[str, TwistProjector]:
 
 
 def tool_axis(path_task: PathTask) -> Array:
-    """The unit vector (3,) in the tool that the task leaves free to roll about; else its z."""
+    """Unit vector (3,) of the free roll axis in the tool frame; else its z."""
     angular, frame = path_task.projector.angular, path_task.projector.frame
     if angular.kind is ProjectorKind.PLANE and frame == "body" and angular.axis is not None:
         return angular.axis
@@ -49,7 +48,7 @@ def tool_axis(path_task: PathTask) -> Array:
 def with_projector(path_task: PathTask, choice: str) -> PathTask:
     """The task with another projector on its whole path.
 
-    Its segments end there. Its bands stay where the projector leaves their directions free.
+    Without the task's segments. Its bands are kept if the projector leaves their directions free.
 
     Raises:
         InvalidInput: If there is no such choice.

@@ -1,4 +1,4 @@
-"""The numbers of a moment, with their units, as HTML."""
+"""The numbers of a state, with units, as HTML."""
 
 from __future__ import annotations
 
@@ -16,15 +16,15 @@ LEGEND = (
     "limits &nbsp; ◆ held by a limit &nbsp; ✕ outside<br>red: the path; blue: where the tool goes; "
     "axes: the waypoint</div>"
 )
-"""What the marks and colours mean."""
+"""Legend of the marks and colours."""
 
 
 def readings(ranges: JointRanges, moment: Moment) -> str:
-    """The dial beside the numbers: what the task got, how far the limits are, how singular it is.
+    """The dial beside the numbers: task errors, distance from limits, singular values.
 
     Args:
-        ranges: Of the model.
-        moment: What is shown.
+        ranges: Joint ranges of the model.
+        moment: The state that is shown.
     """
     rows = [
         ("scale", f"{moment.scale:.3f}", "share of the task's speed that the limits leave"),
@@ -48,7 +48,7 @@ def readings(ranges: JointRanges, moment: Moment) -> str:
 
 
 def sentence(text: str, *, wrong: bool) -> str:
-    """A sentence for people, read out when it changes; with a sign where something is wrong."""
+    """A status sentence, read out when it changes; with a sign if something is wrong."""
     sign = "⚠ " if wrong else ""
     border = "#D00000" if wrong else "#0072B2"
     return (
@@ -60,7 +60,7 @@ def sentence(text: str, *, wrong: bool) -> str:
 
 
 def heading(text: str) -> str:
-    """What the task is."""
+    """Description of the task."""
     return (
         f'<div style="font-size:12.5px;line-height:1.35;color:{INK};padding:8px 12px 2px">'
         f"{html.escape(text)}</div>"

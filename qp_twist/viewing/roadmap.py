@@ -15,9 +15,9 @@ _DPI = 100
 
 
 def roadmap_pixels(run: Run) -> npt.NDArray[np.uint8]:
-    """What the limits leave of the free motion, with the run over it, (height, width, 3).
+    """Picture of the roadmap with the run, (height, width, 3).
 
-    Where the workpiece stands now, with the projector that the run was run with.
+    For the present placement of the workpiece and the run's projector.
     """
     trajectory = run.trajectory
     buffer = io.BytesIO()

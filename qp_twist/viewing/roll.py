@@ -1,4 +1,4 @@
-"""The roll: the turn about the axis that a task may leave free."""
+"""The roll: the rotation about the axis that a task may leave free."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from qp_twist.viewing.projectors import tool_axis
 
 
 class Roll:
-    r"""How far the frame is turned from its target about one axis, rad in (−π, π].
+    r"""Rotation of the frame from its target about one axis, rad in (−π, π].
 
-    For a robot that turns in all directions the axis is that of the tool; for one that turns about
-    a single direction it is that one; others have none.
+    For a robot with all rotations the axis is that of the tool; for one that rotates about a single
+    direction it is that one; others have none.
     """
 
     def __init__(self, path_task: PathTask) -> None:
@@ -33,7 +33,7 @@ class Roll:
             )
 
     def at(self, configuration: mink.Configuration, target: mink.SE3) -> float | None:
-        """The roll of a configuration against a target; ``None`` where there is no axis."""
+        """The roll of a configuration relative to a target; ``None`` without an axis."""
         if self._rows is None:
             return None
         rotation, position = frame_pose(configuration, *self._frame)

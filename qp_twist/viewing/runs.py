@@ -1,4 +1,4 @@
-"""Runs computed beside the page, so that it never waits."""
+"""Compute runs in the background, so that the page never waits."""
 
 from __future__ import annotations
 
@@ -12,19 +12,18 @@ import mink
 from qp_twist.viewing.one_run import Progress, Run
 
 _KEPT = 64
-"""Runs that are remembered; one of 400 waypoints takes some 100 kB."""
+"""Number of cached runs; one of 400 waypoints takes some 100 kB."""
 
 
 class _Superseded(BaseException):
-    """Ends a run that nobody waits for any more."""
+    """Stops a run that is no longer needed."""
 
 
 class Runs:
-    """One worker thread, which computes the run that was asked for last.
+    """One worker thread, which computes the last requested run.
 
     Attributes:
-        progress: The share of the run under way that is done, and what is being done; ``None``
-            while there is nothing to do.
+        progress: Share done of the current run, and its phase; ``None`` if idle.
     """
 
     def __init__(self) -> None:
@@ -37,7 +36,7 @@ class Runs:
         self._worker.start()
 
     def want(self, key: Hashable, compute: Callable[[Progress], Run]) -> None:
-        """Ask for a run; one that is under way with another key is given up."""
+        """Request a run; a current run with another key is stopped."""
         with self._changed:
             if key in self._known:
                 self._known.move_to_end(key)
@@ -48,18 +47,18 @@ class Runs:
             self._changed.notify_all()
 
     def get(self, key: Hashable) -> Run | str | None:
-        """The run; a sentence that says why there is none; ``None`` while it is not yet known."""
+        """The run; or a sentence why there is none; ``None`` if it is not finished."""
         with self._changed:
             return self._known.get(key)
 
     def wait(self, key: Hashable, timeout: float) -> Run | str | None:
-        """:meth:`get` when it is known, or when ``timeout`` seconds have passed."""
+        """:meth:`get` when it is finished, or after ``timeout`` seconds."""
         with self._changed:
             self._changed.wait_for(lambda: key in self._known, timeout)
             return self._known.get(key)
 
     def close(self) -> None:
-        """Give up what is under way and end the thread."""
+        """Stop the current run and the thread."""
         with self._changed:
             self._closed, self._wanted = True, None
             self._changed.notify_all()
@@ -97,6 +96,6 @@ class Runs:
             return None
         except mink.MinkError as error:
             return str(error)
-        except Exception as error:  # the page lives on; whoever started it sees where it was
+        except Exception as error:  # keep the page running; log the place of the error
             traceback.print_exc()
             return f"an error that is none of yours: {type(error).__name__}: {error}"

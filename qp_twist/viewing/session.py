@@ -18,7 +18,7 @@ from qp_twist.viewing.live_arm import LiveArm
 from qp_twist.viewing.one_run import Moment, Run, run_once
 from qp_twist.viewing.roll import Roll
 from qp_twist.viewing.runs import Runs
-from qp_twist.viewing.settings import Settings
+from qp_twist.viewing.settings import PageSettings
 
 DEBOUNCE_S = 0.3
 """Delay, s, between the last move of the workpiece and the computation of its run."""
@@ -42,7 +42,7 @@ class Session:
         problem: Why the settings have no run; empty if they have one.
     """
 
-    def __init__(self, path_task: PathTask, settings: Settings) -> None:
+    def __init__(self, path_task: PathTask, settings: PageSettings) -> None:
         self.lock = threading.RLock()
         self.base = path_task
         self.task = path_task
@@ -106,7 +106,7 @@ class Session:
         with self.lock:
             method = changes.get("method", self.settings.method)
             if method != self.settings.method:
-                defaults = Settings.of(self.base, method)
+                defaults = PageSettings.of(self.base, method)
                 changes = {"gain": defaults.gain, "weight": defaults.weight, **changes}
             self.settings = dataclasses.replace(self.settings, **changes)
             self._request_run()

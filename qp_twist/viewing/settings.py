@@ -1,4 +1,4 @@
-"""What is chosen on the page."""
+"""Settings of the page."""
 
 from __future__ import annotations
 
@@ -14,16 +14,16 @@ WEIGHTS = ("gradient", "paper", "natural")
 
 
 @dataclass(frozen=True)
-class Settings:
-    """How a run is run. Two runs with equal settings are the same run.
+class PageSettings:
+    """Settings of a run. Runs with equal settings are equal.
 
     Attributes:
         method: Name of the method.
         solver: Backend of the QPs.
         projector: A name of :func:`projector_choices`.
-        gain: Of the secondary, per waypoint.
-        weight: Of centring: ``"gradient"``, ``"paper"`` or ``"natural"``.
-        limits: Whether the limits are held, where the method holds any.
+        gain: Gain of the secondary, per waypoint.
+        weight: Weight of centering: ``"gradient"``, ``"paper"`` or ``"natural"``.
+        limits: Whether the limits hold, for methods with limits.
     """
 
     method: str
@@ -34,8 +34,8 @@ class Settings:
     limits: bool = True
 
     @classmethod
-    def of(cls, path_task: PathTask, method: str, solver: str | None = None) -> Settings:
-        """A method as the task file has it.
+    def of(cls, path_task: PathTask, method: str, solver: str | None = None) -> PageSettings:
+        """Settings of a method as in the task file.
 
         Raises:
             InvalidInput: If the method is unknown or does not apply to the task.
@@ -51,18 +51,18 @@ class Settings:
 
     @property
     def has_gain(self) -> bool:
-        """Whether the method has a secondary that pulls."""
+        """Whether the method has a secondary with a gain."""
         return METHODS[self.method].defaults.secondary != "none"
 
     @property
     def has_weight(self) -> bool:
-        """Whether its secondary centres the joints in a weight that one can choose."""
+        """Whether its secondary is centering with a selectable weight."""
         kind = METHODS[self.method]
         return kind.defaults.secondary == "centering" and not kind.peer
 
     @property
     def has_projector(self) -> bool:
-        """Whether the method leaves anything free: the others fix the whole pose."""
+        """Whether the method has a null space: the others fix the whole pose."""
         return not METHODS[self.method].whole_twist
 
     @property
@@ -77,7 +77,7 @@ class Settings:
         return can_drop_limits(self.method)
 
     def applied(self, path_task: PathTask) -> MethodSettings:
-        """The task file's settings of the method, with those of the page in their place."""
+        """The task file's settings of the method, overridden by those of the page."""
         stated = path_task.settings(self.method)
         changes: dict[str, object] = {}
         if self.has_gain:

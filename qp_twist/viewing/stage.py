@@ -1,4 +1,4 @@
-"""The 3D scene: robot, workpiece, path, the tool's trace and the two handles that one drags."""
+"""The 3D scene: robot, workpiece, path, the tool's trace and the two drag handles."""
 
 from __future__ import annotations
 
@@ -19,15 +19,15 @@ PATH_RGB = (208, 0, 0)
 TRACE_RGB = (0, 114, 178)
 _WIDTH_PX = 4.0
 _FURTHER = 1.4
-"""How much further away than from a wide picture, since the panels leave a narrow one."""
+"""Factor of the camera distance, since the panels leave a narrow picture."""
 
 
 class Stage:
     """The scene of one task in the browser.
 
     Attributes:
-        target: Handle at the tool; hidden until it is of use.
-        workpiece: Handle at the workpiece; likewise.
+        target: Handle at the tool; hidden until needed.
+        workpiece: Handle at the workpiece, likewise.
     """
 
     def __init__(self, server: viser.ViserServer, path_task: PathTask, point: Array) -> None:
@@ -36,10 +36,10 @@ class Stage:
         Args:
             server: The page's server.
             path_task: The task.
-            point: The point (3,) of the workpiece that it is moved by, m.
+            point: The handle point (3,) of the workpiece, m.
         """
         self.server = server
-        # mjviser changes the model that it is given.
+        # mjviser modifies its model.
         self.model = copy.copy(path_task.model)
         self.data = mujoco.MjData(self.model)
         with server.atomic():
@@ -67,17 +67,17 @@ class Stage:
         self.draw_path(path_task)
 
     def cast_shadows(self, cast: bool) -> None:
-        """Whether lights cast shadows: without a graphics card they take seconds a picture."""
+        """Whether lights cast shadows: without a graphics card these take seconds per picture."""
         self.server.scene.configure_default_lights(enabled=True, cast_shadow=cast)
 
     def show(self, q: Array) -> None:
-        """The robot at a configuration (nq,)."""
+        """Show the robot at a configuration (nq,)."""
         self.data.qpos[:] = q
         mujoco.mj_kinematics(self.model, self.data)
         self.scene.update_from_mjdata(self.data)
 
     def draw_path(self, path_task: PathTask) -> None:
-        """The path, and the workpiece with it."""
+        """Show the path and the workpiece."""
         self._draw_line("/path", path_task.positions, PATH_RGB, _WIDTH_PX)
         mujoco.mj_kinematics(self.model, self.data)
         place = mujoco.MjData(path_task.model)
@@ -86,19 +86,19 @@ class Stage:
             frame = self.server.scene.get_handle_by_name(f"/fixed_bodies/{self._name(body)}")
             if frame is None:  # a body without shapes
                 continue
-            # The shapes hang in this frame where the scene has them: it carries them from there.
+            # The shapes are children of this frame at their pose in the scene.
             moved = _pose(place, body) @ _pose(self.data, body).inverse()
             frame.position, frame.wxyz = moved.translation(), moved.rotation().wxyz
 
     def draw_trace(self, points: Array | None) -> None:
-        """Where the tool goes, (N, 3): it shows beside the path where it leaves it."""
+        """Show the tool's positions, (N, 3), beside the path."""
         if points is None:
             self.server.scene.remove_by_name("/trace")
         else:
             self._draw_line("/trace", points, TRACE_RGB, 0.5 * _WIDTH_PX)
 
     def mark(self, waypoint: mink.SE3) -> None:
-        """The waypoint that is being shown, with its axes."""
+        """Show the current waypoint with its axes."""
         self.waypoint.position = waypoint.translation()
         self.waypoint.wxyz = waypoint.rotation().wxyz
 
@@ -119,7 +119,7 @@ class Stage:
 
 
 def _movable_axes(path_task: PathTask) -> tuple[bool, bool, bool]:
-    """Along which of its axes a handle can be moved: those in which the robot works."""
+    """The axes along which a handle can be moved: those of the robot's operational space."""
     linear = path_task.operational.linear
     if linear.kind is not ProjectorKind.PLANE or linear.axis is None:
         return (True, True, True)

@@ -1,4 +1,4 @@
-"""A method without its limits, to show what they do."""
+"""A method without its limits, to show their effect."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from qp_twist.kinematics import JointRanges
 from qp_twist.paths import METHODS, MethodSettings, PathTask
 
 _WIDER = 64.0
-"""A power of two: what is scaled by it and back has not changed by a bit."""
+"""A power of two: scaling by it and back is exact."""
 
 
 def can_drop_limits(method: str) -> bool:
-    """Whether the method holds limits and would have a step without them.
+    """Whether the method has limits that can be switched off.
 
-    A plan is a search inside the limits, and other libraries bring limits of their own.
+    A plan is a search inside the limits, and other libraries have their own limits.
     """
     kind = METHODS[method]
     planned = kind.defaults.secondary == "plan"
@@ -27,7 +27,7 @@ def can_drop_limits(method: str) -> bool:
 def without_limits(
     path_task: PathTask, settings: MethodSettings
 ) -> tuple[PathTask, MethodSettings]:
-    r"""The task with limits that nothing reaches, and settings that centre as before.
+    r"""The task with unreachable limits, and settings that centre as before.
 
     The joint ranges are widened about their middles by a factor c, and speeds and accelerations are
     unlimited. With the ranges :math:`\mathbf W = \mathrm{diag}\,1/(\theta_{max}-\theta_{min})`

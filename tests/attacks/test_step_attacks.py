@@ -17,7 +17,7 @@ import pytest
 from oracles.same_steps import by_reference, plain_controller, same
 
 import qp_twist as qt
-from qp_twist.control.plain_step import PlainStep
+from qp_twist.control.lazy_step import LazyStep
 
 pytestmark = pytest.mark.numerical
 ARM = """<mujoco><compiler angle="radian"/><worldbody>{before}
@@ -158,7 +158,7 @@ def test_of_limits_that_say_the_same_the_first_is_named(order: str) -> None:
         found.append((controller, configuration))
     by_reference(found[0][0])
     expected, step = (controller.step(place, 0.1) for controller, place in found)
-    assert isinstance(step, PlainStep) and step.binding
+    assert isinstance(step, LazyStep) and step.binding
     assert [str(x) for x in step.binding] == [str(x) for x in expected.binding]
 
 

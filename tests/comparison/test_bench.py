@@ -18,13 +18,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from qp_twist.bench import Run, bench, read_run, write_run
+from qp_twist.bench import BenchRun, bench, read_run, write_run
 from qp_twist.bench.contender import Contender, StepOf
-from qp_twist.bench.contenders import contenders, floor, peer_steps, posed
+from qp_twist.bench.contenders import contenders, floor, peer_problem, peer_steps
 from qp_twist.bench.exact import NoExactSolution, exact_solution
 from qp_twist.bench.problem import DT, Problem, Truth
 from qp_twist.bench.problems import growth, table
-from qp_twist.bench.program import Asked, Program
+from qp_twist.bench.program import StepProgram, Variant
 from qp_twist.bench.ratios import changes, differences, ratios, ratios_of_calls
 from qp_twist.bench.record import Accuracy, Case, Machine, Measured, Quantiles
 from qp_twist.bench.tables import RATIOS, compared, document, sheets
@@ -39,11 +39,11 @@ from qp_twist.qp import installed_solvers
 # ---------------------------------------------------------------- the exact reference
 
 
-def feasible_program(rng: np.random.Generator, n: int, equalities: int, rows: int) -> Program:
+def feasible_program(rng: np.random.Generator, n: int, equalities: int, rows: int) -> StepProgram:
     """A random program that has a solution by construction."""
     inside = rng.normal(size=n)
     A, G = rng.normal(size=(equalities, n)), rng.normal(size=(rows, n))
-    return Program(
+    return StepProgram(
         3.0 * rng.normal(size=n),
         A,
         A @ inside,
@@ -54,7 +54,7 @@ def feasible_program(rng: np.random.Generator, n: int, equalities: int, rows: in
     )
 
 
-def by_brute_force(program: Program) -> Array:
+def by_brute_force(program: StepProgram) -> Array:
     """The best of the feasible points that some choice of active constraints leads to."""
     n = len(program.desired)
     eye = np.eye(n)
@@ -159,7 +159,7 @@ def test_the_urdf_of_two_arms_is_the_robot_itself() -> None:
     planned = list(table(0))[2]
     problem, _ = planned.make([10])
     model = mujoco.MjModel.from_xml_string(
-        robot_urdf(problem.model, posed(problem, costs=1.0).frames, problem.speeds).replace(
+        robot_urdf(problem.model, peer_problem(problem, costs=1.0).frames, problem.speeds).replace(
             "</robot>",
             '<mujoco><compiler fusestatic="false" balanceinertia="true" boundmass="1" '
             'boundinertia="1"/></mujoco></robot>',
@@ -235,21 +235,21 @@ def perturbed(velocity: Array) -> Array:
 
 
 FAKES = [
-    Contender("fake:right", Asked.COMMON, right_but(lambda v: v)),
-    Contender("fake:wrong", Asked.COMMON, right_but(perturbed)),
-    Contender("fake:soft", Asked.OTHER, right_but(perturbed)),
-    Contender("fake:fast", Asked.COMMON, right_but(lambda v: 100.0 * v)),
-    Contender("fake:nan", Asked.COMMON, right_but(lambda v: v * np.nan)),
-    Contender("fake:raises", Asked.COMMON, right_but(fail)),
-    Contender("fake:absent", Asked.COMMON, right_but(fail), missing=lambda: "it is not here."),
-    Contender("fake:broken", Asked.COMMON, lambda problem: fail(problem.q)),
+    Contender("fake:right", Variant.COMMON, right_but(lambda v: v)),
+    Contender("fake:wrong", Variant.COMMON, right_but(perturbed)),
+    Contender("fake:soft", Variant.OTHER, right_but(perturbed)),
+    Contender("fake:fast", Variant.COMMON, right_but(lambda v: 100.0 * v)),
+    Contender("fake:nan", Variant.COMMON, right_but(lambda v: v * np.nan)),
+    Contender("fake:raises", Variant.COMMON, right_but(fail)),
+    Contender("fake:absent", Variant.COMMON, right_but(fail), missing=lambda: "it is not here."),
+    Contender("fake:broken", Variant.COMMON, lambda problem: fail(problem.q)),
     *floor(),
     *(c for c in peer_steps() if c.name == "mink:hard"),
 ]
 
 
 @pytest.fixture(scope="module")
-def run() -> Run:
+def run() -> BenchRun:
     return bench(parts=["steps"], quick=True, known=FAKES)
 
 
@@ -259,7 +259,7 @@ def accuracy(case: Case, name: str) -> Accuracy:
     return measured.accuracy
 
 
-def test_a_wrong_answer_shows_however_fast_it_is(run: Run) -> None:
+def test_a_wrong_answer_shows_however_fast_it_is(run: BenchRun) -> None:
     assert [case.joints for case in run.cases] == [6, 7, 14]
     for case in run.cases:
         assert case.active_share is not None and case.active_share >= 0.25
@@ -278,7 +278,7 @@ def test_a_wrong_answer_shows_however_fast_it_is(run: Run) -> None:
     assert "**1e-03**" in document(run)
 
 
-def test_a_step_that_fails_is_counted_and_not_timed(run: Run) -> None:
+def test_a_step_that_fails_is_counted_and_not_timed(run: BenchRun) -> None:
     for case in run.cases:
         for name, said in (
             ("fake:nan", "the velocity is not finite"),
@@ -291,7 +291,7 @@ def test_a_step_that_fails_is_counted_and_not_timed(run: Run) -> None:
     assert f"fake:raises failed on {run.cases[0].steps} steps" in document(run)
 
 
-def test_who_does_not_take_part_is_told_with_the_reason(run: Run) -> None:
+def test_who_does_not_take_part_is_told_with_the_reason(run: BenchRun) -> None:
     assert run.skipped[0] == "skipped fake:absent: it is not here."
     broken = [sentence for sentence in run.skipped if "fake:broken" in sentence]
     assert len(broken) == 3
@@ -321,7 +321,7 @@ def test_placo_does_not_give_up_its_scale_for_the_posture() -> None:
     for planned in table(0):
         problem, truth = planned.make(steps)
         step = scaled.prepare(problem)()
-        accuracy = truth.accuracy(scaled.asked, {k: np.array(step(k)) for k in steps})
+        accuracy = truth.accuracy(scaled.variant, {k: np.array(step(k)) for k in steps})
         assert accuracy is not None and accuracy.residual < 1e-6
 
 
@@ -349,7 +349,7 @@ def test_every_backend_takes_part() -> None:
 
 
 # Not the compiled step, which would be compiled for this alone: tests/control/test_compiled.py.
-SOLVING = [c for c in contenders() if c.asked is not Asked.OTHER and "compiled" not in c.name]
+SOLVING = [c for c in contenders() if c.variant is not Variant.OTHER and "compiled" not in c.name]
 
 
 @pytest.mark.parametrize("joints", [6, 7, 14])
@@ -361,11 +361,11 @@ def test_everybody_solves_the_program_that_they_are_judged_by(joints: int) -> No
     for contender in taking:
         step = contender.prepare(problem)()
         answers = {k: np.array(step(k)) for k in truth.programs}
-        judged = truth.accuracy(contender.asked, answers)
+        judged = truth.accuracy(contender.variant, answers)
         assert judged is not None and judged.error is not None
         assert judged.error < 1e-4, contender.name  # the loosest of the tolerances
         assert judged.residual < 1e-7, contender.name
-        if contender.asked is Asked.COMMON:
+        if contender.variant is Variant.COMMON:
             assert judged.excess < 1e-4, contender.name
 
 
@@ -379,7 +379,7 @@ def test_libraries_with_fewer_words_take_part_where_these_suffice(
 # ---------------------------------------------------------------- files and comparisons
 
 
-def test_a_run_survives_its_file(run: Run, tmp_path: Path) -> None:
+def test_a_run_survives_its_file(run: BenchRun, tmp_path: Path) -> None:
     assert read_run(write_run(run, tmp_path / "bench.json")) == run
 
 
@@ -425,8 +425,8 @@ def one_case(**medians: float) -> Case:
     )
 
 
-def one_run(case: Case, **changed: Any) -> Run:
-    made = Run(
+def one_run(case: Case, **changed: Any) -> BenchRun:
+    made = BenchRun(
         created="2025-01-01T00:00:00+00:00",
         seed=0,
         quick=False,

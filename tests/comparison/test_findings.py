@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import qp_twist as qt
-from qp_twist.comparison.findings import MethodSummary, by_topic, findings
+from qp_twist.comparison.findings import MethodRun, by_topic, findings
 from qp_twist.comparison.joint_speeds import PeakSpeed, peak_speed, speed_shares
 
 LIMITS, SPEEDS, TASK = "Joint limits", "Joint speeds", "The task"
@@ -23,21 +23,21 @@ BEST, PAIRS, NOT_RUN = (
 
 def run(
     name: str, *, reached: int = 50, speed: PeakSpeed | None = None, **changed: Any
-) -> MethodSummary:
+) -> MethodRun:
     """A run that kept everything, but for what is changed."""
     numbers = {
         "violations": 0, "first_violation": {}, "min_margin": 0.25, "mean_z": 0.1,
         "position_error_max_m": 1e-9, "axis_error_max_rad": 0.0, "travel_deg": 400.0,
         "time_per_waypoint_us": 100.0, "status": "ok",
     }  # fmt: skip
-    return MethodSummary(name, numbers | changed, reached, 50, speed)
+    return MethodRun(name, numbers | changed, reached, 50, speed)
 
 
-def outside(name: str, margin: float, **first: int) -> MethodSummary:
+def outside(name: str, margin: float, **first: int) -> MethodRun:
     return run(name, violations=9, first_violation=first, min_margin=margin)
 
 
-def said(topic: str, *runs: MethodSummary, **options: Any) -> list[str]:
+def said(topic: str, *runs: MethodRun, **options: Any) -> list[str]:
     return by_topic(runs, **options).get(topic, [])
 
 
@@ -296,7 +296,7 @@ def test_speeds_are_steps_over_what_the_clock_and_the_limits_allow() -> None:
 
 def test_of_a_run_that_diverged_the_waypoints_before_count(planar: qt.Comparison) -> None:
     trajectory = dataclasses.replace(planar.trajectories["twa"], diverged_at=31)
-    assert MethodSummary.of(trajectory).reached == 30
+    assert MethodRun.of(trajectory).reached == 30
     sentences = findings({"twa": trajectory, "qp": planar.trajectories["qp"]}, {"pink": "No pink."})
     assert "Stopped before the end, of 101 waypoints: twa at waypoint 30." in sentences
     assert sentences[-1] == "pink could not run: No pink."

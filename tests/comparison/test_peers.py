@@ -19,7 +19,7 @@ from qp_twist.comparison import metrics
 from qp_twist.control import Status
 from qp_twist.following.peer import peer_frame
 from qp_twist.geometry import twist_error
-from qp_twist.peers import PEERS, Posed, peer_module
+from qp_twist.peers import PEERS, PeerProblem, peer_module
 from qp_twist.peers.urdf import link_name, robot_urdf, roll_pitch_yaw
 
 LAP = qt.load_task("deburring")
@@ -249,9 +249,9 @@ def test_bands_are_refused_and_equal_costs_are_for_peers_only() -> None:
 @pytest.mark.parametrize(("library", "priority"), [("mink", "scaled"), ("pink", "hard")])
 def test_a_priority_that_a_library_does_not_have_is_refused(library: str, priority: str) -> None:
     frame = peer_frame(PIECE, PIECE.projector, qt.METHODS["mink"])
-    posed = Posed(PIECE.model, (frame,), PIECE.start, 1.0, priority=priority)  # type: ignore[arg-type]
+    problem = PeerProblem(PIECE.model, (frame,), PIECE.start, 1.0, priority=priority)  # type: ignore[arg-type]
     with pytest.raises(qt.InvalidInput, match=f"not {priority}"):
-        PEERS[library](posed)
+        PEERS[library](problem)
 
 
 # ---------------------------------------------------------------- which of them run

@@ -22,7 +22,7 @@ import qp_twist as qt
 from qp_twist.cli import main
 from qp_twist.paths import leaned
 from qp_twist.planning import least_mean_z, least_z_start, random_start
-from qp_twist.studies import draw
+from qp_twist.studies import draw_sample
 from qp_twist.studies.judge import Judge
 from qp_twist.studies.rows import Job
 from qp_twist.studies.sample import section_of
@@ -70,10 +70,10 @@ def twelve(tmp_path_factory: pytest.TempPathFactory) -> qt.Study:
 @given(st.integers(0, 2**31), st.integers(0, 10**6))
 @settings(max_examples=10)
 def test_a_sample_is_its_number(seed: int, index: int) -> None:
-    alone = draw(DEBURRING, ["placement"], index, seed=seed, start="task")
-    again = draw(DEBURRING, ["placement"], index, seed=seed, start="task")
-    among = draw(DEBURRING, ["placement", "gain", "solver"], index, seed=seed, start="task")
-    other = draw(DEBURRING, ["placement"], index + 1, seed=seed, start="task")
+    alone = draw_sample(DEBURRING, ["placement"], index, seed=seed, start="task")
+    again = draw_sample(DEBURRING, ["placement"], index, seed=seed, start="task")
+    among = draw_sample(DEBURRING, ["placement", "gain", "solver"], index, seed=seed, start="task")
+    other = draw_sample(DEBURRING, ["placement"], index + 1, seed=seed, start="task")
     assert alone.drawn == again.drawn
     assert alone.drawn.items() <= among.drawn.items()
     np.testing.assert_array_equal(alone.path_task.positions, among.path_task.positions)
@@ -90,7 +90,7 @@ def test_placements_are_those_of_the_example() -> None:
         sys.path.pop(0)
     for index in range(5):
         expected = placements.placed(DEBURRING, *placements.placement(0, index))
-        found = draw(DEBURRING, ["placement"], index, start="task").path_task
+        found = draw_sample(DEBURRING, ["placement"], index, start="task").path_task
         for a, b in zip(expected.waypoints, found.waypoints, strict=True):
             np.testing.assert_allclose(a.as_matrix(), b.as_matrix(), atol=1e-12)
         assert expected.flipped_waypoints is not None
@@ -101,7 +101,7 @@ def test_placements_are_those_of_the_example() -> None:
 
 
 def test_the_workpiece_moves_along() -> None:
-    sample = draw(DEBURRING, ["placement"], 2, start="task")
+    sample = draw_sample(DEBURRING, ["placement"], 2, start="task")
     part = sample.path_task.model.body("part")
     np.testing.assert_allclose(part.pos, [sample.drawn[axis] for axis in "xyz"], atol=1e-12)
     distances = np.linalg.norm(sample.path_task.positions - part.pos, axis=1)
@@ -111,7 +111,7 @@ def test_the_workpiece_moves_along() -> None:
 
 def test_draws_stay_in_their_ranges_and_fill_them() -> None:
     drawn = [
-        draw(DEBURRING, ["placement", "tool", "gain", "solver"], i, start="task").drawn
+        draw_sample(DEBURRING, ["placement", "tool", "gain", "solver"], i, start="task").drawn
         for i in range(60)
     ]
     section = section_of(DEBURRING)
@@ -149,7 +149,10 @@ def test_robots_are_drawn_and_refused(tmp_path: Path) -> None:
     (tmp_path / "six.xml").write_text((ROOT / "scenes" / "m16ib_deburring.xml").read_text())
     robots = '[study.robot]\nscenes = ["planar_3r.xml", "{}"]\n\n[iteration]'
     file = line_task(tmp_path, **{"[iteration]": robots.format("other.xml")})
-    drawn = {draw(qt.load_task(file), ["robot"], i, start="task").drawn["scene"] for i in range(12)}
+    drawn = {
+        draw_sample(qt.load_task(file), ["robot"], i, start="task").drawn["scene"]
+        for i in range(12)
+    }
     assert drawn == {"planar_3r.xml", "other.xml"}
     file = line_task(tmp_path, **{"[iteration]": robots.format("six.xml")})
     with pytest.raises(qt.InvalidInput, match=r"six\.xml has the joints joint_1, joint_2"):
@@ -161,7 +164,7 @@ def test_robots_are_drawn_and_refused(tmp_path: Path) -> None:
 
 def test_no_random_start_has_less_z_than_the_least() -> None:
     for index in range(2):
-        task = draw(DEBURRING, ["placement"], index, start="task").path_task
+        task = draw_sample(DEBURRING, ["placement"], index, start="task").path_task
         start = least_z_start(task)
         assert start is not None
         ranges = qt.JointRanges.of(task.model)
@@ -196,7 +199,7 @@ def test_the_least_mean_z_is_below_what_methods_reach(planar: qt.Comparison) -> 
 
 def test_methods_that_fix_the_roll_start_with_its_rule() -> None:
     names = ["rmr", "rmr_flipped", "qp_gradient"]
-    sample = draw(DEBURRING, ["placement"], 0, methods=names)
+    sample = draw_sample(DEBURRING, ["placement"], 0, methods=names)
     ranges = qt.JointRanges.of(DEBURRING.model)
     for name in names:
         task = sample.path_task
@@ -506,7 +509,7 @@ def test_another_robot_is_another_study(tmp_path: Path) -> None:
 def test_a_sample_that_raises_is_a_row(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     task = qt.load_task(line_task(tmp_path))
     broken = Job(task, ("placement",), 0, tuple(METHODS), "daqp", "auto", certify=False)
-    monkeypatch.setattr("qp_twist.studies.rows.draw", lambda *_, **__: 1 / 0)
+    monkeypatch.setattr("qp_twist.studies.rows.draw_sample", lambda *_, **__: 1 / 0)
     for found in broken(5):
         assert (found["sample"], found["fault"], found["success"]) == (5, "raised", False)
         assert found["message"].startswith("ZeroDivisionError: division by zero (test_study.py")

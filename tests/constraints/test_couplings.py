@@ -27,7 +27,7 @@ from qp_twist.referee import JointMotion, constraints_left, path_errors
 from qp_twist.studies.judge import Judge
 from qp_twist.trajectories import JointRows, check_trajectory
 from qp_twist.viewing.live_arm import LiveArm
-from qp_twist.viewing.settings import Settings
+from qp_twist.viewing.settings import PageSettings
 
 Array = np.ndarray
 ROOT = Path(__file__).parents[2]
@@ -423,7 +423,7 @@ def test_curved_couplings_are_kept_by_a_run_to_what_a_check_lets_pass() -> None:
 def test_the_live_page_keeps_it() -> None:
     task = with_gripper()
     torn = np.append(task.start[:6], [0.03, 0.01])
-    arm = LiveArm(task, Settings.of(task, "qp_gradient"), torn)
+    arm = LiveArm(task, PageSettings.of(task, "qp_gradient"), torn)
     arm.target = task.waypoints[1]
     for _ in range(40):
         moment = arm.step()

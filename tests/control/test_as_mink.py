@@ -21,7 +21,7 @@ import qpsolvers
 from oracles import mink_problems
 
 import qp_twist as qt
-from qp_twist.constraints import StatedRows, range_of, speeds_of
+from qp_twist.constraints import LimitRows, range_of, speeds_of
 from qp_twist.control.compiled_program import CompiledProgram
 
 DT = 0.01
@@ -415,7 +415,7 @@ def laid_down(limits: list[mink.Limit], c: mink.Configuration) -> CompiledProgra
             assert box is not None
             program.add_box(box)
         else:
-            program.add_rows(StatedRows.of(limit, c, DT), DT)
+            program.add_rows(LimitRows.of(limit, c, DT), DT)
     return program
 
 

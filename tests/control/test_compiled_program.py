@@ -11,7 +11,7 @@ import qpsolvers
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from qp_twist.constraints import Box, StatedRows
+from qp_twist.constraints import Box, LimitRows
 from qp_twist.control.compiled_program import CompiledProgram
 from qp_twist.control.posing import WeightedRows
 from qp_twist.kernel.program_step import keep_independent
@@ -48,7 +48,7 @@ class Drawn:
         program.add_costs(self.costs, self.damping)
         program.add_equality(self.A, self.b)
         program.add_box(Box("velocity", self.lower, self.upper))
-        program.add_rows(StatedRows(mink.CollisionAvoidanceLimit, self.G, self.h), DT)  # type: ignore[arg-type]
+        program.add_rows(LimitRows(mink.CollisionAvoidanceLimit, self.G, self.h), DT)  # type: ignore[arg-type]
         return program
 
     def stated(self) -> qpsolvers.Problem:

@@ -17,7 +17,7 @@ import pytest
 import qp_twist as qt
 from qp_twist.cli import main
 from qp_twist.paths import DEFAULT_METHOD, METHODS, MethodSettings, shipped_tasks
-from qp_twist.viewing.settings import Settings
+from qp_twist.viewing.settings import PageSettings
 
 ROOT = Path(__file__).parents[2]
 STATEMENT = re.compile(
@@ -53,7 +53,7 @@ def test_a_command_without_a_method_takes_the_default(
 
 
 def test_the_page_begins_with_the_same_numbers() -> None:
-    settings, default = Settings("qp_gradient"), METHODS["qp_gradient"].defaults
+    settings, default = PageSettings("qp_gradient"), METHODS["qp_gradient"].defaults
     assert (settings.weight, settings.gain) == (default.weight, default.gain)
 
 

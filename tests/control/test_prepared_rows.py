@@ -13,7 +13,7 @@ from oracles import liars
 from oracles.same_steps import by_reference, same
 
 import qp_twist as qt
-from qp_twist.control.plain_step import PlainStep
+from qp_twist.control.lazy_step import LazyStep
 
 Array = np.ndarray
 
@@ -72,7 +72,7 @@ def test_rows_may_come_and_go_from_step_to_step() -> None:
         step = controller.step(configuration, 0.1)
         fresh = deburring("daqp", rows)[0]
         expected = by_reference(fresh).step(configuration, 0.1)
-        assert isinstance(step, PlainStep) and len(step.problem.g) == k
+        assert isinstance(step, LazyStep) and len(step.problem.g) == k
         np.testing.assert_allclose(step.velocity, expected.velocity, atol=1e-6)
         assert [str(x) for x in step.binding] == [str(x) for x in expected.binding]
         assert (np.abs(step.velocity - free).max() > 1e-4) == (k > 0)
@@ -86,20 +86,20 @@ def test_bands_may_be_given_and_taken_away_and_made_soft() -> None:
     task.bands = [band]
     held = controller.step(configuration, 0.1)
     expected = by_reference(deburring("daqp", bands=[band])[0]).step(configuration, 0.1)
-    assert isinstance(held, PlainStep)
+    assert isinstance(held, LazyStep)
     np.testing.assert_allclose(held.velocity, expected.velocity, atol=1e-8)
     assert [x.kind for x in held.binding] == ["band"] == [x.kind for x in expected.binding]
     soft = qt.RollBand((0.0, 0.0, 1.0), 0.1, 0.3, weight=1.0)
     task.bands = [soft]
     left = controller.step(configuration, 0.1)
     expected = by_reference(deburring("daqp", bands=[soft])[0]).step(configuration, 0.1)
-    assert isinstance(left, PlainStep) and left.velocity.shape == (6,)
+    assert isinstance(left, LazyStep) and left.velocity.shape == (6,)
     np.testing.assert_allclose(left.velocity, expected.velocity, atol=1e-8)
     assert np.abs(left.velocity - held.velocity).max() > 1e-3  # it is left, for a price
     assert [str(x) for x in left.binding] == [str(x) for x in expected.binding]
     task.bands = []
     again = controller.step(configuration, 0.1)
-    assert isinstance(again, PlainStep) and again.problem.G.shape == (0, 6)
+    assert isinstance(again, LazyStep) and again.problem.G.shape == (0, 6)
     np.testing.assert_allclose(again.velocity, free.velocity, atol=1e-12)
 
 
@@ -111,7 +111,7 @@ def test_a_step_knows_the_names_of_its_rows_later_and_as_a_copy() -> None:
     wide = qt.RollBand((0.0, 0.0, 1.0), -2.0, 2.0)
     controller, configuration = deburring("compiled", rows, bands=[wide])
     step = controller.step(configuration, 0.1)
-    assert isinstance(step, PlainStep)
+    assert isinstance(step, LazyStep)
     copied = pickle.loads(pickle.dumps(step))
     rows.G, rows.g = np.zeros((0, 6)), np.zeros(0)
     controller.twist_tasks[0].bands = []
@@ -163,7 +163,7 @@ def test_no_backend_is_believed_when_it_leaves_a_row(monkeypatch: pytest.MonkeyP
 
     liars.install(monkeypatch, says)
     step = deburring("daqp", rows)[0].step(configuration, 0.1)
-    assert not isinstance(step, PlainStep)
+    assert not isinstance(step, LazyStep)
     np.testing.assert_allclose(step.velocity, expected.velocity, atol=1e-6)
 
 
@@ -197,7 +197,7 @@ def test_the_smallest_singular_value_is_of_the_first_level() -> None:
     step = qt.Controller(MODEL, levels=[tasks[:1], tasks[1:]], solver="compiled").step(
         configuration, 0.1
     )
-    assert isinstance(step, PlainStep)
+    assert isinstance(step, LazyStep)
     rows = tasks[0].velocity_rows(configuration, 0.1)[0]
     assert step.sigma_min == pytest.approx(np.linalg.svd(rows, compute_uv=False)[-1])
     assert [len(part) for part in step.residuals] == [3, 2]
@@ -219,7 +219,7 @@ def test_a_posture_task_that_is_moved_under_way_counts() -> None:
     for shift in (0.0, 0.2):
         posture.set_target(PATH.start + shift)
         step = controller.step(configuration, 0.1)
-        assert isinstance(step, PlainStep)
+        assert isinstance(step, LazyStep)
         theirs = mink.solve_ik(
             configuration, [posture], 0.1, "daqp", damping=1e-9, constraints=[tool]
         )
@@ -250,7 +250,7 @@ def test_limits_of_mink_on_single_joints_are_read_once_and_seen_when_they_change
             for kind in (mink.ConfigurationLimit, mink.VelocityLimit):
                 patch.setattr(kind, "compute_qp_inequalities", refused)
             step = compiled.step(configuration, 0.1)
-        assert isinstance(step, PlainStep)
+        assert isinstance(step, LazyStep)
         np.testing.assert_allclose(step.velocity, expected.velocity, atol=1e-9)
         assert [str(x) for x in step.binding] == [str(x) for x in expected.binding]
         assert not any(np.allclose(step.velocity, other, atol=1e-3) for other in found)

@@ -27,7 +27,7 @@ if __name__ == "__main__":  # run as a script
 
 import qp_twist as qt
 from oracles.compositions import Composition, composition
-from qp_twist.control.plain_step import PlainStep
+from qp_twist.control.lazy_step import LazyStep
 
 Array = npt.NDArray[np.float64]
 
@@ -165,7 +165,7 @@ def _count_by_kernel(seeds: range, records: list[Recorded]) -> None:
 def taken_by_kernel(question: Composition) -> bool:
     """Whether the compiled step leaves nothing of it to the reference."""
     try:
-        return isinstance(question.step("compiled"), PlainStep)
+        return isinstance(question.step("compiled"), LazyStep)
     except (qt.QpTwistError, ValueError):
         return False
 

@@ -125,8 +125,9 @@ def reduced(rng: np.random.Generator, diagonal: bool) -> tuple[Any, Any]:
     lower[rng.random(n) < 0.3] = -np.inf
     shapes = {
         "x": n, "box": n, "lam": k, "y": m, "root": n, "line": n, "scaled": (m, n), "V": (m, n),
-        "R": (m, m), "ways": (p, n), "cuts": (cuts, p), "ends": cuts, "lengths": cuts, "zero": p,
-        "z": p, "u": p + 1, "three": (3, p + 1), "Jz": (p, p), "Rz": (p, p), "no_rows": (0, p),
+        "R": (m, m), "null_basis": (p, n), "cuts": (cuts, p), "ends": cuts, "lengths": cuts,
+        "zero": p, "z": p, "u": p + 1, "work_z": (3, p + 1), "Jz": (p, p), "Rz": (p, p),
+        "no_rows": (0, p),
     }  # fmt: skip
     given = dict.fromkeys(Program._fields, np.zeros(0)) | {
         "c": c, "A": A, "b": b, "G": G, "g": g, "lower": lower, "upper": upper,

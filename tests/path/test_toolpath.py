@@ -288,9 +288,9 @@ def test_a_unit_that_contradicts_the_header_is_refused(tmp_path: Path) -> None:
     [
         (ColumnChoice(position=(1, 2, 9)), "the file has columns 1 to 6, got 9"),
         (ColumnChoice(position=(1, 2, "q")), "there is no column 'q'; the header names 'x"),
-        (ColumnChoice(position=(1, 2, 2)), "a column is stated twice"),
-        (ColumnChoice(normal=(4, 5, 6), axis=(4, 5, 6)), "state one orientation, not 2"),
-        (ColumnChoice(normal=(3, 5, 6)), "a column is stated twice"),
+        (ColumnChoice(position=(1, 2, 2)), "a column is used twice"),
+        (ColumnChoice(normal=(4, 5, 6), axis=(4, 5, 6)), "choose one orientation, not 2"),
+        (ColumnChoice(normal=(3, 5, 6)), "a column is used twice"),
     ],
 )
 def test_columns_that_do_not_fit_are_refused(

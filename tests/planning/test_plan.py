@@ -32,8 +32,8 @@ from qp_twist.planning.path_constraints import PathConstraints
 from qp_twist.planning.path_rows import PathRows
 from qp_twist.planning.refine import refine
 from qp_twist.planning.roll_grid import RollGrid
-from qp_twist.planning.search import Search
-from qp_twist.planning.shortest_path import Edges, shortest_way, widest_way
+from qp_twist.planning.search import PlanSearch
+from qp_twist.planning.shortest_path import Edges, cheapest_path, widest_path
 
 ROOT = Path(__file__).parents[2]
 Array = np.ndarray
@@ -161,7 +161,7 @@ def test_the_shortest_way_is_dijkstras(seed: int) -> None:
         some = np.argwhere(rng.uniform(size=(a, b)) < 0.6)
         links.append(Edges(some[:, 0], some[:, 1]))
         costs.append(rng.uniform(0.0, 1.0, len(some)))
-    way = shortest_way(
+    way = cheapest_path(
         nodes, lambda k, alive: _of(links[k], alive), lambda k, e: _cost(links[k], costs[k], e)
     )
     first = np.concatenate([[0], np.cumsum(sizes)])
@@ -173,7 +173,7 @@ def test_the_shortest_way_is_dijkstras(seed: int) -> None:
     distance = dijkstra(ends)[: sizes[0], first[-2] :] + nodes[-1]
     assert way.value == pytest.approx(distance.min())
     if np.isfinite(way.value):
-        pruned = shortest_way(
+        pruned = cheapest_path(
             nodes, lambda k, alive: _of(links[k], alive), lambda k, e: _cost(links[k], costs[k], e),
             at_most=way.value,
         )  # fmt: skip
@@ -208,7 +208,7 @@ def test_the_widest_way_is_the_widest_of_all(seed: int) -> None:
         if all(link[a, b] for link, (a, b) in zip(links, itertools.pairwise(way), strict=True))
     ]
     edges = [Edges(*np.nonzero(link)) for link in links]
-    way = widest_way(widths, lambda k, alive: _of(edges[k], alive))
+    way = widest_path(widths, lambda k, alive: _of(edges[k], alive))
     if not every:
         assert way.value == np.inf
         assert len(way.nodes) < len(sizes)
@@ -758,7 +758,9 @@ def test_a_run_that_is_off_the_path_is_no_plan() -> None:
     far[40:] += 0.01  # which looks better than nothing, and is not on its waypoints
     ranges = qt.JointRanges.of(task.model)
     limits = motion_limits(task, ranges, None, fixed_start=True)
-    search = Search(task, Objective.of(ranges, "centering"), limits, kept[0], lambda start: [far])
+    search = PlanSearch(
+        task, Objective.of(ranges, "centering"), limits, kept[0], lambda start: [far]
+    )
     for trial in search._tried(kept[0]):
         assert rows.errors(trial.q, count).max() < 1e-8
     found = search.run()

@@ -20,7 +20,7 @@ import qp_twist as qt
 from qp_twist.comparison import local_server
 from qp_twist.comparison.local_server import LocalServer, OpenServer
 from qp_twist.comparison.report import recordings
-from qp_twist.viewing import Session, Settings, port
+from qp_twist.viewing import PageSettings, Session, port
 from qp_twist.viewing.page import Page
 
 PROTOCOL = f"viser-v{viser.__version__}"
@@ -249,7 +249,7 @@ def test_a_stranger_that_comes_again_and_again_fills_no_log(caplog):
 @pytest.fixture
 def page():
     task = qt.load_task("planar_line")
-    session = Session(task, Settings.of(task, "minimum_norm"))
+    session = Session(task, PageSettings.of(task, "minimum_norm"))
     session.runs.wait(session.key, 240.0)
     opened, stop = Page(session, port.free_port()), threading.Event()
     clock = threading.Thread(target=opened.run, args=(stop,))

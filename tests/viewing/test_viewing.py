@@ -13,7 +13,7 @@ import pytest
 
 import qp_twist as qt
 from qp_twist.geometry import ProjectorKind
-from qp_twist.viewing import LiveArm, Session, Settings, free_port, projector_choices, run_once
+from qp_twist.viewing import LiveArm, PageSettings, Session, free_port, projector_choices, run_once
 from qp_twist.viewing.bars import joint_bars
 from qp_twist.viewing.dial import roll_dial
 from qp_twist.viewing.one_run import Run
@@ -94,7 +94,7 @@ def test_an_unknown_projector_is_refused_by_name():
 )
 def test_without_limits_a_qp_is_its_closed_form(method, closed_form, weight):
     settings = dataclasses.replace(
-        Settings.of(planar(), method), weight=weight, gain=0.5, limits=False
+        PageSettings.of(planar(), method), weight=weight, gain=0.5, limits=False
     )
     run = run_once(planar(), settings)
     other = qt.follow(planar(), closed_form, iterations=20, weight=weight, gain=0.5)
@@ -105,7 +105,7 @@ def test_without_limits_a_qp_is_its_closed_form(method, closed_form, weight):
 
 
 def test_without_limits_the_paper_example_leaves_them_and_says_so():
-    settings = Settings.of(planar(), "qp")
+    settings = PageSettings.of(planar(), "qp")
     on = run_once(planar(), settings)
     off = run_once(planar(), dataclasses.replace(settings, limits=False))
     assert on.trajectory.margins.min() >= -1e-9
@@ -115,7 +115,7 @@ def test_without_limits_the_paper_example_leaves_them_and_says_so():
 
 
 def test_only_methods_that_hold_limits_can_drop_them():
-    can = [m for m in method_choices(planar()) if Settings.of(planar(), m).has_limits]
+    can = [m for m in method_choices(planar()) if PageSettings.of(planar(), m).has_limits]
     assert can == ["qp_rmr", "sns", "qp_minimum_norm", "qp_gradient", "qp"]
 
 
@@ -124,7 +124,9 @@ def test_only_methods_that_hold_limits_can_drop_them():
 
 def test_a_run_traces_the_path_and_reports_its_progress():
     heard = []
-    run = run_once(planar(), Settings.of(planar(), "qp"), lambda share, what: heard.append(share))
+    run = run_once(
+        planar(), PageSettings.of(planar(), "qp"), lambda share, what: heard.append(share)
+    )
     assert run.trace == pytest.approx(planar().positions, abs=1e-8)
     assert heard == sorted(heard)
     assert heard[-1] == 1.0
@@ -155,7 +157,7 @@ def test_the_roll_of_a_planar_arm_is_the_sum_of_its_joints():
 
 def test_the_worker_gives_up_what_nobody_waits_for_and_remembers_what_it_found():
     runs, began, seen = Runs(), threading.Event(), []
-    run = run_once(planar(), Settings.of(planar(), "minimum_norm"))
+    run = run_once(planar(), PageSettings.of(planar(), "minimum_norm"))
 
     def endless(progress):
         began.set()
@@ -206,7 +208,7 @@ def test_the_worker_says_why_there_is_no_run(capsys):
 
 @pytest.fixture
 def session():
-    opened = Session(planar(), Settings.of(planar(), "minimum_norm"))
+    opened = Session(planar(), PageSettings.of(planar(), "minimum_norm"))
     try:
         assert isinstance(opened.runs.wait(opened.key, 30.0), Run)
         opened.tick(0.0)
@@ -281,11 +283,11 @@ def test_a_workpiece_out_of_reach_has_no_run_but_a_sentence(session):
 
 def test_a_method_that_does_not_apply_is_refused():
     with pytest.raises(qt.InvalidInput, match="does not apply"):
-        Settings.of(planar(), "rmr_flipped")
+        PageSettings.of(planar(), "rmr_flipped")
     with pytest.raises(qt.InvalidInput, match="unknown method"):
-        Settings.of(planar(), "magic")
+        PageSettings.of(planar(), "magic")
     with pytest.raises(qt.UnknownSolver):
-        Settings.of(planar(), "qp", "abacus")
+        PageSettings.of(planar(), "qp", "abacus")
 
 
 # The arm in the hand
@@ -300,7 +302,7 @@ def moved(pose, by):
 )
 def test_the_arm_keeps_its_limits_however_far_the_target_is(method, on_infeasible):
     task = deburring()
-    arm = LiveArm(task, Settings.of(task, method), task.start, on_infeasible=on_infeasible)
+    arm = LiveArm(task, PageSettings.of(task, method), task.start, on_infeasible=on_infeasible)
     speeds = np.array([2.8798, 2.8798, 3.0543, 6.1087, 5.9341, 9.0757])  # of the data sheet
     lower, upper = task.model.jnt_range.T
     away = moved(arm.pose, [2.0, 3.0, -1.5])
@@ -322,7 +324,7 @@ def test_the_arm_keeps_its_limits_however_far_the_target_is(method, on_infeasibl
 
 def test_the_arm_reaches_a_target_that_is_near():
     task = deburring()
-    arm = LiveArm(task, Settings.of(task, "qp_gradient"), task.start)
+    arm = LiveArm(task, PageSettings.of(task, "qp_gradient"), task.start)
     arm.target = moved(arm.pose, [0.05, -0.03, 0.04])
     for _ in range(80):
         moment = arm.step()
@@ -335,7 +337,7 @@ def test_the_arm_reaches_a_target_that_is_near():
 
 def test_the_arm_without_limits_goes_where_they_would_not_let_it():
     task = planar()
-    settings = Settings.of(task, "qp_minimum_norm")
+    settings = PageSettings.of(task, "qp_minimum_norm")
     outside = {}
     for limits in (True, False):
         arm = LiveArm(task, dataclasses.replace(settings, limits=limits), task.start)
@@ -350,7 +352,7 @@ def test_the_arm_without_limits_goes_where_they_would_not_let_it():
 
 def test_a_whole_pose_in_the_hand_holds_the_roll():
     task = deburring()
-    settings = dataclasses.replace(Settings.of(task, "qp"), projector="whole pose")
+    settings = dataclasses.replace(PageSettings.of(task, "qp"), projector="whole pose")
     arm = LiveArm(task, settings, task.start)
     arm.target = moved(arm.pose, [0.03, 0.0, 0.02])
     for _ in range(80):

@@ -1,3 +1,3 @@
-"""The report of a comparison: one page that needs nothing beside it."""
+"""The report of a comparison: one self-contained page."""
 
 from .page import report_page as report_page

@@ -1,4 +1,4 @@
-"""Task error, z, margin and singular values along the path: a figure each."""
+"""Task error, z, margin and singular values along the path: one figure each."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ def centring_section(path_task: PathTask, trajectories: Trajectories) -> ReportS
     top = 1.15 * max(inside) if inside and max(inside) > 0.0 else None
 
     def view_z(panel: mpl.axes.Axes) -> None:
-        # Methods that leave the limits may leave the panel: the others are to be told apart.
+        # Scale the panel to methods inside the limits; others may leave it.
         panel.set_ylim(0.0, top)
 
     def view_margin(panel: mpl.axes.Axes) -> None:

@@ -1,4 +1,4 @@
-"""A curve a method over the waypoints, labelled at its end, shown and hidden with the method."""
+"""One curve per method over the waypoints, labelled at its end."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ def label_ends(panel: Axes, curves: Mapping[str, Array]) -> None:
 
 
 def spread(places: list[float], apart: float) -> list[float]:
-    """Sorted numbers moved as little as needed to be ``apart``, centred about where they were."""
+    """Sorted numbers moved as little as possible to be ``apart``."""
     groups = [[place] for place in places]
     centres = list(places)
     index = 1
@@ -75,7 +75,7 @@ def spread(places: list[float], apart: float) -> list[float]:
 
 
 def _share(panel: Axes, value: float) -> float:
-    """Where a value is in the panel, 0 at the bottom, 1 at the top."""
+    """Position of a value in the panel, 0 at the bottom, 1 at the top."""
     low, high = panel.get_ylim()
     if panel.get_yscale() == "log":
         low, high, value = np.log10(low), np.log10(high), np.log10(max(value, 1e-300))

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 def joints_section(
     path_task: PathTask, trajectories: Mapping[str, Trajectory], numbers: Mapping[str, Any]
 ) -> ReportSection:
-    """One panel a joint, with a cross where a method first leaves its limits."""
+    """One panel per joint, with a cross where a method first leaves its limits."""
     ranges = JointRanges.of(path_task.model)
     joints = [dof for dof in range(path_task.model.nv) if ranges.qpos[dof] >= 0]
     columns = 2 if len(joints) > 3 else 1

@@ -60,7 +60,7 @@ def table_section(content: Mapping[str, Any]) -> ReportSection:
 
 
 def times_section(content: Mapping[str, Any]) -> ReportSection:
-    """Wall time a waypoint, a point a method, logarithmic."""
+    """Wall time per waypoint, one point per method, logarithmic."""
     methods: Mapping[str, Any] = content["methods"]
     times = {name: numbers["time_per_waypoint_us"] for name, numbers in methods.items()}
     names, compiled = list(times), content["compiled"]

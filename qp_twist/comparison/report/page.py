@@ -10,7 +10,7 @@ from typing import Any
 
 from matplotlib.figure import Figure
 
-from qp_twist.comparison.findings import MethodSummary, by_topic
+from qp_twist.comparison.findings import MethodRun, by_topic
 from qp_twist.comparison.report.along_path import (
     centring_section,
     error_section,
@@ -39,22 +39,22 @@ def report_page(
     picture: Path | None = None,
     command: str | None = None,
 ) -> str:
-    """The report as one HTML page, which asks the network for nothing.
+    """The report as one HTML page that needs no network.
 
     Args:
         path_task: The task.
-        content: What ``comparison.json`` holds.
-        trajectories: By method name.
-        roadmap: The roadmap, where it has been drawn.
+        content: Content of ``comparison.json``.
+        trajectories: Trajectories by method name.
+        roadmap: The roadmap figure, if there is one.
         picture: A PNG file of the scene, for print.
-        command: The command that makes the report again; without it one that comes to the same.
+        command: Command that reproduces the report; if ``None``, an equivalent one.
     """
     from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
     names = list(trajectories)
     first = shown_first(names)
     numbers = content["methods"]
-    runs = [MethodSummary.of(trajectory) for trajectory in trajectories.values()]
+    runs = [MethodRun.of(trajectory) for trajectory in trajectories.values()]
     found = by_topic(runs, content.get("not_run"), content.get("mean_z_bound"))
     sections = [
         table_section(content),
@@ -68,7 +68,7 @@ def report_page(
         *([] if roadmap is None else [_roadmap_section(roadmap)]),
         provenance_section(path_task, content, command),
     ]
-    # The sections are HTML already; what they take from outside they have escaped themselves.
+    # The sections are HTML already, and have escaped their input.
     environment = Environment(
         loader=FileSystemLoader(_FOLDER), autoescape=True, undefined=StrictUndefined,
         trim_blocks=True, lstrip_blocks=True,
@@ -77,7 +77,9 @@ def report_page(
         task=path_task.name,
         title=path_task.title,
         waypoints=len(path_task.waypoints),
-        findings={topic: [_marked(s, names) for s in said] for topic, said in found.items()},
+        findings={
+            topic: [_marked(s, names) for s in sentences] for topic, sentences in found.items()
+        },
         sections=sections,
         choices=[Choice(name, METHODS[name].title, swatch(name), name in first) for name in names],
         constrained={name: METHODS[name].constrained for name in names},
@@ -93,6 +95,6 @@ def _roadmap_section(figure: Figure) -> ReportSection:
 
 
 def _marked(sentence: str, names: list[str]) -> str:
-    """A sentence as HTML, with the methods' names set off."""
+    """A sentence as HTML, with the methods' names marked."""
     words = "|".join(sorted(map(re.escape, names), key=len, reverse=True))
     return re.sub(rf"(?<![\w-])({words})(?![\w-])", r"<code>\1</code>", html.escape(sentence))

@@ -1,4 +1,4 @@
-"""How the methods were run, by which versions, and how to run them again."""
+"""Methods, versions, and the command that reproduces the report."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _PACKAGES = ("qp_twist", "mujoco", "mink", "qpsolvers", "numpy", "scipy")
 def provenance_section(
     path_task: PathTask, content: Mapping[str, Any], command: str | None
 ) -> ReportSection:
-    """Methods with their parameters, versions, and the command that makes this report again."""
+    """Methods with their parameters, versions, and the command that reproduces this report."""
     settings: Mapping[str, Mapping[str, Any]] = content["settings"]
     keys = list(next(iter(settings.values())))
     heads = "".join(f'<th scope="col">{key.replace("_", " ")}</th>' for key in keys)
@@ -50,7 +50,7 @@ def provenance_section(
 
 
 def _shown(name: str, key: str, settings: Mapping[str, Any]) -> str:
-    """A setting as text; a dash where the method makes nothing of it."""
+    """A setting as text; a dash if the method does not use it."""
     secondary, peer = settings["secondary"], bool(METHODS[name].peer)
     matters = {
         "weight": secondary == "centering",
@@ -73,13 +73,13 @@ def _versions(solver: str) -> dict[str, str]:
     for package in (*_PACKAGES, solver):
         try:
             found[package] = version(package)
-        except PackageNotFoundError:  # a backend whose package has another name
+        except PackageNotFoundError:  # a backend with another package name
             continue
     return found
 
 
 def _command(path_task: PathTask, content: Mapping[str, Any]) -> str:
-    """The command line; of a task made in Python, the call."""
+    """The command line; for a task built in Python, the call."""
     names = ",".join([*content["methods"], *content.get("not_run", {})])
     shipped = path_task.source in shipped_tasks()
     if path_task.source is None:

@@ -1,4 +1,4 @@
-"""The arm moving along the path, recorded once a method for viser's player in the browser."""
+"""Recordings of the arm along the path, one per method, for viser's player in the browser."""
 
 from __future__ import annotations
 
@@ -18,17 +18,16 @@ from qp_twist.following import Trajectory
 from qp_twist.paths import PathTask
 
 FRAMES = 100
-"""About how many waypoints of a path are shown."""
+"""Approximate number of waypoints shown."""
 DURATION_S = 8.0
-"""Time that a whole path takes in the page."""
+"""Playing time of a whole path, s."""
 _PATH_RGB = (219, 18, 31)
 
 
 def player() -> str:
-    """viser's client, a page that plays what ``window.__VISER_EMBED_DATA__`` holds.
+    """viser's client, a page that plays ``window.__VISER_EMBED_DATA__``.
 
-    It is the same for all methods and weighs more than their recordings, so that the report has it
-    once.
+    It is the same for all methods and larger than their recordings, so the report contains it once.
     """
     import viser
 
@@ -37,15 +36,15 @@ def player() -> str:
 
 
 def recordings(path_task: PathTask, trajectories: Mapping[str, Trajectory]) -> dict[str, str]:
-    """For each method what the player plays, in base64."""
+    """The recording of each method, in base64."""
     import mjviser
 
-    # mjviser writes into the model that it is given.
+    # mjviser modifies its model.
     model = copy.copy(path_task.model)
     with _server() as server:
         scene = mjviser.ViserMujocoScene(server, model, num_envs=1)
         scene.camera_tracking_enabled = False
-        # The picture of a sky that metal would mirror is most of a recording's weight.
+        # The environment map of the sky is most of a recording's size.
         server.scene.configure_environment_map(None)
         server.scene.configure_default_lights(enabled=True, cast_shadow=False)
         server.scene.add_light_ambient("/ambient", intensity=1.0)
@@ -78,7 +77,7 @@ def recordings(path_task: PathTask, trajectories: Mapping[str, Trajectory]) -> d
 
 @contextlib.contextmanager
 def _server() -> Iterator[Any]:
-    """A viser server that answers nobody: only a server can serialize a scene."""
+    """A viser server that refuses every request: only a server can serialize a scene."""
     from qp_twist.comparison.local_server import LocalServer
 
     server = LocalServer(0, names=())
@@ -89,7 +88,7 @@ def _server() -> Iterator[Any]:
 
 
 def _frames(q: Array) -> Array:
-    """About ``FRAMES`` of the configurations, the first and the last included."""
+    """Select about ``FRAMES`` configurations, the first and the last included."""
     index = np.linspace(0, len(q) - 1, min(len(q), FRAMES)).round().astype(int)
     frames: Array = q[index]
     return frames

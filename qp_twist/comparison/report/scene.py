@@ -1,4 +1,4 @@
-"""The scene in 3D, a method at the left and another at the right."""
+"""The scene in 3D, with one method on the left and another on the right."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def scene_section(
         f'<script type="text/plain" class="recording" data-method="{name}">{recording}</script>'
         for name, recording in found.items()
     )
-    # In a script element of JSON nothing is read as markup once "</" is broken up.
+    # Escape "</", so that nothing in the JSON script element is parsed as markup.
     client = json.dumps(player()).replace("</", "<\\/")
     data += f'<script type="application/json" id="player">{client}</script>'
     still = "" if picture is None else _still(picture, path_task.name)

@@ -13,13 +13,13 @@ from qp_twist.paths import METHODS
 
 
 class ReportSection(NamedTuple):
-    """A heading with what stands below it."""
+    """A heading and its content."""
 
     key: str
-    """Of its anchor and its ids."""
+    """Prefix of its anchor and ids."""
     title: str
     body: str
-    """HTML."""
+    """Content, HTML."""
 
 
 @dataclass(frozen=True)
@@ -27,8 +27,8 @@ class Choice:
     """A method in the page's selector.
 
     Attributes:
-        name: Of the method.
-        title: What it is.
+        name: Name of the method.
+        title: Title of the method.
         swatch: A piece of its line as SVG.
         shown: Whether it is shown when the page opens.
     """
@@ -44,7 +44,7 @@ FIRST_SHOWN = ("gradient_projection", "qp_gradient", "twa", "qp", "qp_planned")
 
 
 def shown_first(names: list[str]) -> list[str]:
-    """The methods that are shown when the page opens: few enough to tell their lines apart."""
+    """The methods shown when the page opens: few enough to distinguish their lines."""
     found = [name for name in FIRST_SHOWN if name in names]
     return found if len(found) > 2 and len(names) > 5 else names
 
@@ -61,6 +61,6 @@ def figure_html(svg: str, caption: str) -> str:
 
 
 def kind(name: str) -> str:
-    """``qp``, ``peer`` or ``closed``: what a method is, in one word."""
+    """Kind of a method: ``qp``, ``peer`` or ``closed``."""
     method = METHODS[name]
     return "qp" if method.constrained else "peer" if method.peer else "closed"

@@ -1,4 +1,4 @@
-"""Matplotlib figures as SVG that stands inside a page."""
+"""Matplotlib figures as inline SVG."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from matplotlib.figure import Figure
 from qp_twist.comparison.style import RC
 
 METHOD = "method:"
-"""Beginning of the gid of an artist that is shown and hidden with a method."""
+"""Prefix of the gid of an artist that is shown and hidden with a method."""
 SVG_RC = RC | {
     "svg.fonttype": "none",  # text stays text: smaller, and it can be searched and read aloud
     "path.simplify_threshold": 0.3,
     "legend.fontsize": 8,
 }
 THINNED = 240
-"""About how many points of a curve are drawn."""
+"""Approximate number of points of a curve."""
 
 _NUMBER = re.compile(r"-?\d+\.\d{2,}")
 _ID = re.compile(r' id="([^"]*)"')
@@ -27,10 +27,10 @@ _USED = re.compile(r'(?:url\(#|href="#)([^)"]+)')
 
 
 def inline_svg(figure: Figure, key: str, description: str) -> str:
-    """The figure as an ``<svg>`` element with a description for who cannot see it.
+    """The figure as an ``<svg>`` element with a text description.
 
-    Several of them fit into one page: ids begin with ``key``, and those that nothing points at are
-    left out. Artists whose gid begins with ``method:`` get the classes ``m`` and ``m-NAME``.
+    Ids begin with ``key``, so several figures fit into one page; unused ids are removed. Artists
+    whose gid begins with ``method:`` get the classes ``m`` and ``m-NAME``.
     """
     file = io.StringIO()
     with mpl.rc_context(SVG_RC | {"svg.hashsalt": f"qp_twist {key}"}):
@@ -48,7 +48,7 @@ def inline_svg(figure: Figure, key: str, description: str) -> str:
         r"font: ((?:bold |700 )?[\d.]+px) [^;\"]*sans-serif", r"font: \1 sans-serif", text
     )
     text = re.sub(r"\s*\n\s*", "\n", text)
-    # As wide as the page lets it be.
+    # Let the page set the width.
     text = re.sub(r' (?:width|height)="[\d.]+pt"', "", text, count=2)
     label = html.escape(description, quote=True)
     return text.replace("<svg", f'<svg role="img" aria-label="{label}"', 1)

@@ -1,4 +1,4 @@
-"""A piece of a method's line, as it is in the figures."""
+"""A sample of a method's line, as in the figures."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 """Many configurations, placements or runs at once, as machine code.
 
-Arrays in, arrays out; what fails in one row does not stop the others.
+Arrays in, arrays out; a failure in one row does not stop the others.
 """
 
 from .kinematics import Kinematics as Kinematics

@@ -17,11 +17,11 @@ class Kinematics(NamedTuple):
     """A frame at K configurations."""
 
     rotations: Array
-    """To the world, (K, 3, 3)."""
+    """Rotations to the world, (K, 3, 3)."""
     positions: Array
-    """Of its origin, m, (K, 3)."""
+    """Positions of its origin, m, (K, 3)."""
     jacobians: Array
-    """World-aligned, rows (linear, angular), (K, 6, nv)."""
+    """World-aligned Jacobians, rows (linear, angular), (K, 6, nv)."""
 
 
 def kinematics(
@@ -39,7 +39,7 @@ def kinematics(
         frame_name: Name of the frame.
         frame_type: ``"body"``, ``"geom"`` or ``"site"``.
         q: Configurations, rad or m, (K, nq).
-        threads: How many; all cores by default.
+        threads: Number of threads; all cores by default.
 
     Raises:
         InvalidInput: If an array has the wrong shape or is not finite, or a ball or free joint

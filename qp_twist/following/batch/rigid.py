@@ -13,16 +13,16 @@ from qp_twist.checks import Array, finite_array
 from qp_twist.errors import InvalidInput
 
 
-@np.errstate(over="ignore", invalid="ignore")  # what overflows is no rotation
+@np.errstate(over="ignore", invalid="ignore")  # an overflow is not a rotation
 def rigid_motions(name: str, motions: Sequence[mink.SE3] | npt.ArrayLike) -> Array:
     """Rotations (9), row by row, and translations (3), (K, 12).
 
     Args:
-        name: How a message calls them.
+        name: Their name in messages.
         motions: :class:`mink.SE3`, or matrices (K, 4, 4).
 
     Raises:
-        InvalidInput: If one of them is no rigid motion.
+        InvalidInput: If one of them is not a rigid motion.
     """
     if isinstance(motions, (list, tuple)) and all(isinstance(m, mink.SE3) for m in motions):
         matrices = np.array([m.as_matrix() for m in motions]).reshape(-1, 4, 4)
@@ -30,7 +30,7 @@ def rigid_motions(name: str, motions: Sequence[mink.SE3] | npt.ArrayLike) -> Arr
         matrices = finite_array(name, cast(Any, motions), (None, 4, 4))
     turns = matrices[:, :3, :3]
     rows = turns[:, 0], turns[:, 1], turns[:, 2]
-    # Entry by entry: products of many small matrices take five times as long.
+    # Entry by entry: matrix products of many small matrices take five times as long.
     off = np.abs(matrices[:, 3] - [0.0, 0.0, 0.0, 1.0]).max(axis=1, initial=0.0)
     for i in range(3):
         for j in range(i + 1):
@@ -49,6 +49,6 @@ def rigid_motions(name: str, motions: Sequence[mink.SE3] | npt.ArrayLike) -> Arr
 
 
 def pose_of(motion: Array) -> mink.SE3:
-    """Of rotation (9) and translation (3)."""
+    """The pose of rotation (9) and translation (3)."""
     rotation = mink.SO3.from_matrix(motion[:9].reshape(3, 3))
     return mink.SE3.from_rotation_and_translation(rotation, motion[9:12])

@@ -25,7 +25,7 @@ from qp_twist.kinematics.projector_shape import kinds_of, shape_of
 Mask = npt.NDArray[np.bool_]
 Targets = Sequence[mink.SE3] | npt.ArrayLike
 FORMS = ("minimum_norm", "gradient_projection", "rmr", "twa")
-"""Closed forms, in the order of the kernel's numbers."""
+"""Closed forms, in the order of the kernel's indices."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,10 +33,10 @@ class Steps:
     """K steps.
 
     Attributes:
-        velocity: q̇ of each, rad/s or m/s, (K, nv); NaN where there is none.
-        scale: Share of the task's speed that is kept, (K,).
-        by_reference: Which steps the kernel did not take, but ``Controller.step``, (K,).
-        failures: What ``Controller.step`` raised, by the number of the row.
+        velocity: q̇ of each step, rad/s or m/s, (K, nv); NaN without a step.
+        scale: Scale s of each step, (K,).
+        by_reference: Which steps were computed by ``Controller.step``, not the kernel, (K,).
+        failures: Exceptions of ``Controller.step``, by index of the row.
     """
 
     velocity: Array
@@ -57,23 +57,23 @@ def step(
 ) -> Steps:
     """:meth:`Controller.step <qp_twist.Controller.step>` for many configurations, to 1e-9.
 
-    Every result is verified. Steps near a singularity, and of joints outside their ranges, are
-    taken by ``Controller.step`` afterwards, one by one. The controller is left as it is; its
-    acceleration limits count from the velocity that it knows.
+    Every result is verified. Steps near a singularity, or with joints outside their ranges, are
+    computed afterwards by ``Controller.step``, one by one. The controller is not modified; its
+    acceleration limits refer to its stored velocity.
 
     Args:
         controller: TwistTasks (no GazeTasks, bands or carriers) in any levels, PositionLimits,
             MotionLimits and DisplacementWindows, JointCentering and, where all joints are hinges
-            and slides, PostureReferences. Its ``solver`` takes the other steps.
+            and slides, PostureReferences. Its ``solver`` computes the other steps.
         q: Configurations, rad or m, (K, nq).
         dt: Length of the steps, s.
         targets: For each row the target of the task: :class:`mink.SE3`, or matrices (K, 4, 4); for
-            several tasks a sequence of such, in their order. They are at rest. By default the
-            tasks' own, with their feed-forward twists.
-        use_secondary: As for a single step.
-        others: Whether those steps are taken by ``Controller.step``; without it their velocity is
-            NaN.
-        threads: How many; all cores by default.
+            several tasks a sequence of these, in their order, without feed-forward. By default the
+            tasks' own targets, with their feed-forward twists.
+        use_secondary: Whether the secondary acts, as for a single step.
+        others: Whether to compute the remaining steps by ``Controller.step``; if not, their
+            velocity is NaN.
+        threads: Number of threads; all cores by default.
 
     Raises:
         InvalidInput: If an argument is wrong, or the controller has no
@@ -140,20 +140,20 @@ def closed_form(
 ) -> Array:
     """A closed form with its kinematics at many configurations: displacements (K, nv), rad or m.
 
-    As the functions of :mod:`qp_twist.closed_form` of J and Δt: the error in the task's projector,
-    for RMR in the operational one, times the task's gain and shortened as the task says. Where rows
-    depend on each other, those functions are called.
+    The functions of :mod:`qp_twist.closed_form` with J and Δt: the error in the task's projector
+    (for RMR the operational one), times the task's gain and clamped to its largest steps. For
+    dependent rows those functions are called.
 
     Args:
         model: The robot.
-        task: Frame, projector, gain and longest steps; its target does not count.
+        task: Frame, projector, gain and largest steps; its target is not used.
         q: Configurations, rad or m, (K, nq).
         targets: For each row the target: :class:`mink.SE3`, or matrices (K, 4, 4).
         method: ``"minimum_norm"``, ``"gradient_projection"``, ``"rmr"`` or ``"twa"``.
         h: Desired displacements, rad or m, (K, nv); none by default. Not for minimum norm and
             RMR.
         operational: T_O of RMR and TWA; full by default.
-        threads: How many; all cores by default.
+        threads: Number of threads; all cores by default.
 
     Raises:
         InvalidInput: If an argument is wrong.
@@ -196,8 +196,8 @@ def closed_form(
 
     shared(len(given), some, threads)
     for k in np.flatnonzero(~done):
-        asked = desired[k] if len(desired) else np.zeros(model.nv)
-        moved[k] = _closed_form(model, task, given[k], aims[k], method, asked, held)
+        motion = desired[k] if len(desired) else np.zeros(model.nv)
+        moved[k] = _closed_form(model, task, given[k], aims[k], method, motion, held)
     return moved
 
 
@@ -242,7 +242,7 @@ def _is_list_of_targets(targets: Any) -> bool:
 def _one(
     controller: Controller, q: Array, dt: float, aims: Array, use_secondary: bool
 ) -> tuple[Array, float]:
-    """A step of the reference, with the controller as it was before."""
+    """A step of the reference, which leaves the controller unchanged."""
     tasks = controller.twist_tasks
     before = [(task.target, task.feedforward) for task in tasks]
     velocities = [getattr(limit, "velocity", None) for limit in controller.limits]
@@ -271,7 +271,7 @@ def _closed_form(
     h: Array,
     held: TwistProjector,
 ) -> Array:
-    """By the functions of :mod:`qp_twist.closed_form`."""
+    """Evaluate :mod:`qp_twist.closed_form`."""
     projector = held if method == "rmr" else task.projector
     alone = TwistTask(
         task.frame_name, task.frame_type, projector, gain=task.gain,

@@ -1,4 +1,4 @@
-"""Rows shared out among threads."""
+"""Distribute rows over threads."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ from qp_twist.checks import whole_number
 
 _MOST = 1024
 _AT_A_TIME = 4
-"""Parts a thread: one that has easy rows takes more of them."""
+"""Number of parts per thread: a thread with easy rows processes more of them."""
 
 
 def shared(rows: int, do: Callable[[slice], None], threads: int | None) -> None:
-    """Call ``do`` for slices that make up all rows, on so many threads; by default on all cores.
+    """Call ``do`` for slices that cover all rows, on some threads; by default on all cores.
 
-    The kernels let go of the interpreter's lock.
+    The kernels release the interpreter lock.
     """
     workers = os.cpu_count() or 1
     if threads is not None:

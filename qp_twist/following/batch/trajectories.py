@@ -1,4 +1,4 @@
-"""Many runs of a path at once: from other starts, with the workpiece elsewhere."""
+"""Many runs of a path at once: from other starts, or with other placements of the workpiece."""
 
 from __future__ import annotations
 
@@ -74,8 +74,9 @@ def follow(
     """:func:`qp_twist.follow` for many runs: the same trajectories, to 1e-9.
 
     Runs of the closed forms ``rmr``, ``rmr_flipped``, ``minimum_norm`` and ``gradient_projection``
-    and of this package's QPs are machine code on all cores; every QP step is verified. A run with
-    a waypoint that needs more than plain steps (a limit scales the task, a singularity) is followed
+    and of this package's QPs run as machine code on all cores; every QP step is verified. A run
+    with
+    a waypoint that needs more than plain steps (a limit scales the task, a singularity) is computed
     by :func:`qp_twist.follow` instead, which takes longer.
 
     Memory: with ``keep=False`` a few numbers per run, for any number of waypoints.

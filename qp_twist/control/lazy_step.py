@@ -17,8 +17,8 @@ from qp_twist.qp import QuadraticProgram
 _NO_INTEGERS = np.zeros(0, dtype=np.int64)
 
 
-class Layout:
-    """Data common to all steps of a controller.
+class StepLabels:
+    """Names and row counts, common to all steps of a controller.
 
     Attributes:
         ranks: Number of rows of each task.
@@ -39,7 +39,7 @@ class Layout:
         self.names, self.kinds = names, kinds
 
 
-class PlainStep(Step):
+class LazyStep(Step):
     """A :class:`Step` of the kernel, by default with all rows met inside all limits.
 
     Residuals, binding limits, program and σ_min are computed on first access.
@@ -50,7 +50,7 @@ class PlainStep(Step):
     solver = COMPILED
     _numbers: bytes
     _size: Sizes
-    _layout: Layout
+    _labels: StepLabels
     _rows: Sequence[Named]
 
     @classmethod
@@ -59,10 +59,10 @@ class PlainStep(Step):
         velocity: Array,
         numbers: Array,
         size: Sizes,
-        layout: Layout,
+        labels: StepLabels,
         rows: Sequence[Named],
-    ) -> PlainStep:
-        """Copy the results in a step's arrays, ``step_record.Program`` up to ``gains``.
+    ) -> LazyStep:
+        """Copy the result of a step: the fields of ``step_record.Program`` up to ``sensitivity``.
 
         The velocity is a separate copy, so that the caller may modify it.
         """
@@ -70,14 +70,14 @@ class PlainStep(Step):
         fields = step.__dict__
         fields["velocity"] = velocity.copy()
         fields["_numbers"] = numbers.tobytes()
-        fields["_size"], fields["_layout"] = size, layout
+        fields["_size"], fields["_labels"] = size, labels
         fields["_rows"] = rows
         if rows:
             left = [s for source in rows for s in getattr(source, "recovering", ())]
             fields["recovering"] = tuple(left)
         return step
 
-    def hindered(self, status: Status, scale: float, gaps: tuple[float, ...] = ()) -> None:
+    def set_outcome(self, status: Status, scale: float, gaps: tuple[float, ...] = ()) -> None:
         """Record that the rows are met only at a scale below 1, or not at all."""
         self.__dict__.update(status=status, scale=scale, gaps=gaps)
 
@@ -85,18 +85,18 @@ class PlainStep(Step):
         """Compute a field on first access."""
         if name not in ("residuals", "binding", "problem", "sigma_min"):
             raise AttributeError(name)
-        layout = self._layout
+        labels = self._labels
         floats = np.frombuffer(self._numbers).copy()
         left: Program = PROGRAM.arrays(
-            floats, _NO_INTEGERS, PROGRAM.layout(self._size).table, "gains"
+            floats, _NO_INTEGERS, PROGRAM.layout(self._size).table, "sensitivity"
         )
         value: Any
         if name == "residuals":
-            value = tuple(np.split(left.A @ left.x - left.b, np.cumsum(layout.ranks)[:-1]))
+            value = tuple(np.split(left.A @ left.x - left.b, np.cumsum(labels.ranks)[:-1]))
         elif name == "binding":
             value = self._binding(left)
         elif name == "sigma_min":
-            sigma = np.linalg.svd(left.A[: layout.first], compute_uv=False)
+            sigma = np.linalg.svd(left.A[: labels.first], compute_uv=False)
             value = float(sigma[-1]) if len(sigma) else np.inf
         else:
             H = left.dense if self._size.dense else np.diag(left.h)
@@ -107,18 +107,18 @@ class PlainStep(Step):
         return value
 
     def _binding(self, left: Program) -> tuple[BindingLimit, ...]:
-        box, lam, floor, kinds = left.box, left.lam, 1.0, self._layout.kinds
+        box, lam, floor, kinds = left.box, left.lam, 1.0, self._labels.kinds
         if self.status is not Status.SOLVED:  # then the multipliers of the levels count
-            box, lam, floor = *np.split(left.gains[1:], [len(box)]), 0.0
+            box, lam, floor = *np.split(left.sensitivity[1:], [len(box)]), 0.0
             # A soft band does not limit a level.
             lam = np.where(np.repeat(*self._soft_sources()), 0.0, lam)
-        box = box[: len(self._layout.names)]  # the slacks of soft bands follow
+        box = box[: len(self._labels.names)]  # the slacks of soft bands follow
         # Where there is no bound, the number has no kind.
         lower, upper = (
             [kinds.get(number, "") for number in side.tolist()]
             for side in (left.lower_kind, left.upper_kind)
         )
-        return binding_limits(box, lam, floor, self._layout.names, (lower, upper), self._rows)
+        return binding_limits(box, lam, floor, self._labels.names, (lower, upper), self._rows)
 
     def _soft_sources(self) -> tuple[list[bool], list[int]]:
         """For each source whether it is a soft band, and its number of rows."""

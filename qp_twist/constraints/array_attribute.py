@@ -1,4 +1,4 @@
-"""Numbers of a limit that its user may replace."""
+"""Arrays of a limit that its user may replace."""
 
 from __future__ import annotations
 
@@ -10,17 +10,17 @@ from qp_twist.checks import Array, checked, float_array, read_only
 from qp_twist.errors import InvalidInput
 
 
-def stated() -> Any:
-    """An attribute that holds an array, one number a degree of freedom.
+def array_attribute() -> Any:
+    """An attribute that holds an array, (nv,).
 
-    Another array is assigned as a whole; it cannot be written into. Each assignment counts up the
-    limit's ``revision``, so that a step which has laid the numbers out sees that they are others.
+    The array is read-only; assign another one to change it. Each assignment increments the limit's
+    ``revision``, by which a compiled step notices the change.
     """
-    return checked(_taken)
+    return checked(_copied)
 
 
-def _taken(limit: Any, name: str, value: Any) -> Array:
-    """A copy of another one, infinite entries included."""
+def _copied(limit: Any, name: str, value: Any) -> Array:
+    """Check and copy an assigned array; entries may be infinite."""
     array, before = float_array(name, value), getattr(limit, f"_{name}", None)
     if before is not None and array.shape != before.shape:
         raise InvalidInput(f"{name}: expected an array of shape {before.shape}, got {array.shape}.")

@@ -17,7 +17,7 @@ from oracles.arms import planar_arm
 from oracles.same_steps import by_reference, plain_controller, same
 
 import qp_twist as qt
-from qp_twist.control.plain_step import PlainStep
+from qp_twist.control.lazy_step import LazyStep
 
 Array = np.ndarray
 
@@ -43,7 +43,7 @@ def test_most_steps_are_plain_and_with_limits_that_bind_too() -> None:
             task.set_target(waypoint)
             found[name].append(controller.step(configuration, 0.05))
             configuration.integrate_inplace(found[name][-1].velocity, 0.05)
-    plain = [step for step in found["compiled"] if isinstance(step, PlainStep)]
+    plain = [step for step in found["compiled"] if isinstance(step, LazyStep)]
     assert len(plain) > 100
     assert sum(bool(step.binding) for step in plain) > 30
     for expected, step in zip(found["reference"], found["compiled"], strict=True):
@@ -78,7 +78,7 @@ def test_what_is_changed_between_two_steps_counts() -> None:
     assert [len(r) for r in controller.step(configuration, 0.1).residuals] == [3]
     task.frame_name, task.frame_type = "link_3", "body"
     other = controller.step(configuration, 0.1)
-    assert not isinstance(other, PlainStep)
+    assert not isinstance(other, LazyStep)
 
 
 def test_another_composition_under_way_counts_too() -> None:
@@ -87,7 +87,7 @@ def test_another_composition_under_way_counts_too() -> None:
         "compiled", secondary=[qt.JointCentering(model, gain=0.1)]
     )
     before = controller.step(configuration, 0.1)
-    assert isinstance(before, PlainStep)
+    assert isinstance(before, LazyStep)
     weights = np.linspace(0.5, 3.0, 6)
     with pytest.raises(ValueError, match="read-only"):
         controller.metric[0] = 2.0
@@ -138,7 +138,7 @@ def test_a_copy_of_a_controller_has_arrays_of_its_own() -> None:
     copied = copy.deepcopy(controller)
     copied.twist_tasks[0].gain = 0.5
     halved = copied.step(configuration, 0.1)
-    assert isinstance(halved, PlainStep)
+    assert isinstance(halved, LazyStep)
     np.testing.assert_allclose(halved.velocity, 0.5 * before.velocity, atol=1e-6)
     again = controller.step(configuration, 0.1)
     np.testing.assert_allclose(again.velocity, before.velocity, atol=1e-6)
@@ -206,7 +206,7 @@ def test_a_ball_joint_in_the_chain_and_joints_beside_it_make_no_difference(
         found.append(qt.Controller(model, [task], solver=name))
     expected = by_reference(found[0]).step(configuration, 0.1)
     step = found[1].step(configuration, 0.1)
-    assert isinstance(step, PlainStep)
+    assert isinstance(step, LazyStep)
     same(expected, step)
 
 
@@ -233,7 +233,7 @@ def test_a_configuration_of_another_robot_is_refused() -> None:
 def test_a_step_keeps_what_it_says_when_the_next_is_taken() -> None:
     controller, task, configuration = plain_controller("compiled")
     step = controller.step(configuration, 0.1)
-    assert isinstance(step, PlainStep)
+    assert isinstance(step, LazyStep)
     velocity = step.velocity.copy()
     task.set_target(qt.load_task("deburring").waypoints[9])
     controller.step(configuration, 0.1)
@@ -259,7 +259,7 @@ def test_a_compiled_step_makes_few_calls() -> None:
         "compiled", secondary=[qt.JointCentering(path_task.model)]
     )
     for _ in range(3):
-        assert isinstance(controller.step(configuration, 0.1), PlainStep)
+        assert isinstance(controller.step(configuration, 0.1), LazyStep)
     calls = 0
 
     def count(frame: Any, event: str, argument: Any) -> None:

@@ -1,4 +1,4 @@
-"""What a mink limit of anybody's class states: bounds of single joints, and rows."""
+"""Bounds and inequality rows of any mink limit."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ RowName = tuple[str, str]
 
 
 class Named(Protocol):
-    """What inequality rows come from: names are looked up only where a message needs them."""
+    """The source of inequality rows; names are looked up only when a message needs them."""
 
     @property
     def names(self) -> list[RowName]:
@@ -28,21 +28,21 @@ class Named(Protocol):
 
 
 UNLIMITED = 1e12
-"""A velocity bound beyond this is none, rad/s or m/s."""
+"""A velocity bound beyond this counts as infinite, rad/s or m/s."""
 _MINK_KINDS = {"ConfigurationLimit": "position", "VelocityLimit": "velocity"}
 
 
 @dataclass(eq=False)
-class StatedLimit:
-    """What a limit of anybody's class states at a configuration.
+class EvaluatedLimit:
+    """Bounds and rows of any mink limit at a configuration.
 
     Attributes:
-        limit: It.
-        box: Its rows of a single entry, which are bounds.
-        rows: The others that say something, (k, nv).
+        limit: The limit.
+        box: Its rows with a single entry, as bounds.
+        rows: The other rows, without those that always hold, (k, nv).
         bounds: Their right-hand side, (k,), rad/s or m/s.
-        which: Their numbers among all that it states, (k,).
-        recovering: A sentence for each margin of a constraint that is left.
+        which: Their indices among all rows of the limit, (k,).
+        recovering: A sentence for each violated margin, if the limit is a constraint.
     """
 
     limit: mink.Limit
@@ -58,17 +58,17 @@ class StatedLimit:
         limit: mink.Limit,
         configuration: mink.Configuration,
         dt: float,
-        stated: StatedRows | None = None,
-    ) -> StatedLimit | None:
-        """Of a limit, or of the rows that it has stated already; ``None`` where they say nothing.
+        known: LimitRows | None = None,
+    ) -> EvaluatedLimit | None:
+        """Evaluate a limit, or sort its known rows; ``None`` if no row restricts the step.
 
         Raises:
-            InvalidInput: If what it states are no rows, or no numbers.
+            InvalidInput: If the limit returns no rows, or they are not numbers.
         """
         nv = configuration.model.nv
-        if stated is None:
-            stated = StatedRows.of(limit, configuration, dt)
-        G, g = _checked(type(limit).__name__, stated.G, stated.h, dt)
+        if known is None:
+            known = LimitRows.of(limit, configuration, dt)
+        G, g = _checked(type(limit).__name__, known.G, known.h, dt)
         if not len(g):
             return None
         entries = (G != 0.0).sum(axis=1)
@@ -77,7 +77,7 @@ class StatedLimit:
         if single.any():
             box = _box(kind_of(limit), G[single], g[single])
         which = ((entries > 1) & (g < np.inf) | (entries == 0) & (g < 0.0)).nonzero()[0]
-        return cls(limit, box, G[which], g[which], which, stated.recovering(configuration))
+        return cls(limit, box, G[which], g[which], which, known.recovering(configuration))
 
     @property
     def names(self) -> list[RowName]:
@@ -86,7 +86,7 @@ class StatedLimit:
 
 
 class RowsOf(NamedTuple):
-    """Some of the rows that a limit states, by their numbers among all of them, (k,)."""
+    """Some rows of a limit, by their indices, (k,)."""
 
     limit: mink.Limit
     which: Indices
@@ -98,13 +98,13 @@ class RowsOf(NamedTuple):
 
 
 def kind_of(limit: mink.Limit) -> str:
-    """How messages call a limit that is none of ours."""
+    """Name of a limit of another package in messages."""
     name = type(limit).__name__
     return limit.kind if isinstance(limit, Constraint) else _MINK_KINDS.get(name, name)
 
 
-class StatedRows(NamedTuple):
-    """What a limit has stated, G Δq ≤ h: any numbers, as arrays of the right shape."""
+class LimitRows(NamedTuple):
+    """Rows G Δq ≤ h as a limit returned them: arrays of the right shape, not yet checked."""
 
     limit: mink.Limit
     G: Array
@@ -113,23 +113,23 @@ class StatedRows(NamedTuple):
     """(k,)."""
 
     @classmethod
-    def of(cls, limit: mink.Limit, configuration: mink.Configuration, dt: float) -> StatedRows:
-        """Ask a limit; one that is inactive has no rows.
+    def of(cls, limit: mink.Limit, configuration: mink.Configuration, dt: float) -> LimitRows:
+        """Evaluate a limit; an inactive one has no rows.
 
-        As in mink anything will do that has ``inactive``, ``G`` and ``h``; lists of numbers and a
-        single row will do for these.
+        As in mink the result may be any object with ``inactive``, ``G`` and ``h``; these may be
+        lists or a single row.
 
         Raises:
             InvalidInput: If it returns anything else.
         """
         nv, name = configuration.model.nv, type(limit).__name__
-        stated: Any = limit.compute_qp_inequalities(configuration, dt)
+        returned: Any = limit.compute_qp_inequalities(configuration, dt)
         try:
-            inactive, G, h = stated.inactive, stated.G, stated.h
+            inactive, G, h = returned.inactive, returned.G, returned.h
         except AttributeError:
             raise InvalidInput(
                 f"{name}: compute_qp_inequalities has to return a mink.Constraint, it returned "
-                f"{stated!r}."[:300]
+                f"{returned!r}."[:300]
             ) from None
         if inactive:
             return cls(limit, np.zeros((0, nv)), np.zeros(0))
@@ -148,7 +148,7 @@ class StatedRows(NamedTuple):
         return cls(limit, rows, ends)
 
     def recovering(self, configuration: mink.Configuration) -> tuple[str, ...]:
-        """A sentence for each margin of a constraint that is left already, and on its way back."""
+        """A sentence for each violated margin of a constraint."""
         limit = self.limit
         if not np.count_nonzero(self.h < 0.0) or not isinstance(limit, Constraint):
             return ()
@@ -160,7 +160,7 @@ class StatedRows(NamedTuple):
 
 
 def _checked(name: str, G: Array, h: Array, dt: float) -> tuple[Array, Array]:
-    """G and h/dt, which are numbers; bounds too far away are none."""
+    """Check and return G and h/dt; bounds beyond ``UNLIMITED`` are dropped."""
     within(f"{name}: G", G, UNLIMITED)
     if not h.min(initial=0.0) > -np.inf:  # false for NaN
         raise InvalidInput(
@@ -187,7 +187,7 @@ def _row_name(limit: mink.Limit, row: int) -> RowName:
 
 
 def _box(kind: str, rows: Array, bounds: Array) -> Box:
-    """Rows (m, nv) of a single entry each, and their bounds (m,), as a box."""
+    """Convert rows (m, nv) with a single entry, and their bounds (m,), to a box."""
     with np.errstate(divide="ignore", invalid="ignore"):
         bound = bounds[:, None] / rows
     lower = np.where(rows < 0.0, bound, -np.inf).max(axis=0, initial=-np.inf)
