@@ -68,16 +68,16 @@ def well_conditioned(A, ends, threshold, work, scratch):
 
 
 @part
-def _excess(hardest, left, largest, gap, w, tolerances):
+def _excess(hardest, left, gap, w, tolerances):
     """Largest optimality or feasibility error, in units of its tolerance (``qp.verification``).
 
-    ``hardest`` is the largest entry of H, ``left`` that of r = Hx + c + Aᵀy + Gᵀλ + μ, ``largest``
-    the largest term in it, and ``gap`` ½rᵀH⁻¹r.
+    ``hardest`` is the largest entry of H, ``left`` that of r = Hx + c + Aᵀy + Gᵀλ + μ, and ``gap``
+    ½rᵀH⁻¹r. Rounding in r is not allowed for, as the reference does: where multipliers are so large
+    that it matters, the reference computes the step.
     """
     n, steepest, furthest, held = len(w.c), 0.0, 0.0, 0.0
     for i in range(n):
         steepest, furthest = max(steepest, abs(w.c[i])), max(furthest, abs(w.x[i]))
-        largest = max(largest, abs(w.c[i]), abs(w.box[i]))
         if w.box[i] > 0.0:
             held += w.box[i] * (w.upper[i] - w.x[i])
         elif w.box[i] < 0.0:
@@ -104,38 +104,33 @@ def _excess(hardest, left, largest, gap, w, tolerances):
     reach = 1.0 + furthest
     cost = (hardest * reach + steepest) * reach
     worst = max(off / (tolerances.equality * (1.0 + largest_b)), over / (tolerances.bound * reach))
-    least = tolerances.optimality * hardest * reach + tolerances.rounding * largest
-    worst = max(worst, left / least)
+    worst = max(worst, left / (tolerances.optimality * hardest * reach))
     worst = max(worst, held / (tolerances.gain * cost + lost))
     return max(worst, gap / (tolerances.gap * cost + lost))
 
 
 @part
 def _add_multiplier_terms(A, y, residual):
-    """Add Aᵀy to ``residual``; return its largest entry."""
-    largest = 0.0
+    """Add Aᵀy to ``residual``."""
     for i in range(A.shape[1] if len(y) else 0):
         total = 0.0
         for row in range(len(y)):
             total += A[row, i] * y[row]
         residual[i] += total
-        largest = max(largest, abs(total))
-    return largest
 
 
 @part
 def _gradient_diagonal(w, residual):
-    """Gradient of the Lagrangian for H = diag h: the first four arguments of :func:`_excess`."""
+    """Gradient of the Lagrangian for H = diag h: the first three arguments of :func:`_excess`."""
     hardest, left, gap = 1e-300, 0.0, 0.0
     for i in range(len(w.c)):
         residual[i] = w.h[i] * w.x[i] + w.c[i] + w.box[i]
-    largest = max(
-        _add_multiplier_terms(w.A, w.y, residual), _add_multiplier_terms(w.G, w.lam, residual)
-    )
+    _add_multiplier_terms(w.A, w.y, residual)
+    _add_multiplier_terms(w.G, w.lam, residual)
     for i in range(len(w.c)):
         hardest, left = max(hardest, w.h[i]), max(left, abs(residual[i]))
         gap += 0.5 * residual[i] * residual[i] / w.h[i]
-    return hardest, left, largest, gap
+    return hardest, left, gap
 
 
 @plain
@@ -148,26 +143,25 @@ def _gradient_dense(w, residual, along):
         for j in range(n):
             residual[i] += w.dense[i, j] * w.x[j]
             hardest = max(hardest, abs(w.dense[i, j]))
-    largest = max(
-        _add_multiplier_terms(w.A, w.y, residual), _add_multiplier_terms(w.G, w.lam, residual)
-    )
+    _add_multiplier_terms(w.A, w.y, residual)
+    _add_multiplier_terms(w.G, w.lam, residual)
     for k in range(n):
         left = max(left, abs(residual[k]))
         for i in range(n):
             along[i] += w.J[k, i] * residual[k]
     for i in range(n):
         gap += 0.5 * along[i] * along[i]
-    return hardest, left, largest, gap
+    return hardest, left, gap
 
 
 @plain
 def excess_of(w, tolerances):
     """How far the result in w is from the optimum, in units of its tolerance; ≤ 1 is verified."""
     if len(w.h):
-        hardest, left, largest, gap = _gradient_diagonal(w, w.line)
+        hardest, left, gap = _gradient_diagonal(w, w.line)
     else:
-        hardest, left, largest, gap = _gradient_dense(w, w.root, w.line)
-    return _excess(hardest, left, largest, gap, w, tolerances)
+        hardest, left, gap = _gradient_dense(w, w.root, w.line)
+    return _excess(hardest, left, gap, w, tolerances)
 
 
 @part
