@@ -477,6 +477,17 @@ def test_the_architecture_has_the_rooms_and_the_dependencies_that_the_project_ha
             assert name in page("architecture.md") or name == "qp_twist"
 
 
+@pytest.mark.parametrize("name", ["constraint", "cost_term"])
+def test_a_demonstration_applies_and_edits_at_most_three_files(name: str) -> None:
+    change = DOCS / "demonstrations" / f"{name}.diff"
+    command = ["git", "apply", "--check", "--numstat", str(change)]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    files = [line.split("\t")[2] for line in done.stdout.splitlines()]
+    assert 0 < len(files) <= 3
+    assert all(file.startswith("qp_twist/") for file in files)
+
+
 # ---------------------------------------------------------------- the site
 
 
