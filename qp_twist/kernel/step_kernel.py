@@ -17,6 +17,7 @@ from qp_twist.kernel.twist_rows import twist_rows
 from qp_twist.kernel.verified_program import (
     INFEASIBLE,
     REFUSED,
+    RELAXED,
     SolverTolerances,
     solved_program,
     well_conditioned,
@@ -25,6 +26,8 @@ from qp_twist.kernel.verified_program import (
 RAISE, SCALE, RELAX = 0, 1, 2
 """If the first level is infeasible: leave it to the reference, scale the task, or minimise its
 residual inside the limits."""
+_CLEARLY = 1e-6
+"""m/s or rad/s: how far even rest has to be outside the limits, along the residual."""
 FROM_PYTHON = 3
 """Replaces the projector's axes in ``kinds`` if the task's rows are computed in Python."""
 
@@ -357,6 +360,40 @@ def step(g, w, qpos, dt, use_secondary, twist_space):
 
 
 @plain
+def _no_scale_fits(w):
+    r"""Whether the closest velocity proves that no A x = s b, 0 ≤ s ≤ 1, is inside the limits.
+
+    For the x\* that minimises ‖r‖, r = A x − b, inside the convex limits, all others have
+    r\*ᵀA x ≥ r\*ᵀA x\*. With r\*ᵀA x\* > 0 also r\*ᵀ(s b) < r\*ᵀA x\* for all of these s, since
+    r\*ᵀb = r\*ᵀA x\* − ‖r\*‖².
+    """
+    along, length = 0.0, 0.0
+    for row in range(len(w.b)):
+        reached = 0.0
+        for i in range(len(w.x)):
+            reached += w.A[row, i] * w.x[i]
+        along += (reached - w.b[row]) * reached
+        length += (reached - w.b[row]) ** 2
+    return along > _CLEARLY * math.sqrt(length)
+
+
+@plain
+def _rest_is_excluded(w):
+    """Whether the limits exclude joints at rest, and with a dense H also a proof for the task.
+
+    That the linear program of the scale has no solution is a claim of floating-point arithmetic. It
+    is wrong where rest is inside the limits, and not to be relied on where H is dense, since it is
+    posed in the coordinates of H.
+    """
+    excluded = False
+    for i in range(len(w.x)):
+        excluded = excluded or w.lower[i] > _CLEARLY or w.upper[i] < -_CLEARLY
+    for row in range(len(w.g)):
+        excluded = excluded or w.g[row] < -_CLEARLY
+    return excluded and (len(w.h) > 0 or _no_scale_fits(w))
+
+
+@plain
 def infeasible_step(g, w):
     """Scale or relax a step that :func:`step` found infeasible; compiled on first use.
 
@@ -369,4 +406,7 @@ def infeasible_step(g, w):
     if not scales:
         return REFUSED
     status = scaled_program(w, g.tolerances)
-    return closest_levels(w, g.ends, True, g.tolerances) if status == INFEASIBLE else status
+    if status != INFEASIBLE:
+        return status
+    status = closest_levels(w, g.ends, True, g.tolerances)
+    return status if status == RELAXED and _rest_is_excluded(w) else REFUSED
