@@ -26,7 +26,7 @@ class Timed:
         call: Times of its call alone, if it can be separated.
         velocities: Its last velocity at each timed step, by step index.
         failures: Number of steps that raised an exception, or returned a velocity that is not
-        finite.
+            finite.
         said: Message of the first of them.
     """
 
