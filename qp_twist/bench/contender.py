@@ -12,12 +12,12 @@ from qp_twist.checks import Array
 from qp_twist.geometry import ProjectorKind
 
 StepOf = Callable[[int], Array | None]
-"""Computes the k-th step of a problem, kinematics included: q̇, rad/s, (nv,); ``None`` for the
-floor."""
+"""Computes the k-th step of a problem, kinematics included: q̇, rad/s, (nv,); ``None`` for a
+contender that computes the kinematics only (``floor:…``)."""
 
 
 @dataclass(frozen=True)
-class Parted:
+class SplitStep:
     """A step whose call is also timed alone, without kinematics and targets.
 
     Attributes:

@@ -10,7 +10,7 @@ import mink
 import mujoco
 import numpy as np
 
-from qp_twist.bench.contender import Contender, Parted, StepOf, one_level, tool_axes
+from qp_twist.bench.contender import Contender, SplitStep, StepOf, one_level, tool_axes
 from qp_twist.bench.problem import DT, Problem
 from qp_twist.bench.program import Variant, turn_error
 from qp_twist.checks import Array, Indices
@@ -133,11 +133,11 @@ def half_spaces(problem: Problem) -> list[HalfSpaces]:
 
 def own_step(
     solver: str, space: Literal["joint", "twist"], problem: Problem
-) -> Callable[[], Parted]:
+) -> Callable[[], SplitStep]:
     """``Controller.step`` with this package's own limits and secondary."""
     targets = problem.targets
 
-    def make() -> Parted:
+    def make() -> SplitStep:
         tasks = [TwistTask(frame.site, "site", frame.projector) for frame in problem.frames]
         rows = half_spaces(problem)
         levels: Any = [[tasks[i] for i in level] for level in problem.levels] or None
@@ -160,7 +160,7 @@ def own_step(
                 limit.ends = problem.ends[k]
             return configuration
 
-        return Parted(before, lambda configuration: controller.step(configuration, DT).velocity)
+        return SplitStep(before, lambda configuration: controller.step(configuration, DT).velocity)
 
     return make
 
@@ -210,7 +210,7 @@ hard_problem: Callable[[Problem], PeerProblem] = partial(peer_problem, priority=
 """The frames as constraints, the posture as the only cost."""
 
 
-def _drop_in(problem: Problem) -> Callable[[], Parted]:
+def _drop_in(problem: Problem) -> Callable[[], SplitStep]:
     return mink_step(hard_problem, problem, solve_ik)
 
 
@@ -218,12 +218,12 @@ def mink_step(
     pose: Callable[[Problem], PeerProblem],
     problem: Problem,
     solve: Callable[..., Any] = mink.solve_ik,
-) -> Callable[[], Parted]:
+) -> Callable[[], SplitStep]:
     """``mink.solve_ik``, or a function with its arguments."""
     peer = MinkPeer(pose(problem))
     goals = _goals(peer, problem)
 
-    def make() -> Parted:
+    def make() -> SplitStep:
         step = peer.step()
         rows = half_spaces(problem)
         step.limits += rows
@@ -235,7 +235,7 @@ def mink_step(
             for limit in rows:
                 limit.ends = problem.ends[k]
 
-        return Parted(before, lambda _: step.velocity(DT))
+        return SplitStep(before, lambda _: step.velocity(DT))
 
     return make
 

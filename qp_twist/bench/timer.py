@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from qp_twist.bench.contender import Parted, StepOf
+from qp_twist.bench.contender import SplitStep, StepOf
 from qp_twist.checks import Array
 
 LEAD_IN = 2
@@ -26,7 +26,7 @@ class Timed:
         call: Times of its call alone, if it can be separated.
         velocities: Its last velocity at each timed step, by step index.
         failures: Number of steps that raised an exception, or returned a velocity that is not
-        finite.
+            finite.
         said: Message of the first of them.
     """
 
@@ -98,10 +98,10 @@ def _run(step: StepOf, block: range, timed: Timed) -> None:
         velocity: Array | None
         began = between = time.perf_counter_ns()
         try:
-            if isinstance(step, Parted):
-                given = step.before(k)
+            if isinstance(step, SplitStep):
+                arguments = step.before(k)
                 between = time.perf_counter_ns()
-                velocity = step.call(given)
+                velocity = step.call(arguments)
             else:
                 velocity = step(k)
         except Exception as error:  # any exception of a library is a failure of its step
@@ -117,7 +117,7 @@ def _run(step: StepOf, block: range, timed: Timed) -> None:
             timed.said = timed.said or "the velocity is not finite"
             continue
         timed.warm.append(ended - began)
-        if isinstance(step, Parted):
+        if isinstance(step, SplitStep):
             timed.call.append(ended - between)
         if velocity is not None:
             timed.velocities[k] = np.array(velocity)  # a copy: it may be overwritten

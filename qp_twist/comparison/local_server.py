@@ -37,6 +37,7 @@ NAMES = (HOST, "localhost", "[::1]")
 _FOREIGN = "foreign.invalid"
 """A host name that no machine has (RFC 2606), to test the refusal."""
 _LONGEST = 200
+"""Longest logged excerpt of a request, characters."""
 _MOST = 20
 """Largest number of logged refusals."""
 _REPLACING = threading.Lock()
@@ -55,7 +56,7 @@ class LocalServer(viser.ViserServer):
     ========================  ==============================================================
     request                   answered if
     ========================  ==============================================================
-    every one                 its ``Host`` is one of ``names``, with any port, and its address
+    any                       its ``Host`` is one of ``names``, with any port, and its address
                               has no query
     with an ``Origin``        that is ``http://`` and the ``Host``: a page of this server
     for a websocket           it has such an ``Origin``; browsers always send one
@@ -156,7 +157,7 @@ def _filtering(requests: _RequestFilter) -> Iterator[None]:
         process_request: Callable[[ServerConnection, Request], Any] | None = None,
         **options: Any,
     ) -> Any:
-        async def look(connection: ServerConnection, request: Request) -> Response | None:
+        async def answer(connection: ServerConnection, request: Request) -> Response | None:
             why = requests.refusal(request)
             if why is not None:
                 requests.log_refusal(why)
@@ -176,7 +177,7 @@ def _filtering(requests: _RequestFilter) -> Iterator[None]:
                 await connection.close(CloseCode.INVALID_DATA, "a message cannot be read")
 
         asyncio.get_running_loop().set_exception_handler(_log_failed_task)
-        return original(handle, *arguments, process_request=look, logger=_server_log(), **options)
+        return original(handle, *arguments, process_request=answer, logger=_server_log(), **options)
 
     with _REPLACING:
         asyncio_server.serve = serve  # type: ignore[misc, assignment]

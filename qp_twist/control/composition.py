@@ -14,8 +14,8 @@ BOXES = (PositionLimit, MotionLimit, DisplacementWindow)
 def composition_known(levels: Sequence[Sequence[Any]], limits: Sequence[Any]) -> bool:
     """Whether a step of this composition can be prepared.
 
-    Levels of TwistTasks, and limits that are boxes of this package or rows of
-    any class.
+    It can with levels of TwistTasks, and limits that are boxes of this package or rows of any
+    class.
     """
     return all(isinstance(t, TwistTask) for level in levels for t in level) and all(
         type(limit) in BOXES or not isinstance(limit, BoxLimit) for limit in limits

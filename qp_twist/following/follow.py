@@ -57,8 +57,8 @@ def follow(
             task's start.
         planning: Called during planning with the current phase and its share done.
         slow_down: Whether to extend a waypoint's duration instead of missing it. Methods without
-            velocity limits never need it. Acceleration limits
-            are then left to :func:`~qp_twist.time_trajectory`.
+            velocity limits never need it. Acceleration limits are then left to
+            :func:`~qp_twist.time_trajectory`.
         **options: Settings that replace those of the task file, which replace the method's own
             (:data:`~qp_twist.paths.methods.METHODS`): ``iterations``, ``secondary``,
             ``weight``, ``gain``, ``objective``, and for the peers ``posture_cost`` and

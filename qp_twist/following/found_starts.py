@@ -78,7 +78,7 @@ def find_starts(
     Args:
         path_task: The task, from :func:`~qp_twist.load_task`.
         count: Largest number of candidates. The best of every branch precede second ones of a
-        branch.
+            branch.
         method: Method of the runs; one with limits.
         runs: Whether to run them; if not, candidates are ordered by z.
         progress: Called with the number of candidates done and their number.

@@ -32,9 +32,8 @@ class TwistProjector:
         linear: Projector of the velocity v of the frame's origin.
         angular: Projector of the angular velocity ω.
         frame: The frame that the projectors' axes are fixed to: ``"world"``, ``"body"`` (they move
-        with the
-            controlled frame, like a tool axis) or ``"target"`` (they move with the target pose,
-            like a surface normal). :meth:`resolved` gives the projector in world axes.
+            with the controlled frame, like a tool axis) or ``"target"`` (they move with the target
+            pose, like a surface normal). :meth:`resolved` gives the projector in world axes.
 
     Raises:
         InvalidInput: If a block is not a :class:`Projector` or the frame is unknown.

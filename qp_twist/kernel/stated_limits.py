@@ -1,9 +1,16 @@
 """Gather the bounds and inequality rows of mink limits for one program, compiled.
 
 Bounds on single joints narrow one box, (4, nv): lower bounds, upper bounds, and the number of the
-limit behind each of them. Of equal bounds the one with the smaller number counts. Other rows are
-appended to G q̇ ≤ g: ``rows`` (capacity, nv), ``ends`` (capacity,) and ``which`` (capacity,), the
-row's index in its own limit.
+limit that sets each of them; of equal bounds the one with the smaller number counts. Other rows are
+appended to G q̇ ≤ g:
+
+=========  ==============  ==================================
+argument   shape           content
+=========  ==============  ==================================
+rows       (capacity, nv)  G
+ends       (capacity,)     g
+which      (capacity,)     index of each row in its own limit
+=========  ==============  ==================================
 """
 
 from __future__ import annotations
@@ -87,7 +94,7 @@ def append_ball_ranges(q, angles, gain, dt, addresses, dofs, first, rows, ends, 
         w, x, y, z = q[start], q[start + 1], q[start + 2], q[start + 3]
         sine = math.sqrt(x * x + y * y + z * z)
         turn = 2.0 * math.atan2(sine, w)
-        if turn > math.pi:  # the other way round is shorter
+        if turn > math.pi:  # the opposite rotation is shorter
             turn -= 2.0 * math.pi
         angle = abs(turn)
         end = gain * (angles[k] - angle) / dt

@@ -19,7 +19,7 @@ class PostureReference(SecondaryObjective):
 
     Attributes:
         q_ref: Reference configuration, rad or m, (nq,); read-only, assign another array to change
-        it.
+            it.
     """
 
     q_ref: Array = checked(

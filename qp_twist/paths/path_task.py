@@ -51,7 +51,7 @@ class PathTask:
         starts: Starting configurations of single methods, by name, instead of ``start``.
         roll_normal: Normal of the roll rule's plane, in the world, (3,); ``None`` without a rule.
         study: What a study varies, and its criterion of success, if the task file has a
-        ``[study]``.
+            ``[study]``.
         durations: Time for each waypoint, s, (N,); the first is 0; ``None`` for an untimed path.
         velocity_limits: Largest joint speeds, rad/s or m/s, (nv,); ∞ without a limit.
         acceleration_limits: Largest joint accelerations, rad/s² or m/s², (nv,); ∞ likewise.

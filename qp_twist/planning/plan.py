@@ -51,8 +51,7 @@ class Plan:
             to be at most 0.05° or 0.1 mm, the tolerance of a check
             (``planning.hard_constraints.BETWEEN``).
         value: Value of the objective: mean z (centering), degrees (travel, margin), or the weighted
-        sum;
-            NaN if there is no motion.
+            sum; NaN if there is no motion.
         bound: Bound of the value over all motions, each waypoint taken for itself (for what is
             proved see ``planning.bound.pointwise_bound``); NaN if a waypoint has no configuration,
             and for centering and margin if one leaves more than two degrees free.

@@ -20,7 +20,7 @@ from qp_twist.kinematics import frame_jacobian
 from qp_twist.paths import PathTask
 
 _FLOOR = 1e-6
-"""Errors below this (mm, degrees) are drawn here: they are within the tolerances."""
+"""Smaller errors (mm, degrees) are drawn at this value: they are within the tolerances."""
 
 Trajectories = Mapping[str, Trajectory]
 View = Callable[[mpl.axes.Axes], None]
@@ -42,8 +42,8 @@ def error_section(path_task: PathTask, trajectories: Trajectories) -> ReportSect
             scale="log",
         )  # fmt: skip
     note = (
-        "<p>What is left of the task error after the iterations of a waypoint. Below "
-        f"{_FLOOR:g} mm or ° it is drawn at the bottom.</p>"
+        "<p>Task error after the iterations of each waypoint. Values below "
+        f"{_FLOOR:g} mm or ° are drawn at the bottom.</p>"
     )
     return ReportSection("error", "Task error", note + body)
 
@@ -99,9 +99,9 @@ def singular_section(path_task: PathTask, trajectories: Trajectories) -> ReportS
         "Smallest singular value of all operational rows of J, at each waypoint.", view=view,
     )  # fmt: skip
     note = (
-        "<p>Near 0 joints run fast for little motion. A method that needs only the task's rows "
-        "minds only the first figure; one that inverts the whole J minds the second as well. "
-        "Metres and radians stand side by side.</p>"
+        "<p>Near 0 a small motion of the tool needs large joint speeds. The first figure concerns "
+        "methods that invert only the task's rows, the second those that invert all of J. Linear "
+        "rows (m) and angular rows (rad) are not weighted against each other.</p>"
     )
     return ReportSection("sigma", "Singular values of TJ and J", note + body)
 
@@ -110,7 +110,7 @@ def speed_section(path_task: PathTask, trajectories: Trajectories) -> ReportSect
     """The fastest joint, as a share of its limit."""
     title = "Joint speeds over their limits"
     if not has_speed_limits(path_task):
-        missing = "no clock" if path_task.durations is None else "no joint speed limits"
+        missing = "no feed" if path_task.durations is None else "no joint speed limits"
         return ReportSection(
             "speed", title, f"<p>The task has {missing}: there is nothing to show.</p>"
         )
@@ -137,13 +137,13 @@ def speed_section(path_task: PathTask, trajectories: Trajectories) -> ReportSect
                 f"<td>{100.0 * peak.share:.3g} %</td><td>{mark}</td></tr>"
             )
     table = (
-        '<div class="scroll" tabindex="0" role="region" aria-label="The fastest of each method">'
-        '<table class="plain"><caption>The fastest of each method</caption><thead><tr>'
+        '<div class="scroll" tabindex="0" role="region" aria-label="Fastest joint of each method">'
+        '<table class="plain"><caption>Fastest joint of each method</caption><thead><tr>'
         '<th scope="col">method</th><th scope="col">joint</th><th scope="col">waypoint</th>'
-        '<th scope="col">of its limit</th><th scope="col">kept</th></tr></thead>'
+        '<th scope="col">speed ÷ limit</th><th scope="col">within limit</th></tr></thead>'
         f"<tbody>{rows}</tbody></table></div>"
     )
-    note = "<p>At the task's feed; mean speed on the way to each waypoint.</p>"
+    note = "<p>At the task's feed; mean speed from the previous waypoint.</p>"
     return ReportSection("speed", title, note + body + table)
 
 

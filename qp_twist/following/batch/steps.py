@@ -76,8 +76,7 @@ def step(
         threads: Number of threads; all cores by default.
 
     Raises:
-        InvalidInput: If an argument is wrong, or the controller has no
-            compiled form.
+        InvalidInput: If an argument is wrong, or the controller has no compiled form.
         mink.TargetNotSet: If no targets are given and a task has none.
     """
     from qp_twist.control.compiled_step import CompiledStep

@@ -75,9 +75,8 @@ def follow(
 
     Runs of the closed forms ``rmr``, ``rmr_flipped``, ``minimum_norm`` and ``gradient_projection``
     and of this package's QPs run as machine code on all cores; every QP step is verified. A run
-    with
-    a waypoint that needs more than plain steps (a limit scales the task, a singularity) is computed
-    by :func:`qp_twist.follow` instead, which takes longer.
+    with a waypoint where a limit scales the task, or at a singularity, is computed by
+    :func:`qp_twist.follow` instead, which takes longer.
 
     Memory: with ``keep=False`` a few numbers per run, for any number of waypoints.
 
