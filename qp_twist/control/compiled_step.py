@@ -271,8 +271,8 @@ class CompiledStep:
         return step
 
     def load(self) -> None:
-        """Load, or compile, what hindered steps take; the program of the last step is spent."""
-        live_hindered_step(self._floats, self._integers)
+        """Load, or compile, what infeasible steps take; it overwrites the last step's program."""
+        live_infeasible_step(self._floats, self._integers)
         self._program.active_count[0] = 0
 
     def _is_of(self, composed: Composition) -> bool:
