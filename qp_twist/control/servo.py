@@ -6,7 +6,7 @@ import enum
 import math
 import threading
 import time
-from collections import Counter, deque
+from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Literal
@@ -182,7 +182,7 @@ class Servo:
                 "Servo: the controller has no TwistTask with a target pose; add one."
             )
         self._streams = {task: TargetStream(task, settings, configuration) for task in tasks}
-        self._inputs: deque[tuple[TwistTask | None, Input]] = deque()
+        self._inputs: dict[TwistTask | None, Input] = {}
         self._stamps: dict[TwistTask | None, float] = {}
         self._taking = threading.Lock()
         self._joints: Input | None = None
@@ -299,7 +299,7 @@ class Servo:
         return task
 
     def _accept(self, task: TwistTask | None, at: float | None, **given: Any) -> bool:
-        """Put an input where the next tick finds it, unless its stamp refuses it."""
+        """Keep the newest input of each task for the next tick, unless it is out of date."""
         now = self.clock()
         stamp = now if at is None else number("at", at)
         with self._taking:
@@ -314,12 +314,14 @@ class Servo:
                 self.refused[reason] += 1
                 return False
             self._stamps[task] = stamp
-            self._inputs.append((task, Input(stamp, **given)))
+            self._inputs.pop(task, None)  # the newest stands last
+            self._inputs[task] = Input(stamp, **given)
         return True
 
     def _take_inputs(self) -> None:
-        while self._inputs:
-            task, given = self._inputs.popleft()
+        with self._taking:
+            inputs, self._inputs = self._inputs, {}
+        for task, given in inputs.items():
             if task is None:
                 self._joints = given
                 continue
