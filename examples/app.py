@@ -23,15 +23,25 @@ def off(task: qt.TwistTask, configuration: mink.Configuration) -> float:
     return float(np.linalg.norm(task.state(configuration).error))
 
 
-def run(configuration: mink.Configuration, step: Callable[[float], None], lasts: float) -> None:
-    """Call ``step`` with the time, every 10 ms, for as long as the command line says."""
+def run(
+    configuration: mink.Configuration,
+    step: Callable[[float], None],
+    lasts: float,
+    key: Callable[[int], None] | None = None,
+) -> None:
+    """Call ``step`` with the time, every 10 ms, for as long as the command line says.
+
+    In a window ``key`` is called with the code of each key that is pressed.
+    """
     seconds = lasts if _given.seconds is None else _given.seconds
     times = [k * DT for k in range(round(seconds / DT))]
     if HEADLESS:
         for t in times:
             step(t)
         return
-    with mujoco.viewer.launch_passive(configuration.model, configuration.data) as viewer:
+    with mujoco.viewer.launch_passive(
+        configuration.model, configuration.data, key_callback=key
+    ) as viewer:
         began = time.monotonic()
         for t in times:
             if not viewer.is_running():

@@ -31,6 +31,7 @@ from .constraints import JointCouplings as JointCouplings
 from .constraints import MotionLimit as MotionLimit
 from .constraints import PositionLimit as PositionLimit
 from .control import Controller as Controller
+from .control import Servo as Servo
 from .control import Status as Status
 from .control import Step as Step
 from .control import ik_step as ik_step

@@ -270,6 +270,11 @@ class CompiledStep:
             step.set_outcome(_STATUSES[status], float(self._program.sensitivity[0]), gaps)
         return step
 
+    def load(self) -> None:
+        """Load, or compile, what infeasible steps take; it overwrites the last step's program."""
+        live_infeasible_step(self._floats, self._integers)
+        self._program.active_count[0] = 0
+
     def _is_of(self, composed: Composition) -> bool:
         return (
             composed.limits == self._limits

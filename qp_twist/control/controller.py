@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 import threading
 from collections.abc import Sequence
@@ -26,6 +27,7 @@ from qp_twist.checks import (
 from qp_twist.constraints import (
     BoxLimit,
     Constraint,
+    MotionLimit,
     PositionLimit,
     check_constraint,
     check_model,
@@ -56,7 +58,7 @@ from qp_twist.kinematics import (
     same_structure,
     total_displacement,
 )
-from qp_twist.qp import InfeasibleStep, QuadraticProgram, check_solver, solve
+from qp_twist.qp import InfeasibleStep, NoSolutionFound, QuadraticProgram, check_solver, solve
 
 if TYPE_CHECKING:
     from qp_twist.control.compiled_step import CompiledStep
@@ -285,6 +287,20 @@ class Controller:
         step = finished(posed, result, self.solver, self.on_infeasible)
         self._note(step.velocity)
         return step
+
+    def load(self, configuration: mink.Configuration, dt: float) -> None:
+        """Load, or compile, all machine code of the steps, so that none waits for it.
+
+        One step is computed for that; the velocity that acceleration limits count from stays.
+        """
+        motions = [limit for limit in self.limits if isinstance(limit, MotionLimit)]
+        before = [limit.velocity for limit in motions]
+        with contextlib.suppress(NoSolutionFound):
+            self.step(configuration, dt)
+        if self._prepared is not None:
+            self._prepared.load()
+        for limit, velocity in zip(motions, before, strict=True):
+            limit.velocity = velocity
 
     def note(self, velocity: npt.ArrayLike) -> None:
         """Set the current joint velocity (nv,) for acceleration limits, as :meth:`step` does."""

@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from qp_twist.checks import Array, finite_array, instance, number, one_of, whole_number
 from qp_twist.constraints import MotionLimit
-from qp_twist.control import Controller, Step
+from qp_twist.control import Controller, Servo, ServoState, Step
 from qp_twist.errors import InvalidInput
 from qp_twist.qp import NoSolutionFound
 from qp_twist.simulation.plant import Plant
@@ -69,11 +69,11 @@ class ClosedLoop:
 
     def __init__(
         self,
-        controller: Controller,
+        controller: Controller | Servo,
         plant: Plant,
         start: npt.ArrayLike,
         *,
-        period: float = 0.01,
+        period: float | None = None,
         feedback: Literal["measured", "integrated", "blended"] = "integrated",
         time_constant: float = 0.1,
         noise: npt.ArrayLike = 0.0,
@@ -82,12 +82,14 @@ class ClosedLoop:
         """Close the loop, with the robot at rest.
 
         Args:
-            controller: The controller; the record contains the errors of its first
-                :class:`~qp_twist.TwistTask`.
+            controller: The controller, or a servo that is fed with targets; the servo's
+                configuration becomes the estimate, and its clock the simulated time. The record
+                contains the errors of the first :class:`~qp_twist.TwistTask`.
             plant: The robot and its servos, with the same joints. It is moved to ``start``. Plant
                 and controller must not be used elsewhere while the loop uses them.
             start: Joint positions at time 0, rad or m, (nq,).
-            period: dt, s; a multiple of the plant's time step.
+            period: dt, s; a multiple of the plant's time step. If ``None`` that of the servo, or
+                0.01 s.
             feedback: ``"measured"``, ``"integrated"`` or ``"blended"``.
             time_constant: T of ``"blended"``, s.
             noise: Standard deviation of the measured joint positions, rad or m; one number or
@@ -98,6 +100,13 @@ class ClosedLoop:
             InvalidInput: If an argument has the wrong type or range, the two models have different
                 joints, or the period is not a multiple of the time step.
         """
+        self._servo = controller if isinstance(controller, Servo) else None
+        if isinstance(controller, Servo):
+            if period is not None and period != controller.period:
+                raise InvalidInput(
+                    f"period: the servo's is {controller.period:g} s, got {period!r}; leave it out."
+                )
+            period, controller = controller.period, controller.controller
         instance("controller", controller, Controller)
         instance("plant", plant, Plant)
         if _joints(controller.model) != _joints(plant.model):
@@ -112,7 +121,7 @@ class ClosedLoop:
             )
         self.controller = controller
         self.plant = plant
-        self.period = number("period", period, above=0.0)
+        self.period = number("period", 0.01 if period is None else period, above=0.0)
         self._substeps = _substeps(self.period, plant.timestep)
         self.feedback: str = one_of("feedback", feedback, ("measured", "integrated", "blended"))
         constant = number("time_constant", time_constant, above=0.0)
@@ -134,7 +143,12 @@ class ClosedLoop:
         start = finite_array("start", start, (nq,))
         plant.start(start)
         controller.note(np.zeros(controller.model.nv))
-        self.configuration = mink.Configuration(controller.model, start)
+        if self._servo is None:
+            self.configuration = mink.Configuration(controller.model, start)
+        else:
+            self.configuration = self._servo.configuration
+            self.configuration.update(start)
+            self._servo.clock = lambda: self.time
         self._steps_done = 0
         self._truth = mink.Configuration(controller.model, start)
         self._recorder = Recorder(plant.ranges, _speeds(controller), self.period, plant.timestep)
@@ -197,8 +211,7 @@ class ClosedLoop:
         if self._steps_done:
             estimate = configuration.q
             configuration.update(estimate + self._feedback_gain * (measured - estimate))
-        step, failure = self._compute_step()
-        command = np.zeros(plant.model.nv) if step is None else step.velocity
+        command, step, state, failure = self._compute_step()
         self._truth.update(plant.q)
         error = self.controller.twist_tasks[0].state(self._truth).error
         configuration.integrate_inplace(command, self.period)
@@ -213,18 +226,24 @@ class ClosedLoop:
             measured=measured,
             command=command,
             step=step,
+            state=state,
             failure=failure,
             q=np.array([q for q, _ in states]),
             velocity=np.array([velocity for _, velocity in states]),
         )
 
-    def _compute_step(self) -> tuple[Step | None, str]:
-        """The controller's step and an empty string, or ``None`` and the reason."""
+    def _compute_step(self) -> tuple[Array, Step | None, ServoState | None, str]:
+        """Commanded velocity, the step, the servo's state, and why there is no step."""
+        if self._servo is not None:
+            tick = self._servo.tick()
+            return tick.velocity, tick.step, tick.state, tick.failure
         try:
-            return self.controller.step(self.configuration, self.period), ""
+            step = self.controller.step(self.configuration, self.period)
         except NoSolutionFound as error:
-            self.controller.note(np.zeros(self.controller.model.nv))
-            return None, str(error)
+            rest = np.zeros(self.controller.model.nv)
+            self.controller.note(rest)
+            return rest, None, None, str(error)
+        return step.velocity, step, None, ""
 
 
 def _substeps(period: float, timestep: float) -> int:

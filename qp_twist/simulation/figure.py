@@ -5,7 +5,10 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+
+from qp_twist.control import ServoState
 
 if TYPE_CHECKING:
     from qp_twist.simulation.record import Record
@@ -16,9 +19,10 @@ LIMIT = "#D00000"
 
 
 def draw(record: Record, title: str) -> Figure:
-    """Errors, margin, joint speeds and scale over time, in four panels."""
-    figure = Figure(figsize=(8.0, 7.0), layout="constrained")
-    errors, margin, speeds, scale = figure.subplots(4, 1, sharex=True)
+    """Errors, margin, joint speeds and scale over time, in four panels; a servo's states below."""
+    fed = any(state is not None for state in record.states)
+    figure = Figure(figsize=(8.0, 8.6 if fed else 7.0), layout="constrained")
+    errors, margin, speeds, scale, *more = figure.subplots(4 + fed, 1, sharex=True)
     time = record.time
     errors.plot(time, 1e3 * record.position_error, color=BLUE, label="position, mm")
     errors.plot(time, np.degrees(record.angle_error), color=ORANGE, label="angle, degrees")
@@ -34,9 +38,26 @@ def draw(record: Record, title: str) -> Figure:
     scale.step(time, record.scale, where="post", color=BLUE)
     scale.set_ylim(-0.05, 1.08)
     scale.set_title("scale of the task (0: no step)", loc="left", fontsize=9)
-    scale.set_xlabel("time, s")
-    for panel in (errors, margin, speeds, scale):
+    for panel in more:
+        _draw_states(panel, record)
+    (more or [scale])[-1].set_xlabel("time, s")
+    for panel in (errors, margin, speeds, scale, *more):
         panel.spines[["top", "right"]].set_visible(False)
         panel.grid(color="#DDDDDD", linewidth=0.5)
     figure.suptitle(title)
     return figure
+
+
+def _draw_states(panel: Axes, record: Record) -> None:
+    """A bar for each stretch of time in a state."""
+    names = [state.name.lower().replace("_", " ") for state in ServoState]
+    places = np.array([-1 if s is None else list(ServoState).index(s) for s in record.states])
+    starts = np.flatnonzero(np.diff(places, prepend=-2))
+    for start, end in zip(starts, [*starts[1:], len(places)], strict=True):
+        place = int(places[start])
+        if place >= 0:
+            span = record.time[start], (end - start) * record.period
+            panel.broken_barh([span], (place - 0.4, 0.8), color=BLUE, zorder=3)
+    panel.set_yticks(range(len(names)), names, fontsize=8)
+    panel.set_ylim(len(names) - 0.5, -0.5)
+    panel.set_title("what the servo is doing", loc="left", fontsize=9)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from qp_twist.checks import Array, number
-from qp_twist.control import Status, Step
+from qp_twist.control import ServoState, Status, Step
 from qp_twist.errors import InvalidInput
 from qp_twist.kinematics import JointRanges
 
@@ -41,6 +41,7 @@ class Record:
         speed_share: Largest joint speed as a share of its limit, (N,); 0 without limits.
         scale: Scale of each step, (N,); 0 without a step.
         statuses: Status of each step, (N,); ``None`` without a step.
+        states: What the servo was doing, (N,); ``None`` where a controller runs without one.
         failures: Why there was no step, by time.
         period: Length of a period, s.
         diverged: Whether the run ended early since the robot diverged.
@@ -60,6 +61,7 @@ class Record:
     speed_share: Array
     scale: Array
     statuses: tuple[Status | None, ...]
+    states: tuple[ServoState | None, ...]
     failures: dict[float, str]
     period: float
     diverged: bool
@@ -127,6 +129,7 @@ class Interval(NamedTuple):
     measured: Array
     command: Array
     step: Step | None
+    state: ServoState | None
     failure: str
     q: Array
     """At each time step and at the end, (substeps + 1, nq)."""
@@ -165,6 +168,7 @@ class Recorder:
             speed_share=(np.abs(velocity) / self._speeds).max(axis=(1, 2)),
             scale=np.array([0.0 if i.step is None else i.step.scale for i in intervals]),
             statuses=tuple(None if i.step is None else i.step.status for i in intervals),
+            states=tuple(i.state for i in intervals),
             failures={i.time: i.failure for i in intervals if i.failure},
             period=self._period,
             diverged=diverged,

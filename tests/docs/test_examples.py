@@ -50,6 +50,36 @@ def test_the_hand_stays_on_the_point_and_the_base_drives(monkeypatch: pytest.Mon
     assert np.linalg.norm(app["configuration"].q[:2]) > 0.5
 
 
+def test_a_jogged_tool_moves_while_a_key_is_held(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    app = ran("jogging", monkeypatch, 4.0)
+    task, began = app["task"], app["path_task"].start
+    assert np.linalg.norm(app["configuration"].q - began) > 0.05
+    assert np.linalg.norm(task.state(app["configuration"]).error) < 1e-6
+    said = capsys.readouterr().out
+    assert re.findall(r"s  (\w+)", said) == ["holding", "tracking", "stopping", "holding"]
+
+
+def test_two_arms_go_after_two_hands(monkeypatch: pytest.MonkeyPatch) -> None:
+    app = ran("teleoperation", monkeypatch, 8.0)
+    assert max(app["worst"].values()) < 0.02  # hands of 0.1 m/s, a tenth of the poses lost
+    assert app["servo"].refused == {}
+
+
+def test_the_servo_in_simulation_keeps_its_limits(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setattr(sys, "argv", ["servo", "--figure", str(tmp_path / "servo.png")])
+    app = runpy.run_path(str(EXAMPLES / "servo.py"), run_name="__main__")
+    record = app["record"]
+    change = np.abs(np.diff(record.command, axis=0)).max()
+    assert change <= 15.0 * 0.002 + 1e-9
+    assert {state.name for state in record.states} >= {"TRACKING", "STOPPING", "HOLDING"}
+    assert not record.failures
+    assert (tmp_path / "servo.png").stat().st_size > 10_000
+
+
 def test_the_page_shows_the_apps_as_they_are() -> None:
     figures = runpy.run_path(str(EXAMPLES.parent / "docs" / "make_figures.py"))
     kept = EXAMPLES.parent / "docs" / "generated" / "mink_app.diff"

@@ -1,0 +1,106 @@
+"""Ticks of a servo under a random stream, in one process without dynamics: how long they take.
+
+python benchmarks/servo_ticks.py [--ticks 10000000] [--seed 0]
+
+The stream has poses (at 20 to 500 Hz, some of them far away, some out of reach), twists and joint
+velocities, gaps, and inputs that are not finite. Time is the servo's own: no tick waits for the
+clock. A tick is late if it takes longer than the period of 2 ms; `by their own work` are those of
+the late ones in which the thread itself computed for as long.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import gc
+from collections import Counter
+
+import mink
+import numpy as np
+
+import qp_twist as qt
+
+PERIOD = 0.002
+
+
+class Operator:
+    """Random inputs: one kind for a while, then another."""
+
+    def __init__(self, servo: qt.Servo, model: object, start: mink.SE3, seed: int) -> None:
+        self.servo, self.start = servo, start
+        self.rng = np.random.default_rng(seed)
+        self.until, self.kind, self.every = 0, "none", 1
+        self.nv = model.nv  # type: ignore[attr-defined]
+
+    def feed(self, k: int) -> None:
+        """The input of tick k, if there is one."""
+        rng = self.rng
+        if k >= self.until:
+            self.until = k + int(rng.integers(100, 1500))
+            self.kind = str(rng.choice(["track", "track", "jog", "move", "none", "far", "junk"]))
+            self.every = int(rng.choice([1, 2, 5, 16, 25]))
+            self.phase, self.size = rng.uniform(0.0, 6.0, 3), rng.uniform(0.0, 0.15, 3)
+            self.twist = np.concatenate([rng.normal(size=3) * 0.15, rng.normal(size=3) * 0.5])
+            self.velocity = rng.normal(size=self.nv) * 0.5
+            self.far = rng.normal(size=3) * (2.0 if rng.random() < 0.3 else 0.3)
+        if k % self.every:
+            return
+        if self.kind == "track":
+            shift = self.size * np.sin(0.002 * k + self.phase)
+            self.servo.track(mink.SE3.from_translation(shift) @ self.start)
+        elif self.kind == "far":
+            self.servo.track(mink.SE3.from_translation(self.far) @ self.start)
+        elif self.kind == "jog":
+            self.servo.jog(self.twist, axes="tool" if self.every > 2 else "world")
+        elif self.kind == "move":
+            self.servo.move(self.velocity)
+        elif self.kind == "junk":
+            with contextlib.suppress(qt.InvalidTarget):
+                self.servo.jog(np.full(6, np.nan))
+
+
+def main() -> None:
+    """Run it and print what the ticks took."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--ticks", type=int, default=100_000)
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--acceleration", type=float, default=10.0, help="rad/s²")
+    arguments = parser.parse_args()
+    path_task = qt.load_task("deburring")
+    model, now = path_task.model, [0.0]
+    task = qt.TwistTask("tool", "site", path_task.projector)
+    motion = qt.MotionLimit(model, velocity=1.5, acceleration=arguments.acceleration)
+    controller = qt.Controller(
+        model, [task], secondary=[qt.JointCentering(model, gain=0.001)], limits=[motion]
+    )
+    configuration = mink.Configuration(model, path_task.start)
+    servo = qt.Servo(controller, configuration, period=PERIOD, clock=lambda: now[0])
+    start = configuration.get_transform_frame_to_world("tool", "site")
+    operator = Operator(servo, model, start, arguments.seed)
+    gc.freeze()
+    states: Counter[str] = Counter()
+    before, worst_change, worst_excess = np.zeros(model.nv), 0.0, -np.inf
+    lower, upper = model.jnt_range.T
+    for k in range(arguments.ticks):
+        now[0] = k * PERIOD
+        operator.feed(k)
+        tick = servo.tick()
+        states[tick.state.name] += 1
+        velocity = tick.velocity
+        worst_change = max(worst_change, float(np.abs(velocity - before).max()))
+        before = velocity
+        configuration.integrate_inplace(velocity, PERIOD)
+        q = configuration.q
+        worst_excess = max(worst_excess, float(np.maximum(lower - q, q - upper).max()))
+    print(servo.times)
+    print("states:", ", ".join(f"{name} {count}" for name, count in states.most_common()))
+    print(f"inputs refused: {dict(servo.refused)}")
+    print(
+        f"largest change of a velocity: {worst_change / PERIOD:.6f} rad/s² "
+        f"(limit {arguments.acceleration:g}); joints outside their ranges by {worst_excess:.2g} rad"
+    )
+    print(f"steps that the kernel left to the reference: {controller.reference_steps}")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,480 @@
+"""A controller with a period, fed by a stream of targets."""
+
+from __future__ import annotations
+
+import enum
+import math
+import threading
+import time
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import mink
+import numpy as np
+import numpy.typing as npt
+
+from qp_twist.checks import Array, finite_array, instance, largest, number, one_of
+from qp_twist.constraints import MotionLimit
+from qp_twist.control.controller import Controller
+from qp_twist.control.step import Status, Step
+from qp_twist.control.target_stream import Input, StreamSettings, TargetStream, beyond, error_of
+from qp_twist.control.tick_times import TickTimes
+from qp_twist.errors import InvalidInput, InvalidTarget, QpTwistError
+from qp_twist.geometry import Projector, TwistProjector
+from qp_twist.kinematics import (
+    GazeTask,
+    PostureReference,
+    TwistTask,
+    check_configuration,
+)
+
+_NOTICEABLE = 1e-3, 1e-2
+"""m and rad. Whoever is slowed for a tick while accelerating is not behind by as much."""
+_STILL = 1e-2
+"""rad/s or m/s: a joint that is slower counts as standing."""
+
+
+class ServoState(enum.Enum):
+    """What a servo is doing; the value says it to a person."""
+
+    HOLDING = "holding: no target is coming"
+    TRACKING = "tracking the targets"
+    APPROACHING = "approaching a target that is far away"
+    SLOWED = "slowed by limits"
+    AT_THE_EDGE = "at the edge of the reach"
+    STOPPING = "stopping: the targets have ceased"
+    BLOCKED = "stopping: no step was found"
+
+
+@dataclass(frozen=True, eq=False)
+class Tick:
+    """What a servo commands for one period.
+
+    Attributes:
+        velocity: q̇, rad/s or m/s, (nv,).
+        state: What the servo is doing.
+        step: The controller's step; ``None`` if it found none.
+        failure: Why it found none.
+    """
+
+    velocity: Array
+    state: ServoState
+    step: Step | None
+    failure: str = ""
+
+    @property
+    def message(self) -> str:
+        """The state in a sentence, with what causes it."""
+        step, text = self.step, self.state.value
+        if self.state is ServoState.BLOCKED:
+            return f"{text}: {self.failure}"
+        if step is None:
+            return text
+        by = ", ".join(str(limit) for limit in step.binding)
+        if self.state is ServoState.SLOWED and by:
+            share = f" to {100.0 * step.scale:.0f} %" if step.status is Status.SCALED else ""
+            text = f"slowed{share} by {by}"
+        if self.state is ServoState.AT_THE_EDGE and step.lost:
+            text += ": " + ", ".join(str(lost) for lost in step.lost)
+        return text
+
+    def __repr__(self) -> str:
+        return f"Tick({self.message})"
+
+
+class Servo:
+    r"""A :class:`Controller` that is called every period and fed by a stream of targets.
+
+    Targets come when they come: poses (:meth:`track`), twists (:meth:`jog`) or joint velocities
+    (:meth:`move`). Between two poses the reference is interpolated. A target further than ``jump``
+    from the last is approached at a set speed. Where no target has come for ``stale_after``, the
+    reference of that task is brought to rest within ``stop_within``:
+
+    .. math::
+
+        \mathbf t(\tau) = (1 - \tau/T)\,\mathbf t(0), \qquad T = \text{stop\_within},
+
+    from where the robot then is; once all streams have ceased, what moves in the null space fades
+    with it. In each tick the controller's own limits hold, as ever.
+
+    The servo reads ``configuration`` and does not change it: the caller integrates the velocity, or
+    updates it from measurements. Inputs may come from other threads; ticks from one.
+
+    Attributes:
+        controller: The controller; the servo sets the targets of the tasks that it is fed for.
+        configuration: Where the robot is.
+        period: dt, s.
+        stale_after: Age, s, from which a target counts as missing.
+        stop_within: T, s.
+        clock: Time, s, in which inputs are stamped.
+        refused: How many inputs were refused, by reason.
+        times: Durations of the ticks.
+
+    Example:
+        >>> import mink, qp_twist as qt
+        >>> path_task = qt.load_task("deburring")
+        >>> task = qt.TwistTask("tool", "site", path_task.projector)
+        >>> controller = qt.Controller(path_task.model, [task],
+        ...                            limits=[qt.MotionLimit(path_task.model, velocity=1.0)])
+        >>> configuration = mink.Configuration(path_task.model, path_task.start)
+        >>> servo = qt.Servo(controller, configuration, period=0.002)
+        >>> servo.jog([0.05, 0.0, 0.0, 0.0, 0.0, 0.0])
+        True
+        >>> tick = servo.tick()
+        >>> configuration.integrate_inplace(tick.velocity, servo.period)
+        >>> tick.message
+        'tracking the targets'
+    """
+
+    def __init__(
+        self,
+        controller: Controller,
+        configuration: mink.Configuration,
+        *,
+        period: float = 0.002,
+        stale_after: float = 0.1,
+        stop_within: float = 0.25,
+        jump: tuple[float, float] = (0.05, 0.25),
+        approach_speed: tuple[float, float] = (0.25, 1.0),
+        clock: Callable[[], float] | None = None,
+    ) -> None:
+        """Stand still until targets come. Machine code is loaded, or compiled, here.
+
+        Args:
+            controller: The controller.
+            configuration: Where the robot is; the caller keeps it up to date.
+            period: dt, s.
+            stale_after: Age, s, from which a target counts as missing; at least a period.
+            stop_within: Within this time, s, a stream that has ceased is brought to rest.
+            jump: Distance in m and rad from the last target, beyond which one is approached at
+                ``approach_speed`` and not followed at once.
+            approach_speed: m/s and rad/s.
+            clock: Time, s, in which inputs are stamped; it may not go back. ``time.monotonic`` if
+                ``None``.
+
+        Raises:
+            InvalidInput: If an argument has the wrong type or range, or an acceleration limit is
+                too low to stop from the velocity limit within ``stop_within``.
+        """
+        instance("controller", controller, Controller)
+        check_configuration(configuration)
+        self.controller, self.configuration = controller, configuration
+        self.period = number("period", period, above=0.0)
+        self.stale_after = number("stale_after", stale_after, at_least=self.period)
+        self.stop_within = number("stop_within", stop_within, above=0.0)
+        settings = StreamSettings(
+            self.period,
+            self.stale_after,
+            self.stop_within,
+            _pair("jump", jump),
+            _pair("approach_speed", approach_speed),
+        )
+        if clock is not None and not callable(clock):
+            raise InvalidInput(f"clock: expected a function that returns seconds, got {clock!r}.")
+        self.clock: Callable[[], float] = clock or time.monotonic
+        _check_stopping(controller, self.stop_within)
+        self._velocity = np.zeros(controller.model.nv)
+        tasks = [t for t in controller.twist_tasks if not isinstance(t, GazeTask)]
+        if not tasks:
+            raise InvalidInput(
+                "Servo: the controller has no TwistTask with a target pose; add one."
+            )
+        self._streams = {task: TargetStream(task, settings, configuration) for task in tasks}
+        self._inputs: dict[TwistTask | None, Input] = {}
+        self._stamps: dict[TwistTask | None, float] = {}
+        self._taking = threading.Lock()
+        self._joints: Input | None = None
+        self._behind = False
+        self._secondary_share = 0.0
+        self._failed_since: float | None = None
+        self._failed_from = self._velocity
+        self._called: float | None = None
+        self.refused: Counter[str] = Counter()
+        self.times = TickTimes(self.period)
+        self._prepare_joints()
+        controller.load(configuration, self.period)
+
+    # ------------------------------------------------------------------ inputs
+
+    def track(
+        self,
+        pose: mink.SE3,
+        twist: npt.ArrayLike | None = None,
+        *,
+        task: TwistTask | None = None,
+        at: float | None = None,
+    ) -> bool:
+        """Take a pose as the newest target of a task.
+
+        Args:
+            pose: In the world, or in the frame that carries the target.
+            twist: Velocity with which the target moves on until the next comes, along the same
+                axes, m/s and rad/s, (6,); if ``None`` it is interpolated.
+            task: Which task; may be left out where the controller has one.
+            at: When the pose was right, s on the servo's clock; now if ``None``.
+
+        Returns:
+            Whether it was taken. One that is out of date, older than the last or of the future is
+            counted in ``refused``, and the stream goes on without it.
+
+        Raises:
+            InvalidTarget: If the pose or the twist is not finite.
+            InvalidInput: If the controller has no such task.
+        """
+        task = self._task(task)
+        if not isinstance(pose, mink.SE3):
+            raise InvalidTarget(
+                f"{task.name}: the target must be a mink.SE3, got {type(pose).__name__}."
+            )
+        goal = finite_array(f"{task.name} target", pose.wxyz_xyz, (7,), error=InvalidTarget)
+        length = float(np.linalg.norm(goal[:4]))
+        if abs(length - 1.0) > 1e-6:
+            raise InvalidTarget(
+                f"{task.name}: the target's quaternion has length {length:.6g}; normalise it."
+            )
+        velocity = None
+        if twist is not None:
+            velocity = finite_array(f"{task.name} twist", twist, (6,), error=InvalidTarget)
+        return self._accept(task, at, pose=goal, twist=velocity)
+
+    def jog(
+        self,
+        twist: npt.ArrayLike,
+        *,
+        axes: Literal["world", "tool"] = "world",
+        task: TwistTask | None = None,
+        at: float | None = None,
+    ) -> bool:
+        """Move a task's frame at a twist until the input is stale.
+
+        Args:
+            twist: Linear and angular velocity, m/s and rad/s, (6,).
+            axes: ``"world"`` (or those of the frame that carries the target), or those of the
+                ``"tool"``.
+            task: Which task; may be left out where the controller has one.
+            at: When the input was made, s on the servo's clock; now if ``None``.
+
+        Returns:
+            Whether it was taken, as in :meth:`track`.
+
+        Raises:
+            InvalidTarget: If the twist is not finite.
+            InvalidInput: If the controller has no such task.
+        """
+        task = self._task(task)
+        moving = finite_array(f"{task.name} twist", twist, (6,), error=InvalidTarget)
+        in_tool = one_of("axes", axes, ("world", "tool")) == "tool"
+        return self._accept(task, at, twist=moving, in_tool=in_tool)
+
+    def move(self, velocity: npt.ArrayLike, *, at: float | None = None) -> bool:
+        """Move the joints at a velocity (nv,), rad/s or m/s, inside the limits, without the tasks.
+
+        Args:
+            velocity: q̇, (nv,).
+            at: When the input was made, s on the servo's clock; now if ``None``.
+
+        Returns:
+            Whether it was taken, as in :meth:`track`.
+
+        Raises:
+            InvalidInput: If the velocity is not finite.
+        """
+        wanted = finite_array("velocity", velocity, (self.controller.model.nv,))
+        return self._accept(None, at, velocity=wanted)
+
+    def _task(self, task: TwistTask | None) -> TwistTask:
+        if task is None:
+            if len(self._streams) != 1:
+                raise InvalidInput(
+                    f"Servo: the controller has {len(self._streams)} tasks with a target pose; "
+                    "name one by task=…."
+                )
+            return next(iter(self._streams))
+        if not isinstance(task, TwistTask) or task not in self._streams:
+            raise InvalidInput(
+                f"Servo: expected as task one of the controller's with a target pose, got {task!r}."
+            )
+        return task
+
+    def _accept(self, task: TwistTask | None, at: float | None, **given: Any) -> bool:
+        """Keep the newest input of each task for the next tick, unless it is out of date."""
+        now = self.clock()
+        stamp = now if at is None else number("at", at)
+        with self._taking:
+            reason = ""
+            if stamp < now - self.stale_after:
+                reason = "out of date"
+            elif stamp > now + self.stale_after:
+                reason = "of the future"
+            elif stamp < self._stamps.get(task, stamp):
+                reason = "older than the last"
+            if reason:
+                self.refused[reason] += 1
+                return False
+            self._stamps[task] = stamp
+            self._inputs.pop(task, None)  # the newest stands last
+            self._inputs[task] = Input(stamp, **given)
+        return True
+
+    def _take_inputs(self) -> None:
+        with self._taking:
+            inputs, self._inputs = self._inputs, {}
+        for task, given in inputs.items():
+            if task is None:
+                self._joints = given
+                continue
+            if self._joints is not None:  # the joints have moved without the tasks
+                self._joints = None
+                for stream in self._streams.values():
+                    stream.stand(self.configuration)
+            self._streams[task].take(given)
+
+    # ------------------------------------------------------------------ ticks
+
+    def tick(self) -> Tick:
+        """Compute what to command for the next period.
+
+        It raises nothing that a target, a limit or a singularity can cause: where no step is found
+        the joints are brought to rest, and the tick says why.
+        """
+        began, worked, now = time.perf_counter(), time.thread_time(), self.clock()
+        if self._called is not None and now - self._called > 1.5 * self.period:
+            self.times.called_late += 1
+        self._called = now
+        try:
+            check_configuration(self.configuration)
+            self._take_inputs()
+            tick = self._by_velocity(now) if self._joints is not None else self._by_tasks(now)
+            self._failed_since = None
+        except (QpTwistError, mink.MinkError) as error:
+            tick = self._brake(now, str(error))
+        self._velocity = tick.velocity
+        self.times.add(time.perf_counter() - began, time.thread_time() - worked)
+        return tick
+
+    def _by_tasks(self, now: float) -> Tick:
+        fresh, at_rest = False, True
+        for stream in self._streams.values():
+            moves = stream.advance(now, self.configuration, self._velocity, behind=self._behind)
+            fresh |= moves
+            at_rest &= not moves and stream.at_rest
+        change = self.period / self.stop_within
+        share = self._secondary_share
+        share += min(max((1.0 if fresh else 0.0) - share, -change), change)
+        self._secondary_share = share
+        step, velocity = self._step(share)
+        self._behind = step.status is not Status.SOLVED
+        if fresh:
+            state = self._tracking(step)
+        elif at_rest and share == 0.0 and largest(velocity) < _STILL:
+            state = ServoState.HOLDING
+        else:
+            state = ServoState.STOPPING
+        return Tick(velocity, state, step)
+
+    def _step(self, share: float) -> tuple[Step, Array]:
+        """The step with a share of the secondary: the limits are convex, the rows linear."""
+        controller, configuration, dt = self.controller, self.configuration, self.period
+        if share in (0.0, 1.0) or not controller.secondary:
+            step = controller.step(configuration, dt, use_secondary=share > 0.0)
+            return step, step.velocity
+        before = self._velocity
+        without = controller.step(configuration, dt, use_secondary=False, velocity=before)
+        step = controller.step(configuration, dt, velocity=before)
+        velocity: Array = (1.0 - share) * without.velocity + share * step.velocity
+        controller.note(velocity)
+        return step, velocity
+
+    def _tracking(self, step: Step) -> ServoState:
+        if step.status is not Status.SOLVED:
+            missing = [error_of(task, self.configuration) for task in self._streams]
+            if any(beyond(error, _NOTICEABLE) for error in missing):
+                return ServoState.SLOWED if step.binding else ServoState.AT_THE_EDGE
+        if any(stream.approaching for stream in self._streams.values()):
+            return ServoState.APPROACHING
+        return ServoState.TRACKING
+
+    def _by_velocity(self, now: float) -> Tick:
+        given = self._joints
+        assert given is not None and given.velocity is not None
+        share = 1.0
+        if now - given.stamp > self.stale_after:
+            late = now - given.stamp - self.stale_after
+            share = max(0.0, 1.0 - (late + self.period) / self.stop_within)
+        step = self._joint_step(share * given.velocity)
+        state = ServoState.TRACKING
+        if share == 0.0:
+            state = ServoState.HOLDING
+        elif share < 1.0:
+            state = ServoState.STOPPING
+        elif step.binding:
+            state = ServoState.SLOWED
+        self._secondary_share = 0.0
+        return Tick(step.velocity, state, step)
+
+    def _joint_step(self, velocity: Array) -> Step:
+        self._posture.q_ref = self.configuration.integrate(velocity, self.period)
+        return self._by_joints.step(self.configuration, self.period, velocity=self._velocity)
+
+    def _brake(self, now: float, failure: str) -> Tick:
+        """Bring the joints to rest, as far as the limits can still be asked."""
+        if self._failed_since is None:
+            self._failed_since, self._failed_from = now, self._velocity
+        share = 1.0 - (now - self._failed_since + self.period) / self.stop_within
+        self._secondary_share = 0.0
+        step = None
+        velocity = np.zeros_like(self._velocity)
+        if share > 0.0:
+            try:
+                step = self._joint_step(share * self._failed_from)
+                velocity = step.velocity
+            except (QpTwistError, mink.MinkError):
+                pass
+        self.controller.note(velocity)
+        if np.isfinite(self.configuration.q).all():
+            for stream in self._streams.values():  # they go on from where the robot will be
+                stream.wait(self.configuration)
+        return Tick(velocity, ServoState.BLOCKED, step, failure)
+
+    # ------------------------------------------------------------------ the robot
+
+    def _prepare_joints(self) -> None:
+        """Make the controller that moves joints alone, inside the same limits."""
+        controller = self.controller
+        self._posture = PostureReference(controller.model, self.configuration.q, gain=1.0)
+        frame = next(iter(self._streams))
+        nothing = TwistProjector(linear=Projector.none(), angular=Projector.none())
+        asks_nothing = TwistTask(frame.frame_name, frame.frame_type, nothing)
+        asks_nothing.set_target_from_configuration(self.configuration)
+        self._by_joints = Controller(
+            controller.model,
+            [asks_nothing],
+            limits=controller.limits,
+            secondary=[self._posture],
+            on_infeasible="relax",
+        )
+        self._by_joints.load(self.configuration, self.period)
+
+
+def _pair(name: str, value: tuple[float, float]) -> tuple[float, float]:
+    both = finite_array(name, value, (2,))
+    if not (both > 0.0).all():
+        raise InvalidInput(f"{name}: expected two numbers above 0 (linear, angular), got {value}.")
+    return float(both[0]), float(both[1])
+
+
+def _check_stopping(controller: Controller, within: float) -> None:
+    for limit in controller.limits:
+        if not isinstance(limit, MotionLimit):
+            continue
+        with np.errstate(invalid="ignore"):
+            needed = limit.max_velocity / limit.max_acceleration
+        slowest = int(np.argmax(np.where(np.isfinite(needed), needed, 0.0)))
+        if needed[slowest] > within:
+            raise InvalidInput(
+                f"Servo: {limit.ranges.names[slowest]} needs {needed[slowest]:.3g} s to stop from "
+                f"its velocity limit at its acceleration limit; stop_within is {within:g} s. Give "
+                f"stop_within={math.ceil(100.0 * needed[slowest]) / 100.0:g} or more."
+            )

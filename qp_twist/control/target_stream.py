@@ -1,0 +1,234 @@
+"""The stream of targets of one task: what comes, how old it is, and the reference that follows."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import mink
+import numpy as np
+
+from qp_twist.checks import Array
+from qp_twist.control.target_motion import AT_ONCE, TargetMotion, moved, twist_between
+from qp_twist.kinematics import TwistTask
+
+_MARGIN = 1.2
+"""The next pose of a stream may be late by a fifth without being missed."""
+_LEASH = 0.1
+"""Of the distance that counts as a jump: how far a jogged reference may be ahead of the robot."""
+_AT_REST = np.zeros(6)
+
+
+@dataclass(frozen=True, eq=False)
+class Input:
+    """One element of a stream: a pose, a twist to jog with, or a joint velocity.
+
+    Attributes:
+        stamp: When it was right, s.
+        pose: Unit quaternion and position, (7,).
+        twist: Velocity of the pose, or what to jog with, (6,).
+        in_tool: Whether a jogging twist is along the axes of the tool.
+        velocity: q̇, (nv,).
+    """
+
+    stamp: float
+    pose: Array | None = None
+    twist: Array | None = None
+    in_tool: bool = False
+    velocity: Array | None = None
+
+
+@dataclass(frozen=True)
+class StreamSettings:
+    """What all streams of a servo share; see :class:`~qp_twist.Servo`."""
+
+    period: float
+    stale_after: float
+    stop_within: float
+    jump: tuple[float, float]
+    approach_speed: tuple[float, float]
+
+
+class TargetStream:
+    """The reference of one task.
+
+    Attributes:
+        task: The task.
+        approaching: Whether the reference is on its way to a target that is far away.
+    """
+
+    def __init__(
+        self, task: TwistTask, settings: StreamSettings, configuration: mink.Configuration
+    ) -> None:
+        """Stand where the task's frame is."""
+        self.task, self._settings = task, settings
+        self._interval = settings.stale_after
+        self._input: Input | None
+        self._goal: Array | None
+        self._stale_since: float | None
+        self._motion = TargetMotion(pose_of(task, configuration))
+        self.stand(configuration)
+
+    def stand(self, configuration: mink.Configuration) -> None:
+        """Hold the frame where it is, until something new comes."""
+        self._motion.stand(pose_of(self.task, configuration))
+        self._between = self._motion.pose
+        self._goal = self._input = self._stale_since = None
+        self.approaching = False
+        self._braked_from = _AT_REST
+        self._set_target(self._motion.pose)
+
+    def wait(self, configuration: mink.Configuration) -> None:
+        """Begin anew where the frame is, and approach what the stream asks for."""
+        self._motion.stand(pose_of(self.task, configuration))
+        self._between, self.approaching = self._motion.pose, self._goal is not None
+
+    @property
+    def at_rest(self) -> bool:
+        """Whether the reference stands."""
+        return not self._motion.twist.any()
+
+    def take(self, given: Input) -> None:
+        """Take the newest element."""
+        if self._input is not None and self._stale_since is None:
+            apart = given.stamp - self._input.stamp
+            self._interval += 0.2 * (min(apart, self._settings.stale_after) - self._interval)
+            if self._interval > 2.0 * apart:  # the first estimate was far too long
+                self._interval = apart
+        if given.pose is not None:
+            before = self._motion.pose if self._goal is None else self._goal
+            if beyond(twist_between(before, given.pose), self._settings.jump):
+                self.approaching = True
+            if self._goal is None:
+                self._between = self._motion.pose
+        self._goal, self._input, self._stale_since = given.pose, given, None
+
+    def advance(
+        self, now: float, configuration: mink.Configuration, velocity: Array, *, behind: bool
+    ) -> bool:
+        """Move the reference by a tick, and set it as the task's target.
+
+        Args:
+            now: Time, s.
+            configuration: Where the robot is.
+            velocity: The joint velocity commanded last, (nv,).
+            behind: Whether the robot may be behind the reference by more than its last step.
+
+        Returns:
+            Whether the input is fresh.
+        """
+        before = self._motion.pose
+        given, fresh = self._input, True
+        if given is None:
+            fresh = False
+        elif now - given.stamp > self._settings.stale_after:
+            before = self._stop(now, configuration, velocity)
+            fresh = False
+        elif given.pose is not None:
+            self._follow(given, given.pose, now, configuration, behind)
+        else:
+            self._jog(given, configuration)
+        self._set_target(before)
+        return fresh
+
+    def _set_target(self, pose: Array) -> None:
+        self.task.set_target(mink.SE3(pose), self._motion.twist)
+
+    def _stop(self, now: float, configuration: mink.Configuration, velocity: Array) -> Array:
+        """Brake, from where the robot is: the reference may be ahead of it."""
+        motion, settings = self._motion, self._settings
+        if self._stale_since is None:
+            self._stale_since = now
+            self._goal, self.approaching = None, False
+            motion.stand(pose_of(self.task, configuration))
+            ahead = mink.Configuration(
+                configuration.model, configuration.integrate(velocity, settings.period)
+            )
+            after = pose_of(self.task, ahead)
+            self._braked_from = twist_between(motion.pose, after) / settings.period
+        before = motion.pose
+        share = 1.0 - (now - self._stale_since + settings.period) / settings.stop_within
+        if share > 0.0:
+            motion.along(share * self._braked_from, settings.period)
+        elif motion.twist.any():
+            motion.stand(pose_of(self.task, configuration))
+            before = motion.pose
+        return before
+
+    def _follow(
+        self,
+        given: Input,
+        goal: Array,
+        now: float,
+        configuration: mink.Configuration,
+        behind: bool,
+    ) -> None:
+        motion, settings, dt = self._motion, self._settings, self._settings.period
+        twist = _AT_REST
+        if given.twist is not None:  # where it is now
+            twist = given.twist
+            goal = moved(goal, twist, now - given.stamp)
+        if behind:
+            # Where the robot cannot follow, the reference waits, and is then approached.
+            missing = error_of(self.task, configuration)
+            outwards = float(missing @ twist_between(motion.pose, goal)) > 0.0
+            if beyond(missing, settings.jump) and outwards:
+                motion.along(_AT_REST, dt)
+                self._between, self.approaching = motion.pose, True
+                return
+        if self.approaching:
+            if not motion.approach(
+                goal,
+                twist,
+                self._interval,
+                dt,
+                fastest=settings.approach_speed,
+                within=settings.stop_within,
+            ):
+                return
+            self.approaching, self._between = False, motion.pose
+        if given.twist is None and self._interval > AT_ONCE * dt:
+            # On its way from the last pose, to be there when the next is due.
+            left = given.stamp + _MARGIN * self._interval - now
+            twist = twist_between(self._between, goal) / max(left, dt)
+            goal = self._between
+            self._between = moved(goal, twist, dt)
+        motion.follow(goal, twist, self._interval, dt)
+
+    def _jog(self, given: Input, configuration: mink.Configuration) -> None:
+        settings, motion, twist = self._settings, self._motion, given.twist
+        assert twist is not None
+        if given.in_tool:
+            rotation = mink.SO3(pose_of(self.task, configuration)[:4]).as_matrix()
+            twist = np.concatenate([rotation @ twist[:3], rotation @ twist[3:]])
+        # Where the robot cannot follow, the reference waits, so that the way back begins at once.
+        leash = _LEASH * settings.jump[0], _LEASH * settings.jump[1]
+        missing = error_of(self.task, configuration)
+        if beyond(missing, leash) and float(missing @ twist) > 0.0:
+            twist = _AT_REST
+        share = -math.expm1(-4.0 * settings.period / settings.stop_within)
+        motion.along(motion.twist + share * (twist - motion.twist), settings.period)
+
+
+def pose_of(task: TwistTask, configuration: mink.Configuration) -> Array:
+    """Pose (7,) of a task's frame, in the frame that carries its target."""
+    pose = configuration.get_transform_frame_to_world(task.frame_name, task.frame_type)
+    if task.relative_to is not None:
+        carrier = configuration.get_transform_frame_to_world(*task.relative_to)
+        pose = carrier.inverse() @ pose
+    return np.array(pose.wxyz_xyz)
+
+
+def error_of(task: TwistTask, configuration: mink.Configuration) -> Array:
+    """Twist (6,) that is missing to a task's target in its rows, along the target's axes."""
+    error = task.state(configuration).error
+    if task.relative_to is not None:
+        carrier = configuration.get_transform_frame_to_world(*task.relative_to)
+        error = (error.reshape(2, 3) @ carrier.rotation().as_matrix()).ravel()
+    return error
+
+
+def beyond(twist: Array, most: tuple[float, float]) -> bool:
+    """Whether the linear or the angular part of a twist (6,) is longer than it may be."""
+    linear, angular = math.hypot(*twist[:3].tolist()), math.hypot(*twist[3:].tolist())
+    return linear > most[0] or angular > most[1]

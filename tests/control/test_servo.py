@@ -1,0 +1,395 @@
+"""A controller that is fed by a stream: what it follows, how it stops, what it refuses."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+
+import mink
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+import qp_twist as qt
+from qp_twist.control import ServoState, Tick, TickTimes
+from qp_twist.control.target_motion import moved, twist_between
+
+Array = np.ndarray
+SEEDS = st.integers(0, 2**32 - 1)
+DT = 0.005
+
+
+class Rig:
+    """An arm that does what the servo commands, and a clock."""
+
+    def __init__(self, *, limits: Callable | None = None, **options: object) -> None:
+        self.now = 0.0
+        self.path_task = qt.load_task("deburring")
+        self.model = model = self.path_task.model
+        self.task = qt.TwistTask("tool", "site", self.path_task.projector)
+        settings = {
+            key: options.pop(key) for key in ("on_infeasible", "secondary") if key in options
+        }
+        self.controller = qt.Controller(
+            model,
+            [self.task],
+            limits=limits(model) if limits else [qt.MotionLimit(model, velocity=1.5)],
+            **settings,  # type: ignore[arg-type]
+        )
+        self.configuration = mink.Configuration(model, self.path_task.start)
+        self.servo = qt.Servo(
+            self.controller, self.configuration, period=DT, clock=lambda: self.now, **options
+        )
+        self.start = self.pose()
+
+    def pose(self) -> mink.SE3:
+        return self.configuration.get_transform_frame_to_world("tool", "site")
+
+    def shifted(self, x: float, y: float = 0.0, z: float = 0.0) -> mink.SE3:
+        return mink.SE3.from_translation(np.array([x, y, z])) @ self.start
+
+    def tick(self) -> Tick:
+        tick = self.servo.tick()
+        self.configuration.integrate_inplace(tick.velocity, DT)
+        self.now += DT
+        return tick
+
+    def run(self, seconds: float, feed: Callable[[float], object] | None = None) -> list[Tick]:
+        ticks = []
+        for _ in range(round(seconds / DT)):
+            if feed is not None:
+                feed(self.now)
+            ticks.append(self.tick())
+        return ticks
+
+    def off(self, target: mink.SE3) -> float:
+        return float(np.linalg.norm(self.pose().translation() - target.translation()))
+
+
+# ---------------------------------------------------------------- the reference
+
+
+@given(SEEDS)
+def test_a_twist_between_poses_is_minks_and_takes_the_one_to_the_other(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    one, other = (
+        mink.SE3.from_rotation_and_translation(
+            mink.SO3.from_rpy_radians(*rng.uniform(-3.0, 3.0, 3)), rng.normal(size=3)
+        )
+        for _ in range(2)
+    )
+    twist = twist_between(one.wxyz_xyz, other.wxyz_xyz)
+    np.testing.assert_allclose(twist[:3], other.translation() - one.translation(), atol=1e-12)
+    turn = (other.rotation() @ one.rotation().inverse()).log()
+    np.testing.assert_allclose(twist[3:], turn, atol=1e-7)
+    there = mink.SE3(moved(moved(one.wxyz_xyz, twist, 0.3), twist, 0.7))
+    np.testing.assert_allclose(there.as_matrix(), other.as_matrix(), atol=1e-9)
+
+
+def test_poses_at_every_tick_are_followed_as_they_are() -> None:
+    rig = Rig()
+    for k in range(200):
+        target = rig.shifted(0.05 * np.sin(0.02 * k), 0.0, 0.02 * np.sin(0.03 * k))
+        rig.servo.track(target)
+        tick = rig.tick()
+        if k > 20:
+            assert tick.state is ServoState.TRACKING
+            assert rig.off(target) < 1e-5
+
+
+@pytest.mark.parametrize("every", [3, 7, 13])
+def test_rare_poses_are_followed_smoothly_with_a_lag_of_about_their_spacing(every: int) -> None:
+    rig = Rig()
+
+    def at(t: float) -> mink.SE3:
+        return rig.shifted(0.06 * np.sin(2.0 * t))
+
+    velocities, lag = [], 0.0
+    for k in range(400):
+        if k % every == 0:
+            rig.servo.track(at(rig.now))
+        velocities.append(rig.tick().velocity)
+        if k > 100:
+            lag = max(lag, rig.off(at(rig.now)))
+    assert lag < 0.12 * 2.2 * every * DT  # largest speed 0.12 m/s
+    jumps = np.abs(np.diff(np.array(velocities)[100:], axis=0)).max()
+    # Followed at once, each pose would be a burst of `every` times the speed.
+    assert jumps < 0.5 * np.abs(velocities).max()
+
+
+def test_a_pose_with_its_velocity_is_followed_without_lag() -> None:
+    rig = Rig()
+
+    def at(t: float) -> mink.SE3:
+        return rig.shifted(0.06 * np.sin(2.0 * t))
+
+    for k in range(300):
+        if k % 8 == 0:
+            velocity = [0.12 * np.cos(2.0 * rig.now), 0.0, 0.0, 0.0, 0.0, 0.0]
+            rig.servo.track(at(rig.now), velocity)
+        rig.tick()
+        if k > 150:
+            assert rig.off(at(rig.now)) < 1e-3
+
+
+# ---------------------------------------------------------------- stopping
+
+
+@pytest.mark.parametrize("how", ["track", "jog", "move"])
+def test_where_the_stream_ceases_the_arm_is_at_rest_within_the_stated_time(how: str) -> None:
+    rig = Rig(secondary=[qt.JointCentering(qt.load_task("deburring").model, gain=0.02)])
+    feeds = {
+        "track": lambda t: rig.servo.track(rig.shifted(0.1 * t)),
+        "jog": lambda t: rig.servo.jog([0.0, 0.1, 0.0, 0.0, 0.0, 0.0]),
+        "move": lambda t: rig.servo.move(np.full(6, 0.3)),
+    }
+    moving = rig.run(0.5, feeds[how])
+    assert np.abs(moving[-1].velocity).max() > 0.05
+    servo = rig.servo
+    stopping = rig.run(servo.stale_after + servo.stop_within + 2 * DT)
+    speeds = [float(np.linalg.norm(tick.velocity)) for tick in stopping]
+    assert speeds[-1] < 1e-9
+    assert stopping[-1].state is ServoState.HOLDING
+    ceased = [
+        s for s, tick in zip(speeds, stopping, strict=True) if tick.state is ServoState.STOPPING
+    ]
+    assert len(ceased) >= round(servo.stop_within / DT) - 2
+    # It slows down steadily: no tick takes more than its share of the speed, but for curvature.
+    assert max(np.abs(np.diff(ceased))) < 2.5 * max(ceased) * DT / servo.stop_within
+    at_rest = rig.configuration.q.copy()
+    rig.run(0.5)
+    np.testing.assert_allclose(rig.configuration.q, at_rest, atol=1e-9)
+
+
+def test_one_arm_goes_on_while_the_other_stops() -> None:
+    from pathlib import Path
+
+    import mujoco
+
+    scene = Path(__file__).parents[2] / "scenes" / "two_arms.xml"
+    model = mujoco.MjModel.from_xml_path(str(scene))
+    q = np.array([0.0, 0.1, 0.0, -1.5, 0.0, 0.8, 0.0, 0.0, 0.3, 0.0, -1.7, 0.0, -1.2, 0.0])
+    tasks = [qt.TwistTask.axis_free(f"{side}_tool", "site") for side in ("left", "right")]
+    configuration = mink.Configuration(model, q)
+    now = [0.0]
+    servo = qt.Servo(
+        qt.Controller(model, tasks, limits=[qt.MotionLimit(model, velocity=1.5)]),
+        configuration,
+        period=DT,
+        clock=lambda: now[0],
+    )
+    places = []
+    for k in range(300):
+        now[0] = k * DT
+        if k < 100:
+            servo.jog([0, 0, 0.05, 0, 0, 0], task=tasks[0])
+        servo.jog([0, 0, 0.05, 0, 0, 0], task=tasks[1])
+        tick = servo.tick()
+        configuration.integrate_inplace(tick.velocity, DT)
+        places.append(
+            [
+                configuration.get_transform_frame_to_world(f"{s}_tool", "site").translation()[2]
+                for s in ("left", "right")
+            ]
+        )
+    speeds = np.diff(places, axis=0)[-50:] / DT
+    np.testing.assert_allclose(speeds[:, 0], 0.0, atol=1e-9)
+    np.testing.assert_allclose(speeds[:, 1], 0.05, rtol=1e-3)
+    with pytest.raises(qt.InvalidInput, match="2 tasks with a target pose; name one"):
+        servo.jog(np.zeros(6))
+
+
+def test_where_no_step_is_found_the_joints_are_brought_to_rest(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    rig = Rig()
+
+    def jog(_: float) -> None:
+        rig.servo.jog([0.0, 0.1, 0.0, 0.0, 0.0, 0.0])
+
+    moving = rig.run(0.5, jog)
+    assert moving[-1].state is ServoState.TRACKING
+
+    def fails(*_: object, **__: object) -> None:
+        raise qt.InfeasibleStep("infeasible step: for a test", None)
+
+    monkeypatch.setattr(rig.controller, "step", fails)
+    ticks = rig.run(0.5, jog)
+    assert {tick.state for tick in ticks} == {ServoState.BLOCKED}
+    assert "infeasible step: for a test" in ticks[-1].message
+    assert not ticks[-1].velocity.any()
+    speeds = [np.abs(tick.velocity).max() for tick in (moving[-1], *ticks)]
+    # Linear over stop_within, 0.25 s.
+    assert max(-np.diff(speeds)) < 1.1 * speeds[0] * DT / 0.25
+    monkeypatch.undo()
+    again = rig.run(0.5, jog)  # and then it goes on, from where the arm is
+    assert again[-1].state is ServoState.TRACKING
+    jumps = np.abs(np.diff([tick.velocity for tick in again], axis=0)).max()
+    assert jumps < 0.2 * np.abs(again[-1].velocity).max()
+
+
+def test_after_the_joints_were_moved_no_task_goes_back_to_where_it_was() -> None:
+    rig = Rig()
+    rig.run(0.2, lambda t: rig.servo.track(rig.shifted(0.0)))
+    rig.run(1.0, lambda t: rig.servo.move([0.3, 0.2, 0.0, 0.0, 0.0, 0.0]))
+    moved_to = rig.pose()
+    ticks = rig.run(0.2, lambda t: rig.servo.jog(np.zeros(6)))
+    assert np.abs([tick.velocity for tick in ticks]).max() < 1e-6
+    assert rig.off(moved_to) < 1e-6
+
+
+def test_inputs_of_other_threads_disturb_no_tick() -> None:
+    rig = Rig()
+    stop = threading.Event()
+
+    def feed() -> None:
+        while not stop.is_set():
+            rig.servo.track(rig.shifted(0.01))
+            rig.servo.jog(np.zeros(6))
+
+    threads = [threading.Thread(target=feed) for _ in range(3)]
+    for thread in threads:
+        thread.start()
+    try:
+        ticks = rig.run(5.0)
+    finally:
+        stop.set()
+        for thread in threads:
+            thread.join()
+    assert ServoState.BLOCKED not in {tick.state for tick in ticks}
+    assert np.linalg.norm(rig.pose().translation() - rig.start.translation()) < 0.011
+
+
+@pytest.mark.parametrize("on_infeasible", ["scale", "relax"])
+def test_the_reference_waits_for_an_arm_that_cannot_follow(on_infeasible: str) -> None:
+    rig = Rig(
+        limits=lambda model: [qt.MotionLimit(model, velocity=0.05)], on_infeasible=on_infeasible
+    )
+    # A stream that is much faster than the arm, and comes back.
+    rig.run(0.5, lambda t: rig.servo.track(rig.shifted(0.4 * t)))
+    assert rig.tick().state is ServoState.SLOWED
+    ahead = rig.task.target_position - rig.pose().translation()
+    assert np.linalg.norm(ahead) < 0.05 + 0.4 * DT + 1e-3  # `jump`
+    rig.run(3.0, lambda t: rig.servo.track(rig.start))
+    assert rig.off(rig.start) < 1e-5
+
+
+def test_a_configuration_that_is_not_finite_stops_the_arm() -> None:
+    rig = Rig()
+    rig.run(0.1, lambda t: rig.servo.jog([0.0, 0.1, 0.0, 0.0, 0.0, 0.0]))
+    rig.configuration.data.qpos[2] = np.nan
+    tick = rig.servo.tick()
+    assert tick.state is ServoState.BLOCKED and np.isfinite(tick.velocity).all()
+    assert "configuration.q: entry 2 is nan" in tick.message
+
+
+# ---------------------------------------------------------------- what is refused or approached
+
+
+def test_a_far_target_is_approached_at_the_set_speed() -> None:
+    rig = Rig(approach_speed=(0.1, 0.5))
+    far = rig.shifted(0.0, 0.15, 0.1)
+    before, fastest, states = rig.pose().translation(), 0.0, set()
+    for _ in range(700):
+        rig.servo.track(far)
+        states.add(rig.tick().state)
+        after = rig.pose().translation()
+        fastest = max(fastest, float(np.linalg.norm(after - before)) / DT)
+        before = after
+    assert fastest < 0.1 * 1.001
+    assert ServoState.APPROACHING in states
+    assert rig.off(far) < 1e-6
+    assert rig.tick().state is ServoState.TRACKING
+
+
+def test_what_is_not_finite_is_refused_and_changes_nothing() -> None:
+    rig = Rig()
+    rig.servo.track(rig.shifted(0.01))
+    bad = mink.SE3(np.array([1.0, 0.0, 0.0, 0.0, np.nan, 0.0, 0.0]))
+    with pytest.raises(qt.InvalidTarget, match="entry 4 is nan"):
+        rig.servo.track(bad)
+    with pytest.raises(qt.InvalidTarget, match=r"must be a mink\.SE3, got list"):
+        rig.servo.track([0.0] * 7)  # type: ignore[arg-type]
+    with pytest.raises(qt.InvalidTarget, match="entry 0 is nan"):
+        rig.servo.jog([np.nan] * 6)
+    with pytest.raises(qt.InvalidInput, match=r"shape \(6\), got \(5,\)"):
+        rig.servo.move(np.zeros(5))
+    other = qt.TwistTask("tool", "site", rig.path_task.projector)
+    with pytest.raises(qt.InvalidInput, match="one of the controller's"):
+        rig.servo.jog(np.zeros(6), task=other)
+    rig.run(0.09)
+    assert rig.off(rig.shifted(0.01)) < 5e-3  # still on its way to the good one
+
+
+def test_old_late_and_future_inputs_are_counted_and_left_out() -> None:
+    rig = Rig()
+    rig.run(0.5)
+    assert rig.servo.track(rig.shifted(0.01), at=rig.now)
+    assert not rig.servo.track(rig.shifted(0.04), at=rig.now - 0.02)
+    assert not rig.servo.track(rig.shifted(0.04), at=rig.now - 0.2)
+    assert not rig.servo.jog(np.ones(6), at=rig.now + 10.0)
+    assert rig.servo.refused == {"older than the last": 1, "out of date": 1, "of the future": 1}
+    rig.run(0.05)
+    assert rig.off(rig.shifted(0.01)) < 0.01
+
+
+def test_jogging_back_from_a_limit_begins_at_once() -> None:
+    rig = Rig(limits=lambda model: [qt.MotionLimit(model, velocity=0.5)])
+    up = rig.run(7.0, lambda t: rig.servo.jog([0.0, 0.0, 0.3, 0.0, 0.0, 0.0]))
+    assert up[-1].state in (ServoState.SLOWED, ServoState.AT_THE_EDGE)
+    high = rig.pose().translation()[2]
+    rig.run(0.4, lambda t: rig.servo.jog([0.0, 0.0, -0.3, 0.0, 0.0, 0.0]))
+    assert rig.pose().translation()[2] < high - 0.005
+
+
+def test_jogging_along_the_axes_of_the_tool() -> None:
+    rig = Rig()
+    axis = rig.pose().rotation().as_matrix()[:, 2]
+    rig.run(1.0, lambda t: rig.servo.jog([0.0, 0.0, 0.05, 0.0, 0.0, 0.0], axes="tool"))
+    went = rig.pose().translation() - rig.start.translation()
+    assert went @ axis == pytest.approx(np.linalg.norm(went), rel=1e-4)
+    assert 0.04 < went @ axis < 0.05  # it takes a while to be at speed
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        ({"period": 0.0}, "period: "),
+        ({"period": 0.01, "stale_after": 0.001}, "stale_after: "),
+        ({"jump": (0.1,)}, r"jump: expected an array of shape \(2\)"),
+        ({"approach_speed": (0.1, -1.0)}, "approach_speed: expected two numbers above 0"),
+        ({"clock": 3.0}, "clock: expected a function that returns seconds"),
+        ({"stop_within": 0.1}, r"needs 0.15 s to stop .* Give stop_within=0.15 or more"),
+    ],
+)
+def test_settings_that_cannot_be_are_refused(options: dict, said: str) -> None:
+    rig = Rig()
+    limits = [qt.MotionLimit(rig.model, velocity=1.5, acceleration=10.0)]
+    controller = qt.Controller(rig.model, [rig.task], limits=limits)
+    with pytest.raises(qt.InvalidInput, match=said):
+        qt.Servo(controller, rig.configuration, **options)
+
+
+# ---------------------------------------------------------------- times
+
+
+def test_quantiles_are_those_of_the_durations_to_the_width_of_a_bin() -> None:
+    rng = np.random.default_rng(0)
+    durations = rng.lognormal(np.log(5e-5), 0.8, 20_000)
+    times = TickTimes(1e-3)
+    for seconds in durations:
+        times.add(float(seconds), float(seconds))
+    for share in (0.1, 0.5, 0.99, 0.9999):
+        exact = np.quantile(durations, share, method="inverted_cdf")
+        assert exact <= times.quantile(share) * (1.0 + 1e-9)
+        assert times.quantile(share) <= 1.024 * exact
+    assert times.late == (durations > 1e-3).sum() == times.late_by_itself
+    assert times.count == 20_000 and times.longest == durations.max()
+
+
+def test_a_tick_that_the_machine_held_up_is_not_late_by_itself() -> None:
+    times = TickTimes(1e-3)
+    times.add(5e-3, 2e-4)
+    assert (times.late, times.late_by_itself) == (1, 0)
+    assert "1 longer than 1 ms, 0 of them by their own work" in repr(times)
