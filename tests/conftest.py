@@ -19,7 +19,7 @@ NUMERICAL = ("geometry", "control", "constraints")
 """Folders whose tests are marked ``numerical``, and run on several kernels of OpenBLAS, too
 (``.ci/kernels.py``). The others are about files, pages, pictures and commands, or about motions
 along whole paths, which take minutes and are made of the steps that these test; a module of theirs
-that is numerical says so by ``pytestmark``."""
+that is numerical says so by ``pytestmark``, and a test here that is not by ``whole_path``."""
 
 
 @pytest.hookimpl(tryfirst=True)  # before xdist reads the marks
@@ -33,6 +33,8 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
         used = [name for name in SHARED if name in getattr(item, "fixturenames", ())]
         if used:
             item.add_marker(pytest.mark.xdist_group(used[0]))
+        elif item.get_closest_marker("whole_path"):
+            continue
         elif item.path.parent.parent == here and item.path.parent.name in NUMERICAL:
             item.add_marker(pytest.mark.numerical)
 

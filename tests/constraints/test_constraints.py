@@ -86,6 +86,7 @@ def test_the_limits_of_joints_state_the_same_as_their_bounds_do(kind: type) -> N
 # ---------------------------------------------------------------- between waypoints
 
 
+@pytest.mark.whole_path
 @given(SEEDS)
 @settings(max_examples=40, deadline=None)
 def test_what_is_proven_between_waypoints_holds_at_every_sample(seed: int) -> None:
@@ -150,6 +151,7 @@ def wrist(task: qt.PathTask, height: float) -> qt.PathTask:
     return dataclasses.replace(task, bands=(), constraints=(half,))
 
 
+@pytest.mark.whole_path
 def test_a_plan_keeps_it_and_is_as_central_as_brute_force() -> None:
     free, height, most = every(BANDS, 2, bands=()), 0.8, np.radians(10.0)
     task = wrist(free, height)
@@ -173,6 +175,7 @@ def test_a_plan_keeps_it_and_is_as_central_as_brute_force() -> None:
     assert run.position_error.max() < 1e-8 and run.axis_error.max() < 1e-8
 
 
+@pytest.mark.whole_path
 def test_a_plan_of_an_arm_without_a_closed_form_is_that_of_the_same_slab() -> None:
     """T holds x of the planar arm; the half-space is a band of its own class."""
     line = every(qt.load_task("planar_line"), 5, projector=ALONG)
@@ -188,6 +191,7 @@ def test_a_plan_of_an_arm_without_a_closed_form_is_that_of_the_same_slab() -> No
     assert half.margins(free.motion()).min() < -1e-3
 
 
+@pytest.mark.whole_path
 def test_the_constraint_that_forbids_a_waypoint_is_named() -> None:
     task = wrist(every(BANDS, 20), 1.5)
     plan = qt.plan(task)
@@ -248,6 +252,7 @@ def test_minks_own_function_keeps_it() -> None:
     assert configuration.q == pytest.approx([0.1, 0.0, -0.1], abs=1e-4)
 
 
+@pytest.mark.whole_path
 @pytest.mark.parametrize("method", ["qp_gradient", "qp", "qp_minimum_norm"])
 def test_a_run_keeps_it_and_a_closed_form_that_does_not_is_told_of(method: str) -> None:
     line = every(qt.load_task("planar_line"), 5, projector=ALONG)

@@ -441,6 +441,7 @@ def test_a_study_judges_it() -> None:
     assert fault is not None and (fault.kind, fault.waypoint) == ("constraint", 4)
 
 
+@pytest.mark.whole_path
 def test_a_study_takes_a_task_whose_scene_couples_joints(tmp_path: Path) -> None:
     text = (ROOT / "tasks" / "planar_line.toml").read_text("utf-8")
     equality = '<joint joint1="joint_3" joint2="joint_2" polycoef="0 -1 0 0 0"/>'
@@ -507,6 +508,7 @@ def test_the_rows_of_a_path_bring_joints_together_and_leave_the_rest_free(seed: 
     assert len(rows.multipliers(q, at, np.ones(q.shape))) == 3
 
 
+@pytest.mark.whole_path
 def test_a_plan_of_an_arm_with_a_gripper_is_as_central_as_without() -> None:
     task = with_gripper()
     free = dataclasses.replace(every(qt.load_task("deburring"), 20))
@@ -563,6 +565,7 @@ def test_a_coupling_in_the_chain_is_kept_and_the_plan_as_good_as_brute_force() -
     assert plan.bound >= 0.98 * total
 
 
+@pytest.mark.whole_path
 @pytest.mark.parametrize("left", [0, 2])
 def test_an_arm_whose_closed_form_knows_nothing_of_its_linkage_is_planned(left: int) -> None:
     """The third joint follows the second; with a free roll that leaves single configurations."""
@@ -583,6 +586,7 @@ def test_an_arm_whose_closed_form_knows_nothing_of_its_linkage_is_planned(left: 
     assert all(f.passes for f in plan.examined() if "coupling" in f.name)
 
 
+@pytest.mark.whole_path
 def test_what_couplings_leave_no_configuration_of_is_said() -> None:
     """joint_2 is held where its range does not reach."""
     task = planar('<joint joint1="joint_2" polycoef="5 0 0 0 0"/>')
