@@ -164,7 +164,7 @@ class Servo:
         self.period = number("period", period, above=0.0)
         self.stale_after = number("stale_after", stale_after, at_least=self.period)
         self.stop_within = number("stop_within", stop_within, above=0.0)
-        settings = StreamSettings(
+        self._settings = settings = StreamSettings(
             self.period,
             self.stale_after,
             self.stop_within,
@@ -224,16 +224,7 @@ class Servo:
             InvalidInput: If the controller has no such task.
         """
         task = self._task(task)
-        if not isinstance(pose, mink.SE3):
-            raise InvalidTarget(
-                f"{task.name}: the target must be a mink.SE3, got {type(pose).__name__}."
-            )
-        goal = finite_array(f"{task.name} target", pose.wxyz_xyz, (7,), error=InvalidTarget)
-        length = float(np.linalg.norm(goal[:4]))
-        if abs(length - 1.0) > 1e-6:
-            raise InvalidTarget(
-                f"{task.name}: the target's quaternion has length {length:.6g}; normalise it."
-            )
+        goal = task.checked_pose(pose)
         velocity = None
         if twist is not None:
             velocity = finite_array(f"{task.name} twist", twist, (6,), error=InvalidTarget)
@@ -401,8 +392,7 @@ class Servo:
         assert given is not None and given.velocity is not None
         share = 1.0
         if now - given.stamp > self.stale_after:
-            late = now - given.stamp - self.stale_after
-            share = max(0.0, 1.0 - (late + self.period) / self.stop_within)
+            share = self._settings.braking(now - given.stamp - self.stale_after)
         step = self._joint_step(share * given.velocity)
         state = ServoState.TRACKING
         if share == 0.0:
@@ -422,7 +412,7 @@ class Servo:
         """Bring the joints to rest, as far as the limits can still be asked."""
         if self._failed_since is None:
             self._failed_since, self._failed_from = now, self._velocity
-        share = 1.0 - (now - self._failed_since + self.period) / self.stop_within
+        share = self._settings.braking(now - self._failed_since)
         self._secondary_share = 0.0
         step = None
         velocity = np.zeros_like(self._velocity)

@@ -112,12 +112,12 @@ class TargetMotion:
             within: T, s.
         """
         left = twist_between(self.pose, goal)
-        seconds = _time_at(left, fastest)
+        seconds = time_at(left, fastest)
         if seconds * within <= max(horizon, dt) ** 2:
             return True
         wanted = left * (min(1.0, math.sqrt(seconds / within)) / seconds) + velocity
         change = wanted - self.twist
-        excess = _time_at(change, fastest) * within / dt
+        excess = time_at(change, fastest) * within / dt
         self.along(self.twist + change / max(excess, 1.0), dt)
         return False
 
@@ -126,7 +126,7 @@ class TargetMotion:
         self.twist, self.pose = twist, moved(self.pose, twist, dt)
 
 
-def _time_at(twist: Array, speeds: tuple[float, float]) -> float:
+def time_at(twist: Array, speeds: tuple[float, float]) -> float:
     """How long a displacement (6,) takes at a linear and an angular speed."""
     linear, angular = math.hypot(*twist[:3].tolist()), math.hypot(*twist[3:].tolist())
     return max(linear / speeds[0], angular / speeds[1])

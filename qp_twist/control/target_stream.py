@@ -9,7 +9,7 @@ import mink
 import numpy as np
 
 from qp_twist.checks import Array
-from qp_twist.control.target_motion import AT_ONCE, TargetMotion, moved, twist_between
+from qp_twist.control.target_motion import AT_ONCE, TargetMotion, moved, time_at, twist_between
 from qp_twist.kinematics import TwistTask
 
 _MARGIN = 1.2
@@ -47,6 +47,10 @@ class StreamSettings:
     stop_within: float
     jump: tuple[float, float]
     approach_speed: tuple[float, float]
+
+    def braking(self, elapsed: float) -> float:
+        """Share of the velocity that is left in a tick ``elapsed`` s after braking began."""
+        return max(0.0, 1.0 - (elapsed + self.period) / self.stop_within)
 
 
 class TargetStream:
@@ -147,7 +151,7 @@ class TargetStream:
             after = pose_of(self.task, ahead)
             self._braked_from = twist_between(motion.pose, after) / settings.period
         before = motion.pose
-        share = 1.0 - (now - self._stale_since + settings.period) / settings.stop_within
+        share = settings.braking(now - self._stale_since)
         if share > 0.0:
             motion.along(share * self._braked_from, settings.period)
         elif motion.twist.any():
@@ -200,7 +204,7 @@ class TargetStream:
         assert twist is not None
         if given.in_tool:
             rotation = mink.SO3(pose_of(self.task, configuration)[:4]).as_matrix()
-            twist = np.concatenate([rotation @ twist[:3], rotation @ twist[3:]])
+            twist = (twist.reshape(2, 3) @ rotation.T).ravel()
         # Where the robot cannot follow, the reference waits, so that the way back begins at once.
         leash = _LEASH * settings.jump[0], _LEASH * settings.jump[1]
         missing = error_of(self.task, configuration)
@@ -212,11 +216,7 @@ class TargetStream:
 
 def pose_of(task: TwistTask, configuration: mink.Configuration) -> Array:
     """Pose (7,) of a task's frame, in the frame that carries its target."""
-    pose = configuration.get_transform_frame_to_world(task.frame_name, task.frame_type)
-    if task.relative_to is not None:
-        carrier = configuration.get_transform_frame_to_world(*task.relative_to)
-        pose = carrier.inverse() @ pose
-    return np.array(pose.wxyz_xyz)
+    return np.array(task.pose(configuration).wxyz_xyz)
 
 
 def error_of(task: TwistTask, configuration: mink.Configuration) -> Array:
@@ -230,5 +230,4 @@ def error_of(task: TwistTask, configuration: mink.Configuration) -> Array:
 
 def beyond(twist: Array, most: tuple[float, float]) -> bool:
     """Whether the linear or the angular part of a twist (6,) is longer than it may be."""
-    linear, angular = math.hypot(*twist[:3].tolist()), math.hypot(*twist[3:].tolist())
-    return linear > most[0] or angular > most[1]
+    return time_at(twist, most) > 1.0

@@ -417,13 +417,7 @@ class TwistTask(mink.Task):
         Raises:
             InvalidTarget: If the pose or the twist is not finite, or not a pose at all.
         """
-        if not isinstance(target, mink.SE3):
-            raise InvalidTarget(
-                f"{self.name}: the target must be a mink.SE3, got {type(target).__name__}."
-            )
-        pose = np.array(target.wxyz_xyz)
-        if not _is_pose(pose):
-            pose = self._checked_pose(target.wxyz_xyz)
+        pose = self.checked_pose(target)
         feedforward = AT_REST
         if twist is not None:
             feedforward = finite_array(f"{self.name} twist", twist, (6,), error=InvalidTarget)
@@ -431,6 +425,19 @@ class TwistTask(mink.Task):
         pose.setflags(write=False)  # a new array, so that the change is noticed
         self._target, self._pose, self._rotation = None, pose, None
         self._feedforward = feedforward
+
+    def checked_pose(self, target: mink.SE3) -> Array:
+        """Unit quaternion and position of a target, a copy, (7,).
+
+        Raises:
+            InvalidTarget: If it is not finite, or not a pose at all.
+        """
+        if not isinstance(target, mink.SE3):
+            raise InvalidTarget(
+                f"{self.name}: the target must be a mink.SE3, got {type(target).__name__}."
+            )
+        pose = np.array(target.wxyz_xyz)
+        return pose if _is_pose(pose) else self._checked_pose(target.wxyz_xyz)
 
     def _checked_pose(self, wxyz_xyz: npt.ArrayLike) -> Array:
         """Convert another form of quaternion and position (7,), or raise."""
@@ -445,11 +452,15 @@ class TwistTask(mink.Task):
     def set_target_from_configuration(self, configuration: mink.Configuration) -> None:
         """Set the frame's present pose as the target, at rest."""
         check_configuration(configuration)
+        self.set_target(self.pose(configuration))
+
+    def pose(self, configuration: mink.Configuration) -> mink.SE3:
+        """Pose of the controlled frame in the world, or in the frame that carries the target."""
         pose = configuration.get_transform_frame_to_world(self.frame_name, self.frame_type)
-        if self.relative_to is not None:
-            carrier = configuration.get_transform_frame_to_world(*self.relative_to)
-            pose = carrier.inverse() @ pose
-        self.set_target(pose)
+        if self.relative_to is None:
+            return pose
+        carrier = configuration.get_transform_frame_to_world(*self.relative_to)
+        return carrier.inverse() @ pose
 
     def set_dt(self, dt: float) -> None:
         """Set the time step, s. Required only for feed-forward with ``mink.solve_ik``.
