@@ -32,10 +32,12 @@ from .constraints import MotionLimit as MotionLimit
 from .constraints import PositionLimit as PositionLimit
 from .control import Controller as Controller
 from .control import Servo as Servo
+from .control import Solution as Solution
 from .control import Status as Status
 from .control import Step as Step
 from .control import ik_step as ik_step
 from .control import solve_ik as solve_ik
+from .control import solve_levels as solve_levels
 from .errors import InvalidInput as InvalidInput
 from .errors import InvalidTarget as InvalidTarget
 from .errors import QpTwistError as QpTwistError
@@ -80,9 +82,7 @@ from .qp import InfeasibleStep as InfeasibleStep
 from .qp import LostDirection as LostDirection
 from .qp import NoSolutionFound as NoSolutionFound
 from .qp import QuadraticProgram as QuadraticProgram
-from .qp import Solution as Solution
 from .qp import SolverInaccurate as SolverInaccurate
-from .qp import solve_levels as solve_levels
 from .robots import Robot as Robot
 from .robots import load_robot as load_robot
 from .studies import Study as Study

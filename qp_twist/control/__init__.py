@@ -2,10 +2,12 @@
 
 from .controller import Controller as Controller
 from .servo import Servo as Servo
-from .servo import ServoState as ServoState
-from .servo import Tick as Tick
 from .solve_ik import ik_step as ik_step
 from .solve_ik import solve_ik as solve_ik
+from .solve_levels import Solution as Solution
+from .solve_levels import solve_levels as solve_levels
 from .step import Status as Status
 from .step import Step as Step
+from .tick import ServoState as ServoState
+from .tick import Tick as Tick
 from .tick_times import TickTimes as TickTimes

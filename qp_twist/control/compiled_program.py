@@ -15,16 +15,16 @@ from qp_twist.control.lazy_step import LazyStep, StepLabels
 from qp_twist.control.posing import STEEPEST, WeightedRows
 from qp_twist.control.step import Status
 from qp_twist.control.step_tables import TOLERANCES
-from qp_twist.kernel.program_step import (
-    keep_independent,
-    program_step,
-    scaled_step,
-)
-from qp_twist.kernel.stated_limits import (
+from qp_twist.kernel.gather_bounds_and_rows import (
     append_ball_ranges,
     append_rows,
     narrow_box,
     narrow_to_range,
+)
+from qp_twist.kernel.program_step import (
+    keep_independent,
+    program_step,
+    scaled_step,
 )
 from qp_twist.kernel.step_record import PROGRAM, Sizes
 from qp_twist.kernel.verified_program import DEPENDENT, DONE, INFEASIBLE, SCALED

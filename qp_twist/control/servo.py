@@ -2,14 +2,10 @@
 
 from __future__ import annotations
 
-import enum
 import math
-import threading
 import time
-from collections import Counter
 from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Literal
 
 import mink
 import numpy as np
@@ -18,8 +14,10 @@ import numpy.typing as npt
 from qp_twist.checks import Array, finite_array, instance, largest, number, one_of
 from qp_twist.constraints import MotionLimit
 from qp_twist.control.controller import Controller
+from qp_twist.control.newest_inputs import Input, NewestInputs
 from qp_twist.control.step import Status, Step
-from qp_twist.control.target_stream import Input, StreamSettings, TargetStream, beyond, error_of
+from qp_twist.control.target_stream import StreamSettings, TargetStream, beyond, error_of
+from qp_twist.control.tick import ServoState, Tick
 from qp_twist.control.tick_times import TickTimes
 from qp_twist.errors import InvalidInput, InvalidTarget, QpTwistError
 from qp_twist.geometry import Projector, TwistProjector
@@ -34,54 +32,6 @@ _NOTICEABLE = 1e-3, 1e-2
 """m and rad. Whoever is slowed for a tick while accelerating is not behind by as much."""
 _STILL = 1e-2
 """rad/s or m/s: a joint that is slower counts as standing."""
-
-
-class ServoState(enum.Enum):
-    """What a servo is doing; the value says it to a person."""
-
-    HOLDING = "holding: no target is coming"
-    TRACKING = "tracking the targets"
-    APPROACHING = "approaching a target that is far away"
-    SLOWED = "slowed by limits"
-    AT_THE_EDGE = "at the edge of the reach"
-    STOPPING = "stopping: the targets have ceased"
-    BLOCKED = "stopping: no step was found"
-
-
-@dataclass(frozen=True, eq=False)
-class Tick:
-    """What a servo commands for one period.
-
-    Attributes:
-        velocity: q̇, rad/s or m/s, (nv,).
-        state: What the servo is doing.
-        step: The controller's step; ``None`` if it found none.
-        failure: Why it found none.
-    """
-
-    velocity: Array
-    state: ServoState
-    step: Step | None
-    failure: str = ""
-
-    @property
-    def message(self) -> str:
-        """The state in a sentence, with what causes it."""
-        step, text = self.step, self.state.value
-        if self.state is ServoState.BLOCKED:
-            return f"{text}: {self.failure}"
-        if step is None:
-            return text
-        by = ", ".join(str(limit) for limit in step.binding)
-        if self.state is ServoState.SLOWED and by:
-            share = f" to {100.0 * step.scale:.0f} %" if step.status is Status.SCALED else ""
-            text = f"slowed{share} by {by}"
-        if self.state is ServoState.AT_THE_EDGE and step.lost:
-            text += ": " + ", ".join(str(lost) for lost in step.lost)
-        return text
-
-    def __repr__(self) -> str:
-        return f"Tick({self.message})"
 
 
 class Servo:
@@ -182,16 +132,14 @@ class Servo:
                 "Servo: the controller has no TwistTask with a target pose; add one."
             )
         self._streams = {task: TargetStream(task, settings, configuration) for task in tasks}
-        self._inputs: dict[TwistTask | None, Input] = {}
-        self._stamps: dict[TwistTask | None, float] = {}
-        self._taking = threading.Lock()
+        self._inputs = NewestInputs(self.stale_after)
+        self.refused = self._inputs.refused
         self._joints: Input | None = None
         self._behind = False
         self._secondary_share = 0.0
         self._failed_since: float | None = None
         self._failed_from = self._velocity
         self._called: float | None = None
-        self.refused: Counter[str] = Counter()
         self.times = TickTimes(self.period)
         self._prepare_joints()
         controller.load(configuration, self.period)
@@ -228,7 +176,7 @@ class Servo:
         velocity = None
         if twist is not None:
             velocity = finite_array(f"{task.name} twist", twist, (6,), error=InvalidTarget)
-        return self._accept(task, at, pose=goal, twist=velocity)
+        return self._inputs.put(task, self.clock(), at, pose=goal, twist=velocity)
 
     def jog(
         self,
@@ -257,7 +205,7 @@ class Servo:
         task = self._task(task)
         moving = finite_array(f"{task.name} twist", twist, (6,), error=InvalidTarget)
         in_tool = one_of("axes", axes, ("world", "tool")) == "tool"
-        return self._accept(task, at, twist=moving, in_tool=in_tool)
+        return self._inputs.put(task, self.clock(), at, twist=moving, in_tool=in_tool)
 
     def move(self, velocity: npt.ArrayLike, *, at: float | None = None) -> bool:
         """Move the joints at a velocity (nv,), rad/s or m/s, inside the limits, without the tasks.
@@ -273,7 +221,7 @@ class Servo:
             InvalidInput: If the velocity is not finite.
         """
         wanted = finite_array("velocity", velocity, (self.controller.model.nv,))
-        return self._accept(None, at, velocity=wanted)
+        return self._inputs.put(None, self.clock(), at, velocity=wanted)
 
     def _task(self, task: TwistTask | None) -> TwistTask:
         if task is None:
@@ -289,30 +237,8 @@ class Servo:
             )
         return task
 
-    def _accept(self, task: TwistTask | None, at: float | None, **given: Any) -> bool:
-        """Keep the newest input of each task for the next tick, unless it is out of date."""
-        now = self.clock()
-        stamp = now if at is None else number("at", at)
-        with self._taking:
-            reason = ""
-            if stamp < now - self.stale_after:
-                reason = "out of date"
-            elif stamp > now + self.stale_after:
-                reason = "of the future"
-            elif stamp < self._stamps.get(task, stamp):
-                reason = "older than the last"
-            if reason:
-                self.refused[reason] += 1
-                return False
-            self._stamps[task] = stamp
-            self._inputs.pop(task, None)  # the newest stands last
-            self._inputs[task] = Input(stamp, **given)
-        return True
-
     def _take_inputs(self) -> None:
-        with self._taking:
-            inputs, self._inputs = self._inputs, {}
-        for task, given in inputs.items():
+        for task, given in self._inputs.take().items():
             if task is None:
                 self._joints = given
                 continue

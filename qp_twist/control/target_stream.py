@@ -9,6 +9,7 @@ import mink
 import numpy as np
 
 from qp_twist.checks import Array
+from qp_twist.control.newest_inputs import Input
 from qp_twist.control.target_motion import AT_ONCE, TargetMotion, moved, time_at, twist_between
 from qp_twist.kinematics import TwistTask
 
@@ -17,25 +18,6 @@ _MARGIN = 1.2
 _LEASH = 0.1
 """Of the distance that counts as a jump: how far a jogged reference may be ahead of the robot."""
 _AT_REST = np.zeros(6)
-
-
-@dataclass(frozen=True, eq=False)
-class Input:
-    """One element of a stream: a pose, a twist to jog with, or a joint velocity.
-
-    Attributes:
-        stamp: When it was right, s.
-        pose: Unit quaternion and position, (7,).
-        twist: Velocity of the pose, or what to jog with, (6,).
-        in_tool: Whether a jogging twist is along the axes of the tool.
-        velocity: q̇, (nv,).
-    """
-
-    stamp: float
-    pose: Array | None = None
-    twist: Array | None = None
-    in_tool: bool = False
-    velocity: Array | None = None
 
 
 @dataclass(frozen=True)

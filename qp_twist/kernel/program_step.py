@@ -113,7 +113,7 @@ def program_step(
         dt: Length of the step, s.
         A: Equality rows, (≥ m, nv), with m of the program's sizes.
         b: Their right-hand side, (≥ m,), m/s or rad/s.
-        box: Lower and upper bounds and the kind of each, (4, nv): see ``stated_limits``.
+        box: Lower and upper bounds and the kind of each, (4, nv): see ``gather_bounds_and_rows``.
         rows: Inequality rows, (≥ k, nv).
         ends: Their right-hand side, (≥ k,).
         unlimited: A bound beyond it counts as infinite.

@@ -20,6 +20,4 @@ from .solve import Refused as Refused
 from .solve import Verified as Verified
 from .solve import solve as solve
 from .solve import solve_within as solve_within
-from .solve_levels import Solution as Solution
-from .solve_levels import solve_levels as solve_levels
 from .verification import Multipliers as Multipliers

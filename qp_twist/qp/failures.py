@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import mink
 
-from qp_twist.constraints.binding import BindingLimit
 from qp_twist.errors import QpTwistError
 from qp_twist.qp.problem import QuadraticProgram
 
@@ -16,14 +16,15 @@ class NoSolutionFound(QpTwistError, mink.NoSolutionFound):
 
     Attributes:
         problem: The quadratic program that was posed (save it with ``problem.save("step.npz")``).
-        binding: The limits which stand in the way, when they are known.
+        binding: The limits that stand in the way, as whoever raises it names them (a controller:
+            as :class:`~qp_twist.BindingLimit`); empty where they are not known.
     """
 
     def __init__(
         self,
         message: str,
         problem: QuadraticProgram | None = None,
-        binding: Sequence[BindingLimit] = (),
+        binding: Sequence[Any] = (),
     ) -> None:
         Exception.__init__(self, message)
         self.problem = problem

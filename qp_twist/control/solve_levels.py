@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from qp_twist.checks import Array, finite_array, float_array, one_of, within
-from qp_twist.constraints.binding import BindingLimit
+from qp_twist.constraints import BindingLimit
 from qp_twist.errors import InvalidInput
 from qp_twist.qp.backend import check_solver
 from qp_twist.qp.failures import InfeasibleStep, SolverInaccurate
