@@ -10,9 +10,9 @@ import mink
 import mujoco
 import numpy as np
 
-from qp_twist.bench.exact import ExactSolution, exact_solution
 from qp_twist.bench.program import StepProgram, Variant, basis, turn_error
 from qp_twist.bench.record import Accuracy
+from qp_twist.bench.reference import Reference, reference
 from qp_twist.checks import Array
 from qp_twist.errors import QpTwistError
 from qp_twist.geometry import TwistProjector
@@ -145,20 +145,20 @@ class NoProblem(QpTwistError):
 
 @dataclass(frozen=True, eq=False)
 class Truth:
-    """The programs of some steps of a problem, and their exact solutions."""
+    """The programs of some steps of a problem, and their solutions."""
 
     programs: dict[int, StepProgram]
-    solutions: dict[int, ExactSolution]
+    solutions: dict[int, Reference]
 
     @classmethod
     def of(cls, problem: Problem, steps: Sequence[int]) -> Truth:
         """Solve them.
 
         Raises:
-            NoExactSolution: If a step has no solution.
+            NoReference: If a step has no solution.
         """
         programs = {k: problem.program(k) for k in steps}
-        return cls(programs, {k: exact_solution(program) for k, program in programs.items()})
+        return cls(programs, {k: reference(program) for k, program in programs.items()})
 
     @property
     def active_share(self) -> float:
@@ -174,7 +174,7 @@ class Truth:
             right = {
                 k: self.solutions[k]
                 if variant is Variant.COMMON
-                else exact_solution(self.programs[k].of(variant))
+                else reference(self.programs[k].of(variant))
                 for k in velocities
             }
             error = max(float(np.abs(v - right[k].velocity).max()) for k, v in velocities.items())

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
-from qp_twist.bench.exact import NoExactSolution
 from qp_twist.bench.problem import DT, STEPS, Frame, NoProblem, Problem, Truth
+from qp_twist.bench.reference import NoReference
 from qp_twist.checks import Array
 from qp_twist.geometry import Projector, TwistProjector
 from qp_twist.paths import shipped_folder
@@ -200,7 +200,7 @@ def _first(
             if Truth.of(problem, _LOOKED_AT).active_share < least:
                 continue
             truth = Truth.of(problem, steps)
-        except NoExactSolution:
+        except NoReference:
             continue
         if truth.active_share >= least:
             return problem, truth

@@ -56,7 +56,7 @@ class Accuracy(_Strict):
     Attributes:
         residual: Largest ‖Uᵀ(J q̇ − t)‖, m/s and rad/s.
         excess: Largest violation of a bound or an inequality row, rad/s.
-        error: Largest |q̇ − q̇*| of a joint, rad/s, from the exact solution of its program;
+        error: Largest |q̇ − q̇*| of a joint, rad/s, from the solution of its program;
             ``None`` if it solves another one.
     """
 
@@ -132,7 +132,7 @@ class Case(_Strict):
         joints: Degrees of freedom.
         rows: Task rows.
         steps: Number of different steps that were timed.
-        active_share: Share of them on which a limit is active, by the exact solution.
+        active_share: Share of them on which a limit is active, by the reference solution.
         results: Results by contender.
     """
 

@@ -98,7 +98,7 @@ def bench(
     meter = _Meter(turns * extent.blocks + 60 * len(taking) + in_batches, progress)
     entered = []
     for plan, who, rounds in taking:
-        meter.tell(f"{plan.title}: exact solutions, cold steps")
+        meter.tell(f"{plan.title}: reference solutions, cold steps")
         entered.append(_Entered(plan, who, rounds, extent, seed, skipped))
         meter.count(60)
     # Interleave the problems in rounds, so that a disturbance does not hit a single one.
