@@ -8,15 +8,13 @@ are run, disturbances, gains, limits and figure; all of them take three to four 
 
 from __future__ import annotations
 
-import os
+from page import GENERATED, ROOT
 
-os.environ.setdefault("OMP_NUM_THREADS", "1")
-
+# isort: split
 import argparse
 import copy
 import dataclasses
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import matplotlib as mpl
@@ -26,9 +24,9 @@ import numpy as np
 from matplotlib.figure import Figure
 
 import qp_twist as qt
+from qp_twist.bench.tables import markdown_table
 from qp_twist.simulation import ClosedLoop, Push, Record, Servos, TimedPath
 
-DOCS = Path(__file__).parents[1] / "docs"
 PATH = qt.load_task("deburring")
 SPEEDS = dict(zip(qt.JointRanges.of(PATH.model).names, PATH.velocity_limits, strict=True))
 NOISE = 5e-4
@@ -108,12 +106,6 @@ class Case:
         return loop.run(REST + 1.1, path)
 
 
-def table(heads: list[str], rows: list[list[str]], left: int) -> str:
-    """A Markdown table whose first columns are texts."""
-    rule = [":--"] * left + ["--:"] * (len(heads) - left)
-    return "\n".join("| " + " | ".join(cells) + " |" for cells in [heads, rule, *rows]) + "\n"
-
-
 def mm(metres: float) -> str:
     """Three digits, or nothing to speak of."""
     value = 1e3 * metres
@@ -137,7 +129,7 @@ def run_table() -> str:
                 rows.append([servos, f"{1e3 * lag:.0f}", feedback, *cells])
     heads = ["servos", "lag, ms", "feedback", "error, mm", "largest", "acceleration, rad/s²"]
     heads += ["with noise: error, mm", "acceleration, rad/s²", "command step, °/s"]
-    return table(heads, rows, 3)
+    return markdown_table(heads, rows, left=3)
 
 
 def disturbance_table() -> str:
@@ -153,7 +145,7 @@ def disturbance_table() -> str:
             rows.append([servos, feedback, *cells])
     heads = ["servos", "feedback", "push: largest, mm", "0.5 s later", "1.8 s later"]
     heads += ["weight: after 1 s, mm", "after 4.9 s"]
-    return table(heads, rows, 2)
+    return markdown_table(heads, rows, left=2)
 
 
 def gain_table() -> str:
@@ -167,7 +159,7 @@ def gain_table() -> str:
                 s = Case(servos, feedback, 0.02, NOISE, gain).edge(3.0).summary(since=1.5)
                 cells.append(f"{mm(s['position_error_rms'])} ({s['acceleration_rms']:.2g})")
             rows.append([servos, feedback, *cells])
-    return table(["servos", "feedback", *(f"gain {g:g}" for g in gains)], rows, 2)
+    return markdown_table(["servos", "feedback", *(f"gain {g:g}" for g in gains)], rows, left=2)
 
 
 def short_range() -> mujoco.MjModel:
@@ -204,9 +196,8 @@ def limit_table() -> str:
                 cells.insert(-1, f"{1e3 * margin:.0f}")
             rows.append([servos, f"{1e3 * lag:.0f}", feedback, *cells])
     heads = ["beyond, mrad", "margin, mrad", "beyond with it"]
-    return table(
-        ["servos", "lag, ms", "feedback", *heads, *(f"10 rad/s²: {h}" for h in heads)], rows, 3
-    )
+    heads = ["servos", "lag, ms", "feedback", *heads, *(f"10 rad/s²: {h}" for h in heads)]
+    return markdown_table(heads, rows, left=3)
 
 
 def figure() -> Figure:
@@ -286,7 +277,7 @@ PARTS = {
 
 def write(part: str, text: str) -> None:
     """Put a table between its two comments in the generated page."""
-    page = DOCS / "generated" / "closed_loop.md"
+    page = GENERATED / "closed_loop.md"
     kept = page.read_text("utf-8") if page.exists() else ""
     tables = {
         name: kept.partition(f"<!-- {name} -->")[2].partition(f"<!-- end of {name} -->")[0]
@@ -313,7 +304,7 @@ def main() -> None:
         style: Any = {"font.size": 9, "axes.titlesize": 9, "axes.titlelocation": "left",
                       "legend.frameon": False, "legend.fontsize": 8}  # fmt: skip
         with mpl.rc_context(style):
-            figure().savefig(DOCS / "figures" / "closed_loop.png", dpi=130)
+            figure().savefig(ROOT / "docs" / "figures" / "closed_loop.png", dpi=130)
 
 
 if __name__ == "__main__":

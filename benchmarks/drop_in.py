@@ -1,38 +1,48 @@
 """What ``qt.solve_ik`` takes in the place of ``mink.solve_ik``, in apps of the kinds of mink's own.
 
-    pip install --no-deps robosuite==1.5.2   # for the robots
-    python benchmarks/drop_in.py [--steps 1000] [--only NAME] [--markdown docs/generated/drop_in.md]
+    pip install --no-deps robosuite==1.5.2   # for the robots of the first part
+    python benchmarks/drop_in.py [drop_in] [--steps 1000] [--only NAME] [--write]
+    python benchmarks/drop_in.py [drop_in_optimum] [--seeds 20] [--write]
 
-An arm of six joints and one of seven, two arms, a hand, a humanoid, a quadruped and a mobile base
-with two arms follow moving targets for so many steps. At every step both are asked for the
-velocity at the same configuration, with the same tasks, limits, constraints and backend (daqp), in
-turns one or the other first; then mink's is taken. *Default* leaves out ``limits=``, so that mink
-makes a ``ConfigurationLimit`` in each call; *passed* are ``ConfigurationLimit`` and
+*drop_in*: an arm of six joints and one of seven, two arms, a hand, a humanoid, a quadruped and a
+mobile base with two arms follow moving targets for so many steps. At every step both are asked for
+the velocity at the same configuration, with the same tasks, limits, constraints and backend (daqp),
+in turns one or the other first; then mink's is taken. *Default* leaves out ``limits=``, so that
+mink makes a ``ConfigurationLimit`` in each call; *passed* are ``ConfigurationLimit`` and
 ``VelocityLimit``, made once, *collisions* a ``CollisionAvoidanceLimit`` too; in *held*, feet or a
 hand are constraints. Rows are those of mink's program, at most. Times are of the wall clock, one
 thread, median and 99th percentile; *slowed down* counts steps where mink finds no solution, which
 are left out of the times. Half a minute.
+
+*drop_in_optimum*: both on every kind of mink task and limit, on the problems of
+``tests/oracles/mink_problems.py`` (a cart with two arms, fingers, a neck, a drone and a crank) at
+random configurations. The oracle is the program that mink builds, solved by an interior-point
+method as closely as it can.
 """
 
 from __future__ import annotations
 
-import one_thread  # noqa: F401
+from page import command
 
 # isort: split
 import contextlib
 import importlib.util
 import sys
-import time
+import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 
 import mink
 import mujoco
 import numpy as np
-from publishing import command
+import qpsolvers
+from oracles import mink_problems
 
 import qp_twist as qt
+from qp_twist.bench.tables import markdown_table
+from qp_twist.bench.timer import once
 
 DT, SPEED, WARM = 0.005, 2.5, 20
 """Length of a step, s; joint velocity limit, rad/s and m/s; calls that are not timed."""
@@ -287,12 +297,11 @@ def times_of(app: App, way: str, steps: int) -> Times:
             follower.move(DT * step)
         order: Sequence[tuple[Callable[..., np.ndarray], int]]
         order = ((mink.solve_ik, 0), (qt.solve_ik, 1))
-        velocities, took = [None, None], [0.0, 0.0]
+        velocities, took = [None, None], [0, 0]
         for solve_ik, who in order if step % 2 else reversed(order):
-            began = time.perf_counter()
             with contextlib.suppress(mink.NoSolutionFound):
-                velocities[who] = solve_ik(c, tasks, DT, "daqp", **options)
-            took[who] = time.perf_counter() - began
+                call = partial(solve_ik, c, tasks, DT, "daqp", **options)
+                took[who], velocities[who] = once(call)
         theirs, ours = velocities
         assert ours is not None
         if theirs is None:
@@ -312,12 +321,9 @@ def times_of(app: App, way: str, steps: int) -> Times:
     return found
 
 
-def page(steps: int, only: str) -> list[str]:
-    lines = [
-        "| app | nv | limits | rows | `mink.solve_ik`, µs | p99 | `qt.solve_ik`, µs | p99 "
-        "| ratio of medians | of p99 | slowed down |",
-        "| :-- | --: | :-- | --: | --: | --: | --: | --: | --: | --: | --: |",
-    ]
+def drop_in(steps: int, only: str) -> str:
+    """Times in whole apps."""
+    rows = []
     for name, make in APPS.items():
         if only not in name:
             continue
@@ -326,19 +332,41 @@ def page(steps: int, only: str) -> list[str]:
             found = times_of(app, way, steps)
             if found.apart > APART:
                 print(f"{name}, {way}: velocities are {found.apart:.1e} apart", file=sys.stderr)
-            values = [
-                1e6 * np.quantile(times, share)
-                for times in (found.minks, found.ours)
-                for share in (0.5, 0.99)
-            ]
-            lines.append(
-                f"| {name} | {found.nv} | {way} | {found.rows} | "
-                + " | ".join(f"{value:.0f}" for value in values)
-                + f" | {values[2] / values[0]:.2f} | {values[3] / values[1]:.2f} "
-                f"| {found.without_solution} |"
+            theirs, ours = (
+                1e-3 * np.quantile(times, (0.5, 0.99)) for times in (found.minks, found.ours)
             )
-    return lines
+            rows.append((
+                name, found.nv, way, found.rows, *(f"{value:.0f}" for value in (*theirs, *ours)),
+                *(f"{ratio:.2f}" for ratio in ours / theirs), found.without_solution,
+            ))  # fmt: skip
+    headings = (
+        "app", "nv", "limits", "rows", "`mink.solve_ik`, µs", "p99", "`qt.solve_ik`, µs", "p99",
+        "ratio of medians", "of p99", "slowed down",
+    )  # fmt: skip
+    return markdown_table(headings, rows)
+
+
+def drop_in_optimum(seeds: int) -> str:
+    """How far both are from the optimum, and from their rows."""
+    warnings.simplefilter("ignore", qpsolvers.warnings.SparseConversionWarning)
+    worst: dict[str, list[float]] = {}
+    for seed in range(seeds):
+        for name, problem in mink_problems.named(seed).items():
+            entry = worst.setdefault(name, [0.0] * 4)
+            arguments = problem.configuration, problem.tasks, problem.dt, "daqp"
+            options = {"limits": problem.limits, "constraints": problem.constraints}
+            for offset, solve_ik in ((0, qt.solve_ik), (2, mink.solve_ik)):
+                velocity = solve_ik(*arguments, **options)
+                found = mink_problems.difference(problem, velocity)
+                entry[offset] = max(entry[offset], abs(found.value))
+                entry[offset + 1] = max(entry[offset + 1], found.excess)
+    headings = (
+        "task or limit", "`qt.solve_ik`: optimum", "rows", "`mink.solve_ik`: optimum", "rows",
+    )  # fmt: skip
+    rows = [(name, *(f"{value:.0e}" for value in entry)) for name, entry in worst.items()]
+    return markdown_table(headings, rows)
 
 
 if __name__ == "__main__":
-    command(__doc__, page, steps=1000, only="")
+    parts = {"drop_in": drop_in, "drop_in_optimum": drop_in_optimum}
+    sys.exit(command(__doc__, parts, steps=1000, only="", seeds=20))

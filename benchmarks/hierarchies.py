@@ -4,25 +4,19 @@
 compared are the lengths of each level's residual, from the first level on, and the point that is
 left. The oracle says how well its own conditions of optimality hold; no result is left out.
 
-    python benchmarks/hierarchies.py --problems 10000 --jobs 2 --out hierarchies.json
+    python benchmarks/hierarchies.py [--problems 10000] [--first 0] [--jobs 2]
 
 The exit status is 1 if a level differs by more than 1e-7, or the oracle cannot be trusted.
 """
 
 from __future__ import annotations
 
-import argparse
-import json
-import multiprocessing
-import os
-import sys
-import time
-from dataclasses import dataclass, field
-from pathlib import Path
+from page import command, in_processes
 
-for threads in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "RAYON_NUM_THREADS"):
-    os.environ.setdefault(threads, "1")  # before numpy: matrices of a step's size want one thread
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
+# isort: split
+import json
+import sys
+from dataclasses import dataclass, field
 
 import numpy as np
 from oracles.hierarchies import cascade, random_hierarchy, residual
@@ -88,34 +82,23 @@ def compare(seeds: range) -> Comparison:
     return result
 
 
-def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--problems", type=int, default=10_000)
-    parser.add_argument("--first", type=int, default=0, help="seed of the first of them")
-    parser.add_argument("--jobs", type=int, default=2)
-    parser.add_argument("--out", type=Path)
-    options = parser.parse_args()
-    started = time.perf_counter()
-    total = Comparison()
-    last = options.first + options.problems
-    chunks = [range(i, min(i + 100, last)) for i in range(options.first, last, 100)]
-    with multiprocessing.Pool(options.jobs) as pool:
-        for part in pool.imap_unordered(compare, chunks):
-            total.merge(part)
+def hierarchies(problems: int, first: int, jobs: int) -> tuple[str, int]:
+    """Solve the problems from this seed on."""
+    total, last = Comparison(), first + problems
+    chunks = [range(i, min(i + 100, last)) for i in range(first, last, 100)]
+    for part in in_processes(compare, chunks, jobs):
+        total.merge(part)
     result = {
-        "hierarchies": options.problems,
+        "hierarchies": problems,
         "levels": total.levels,
         "largest difference of a residual": total.difference,
         "largest difference of a point": total.point,
         "largest violation of optimality by the oracle": total.oracle,
         "wrong": total.wrong,
-        "seconds": round(time.perf_counter() - started, 1),
     }
-    print(json.dumps(result, indent=1))
-    if options.out:
-        options.out.write_text(json.dumps(result, indent=1), encoding="utf-8")
-    return 1 if total.wrong else 0
+    return json.dumps(result, indent=1), len(total.wrong)
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    parts = {"hierarchies": hierarchies}
+    sys.exit(command(__doc__, parts, problems=10_000, first=0, jobs=2))

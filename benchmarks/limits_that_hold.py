@@ -4,22 +4,24 @@ Each arm of hinges and slides gets random ranges, velocity and acceleration limi
 and a random dt, and a command that changes at random: targets within reach and far out of it,
 feed-forward twists that reverse, standing still. Seeded: arm 7 is the same arm in every run.
 
-    python benchmarks/limits_that_hold.py --arms 1000 --steps 1000 --jobs 2
+    python benchmarks/limits_that_hold.py [--arms 1000] [--steps 1000] [--first 0] [--jobs 2]
 """
 
 from __future__ import annotations
 
-import multiprocessing
-import time
+from page import command, in_processes
+
+# isort: split
+import sys
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from functools import partial
 
 import mink
 import mujoco
 import numpy as np
 import numpy.typing as npt
-import tyro
 
 import qp_twist as qt
 
@@ -159,38 +161,24 @@ def run_arm(seed: int, steps: int) -> Result:
 KINDS = ("position", "velocity", "acceleration")
 
 
-def _run(arguments: tuple[int, int]) -> Result:
-    return run_arm(*arguments)
-
-
-def main(arms: int = 1000, steps: int = 1000, jobs: int = 1, first: int = 0) -> None:
-    """Drive random arms within limits and report what was broken.
-
-    Args:
-        arms: How many.
-        steps: Steps of each.
-        jobs: Processes.
-        first: Seed of the first arm; the others follow.
-    """
-    begin, total = time.perf_counter(), Result()
-    work = [(seed, steps) for seed in range(first, first + arms)]
-    with multiprocessing.get_context("spawn").Pool(jobs) as pool:
-        for result in pool.imap_unordered(_run, work):
-            total.add(result)
-    count, seconds = arms * steps, time.perf_counter() - begin
-    print(f"{arms} arms × {steps} steps in {seconds:.0f} s")
+def limits_that_hold(arms: int, steps: int, first: int, jobs: int) -> str:
+    """Drive arms from this seed on, and report what was broken."""
+    total, count = Result(), arms * steps
+    for result in in_processes(partial(run_arm, steps=steps), range(first, first + arms), jobs):
+        total.add(result)
+    lines = [f"{arms} arms × {steps} steps"]
     for kind, unit in zip(KINDS, ("rad, m", "rad/s, m/s", "rad/s², m/s²"), strict=True):
         share = total.reached[kind] / total.reached["joint"]
-        print(
+        lines.append(
             f"largest violation of {kind} limits: {max(total.violations[kind], 0.0):.1e} {unit} "
             f"(reached by {share:.0%} of the joints)"
         )
-    for status, number in sorted(total.statuses.items()):
-        print(f"steps {status}: {number / count:.2%}")
-    print(f"steps without a result: {len(total.failures)}")
-    for failure in total.failures[:10]:
-        print(f"  {failure}")
+    lines += [f"steps {name}: {n / count:.2%}" for name, n in sorted(total.statuses.items())]
+    lines.append(f"steps without a result: {len(total.failures)}")
+    lines += [f"  {failure}" for failure in total.failures[:10]]
+    return "\n".join(lines)
 
 
 if __name__ == "__main__":
-    tyro.cli(main)
+    parts = {"limits_that_hold": limits_that_hold}
+    sys.exit(command(__doc__, parts, arms=1000, steps=1000, first=0, jobs=2))

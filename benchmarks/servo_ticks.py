@@ -1,6 +1,6 @@
 """Ticks of a servo under a random stream, in one process without dynamics: how long they take.
 
-python benchmarks/servo_ticks.py [--ticks 10000000] [--seed 0]
+    python benchmarks/servo_ticks.py [--ticks 100000] [--seed 0] [--acceleration 10]
 
 The stream has poses (at 20 to 500 Hz, some of them far away, some out of reach), twists and joint
 velocities, gaps, and inputs that are not finite. Time is the servo's own: no tick waits for the
@@ -10,9 +10,12 @@ the late ones in which the thread itself computed for as long.
 
 from __future__ import annotations
 
-import argparse
+from page import command
+
+# isort: split
 import contextlib
 import gc
+import sys
 from collections import Counter
 
 import mink
@@ -59,29 +62,24 @@ class Operator:
                 self.servo.jog(np.full(6, np.nan))
 
 
-def main() -> None:
-    """Run it and print what the ticks took."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--ticks", type=int, default=100_000)
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--acceleration", type=float, default=10.0, help="rad/s²")
-    arguments = parser.parse_args()
+def servo_ticks(ticks: int, seed: int, acceleration: float) -> str:
+    """Feed a servo for so many ticks; the acceleration limit is in rad/s²."""
     path_task = qt.load_task("deburring")
     model, now = path_task.model, [0.0]
     task = qt.TwistTask("tool", "site", path_task.projector)
-    motion = qt.MotionLimit(model, velocity=1.5, acceleration=arguments.acceleration)
+    motion = qt.MotionLimit(model, velocity=1.5, acceleration=acceleration)
     controller = qt.Controller(
         model, [task], secondary=[qt.JointCentering(model, gain=0.001)], limits=[motion]
     )
     configuration = mink.Configuration(model, path_task.start)
     servo = qt.Servo(controller, configuration, period=PERIOD, clock=lambda: now[0])
     start = configuration.get_transform_frame_to_world("tool", "site")
-    operator = Operator(servo, model, start, arguments.seed)
+    operator = Operator(servo, model, start, seed)
     gc.freeze()
     states: Counter[str] = Counter()
     before, worst_change, worst_excess = np.zeros(model.nv), 0.0, -np.inf
     lower, upper = model.jnt_range.T
-    for k in range(arguments.ticks):
+    for k in range(ticks):
         now[0] = k * PERIOD
         operator.feed(k)
         tick = servo.tick()
@@ -92,15 +90,16 @@ def main() -> None:
         configuration.integrate_inplace(velocity, PERIOD)
         q = configuration.q
         worst_excess = max(worst_excess, float(np.maximum(lower - q, q - upper).max()))
-    print(servo.times)
-    print("states:", ", ".join(f"{name} {count}" for name, count in states.most_common()))
-    print(f"inputs refused: {dict(servo.refused)}")
-    print(
-        f"largest change of a velocity: {worst_change / PERIOD:.6f} rad/s² "
-        f"(limit {arguments.acceleration:g}); joints outside their ranges by {worst_excess:.2g} rad"
-    )
-    print(f"steps that the kernel left to the reference: {controller.reference_steps}")
+    return "\n".join((
+        str(servo.times),
+        "states: " + ", ".join(f"{name} {count}" for name, count in states.most_common()),
+        f"inputs refused: {dict(servo.refused)}",
+        f"largest change of a velocity: {worst_change / PERIOD:.6f} rad/s² (limit "
+        f"{acceleration:g}); joints outside their ranges by {worst_excess:.2g} rad",
+        f"steps that the kernel left to the reference: {controller.reference_steps}",
+    ))  # fmt: skip
 
 
 if __name__ == "__main__":
-    main()
+    parts = {"servo_ticks": servo_ticks}
+    sys.exit(command(__doc__, parts, ticks=100_000, seed=0, acceleration=10.0))

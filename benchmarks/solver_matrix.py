@@ -4,32 +4,24 @@ What ``qp_twist.qp.solve(problem, solver, persist=True)`` calls solved is checke
 (``tests/oracles/referee.py``): its feasibility by plain arithmetic, its optimality by weak duality.
 Whether a problem has a solution is known by construction (``tests/oracles/problems.py``).
 
-    python benchmarks/solver_matrix.py --jobs 2 --out matrix.json --markdown table.md
+    python benchmarks/solver_matrix.py [--random 100000] [--first 0] [--jobs 2]
 
 The exit status is 1 if a result called solved was refused here.
 """
 
 from __future__ import annotations
 
-import argparse
-import json
-import multiprocessing
-import os
-import sys
-import time
-from collections import Counter
-from pathlib import Path
-from typing import Any
+from page import command, in_processes
 
-for threads in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "RAYON_NUM_THREADS"):
-    os.environ.setdefault(threads, "1")  # before numpy: matrices of a step's size want one thread
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
+# isort: split
+import sys
+from collections import Counter
 
 from oracles.problems import NAMED, Case, random_case
 from oracles.referee import GAP, LowerBound, broken_constraint
 
-from qp_twist.qp import QuadraticProgram, Verified, installed_solvers, solve
-from qp_twist.qp import backend as backends
+from qp_twist.bench.tables import markdown_table
+from qp_twist.qp import Verified, installed_solvers, solve
 
 
 def judge(case: Case, solver: str, bound: LowerBound) -> tuple[str, str, float]:
@@ -52,26 +44,7 @@ def judge(case: Case, solver: str, bound: LowerBound) -> tuple[str, str, float]:
 def examine(name: str, case: Case) -> dict[str, tuple[str, str, float]]:
     """Every backend on one problem."""
     bound = LowerBound(case.problem)
-    with _each_call_once():
-        return {s: judge(case, s, bound) for s in installed_solvers()}
-
-
-class _each_call_once:  # noqa: N801
-    """Remembers what backends return on one problem; the fallbacks are the same for each."""
-
-    def __enter__(self) -> None:
-        module, memory = sys.modules["qp_twist.qp.solve"], {}
-
-        def remembered(problem: QuadraticProgram, solver: str, *, again: bool = False) -> Any:
-            key = (id(problem), solver, again)
-            if key not in memory:
-                memory[key] = backends.solve_raw(problem, solver, again=again)
-            return memory[key]
-
-        module.solve_raw = remembered  # type: ignore[attr-defined]
-
-    def __exit__(self, *_: object) -> None:
-        sys.modules["qp_twist.qp.solve"].solve_raw = backends.solve_raw  # type: ignore[attr-defined]
+    return {s: judge(case, s, bound) for s in installed_solvers()}
 
 
 class Tally:
@@ -99,14 +72,6 @@ class Tally:
         self.failed += other.failed
         self.gap = max(self.gap, other.gap)
 
-    def to_dict(self) -> dict[str, Any]:
-        return {
-            "counts": {solver: dict(counts) for solver, counts in self.counts.items()},
-            "called solved, refused by the check": self.false,
-            "feasible, not solved": self.failed,
-            "largest relative gap": self.gap,
-        }
-
 
 def random_ones(seeds: range) -> Tally:
     """A share of the random problems."""
@@ -120,57 +85,31 @@ COLUMNS = ("at once", "asked again", "by another", "refused, no solution", "fail
 
 
 def table(title: str, tally: Tally) -> str:
-    """Markdown: a row for each backend."""
-    lines = [
-        f"| {title} | " + " | ".join(COLUMNS) + " | solved, but wrong |",
-        "| :-- |" + " --: |" * (len(COLUMNS) + 1),
-    ]
+    """A row for each backend, and what is wrong."""
+    rows = []
     for solver, counts in tally.counts.items():
         wrong = sum(text.startswith(f"{solver},") for text in tally.false)
-        cells = [f"{counts[column]:,}" for column in COLUMNS] + [str(wrong)]
-        lines.append(f"| {solver} | " + " | ".join(cells) + " |")
-    return "\n".join(lines)
+        rows.append((solver, *(f"{counts[column]:,}" for column in COLUMNS), wrong))
+    text = markdown_table((title, *COLUMNS, "solved, but wrong"), rows)
+    complaints = "".join(f"- {text}\n" for text in [*tally.false, *tally.failed][:100])
+    return f"{text}\nLargest relative gap: {tally.gap:.1e}\n\n{complaints}"
 
 
-def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--random", type=int, default=100_000, help="how many random problems")
-    parser.add_argument("--first", type=int, default=0, help="seed of the first of them")
-    parser.add_argument("--jobs", type=int, default=2)
-    parser.add_argument("--out", type=Path)
-    parser.add_argument("--markdown", type=Path)
-    options = parser.parse_args()
-
-    started = time.perf_counter()
-    named = Tally()
+def solver_matrix(random: int, first: int, jobs: int) -> tuple[str, int]:
+    """The named problems, and so many random ones from this seed on."""
+    named, drawn = Tally(), Tally()
     for name, make in NAMED.items():
         named.add(name, examine(name, make()))
-    drawn = Tally()
-    last = options.first + options.random
-    chunks = [range(i, min(i + 250, last)) for i in range(options.first, last, 250)]
-    with multiprocessing.Pool(options.jobs) as pool:
-        for done, tally in enumerate(pool.imap_unordered(random_ones, chunks), start=1):
-            drawn.merge(tally)
-            if done % 20 == 0 or done == len(chunks):
-                print(f"{done}/{len(chunks)} {time.perf_counter() - started:.0f} s", flush=True)
-
-    text = f"{table('named problems', named)}\n\n{table('random problems', drawn)}\n"
-    print(text)
-    for tally in (named, drawn):
-        print(f"largest relative gap {tally.gap:.1e}")
-        for complaint in [*tally.false, *tally.failed][:100]:
-            print("  ", complaint)
-    if options.markdown:
-        options.markdown.write_text(text, encoding="utf-8")
-    if options.out:
-        result = {
-            "named": named.to_dict() | {"problems": len(NAMED)},
-            "random": drawn.to_dict() | {"problems": options.random},
-            "seconds": time.perf_counter() - started,
-        }
-        options.out.write_text(json.dumps(result, indent=1), encoding="utf-8")
-    return 1 if named.false or drawn.false else 0
+    last = first + random
+    chunks = [range(i, min(i + 250, last)) for i in range(first, last, 250)]
+    for done, tally in enumerate(in_processes(random_ones, chunks, jobs), start=1):
+        drawn.merge(tally)
+        if done % 20 == 0 or done == len(chunks):
+            print(f"{done}/{len(chunks)}", file=sys.stderr, flush=True)
+    text = f"{table('named problems', named)}\n{table('random problems', drawn)}"
+    return text, len(named.false) + len(drawn.false)
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    parts = {"solver_matrix": solver_matrix}
+    sys.exit(command(__doc__, parts, random=100_000, first=0, jobs=2))

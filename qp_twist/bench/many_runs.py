@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable
 from dataclasses import replace
-from functools import cache
+from functools import cache, partial
+from typing import Any
 
 import mink
 import numpy as np
 
 from qp_twist.bench.record import Accuracy, Case, Measured, Quantiles
-from qp_twist.bench.timer import without_collection
+from qp_twist.bench.timer import once
 from qp_twist.following import follow as follow_one
 from qp_twist.following.batch import follow
 from qp_twist.paths import PathTask, load_task
@@ -67,12 +67,8 @@ def time_calls(
     for _ in range(times):
         for index in rng.permutation(len(taken)).tolist():
             count, name = key = list(taken)[index]
-            with without_collection():
-                began = time.perf_counter_ns()
-                runs = follow(
-                    task, METHOD, moves=all_moves[:count], keep=False, threads=THREADS[name]
-                )
-                took = time.perf_counter_ns() - began
+            options: dict[str, Any] = {"moves": all_moves[:count], "threads": THREADS[name]}
+            took, runs = once(partial(follow, task, METHOD, keep=False, **options))
             taken[key].append(took // max(1, int(runs.steps.sum())))
             worst[key] = max(worst[key], float(np.nanmax(runs.position_error)))
             done(name)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 from rich import box
@@ -65,18 +65,25 @@ class Sheet:
 
     def markdown(self) -> str:
         """The table for a page; wrong results are bold."""
-        lines = [
-            f"| {' | '.join(h.replace(chr(10), ' ') for h in self.headings)} |",
-            f"| :-- |{' --: |' * (len(self.headings) - 1)}",
-        ]
-        for i, row in enumerate(self.rows):
-            cells = [
+        rows = [
+            [
                 f"**{cell}**" if (i, j) in self.wrong else f"`{cell}`" if ":" in cell else cell
                 for j, cell in enumerate(row)
             ]
-            lines.append(f"| {' | '.join(cells)} |")
+            for i, row in enumerate(self.rows)
+        ]
         note = f"\n{' '.join(self.note.split())}\n" if self.note else ""
-        return f"**{self.title}**\n\n" + "\n".join(lines) + f"\n{note}"
+        headings = [heading.replace("\n", " ") for heading in self.headings]
+        return f"**{self.title}**\n\n{markdown_table(headings, rows)}{note}"
+
+
+def markdown_table(
+    headings: Sequence[str], rows: Iterable[Sequence[object]], *, left: int = 1
+) -> str:
+    """A table whose first ``left`` columns are text, the others numbers."""
+    aligned = [":--"] * left + ["--:"] * (len(headings) - left)
+    lines = [f"| {' | '.join(map(str, cells))} |" for cells in (headings, aligned, *rows)]
+    return "\n".join(lines) + "\n"
 
 
 def sheets(run: BenchRun) -> Iterator[Sheet]:

@@ -7,12 +7,15 @@ import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from typing import TypeVar
 
 import numpy as np
 
 from qp_twist.bench.contender import SplitStep, StepOf
 from qp_twist.checks import Array
 
+Clock = Callable[[], int]
+Result = TypeVar("Result")
 LEAD_IN = 2
 """Number of untimed steps before a block, to fill caches and warm starts."""
 
@@ -28,6 +31,7 @@ class Timed:
         failures: Number of steps that raised an exception, or returned a velocity that is not
             finite.
         said: Message of the first of them.
+        blocks: Median time of each block, ns; NaN where all steps failed.
     """
 
     warm: list[int] = field(default_factory=list)
@@ -35,6 +39,17 @@ class Timed:
     velocities: dict[int, Array] = field(default_factory=dict)
     failures: int = 0
     said: str = ""
+    blocks: list[float] = field(default_factory=list)
+
+    def ratio_to(self, other: Timed) -> Array:
+        """Median, 10th and 90th percentile over the blocks of this time over another's, (3,).
+
+        Both were timed by the same call of :func:`interleaved`, so that what disturbs the machine
+        during a block disturbs both times of its ratio.
+        """
+        shares = np.asarray(self.blocks) / np.asarray(other.blocks)
+        found: Array = np.nanpercentile(shares, (50, 10, 90))
+        return found
 
 
 @dataclass(eq=False)
@@ -57,17 +72,18 @@ def interleaved(
     rng: np.random.Generator,
     done: Callable[[str], None] = lambda name: None,
     found: dict[str, Timed] | None = None,
+    clock: Clock = time.perf_counter_ns,
 ) -> dict[str, Timed]:
     """Run every contender on every block, in a random order for each block.
 
     So a disturbance of the machine affects all contenders, and none is always the first. New times
-    are appended to ``found``.
+    are appended to ``found``. ``clock`` returns ns: of the wall, or of the processor alone.
     """
     found = {name: Timed() for name in contenders} if found is None else found
     for block in blocks:
         for name in rng.permutation(list(contenders)).tolist():
             with without_collection():
-                _run(contenders[name], block, found[name])
+                _run(contenders[name], block, found[name], clock)
             done(name)
     return found
 
@@ -79,13 +95,11 @@ def cold(
     found = {name: Cold() for name in makers}
     for turn in range(times + 1):
         for name in rng.permutation(list(makers)).tolist():
-            with without_collection():
-                began = time.perf_counter_ns()
-                try:
-                    makers[name]()(k)
-                except Exception:
-                    continue  # reported by the warm steps
-                took = time.perf_counter_ns() - began
+            make = makers[name]
+            try:
+                took, _ = once(lambda make=make: make()(k))  # type: ignore[misc]
+            except Exception:
+                continue  # reported by the warm steps
             if turn == 0:
                 found[name].first = took
             else:
@@ -93,14 +107,23 @@ def cold(
     return found
 
 
-def _run(step: StepOf, block: range, timed: Timed) -> None:
+def once(call: Callable[[], Result]) -> tuple[int, Result]:
+    """Time of one call, ns, without garbage collection, and what it returns."""
+    with without_collection():
+        began = time.perf_counter_ns()
+        result = call()
+        return time.perf_counter_ns() - began, result
+
+
+def _run(step: StepOf, block: range, timed: Timed, clock: Clock) -> None:
+    first = len(timed.warm)
     for k in range(block.start - LEAD_IN, block.stop):
         velocity: Array | None
-        began = between = time.perf_counter_ns()
+        began = between = clock()
         try:
             if isinstance(step, SplitStep):
                 arguments = step.before(k)
-                between = time.perf_counter_ns()
+                between = clock()
                 velocity = step.call(arguments)
             else:
                 velocity = step(k)
@@ -109,7 +132,7 @@ def _run(step: StepOf, block: range, timed: Timed) -> None:
                 timed.failures += 1
                 timed.said = timed.said or f"{type(error).__name__}: {error}".splitlines()[0]
             continue
-        ended = time.perf_counter_ns()
+        ended = clock()
         if k not in block:
             continue
         if velocity is not None and not np.isfinite(velocity).all():
@@ -121,6 +144,7 @@ def _run(step: StepOf, block: range, timed: Timed) -> None:
             timed.call.append(ended - between)
         if velocity is not None:
             timed.velocities[k] = np.array(velocity)  # a copy: it may be overwritten
+    timed.blocks.append(float(np.median(timed.warm[first:])) if timed.warm[first:] else np.nan)
 
 
 @contextmanager

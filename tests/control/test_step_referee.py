@@ -1,4 +1,4 @@
-"""The referee of `benchmarks/billion.py`: it has to see what is wrong before it may say "none"."""
+"""The referee of random steps: it has to see what is wrong before it may say "none"."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ import mujoco
 import numpy as np
 import pytest
 import qpsolvers
+from oracles import step_referee as referee
 from scipy.optimize import linprog
 
 FOLDER = Path(__file__).parents[2] / "benchmarks"
@@ -18,30 +19,32 @@ ROWS, BOUNDS, GRADIENT, SLACK = range(4)
 
 
 @pytest.fixture
-def billion(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
+def study(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
     monkeypatch.syspath_prepend(FOLDER)  # as where it is run
-    return importlib.import_module("billion")
+    return importlib.import_module("random_steps")
+
+
+def arguments_of(pieces: int, steps: int, folder: Path) -> list[str]:
+    options = {"pieces": pieces, "steps": steps, "results": folder}
+    return ["-", "random_steps", *(f"--{name}={value}" for name, value in options.items())]
 
 
 class Steps:
     """Steps of one case, solved by quadprog and HiGHS: not by the package."""
 
-    def __init__(self, billion: ModuleType, number: int, count: int) -> None:
-        self.billion, self.case = billion, billion.CASES[number]
-        self.model = billion.composed(self.case)[0].model
-        self.chain = billion.chain_of(self.model, self.case.site)
+    def __init__(self, study: ModuleType, number: int, count: int) -> None:
+        self.study, self.case = study, study.CASES[number]
+        self.model = study.composed(self.case)[0].model
+        self.chain = study.chain_of(self.model, self.case.site)
         rng = np.random.default_rng(number)
-        self.q, self.targets = billion.random_problems(self.chain, count, rng)
+        self.q, self.targets = study.random_problems(self.chain, count, rng)
         n, m = self.model.nv, self.case.kind
         self.x, self.s = np.zeros((count, n)), np.ones(count)
         self.programs = []
         for k in range(count):
-            A, b, h, F = np.zeros((m, n)), np.zeros(m), np.zeros(n), np.zeros(n)
-            ends, box = np.zeros((2, n)), np.zeros((2, n))
-            billion.state(
-                self.chain, m, billion.SPEED, billion.GAIN, billion.DT, self.q[k], self.targets[k],
-                np.zeros((3, 3)), np.zeros(3), np.zeros((6, n)), A, b, ends, box, h, F,
-            )  # fmt: skip
+            A, b, _, box, h, F = referee.stated(
+                self.chain, m, study.SPEED, study.GAIN, study.DT, self.q[k], self.targets[k]
+            )
             fastest = linprog(
                 np.append(np.zeros(n), -1.0), A_eq=np.column_stack([A, -b]), b_eq=np.zeros(m),
                 bounds=[*zip(*box, strict=True), (0.0, 1.0)],
@@ -57,7 +60,7 @@ class Steps:
 
     def found(self, x: np.ndarray, s: np.ndarray) -> np.ndarray:
         """Which tolerances each step breaks, (K, 4)."""
-        b, found = self.billion, np.zeros((len(x), 5))
+        b, found = self.study, np.zeros((len(x), 5))
         b.judge(
             self.chain, self.case.kind, self.case.twist_space, b.SPEED, b.GAIN, b.DT, self.q,
             self.targets, x, s, np.ones(len(x), dtype=bool), found,
@@ -65,12 +68,12 @@ class Steps:
         return ~(found[:, :4] <= [b.ROWS, b.BOUNDS, b.GRADIENT, b.SLACK])
 
 
-def test_its_kinematics_are_mujocos(billion: ModuleType) -> None:
-    for case in billion.CASES:
-        model = billion.composed(case)[0].model
+def test_its_kinematics_are_mujocos(study: ModuleType) -> None:
+    for case in study.CASES:
+        model = study.composed(case)[0].model
         data, site = mujoco.MjData(model), model.site(case.site).id
-        chain, n = billion.chain_of(model, case.site), model.nv
-        q, _ = billion.random_problems(chain, 50, np.random.default_rng(1))
+        chain, n = study.chain_of(model, case.site), model.nv
+        q, _ = study.random_problems(chain, 50, np.random.default_rng(1))
         assert q.std(axis=0).min() > 0.5
         R, p, J = np.zeros((3, 3)), np.zeros(3), np.zeros((6, n))
         for here in q:
@@ -79,18 +82,18 @@ def test_its_kinematics_are_mujocos(billion: ModuleType) -> None:
             mujoco.mj_comPos(model, data)
             exact = np.zeros((6, n))
             mujoco.mj_jacSite(model, data, exact[:3], exact[3:], site)
-            importlib.import_module("step_referee").kinematics(chain, here, R, p, J)
+            referee.kinematics(chain, here, R, p, J)
             np.testing.assert_allclose(J, exact, atol=1e-12)
             np.testing.assert_allclose(p, data.site_xpos[site], atol=1e-12)
             np.testing.assert_allclose(R.ravel(), data.site_xmat[site], atol=1e-12)
 
 
-def test_its_targets_are_as_far_away_as_was_drawn(billion: ModuleType) -> None:
-    case = billion.CASES[0]
-    model = billion.composed(case)[0].model
+def test_its_targets_are_as_far_away_as_was_drawn(study: ModuleType) -> None:
+    case = study.CASES[0]
+    model = study.composed(case)[0].model
     data, rng, again = mujoco.MjData(model), *(np.random.default_rng(5) for _ in range(2))
-    chain = billion.chain_of(model, case.site)
-    q, targets = billion.random_problems(chain, 20, rng)
+    chain = study.chain_of(model, case.site)
+    q, targets = study.random_problems(chain, 20, rng)
     again.uniform(size=(20, 6))
     away = 10.0 ** again.uniform(-6.0, -1.0, (20, 1))
     moved, turned = again.normal(size=(20, 3)), again.normal(size=(20, 3))
@@ -110,9 +113,9 @@ def test_its_targets_are_as_far_away_as_was_drawn(billion: ModuleType) -> None:
 
 @pytest.mark.parametrize("number", range(6))
 def test_it_lets_optimal_steps_pass_and_refuses_planted_errors(
-    billion: ModuleType, number: int
+    study: ModuleType, number: int
 ) -> None:
-    steps = Steps(billion, number, 60)
+    steps = Steps(study, number, 60)
     x, s = steps.x, steps.s
     as_solved = steps.found(x, s)
     assert not as_solved[:, [ROWS, BOUNDS]].any()
@@ -133,7 +136,7 @@ def test_it_lets_optimal_steps_pass_and_refuses_planted_errors(
         )  # fmt: skip
         other = x.copy()
         other[k] += min(1.0, 1e-2 / (np.abs(away - x[k]).max() + 1e-300)) * (away - x[k])
-        if np.abs(other[k] - x[k]).max() > 1e-3 and not billion.CASES[number].twist_space:
+        if np.abs(other[k] - x[k]).max() > 1e-3 and not study.CASES[number].twist_space:
             assert steps.found(other, s)[k].tolist() == [False, False, True, False]
         if s[k] < 1.0:  # slower than it has to be, by a hundredth
             slower, less = x.copy(), s.copy()
@@ -153,9 +156,9 @@ def test_it_lets_optimal_steps_pass_and_refuses_planted_errors(
     assert steps.found(unknown, s).any(axis=1).all()
 
 
-def test_a_joint_that_is_held_at_the_wrong_bound_is_refused(billion: ModuleType) -> None:
+def test_a_joint_that_is_held_at_the_wrong_bound_is_refused(study: ModuleType) -> None:
     """Six joints and five rows leave a segment between two bounds: its other end."""
-    steps = Steps(billion, 0, 60)
+    steps = Steps(study, 0, 60)
     other = steps.x.copy()
     for k, (A, _, box) in enumerate(steps.programs):
         along = np.linalg.svd(A)[2][-1]
@@ -167,26 +170,26 @@ def test_a_joint_that_is_held_at_the_wrong_bound_is_refused(billion: ModuleType)
     assert (steps.found(other, steps.s)[far] == [False, False, True, False]).all()
 
 
-def test_multipliers_of_other_solvers_prove_only_what_is_optimal(billion: ModuleType) -> None:
+def test_multipliers_of_other_solvers_prove_only_what_is_optimal(study: ModuleType) -> None:
     """Where the referee's own do not: quadprog and HiGHS are asked, and their answer is tested."""
     for number in (1, 3):
-        steps = Steps(billion, number, 40)
+        steps = Steps(study, number, 40)
         assert (steps.s < 1.0).any()
         for k, (x, s) in enumerate(zip(steps.x, steps.s, strict=True)):
             step = steps.case, steps.chain, steps.q[k], steps.targets[k]
-            gradient, slack = billion.proved_by_others(*step, x, s)
-            assert gradient <= billion.GRADIENT and slack <= billion.SLACK
-            gradient, _ = billion.proved_by_others(*step, x + 1e-4 * np.sign(-x), s)
-            assert gradient > billion.GRADIENT
+            gradient, slack = study.proved_by_others(*step, x, s)
+            assert gradient <= study.GRADIENT and slack <= study.SLACK
+            gradient, _ = study.proved_by_others(*step, x + 1e-4 * np.sign(-x), s)
+            assert gradient > study.GRADIENT
             if s < 1.0:
-                _, slack = billion.proved_by_others(*step, 0.99 * x, 0.99 * s)
+                _, slack = study.proved_by_others(*step, 0.99 * x, 0.99 * s)
                 assert slack == pytest.approx(0.01 / 0.99, rel=1e-3)
 
 
 def test_a_kernel_that_lies_is_found_out(
-    billion: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    study: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    honest = billion.qt.batch.step
+    honest = study.qt.batch.step
 
     def lies(*arguments: object, **options: object) -> object:
         done = honest(*arguments, **options)
@@ -194,59 +197,66 @@ def test_a_kernel_that_lies_is_found_out(
         done.velocity[5] = np.nan
         return done
 
-    monkeypatch.setattr(billion.qt.batch, "step", lies)
+    monkeypatch.setattr(study.qt.batch, "step", lies)
     monkeypatch.setattr(
-        "sys.argv", ["billion.py", "--pieces", "1", "--steps", "200", "--results", str(tmp_path)]
+        "sys.argv",
+        [
+            *["random_steps.py", "random_steps", "--pieces", "1", "--steps", "200", "--results"],
+            str(tmp_path),
+        ],
     )
-    assert billion.main() == 1
+    assert study.main() == 1
     result = json.loads((tmp_path / "piece_0000.json").read_text())
     assert [step for step, *_ in result["refused"]] == [3, 5]
     assert result["counts"]["off the rows"] == 2
 
 
 def test_pieces_are_kept_and_not_run_again(
-    billion: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    study: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    arguments = ["billion.py", "--pieces", "2", "--steps", "300", "--results", str(tmp_path)]
+    arguments = [
+        *["random_steps.py", "random_steps", "--pieces", "2", "--steps", "300", "--results"],
+        str(tmp_path),
+    ]
     monkeypatch.setattr("sys.argv", arguments)
-    assert billion.main() == 0
+    assert study.main() == 0
     files = sorted(tmp_path.glob("piece_*.json"))
     first = [file.read_text() for file in files]
-    assert len(files) == 2 and json.loads(first[0])["seed"] == [billion.SEED, 0]
+    assert len(files) == 2 and json.loads(first[0])["seed"] == [study.SEED, 0]
     files[1].unlink()
     monkeypatch.setattr("sys.argv", [*arguments, "--backwards"])
-    assert billion.main() == 0
+    assert study.main() == 0
     assert [file.read_text() for file in files] == first
-    text, refused = billion.table(tmp_path)
+    text, refused = study.table(tmp_path)
     assert refused == 0 and "| all | 600 |" in text
     result = json.loads(first[1])
     result["counts"]["off the rows"] = 1
     files[1].write_text(json.dumps(result))
-    assert billion.table(tmp_path)[1] == 1
+    assert study.table(tmp_path)[1] == 1
     result["sources"]["package"] = "other"
     files[1].write_text(json.dumps(result))
     with pytest.raises(SystemExit, match="different sources"):
-        billion.table(tmp_path)
+        study.table(tmp_path)
 
 
 @pytest.mark.parametrize(
     ("piece", "step"), [(439, 789_660), (863, 824_288), (517, 18_786), (517, 55_821)]
 )
 def test_what_rounding_keeps_from_being_proved_is_left_to_the_reference(
-    billion: ModuleType, piece: int, step: int
+    study: ModuleType, piece: int, step: int
 ) -> None:
     """In 439 and 863 multipliers of 1e11 leave more of the gradient than 1e-6.
 
     Their active limits leave task rows that are singular up to rounding. In 517, with the cost in
     twist space, the linear program of the scale wrongly finds that not even rest fits.
     """
-    case = billion.CASES[billion.SCHEDULE[piece % len(billion.SCHEDULE)]]
-    controller, chain = billion.composed(case)
-    rng = np.random.default_rng([billion.SEED, piece])
-    for _ in range(step // billion.CHUNK + 1):
-        q, targets = billion.random_problems(chain, billion.CHUNK, rng)
-    k = step % billion.CHUNK
-    done = billion.qt.batch.step(
-        controller, q[k : k + 1], billion.DT, targets[k : k + 1], others=False, threads=1
+    case = study.CASES[study.SCHEDULE[piece % len(study.SCHEDULE)]]
+    controller, chain = study.composed(case)
+    rng = np.random.default_rng([study.SEED, piece])
+    for _ in range(step // study.CHUNK + 1):
+        q, targets = study.random_problems(chain, study.CHUNK, rng)
+    k = step % study.CHUNK
+    done = study.qt.batch.step(
+        controller, q[k : k + 1], study.DT, targets[k : k + 1], others=False, threads=1
     )
     assert done.by_reference.all()

@@ -248,7 +248,7 @@ def test_the_numbers_that_choose_a_method_are_those_measured() -> None:
 
 
 def test_the_command_that_times_a_step_runs() -> None:
-    text = (DOCS / "performance.md").read_text("utf-8")
+    text = (DOCS / "bench.md").read_text("utf-8")
     [(setup, statement)] = re.findall(r'timeit -p -n 1000 -s "(.*?)" \\\n"(.*?)"', text, re.DOTALL)
     names: Found = {}
     exec(setup, names)

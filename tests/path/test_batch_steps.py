@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
 import mink
@@ -11,7 +10,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from oracles.arms import random_configuration
-from oracles.scripts import script
 
 import qp_twist as qt
 
@@ -197,27 +195,3 @@ def test_what_is_not_plain_is_left_out_where_that_is_asked_for() -> None:
     np.testing.assert_array_equal(
         plain.velocity[~plain.by_reference], whole.velocity[~plain.by_reference]
     )
-
-
-def test_random_steps_are_proved_by_conditions_that_see_a_wrong_one(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    folder = Path(__file__).parents[2] / "benchmarks"
-    monkeypatch.syspath_prepend(folder)  # as where it is run
-    study = script("benchmarks", "false_solved.py")
-    speed, rng = 0.6, np.random.default_rng(1)
-    composed, q, targets = study.random_steps(MODEL, speed, 400, rng)
-    velocity, solved = study.plain_steps(composed, q, targets)
-    assert solved.sum() > 300
-    problem, x = (
-        [p[solved] for p in study.stated(MODEL, q, targets, speed)],
-        velocity[solved],
-    )
-    residual, excess, wrong, error = study.proved(*problem, x)
-    assert residual.max() < 1e-10 and excess.max() < 1e-10 and wrong.max() < 1e-6
-    assert np.median(error) < 1e-12
-    free = np.array([np.linalg.svd(A)[2][-1] for A in problem[0]])
-    *_, moved, _ = study.proved(*problem, x + 1e-4 * free)  # still on its rows
-    out = (x + 1e-4 * free < problem[2]) | (x + 1e-4 * free > problem[3])
-    assert ((moved > 1e-6) | out.any(axis=1)).all()
-    assert study.proved(*problem, x + 1e-4)[0].min() > 1e-6

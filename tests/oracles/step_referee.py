@@ -277,6 +277,29 @@ def state(chain, kind, speed, gain, dt, q, target, R, p, J, A, b, ends, box, h, 
             h[j] = gain * (0.5 * (low + high) - q[j]) / dt
 
 
+class Stated(NamedTuple):
+    """Results of :func:`state`."""
+
+    A: Array
+    b: Array
+    ends: Array
+    box: Array
+    h: Array
+    F: Array
+
+
+def stated(
+    chain: Chain, kind: int, speed: float, gain: float, dt: float, q: Array, target: Array
+) -> Stated:
+    """What a step has to do, in new arrays; arguments as in :func:`state`."""
+    n, m = len(q), kind
+    ends, box = np.zeros((2, 2, n))
+    found = Stated(np.zeros((m, n)), np.zeros(m), ends, box, np.zeros(n), np.zeros(n))
+    pose = np.zeros((3, 3)), np.zeros(3), np.zeros((6, n))
+    state(chain, kind, speed, gain, dt, q, target, *pose, *found)
+    return found
+
+
 @compiled
 def orthogonalise(M, Q, T, order):  # noqa: PLR0912
     """Rows M[order] (m, n) = Tᵀ Q by Gram and Schmidt, twice, the longest first; their rank."""

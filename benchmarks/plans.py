@@ -1,0 +1,277 @@
+"""Plans beside an independent search, and what they take.
+
+    python benchmarks/plans.py [plan_costs] [--write]
+    python benchmarks/plans.py [plan_optimality] [--samples 40] [--roll-step 2] [--write]
+    python benchmarks/plans.py [no_plan] --folder out/random [--roll-step 2] [--write]
+
+*plan_costs*: time and memory over waypoints, steps and redundancy. Each plan is made by a process
+of its own, which reports its wall time, its processor time, and how much its peak of memory is
+above that before the plan. A few minutes.
+
+*plan_optimality*: how far a run along a plan is from the least mean z that there is. Places the
+deburring part as a study does, plans from the best start, follows the plan with qp_planned, and
+compares the run's mean z with the shortest way through all in-limit joint positions at rolls so
+many degrees apart. That search shares nothing with the plan: it has the inverse kinematics of
+examples/placements.py, every waypoint, every branch, every full turn. A way on a grid is never
+better than the best motion, so the ratio can be below 1.
+
+*no_plan*: whether a study's samples without a plan have none by that search, too. Reads a study of
+`qp_planned` on `deburring`. For every sample that has a motion from some start but no plan from its
+own, the search goes from there waypoint by waypoint, and says at which it ends; about two seconds a
+sample. What it found is kept in no_plan.json beside the results.
+"""
+
+from __future__ import annotations
+
+from page import command, in_processes
+
+# isort: split
+import dataclasses
+import json
+import resource
+import sys
+import time
+from collections import Counter
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import mink
+import mujoco
+import numpy as np
+from placements import MAX_STEP, InverseKinematics, dead_end
+from scipy.spatial import cKDTree
+
+import qp_twist as qt
+from qp_twist.bench.tables import markdown_table
+from qp_twist.bench.timer import once
+from qp_twist.checks import Array
+from qp_twist.files import write_atomically
+from qp_twist.studies import Study
+from qp_twist.studies.judge import Judge
+from qp_twist.studies.sample import draw_sample, section_of
+
+# ---------------------------------------------------------------- what a plan takes
+
+SEVEN = "".join(
+    f'<body name="link_{k}" pos="0 0 {length}"><joint name="joint_{k}" axis="{axis}" '
+    f'range="{-limit} {limit}"/><geom type="capsule" fromto="0 0 0 0 0 0.1" size="0.04"/>'
+    for k, (axis, length, limit) in enumerate(
+        [("0 0 1", 0.2, 2.9), ("0 1 0", 0.15, 2.0), ("0 0 1", 0.2, 2.9), ("0 -1 0", 0.2, 2.0),
+         ("0 0 1", 0.2, 2.9), ("0 1 0", 0.2, 2.0), ("0 0 1", 0.1, 3.0)],
+        start=1,
+    )
+)  # fmt: skip
+SEVEN = (
+    '<mujoco model="seven"><compiler angle="radian" autolimits="true"/><worldbody>'
+    f'{SEVEN}<site name="tool" pos="0 0 0.1"/>{"</body>" * 7}</worldbody></mujoco>'
+)
+
+
+def deburring(every: int) -> qt.PathTask:
+    """The run at every so manieth of its waypoints."""
+    task = qt.load_task("deburring")
+    assert task.flipped_waypoints is not None
+    return dataclasses.replace(
+        task, waypoints=task.waypoints[::every], flipped_waypoints=task.flipped_waypoints[::every],
+        durations=None,
+    )  # fmt: skip
+
+
+def seven(count: int) -> qt.PathTask:
+    """A half-circle on a table with a free roll, for an arm of seven joints."""
+    model = mujoco.MjModel.from_xml_string(SEVEN)
+    angles = np.linspace(-0.5, 0.5, count) * np.pi
+    down = mink.SO3.from_x_radians(np.pi)
+    waypoints = tuple(
+        mink.SE3.from_rotation_and_translation(
+            down, np.array([0.45 + 0.1 * np.cos(a), 0.1 * np.sin(a), 0.3])
+        )
+        for a in angles
+    )
+    return dataclasses.replace(
+        qt.load_task("deburring"), name="seven", model=model, waypoints=waypoints,
+        flipped_waypoints=None, start=np.array([0.0, 0.6, 0.0, -1.2, 0.0, 1.3, 0.0]),
+        durations=None, velocity_limits=np.full(7, np.inf), acceleration_limits=np.full(7, np.inf),
+    )  # fmt: skip
+
+
+def planar(count: int) -> qt.PathTask:
+    """The line at so many of its waypoints."""
+    task = qt.load_task("planar_line")
+    chosen = np.linspace(0, 100, count).round().astype(int)
+    return dataclasses.replace(task, waypoints=tuple(task.waypoints[k] for k in chosen))
+
+
+CASES = {
+    **{
+        f"6R, roll free, {400 // every + 1} waypoints, steps of {step}°": (deburring, every, step)
+        for every, step in ((8, 24), (4, 12), (2, 6), (1, 3), (1, 1.5), (1, 6), (1, 15))
+    },
+    **{f"3R, one free, {n} waypoints": (planar, n, 15) for n in (26, 51, 101)},
+    **{f"7R, two free, {n} waypoints": (seven, n, 15) for n in (6, 11, 21)},
+}
+
+
+def cost(case: str) -> tuple[float, float, float, float, float]:
+    """Seconds, processor seconds, memory, MB, value and bound of a plan in this process."""
+    make, argument, step = CASES[case]
+    task = make(argument)
+    before, cpu = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss, time.process_time()
+    took, plan = once(partial(qt.plan, task, "centering", max_step_deg=step))
+    cpu = time.process_time() - cpu
+    memory = (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before) / 1024.0
+    return 1e-9 * took, cpu, memory, plan.value, plan.bound
+
+
+def plan_costs() -> str:
+    """Each plan in a process of its own."""
+    rows = []
+    for case in CASES:
+        [(wall, cpu, memory, value, bound)] = in_processes(cost, [case], 1)
+        numbers = f"{wall:.1f}", f"{cpu:.1f}", f"{memory:.0f}", f"{value:.4f}", f"{bound:.4f}"
+        rows.append((case, *numbers))
+        print(*rows[-1], file=sys.stderr, flush=True)
+    headings = ("arm and path", "time, s", "processor, s", "memory, MB", "mean z", "bound")
+    return markdown_table(headings, rows)
+
+
+# ---------------------------------------------------------------- how good a plan is
+
+CELL = np.radians(2.0)
+"""Of joint positions this near to each other the one of least z stands for all."""
+
+
+def least_mean_z(task: qt.PathTask, roll_step: float) -> float:
+    """Mean z of the grid's best way, no joint moving more than 15° to the next waypoint."""
+    arm = InverseKinematics(task)
+    rolls = np.radians(np.arange(0.0, 360.0, roll_step))
+    before: Array | None = None
+    sums = np.zeros(0)
+    for pose in task.waypoints:
+        layer = arm.layer(pose, rolls)
+        z = arm.ranges.centring(layer)
+        layer, z = layer[np.argsort(z)], np.sort(z)
+        _, first = np.unique(np.round(layer / CELL), axis=0, return_index=True)
+        layer, z = layer[first], z[first]
+        if before is None:
+            sums = z
+        else:
+            near = cKDTree(layer).query_ball_tree(cKDTree(before), MAX_STEP, p=np.inf)
+            counts = np.array([len(rows) for rows in near])
+            layer, z = layer[counts > 0], z[counts > 0]
+            begins = np.cumsum(counts[counts > 0]) - counts[counts > 0]
+            if not len(layer):
+                return np.nan
+            sums = z + np.minimum.reduceat(sums[np.concatenate(near).astype(np.intp)], begins)
+        before = layer
+    return float(sums.min()) / len(task.waypoints)
+
+
+def optimality(index: int, roll_step: float) -> dict[str, Any]:
+    """One sample."""
+    task = qt.load_task("deburring")
+    task = draw_sample(task, ("placement",), index, start="best", methods=("qp_planned",)).path_task
+    plan = qt.plan(task)
+    if plan.q is None:
+        return {"sample": index, "feasible": False}
+    run = qt.follow(task, "qp_planned", plan=plan)
+    return {
+        "sample": index,
+        "feasible": True,
+        "fault": str(Judge(task, section_of(task)).fault(run) or ""),
+        "mean_z": float(run.z.mean()),
+        "plan": plan.value,
+        "bound": plan.bound,
+        "grid": least_mean_z(task, roll_step),
+    }
+
+
+def plan_optimality(samples: int, first: int, jobs: int, roll_step: float) -> str:
+    """Ratios of the mean z of runs along plans."""
+    runs = []
+    work = partial(optimality, roll_step=roll_step)
+    for row in in_processes(work, range(first, first + samples), jobs):
+        print(json.dumps(row), file=sys.stderr, flush=True)
+        if row["feasible"]:
+            runs.append(row)
+    rows = []
+    for key, what in (
+        ("plan", "the plan's value"),
+        ("grid", f"an independent search's, rolls {roll_step:g}° apart"),
+        ("bound", "the plan's bound: every waypoint for itself"),
+    ):
+        ratios = np.array([row["mean_z"] / row[key] for row in runs])
+        numbers = (f"{value:.4f}" for value in np.percentile(ratios, [50, 90, 100]))
+        rows.append((what, *numbers, f"{100.0 * (ratios <= 1.02).mean():.0f} %"))
+    table = markdown_table(("", "median", "90 %", "largest", "at most 1.02"), rows)
+    return f"{len(runs)} runs. Mean z of the run, divided by …\n\n{table}"
+
+
+# ---------------------------------------------------------------- where there is no plan
+
+
+def ends_at(folder: Path, roll_step: float, sample: int) -> int | None:
+    """Waypoint, from 1, that the search does not get to; None if it gets to all."""
+    task = Study.open(folder, qt.load_task("deburring")).sample(sample).path_task
+    return dead_end(task, InverseKinematics(task), task.start, roll_step=roll_step)
+
+
+def rows_of(folder: Path) -> list[dict[str, Any]]:
+    study = Study.open(folder, qt.load_task("deburring"))
+    columns = ["sample", "method", "success", "feasible", "fault", "min_margin", "max_step_deg",
+               "position_error_max_m", "z_over_least"]  # fmt: skip
+    return [r for r in study.table(columns).to_pylist() if r["method"] == "qp_planned"]
+
+
+def text_of(rows: list[dict[str, Any]], found: dict[int, int | None]) -> str:
+    feasible = [row for row in rows if row["feasible"]]
+    done = [row for row in feasible if row["success"]]
+    no_plan = [row for row in feasible if row["fault"] == "no plan"]
+    other = Counter(row["fault"] for row in feasible if not row["success"])
+    del other["no plan"]
+    none = sum(found[row["sample"]] is not None for row in no_plan)
+    planned = len(feasible) - len(no_plan)
+    lines = [
+        f"{len(rows):5,} random placements, each with a random start inside the limits",
+        f"{len(feasible):5,} of them have a motion from some start",
+        f"{planned:5,} of these have a plan from their own start",
+        f"{len(done):5,} of those are followed to the end: {100 * len(done) / planned:.1f} %",
+        f"{len(no_plan):5,} have no plan from their own start; for {none:,} of these the "
+        "independent search has no way either",
+    ]
+    if other:
+        faults = ", ".join(f"{count} {fault}" for fault, count in other.items())
+        lines.append(f"      other faults: {faults}")
+    lines += [
+        "",
+        f"of the runs followed: least margin {min(r['min_margin'] for r in done):.1g}, largest "
+        f"step {max(r['max_step_deg'] for r in done):.2f}°, largest error "
+        f"{max(r['position_error_max_m'] for r in done):.0e} m",
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def no_plan(folder: str, jobs: int, roll_step: float) -> str:
+    """The study's samples, and what the search finds of those without a plan."""
+    rows, kept = rows_of(Path(folder)), Path(folder) / "no_plan.json"
+    found: dict[int, int | None] = {}
+    if kept.exists():
+        found = {int(k): v for k, v in json.loads(kept.read_text("utf-8")).items()}
+    missing = [
+        r["sample"] for r in rows
+        if r["feasible"] and r["fault"] == "no plan" and r["sample"] not in found
+    ]  # fmt: skip
+    ends = in_processes(partial(ends_at, Path(folder), roll_step), missing, jobs)
+    for number, (sample, end) in enumerate(zip(missing, ends, strict=True), start=1):
+        found[sample] = end
+        print(f"\r{number} of {len(missing)}", end="", file=sys.stderr, flush=True)
+        write_atomically(kept, json.dumps(found))
+    return text_of(rows, found)
+
+
+OPTIONS = {"samples": 40, "first": 0, "jobs": 2, "roll_step": 2.0, "folder": "out/random"}
+
+if __name__ == "__main__":
+    parts = {f.__name__: f for f in (plan_costs, plan_optimality, no_plan)}
+    sys.exit(command(__doc__, parts, **OPTIONS))
