@@ -219,10 +219,16 @@ def _speeds(runs: Sequence[MethodRun]) -> list[str]:
     return [f"At the task's feed joints were too fast in {_listed(too_fast)}."]
 
 
+def _power_of_ten(value: float) -> str:
+    exponent = str(round(math.log10(value)))
+    return "10" + exponent.translate(str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹"))
+
+
 def _task(runs: Sequence[MethodRun]) -> list[str]:
     sentences = []
     off = [r for r in runs if not r.on_path]
-    tolerance = f"{_MORE_MM * TASK_MET_M:g} mm and {_digits(_MORE_DEG * TASK_MET_RAD)}°"
+    linear, angular = f"{_MORE_MM * TASK_MET_M:g} mm", f"{_power_of_ten(TASK_MET_RAD)} rad"
+    tolerance = f"{linear} and {angular}"
     if len(runs) == 1:
         met = "met" if not off else "did not meet"
         sentences.append(f"{runs[0].name} {met} every waypoint to {tolerance}.")
@@ -233,7 +239,9 @@ def _task(runs: Sequence[MethodRun]) -> list[str]:
     if off:
         off.sort(key=lambda r: -r.numbers["position_error_max_m"])
         errors = _listed([f"{r.name} (by {_off_by(r)})" for r in off])
-        sentences.append(f"Off the path by more than {tolerance} at some waypoint: {errors}.")
+        sentences.append(
+            f"Off the path by more than {linear} or {angular} at some waypoint: {errors}."
+        )
     ended = [r for r in runs if r.reached < r.waypoints]
     if ended:
         where = _listed([f"{r.name} at waypoint {r.reached}" for r in ended])

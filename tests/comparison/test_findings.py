@@ -96,12 +96,12 @@ def test_who_met_the_task() -> None:
     assert said(TASK, run("qp"), run("twa"))[0].startswith(
         "Every waypoint was met by all methods to 0.01 mm"
     )
-    assert said(TASK, run("qp")) == ["qp met every waypoint to 0.01 mm and 0.000573°."]
+    assert said(TASK, run("qp")) == ["qp met every waypoint to 0.01 mm and 10⁻⁵ rad."]
     off = run("twa", position_error_max_m=2.5e-3, axis_error_max_rad=np.radians(0.5))
     (sentence,) = said(TASK, run("qp"), off)
     assert sentence.endswith("at some waypoint: twa (by up to 2.50 mm and 0.500°).")
     nobody, _ = said(TASK, off)
-    assert nobody == "twa did not meet every waypoint to 0.01 mm and 0.000573°."
+    assert nobody == "twa did not meet every waypoint to 0.01 mm and 10⁻⁵ rad."
     nobody, _ = said(TASK, off, off)
     assert nobody.startswith("No method met every waypoint")
     *_, stopped, band = said(
