@@ -1,0 +1,69 @@
+"""The scripts in benchmarks: each can be loaded, and its measurement taken on little work."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator
+from importlib import import_module
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from qp_twist.bench.tables import markdown_table
+from qp_twist.bench.timer import Timed, once
+
+FOLDER = Path(__file__).parents[2] / "benchmarks"
+SCRIPTS = sorted(path.stem for path in FOLDER.glob("*.py") if path.stem != "page")
+
+
+@pytest.fixture(autouse=True)
+def as_where_they_are_run(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    before = list(sys.path)
+    for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "RAYON_NUM_THREADS"):
+        monkeypatch.setenv(variable, "1")
+    monkeypatch.syspath_prepend(FOLDER.parent / "examples")
+    monkeypatch.syspath_prepend(FOLDER)
+    yield
+    sys.path[:] = before
+
+
+@pytest.mark.parametrize("name", SCRIPTS)
+def test_a_script_says_how_it_is_run(name: str) -> None:
+    assert f"python benchmarks/{name}.py" in (import_module(name).__doc__ or "")
+
+
+def test_every_backend_is_judged_on_named_and_random_problems() -> None:
+    matrix = import_module("solver_matrix")
+    tally = matrix.random_ones(range(2))
+    assert not tally.false
+    assert all(sum(counts.values()) == 2 for counts in tally.counts.values())
+    assert "solved, but wrong" in matrix.table("random problems", tally)
+
+
+def test_hierarchies_are_compared_with_the_cascade() -> None:
+    found = import_module("hierarchies").compare(range(2))
+    assert found.levels > 4 and not found.wrong
+
+
+def test_an_arm_is_driven_and_its_limits_are_measured() -> None:
+    result = import_module("limits_that_hold").run_arm(3, 30)
+    assert sum(result.statuses.values()) == 30 and not result.failures
+    assert max(result.violations.values()) < 1e-9
+
+
+def test_a_ratio_is_taken_block_by_block() -> None:
+    """A disturbance of a block is in both times of its ratio, and a failed block in none."""
+    ours = Timed(blocks=[2.0, 20.0, np.nan, 2.0])
+    other = Timed(blocks=[1.0, 10.0, 1.0, 1.0])
+    assert ours.ratio_to(other).tolist() == [2.0, 2.0, 2.0]
+
+
+def test_once_returns_a_time_and_what_the_call_returns() -> None:
+    took, found = once(lambda: "done")
+    assert took > 0 and found == "done"
+
+
+def test_the_first_columns_of_a_table_are_text() -> None:
+    table = markdown_table(("a", "b", "c"), [("x", "y", 1)], left=2)
+    assert table == "| a | b | c |\n| :-- | :-- | --: |\n| x | y | 1 |\n"
