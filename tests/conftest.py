@@ -1,4 +1,4 @@
-"""What all tests share: settings, marks, and the two comparisons that many of them look at."""
+"""What all tests share: settings, marks, and what several of them look at."""
 
 from pathlib import Path
 
@@ -13,7 +13,8 @@ settings.register_profile("qp_twist", deadline=None, derandomize=True, print_blo
 settings.load_profile("qp_twist")
 
 
-SHARED = ("deburring", "planar")
+SHARED = ("deburring", "planar", "twelve")
+"""Fixtures that take seconds: all tests that use one of them run in the same process."""
 
 NUMERICAL = ("geometry", "control", "constraints")
 """Folders whose tests are marked ``numerical``, and run on several kernels of OpenBLAS, too
@@ -49,3 +50,11 @@ def deburring() -> qt.Comparison:
 def planar() -> qt.Comparison:
     """Every method on the planar line."""
     return qt.compare("planar_line")
+
+
+@pytest.fixture
+def undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Reports are written with empty pages and no pictures: drawing takes longer than the rest."""
+    monkeypatch.setattr(qt.Comparison, "figures", lambda _: {})
+    monkeypatch.setattr("qp_twist.comparison.scene_picture.draw_scene", lambda *_, **__: "undrawn")
+    monkeypatch.setattr("qp_twist.comparison.report.report_page", lambda *_, **__: "")
