@@ -13,14 +13,15 @@ settings.register_profile("qp_twist", deadline=None, derandomize=True, print_blo
 settings.load_profile("qp_twist")
 
 
-SHARED = ("deburring", "planar", "twelve")
+SHARED = ("deburring", "planar", "twelve", "billion")
 """Fixtures that take seconds: all tests that use one of them run in the same process."""
 
 NUMERICAL = ("geometry", "control", "constraints")
 """Folders whose tests are marked ``numerical``, and run on several kernels of OpenBLAS, too
 (``.ci/kernels.py``). The others are about files, pages, pictures and commands, or about motions
 along whole paths, which take minutes and are made of the steps that these test; a module of theirs
-that is numerical says so by ``pytestmark``, and a test here that is not by ``whole_path``."""
+that is numerical says so by ``pytestmark``, and a test here that is not by a mark, too."""
+NOT_NUMERICAL = ("whole_path", "any_blas")
 
 
 @pytest.hookimpl(tryfirst=True)  # before xdist reads the marks
@@ -34,7 +35,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
         used = [name for name in SHARED if name in getattr(item, "fixturenames", ())]
         if used:
             item.add_marker(pytest.mark.xdist_group(used[0]))
-        elif item.get_closest_marker("whole_path"):
+        elif any(item.get_closest_marker(mark) for mark in NOT_NUMERICAL):
             continue
         elif item.path.parent.parent == here and item.path.parent.name in NUMERICAL:
             item.add_marker(pytest.mark.numerical)

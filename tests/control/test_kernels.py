@@ -34,6 +34,7 @@ def test_two_kernels_that_run_and_differ_are_chosen(
     assert kernels.chosen() == ["Haswell", "Zen"]
 
 
+@pytest.mark.any_blas
 def test_the_environment_names_one_kernel_or_none(
     kernels: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -13,6 +13,9 @@ import pytest
 import qpsolvers
 from scipy.optimize import linprog
 
+# Kernels, and the referee's loops, which are compiled likewise, against quadprog and HiGHS.
+pytestmark = pytest.mark.any_blas
+
 FOLDER = Path(__file__).parents[2] / "benchmarks"
 ROWS, BOUNDS, GRADIENT, SLACK = range(4)
 
