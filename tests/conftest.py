@@ -31,6 +31,8 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     gone = [name for name in NUMERICAL if not (here / name).is_dir()]
     if gone:
         raise pytest.UsageError(f"conftest.py: NUMERICAL lists {gone}, which are not there")
+    # Not at the end, where the other process would be idle while one waits for a browser.
+    items.sort(key=lambda item: item.path.parent.name != "viewing")
     for item in items:
         used = [name for name in SHARED if name in getattr(item, "fixturenames", ())]
         if used:
