@@ -18,6 +18,11 @@ import subprocess
 import sys
 from pathlib import Path
 
+ROOT = Path(__file__).resolve().parents[1]
+sys.path.insert(0, str(ROOT / "tests"))
+
+from numerical import paths  # noqa: E402
+
 NAMES = ("Haswell", "Zen", "SkylakeX", "Sandybridge", "Nehalem", "Prescott")
 WANTED = int(os.environ.get("QP_TWIST_KERNELS", "2"))
 DIGITS = """
@@ -73,9 +78,8 @@ def main() -> int:
     worst = 0
     for name in names:
         print(f"+ OPENBLAS_CORETYPE={name} pytest -m numerical", flush=True)
-        command = [sys.executable, "-m", "pytest", "-q", "-m", "numerical", *sys.argv[1:]]
-        root = Path(__file__).resolve().parents[1]
-        done = subprocess.run(command, env=with_kernel(name), cwd=root, check=False)
+        command = [sys.executable, "-m", "pytest", "-q", "-m", "numerical", *sys.argv[1:], *paths()]
+        done = subprocess.run(command, env=with_kernel(name), cwd=ROOT, check=False)
         worst = max(worst, abs(done.returncode))
     return worst
 

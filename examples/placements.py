@@ -36,7 +36,6 @@ import numpy as np
 import py_opw_kinematics as opw
 from scipy.optimize import minimize_scalar
 from scipy.spatial import cKDTree
-from scipy.stats import binomtest
 
 import qp_twist as qt
 from qp_twist.checks import Array
@@ -532,6 +531,8 @@ def pairs(mine: Array, reference: Array) -> str:
     McNemar's test, exact: of the placements on which they differ each is as likely to win, were
     there no difference. Bold is p < 0.05, two-sided.
     """
+    from scipy.stats import binomtest  # imported on demand: half a second
+
     won, lost = int((mine & ~reference).sum()), int((reference & ~mine).sum())
     p = binomtest(won, won + lost).pvalue if won + lost else 1.0
     return f"**{won} : {lost}**" if p < 0.05 else f"{won} : {lost}"
@@ -539,6 +540,8 @@ def pairs(mine: Array, reference: Array) -> str:
 
 def within(done: int, of: int) -> str:
     """A share in per cent with its 95 % interval (Wilson)."""
+    from scipy.stats import binomtest
+
     if not of:
         return "–"
     low, high = binomtest(done, of).proportion_ci(method="wilson")

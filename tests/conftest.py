@@ -1,7 +1,6 @@
-"""What all tests share: settings, marks, and the two comparisons that many of them look at."""
+"""What all tests share: settings, marks, and what several of them look at."""
 
-from pathlib import Path
-
+import numerical
 import pytest
 from hypothesis import settings
 from skips import pytest_make_collect_report, pytest_runtest_makereport  # noqa: F401  (hooks)
@@ -13,29 +12,25 @@ settings.register_profile("qp_twist", deadline=None, derandomize=True, print_blo
 settings.load_profile("qp_twist")
 
 
-SHARED = ("deburring", "planar")
-
-NUMERICAL = ("geometry", "control", "constraints")
-"""Folders whose tests are marked ``numerical``, and run on several kernels of OpenBLAS, too
-(``.ci/kernels.py``). The others are about files, pages, pictures and commands, or about motions
-along whole paths, which take minutes and are made of the steps that these test; a module of theirs
-that is numerical says so by ``pytestmark``, and a test here that is not by ``whole_path``."""
+SHARED = ("deburring", "planar", "twelve", "billion")
+"""Fixtures that take seconds: all tests that use one of them run in the same process."""
 
 
 @pytest.hookimpl(tryfirst=True)  # before xdist reads the marks
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Mark numerical tests, and those of a shared comparison: one process makes it, once."""
-    here = Path(__file__).parent
-    gone = [name for name in NUMERICAL if not (here / name).is_dir()]
+    gone = [name for name in numerical.FOLDERS if not (numerical.HERE / name).is_dir()]
     if gone:
-        raise pytest.UsageError(f"conftest.py: NUMERICAL lists {gone}, which are not there")
+        raise pytest.UsageError(f"numerical.py: FOLDERS lists {gone}, which are not there")
+    # Not at the end, where the other process would be idle while one waits for a browser.
+    items.sort(key=lambda item: item.path.parent.name != "viewing")
     for item in items:
         used = [name for name in SHARED if name in getattr(item, "fixturenames", ())]
         if used:
             item.add_marker(pytest.mark.xdist_group(used[0]))
-        elif item.get_closest_marker("whole_path"):
+        elif any(item.get_closest_marker(mark) for mark in numerical.EXCEPT):
             continue
-        elif item.path.parent.parent == here and item.path.parent.name in NUMERICAL:
+        elif item.path.parent in [numerical.HERE / name for name in numerical.FOLDERS]:
             item.add_marker(pytest.mark.numerical)
 
 
@@ -49,3 +44,11 @@ def deburring() -> qt.Comparison:
 def planar() -> qt.Comparison:
     """Every method on the planar line."""
     return qt.compare("planar_line")
+
+
+@pytest.fixture
+def undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Reports are written with empty pages and no pictures: drawing takes longer than the rest."""
+    monkeypatch.setattr(qt.Comparison, "figures", lambda _: {})
+    monkeypatch.setattr("qp_twist.comparison.scene_picture.draw_scene", lambda *_, **__: "undrawn")
+    monkeypatch.setattr("qp_twist.comparison.report.report_page", lambda *_, **__: "")

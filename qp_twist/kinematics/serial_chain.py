@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple
 
 import mink
 import mujoco
 import numpy as np
 
-from qp_twist.checks import Array, instance
+from qp_twist.checks import Array, Indices, instance
 from qp_twist.errors import InvalidInput
 from qp_twist.geometry import cross_rows
 from qp_twist.kinematics.frame import frame_pose
@@ -144,31 +145,49 @@ class SerialChain:
 
     def _walk(self, q: Array) -> tuple[Array, Array, list[tuple[Array, Array]]]:
         """The product of the exponentials, and each joint's axis and anchor."""
+        references, hinges, parts = self._constants
+        travels = q[:, self.qpos] - references
+        rotations = iter(_rotations(parts, travels[:, hinges].T))
         rotation = np.tile(np.eye(3), (len(q), 1, 1))
         position = np.zeros((len(q), 3))
         axes = []
-        for screw, address in zip(self.screws, self.qpos, strict=True):
-            travel = q[:, address] - screw.reference
+        for screw, travel in zip(self.screws, travels.T, strict=True):
             axis, anchor = _turned(rotation, screw.axis), _turned(rotation, screw.anchor) + position
             axes.append((axis, anchor))
             if screw.slides:
                 position = position + travel[:, None] * axis
             else:
-                rotation = rotation @ turns(screw.axis, travel)
+                rotation = rotation @ next(rotations)
                 position = anchor - _turned(rotation, screw.anchor)
         return rotation, position, axes
+
+    @cached_property
+    def _constants(self) -> tuple[Array, Indices, Array]:
+        """The references (n,), which screws are hinges, and the hinges' :func:`_parts`."""
+        hinges = np.flatnonzero([not screw.slides for screw in self.screws])
+        parts = np.array([_parts(self.screws[j].axis) for j in hinges]).reshape(-1, 3, 9)
+        return np.array([screw.reference for screw in self.screws]), hinges, parts
 
 
 def turns(axis: Array, angles: Array) -> Array:
     """Rotations (K, 3, 3) about one unit ``axis`` (3,) by ``angles`` (K,), rad."""
+    rotations: Array = _rotations(_parts(axis)[None], angles[None])[0]
+    return rotations
+
+
+def _parts(axis: Array) -> Array:
+    """The matrices of Rodrigues' formula: 1, [a] and [a]² of a unit axis, as rows, (3, 9)."""
     x, y, z = axis
     skew = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    return np.stack([np.eye(3), skew, skew @ skew]).reshape(3, 9)
+
+
+def _rotations(parts: Array, angles: Array) -> Array:
+    """Rotations (n, K, 3, 3) about n axes by angles (n, K), from the axes' parts (n, 3, 9)."""
     # Rodrigues' formula, as one product: numpy's is five times as fast as three broadcasts.
-    parts = np.stack([np.eye(3), skew, skew @ skew]).reshape(3, 9)
-    shares = np.ones((len(angles), 3))
-    shares[:, 1], shares[:, 2] = np.sin(angles), 2.0 * np.sin(0.5 * angles) ** 2
-    rotations: Array = (shares @ parts).reshape(-1, 3, 3)
-    return rotations
+    shares = np.ones((*angles.shape, 3))
+    shares[..., 1], shares[..., 2] = np.sin(angles), 2.0 * np.sin(0.5 * angles) ** 2
+    return (shares @ parts).reshape(*angles.shape, 3, 3)
 
 
 def _turned(rotations: Array, vector: Array) -> Array:

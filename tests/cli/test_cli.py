@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import json
 import os
 import re
@@ -31,6 +32,7 @@ def test_tasks_lists_every_file_with_a_line(capsys: pytest.CaptureFixture[str]) 
     assert all(len(line.split()) > 5 for line in lines)
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_compare_prints_the_table_and_writes_the_folder(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -140,48 +142,79 @@ def test_every_option_that_a_command_has_is_known(
     assert listed == {*options_of(COMMANDS[command]), "-h"} - {"--quiet"}
 
 
+class Output(io.TextIOWrapper):
+    """Standard output as Python opens it, at a file descriptor; unbuffered as with ``-u``."""
+
+    def __init__(self, descriptor: int, *, buffered: bool) -> None:
+        binary = os.fdopen(descriptor, "wb", buffering=-1 if buffered else 0)
+        super().__init__(binary, encoding="utf-8", write_through=not buffered)
+
+
 @pytest.mark.parametrize("buffered", [True, False])
 @pytest.mark.parametrize(
     "arguments",
     [["--version"], ["--help"], ["tasks"], ["check", "line.csv", "planar_line", "--json"]],
 )
 def test_output_that_nobody_reads_any_more_ends_a_command_without_a_word(
-    arguments: list[str], buffered: bool, tmp_path: Path
+    arguments: list[str],
+    buffered: bool,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
     """As ``qp-twist tasks | head -1``; the exit code is that of other tools then, 128 + SIGPIPE."""
+    monkeypatch.chdir(tmp_path)
     if "line.csv" in arguments:
-        main(["run", "planar_line", "--quiet", "--out", str(tmp_path / "line.csv")])
+        main(["run", "planar_line", "--quiet", "--out", "line.csv"])
+    reader, writer = os.pipe()
+    os.close(reader)
+    with Output(writer, buffered=buffered) as output:
+        monkeypatch.setattr(sys, "stdout", output)
+        with pytest.raises(SystemExit) as ended:
+            main(arguments)
+    assert ended.value.code == 141
+    assert capsys.readouterr().err == ""
+
+
+@pytest.mark.parametrize(
+    ("arguments", "unbuffered"), [(["--version"], ""), (["--version"], "1"), (["tasks"], "")]
+)
+def test_a_process_whose_output_nobody_reads_ends_without_a_word(
+    arguments: list[str], unbuffered: str
+) -> None:
+    """Python's own end, where it writes what is left in a buffer, included."""
     reader, writer = os.pipe()
     os.close(reader)
     ended = subprocess.run(
         [sys.executable, "-m", "qp_twist", *arguments], stdout=writer, stderr=subprocess.PIPE,
-        cwd=tmp_path, timeout=300, env=os.environ | {"PYTHONUNBUFFERED": "" if buffered else "1"},
-        check=False,
+        timeout=300, env=os.environ | {"PYTHONUNBUFFERED": unbuffered}, check=False,
     )  # fmt: skip
     os.close(writer)
     assert (ended.returncode, ended.stderr) == (141, b"")
 
 
-def test_output_that_does_not_fit_on_the_disk_is_one_sentence(tmp_path: Path) -> None:
+@pytest.mark.parametrize("buffered", [True, False])
+def test_output_that_does_not_fit_on_the_disk_is_one_sentence(
+    buffered: bool, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     if not Path("/dev/full").exists():
         pytest.skip("this system has no /dev/full")
-    for buffered in ("", "1"):
-        with Path("/dev/full").open("w") as full:
-            ended = subprocess.run(
-                [sys.executable, "-m", "qp_twist", "tasks"], stdout=full, stderr=subprocess.PIPE,
-                cwd=tmp_path, timeout=300, env=os.environ | {"PYTHONUNBUFFERED": buffered},
-                check=False, text=True,
-            )  # fmt: skip
-        assert ended.returncode == 2
-        assert ended.stderr == "qp-twist: [Errno 28] No space left on device\n"
+    with Output(os.open("/dev/full", os.O_WRONLY), buffered=buffered) as output:
+        monkeypatch.setattr(sys, "stdout", output)
+        with pytest.raises(SystemExit) as ended:
+            main(["tasks"])
+    assert ended.value.code == 2
+    assert capsys.readouterr().err == "qp-twist: [Errno 28] No space left on device\n"
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_run_writes_a_report_of_the_pair(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     main(["run", "planar_line", "--method", "qp_minimum_norm", "--out", str(tmp_path / "x.npz"),
           "--report", str(tmp_path / "report")])  # fmt: skip
     assert "report.html" in capsys.readouterr().out
+    assert (tmp_path / "report" / "report.html").is_file()
     content = json.loads((tmp_path / "report" / "comparison.json").read_text("utf-8"))
     assert {"minimum_norm", "qp_minimum_norm"} <= set(content["methods"])
 

@@ -25,9 +25,9 @@ KEYS = [
 
 
 @pytest.fixture(scope="module")
-def planar() -> qt.Comparison:
+def four(planar: qt.Comparison) -> qt.Comparison:
     """Four methods are enough here."""
-    return qt.compare("planar_line", methods=NAMES)
+    return dataclasses.replace(planar, trajectories={n: planar.trajectories[n] for n in NAMES})
 
 
 def test_metrics_of_a_trajectory_made_by_hand() -> None:
@@ -68,8 +68,13 @@ def test_a_hair_outside_counts_from_a_billionth_on() -> None:
     assert metrics(dataclasses.replace(template, q=at_limit))["violations"] == 1
 
 
-def test_the_json_has_the_contracts_shape(planar: qt.Comparison, tmp_path: Path) -> None:
-    lines = planar.report(tmp_path / "new" / "folder")
+def test_the_json_has_the_contracts_shape(
+    four: qt.Comparison, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # The page and the picture are drawn in test_report.py.
+    monkeypatch.setattr("qp_twist.comparison.scene_picture.draw_scene", lambda *_, **__: "undrawn")
+    monkeypatch.setattr("qp_twist.comparison.report.report_page", lambda *_, **__: "")
+    lines = four.report(tmp_path / "new" / "folder")
     content = json.loads((tmp_path / "new" / "folder" / "comparison.json").read_text("utf-8"))
     assert content["task"] == "planar_line"
     assert content["waypoints"] == 101
@@ -84,11 +89,11 @@ def test_the_json_has_the_contracts_shape(planar: qt.Comparison, tmp_path: Path)
     assert not [p for p in (tmp_path / "new" / "folder").iterdir() if p.name.startswith(".")]
 
 
-def test_the_table_puts_each_closed_form_before_its_qp(planar: qt.Comparison) -> None:
-    lines = planar.table().splitlines()
+def test_the_table_puts_each_closed_form_before_its_qp(four: qt.Comparison) -> None:
+    lines = four.table().splitlines()
     rows = [line.split()[0] for line in lines if line.split() and line.split()[0] in qt.METHODS]
     assert rows == NAMES
-    assert "joint_2 at 2" in planar.table()
+    assert "joint_2 at 2" in four.table()
     end = next(i for i, line in enumerate(lines) if line.startswith("margin:"))
     assert max(len(line) for line in lines[:end]) <= 118
 
@@ -111,12 +116,12 @@ def test_wrong_methods_are_refused() -> None:
         qt.follow(qt.load_task("planar_line"), "qp", gain=-1.0)
 
 
-def test_the_joint_figure_marks_the_first_violation(planar: qt.Comparison) -> None:
-    figure = planar.figures()["joints_qp"]
+def test_the_joint_figure_marks_the_first_violation(four: qt.Comparison) -> None:
+    figure = four.figures()["joints_qp"]
     FigureCanvasAgg(figure).draw()
     panels = {axes.get_title(loc="left"): axes for axes in figure.axes}
     texts = {name: [t.get_text() for t in axes.texts] for name, axes in panels.items()}
-    first = planar.to_dict()["methods"]["twa"]["first_violation"]
+    first = four.to_dict()["methods"]["twa"]["first_violation"]
     assert texts == {
         name: [str(first[name])] if name in first else []
         for name in ("joint_1", "joint_2", "joint_3")

@@ -17,6 +17,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from oracles.dying_jobs import Dying, Slow
 
 import qp_twist as qt
 from qp_twist.cli import main
@@ -28,10 +29,10 @@ from qp_twist.studies.rows import Job
 from qp_twist.studies.sample import section_of
 from qp_twist.studies.store import BASE, Store
 from qp_twist.studies.summary import Rate, summarise
-from qp_twist.studies.workers import each
+from qp_twist.studies.workers import _Here, each
 
 pa = pytest.importorskip("pyarrow", reason="the extra `study`")
-pytest.importorskip("joblib", reason="the extra `study`")
+loky = pytest.importorskip("joblib.externals.loky", reason="the extra `study`")
 
 ROOT = Path(__file__).parents[2]
 DEBURRING = qt.load_task("deburring")
@@ -57,11 +58,21 @@ def content(study: qt.Study) -> list[dict[str, Any]]:
 
 
 @pytest.fixture(scope="module")
-def twelve(tmp_path_factory: pytest.TempPathFactory) -> qt.Study:
+def twelve(tmp_path_factory: pytest.TempPathFactory) -> Iterator[qt.Study]:
     """Twelve samples, done at once by two processes."""
     folder = tmp_path_factory.mktemp("twelve")
     task = line_task(folder)
-    return qt.study(task, ["placement"], 12, METHODS, out=folder / "out", jobs=2, certify=False)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(_Here, "close", lambda _: None)
+        done = qt.study(task, ["placement"], 12, METHODS, out=folder / "out", jobs=2, certify=False)
+    yield done
+    loky.get_reusable_executor(2).shutdown(kill_workers=True)
+
+
+@pytest.fixture
+def left_running(twelve: qt.Study, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A study uses the processes of ``twelve``: starting some takes longer than its samples."""
+    monkeypatch.setattr(_Here, "close", lambda _: None)
 
 
 # ---------------------------------------------------------------- what is drawn
@@ -310,31 +321,15 @@ def test_a_file_that_is_no_parquet_or_of_another_study_is_refused(tmp_path: Path
 # ---------------------------------------------------------------- who does it
 
 
-@dataclasses.dataclass(frozen=True)
-class Dying:
-    """A job whose process dies in sample 3 the first time, in sample 11 always."""
-
-    folder: Path
-
-    def __call__(self, index: int) -> list[dict[str, Any]]:
-        mark = self.folder / str(index)
-        if index == 11 or (index == 3 and not mark.exists()):
-            mark.touch()
-            os.kill(os.getpid(), signal.SIGKILL)
-        return [{"sample": index, "square": index**2}]
-
-    def failed(self, index: int, message: str) -> list[dict[str, Any]]:
-        return [{"sample": index, "square": None, "message": message}]
+def test_those_who_stop_listening_do_not_wait(tmp_path: Path) -> None:
+    found = each(Slow(tmp_path), range(5), jobs=1)
+    next(found)
+    began = time.monotonic()
+    found.close()
+    assert time.monotonic() - began < 30.0
 
 
-class Slow(Dying):
-    """A job that takes a minute for all samples but the first."""
-
-    def __call__(self, index: int) -> list[dict[str, Any]]:
-        time.sleep(60.0 if index else 0.0)
-        return []
-
-
+@pytest.mark.usefixtures("left_running")
 def test_a_process_that_dies_costs_a_retry(tmp_path: Path) -> None:
     rows = dict(each(Dying(tmp_path), range(20), jobs=2))
     assert sorted(rows) == list(range(20))
@@ -342,14 +337,6 @@ def test_a_process_that_dies_costs_a_retry(tmp_path: Path) -> None:
         assert found["square"] == (None if index == 11 else index**2)
     assert "process died" in rows[11][0]["message"]
     assert (tmp_path / "3").exists()
-
-
-def test_those_who_stop_listening_do_not_wait(tmp_path: Path) -> None:
-    found = each(Slow(tmp_path), range(5), jobs=1)
-    next(found)
-    began = time.monotonic()
-    found.close()
-    assert time.monotonic() - began < 30.0
 
 
 # ---------------------------------------------------------------- the whole
@@ -375,6 +362,7 @@ def test_a_study_has_a_row_for_every_sample_and_method(twelve: qt.Study) -> None
     assert done["z_over_least"] >= 1.0 - 1e-9
 
 
+@pytest.mark.usefixtures("left_running")
 def test_a_study_that_was_stopped_goes_on_and_grows(twelve: qt.Study, tmp_path: Path) -> None:
     task = line_task(tmp_path)
     arguments: dict[str, Any] = {"out": tmp_path / "out", "jobs": 2, "certify": False}
@@ -492,13 +480,16 @@ def test_what_cannot_begin_leaves_the_folder_as_it_was(twelve: qt.Study) -> None
     assert (twelve.folder / "study.json").read_bytes() == before
 
 
+@pytest.mark.usefixtures("left_running")
 def test_another_robot_is_another_study(tmp_path: Path) -> None:
     scene = (ROOT / "scenes" / "planar_3r.xml").read_text("utf-8")
     other = tmp_path / "other.xml"
     other.write_text(scene, "utf-8")
     robots = '[study.robot]\nscenes = ["other.xml"]\n\n[iteration]'
     task = line_task(tmp_path, **{"[iteration]": robots})
-    study = qt.study(task, ["robot"], 1, ["minimum_norm"], out=tmp_path / "out", certify=False)
+    study = qt.study(
+        task, ["robot"], 1, ["minimum_norm"], out=tmp_path / "out", jobs=2, certify=False
+    )
     assert study.missing() == []
     range_ = scene.index('range="') + len('range="')
     other.write_text(f"{scene[:range_]}-0.1 {scene[range_:].partition(' ')[2]}", "utf-8")
@@ -584,10 +575,11 @@ def test_the_report_of_a_study(twelve: qt.Study) -> None:
 # ---------------------------------------------------------------- the command
 
 
+@pytest.mark.usefixtures("left_running", "undrawn")
 def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     task, out = str(line_task(tmp_path)), str(tmp_path / "out")
     main(["study", task, "--samples", "3", "--methods", "qp_gradient", "--no-certify",
-          "--jobs", "1", "--out", out])  # fmt: skip
+          "--jobs", "2", "--out", out])  # fmt: skip
     said = capsys.readouterr().out
     assert "line: 3 samples, seed 0, varied: placement" in said
     assert "qp_gradient" in said

@@ -444,6 +444,7 @@ def test_a_study_judges_it() -> None:
 @pytest.mark.whole_path
 def test_a_study_takes_a_task_whose_scene_couples_joints(tmp_path: Path) -> None:
     text = (ROOT / "tasks" / "planar_line.toml").read_text("utf-8")
+    text = text.replace("steps_per_segment = 100", "steps_per_segment = 8")
     equality = '<joint joint1="joint_3" joint2="joint_2" polycoef="0 -1 0 0 0"/>'
     robot = (ROOT / "scenes" / "planar_3r.xml").read_text("utf-8")
     robot = robot.replace("</mujoco>", f"<equality>{equality}</equality></mujoco>")

@@ -210,6 +210,7 @@ def test_no_sample_is_above_what_is_proven(
     compare(task, motion, path_errors(task, motion, tolerances=tolerances))
 
 
+@pytest.mark.whole_path
 @given(SEEDS, st.integers(1, 20), st.sampled_from([0, 1, 8]))
 @settings(max_examples=12, deadline=None)
 def test_whole_turns_between_two_rows_are_not_passed_over(
@@ -430,6 +431,7 @@ def test_a_tip_that_rushes_forth_and_back_on_its_way_is_seen() -> None:
     assert fast.rate[0] > 10.0
 
 
+@pytest.mark.whole_path
 @pytest.mark.parametrize("kind", ["full", "plane", "line"])
 @pytest.mark.parametrize("angle", [0.01, 1.0, 3.0])
 def test_turning_on_the_spot_is_progress_too(kind: str, angle: float) -> None:

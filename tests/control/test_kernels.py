@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+import numerical
 import pytest
 from oracles.scripts import script
 
@@ -34,6 +35,7 @@ def test_two_kernels_that_run_and_differ_are_chosen(
     assert kernels.chosen() == ["Haswell", "Zen"]
 
 
+@pytest.mark.any_blas
 def test_the_environment_names_one_kernel_or_none(
     kernels: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -55,3 +57,11 @@ def test_where_there_is_no_choice_it_says_so(
 def test_a_module_is_numerical_unless_it_is_listed(request: pytest.FixtureRequest) -> None:
     """This one is not listed, so it is; what is listed has to be there, or nothing runs."""
     assert request.node.get_closest_marker("numerical") is not None
+
+
+def test_what_is_numerical_lies_where_it_is_looked_for(request: pytest.FixtureRequest) -> None:
+    found = {item.path for item in request.session.items if item.get_closest_marker("numerical")}
+    given = numerical.paths()
+    assert len(given) > len(numerical.FOLDERS)
+    for path in found:
+        assert path in given or path.parent in given

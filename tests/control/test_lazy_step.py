@@ -277,6 +277,7 @@ def test_a_compiled_step_makes_few_calls() -> None:
 # ---------------------------------------------------------------- machine code
 
 
+@pytest.mark.any_blas
 def test_machine_code_that_can_be_kept_nowhere_is_made_all_the_same() -> None:
     script = """
 import numba.core.caching as c

@@ -239,6 +239,7 @@ def test_after_the_joints_were_moved_no_task_goes_back_to_where_it_was() -> None
     assert rig.off(moved_to) < 1e-6
 
 
+@pytest.mark.any_blas
 def test_inputs_of_other_threads_disturb_no_tick() -> None:
     rig = Rig()
     stop = threading.Event()

@@ -14,6 +14,9 @@ import qpsolvers
 from oracles import step_referee as referee
 from scipy.optimize import linprog
 
+# Kernels, and the referee's loops, which are compiled likewise, against quadprog and HiGHS.
+pytestmark = pytest.mark.any_blas
+
 FOLDER = Path(__file__).parents[2] / "benchmarks"
 ROWS, BOUNDS, GRADIENT, SLACK = range(4)
 

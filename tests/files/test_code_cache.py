@@ -98,24 +98,22 @@ def test_a_kernel_is_compiled_anew_where_what_it_calls_was(package: Path) -> Non
     assert run(package) == [21.0, 1]
 
 
-def test_a_constant_of_another_file_reaches_a_kernel_of_this_package(tmp_path: Path) -> None:
+def test_an_edit_of_another_file_reaches_a_kernel_of_this_package(tmp_path: Path) -> None:
     folder = tmp_path / "qp_twist" / "kernel"
     shutil.copytree(KERNEL, folder, ignore=shutil.ignore_patterns("__pycache__"))
     (tmp_path / "qp_twist" / "__init__.py").touch()
-    # The nearest point of x ≥ 1 and y ≥ 2 is (1, 2).
+    # One of the shortest kernels; the rule for the nearer of two bounds is in another file.
     script = """
 import numpy as np
-from qp_twist.kernel.quadratic_program import solve_program
-none, far = np.zeros((0, 2)), np.full(2, np.inf)
-found = solve_program(np.eye(2), np.zeros(2), none, np.zeros(0), -np.eye(2), np.array([-1.0, -2.0]),
-                      -far, far)
-print(int(found.found), *found.x)
+from qp_twist.kernel.stated_limits import narrow_box
+box = np.array([[-3.0], [3.0], [0.0], [0.0]])
+print(int(narrow_box(np.array([-1.0]), np.array([2.0]), 1.0, box)), *box[:, 0])
 """
-    assert run(folder, script) == pytest.approx([1, 1.0, 2.0])
-    constants = folder / "dual_active_set.py"
-    assert "\n_MOST = 50\n" in constants.read_text()
-    constants.write_text(constants.read_text().replace("\n_MOST = 50\n", "\n_MOST = 0\n"))
-    assert run(folder, script)[0] == 0  # no iteration is allowed any more
+    assert run(folder, script) == [1, -1.0, 2.0, 1.0, 1.0]
+    bounds = folder / "bounds.py"
+    assert bounds.read_text().count("if bound > least or ") == 1
+    bounds.write_text(bounds.read_text().replace("if bound > least or ", "if bound < least or "))
+    assert run(folder, script) == [1, -3.0, 2.0, 0.0, 1.0]
 
 
 def test_what_is_compiled_after_an_edit_of_the_sources_is_not_kept(package: Path) -> None:

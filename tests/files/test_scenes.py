@@ -84,7 +84,7 @@ def m16ib() -> mujoco.MjModel:
 
 
 @pytest.fixture(scope="module")
-def planar() -> mujoco.MjModel:
+def planar_model() -> mujoco.MjModel:
     return mujoco.MjModel.from_xml_path(str(PLANAR))
 
 
@@ -185,34 +185,34 @@ def test_the_burr_ends_at_the_tool_site(m16ib: mujoco.MjModel) -> None:
 # ------------------------------------------------------------------------------------- planar 3R
 
 
-def test_planar_forward_kinematics_is_a_sum_of_cosines(planar: mujoco.MjModel) -> None:
-    for q in random_configurations(planar, 200, seed=4):
+def test_planar_forward_kinematics_is_a_sum_of_cosines(planar_model: mujoco.MjModel) -> None:
+    for q in random_configurations(planar_model, 200, seed=4):
         angles = np.cumsum(q)
         x = 2.0 * np.cos(angles[0]) + 1.5 * np.cos(angles[1]) + 1.0 * np.cos(angles[2])
         y = 2.0 * np.sin(angles[0]) + 1.5 * np.sin(angles[1]) + 1.0 * np.sin(angles[2])
         c, s = np.cos(angles[2]), np.sin(angles[2])
         turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])  # x runs along the link
         expected = pose(turn, np.array([x, y, 0.0]))
-        np.testing.assert_allclose(site_pose(planar, "tip", q), expected, rtol=0, atol=1e-12)
+        np.testing.assert_allclose(site_pose(planar_model, "tip", q), expected, rtol=0, atol=1e-12)
 
 
-def test_planar_joints_and_links(planar: mujoco.MjModel) -> None:
-    assert [planar.joint(i).name for i in range(planar.njnt)] == JOINTS[:3]
-    assert planar.nq == planar.nv == 3
-    assert planar.jnt_limited.all()
+def test_planar_joints_and_links(planar_model: mujoco.MjModel) -> None:
+    assert [planar_model.joint(i).name for i in range(planar_model.njnt)] == JOINTS[:3]
+    assert planar_model.nq == planar_model.nv == 3
+    assert planar_model.jnt_limited.all()
     limits = [(0.0, np.pi / 2), (0.0, np.pi / 2), (0.0, np.pi)]
-    np.testing.assert_array_equal(planar.jnt_range, limits)
-    data = mujoco.MjData(planar)
-    mujoco.mj_kinematics(planar, data)
+    np.testing.assert_array_equal(planar_model.jnt_range, limits)
+    data = mujoco.MjData(planar_model)
+    mujoco.mj_kinematics(planar_model, data)
     ends = [*(data.body(f"link_{i}").xpos for i in (1, 2, 3)), data.site("tip").xpos]
     np.testing.assert_allclose(np.diff(ends, axis=0)[:, 0], [2.0, 1.5, 1.0], rtol=0, atol=1e-15)
 
 
-def test_planar_start_is_at_the_beginning_of_the_line(planar: mujoco.MjModel) -> None:
-    q = planar.key("start").qpos
+def test_planar_start_is_at_the_beginning_of_the_line(planar_model: mujoco.MjModel) -> None:
+    q = planar_model.key("start").qpos
     np.testing.assert_allclose(q, np.deg2rad([70.7, 69.1, 99.2]), rtol=0, atol=1e-15)
     # The angles are known to a tenth of a degree: 4.5 m times 0.05 degrees is 4 mm.
-    tip = site_pose(planar, "tip", q)[:3, 3]
+    tip = site_pose(planar_model, "tip", q)[:3, 3]
     assert np.linalg.norm(tip - [-1.0, 2.0, 0.0]) < 4e-3
 
 

@@ -286,8 +286,9 @@ def test_what_new_says_is_what_run_finds_and_what_is_placed_well_is_not_moved(
             continue
         q = case.write(tmp_path / "path.csv")
         name, kind = case.frame
+        # Where nothing is found, the search takes all of its time.
         request = Request(case.file, tmp_path / "path.csv", frame=name, frame_type=kind,
-                          speed=case.speed)  # fmt: skip
+                          speed=case.speed, search_seconds=10.0)  # fmt: skip
         made = new_task(request, out, force=True)
         task = load(out)
         moved = any("MOVED" in note for note in made.notes)

@@ -280,21 +280,21 @@ def test_what_is_proved_between_waypoints_holds_at_every_sample(seed: int) -> No
     )  # fmt: skip
     bands = HardConstraints(task, chain)
     proved, most_at = bands.between(q)
-    shares, sampled = np.linspace(0.0, 1.0, 101), np.full(proved.shape, -np.inf)
-    allowed = BETWEEN[band.unit]
+    shares, allowed = np.linspace(0.0, 1.0, 101), BETWEEN[band.unit]
 
-    def excess(k: int, share: float) -> Array:
+    def excess(k: int, shares: Array) -> Array:
+        """The most that a share of the way from configuration k to the next is outside."""
+        some = shares[:, None]
         turn = Rotation.from_matrix(R_d[k + 1] @ R_d[k].T).as_rotvec()
-        R_s, p_s = chain.poses((q[k] + share * (q[k + 1] - q[k]))[None])
-        on_way = Rotation.from_rotvec(share * turn).as_matrix() @ R_d[k]
-        goal = p_d[k] + share * (p_d[k + 1] - p_d[k])
-        return -band.margins(FramePair(R_s[0], p_s[0], on_way, goal, np.zeros(6)))
+        R_s, p_s = chain.poses(q[k] + some * (q[k + 1] - q[k]))
+        on_way = Rotation.from_rotvec(some * turn).as_matrix() @ R_d[k]
+        goals = p_d[k] + some * (p_d[k + 1] - p_d[k])
+        pairs = zip(R_s, p_s, on_way, goals, strict=True)
+        return np.max([-band.margins(FramePair(*pair, np.zeros(6))) for pair in pairs], axis=0)
 
-    for k in range(2):
-        for share in shares:
-            sampled[k] = np.maximum(sampled[k], excess(k, share))
+    sampled = np.array([excess(k, shares) for k in range(2)])
     # Nor does it cry wolf: where more than the tolerance is said to be left, it is.
-    there = np.array([excess(k, most_at[k]).max() for k in range(2)])
+    there = np.array([excess(k, most_at[[k]]).max() for k in range(2)])
     left = proved.max(axis=1) > allowed
     assert (there[left] > allowed * (1.0 - 1e-5)).all()
     assert not left.any() or proved.max() <= 1.021 * there.max()
