@@ -34,4 +34,5 @@ from .mink_box import speeds_of as speeds_of
 from .motion_limit import MotionLimit as MotionLimit
 from .per_joint import per_joint as per_joint
 from .position_limit import PositionLimit as PositionLimit
+from .stopping_speed import stopping_share as stopping_share
 from .stopping_speed import stopping_speed as stopping_speed

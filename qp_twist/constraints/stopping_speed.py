@@ -6,6 +6,9 @@ import numpy as np
 
 from qp_twist.checks import Array
 
+BRAKING = 0.8
+"""η: share of the acceleration limits that is planned with where a motion ends."""
+
 
 def stopping_speed(room: Array, acceleration: Array, dt: float) -> Array:
     r"""Largest speed towards a limit from which braking stops in time, in discrete time, exactly.
@@ -43,3 +46,26 @@ def stopping_speed(room: Array, acceleration: Array, dt: float) -> Array:
         # 0 · ∞ without an acceleration limit, ∞/∞ without a position limit.
         result: Array = np.where(np.isnan(speed), room / dt, speed)
     return result
+
+
+def stopping_share(motion: Array, acceleration: Array, dt: float) -> float:
+    r"""Share of a displacement that this step may make so that the joints can stop at its end.
+
+    .. math::
+
+        s_b = \min\bigl(1,\ dt\,v(1, \ddot p)\bigr),\qquad
+        \ddot p = \eta\,\min_i \frac{a_i}{|\Delta q_i|}
+
+    with v(d, a) the :func:`stopping_speed`: the task's displacement is 1, and
+    along it the joints brake by at most p̈. What η leaves is for the curvature of the motion.
+
+    Args:
+        motion: Δq that would remove the task's error, rad or m, (n,).
+        acceleration: a, rad/s² or m/s², (n,); ∞ where there is no limit.
+        dt: Length of this step and of those to come, s.
+    """
+    with np.errstate(divide="ignore"):
+        braking = BRAKING * float(np.min(acceleration / np.abs(motion), initial=np.inf))
+    if braking == np.inf:
+        return 1.0
+    return min(1.0, dt * float(stopping_speed(np.array(1.0), np.array(braking), dt)))

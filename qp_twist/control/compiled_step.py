@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import Any, Protocol
 
 import mink
@@ -21,7 +22,7 @@ from qp_twist.constraints import (
 )
 from qp_twist.control.composition import BOXES, rows_known
 from qp_twist.control.lazy_step import LazyStep, StepLabels
-from qp_twist.control.posing import mink_costs
+from qp_twist.control.posing import in_words, mink_costs
 from qp_twist.control.step import Status
 from qp_twist.control.step_tables import (
     TOLERANCES,
@@ -32,9 +33,13 @@ from qp_twist.control.step_tables import (
     with_slacks,
 )
 from qp_twist.kernel import COMPILED
+from qp_twist.kernel.edge_rows import EDGE, FADES, FITTING, EdgeArrays
+from qp_twist.kernel.edge_step import DEAD
 from qp_twist.kernel.live_step import (
     NO_EFFECT,
     PYTHON_JACOBIAN,
+    live_edge_levels,
+    live_edge_step,
     live_infeasible_step,
     live_step,
 )
@@ -49,7 +54,10 @@ from qp_twist.kernel.step_kernel import (
 )
 from qp_twist.kernel.step_record import PROGRAM, Program, Sizes
 from qp_twist.kernel.verified_program import (
+    AT_THE_EDGE,
+    BRAKED,
     DONE,
+    FADED,
     INFEASIBLE,
     PRIORITIZED,
     REFUSED,
@@ -70,11 +78,13 @@ from qp_twist.kinematics.frame import frame_id
 from qp_twist.kinematics.projector_shape import kinds_of, shape_of
 from qp_twist.kinematics.serial_chain import dofs_above
 from qp_twist.kinematics.twist_task import AT_REST
+from qp_twist.qp import EdgeRows, LostDirection
 
 _NO_ROWS: tuple[Named, ...] = ()
 _INFEASIBLE = {"raise": RAISE, "scale": SCALE, "relax": RELAX}
 _STATUSES = {
     SCALED: Status.SCALED, RELAXED: Status.RELAXED, PRIORITIZED: Status.PRIORITIZED,
+    BRAKED: Status.SCALED, FADED: Status.DEGRADED,
 }  # fmt: skip
 
 
@@ -91,10 +101,16 @@ class Composition(Protocol):
     metric: Array
     joint_weight: float
     singularity: float
+    smooth: bool
+    braking: bool
     free_twist_costs: tuple[float, float]
     free_costs: list[FreeTwistCost]
     solver: str
     on_infeasible: str
+
+    @property
+    def trusts(self) -> bool:
+        """Whether weak directions are damped by the length of the error."""
 
 
 class CompiledStep:
@@ -159,6 +175,7 @@ class CompiledStep:
         )  # fmt: skip
         self._capacity = capacity
         self._floats, self._integers = STEP.allocate(size)
+        self._edge = EDGE.allocate(self._edge_size) if self._has_edge(composed) else None
         self._take_rows(0)
         g = self._inputs
         self._python_tasks = [n for n, task in enumerate(self._tasks) if not rows_known(task)]
@@ -214,10 +231,29 @@ class CompiledStep:
         self._moving = [True] * len(self._tasks)
         g.sources[-2:] = model.nq, model.njnt
 
+    def _gives_way(self, status: int) -> bool:
+        """Whether a scaled step had to be compared with the relaxed one."""
+        if status != SCALED or not self._smooth:
+            return False
+        return float(self._program.sensitivity[0]) < DEAD * float(self._program.braking[0])
+
+    @staticmethod
+    def _has_edge(composed: Composition) -> bool:
+        """Whether steps are smooth at the edge."""
+        return composed.smooth and composed.singularity > 0.0
+
+    @property
+    def _edge_size(self) -> Sizes:
+        """Sizes of the program at the edge: a slack for each row and the scale are unknowns too."""
+        n = self._size.nv + self._size.m + 1
+        return self._size._replace(nv=n, dense=n, levels=1, limits=0, free=0, others=0)
+
     def _take_rows(self, k: int) -> None:
         """Make the views for k inequality rows."""
         self._size = self._size._replace(k=k)
         STEP.resize(self._integers, self._size)
+        if self._edge is not None:
+            EDGE.resize(self._edge[1], self._edge_size)
         stages = STEP.arrays(self._floats, self._integers, self._integers)
         self._inputs: StepInputs = stages.inputs
         self._program: Program = stages.program
@@ -255,25 +291,70 @@ class CompiledStep:
         for jac, rows_of_task, index, number in self._jacs:
             jac(self._model, self._data, rows_of_task[:3], rows_of_task[3:], index)
             self._inputs.jacobians[number, :, : self._model.nv] = rows_of_task
-        status = live_step(self._floats, self._integers, dt, use_secondary, self.twist_space)
-        if status == INFEASIBLE:
-            status = live_infeasible_step(self._floats, self._integers)
+        status, at_edge = self._solved(dt, use_secondary)
         # A band is relaxed with its level, but the kernel treats it as a limit.
         by_levels = status in (RELAXED, PRIORITIZED)
-        if status == REFUSED or (by_levels and self._banded):
+        if status == REFUSED or (self._banded and (by_levels or self._gives_way(status))):
             return None
         step = LazyStep.made(
             self._program.x[: self._model.nv], self._result, self._size, self._labels, rows
         )
         if status != DONE:
-            gaps = tuple(self._program.levels.gaps.tolist()) if by_levels else ()
-            step.set_outcome(_STATUSES[status], float(self._program.sensitivity[0]), gaps)
+            gaps: tuple[float, ...] = ()
+            if by_levels and not self._smooth:
+                gaps = tuple(self._program.levels.gaps.tolist())
+            scale = float(self._program.sensitivity[0])
+            step.set_outcome(_STATUSES[status], scale, gaps, met=status in (BRAKED, FADED))
+        if at_edge:
+            self._describe_edge(step, composed, configuration, dt)
         return step
+
+    def _solved(self, dt: float, use_secondary: bool) -> tuple[int, bool]:
+        """Run the kernel on its arrays; return the outcome, and whether the step is at the edge."""
+        arrays = self._floats, self._integers
+        status = live_step(*arrays, dt, use_secondary, self.twist_space)
+        if status == AT_THE_EDGE or (status == INFEASIBLE and self._smooth):
+            if self._edge is None:
+                return REFUSED, True
+            if len(self._levels) > 1:
+                if status == AT_THE_EDGE:
+                    return REFUSED, True
+                return live_edge_levels(*arrays, *self._edge, dt), False
+            return live_edge_step(*arrays, *self._edge, dt, use_secondary, self.twist_space), True
+        if status == INFEASIBLE:
+            status = live_infeasible_step(*arrays)
+        return status, False
 
     def load(self) -> None:
         """Load, or compile, what infeasible steps take; it overwrites the last step's program."""
-        live_infeasible_step(self._floats, self._integers)
+        if self._edge is not None and len(self._levels) > 1:
+            live_edge_levels(self._floats, self._integers, *self._edge, 1.0)
+        elif self._edge is not None:
+            live_edge_step(self._floats, self._integers, *self._edge, 1.0, False, self.twist_space)
+        else:
+            live_infeasible_step(self._floats, self._integers)
         self._program.active_count[0] = 0
+
+    def _describe_edge(
+        self, step: LazyStep, composed: Composition, configuration: mink.Configuration, dt: float
+    ) -> None:
+        """Record how the directions are computed that a step lacks, if there are any."""
+        assert self._edge is not None
+        edge: EdgeArrays = EDGE.arrays(*self._edge, self._edge[1])
+        if not edge.numbers[FADES]:
+            return
+        A, b = self._program.A[:, : self._model.nv].copy(), edge.stated.copy()
+        fitting, tasks = float(edge.numbers[FITTING]), self._tasks
+        scale = step.scale / float(self._program.braking[0])
+        bases = [task.state(configuration).basis for task in tasks]
+        trust, threshold = composed.trusts, composed.singularity
+
+        def lost() -> tuple[LostDirection, ...]:
+            rows = replace(EdgeRows.of(A, b, dt, threshold, trust=trust), fitting=fitting)
+            found = in_words(rows.lost(), tasks, bases)
+            return tuple(replace(d, missing=scale * d.missing) for d in found)
+
+        step.set_lost(lost)
 
     def _is_of(self, composed: Composition) -> bool:
         return (
@@ -353,6 +434,11 @@ class CompiledStep:
             if len(b) != last - first:
                 return False
             self._inputs.python_rhs[first:last] = b
+            if self._brakes and task.feedforward is not AT_REST:
+                state = task.state(configuration)
+                self._inputs.python_forward[first:last] = state.basis.T @ state.feedforward
+            else:
+                self._inputs.python_forward[first:last] = 0.0
             self._inputs.python_rows[first:last, : A.shape[1]] = A
             if self.twist_space:
                 cost = composed.free_costs[number]
@@ -363,8 +449,8 @@ class CompiledStep:
 
     def of_any_configuration(
         self, composed: Composition
-    ) -> tuple[Array, npt.NDArray[np.int64], Array] | None:
-        """Floats and integers laid out as ``step_record``, and the tasks' own targets (T, 18).
+    ) -> tuple[tuple[npt.NDArray[Any], ...], Array] | None:
+        """Arrays laid out as ``step_record`` and ``edge_rows``, and the tasks' own targets (T, 18).
 
         The caller fills in poses, Jacobians and targets. ``None`` if Python has to evaluate
         something at each configuration: bands, limits of other classes, other tasks or secondaries.
@@ -380,7 +466,10 @@ class CompiledStep:
                 row[9:12], row[12:] = pose[4:], task.feedforward
         self._update_secondary(None)
         self._update_state(composed)
-        return self._floats, self._integers, self._inputs.targets
+        edge = self._edge
+        if edge is None or len(self._levels) > 1:
+            edge = np.zeros(0), np.zeros(0, dtype=np.int64)
+        return (self._floats, self._integers, *edge), self._inputs.targets
 
     def _tasks_known(self) -> bool:
         """Write what has changed in the tasks; return whether the kernel still supports them."""
@@ -458,9 +547,17 @@ class CompiledStep:
     def _take_settings(self, composed: Composition) -> None:
         self._singularity, self._weighs = composed.singularity, composed.joint_weight
         self._on_infeasible = composed.on_infeasible
-        settings = kernel_settings(
-            self._singularity, self._weighs, _INFEASIBLE[composed.on_infeasible]
+        self._smooth, self._brakes = composed.smooth, composed.braking
+        limited = any(
+            np.isfinite(v.max_acceleration).any()
+            for v in self._limits
+            if isinstance(v, MotionLimit)
         )
+        smooth = self._smooth and self._singularity > 0.0
+        settings = kernel_settings(
+            self._singularity, self._weighs, _INFEASIBLE[composed.on_infeasible],
+            smooth=smooth, trusts=composed.trusts, braking=smooth and self._brakes and limited,
+        )  # fmt: skip
         self._inputs.settings[:] = settings  # type: ignore[index]
 
     def _update_state(self, composed: Composition) -> None:
@@ -469,6 +566,8 @@ class CompiledStep:
             composed.singularity != self._singularity
             or composed.joint_weight != self._weighs
             or composed.on_infeasible != self._on_infeasible
+            or composed.smooth != self._smooth
+            or composed.braking != self._brakes
         ):
             self._take_settings(composed)
         for number, (table, limit) in enumerate(self._ranged):

@@ -5,7 +5,8 @@ from __future__ import annotations
 import contextlib
 import math
 import threading
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import partial
 from typing import TYPE_CHECKING, Any, Literal
 
 import mink
@@ -27,21 +28,27 @@ from qp_twist.checks import (
 from qp_twist.constraints import (
     BoxLimit,
     Constraint,
+    GatheredLimits,
     MotionLimit,
     PositionLimit,
     check_constraint,
     check_model,
     couplings_of,
     gather_limits,
+    is_mink_box,
+    kind_of,
 )
 from qp_twist.control.composition import composition_known
+from qp_twist.control.edge_step import SPREAD, finished_at_the_edge
 from qp_twist.control.infeasible import finished
 from qp_twist.control.posed import Posed
 from qp_twist.control.posing import (
     FASTEST,
     LevelItem,
+    PosedLevels,
     check_magnitudes,
     mink_costs,
+    pose_at_the_edge,
     pose_levels,
     unseen,
     with_soft_bands,
@@ -58,7 +65,17 @@ from qp_twist.kinematics import (
     same_structure,
     total_displacement,
 )
-from qp_twist.qp import InfeasibleStep, NoSolutionFound, QuadraticProgram, check_solver, solve
+from qp_twist.qp import (
+    EdgeRows,
+    InfeasibleStep,
+    NoSolutionFound,
+    QuadraticProgram,
+    Refused,
+    Verified,
+    check_solver,
+    longest_secondary,
+    solve,
+)
 
 if TYPE_CHECKING:
     from qp_twist.control.compiled_step import CompiledStep
@@ -148,6 +165,8 @@ class Controller:
         free_linear_cost: float = 1.0,
         free_angular_cost: float = 1.0,
         singularity: float = SINGULARITY,
+        smooth: bool = True,
+        braking: bool = True,
     ) -> None:
         """Compose a controller.
 
@@ -165,7 +184,7 @@ class Controller:
             solver: A qpsolvers backend, or ``"compiled"``; every result is verified. If ``None``
                 the compiled step where it supports this composition, else daqp.
             on_infeasible: If the first level is infeasible: ``"scale"`` slows it down,
-                ``"relax"`` takes the closest velocity, ``"raise"`` raises
+                ``"relax"`` takes a close velocity, ``"raise"`` raises
                 :class:`~qp_twist.InfeasibleStep`. Lower levels are always relaxed.
             metric: Diagonal of M, positive, shape (nv,); ones if ``None``.
             joint_weight: ρ. By default 1 in joint space (1e-9 with other mink tasks and without a
@@ -173,8 +192,16 @@ class Controller:
             free_linear_cost: Square root of w for the linear rows of 1 − T, s/m.
             free_angular_cost: Square root of w for the angular rows of 1 − T, s/rad; its ratio
                 to the linear one is the length in m that 1 rad/s counts for.
-            singularity: Singular value of the task rows below which a direction is slowed down, so
-                that the step stays bounded (:func:`~qp_twist.qp.regular_rows`); 0: never.
+            singularity: ε, singular value of the task rows below which a direction is left to the
+                secondary (``qp_twist/qp/edge.py``); 0: never. A larger value damps the noise of
+                targets near the edge, for an error that is its price.
+            smooth: Whether steps are smooth at the edge of the reach, through singularities and
+                where limits stop the task (the docs' page *At the edge*). ``False`` takes the
+                largest scale and the closest velocity instead, as the following of a path does,
+                which repeats a step until its waypoint is reached.
+            braking: Whether a smooth step asks, under an acceleration limit, for no more speed than
+                the joints can stop from at the target. A target that moves needs its twist then, or
+                is followed at its stopping distance.
 
         Raises:
             InvalidInput: If an argument has the wrong type, shape or range.
@@ -220,6 +247,7 @@ class Controller:
             if self.secondary_space == "joint":
                 joint_weight = TIE_BREAK if self.soft_tasks and not self.secondary else 1.0
         self.joint_weight, self.singularity = joint_weight, singularity
+        self.smooth, self.braking = bool(smooth), bool(braking)
         self.free_twist_costs = linear, angular
         self._prepared, self._free = self._compiled_step(), threading.Lock()
         self.reference_steps = 0
@@ -283,8 +311,11 @@ class Controller:
                 "the other directions.",
                 posed.problem,
             )
-        result = solve(posed.problem, self.solver)
-        step = finished(posed, result, self.solver, self.on_infeasible)
+        result: Verified | Refused = Refused(("its levels are solved in order",), False)
+        if not posed.levels.fades:
+            result = solve(posed.problem, self.solver)
+        finish = finished_at_the_edge if posed.levels.edges else finished
+        step = finish(posed, result, self.solver, self.on_infeasible)
         self._note(step.velocity)
         return step
 
@@ -326,8 +357,12 @@ class Controller:
         desired = np.zeros(nv)
         if use_secondary:
             desired = total_displacement(self.secondary, configuration) / dt
-        levels = pose_levels(self.levels, configuration, dt, self.singularity)
+        limits = gather_limits(self.limits, configuration, dt)
+        longer = partial(self._longer, configuration, dt)
+        levels = self._pose_levels(configuration, dt, limits, longer)
         A, b = levels.equality
+        if levels.edges:
+            desired = _shortened(desired, levels.edges, dt)
         if self.secondary_space == "joint":
             weights = self.joint_weight * self.metric
             H, c = self._identity * weights, -weights * desired
@@ -338,20 +373,83 @@ class Controller:
                     *(f.cost[:, None] * f.compute_jacobian(configuration) for f in self.free_costs),
                 ]
             )
-            cost = free.T @ free + self.joint_weight * unseen(np.vstack([A, free]), self.metric)
-            # q̇ᵀAᵀA q̇ is constant where A q̇ = b, so that it does not change the solution, but H
-            # is then close to JᵀJ instead of close to singular.
-            H = cost + A.T @ A
-            c = -cost @ desired
+            rows = A[:, :nv]
+            cost = free.T @ free + self.joint_weight * unseen(np.vstack([rows, free]), self.metric)
+            H, c = cost, -cost @ desired
         if self.soft_tasks:
             hessian, linear = mink_costs(self.soft_tasks, configuration, dt)
             H, c = H + hessian, c + linear
-        limits = gather_limits(self.limits, configuration, dt)
-        problem = QuadraticProgram(
-            H, c, A, b, limits.rows, limits.bounds, limits.lower, limits.upper
-        )
+        G, lower, upper = limits.rows, limits.lower, limits.upper
+        if len(levels.slacks):
+            k, size = len(levels.slacks), float(np.abs(H).max())
+            # As far as a step without limits uses them: beyond, a direction that fades would hold
+            # a scaled task down as little below ε as it does much above.
+            longest = levels.slacks + float(np.linalg.norm(desired))
+            H = np.pad(H, (0, k))
+            H[range(nv, nv + k), range(nv, nv + k)] = size
+            c, G = np.pad(c, (0, k)), np.pad(G, ((0, 0), (0, k)))
+            lower, upper = np.append(lower, -longest), np.append(upper, longest)
+        if self.secondary_space == "twist":
+            # Constant where A x = b, so that it does not change the solution, but H is then close
+            # to JᵀJ instead of close to singular.
+            H = H + A.T @ A
+        problem = QuadraticProgram(H, c, A, b, G, limits.bounds, lower, upper)
         check_magnitudes(problem, desired)
-        return Posed.of(with_soft_bands(problem, levels.soft_bands), levels, limits)
+        return Posed.of(with_soft_bands(problem, levels.soft_bands), levels, limits, longer)
+
+    def _pose_levels(
+        self,
+        configuration: mink.Configuration,
+        dt: float,
+        limits: GatheredLimits,
+        longer: Callable[[float], tuple[Array, Array]],
+    ) -> PosedLevels:
+        if not self.smooth or self.singularity == 0.0:
+            return pose_levels(self.levels, configuration, dt, self.singularity)
+        room = None
+        if self.on_infeasible == "scale":
+            lower, upper = longer(SPREAD)
+            room = (
+                np.maximum(0.5 * lower, 0.95 * limits.lower),
+                np.minimum(0.5 * upper, 0.95 * limits.upper),
+            )
+        return pose_at_the_edge(
+            self.levels,
+            configuration,
+            dt,
+            self.singularity,
+            trust=self.trusts,
+            acceleration=self._acceleration() if self.braking else None,
+            room=room,
+        )
+
+    def _longer(
+        self, configuration: mink.Configuration, dt: float, steps: float
+    ) -> tuple[Array, Array]:
+        """The bounds of a step that is ``steps`` times as long, (nv,), (nv,)."""
+        boxes = [v for v in self.limits if isinstance(v, BoxLimit) or is_mink_box(v)]
+        longer = gather_limits(boxes, configuration, steps * dt)
+        return longer.lower, longer.upper
+
+    @property
+    def trusts(self) -> bool:
+        """Whether weak directions are damped by the length of the error (``qp_twist/qp/edge.py``).
+
+        Without a limit of the joints' speed a step is that of the closed form, whatever its length.
+        """
+        limited = any(
+            bool(np.isfinite(v.max_velocity).any())
+            if isinstance(v, MotionLimit)
+            else kind_of(v) == "velocity"
+            for v in self.limits
+        )
+        return limited and self.on_infeasible != "raise"
+
+    def _acceleration(self) -> Array | None:
+        """The least acceleration limit of each joint, (nv,); ``None`` where there is none."""
+        stated = [v.max_acceleration for v in self.limits if isinstance(v, MotionLimit)]
+        least: Array = np.min([np.full(self.model.nv, np.inf), *stated], axis=0)
+        return least if np.isfinite(least).any() else None
 
     def _check_types(self) -> None:
         if self.model.nv == 0:
@@ -412,6 +510,13 @@ class Controller:
             f"secondary={list(self.secondary)!r}, secondary_space={self.secondary_space!r}, "
             f"solver={self.solver!r}, on_infeasible={self.on_infeasible!r})"
         )
+
+
+def _shortened(desired: Array, levels: Sequence[EdgeRows], dt: float) -> Array:
+    """The secondary's velocity, no faster than where singular directions fade allows."""
+    length = dt * float(np.linalg.norm(desired))
+    longest = min(map(longest_secondary, levels))
+    return desired if length <= longest else (longest / length) * desired
 
 
 def _levels(

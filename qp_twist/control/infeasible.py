@@ -37,7 +37,7 @@ def finished(posed: Posed, result: Verified | Refused, solver: str, on_infeasibl
         SolverInaccurate: If the step is feasible and no backend solved it.
     """
     if isinstance(result, Verified):
-        return _solved(posed, result)
+        return solved_as_posed(posed, result)
     first, problem = posed.padded[0], posed.problem
     # The residual decides if the first level is feasible, because it has a unit: for a task that is
     # met up to rounding, the largest scale is arbitrary.
@@ -50,7 +50,7 @@ def finished(posed: Posed, result: Verified | Refused, solver: str, on_infeasibl
         largest = largest_scale(replace(problem, A=first.A, b=first.b, G=G, g=g))
     if largest is None or largest.scale < 1.0 - SCALE_BACKOFF:
         if on_infeasible == "raise":
-            raise _infeasible(posed, largest)
+            raise infeasible_step(posed, largest)
         if largest is None or on_infeasible == "relax":
             start = np.zeros(problem.n) if largest is None else largest.x
             return _cascade(posed, solver, 1.0, start, Status.RELAXED)
@@ -59,13 +59,13 @@ def finished(posed: Posed, result: Verified | Refused, solver: str, on_infeasibl
     if not any(len(level.b) + len(level.g) for level in posed.padded[1:]):
         result = solve(problem, solver, persist=True)
         if isinstance(result, Verified):
-            return _solved(posed, result)
+            return solved_as_posed(posed, result)
         if result.claimed:
-            raise _inaccurate(posed, result)
+            raise inaccurate(posed, result)
     return _cascade(posed, solver, 1.0, largest.x, Status.PRIORITIZED, refused=result.says)
 
 
-def _solved(posed: Posed, result: Verified) -> Step:
+def solved_as_posed(posed: Posed, result: Verified) -> Step:
     """The step of a program that was solved as posed."""
     status = Status.SOLVED
     if posed.levels.lost:
@@ -121,7 +121,7 @@ def _cascade(
             status = Status.SOLVED
     result = solve_within(problem, cascade, solver)
     if isinstance(result, Refused):
-        raise _inaccurate(posed, result)
+        raise inaccurate(posed, result)
     if multipliers is None:
         multipliers = cascade.box_multipliers, np.array(cascade.row_multipliers), 0.0
     gaps = cascade.gaps(result.x)[1:]
@@ -138,7 +138,8 @@ def _cascade(
     )
 
 
-def _infeasible(posed: Posed, largest: LargestScale | None) -> InfeasibleStep:
+def infeasible_step(posed: Posed, largest: LargestScale | None) -> InfeasibleStep:
+    """What ``on_infeasible="raise"`` raises at a largest scale below 1, or without any."""
     if largest is None:
         why = "; ".join(posed.limits.recovering)
         return InfeasibleStep(
@@ -157,7 +158,8 @@ def _infeasible(posed: Posed, largest: LargestScale | None) -> InfeasibleStep:
     )
 
 
-def _inaccurate(posed: Posed, result: Refused) -> SolverInaccurate:
+def inaccurate(posed: Posed, result: Refused) -> SolverInaccurate:
+    """What is raised where every backend failed on a feasible step."""
     return SolverInaccurate(
         f"no backend solved a feasible step: {'; '.join(result.says)}.", posed.problem
     )

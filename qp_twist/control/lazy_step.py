@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -12,7 +12,7 @@ from qp_twist.constraints import BindingLimit, Named, RowName, binding_limits
 from qp_twist.control.step import Status, Step
 from qp_twist.kernel import COMPILED
 from qp_twist.kernel.step_record import PROGRAM, Program, Sizes
-from qp_twist.qp import QuadraticProgram
+from qp_twist.qp import LostDirection, QuadraticProgram
 
 _NO_INTEGERS = np.zeros(0, dtype=np.int64)
 
@@ -48,6 +48,7 @@ class LazyStep(Step):
     scale = 1.0
     status = Status.SOLVED
     solver = COMPILED
+    _met = False
     _numbers: bytes
     _size: Sizes
     _labels: StepLabels
@@ -77,9 +78,32 @@ class LazyStep(Step):
             fields["recovering"] = tuple(left)
         return step
 
-    def set_outcome(self, status: Status, scale: float, gaps: tuple[float, ...] = ()) -> None:
-        """Record that the rows are met only at a scale below 1, or not at all."""
-        self.__dict__.update(status=status, scale=scale, gaps=gaps)
+    def set_outcome(
+        self, status: Status, scale: float, gaps: tuple[float, ...] = (), *, met: bool = False
+    ) -> None:
+        """Record that the rows are met only at a scale below 1, or not at all.
+
+        ``met``: the program was solved as posed, for less than the task asks.
+        """
+        self.__dict__.update(status=status, scale=scale, gaps=gaps, _met=met)
+
+    def set_lost(self, later: Callable[[], tuple[LostDirection, ...]]) -> None:
+        """Record what computes the directions that this step lacks."""
+        self.__dict__["_lost_later"] = later
+
+    @property
+    def lost(self) -> tuple[LostDirection, ...]:
+        """Directions of the first level of which less is delivered than the task asks."""
+        fields = self.__dict__
+        if "_lost" not in fields:
+            later = fields.pop("_lost_later", None)
+            fields["_lost"] = () if later is None else later()
+        found: tuple[LostDirection, ...] = fields["_lost"]
+        return found
+
+    @lost.setter
+    def lost(self, value: tuple[LostDirection, ...]) -> None:
+        self.__dict__["_lost"] = value
 
     def __getattr__(self, name: str) -> Any:
         """Compute a field on first access."""
@@ -108,7 +132,8 @@ class LazyStep(Step):
 
     def _binding(self, left: Program) -> tuple[BindingLimit, ...]:
         box, lam, floor, kinds = left.box, left.lam, 1.0, self._labels.kinds
-        if self.status is not Status.SOLVED:  # then the multipliers of the levels count
+        # Where the program has no solution as posed, the multipliers of the levels count.
+        if self.status is not Status.SOLVED and not self._met:
             box, lam, floor = *np.split(left.sensitivity[1:], [len(box)]), 0.0
             # A soft band does not limit a level.
             lam = np.where(np.repeat(*self._soft_sources()), 0.0, lam)
@@ -118,7 +143,12 @@ class LazyStep(Step):
             [kinds.get(number, "") for number in side.tolist()]
             for side in (left.lower_kind, left.upper_kind)
         )
-        return binding_limits(box, lam, floor, self._labels.names, (lower, upper), self._rows)
+        found = binding_limits(box, lam, floor, self._labels.names, (lower, upper), self._rows)
+        which = int(left.braking[1])
+        if which and not found:
+            side = "lower" if which > 0 else "upper"
+            return (BindingLimit(self._labels.names[abs(which) - 1], "acceleration", side, 1.0),)
+        return found
 
     def _soft_sources(self) -> tuple[list[bool], list[int]]:
         """For each source whether it is a soft band, and its number of rows."""
@@ -127,6 +157,7 @@ class LazyStep(Step):
 
     def __getstate__(self) -> dict[str, Any]:
         """State in which the names of inequality rows replace their limits and tasks."""
+        _ = self.lost
         sources = self.__dict__.get("_rows", ())  # missing after dataclasses.replace
         named = tuple(_Names(list(s.names), getattr(s, "weight", None)) for s in sources)
         return self.__dict__ | {"_rows": named}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 
@@ -24,21 +25,40 @@ class Posed:
             bands, then the levels' own.
         levels: The priority levels.
         limits: The gathered limits.
+        longer: The bounds (nv,), (nv,) of a step that is so many times as long.
     """
 
     problem: QuadraticProgram
     levels: PosedLevels
     limits: GatheredLimits
+    longer: Callable[[float], tuple[Array, Array]]
 
     @classmethod
-    def of(cls, problem: QuadraticProgram, levels: PosedLevels, limits: GatheredLimits) -> Posed:
+    def of(
+        cls,
+        problem: QuadraticProgram,
+        levels: PosedLevels,
+        limits: GatheredLimits,
+        longer: Callable[[float], tuple[Array, Array]],
+    ) -> Posed:
         """Add the levels' own inequality rows to a program."""
         own = [level.padded(problem.n) for level in levels.levels if len(level.g)]
         if own:
             blocks = [(problem.G, problem.g), *((level.G, level.g) for level in own)]
             G, g = stacked(blocks, problem.n)
             problem = replace(problem, G=G, g=g)
-        return cls(problem, levels, limits)
+        return cls(problem, levels, limits, longer)
+
+    def eased(self, steps: float) -> tuple[Array, Array]:
+        """The bounds of this step that also hold for one ``steps`` times as long, (nv,), (nv,).
+
+        A joint then approaches its position limit over several steps; what it has to do in this
+        one, to return or because it cannot stop sooner, it does.
+        """
+        limits, (lower, upper) = self.limits, self.longer(steps)
+        lower = np.minimum(np.maximum(limits.lower, lower), limits.upper)
+        upper = np.maximum(np.minimum(limits.upper, upper), limits.lower)
+        return lower, np.maximum(lower, upper)
 
     @cached_property
     def hard(self) -> Level:
@@ -57,7 +77,7 @@ class Posed:
         x: Array,
         status: Status,
         solver: str,
-        multipliers: tuple[Array, Array, float],
+        multipliers: tuple[Array, Array, float] | Step,
         *,
         scale: float = 1.0,
         problem: QuadraticProgram | None = None,
@@ -65,16 +85,23 @@ class Posed:
         gaps: tuple[float, ...] = (),
         proven: bool = True,
     ) -> Step:
-        """The step of a solution x of the program; multipliers as for :meth:`binding`."""
+        """The step of a solution x of the program.
+
+        ``multipliers``: as for :meth:`binding`, or the step whose active limits it has.
+        """
         velocity = x[: len(self.limits.lower)].copy()  # of the joints alone
+        if self.levels.braked < 1.0 and status in (Status.SOLVED, Status.PRIORITIZED):
+            status = Status.SCALED
         return Step.of(
             {
-                "binding": partial(self.binding, *multipliers),
+                "binding": partial(getattr, multipliers, "binding")
+                if isinstance(multipliers, Step)
+                else partial(self.binding, *multipliers),
                 "residuals": partial(self.residuals, velocity.copy(), scale),
                 "sigma_min": self.levels.sigma_min,
             },
             velocity=velocity,
-            scale=scale,
+            scale=scale * self.levels.braked,
             status=status,
             solver=solver,
             problem=self.problem if problem is None else problem,
@@ -86,7 +113,7 @@ class Posed:
         )
 
     def residuals(self, velocity: Array, scale: float) -> tuple[Array, ...]:
-        """A q̇ − s b of each task; s = 1 below the first level."""
+        """A q̇ − s b of each task; s = 1 below the first level; b as braked, where it is."""
         return tuple(
             rows.A @ velocity - (1.0 if index else scale) * rows.b
             for index, tasks in enumerate(self.levels.tasks)
@@ -96,8 +123,12 @@ class Posed:
     def binding(self, box: Array, rows: Array, floor: float = 0.0) -> tuple[BindingLimit, ...]:
         """The limits with a multiplier above ``floor``: of bounds (n,) and of rows (k,)."""
         limits, levels = self.limits, self.levels
-        return binding_limits(
+        found = binding_limits(
             box[: len(limits.lower)], rows, floor, limits.names,
             (limits.box.lower_kind, limits.box.upper_kind),
             [*limits.sources, *levels.soft_bands, *levels.sources],
         )  # fmt: skip
+        if levels.braking is not None and not found:
+            dof, side = levels.braking
+            return (BindingLimit(limits.names[dof], "acceleration", side, 1.0),)
+        return found

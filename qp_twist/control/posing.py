@@ -4,17 +4,24 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
 import mink
 import numpy as np
 
 from qp_twist.checks import Array, are_rows, finite_array, float_array, largest, within
-from qp_twist.constraints import Named, gather_limits
+from qp_twist.constraints import Named, gather_limits, stopping_share
 from qp_twist.errors import InvalidInput, InvalidTarget
 from qp_twist.kinematics import BandRows, TwistTask
-from qp_twist.qp import Level, LostDirection, QuadraticProgram, RegularRows, regular_rows
+from qp_twist.qp import (
+    EdgeRows,
+    Level,
+    LostDirection,
+    QuadraticProgram,
+    RegularRows,
+    regular_rows,
+)
 
 NEARLY_UNSEEN = 1e-4
 """Singular values of J below this share of the largest count, by degrees, as unseen."""
@@ -51,21 +58,36 @@ class PosedLevels:
         lost: What singularities take from the first level.
         lower_lost: Whether a lower level has no room for some of its directions.
         soft_bands: Rows of the soft bands of all tasks.
+        edges: The rows of each level with their singular values; empty for the compiled step, which
+            slows singular directions down as :func:`~qp_twist.qp.regular_rows` says.
+        slacks: Bounds of the unknowns that let directions fade, behind the joints, rad/s, (k,);
+            what the secondary needs comes on top.
+        braked: Share of the first level's speed from which its motion can stop in time.
+        braking: The joint whose acceleration limit decides that, and the limit's side.
     """
 
     levels: list[Level]
     stated: list[int]
     sources: list[Named]
     tasks: list[list[TaskRows]]
-    first: RegularRows
+    first: RegularRows | EdgeRows
     lost: tuple[LostDirection, ...]
     lower_lost: bool
     soft_bands: list[BandRows]
+    edges: list[EdgeRows] = field(default_factory=list)
+    slacks: Array = field(default_factory=lambda: np.zeros(0))
+    braked: float = 1.0
+    braking: tuple[int, str] | None = None
 
     @property
     def equality(self) -> tuple[Array, Array]:
         """A and b of all levels, stacked."""
         return stacked([(v.A, v.b) for v in self.levels], 0)
+
+    @property
+    def fades(self) -> bool:
+        """Whether a level above the last has directions that fade: these do not wait for others."""
+        return any(rows.fades for rows in self.edges[:-1])
 
     def sigma_min(self) -> float:
         """Smallest singular value of the first level's rows."""
@@ -128,6 +150,93 @@ def pose_levels(
     return PosedLevels(posed, stated, sources, tasks, first, lost, lower_lost, soft_bands)
 
 
+def pose_at_the_edge(
+    levels: Sequence[Sequence[LevelItem]],
+    configuration: mink.Configuration,
+    dt: float,
+    threshold: float,
+    *,
+    trust: bool,
+    acceleration: Array | None,
+    room: tuple[Array, Array] | None,
+) -> PosedLevels:
+    """Evaluate the levels at a configuration, with the rows of :mod:`qp_twist.qp.edge`.
+
+    Args:
+        levels: Tasks and limits, level by level.
+        configuration: Where the robot is.
+        dt: Length of the step, s.
+        threshold: ε, singular value below which a direction fades.
+        trust: Whether a weak direction is damped by the length of the error.
+        acceleration: Limits to brake by, rad/s² or m/s², (nv,); ``None``: the speed is not bounded
+            by what can be stopped from.
+        room: Bounds of what weak directions of the first level take up, if it is scaled to fit.
+    """
+    nv = configuration.model.nv
+    sources: list[Named] = []
+    tasks: list[list[TaskRows]] = []
+    soft_bands: list[BandRows] = []
+    edges: list[EdgeRows] = []
+    inequalities: list[tuple[Array, Array]] = []
+    above, basis, share = np.zeros(nv), None, 1.0
+    braking: tuple[int, str] | None = None
+    lost: tuple[LostDirection, ...] = ()
+    for index, items in enumerate(levels):
+        rows, G, g = _evaluate(items, configuration, dt, sources, soft_bands)
+        A, b = stacked(rows, nv)
+        check_speed("the tasks ask", b)
+        level = EdgeRows.of(A, b, dt, threshold, basis=basis, above=above, trust=trust)
+        if acceleration is not None and len(b):
+            feedforward = _feedforward(items, rows, configuration)
+            back = replace(level, b=b - feedforward)
+            motion = back.motion()
+            slower = stopping_share(dt * motion, acceleration, dt)
+            if slower < 1.0:
+                level = replace(level, braked=slower * (b - feedforward) + feedforward)
+                if index == 0:
+                    share, joint = slower, int(np.argmax(np.abs(motion) / acceleration))
+                    braking = joint, "lower" if motion[joint] > 0.0 else "upper"
+                ends = np.cumsum([len(row.b) for row in rows])[:-1]
+                parts = np.split(level.target, ends)
+                rows = [r._replace(b=part) for r, part in zip(rows, parts, strict=True)]
+        if index == 0:
+            level = level if room is None else level.fitted(*room)
+            lost = lost_where(items, rows, level.lost(), configuration)
+        above, basis = above + level.motion(), level.nulls
+        edges.append(level)
+        tasks.append(rows)
+        inequalities.append((G, g))
+    slacks = [level.slack() for level in edges]
+    reach = [np.full(S.shape[1], v.longest_slack()) for v, S in zip(edges, slacks, strict=True)]
+    width, first, posed = nv + sum(map(len, reach)), nv, []
+    for level, S, (G, g) in zip(edges, slacks, inequalities, strict=True):
+        wide = np.zeros((len(level.b), width))
+        wide[:, :nv] = level.rows()
+        wide[:, first : first + S.shape[1]] = -S
+        first += S.shape[1]
+        posed.append(Level(wide, level.asked(), np.pad(G, ((0, 0), (0, width - nv))), g))
+    return PosedLevels(
+        posed, list(range(len(posed))), sources, tasks, edges[0], lost,
+        any(level.lost() for level in edges[1:]), soft_bands, edges, np.concatenate(reach),
+        share, braking,
+    )  # fmt: skip
+
+
+def _feedforward(
+    items: Sequence[LevelItem], rows: Sequence[TaskRows], configuration: mink.Configuration
+) -> Array:
+    """The part of a level's right-hand side that follows moving targets, m/s and rad/s, (m,)."""
+    parts = []
+    stating = [item for item in items if not isinstance(item, mink.Limit)]
+    for item, row in zip(stating, rows, strict=True):
+        part = np.zeros(len(row.b))
+        if isinstance(item, TwistTask) and item.feedforward.any():
+            state = item.state(configuration)
+            part = state.basis.T @ state.feedforward
+        parts.append(part)
+    return np.concatenate(parts) if parts else np.zeros(0)
+
+
 def _evaluate(
     items: Sequence[LevelItem],
     configuration: mink.Configuration,
@@ -168,23 +277,34 @@ def lost_where(
     configuration: mink.Configuration,
 ) -> tuple[LostDirection, ...]:
     """Lost directions of a level of tasks with their rows, each with its place in words."""
-    return tuple([replace(d, where=_where(items, rows, d, configuration)) for d in lost])
+    if not lost:
+        return ()
+    tasks = [item for item in items if not isinstance(item, mink.Limit)]
+    bases = [
+        task.state(configuration).basis if isinstance(task, TwistTask) else np.eye(len(r.b))
+        for task, r in zip(tasks, rows, strict=True)
+    ]
+    return in_words(lost, tasks, bases)
+
+
+def in_words(
+    lost: Sequence[LostDirection], tasks: Sequence[mink.tasks.BaseTask], bases: Sequence[Array]
+) -> tuple[LostDirection, ...]:
+    """Lost directions of tasks with the bases U of their rows, each with its place in words."""
+    return tuple([replace(d, where=_where(d, tasks, bases)) for d in lost])
 
 
 def _where(
-    items: Sequence[LevelItem],
-    rows: list[TaskRows],
-    lost: LostDirection,
-    configuration: mink.Configuration,
+    lost: LostDirection, tasks: Sequence[mink.tasks.BaseTask], bases: Sequence[Array]
 ) -> str:
     """A lost direction in words: the task that it takes most from, and which part of its twist."""
-    ends = np.cumsum([len(r.b) for r in rows])
+    ends = np.cumsum([basis.shape[1] for basis in bases])
     parts = np.split(lost.direction, ends[:-1])
     most = int(np.argmax([np.linalg.norm(part) for part in parts]))
-    task = [item for item in items if not isinstance(item, mink.Limit)][most]
+    task = tasks[most]
     if not isinstance(task, TwistTask):
         return f"{type(task).__name__} row {int(np.argmax(np.abs(parts[most])))}"
-    twist = task.state(configuration).basis @ parts[most]
+    twist = bases[most] @ parts[most]
     # The sign of a singular vector is anybody's choice: make the largest entry positive.
     twist *= np.sign(twist[np.argmax(np.abs(twist))])
     texts = [
@@ -351,7 +471,8 @@ def with_soft_bands(problem: QuadraticProgram, bands: Sequence[BandRows]) -> Qua
     for i, band in enumerate(bands):
         slack = np.zeros((len(band.bounds), k))
         slack[:, i] = -math.sqrt(cost / float(band.weight or 1.0))
-        wide.append(np.hstack([band.rows, slack]))
+        rows = np.pad(band.rows, ((0, 0), (0, n - band.rows.shape[1])))
+        wide.append(np.hstack([rows, slack]))
         sides.append(band.bounds)
     H = np.zeros((n + k, n + k))
     H[:n, :n] = problem.H

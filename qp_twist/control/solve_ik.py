@@ -356,7 +356,7 @@ def _by_reference(
         *cost, *levels.equality, limits.rows, limits.bounds, limits.lower, limits.upper
     )
     check_magnitudes(problem, problem.c[:0])
-    posed = Posed.of(problem, levels, limits)
+    posed = Posed.of(problem, levels, limits, lambda _: (limits.lower, limits.upper))
     try:
         result = solve(posed.problem, solver, options=options)
     except InvalidInput as error:  # the backend does not know an option

@@ -25,8 +25,8 @@ class Status(enum.Enum):
     DEGRADED = (
         "the robot is singular, or the task contradicts itself, in a direction: others are met"
     )
-    SCALED = "the task rows are met at a reduced speed: scale is the largest the limits allow"
-    RELAXED = "the task rows cannot be met: velocity is the closest in least squares"
+    SCALED = "the task rows are met at a reduced speed, as far as the limits allow"
+    RELAXED = "the task rows cannot be met: velocity comes close in least squares"
 
     @property
     def severity(self) -> int:

@@ -130,9 +130,17 @@ def numbers_of_kinds(limits: Sequence[mink.Limit]) -> dict[str, float]:
     return others | _KINDS
 
 
-def kernel_settings(singularity: float, weight: float, infeasible: int = RAISE) -> Settings:
+def kernel_settings(
+    singularity: float,
+    weight: float,
+    infeasible: int = RAISE,
+    *,
+    smooth: bool = False,
+    trusts: bool = False,
+    braking: bool = False,
+) -> Settings:
     """Settings of a controller for ``step_kernel``."""
     return Settings(
         singularity, weight, NEARLY_UNSEEN, FASTEST, NOTICEABLE, UNLIMITED,
-        STEEPEST, infeasible,
+        STEEPEST, infeasible, smooth, trusts, braking,
     )  # fmt: skip

@@ -201,6 +201,7 @@ class QpResolver(Resolver):
             solver=solver,
             metric=None if settings.metric == "1" else JointRanges.of(model).metric,
             limits=limits.limits,
+            smooth=False,
         )
 
     def lead(self, configuration: mink.Configuration) -> Array | None:

@@ -6,10 +6,12 @@ import numpy as np
 
 from qp_twist.kernel.arm_kernel import pose_and_jacobian
 from qp_twist.kernel.compiling import kernel
+from qp_twist.kernel.edge_rows import read_edge
+from qp_twist.kernel.edge_step import edge_step
 from qp_twist.kernel.null_space import INDEPENDENT, least_norm, reflect
 from qp_twist.kernel.step_kernel import infeasible_step, read_step, step
 from qp_twist.kernel.twist_rows import desired_velocity, in_basis, left_free, twist_rows
-from qp_twist.kernel.verified_program import INFEASIBLE, REFUSED
+from qp_twist.kernel.verified_program import AT_THE_EDGE, INFEASIBLE, REFUSED
 
 MINIMUM_NORM, GRADIENT_PROJECTION, RMR, TWA = range(4)
 """Closed forms."""
@@ -17,7 +19,8 @@ MINIMUM_NORM, GRADIENT_PROJECTION, RMR, TWA = range(4)
 
 @kernel
 def steps(
-    arms, floats, integers, q, targets, dt, use_secondary, twist_space, velocities, scales, done
+    arms, floats, integers, edge_floats, edge_integers, q, targets, dt, use_secondary, twist_space,
+    velocities, scales, done,
 ):  # fmt: skip
     """Compute a controller's step from each row of q (K, nq); for the arrays see ``step_record``.
 
@@ -25,6 +28,9 @@ def steps(
         arms: The chain of each task's frame.
         floats: The arrays of one step; overwritten.
         integers: The same.
+        edge_floats: Those of ``edge_rows.EdgeArrays``; of length 0 where steps at the edge, or
+            infeasible ones of a smooth controller, are left to the reference.
+        edge_integers: The same.
         q: Configurations, (K, nq).
         targets: R_d (9), p_d (3) and twist (6) of each task, (K, T, 18).
         dt: Length of the steps, s.
@@ -36,6 +42,7 @@ def steps(
     """
     s = read_step(floats, integers, integers)
     g, w = s.inputs, s.program
+    e = read_edge(edge_floats, edge_integers, edge_integers)
     g.jacobians[:] = 0.0
     for k in range(len(q)):
         for task in range(len(g.kinds)):
@@ -44,7 +51,11 @@ def steps(
                 g.targets[task, i] = targets[k, task, i]
         w.active_count[0] = 0  # no warm start: the rows are independent
         status = step(g, w, q[k], dt, use_secondary, twist_space)
-        if status == INFEASIBLE:
+        if status == AT_THE_EDGE or (status == INFEASIBLE and g.settings.smooth > 0.0):
+            status = REFUSED
+            if len(edge_floats) > 0:
+                status = edge_step(g, w, e, q[k], dt, use_secondary, twist_space)
+        elif status == INFEASIBLE:
             status = infeasible_step(g, w)
         done[k] = status != REFUSED
         scales[k] = w.sensitivity[0]

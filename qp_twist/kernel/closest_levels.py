@@ -25,14 +25,14 @@ _ROUNDS = 40
 """Largest number of proximal iterations; a handful is usual."""
 _SETTLED = 1e-15
 """Share of its terms below which a gradient counts as zero."""
-_IS_MET, _NOT_MET, _NOT_PROVEN = 0, 1, 2
+_IS_MET, _NOT_MET, NOT_PROVEN = 0, 1, 2
 """Outcome of a level."""
 _OF_A_LEVEL, _BOUND, _ROW = 0, 1, 2
 """Origin of a held row: a higher level, an active bound or an active inequality row."""
 
 
 @plain
-def _length_of_rows(A, b, first, end):
+def length_of_rows(A, b, first, end):
     """The longest row and the largest right-hand side of a level."""
     longest, largest = 0.0, 0.0
     for row in range(first, end):
@@ -44,7 +44,7 @@ def _length_of_rows(A, b, first, end):
 
 
 @plain
-def _residual(A, b, x, first, end, r):
+def residual(A, b, x, first, end, r):
     """Compute r = A x − b of a level; return its length."""
     square = 0.0
     for row in range(first, end):
@@ -57,7 +57,7 @@ def _residual(A, b, x, first, end, r):
 
 
 @plain
-def _closest(w, p, first, end, longest):
+def closest(w, p, first, end, longest):
     r"""Move ``p.x`` to the least-squares solution of a level subject to the held rows.
 
     .. math::
@@ -103,7 +103,7 @@ def _closest(w, p, first, end, longest):
 
 
 @plain
-def _hold(w, p, first, end, count, negligible):
+def hold(w, p, first, end, count, negligible):
     """Add the level's rows at ``p.x`` and its active constraints to the held rows.
 
     A constraint is active if its multiplier exceeds ``negligible``.
@@ -144,7 +144,7 @@ def _hold(w, p, first, end, count, negligible):
 
 
 @plain
-def _gap(w, p, left, length):
+def gap(w, p, left, length):
     """Bound of a level's residual length less that at its optimum.
 
     ``left`` is the largest entry of the gradient of ½‖A x − b‖² that no multiplier balances.
@@ -201,7 +201,7 @@ def _take_multipliers(w, p, count):
 
 
 @plain
-def _verified(w, p, tolerances):
+def verified(w, p, tolerances):
     """Write the velocity to ``w.x``; return whether it is verified.
 
     It must be optimal subject to the held rows, and inside all limits. The check temporarily
@@ -227,7 +227,7 @@ def _verified(w, p, tolerances):
 
 
 @plain
-def _begin(w, p):
+def begin(w, p):
     """Start inside the bounds, with no held rows, scale 1 and zero multipliers."""
     p.held_count[0] = 0
     for i in range(len(w.x)):
@@ -238,24 +238,24 @@ def _begin(w, p):
 
 
 @plain
-def _take_level(w, p, level, first, end, tolerances):
+def take_level(w, p, level, first, end, tolerances):
     """Minimise a level's residual and hold the result; return the outcome."""
-    longest, largest = _length_of_rows(w.A, w.b, first, end)
+    longest, largest = length_of_rows(w.A, w.b, first, end)
     tolerance, furthest = tolerances.equality * (longest + largest), 0.0
     for i in range(len(w.x)):
         furthest = max(furthest, abs(p.x[i]))
     terms = longest * (1.0 + furthest) + largest
-    before = _residual(w.A, w.b, p.x, first, end, p.r)
+    before = residual(w.A, w.b, p.x, first, end, p.r)
     negligible = longest * (tolerances.held * before + tolerances.dust * terms)
     p.gaps[level] = 0.0
     if end == first:
         return _IS_MET
-    count, left = _closest(w, p, first, end, longest)
-    length = _residual(w.A, w.b, p.x, first, end, p.r)
-    p.gaps[level] = _gap(w, p, left, length)
+    count, left = closest(w, p, first, end, longest)
+    length = residual(w.A, w.b, p.x, first, end, p.r)
+    p.gaps[level] = gap(w, p, left, length)
     if count < 0 or not p.gaps[level] <= 10.0 * tolerance:
-        return _NOT_PROVEN
-    _hold(w, p, first, end, count, negligible)
+        return NOT_PROVEN
+    hold(w, p, first, end, count, negligible)
     return _IS_MET if length <= tolerance else _NOT_MET
 
 
@@ -288,13 +288,13 @@ def closest_levels(w, ends, relaxes, tolerances):
         ``PRIORITIZED`` or ``RELAXED``; ``REFUSED`` if the reference has to compute the step.
     """
     p, status, all_met = w.levels, PRIORITIZED, True
-    _begin(w, p)
+    begin(w, p)
     for level in range(len(ends)):
-        outcome = _take_level(
+        outcome = take_level(
             w, p, level, ends[level - 1] if level > 0 else 0, ends[level], tolerances
         )
-        if outcome == _NOT_PROVEN or (outcome == _NOT_MET and level == 0 and not relaxes):
+        if outcome == NOT_PROVEN or (outcome == _NOT_MET and level == 0 and not relaxes):
             return REFUSED
         if outcome == _NOT_MET:
             all_met, status = False, RELAXED if level == 0 else status
-    return status if not all_met and _verified(w, p, tolerances) else REFUSED
+    return status if not all_met and verified(w, p, tolerances) else REFUSED

@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 from qp_twist.kernel.compiling import entry, part
+from qp_twist.kernel.edge_levels import edge_levels
+from qp_twist.kernel.edge_rows import read_edge
+from qp_twist.kernel.edge_step import edge_step
 from qp_twist.kernel.record import at_address
 from qp_twist.kernel.step_kernel import infeasible_step, read_step, step
 
@@ -81,3 +84,25 @@ def live_infeasible_step(floats, integers):
     """Scale or relax what :func:`live_step` found infeasible: ``step_kernel.infeasible_step``."""
     s = read_step(floats, integers, integers)
     return infeasible_step(s.inputs, s.program)
+
+
+@entry
+def live_edge_step(floats, integers, edge_floats, edge_integers, dt, use_secondary, twist_space):
+    """Compute what :func:`live_step` found infeasible or at the edge: ``edge_step.edge_step``.
+
+    ``edge_floats`` and ``edge_integers`` are the arrays of ``edge_rows.EdgeArrays``.
+    """
+    s = read_step(floats, integers, integers)
+    g, w = s.inputs, s.program
+    tasks = len(g.links)
+    qpos = at_address(g.sources[0], g.sources[3 + 2 * tasks])
+    e = read_edge(edge_floats, edge_integers, edge_integers)
+    return edge_step(g, w, e, qpos, dt, use_secondary, twist_space)
+
+
+@entry
+def live_edge_levels(floats, integers, edge_floats, edge_integers, dt):
+    """Relax levels of what :func:`live_step` found infeasible: ``edge_levels.edge_levels``."""
+    s = read_step(floats, integers, integers)
+    e = read_edge(edge_floats, edge_integers, edge_integers)
+    return edge_levels(s.inputs, s.program, e, dt)

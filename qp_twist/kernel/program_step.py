@@ -132,6 +132,7 @@ def program_step(
     """
     w = read_program(floats, integers, integers)
     w.sensitivity[0] = 1.0
+    w.braking[0], w.braking[1] = 1.0, 0.0
     w.active_count[0] = 0  # no warm start: the last program may have been another one
     if not (_take_box(box, unlimited, w) and _take_costs(H, c, lift, steepest, dt, w)):
         return REFUSED

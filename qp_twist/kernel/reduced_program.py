@@ -41,7 +41,7 @@ def reduced_program(w):
     _scale(w)
     if m > 0 and not reflect(w.scaled, w.V, w.R) >= _RANK:
         return DEPENDENT
-    _begin(w)
+    begin(w)
     for i in range(n):
         w.box[i] = 0.0
     for row in range(len(w.g)):
@@ -55,6 +55,16 @@ def reduced_program(w):
             w.y[row] -= w.R[row, i] * w.y[i]
         w.y[row] /= w.R[row, row]
     return SOLVED
+
+
+@plain
+def unlimited(w):
+    """Write the solution without inequality constraints to ``w.x``; return whether there is one."""
+    _scale(w)
+    if len(w.b) > 0 and not reflect(w.scaled, w.V, w.R) >= _RANK:
+        return False
+    begin(w)
+    return True
 
 
 @part
@@ -97,7 +107,7 @@ def to_joints(is_diagonal, root, S, v):
 
 
 @part
-def _begin(w):
+def begin(w):
     """Compute x without the inequality constraints, and the right-hand side of R y = …."""
     m, n = w.A.shape
     times_q_transposed(w.V, w.line)

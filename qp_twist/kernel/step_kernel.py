@@ -9,12 +9,16 @@ from qp_twist.kernel.bounds import bounds
 from qp_twist.kernel.closest_levels import closest_levels
 from qp_twist.kernel.compiling import plain
 from qp_twist.kernel.dual_active_set import cholesky, cholesky_inverse
+from qp_twist.kernel.edge_rows import BEND, MOST_REGULAR, REGULAR, SHORTENED, stopping_share
 from qp_twist.kernel.largest_scale import scaled_program
 from qp_twist.kernel.null_space import null_space, right_singular, row_space
 from qp_twist.kernel.record import Floats, Integers, RecordType, reader
 from qp_twist.kernel.step_record import PROGRAM, Program, Sizes
-from qp_twist.kernel.twist_rows import twist_rows
+from qp_twist.kernel.twist_rows import in_basis, twist_rows
 from qp_twist.kernel.verified_program import (
+    AT_THE_EDGE,
+    BRAKED,
+    DONE,
     INFEASIBLE,
     REFUSED,
     RELAXED,
@@ -51,6 +55,12 @@ class Settings(NamedTuple):
     """Largest linear cost of other tasks, relative to the largest quadratic one."""
     infeasible: float
     """How an infeasible first level is handled: ``RAISE``, ``SCALE`` or ``RELAX``."""
+    smooth: float
+    """Whether steps are smooth at the edge, see ``edge_step``; 1 or 0."""
+    trusts: float
+    """Whether weak directions are damped by the length of the error; 1 or 0."""
+    braking: float
+    """Whether a task is slowed down so that the joints can stop in time; 1 or 0."""
 
 
 class StepInputs(NamedTuple):
@@ -79,6 +89,8 @@ class StepInputs(NamedTuple):
     """Rows of the tasks whose kind is ``FROM_PYTHON``, computed in Python."""
     python_rhs: Annotated[Floats, "m"]
     """Their right-hand sides."""
+    python_forward: Annotated[Floats, "m"]
+    """The part of them that follows moving targets."""
     python_free: Annotated[Floats, "free", "nv"]
     """Their rows of 1 − T, times the square roots of the weights."""
     quadratic: Annotated[Floats, "others", "nv"]
@@ -193,7 +205,7 @@ def _add_unseen(w, metric, weight, nearly):
 
 
 @plain
-def _all_rows(g, dt, A, b, free):
+def stated_rows(g, dt, A, b, free):
     """Stack the rows of all tasks."""
     row = 0
     for index in range(len(g.kinds)):
@@ -217,7 +229,7 @@ def _all_rows(g, dt, A, b, free):
 
 
 @plain
-def _desired(qpos, addresses, middle, stiffness, displacement, dt, use_secondary, q, c):
+def desired_velocities(qpos, addresses, middle, stiffness, displacement, dt, use_secondary, q, c):
     """Write joint positions to q and ḣ to c; return max |ḣ|, or ∞ if q is not finite."""
     largest = 0.0
     for dof in range(len(q)):
@@ -301,7 +313,7 @@ def _add_costs(quadratic, linear, steepest, H, c):
 
 
 @plain
-def _costs(w, metric, quadratic, linear, settings, twist_space):
+def costs(w, metric, quadratic, linear, settings, twist_space):
     """Compute H and c from ḣ in c, and S of H⁻¹ = SSᵀ if H is dense; return whether H ≻ 0.
 
     ``twist_space`` is ``None`` for the joint-space cost: numba then does not compile the
@@ -322,16 +334,119 @@ def _costs(w, metric, quadratic, linear, settings, twist_space):
 
 
 @plain
+def forward_rows(g, forward):
+    """Uᵀt_ff of all tasks: the part of b that follows moving targets, (m,)."""
+    row = 0
+    for index in range(len(g.kinds)):
+        rank = g.kinds[index, 0] + g.kinds[index, 1]
+        if g.kinds[index, 2] == FROM_PYTHON:
+            for i in range(row, row + rank):
+                forward[i] = g.python_forward[i]
+        else:
+            in_basis(
+                g.kinds[index], g.shapes[index], g.poses[index], g.targets[index],
+                g.targets[index, 12:], forward[row : row + rank],
+            )  # fmt: skip
+        row += rank
+
+
+@plain
+def regular_from(g, w, dt):
+    """Singular value, m/rad or 1, from which on the rows are regular whatever their directions.
+
+    σ² ≥ ℓ‖e‖ ≥ t and σ ≥ ‖A‖ ‖h‖ suffice (``qp.edge``), with Frobenius' norm for σ_max; the first
+    matters below σ₁, the second below 10 ε.
+    """
+    first = min(REGULAR, MOST_REGULAR * g.settings.singularity)
+    square, speed, back, desired = 0.0, 0.0, 0.0, 0.0
+    forward_rows(g, w.levels.r)
+    for i in range(len(w.c)):
+        desired += w.c[i] * w.c[i]
+    for row in range(len(w.b)):
+        for i in range(len(w.x)):
+            square += w.A[row, i] * w.A[row, i]
+        speed += w.b[row] * w.b[row]
+        back += (w.b[row] - w.levels.r[row]) ** 2
+    size = math.sqrt(square)
+    clear = min(SHORTENED * g.settings.singularity, size * dt * math.sqrt(desired))
+    if not g.settings.trusts > 0.0:
+        return clear
+    if len(g.ends) == 1:
+        first = min(first, math.sqrt(BEND * dt * size * math.sqrt(max(speed, back))))
+    return max(first, clear)
+
+
+@plain
+def _orthonormal_rows(A, L, Q):
+    """Write L of AAᵀ = LLᵀ and the orthonormal rows Q of A = LQ; return whether they exist."""
+    m, n = A.shape
+    for i in range(m):
+        for j in range(i + 1):
+            total = 0.0
+            for k in range(n):
+                total += A[i, k] * A[j, k]
+            L[i, j] = total
+    if not cholesky(L):
+        return False
+    for i in range(m):
+        for k in range(n):
+            total = A[i, k]
+            for j in range(i):
+                total -= L[i, j] * Q[j, k]
+            Q[i, k] = total / L[i, i]
+    return True
+
+
+@plain
+def brake(g, w, dt):
+    """Slow b of regular levels down so that the joints can stop in time; false for the reference.
+
+    The displacement that would remove a level's error is that of least norm on what the levels
+    above leave: with A = LQ it is Qᵢᵀyᵢ of Lᵢᵢyᵢ = bᵢ − Σ Lᵢⱼyⱼ.
+    """
+    p, n, L, Q, y, first = w.levels, len(w.x), w.R, w.levels.E, w.levels.r, 0
+    forward_rows(g, p.desired)
+    if not _orthonormal_rows(w.A, L, Q):
+        return False
+    for level in range(len(g.ends)):
+        end = g.ends[level]
+        _solve_rows(L, w.b, p.desired, 1.0, first, end, y)
+        for k in range(n):
+            p.x[k] = 0.0
+            for i in range(first, end):
+                p.x[k] += dt * Q[i, k] * y[i]
+        share, which = stopping_share(p.x, g.limits, g.types, dt)
+        if level == 0:
+            w.braking[0], w.braking[1] = share, which
+        for i in range(first, end):
+            w.b[i] = share * (w.b[i] - p.desired[i]) + p.desired[i]
+        _solve_rows(L, w.b, p.desired, 0.0, first, end, y)
+        first = end
+    return True
+
+
+@plain
+def _solve_rows(L, b, forward, share, first, end, y):
+    """Solve the rows ``first`` to ``end`` of L y = b − ``share`` · forward, given those above."""
+    for i in range(first, end):
+        total = b[i] - share * forward[i]
+        for j in range(i):
+            total -= L[i, j] * y[j]
+        y[i] = total / L[i, i]
+
+
+@plain
 def step_on_rows(g, w, qpos, dt, use_secondary, twist_space):
     """Compute the joint velocity ``w.x`` from the task rows in ``w``.
 
     ``twist_space``: see :func:`_costs`.
 
     Returns:
-        ``DONE``; ``INFEASIBLE`` if the rows are infeasible within the limits: call
-        :func:`infeasible_step`; or ``REFUSED`` if the reference has to compute the step.
+        ``DONE`` or ``BRAKED``; ``INFEASIBLE`` if the rows are infeasible within the limits: call
+        :func:`infeasible_step`, or with ``smooth`` ``edge_step``, as for ``AT_THE_EDGE``; or
+        ``REFUSED`` if the reference has to compute the step.
     """
-    fastest = _desired(
+    fastest = desired_velocities(
         qpos, g.addresses, g.middle, g.stiffness, g.displacement, dt, use_secondary, w.q, w.c
     )
     for row in range(len(w.b)):
@@ -340,22 +455,35 @@ def step_on_rows(g, w, qpos, dt, use_secondary, twist_space):
             fastest = abs(w.b[row])
     if not fastest <= g.settings.fastest:
         return REFUSED
-    if not well_conditioned(w.A, g.ends, g.settings.singularity, w.R, w.J):
+    threshold, smooth = g.settings.singularity, g.settings.smooth > 0.0
+    w.braking[0], w.braking[1] = 1.0, 0.0
+    if smooth:
+        threshold = max(threshold, regular_from(g, w, dt))
+    regular = well_conditioned(w.A, g.ends, threshold, w.R, w.J)
+    if not (regular or smooth):
         return REFUSED
     if not bounds(
         g.limits, g.types, w.q, dt, g.settings.noticeable, g.settings.unlimited, w.lower, w.upper,
         w.lower_kind, w.upper_kind,
     ):  # fmt: skip
         return REFUSED
-    if not _costs(w, g.metric, g.quadratic, g.linear, g.settings, twist_space):
+    if not regular:
+        return AT_THE_EDGE
+    if g.settings.braking > 0.0 and not brake(g, w, dt):
+        return AT_THE_EDGE
+    if not costs(w, g.metric, g.quadratic, g.linear, g.settings, twist_space):
         return REFUSED
-    return solved_program(w, g.tolerances)
+    status = solved_program(w, g.tolerances)
+    if status != DONE or w.braking[0] == 1.0:
+        return status
+    w.sensitivity[0] = w.braking[0]
+    return BRAKED
 
 
 @plain
 def step(g, w, qpos, dt, use_secondary, twist_space):
     """Compute a step from g into w; returns as :func:`step_on_rows`."""
-    _all_rows(g, dt, w.A, w.b, w.free)
+    stated_rows(g, dt, w.A, w.b, w.free)
     return step_on_rows(g, w, qpos, dt, use_secondary, twist_space)
 
 
@@ -378,19 +506,25 @@ def _no_scale_fits(w):
 
 
 @plain
-def _rest_is_excluded(w):
+def rest_is_excluded(w):
+    """Whether the limits exclude joints at rest, clearly."""
+    excluded = False
+    for i in range(len(w.x)):
+        excluded = excluded or w.lower[i] > _CLEARLY or w.upper[i] < -_CLEARLY
+    for row in range(len(w.g)):
+        excluded = excluded or w.g[row] < -_CLEARLY
+    return excluded
+
+
+@plain
+def _rest_is_proved_excluded(w):
     """Whether the limits exclude joints at rest, and with a dense H also a proof for the task.
 
     That the linear program of the scale has no solution is a claim of floating-point arithmetic. It
     is wrong where rest is inside the limits, and not to be relied on where H is dense, since it is
     posed in the coordinates of H.
     """
-    excluded = False
-    for i in range(len(w.x)):
-        excluded = excluded or w.lower[i] > _CLEARLY or w.upper[i] < -_CLEARLY
-    for row in range(len(w.g)):
-        excluded = excluded or w.g[row] < -_CLEARLY
-    return excluded and (len(w.h) > 0 or _no_scale_fits(w))
+    return rest_is_excluded(w) and (len(w.h) > 0 or _no_scale_fits(w))
 
 
 @plain
@@ -409,4 +543,4 @@ def infeasible_step(g, w):
     if status != INFEASIBLE:
         return status
     status = closest_levels(w, g.ends, True, g.tolerances)
-    return status if status == RELAXED and _rest_is_excluded(w) else REFUSED
+    return status if status == RELAXED and _rest_is_proved_excluded(w) else REFUSED

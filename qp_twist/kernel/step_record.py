@@ -95,6 +95,9 @@ class Program(NamedTuple):
     upper: Annotated[Floats, "nv"]
     b: Annotated[Floats, "m"]
     g: Annotated[Floats, "k"]
+    braking: Annotated[Floats, 2]
+    """Share of the speed from which the joints can stop in time; 1 + the joint that decides it,
+    negative where that moves down, 0 where none does."""
     box: Annotated[Floats, "nv"]
     """μ, negative at a lower bound."""
     y: Annotated[Floats, "m"]

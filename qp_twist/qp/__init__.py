@@ -3,6 +3,8 @@
 from .active_set import null_basis as null_basis
 from .backend import check_solver as check_solver
 from .backend import installed_solvers as installed_solvers
+from .edge import EdgeRows as EdgeRows
+from .edge import longest_secondary as longest_secondary
 from .failures import InfeasibleStep as InfeasibleStep
 from .failures import NoSolutionFound as NoSolutionFound
 from .failures import SolverInaccurate as SolverInaccurate

@@ -230,7 +230,8 @@ def test_a_step_keeps_it_and_names_it(solver: str | None) -> None:
     for _ in range(40):
         step = controller.step(configuration, 0.1)
         configuration.integrate_inplace(step.velocity, 0.1)
-    assert configuration.q[2] == pytest.approx(-0.1, abs=1e-9)
+    # The straight way ends there; it slides on to the closest point of the half-space.
+    np.testing.assert_allclose(configuration.q, [0.0, 0.144, -0.208], atol=1e-7)
     [binding] = step.binding
     assert (binding.joint, binding.kind) == ("tool", "half-space")
     # From outside it comes back, no faster than it says.

@@ -37,6 +37,7 @@ def hurried(seed: int, *frames: tuple[str, str]) -> tuple[list[qt.TwistTask], qt
         secondary=[qt.JointCentering(model, "natural", gain=0.1)],
         limits=[qt.MotionLimit(model, velocity=rng.uniform(0.1, 2.0, 7))],
         on_infeasible="relax",
+        smooth=False,
     )
     return tasks, controller.step(configuration, DT)
 

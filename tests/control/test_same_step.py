@@ -27,9 +27,9 @@ AT_A_TIME, PARTS = 40, 8
 recorded = functools.cache(kept)
 
 
-def difference(seed: int, solver: str, expected: Recorded) -> str:
+def difference(seed: int, solver: str, expected: Recorded, *, smooth: bool = False) -> str:
     """In what the answer of a solver differs, in words; empty where it does not."""
-    found = differences(answer(composition(seed), solver), expected)
+    found = differences(answer(composition(seed), solver, smooth=smooth), expected)
     if not found:
         return ""
     return f"{seed}, {solver}: {'; '.join(found)} ({', '.join(composition(seed).words)})"
@@ -44,10 +44,12 @@ def test_steps_are_those_that_were_recorded(solver: str, part: int) -> None:
     assert not any(found), "\n".join(filter(None, found))
 
 
+@pytest.mark.parametrize("smooth", [True, False])
 @settings(max_examples=150, deadline=None)
 @given(seed=st.integers(COUNT, 2**32 - 1))
-def test_reference_and_kernel_take_the_same_step(seed: int) -> None:
-    found = difference(seed, "compiled", ask(seed, "quadprog"))
+def test_reference_and_kernel_take_the_same_step(smooth: bool, seed: int) -> None:
+    """A smooth step brakes, fades and gives way in the same words and numbers."""
+    found = difference(seed, "compiled", ask(seed, "daqp", smooth=smooth), smooth=smooth)
     assert not found
 
 

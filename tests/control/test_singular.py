@@ -196,7 +196,10 @@ def test_a_stretched_arm_stays_calm(q2: float, space: str) -> None:
         assert abs(lost.direction @ in_the_plane(radial)) == pytest.approx(1.0, abs=1e-3)
         assert "lost" in step.message
         assert f"σ = {lost.sigma:.2g}" in step.message
-        assert abs(delivered[1]) == pytest.approx(lost.missing, rel=1e-5)
+        if space == "joint":
+            assert abs(delivered[1]) == pytest.approx(lost.missing, rel=1e-5)
+        else:  # the twist that the secondary space prefers may deliver more of it
+            assert abs(delivered[1]) <= lost.missing * (1.0 + 1e-5)
 
 
 def in_the_plane(radial: Array) -> Array:
@@ -264,7 +267,9 @@ def test_a_scaled_step_at_a_singularity_is_off_in_the_lost_direction_only(seed: 
     away = np.append(0.3 * rng.normal(size=2), 0.0)
     task.set_target(mink.SE3.from_translation(tip + away))
     speeds = {model.joint(i).name: float(rng.uniform(0.01, 0.2)) for i in range(count)}
-    controller = qt.Controller(model, tasks=[task], limits=[mink.VelocityLimit(model, speeds)])
+    controller = qt.Controller(
+        model, tasks=[task], limits=[mink.VelocityLimit(model, speeds)], smooth=False
+    )
     step = controller.step(configuration, 0.02)
     if step.status is not qt.Status.SCALED:
         return

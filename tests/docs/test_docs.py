@@ -430,7 +430,7 @@ def test_the_tolerances_are_those_of_the_code() -> None:
         "rows hold to 10⁻⁸ (1 + max |q̇|)",
         "less a share of 10⁻⁸",
         "gradient of the cost to 10⁻⁶ (1 + max |q̇|)",
-        "falls below ε = 10⁻³",
+        "below ε = 10⁻³",
     ):
         assert sentence in text
 

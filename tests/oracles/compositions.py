@@ -45,9 +45,12 @@ class Composition:
     use_secondary: bool
     words: list[str] = field(default_factory=list)
 
-    def step(self, solver: str, nudge: Array | None = None) -> qt.Step:
-        """The step by a solver; ``nudge`` (nv,) moves the configuration a little before it."""
-        controller = qt.Controller(self.model, solver=solver, **self.options)
+    def step(self, solver: str, nudge: Array | None = None, *, smooth: bool = False) -> qt.Step:
+        """The step by a solver; ``nudge`` (nv,) moves the configuration a little before it.
+
+        Recorded are steps that are not smooth.
+        """
+        controller = qt.Controller(self.model, solver=solver, smooth=smooth, **self.options)
         configuration = self.configuration
         if nudge is not None:
             configuration = mink.Configuration(self.model, configuration.q.copy())

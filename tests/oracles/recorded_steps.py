@@ -54,11 +54,13 @@ class Answer(NamedTuple):
     recovering: int
 
 
-def answer(question: Composition, solver: str, nudge: Array | None = None) -> Answer:
+def answer(
+    question: Composition, solver: str, nudge: Array | None = None, *, smooth: bool = False
+) -> Answer:
     """Ask a composition's controller."""
     none = np.zeros(0)
     try:
-        step = question.step(solver, nudge)
+        step = question.step(solver, nudge, smooth=smooth)
     except (qt.QpTwistError, ValueError) as error:
         return Answer(type(error).__name__, none, none, np.nan, np.nan, (), 0, 0)
     return Answer(
@@ -82,14 +84,15 @@ class Recorded(NamedTuple):
     """Whether status and active constraints stayed when the configuration was nudged."""
 
 
-def ask(seed: int, solver: str) -> Recorded:
+def ask(seed: int, solver: str, *, smooth: bool = False) -> Recorded:
     """An answer, and how it changes."""
     question = composition(seed)
-    first = answer(question, solver)
+    first = answer(question, solver, smooth=smooth)
     rng = np.random.default_rng([seed, 21])
     spread, settled = 0.0, True
     for _ in range(2):
-        other = answer(question, solver, NUDGE * rng.normal(size=question.model.nv))
+        nudge = NUDGE * rng.normal(size=question.model.nv)
+        other = answer(question, solver, nudge, smooth=smooth)
         settled &= (other.status, other.active, other.lost) == (
             first.status, first.active, first.lost,
         )  # fmt: skip

@@ -97,7 +97,7 @@ def step(
             "DisplacementWindows, JointCentering and, where all joints are hinges and slides, "
             "PostureReferences. Take the steps one by one with Controller.step."
         )
-    floats, integers, own = arrays
+    program, own = arrays
     tasks = controller.twist_tasks
     arms = tuple(
         arm_of(SerialChain.of(controller.model, t.frame_name, t.frame_type)) for t in tasks
@@ -108,8 +108,8 @@ def step(
 
     def some(part: slice) -> None:
         batch_kernel.steps(
-            arms, floats.copy(), integers.copy(), given[part], aims[part], dt, bool(use_secondary),
-            twist_space, velocity[part], scale[part], done[part],
+            arms, *(array.copy() for array in program), given[part], aims[part], dt,
+            bool(use_secondary), twist_space, velocity[part], scale[part], done[part],
         )  # fmt: skip
 
     shared(len(given), some, threads)

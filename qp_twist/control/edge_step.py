@@ -1,0 +1,391 @@
+"""What a step does where its levels cannot all be met: slower, or as close as a smooth step is."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import NamedTuple
+
+import numpy as np
+
+from qp_twist.checks import Array
+from qp_twist.control.infeasible import inaccurate, infeasible_step, solved_as_posed
+from qp_twist.control.posed import Posed
+from qp_twist.control.step import Status, Step
+from qp_twist.qp import (
+    SCALE_BACKOFF,
+    Cascade,
+    EdgeRows,
+    LargestScale,
+    Level,
+    Multipliers,
+    QuadraticProgram,
+    Refused,
+    Verified,
+    largest_scale,
+    lexicographic,
+    solve,
+    solve_within,
+)
+from qp_twist.qp.edge import ROUNDING
+
+WORTH = 5.0
+"""γ: what the task's speed is worth beside the joint motion that it costs."""
+WORTH_CURVED = 1e-2
+"""δ: share of it that makes the program strictly convex."""
+
+SPREAD = 20.0
+"""Steps that the distance to a position limit is spread over where the task stops."""
+
+DEAD = 0.01
+"""η: share of the relaxed step's progress below which a scaled step passes over to it."""
+
+
+def finished_at_the_edge(
+    posed: Posed, result: Verified | Refused, solver: str, on_infeasible: str
+) -> Step:
+    """The step for a backend's result, of levels with the rows of :mod:`qp_twist.qp.edge`.
+
+    Args:
+        posed: The step's program.
+        result: The backend's result.
+        solver: The backend's name.
+        on_infeasible: ``"scale"``, ``"relax"`` or ``"raise"``.
+
+    Raises:
+        InfeasibleStep: If the first level is infeasible and ``on_infeasible`` is ``"raise"``.
+        SolverInaccurate: If the step is feasible and no backend solved it.
+    """
+    strained = strain(posed) if on_infeasible == "relax" else 0.0
+    if isinstance(result, Verified):
+        if strained == 0.0:
+            step = solved_as_posed(posed, result)
+            left = posed.levels.edges[0].fitting
+            if on_infeasible == "scale" and left < DEAD:
+                relaxed = _in_order(posed, solver, Status.RELAXED, start=result.x)
+                return _going_on(posed, step, relaxed, left)
+            return step
+        return _in_order(
+            posed, solver, Status.RELAXED, strained=strained, start=result.x, before=result.refused
+        )
+    first = posed.padded[0]
+    # The residual decides if the first level is feasible, because it has a unit: for a task that is
+    # met up to rounding, the largest scale is arbitrary.
+    closest = lexicographic([posed.hard, first], posed.problem.lower, posed.problem.upper)
+    if posed.hard.met(closest.x) and first.met(closest.x):
+        return _feasible(posed, result, solver, closest.x, strained)
+    pace = largest_pace(posed)
+    if pace is not None and pace.largest.scale >= 1.0 - SCALE_BACKOFF:
+        return _feasible(posed, result, solver, pace.largest.x, strained)
+    if on_infeasible == "raise":
+        raise infeasible_step(posed, None if pace is None else pace.largest)
+    start = np.zeros(posed.problem.n) if pace is None else pace.largest.x
+    if on_infeasible == "scale" and pace is not None:
+        scaled = _scaled(posed, solver, pace)
+        left = min(scaled.scale / posed.levels.braked, posed.levels.edges[0].fitting)
+        if left >= DEAD:
+            return scaled
+        relaxed = _in_order(posed, solver, Status.RELAXED, start=start)
+        multipliers = pace.largest.box_multipliers, pace.largest.row_multipliers, 0.0
+        return _going_on(posed, scaled, relaxed, left, multipliers)
+    return _in_order(posed, solver, Status.RELAXED, strained=strained, start=start)
+
+
+def _feasible(posed: Posed, result: Refused, solver: str, start: Array, strained: float) -> Step:
+    """The step where the first level fits: a lower one does not, or the solver failed."""
+    single = not any(len(level.b) + len(level.g) for level in posed.padded[1:])
+    if single and strained == 0.0:
+        again = solve(posed.problem, solver, persist=True)
+        if isinstance(again, Verified):
+            return solved_as_posed(posed, again)
+        if again.claimed:
+            raise inaccurate(posed, again)
+    status = Status.RELAXED if strained > 0.0 else Status.PRIORITIZED
+    return _in_order(posed, solver, status, strained=strained, start=start, before=result.says)
+
+
+class Pace(NamedTuple):
+    """The largest scale of the first level, and its right-hand side at rest and its slope."""
+
+    largest: LargestScale
+    at_rest: Array
+    """b at s = 0: what weak directions are asked for at any scale, (m,)."""
+    slope: Array
+    """Its derivative by the scale, (m,)."""
+
+
+def largest_pace(posed: Posed) -> Pace | None:
+    """The largest scale of the first level; ``None`` if not even rest is feasible."""
+    first, problem, hard = posed.padded[0], posed.problem, posed.hard
+    G, g = np.vstack([hard.G, first.G]), np.concatenate([hard.g, first.g])
+    asked = posed.levels.edges[0].asked
+    at_rest = asked(0.0)
+    slope = asked(1.0) - at_rest
+    largest = largest_scale(replace(problem, A=first.A, b=slope, G=G, g=g), offset=at_rest)
+    return None if largest is None else Pace(largest, at_rest, slope)
+
+
+def strain(posed: Posed) -> float:
+    r"""How much of the first level the limits touch near a singularity, m and rad.
+
+    .. math:: \Bigl(1 - \frac{\sigma_{min}^2}{d_{min}}\Bigr)\,
+        \lVert\mathbf A(\text{clip}(\dot{\mathbf q}_0) - \dot{\mathbf q}_0)\rVert\,dt
+
+    with q̇₀ the step without limits. Where directions are damped, joints that are driven to their
+    limits to make up for others would change from step to step: the task gives way before. It is 0
+    for a regular task.
+    """
+    rows, level, problem = posed.levels.edges[0], posed.padded[0], posed.problem
+    share = rows.degraded
+    if share == 0.0 or not len(level.b):
+        return 0.0
+    n, m = problem.n, len(level.b)
+    matrix = np.block([[problem.H, level.A.T], [level.A, np.zeros((m, m))]])
+    x = np.linalg.lstsq(matrix, np.concatenate([-problem.c, level.b]), rcond=None)[0][:n]
+    beyond = level.A @ (np.clip(x, problem.lower, problem.upper) - x)
+    short = share * rows.dt * float(np.linalg.norm(beyond))
+    return short if rows.bend * short > ROUNDING * rows.size**2 else 0.0
+
+
+def _scaled(posed: Posed, solver: str, pace: Pace) -> Step:
+    """The step at a large scale: the largest, less what only joints at their limits would buy."""
+    largest = pace.largest
+    scale, found = _worthwhile(posed, solver, pace)
+    multipliers = largest.box_multipliers, largest.row_multipliers, 0.0
+    if found is not None and len(posed.padded) == 1:
+        problem = posed.problem.with_rows(posed.levels.edges[0].asked(scale))
+        return posed.step(
+            found.x, Status.SCALED, found.solver, multipliers, scale=scale, problem=problem,
+            refused=found.refused,
+        )  # fmt: skip
+    start = largest.x if found is None else found.x
+    return _in_order(
+        posed, solver, Status.SCALED, scale=scale, start=start, multipliers=multipliers
+    )
+
+
+def _going_on(
+    posed: Posed,
+    scaled: Step,
+    relaxed: Step,
+    left: float,
+    multipliers: tuple[Array, Array, float] | None = None,
+) -> Step:
+    r"""Between the scaled and the relaxed step, where a limit would stop the scaled one.
+
+    .. math::
+
+        \dot{\mathbf q} = \dot{\mathbf q}_s + \psi\,(\dot{\mathbf q}_r - \dot{\mathbf q}_s),\qquad
+        \psi = \Bigl(1 - \frac1\eta \max\bigl(\frac{p_s}{p_r},\ s,\ \theta\bigr)\Bigr)_+,\qquad
+        p = \frac{\mathbf b^T\mathbf A\dot{\mathbf q}}{\mathbf b^T\mathbf b}
+
+    Both keep the limits, and so does what is between them. While the scaled step does more than a
+    share η of the task, or of the relaxed one's progress, it is returned as it is.
+
+    Args:
+        posed: The step's program.
+        scaled: The step that is scaled, or whose weak directions are.
+        relaxed: The relaxed step.
+        left: The smaller one of s and θ.
+        multipliers: Of the limits in the way; those of the relaxed step if ``None``.
+    """
+    rows = posed.levels.edges[0]
+    A, b = rows.rows(), rows.target
+    slow, free = (float(b @ (A @ step.velocity)) for step in (scaled, relaxed))
+    share = 1.0 - max(max(slow, 0.0) / free, left) / DEAD if free > 0.0 else 0.0
+    if share <= 0.0:
+        return scaled
+    velocity = scaled.velocity + share * (relaxed.velocity - scaled.velocity)
+    velocity = np.clip(velocity, posed.limits.lower, posed.limits.upper)
+    return posed.step(
+        velocity, Status.RELAXED, relaxed.solver, relaxed if multipliers is None else multipliers,
+        problem=relaxed.problem, refused=relaxed.refused,
+    )  # fmt: skip
+
+
+def _worthwhile(posed: Posed, solver: str, pace: Pace) -> tuple[float, Verified | None]:
+    r"""The scale s = u s* that is worth its joint motion, and the motion.
+
+    .. math::
+
+        \min_{\dot{\mathbf q},\,u}\ \text{cost}(\dot{\mathbf q}) - g\,u
+        + \tfrac12\,\delta g\,(1-u)^2, \qquad u \le 1, \qquad
+        g = \frac{\gamma}{1 - s^*}\,\lVert\dot{\mathbf q}_{task}(s^*)\rVert_H^2
+
+    The optimum of the linear program alone would spend any speed in the null space on a little more
+    of s; where that turns round from step to step, so would the joints. This program is strictly
+    convex, so that its optimum is continuous. Where nothing is to be gained in the null space u is
+    1; it tends to 1 where s* does, as the task is then met.
+    """
+    problem, rows, largest = posed.problem, posed.levels.edges[0], pace.largest
+    top, n = largest.scale * (1.0 - SCALE_BACKOFF), problem.n
+    if top <= 0.0:
+        return 0.0, None
+    H, first = problem.H, posed.padded[0]
+    motion = np.zeros(n)
+    motion[: rows.A.shape[1]] = rows.motion(top)
+    # What the secondary wants beyond the limits shall not outweigh the task.
+    free = np.clip(-np.linalg.solve(H, problem.c), problem.lower, problem.upper)
+    lower, upper = posed.eased(1.0 + (SPREAD - 1.0) * (1.0 - top))
+    lower = np.append(lower, problem.lower[len(lower) :])
+    upper = np.append(upper, problem.upper[len(upper) :])
+    g = WORTH * float(motion @ H @ motion) / (1.0 - top)
+    wide = np.pad(H, (0, 1))
+    wide[n, n] = WORTH_CURVED * g or 1.0
+    extended = QuadraticProgram(
+        wide, np.append(-H @ free, -g - wide[n, n]),
+        np.column_stack([first.A, -top * pace.slope]), pace.at_rest,
+        np.pad(problem.G, ((0, 0), (0, 1))), problem.g,
+        np.append(lower, 0.0), np.append(upper, 1.0),
+    )  # fmt: skip
+    result = solve(extended, solver, persist=True)
+    if isinstance(result, Refused):
+        return top, None
+    y, of_rows, box = result.multipliers
+    multipliers = Multipliers(y, of_rows, box[:n])
+    return top * float(result.x[n]), replace(result, x=result.x[:n], multipliers=multipliers)
+
+
+def _in_order(
+    posed: Posed,
+    solver: str,
+    status: Status,
+    *,
+    start: Array,
+    scale: float = 1.0,
+    strained: float = 0.0,
+    multipliers: tuple[Array, Array, float] | None = None,
+    before: tuple[str, ...] = (),
+) -> Step:
+    """The levels in order, each met as far as the limits and those above leave room.
+
+    Args:
+        posed: The step's program.
+        solver: The backend to ask first.
+        status: What happened so far.
+        start: A point to start from.
+        scale: Of the first level.
+        strained: Of the first level, as :func:`strain` says.
+        multipliers: Of the limits that held the scale down.
+        before: What was tried before.
+    """
+    problem = posed.problem
+    descent = _Descent(
+        posed, solver, lexicographic([posed.hard], problem.lower, problem.upper, start, refine=True)
+    )
+    if not posed.hard.met(descent.cascade.x):
+        status = Status.RELAXED
+    for index in range(len(posed.padded)):
+        met = descent.meet(index, scale if index == 0 else 1.0, 0.0 if index else strained)
+        if not met and status in (Status.SOLVED, Status.PRIORITIZED, Status.DEGRADED):
+            status = Status.PRIORITIZED if index else Status.RELAXED
+    result, cascade, asked = descent.finish(), descent.cascade, descent.asked
+    gaps: tuple[float, ...] = ()
+    if descent.exact:
+        gaps = cascade.gaps(result.x)[1:]
+    if multipliers is None:
+        multipliers = descent.multipliers or _multipliers(cascade)
+    if status is Status.PRIORITIZED and posed.levels.lost:
+        status = Status.DEGRADED
+    elif status is Status.PRIORITIZED and not descent.relaxed and not posed.levels.lower_lost:
+        status = Status.SOLVED
+    return posed.step(
+        result.x,
+        status,
+        result.solver,
+        multipliers,
+        scale=scale,
+        problem=problem.with_rows(np.concatenate([level.b for level in asked])),
+        refused=before + result.refused,
+        gaps=gaps,
+        proven=all(level.proven(gap) for level, gap in zip(asked, gaps, strict=bool(gaps))),
+    )
+
+
+@dataclass(eq=False)
+class _Descent:
+    """From level to level.
+
+    A level that does not fit is replaced by its damped least squares
+    (:meth:`~qp_twist.qp.EdgeRows.relaxed`) and then held as it was achieved. What fades of a level
+    is decided before the levels below it are asked, so that these cannot move it.
+    """
+
+    posed: Posed
+    solver: str
+    cascade: Cascade
+    asked: list[Level] = field(default_factory=list)
+    """The levels with what was asked of them."""
+    relaxed: bool = False
+    """Whether a level was not met."""
+    exact: bool = True
+    """Whether the cascade knows the optimum of every level."""
+    multipliers: tuple[Array, Array, float] | None = None
+    """Of the limits that were in the way of the first level that did not fit."""
+    last: Verified | None = None
+    """The result of the last level, where that was replaced: the secondary is part of it."""
+
+    def meet(self, index: int, scale: float, strained: float) -> bool:
+        """Ask the next level; whether it was met."""
+        nv, problem = len(self.posed.limits.lower), self.posed.problem
+        rows, is_last = self.posed.levels.edges[index], index == len(self.posed.padded) - 1
+        if index:
+            rows = rows.beneath(self.cascade.x[:nv])
+        level = replace(self.posed.padded[index], b=rows.asked(scale))
+        self.asked.append(level)
+        self.last = None
+        trial = _copy(self.cascade)
+        trial.minimise(level)
+        met = level.met(trial.x) and strained == 0.0
+        if met or len(level.g) or not len(level.b):
+            self.cascade = trial
+            self.relaxed = self.relaxed or not met
+            if rows.fades and not is_last:
+                self._hold(rows, level, self._solved(problem).x)
+            self.multipliers = self.multipliers or (None if met else _multipliers(trial))
+            return met
+        self.multipliers = self.multipliers or _multipliers(trial)
+        short = rows.dt * float(np.linalg.norm(level.A @ trial.x - level.b))
+        H, c = rows.relaxed(problem.H, problem.c, max(short, strained))
+        self.last = self._solved(replace(problem, H=H, c=c))
+        self.relaxed = True
+        self._hold(rows, level, self.last.x)
+        return False
+
+    def finish(self) -> Verified:
+        """The secondary in what the levels leave."""
+        return self._solved(self.posed.problem) if self.last is None else self.last
+
+    def _solved(self, problem: QuadraticProgram) -> Verified:
+        """The minimum of a cost on what the cascade leaves."""
+        result = solve_within(problem, self.cascade, self.solver)
+        if isinstance(result, Refused):
+            raise inaccurate(self.posed, result)
+        return result
+
+    def _hold(self, rows: EdgeRows, level: Level, x: Array) -> None:
+        """Hold a level where it was achieved at x, its slacks included."""
+        n, nv = self.posed.problem.n, len(self.posed.limits.lower)
+        held = _copy(self.cascade)
+        held.x = x.copy()
+        own = np.flatnonzero(np.abs(level.A[:, nv:]).max(axis=0, initial=0.0)) + nv
+        fixed = np.vstack([np.pad(rows.rows(), ((0, 0), (0, n - nv))), np.eye(n)[own]])
+        none = np.zeros((0, n))
+        held.minimise(Level(fixed, fixed @ x, none, none[:, 0]))
+        self.cascade, self.exact = held, False
+
+
+def _multipliers(cascade: Cascade) -> tuple[Array, Array, float]:
+    return cascade.box_multipliers, np.array(cascade.row_multipliers), 0.0
+
+
+def _copy(cascade: Cascade) -> Cascade:
+    """A copy that does not share what :meth:`Cascade.minimise` changes."""
+    return replace(
+        cascade,
+        x=cascade.x.copy(),
+        row_origins=list(cascade.row_origins),
+        row_multipliers=list(cascade.row_multipliers),
+        achieved=list(cascade.achieved),
+        box_multipliers=cascade.box_multipliers.copy(),
+        pinned=cascade.pinned.copy(),
+    )

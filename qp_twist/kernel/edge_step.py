@@ -1,0 +1,588 @@
+"""A step at the edge of the reach, near a singularity, or where the limits do not allow the task.
+
+The readable versions, with the formulas, are ``qp.edge`` and ``control.edge_step``. This one takes
+a single priority level, and limits as the only rows of G.
+"""
+
+from __future__ import annotations
+
+import math
+
+from qp_twist.kernel.closest_levels import NOT_PROVEN, begin, take_level
+from qp_twist.kernel.compiling import plain
+from qp_twist.kernel.dual_active_set import (
+    NO_ROOM,
+    SOLVED,
+    cholesky,
+    cholesky_inverse,
+    cholesky_solve,
+)
+from qp_twist.kernel.edge_rows import (
+    BEND,
+    DAMPING,
+    DEGRADED,
+    FADES,
+    FITTING,
+    REACH,
+    SIZE,
+    SPREAD,
+    ask,
+    damp,
+    ease,
+    fit,
+    lengthen,
+    longest_secondary,
+    rotate_rows,
+    stopping_share,
+    task_motion,
+    weaken,
+)
+from qp_twist.kernel.reduced_program import reduced_program, unlimited
+from qp_twist.kernel.step_kernel import (
+    RAISE,
+    RELAX,
+    SCALE,
+    costs,
+    desired_velocities,
+    forward_rows,
+    rest_is_excluded,
+    stated_rows,
+)
+from qp_twist.kernel.verified_program import (
+    BRAKED,
+    DONE,
+    FADED,
+    INFEASIBLE,
+    REFUSED,
+    RELAXED,
+    SCALED,
+    clip_to_bounds,
+    solved_program,
+)
+
+WORTH, WORTH_CURVED = 5.0, 1e-2
+"""γ and δ of ``control.edge_step``."""
+DEAD = 0.01
+"""Share of the relaxed step's progress below which a scaled step passes over to it."""
+LOST, NULL_SHARE, ROUNDING = 10.0, 0.3, 1e-9
+"""As in ``qp.edge``."""
+NOTICEABLE = 1e-8
+"""``qp.verification.EQUALITY_TOLERANCE``: less is not called lost."""
+_LINEAR = 1e-10
+"""Cost ½ε²‖x‖² beside ½(s − 2)² in the program of the largest s: see ``largest_scale``."""
+_OF_THE_MOTION = 1e-4
+"""A multiplier of at most this share of ε²‖x‖ is due to that cost: it does not limit s."""
+
+
+@plain
+def _weaken_and_brake(g, w, e, dt, trusts):
+    """Set all of ``e`` up to the right-hand sides, and the braked b; false for the reference."""
+    singularity, m, n = g.settings.singularity, len(w.b), len(w.x)
+    forward_rows(g, e.ahead)
+    for i in range(m):
+        e.rate[i], e.forward[i] = w.b[i], e.ahead[i]
+        for k in range(n):
+            e.rows[i, k] = w.A[i, k]
+    rotate_rows(e)
+    weaken(e, singularity)
+    share = 1.0
+    if g.settings.braking > 0.0 and m > 0:
+        damp(e, singularity, dt, trusts, 1.0)
+        for i in range(m):
+            e.goal[i] = e.rate[i] - e.forward[i]
+        task_motion(e, False, e.motion)
+        for k in range(n):
+            e.motion[k] *= dt
+        share, which = stopping_share(e.motion, g.limits, g.types, dt)
+        w.braking[0], w.braking[1] = share, which
+    damp(e, singularity, dt, trusts, 0.0)
+    for i in range(m):
+        e.goal[i] = share * (e.rate[i] - e.forward[i]) + e.forward[i]
+        w.b[i] = share * (w.b[i] - e.ahead[i]) + e.ahead[i]
+    e.numbers[FITTING] = 1.0
+    if g.settings.infeasible == SCALE and e.numbers[DEGRADED] > 0.0:
+        if not lengthen(g, w, e, dt, SPREAD):
+            return False
+        fit(w, e)
+    ask(e, singularity)
+    return True
+
+
+@plain
+def _shorten(w, e, dt, singularity):
+    """Shorten ḣ in ``w.c`` to what stays clear of the nearest singularity; return its length."""
+    square = 0.0
+    for k in range(len(w.c)):
+        square += w.c[k] * w.c[k]
+    length, longest = math.sqrt(square), longest_secondary(e, singularity) / dt
+    if length <= longest:
+        return length
+    for k in range(len(w.c)):
+        w.c[k] *= longest / length
+    return longest
+
+
+@plain
+def largest_cost(w):
+    """The largest entry of H."""
+    largest = 0.0
+    for i in range(len(w.h)):
+        largest = max(largest, w.h[i])
+    for i in range(len(w.dense)):
+        for j in range(len(w.dense)):
+            largest = max(largest, abs(w.dense[i, j]))
+    return largest
+
+
+@plain
+def joint_cost(w, e):
+    """Copy H to ``e.cost``, (n, n)."""
+    for i in range(len(w.x)):
+        for j in range(len(w.x)):
+            e.cost[i, j] = 0.0 if len(w.h) > 0 else w.dense[i, j]
+        if len(w.h) > 0:
+            e.cost[i, i] = w.h[i]
+
+
+@plain
+def _begin_program(w, e, of_slacks, of_scale):
+    """The costs H, of slacks and of the scale, no linear cost, and all limits."""
+    p, n, m = e.program, len(w.x), len(w.b)
+    for i in range(n + m + 1):
+        for j in range(n + m + 1):
+            p.dense[i, j] = e.cost[i, j] if i < n and j < n else 0.0
+        p.c[i], p.lower[i], p.upper[i] = 0.0, -math.inf, math.inf
+    for i in range(n):
+        p.lower[i], p.upper[i] = w.lower[i], w.upper[i]
+    for i in range(m):
+        p.dense[n + i, n + i] = of_slacks
+        if e.missing[i] > 0.0:
+            p.lower[n + i], p.upper[n + i] = -e.numbers[REACH], e.numbers[REACH]
+    p.dense[n + m, n + m] = of_scale
+    for row in range(len(w.g)):
+        p.g[row] = w.g[row]
+        for i in range(n + m + 1):
+            p.G[row, i] = w.G[row, i] if i < n else 0.0
+    p.active_count[0] = 0
+
+
+@plain
+def _rows_at(w, e, steady, moving):
+    """Rows B q̇ − S z = ``steady`` at_rest + ``moving`` slope; with u: at_rest + u ``moving`` slope.
+
+    ``steady`` is 1, or 0 where u is unknown: then the slope is its column.
+    """
+    p, n, m = e.program, len(w.x), len(w.b)
+    for i in range(m):
+        for k in range(n):
+            p.A[i, k] = e.rows[i, k]
+        for j in range(m + 1):
+            p.A[i, n + j] = 0.0
+        p.A[i, n + i] = -e.missing[i]
+        p.b[i] = e.at_rest[i]
+        if steady:
+            p.b[i] += moving * e.slope[i]
+        else:
+            p.A[i, n + m] = -moving * e.slope[i]
+
+
+@plain
+def _solved(p, tolerances):
+    """Factorise H and solve the program in e; returns as ``solved_program``."""
+    if not cholesky_inverse(p.dense, p.J):
+        return REFUSED
+    return solved_program(p, tolerances)
+
+
+@plain
+def _as_posed(w, e, largest, tolerances):
+    """The program at full speed."""
+    _begin_program(w, e, largest, 1.0)
+    for k in range(len(w.x)):
+        e.program.c[k] = w.c[k]
+    _rows_at(w, e, True, 1.0)
+    return _solved(e.program, tolerances)
+
+
+@plain
+def _strain(w, e, largest, dt):
+    """As ``control.edge_step.strain``; negative on failure."""
+    if e.numbers[DEGRADED] == 0.0:
+        return 0.0
+    p, n, m, square = e.program, len(w.x), len(w.b), 0.0
+    _begin_program(w, e, largest, 1.0)
+    for k in range(n):
+        p.c[k] = w.c[k]
+    _rows_at(w, e, True, 1.0)
+    if not (cholesky_inverse(p.dense, p.J) and unlimited(p)):
+        return -1.0
+    for i in range(m):
+        beyond = 0.0
+        for k in range(n + m):
+            beyond += p.A[i, k] * (min(max(p.x[k], p.lower[k]), p.upper[k]) - p.x[k])
+        square += beyond * beyond
+    short = e.numbers[DEGRADED] * dt * math.sqrt(square)
+    size = e.numbers[SIZE]
+    return short if BEND * size * short > ROUNDING * size * size else 0.0
+
+
+@plain
+def _excess(e, short):
+    """t + ℓ r; 0 where it is rounding."""
+    size = e.numbers[SIZE]
+    excess = e.numbers[DAMPING] + BEND * size * short
+    return excess if excess > ROUNDING * size * size else 0.0
+
+
+@plain
+def _shortfall(w, e, largest, dt, tolerances):
+    """r, m and rad: what the limits do not allow of the task's displacement; negative on failure.
+
+    The multipliers of the limits in the way are written to ``e.program.sensitivity``.
+    """
+    p, m, square = e.program, len(w.b), 0.0
+    _begin_program(w, e, largest, 1.0)
+    _rows_at(w, e, True, 1.0)
+    begin(p, p.levels)
+    if take_level(p, p.levels, 0, 0, m, tolerances) == NOT_PROVEN:
+        return -1.0
+    for i in range(m):
+        square += p.levels.r[i] * p.levels.r[i]
+    return dt * math.sqrt(square)
+
+
+@plain
+def _null_projector(e, damped):
+    """N = 1 − Aᵀ max(AAᵀ, ε²)⁻¹ A in ``project``, and the damped motion in ``motion``.
+
+    ``damped`` is added to d = max(σ², ε², t).
+    """
+    n, N = len(e.motion), e.project
+    for k in range(n):
+        e.motion[k] = 0.0
+        for j in range(n):
+            N[k, j] = 1.0 if k == j else 0.0
+    for i in range(len(e.goal)):
+        gain = e.goal[i] / (max(e.floor[i], e.numbers[DAMPING]) + damped)
+        for k in range(n):
+            e.motion[k] += gain * e.rows[i, k]
+            for j in range(n):
+                N[k, j] -= e.rows[i, k] * e.rows[i, j] / e.floor[i]
+
+
+@plain
+def times(A, x, y):
+    """y = A x."""
+    for i in range(len(y)):
+        total = 0.0
+        for j in range(len(x)):
+            total += A[i, j] * x[j]
+        y[i] = total
+
+
+@plain
+def _relaxed_cost(w, e, short, largest, dt):
+    """Write the cost of ``EdgeRows.relaxed`` to ``e.program``."""
+    p, n, square = e.program, len(w.x), 0.0
+    for i in range(len(w.b)):
+        left = (1.0 - e.met[i]) * e.goal[i]
+        square += left * left
+    more = BEND * e.numbers[SIZE] * (short + min(dt * math.sqrt(square), LOST * short))
+    weight = NULL_SHARE * _excess(e, short) / largest
+    _null_projector(e, more)
+    # N (c + H q̇_task) and N H N, weighted.
+    times(e.cost, e.motion, e.scratch)
+    for k in range(n):
+        e.scratch[k] = weight * (w.c[k] + e.scratch[k])
+    times(e.project, e.scratch, p.c[:n])
+    for j in range(n):
+        times(e.cost, e.project[j], e.scratch)  # N is symmetric
+        times(e.project, e.scratch, e.motion)
+        for k in range(n):
+            p.dense[k, j] = weight * e.motion[k]
+    for i in range(len(w.b)):
+        damped = max(e.floor[i], e.numbers[DAMPING]) + more
+        for k in range(n):
+            p.c[k] -= e.square[i] / e.floor[i] * e.goal[i] * e.rows[i, k]
+            for j in range(n):
+                p.dense[k, j] += damped / e.floor[i] * e.rows[i, k] * e.rows[i, j]
+
+
+@plain
+def _relaxed(w, e, short, largest, dt, tolerances):
+    """The damped least squares of the task inside the limits; returns ``DONE`` or ``REFUSED``."""
+    p, n, m = e.program, len(w.x), len(w.b)
+    _begin_program(w, e, 1.0, 1.0)
+    _relaxed_cost(w, e, short, largest, dt)
+    for i in range(m):  # the slacks have no part in it: z = 0
+        for k in range(n + m + 1):
+            p.A[i, k] = 1.0 if k == n + i else 0.0
+        p.b[i], p.lower[n + i], p.upper[n + i] = 0.0, -math.inf, math.inf
+    return DONE if _solved(p, tolerances) == DONE else REFUSED
+
+
+@plain
+def _largest(w, e, backoff):
+    """s*, less the backoff; −1 if not even rest is feasible, −2 on failure.
+
+    The derivatives of s* by the limits are written to ``e.sensitivity``.
+    """
+    p, n, m = e.program, len(w.x), len(w.b)
+    _begin_program(w, e, _LINEAR, 1.0)
+    furthest = 1.0
+    for i in range(n):
+        for j in range(n):
+            p.dense[i, j] = _LINEAR if i == j else 0.0
+    p.c[n + m], p.lower[n + m], p.upper[n + m] = -2.0, 0.0, 1.0
+    _rows_at(w, e, False, 1.0)
+    if not cholesky_inverse(p.dense, p.J):
+        return -2.0
+    status = reduced_program(p)
+    if status == NO_ROOM:
+        return -1.0
+    if status != SOLVED or not clip_to_bounds(p.x, p.lower, p.upper):
+        return -2.0
+    scale = p.x[n + m]
+    for i in range(n + m):
+        furthest = max(furthest, abs(p.x[i]))
+    least = _OF_THE_MOTION * _LINEAR * furthest
+    for i in range(n):
+        e.sensitivity[i] = p.box[i] / (2.0 - scale) if abs(p.box[i]) > least else 0.0
+    for row in range(len(w.g)):
+        e.sensitivity[n + row] = p.lam[row] / (2.0 - scale) if p.lam[row] > least else 0.0
+    return max(0.0, scale * (1.0 - backoff))
+
+
+@plain
+def _worthwhile(g, w, e, top, largest, dt, tolerances):
+    """The scale s = u s* that is worth its joint motion; −1 on failure. The motion is in e."""
+    p, n, m = e.program, len(w.x), len(w.b)
+    if not ease(g, w, e, dt, 1.0 + (SPREAD - 1.0) * (1.0 - top)):
+        return -1.0
+    _begin_program(w, e, largest, 1.0)
+    _rows_at(w, e, False, top)
+    for k in range(n):
+        e.motion[k] = 0.0
+        for i in range(m):
+            e.motion[k] += e.rows[i, k] * (e.at_rest[i] + top * e.slope[i]) / e.floor[i]
+        p.lower[k], p.upper[k] = e.lower[k], e.upper[k]
+        e.scratch[k] = -w.c[k]
+    for i in range(n):
+        for j in range(n):
+            e.project[i, j] = e.cost[i, j]
+    if not cholesky(e.project):
+        return -1.0
+    cholesky_solve(e.project, e.scratch)
+    for k in range(n):
+        e.scratch[k] = min(max(e.scratch[k], w.lower[k]), w.upper[k])
+    worth = 0.0
+    for i in range(n):
+        total, pulled = 0.0, 0.0
+        for j in range(n):
+            total += e.cost[i, j] * e.motion[j]
+            pulled += e.cost[i, j] * e.scratch[j]
+        worth += e.motion[i] * total
+        p.c[i] = -pulled
+    worth *= WORTH / (1.0 - top)
+    curved = WORTH_CURVED * worth if worth > 0.0 else 1.0
+    p.dense[n + m, n + m], p.c[n + m] = curved, -worth - curved
+    p.lower[n + m], p.upper[n + m] = 0.0, 1.0
+    return top * p.x[n + m] if _solved(p, tolerances) == DONE else -1.0
+
+
+@plain
+def _take(w, e):
+    """Copy the velocity and the multipliers from ``e.program``."""
+    p = e.program
+    for k in range(len(w.x)):
+        w.x[k], w.box[k] = p.x[k], p.box[k]
+    for row in range(len(w.lam)):
+        w.lam[row] = p.lam[row]
+    for row in range(len(w.y)):
+        w.y[row] = 0.0
+
+
+@plain
+def _note_fading(w, e):
+    """Set whether less than b is asked of a direction, noticeably (``EdgeRows.lost``)."""
+    longest, largest = 0.0, 0.0
+    for i in range(len(w.b)):
+        square = 0.0
+        for k in range(len(w.x)):
+            square += w.A[i, k] * w.A[i, k]
+        longest, largest = max(longest, math.sqrt(square)), max(largest, abs(e.stated[i]))
+    e.numbers[FADES] = 0.0
+    noticeable = NOTICEABLE * ((longest if longest > 0.0 else 1.0) + largest)
+    for i in range(len(w.b)):
+        share = 1.0
+        if e.floor[i] > 0.0:
+            share = e.square[i] / e.floor[i] * e.met[i]
+        share *= 1.0 - e.weakness[i] * (1.0 - e.numbers[FITTING])
+        if share < 1.0 and (1.0 - share) * abs(e.rate[i]) > noticeable:
+            e.numbers[FADES] = 1.0
+
+
+@plain
+def _met(w, e):
+    """The outcome of a step that was solved as posed."""
+    _take(w, e)
+    w.sensitivity[0] = w.braking[0]
+    if e.numbers[FADES] > 0.0:
+        return FADED
+    return BRAKED if w.braking[0] < 1.0 else DONE
+
+
+@plain
+def _give_way(w, e, strained, largest, dt, tolerances):
+    """Relax the task; return ``RELAXED`` or ``REFUSED``. Multipliers: of the limits in the way."""
+    short = _shortfall(w, e, largest, dt, tolerances)
+    if short < 0.0:
+        return REFUSED
+    n = len(w.x)
+    for k in range(n):
+        w.sensitivity[1 + k] = e.program.sensitivity[1 + k]
+    for row in range(len(w.g)):
+        w.sensitivity[1 + n + row] = e.program.sensitivity[2 + n + len(w.b) + row]
+    if _relaxed(w, e, max(short, strained), largest, dt, tolerances) != DONE:
+        return REFUSED
+    _take(w, e)
+    w.sensitivity[0] = w.braking[0]
+    return RELAXED
+
+
+@plain
+def _progress(e, x):
+    """bᵀA q̇."""
+    total = 0.0
+    for i in range(len(e.goal)):
+        for k in range(len(x)):
+            total += e.goal[i] * e.rows[i, k] * x[k]
+    return total
+
+
+@plain
+def _pass_over(w, e, left, largest, dt, tolerances):
+    """Write q̇ + ψ (q̇_relaxed − q̇) to ``w.x``, q̇ that of ``e.program``; return ψ, −1 on failure.
+
+    ``left`` is the share of the task, or of its weak directions, that q̇ does.
+    """
+    for k in range(len(w.x)):
+        e.scaled[k] = e.program.x[k]
+    if _give_way(w, e, 0.0, largest, dt, tolerances) != RELAXED:
+        return -1.0
+    slow, free, share = _progress(e, e.scaled), _progress(e, w.x), 0.0
+    if free > 0.0:
+        share = max(0.0, 1.0 - max(max(slow, 0.0) / free, left) / DEAD)
+    for k in range(len(w.x)):
+        w.x[k] = e.scaled[k] + share * (w.x[k] - e.scaled[k])
+    return share
+
+
+@plain
+def _slower(g, w, e, largest, dt, tolerances):
+    """Scale the task, and pass over to the relaxed step where a limit stops it."""
+    n, m = len(w.x), len(w.b)
+    top = _largest(w, e, tolerances.backoff)
+    if top == -1.0 and rest_is_excluded(w):
+        return _give_way(w, e, 0.0, largest, dt, tolerances)
+    if top < 0.0 or top >= 1.0 - 2.0 * tolerances.backoff:
+        return REFUSED
+    scale = _worthwhile(g, w, e, top, largest, dt, tolerances)
+    if scale < 0.0:
+        return REFUSED
+    if min(scale, e.numbers[FITTING]) >= DEAD:
+        _take(w, e)
+        for i in range(n + len(w.g)):
+            w.sensitivity[1 + i] = e.sensitivity[i]
+        w.sensitivity[0] = scale * w.braking[0]
+        for i in range(m):
+            w.b[i] *= scale
+        return SCALED
+    share = _pass_over(w, e, min(scale, e.numbers[FITTING]), largest, dt, tolerances)
+    if share < 0.0 or not clip_to_bounds(w.x, w.lower, w.upper):
+        return REFUSED
+    for i in range(n + len(w.g)):
+        w.sensitivity[1 + i] = e.sensitivity[i]
+    if share > 0.0:
+        return RELAXED
+    w.sensitivity[0] = scale * w.braking[0]
+    for i in range(m):
+        w.b[i] *= scale
+    return SCALED
+
+
+@plain
+def _feasible(w, e, mode, largest, dt, tolerances):
+    """The outcome of a step whose program has a solution as posed, which is in ``e.program``."""
+    outcome, left = _met(w, e), e.numbers[FITTING]
+    if mode == RAISE:
+        return REFUSED if outcome == FADED else outcome
+    if mode == RELAX:
+        strained = _strain(w, e, largest, dt)
+        if strained == 0.0:
+            return outcome
+        return _give_way(w, e, strained, largest, dt, tolerances) if strained > 0.0 else REFUSED
+    if left >= DEAD:
+        return outcome
+    share = _pass_over(w, e, left, largest, dt, tolerances)
+    if share > 0.0 and clip_to_bounds(w.x, w.lower, w.upper):
+        return RELAXED
+    if share < 0.0 or _as_posed(w, e, largest, tolerances) != DONE:
+        return REFUSED
+    return _met(w, e)
+
+
+@plain
+def _fading_rows(e):
+    """Whether a direction is below ε."""
+    fades = False
+    for i in range(len(e.missing)):
+        fades = fades or e.missing[i] > 0.0
+    return fades
+
+
+@plain
+def edge_step(g, w, e, qpos, dt, use_secondary, twist_space):
+    """Compute the step that ``step_kernel.step`` found at the edge or infeasible.
+
+    Args:
+        g: Inputs of the step.
+        w: Its program, which receives the result.
+        e: ``edge_rows.EdgeArrays``.
+        qpos: q, (nq,).
+        dt: Length of the step, s.
+        use_secondary: Whether the secondary acts.
+        twist_space: ``None`` for the joint-space cost.
+
+    Returns:
+        ``DONE``, ``BRAKED``, ``FADED``, ``SCALED`` or ``RELAXED``, verified; ``REFUSED`` if the
+        reference has to compute the step.
+    """
+    mode, tolerances = g.settings.infeasible, g.tolerances
+    stated_rows(g, dt, w.A, w.b, w.free)
+    for i in range(len(w.b)):
+        e.stated[i] = w.b[i]
+    w.braking[0], w.braking[1] = 1.0, 0.0
+    desired_velocities(
+        qpos, g.addresses, g.middle, g.stiffness, g.displacement, dt, use_secondary, w.q, w.c
+    )
+    if not _weaken_and_brake(g, w, e, dt, g.settings.trusts > 0.0):
+        return REFUSED
+    _note_fading(w, e)
+    speed = _shorten(w, e, dt, g.settings.singularity)
+    e.numbers[REACH] += speed
+    if twist_space is not None and _fading_rows(e):
+        return REFUSED
+    if not costs(w, g.metric, g.quadratic, g.linear, g.settings, twist_space):
+        return REFUSED
+    joint_cost(w, e)
+    largest = largest_cost(w)
+    status = _as_posed(w, e, largest, tolerances)
+    if status == DONE:
+        return _feasible(w, e, mode, largest, dt, tolerances)
+    if status != INFEASIBLE or mode == RAISE:
+        return REFUSED
+    if mode == SCALE:
+        return _slower(g, w, e, largest, dt, tolerances)
+    strained = _strain(w, e, largest, dt)
+    return _give_way(w, e, strained, largest, dt, tolerances) if strained >= 0.0 else REFUSED

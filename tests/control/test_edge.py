@@ -1,0 +1,557 @@
+"""At the edge of the reach and near singularities: continuous, calm, and exact everywhere else."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import mink
+import mujoco
+import numpy as np
+import numpy.typing as npt
+import pytest
+from hypothesis import event, given, settings
+from hypothesis import strategies as st
+from oracles.arms import planar_arm, random_arm, random_configuration
+from oracles.compositions import composition
+from oracles.recorded_steps import kept
+
+import qp_twist as qt
+from qp_twist.constraints import stopping_share, stopping_speed
+from qp_twist.qp.edge import EdgeRows
+
+Array = npt.NDArray[np.float64]
+SEEDS = st.integers(0, 10**6)
+EPSILON, DT = 1e-3, 0.005
+FASTEST = 0.5 * np.pi
+HOME = np.array([0, 0.5, 0, -1.4, 0, 1.2, 0])
+
+
+def seven_axes() -> mujoco.MjModel:
+    """Shoulder at 0.36 m, upper arm 0.42, forearm 0.40, wrist to tool 0.15."""
+    axes = ("0 0 1", "0 1 0", "0 0 1", "0 -1 0", "0 0 1", "0 1 0", "0 0 1")
+    heights = (0.18, 0.18, 0.21, 0.21, 0.2, 0.2, 0.08)
+    ends = (2.96, 2.09, 2.96, 2.09, 2.96, 2.09, 3.05)
+    opening = "".join(
+        f'<body name="link_{i + 1}" pos="0 0 {height}">'
+        f'<joint name="a{i + 1}" axis="{axis}" range="-{end} {end}"/><geom size="0.05" mass="2"/>'
+        for i, (axis, height, end) in enumerate(zip(axes, heights, ends, strict=True))
+    )
+    return mujoco.MjModel.from_xml_string(
+        '<mujoco><compiler angle="radian" autolimits="true"/><worldbody>'
+        f'{opening}<site name="tool" pos="0 0 0.07"/>{"</body>" * 7}</worldbody></mujoco>'
+    )
+
+
+SEVEN = seven_axes()
+
+
+# ------------------------------------------------------------------------------------- the formula
+
+
+def weak_rows(rng: np.random.Generator) -> tuple[Array, Array]:
+    """Task rows with some singular values near zero, some close to each other, and an error."""
+    m = int(rng.integers(1, 7))
+    n = int(rng.integers(m, 9))
+    left, right = (np.linalg.qr(rng.normal(size=(k, k)))[0] for k in (m, n))
+    sigma = 10.0 ** rng.uniform(-5.0, 0.3, m)
+    if m > 1 and rng.random() < 0.5:
+        sigma[1] = sigma[0]
+    error = 10.0 ** rng.uniform(-4.0, 0.0) * rng.normal(size=m)
+    return left @ np.diag(sigma) @ right[:m], error
+
+
+def displacement(A: Array, error: Array) -> Array:
+    """What the task alone makes of the joints in one step of 1 s."""
+    return EdgeRows.of(A, error, 1.0, EPSILON).motion()
+
+
+@given(SEEDS)
+@settings(max_examples=200)
+def test_the_damped_inverse_is_a_function_of_the_matrix_alone(seed: int) -> None:
+    """Aᵀ max(AAᵀ, ε², t)⁻¹ e by the eigenvalues of AAᵀ, in any basis of the rows and joints."""
+    rng = np.random.default_rng(seed)
+    A, e = weak_rows(rng)
+    values, vectors = np.linalg.eigh(A @ A.T)
+    share = np.maximum(0.0, 1.0 - values / 0.05**2)
+    t = 0.5 * np.linalg.norm(A, 2) * np.linalg.norm(share * (vectors.T @ e))
+    D = vectors @ np.diag(np.maximum(np.maximum(values, EPSILON**2), t)) @ vectors.T
+    expected = A.T @ np.linalg.solve(D, e)
+    size = 1.0 + np.abs(expected).max()
+    np.testing.assert_allclose(displacement(A, e), expected, atol=1e-6 * size)
+    Q, R = (np.linalg.qr(rng.normal(size=(k, k)))[0] for k in A.shape)
+    np.testing.assert_allclose(
+        displacement(Q @ A @ R, Q @ e), R.T @ displacement(A, e), atol=1e-6 * size
+    )
+
+
+@given(SEEDS)
+@settings(max_examples=200)
+def test_it_changes_no_faster_than_is_proved(seed: int) -> None:
+    """The bound of the docs' page, also where two singular values are equal and change places."""
+    rng = np.random.default_rng(seed)
+    A, e = weak_rows(rng)
+    dA = 10.0 ** rng.uniform(-9.0, -4.0) * rng.normal(size=A.shape)
+    de = 10.0 ** rng.uniform(-9.0, -4.0) * rng.normal(size=e.shape)
+    before, after = (EdgeRows.of(A + k * dA, e + k * de, 1.0, EPSILON) for k in (0, 1))
+    change = np.linalg.norm(after.motion() - before.motion())
+    least = max(min(before.damping, after.damping), EPSILON**2)
+    turned, longest = np.linalg.norm(dA), max(np.linalg.norm(e), np.linalg.norm(e + de))
+    bound = longest * turned / least + np.linalg.norm(de) / np.sqrt(least)
+    bound += longest * abs(after.damping - before.damping) / least**1.5
+    assert change <= bound * (1.0 + 1e-6) + 1e-12
+    # And t itself: ℓ and w are Lipschitz.
+    size = max(np.linalg.norm(A, 2), np.linalg.norm(A + dA, 2))
+    steep = 0.5 * turned * longest + 0.5 * size * (
+        2.0 * size * turned * longest / 0.05**2 + np.linalg.norm(de)
+    )
+    assert abs(after.damping - before.damping) <= steep * (1.0 + 1e-6) + 1e-15
+
+
+@given(SEEDS)
+@settings(max_examples=100)
+def test_the_step_stays_this_side_of_the_singularity(seed: int) -> None:
+    """A damped direction moves by no more than σ/ℓ."""
+    rng = np.random.default_rng(seed)
+    A, e = weak_rows(rng)
+    rows = EdgeRows.of(A, e, 1.0, EPSILON)
+    moved = np.abs(rows.right @ rows.motion())
+    damped = (rows.damping > rows.sigma**2) & (rows.damping > EPSILON**2) & (rows.weak > 0.5)
+    assert (moved[damped] <= 2.0 * rows.sigma[damped] / rows.bend * (1.0 + 1e-9)).all()
+
+
+@given(SEEDS)
+@settings(max_examples=100)
+def test_weak_directions_keep_to_their_room_at_any_scale(seed: int) -> None:
+    """The motion at scale 0 is that of weak directions alone, inside the bounds given for it."""
+    rng = np.random.default_rng(seed)
+    rows = EdgeRows.of(*weak_rows(rng), 1.0, EPSILON)
+    bounds = np.sort(rng.normal(size=(2, rows.A.shape[1])) * 10.0 ** rng.uniform(-3, 1), axis=0)
+    bounds += np.array([[-1e-3], [1e-3]]) - np.clip(0.0, *bounds)  # rest is inside
+    fitted = rows.fitted(*bounds)
+    at_rest = fitted.motion(0.0)
+    assert (at_rest >= bounds[0] - 1e-12).all()
+    assert (at_rest <= bounds[1] + 1e-12).all()
+    values, vectors = np.linalg.eigh(rows.A @ rows.A.T)
+    regular = values > max(rows.damping, EPSILON**2) * (1.0 + 1e-9)
+    size = 1.0 + np.abs(rows.b).max()
+    np.testing.assert_allclose(vectors[:, regular].T @ fitted.asked(0.0), 0.0, atol=1e-6 * size)
+    asked = vectors[:, regular].T @ (fitted.asked(0.3) - 0.3 * rows.b)
+    np.testing.assert_allclose(asked, 0.0, atol=1e-6 * size)
+
+
+@given(SEEDS)
+@settings(max_examples=100)
+def test_the_rows_with_their_slacks_are_never_shorter_than_epsilon(seed: int) -> None:
+    rows = EdgeRows.of(*weak_rows(np.random.default_rng(seed)), 1.0, EPSILON)
+    both = np.hstack([rows.rows(), -rows.slack()])
+    assert np.linalg.svd(both, compute_uv=False)[-1] >= EPSILON * (1.0 - 1e-6)
+
+
+@given(SEEDS)
+@settings(max_examples=100)
+def test_no_weak_singular_value_changes_faster_than_its_bound(seed: int) -> None:
+    """|uᵀ dA(v) v| by differences of A: below ℓ, so that the damped step comes to rest."""
+    rng = np.random.default_rng(seed)
+    planar = bool(rng.random() < 0.5)
+    if planar:
+        model = planar_arm(rng.uniform(0.1, 1.0, int(rng.integers(2, 5))).tolist())
+        q, frame, rank = 0.3 * rng.normal(size=model.nv), "tip", 2
+    else:
+        model, frame, rank = SEVEN, "tool", 3
+        q = random_configuration(model, rng)
+        q[3] = 0.1 * rng.normal()
+
+    def rows(q: Array) -> Array:
+        jacobian = np.zeros((3, model.nv))
+        data = mink.Configuration(model, q).data
+        mujoco.mj_jacSite(model, data, jacobian, None, model.site(frame).id)
+        return jacobian[:rank]
+
+    A = rows(q)
+    left, sigma, right = np.linalg.svd(A)
+    bound = EdgeRows.of(A, np.zeros(rank), 1.0, EPSILON).bend
+    for i in np.flatnonzero(sigma < 0.1 * sigma[0]):
+        v = right[i]
+        change = (rows(q + 1e-6 * v) - rows(q - 1e-6 * v)) / 2e-6
+        assert abs(left[:, i] @ change @ v) <= bound
+
+
+# ----------------------------------------------------------------------------- one step of a robot
+
+
+def planar_step(
+    q2: float, distance: float, mode: str, side: float = 0.02, solver: str | None = None
+) -> qt.Step:
+    """A 3R arm with its second joint at q2 (straight at 0) and its target further along x."""
+    model = planar_arm([0.5, 0.4, 0.1])
+    q = np.array([-0.5 * q2, q2, -0.3 * q2])
+    configuration = mink.Configuration(model, q)
+    plane = qt.TwistProjector(linear=qt.Projector.plane([0, 0, 1]), angular=qt.Projector.none())
+    task = qt.TwistTask("tip", "site", plane)
+    tip = configuration.get_transform_frame_to_world("tip", "site").translation()
+    task.set_target(mink.SE3.from_translation(tip + np.array([distance, side, 0.0])))
+    names = [model.joint(i).name for i in range(3)]
+    limits = [qt.PositionLimit(model), mink.VelocityLimit(model, dict.fromkeys(names, FASTEST))]
+    controller = qt.Controller(
+        model, [task], limits=limits, solver=solver, on_infeasible=mode,  # type: ignore[arg-type]
+        secondary=[qt.PostureReference(model, np.array([-0.4, 0.8, 0.4]), gain=0.01)],
+    )  # fmt: skip
+    return controller.step(configuration, DT)
+
+
+@pytest.mark.parametrize("solver", [None, "daqp"])
+@pytest.mark.parametrize("mode", ["scale", "relax"])
+@pytest.mark.parametrize("along", ["q", "target"])
+def test_the_velocity_is_continuous_across_the_edge(
+    mode: str, along: str, solver: str | None
+) -> None:
+    """Where the velocity changes most on a line across the edge, it changes by nothing at last.
+
+    The largest changes are enclosed by bisection: a jump would stay as large as it is.
+    """
+
+    def velocity(x: float) -> Array:
+        if along == "q":
+            return planar_step(0.05 * x, 0.3, mode, solver=solver).velocity
+        return planar_step(0.02, 0.05 * x, mode, solver=solver).velocity
+
+    line = np.linspace(-1.0, 1.0, 201)
+    found = np.array([velocity(x) for x in line])
+    change = np.abs(np.diff(found, axis=0)).max(axis=1)
+    for k in np.argsort(-change)[:4]:
+        a, b = line[k], line[k + 1]
+        at_a, at_b = found[k], found[k + 1]
+        for _ in range(24):
+            middle = 0.5 * (a + b)
+            between = velocity(middle)
+            if np.abs(between - at_a).max() > np.abs(between - at_b).max():
+                b, at_b = middle, between
+            else:
+                a, at_a = middle, between
+        assert np.abs(at_b - at_a).max() < 1e-4
+
+
+@given(SEEDS)
+@settings(max_examples=40)
+def test_a_regular_task_is_exact(seed: int) -> None:
+    """Closed form: least norm beside the secondary, 1e-9, where no limit is active."""
+    rng = np.random.default_rng(seed)
+    model = random_arm(rng, int(rng.integers(6, 9)))
+    q = random_configuration(model, rng, margin=0.2)
+    configuration = mink.Configuration(model, q)
+    task = qt.TwistTask.axis_free("tool", "site")
+    pose = configuration.get_transform_frame_to_world("tool", "site")
+    task.set_target(pose.plus(10.0 ** rng.uniform(-4.0, -1.0) * rng.normal(size=6)))
+    posture = qt.PostureReference(model, random_configuration(model, rng), gain=0.1)
+    A, b = task.velocity_rows(configuration, 0.1)
+    if np.linalg.svd(A, compute_uv=False)[-1] < 0.05:
+        return
+    controller = qt.Controller(model, [task], secondary=[posture], limits=[], solver="daqp")
+    step = controller.step(configuration, 0.1)
+    h = posture.displacement(configuration) / 0.1
+    expected = h + np.linalg.pinv(A) @ (b - A @ h)
+    assert step.status is qt.Status.SOLVED
+    np.testing.assert_allclose(step.velocity, expected, atol=1e-9 * (1 + np.abs(expected).max()))
+
+
+def test_close_to_the_edge_a_short_step_is_exact() -> None:
+    """A weak direction, and an error that one step may remove there."""
+    step = planar_step(0.15, -1e-4, "relax", side=0.0)
+    assert step.status is qt.Status.SOLVED
+    assert 0.01 < step.sigma_min < 0.05
+    np.testing.assert_allclose(step.residuals[0], 0.0, atol=1e-8)
+
+
+@pytest.mark.parametrize("part", range(4))
+def test_recorded_steps_of_regular_tasks_are_what_they_were(part: int) -> None:
+    """Where every level is met and far from singularities the step is the recorded one."""
+    records = kept()
+    compared = 0
+    for seed in range(60 * part, 60 * (part + 1)):
+        record = records[seed].answer
+        asked = composition(seed)
+        if record.status != "SOLVED" or record.sigma_min < 0.05:
+            continue
+        step = asked.step("daqp", smooth=True)
+        if step.status is not qt.Status.SOLVED:  # a lower level may be singular, or one is braked
+            continue
+        compared += 1
+        allowed = 1e-7 * (1.0 + np.abs(record.velocity).max()) + 100.0 * records[seed].spread
+        np.testing.assert_allclose(step.velocity, record.velocity, atol=allowed)
+    assert compared >= 10
+
+
+# ------------------------------------------------------------------------------------------- runs
+
+
+class Run(NamedTuple):
+    """What a run shows."""
+
+    flips: int
+    rms: float
+    final: float
+    excess: float
+
+
+def run(
+    offset: Callable[[float], Array], length: float, mode: str, *,
+    acceleration: float | None = None, twist: Callable[[float], Array] | None = None,
+    solver: str | None = None,
+) -> Run:  # fmt: skip
+    """The seven-axis arm at 200 Hz after a target that starts at home."""
+    configuration = mink.Configuration(SEVEN, HOME.copy())
+    home = configuration.get_transform_frame_to_world("tool", "site")
+    task = qt.TwistTask.axis_free("tool", "site")
+    limit = qt.MotionLimit(SEVEN, velocity=FASTEST, acceleration=acceleration)
+    controller = qt.Controller(
+        SEVEN, [task], limits=[limit], solver=solver, on_infeasible=mode,  # type: ignore[arg-type]
+        secondary=[qt.PostureReference(SEVEN, HOME, gain=0.01)],
+    )  # fmt: skip
+    velocities, excess, error = [], -np.inf, 0.0
+    lower, upper = SEVEN.jnt_range.T
+    for i in range(round(length / DT)):
+        goal = home.translation() + offset(i * DT)
+        task.set_target(
+            mink.SE3.from_rotation_and_translation(home.rotation(), goal),
+            None if twist is None else np.append(twist(i * DT), np.zeros(3)),
+        )
+        velocity = controller.step(configuration, DT).velocity
+        configuration.integrate_inplace(velocity, DT)
+        q = configuration.q
+        excess = max(excess, (q - upper).max(), (lower - q).max(), np.abs(velocity).max() - FASTEST)
+        velocities.append(velocity)
+        place = configuration.get_transform_frame_to_world("tool", "site").translation()
+        error = float(np.linalg.norm(place - goal))
+    v = np.array(velocities)
+    changes = np.diff(np.vstack([np.zeros(7), v]), axis=0)
+    if acceleration is not None:
+        excess = max(excess, float(np.abs(changes).max()) - acceleration * DT)
+    fast = (v[1:] * v[:-1] < 0.0) & (np.minimum(np.abs(v[1:]), np.abs(v[:-1])) > 0.3)
+    rms = float(np.sqrt((changes**2).mean())) / DT
+    return Run(int(fast.sum()), rms, error, float(excess))
+
+
+def there_and_back(direction: list[float], length: float) -> Callable[[float], Array]:
+    return lambda t: np.array(direction) * np.sin(np.pi * min(t / length, 1.0))
+
+
+CASES: dict[str, tuple[Callable[[float], Array], float]] = {
+    "out": (there_and_back([0.7, 0, 0], 1.6), 2.8),
+    "diagonal": (there_and_back([0.5, 0.5, 0], 1.6), 2.8),
+    "jump": (lambda t: np.array([0.7, 0.2, 0.1]) * (0.1 < t < 1.1), 2.6),
+    "20 mm outside": (lambda t: np.array([0.2245 * min(t / 0.5, 1.0), 0, 0]), 1.5),
+    "folded": (there_and_back([-0.6, 0, -0.1], 1.6), 2.6),
+}
+
+
+@pytest.mark.parametrize("mode", ["scale", "relax"])
+@pytest.mark.parametrize("name", CASES)
+def test_no_joint_chatters_when_the_target_leaves_the_reach(name: str, mode: str) -> None:
+    offset, length = CASES[name]
+    found = run(offset, length, mode)
+    assert found.flips <= 5
+    assert found.rms < 30.0
+    assert found.excess <= 1e-9
+    if name != "20 mm outside":
+        assert found.final < 1e-4
+
+
+def test_a_named_backend_is_as_calm() -> None:
+    offset, length = CASES["diagonal"]
+    calm, other = run(offset, length, "scale", solver="daqp"), run(offset, length, "scale")
+    assert calm.flips <= 5
+    assert calm.rms == pytest.approx(other.rms, rel=1e-3)
+
+
+@pytest.mark.parametrize("mode", ["scale", "relax"])
+@pytest.mark.parametrize("name", ["out", "jump"])
+def test_with_acceleration_limits_too(name: str, mode: str) -> None:
+    offset, length = CASES[name]
+    found = run(offset, length + 2.0, mode, acceleration=10.0)
+    assert found.flips <= 5
+    assert found.excess <= 1e-9
+    assert found.final < 1e-4
+
+
+# ---------------------------------------------------------------------------------------- braking
+
+
+@given(SEEDS)
+@settings(max_examples=100)
+def test_a_motion_that_is_braked_can_stop_at_its_end(seed: int) -> None:
+    """From v(1) on, braking at the planned rate from step to step goes no further than the end."""
+    rng = np.random.default_rng(seed)
+    motion, dt = rng.normal(size=5) * 10.0 ** rng.uniform(-5, 1), 10.0 ** rng.uniform(-3, -1)
+    acceleration = rng.uniform(1.0, 50.0, 5)
+    share = stopping_share(motion, acceleration, dt)
+    rate = 0.8 * np.min(acceleration / np.abs(motion))
+    speed, way = share / dt, 0.0
+    while speed > 0.0:
+        way += speed * dt
+        speed -= rate * dt
+    assert way <= 1.0 + 1e-9
+    if share < 1.0:
+        assert share == pytest.approx(dt * stopping_speed(np.array(1.0), np.array(rate), dt))
+
+
+@pytest.mark.parametrize("mode", ["scale", "relax"])
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_a_target_is_reached_without_overshoot(mode: str, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    away = rng.normal(size=3)
+    away *= 0.2 / np.linalg.norm(away)
+    away[2] -= 0.05
+    configuration = mink.Configuration(SEVEN, HOME.copy())
+    home = configuration.get_transform_frame_to_world("tool", "site")
+    goal = home.translation() + away
+    task = qt.TwistTask.axis_free("tool", "site")
+    task.set_target(mink.SE3.from_rotation_and_translation(home.rotation(), goal))
+    limit = qt.MotionLimit(SEVEN, velocity=FASTEST, acceleration=10.0)
+    controller = qt.Controller(
+        SEVEN,
+        [task],
+        limits=[limit],
+        solver="daqp",
+        on_infeasible=mode,  # type: ignore[arg-type]
+    )
+    errors = []
+    for _ in range(240):
+        step = controller.step(configuration, DT)
+        configuration.integrate_inplace(step.velocity, DT)
+        place = configuration.get_transform_frame_to_world("tool", "site").translation()
+        errors.append(float(np.linalg.norm(place - goal)))
+    outside = np.array(errors) > 1e-3
+    assert (np.flatnonzero(outside)[-1] + 1) * DT <= 0.7
+    assert np.count_nonzero(np.diff(outside.astype(int)) == 1) == 0
+    assert errors[-1] < 1e-6
+
+
+def test_a_target_with_its_twist_keeps_its_speed() -> None:
+    """0.1 m/s along y under acceleration limits: without a lag once the arm is at speed."""
+    speed = np.array([0.0, 0.1, 0.0])
+    found = run(lambda t: speed * t, 1.0, "scale", acceleration=10.0, twist=lambda _: speed)
+    assert found.final < 1e-4 + 0.1 * DT
+
+
+# ----------------------------------------------------------------------------------------- levels
+
+
+def test_a_braked_step_names_the_joint_that_could_not_stop() -> None:
+    configuration = mink.Configuration(SEVEN, HOME.copy())
+    task = qt.TwistTask.axis_free("tool", "site")
+    pose = configuration.get_transform_frame_to_world("tool", "site")
+    task.set_target(pose.plus(np.array([0.002, 0.0, 0.0, 0.0, 0.0, 0.0])))
+    limit = qt.MotionLimit(SEVEN, acceleration=10.0)
+    controller = qt.Controller(SEVEN, [task], limits=[limit], solver="daqp")
+    A, b = task.velocity_rows(configuration, DT)
+    step = controller.step(configuration, DT, velocity=np.linalg.pinv(A) @ b * 0.2)
+    assert step.status is qt.Status.SCALED
+    assert step.scale < 1.0
+    (limit_named,) = step.binding[:1]
+    assert limit_named.kind == "acceleration"
+    np.testing.assert_allclose(A @ step.velocity, step.scale * b, atol=1e-7)
+    free = qt.Controller(SEVEN, [task], limits=[], solver="daqp", braking=False)
+    assert free.step(configuration, DT).status is qt.Status.SOLVED
+
+
+def test_a_limit_that_would_stop_the_scaled_task_is_gone_around() -> None:
+    """A joint at its limit that the task needs: scale 0, and yet the error becomes smaller."""
+    q = np.array([0.638, 1.47, 0.016, 0.451, -0.039, 2.09, 0.0])
+    configuration = mink.Configuration(SEVEN, q)
+    home = mink.Configuration(SEVEN, HOME.copy()).get_transform_frame_to_world("tool", "site")
+    task = qt.TwistTask.axis_free("tool", "site")
+    task.set_target(home)
+    limit = qt.MotionLimit(SEVEN, velocity=FASTEST)
+    controller = qt.Controller(SEVEN, [task], limits=[limit], solver="daqp")
+    for _ in range(500):
+        configuration.integrate_inplace(controller.step(configuration, DT).velocity, DT)
+    place = configuration.get_transform_frame_to_world("tool", "site")
+    np.testing.assert_allclose(place.translation(), home.translation(), atol=1e-4)
+
+
+def test_a_lower_level_out_of_reach_is_calm_and_moves_nothing_above_it() -> None:
+    configuration = mink.Configuration(SEVEN, HOME.copy())
+    home = configuration.get_transform_frame_to_world("tool", "site")
+    elbow = configuration.get_transform_frame_to_world("link_4", "body")
+    task, elbow_task = qt.TwistTask.point("tool", "site"), qt.TwistTask.point("link_4", "body")
+    limit = qt.MotionLimit(SEVEN, velocity=FASTEST)
+    options: Any = {
+        "limits": [limit], "solver": "daqp",
+        "secondary": [qt.PostureReference(SEVEN, HOME, gain=0.01)],
+    }  # fmt: skip
+    controller = qt.Controller(SEVEN, levels=[[task], [elbow_task]], **options)
+    alone = qt.Controller(SEVEN, levels=[[task]], **options)
+    before, flips = np.zeros(7), 0
+    for i in range(400):
+        t = 2.5 * i * DT
+        task.set_target(
+            mink.SE3.from_rotation_and_translation(
+                home.rotation(),
+                home.translation()
+                + 0.3 * np.array([0.3 * np.sin(t), 0.3 * np.sin(2 * t), 0.15 * np.sin(3 * t)]),
+            )
+        )
+        share = np.sin(np.pi * min(i / 320, 1.0))
+        elbow_task.set_target(
+            mink.SE3.from_translation(elbow.translation() + share * np.array([0, 0.6, 0.1]))
+        )
+        step = controller.step(configuration, DT)
+        A, _ = task.velocity_rows(configuration, DT)
+        above = alone.step(configuration, DT)
+        np.testing.assert_allclose(A @ step.velocity, A @ above.velocity, atol=1e-9)
+        fast = np.minimum(np.abs(step.velocity), np.abs(before)) > 0.3
+        flips += int(((step.velocity * before < 0.0) & fast).sum())
+        before = step.velocity
+        configuration.integrate_inplace(step.velocity, DT)
+    assert flips <= 5
+
+
+@given(SEEDS)
+@settings(max_examples=60)
+def test_levels_give_way_in_the_kernel_as_in_the_reference(seed: int) -> None:
+    """Two levels of a redundant arm, the lower one far away, some with acceleration limits."""
+    rng = np.random.default_rng(seed)
+    model = random_arm(rng, int(rng.integers(7, 12)))
+    configuration = mink.Configuration(model, random_configuration(model, rng, margin=0.2))
+    tasks = [qt.TwistTask.point("tool", "site"), qt.TwistTask.point("link_5", "body")]
+    for task, size in zip(tasks, (0.003, 0.3), strict=True):
+        pose = configuration.get_transform_frame_to_world(task.frame_name, task.frame_type)
+        away = size * rng.uniform() * rng.normal(size=3)
+        task.set_target(
+            mink.SE3.from_rotation_and_translation(pose.rotation(), pose.translation() + away)
+        )
+    acceleration = 10.0 ** rng.uniform(1, 3) if rng.random() < 0.5 else None
+    before = 0.2 * rng.normal(size=model.nv) * (rng.random() < 0.5)
+    found = []
+    for solver in ("compiled", "daqp"):
+        limit = qt.MotionLimit(model, velocity=2.0, acceleration=acceleration)
+        controller = qt.Controller(
+            model, levels=[[task] for task in tasks], limits=[limit], solver=solver,
+            secondary=[qt.PostureReference(model, np.zeros(model.nv), gain=0.05)],
+        )  # fmt: skip
+        found.append(controller.step(configuration, 0.02, velocity=before))
+    ours, theirs = found
+    size = 1.0 + np.abs(theirs.velocity).max()
+    assert ours.status is theirs.status
+    np.testing.assert_allclose(ours.velocity, theirs.velocity, atol=1e-6 * size)
+    assert ours.scale == pytest.approx(theirs.scale, abs=1e-8)
+    assert {str(v) for v in ours.binding} == {str(v) for v in theirs.binding}
+    event(f"{ours.status.name} by {type(ours).__name__}")
+
+
+def test_a_secondary_leads_out_of_the_singularity() -> None:
+    """A 2R arm exactly stretched, its target inwards: the rows see nothing of it at first."""
+    model = planar_arm([0.5, 0.4])
+    configuration = mink.Configuration(model, np.array([0.3, 0.0]))
+    plane = qt.TwistProjector(linear=qt.Projector.plane([0, 0, 1]), angular=qt.Projector.none())
+    task = qt.TwistTask("tip", "site", plane)
+    tip = configuration.get_transform_frame_to_world("tip", "site").translation()
+    task.set_target(mink.SE3.from_translation(0.8 * tip))
+    posture = qt.PostureReference(model, np.array([0.0, 0.6]), gain=0.2)
+    controller = qt.Controller(model, tasks=[task], secondary=[posture], solver="daqp")
+    assert controller.step(configuration, 0.1).status is qt.Status.DEGRADED
+    for _ in range(120):
+        configuration.integrate_inplace(controller.step(configuration, 0.1).velocity, 0.1)
+    reached = configuration.get_transform_frame_to_world("tip", "site").translation()
+    np.testing.assert_allclose(reached, 0.8 * tip, atol=1e-6)
