@@ -58,8 +58,8 @@ class PosedLevels:
         lost: What singularities take from the first level.
         lower_lost: Whether a lower level has no room for some of its directions.
         soft_bands: Rows of the soft bands of all tasks.
-        edges: The rows of each level with their singular values; empty for the compiled step, which
-            slows singular directions down as :func:`~qp_twist.qp.regular_rows` says.
+        edges: The rows of each level with their singular values; empty for a step that is not
+            smooth, which slows singular directions down as :func:`~qp_twist.qp.regular_rows` says.
         slacks: Bounds of the unknowns that let directions fade, behind the joints, rad/s, (k,);
             what the secondary needs comes on top.
         braked: Share of the first level's speed from which its motion can stop in time.

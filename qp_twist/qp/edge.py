@@ -33,16 +33,15 @@ Without limits its solution is :math:`\dot{\mathbf h} + \mathbf A^T\max(\mathbf 
 \varepsilon^2)^{-1}(\ldots - \mathbf A\dot{\mathbf h})`: the share σ²/ε² follows the task, the rest
 the secondary. The rows have singular values of at least ε whatever A is.
 
-**Scaling** replaces b and e by s b and s e. Each entry of the right-hand side, in the basis of the
-uᵢ, is then s times a constant up to :math:`s_i = \max(\sigma_i^2,\varepsilon^2)/t` and constant
-above: linear programs between a few breakpoints find the largest s.
+**Scaling** takes of each direction the share θφ + s (1 − φ), φ = 1 − σ²/d: what is damped is asked
+for at any scale, as far as the joints have room for it (θ), so that it does not hold the rest down.
 
-**Relaxing** adds ℓ r to t, r the part of the displacement that the limits do not allow, and
-minimises
+**Relaxing** adds ℓ (r + min(r_l, 10 r)) to d, r the part of the displacement that the limits do not
+allow and r_l that which damping leaves, and minimises
 
 .. math::
 
-    \tfrac12\sum\tfrac{\sigma_i^2 d_i}{\max(\sigma_i^2,\varepsilon^2)}
+    \tfrac12\sum\tfrac{\sigma_i^2 d_i}{\max(\sigma_i^2, \varepsilon^2)}
     \bigl(v_i^T\dot{\mathbf q} - \tfrac{\sigma_i}{d_i}u_i^T\mathbf b\bigr)^2
     + \text{share of the cost in the null space}
 
@@ -66,6 +65,8 @@ REGULAR = 0.05
 """σ₁: singular value, m/rad or 1, from which on a direction is left alone; 50 ε if that is less,
 and 2 ε at least."""
 LOST = 10.0
+"""In units of r: as much of what damping leaves counts where limits are in the way, which makes the
+step stable far from the target and fades out with r."""
 NULL_SHARE = 0.3
 """Weight of the cost in the null space beside the damping of a relaxed task: what the limits keep
 from one joint is made up for by others as far as that is worth their motion."""
