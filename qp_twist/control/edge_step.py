@@ -36,7 +36,7 @@ WORTH_CURVED = 1e-2
 SPREAD = 20.0
 """Steps that the distance to a position limit is spread over where the task stops."""
 
-DEAD = 0.01
+DEAD = 0.03
 """η: share of the relaxed step's progress below which a scaled step passes over to it."""
 
 

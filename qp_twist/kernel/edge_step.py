@@ -62,7 +62,7 @@ from qp_twist.kernel.verified_program import (
 
 WORTH, WORTH_CURVED = 5.0, 1e-2
 """γ and δ of ``control.edge_step``."""
-DEAD = 0.01
+DEAD = 0.03
 """Share of the relaxed step's progress below which a scaled step passes over to it."""
 LOST, NULL_SHARE, ROUNDING = 10.0, 0.3, 1e-9
 """As in ``qp.edge``."""
@@ -483,7 +483,7 @@ def _slower(g, w, e, largest, dt, tolerances):
     """Scale the task, and pass over to the relaxed step where a limit stops it."""
     n, m = len(w.x), len(w.b)
     top = _largest(w, e, tolerances.backoff)
-    if top == -1.0 and rest_is_excluded(w):
+    if top == -1.0 and (rest_is_excluded(w) or e.numbers[DEGRADED] > 0.0):
         return _give_way(w, e, 0.0, largest, dt, tolerances)
     if top < 0.0 or top >= 1.0 - 2.0 * tolerances.backoff:
         return REFUSED
