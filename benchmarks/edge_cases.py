@@ -1,7 +1,8 @@
 """How the step behaves where the target leaves the reach, crosses singularities or jumps.
 
-    python benchmarks/edge_cases.py [edge_cases edge_excursions edge_settling] [--only out,jump]
-        [--arms seven,six,two] [--excursions 40] [--first 0] [--figure FILE] [--write]
+    python benchmarks/edge_cases.py [edge_cases edge_excursions edge_settling edge_noise]
+        [--arms seven,six,two] [--only out,jump] [--excursions 40] [--first 0] [--figure FILE]
+        [--write]
 
 Every case is run at 200 Hz with joint speeds up to pi/2 rad/s by mink's soft frame task and by the
 controller with ``scale`` and ``relax``, each without and with an acceleration limit of 10 rad/s^2.
@@ -463,6 +464,25 @@ def draw(arm: Arm, groups: dict[str, list[tuple[Figures, list[Figures]]]], file:
     Image.open(drawn).convert("RGB").quantize(32).save(file, optimize=True)
 
 
+def noise_page(arms: str, solver: str) -> str:
+    """0.1 mm of noise on a target 2 mm inside the edge, and what the error is without noise."""
+    arm = all_arms()[arms.partition(",")[0]]
+    noisy, quiet = (
+        next(c for c in cases(arm) if c.name == name)
+        for name in ("2 mm inside, noise", "2 mm inside")
+    )
+    contenders = [
+        (f"`singularity={value:g}`", ours("scale", None, solver or None, singularity=value))
+        for value in (0.001, 0.03, 0.05, 0.1)
+    ]
+    rows = []
+    for name, who in [*contenders, ("mink's soft task", soft())]:
+        f = run(arm, noisy, who)
+        rows.append((name, f"{f.rms:.0f}", f.flips, f"{run(arm, quiet, who).final:.2f}"))
+    head = ("setting", "rms rad/s²", "sign changes", "error without noise, mm")
+    return markdown_table(head, rows)
+
+
 def settling_page(arms: str, solver: str) -> str:
     """Settling of six targets 0.2 m away, under the acceleration limit."""
     rows = []
@@ -514,6 +534,7 @@ PAGES = {
     "edge_cases": cases_page,
     "edge_excursions": excursions_page,
     "edge_settling": settling_page,
+    "edge_noise": noise_page,
 }
 OPTIONS: dict[str, Any] = {
     "arms": "seven,six,two",

@@ -67,3 +67,9 @@ def test_once_returns_a_time_and_what_the_call_returns() -> None:
 def test_the_first_columns_of_a_table_are_text() -> None:
     table = markdown_table(("a", "b", "c"), [("x", "y", 1)], left=2)
     assert table == "| a | b | c |\n| :-- | :-- | --: |\n| x | y | 1 |\n"
+
+
+def test_an_excursion_of_the_target_is_measured() -> None:
+    found = import_module("edge_cases").excursion(0, "seven", "relax", 10.0, "")
+    assert found.flips == 0 and not found.failures
+    assert found.final < 0.1 and found.excess < 1e-9
