@@ -11,6 +11,7 @@ from typing import Annotated, NamedTuple
 
 from qp_twist.kernel.bounds import bounds
 from qp_twist.kernel.compiling import plain
+from qp_twist.kernel.null_space import ROUNDING, SWEEPS, jacobi_rotation
 from qp_twist.kernel.record import Floats, RecordType, reader
 from qp_twist.kernel.step_record import PROGRAM, Program, Sizes
 
@@ -29,7 +30,6 @@ SHORTENED = 10.0
 _RANK = 1e-12
 _MOTION = 1
 """Kind of the limits that have an acceleration: ``bounds.MOTION``."""
-_SWEEPS, _ROUNDING = 60, 1e-15
 
 
 class EdgeArrays(NamedTuple):
@@ -108,7 +108,7 @@ def rotate(A, rate, forward, square):
         for i in range(n):
             whole += A[row, i] * A[row, i]
     turned, sweeps = True, 0
-    while turned and sweeps < _SWEEPS:
+    while turned and sweeps < SWEEPS:
         turned, sweeps = False, sweeps + 1
         for i in range(m):
             for j in range(i):
@@ -117,13 +117,10 @@ def rotate(A, rate, forward, square):
                     first += A[i, k] * A[i, k]
                     second += A[j, k] * A[j, k]
                     both += A[i, k] * A[j, k]
-                if abs(both) <= _ROUNDING * max(math.sqrt(first * second), _ROUNDING * whole):
+                if abs(both) <= ROUNDING * max(math.sqrt(first * second), ROUNDING * whole):
                     continue
                 turned = True
-                zeta = (second - first) / (2.0 * both)
-                tan = (1.0 if zeta > 0.0 else -1.0) / (abs(zeta) + math.sqrt(1.0 + zeta * zeta))
-                cos = 1.0 / math.sqrt(1.0 + tan * tan)
-                sin = cos * tan
+                cos, sin = jacobi_rotation(first, second, both)
                 for k in range(n):
                     a, b = A[i, k], A[j, k]
                     A[i, k], A[j, k] = cos * a - sin * b, sin * a + cos * b

@@ -8,9 +8,9 @@ from qp_twist.kernel.compiling import part, plain
 
 INDEPENDENT = 1e-8
 """Rows whose smallest pivot is below this share of the largest are left to the reference."""
-_SWEEPS = 60
+SWEEPS = 60
 """Limit of the sweeps; ten are enough in practice."""
-_ROUNDING = 1e-15
+ROUNDING = 1e-15
 """Cosine of the angle below which columns count as orthogonal; share below which a column is
 zero."""
 
@@ -155,6 +155,15 @@ def row_space(A, V):
     return rank
 
 
+@part
+def jacobi_rotation(first, second, both):
+    """Cosine and sine of the rotation that makes two vectors orthogonal, from their products."""
+    zeta = (second - first) / (2.0 * both)
+    tan = (1.0 if zeta > 0.0 else -1.0) / (abs(zeta) + math.sqrt(1.0 + zeta * zeta))
+    cos = 1.0 / math.sqrt(1.0 + tan * tan)
+    return cos, cos * tan
+
+
 @plain
 def right_singular(A, V, sigma):
     """Write right singular vectors of A (m, n) to the rows of V (n, n), the values to sigma (n,).
@@ -170,7 +179,7 @@ def right_singular(A, V, sigma):
         for row in range(m):
             whole += A[row, i] * A[row, i]
     turned, sweeps = True, 0
-    while turned and sweeps < _SWEEPS:
+    while turned and sweeps < SWEEPS:
         turned, sweeps = False, sweeps + 1
         for i in range(n):
             for j in range(i):
@@ -179,13 +188,10 @@ def right_singular(A, V, sigma):
                     first += A[row, i] * A[row, i]
                     second += A[row, j] * A[row, j]
                     both += A[row, i] * A[row, j]
-                if abs(both) <= _ROUNDING * max(math.sqrt(first * second), _ROUNDING * whole):
+                if abs(both) <= ROUNDING * max(math.sqrt(first * second), ROUNDING * whole):
                     continue
                 turned = True
-                zeta = (second - first) / (2.0 * both)
-                tan = (1.0 if zeta > 0.0 else -1.0) / (abs(zeta) + math.sqrt(1.0 + zeta * zeta))
-                cos = 1.0 / math.sqrt(1.0 + tan * tan)
-                sin = cos * tan
+                cos, sin = jacobi_rotation(first, second, both)
                 for row in range(m):
                     a, b = A[row, i], A[row, j]
                     A[row, i], A[row, j] = cos * a - sin * b, sin * a + cos * b
