@@ -146,6 +146,11 @@ def bounds(
             )  # fmt: skip
             if not inside:
                 return False
+        # A joint that can only just stop: its acceleration limit counts before its range.
+        if least > most and from_below == ACCELERATION_BOUND and from_above == POSITION_BOUND:
+            most, from_above = least, from_below
+        if least > most and from_above == ACCELERATION_BOUND and from_below == POSITION_BOUND:
+            least, from_below = most, from_above
         if not least <= most or least > unlimited or most < -unlimited:
             return False
         lower[dof] = least if least >= -unlimited else -math.inf
