@@ -175,7 +175,7 @@ class CompiledStep:
         )  # fmt: skip
         self._capacity = capacity
         self._floats, self._integers = STEP.allocate(size)
-        self._edge = EDGE.allocate(self._edge_size) if self._has_edge(composed) else None
+        self._edge: tuple[Array, npt.NDArray[np.int64]] = EDGE.allocate(self._edge_size)
         self._take_rows(0)
         g = self._inputs
         self._python_tasks = [n for n, task in enumerate(self._tasks) if not rows_known(task)]
@@ -237,11 +237,6 @@ class CompiledStep:
             return False
         return float(self._program.sensitivity[0]) < DEAD * float(self._program.braking[0])
 
-    @staticmethod
-    def _has_edge(composed: Composition) -> bool:
-        """Whether steps are smooth at the edge."""
-        return composed.smooth and composed.singularity > 0.0
-
     @property
     def _edge_size(self) -> Sizes:
         """Sizes of the program at the edge: a slack for each row and the scale are unknowns too."""
@@ -252,8 +247,7 @@ class CompiledStep:
         """Make the views for k inequality rows."""
         self._size = self._size._replace(k=k)
         STEP.resize(self._integers, self._size)
-        if self._edge is not None:
-            EDGE.resize(self._edge[1], self._edge_size)
+        EDGE.resize(self._edge[1], self._edge_size)
         stages = STEP.arrays(self._floats, self._integers, self._integers)
         self._inputs: StepInputs = stages.inputs
         self._program: Program = stages.program
@@ -314,8 +308,6 @@ class CompiledStep:
         arrays = self._floats, self._integers
         status = live_step(*arrays, dt, use_secondary, self.twist_space)
         if status == AT_THE_EDGE or (status == INFEASIBLE and self._smooth):
-            if self._edge is None:
-                return REFUSED, True
             if len(self._levels) > 1:
                 if status == AT_THE_EDGE:
                     return REFUSED, True
@@ -327,9 +319,9 @@ class CompiledStep:
 
     def load(self) -> None:
         """Load, or compile, what infeasible steps take; it overwrites the last step's program."""
-        if self._edge is not None and len(self._levels) > 1:
+        if self._smooth and len(self._levels) > 1:
             live_edge_levels(self._floats, self._integers, *self._edge, 1.0)
-        elif self._edge is not None:
+        elif self._smooth:
             live_edge_step(self._floats, self._integers, *self._edge, 1.0, False, self.twist_space)
         else:
             live_infeasible_step(self._floats, self._integers)
@@ -339,7 +331,6 @@ class CompiledStep:
         self, step: LazyStep, composed: Composition, configuration: mink.Configuration, dt: float
     ) -> None:
         """Record how the directions are computed that a step lacks, if there are any."""
-        assert self._edge is not None
         edge: EdgeArrays = EDGE.arrays(*self._edge, self._edge[1])
         if not edge.numbers[FADES]:
             return
@@ -467,7 +458,7 @@ class CompiledStep:
         self._update_secondary(None)
         self._update_state(composed)
         edge = self._edge
-        if edge is None or len(self._levels) > 1:
+        if not self._smooth or len(self._levels) > 1:
             edge = np.zeros(0), np.zeros(0, dtype=np.int64)
         return (self._floats, self._integers, *edge), self._inputs.targets
 
@@ -545,35 +536,30 @@ class CompiledStep:
             self._moving[number] = moves
 
     def _take_settings(self, composed: Composition) -> None:
-        self._singularity, self._weighs = composed.singularity, composed.joint_weight
-        self._on_infeasible = composed.on_infeasible
-        self._smooth, self._brakes = composed.smooth, composed.braking
+        self._taken = _settings_of(composed)
+        self._smooth = composed.smooth and composed.singularity > 0.0
         limited = any(
             np.isfinite(v.max_acceleration).any()
             for v in self._limits
             if isinstance(v, MotionLimit)
         )
-        smooth = self._smooth and self._singularity > 0.0
+        self._brakes = self._smooth and composed.braking and limited
         settings = kernel_settings(
-            self._singularity, self._weighs, _INFEASIBLE[composed.on_infeasible],
-            smooth=smooth, trusts=composed.trusts, braking=smooth and self._brakes and limited,
+            composed.singularity, composed.joint_weight, _INFEASIBLE[composed.on_infeasible],
+            smooth=self._smooth, trusts=composed.trusts, braking=self._brakes,
         )  # fmt: skip
         self._inputs.settings[:] = settings  # type: ignore[index]
 
     def _update_state(self, composed: Composition) -> None:
         """Write changed settings, and the windows and previous velocity of limits."""
-        if (
-            composed.singularity != self._singularity
-            or composed.joint_weight != self._weighs
-            or composed.on_infeasible != self._on_infeasible
-            or composed.smooth != self._smooth
-            or composed.braking != self._brakes
-        ):
-            self._take_settings(composed)
+        changed = _settings_of(composed) != self._taken
         for number, (table, limit) in enumerate(self._ranged):
             if limit.revision != self._revisions[number]:
                 self._revisions[number] = limit.revision
                 table[:] = table_of([limit], len(table))[0][0]
+                changed = True  # braking and damping depend on which limits there are
+        if changed:
+            self._take_settings(composed)
         for number, (table, box) in enumerate(self._mink_boxes):
             state = state_of_mink(box)
             if state != self._mink_states[number]:
@@ -588,6 +574,17 @@ class CompiledStep:
         """As :meth:`~qp_twist.Controller.note`, for a velocity that the kernel has computed."""
         for _, motion in self._motions:
             motion.velocity = velocity.copy()
+
+
+def _settings_of(composed: Composition) -> tuple[float, float, str, bool, bool]:
+    """Settings of a controller that can change between two steps."""
+    return (
+        composed.singularity,
+        composed.joint_weight,
+        composed.on_infeasible,
+        composed.smooth,
+        composed.braking,
+    )
 
 
 def _step_sizes(task: TwistTask) -> tuple[float, float, float]:

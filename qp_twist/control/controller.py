@@ -102,6 +102,12 @@ def _metric(controller: Any, name: str, value: npt.ArrayLike) -> Array:
     return read_only(metric)
 
 
+def _flag(_: Any, name: str, value: Any) -> bool:
+    if not isinstance(value, (bool, np.bool_)):
+        raise InvalidInput(f"{name}: expected True or False, got {value!r}.")
+    return bool(value)
+
+
 class Controller:
     r"""A quadratic program at every step (the design of the package, in one formula).
 
@@ -147,6 +153,11 @@ class Controller:
     singularity: float = checked(
         lambda _, name, value: number(name, value, at_least=0.0, at_most=1.0)
     )
+    on_infeasible: str = checked(
+        lambda _, name, value: one_of(name, value, ("scale", "relax", "raise"))
+    )
+    smooth: bool = checked(_flag)
+    braking: bool = checked(_flag)
 
     @refusing_unknown_names
     def __init__(
@@ -227,7 +238,7 @@ class Controller:
             known = composition_known(self.levels, self.limits)
             solver = COMPILED if known else "daqp"
         self.solver = check_solver(solver)
-        self.on_infeasible = one_of("on_infeasible", on_infeasible, ("scale", "relax", "raise"))
+        self.on_infeasible = on_infeasible
         self._check_types()
         # The last checked configuration, its model and its data.
         self._checked = _NOT_CHECKED
@@ -247,7 +258,7 @@ class Controller:
             if self.secondary_space == "joint":
                 joint_weight = TIE_BREAK if self.soft_tasks and not self.secondary else 1.0
         self.joint_weight, self.singularity = joint_weight, singularity
-        self.smooth, self.braking = bool(smooth), bool(braking)
+        self.smooth, self.braking = smooth, braking
         self.free_twist_costs = linear, angular
         self._prepared, self._free = self._compiled_step(), threading.Lock()
         self.reference_steps = 0

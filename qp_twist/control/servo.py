@@ -50,7 +50,8 @@ class Servo:
     with it. In each tick the controller's own limits hold, as ever.
 
     The servo reads ``configuration`` and does not change it: the caller integrates the velocity, or
-    updates it from measurements. Inputs may come from other threads; ticks from one.
+    updates it from measurements. Inputs may come from other threads; ticks from one. The controller
+    and its tasks and limits belong to one servo.
 
     Attributes:
         controller: The controller; the servo sets the targets of the tasks that it is fed for.

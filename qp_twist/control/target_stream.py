@@ -30,6 +30,11 @@ class StreamSettings:
     jump: tuple[float, float]
     approach_speed: tuple[float, float]
 
+    @property
+    def share(self) -> float:
+        """Share of a change of velocity that jogging takes up in a tick."""
+        return -math.expm1(-4.0 * self.period / self.stop_within)
+
     def braking(self, elapsed: float) -> float:
         """Share of the velocity that is left in a tick ``elapsed`` s after braking began."""
         return max(0.0, 1.0 - (elapsed + self.period) / self.stop_within)
@@ -61,7 +66,7 @@ class TargetStream:
         self._between = self._motion.pose
         self._goal = self._input = self._stale_since = None
         self.approaching = False
-        self._braked_from = _AT_REST
+        self._braked_from = self._pace = _AT_REST
         self._set_target(self._motion.pose)
 
     def wait(self, configuration: mink.Configuration) -> None:
@@ -87,7 +92,8 @@ class TargetStream:
                 self.approaching = True
             if self._goal is None:
                 self._between = self._motion.pose
-        self._goal, self._input, self._stale_since = given.pose, given, None
+            self._goal = given.pose
+        self._input, self._stale_since = given, None
 
     def advance(
         self, now: float, configuration: mink.Configuration, velocity: Array, *, behind: bool
@@ -113,7 +119,8 @@ class TargetStream:
         elif given.pose is not None:
             self._follow(given, given.pose, now, configuration, behind)
         else:
-            self._jog(given, configuration)
+            before = self._jog(given, configuration)
+        self._pace = self._pace + self._settings.share * (self._motion.twist - self._pace)
         self._set_target(before)
         return fresh
 
@@ -181,9 +188,16 @@ class TargetStream:
             self._between = moved(goal, twist, dt)
         motion.follow(goal, twist, self._interval, dt)
 
-    def _jog(self, given: Input, configuration: mink.Configuration) -> None:
+    def _jog(self, given: Input, configuration: mink.Configuration) -> Array:
         settings, motion, twist = self._settings, self._motion, given.twist
         assert twist is not None
+        if self._goal is not None:
+            # From where the robot is, at the smoothed velocity of the poses before: a pose that was
+            # followed within a tick gave the reference a velocity at which nothing should go on.
+            self._goal, self.approaching = None, False
+            motion.stand(pose_of(self.task, configuration))
+            motion.twist = self._pace
+        before = motion.pose
         if given.in_tool:
             rotation = mink.SO3(pose_of(self.task, configuration)[:4]).as_matrix()
             twist = (twist.reshape(2, 3) @ rotation.T).ravel()
@@ -192,8 +206,8 @@ class TargetStream:
         missing = error_of(self.task, configuration)
         if beyond(missing, leash) and float(missing @ twist) > 0.0:
             twist = _AT_REST
-        share = -math.expm1(-4.0 * settings.period / settings.stop_within)
-        motion.along(motion.twist + share * (twist - motion.twist), settings.period)
+        motion.along(motion.twist + settings.share * (twist - motion.twist), settings.period)
+        return before
 
 
 def pose_of(task: TwistTask, configuration: mink.Configuration) -> Array:

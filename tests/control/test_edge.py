@@ -540,6 +540,33 @@ def test_levels_give_way_in_the_kernel_as_in_the_reference(seed: int) -> None:
     event(f"{ours.status.name} by {type(ours).__name__}")
 
 
+def test_joints_that_just_stop_at_their_limits_are_braked_in_the_kernel() -> None:
+    """At the stopping speed rounding decides which bound is higher: acceleration counts first."""
+    model = SEVEN
+    away = np.array([2.9, 2.0, -2.9, 2.0, 2.9, -2.0, 3.0])
+    found = []
+    for solver in ("compiled", "daqp"):
+        configuration = mink.Configuration(model, 0.3 * away)
+        limit = qt.MotionLimit(model, velocity=FASTEST, acceleration=10.0)
+        task = qt.TwistTask(
+            "tool",
+            "site",
+            qt.TwistProjector(linear=qt.Projector.none(), angular=qt.Projector.none()),
+        )
+        task.set_target_from_configuration(configuration)
+        controller = qt.Controller(
+            model, [task], limits=[limit], solver=solver,
+            secondary=[qt.PostureReference(model, 2.0 * away, gain=1.0)],
+        )  # fmt: skip
+        for _ in range(400):
+            configuration.integrate_inplace(controller.step(configuration, DT).velocity, DT)
+        found.append(configuration.q)
+        if solver == "compiled":
+            assert controller.reference_steps == 0
+    np.testing.assert_allclose(found[0], found[1], atol=1e-9)
+    np.testing.assert_allclose(np.abs(found[0]), model.jnt_range[:, 1], atol=1e-6)
+
+
 def test_a_secondary_leads_out_of_the_singularity() -> None:
     """A 2R arm exactly stretched, its target inwards: the rows see nothing of it at first."""
     model = planar_arm([0.5, 0.4])
@@ -555,3 +582,66 @@ def test_a_secondary_leads_out_of_the_singularity() -> None:
         configuration.integrate_inplace(controller.step(configuration, 0.1).velocity, 0.1)
     reached = configuration.get_transform_frame_to_world("tip", "site").translation()
     np.testing.assert_allclose(reached, 0.8 * tip, atol=1e-6)
+
+
+@pytest.mark.parametrize("mode", ["scale", "relax"])
+@pytest.mark.parametrize(
+    ("before", "name", "value"),
+    [
+        ({}, "smooth", False),
+        ({"smooth": False}, "smooth", True),
+        ({}, "singularity", 0.0),
+        ({"singularity": 0.0}, "singularity", 1e-3),
+        ({}, "braking", False),
+        ({"acceleration": np.inf}, "max_acceleration", np.full(7, 5.0)),
+        ({"velocity": np.inf, "acceleration": np.inf}, "max_velocity", np.full(7, 1.0)),
+    ],
+)
+def test_settings_that_change_between_two_steps_are_those_of_the_next(
+    mode: str, before: dict, name: str, value: object
+) -> None:
+    """The compiled step beside the reference, which reads them anew at every step."""
+    before = dict(before)
+    motion = {"velocity": 1.5, "acceleration": 10.0}
+    motion |= {key: before.pop(key) for key in motion if key in before}
+    steps = []
+    for solver in (None, "daqp"):
+        task = qt.TwistTask.axis_free("tool", "site")
+        limit = qt.MotionLimit(SEVEN, **motion)  # type: ignore[arg-type]
+        controller = qt.Controller(
+            SEVEN, [task], limits=[limit], solver=solver,
+            on_infeasible=mode, **before,  # type: ignore[arg-type]
+        )  # fmt: skip
+        near, stretched = (
+            mink.Configuration(SEVEN, q) for q in (HOME, HOME * [0, 1, 0, 0.02, 0, 0.2, 0])
+        )
+        result = []
+        for change in (False, True):
+            if change:
+                setattr(limit if name.startswith("max") else controller, name, value)
+            for configuration, distance in ((near, 0.1), (stretched, 0.01)):
+                tool = configuration.get_transform_frame_to_world("tool", "site")
+                shift = np.array([distance, 0.0, 0.5 * distance])
+                task.set_target(mink.SE3.from_translation(shift) @ tool)
+                result.append(controller.step(configuration, DT, velocity=np.zeros(7)))
+        assert controller.reference_steps == (0 if solver is None else 4)
+        steps.append(result)
+    for compiled, reference in zip(*steps, strict=True):
+        assert compiled.status is reference.status
+        np.testing.assert_allclose(compiled.velocity, reference.velocity, atol=1e-6)
+        assert compiled.scale == pytest.approx(reference.scale, rel=1e-6)
+    pairs = [(steps[1][k], steps[1][k + 2]) for k in (0, 1)]
+    changes = [[*(a.velocity - b.velocity), a.scale / b.scale - 1.0] for a, b in pairs]
+    # Otherwise nothing is tested. From rest the acceleration limit scales as much as braking would.
+    assert np.abs(changes).max() > 1e-4 or (name, mode) == ("braking", "scale")
+
+
+@pytest.mark.parametrize(
+    ("name", "value"), [("on_infeasible", "stop"), ("smooth", "no"), ("braking", 0.5)]
+)
+def test_a_setting_that_does_not_exist_is_refused_when_assigned(name: str, value: object) -> None:
+    controller = qt.Controller(SEVEN, [qt.TwistTask.point("tool", "site")])
+    with pytest.raises(qt.InvalidInput, match=f"{name}: expected"):
+        setattr(controller, name, value)
+    with pytest.raises(qt.InvalidInput, match=f"{name}: expected"):
+        qt.Controller(SEVEN, controller.tasks, **{name: value})  # type: ignore[arg-type]

@@ -259,7 +259,41 @@ def test_inputs_of_other_threads_disturb_no_tick() -> None:
         for thread in threads:
             thread.join()
     assert ServoState.BLOCKED not in {tick.state for tick in ticks}
-    assert np.linalg.norm(rig.pose().translation() - rig.start.translation()) < 0.011
+    # A jog at rest carries on from the smoothed velocity of the poses: by another 10 mm at most.
+    assert np.linalg.norm(rig.pose().translation() - rig.start.translation()) < 0.025
+    rig.run(1.0, lambda t: rig.servo.track(rig.shifted(0.01)))
+    assert rig.off(rig.shifted(0.01)) < 1e-5
+
+
+@pytest.mark.parametrize("cartesian", [0.0, 0.05])
+def test_jogging_after_a_jump_of_the_stream_does_not_go_on_at_its_speed(cartesian: float) -> None:
+    rig = Rig()
+    rig.run(0.2, lambda t: rig.servo.track(rig.start))
+    rig.servo.track(rig.shifted(0.01))  # followed in one tick, at up to 2 m/s
+    rig.tick()
+    ticks = rig.run(1.0, lambda t: rig.servo.jog([0.0, cartesian, 0.0, 0.0, 0.0, 0.0]))
+    went = rig.pose().translation() - rig.start.translation()
+    # The speed of a second of jogging, less the time that it takes to be there.
+    assert went[1] == pytest.approx(cartesian * (1.0 - 0.25 / 4.0), abs=1e-3)
+    assert 0.0 <= went[0] < 0.021
+    assert ticks[-1].state is ServoState.TRACKING
+
+
+def test_jogging_goes_on_at_the_speed_of_a_steady_stream() -> None:
+    rig = Rig()
+    moving = rig.run(0.6, lambda t: rig.servo.track(rig.shifted(0.1 * t)))
+    before = rig.pose().translation()[0]
+    slowing = rig.run(0.6, lambda t: rig.servo.jog(np.zeros(6)))
+    speeds = [np.linalg.norm(tick.velocity) for tick in (moving[-1], *slowing)]
+    assert np.abs(np.diff(speeds)).max() < 0.1 * speeds[0]
+    assert rig.pose().translation()[0] - before == pytest.approx(0.1 * 0.25 / 4.0, rel=0.1)
+
+
+def test_jogging_is_not_called_the_approach_of_the_target_before() -> None:
+    rig = Rig()
+    rig.run(0.1, lambda t: rig.servo.track(rig.shifted(0.0, 0.15, 0.1)))
+    assert rig.tick().state is ServoState.APPROACHING
+    assert rig.run(0.3, lambda t: rig.servo.jog(np.zeros(6)))[-1].state is ServoState.TRACKING
 
 
 @pytest.mark.parametrize("on_infeasible", ["scale", "relax"])
