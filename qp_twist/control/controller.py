@@ -88,6 +88,8 @@ SMALLEST_WEIGHT, LARGEST_WEIGHT = 1e-12, 1e12
 """Range of ρ and the entries of M: beyond it, they or other costs are lost to rounding."""
 SINGULARITY = 1e-3
 """Singular value of the task rows, m/rad or 1, below which a direction is slowed down."""
+SMALLEST_SINGULARITY = 1e-9
+"""A smaller ``singularity`` counts as 0."""
 _NOT_CHECKED: tuple[Any, Any, Any] = (object(), None, None)
 """Placeholder for (configuration, model, data) that no argument equals."""
 
@@ -106,6 +108,12 @@ def _flag(_: Any, name: str, value: Any) -> bool:
     if not isinstance(value, (bool, np.bool_)):
         raise InvalidInput(f"{name}: expected True or False, got {value!r}.")
     return bool(value)
+
+
+def _singularity(_: Any, name: str, value: float) -> float:
+    """ε; what is too small to be told from rounding is 0."""
+    given = number(name, value, at_least=0.0, at_most=1.0)
+    return given if given >= SMALLEST_SINGULARITY else 0.0
 
 
 class Controller:
@@ -150,9 +158,7 @@ class Controller:
     joint_weight: float = checked(
         lambda _, name, value: number(name, value, at_least=SMALLEST_WEIGHT, at_most=LARGEST_WEIGHT)
     )
-    singularity: float = checked(
-        lambda _, name, value: number(name, value, at_least=0.0, at_most=1.0)
-    )
+    singularity: float = checked(_singularity)
     on_infeasible: str = checked(
         lambda _, name, value: one_of(name, value, ("scale", "relax", "raise"))
     )
@@ -204,8 +210,8 @@ class Controller:
             free_angular_cost: Square root of w for the angular rows of 1 − T, s/rad; its ratio
                 to the linear one is the length in m that 1 rad/s counts for.
             singularity: ε, singular value of the task rows below which a direction is left to the
-                secondary (``qp_twist/qp/edge.py``); 0: never. A larger value damps the noise of
-                targets near the edge, for an error that is its price.
+                secondary (``qp_twist/qp/edge.py``); 0, or less than 1e-9: never. A larger value
+                damps the noise of targets near the edge, for an error that is its price.
             smooth: Whether steps are smooth at the edge of the reach, through singularities and
                 where limits stop the task (the docs' page *At the edge*). ``False`` takes the
                 largest scale and the closest velocity instead, as the following of a path does,

@@ -105,7 +105,7 @@ def test_an_edit_of_another_file_reaches_a_kernel_of_this_package(tmp_path: Path
     # One of the shortest kernels; the rule for the nearer of two bounds is in another file.
     script = """
 import numpy as np
-from qp_twist.kernel.stated_limits import narrow_box
+from qp_twist.kernel.gather_bounds_and_rows import narrow_box
 box = np.array([[-3.0], [3.0], [0.0], [0.0]])
 print(int(narrow_box(np.array([-1.0]), np.array([2.0]), 1.0, box)), *box[:, 0])
 """
