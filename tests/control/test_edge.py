@@ -18,7 +18,13 @@ from oracles.recorded_steps import kept
 
 import qp_twist as qt
 from qp_twist.constraints import stopping_share, stopping_speed
+from qp_twist.constraints.stopping_speed import BRAKING
+from qp_twist.control import edge_step as readable
+from qp_twist.kernel import edge_rows
+from qp_twist.kernel import edge_step as kernel
+from qp_twist.qp import edge
 from qp_twist.qp.edge import EdgeRows
+from qp_twist.qp.verification import EQUALITY_TOLERANCE
 
 Array = npt.NDArray[np.float64]
 SEEDS = st.integers(0, 10**6)
@@ -175,6 +181,22 @@ def test_no_weak_singular_value_changes_faster_than_its_bound(seed: int) -> None
         v = right[i]
         change = (rows(q + 1e-6 * v) - rows(q - 1e-6 * v)) / 2e-6
         assert abs(left[:, i] @ change @ v) <= bound
+
+
+def test_both_statements_have_the_same_constants() -> None:
+    """In the kernel they are compiled in; a difference would be one of the step."""
+    assert (edge_rows.REGULAR, edge_rows.BEND, edge_rows.SHORTENED) == (
+        edge.REGULAR, edge.BEND, edge.SHORTENED,
+    )  # fmt: skip
+    assert edge_rows.BRAKING == BRAKING
+    assert edge_rows.SPREAD == readable.SPREAD
+    assert (kernel.WORTH, kernel.WORTH_CURVED, kernel.DEAD) == (
+        readable.WORTH, readable.WORTH_CURVED, readable.DEAD,
+    )  # fmt: skip
+    assert (kernel.LOST, kernel.NULL_SHARE, kernel.ROUNDING) == (
+        edge.LOST, edge.NULL_SHARE, edge.ROUNDING,
+    )  # fmt: skip
+    assert kernel.NOTICEABLE == EQUALITY_TOLERANCE
 
 
 # ----------------------------------------------------------------------------- one step of a robot
