@@ -331,7 +331,7 @@ class CompiledStep:
         self, step: LazyStep, composed: Composition, configuration: mink.Configuration, dt: float
     ) -> None:
         """Record how the directions are computed that a step lacks, if there are any."""
-        edge: EdgeArrays = EDGE.arrays(*self._edge, self._edge[1])
+        edge: EdgeArrays = EDGE.arrays(*self._edge, self._edge[1], "numbers")
         if not edge.numbers[FADES]:
             return
         A, b = self._program.A[:, : self._model.nv].copy(), edge.stated.copy()

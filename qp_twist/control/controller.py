@@ -111,7 +111,7 @@ def _flag(_: Any, name: str, value: Any) -> bool:
 
 
 def _singularity(_: Any, name: str, value: float) -> float:
-    """ε; what is too small to be told from rounding is 0."""
+    """ε; what is too small to distinguish from rounding is 0."""
     given = number(name, value, at_least=0.0, at_most=1.0)
     return given if given >= SMALLEST_SINGULARITY else 0.0
 

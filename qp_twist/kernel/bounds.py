@@ -17,7 +17,7 @@ NO_BOUND = 9.0
 
 
 @part
-def _stopping_speed(room, acceleration, dt):
+def stopping_speed(room, acceleration, dt):
     """As ``constraints.stopping_speed``, for one joint."""
     if math.isinf(acceleration) or math.isinf(room):
         return room / dt
@@ -102,14 +102,14 @@ def joint_bounds(kind, q, dt, noticeable, numbers, least, from_below, most, from
         inside = (
             inside
             and abs(before) <= fastest + noticeable
-            and -before - change <= _stopping_speed(max(below, 0.0) + noticeable, hardest, dt)
-            and before - change <= _stopping_speed(max(above, 0.0) + noticeable, hardest, dt)
+            and -before - change <= stopping_speed(max(below, 0.0) + noticeable, hardest, dt)
+            and before - change <= stopping_speed(max(above, 0.0) + noticeable, hardest, dt)
         )
         least, from_below = _above(before - change, ACCELERATION_BOUND, least, from_below)
         most, from_above = _below(before + change, ACCELERATION_BOUND, most, from_above)
         least, from_below = _above(-fastest, VELOCITY_BOUND, least, from_below)
         most, from_above = _below(fastest, VELOCITY_BOUND, most, from_above)
-        low, high = _stopping_speed(low, hardest, dt), _stopping_speed(high, hardest, dt)
+        low, high = stopping_speed(low, hardest, dt), stopping_speed(high, hardest, dt)
     else:
         low, high = low / dt, high / dt
     least, from_below = _above(-low, POSITION_BOUND, least, from_below)

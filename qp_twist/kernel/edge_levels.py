@@ -13,7 +13,7 @@ from qp_twist.kernel.closest_levels import gap as gap_of
 from qp_twist.kernel.compiling import plain
 from qp_twist.kernel.dual_active_set import SOLVED, active_set, cholesky_inverse
 from qp_twist.kernel.edge_rows import BEND, rotate
-from qp_twist.kernel.edge_step import NULL_SHARE, ROUNDING, joint_cost, largest_cost, times
+from qp_twist.kernel.edge_step import NULL_SHARE, excess, joint_cost, largest_cost, relaxed_cost
 from qp_twist.kernel.null_space import row_space, times_q, times_q_transposed
 from qp_twist.kernel.verified_program import PRIORITIZED, REFUSED, SCALED, clip_to_bounds
 
@@ -35,7 +35,7 @@ def _rotated(w, e, first, end):
 
 
 @plain
-def _below(w, e, x, first, end):
+def _below(w, e, x, first, end, singularity):
     """Write the level's rows on what the levels above leave, rotated, and what is left of b.
 
     ``e.scaled`` receives the part of x that the levels above decide.
@@ -67,42 +67,9 @@ def _below(w, e, x, first, end):
             e.rows[row, k] = 0.0
         times_q(V, e.rows[row])
     _rotated(w, e, first, end)
+    for row in range(first, end):
+        e.floor[row] = max(e.square[row], singularity * singularity)
     return size
-
-
-@plain
-def _relaxed_cost(w, e, first, end, short, size, largest, singularity):
-    """Write the cost of ``EdgeRows.relaxed`` of a regular level to ``w.levels``."""
-    p, n, N = w.levels, len(w.x), e.project
-    bend = BEND * _BELOW * size
-    weight = NULL_SHARE / largest
-    weight *= bend * short if bend * short > ROUNDING * size * size else 0.0
-    for k in range(n):
-        e.motion[k] = e.scaled[k]
-        for j in range(n):
-            N[k, j] = 1.0 if k == j else 0.0
-    for i in range(first, end):
-        floor = max(e.square[i], singularity * singularity)
-        gain = e.rate[i] / (floor + bend * short)
-        for k in range(n):
-            e.motion[k] += gain * e.rows[i, k]
-            for j in range(n):
-                N[k, j] -= e.rows[i, k] * e.rows[i, j] / floor
-    times(e.cost, e.motion, e.scratch)
-    for k in range(n):
-        e.scratch[k] = weight * (w.c[k] + e.scratch[k])
-    times(N, e.scratch, p.c)
-    for j in range(n):
-        times(e.cost, N[j], e.scratch)  # N is symmetric
-        times(N, e.scratch, e.motion)
-        for k in range(n):
-            p.H[k, j] = weight * e.motion[k]
-    for i in range(first, end):
-        floor = max(e.square[i], singularity * singularity)
-        for k in range(n):
-            p.c[k] -= e.square[i] / floor * e.rate[i] * e.rows[i, k]
-            for j in range(n):
-                p.H[k, j] += (1.0 + bend * short / floor) * e.rows[i, k] * e.rows[i, j]
 
 
 @plain
@@ -139,8 +106,12 @@ def _is_balanced(w, p, count):
 def _give_way(w, e, first, end, short, largest, singularity):
     """Move ``p.x`` to the damped least squares of a level; return whether that is verified."""
     p, none = w.levels, len(w.nothing)
-    size = _below(w, e, e.start, first, end)
-    _relaxed_cost(w, e, first, end, short, size, largest, singularity)
+    size = _below(w, e, e.start, first, end, singularity)
+    more = _BELOW * BEND * size * short
+    weight = NULL_SHARE * excess(more, size) / largest
+    for k in range(len(w.x)):
+        e.motion[k] = e.scaled[k]
+    relaxed_cost(e, w.c, e.rate, first, end, 0.0, more, weight, p.H, p.c)
     if not cholesky_inverse(p.H, p.J):
         return False
     held = p.held_count[0]

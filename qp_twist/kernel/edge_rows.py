@@ -9,8 +9,8 @@ from __future__ import annotations
 import math
 from typing import Annotated, NamedTuple
 
-from qp_twist.kernel.bounds import bounds
-from qp_twist.kernel.compiling import plain
+from qp_twist.kernel.bounds import MOTION, bounds, stopping_speed
+from qp_twist.kernel.compiling import part, plain
 from qp_twist.kernel.null_space import ROUNDING, SWEEPS, jacobi_rotation
 from qp_twist.kernel.record import Floats, RecordType, reader
 from qp_twist.kernel.step_record import PROGRAM, Program, Sizes
@@ -20,7 +20,7 @@ REGULAR, MOST_REGULAR = 0.05, 50.0
 BEND = 0.5
 """ℓ as a share of the largest singular value."""
 BRAKING = 0.8
-"""η of ``qp.edge.braked``."""
+"""η of ``constraints.stopping_share``."""
 SPREAD = 20.0
 """Steps that the distance to a position limit is spread over where the task stops."""
 HALF, WHOLE = 0.5, 0.95
@@ -28,8 +28,6 @@ HALF, WHOLE = 0.5, 0.95
 SHORTENED = 10.0
 """Multiple of ε below which the secondary is shortened."""
 _RANK = 1e-12
-_MOTION = 1
-"""Kind of the limits that have an acceleration: ``bounds.MOTION``."""
 
 
 class EdgeArrays(NamedTuple):
@@ -38,14 +36,16 @@ class EdgeArrays(NamedTuple):
     Sizes are those of the program: nv is the step's n, and then a slack z for each row, and u.
     """
 
+    stated: Annotated[Floats, "m"]
+    """b as stated."""
+    numbers: Annotated[Floats, 7]
+    """See the constants below."""
     rows: Annotated[Floats, "m", "nv - m - 1"]
     """UᵀA, rows σᵢvᵢᵀ, orthogonal."""
     rate: Annotated[Floats, "m"]
     """Uᵀb as stated, m/s and rad/s."""
     forward: Annotated[Floats, "m"]
     """The part of it that follows moving targets."""
-    stated: Annotated[Floats, "m"]
-    """b as stated."""
     ahead: Annotated[Floats, "m"]
     """The part of it that follows moving targets."""
     goal: Annotated[Floats, "m"]
@@ -68,8 +68,6 @@ class EdgeArrays(NamedTuple):
     """Right-hand side at s = 0: what weak directions are asked for at any scale."""
     slope: Annotated[Floats, "m"]
     """Its derivative by s."""
-    numbers: Annotated[Floats, 7]
-    """See the constants below."""
     motion: Annotated[Floats, "nv - m - 1"]
     lower: Annotated[Floats, "nv - m - 1"]
     """Bounds that approach position limits more slowly."""
@@ -145,10 +143,16 @@ def rotate_rows(e):
     e.numbers[SIZE], e.numbers[SMALLEST] = math.sqrt(largest), math.sqrt(smallest)
 
 
+@part
+def regular_from(singularity):
+    """σ₁: singular value from which on a direction is left alone, m/rad or 1."""
+    return max(2.0 * singularity, min(REGULAR, MOST_REGULAR * singularity))
+
+
 @plain
 def weaken(e, singularity):
     """Set what depends on the singular values alone: floor, w and the slacks' share."""
-    first = max(2.0 * singularity, min(REGULAR, MOST_REGULAR * singularity))
+    first = regular_from(singularity)
     for i in range(len(e.square)):
         square = e.square[i]
         e.floor[i] = max(square, singularity * singularity)
@@ -168,7 +172,7 @@ def damp(e, singularity, dt, trusts, share):
     for i in range(len(e.rate)):
         damped = e.floor[i] if regular else max(e.floor[i], damping)
         e.damped[i] = damped
-        e.met[i] = e.floor[i] / damped if damped > 0.0 else 1.0
+        e.met[i] = e.floor[i] / damped
         e.weakness[i] = 0.0 if regular else 1.0 - e.square[i] / damped
         worst = max(worst, e.weakness[i])
     e.numbers[DAMPING], e.numbers[DEGRADED] = damping, worst
@@ -176,7 +180,9 @@ def damp(e, singularity, dt, trusts, share):
 
 @plain
 def stopping_share(motion, limits, types, dt):
-    r"""Share s_b of a displacement from whose speed the joints can stop, as ``qp.edge.braked``.
+    r"""Share s_b of a displacement from whose speed the joints can stop.
+
+    The readable version is ``constraints.stopping_share``.
 
     Args:
         motion: The displacement, rad or m, (n,).
@@ -189,19 +195,16 @@ def stopping_share(motion, limits, types, dt):
     """
     least, which = math.inf, 0
     for index in range(len(types)):
-        if types[index] != _MOTION:
+        if types[index] != MOTION:
             continue
         for dof in range(len(motion)):
             length = abs(motion[dof])
             if length > 0.0 and limits[index, dof, 5] / length < least:
                 least = limits[index, dof, 5] / length
                 which = 1 + dof if motion[dof] > 0.0 else -1 - dof
-    braking = BRAKING * least
-    if braking == math.inf:
+    if least == math.inf:
         return 1.0, 0
-    step = braking * dt
-    steps = math.floor((math.sqrt(1.0 + 8.0 / (step * dt)) - 1.0) / 2.0)
-    share = dt * (1.0 / ((steps + 1.0) * dt) + 0.5 * steps * step)
+    share = dt * stopping_speed(1.0, BRAKING * least, dt)
     return (share, which) if share < 1.0 else (1.0, 0)
 
 
@@ -211,8 +214,6 @@ def task_motion(e, by_weakness, motion):
     for k in range(len(motion)):
         motion[k] = 0.0
     for i in range(len(e.goal)):
-        if not e.floor[i] > 0.0:
-            continue
         gain = e.met[i] * e.goal[i] / e.floor[i]
         if by_weakness:
             gain *= e.weakness[i]

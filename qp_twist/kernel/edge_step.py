@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 
-from qp_twist.kernel.closest_levels import NOT_PROVEN, begin, take_level
+from qp_twist.kernel.closest_levels import NOT_PROVEN, begin, length_of_rows, take_level
 from qp_twist.kernel.compiling import plain
 from qp_twist.kernel.dual_active_set import (
     NO_ROOM,
@@ -25,6 +25,7 @@ from qp_twist.kernel.edge_rows import (
     FITTING,
     REACH,
     SIZE,
+    SMALLEST,
     SPREAD,
     ask,
     damp,
@@ -167,23 +168,16 @@ def _begin_program(w, e, of_slacks, of_scale):
 
 
 @plain
-def _rows_at(w, e, steady, moving):
-    """Rows B q̇ − S z = ``steady`` at_rest + ``moving`` slope; with u: at_rest + u ``moving`` slope.
-
-    ``steady`` is 1, or 0 where u is unknown: then the slope is its column.
-    """
+def _write_rows(w, e, scale, of_u):
+    """Write the rows B q̇ − S z − ``of_u`` slope u = at_rest + ``scale`` slope."""
     p, n, m = e.program, len(w.x), len(w.b)
     for i in range(m):
         for k in range(n):
             p.A[i, k] = e.rows[i, k]
-        for j in range(m + 1):
-            p.A[i, n + j] = 0.0
-        p.A[i, n + i] = -e.missing[i]
-        p.b[i] = e.at_rest[i]
-        if steady:
-            p.b[i] += moving * e.slope[i]
-        else:
-            p.A[i, n + m] = -moving * e.slope[i]
+        for j in range(m):
+            p.A[i, n + j] = -e.missing[i] if i == j else 0.0
+        p.A[i, n + m] = -of_u * e.slope[i]
+        p.b[i] = e.at_rest[i] + scale * e.slope[i]
 
 
 @plain
@@ -195,12 +189,18 @@ def _solved(p, tolerances):
 
 
 @plain
-def _as_posed(w, e, largest, tolerances):
-    """The program at full speed."""
+def _pose(w, e, largest):
+    """Write the program at full speed."""
     _begin_program(w, e, largest, 1.0)
     for k in range(len(w.x)):
         e.program.c[k] = w.c[k]
-    _rows_at(w, e, True, 1.0)
+    _write_rows(w, e, 1.0, 0.0)
+
+
+@plain
+def _as_posed(w, e, largest, tolerances):
+    """Solve the program at full speed."""
+    _pose(w, e, largest)
     return _solved(e.program, tolerances)
 
 
@@ -210,10 +210,7 @@ def _strain(w, e, largest, dt):
     if e.numbers[DEGRADED] == 0.0:
         return 0.0
     p, n, m, square = e.program, len(w.x), len(w.b), 0.0
-    _begin_program(w, e, largest, 1.0)
-    for k in range(n):
-        p.c[k] = w.c[k]
-    _rows_at(w, e, True, 1.0)
+    _pose(w, e, largest)
     if not (cholesky_inverse(p.dense, p.J) and unlimited(p)):
         return -1.0
     for i in range(m):
@@ -223,15 +220,13 @@ def _strain(w, e, largest, dt):
         square += beyond * beyond
     short = e.numbers[DEGRADED] * dt * math.sqrt(square)
     size = e.numbers[SIZE]
-    return short if BEND * size * short > ROUNDING * size * size else 0.0
+    return short if excess(BEND * size * short, size) > 0.0 else 0.0
 
 
 @plain
-def _excess(e, short):
-    """t + ℓ r; 0 where it is rounding."""
-    size = e.numbers[SIZE]
-    excess = e.numbers[DAMPING] + BEND * size * short
-    return excess if excess > ROUNDING * size * size else 0.0
+def excess(damping, size):
+    """Damping t + ℓ r of rows with σ_max = ``size``; 0 where it is rounding."""
+    return damping if damping > ROUNDING * size * size else 0.0
 
 
 @plain
@@ -242,7 +237,7 @@ def _shortfall(w, e, largest, dt, tolerances):
     """
     p, m, square = e.program, len(w.b), 0.0
     _begin_program(w, e, largest, 1.0)
-    _rows_at(w, e, True, 1.0)
+    _write_rows(w, e, 1.0, 0.0)
     begin(p, p.levels)
     if take_level(p, p.levels, 0, 0, m, tolerances) == NOT_PROVEN:
         return -1.0
@@ -252,26 +247,7 @@ def _shortfall(w, e, largest, dt, tolerances):
 
 
 @plain
-def _null_projector(e, damped):
-    """N = 1 − Aᵀ max(AAᵀ, ε²)⁻¹ A in ``project``, and the damped motion in ``motion``.
-
-    ``damped`` is added to d = max(σ², ε², t).
-    """
-    n, N = len(e.motion), e.project
-    for k in range(n):
-        e.motion[k] = 0.0
-        for j in range(n):
-            N[k, j] = 1.0 if k == j else 0.0
-    for i in range(len(e.goal)):
-        gain = e.goal[i] / (max(e.floor[i], e.numbers[DAMPING]) + damped)
-        for k in range(n):
-            e.motion[k] += gain * e.rows[i, k]
-            for j in range(n):
-                N[k, j] -= e.rows[i, k] * e.rows[i, j] / e.floor[i]
-
-
-@plain
-def times(A, x, y):
+def _times(A, x, y):
     """y = A x."""
     for i in range(len(y)):
         total = 0.0
@@ -281,39 +257,65 @@ def times(A, x, y):
 
 
 @plain
-def _relaxed_cost(w, e, short, largest, dt):
-    """Write the cost of ``EdgeRows.relaxed`` to ``e.program``."""
-    p, n, square = e.program, len(w.x), 0.0
-    for i in range(len(w.b)):
-        left = (1.0 - e.met[i]) * e.goal[i]
-        square += left * left
-    more = BEND * e.numbers[SIZE] * (short + min(dt * math.sqrt(square), LOST * short))
-    weight = NULL_SHARE * _excess(e, short) / largest
-    _null_projector(e, more)
-    # N (c + H q̇_task) and N H N, weighted.
-    times(e.cost, e.motion, e.scratch)
+def relaxed_cost(e, c, goal, first, end, damping, more, weight, H, linear):
+    """Write the cost of ``EdgeRows.relaxed`` of the rows ``first`` to ``end`` to H and ``linear``.
+
+    With N = 1 − Aᵀ max(AAᵀ, ε²)⁻¹ A it is ``weight`` (N H N, N (c + H q̇_task)) and the rows' own.
+
+    Args:
+        e: The rotated rows and H; ``motion`` is what the levels above do to the joints, (n,), and
+            is overwritten.
+        c: Linear cost of the step, (n,).
+        goal: Right-hand sides of the rotated rows, (m,).
+        first: Index of the first row.
+        end: Index after the last row.
+        damping: t.
+        more: What is added to d = max(σ², ε², t).
+        weight: Of the cost in the null space.
+        H: Result, (≥ n, ≥ n).
+        linear: Result, (n,).
+    """
+    n, N = len(c), e.project
     for k in range(n):
-        e.scratch[k] = weight * (w.c[k] + e.scratch[k])
-    times(e.project, e.scratch, p.c[:n])
-    for j in range(n):
-        times(e.cost, e.project[j], e.scratch)  # N is symmetric
-        times(e.project, e.scratch, e.motion)
+        for j in range(n):
+            N[k, j] = 1.0 if k == j else 0.0
+    for i in range(first, end):
+        gain = goal[i] / (max(e.floor[i], damping) + more)
         for k in range(n):
-            p.dense[k, j] = weight * e.motion[k]
-    for i in range(len(w.b)):
-        damped = max(e.floor[i], e.numbers[DAMPING]) + more
-        for k in range(n):
-            p.c[k] -= e.square[i] / e.floor[i] * e.goal[i] * e.rows[i, k]
+            e.motion[k] += gain * e.rows[i, k]
             for j in range(n):
-                p.dense[k, j] += damped / e.floor[i] * e.rows[i, k] * e.rows[i, j]
+                N[k, j] -= e.rows[i, k] * e.rows[i, j] / e.floor[i]
+    _times(e.cost, e.motion, e.scratch)
+    for k in range(n):
+        e.scratch[k] = weight * (c[k] + e.scratch[k])
+    _times(N, e.scratch, linear)
+    for j in range(n):
+        _times(e.cost, N[j], e.scratch)  # N is symmetric
+        _times(N, e.scratch, e.motion)
+        for k in range(n):
+            H[k, j] = weight * e.motion[k]
+    for i in range(first, end):
+        damped = (max(e.floor[i], damping) + more) / e.floor[i]
+        for k in range(n):
+            linear[k] -= e.square[i] / e.floor[i] * goal[i] * e.rows[i, k]
+            for j in range(n):
+                H[k, j] += damped * e.rows[i, k] * e.rows[i, j]
 
 
 @plain
 def _relaxed(w, e, short, largest, dt, tolerances):
     """The damped least squares of the task inside the limits; returns ``DONE`` or ``REFUSED``."""
-    p, n, m = e.program, len(w.x), len(w.b)
+    p, n, m, square = e.program, len(w.x), len(w.b), 0.0
+    for i in range(m):
+        left = (1.0 - e.met[i]) * e.goal[i]
+        square += left * left
+    size, damping = e.numbers[SIZE], e.numbers[DAMPING]
+    more = BEND * size * (short + min(dt * math.sqrt(square), LOST * short))
+    weight = NULL_SHARE * excess(damping + BEND * size * short, size) / largest
+    for k in range(n):
+        e.motion[k] = 0.0
     _begin_program(w, e, 1.0, 1.0)
-    _relaxed_cost(w, e, short, largest, dt)
+    relaxed_cost(e, w.c, e.goal, 0, m, damping, more, weight, p.dense, p.c[:n])
     for i in range(m):  # the slacks have no part in it: z = 0
         for k in range(n + m + 1):
             p.A[i, k] = 1.0 if k == n + i else 0.0
@@ -334,7 +336,7 @@ def _largest(w, e, backoff):
         for j in range(n):
             p.dense[i, j] = _LINEAR if i == j else 0.0
     p.c[n + m], p.lower[n + m], p.upper[n + m] = -2.0, 0.0, 1.0
-    _rows_at(w, e, False, 1.0)
+    _write_rows(w, e, 0.0, 1.0)
     if not cholesky_inverse(p.dense, p.J):
         return -2.0
     status = reduced_program(p)
@@ -360,7 +362,7 @@ def _worthwhile(g, w, e, top, largest, dt, tolerances):
     if not ease(g, w, e, dt, 1.0 + (SPREAD - 1.0) * (1.0 - top)):
         return -1.0
     _begin_program(w, e, largest, 1.0)
-    _rows_at(w, e, False, top)
+    _write_rows(w, e, 0.0, top)
     for k in range(n):
         e.motion[k] = 0.0
         for i in range(m):
@@ -405,18 +407,11 @@ def _take(w, e):
 @plain
 def _note_fading(w, e):
     """Set whether less than b is asked of a direction, noticeably (``EdgeRows.lost``)."""
-    longest, largest = 0.0, 0.0
-    for i in range(len(w.b)):
-        square = 0.0
-        for k in range(len(w.x)):
-            square += w.A[i, k] * w.A[i, k]
-        longest, largest = max(longest, math.sqrt(square)), max(largest, abs(e.stated[i]))
+    longest, largest = length_of_rows(w.A, e.stated, 0, len(w.b))
     e.numbers[FADES] = 0.0
     noticeable = NOTICEABLE * ((longest if longest > 0.0 else 1.0) + largest)
     for i in range(len(w.b)):
-        share = 1.0
-        if e.floor[i] > 0.0:
-            share = e.square[i] / e.floor[i] * e.met[i]
+        share = e.square[i] / e.floor[i] * e.met[i]
         share *= 1.0 - e.weakness[i] * (1.0 - e.numbers[FITTING])
         if share < 1.0 and (1.0 - share) * abs(e.rate[i]) > noticeable:
             e.numbers[FADES] = 1.0
@@ -481,7 +476,6 @@ def _pass_over(w, e, left, largest, dt, tolerances):
 @plain
 def _slower(g, w, e, largest, dt, tolerances):
     """Scale the task, and pass over to the relaxed step where a limit stops it."""
-    n, m = len(w.x), len(w.b)
     top = _largest(w, e, tolerances.backoff)
     if top == -1.0 and (rest_is_excluded(w) or e.numbers[DEGRADED] > 0.0):
         return _give_way(w, e, 0.0, largest, dt, tolerances)
@@ -490,23 +484,19 @@ def _slower(g, w, e, largest, dt, tolerances):
     scale = _worthwhile(g, w, e, top, largest, dt, tolerances)
     if scale < 0.0:
         return REFUSED
-    if min(scale, e.numbers[FITTING]) >= DEAD:
+    left, share = min(scale, e.numbers[FITTING]), 0.0
+    if left >= DEAD:
         _take(w, e)
-        for i in range(n + len(w.g)):
-            w.sensitivity[1 + i] = e.sensitivity[i]
-        w.sensitivity[0] = scale * w.braking[0]
-        for i in range(m):
-            w.b[i] *= scale
-        return SCALED
-    share = _pass_over(w, e, min(scale, e.numbers[FITTING]), largest, dt, tolerances)
-    if share < 0.0 or not clip_to_bounds(w.x, w.lower, w.upper):
-        return REFUSED
-    for i in range(n + len(w.g)):
+    else:
+        share = _pass_over(w, e, left, largest, dt, tolerances)
+        if share < 0.0 or not clip_to_bounds(w.x, w.lower, w.upper):
+            return REFUSED
+    for i in range(len(w.x) + len(w.g)):
         w.sensitivity[1 + i] = e.sensitivity[i]
     if share > 0.0:
         return RELAXED
     w.sensitivity[0] = scale * w.braking[0]
-    for i in range(m):
+    for i in range(len(w.b)):
         w.b[i] *= scale
     return SCALED
 
@@ -530,15 +520,6 @@ def _feasible(w, e, mode, largest, dt, tolerances):
     if share < 0.0 or _as_posed(w, e, largest, tolerances) != DONE:
         return REFUSED
     return _met(w, e)
-
-
-@plain
-def _fading_rows(e):
-    """Whether a direction is below ε."""
-    fades = False
-    for i in range(len(e.missing)):
-        fades = fades or e.missing[i] > 0.0
-    return fades
 
 
 @plain
@@ -571,7 +552,7 @@ def edge_step(g, w, e, qpos, dt, use_secondary, twist_space):
     _note_fading(w, e)
     speed = _shorten(w, e, dt, g.settings.singularity)
     e.numbers[REACH] += speed
-    if twist_space is not None and _fading_rows(e):
+    if twist_space is not None and e.numbers[SMALLEST] < g.settings.singularity:
         return REFUSED
     if not costs(w, g.metric, g.quadratic, g.linear, g.settings, twist_space):
         return REFUSED

@@ -9,7 +9,7 @@ from qp_twist.kernel.bounds import bounds
 from qp_twist.kernel.closest_levels import closest_levels
 from qp_twist.kernel.compiling import plain
 from qp_twist.kernel.dual_active_set import cholesky, cholesky_inverse
-from qp_twist.kernel.edge_rows import BEND, MOST_REGULAR, REGULAR, SHORTENED, stopping_share
+from qp_twist.kernel.edge_rows import BEND, SHORTENED, regular_from, stopping_share
 from qp_twist.kernel.largest_scale import scaled_program
 from qp_twist.kernel.null_space import null_space, right_singular, row_space
 from qp_twist.kernel.record import Floats, Integers, RecordType, reader
@@ -351,13 +351,13 @@ def forward_rows(g, forward):
 
 
 @plain
-def regular_from(g, w, dt):
+def _surely_regular_from(g, w, dt):
     """Singular value, m/rad or 1, from which on the rows are regular whatever their directions.
 
     σ² ≥ ℓ‖e‖ ≥ t and σ ≥ ‖A‖ ‖h‖ suffice (``qp.edge``), with Frobenius' norm for σ_max; the first
     matters below σ₁, the second below 10 ε.
     """
-    first = min(REGULAR, MOST_REGULAR * g.settings.singularity)
+    first = regular_from(g.settings.singularity)
     square, speed, back, desired = 0.0, 0.0, 0.0, 0.0
     forward_rows(g, w.levels.r)
     for i in range(len(w.c)):
@@ -458,7 +458,7 @@ def step_on_rows(g, w, qpos, dt, use_secondary, twist_space):
     threshold, smooth = g.settings.singularity, g.settings.smooth > 0.0
     w.braking[0], w.braking[1] = 1.0, 0.0
     if smooth:
-        threshold = max(threshold, regular_from(g, w, dt))
+        threshold = max(threshold, _surely_regular_from(g, w, dt))
     regular = well_conditioned(w.A, g.ends, threshold, w.R, w.J)
     if not (regular or smooth):
         return REFUSED

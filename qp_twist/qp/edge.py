@@ -98,7 +98,7 @@ class EdgeRows:
         basis: N, (n, p); ``None`` for the first level, which has all of the joints.
         nulls: Orthonormal basis of what this level and those above leave, (n, p').
         above: What the levels above do to the joints, outside N, (n,).
-        threshold: ε.
+        threshold: ε, above 0.
         trust: Whether t counts; without it a regular direction is met at any length.
         braked: What is asked instead of b where the joints could not stop in time, (m,); t and what
             is weak follow from b.
@@ -172,8 +172,6 @@ class EdgeRows:
     def weak(self) -> Array:
         """w(σ²), (m,): 1 at a singularity, 0 from σ₁ on."""
         first = max(2.0 * self.threshold, min(REGULAR, 50.0 * self.threshold))
-        if first == 0.0:
-            return np.zeros(len(self.sigma))
         weak: Array = np.maximum(0.0, 1.0 - (self.sigma / first) ** 2)
         return weak
 
@@ -209,13 +207,12 @@ class EdgeRows:
     @cached_property
     def regular(self) -> bool:
         """Whether the rows are met as they are stated, or at the share that braking leaves."""
-        smallest = float(self.sigma[-1]) if len(self.sigma) else np.inf
-        return smallest >= self.threshold and smallest**2 >= self.damping
+        return self.sigma_min >= self.threshold and self.sigma_min**2 >= self.damping
 
     @cached_property
     def fades(self) -> bool:
         """Whether a direction is below ε."""
-        return bool(len(self.sigma)) and float(self.sigma[-1]) < self.threshold
+        return self.sigma_min < self.threshold
 
     def beneath(self, x: Array) -> EdgeRows:
         """The same rows where the levels above move the joints at x (n,)."""
@@ -252,8 +249,7 @@ class EdgeRows:
     @cached_property
     def met(self) -> Array:
         """Share of the goal that the damped rows ask for, max(σ², ε²)/d, (m,)."""
-        met: Array = np.ones_like(self.floor)
-        np.divide(self.floor, self.damped, out=met, where=self.damped > 0.0)
+        met: Array = self.floor / self.damped
         return met
 
     @cached_property
@@ -296,7 +292,7 @@ class EdgeRows:
     @cached_property
     def _gain(self) -> Array:
         """σ/max(σ², ε²), (m,)."""
-        gain: Array = self.sigma / np.where(self.floor > 0.0, self.floor, 1.0)
+        gain: Array = self.sigma / self.floor
         return gain
 
     def lost(self) -> tuple[LostDirection, ...]:
@@ -334,12 +330,11 @@ class EdgeRows:
         lost = self.dt * float(np.linalg.norm((1.0 - self.met) * self.goal))
         d = np.maximum(self.floor, self.damping) + self.bend * (short + min(lost, LOST * short))
         weight = NULL_SHARE * self.excess(short) / size
-        share = self.sigma**2 / np.where(self.floor > 0.0, self.floor, 1.0)  # of the task, σ²/max
+        share = self.sigma**2 / self.floor  # of the task
         N = np.eye(len(c))
         N[:n, :n] -= self.right.T @ (share[:, None] * self.right)
         met = np.zeros(len(c))
-        gain = np.where(d > 0.0, self.sigma / np.where(d > 0.0, d, 1.0), 0.0)
-        met[:n] = (gain * self.goal) @ self.right + self.above
+        met[:n] = (self.sigma / d * self.goal) @ self.right + self.above
         quadratic = weight * (N @ H @ N)
         linear = weight * (N @ (c + H @ met))
         quadratic[:n, :n] += self.right.T @ ((share * d)[:, None] * self.right)

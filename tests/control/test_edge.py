@@ -203,7 +203,13 @@ def test_both_statements_have_the_same_constants() -> None:
 
 
 def planar_step(
-    q2: float, distance: float, mode: str, side: float = 0.02, solver: str | None = None
+    q2: float,
+    distance: float,
+    mode: str,
+    side: float = 0.02,
+    solver: str | None = None,
+    dt: float = DT,
+    **options: Any,
 ) -> qt.Step:
     """A 3R arm with its second joint at q2 (straight at 0) and its target further along x."""
     model = planar_arm([0.5, 0.4, 0.1])
@@ -218,8 +224,9 @@ def planar_step(
     controller = qt.Controller(
         model, [task], limits=limits, solver=solver, on_infeasible=mode,  # type: ignore[arg-type]
         secondary=[qt.PostureReference(model, np.array([-0.4, 0.8, 0.4]), gain=0.01)],
+        **options,
     )  # fmt: skip
-    return controller.step(configuration, DT)
+    return controller.step(configuration, dt)
 
 
 @pytest.mark.parametrize("solver", [None, "daqp"])
@@ -377,6 +384,16 @@ def test_no_joint_chatters_when_the_target_leaves_the_reach(name: str, mode: str
     assert found.excess <= 1e-9
     if name != "20 mm outside":
         assert found.final < 1e-4
+
+
+@pytest.mark.parametrize("mode", ["scale", "relax"])
+def test_a_large_singularity_weakens_as_much_in_the_kernel(mode: str) -> None:
+    """With ε = 0.05 directions are weak up to 2 ε, beyond the usual σ₁."""
+    given = 0.3, 0.03, mode, 0.0
+    fast, read = (planar_step(*given, s, 1.0, singularity=0.05) for s in (None, "daqp"))
+    assert 0.05 < fast.sigma_min < 0.1
+    assert fast.status is read.status is qt.Status.DEGRADED
+    np.testing.assert_allclose(fast.velocity, read.velocity, atol=1e-9)
 
 
 def test_a_named_backend_is_as_calm() -> None:
