@@ -226,8 +226,7 @@ def _worthwhile(posed: Posed, solver: str, pace: Pace) -> tuple[float, Verified 
     # What the secondary wants beyond the limits shall not outweigh the task.
     free = np.clip(-np.linalg.solve(H, problem.c), problem.lower, problem.upper)
     lower, upper = posed.eased(1.0 + (SPREAD - 1.0) * (1.0 - top))
-    lower = np.append(lower, problem.lower[len(lower) :])
-    upper = np.append(upper, problem.upper[len(upper) :])
+    nv = len(lower)
     g = WORTH * float(motion @ H @ motion) / (1.0 - top)
     wide = np.pad(H, (0, 1))
     wide[n, n] = WORTH_CURVED * g or 1.0
@@ -235,9 +234,16 @@ def _worthwhile(posed: Posed, solver: str, pace: Pace) -> tuple[float, Verified 
         wide, np.append(-H @ free, -g - wide[n, n]),
         np.column_stack([first.A, -top * pace.slope]), pace.at_rest,
         np.pad(problem.G, ((0, 0), (0, 1))), problem.g,
-        np.append(lower, 0.0), np.append(upper, 1.0),
+        np.concatenate([lower, problem.lower[nv:], [0.0]]),
+        np.concatenate([upper, problem.upper[nv:], [1.0]]),
     )  # fmt: skip
     result = solve(extended, solver, persist=True)
+    if isinstance(result, Refused):
+        # Joints that move already may not be able to slow down as the eased bounds ask; and where
+        # they leave a single velocity, it is that of s* itself.
+        lower = np.append(problem.lower, 0.0)
+        upper = np.append(problem.upper, 1.0 + 2.0 * SCALE_BACKOFF)
+        result = solve(replace(extended, lower=lower, upper=upper), solver, persist=True)
     if isinstance(result, Refused):
         return top, None
     y, of_rows, box = result.multipliers

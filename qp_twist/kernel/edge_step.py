@@ -71,6 +71,8 @@ NOTICEABLE = 1e-8
 """``qp.verification.EQUALITY_TOLERANCE``: less is not called lost."""
 _LINEAR = 1e-10
 """Cost ½ε²‖x‖² beside ½(s − 2)² in the program of the largest s: see ``largest_scale``."""
+_NEAR = 1e-6
+"""Error of a relaxed step that is rounding where no scaled one is found, m/s and rad/s."""
 _OF_THE_MOTION = 1e-4
 """A multiplier of at most this share of ε²‖x‖ is due to that cost: it does not limit s."""
 
@@ -220,13 +222,13 @@ def _strain(w, e, largest, dt):
         square += beyond * beyond
     short = e.numbers[DEGRADED] * dt * math.sqrt(square)
     size = e.numbers[SIZE]
-    return short if excess(BEND * size * short, size) > 0.0 else 0.0
+    return short if BEND * short > ROUNDING * size else 0.0
 
 
 @plain
 def excess(damping, size):
-    """Damping t + ℓ r of rows with σ_max = ``size``; 0 where it is rounding."""
-    return damping if damping > ROUNDING * size * size else 0.0
+    """Damping t + ℓ r of rows with σ_max = ``size``; not less than rounding."""
+    return max(damping, ROUNDING * size * size)
 
 
 @plain
@@ -389,7 +391,16 @@ def _worthwhile(g, w, e, top, largest, dt, tolerances):
     curved = WORTH_CURVED * worth if worth > 0.0 else 1.0
     p.dense[n + m, n + m], p.c[n + m] = curved, -worth - curved
     p.lower[n + m], p.upper[n + m] = 0.0, 1.0
-    return top * p.x[n + m] if _solved(p, tolerances) == DONE else -1.0
+    status = _solved(p, tolerances)
+    if status != DONE:
+        # Joints that move already may not be able to slow down as the eased bounds ask; and where
+        # they leave a single velocity, it is that of s* itself.
+        for k in range(n):
+            p.lower[k], p.upper[k] = w.lower[k], w.upper[k]
+        p.upper[n + m] = 1.0 + 2.0 * tolerances.backoff
+        p.active_count[0] = 0
+        status = _solved(p, tolerances)
+    return top * p.x[n + m] if status == DONE else -1.0
 
 
 @plain
@@ -474,11 +485,26 @@ def _pass_over(w, e, left, largest, dt, tolerances):
 
 
 @plain
+def _off(w):
+    """Largest error of the rows A q̇ = b at ``w.x``."""
+    worst = 0.0
+    for i in range(len(w.b)):
+        error = -w.b[i]
+        for k in range(len(w.x)):
+            error += w.A[i, k] * w.x[k]
+        worst = max(worst, abs(error))
+    return worst
+
+
+@plain
 def _slower(g, w, e, largest, dt, tolerances):
     """Scale the task, and pass over to the relaxed step where a limit stops it."""
     top = _largest(w, e, tolerances.backoff)
-    if top == -1.0 and (rest_is_excluded(w) or e.numbers[DEGRADED] > 0.0):
-        return _give_way(w, e, 0.0, largest, dt, tolerances)
+    if top == -1.0:
+        outcome = _give_way(w, e, 0.0, largest, dt, tolerances)
+        # If rest is feasible, that was rounding at a limit, and the relaxed step meets the task.
+        is_excluded = rest_is_excluded(w) or e.numbers[DEGRADED] > 0.0
+        return outcome if is_excluded or _off(w) <= _NEAR else REFUSED
     if top < 0.0 or top >= 1.0 - 2.0 * tolerances.backoff:
         return REFUSED
     scale = _worthwhile(g, w, e, top, largest, dt, tolerances)

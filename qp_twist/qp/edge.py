@@ -314,9 +314,8 @@ class EdgeRows:
         return float(self.weakness.max(initial=0.0))
 
     def excess(self, short: float) -> float:
-        """t + ℓ r of a relaxed level; 0 where it is rounding."""
-        excess = self.damping + self.bend * short
-        return excess if excess > ROUNDING * self.size**2 else 0.0
+        """t + ℓ r of a relaxed level; not less than rounding, so that its optimum is unique."""
+        return max(self.damping + self.bend * short, ROUNDING * self.size**2)
 
     def relaxed(self, H: Array, c: Array, short: float) -> tuple[Array, Array]:
         """H and c of the damped least squares of this level and a share of the cost, (n, n), (n,).

@@ -52,6 +52,12 @@ def test_an_arm_is_driven_and_its_limits_are_measured() -> None:
     assert max(result.violations.values()) < 1e-9
 
 
+def test_a_servo_leaves_no_tick_of_a_random_stream_to_the_slower_reference() -> None:
+    """At 12.6 s joints that brake at two limits leave a single velocity, off by rounding."""
+    said = import_module("servo_ticks").servo_ticks(6400, 0, 10.0)
+    assert said.endswith("steps that the kernel left to the reference: 0"), said
+
+
 def test_a_ratio_is_taken_block_by_block() -> None:
     """A disturbance of a block is in both times of its ratio, and a failed block in none."""
     ours = Timed(blocks=[2.0, 20.0, np.nan, 2.0])
