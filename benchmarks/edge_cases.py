@@ -497,9 +497,10 @@ def settling_page(arms: str, solver: str) -> str:
 
 
 def excursion(seed: int, arm: str, mode: str, limit: float | None, solver: str) -> Figures:
-    """An excursion of an arm; without its errors."""
+    """An excursion of an arm, by mink's soft task if there is no mode; without its errors."""
     chosen = all_arms()[arm]
-    found = run(chosen, random_case(chosen, seed), ours(mode, limit, solver or None), limit)
+    contender = ours(mode, limit, solver or None) if mode else soft()
+    found = run(chosen, random_case(chosen, seed), contender, limit)
     return found._replace(errors=np.zeros(0))
 
 
@@ -510,17 +511,18 @@ def excursions_page(
     rows, wrong = [], 0
     seeds = range(first, first + excursions)
     for arm in arms.split(","):
-        for mode, limit in SETTINGS:
+        for mode, limit in [("", None), *SETTINGS]:
             work = partial(excursion, arm=arm, mode=mode, limit=limit, solver=solver)
             found = list(in_processes(work, seeds, jobs or os.cpu_count() or 1))
             flips = np.array([f.flips for f in found])
             final = np.array([f.final for f in found])
             excess = max(f.excess for f in found)
             failures = sum(f.failures for f in found)
-            wrong += int(excess > 1e-9) + failures
+            wrong += (int(excess > 1e-9) + failures) if mode else 0
+            who = arm, mode or "soft task", "" if limit is None else f"{limit:g}"
             rows.append(
-                (arm, mode, "" if limit is None else f"{limit:g}", len(found), flips.max(),
-                 int((flips > 5).sum()), f"{max(f.rms for f in found):.1f}", f"{final.max():.2g}",
+                (*who, len(found), flips.max(), int((flips > 5).sum()),
+                 f"{max(f.rms for f in found):.1f}", f"{final.max():.2g}",
                  int((final > 0.1).sum()), f"{max(excess, 0.0):.0e}", failures)
             )  # fmt: skip
     head = (
