@@ -25,6 +25,7 @@ from .comparison import Interrupted as Interrupted
 from .comparison import compare as compare
 from .constraints import BandLimit as BandLimit
 from .constraints import BindingLimit as BindingLimit
+from .constraints import Clearance as Clearance
 from .constraints import Constraint as Constraint
 from .constraints import DisplacementWindow as DisplacementWindow
 from .constraints import JointCouplings as JointCouplings

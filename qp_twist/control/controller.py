@@ -27,6 +27,7 @@ from qp_twist.checks import (
 )
 from qp_twist.constraints import (
     BoxLimit,
+    Clearance,
     Constraint,
     GatheredLimits,
     MotionLimit,
@@ -90,6 +91,10 @@ SINGULARITY = 1e-3
 """Singular value of the task rows, m/rad or 1, below which a direction is slowed down."""
 SMALLEST_SINGULARITY = 1e-9
 """A smaller ``singularity`` counts as 0."""
+_CORRECTIONS = 4
+"""Largest number of times that a step is computed again to keep a clearance."""
+_KEPT = 1e-7
+"""By how much a step may lead below a clearance, m."""
 _NOT_CHECKED: tuple[Any, Any, Any] = (object(), None, None)
 """Placeholder for (configuration, model, data) that no argument equals."""
 
@@ -246,6 +251,7 @@ class Controller:
         self.solver = check_solver(solver)
         self.on_infeasible = on_infeasible
         self._check_types()
+        self._seen: tuple[list[mink.Limit], list[Clearance]] = [], []
         # The last checked configuration, its model and its data.
         self._checked = _NOT_CHECKED
         self._identity = np.eye(model.nv)
@@ -306,21 +312,38 @@ class Controller:
             self._check_configuration(configuration)
         if velocity is not None:
             self.note(velocity)
+        clearances = self._clearances()
+        for clearance in clearances:
+            clearance.stopping_time = self._stopping_time(dt)
+        step, note = self._solved(configuration, dt, bool(use_secondary))
+        # Rows of clearance are linear in the step: what they lack of the distance where it leads is
+        # subtracted from them, and the step is computed again.
+        for _ in range(_CORRECTIONS if clearances else 0):
+            short = [c.falls_short(configuration, step.velocity, dt) for c in clearances]
+            if max(short) <= _KEPT:
+                break
+            step, note = self._solved(configuration, dt, bool(use_secondary))
+        note(step.velocity)
+        return step
+
+    def _solved(
+        self, configuration: mink.Configuration, dt: float, use_secondary: bool
+    ) -> tuple[Step, Callable[[Array], None]]:
+        """The step by the kernel, or else by the reference; and what takes note of its velocity."""
         # The arrays may be in use, by another thread or by a limit that itself calls step();
         # then the reference computes this step.
         if self._prepared is not None and self._free.acquire(False):
             try:
-                plain = self._prepared(self, configuration, dt, bool(use_secondary))
+                plain = self._prepared(self, configuration, dt, use_secondary)
                 if plain is not None:
-                    self._prepared.note(plain.velocity)
-                    return plain
+                    return plain, self._prepared.note
             finally:
                 self._free.release()
         self.reference_steps += 1
         if not math.isfinite(sum(configuration.data.qpos.tolist())):
             self._check_configuration(configuration)  # raises, with the joint's name
         with np.errstate(over="ignore", invalid="ignore"):  # the result is checked below
-            posed = self._pose(configuration, dt, bool(use_secondary))
+            posed = self._pose(configuration, dt, use_secondary)
         if self.on_infeasible == "raise" and posed.levels.lost:
             names = ", ".join(str(lost) for lost in posed.levels.lost)
             raise InfeasibleStep(
@@ -332,9 +355,7 @@ class Controller:
         if not posed.levels.fades:
             result = solve(posed.problem, self.solver)
         finish = finished_at_the_edge if posed.levels.edges else finished
-        step = finish(posed, result, self.solver, self.on_infeasible)
-        self._note(step.velocity)
-        return step
+        return finish(posed, result, self.solver, self.on_infeasible), self._note
 
     def load(self, configuration: mink.Configuration, dt: float) -> None:
         """Load, or compile, all machine code of the steps, so that none waits for it.
@@ -467,6 +488,24 @@ class Controller:
         stated = [v.max_acceleration for v in self.limits if isinstance(v, MotionLimit)]
         least: Array = np.min([np.full(self.model.nv, np.inf), *stated], axis=0)
         return least if np.isfinite(least).any() else None
+
+    def _clearances(self) -> list[Clearance]:
+        """Those of the limits, which may have changed since the last step."""
+        known, found = self._seen
+        if self.limits != known:
+            found = [limit for limit in self.limits if isinstance(limit, Clearance)]
+            self._seen = list(self.limits), found
+        return found
+
+    def _stopping_time(self, dt: float) -> float:
+        """Time in which all joints come to rest after a step of dt, s; 0 without acceleration."""
+        slowest = 0.0
+        for limit in self.limits:
+            if isinstance(limit, MotionLimit):
+                times = np.abs(limit.velocity) / limit.max_acceleration
+                limited = np.isfinite(limit.max_acceleration)
+                slowest = max(slowest, float((times[limited] + dt).max(initial=0.0)))
+        return slowest
 
     def _check_types(self) -> None:
         if self.model.nv == 0:

@@ -13,7 +13,13 @@ import mujoco
 import numpy as np
 
 from qp_twist.checks import Array, did_you_mean
-from qp_twist.constraints import Constraint, JointCouplings, check_constraints, couplings_of
+from qp_twist.constraints import (
+    Clearance,
+    Constraint,
+    JointCouplings,
+    check_constraints,
+    couplings_of,
+)
 from qp_twist.errors import InvalidInput
 from qp_twist.geometry import ProjectorKind, TwistProjector, task_redundancy
 from qp_twist.geometry.projector import SAME_DIRECTION
@@ -100,18 +106,31 @@ class PathTask:
     from_start: FromStart = "nothing"
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "constraints", self._with_couplings())
+        object.__setattr__(self, "constraints", self._with_those_of_the_model())
         check_segments(self.operational, self.projector, self.segments, len(self.waypoints))
 
-    def _with_couplings(self) -> tuple[Constraint, ...]:
-        """The constraints that were passed, and the couplings of the current model."""
-        given: list[JointCouplings] = []
-        others = self.constraints
-        if isinstance(others, (list, tuple)):
-            given = [c for c in others if isinstance(c, JointCouplings)]
-            others = tuple(c for c in others if not isinstance(c, JointCouplings))
+    def _with_those_of_the_model(self) -> tuple[Constraint, ...]:
+        """The constraints that were passed, and couplings and clearance of the current model.
+
+        Where geoms of the model may collide, and no clearance is passed, they must not touch.
+        """
+        given, others = self.constraints, self.constraints
+        couplings: list[JointCouplings] = []
+        clearances: list[Clearance] = []
+        if isinstance(given, (list, tuple)):
+            couplings = [c for c in given if isinstance(c, JointCouplings)]
+            clearances = [c for c in given if isinstance(c, Clearance)]
+            others = tuple(c for c in given if not isinstance(c, (JointCouplings, Clearance)))
         checked = check_constraints(self.name, others, self.model)
-        return *checked, *couplings_of(self.model, given)
+        clearances = [
+            c if c.model is self.model else Clearance(self.model, c.distance, c.ignored)
+            for c in clearances
+        ]
+        if not clearances and JointRanges.of(self.model).only_hinges_and_slides:
+            own = Clearance(self.model, 0.0)
+            clearances = [own] if len(own.pairs) else []
+        check_constraints(self.name, clearances, self.model)
+        return *checked, *couplings_of(self.model, couplings), *clearances
 
     @property
     def positions(self) -> Array:

@@ -115,7 +115,13 @@ class HardConstraints:
 
     def inside(self, q: Array, at: Indices) -> Mask:
         """Which configurations q (K, nv) are inside all bands and constraints, (K,)."""
-        return np.asarray((self.margins(q, at) >= -WITHIN).all(axis=1))
+        inside = np.ones(len(q), dtype=bool)
+        if self.bands:
+            margins = self.band_margins(*self.chain.poses(q), at)
+            inside = np.asarray((margins >= -WITHIN).all(axis=1))
+        for constraint in self.constraints:
+            inside[inside] = constraint.inside(q[inside], WITHIN)
+        return inside
 
     def rows(self, q: Array, at: Indices) -> tuple[Array, Array, Indices]:
         """Linear rows that keep the margins above 0, to first order: rows · Δq ≤ rooms.

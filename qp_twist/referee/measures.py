@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from qp_twist.checks import Array
-from qp_twist.constraints import Constraint, margins_of
+from qp_twist.constraints import Constraint
 from qp_twist.geometry import ProjectorKind, TwistProjector, many_twist_errors
 from qp_twist.kinematics import FramePair, Stretch, ToleranceBand, TurnAbout, angle_of_chord
 
@@ -147,7 +147,7 @@ class ConstraintExcess(Measure):
 
     def at(self, poses: Poses) -> Array:
         """Violations of the margins, 0 inside."""
-        return np.maximum(-margins_of(self.constraint, poses.q), 0.0)
+        return np.maximum(-self.constraint.bounded(poses.q, 0.0), 0.0)
 
     def most(self, before: Poses, after: Poses, passage: Passage) -> Array:
         """Violations of the lower bounds of the margins, 0 inside."""

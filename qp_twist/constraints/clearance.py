@@ -1,0 +1,216 @@
+"""Clearance: what must not touch, as a constraint like any other."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import mink
+import mujoco
+import numpy as np
+
+from qp_twist.checks import Array, Indices, Mask, number
+from qp_twist.constraints.colliding_pairs import (
+    check_shapes,
+    colliding_pairs,
+    geom_name,
+    geoms_of,
+)
+from qp_twist.constraints.constraint import Constraint
+from qp_twist.errors import InvalidInput
+
+if TYPE_CHECKING:
+    from qp_twist.constraints.shapes import MovingShapes
+
+HORIZON = 0.2
+"""Distance beyond the asked one from which on a step has a row for a pair, m."""
+PLANNED = 8
+"""Largest number of rows for a configuration of a plan: those of the nearest pairs."""
+PLANNED_WITHIN = 0.3
+"""Margin below which a plan has a row for a pair, m."""
+
+
+class Clearance(Constraint):
+    r"""Keep every pair of geoms that may collide at a distance.
+
+    .. math:: m_{ab}(\mathbf q) = d_{ab}(\mathbf q) - d_{min} \ge 0
+
+    with the distance :math:`d_{ab}` of two convex geoms, negative by the depth of penetration where
+    they overlap. Its derivative is that of the nearest points along the line that joins them,
+
+    .. math:: \nabla d_{ab} = \mathbf n^T (\mathbf J_a - \mathbf J_b), \qquad
+        \mathbf n = (\mathbf p_a - \mathbf p_b) / d_{ab}.
+
+    Pairs are those that MuJoCo would test for contact (``contype`` and ``conaffinity``, without
+    ``<exclude>``), without bodies that a joint connects, and without pairs of which no joint moves
+    one against the other. Meshes count as their convex hulls, as in MuJoCo.
+
+    A step keeps a margin after integration, too (:class:`~qp_twist.Controller` corrects the row by
+    the curvature of the distance). With acceleration limits the speed of approach is at most
+    :math:`m/T`, with the time T in which all joints come to rest: from there they can stop, braking
+    in proportion.
+
+    Attributes:
+        model: The robot and what is around it.
+        distance: d_min, m.
+        pairs: Ids of the two geoms of each pair, (P, 2).
+        ignored: The pairs of names that may touch.
+        stopping_time: T, s, for the next step; 0 without acceleration limits.
+    """
+
+    kind = "clearance"
+
+    def __init__(
+        self,
+        model: mujoco.MjModel,
+        distance: float = 0.005,
+        ignore: Iterable[Sequence[str]] = (),
+        *,
+        recovery_speed: float = 0.1,
+    ) -> None:
+        """Find the pairs.
+
+        Args:
+            model: The robot and what is around it.
+            distance: d_min, m.
+            ignore: Pairs of names of geoms or bodies that may touch; a body stands for its geoms
+                and those of bodies fixed to it.
+            recovery_speed: Speed at which a pair that is too near is moved apart, m/s.
+
+        Raises:
+            InvalidInput: If the distance is negative, a name is unknown, a geom that may collide
+                is a height field, or a ball or free joint moves one.
+        """
+        self.model = model
+        self.distance = number("Clearance(distance=…)", distance, at_least=0.0)
+        self.recovery_speed = number("recovery_speed", recovery_speed, above=0.0)
+        self.ignored = tuple(_two_names(pair) for pair in ignore)
+        pairs = colliding_pairs(model)
+        for names in self.ignored:
+            one, other = (np.isin(pairs, list(geoms_of(model, name))) for name in names)
+            pairs = pairs[~(one & other[:, ::-1]).any(axis=1)]
+        check_shapes(model, pairs)
+        self.pairs: Indices = pairs
+        self.names = tuple(f"{geom_name(model, a)} to {geom_name(model, b)}" for a, b in pairs)
+        self.units = ("m",) * len(pairs)
+        self.stopping_time = 0.0
+        #: The pairs that have a row in the step, and the rows and margins, (k,).
+        self._shown: Indices = np.zeros(0, dtype=np.intp)
+        self._rows: tuple[Array, Array] = np.zeros((0, model.nv)), np.zeros(0)
+        #: By how much the distance of each pair is less than a row of a step says, m, (P,).
+        self._curved: Array = np.zeros(len(pairs))
+
+    @cached_property
+    def _shapes(self) -> MovingShapes:
+        from qp_twist.constraints.shapes import MovingShapes  # numba takes half a second
+
+        return MovingShapes(self.model, self.pairs)
+
+    # ------------------------------------------------------------------ as every constraint
+
+    def margins(self, q: Array) -> Array:
+        """Distances less :attr:`distance`, m, (N, P); negative by the depth of penetration."""
+        return self.bounded(q, np.inf)
+
+    def bounded(self, q: Array, enough: float) -> Array:
+        """Margins (N, P), m; above ``enough`` lower bounds of them, which take less time."""
+        margins: Array = self._shapes.distances(q, enough + self.distance) - self.distance
+        return margins
+
+    def inside(self, q: Array, tolerance: float) -> Mask:
+        """Which configurations q (N, nq) violate no margin by more than the tolerance, m, (N,)."""
+        return np.asarray(self._shapes.first_below(q, self.distance - tolerance) < 0)
+
+    def gradients(self, q: Array) -> Array:
+        """Derivatives of the margins, (N, P, nv), 1 or m/rad."""
+        every = np.arange(len(self.pairs))
+        return self._shapes.gradients(q, np.broadcast_to(every, (len(q), len(every))))
+
+    def change(self, q: Array, travel: Array) -> Array:
+        r"""Sum over the joints that move one geom against the other, (N, P), m.
+
+        A hinge that travels by at most θ moves a point at the distance r from its axis by at most
+        r θ; r is that of the ball around the geom at q, and what the joints behind it may add.
+        """
+        return self._shapes.changes(q, travel)
+
+    def least(self, before: Array, after: Array, travel: Array) -> Array:
+        """As for every constraint, with distances only where bounds of them do not suffice."""
+        least: Array = self._shapes.least(before, after, travel, self.distance) - self.distance
+        return least
+
+    def rows(self, q: Array) -> tuple[Array, Array, Indices]:
+        """Rows of the nearest pairs of each configuration, up to :data:`PLANNED`."""
+        count = min(PLANNED, len(self.pairs))
+        margins = self.bounded(q, PLANNED_WITHIN)
+        nearest = np.argsort(margins, axis=1)[:, :count]
+        rooms = np.take_along_axis(margins, nearest, axis=1)
+        which = np.where(rooms < PLANNED_WITHIN, nearest, -1)
+        rows = -self._shapes.gradients(q, which)
+        return rows, np.where(which < 0, np.inf, rooms), np.zeros(count, dtype=np.intp)
+
+    def compute_qp_inequalities(
+        self, configuration: mink.Configuration, dt: float
+    ) -> mink.Constraint:
+        """The rows of one step, G Δq ≤ h, for pairs nearer than :data:`HORIZON`."""
+        self._shapes.take_mocap(configuration.data)
+        q = configuration.q[None]
+        # An obstacle that moves is kept away from where it is expected after the step.
+        margins = np.minimum(self.bounded(q, HORIZON)[0], self._ahead(q)[0])
+        self._shown = np.flatnonzero(margins < HORIZON)
+        margins = margins[self._shown]
+        gradients = self._shapes.gradients(q, self._shown[None])[0]
+        self._rows = gradients, margins
+        share = min(1.0, dt / self.stopping_time) if self.stopping_time > 0.0 else 1.0
+        rooms = np.where(margins > 0.0, share * margins, margins) - self._curved[self._shown]
+        return mink.Constraint(G=-gradients, h=np.maximum(rooms, -self.recovery_speed * dt))
+
+    def row_name(self, row: int) -> str:
+        """Name of the pair of a row of the last step."""
+        return self.names[int(self._shown[row])]
+
+    def falls_short(self, configuration: mink.Configuration, velocity: Array, dt: float) -> float:
+        """How far the last step's velocity leads below its margins, m, 0 if it does not.
+
+        Rows are linear, distances are not: what a row lacks is subtracted from the next one of the
+        same pair, that of this step or of the following.
+
+        Args:
+            configuration: That of the step.
+            velocity: Its result, (nv,), rad/s or m/s.
+            dt: Its length, s.
+        """
+        gradients, margins = self._rows
+        after = configuration.q.copy()
+        mujoco.mj_integratePos(self.model, after, velocity, dt)
+        reached = self._ahead(after[None])[0]
+        self._curved = np.zeros(len(self.pairs))
+        predicted = margins + dt * (gradients @ velocity)
+        self._curved[self._shown] = np.maximum(predicted - reached[self._shown], 0.0)
+        allowed = np.zeros(len(self.pairs))
+        allowed[self._shown] = np.minimum(margins + self.recovery_speed * dt, 0.0)
+        return float(np.maximum(allowed - reached, 0.0).max(initial=0.0))
+
+    def _ahead(self, q: Array) -> Array:
+        """Margins as :meth:`bounded`, with mocap bodies where they are expected after a step."""
+        return self._shapes.distances(q, HORIZON + self.distance, ahead=True) - self.distance
+
+    def __getstate__(self) -> dict[str, Any]:
+        """State without the shapes, whose views would no longer share memory."""
+        return {name: value for name, value in self.__dict__.items() if name != "_shapes"}
+
+    def __repr__(self) -> str:
+        return f"Clearance({len(self.pairs)} pairs, {1e3 * self.distance:g} mm)"
+
+
+def _two_names(pair: Any) -> tuple[str, str]:
+    if (
+        isinstance(pair, (tuple, list))
+        and len(pair) == 2
+        and all(isinstance(name, str) for name in pair)
+    ):
+        return pair[0], pair[1]
+    raise InvalidInput(
+        f"Clearance(ignore=…): expected pairs of names of geoms or bodies, got {pair!r}."
+    )

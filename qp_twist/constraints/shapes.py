@@ -1,0 +1,241 @@
+"""Distances of pairs of geoms at many configurations: a model's geoms as the kernel takes them."""
+
+from __future__ import annotations
+
+import contextlib
+
+import mujoco
+import numpy as np
+from scipy.spatial import ConvexHull, QhullError
+
+from qp_twist.checks import Array, Indices
+from qp_twist.constraints.colliding_pairs import joints_above, relative_joints
+from qp_twist.kernel.clearance_kernel import (
+    CELL,
+    Cell,
+    changes,
+    distances,
+    first_below,
+    least_distances,
+    nearest_points,
+    place_shapes,
+)
+from qp_twist.kernel.convex import MESH, PLANE, CellSizes
+
+_FARTHEST = 10.0
+"""Largest depth of penetration that is measured, m."""
+
+
+class MovingShapes:
+    """Geoms of some pairs, on the bodies of a model with hinges and slides.
+
+    Distances, and depths where at most the radii of spheres and capsules overlap, are computed by
+    :mod:`qp_twist.kernel.convex`; deeper penetrations by MuJoCo (``mj_geomDistance``).
+    """
+
+    def __init__(self, model: mujoco.MjModel, pairs: Indices) -> None:
+        """Lay out the arrays for pairs that :func:`check_shapes` has accepted."""
+        self._model, self._data = model, mujoco.MjData(model)
+        self._pairs = pairs
+        self._geoms = np.unique(pairs)
+        self._number = {int(geom): k for k, geom in enumerate(self._geoms)}
+        vertices = [self._vertices(int(geom)) for geom in self._geoms]
+        chains = [relative_joints(model, int(a), int(b)) for a, b in pairs]
+        moving = self._moving()
+        self._size = CellSizes(
+            model.nbody, len(moving), model.njnt, len(self._geoms), sum(map(len, vertices)),
+            len(pairs), sum(len(one) + len(other) for one, other in chains),
+        )  # fmt: skip
+        self._floats, self._integers = CELL.allocate(self._size)
+        self._write(moving, vertices, chains)
+
+    # ------------------------------------------------------------------ questions
+
+    def distances(self, q: Array, enough: float, *, ahead: bool = False) -> Array:
+        """Signed distances (N, P), m; above ``enough`` lower bounds of them.
+
+        Args:
+            q: Configurations, (N, nq).
+            enough: m.
+            ahead: Whether mocap bodies are where they are expected at the next step.
+        """
+        q = _rows(q)
+        found = np.zeros((len(q), len(self._pairs)))
+        floats = self._ahead if ahead else self._floats
+        distances(floats.copy(), self._integers, q, enough, found)
+        for row, pair in np.argwhere(np.isneginf(found)):
+            found[row, pair] = self._depth(q[row], int(pair))[0]
+        return found
+
+    def first_below(self, q: Array, distance: float) -> Indices:
+        """Index of the first pair nearer than ``distance`` at each configuration, or −1, (N,)."""
+        q = _rows(q)
+        found = np.zeros(len(q), dtype=np.int64)
+        first_below(self._floats.copy(), self._integers, q, distance, found)
+        return found
+
+    def gradients(self, q: Array, which: Indices) -> Array:
+        """Derivatives (N, k, nv) of the distances of pairs ``which`` (N, k); 0 for the index −1."""
+        q, which = _rows(q), np.ascontiguousarray(which, dtype=np.int64)
+        found = np.zeros((*which.shape, self._model.nv))
+        points = np.full((*which.shape, 9), np.nan)
+        nearest_points(self._floats.copy(), self._integers, q, which, found, points)
+        deep = np.isnan(points).any(axis=2) & (which >= 0)
+        for row, k in np.argwhere(deep):
+            point = self._depth(q[row], int(which[row, k]))[1]
+            one, given = np.zeros((1, 1, self._model.nv)), point.reshape(1, 1, 9)
+            pair = which[row : row + 1, k : k + 1].copy()
+            nearest_points(self._floats.copy(), self._integers, q[row : row + 1], pair, one, given)
+            found[row, k] = one[0, 0]
+        return found
+
+    def changes(self, q: Array, travel: Array) -> Array:
+        """Bounds of the distances' variation on motions from q, m, (N, P)."""
+        q, travel = _rows(q), _rows(travel)
+        found = np.zeros((len(q), len(self._pairs)))
+        changes(self._floats.copy(), self._integers, q, travel, found)
+        return found
+
+    def least(self, before: Array, after: Array, travel: Array, distance: float) -> Array:
+        """Lower bounds of the distances between two configurations, sharp below ``distance``."""
+        before, after, travel = map(_rows, (before, after, travel))
+        found = np.zeros((len(before), len(self._pairs)))
+        least_distances(self._floats.copy(), self._integers, before, after, travel, distance, found)
+        deep = np.unique(np.argwhere(np.isneginf(found))[:, 0])
+        if len(deep):
+            ends = self.distances(before[deep], np.inf) + self.distances(after[deep], np.inf)
+            bound = 0.5 * (ends - self.changes(before[deep], travel[deep]))
+            found[deep] = np.maximum(found[deep], bound)
+        return found
+
+    def take_mocap(self, data: mujoco.MjData) -> None:
+        """Take the poses of mocap bodies, obstacles that move, from MuJoCo's data.
+
+        They are expected to move on as they did since this was last called.
+        """
+        if not self._on_mocap:
+            return
+        before = self._floats.copy()
+        places, tree = self._cell.places, self._cell.tree
+        for body in self._on_mocap:
+            number = int(self._model.body_mocapid[body])
+            if number >= 0:
+                places.pose[body] = data.mocap_pos[number]
+                mujoco.mju_quat2Mat(places.turn[body], data.mocap_quat[number])
+                continue
+            parent = int(self._model.body_parentid[body])
+            turn = places.turn[parent].reshape(3, 3)
+            places.pose[body] = places.pose[parent] + turn @ tree.offset[body]
+            places.turn[body] = (turn @ tree.turned[body].reshape(3, 3)).ravel()
+        self._ahead = self._floats.copy()
+        was, then = (CELL.arrays(f, *2 * (self._integers,)).places for f in (before, self._ahead))
+        for body in self._on_mocap if self._has_mocap else ():
+            then.pose[body] += places.pose[body] - was.pose[body]
+            R, R_before = (t[body].reshape(3, 3) for t in (places.turn, was.turn))
+            then.turn[body] = (R @ R_before.T @ R).ravel()
+        self._has_mocap = True
+
+    # ------------------------------------------------------------------ layout
+
+    def _vertices(self, geom: int) -> Array:
+        """The vertices of a mesh's convex hull in the geom's frame, m, (V, 3); none of others."""
+        model = self._model
+        if int(model.geom_type[geom]) != MESH:
+            return np.zeros((0, 3))
+        mesh = int(model.geom_dataid[geom])
+        first, count = int(model.mesh_vertadr[mesh]), int(model.mesh_vertnum[mesh])
+        vertices: Array = np.unique(model.mesh_vert[first : first + count].astype(float), axis=0)
+        with contextlib.suppress(QhullError):  # flat
+            vertices = vertices[ConvexHull(vertices).vertices]
+        return vertices
+
+    def _moving(self) -> list[int]:
+        """Bodies on the way to the geoms that a joint moves, parents first."""
+        found: set[int] = set()
+        for geom in self._geoms:
+            body = int(self._model.geom_bodyid[geom])
+            while body > 0:
+                if joints_above(self._model, body):
+                    found.add(body)
+                body = int(self._model.body_parentid[body])
+        return sorted(found)
+
+    def _write(
+        self,
+        moving: list[int],
+        vertices: list[Array],
+        chains: list[tuple[list[int], list[int]]],
+    ) -> None:
+        model, data = self._model, self._data
+        cell: Cell = CELL.arrays(self._floats, self._integers, self._integers)
+        self._cell = cell
+        data.qpos[:] = model.qpos0
+        mujoco.mj_kinematics(model, data)
+        tree, shapes, pairs, places = cell.tree, cell.shapes, cell.pairs, cell.places
+        tree.moving[:] = moving
+        tree.parent[:] = model.body_parentid
+        tree.offset[:] = model.body_pos
+        tree.joint_first[:], tree.joint_count[:] = model.body_jntadr, model.body_jntnum
+        places.pose[:], places.turn[:] = data.xpos, data.xmat
+        for body in range(model.nbody):
+            mujoco.mju_quat2Mat(tree.turned[body], model.body_quat[body])
+        tree.slides[:] = model.jnt_type == mujoco.mjtJoint.mjJNT_SLIDE
+        tree.axis[:], tree.anchor[:] = model.jnt_axis, model.jnt_pos
+        tree.address[:] = model.jnt_qposadr
+        tree.reference[:] = model.qpos0[model.jnt_qposadr]
+        pairs.dof[:] = model.jnt_dofadr
+        first = 0
+        for k, (geom, of_mesh) in enumerate(zip(self._geoms, vertices, strict=True)):
+            tree.body[k], tree.at[k] = model.geom_bodyid[geom], model.geom_pos[geom]
+            mujoco.mju_quat2Mat(tree.about[k], model.geom_quat[geom])
+            shapes.kind[k], shapes.size[k] = model.geom_type[geom], model.geom_size[geom]
+            shapes.center[k], shapes.half[k] = np.split(model.geom_aabb[geom], 2)
+            shapes.ball[k] = model.geom_rbound[geom]
+            if shapes.kind[k] == PLANE:
+                shapes.ball[k] = np.inf
+            if len(of_mesh):
+                shapes.first[k], shapes.count[k] = first, len(of_mesh)
+                shapes.vertices[first : first + len(of_mesh)] = of_mesh
+                first += len(of_mesh)
+                ends = of_mesh.min(axis=0), of_mesh.max(axis=0)
+                shapes.center[k] = 0.5 * (ends[0] + ends[1])
+                shapes.half[k] = 0.5 * (ends[1] - ends[0])
+                shapes.ball[k] = np.linalg.norm(of_mesh - shapes.center[k], axis=1).max()
+        begin = 0
+        for k, ((a, b), (one, other)) in enumerate(zip(self._pairs, chains, strict=True)):
+            pairs.one[k], pairs.other[k] = self._number[int(a)], self._number[int(b)]
+            end = begin + len(one) + len(other)
+            pairs.first[k], pairs.middle[k], pairs.last[k] = begin, begin + len(one), end
+            pairs.joints[begin:end] = one + other
+            begin = end
+        on_mocap: list[int] = []
+        for body in range(1, model.nbody):
+            still = model.body_jntnum[body] == 0
+            if model.body_mocapid[body] >= 0 or (
+                still and int(model.body_parentid[body]) in on_mocap
+            ):
+                on_mocap.append(body)
+        self._on_mocap, self._has_mocap = on_mocap, False
+        self._ahead = self._floats
+
+    def _depth(self, q: Array, pair: int) -> tuple[float, Array]:
+        """Depth of penetration by MuJoCo, at most 0, and as ``result`` of the kernel, (9,)."""
+        floats = self._floats.copy()
+        place_shapes(floats, self._integers, q)
+        places = CELL.arrays(floats, self._integers, self._integers).places
+        one, other = (int(geom) for geom in self._pairs[pair])
+        for geom in (one, other):
+            self._data.geom_xpos[geom] = places.x[self._number[geom]]
+            self._data.geom_xmat[geom] = places.R[self._number[geom]]
+        points = np.zeros(6)
+        found = mujoco.mj_geomDistance(self._model, self._data, one, other, _FARTHEST, points)
+        depth = min(float(found), 0.0)
+        way = points[3:] - points[:3]  # from A's deepest point out to B's
+        length = float(np.linalg.norm(way))
+        normal = way / length if length > 0.0 else np.zeros(3)
+        return depth, np.concatenate([points, normal])
+
+
+def _rows(array: Array) -> Array:
+    """As the kernel takes it."""
+    return np.ascontiguousarray(array, dtype=np.float64)

@@ -1,0 +1,330 @@
+"""Distances of many pairs of shapes on a tree of hinges and slides, at many configurations."""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated, NamedTuple
+
+from qp_twist.kernel.compiling import entry, part, plain
+from qp_twist.kernel.convex import (
+    SHAPES,
+    SIMPLEX,
+    CellSizes,
+    Shapes,
+    Simplex,
+    at_least,
+    pair_distance,
+)
+from qp_twist.kernel.record import Floats, Integers, RecordType, reader
+
+
+class Tree(NamedTuple):
+    """Bodies, numbered as in the model, their joints and the shapes on them; lengths in m."""
+
+    moving: Annotated[Integers, "moving"]
+    """The bodies that move, parents first."""
+    parent: Annotated[Integers, "bodies"]
+    offset: Annotated[Floats, "bodies", 3]
+    """Position in the parent's frame."""
+    turned: Annotated[Floats, "bodies", 9]
+    """Rotation there."""
+    joint_first: Annotated[Integers, "bodies"]
+    """First joint of each body."""
+    joint_count: Annotated[Integers, "bodies"]
+    slides: Annotated[Integers, "joints"]
+    """Whether a joint is a slide."""
+    axis: Annotated[Floats, "joints", 3]
+    """Its axis in its body's frame."""
+    anchor: Annotated[Floats, "joints", 3]
+    """Its position there."""
+    address: Annotated[Integers, "joints"]
+    """Address of its coordinate in q."""
+    reference: Annotated[Floats, "joints"]
+    """Its reference coordinate, rad or m."""
+    body: Annotated[Integers, "shapes"]
+    """Body of each shape."""
+    at: Annotated[Floats, "shapes", 3]
+    """Position of each shape in its body."""
+    about: Annotated[Floats, "shapes", 9]
+    """Rotation of each shape in its body."""
+
+
+class Pairs(NamedTuple):
+    """Pairs of shapes, and the joints that change their distance."""
+
+    one: Annotated[Integers, "pairs"]
+    """Shape A."""
+    other: Annotated[Integers, "pairs"]
+    """Shape B."""
+    first: Annotated[Integers, "pairs"]
+    """Index in ``joints`` of the first joint that moves A but not B."""
+    middle: Annotated[Integers, "pairs"]
+    """That of the first one that moves B but not A."""
+    last: Annotated[Integers, "pairs"]
+    """Behind the last of them."""
+    joints: Annotated[Integers, "links"]
+    """Joints, from the shape inwards."""
+    dof: Annotated[Integers, "joints"]
+    """Degree of freedom of each joint."""
+
+
+class Places(NamedTuple):
+    """Where everything is at one configuration, in the world."""
+
+    pose: Annotated[Floats, "bodies", 3]
+    """Positions of bodies; those of fixed ones are given."""
+    turn: Annotated[Floats, "bodies", 9]
+    """Their rotations."""
+    axis: Annotated[Floats, "joints", 3]
+    anchor: Annotated[Floats, "joints", 3]
+    x: Annotated[Floats, "shapes", 3]
+    """Positions of shapes."""
+    R: Annotated[Floats, "shapes", 9]
+    """Their rotations."""
+    center: Annotated[Floats, "shapes", 3]
+    """Centres of their balls."""
+    change: Annotated[Floats, "pairs"]
+    """Scratch of :func:`least_distances`."""
+    near: Annotated[Floats, "pairs"]
+    """Likewise."""
+
+
+class Cell(NamedTuple):
+    """All of it, and scratch."""
+
+    tree: Tree
+    shapes: Shapes
+    pairs: Pairs
+    places: Places
+    simplex: Simplex
+
+
+CELL = RecordType(
+    Cell, CellSizes, RecordType(Tree, CellSizes), SHAPES, RecordType(Pairs, CellSizes),
+    RecordType(Places, CellSizes), SIMPLEX,
+)  # fmt: skip
+read_cell = reader(CELL)
+
+
+@part
+def _times(R, v, out):
+    """out = R v, with R (9,)."""
+    x, y, z = v[0], v[1], v[2]
+    out[0] = R[0] * x + R[1] * y + R[2] * z
+    out[1] = R[3] * x + R[4] * y + R[5] * z
+    out[2] = R[6] * x + R[7] * y + R[8] * z
+
+
+@part
+def _product(A, B, out):
+    """out = A B of rotations (9,)."""
+    for i in range(0, 9, 3):
+        for j in range(3):
+            out[i + j] = A[i] * B[j] + A[i + 1] * B[3 + j] + A[i + 2] * B[6 + j]
+
+
+@part
+def _turn_about(axis, angle, R):
+    """R ← exp([axis] angle) R (Rodrigues)."""
+    sine, less = math.sin(angle), 2.0 * math.sin(0.5 * angle) ** 2
+    x, y, z = axis[0], axis[1], axis[2]
+    for j in range(3):
+        a, b, c = R[j], R[3 + j], R[6 + j]
+        along = less * (x * a + y * b + z * c)
+        R[j] += sine * (y * c - z * b) + x * along - less * a
+        R[3 + j] += sine * (z * a - x * c) + y * along - less * b
+        R[6 + j] += sine * (x * b - y * a) + z * along - less * c
+
+
+@plain
+def _place(cell, q):
+    """Write where bodies, joints and shapes are at a configuration q (nq,)."""
+    tree, places = cell.tree, cell.places
+    for k in range(len(tree.moving)):
+        body = tree.moving[k]
+        parent = tree.parent[body]
+        x, R = places.pose[body], places.turn[body]
+        _times(places.turn[parent], tree.offset[body], x)
+        for i in range(3):
+            x[i] += places.pose[parent, i]
+        _product(places.turn[parent], tree.turned[body], R)
+        first = tree.joint_first[body]
+        for joint in range(first, first + tree.joint_count[body]):
+            travel = q[tree.address[joint]] - tree.reference[joint]
+            axis, anchor = places.axis[joint], places.anchor[joint]
+            _times(R, tree.axis[joint], axis)
+            _times(R, tree.anchor[joint], anchor)
+            for i in range(3):
+                anchor[i] += x[i]
+            if tree.slides[joint]:
+                for i in range(3):
+                    x[i] += travel * axis[i]
+                continue
+            _turn_about(axis, travel, R)
+            _times(R, tree.anchor[joint], x)
+            for i in range(3):
+                x[i] = anchor[i] - x[i]
+    for g in range(len(tree.body)):
+        R, x = places.turn[tree.body[g]], places.pose[tree.body[g]]
+        _times(R, tree.at[g], places.x[g])
+        _product(R, tree.about[g], places.R[g])
+        for i in range(3):
+            places.x[g, i] += x[i]
+    for g in range(len(places.x)):
+        _times(places.R[g], cell.shapes.center[g], places.center[g])
+        for i in range(3):
+            places.center[g, i] += places.x[g, i]
+
+
+@plain
+def _distance(cell, pair, enough):
+    """Signed distance of a pair, as ``pair_distance``; a lower bound above ``enough``."""
+    g, h, at = cell.pairs.one[pair], cell.pairs.other[pair], cell.places
+    lower = at_least(cell.shapes, g, h, at.x, at.R, at.center)
+    if lower > enough:
+        return lower
+    return pair_distance(cell.shapes, g, h, at.x, at.R, enough, cell.simplex)
+
+
+@entry
+def distances(floats, integers, q, enough, out):
+    """Write the signed distances of all pairs at configurations q (N, nq) to out (N, P), m.
+
+    A distance above ``enough`` is replaced by a lower bound above it. It is −∞ where the cores of
+    the shapes intersect (:func:`~qp_twist.kernel.convex.pair_distance`).
+    """
+    cell = read_cell(floats, integers, integers)
+    for row in range(len(q)):
+        _place(cell, q[row])
+        for pair in range(len(cell.pairs.one)):
+            out[row, pair] = _distance(cell, pair, enough)
+
+
+@entry
+def first_below(floats, integers, q, distance, out):
+    """Write to out (N,) the first pair nearer than ``distance`` at q (N, nq), or −1."""
+    cell = read_cell(floats, integers, integers)
+    for row in range(len(q)):
+        _place(cell, q[row])
+        out[row] = -1
+        for pair in range(len(cell.pairs.one)):
+            if _distance(cell, pair, distance) < distance:
+                out[row] = pair
+                break
+
+
+@plain
+def _change(cell, pair, travel):
+    """Largest change of a pair's distance while joints travel by at most ``travel`` (nv,), m.
+
+    A point of a shape at the distance r from a hinge's axis moves by at most r |θ|, and r changes
+    by no more than the joints between them move the shape.
+    """
+    tree, pairs, places, shapes = cell.tree, cell.pairs, cell.places, cell.shapes
+    total, change = 0.0, 0.0
+    for k in range(pairs.first[pair], pairs.last[pair]):
+        if k == pairs.middle[pair]:
+            total, change = change, 0.0
+        joint = pairs.joints[k]
+        moved = travel[pairs.dof[joint]]
+        if tree.slides[joint]:
+            change += moved
+            continue
+        g = pairs.one[pair] if k < pairs.middle[pair] else pairs.other[pair]
+        a, p, c = places.axis[joint], places.anchor[joint], places.center[g]
+        x, y, z = c[0] - p[0], c[1] - p[1], c[2] - p[2]
+        u, v, w = a[1] * z - a[2] * y, a[2] * x - a[0] * z, a[0] * y - a[1] * x
+        change += moved * (math.sqrt(u * u + v * v + w * w) + shapes.ball[g] + change)
+    return total + change
+
+
+@entry
+def changes(floats, integers, q, travel, out):
+    """Write bounds (N, P) of the distances' variation on motions from q (N, nq), m."""
+    cell = read_cell(floats, integers, integers)
+    for row in range(len(q)):
+        _place(cell, q[row])
+        for pair in range(len(cell.pairs.one)):
+            out[row, pair] = _change(cell, pair, travel[row])
+
+
+@entry
+def least_distances(floats, integers, before, after, travel, distance, out):
+    """Write lower bounds (N, P) of the distances on the way between two configurations, m.
+
+    With the distances d₀ and d₁ at the ends and a variation of at most c, the least is at least
+    d₀ − c, d₁ − c and (d₀ + d₁ − c)/2. Distances are computed only where a bound of d₀ does not
+    show that ``distance`` is kept.
+    """
+    cell = read_cell(floats, integers, integers)
+    places = cell.places
+    for row in range(len(before)):
+        _place(cell, before[row])
+        left = False
+        for pair in range(len(cell.pairs.one)):
+            change = _change(cell, pair, travel[row])
+            near = _distance(cell, pair, distance + change)
+            out[row, pair] = near - change
+            places.change[pair], places.near[pair] = change, near
+            left = left or near - change < distance
+        if not left:
+            continue
+        _place(cell, after[row])
+        for pair in range(len(cell.pairs.one)):
+            if out[row, pair] < distance:
+                change, near = places.change[pair], places.near[pair]
+                far = _distance(cell, pair, distance + change)
+                out[row, pair] = max(far - change, out[row, pair], 0.5 * (near + far - change))
+
+
+@plain
+def _gradient(cell, pair, row):
+    """Write the derivatives (nv,) of a pair's distance, from the nearest points."""
+    tree, pairs, places, found = cell.tree, cell.pairs, cell.places, cell.simplex.result
+    for k in range(len(row)):
+        row[k] = 0.0
+    for k in range(pairs.first[pair], pairs.last[pair]):
+        moves_one = k < pairs.middle[pair]
+        joint = pairs.joints[k]
+        a, p, at = places.axis[joint], places.anchor[joint], 0 if moves_one else 3
+        if tree.slides[joint]:
+            u, v, w = a[0], a[1], a[2]
+        else:
+            x, y, z = found[at] - p[0], found[at + 1] - p[1], found[at + 2] - p[2]
+            u, v, w = a[1] * z - a[2] * y, a[2] * x - a[0] * z, a[0] * y - a[1] * x
+        along = u * found[6] + v * found[7] + w * found[8]
+        row[pairs.dof[joint]] = along if moves_one else -along
+
+
+@entry
+def nearest_points(floats, integers, q, which, out, points):
+    """Write where the points are at which some pairs are nearest, and the distances' derivatives.
+
+    Args:
+        floats: The floats of the cell.
+        integers: Its integers.
+        q: Configurations, (N, nq).
+        which: Index of a pair at each of them, (N, k); −1 for none.
+        out: Derivatives, (N, k, nv), m/rad or 1.
+        points: For each pair the nearest points of A and B and the direction in which A moves away,
+            (N, k, 9); given where the cores intersect, and then used as given.
+    """
+    cell = read_cell(floats, integers, integers)
+    for row in range(len(q)):
+        _place(cell, q[row])
+        for k in range(which.shape[1]):
+            pair = which[row, k]
+            if pair < 0:
+                continue
+            if _distance(cell, pair, math.inf) > -math.inf:
+                for i in range(9):
+                    points[row, k, i] = cell.simplex.result[i]
+            for i in range(9):
+                cell.simplex.result[i] = points[row, k, i]
+            _gradient(cell, pair, out[row, k])
+
+
+@entry
+def place_shapes(floats, integers, q):
+    """Write where bodies, joints and shapes are at one configuration q (nq,) to the cell."""
+    _place(read_cell(floats, integers, integers), q)
