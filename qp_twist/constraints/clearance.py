@@ -49,7 +49,7 @@ class Clearance(Constraint):
     A step keeps a margin after integration, too (:class:`~qp_twist.Controller` corrects the row by
     the curvature of the distance). With acceleration limits the speed of approach is at most
     :math:`m/T`, with the time T in which all joints come to rest: from there they can stop, braking
-    in proportion.
+    in proportion. A mocap body is expected to go on as it moved between the last two steps.
 
     Attributes:
         model: The robot and what is around it.
@@ -57,6 +57,7 @@ class Clearance(Constraint):
         pairs: Ids of the two geoms of each pair, (P, 2).
         ignored: The pairs of names that may touch.
         stopping_time: T, s, for the next step; 0 without acceleration limits.
+        hardest: Acceleration limits of the joints, rad/s² or m/s², (nv,).
     """
 
     kind = "clearance"
@@ -94,10 +95,12 @@ class Clearance(Constraint):
         self.pairs: Indices = pairs
         self.names = tuple(f"{geom_name(model, a)} to {geom_name(model, b)}" for a, b in pairs)
         self.units = ("m",) * len(pairs)
-        self.stopping_time = 0.0
-        #: The pairs that have a row in the step, and the rows and margins, (k,).
+        self.stopping_time, self.hardest = 0.0, np.full(model.nv, np.inf)
+        #: The pairs that have a row in the step, their gradients and margins, and the margin that
+        #: they may have after it: 0, or less for those that return, (k,).
         self._shown: Indices = np.zeros(0, dtype=np.intp)
         self._rows: tuple[Array, Array] = np.zeros((0, model.nv)), np.zeros(0)
+        self._floor: Array = np.zeros(0)
         #: By how much the distance of each pair is less than a row of a step says, m, (P,).
         self._curved: Array = np.zeros(len(pairs))
 
@@ -156,15 +159,24 @@ class Clearance(Constraint):
         """The rows of one step, G Δq ≤ h, for pairs nearer than :data:`HORIZON`."""
         self._shapes.take_mocap(configuration.data)
         q = configuration.q[None]
-        # An obstacle that moves is kept away from where it is expected after the step.
-        margins = np.minimum(self.bounded(q, HORIZON)[0], self._ahead(q)[0])
-        self._shown = np.flatnonzero(margins < HORIZON)
-        margins = margins[self._shown]
+        now = self.bounded(q, HORIZON)[0]
+        then = self._ahead(q)[0] if self._shapes.has_moved else now
+        self._shown = np.flatnonzero(np.minimum(now, then) < HORIZON)
+        margins = now[self._shown]
+        # What an obstacle that moves takes of the margin during the step.
+        taken = np.minimum(then[self._shown] - margins, 0.0)
         gradients = self._shapes.gradients(q, self._shown[None])[0]
-        self._rows = gradients, margins
-        share = min(1.0, dt / self.stopping_time) if self.stopping_time > 0.0 else 1.0
-        rooms = np.where(margins > 0.0, share * margins, margins) - self._curved[self._shown]
-        return mink.Constraint(G=-gradients, h=np.maximum(rooms, -self.recovery_speed * dt))
+        recovering = np.maximum(margins, -self.recovery_speed * dt)
+        share = np.ones(len(margins))
+        if self.stopping_time > 0.0:
+            # First the joints come to rest, then they are as fast as the obstacle.
+            harder = np.abs(gradients) @ np.minimum(self.hardest, 1e6)
+            retreat = np.divide(-taken / dt, harder, out=np.zeros(len(taken)), where=harder > 0.0)
+            share = np.minimum(1.0, dt / (self.stopping_time + retreat))
+        rooms = np.where(margins > 0.0, share * margins, recovering)
+        self._rows = gradients, margins + taken
+        self._floor = np.minimum(margins - recovering, 0.0)
+        return mink.Constraint(G=-gradients, h=rooms + taken - self._curved[self._shown])
 
     def row_name(self, row: int) -> str:
         """Name of the pair of a row of the last step."""
@@ -189,7 +201,7 @@ class Clearance(Constraint):
         predicted = margins + dt * (gradients @ velocity)
         self._curved[self._shown] = np.maximum(predicted - reached[self._shown], 0.0)
         allowed = np.zeros(len(self.pairs))
-        allowed[self._shown] = np.minimum(margins + self.recovery_speed * dt, 0.0)
+        allowed[self._shown] = self._floor
         return float(np.maximum(allowed - reached, 0.0).max(initial=0.0))
 
     def _ahead(self, q: Array) -> Array:

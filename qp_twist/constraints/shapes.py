@@ -29,6 +29,9 @@ _FARTHEST = 10.0
 class MovingShapes:
     """Geoms of some pairs, on the bodies of a model with hinges and slides.
 
+    Attributes:
+        has_moved: Whether mocap bodies were taken from MuJoCo's data.
+
     Distances, and depths where at most the radii of spheres and capsules overlap, are computed by
     :mod:`qp_twist.kernel.convex`; deeper penetrations by MuJoCo (``mj_geomDistance``).
     """
@@ -46,6 +49,7 @@ class MovingShapes:
             model.nbody, len(moving), model.njnt, len(self._geoms), sum(map(len, vertices)),
             len(pairs), sum(len(one) + len(other) for one, other in chains),
         )  # fmt: skip
+        self.has_moved = False
         self._floats, self._integers = CELL.allocate(self._size)
         self._write(moving, vertices, chains)
 
@@ -129,11 +133,11 @@ class MovingShapes:
             places.turn[body] = (turn @ tree.turned[body].reshape(3, 3)).ravel()
         self._ahead = self._floats.copy()
         was, then = (CELL.arrays(f, *2 * (self._integers,)).places for f in (before, self._ahead))
-        for body in self._on_mocap if self._has_mocap else ():
+        for body in self._on_mocap if self.has_moved else ():
             then.pose[body] += places.pose[body] - was.pose[body]
             R, R_before = (t[body].reshape(3, 3) for t in (places.turn, was.turn))
             then.turn[body] = (R @ R_before.T @ R).ravel()
-        self._has_mocap = True
+        self.has_moved = True
 
     # ------------------------------------------------------------------ layout
 
@@ -194,7 +198,7 @@ class MovingShapes:
             if shapes.kind[k] == PLANE:
                 shapes.ball[k] = np.inf
             if len(of_mesh):
-                shapes.first[k], shapes.count[k] = first, len(of_mesh)
+                shapes.first[k], shapes.last[k] = first, first + len(of_mesh)
                 shapes.vertices[first : first + len(of_mesh)] = of_mesh
                 first += len(of_mesh)
                 ends = of_mesh.min(axis=0), of_mesh.max(axis=0)
@@ -215,7 +219,7 @@ class MovingShapes:
                 still and int(model.body_parentid[body]) in on_mocap
             ):
                 on_mocap.append(body)
-        self._on_mocap, self._has_mocap = on_mocap, False
+        self._on_mocap = on_mocap
         self._ahead = self._floats
 
     def _depth(self, q: Array, pair: int) -> tuple[float, Array]:

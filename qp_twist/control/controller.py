@@ -314,7 +314,7 @@ class Controller:
             self.note(velocity)
         clearances = self._clearances()
         for clearance in clearances:
-            clearance.stopping_time = self._stopping_time(dt)
+            clearance.stopping_time, clearance.hardest = self._stopping(dt)
         step, note = self._solved(configuration, dt, bool(use_secondary))
         # Rows of clearance are linear in the step: what they lack of the distance where it leads is
         # subtracted from them, and the step is computed again.
@@ -497,15 +497,16 @@ class Controller:
             self._seen = list(self.limits), found
         return found
 
-    def _stopping_time(self, dt: float) -> float:
-        """Time in which all joints come to rest after a step of dt, s; 0 without acceleration."""
-        slowest = 0.0
-        for limit in self.limits:
-            if isinstance(limit, MotionLimit):
-                times = np.abs(limit.velocity) / limit.max_acceleration
-                limited = np.isfinite(limit.max_acceleration)
-                slowest = max(slowest, float((times[limited] + dt).max(initial=0.0)))
-        return slowest
+    def _stopping(self, dt: float) -> tuple[float, Array]:
+        """Time in which all joints come to rest after a step, s, and accelerations (nv,).
+
+        The time is 0 without acceleration limits.
+        """
+        hardest = self._acceleration()
+        if hardest is None:
+            return 0.0, np.full(self.model.nv, np.inf)
+        fastest = np.max([np.abs(v.velocity) for v in self.limits if isinstance(v, MotionLimit)], 0)
+        return float((fastest / hardest).max()) + dt, hardest
 
     def _check_types(self) -> None:
         if self.model.nv == 0:

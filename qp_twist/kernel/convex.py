@@ -49,8 +49,8 @@ class Shapes(NamedTuple):
     """MuJoCo's sizes: radius; half lengths."""
     first: Annotated[Integers, "shapes"]
     """First vertex of a mesh."""
-    count: Annotated[Integers, "shapes"]
-    """Number of its vertices."""
+    last: Annotated[Integers, "shapes"]
+    """Behind its last one."""
     vertices: Annotated[Floats, "vertices", 3]
     center: Annotated[Floats, "shapes", 3]
     """Centre of a ball that contains the shape, in its frame."""
@@ -114,13 +114,13 @@ def _support(shapes, g, x, R, dx, dy, dz, out):
         else:
             px, py, pz = size[0], 0.0, 0.0
     elif kind == MESH:
-        first, best, most = shapes.first[g], 0, -math.inf
-        for k in range(shapes.count[g]):
-            p = shapes.vertices[first + k]
+        best, most = 0, -math.inf
+        for k in range(shapes.first[g], shapes.last[g]):
+            p = shapes.vertices[k]
             along = p[0] * u + p[1] * v + p[2] * w
             if along > most:
                 most, best = along, k
-        p = shapes.vertices[first + best]
+        p = shapes.vertices[best]
         px, py, pz = p[0], p[1], p[2]
     out[0] = x[0] + R[0] * px + R[1] * py + R[2] * pz
     out[1] = x[1] + R[3] * px + R[4] * py + R[5] * pz
