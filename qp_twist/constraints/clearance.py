@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Iterable, Sequence
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
@@ -130,6 +131,10 @@ class Clearance(Constraint):
         every = np.arange(len(self.pairs))
         return self._shapes.gradients(q, np.broadcast_to(every, (len(q), len(every))))
 
+    def gradients_of(self, q: Array, which: Mask) -> Array:
+        """Those of the pairs ``which`` (N, P), and 0 for the others."""
+        return self._shapes.gradients(q, np.where(which, np.arange(len(self.pairs)), -1))
+
     def change(self, q: Array, travel: Array) -> Array:
         r"""Sum over the joints that move one geom against the other, (N, P), m.
 
@@ -207,6 +212,14 @@ class Clearance(Constraint):
     def _ahead(self, q: Array) -> Array:
         """Margins as :meth:`bounded`, with mocap bodies where they are expected after a step."""
         return self._shapes.distances(q, HORIZON + self.distance, ahead=True) - self.distance
+
+    def without_pairs(self) -> Clearance:
+        """A clearance of the same model that asks for nothing."""
+        empty = copy.copy(self)
+        empty.__dict__.pop("_shapes", None)
+        empty.pairs, empty.names, empty.units = self.pairs[:0], (), ()
+        empty._curved = self._curved[:0]
+        return empty
 
     def __getstate__(self) -> dict[str, Any]:
         """State without the shapes, whose views would no longer share memory."""

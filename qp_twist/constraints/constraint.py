@@ -53,6 +53,10 @@ class Constraint(mink.Limit):
     def gradients(self, q: Array) -> Array:
         """Derivatives of the margins with respect to each degree of freedom, (N, k, nv)."""
 
+    def gradients_of(self, q: Array, which: Mask) -> Array:
+        """The gradients (N, k, nv) of some margins (N, k); others may be 0."""
+        return self.gradients(q)
+
     @abc.abstractmethod
     def change(self, q: Array, travel: Array) -> Array:
         """Bound of each margin's total variation on motions that start at q, (N, k).
@@ -210,7 +214,7 @@ def check_constraints(
                 "acceleration_limits."
             )
         count, units = len(constraint.names), set(constraint.units)
-        if len(constraint.units) != count or len(units) != 1 or not units <= {"m", "rad"}:
+        if len(constraint.units) != count or len(units) > 1 or not units <= {"m", "rad"}:
             raise InvalidInput(
                 f"{label}: expected a unit for each of its {count} names, all 'm' or all 'rad', "
                 f"got {constraint.units!r}."

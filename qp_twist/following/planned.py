@@ -86,8 +86,8 @@ def plan(
         first = corrected_start(path_task, path_task.waypoints[0], holds_limits=True)
     names = [check_method(name) for name in seeds]
 
-    def runs(start: Array | None) -> list[Array]:
-        task = path_task if start is None else dataclasses.replace(path_task, start=start)
+    def runs(task: PathTask, start: Array | None) -> list[Array]:
+        task = task if start is None else dataclasses.replace(task, start=start)
         found = [_run(task, name, progress) for name in names]
         if start is None:
             return [run for run in found if run is not None]

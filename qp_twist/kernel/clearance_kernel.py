@@ -180,7 +180,7 @@ def _place(cell, q):
 def _distance(cell, pair, enough):
     """Signed distance of a pair, as ``pair_distance``; a lower bound above ``enough``."""
     g, h, at = cell.pairs.one[pair], cell.pairs.other[pair], cell.places
-    lower = at_least(cell.shapes, g, h, at.x, at.R, at.center)
+    lower = at_least(cell.shapes, g, h, at.x, at.R, at.center, enough)
     if lower > enough:
         return lower
     return pair_distance(cell.shapes, g, h, at.x, at.R, enough, cell.simplex)

@@ -344,8 +344,11 @@ def _from_box(shapes, g, x, R, px, py, pz):
 
 
 @part
-def at_least(shapes, g, h, x, R, middle):
-    """A lower bound of the distance: the ball around one shape from the box around the other, m.
+def at_least(shapes, g, h, x, R, middle, enough):
+    """A lower bound of the distance, above ``enough`` if one is known that is.
+
+    First that of the balls around the shapes, then that of the ball around one from the box around
+    the other.
 
     Args:
         shapes: The shapes.
@@ -354,6 +357,7 @@ def at_least(shapes, g, h, x, R, middle):
         x: Positions, (G, 3), m.
         R: Rotations, (G, 9).
         middle: Centres of the shapes' balls in the world, (G, 3), m.
+        enough: m.
     """
     if shapes.kind[g] == PLANE or shapes.kind[h] == PLANE:
         p, b = (g, h) if shapes.kind[g] == PLANE else (h, g)
@@ -363,6 +367,11 @@ def at_least(shapes, g, h, x, R, middle):
             + R[p, 8] * (middle[b, 2] - x[p, 2])
             - shapes.ball[b]
         )
+    u, v = middle[g, 0] - middle[h, 0], middle[g, 1] - middle[h, 1]
+    w, both = middle[g, 2] - middle[h, 2], shapes.ball[g] + shapes.ball[h]
+    square, apart = u * u + v * v + w * w, both + max(enough, 0.0)
+    if square > apart * apart:
+        return math.sqrt(square) - both
     of_g = _from_box(shapes, g, x, R, middle[h, 0], middle[h, 1], middle[h, 2]) - shapes.ball[h]
     of_h = _from_box(shapes, h, x, R, middle[g, 0], middle[g, 1], middle[g, 2]) - shapes.ball[g]
     return max(of_g, of_h)

@@ -133,6 +133,11 @@ class PathTask:
         return *checked, *couplings_of(self.model, couplings), *clearances
 
     @property
+    def stated_constraints(self) -> tuple[Constraint, ...]:
+        """The constraints that have margins: a clearance may ignore every pair."""
+        return tuple(constraint for constraint in self.constraints if len(constraint.names))
+
+    @property
     def positions(self) -> Array:
         """Positions of the waypoints in the world, m, (N, 3)."""
         return np.array([w.translation() for w in self.waypoints])
@@ -169,7 +174,7 @@ class PathTask:
 
     def constraint_excess(self, q: Array) -> Array:
         """Violation of each constraint at configurations q (N, nq), m or rad, (N, C)."""
-        excess = [constraint.excess(q) for constraint in self.constraints]
+        excess = [constraint.excess(q) for constraint in self.stated_constraints]
         return np.array(excess).reshape(len(excess), len(q)).T
 
     def started_at(self, start: Array) -> PathTask:
@@ -225,10 +230,10 @@ class PathTask:
             name
             for name, method in METHODS.items()
             if not method.on_request
-            and not (name == "sns" and self.constraints)  # bounds only
+            and not (name == "sns" and self.stated_constraints)  # bounds only
             and not (method.flipped and self.flipped_waypoints is None)
             # Bands and constraints are not translated for other libraries.
-            and not (method.peer and (self.bands or self.constraints))
+            and not (method.peer and (self.bands or self.stated_constraints))
             # An arm with fewer joints than operational directions cannot fix its whole twist.
             and not (method.whole_twist and self.operational.rank > self.model.nv)
         ]

@@ -6,7 +6,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from qp_twist.checks import Array, Indices, Mask
-from qp_twist.constraints import JointCouplings, margins_of
+from qp_twist.constraints import JointCouplings
 from qp_twist.errors import InvalidInput
 from qp_twist.kinematics import FramePair, SerialChain, Stretch, ToleranceBand, check_bands
 from qp_twist.paths import PathTask
@@ -52,7 +52,7 @@ class HardConstraints:
         hard = [(k, band) for k, band in enumerate(path_task.bands) if band.weight is None]
         self.chain, self._path_task = chain, path_task
         self.bands: tuple[ToleranceBand, ...] = tuple(band for _, band in hard)
-        self.constraints = path_task.constraints
+        self.constraints = path_task.stated_constraints
         self.cuts = bool(self.bands) or not all(
             isinstance(constraint, JointCouplings) for constraint in self.constraints
         )
@@ -100,7 +100,10 @@ class HardConstraints:
         return len(self.bands) + len(self.constraints)
 
     def margins(self, q: Array, at: Indices) -> Array:
-        """Margins (K, k) of configurations q (K, nv) at waypoints (K,), rad or m."""
+        """Margins (K, k) of configurations q (K, nv) at waypoints (K,), rad or m.
+
+        Those above 0 may be lower bounds (:meth:`~qp_twist.Constraint.bounded`).
+        """
         if not self:
             return np.zeros((len(q), 0))
         margins = self._margins(self._pair(*self.chain.poses(q), at), q)
@@ -176,8 +179,12 @@ class HardConstraints:
             middle = np.array([0.5 * (range_.lower + range_.upper) for range_ in band.ranges])
             sign = np.where(band.values(pair) < middle, 1.0, -1.0)
             rising.append(sign[:, :, None] * band.gradients(pair) @ J)
-        rising += [constraint.gradients(q) for constraint in self.constraints]
         outside = margins < -WITHIN
+        first = len(self.names) - sum(len(c.names) for c in self.constraints)
+        for constraint in self.constraints:
+            last = first + len(constraint.names)
+            rising.append(constraint.gradients_of(q, outside[:, first:last]))
+            first = last
         rows = np.where(outside[:, :, None], np.concatenate(rising, axis=1), 0.0)
         depth = np.minimum(inset, 0.5 * self.halves)
         return rows, np.where(outside, depth - np.where(outside, margins, 0.0), 0.0)
@@ -246,7 +253,7 @@ class HardConstraints:
         )
 
     def _margins(self, pair: FramePair, q: Array) -> Array:
-        of_constraints = [margins_of(constraint, q) for constraint in self.constraints]
+        of_constraints = [constraint.bounded(q, 0.0) for constraint in self.constraints]
         return np.concatenate([self._of_bands(pair), *of_constraints], axis=1)
 
     def _of_bands(self, pair: FramePair) -> Array:

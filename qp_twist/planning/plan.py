@@ -118,7 +118,10 @@ class Plan:
             f"{1e3 * found.position_bound.max():.3g} mm and "
             f"{np.degrees(found.axis_bound.max()):.3g}° of it"
         )
-        kinds = {"hard bands": self.path_task.bands, "constraints": self.path_task.constraints}
+        kinds = {
+            "hard bands": self.path_task.bands,
+            "constraints": self.path_task.stated_constraints,
+        }
         what = " and ".join(name for name, given in kinds.items() if given)
         for unit, scale, name in (("m", 1e3, " mm"), ("rad", 180.0 / np.pi, "°")):
             columns = [b for b, of in enumerate(found.band_units) if of == unit]

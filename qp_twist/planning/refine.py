@@ -72,7 +72,7 @@ def refine(
     :meth:`~qp_twist.planning.hard_constraints.HardConstraints.rows`: for a cone these are the sides
     of a polygon, so that it is kept in all directions.
     """
-    here, radius = _judged(q, limits, objective), _FIRST
+    here, radius = judged(q, limits, objective), _FIRST
     if not rows.freedom.any():  # no free direction
         return here
     for iteration in range(iterations):
@@ -99,7 +99,8 @@ def refine(
     return here
 
 
-def _judged(q: Array, limits: PathConstraints, objective: Objective) -> RefinedPath:
+def judged(q: Array, limits: PathConstraints, objective: Objective) -> RefinedPath:
+    """A joint path (N, nv) with its value and its largest violation at waypoints and shares."""
     return RefinedPath(q, objective.value(q), limits.excess(q))
 
 
@@ -128,7 +129,7 @@ def _step(
     moved, arrived = rows.correct(here.q + (basis @ u[:, :, None])[:, :, 0], at)
     if limits.fixed_start:
         moved[0] = here.q[0]
-    return _judged(moved, limits, objective) if arrived.all() else None
+    return judged(moved, limits, objective) if arrived.all() else None
 
 
 def _solved(

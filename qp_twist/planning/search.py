@@ -9,22 +9,23 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from qp_twist.checks import Array, Indices, Mask
+from qp_twist.constraints import Clearance
 from qp_twist.paths import PathTask
 from qp_twist.planning.bound import pointwise_bound
 from qp_twist.planning.certificate import Certificate
-from qp_twist.planning.hard_constraints import SHARES
-from qp_twist.planning.layer import TURN, Layer
+from qp_twist.planning.hard_constraints import SHARES, WITHIN
+from qp_twist.planning.layer import TURN, Layer, forbidding_bands
 from qp_twist.planning.manifold_net import COVERED
 from qp_twist.planning.objective import Objective
 from qp_twist.planning.path_constraints import PathConstraints, Violation
 from qp_twist.planning.path_rows import PathRows
-from qp_twist.planning.refine import ITERATIONS, RefinedPath, refine
+from qp_twist.planning.refine import ITERATIONS, RefinedPath, judged, refine
 from qp_twist.planning.roadmap import Grid, Roadmap
 from qp_twist.planning.shortest_path import Edges, LayerPath, cheapest_path, edges, widest_path
 
 Progress = Callable[[str, float], None]
-Trials = Callable[[Array | None], list[Array]]
-"""Joint paths (N, nv) of other methods from a start (nv,); from the task's own if ``None``."""
+Trials = Callable[[PathTask, Array | None], list[Array]]
+"""Joint paths (N, nv) of other methods for a task from a start (nv,); its own if ``None``."""
 
 COARSEST = np.radians(15.0)
 """Largest spacing of configurations in a joint, rad or m."""
@@ -40,6 +41,8 @@ _ABOUT = 30
 """Number of waypoints on either side of a violation that are searched again."""
 _LOOKED_WITHIN = (0.05, 0.2, 0.6)
 """Shares above the layers' least mean z within which a path is searched first: few nodes are."""
+_REPAIRED = 0.05
+"""Share of the waypoints that come too near up to which a path is repaired, not searched anew."""
 _POINTS = 6
 """Number of times that points of violations between waypoints are added."""
 _STRICTNESS = (1.0, 1e3)
@@ -129,17 +132,79 @@ class PlanSearch:
         self.objective = objective
         self.limits = limits
         self.start = start
-        self.runs = runs or (lambda start: [])
+        self.runs = runs or (lambda path_task, start: [])
         self.rows = PathRows(path_task)
         self._progress = progress or (lambda what, share: None)
         ranges = limits.ranges
+        self._cleared = any(
+            isinstance(c, Clearance) and len(c.pairs) > 0 for c in path_task.constraints
+        )
+        #: The task and its rows without clearance, of which layers are made.
+        self._free_task, self._free_rows = path_task, self.rows
+        if self._cleared:
+            constraints = tuple(
+                c.without_pairs() if isinstance(c, Clearance) else c for c in path_task.constraints
+            )
+            self._free_task = replace(path_task, constraints=constraints)
+            self._free_rows = PathRows(self._free_task)
         #: Hinges without limits: their whole turns do not matter.
         self._period = np.where(ranges.hinge & ~np.isfinite(ranges.upper - ranges.lower), TURN, 0.0)
 
     def run(self) -> SearchResult:
-        """Search the best motion."""
-        best: RefinedPath | None = None
-        tried = self._tried(self.start) if self.start is not None else []
+        """Search the best motion: first without clearance, which most paths keep anyway."""
+        if not self._cleared:
+            return self._searched(None)
+        free = self._without_clearance().run()
+        if free.path is None:  # nor is there a motion with it
+            return free
+        best = self._repaired(free.path.q)
+        if best is not None and _alike(free.path.value, best.value):
+            names = self.rows.hard.names
+            certificate = Certificate("path", free.certificate.grid, bands=names)
+            return replace(free, path=best, certificate=certificate)
+        return self._searched(best)
+
+    def _repaired(self, q: Array) -> RefinedPath | None:
+        """The path if it keeps its distance, else with a detour where it does not, if one is found.
+
+        Where it comes too near in many places, the search of the whole path takes less time.
+        """
+        path = judged(q, self.limits, self.objective)
+        broken = self.limits.broken(q)
+        if not len(broken):
+            beyond = self.limits.beyond_between(q)[0]
+            if not (beyond > 0.0).any():
+                return path
+        if len(broken) > _REPAIRED * len(q):
+            return None
+        return self._better(None, self._mended(path) if len(broken) else self._refined(q))
+
+    def _without_clearance(self) -> PlanSearch:
+        """The same search for the task without clearance."""
+        limits = replace(self.limits, hard=self._free_rows.hard)
+        return PlanSearch(
+            self._free_task, self.objective, limits, self.start, self.runs, self._progress
+        )
+
+    def _clears(self, q: Array) -> Mask:
+        """Which configurations q (K, nv) keep the clearance, (K,)."""
+        clears = np.ones(len(q), dtype=bool)
+        for constraint in self.path_task.stated_constraints:
+            if isinstance(constraint, Clearance):
+                clears[clears] = constraint.inside(q[clears], WITHIN)
+        return clears
+
+    def _cleared_layer(self, layer: Layer, index: int) -> Layer:
+        """The configurations of a waypoint's layer that keep the clearance."""
+        if not self._cleared or not len(layer.q):
+            return layer
+        kept = self._clears(layer.q)
+        bands = () if kept.any() else forbidding_bands(layer.q, self.rows.hard, index)[0]
+        return replace(layer, q=layer.q[kept], branch=layer.branch[kept], bands=bands)
+
+    def _searched(self, best: RefinedPath | None) -> SearchResult:
+        """Search with all constraints, beside the best motion known."""
+        tried = self._tried(self.start) if self.start is not None and best is None else []
         for trial in tried:
             best = self._better(best, trial)
         for stage in _STAGES:
@@ -153,7 +218,9 @@ class PlanSearch:
                     return proven
         best = self._better(best, found.path)
         first, bound = best, self._bound(found, best)
-        if self.start is None and (best is None or not _alike(bound, best.value)):
+        # With a clearance the bound, which knows of none, says little.
+        near = best is not None and (self._cleared or _alike(bound, best.value))
+        if self.start is None and not near:
             tried = self._tried(None if best is None else best.q[0])
         for trial in tried:
             # A seed that is still far from the best will not become it.
@@ -170,7 +237,7 @@ class PlanSearch:
     def _tried(self, start: Array | None) -> list[RefinedPath]:
         """The runs of other methods, corrected onto their waypoints and improved a little."""
         tried, at = [], np.arange(len(self.path_task.waypoints))
-        for run in self.runs(start):
+        for run in self.runs(self.path_task, start):
             on_path, arrived = self.rows.correct(run, at)
             if arrived.all():
                 on_path[0] = run[0]
@@ -204,17 +271,19 @@ class PlanSearch:
         count = len(self.path_task.waypoints)
         stride = int(np.clip(round(stage.motion / self._typical_step()), 1, stage.longest_stride))
         grid = self._grid(stage, stride)
-        roadmap = Roadmap(self.path_task, self.rows, grid)
+        roadmap = Roadmap(self._free_task, self._free_rows, grid)
         waypoints = self._waypoints(stride, count)
         layers = roadmap.layers(
             waypoints, lambda done: self._progress(f"{grid}: layers", done / len(waypoints))
         )
-        covered = all(roadmap.covers(index) for index in waypoints)
+        # Between the configurations of a grid nothing is proved of a clearance.
+        covered = not self._cleared and all(roadmap.covers(index) for index in waypoints)
         if self.start is not None:
             layers[0] = Layer(self.start[None], np.full(1, -1), 1)
+        layers[0] = self._cleared_layer(layers[0], waypoints[0])
         empty = [i for i, layer in zip(waypoints, layers, strict=True) if not len(layer.q)]
         if empty:
-            certificate = _empty(waypoints, layers, grid, roadmap)
+            certificate = _empty(waypoints, layers, grid, roadmap, covered)
             return SearchResult(None, certificate, layers, waypoints)
         # The grid's path may be a little worse than the best one between its nodes.
         rounded = _ROUNDED_TRAVEL if self.objective.travel else _ROUNDED
@@ -227,6 +296,13 @@ class PlanSearch:
             if len(way.nodes) < len(layers):
                 if best is not None:  # the grid has no better path
                     return SearchResult(best, Certificate("path", grid), layers, waypoints)
+                layers = [
+                    self._cleared_layer(layer, index)
+                    for layer, index in zip(layers, waypoints, strict=True)
+                ]
+                if not all(len(layer.q) for layer in layers):
+                    certificate = _empty(waypoints, layers, grid, roadmap, covered)
+                    return SearchResult(None, certificate, layers, waypoints)
                 certificate = self._blocked(way, layers, waypoints, grid, covered)
                 return SearchResult(None, certificate, layers, waypoints)
             nodes = [layer.q[node] for layer, node in zip(layers, way.nodes, strict=True)]
@@ -250,7 +326,7 @@ class PlanSearch:
         """
         whole, count = path.q.copy(), len(path.q)
         grid = self._grid(_STAGES[-1])
-        roadmap = Roadmap(self.path_task, self.rows, grid)
+        roadmap = Roadmap(self._free_task, self._free_rows, grid)
         broken = self.limits.broken(whole)
         if not len(broken):  # the violation is between waypoints
             return None
@@ -292,7 +368,8 @@ class PlanSearch:
         layers = roadmap.layers(waypoints)
         if all(len(layer.q) for layer in layers):
             return None
-        return SearchResult(None, _empty(waypoints, layers, grid, roadmap), layers, waypoints)
+        certificate = _empty(waypoints, layers, grid, roadmap, not self._cleared)
+        return SearchResult(None, certificate, layers, waypoints)
 
     def _typical_step(self) -> float:
         """Largest motion of each joint between two waypoints."""
@@ -338,16 +415,24 @@ class PlanSearch:
             return cost
 
         def kept(number: int, edge: Edges) -> Mask:
-            """Whether the bands are kept between the waypoints, to the grid's resolution."""
+            """Whether the bands are kept between the waypoints, to the grid's resolution.
+
+            And the clearance at the end: only few configurations of a layer are ends of edges.
+            """
             at = waypoints[number]
+            inside = np.ones(len(edge.start), dtype=bool)
+            if self._cleared:
+                ends, which = np.unique(edge.end, return_inverse=True)
+                inside = self._clears(layers[number + 1].q[ends])[which]
             if waypoints[number + 1] > at + 1:  # joints are not interpolated linearly there
-                return np.ones(len(edge.start), dtype=bool)
+                return inside
             begin = layers[number].q[edge.start]
             end = begin + self._unwound(layers[number + 1].q[edge.end] - begin)
-            inside = np.ones(len(begin), dtype=bool)
             for share in SHARES:
-                here = np.full(len(begin), at), np.full(len(begin), share)
-                inside &= (bands.margins_between(begin, end, *here) >= -loose).all(axis=1)
+                left = np.flatnonzero(inside)
+                here = np.full(len(left), at), np.full(len(left), share)
+                margins = bands.margins_between(begin[left], end[left], *here)
+                inside[left] = (margins >= -loose).all(axis=1)
             return inside
 
         bands, attempt = self.rows.hard, _STRICTNESS.index(strictness)
@@ -487,7 +572,11 @@ def _stretches(broken: Indices, count: int) -> list[tuple[int, int]]:
 
 
 def _empty(
-    waypoints: Sequence[int], layers: Sequence[Layer], grid: Grid, roadmap: Roadmap
+    waypoints: Sequence[int],
+    layers: Sequence[Layer],
+    grid: Grid,
+    roadmap: Roadmap,
+    covered: bool,
 ) -> Certificate:
     """Waypoints out of reach; if none, those outside the limits, or else outside the bands."""
     pairs = list(zip(waypoints, layers, strict=True))
@@ -502,5 +591,5 @@ def _empty(
         return Certificate("limits", grid, at, joints, sampled)
     barred = [(index, layer.bands) for index, layer in pairs if not len(layer.q)]
     names = tuple(dict.fromkeys(name for _, bands in barred for name in bands))
-    proven = all(roadmap.covers(index) for index, _ in barred)
+    proven = covered and all(roadmap.covers(index) for index, _ in barred)
     return Certificate("band", grid, tuple(k + 1 for k, _ in barred), (), proven, bands=names)

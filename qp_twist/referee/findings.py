@@ -261,8 +261,8 @@ def _of_constraints(
 ) -> list[Finding]:
     """Violation of each of the task's constraints at the waypoints, and between them."""
     found: list[Finding] = []
-    first = len(errors.band_units) - len(path_task.constraints)  # after the hard bands
-    for column, constraint in enumerate(path_task.constraints, start=first):
+    first = len(errors.band_units) - len(path_task.stated_constraints)  # after the hard bands
+    for column, constraint in enumerate(path_task.stated_constraints, start=first):
         excess, unit = errors.bands[:, column], errors.band_units[column]
         k = int(np.argmax(excess))
         margins = constraint.margins(motion.at(passing.times[k : k + 1]).q)[0]

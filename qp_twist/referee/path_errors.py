@@ -274,7 +274,7 @@ class _Track:
         #: Measures of hard bands and constraints.
         self.kept: list[Measure] = [
             *(BandExcess(band) for band in path_task.bands if band.weight is None),
-            *map(ConstraintExcess, path_task.constraints),
+            *map(ConstraintExcess, path_task.stated_constraints),
         ]
         #: For each projector its own measures, then those of every interval.
         self._measures: list[list[Measure]] = [
