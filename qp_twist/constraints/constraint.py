@@ -210,7 +210,7 @@ def check_constraints(
                 "acceleration_limits."
             )
         count, units = len(constraint.names), set(constraint.units)
-        if len(constraint.units) != count or len(units) != 1 or not units <= {"m", "rad"}:
+        if len(constraint.units) != count or len(units) > 1 or not units <= {"m", "rad"}:
             raise InvalidInput(
                 f"{label}: expected a unit for each of its {count} names, all 'm' or all 'rad', "
                 f"got {constraint.units!r}."
