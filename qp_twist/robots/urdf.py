@@ -21,7 +21,7 @@ thousand."""
 def read_urdf(
     text: str, file: Path, packages: Mapping[str, Path]
 ) -> tuple[mujoco.MjSpec, mujoco.MjModel, dict[str, float], tuple[str, ...]]:
-    """Editable and compiled model, velocity limits by joint name, and sentences on what is left out.
+    """Editable and compiled model, velocity limits by joint, and sentences on what is missing.
 
     Args:
         text: The file's text.
