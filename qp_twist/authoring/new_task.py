@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import tempfile
 import warnings
+from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -12,10 +13,12 @@ import mink
 import numpy as np
 from scipy.linalg import null_space
 
+from qp_twist.authoring.cell import cell_folder, new_folder, write_cell
 from qp_twist.authoring.frame_choice import FrameChoice, choose_frame
 from qp_twist.authoring.request import Request
 from qp_twist.authoring.search import METHOD, PLANNED, Progress, TaskSearch, TaskSearchResult, Trial
 from qp_twist.authoring.task_text import Parts, feeds_in_words, task_text
+from qp_twist.authoring.touching import watched
 from qp_twist.checks import Array, number
 from qp_twist.errors import InvalidInput
 from qp_twist.files import whole_file
@@ -87,6 +90,9 @@ def new_task(
     If the robot cannot reach the path as in the file, and the request has no placement, the
     workpiece is moved. The verdict is that of a run of the written file.
 
+    With a tool, a part or fixtures a scene is written into the folder ``NAME_cell`` beside the task
+    file ``NAME.toml``; then a part or fixture is not moved.
+
     Args:
         request: The files and options.
         out: The file to write; its paths are relative to its folder.
@@ -106,51 +112,69 @@ def new_task(
     report("reading the toolpath", 0.0)
     toolpath = _toolpath(request)
     _refuse_far(request, robot, frame, toolpath)
-    parts = Parts(
-        request=request,
-        title=f"{_model_name(robot)} along {request.toolpath.name}",
-        scene=scene,
-        toolpath_file=_relative(request.toolpath, out),
-        frame=frame,
-        toolpath=toolpath,
-        ranges=JointRanges.of(robot.model),
-        velocity_limits=robot.velocity_limits,
-        left_out=robot.left_out,
-        position=np.array(request.place or (0.0, 0.0, 0.0)),
-        rpy_deg=np.array(request.place_rpy_deg),
-    )
-    with whole_file(out) as unfinished:
-        path_task = _loaded(parts, unfinished, out)
-        search = TaskSearch(request.search_seconds, report, lambda q: _rounded(q, parts.ranges))
-        searched = search.run(path_task, elsewhere=request.place is None)
-        best = searched.best
-        if best.placement is not None:
-            parts = replace(parts, position=best.placement.position, rpy_deg=best.placement.rpy_deg)
-        parts = replace(
-            parts,
-            placement_notes=_placement_notes(request, searched),
-            start=None if best.start is None else best.start.q,
-            start_notes=_start_notes(searched),
+    with ExitStack() as stack:
+        tool = part = ""
+        of_cell: tuple[str, ...] = ()
+        model = robot.model
+        if request.has_cell:
+            report("writing the scene", 0.0)
+            folder = cell_folder(out)
+            stack.enter_context(new_folder(folder, force=force))
+            at = np.array(request.place or (0.0, 0.0, 0.0))
+            cell = write_cell(folder, robot, frame, request, np.array(request.place_rpy_deg), at)
+            frame, tool, part, of_cell = cell.frame, cell.tool, cell.part, cell.notes
+            model, scene = cell.robot.model, f"{folder.name}/scene.xml"
+        parts = Parts(
+            request=request,
+            title=f"{_model_name(robot)} along {request.toolpath.name}",
+            scene=scene,
+            toolpath_file=_relative(request.toolpath, out),
+            frame=frame,
+            toolpath=toolpath,
+            ranges=JointRanges.of(model),
+            velocity_limits=robot.velocity_limits,
+            left_out=robot.left_out,
+            position=np.array(request.place or (0.0, 0.0, 0.0)),
+            rpy_deg=np.array(request.place_rpy_deg),
+            watched=watched(model, tool, part),
         )
-        path_task = _loaded(parts, unfinished, out)
-        check = _run_once_more(path_task, best, report) if best.passes else None
-    path_task = replace(path_task, name=out.stem, source=out)
-    notes = [
-        f"frame: {frame.kind} {frame.name!r}" + (f", {frame.why}" if frame.why else ""),
-        f"path: {_summary(toolpath, path_task)}",
-        *_of_feed(request, toolpath),
-        *(f"left out of {robot.path.name}: {sentence}" for sentence in robot.left_out),
-        *(f"path: {note}" for note in toolpath.notes),
-        *_small(toolpath),
-        *_wide(parts.ranges),
-        *_ways(toolpath),
-        *_alone(path_task),
-        *([] if robot.velocity_limits else [_NO_SPEEDS]),
-        *(f"workpiece: {note}" for note in parts.placement_notes),
-        *(f"start: {note}" for note in parts.start_notes),
-        *([] if check is None else [f"run by {best.method}: {check.verdict}"]),
-    ]
-    return NewTask(out, path_task, best.start, tuple(notes), check, best.method)
+        stays = request.place or request.part_mesh or request.fixture_meshes
+        with whole_file(out) as unfinished:
+            path_task = _loaded(parts, unfinished, out)
+            search = TaskSearch(request.search_seconds, report, lambda q: _rounded(q, parts.ranges))
+            searched = search.run(path_task, elsewhere=not stays)
+            best = searched.best
+            if best.placement is not None:
+                parts = replace(
+                    parts, position=best.placement.position, rpy_deg=best.placement.rpy_deg
+                )
+            parts = replace(
+                parts,
+                placement_notes=_placement_notes(request, searched),
+                start=None if best.start is None else best.start.q,
+                start_notes=_start_notes(searched),
+            )
+            path_task = _loaded(parts, unfinished, out)
+            check = _run_once_more(path_task, best, report) if best.passes else None
+        path_task = replace(path_task, name=out.stem, source=out)
+        notes = [
+            f"frame: {frame.kind} {frame.name!r}" + (f", {frame.why}" if frame.why else ""),
+            f"path: {_summary(toolpath, path_task)}",
+            *_of_feed(request, toolpath),
+            *(f"left out of {robot.path.name}: {sentence}" for sentence in robot.left_out),
+            *(f"path: {note}" for note in toolpath.notes),
+            *(f"cell: {note}" for note in of_cell),
+            *(f"clearance: {note}" for note in (parts.watched.notes if parts.watched else ())),
+            *_small(toolpath),
+            *_wide(parts.ranges),
+            *_ways(toolpath),
+            *_alone(path_task),
+            *([] if robot.velocity_limits else [_NO_SPEEDS]),
+            *(f"workpiece: {note}" for note in parts.placement_notes),
+            *(f"start: {note}" for note in parts.start_notes),
+            *([] if check is None else [f"run by {best.method}: {check.verdict}"]),
+        ]
+        return NewTask(out, path_task, best.start, tuple(notes), check, best.method)
 
 
 def _run_once_more(path_task: PathTask, best: Trial, report: Progress) -> Check | None:

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
+from qp_twist.authoring.solids import MeshUnit
 from qp_twist.paths import AngleUnit, FeedUnit, LengthUnit, Orientation
 from qp_twist.paths.file_path_schema import ColumnsTable
 
@@ -30,6 +31,12 @@ class Request:
         place_rpy_deg: Orientation of that frame, R = Rz Ry Rx, degrees; only with ``place``.
         speed: Speed along the path where the toolpath has no feed, m/s.
         search_seconds: Time limit of the search for a start and a placement, s.
+        tool_mesh: Mesh file of a tool, in the axes of the robot's frame.
+        tcp: Pose of its tip in the robot's frame: position, m, roll, pitch and yaw, R = Rz Ry Rx,
+            degrees; with it the task's frame is the tip.
+        part_mesh: Mesh file of the part, in the toolpath's frame.
+        fixture_meshes: Mesh files of what stands around the part, in the toolpath's frame.
+        mesh_unit: Unit of all mesh files.
     """
 
     robot: Path
@@ -46,3 +53,14 @@ class Request:
     place_rpy_deg: tuple[float, float, float] = (0.0, 0.0, 0.0)
     speed: float = 0.05
     search_seconds: float = 60.0
+    tool_mesh: Path | None = None
+    tcp: tuple[float, float, float, float, float, float] | None = None
+    part_mesh: Path | None = None
+    fixture_meshes: tuple[Path, ...] = ()
+    mesh_unit: MeshUnit | None = None
+
+    @property
+    def has_cell(self) -> bool:
+        """Whether something is added to the robot, so that a scene is written."""
+        meshes = (self.tool_mesh, self.tcp, self.part_mesh)
+        return bool(self.fixture_meshes) or any(mesh is not None for mesh in meshes)

@@ -11,6 +11,7 @@ import numpy as np
 
 from qp_twist.authoring.frame_choice import FrameChoice
 from qp_twist.authoring.request import Request
+from qp_twist.authoring.touching import Watched
 from qp_twist.checks import Array
 from qp_twist.kinematics import JointRanges
 from qp_twist.paths import DEFAULT_METHOD, METHODS, Toolpath
@@ -38,6 +39,7 @@ class Parts:
         placement_notes: Sentences on where the workpiece stands.
         start: Joint positions, rad or m, (nv,); ``None``: to be found when the task is run.
         start_notes: Sentences on the start.
+        watched: What must not touch; ``None`` where nothing can collide.
     """
 
     request: Request
@@ -54,6 +56,7 @@ class Parts:
     placement_notes: Sequence[str] = ()
     start: Array | None = None
     start_notes: Sequence[str] = field(default=())
+    watched: Watched | None = None
 
 
 def task_text(parts: Parts) -> str:
@@ -74,7 +77,7 @@ def task_text(parts: Parts) -> str:
     blocks += [_robot(parts), _projector(parts), _path(parts)]
     if parts.start is not None:
         blocks.append(_start(parts))
-    blocks += [_feed(parts), _limits(parts), _methods()]
+    blocks += [_feed(parts), _limits(parts), *_clearance(parts), _methods()]
     return "\n\n".join(blocks) + "\n"
 
 
@@ -250,6 +253,23 @@ def _limits(parts: Parts) -> str:
         ),
     ]
     return "\n".join(lines)
+
+
+def _clearance(parts: Parts) -> list[str]:
+    """The distance of what must not touch, and each pair that may, with the reason."""
+    if parts.watched is None:
+        return []
+    lines = [
+        "[clearance]",
+        _line(f"distance = {parts.watched.distance:g}", "m, of every pair that may collide"),
+        _line("ignore = [", "pairs of geoms or bodies that may touch"),
+        *(
+            _line(f"  [{_quoted(pair.one)}, {_quoted(pair.other)}],", pair.why)
+            for pair in parts.watched.ignored
+        ),
+        "]",
+    ]
+    return ["\n".join(lines)]
 
 
 def _methods() -> str:

@@ -43,6 +43,13 @@ def new(
     ] = None,
     speed: Annotated[float, tyro.conf.arg(metavar="M/S")] = 0.05,
     search_time: Annotated[float, tyro.conf.arg(metavar="S")] = 60.0,
+    tool_mesh: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None,
+    tcp: Annotated[str | None, tyro.conf.arg(metavar="X,Y,Z[,ROLL_DEG,PITCH_DEG,YAW_DEG]")] = None,
+    part_mesh: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None,
+    fixture_mesh: tyro.conf.UseAppendAction[
+        Annotated[tuple[Path, ...], tyro.conf.arg(metavar="FILE")]
+    ] = (),
+    mesh_units: Literal["ask", "mm", "m"] = "ask",
     force: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False,
 ) -> None:
     """Write a commented task file for a robot and a toolpath; it runs without edits.
@@ -65,7 +72,14 @@ def new(
         speed: Speed along the path where the toolpath has no feed, m/s.
         search_time: Longest search for a start and a placement, s; Ctrl-C ends it with the best so
             far.
-        force: Overwrite the task file.
+        tool_mesh: Mesh of the tool (STL, OBJ or DAE), in the axes of the robot's frame; a scene is
+            then written beside the task file.
+        tcp: Pose of the tool's tip in the robot's frame: m, roll, pitch and yaw in degrees
+            (R = Rz Ry Rx); the task's frame is then the tip.
+        part_mesh: Mesh of the part, in the toolpath's frame.
+        fixture_mesh: Mesh of what stands around the part, in the toolpath's frame; may be repeated.
+        mesh_units: Unit of the meshes, mm or m; required with a mesh.
+        force: Overwrite the task file, and the folder of its scene.
     """
     request = Request(
         robot=robot,
@@ -80,9 +94,14 @@ def new(
         tool=tool,
         speed=number("--speed", speed, above=0.0),
         search_seconds=number("--search-time", search_time, above=0.0),
+        tool_mesh=tool_mesh,
+        tcp=None if tcp is None else _six(*_pose("--tcp", tcp)),
+        part_mesh=part_mesh,
+        fixture_meshes=fixture_mesh,
+        mesh_unit=None if mesh_units == "ask" else mesh_units,
     )
     if place is not None:
-        position, rpy_deg = _place(place)
+        position, rpy_deg = _pose("--place", place)
         request = replace(request, place=position, place_rpy_deg=rpy_deg)
     check_file(out)
     with share_progress() as report:
@@ -112,7 +131,11 @@ def _with_hint(report: Callable[[str, float], None]) -> Callable[[str, float], N
 Three = tuple[float, float, float]
 
 
-def _place(text: str) -> tuple[Three, Three]:
+def _six(position: Three, rpy_deg: Three) -> tuple[float, float, float, float, float, float]:
+    return *position, *rpy_deg
+
+
+def _pose(option: str, text: str) -> tuple[Three, Three]:
     """Position in m, and roll, pitch and yaw in degrees."""
     try:
         numbers = [float(part) for part in text.split(",")]
@@ -121,9 +144,9 @@ def _place(text: str) -> tuple[Three, Three]:
     if len(numbers) not in (3, 6) or not np.isfinite(numbers).all():
         got = f"; got {len(numbers)}" if numbers else ""
         raise InvalidInput(
-            f"--place {text!r}: expected three numbers in metres, e.g. --place 0.5,0,0.2, or six, "
-            "the last three roll, pitch and yaw in degrees, e.g. --place 0.5,0,0.2,0,0,90 (with a "
-            f"negative first one --place=-0.5,0,0.2){got}."
+            f"{option} {text!r}: expected three numbers in metres, e.g. {option} 0.5,0,0.2, or "
+            f"six, the last three roll, pitch and yaw in degrees, e.g. {option} 0.5,0,0.2,0,0,90 "
+            f"(with a negative first one {option}=-0.5,0,0.2){got}."
         )
     x, y, z, roll, pitch, yaw = [*numbers, 0.0, 0.0, 0.0][:6]
     return (x, y, z), (roll, pitch, yaw)

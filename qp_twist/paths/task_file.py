@@ -20,7 +20,7 @@ import numpy as np
 from pydantic import ValidationError
 
 from qp_twist.checks import Array, did_you_mean, unit_vector
-from qp_twist.constraints import per_joint
+from qp_twist.constraints import Clearance, per_joint
 from qp_twist.errors import InvalidInput, TaskFileError
 from qp_twist.files import read_text
 from qp_twist.geometry import ProjectorKind, TwistProjector, rotation_vector, task_redundancy
@@ -34,6 +34,7 @@ from qp_twist.paths.section import Section
 from qp_twist.paths.segment import Segment
 from qp_twist.paths.shapes import polyline, spherical_patch_edges, with_leads
 from qp_twist.paths.task_schema import (
+    ClearanceSection,
     PolylinePath,
     PosesPath,
     SphericalPatchPath,
@@ -202,6 +203,7 @@ def _build(path: Path, file: TaskFile) -> PathTask:
         methods={str(name): settings for name, settings in file.methods.items()},
         segments=built.segments,
         bands=bands,
+        constraints=() if file.clearance is None else (_clearance(file.clearance, model),),
         best_start=file.start.found,
         roll_normal=None
         if built.flipped is None or file.roll is None
@@ -458,6 +460,19 @@ def _limits(
             f"{path}: limits.{kind}: {kind} limits need a clock; add [feed] with speed or dt."
         )
     return limits
+
+
+def _clearance(section: ClearanceSection, model: mujoco.MjModel) -> Clearance:
+    """The constraint of [clearance]."""
+    try:
+        if not len(Clearance(model, 0.0).pairs):
+            raise InvalidInput(
+                "no geom of the scene can collide with another one that moves against it; give "
+                "them contype and conaffinity other than 0, or remove this section."
+            )
+        return Clearance(model, section.distance, section.ignore)
+    except InvalidInput as error:
+        raise InvalidInput(f"clearance: {error}") from error
 
 
 def _explain(path: Path, text: str, error: ValidationError) -> str:

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import json
 import math
-from typing import Annotated, Literal, Self
+from typing import Annotated, Any, Literal, Self
 
 import numpy as np
-from pydantic import AfterValidator, Field, model_validator
+from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
 from qp_twist.checks import Array
 from qp_twist.geometry import Projector, ProjectorFrame
@@ -239,6 +240,32 @@ class LimitsSection(Section):
     )
 
 
+def _pairs_of_names(value: Any) -> Any:
+    """Tuples for arrays, which strict mode does not convert."""
+    if not isinstance(value, list) or any(
+        not isinstance(pair, list)
+        or len(pair) != 2
+        or not all(isinstance(name, str) and name for name in pair)
+        for pair in value
+    ):
+        raise ValueError(
+            'expected pairs of names of geoms or bodies, for example [["tool", "part"]], got '
+            f"{json.dumps(value, ensure_ascii=False)[:80]}"
+        )
+    return tuple(tuple(pair) for pair in value)
+
+
+class ClearanceSection(Section):
+    """Distance between geoms of the scene that must not touch."""
+
+    distance: Annotated[float, Field(ge=0.0, allow_inf_nan=False)] = Field(
+        default=0.005, description="smallest distance of every pair, m"
+    )
+    ignore: Annotated[tuple[tuple[str, str], ...], BeforeValidator(_pairs_of_names)] = Field(
+        default=(), description="pairs of geoms or bodies that may touch"
+    )
+
+
 class IterationSection(Section):
     """Iteration to a waypoint."""
 
@@ -347,6 +374,7 @@ class TaskFile(Section):
     start: StartSection
     feed: FeedSection | None = None
     limits: LimitsSection = LimitsSection()
+    clearance: ClearanceSection | None = None
     iteration: IterationSection = IterationSection()
     methods: dict[MethodName, MethodSettings] = Field(default_factory=dict)
     study: StudySection | None = None

@@ -25,6 +25,7 @@ class Robot:
             empty for MJCF.
         left_out: A sentence for each part of the file that is missing in the model.
         path: The file.
+        spec: What the model was compiled from, for scenes that add something to it.
 
     Example:
         >>> import qp_twist as qt
@@ -38,6 +39,7 @@ class Robot:
     velocity_limits: dict[str, float]
     left_out: tuple[str, ...]
     path: Path
+    spec: mujoco.MjSpec
 
     def __repr__(self) -> str:
         count = int(self.model.njnt)
@@ -70,9 +72,11 @@ def load_robot(
     text = _text(file)
     root = _root_element(text)
     if root == "mujoco":
-        robot = Robot(_mjcf(file), {}, (), file)
+        spec, model = _mjcf(file)
+        robot = Robot(model, {}, (), file, spec)
     elif root == "robot":
-        robot = Robot(*read_urdf(text, file, folders), file)
+        spec, model, speeds, left_out = read_urdf(text, file, folders)
+        robot = Robot(model, speeds, left_out, file, spec)
     else:
         found = f"starts with <{root}>" if root else "is empty or no XML at all"
         raise InvalidInput(
@@ -89,9 +93,10 @@ def load_robot(
     return robot
 
 
-def _mjcf(file: Path) -> mujoco.MjModel:
+def _mjcf(file: Path) -> tuple[mujoco.MjSpec, mujoco.MjModel]:
     try:
-        return mujoco.MjModel.from_xml_path(str(file))
+        spec = mujoco.MjSpec.from_file(str(file))
+        return spec, spec.compile()
     except ValueError as error:
         reason = " ".join(str(error).split())
         raise InvalidInput(f"{file}: MuJoCo cannot load this MJCF: {reason}") from error

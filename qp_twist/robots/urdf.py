@@ -20,8 +20,8 @@ thousand."""
 
 def read_urdf(
     text: str, file: Path, packages: Mapping[str, Path]
-) -> tuple[mujoco.MjModel, dict[str, float], tuple[str, ...]]:
-    """Model, velocity limits by joint name, and a sentence for each thing left out.
+) -> tuple[mujoco.MjSpec, mujoco.MjModel, dict[str, float], tuple[str, ...]]:
+    """Editable and compiled model, velocity limits by joint, and sentences on what is missing.
 
     Args:
         text: The file's text.
@@ -35,14 +35,14 @@ def read_urdf(
     joints = read_joints(root, file)
     shapes = len(root.findall("link/visual")) + len(root.findall("link/collision"))
     meshes = take_meshes(root, file, packages)
-    model, compiling = compile_urdf(root, file, meshes, joints.mimics)
+    spec, model, compiling = compile_urdf(root, file, meshes, joints.mimics)
     left_out = [*meshes.left_out, *compiling, *joints.left_out]
     if shapes and not (root.findall("link/visual") or root.findall("link/collision")):
         left_out.append(
             "No shape: nothing is left of the shapes that the file states; rods from joint to "
             "joint stand in for them in pictures."
         )
-    return model, joints.velocity_limits, tuple(left_out)
+    return spec, model, joints.velocity_limits, tuple(left_out)
 
 
 def _depth(root: ET.Element) -> int:

@@ -36,21 +36,22 @@ _TRIAL = """
 
 def compile_urdf(
     root: ET.Element, file: Path, meshes: Meshes, mimics: Sequence[Mimic]
-) -> tuple[mujoco.MjModel, list[str]]:
+) -> tuple[mujoco.MjSpec, mujoco.MjModel, list[str]]:
     """Compile a tree; refused parts are only searched if MuJoCo refuses the whole.
 
     Returns:
-        The model, in which every link is a body, and a sentence for each thing left out.
+        The editable model, in which every link is a body, the compiled one, and a sentence for each
+        thing left out.
 
     Raises:
         InvalidInput: If MuJoCo refuses what remains too.
     """
     try:
-        return _seen(root, meshes.assets, mimics), []
+        return *_seen(root, meshes.assets, mimics), []
     except ValueError:
         unphysical, unreadable = _without_what_is_refused(root, meshes.assets)
     try:
-        model = _seen(root, meshes.assets, mimics, token_inertia=True)
+        spec, model = _seen(root, meshes.assets, mimics, token_inertia=True)
     except ValueError as error:
         raise InvalidInput(f"{file}: MuJoCo cannot load this URDF: {_reason(error)}") from error
     left_out = []
@@ -68,7 +69,7 @@ def compile_urdf(
             f"No physical mass or inertia: {listed('link', lacking)}. A token, or what the shape "
             "gives, stands in: motions are right, forces are not."
         )
-    return model, left_out
+    return spec, model, left_out
 
 
 def _seen(
@@ -77,11 +78,11 @@ def _seen(
     mimics: Sequence[Mimic],
     *,
     token_inertia: bool = False,
-) -> mujoco.MjModel:
+) -> tuple[mujoco.MjSpec, mujoco.MjModel]:
     """Compile the model; if it has no shapes, add rods from joint to joint."""
-    model = _compiled(root, assets, mimics, token_inertia=token_inertia)
+    spec, model = _compiled(root, assets, mimics, token_inertia=token_inertia)
     if model.ngeom:
-        return model
+        return spec, model
     return _compiled(root, assets, mimics, token_inertia=token_inertia, rods=True)
 
 
@@ -92,7 +93,7 @@ def _compiled(
     *,
     token_inertia: bool = False,
     rods: bool = False,
-) -> mujoco.MjModel:
+) -> tuple[mujoco.MjSpec, mujoco.MjModel]:
     text = ET.tostring(root, encoding="unicode")
     spec = mujoco.MjSpec.from_string(text, assets=dict(assets))
     spec.compiler.fusestatic = False  # a link on a fixed joint may be the frame of a task
@@ -112,7 +113,7 @@ def _compiled(
         data = np.zeros_like(coupling.data)
         data[:2] = mimic.offset, mimic.ratio
         coupling.data = data
-    return spec.compile()
+    return spec, spec.compile()
 
 
 def _without_what_is_refused(

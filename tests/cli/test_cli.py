@@ -26,6 +26,7 @@ def test_tasks_lists_every_file_with_a_line(capsys: pytest.CaptureFixture[str]) 
         "approach_contact_retreat",
         "deburring",
         "deburring_bands",
+        "deburring_cell",
         "dome_seams",
         "planar_line",
     ]

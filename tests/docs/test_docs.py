@@ -273,6 +273,7 @@ SECTIONS = {
     "[start]": task_schema.StartSection,
     "[feed]": task_schema.FeedSection,
     "[limits]": task_schema.LimitsSection,
+    "[clearance]": task_schema.ClearanceSection,
     "[iteration]": task_schema.IterationSection,
     "[methods.NAME]": MethodSettings,
     "[study]": task_schema.StudySection,

@@ -28,6 +28,7 @@ Array = npt.NDArray[np.float64]
 SCENES = Path(__file__).parents[2] / "scenes"
 DEBURRING = SCENES / "m16ib_deburring.xml"
 PLANAR = SCENES / "planar_3r.xml"
+CELL = SCENES / "m16ib_cell.xml"
 
 # Fanuc M-16iB/20, ros-industrial/fanuc: origin in the parent [m], axis, limits [rad].
 M16IB = [
@@ -224,6 +225,82 @@ def test_scenes_collide_with_nothing_and_can_be_drawn(scene: Path) -> None:
     assert model.camera("overview").id >= 0
     assert model.vis.global_.offwidth >= 1920
     assert model.vis.global_.offheight >= 1440
+
+
+# -------------------------------------------------------------------------------------- the cell
+
+HULLS = 3
+"""Group of the links' hulls, which are not drawn."""
+
+
+def drawn_points(model: mujoco.MjModel, geom: int) -> Array:
+    """Return points on a mesh, box, cylinder or capsule, in its body's frame, shape (N, 3)."""
+    size, kind = model.geom_size[geom], mujoco.mjtGeom(int(model.geom_type[geom]))
+    angle = np.linspace(0.0, 2.0 * np.pi, 24, endpoint=False)
+    circle = np.column_stack([np.cos(angle), np.sin(angle), np.zeros(24)])
+    ends = np.array([[0.0, 0.0, -size[1]], [0.0, 0.0, size[1]]])
+    if kind == mujoco.mjtGeom.mjGEOM_MESH:
+        mesh = model.geom_dataid[geom]
+        first, count = model.mesh_vertadr[mesh], model.mesh_vertnum[mesh]
+        points = model.mesh_vert[first : first + count].astype(float)
+    elif kind == mujoco.mjtGeom.mjGEOM_BOX:
+        corners = np.array(np.meshgrid(*[[-1.0, 1.0]] * 3)).reshape(3, -1).T
+        points = corners * size
+    else:
+        assert kind in (mujoco.mjtGeom.mjGEOM_CYLINDER, mujoco.mjtGeom.mjGEOM_CAPSULE)
+        points = np.concatenate([size[0] * circle + end for end in ends])
+        if kind == mujoco.mjtGeom.mjGEOM_CAPSULE:
+            points = np.concatenate([points, ends + np.sign(ends) * size[0]])
+    turn = Rotation.from_quat(model.geom_quat[geom], scalar_first=True)
+    return np.asarray(turn.apply(points) + model.geom_pos[geom])
+
+
+def outside(model: mujoco.MjModel, geom: int, points: Array) -> Array:
+    """Return how far points of the body's frame are outside a hull, from textbook formulas."""
+    turn = Rotation.from_quat(model.geom_quat[geom], scalar_first=True)
+    local, size = turn.inv().apply(points - model.geom_pos[geom]), model.geom_size[geom]
+    kind = mujoco.mjtGeom(int(model.geom_type[geom]))
+    if kind == mujoco.mjtGeom.mjGEOM_BOX:
+        return np.linalg.norm(np.maximum(np.abs(local) - size, 0.0), axis=1)
+    beyond = np.maximum(np.abs(local[:, 2]) - size[1], 0.0)
+    across = np.linalg.norm(local[:, :2], axis=1)
+    if kind == mujoco.mjtGeom.mjGEOM_CYLINDER:
+        return np.hypot(beyond, np.maximum(across - size[0], 0.0))
+    assert kind == mujoco.mjtGeom.mjGEOM_CAPSULE
+    return np.maximum(np.hypot(across, beyond) - size[0], 0.0)
+
+
+def test_the_hulls_of_the_links_cover_what_is_drawn(m16ib: mujoco.MjModel) -> None:
+    hulls = np.flatnonzero(m16ib.geom_group == HULLS)
+    assert {m16ib.body(b).name for b in m16ib.geom_bodyid[hulls]} == {
+        "base", *(f"link_{i}" for i in range(1, 7)),
+    }  # fmt: skip
+    for body in np.unique(m16ib.geom_bodyid[hulls]):
+        of_body = np.flatnonzero(m16ib.geom_bodyid == body)
+        drawn = [g for g in of_body if m16ib.geom_group[g] != HULLS]
+        points = np.concatenate([drawn_points(m16ib, g) for g in drawn])
+        gaps = [outside(m16ib, g, points) for g in of_body if m16ib.geom_group[g] == HULLS]
+        # A flat disc between link_2 and link_3, and a hub inside the fork, stand out by 20 mm.
+        assert np.min(gaps, axis=0).max() < 0.021, m16ib.body(body).name
+
+
+def test_in_the_cell_the_same_arm_can_collide(m16ib: mujoco.MjModel) -> None:
+    cell = mujoco.MjModel.from_xml_path(str(CELL))
+    for q in random_configurations(m16ib, 20, seed=5):
+        np.testing.assert_array_equal(site_pose(cell, "tool", q), site_pose(m16ib, "tool", q))
+    able = (cell.geom_contype != 0) & (cell.geom_conaffinity != 0)
+    assert able[cell.geom_group == HULLS].all()
+    seen = {cell.geom(g).name for g in np.flatnonzero(able & (cell.geom_group != HULLS))}
+    assert seen == {
+        "floor", "part", "fixture", "table", "clamp_post", "clamp_lever",
+        "low_clamp_post", "low_clamp_lever",
+    }  # fmt: skip
+    data = mujoco.MjData(cell)
+    mujoco.mj_kinematics(cell, data)
+    for lever in ("clamp_lever", "low_clamp_lever"):
+        ids = cell.geom(lever).id, cell.geom("part").id
+        gap = mujoco.mj_geomDistance(cell, data, *ids, 1.0, None)
+        assert gap == pytest.approx(0.0, abs=1e-4)  # it holds the part
 
 
 # ----------------------------------------------------------------------------------- the picture

@@ -310,3 +310,86 @@ def test_the_orientation_of_the_start_is_held_where_the_path_states_none(folder:
     configuration = mink.Configuration(task.model, task.start)
     held = configuration.get_transform_frame_to_world("tip", "site").rotation().as_matrix()
     assert task.waypoints[-1].rotation().as_matrix() == pytest.approx(held, abs=1e-12)
+
+
+CELL = """\
+<mujoco><compiler angle="radian"/><worldbody>
+  <geom name="wall" type="box" size="0.1 5 1" pos="-1.5 0 0"/>
+  <geom name="sign" type="sphere" size="0.1" pos="-1 2 0" contype="0" conaffinity="0"/>
+  <body name="link_1"><joint name="joint_1" axis="0 0 1" range="0 1.5708"/>
+    <geom type="capsule" size="0.05" fromto="0 0 0 2 0 0"/>
+    <body name="link_2" pos="2 0 0"><joint name="joint_2" axis="0 0 1" range="0 1.5708"/>
+      <geom type="capsule" size="0.05" fromto="0 0 0 1.5 0 0"/>
+      <body name="link_3" pos="1.5 0 0"><joint name="joint_3" axis="0 0 1" range="0 3.1416"/>
+        <geom name="ball" type="sphere" size="0.05" pos="1 0 0"/><site name="tip" pos="1 0 0"/>
+</body></body></body></worldbody></mujoco>
+"""
+
+
+def cell(folder: Path, clearance: str, scene: str = CELL) -> Path:
+    (folder / "arm.xml").write_text(scene, encoding="utf-8")
+    return write(folder, MINIMAL + "[clearance]\n" + clearance)
+
+
+def only_clearance(path: Path) -> qt.Clearance:
+    (found,) = (c for c in qt.load_task(path).constraints if isinstance(c, qt.Clearance))
+    return found
+
+
+def test_a_clearance_is_kept_by_every_pair_that_may_collide(folder: Path) -> None:
+    clearance = only_clearance(cell(folder, "distance = 0.25"))
+    # link_1 and link_2 as well as link_2 and the ball are joined by joints; the sign is no obstacle.
+    assert set(clearance.names) == {
+        "wall to link_1", "wall to link_2", "wall to ball", "link_1 to ball",
+    }  # fmt: skip
+    margins = clearance.margins(np.array([[0.0, 0.0, 0.0], [0.0, 0.0, np.pi]]))
+    ball = clearance.names.index("wall to ball")
+    # The wall ends at x = -1.4, the ball of radius 0.05 is at 4.5 and at 2.5.
+    assert margins[:, ball] == pytest.approx([5.6, 3.6], abs=1e-4)
+    # The folded tip is 0.5 beyond the end of link_1, whose capsule has the radius 0.05, too.
+    own = clearance.names.index("link_1 to ball")
+    assert margins[1, own] == pytest.approx(0.5 - 0.1 - 0.25, abs=1e-4)
+
+
+def test_ignored_pairs_are_named_by_geom_or_body_in_either_order(folder: Path) -> None:
+    pairs = 'ignore = [["ball", "wall"], ["link_1", "link_3"], ["wall", "link_1"]]'
+    clearance = only_clearance(cell(folder, pairs))
+    assert clearance.names == ("wall to link_2",)
+    assert clearance.distance == 0.005
+
+
+def test_everything_may_be_ignored_but_something_has_to_be_able_to_collide(folder: Path) -> None:
+    nothing_left = (
+        'ignore = [["link_1", "link_3"], ["wall", "link_1"], ["wall", "link_2"], ["wall", "ball"]]'
+    )
+    assert only_clearance(cell(folder, nothing_left)).names == ()
+    still = CELL.replace("<worldbody>", '<default><geom contype="0"/></default><worldbody>')
+    with pytest.raises(qt.TaskFileError, match=r"clearance: no geom.*contype and conaffinity"):
+        qt.load_task(cell(folder, "distance = 0.01", still))
+
+
+@pytest.mark.parametrize(
+    ("section", "sentences"),
+    [
+        ("distance = -0.001", ["line 19", "clearance.distance", "greater than or equal to 0", "-0.001"]),
+        ("distance = nan", ["line 19", "clearance.distance", "finite"]),
+        ('distance = "5 mm"', ["line 19", "clearance.distance", "valid number"]),
+        ("distanc = 0.01", ["line 19", "clearance.distanc", "did you mean 'distance'"]),
+        ('ignore = ["ball", "wall"]', ["line 19", "clearance.ignore", '[["tool", "part"]]', 'got ["ball", "wall"]']),
+        ('ignore = "ball"', ["line 19", "clearance.ignore", "pairs of names", 'got "ball"']),
+        ('ignore = [["ball", "wall", "link_1"]]', ["clearance.ignore", "pairs of names"]),
+        ('ignore = [["ball"]]', ["clearance.ignore", "pairs of names"]),
+        ('ignore = [["ball", ""]]', ["clearance.ignore", "pairs of names"]),
+        ("ignore = [[1, 2]]", ["clearance.ignore", "pairs of names", "[[1, 2]]"]),
+        ('ignore = [["bal", "wall"]]', ["line 18", "clearance", "no geom or body", "'bal'", "'ball'"]),
+        ('ignore = [["ball", "tip"]]', ["line 18", "clearance", "no geom or body", "'tip'"]),
+    ],
+)  # fmt: skip
+def test_a_mistake_in_a_clearance_is_named(
+    folder: Path, section: str, sentences: list[str]
+) -> None:
+    with pytest.raises(qt.TaskFileError) as caught:
+        qt.load_task(cell(folder, section))
+    for sentence in ["mine.toml", *sentences]:
+        assert sentence in str(caught.value)
+    assert "pydantic" not in str(caught.value)

@@ -1,0 +1,365 @@
+"""Write the scene of a cell: a robot with a tool, a part, fixtures and a floor."""
+
+from __future__ import annotations
+
+import shutil
+import tempfile
+import xml.etree.ElementTree as ET
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import mink
+import mujoco
+import numpy as np
+
+from qp_twist.authoring.frame_choice import FrameChoice
+from qp_twist.authoring.request import Request
+from qp_twist.authoring.solids import Mesh, Solid, read_solid
+from qp_twist.checks import Array
+from qp_twist.errors import InvalidInput
+from qp_twist.files import read_bytes, write_atomically
+from qp_twist.kinematics import JointRanges
+from qp_twist.robots import Robot, load_robot
+
+TOOL, PART, FIXTURE, TCP = "tool", "part", "fixture", "tcp"
+_COLOURS = {
+    TOOL: (0.92, 0.42, 0.10, 1.0),
+    PART: (0.62, 0.68, 0.75, 1.0),
+    FIXTURE: (0.36, 0.38, 0.41, 1.0),
+}
+_DRAWN, _NOT_DRAWN = 2, 3
+"""Groups of geoms; viewers draw the first three, 0 to 2."""
+_SAME = 1e-6
+"""Largest difference of a written robot from the one that was read, m."""
+_CONFIGURATIONS = 10
+"""Number of random configurations in which the two are compared."""
+
+
+@dataclass(frozen=True, eq=False)
+class Cell:
+    """A scene that was written.
+
+    Attributes:
+        robot: The robot in it, loaded from the scene.
+        frame: The controlled frame: the tool's tip, or the frame that was chosen on the robot.
+        tool: Name of the tool's body; empty without a tool.
+        part: Name of the part's body; empty without a part.
+        notes: Sentences on what was decided.
+    """
+
+    robot: Robot
+    frame: FrameChoice
+    tool: str
+    part: str
+    notes: tuple[str, ...]
+
+
+def cell_folder(out: Path) -> Path:
+    """The folder of the scene that belongs to a task file."""
+    return out.with_name(f"{out.stem}_cell")
+
+
+def write_cell(
+    folder: Path, robot: Robot, frame: FrameChoice, request: Request, rpy_deg: Array, at: Array
+) -> Cell:
+    """Write ``scene.xml`` and its meshes into an empty folder.
+
+    Args:
+        folder: The folder.
+        robot: The robot.
+        frame: Its frame that carries the tool.
+        request: Meshes, their unit, and the tool's tip.
+        rpy_deg: Orientation of the toolpath's frame, which part and fixtures are in, degrees.
+        at: Its origin in the robot's world, m.
+
+    Raises:
+        InvalidInput: If a mesh is refused, or the robot's own meshes are not found.
+    """
+    if request.tool_mesh is not None and request.tcp is None:
+        raise InvalidInput(
+            f"--tool-mesh {request.tool_mesh}: where is its tip? Add --tcp "
+            "X,Y,Z,ROLL_DEG,PITCH_DEG,YAW_DEG, its pose in the robot's frame, in m and degrees."
+        )
+    spec = robot.spec.copy()
+    taken = {body.name for body in spec.bodies}
+    solids: list[Solid] = []
+    names: dict[str, str] = {}
+    files_of = {
+        TOOL: (request.tool_mesh,),
+        PART: (request.part_mesh,),
+        FIXTURE: request.fixture_meshes,
+    }
+    for kind, files in files_of.items():
+        for file in filter(None, files):
+            name = _free(kind, taken)
+            names.setdefault(kind, name)
+            solids.append(read_solid(name, file, request.mesh_unit))
+    written: dict[str, bytes] = _own_files(spec, robot)
+    _name_geoms(spec)
+    _draw_once(spec)
+    tip = frame
+    lowest = [0.0]
+    rotation = mink.SO3.from_rpy_radians(*np.radians(rpy_deg))
+    if request.tcp is not None:
+        carrier, position, wxyz = _carrier(robot.model, frame)
+        body = spec.body(carrier).add_body(
+            name=names.get(TOOL, _free(TOOL, taken)), pos=position, quat=wxyz
+        )
+        x, y, z, *rpy = request.tcp
+        turn = mink.SO3.from_rpy_radians(*np.radians(rpy))
+        site = _free(TCP, {s.name for s in spec.sites})
+        body.add_site(name=site, pos=[x, y, z], quat=turn.wxyz, group=4, size=[0.005] * 3)
+        tip = FrameChoice(site, "site", f"the tool's tip, on {frame.kind} {frame.name}")
+    for solid in solids:
+        kind = next(k for k in (TOOL, PART, FIXTURE) if solid.name.startswith(k))
+        if kind != TOOL:
+            body = spec.worldbody.add_body(name=solid.name, pos=at, quat=rotation.wxyz)
+            heights = rotation.as_matrix()[2] @ solid.drawn.vertices.T + at[2]
+            lowest.append(float(heights.min()))
+        _add(spec, body, solid, _COLOURS[kind], written)
+    _add_room(spec, min(lowest))
+    _write(folder, spec, written, robot)
+    scene = load_robot(folder / "scene.xml")
+    _check_same(robot, scene)
+    notes = [note for solid in solids for note in solid.notes]
+    return Cell(scene, tip, names.get(TOOL, ""), names.get(PART, ""), tuple(notes))
+
+
+@contextmanager
+def new_folder(folder: Path, *, force: bool) -> Iterator[None]:
+    """An empty folder; after a failure it is gone, and an older one is unchanged.
+
+    Raises:
+        InvalidInput: If there is something already, without ``force``.
+    """
+    if folder.exists() and not force:
+        raise InvalidInput(
+            f"{folder}: there is such a folder already, where the scene belongs; give another "
+            "--out, or --force to replace it."
+        )
+    folder.parent.mkdir(parents=True, exist_ok=True)
+    aside = Path(tempfile.mkdtemp(dir=folder.parent, prefix=f".{folder.name}."))
+    older = aside / folder.name
+    try:
+        if folder.exists():
+            folder.rename(older)
+        folder.mkdir()
+        yield
+    except BaseException:
+        shutil.rmtree(folder, ignore_errors=True)
+        if older.exists():
+            older.rename(folder)
+        raise
+    finally:
+        shutil.rmtree(aside, ignore_errors=True)
+
+
+# ---------------------------------------------------------------- what is added
+
+
+def _free(name: str, taken: set[str]) -> str:
+    """The name, numbered if it is taken; it is taken afterwards."""
+    free, count = name, 1
+    while free in taken:
+        count += 1
+        free = f"{name}_{count}"
+    taken.add(free)
+    return free
+
+
+def _name_geoms(spec: Any) -> None:
+    """Name the geoms that may collide, so that messages and ``ignore`` can name them."""
+    taken = {geom.name for geom in spec.geoms}
+    for geom in spec.geoms:
+        if not geom.name and (geom.contype or geom.conaffinity):
+            geom.name = _free(geom.parent.name or "geom", taken)
+
+
+def _draw_once(spec: Any) -> None:
+    """Do not draw what collides on a body that has other geoms to be drawn."""
+    for body in spec.bodies:
+        drawn = [g for g in body.geoms if g.group < _NOT_DRAWN and not (g.contype or g.conaffinity)]
+        for geom in body.geoms if drawn else []:
+            if geom.contype or geom.conaffinity:
+                geom.group = max(geom.group, _NOT_DRAWN)
+
+
+def _carrier(model: mujoco.MjModel, frame: FrameChoice) -> tuple[str, Array, Array]:
+    """Name of the body that carries a frame, and the frame's position and orientation on it."""
+    if frame.kind == "body":
+        return frame.name, np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0])
+    of = model.site(frame.name) if frame.kind == "site" else model.geom(frame.name)
+    name = str(model.body(int(of.bodyid[0])).name)
+    if not name:
+        raise InvalidInput(
+            f"--frame: the {frame.kind} {frame.name!r} is on a body without a name; name it in the "
+            "robot's file, so that the tool can be put on it."
+        )
+    return name, of.pos.copy(), of.quat.copy()
+
+
+def _add(
+    spec: Any,
+    body: Any,
+    solid: Solid,
+    colour: tuple[float, float, float, float],
+    written: dict[str, bytes],
+) -> None:
+    """Add the geoms of a solid: one that is drawn and collides, or one drawn and its pieces."""
+    kind = mujoco.mjtGeom.mjGEOM_MESH
+    pieces = solid.pieces
+    _add_mesh(spec, solid.name, solid.drawn, written)
+    body.add_geom(
+        name=solid.name, type=kind, meshname=solid.name, rgba=colour, group=_DRAWN, mass=0.0,
+        contype=int(not pieces), conaffinity=int(not pieces),
+    )  # fmt: skip
+    for count, piece in enumerate(pieces, start=1):
+        name = f"{solid.name}_piece_{count}"
+        _add_mesh(spec, name, piece, written)
+        body.add_geom(
+            name=name, type=kind, meshname=name, rgba=colour, group=_NOT_DRAWN, mass=0.0,
+            contype=1, conaffinity=1,
+        )  # fmt: skip
+
+
+def _add_mesh(spec: Any, name: str, mesh: Mesh, written: dict[str, bytes]) -> None:
+    file = _free(f"{name}.obj", set(written))
+    written[file] = mesh.obj().encode()
+    spec.add_mesh(name=name, file=file, inertia=mujoco.mjtMeshInertia.mjMESH_INERTIA_CONVEX)
+
+
+def _add_room(spec: Any, height: float) -> None:
+    """Add a floor at a height, m, unless there is one, and light and a sky likewise."""
+    planes = [g for g in spec.worldbody.geoms if g.type == mujoco.mjtGeom.mjGEOM_PLANE]
+    if not planes:
+        name = _free("floor", {geom.name for geom in spec.geoms})
+        spec.worldbody.add_geom(
+            name=name, type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0.0, 0.0, 0.1],
+            pos=[0.0, 0.0, height], rgba=(0.84, 0.85, 0.86, 1.0), group=_DRAWN,
+            contype=1, conaffinity=1,
+        )  # fmt: skip
+    if not list(spec.lights):
+        spec.visual.headlight.ambient = [0.45, 0.45, 0.46]
+        spec.visual.headlight.diffuse = [0.3, 0.3, 0.3]
+        spec.worldbody.add_light(
+            type=mujoco.mjtLightType.mjLIGHT_DIRECTIONAL, pos=[2.0, -1.0, 4.0],
+            dir=[-0.5, 0.2, -0.8], diffuse=[0.6, 0.6, 0.6], castshadow=True,
+        )  # fmt: skip
+    if not any(t.type == mujoco.mjtTexture.mjTEXTURE_SKYBOX for t in spec.textures):
+        spec.add_texture(
+            name=_free("sky", {t.name for t in spec.textures}),
+            type=mujoco.mjtTexture.mjTEXTURE_SKYBOX, builtin=mujoco.mjtBuiltin.mjBUILTIN_GRADIENT,
+            rgb1=[0.74, 0.82, 0.90], rgb2=[0.97, 0.98, 0.99], width=64, height=384,
+        )  # fmt: skip
+
+
+# ---------------------------------------------------------------- files
+
+
+def _own_files(spec: Any, robot: Robot) -> dict[str, bytes]:
+    """Contents of the robot's meshes and textures by new names, which the assets then have."""
+    contents: dict[str, bytes] = {}
+    for assets, folder in ((spec.meshes, spec.meshdir), (spec.textures, spec.texturedir)):
+        for asset in assets:
+            if not asset.file:
+                continue
+            file = Path(asset.file)
+            content = robot.spec.assets.get(asset.file)
+            if content is None:
+                base = Path(spec.modelfiledir or robot.path.parent)
+                places = [base / folder / file, robot.path.parent / folder / file]
+                found = next((place for place in places if place.is_file()), None)
+                if found is None:
+                    raise InvalidInput(
+                        f"{robot.path}: {asset.file} cannot be copied beside the scene: it is not "
+                        f"in {places[0].parent}."
+                    )
+                content = read_bytes(found, "file")
+            elif isinstance(content, str):
+                content = content.encode()
+            asset.name = asset.name or file.stem
+            taken = set(contents)
+            asset.file = _numbered(file.name, taken)
+            contents[asset.file] = content
+    spec.meshdir = spec.texturedir = "meshes"
+    return contents
+
+
+def _numbered(file: str, taken: set[str]) -> str:
+    name, count = file, 1
+    while name in taken:
+        count += 1
+        name = f"{Path(file).stem}_{count}{Path(file).suffix}"
+    return name
+
+
+def _write(folder: Path, spec: Any, written: dict[str, bytes], robot: Robot) -> None:
+    for name, content in written.items():
+        write_atomically(folder / "meshes" / name, content)
+    spec.assets = {f"meshes/{name}": content for name, content in written.items()}
+    try:
+        model = spec.compile()
+    except ValueError as error:
+        reason = " ".join(str(error).split())
+        raise InvalidInput(f"{robot.path}: MuJoCo refuses the cell around it: {reason}") from error
+    write_atomically(folder / "scene.xml", _precise(spec.to_xml(), model))
+
+
+def _precise(text: str, model: mujoco.MjModel) -> str:
+    """An MJCF with all digits of bodies, joints and sites, of which MuJoCo writes six."""
+    root = ET.fromstring(text)
+    world = root.find("worldbody")
+    assert world is not None
+    for body, parent in _without_frames(world):
+        kind, name = body.tag, body.get("name", "")
+        if not name or parent.tag == "frame":
+            continue
+        if kind == "body":
+            _set(body, pos=model.body(name).pos, quat=model.body(name).quat)
+        elif kind == "site":
+            _set(body, pos=model.site(name).pos, quat=model.site(name).quat)
+        elif kind == "joint" and model.joint(name).type[0] != mujoco.mjtJoint.mjJNT_FREE:
+            _set(body, pos=model.joint(name).pos, axis=model.joint(name).axis)
+        if kind == "joint" and model.joint(name).limited[0]:
+            _set(body, range=model.joint(name).range)
+    ET.indent(root)
+    return ET.tostring(root, encoding="unicode") + "\n"
+
+
+def _without_frames(element: ET.Element) -> Iterator[tuple[ET.Element, ET.Element]]:
+    for child in element:
+        yield child, element
+        yield from _without_frames(child)
+
+
+def _set(element: ET.Element, **values: Iterable[float]) -> None:
+    if "quat" in values:
+        for other in ("axisangle", "xyaxes", "zaxis", "euler", "fromto"):
+            element.attrib.pop(other, None)
+    for key, numbers in values.items():
+        element.set(key, " ".join(repr(float(x)) for x in numbers))
+
+
+def _check_same(robot: Robot, scene: Robot) -> None:
+    """Refuse a scene whose robot moves differently."""
+    ranges = JointRanges.of(robot.model)
+    low = np.where(ranges.limited, ranges.lower, -np.pi)
+    high = np.where(ranges.limited, ranges.upper, np.pi)
+    names = [str(robot.model.body(body).name) for body in range(robot.model.nbody)]
+    rng = np.random.default_rng(0)
+    for _ in range(_CONFIGURATIONS):
+        positions = rng.uniform(low, high)
+        poses = []
+        for model in (robot.model, scene.model):
+            data = mujoco.MjData(model)
+            data.qpos[ranges.qpos] = positions
+            mujoco.mj_kinematics(model, data)
+            poses.append(np.array([data.body(name).xpos for name in names if name]))
+        if not np.abs(poses[0] - poses[1]).max(initial=0.0) <= _SAME:
+            raise InvalidInput(
+                f"{robot.path}: the robot differs in the scene that was written; write the scene "
+                "by hand, and give it to qp-twist new without meshes."
+            )

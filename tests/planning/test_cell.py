@@ -1,0 +1,61 @@
+"""The shipped cell: its clamp is in the way of the best motion, and another one passes it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import mujoco
+import numpy as np
+import pytest
+
+import qp_twist as qt
+from qp_twist.kinematics import JointRanges
+from qp_twist.planning.roll_grid import RollGrid, closed_form_arm
+
+EVERY = 5
+
+
+def nearest(task: qt.PathTask, q: np.ndarray) -> tuple[float, set[str]]:
+    """Distance of the nearest pair at q, m, by MuJoCo, and the names of both geoms."""
+    (clearance,) = (c for c in task.constraints if isinstance(c, qt.Clearance))
+    data = mujoco.MjData(task.model)
+    data.qpos[:] = q
+    mujoco.mj_kinematics(task.model, data)
+    distances = [
+        mujoco.mj_geomDistance(task.model, data, a, b, 0.1, None) for a, b in clearance.pairs
+    ]
+    least = int(np.argmin(distances))
+    return distances[least], {task.model.geom(int(g)).name for g in clearance.pairs[least]}
+
+
+@pytest.fixture(scope="module")
+def cell() -> qt.PathTask:
+    return qt.load_task("deburring_cell")
+
+
+def test_every_waypoint_is_reached_clear_of_all_but_not_at_least_z(cell: qt.PathTask) -> None:
+    """All branches at every 10° of roll, of every 5th waypoint."""
+    arm = closed_form_arm(cell)
+    assert arm is not None
+    free = replace(cell, model=qt.load_task("deburring").model, constraints=())
+    grid = RollGrid(free, arm, np.radians(10.0), np.full(6, np.inf))
+    ranges = JointRanges.of(cell.model)
+    hit: set[str] = set()
+    for index in range(0, len(cell.waypoints), EVERY):
+        layer = grid.layer(index)
+        by_z = layer.q[np.argsort(ranges.centring(layer.q))]
+        distance, names = nearest(cell, by_z[0])
+        hit |= names if distance < 0.0 else set()
+        assert any(nearest(cell, q)[0] >= 0.005 for q in by_z)
+    assert hit & {"clamp_post", "clamp_lever"}
+
+
+def test_the_default_method_passes_the_clamp_that_it_hits_without_clearance(
+    cell: qt.PathTask,
+) -> None:
+    free = replace(cell, model=qt.load_task("deburring").model, constraints=())
+    distances = [nearest(cell, q) for q in qt.follow(free).q[::2]]
+    least, names = min(distances, key=lambda pair: pair[0])
+    assert least < -0.01
+    assert names == {"fork", "clamp_post"}
+    assert min(nearest(cell, q)[0] for q in qt.follow(cell).q[::2]) >= 0.005 - 1e-6
