@@ -92,7 +92,10 @@ class MethodRun:
             faults.append(f"was off the path by {_off_by(self)}{steps}")
         for key, what in EXCESSES.items():
             excess = self.numbers.get(key, 0.0)
-            if excess > BAND_LEFT:
+            clearance = self.numbers.get("min_clearance_m") if what == "constraint" else None
+            if excess > BAND_LEFT and clearance is not None:
+                faults.append(f"came as near as {1e3 * clearance:.3g} mm to what it must not touch")
+            elif excess > BAND_LEFT:
                 faults.append(f"left a {what} by up to {excess:.2g} (m or rad)")
         unknown = [what for key, what in _COMPARED.items() if not math.isfinite(self.numbers[key])]
         if unknown:

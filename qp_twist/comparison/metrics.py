@@ -6,6 +6,8 @@ from typing import Any
 
 import numpy as np
 
+from qp_twist.checks import Array
+from qp_twist.constraints import Clearance, Nearest
 from qp_twist.control import Status
 from qp_twist.following import Trajectory
 from qp_twist.kinematics import JointRanges
@@ -38,6 +40,8 @@ def metrics(trajectory: Trajectory) -> dict[str, Any]:
     share of the waypoints was :func:`compiled <compiled_share>`.
     ``band_excess_max``, ``constraint_excess_max``: largest excess of a tolerance band and of a
     constraint, only where the task has such.
+    ``min_clearance_m``: least distance of a pair of geoms that may collide, at and between the
+    waypoints, where joints go straight; only where the task has such pairs.
     ``status``: the run in a sentence. Like the errors it is about the waypoints; for the motion
     between them see :attr:`~qp_twist.Trajectory.between` and :func:`~qp_twist.check_trajectory`.
     """
@@ -71,9 +75,12 @@ def metrics(trajectory: Trajectory) -> dict[str, Any]:
     }
     if trajectory.path_task.bands:
         numbers["band_excess_max"] = float(trajectory.band_excess.max())
-    if trajectory.path_task.constraints:
+    if trajectory.path_task.stated_constraints:
         numbers["constraint_excess_max"] = float(trajectory.constraint_excess.max())
-    numbers["status"] = _status(trajectory, numbers)
+    near = _nearest(trajectory, q)
+    if near is not None:
+        numbers["min_clearance_m"] = near[1].distance
+    numbers["status"] = _status(trajectory, numbers, near)
     return numbers
 
 
@@ -82,7 +89,19 @@ def compiled_share(trajectory: Trajectory) -> float:
     return min(1.0, trajectory.compiled / max(1, len(trajectory.q) - 1))
 
 
-def _status(trajectory: Trajectory, numbers: dict[str, Any]) -> str:
+def _nearest(trajectory: Trajectory, q: Array) -> tuple[Clearance, Nearest] | None:
+    """Where a motion is nearest to what it must not touch."""
+    found = [
+        (constraint, near)
+        for constraint in trajectory.path_task.stated_constraints
+        if isinstance(constraint, Clearance) and (near := constraint.nearest(q)) is not None
+    ]
+    return min(found, key=lambda one: one[1].distance - one[0].distance, default=None)
+
+
+def _status(
+    trajectory: Trajectory, numbers: dict[str, Any], near: tuple[Clearance, Nearest] | None
+) -> str:
     """Status of the run, with active limits."""
     parts = []
     if trajectory.diverged_at is not None:
@@ -112,6 +131,11 @@ def _status(trajectory: Trajectory, numbers: dict[str, Any]) -> str:
         if left.any():
             since = int(np.argmax(left)) + 1
             parts.append(f"outside {what} at {_waypoints(left)}, first at {since}")
+    if near is not None and near[1].distance < near[0].distance - BAND_LEFT:
+        distance, row, pair = near[1]
+        how = f"touches by {-1e3 * distance:.3g} mm" if distance < 0.0 else "comes too near"
+        how += "" if distance < 0.0 else f", {1e3 * distance:.3g} mm"
+        parts.append(f"{how}: {pair}, waypoint {row + 1.0:.4g}")
     if (off | turned).any():
         one_step = not METHODS[trajectory.method].constrained and not scaled.any()
         why = " (one step a waypoint)" if one_step and trajectory.iterations.max() <= 1 else ""

@@ -40,10 +40,12 @@ def rich_table(comparison: dict[str, Any]) -> Table:
         "max\nstep °", "σ min", "µs per\nwaypoint",
     ):  # fmt: skip
         table.add_column(heading, justify="right", no_wrap=True)
-    for key in EXCESSES:
+    for key in _excesses(comparison):
         if any(key in numbers for numbers in comparison["methods"].values()):
             heading = key.removesuffix("_max").replace("_", "\n")
             table.add_column(heading, justify="right", no_wrap=True)
+    if _has_clearance(comparison):
+        table.add_column("clearance\nmm", justify="right", no_wrap=True)
     methods = list(comparison["methods"])
     for index, name in enumerate(methods):
         following = methods[index + 1] if index + 1 < len(methods) else None
@@ -51,6 +53,16 @@ def rich_table(comparison: dict[str, Any]) -> Table:
         cells = _row(name, comparison["methods"][name], comparison["compiled"][name])
         table.add_row(*cells, end_section=not together)
     return table
+
+
+def _excesses(comparison: dict[str, Any]) -> list[str]:
+    """The columns of excesses: where clearance has a column, remarks say what else is left."""
+    clearance = _has_clearance(comparison)
+    return [key for key in EXCESSES if not (clearance and key == "constraint_excess_max")]
+
+
+def _has_clearance(comparison: dict[str, Any]) -> bool:
+    return any("min_clearance_m" in numbers for numbers in comparison["methods"].values())
 
 
 def plain_table(comparison: dict[str, Any]) -> str:
@@ -95,8 +107,16 @@ def _row(name: str, numbers: dict[str, Any], compiled: float) -> list[Text | str
         significant(numbers["sigma_min"]),
         time_in_code(numbers["time_per_waypoint_us"], compiled),
     ]
-    for excess in (numbers[key] for key in EXCESSES if key in numbers):
+    clears = "min_clearance_m" in numbers
+    for key in EXCESSES:
+        if key not in numbers or (clears and key == "constraint_excess_max"):
+            continue
+        excess = numbers[key]
         cells.append(Text(significant(excess), style="red" if excess > BAND_LEFT else ""))
+    if clears:
+        left = numbers.get("constraint_excess_max", 0.0) > BAND_LEFT
+        clearance = 1e3 * numbers["min_clearance_m"]
+        cells.append(Text(f"{clearance:.1f}", style="red" if left or clearance < 0.0 else ""))
     return cells
 
 

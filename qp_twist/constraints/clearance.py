@@ -5,7 +5,7 @@ from __future__ import annotations
 import copy
 from collections.abc import Iterable, Sequence
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import mink
 import mujoco
@@ -26,10 +26,25 @@ if TYPE_CHECKING:
 
 HORIZON = 0.2
 """Distance beyond the asked one from which on a step has a row for a pair, m."""
+RESOLUTION = 1e-5
+"""How much nearer a pair may be than the least distance that is found on a motion, m."""
+_NEAR, _HALVINGS = 0.1, 30
+"""Distance above which only bounds are computed at first, m; largest number of halvings."""
 PLANNED = 8
 """Largest number of rows for a configuration of a plan: those of the nearest pairs."""
 PLANNED_WITHIN = 0.3
 """Margin below which a plan has a row for a pair, m."""
+
+
+class Nearest(NamedTuple):
+    """Where a motion is nearest to what it must not touch."""
+
+    distance: float
+    """Distance of the pair, m; negative by the depth of penetration."""
+    at: float
+    """Row of the motion, from 0; 3.5 is half way between the fourth and the fifth."""
+    pair: str
+    """Name of the pair."""
 
 
 class Clearance(Constraint):
@@ -212,6 +227,44 @@ class Clearance(Constraint):
     def _ahead(self, q: Array) -> Array:
         """Margins as :meth:`bounded`, with mocap bodies where they are expected after a step."""
         return self._shapes.distances(q, HORIZON + self.distance, ahead=True) - self.distance
+
+    def nearest(self, q: Array) -> Nearest | None:
+        """The least distance on a motion whose joints go straight from row to row of q (N, nq).
+
+        Between the rows it is searched by subdivision, until no part can be nearer by
+        :data:`RESOLUTION`; ``None`` if there are no pairs.
+        """
+        if not len(self.pairs):
+            return None
+        q = np.asarray(q, dtype=np.float64)
+        begin, share, step = np.arange(len(q) - 1), np.zeros(len(q) - 1), 1.0
+        best = Nearest(np.inf, 0.0, "")
+        at = np.arange(len(q), dtype=np.float64)
+        points = q
+        for _ in range(_HALVINGS):
+            best = self._nearer(best, points, at)
+            left = q[begin] + share[:, None] * (q[begin + 1] - q[begin])
+            right = left + step * (q[begin + 1] - q[begin])
+            least = self._shapes.least(left, right, np.abs(right - left), best.distance)
+            open_ = least.min(axis=1) < best.distance - RESOLUTION
+            begin, share, step = begin[open_], share[open_], 0.5 * step
+            if not len(begin):
+                break
+            points = 0.5 * (left[open_] + right[open_])
+            at = begin + share + step
+            begin, share = np.tile(begin, 2), np.concatenate([share, share + step])
+        return best
+
+    def _nearer(self, best: Nearest, q: Array, at: Array) -> Nearest:
+        """The nearest of the best so far and configurations q (K, nq) at places ``at`` (K,)."""
+        enough = min(best.distance, _NEAR)
+        found = self._shapes.distances(q, enough)
+        if found.min() > enough and best.distance > enough:  # only bounds are known so far
+            found = self._shapes.distances(q, np.inf)
+        row, pair = np.unravel_index(int(np.argmin(found)), found.shape)
+        if found[row, pair] >= best.distance:
+            return best
+        return Nearest(float(found[row, pair]), float(at[row]), self.names[pair])
 
     def without_pairs(self) -> Clearance:
         """A clearance of the same model that asks for nothing."""

@@ -207,7 +207,7 @@ def walk_known(path_task: PathTask, method: str, settings: MethodSettings) -> bo
     return (
         known
         and not path_task.bands
-        and not path_task.constraints
+        and not path_task.stated_constraints
         and not (timed and np.isfinite(path_task.acceleration_limits).any())
         and JointRanges.of(path_task.model).only_hinges_and_slides
     )

@@ -198,7 +198,7 @@ def peer_frame(path_task: PathTask, projector: TwistProjector, method: Method) -
         f"tolerance bands are not put into the words of {peer} here; leave [[bands]] out, or use "
         "one of the QPs of this package.": bool(path_task.bands),
         f"the task's constraints are not handed to {peer}; leave them out, or use one of the QPs "
-        "of this package.": bool(path_task.constraints),
+        "of this package.": bool(path_task.stated_constraints),
         f"{peer} cannot hold the turn about one axis alone (angular = a line); use one of the QPs "
         "of this package.": frame.angular.kind is ProjectorKind.LINE,
     })  # fmt: skip

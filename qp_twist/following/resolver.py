@@ -250,11 +250,11 @@ def make_resolver(
     if METHODS[method].constrained:
         return QpResolver(path_task, method, settings, projector, solver, limits)
     if method == "sns":
-        if path_task.constraints:
+        if path_task.stated_constraints:
             raise InvalidInput(
                 "follow('sns'): saturation in the null space takes bounds on single joints only, "
-                f"and {path_task.name} has constraints ({path_task.constraints[0].kind}); use one "
-                "of the QPs of this package."
+                f"and {path_task.name} has constraints ({path_task.stated_constraints[0].kind}); "
+                "use one of the QPs of this package."
             )
         return SaturationResolver(path_task, settings, projector, limits)
     return ClosedFormResolver(path_task, method, settings, projector)

@@ -121,7 +121,7 @@ class Trajectory:
         ]
         if self.path_task.bands:
             rows.append(("largest band excess, rad or m", float(self.band_excess.max())))
-        if self.path_task.constraints:
+        if self.path_task.stated_constraints:
             most = float(self.constraint_excess.max())
             rows.append(("largest excess of a constraint, m or rad", most))
         if self.failure:

@@ -152,7 +152,7 @@ def reached(
     """
     if missed_by(path_task, task, configuration) > 1.0:
         return False
-    if not held or not path_task.constraints:
+    if not held or not path_task.stated_constraints:
         return True
     return bool(path_task.constraint_excess(configuration.q[None]).max() <= BAND)
 

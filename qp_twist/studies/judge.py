@@ -51,7 +51,8 @@ class Fault:
             the same, with none; ``no step``: a step had no result; ``diverged``: it was not finite;
             ``start``: there is no configuration to start from; ``no plan``: there is no plan to
             follow; ``raised``: something was raised, or the process died.
-        joint: The joints that it is about.
+        joint: The joints that it is about, or the margin of a constraint: of a clearance the names
+            of two geoms.
         waypoint: Where, counted from 1.
         message: What else there is to say.
     """
@@ -92,7 +93,8 @@ class Judge:
             if fault is None and trajectory.band_excess[index] > BAND_LEFT:
                 return Fault("band", waypoint=index + 1)
             if fault is None and left[index] > BAND_LEFT:
-                return Fault("constraint", waypoint=index + 1)
+                name = _violated(trajectory.path_task, q)
+                return Fault("constraint", name, waypoint=index + 1)
             if fault is not None:
                 if trajectory.failure:
                     return Fault("no step", waypoint=index + 1, message=trajectory.failure)
@@ -125,3 +127,13 @@ class Judge:
             held = [n for n, at in zip(self.ranges.names, at_limit, strict=True) if at]
             return Fault("held" if held else "error", "+".join(held), waypoint)
         return None
+
+
+def _violated(path_task: PathTask, q: Array) -> str:
+    """Name of the margin of the constraints that a configuration q (nq,) violates most."""
+    margins = {
+        name: float(margin)
+        for constraint in path_task.stated_constraints
+        for name, margin in zip(constraint.names, constraint.bounded(q[None], 0.0)[0], strict=True)
+    }
+    return min(margins, key=lambda name: margins[name])

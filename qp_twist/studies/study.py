@@ -16,7 +16,7 @@ import numpy as np
 from rich.console import Console
 
 from qp_twist.checks import one_of, whole_number
-from qp_twist.constraints import COUPLED_WITHIN, JointCouplings
+from qp_twist.constraints import COUPLED_WITHIN, Clearance, JointCouplings
 from qp_twist.errors import InvalidInput
 from qp_twist.files import read_text, write_atomically
 from qp_twist.paths import (
@@ -381,12 +381,21 @@ def _fingerprint(path_task: PathTask) -> str:
 def _check_from_file(task: PathTask) -> None:
     if task.source is None:
         raise InvalidInput("study: needs a task from a file, which it can load again.")
-    # Joint couplings come from the scene whenever the task file is loaded.
+    # What comes from the scene and the file is there whenever the file is loaded.
     added = [
         constraint
         for constraint in task.constraints
-        if not isinstance(constraint, JointCouplings) or constraint.tolerance != COUPLED_WITHIN
+        if not isinstance(constraint, (JointCouplings, Clearance))
+        or (isinstance(constraint, JointCouplings) and constraint.tolerance != COUPLED_WITHIN)
     ]
+    clearances = [c for c in task.constraints if isinstance(c, Clearance)]
+    if clearances and not added:
+        stated = [
+            (c.distance, c.ignored)
+            for c in load_task(task.source).constraints
+            if isinstance(c, Clearance)
+        ]
+        added = [c for c in clearances if (c.distance, c.ignored) not in stated]
     if added:
         raise InvalidInput(
             f"study: {task.name} has constraints ({added[0].kind}) that its task file lacks, but "

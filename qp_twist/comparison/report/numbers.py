@@ -33,7 +33,9 @@ def table_section(content: Mapping[str, Any]) -> ReportSection:
     methods: Mapping[str, Any] = content["methods"]
     more = [key for key in EXCESSES if any(key in numbers for numbers in methods.values())]
     headings = (f"{key.removesuffix('_max').replace('_', ' ')} m or rad" for key in more)
-    columns = (*_COLUMNS, *headings)
+    columns = [*_COLUMNS, *headings]
+    if any("min_clearance_m" in numbers for numbers in methods.values()):
+        columns.append("clearance mm")
     heads = "".join(f'<th scope="col">{name}</th>' for name in columns)
     compiled = content["compiled"]
     bodies = "".join(
@@ -115,6 +117,10 @@ def _row(name: str, numbers: Mapping[str, Any], compiled: float, more: Sequence[
     ]
     for excess in (numbers.get(key, 0.0) for key in more):
         cells.append(_cell(significant(excess), bad=excess > BAND_LEFT))
+    if "min_clearance_m" in numbers:
+        clearance = numbers["min_clearance_m"]
+        left = clearance < 0.0 or numbers.get("constraint_excess_max", 0.0) > BAND_LEFT
+        cells.append(_cell(f"{1e3 * clearance:.1f}", bad=left))
     title, what = METHODS[name].title, _KINDS[kind(name)]
     if not title.startswith(what):
         title = f"{title}, {what}"
