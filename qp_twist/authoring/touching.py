@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
-from qp_twist.checks import Array, Mask
+from qp_twist.checks import Array, Indices, Mask
 from qp_twist.constraints import Clearance
 from qp_twist.kinematics import JointRanges
 
@@ -15,7 +15,6 @@ DISTANCE = 0.005
 """Distance of a new task, m."""
 _LOOKED_AT = 200
 """Number of random configurations."""
-_SHOWN = 12
 
 
 @dataclass(frozen=True)
@@ -61,12 +60,12 @@ def watched(model: mujoco.MjModel, tool: str = "", part: str = "") -> Watched | 
     for one, other in _named(model, clearance, always):
         ignored.append(Ignored(one, other, f"touch in each of {_LOOKED_AT} random configurations"))
     left = Clearance(model, DISTANCE, [(pair.one, pair.other) for pair in ignored])
-    bodies = dict.fromkeys(tuple(_bodies(model, pair)) for pair in left.pairs)
-    shown = ", ".join(" to ".join(pair) for pair in list(bodies)[:_SHOWN])
-    more = f" and {len(bodies) - _SHOWN} more" if len(bodies) > _SHOWN else ""
-    notes = [f"{len(left.pairs)} pairs of shapes keep {1e3 * DISTANCE:g} mm: {shown}{more}."]
+    notes = [
+        f"{len(left.pairs)} pairs of shapes keep {1e3 * DISTANCE:g} mm, of "
+        f"{', '.join(_bodies(model, np.unique(left.pairs)))}."
+    ]
     notes += [f"{pair.one} and {pair.other} may touch: {pair.why}." for pair in ignored]
-    return Watched(DISTANCE, tuple(ignored), (*notes, *_without_shape(model)))
+    return Watched(DISTANCE, tuple(ignored), (*notes, *_without_shape(model, tool)))
 
 
 def _random(model: mujoco.MjModel) -> Array:
@@ -80,11 +79,15 @@ def _random(model: mujoco.MjModel) -> Array:
     return q
 
 
-def _bodies(model: mujoco.MjModel, pair: Array) -> list[str]:
-    names = [str(model.body(int(model.geom_bodyid[g])).name) for g in pair]
-    geoms = [str(model.geom(int(g)).name) for g in pair]
-    return [body if body not in ("", "world") else geom or body or "a body"
-            for body, geom in zip(names, geoms, strict=True)]  # fmt: skip
+def _bodies(model: mujoco.MjModel, geoms: Indices) -> list[str]:
+    """Names of the bodies of some geoms, each once; of the world's geoms their own names."""
+    names: dict[str, None] = {}
+    for geom in geoms:
+        body = int(model.geom_bodyid[geom])
+        own = str(model.geom(int(geom)).name)
+        name = own if body == 0 and own else str(model.body(body).name)
+        names[name or f"body {body}"] = None
+    return list(names)
 
 
 def _named(model: mujoco.MjModel, clearance: Clearance, always: Mask) -> list[tuple[str, str]]:
@@ -106,10 +109,13 @@ def _named(model: mujoco.MjModel, clearance: Clearance, always: Mask) -> list[tu
     return list(found)
 
 
-def _without_shape(model: mujoco.MjModel) -> list[str]:
-    """A sentence on the moving links on which nothing can collide."""
+def _without_shape(model: mujoco.MjModel, tool: str) -> list[str]:
+    """A sentence on moving links on which nothing can collide; a tool is no part of its link."""
     able = (model.geom_contype != 0) | (model.geom_conaffinity != 0)
-    groups = {int(model.body_weldid[body]) for body in model.geom_bodyid[able]}
+    bodies = {int(body) for body in model.geom_bodyid[able]}
+    if tool:
+        bodies.discard(int(model.body(tool).id))
+    groups = {int(model.body_weldid[body]) for body in bodies}
     bare = [
         str(model.body(body).name) or f"body {body}"
         for body in range(1, model.nbody)

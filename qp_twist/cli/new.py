@@ -49,7 +49,7 @@ def new(
     fixture_mesh: tyro.conf.UseAppendAction[
         Annotated[tuple[Path, ...], tyro.conf.arg(metavar="FILE")]
     ] = (),
-    mesh_units: Literal["ask", "mm", "m"] = "ask",
+    mesh_units: Annotated[Literal["mm", "m"] | None, tyro.conf.arg(metavar="{mm,m}")] = None,
     force: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False,
 ) -> None:
     """Write a commented task file for a robot and a toolpath; it runs without edits.
@@ -98,7 +98,7 @@ def new(
         tcp=None if tcp is None else _six(*_pose("--tcp", tcp)),
         part_mesh=part_mesh,
         fixture_meshes=fixture_mesh,
-        mesh_unit=None if mesh_units == "ask" else mesh_units,
+        mesh_unit=mesh_units,
     )
     if place is not None:
         position, rpy_deg = _pose("--place", place)

@@ -164,7 +164,7 @@ class Clearance(Constraint):
         return least
 
     def rows(self, q: Array) -> tuple[Array, Array, Indices]:
-        """Rows of the nearest pairs of each configuration, up to :data:`PLANNED`."""
+        """Rows of the nearest pairs of each configuration, up to ``PLANNED``."""
         count = min(PLANNED, len(self.pairs))
         margins = self.bounded(q, PLANNED_WITHIN)
         nearest = np.argsort(margins, axis=1)[:, :count]
@@ -176,7 +176,7 @@ class Clearance(Constraint):
     def compute_qp_inequalities(
         self, configuration: mink.Configuration, dt: float
     ) -> mink.Constraint:
-        """The rows of one step, G Δq ≤ h, for pairs nearer than :data:`HORIZON`."""
+        """The rows of one step, G Δq ≤ h, for pairs nearer than ``HORIZON``."""
         self._shapes.take_mocap(configuration.data)
         q = configuration.q[None]
         now = self.bounded(q, HORIZON)[0]

@@ -377,7 +377,7 @@ def test_every_default_of_a_command_is_that_of_its_function(command: str) -> Non
             assert stated.endswith("`compiled`")
             assert check_solver(None) in ("compiled", "daqp")
             assert "machine code" in told
-        elif default is None or default == "auto":
+        elif default is None or default in ("auto", ()):
             assert literal is None or literal[1] in NAMED_BY_THE_TASK | {"auto"}, option
             assert default == "auto" or literal is None or literal[1] in told
         else:
