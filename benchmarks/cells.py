@@ -1,0 +1,429 @@
+"""Clearance: plans beside an exhaustive search in random cells, and steps in front of walls.
+
+    python benchmarks/cells.py [random_cells] [--cells 20] [--first 0] [--every 10] [--roll-step 2]
+        [--jobs 1] [--write]
+    python benchmarks/cells.py [walls] [--runs 10] [--write]
+
+*random_cells*: the deburring part stands as a study places it, with 1 to 6 boxes and cylinders
+around it, in front of an arm whose links are capsules, cylinders and boxes. An exhaustive search
+(every so manieth waypoint; rolls 2° apart, all branches and full turns; distances by coal) finds
+the motion of least mean z whose waypoints keep 5 mm, and, by leaving out connections that come
+nearer between the waypoints, the one that keeps it there as well. It shares nothing with the plan.
+Cell ``--first K --cells 1`` is always the same; each cell is printed to the standard error.
+
+*walls*: a controller at 200 Hz pulls the tool of an arm of seven axes through a wall, into a
+corner and along with an obstacle that moves, from random starts, without and with acceleration
+limits, beside mink's collision limit on the same pairs.
+"""
+
+from __future__ import annotations
+
+from page import command, in_processes
+
+# isort: split
+import dataclasses
+import json
+import sys
+import time
+from collections import Counter
+from functools import partial
+from typing import Any, NamedTuple
+
+import mink
+import mujoco
+import numpy as np
+import numpy.typing as npt
+from oracles.distances import Distances
+from placements import InverseKinematics
+from scipy.spatial import cKDTree
+
+import qp_twist as qt
+from qp_twist.bench.tables import markdown_table
+from qp_twist.checks import Array
+from qp_twist.studies.sample import draw_sample
+
+# ---------------------------------------------------------------- cells
+
+CLEAR = 0.005
+"""Distance to keep, m."""
+BETWEEN = 1e-4
+"""By how much less a plan may keep between two waypoints, m."""
+STEP = np.radians(15.0)
+CENTRE = np.array([0.0, 1.0, 0.3])
+"""Of the part, before it is placed."""
+FREE_OF = 0.05
+"""Obstacles keep this far from the tool's tip and from its spindle on the path, m."""
+INSIDE = 20
+"""Points of each step at which the plan's clearance is looked at."""
+CHECKED = 5
+"""Points of each connection at which the search looks at the clearance."""
+TRIALS = 200
+"""How often the search leaves out connections before it gives up."""
+
+LINKS: tuple[tuple[str, str, tuple[float, ...], tuple[float, ...]], ...] = (
+    ("base", "cylinder", (0.2,), (0, 0, 0, 0, 0, 0.25)),
+    ("link_1", "capsule", (0.14,), (0, 0, -0.1, 0.10, 0, 0)),
+    ("link_1", "cylinder", (0.12,), (0.15, -0.07, 0, 0.15, 0.23, 0)),
+    ("link_2", "box", (0.12, 0.045, 0.47), (0, -0.125, 0.385)),
+    ("link_3", "box", (0.2, 0.09, 0.1), (-0.07, 0, 0.08)),
+    ("link_4", "capsule", (0.07,), (0.2, 0, 0, 0.7, 0, 0)),
+    ("link_5", "capsule", (0.05,), (0.0, 0, 0, 0.05, 0, 0)),
+)
+"""Geoms of the links: body, kind, sizes, and ends or centre in the body's frame, m."""
+TOOL = (
+    ("cylinder", (0.045,), (0, 0, 0, 0, 0, 0.055), "flange"),
+    ("capsule", (0.03,), (0, 0, 0.06, -0.04, 0, 0.15), "flange"),
+    ("cylinder", (0.035,), (0, 0, -0.232, 0, 0, -0.082), "tool"),
+    ("capsule", (0.008,), (0, 0, -0.07, 0, 0, -0.03), "tool"),
+)
+"""Geoms on the last link: kind, sizes, ends in the frame of a site."""
+
+
+def kind_of(name: str) -> mujoco.mjtGeom:
+    """MuJoCo's number of a kind of geom."""
+    return getattr(mujoco.mjtGeom, f"mjGEOM_{name.upper()}")
+
+
+def add_links(spec: mujoco.MjSpec) -> None:
+    """Give the arm, the part and the floor shapes that collide."""
+    plain = spec.compile()
+    for number, (body, kind, size, place) in enumerate(LINKS):
+        where = {"fromto": place} if len(place) == 6 else {"pos": place}
+        spec.body(body).add_geom(
+            name=f"{body} shape {number}", type=kind_of(kind), size=_three(size), **where
+        )
+    for number, (kind, size, place, name) in enumerate(TOOL):
+        site = plain.site(name)
+        R = mink.SO3(plain.site_quat[site.id]).as_matrix()
+        ends = np.reshape(place, (2, 3)) @ R.T + plain.site_pos[site.id]
+        spec.body("link_6").add_geom(
+            name=f"tool shape {number}", type=kind_of(kind), size=_three(size), fromto=ends.ravel()
+        )
+    for name in ("floor", "part", "fixture"):
+        geom = spec.geom(name)
+        geom.contype = geom.conaffinity = 1
+
+
+def _three(size: tuple[float, ...]) -> list[float]:
+    return [*size, 0.0, 0.0][:3]
+
+
+def add_obstacles(spec: mujoco.MjSpec, task: qt.PathTask, rng: np.random.Generator) -> None:
+    """Put 1 to 6 boxes and cylinders around the part, none of them in the tool's own way."""
+    tips = task.positions
+    axes = np.array([w.rotation().as_matrix()[:, 2] for w in task.waypoints])
+    points = np.concatenate([tips - back * axes for back in (0.0, 0.1, 0.2)])
+    centre = tips.mean(axis=0)
+    wanted, number = int(rng.integers(1, 7)), 0
+    while number < wanted:
+        away = rng.normal(size=3)
+        place = centre + rng.uniform(0.15, 0.7) * away / np.linalg.norm(away)
+        size = np.exp(rng.uniform(np.log(0.03), np.log(0.2), size=3))
+        turn = rng.normal(size=4)
+        turn /= np.linalg.norm(turn)
+        kind = "box" if rng.random() < 0.5 else "cylinder"
+        extent = size if kind == "box" else np.array([size[0], size[0], size[1]])
+        within = np.abs((points - place) @ mink.SO3(turn).as_matrix()) - extent
+        if np.linalg.norm(np.maximum(within, 0.0), axis=1).min() < FREE_OF:
+            continue
+        number += 1
+        body = spec.worldbody.add_body(name=f"obstacle_{number}", pos=place, quat=turn)
+        body.add_geom(name=f"obstacle_{number}", type=kind_of(kind), size=size)
+
+
+def cell(seed: int, every: int) -> qt.PathTask:
+    """A random cell: the path, its clearance, and the largest joint step as a speed limit."""
+    rng = np.random.default_rng([seed, 11])
+    plain = qt.load_task("deburring")
+    standing = draw_sample(plain, ("placement",), seed).path_task
+    spec = mujoco.MjSpec.from_file(str(plain.scene))
+    add_links(spec)
+    add_obstacles(spec, standing, rng)
+    model = spec.compile()
+    part = standing.model.body("part").id
+    model.body_pos[part], model.body_quat[part] = (
+        standing.model.body_pos[part], standing.model.body_quat[part],
+    )  # fmt: skip
+    waypoints = standing.waypoints[::every]
+    return dataclasses.replace(
+        standing, model=model, waypoints=waypoints, flipped_waypoints=None, best_start=True,
+        durations=np.concatenate([[0.0], np.ones(len(waypoints) - 1)]),
+        velocity_limits=np.full(model.nv, STEP), acceleration_limits=np.full(model.nv, np.inf),
+        constraints=(qt.Clearance(model, distance=CLEAR),),
+    )  # fmt: skip
+
+
+# ---------------------------------------------------------------- the exhaustive search
+
+
+class Obstacles:
+    """Which configurations keep the distance, by coal, where bounds of it do not say so."""
+
+    def __init__(self, model: mujoco.MjModel, pairs: npt.NDArray[np.intp]) -> None:
+        self.model, self.pairs, self.oracle = model, pairs, Distances(model)
+        self.planes = model.geom_type == mujoco.mjtGeom.mjGEOM_PLANE
+        self.balls = np.where(self.planes, np.inf, model.geom_rbound)
+        self.centres, self.boxes = model.geom_aabb[:, :3], model.geom_aabb[:, 3:]
+        self.last: tuple[int, int] | None = None
+
+    def near(self, q: Array, within: float) -> npt.NDArray[np.intp]:
+        """The pairs that may be nearer than ``within``, with the robot at q (nq,).
+
+        The ball around a geom is at least as far from the other geom's box.
+        """
+        data = self.oracle.at(q).data
+        R = data.geom_xmat.reshape(-1, 3, 3)
+        centres = data.geom_xpos + np.einsum("gij,gj->gi", R, self.centres)
+        least = np.full(len(self.pairs), -np.inf)
+        for one, other in (self.pairs.T, self.pairs.T[::-1]):
+            local = np.einsum("pji,pj->pi", R[other], centres[one] - data.geom_xpos[other])
+            outside = np.maximum(np.abs(local - self.centres[other]) - self.boxes[other], 0.0)
+            bound = np.linalg.norm(outside, axis=1) - self.balls[one]
+            bound = np.where(self.planes[other], local[:, 2] - self.balls[one], bound)
+            least = np.maximum(least, bound)
+        return self.pairs[least < within]
+
+    def keeps(self, q: Array, distance: float = CLEAR) -> bool:
+        """Whether all pairs are at least so far apart at q (nq,)."""
+        pairs = [(int(a), int(b)) for a, b in self.near(q, distance)]
+        if self.last in pairs:  # the one that was too near before is so again more often than not
+            pairs.insert(0, self.last)
+        for a, b in pairs:
+            if self.planes[a] or self.planes[b]:
+                value = self.oracle(a, b).value
+            else:
+                value = self.oracle.by_coal(a, b).value
+            if value < distance:
+                self.last = a, b
+                return False
+        return True
+
+    def least(self, q: Array) -> float:
+        """The least distance of all pairs along motions q (N, nq), m; at most 0.2."""
+        found = 0.2
+        for row in q:
+            found = min(found, self.oracle.of(self.near(row, found)).min(initial=found))
+        return float(found)
+
+
+class Layer(NamedTuple):
+    """In-limit configurations of a waypoint that keep the distance."""
+
+    q: Array
+    z: Array
+    reached: int
+    """How many there are with or without the distance."""
+
+
+class Search:
+    """All motions through a cell on a grid of rolls."""
+
+    def __init__(self, task: qt.PathTask, roll_step: float) -> None:
+        self.task, self.arm = task, InverseKinematics(task)
+        self.ranges = qt.JointRanges.of(task.model)
+        clearance = next(c for c in task.constraints if isinstance(c, qt.Clearance))
+        self.obstacles = Obstacles(task.model, clearance.pairs)
+        rolls = np.radians(np.arange(0.0, 360.0, roll_step))
+        self.layers = [self._layer(pose, rolls) for pose in task.waypoints]
+
+    def _layer(self, pose: mink.SE3, rolls: Array) -> Layer:
+        grid = self.arm.branches(pose, rolls)
+        change = np.diff(grid, axis=0, append=grid[:1])
+        change -= 2.0 * np.pi * np.round(change / (2.0 * np.pi))
+        fast = (np.abs(change) > STEP / 3.0).any(axis=(1, 2))  # near a straight wrist
+        between = (rolls[1] - rolls[0]) * np.arange(1, 8) / 8.0
+        finer = self.arm.branches(pose, (rolls[fast, None] + between).ravel())
+        q = np.concatenate([grid, finer]).reshape(-1, 6)
+        q = self.arm.centred(q[np.isfinite(q).all(axis=1)])
+        # Full turns are taken off: if this one is outside the limits, so is every other.
+        inside = ((q >= self.ranges.lower) & (q <= self.ranges.upper)).all(axis=1)
+        q = q[inside]
+        clear = np.array([self.obstacles.keeps(row) for row in q], dtype=bool)
+        q = self.arm.inside_with_turns(q[clear]) if clear.any() else np.zeros((0, 6))
+        return Layer(q, self.ranges.centring(q), int(inside.sum()))
+
+    def best(self, *, between: bool) -> tuple[Array | None, int]:
+        """The motion of least mean z and the first waypoint that none gets to, from 1.
+
+        With ``between``, connections of the best motion that come too near are left out until none
+        does; if that takes too long, or there is no such motion, there is none.
+        """
+        links = []
+        for before, after in zip(self.layers[:-1], self.layers[1:], strict=True):
+            if not len(before.q) or not len(after.q):
+                break
+            pairs = cKDTree(before.q).sparse_distance_matrix(
+                cKDTree(after.q), STEP, p=np.inf, output_type="ndarray"
+            )
+            links.append((pairs["i"].copy(), pairs["j"].copy()))
+        left: list[set[tuple[int, int]]] = [set() for _ in links]
+        checked: list[dict[tuple[int, int], bool]] = [{} for _ in links]
+        for _ in range(TRIALS):
+            path, end = self._shortest(links)
+            if path is None or not between:
+                break
+            bad = False
+            for k in range(len(links)):
+                link = int(path[k]), int(path[k + 1])
+                if link not in checked[k]:
+                    a, b = self.layers[k].q[link[0]], self.layers[k + 1].q[link[1]]
+                    shares = np.arange(1, CHECKED + 1) / (CHECKED + 1)
+                    checked[k][link] = all(self.obstacles.keeps(a + s * (b - a)) for s in shares)
+                if not checked[k][link]:
+                    bad = True
+                    left[k].add(link)
+                    i, j = links[k]
+                    keep = ~((i == link[0]) & (j == link[1]))
+                    links[k] = i[keep], j[keep]
+            if not bad:
+                break
+        else:
+            return None, 0
+        if path is None:
+            return None, end
+        rows = zip(self.layers, path, strict=True)
+        return np.array([layer.q[row] for layer, row in rows]), 0
+
+    def _shortest(
+        self, links: list[tuple[Array, Array]]
+    ) -> tuple[npt.NDArray[np.intp] | None, int]:
+        """Rows of the layers along the way of least sum of z, and where ways end."""
+        cost, via = self.layers[0].z, []
+        for k, (i, j) in enumerate(links):
+            through = cost[i]
+            order = np.lexsort((through, j))
+            order = order[np.isfinite(through[order])]
+            first = np.concatenate([[True], np.diff(j[order]) > 0])[: len(order)]
+            came = np.full(len(self.layers[k + 1].q), -1)
+            came[j[order][first]] = i[order][first]
+            cost = np.where(came >= 0, cost[came] + self.layers[k + 1].z, np.inf)
+            via.append(came)
+            if not np.isfinite(cost).any():
+                return None, k + 2
+        if len(links) < len(self.layers) - 1 or not len(cost):
+            return None, 1 + next(k for k, layer in enumerate(self.layers) if not len(layer.q))
+        path = [int(np.argmin(cost))]
+        for came in reversed(via):
+            path.append(int(came[path[-1]]))
+        return np.array(path[::-1]), 0
+
+
+# ---------------------------------------------------------------- a cell
+
+
+def one_cell(seed: int, every: int, roll_step: float) -> dict[str, Any]:
+    """A plan and the search in a cell, and what contradicts what."""
+    task = cell(seed, every)
+    began = time.perf_counter()
+    plan = qt.plan(task)
+    planned = time.perf_counter() - began
+    began = time.perf_counter()
+    search = Search(task, roll_step)
+    loose, end = search.best(between=False)
+    strict, _ = search.best(between=True) if loose is not None else (None, 0)
+    found: dict[str, Any] = {
+        "cell": seed, "obstacles": sum("obstacle" in task.model.body(b).name
+                                       for b in range(task.model.nbody)),
+        "planned": plan.q is not None, "seconds": round(planned, 2),
+        "search_seconds": round(time.perf_counter() - began, 1),
+        "at_waypoints": loose is not None, "between": strict is not None,
+        "in_the_way": any(len(layer.q) < layer.reached for layer in search.layers),
+        "search_ends_at": end, "certificate": str(plan.certificate),
+        "kind": plan.certificate.kind,
+    }  # fmt: skip
+    for name, motion in (("z_loose", loose), ("z_strict", strict), ("z", plan.q)):
+        found[name] = None if motion is None else float(search.ranges.centring(motion).mean())
+    wrong = contradictions(plan, search, loose)
+    if plan.q is not None:
+        at = search.obstacles.least(plan.q)
+        shares = np.arange(1, INSIDE + 1) / (INSIDE + 1)
+        steps = np.diff(plan.q, axis=0)
+        inside = (plan.q[:-1, None] + shares[:, None] * steps[:, None]).reshape(-1, task.model.nq)
+        between = search.obstacles.least(inside)
+        found |= {"least_mm": 1e3 * at, "least_between_mm": 1e3 * between}
+        wrong += [f"{1e3 * at:.6f} mm at a waypoint"] * (at < CLEAR - 1e-6)
+        wrong += [f"{1e3 * between:.4f} mm between waypoints"] * (between < CLEAR - BETWEEN - 1e-6)
+        wrong += faults(task, plan.q)
+    elif strict is not None:
+        wrong.append("not planned")
+    return {**found, "wrong": wrong}
+
+
+def contradictions(plan: qt.Plan, search: Search, loose: Array | None) -> list[str]:
+    """What a certificate claims as proven and the search refutes."""
+    certificate = plan.certificate
+    if plan.q is not None or certificate.detail or not certificate.covered:
+        return []
+    if certificate.kind == "speed":
+        return [] if loose is None else ["certificate: a connection exists"]
+    wrong = []
+    for waypoint in certificate.waypoints:
+        layer = search.layers[waypoint - 1]
+        refuted = layer.reached > 0 if certificate.kind != "band" else len(layer.q) > 0
+        if refuted:
+            wrong.append(f"certificate: there is a configuration at waypoint {waypoint}")
+    return wrong
+
+
+def faults(task: qt.PathTask, q: Array) -> list[str]:
+    """Joint ranges, steps and the path itself, by MuJoCo's kinematics."""
+    wrong = []
+    lower, upper = task.model.jnt_range.T
+    if (q < lower - 1e-9).any() or (q > upper + 1e-9).any():
+        wrong.append("joint range")
+    if np.abs(np.diff(q, axis=0)).max() > STEP + 1e-9:
+        wrong.append("joint step")
+    data = mujoco.MjData(task.model)
+    for row, waypoint in zip(q, task.waypoints, strict=True):
+        data.qpos[:] = row
+        mujoco.mj_kinematics(task.model, data)
+        site = data.site(task.frame_name)
+        away = np.linalg.norm(site.xpos - waypoint.translation())
+        turned = np.linalg.norm(site.xmat[2::3] - waypoint.rotation().as_matrix()[:, 2])
+        if away > 1e-6 or turned > 1e-6:
+            wrong.append(f"off the path by {1e3 * away:.1e} mm, {turned:.1e}")
+            break
+    return wrong
+
+
+def random_cells(cells: int, first: int, every: int, roll_step: float, jobs: int) -> Any:
+    """Plans beside the search."""
+    work = partial(one_cell, every=every, roll_step=roll_step)
+    found = []
+    for row in in_processes(work, range(first, first + cells), jobs):
+        print(json.dumps(row), file=sys.stderr, flush=True)
+        found.append(row)
+    verdicts = Counter((row["at_waypoints"], row["between"], row["planned"]) for row in found)
+    say = {False: "–", True: "yes"}
+    rows = [(*(say[v] for v in key), count) for key, count in sorted(verdicts.items())]
+    head = ("search, at waypoints", "search, between them, too", "planned", "cells")
+    text = [markdown_table(head, rows, left=3)]
+    for name, key in (("between", "z_strict"), ("waypoints alone", "z_loose")):
+        shares = [row["z"] / row[key] for row in found if row["planned"] and row[key]]
+        if shares:
+            middle, most, worst = np.percentile(shares, [50, 90, 100])
+            text.append(
+                f"Mean z over the search's ({name}), {len(shares)} cells: median {middle:.4f}, "
+                f"90 % {most:.4f}, largest {worst:.4f}.\n"
+            )
+    planned = [row for row in found if row["planned"]]
+    if planned:
+        at, between = (min(r[k] for r in planned) for k in ("least_mm", "least_between_mm"))
+        text.append(f"Least clearance {at:.6f} mm at waypoints, {between:.4f} mm between.\n")
+    seconds = [row["seconds"] for row in found]
+    text.append(
+        f"{sum(row['in_the_way'] for row in found)} of {len(found)} cells have an obstacle in the "
+        f"way of some configuration. A plan takes {np.median(seconds):.2f} s in the median, "
+        f"{max(seconds):.2f} s at most.\n"
+    )
+    wrong = [(row["cell"], "; ".join(row["wrong"])) for row in found if row["wrong"]]
+    if wrong:
+        text.append(markdown_table(("cell", "wrong"), wrong, left=2))
+    return "\n".join(text), len(wrong)
+
+
+PARTS = {"random_cells": random_cells}
+OPTIONS: dict[str, Any] = {"cells": 20, "first": 0, "every": 10, "roll_step": 2.0, "jobs": 1}
+
+if __name__ == "__main__":
+    raise SystemExit(command(__doc__, PARTS, **OPTIONS))
