@@ -2,7 +2,7 @@
 
     python benchmarks/cells.py [random_cells] [--cells 20] [--first 0] [--every 10] [--roll-step 2]
         [--jobs 1] [--write]
-    python benchmarks/cells.py [walls] [--runs 10] [--write]
+    python benchmarks/cells.py [walls] [--runs 5] [--first 0] [--blocks 12] [--write]
 
 *random_cells*: the deburring part stands as a study places it, with 1 to 6 boxes and cylinders
 around it, in front of an arm whose links are capsules, cylinders and boxes. An exhaustive search
@@ -18,7 +18,7 @@ limits, beside mink's collision limit on the same pairs.
 
 from __future__ import annotations
 
-from page import command, in_processes
+from page import command, in_processes, in_turns
 
 # isort: split
 import dataclasses
@@ -422,8 +422,248 @@ def random_cells(cells: int, first: int, every: int, roll_step: float, jobs: int
     return "\n".join(text), len(wrong)
 
 
-PARTS = {"random_cells": random_cells}
-OPTIONS: dict[str, Any] = {"cells": 20, "first": 0, "every": 10, "roll_step": 2.0, "jobs": 1}
+# ---------------------------------------------------------------- steps in front of walls
+
+DT = 0.005
+FASTEST, HARDEST = 0.5 * np.pi, 10.0
+FLIP = 0.3
+"""Speed above which a change of sign counts, rad/s."""
+ASKED = 0.01
+"""Distance that steps keep, m."""
+LENGTH = 4.0
+"""Length of a run, s."""
+REPORTED = 1e-6
+"""A clearance that is less by more is reported, m."""
+WORLDS = ("wall", "corner", "moving")
+SETTINGS = [(mode, limit) for limit in (None, HARDEST) for mode in ("scale", "relax")]
+
+
+def seven_axes(world: str) -> mujoco.MjModel:
+    """An arm of seven axes made of capsules, on a floor, and what is in its way."""
+    axes = ("0 0 1", "0 1 0", "0 0 1", "0 -1 0", "0 0 1", "0 1 0", "0 0 1")
+    heights = (0.18, 0.18, 0.21, 0.21, 0.2, 0.2, 0.08, 0.07)
+    radii = (0.06, 0.05, 0.05, 0.05, 0.045, 0.03, 0.02)
+    ranges = (2.96, 2.09, 2.96, 2.09, 2.96, 2.09, 3.05)
+    opening = "".join(
+        f'<body name="link_{i + 1}" pos="0 0 {heights[i]}">'
+        f'<joint name="a{i + 1}" axis="{axes[i]}" range="-{ranges[i]} {ranges[i]}"/>'
+        f'<geom type="capsule" size="{radii[i]}" fromto="0 0 0 0 0 {heights[i + 1]}"/>'
+        for i in range(7)
+    )
+    wall = '<geom name="wall" type="box" size="0.1 1 1" pos="0.55 0 0"/>'
+    ways = {
+        "wall": wall,
+        "corner": f'{wall}<geom name="side" type="plane" size="1 1 1" pos="0 0.35 0" '
+        'zaxis="0 -1 0"/>',
+        "moving": '<body name="obstacle" mocap="true"><geom name="ball" size="0.1"/>'
+        '<geom name="block" type="box" size="0.05 0.12 0.03" pos="0 0 0.1"/></body>',
+    }
+    return mujoco.MjModel.from_xml_string(
+        '<mujoco><compiler angle="radian" autolimits="true"/><worldbody>'
+        f'<geom name="floor" type="plane" size="1 1 1"/>{ways[world]}'
+        f'{opening}<site name="tool" pos="0 0 0.07"/>{"</body>" * 7}</worldbody></mujoco>'
+    )
+
+
+class Way(NamedTuple):
+    """A run: where it starts, where the target is, and where the obstacle."""
+
+    world: str
+    model: mujoco.MjModel
+    start: Array
+    home: mink.SE3
+    """Pose of the tool at the start."""
+    beyond: Array
+    """Where the target is drawn to, m, (3,)."""
+    along: Array
+    """Direction in which the target or the obstacle swings, m, (3,)."""
+
+    def target(self, t: float) -> mink.SE3:
+        """Where the tool should be."""
+        if self.world == "moving":
+            return self.home
+        place = self.home.translation()
+        share = min(t, 1.0)
+        place = place + share * (self.beyond - place) + 0.2 * np.sin(3.0 * t) * self.along
+        return mink.SE3.from_rotation_and_translation(self.home.rotation(), place)
+
+    def obstacle(self, t: float) -> Array:
+        """Where the obstacle is, m, (3,): it passes the tool's place at up to 0.3 m/s."""
+        return self.home.translation() + 0.4 * np.cos(np.pi / LENGTH * t) * self.along
+
+
+def way(world: str, seed: int) -> Way:
+    """A random run in a world; the arm starts inside its ranges and 50 mm clear of everything."""
+    model = seven_axes(world)
+    rng = np.random.default_rng([seed, WORLDS.index(world)])
+    lower, upper = 0.8 * model.jnt_range.T
+    beyond = np.array([0.6, rng.uniform(-0.4, 0.6), rng.uniform(0.2, 0.8)])
+    judge = Obstacles(model, limits(model)[0].pairs)
+    while True:
+        start, along = rng.uniform(lower, upper), rng.normal(size=3)
+        home = mink.Configuration(model, start).get_transform_frame_to_world("tool", "site")
+        made = Way(world, model, start, home, beyond, along / np.linalg.norm(along))
+        if model.nmocap:
+            passed = np.array([made.obstacle(t) for t in np.linspace(0.0, LENGTH, 50)])
+            # Not through the floor nor through the shoulder, which cannot give way.
+            if np.hypot(*passed[:, :2].T).min() < 0.4 or passed[:, 2].min() < 0.3:
+                continue
+            judge.oracle.data.mocap_pos[0] = passed[0]
+        if judge.keeps(start, 0.05):
+            return made
+
+
+def limits(model: mujoco.MjModel, acceleration: float | None = None) -> list[Any]:
+    """Clearance and motion limits of the controller; the last two links are always near."""
+    clearance = qt.Clearance(model, distance=ASKED, ignore=[("link_5", "link_7")])
+    return [clearance, qt.MotionLimit(model, velocity=FASTEST, acceleration=acceleration)]
+
+
+def ours(made: Way, mode: str, acceleration: float | None) -> Any:
+    """A step of the controller."""
+    task = qt.TwistTask.axis_free("tool", "site")
+    controller = qt.Controller(
+        made.model, [task], limits=limits(made.model, acceleration), on_infeasible=mode,  # type: ignore[arg-type]
+        secondary=[qt.PostureReference(made.model, made.start, gain=0.01)],
+    )  # fmt: skip
+
+    def step(configuration: mink.Configuration, target: mink.SE3) -> Array:
+        task.set_target(target)
+        return controller.step(configuration, DT).velocity
+
+    return step
+
+
+def minks(made: Way) -> Any:
+    """A step of mink with its collision limit on the same pairs.
+
+    Less those of the world with the body that is jointed to it, which it leaves out.
+    """
+    model = made.model
+    pairs = [([int(a)], [int(b)]) for a, b in limits(model)[0].pairs]
+    collisions = mink.CollisionAvoidanceLimit(
+        model, pairs, minimum_distance_from_collisions=ASKED, collision_detection_distance=0.1
+    )
+    speeds = {model.joint(i).name: FASTEST for i in range(model.njnt)}
+    task = mink.FrameTask("tool", "site", 1.0, 1.0, lm_damping=1.0)
+    posture = mink.PostureTask(model, 1e-2)
+    posture.set_target(made.start)
+    bounds = [mink.ConfigurationLimit(model), mink.VelocityLimit(model, speeds), collisions]
+
+    def step(configuration: mink.Configuration, target: mink.SE3) -> Array:
+        task.set_target(target)
+        return mink.solve_ik(configuration, [task, posture], DT, "daqp", 1e-3, limits=bounds)
+
+    return step
+
+
+class Passage(NamedTuple):
+    """What a run shows."""
+
+    short: float
+    """By how much the clearance is less than asked at most, m."""
+    flips: int
+    excess: float
+    """Over position, velocity and acceleration limits."""
+    failures: int
+    states: Array
+
+
+def run(made: Way, step: Any, acceleration: float | None) -> Passage:
+    """Follow the target; clearances are looked at after each step, where the obstacle is then."""
+    configuration = mink.Configuration(made.model, made.start.copy())
+    judge = Obstacles(made.model, limits(made.model)[0].pairs)
+    lower, upper = made.model.jnt_range.T
+    velocities, states, failures, least, excess = [np.zeros(7)], [], 0, np.inf, 0.0
+    for k in range(round(LENGTH / DT)):
+        if made.model.nmocap:
+            configuration.data.mocap_pos[0] = made.obstacle(k * DT)
+            judge.oracle.data.mocap_pos[0] = made.obstacle((k + 1) * DT)
+            configuration.update()
+        states.append(configuration.q.copy())
+        try:
+            velocity = step(configuration, made.target(k * DT))
+        except Exception:
+            velocity, failures = np.zeros(7), failures + 1
+        configuration.integrate_inplace(velocity, DT)
+        q = configuration.q
+        excess = max(excess, (q - upper).max(), (lower - q).max(), np.abs(velocity).max() - FASTEST)
+        if acceleration is not None:
+            excess = max(excess, np.abs(velocity - velocities[-1]).max() - acceleration * DT)
+        velocities.append(velocity)
+        least = min(least, judge.least(q[None]))
+    v = np.array(velocities)
+    fast = (v[1:] * v[:-1] < 0.0) & (np.minimum(np.abs(v[1:]), np.abs(v[:-1])) > FLIP)
+    return Passage(ASKED - least, int(fast.sum()), float(excess), failures, np.array(states))
+
+
+def walls(runs: int, first: int, blocks: int) -> tuple[str, int]:
+    """Least clearance, sign changes and times in front of walls and obstacles."""
+    rows, wrong, times = [], [], []
+    for world in WORLDS:
+        ways = {seed: way(world, seed) for seed in range(first, first + runs)}
+        for mode, limit in [("mink", None), *SETTINGS]:
+            found = {}
+            for seed, made in ways.items():
+                step = minks(made) if mode == "mink" else ours(made, mode, limit)
+                found[seed] = run(made, step, limit)
+                passage, name = found[seed], f"{world} {seed}, {mode}, a = {limit}"
+                if mode != "mink":
+                    if passage.short > REPORTED:
+                        wrong.append((name, f"{1e3 * passage.short:.4f} mm nearer than asked"))
+                    if passage.excess > 1e-9 or passage.failures:
+                        wrong.append((name, f"excess {passage.excess:.0e}, "
+                                            f"{passage.failures} exceptions"))  # fmt: skip
+            every = found.values()
+            rows.append(
+                (world, mode, "" if limit is None else f"{limit:g}", len(found),
+                 f"{1e3 * max(*(p.short for p in every), 0.0):.1e}",
+                 sum(p.short > REPORTED for p in every), max(p.flips for p in every),
+                 f"{max(*(p.excess for p in every), 0.0):.0e}", sum(p.failures for p in every))
+            )  # fmt: skip
+        times.append((world, *step_times(ways[first], blocks)))
+    head = ("world", "mode", "a", "runs", "nearer than asked by at most, mm", "runs that are",
+            "sign changes at most", "excess", "exceptions")  # fmt: skip
+    text = markdown_table(head, rows, left=2)
+    head = ("world", "pairs", "controller µs", "mink µs", "ratio", "10 %", "90 %")
+    text += "\n" + markdown_table(head, times, left=1)
+    if wrong:
+        text += "\n" + markdown_table(("run", "wrong"), wrong, left=2)
+    return text, len(wrong)
+
+
+def step_times(made: Way, blocks: int) -> tuple[object, ...]:
+    """Median times of whole steps at the configurations of a run, µs, and their ratio."""
+    states = run(made, ours(made, "scale", None), None).states[::2]
+    calls = {}
+    for name, step in (("ours", ours(made, "scale", None)), ("mink", minks(made))):
+        configuration, at = mink.Configuration(made.model), [0]
+
+        def call(step: Any = step, configuration: Any = configuration, at: Any = at) -> None:
+            k = at[0] = (at[0] + 1) % len(states)
+            if made.model.nmocap:
+                configuration.data.mocap_pos[0] = made.obstacle(2 * k * DT)
+            configuration.update(states[k])
+            step(configuration, made.target(2 * k * DT))
+
+        call()
+        calls[name] = call
+    timed = in_turns(calls, blocks, len(states) // 4, time.perf_counter_ns)
+    ratio = timed["ours"].ratio_to(timed["mink"])
+    middle = [f"{1e-3 * float(np.median(timed[name].warm)):.0f}" for name in calls]
+    return len(limits(made.model)[0].pairs), *middle, *(f"{share:.2f}" for share in ratio)
+
+
+PARTS = {"random_cells": random_cells, "walls": walls}
+OPTIONS: dict[str, Any] = {
+    "cells": 20,
+    "first": 0,
+    "every": 10,
+    "roll_step": 2.0,
+    "jobs": 1,
+    "runs": 5,
+    "blocks": 12,
+}
 
 if __name__ == "__main__":
     raise SystemExit(command(__doc__, PARTS, **OPTIONS))
