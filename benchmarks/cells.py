@@ -434,6 +434,10 @@ LENGTH = 4.0
 """Length of a run, s."""
 REPORTED = 1e-6
 """A clearance that is less by more is reported, m."""
+SWING = 0.4
+"""Amplitude of the obstacle, m."""
+UNFORESEEN = SWING * (np.pi / LENGTH * DT) ** 2
+"""By how much the obstacle's way in a step differs from that in the step before, at most, m."""
 WORLDS = ("wall", "corner", "moving")
 SETTINGS = [(mode, limit) for limit in (None, HARDEST) for mode in ("scale", "relax")]
 
@@ -489,7 +493,7 @@ class Way(NamedTuple):
 
     def obstacle(self, t: float) -> Array:
         """Where the obstacle is, m, (3,): it passes the tool's place at up to 0.3 m/s."""
-        return self.home.translation() + 0.4 * np.cos(np.pi / LENGTH * t) * self.along
+        return self.home.translation() + SWING * np.cos(np.pi / LENGTH * t) * self.along
 
 
 def way(world: str, seed: int) -> Way:
@@ -601,6 +605,7 @@ def walls(runs: int, first: int, blocks: int) -> tuple[str, int]:
     """Least clearance, sign changes and times in front of walls and obstacles."""
     rows, wrong, times = [], [], []
     for world in WORLDS:
+        allowed = REPORTED + (UNFORESEEN if world == "moving" else 0.0)
         ways = {seed: way(world, seed) for seed in range(first, first + runs)}
         for mode, limit in [("mink", None), *SETTINGS]:
             found = {}
@@ -609,7 +614,7 @@ def walls(runs: int, first: int, blocks: int) -> tuple[str, int]:
                 found[seed] = run(made, step, limit)
                 passage, name = found[seed], f"{world} {seed}, {mode}, a = {limit}"
                 if mode != "mink":
-                    if passage.short > REPORTED:
+                    if passage.short > allowed:
                         wrong.append((name, f"{1e3 * passage.short:.4f} mm nearer than asked"))
                     if passage.excess > 1e-9 or passage.failures:
                         wrong.append((name, f"excess {passage.excess:.0e}, "
@@ -618,7 +623,7 @@ def walls(runs: int, first: int, blocks: int) -> tuple[str, int]:
             rows.append(
                 (world, mode, "" if limit is None else f"{limit:g}", len(found),
                  f"{1e3 * max(*(p.short for p in every), 0.0):.1e}",
-                 sum(p.short > REPORTED for p in every), max(p.flips for p in every),
+                 sum(p.short > allowed for p in every), max(p.flips for p in every),
                  f"{max(*(p.excess for p in every), 0.0):.0e}", sum(p.failures for p in every))
             )  # fmt: skip
         times.append((world, *step_times(ways[first], blocks)))

@@ -456,6 +456,67 @@ def test_mocap_bodies_are_obstacles() -> None:
     assert rows.h[ahead][0] == pytest.approx(0.15, abs=1e-9)
 
 
+# ---------------------------------------------------------------------------------- steps
+
+PLANAR = """
+    <mujoco><compiler angle="radian" autolimits="true"/><worldbody>
+      <geom name="wall" type="box" size="0.1 2 1" pos="0.9 0 0" quat="0.98 0 0 0.2"/>
+      <body><joint axis="0 0 1" range="-3 3"/>
+        <geom type="capsule" size="0.04" fromto="0 0 0 0.5 0 0"/>
+        <body pos="0.5 0 0"><joint axis="0 0 1" range="-2.8 2.8"/>
+          <geom name="hand" type="box" size="0.2 0.05 0.03" pos="0.2 0 0"/>
+          <site name="tool" pos="0.4 0 0"/></body></body>
+    </worldbody></mujoco>"""
+
+
+@pytest.mark.parametrize("acceleration", [None, 10.0])
+@pytest.mark.parametrize("mode", ["scale", "relax"])
+def test_steps_keep_the_distance_where_they_lead(mode: str, acceleration: float | None) -> None:
+    """A tool drawn along and through a wall, at up to 3 rad/s: the oracle looks after each step."""
+    model = mujoco.MjModel.from_xml_string(PLANAR)
+    clearance = qt.Clearance(model, distance=0.02)
+    motion = qt.MotionLimit(model, velocity=3.0, acceleration=acceleration)
+    task = qt.TwistTask("tool", "site", qt.TwistProjector(
+        linear=qt.Projector.plane([0, 0, 1]), angular=qt.Projector.none()
+    ))  # fmt: skip
+    controller = qt.Controller(model, [task], limits=[clearance, motion], on_infeasible=mode)
+    configuration = mink.Configuration(model, np.array([2.0, -1.0]))
+    oracle, least = Distances(model), np.inf
+    for k in range(300):
+        place = np.array([1.0, 0.5 * np.cos(0.03 * k), 0.0])
+        task.set_target(mink.SE3.from_translation(place))
+        velocity = controller.step(configuration, 0.01).velocity
+        configuration.integrate_inplace(velocity, 0.01)
+        least = min(least, oracle.at(configuration.q).of(clearance.pairs).min())
+    assert 0.02 - 1e-6 <= least <= 0.021  # it does get there
+
+
+@pytest.mark.parametrize("speed", [0.05, 0.3])
+def test_what_comes_nearer_is_given_way_to(speed: float) -> None:
+    """A block pushes a slide along at its own speed, slower and faster than a recovery."""
+    model = mujoco.MjModel.from_xml_string("""
+    <mujoco><worldbody>
+      <body name="block" mocap="true"><geom name="block" type="box" size="0.1 1 1"/></body>
+      <body><joint type="slide" axis="1 0 0" range="-5 5" limited="true"/>
+        <geom name="cart" size="0.05"/><site name="tool"/></body></worldbody></mujoco>""")
+    clearance = qt.Clearance(model, distance=0.02)
+    task = qt.TwistTask("tool", "site", qt.TwistProjector(
+        linear=qt.Projector.line([1, 0, 0]), angular=qt.Projector.none()
+    ))  # fmt: skip
+    task.set_target(mink.SE3.identity())
+    limits = [clearance, qt.MotionLimit(model, velocity=1.0)]
+    controller = qt.Controller(model, [task], limits=limits)
+    configuration = mink.Configuration(model, np.zeros(1))
+    for k in range(400):
+        face = -0.2 + speed * 0.005 * k
+        configuration.data.mocap_pos[0] = [face - 0.1, 0.0, 0.0]
+        configuration.update()
+        configuration.integrate_inplace(controller.step(configuration, 0.005).velocity, 0.005)
+        left = configuration.q[0] - 0.05 - (face + speed * 0.005)
+        assert left >= 0.02 - 1e-6
+    assert configuration.q[0] == pytest.approx(max(0.0, face + speed * 0.005 + 0.07), abs=1e-6)
+
+
 # ---------------------------------------------------------------------------------- refusals
 
 
