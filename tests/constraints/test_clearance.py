@@ -517,6 +517,34 @@ def test_what_comes_nearer_is_given_way_to(speed: float) -> None:
     assert configuration.q[0] == pytest.approx(max(0.0, face + speed * 0.005 + 0.07), abs=1e-6)
 
 
+@pytest.mark.parametrize("acceleration", [None, 10.0])
+def test_a_lever_gives_way_in_corrected_steps_too(acceleration: float | None) -> None:
+    """Its distance is curved, so that steps are corrected: the block still moves in them."""
+    model = mujoco.MjModel.from_xml_string("""
+    <mujoco><compiler angle="radian" autolimits="true"/><worldbody>
+      <body name="block" mocap="true"><geom name="block" type="box" size="0.1 0.1 0.5"/></body>
+      <body><joint axis="0 0 1" range="-3 3"/><geom name="lever" type="box" size="0.25 0.02 0.02"
+        pos="0.25 0 0"/><site name="tool" pos="0.5 0 0"/></body></worldbody></mujoco>""")
+    clearance = qt.Clearance(model, distance=0.02)
+    motion = qt.MotionLimit(model, velocity=3.0, acceleration=acceleration)
+    task = qt.TwistTask("tool", "site", qt.TwistProjector(
+        linear=qt.Projector.none(), angular=qt.Projector.line([0, 0, 1]), frame="world"
+    ))  # fmt: skip
+    task.set_target(mink.SE3.identity())
+    controller = qt.Controller(model, [task], limits=[clearance, motion])
+    configuration, oracle = mink.Configuration(model, np.zeros(1)), Distances(model)
+    least = np.inf
+    for k in range(400):
+        at = np.array([0.4, -0.3 + 0.3 * 0.005 * k, 0.0])
+        configuration.data.mocap_pos[0] = at
+        configuration.update()
+        configuration.integrate_inplace(controller.step(configuration, 0.005).velocity, 0.005)
+        oracle.data.mocap_pos[0] = at + np.array([0.0, 0.3 * 0.005, 0.0])
+        least = min(least, oracle.at(configuration.q).of(clearance.pairs).min())
+    assert configuration.q[0] > 0.5
+    assert least >= 0.02 - 1e-6
+
+
 # ---------------------------------------------------------------------------------- refusals
 
 
