@@ -49,10 +49,10 @@ CLEAR = 0.005
 BETWEEN = 1e-4
 """By how much less a plan may keep between two waypoints, m."""
 STEP = np.radians(15.0)
-CENTRE = np.array([0.0, 1.0, 0.3])
-"""Of the part, before it is placed."""
 FREE_OF = 0.05
 """Obstacles keep this far from the tool's tip and from its spindle on the path, m."""
+SHOULDER, COLUMN = np.array([0.15, 0.0, 0.525]), 0.3
+"""Where the upper arm begins, and the radius in which the first link turns, m."""
 INSIDE = 20
 """Points of each step at which the plan's clearance is looked at."""
 CHECKED = 5
@@ -109,7 +109,10 @@ def _three(size: tuple[float, ...]) -> list[float]:
 
 
 def add_obstacles(spec: mujoco.MjSpec, task: qt.PathTask, rng: np.random.Generator) -> None:
-    """Put 1 to 6 boxes and cylinders around the part, none of them in the tool's own way."""
+    """Put 1 to 6 boxes and cylinders around the part, or between it and the arm's shoulder.
+
+    None stands in the tool's own way, nor in the column that the arm turns in.
+    """
     tips = task.positions
     axes = np.array([w.rotation().as_matrix()[:, 2] for w in task.waypoints])
     points = np.concatenate([tips - back * axes for back in (0.0, 0.1, 0.2)])
@@ -117,7 +120,9 @@ def add_obstacles(spec: mujoco.MjSpec, task: qt.PathTask, rng: np.random.Generat
     wanted, number = int(rng.integers(1, 7)), 0
     while number < wanted:
         away = rng.normal(size=3)
-        place = centre + rng.uniform(0.15, 0.7) * away / np.linalg.norm(away)
+        away /= np.linalg.norm(away)
+        share = rng.choice([0.0, rng.uniform()])  # of the way to the shoulder
+        place = centre + share * (SHOULDER - centre) + rng.uniform(0.15, 0.5) * away
         size = np.exp(rng.uniform(np.log(0.03), np.log(0.2), size=3))
         turn = rng.normal(size=4)
         turn /= np.linalg.norm(turn)
@@ -125,6 +130,8 @@ def add_obstacles(spec: mujoco.MjSpec, task: qt.PathTask, rng: np.random.Generat
         extent = size if kind == "box" else np.array([size[0], size[0], size[1]])
         within = np.abs((points - place) @ mink.SO3(turn).as_matrix()) - extent
         if np.linalg.norm(np.maximum(within, 0.0), axis=1).min() < FREE_OF:
+            continue
+        if np.hypot(place[0], place[1]) < COLUMN + np.linalg.norm(extent):
             continue
         number += 1
         body = spec.worldbody.add_body(name=f"obstacle_{number}", pos=place, quat=turn)
