@@ -322,7 +322,12 @@ def one_cell(seed: int, every: int, roll_step: float) -> dict[str, Any]:
     """A plan and the search in a cell, and what contradicts what."""
     task = cell(seed, every)
     began = time.perf_counter()
-    plan = qt.plan(task)
+    try:
+        plan = qt.plan(task)
+    except Exception as error:  # is a fault of its own, and no reason to lose the other cells
+        wrong = [f"{type(error).__name__}: {error}"]
+        return {"cell": seed, "planned": False, "at_waypoints": None, "between": None,
+                "in_the_way": None, "seconds": np.nan, "z": None, "wrong": wrong}  # fmt: skip
     planned = time.perf_counter() - began
     began = time.perf_counter()
     search = Search(task, roll_step)
@@ -401,8 +406,8 @@ def random_cells(cells: int, first: int, every: int, roll_step: float, jobs: int
         print(json.dumps(row), file=sys.stderr, flush=True)
         found.append(row)
     verdicts = Counter((row["at_waypoints"], row["between"], row["planned"]) for row in found)
-    say = {False: "–", True: "yes"}
-    rows = [(*(say[v] for v in key), count) for key, count in sorted(verdicts.items())]
+    say = {None: "", False: "–", True: "yes"}
+    rows = [(*(say[v] for v in key), count) for key, count in sorted(verdicts.items(), key=str)]
     head = ("search, at waypoints", "search, between them, too", "planned", "cells")
     text = [markdown_table(head, rows, left=3)]
     for name, key in (("between", "z_strict"), ("waypoints alone", "z_loose")):
@@ -419,9 +424,9 @@ def random_cells(cells: int, first: int, every: int, roll_step: float, jobs: int
         text.append(f"Least clearance {at:.6f} mm at waypoints, {between:.4f} mm between.\n")
     seconds = [row["seconds"] for row in found]
     text.append(
-        f"{sum(row['in_the_way'] for row in found)} of {len(found)} cells have an obstacle in the "
-        f"way of some configuration. A plan takes {np.median(seconds):.2f} s in the median, "
-        f"{max(seconds):.2f} s at most.\n"
+        f"{sum(bool(row['in_the_way']) for row in found)} of {len(found)} cells have an obstacle "
+        f"in the way of some configuration. A plan takes {np.nanmedian(seconds):.2f} s in the median, "
+        f"{np.nanmax(seconds):.2f} s at most.\n"
     )
     wrong = [(row["cell"], "; ".join(row["wrong"])) for row in found if row["wrong"]]
     if wrong:

@@ -6,6 +6,7 @@ python tests/constraints/test_clearance.py 100000  # these many random pairs, mi
 from __future__ import annotations
 
 import collections
+import dataclasses
 import sys
 
 import mink
@@ -594,6 +595,18 @@ def test_a_path_in_a_scene_with_colliding_geoms_must_not_touch_them() -> None:
     kinds = [constraint.kind for constraint in path_task.constraints]
     expected = len(qt.Clearance(path_task.model).pairs) > 0
     assert ("clearance" in kinds) is expected
+
+
+def test_a_clearance_without_pairs_is_no_hindrance() -> None:
+    """No geom of the planar arm collides: plans and runs are those without it."""
+    path_task = qt.load_task("planar_line")
+    without = qt.Clearance(path_task.model)
+    assert without.names == ()
+    path_task = dataclasses.replace(path_task, constraints=(without,))
+    assert path_task.constraint_excess(np.zeros((2, path_task.model.nq))).size == 0
+    plan = qt.plan(path_task)
+    assert plan.q is not None and plan.value == pytest.approx(0.0522, abs=1e-4)
+    assert qt.follow(path_task, method="qp_gradient").failure is None
 
 
 def main(count: int) -> None:
