@@ -425,8 +425,8 @@ def random_cells(cells: int, first: int, every: int, roll_step: float, jobs: int
     seconds = [row["seconds"] for row in found]
     text.append(
         f"{sum(bool(row['in_the_way']) for row in found)} of {len(found)} cells have an obstacle "
-        f"in the way of some configuration. A plan takes {np.nanmedian(seconds):.2f} s in the median, "
-        f"{np.nanmax(seconds):.2f} s at most.\n"
+        "in the way of some configuration. A plan takes "
+        f"{np.nanmedian(seconds):.2f} s in the median, {np.nanmax(seconds):.2f} s at most.\n"
     )
     wrong = [(row["cell"], "; ".join(row["wrong"])) for row in found if row["wrong"]]
     if wrong:
