@@ -606,7 +606,7 @@ def test_a_clearance_without_pairs_is_no_hindrance() -> None:
     assert path_task.constraint_excess(np.zeros((2, path_task.model.nq))).size == 0
     plan = qt.plan(path_task)
     assert plan.q is not None and plan.value == pytest.approx(0.0522, abs=1e-4)
-    assert qt.follow(path_task, method="qp_gradient").failure is None
+    assert not qt.follow(path_task, method="qp_gradient").failure
 
 
 def main(count: int) -> None:
