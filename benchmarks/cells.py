@@ -78,6 +78,9 @@ TOOL = (
 )
 """Geoms on the last link: kind, sizes, ends in the frame of a site."""
 
+COLLIDES = {"contype": 1, "conaffinity": 1}
+"""The scene's own geoms do not."""
+
 
 def kind_of(name: str) -> mujoco.mjtGeom:
     """MuJoCo's number of a kind of geom."""
@@ -90,14 +93,22 @@ def add_links(spec: mujoco.MjSpec) -> None:
     for number, (body, kind, size, place) in enumerate(LINKS):
         where = {"fromto": place} if len(place) == 6 else {"pos": place}
         spec.body(body).add_geom(
-            name=f"{body} shape {number}", type=kind_of(kind), size=_three(size), **where
+            name=f"{body} shape {number}",
+            type=kind_of(kind),
+            size=_three(size),
+            **where,
+            **COLLIDES,
         )
     for number, (kind, size, place, name) in enumerate(TOOL):
         site = plain.site(name)
         R = mink.SO3(plain.site_quat[site.id]).as_matrix()
         ends = np.reshape(place, (2, 3)) @ R.T + plain.site_pos[site.id]
         spec.body("link_6").add_geom(
-            name=f"tool shape {number}", type=kind_of(kind), size=_three(size), fromto=ends.ravel()
+            name=f"tool shape {number}",
+            type=kind_of(kind),
+            size=_three(size),
+            fromto=ends.ravel(),
+            **COLLIDES,
         )
     for name in ("floor", "part", "fixture"):
         geom = spec.geom(name)
@@ -135,7 +146,7 @@ def add_obstacles(spec: mujoco.MjSpec, task: qt.PathTask, rng: np.random.Generat
             continue
         number += 1
         body = spec.worldbody.add_body(name=f"obstacle_{number}", pos=place, quat=turn)
-        body.add_geom(name=f"obstacle_{number}", type=kind_of(kind), size=size)
+        body.add_geom(name=f"obstacle_{number}", type=kind_of(kind), size=size, **COLLIDES)
 
 
 def cell(seed: int, every: int) -> qt.PathTask:
@@ -151,12 +162,15 @@ def cell(seed: int, every: int) -> qt.PathTask:
     model.body_pos[part], model.body_quat[part] = (
         standing.model.body_pos[part], standing.model.body_quat[part],
     )  # fmt: skip
+    clearance = qt.Clearance(model, distance=CLEAR)
+    if len(clearance.pairs) < 40:
+        raise RuntimeError(f"the cell has {len(clearance.pairs)} pairs: nothing to keep clear of")
     waypoints = standing.waypoints[::every]
     return dataclasses.replace(
         standing, model=model, waypoints=waypoints, flipped_waypoints=None, best_start=True,
         durations=np.concatenate([[0.0], np.ones(len(waypoints) - 1)]),
         velocity_limits=np.full(model.nv, STEP), acceleration_limits=np.full(model.nv, np.inf),
-        constraints=(qt.Clearance(model, distance=CLEAR),),
+        constraints=(clearance,),
     )  # fmt: skip
 
 

@@ -92,6 +92,7 @@ def test_a_plan_that_touches_is_found_out() -> None:
     cells = import_module("cells")
     task = cells.cell(103, 20)
     clearance = task.constraints[-1]
+    assert len(clearance.names) > 40
     judge = cells.Obstacles(task.model, clearance.pairs)
     straight = np.linspace(task.start, [0.0, 2.0, 0.5, 0.0, 0.0, 0.0], 40)
     keeps = np.array([judge.keeps(q) for q in straight])
