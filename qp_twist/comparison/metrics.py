@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from qp_twist.checks import Array
-from qp_twist.constraints import Clearance, Nearest
+from qp_twist.constraints import Clearance, NearestPair
 from qp_twist.control import Status
 from qp_twist.following import Trajectory
 from qp_twist.kinematics import JointRanges
@@ -89,7 +89,7 @@ def compiled_share(trajectory: Trajectory) -> float:
     return min(1.0, trajectory.compiled / max(1, len(trajectory.q) - 1))
 
 
-def _nearest(trajectory: Trajectory, q: Array) -> tuple[Clearance, Nearest] | None:
+def _nearest(trajectory: Trajectory, q: Array) -> tuple[Clearance, NearestPair] | None:
     """Where a motion is nearest to what it must not touch."""
     found = [
         (constraint, near)
@@ -100,7 +100,7 @@ def _nearest(trajectory: Trajectory, q: Array) -> tuple[Clearance, Nearest] | No
 
 
 def _status(
-    trajectory: Trajectory, numbers: dict[str, Any], near: tuple[Clearance, Nearest] | None
+    trajectory: Trajectory, numbers: dict[str, Any], near: tuple[Clearance, NearestPair] | None
 ) -> str:
     """Status of the run, with active limits."""
     parts = []

@@ -36,7 +36,7 @@ PLANNED_WITHIN = 0.3
 """Margin below which a plan has a row for a pair, m."""
 
 
-class Nearest(NamedTuple):
+class NearestPair(NamedTuple):
     """Where a motion is nearest to what it must not touch."""
 
     distance: float
@@ -228,17 +228,17 @@ class Clearance(Constraint):
         """Margins as :meth:`bounded`, with mocap bodies where they are expected after a step."""
         return self._shapes.distances(q, HORIZON + self.distance, ahead=True) - self.distance
 
-    def nearest(self, q: Array) -> Nearest | None:
+    def nearest(self, q: Array) -> NearestPair | None:
         """The least distance on a motion whose joints go straight from row to row of q (N, nq).
 
         Between the rows it is searched by subdivision, until no part can be nearer by
-        :data:`RESOLUTION`; ``None`` if there are no pairs.
+        10 µm; ``None`` if there are no pairs.
         """
         if not len(self.pairs):
             return None
         q = np.asarray(q, dtype=np.float64)
         begin, share, step = np.arange(len(q) - 1), np.zeros(len(q) - 1), 1.0
-        best = Nearest(np.inf, 0.0, "")
+        best = NearestPair(np.inf, 0.0, "")
         at = np.arange(len(q), dtype=np.float64)
         points = q
         for _ in range(_HALVINGS):
@@ -255,7 +255,7 @@ class Clearance(Constraint):
             begin, share = np.tile(begin, 2), np.concatenate([share, share + step])
         return best
 
-    def _nearer(self, best: Nearest, q: Array, at: Array) -> Nearest:
+    def _nearer(self, best: NearestPair, q: Array, at: Array) -> NearestPair:
         """The nearest of the best so far and configurations q (K, nq) at places ``at`` (K,)."""
         enough = min(best.distance, _NEAR)
         found = self._shapes.distances(q, enough)
@@ -264,7 +264,7 @@ class Clearance(Constraint):
         row, pair = np.unravel_index(int(np.argmin(found)), found.shape)
         if found[row, pair] >= best.distance:
             return best
-        return Nearest(float(found[row, pair]), float(at[row]), self.names[pair])
+        return NearestPair(float(found[row, pair]), float(at[row]), self.names[pair])
 
     def without_pairs(self) -> Clearance:
         """A clearance of the same model that asks for nothing."""
