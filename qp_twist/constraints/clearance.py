@@ -121,6 +121,8 @@ class Clearance(Constraint):
         self._shown: Indices = np.zeros(0, dtype=np.intp)
         self._rows: tuple[Array, Array] = np.zeros((0, model.nv)), np.zeros(0)
         self._floor: Array = np.zeros(0)
+        #: The velocity of the last solution of the step that is being computed, (nv,).
+        self._after: Array | None = None
         #: By how much the distance of each pair is less than a row says after each of the
         #: :meth:`_spans`, m, (3, P).
         self._lost: Array = np.zeros((3, len(pairs)))
@@ -188,6 +190,7 @@ class Clearance(Constraint):
         """
         self._shapes.take_mocap(configuration.data)
         self.velocity, self.hardest, self.has_begun = velocity, hardest, True
+        self._after = None
 
     def compute_qp_inequalities(
         self, configuration: mink.Configuration, dt: float
@@ -204,9 +207,12 @@ class Clearance(Constraint):
         taken = np.minimum(then[self._shown] - margins, 0.0)
         gradients = self._shapes.gradients(q, self._shown[None])[0]
         recovering = np.maximum(margins, -self.recovery_speed * dt)
-        # Slower by dt than now, so that braking is always among the steps that the rows allow.
-        slower = np.maximum(np.abs(self.velocity) - self.hardest * dt, 0.0)
-        spans = self._spans(slower, dt)
+        if self._after is None:
+            # Slower by dt than now, so that braking is among the steps that the rows allow.
+            slower = np.maximum(np.abs(self.velocity) - self.hardest * dt, 0.0)
+            spans = self._spans(slower, dt)
+        else:  # the step is corrected
+            spans = self._spans(self._after, dt)
         rooms = np.min((margins - self._lost[:, self._shown]) * (dt / spans[:, None]), axis=0)
         if np.isfinite(self.hardest).any():
             # First the joints come to rest, then they are as fast as the obstacle.
@@ -251,6 +257,7 @@ class Clearance(Constraint):
         predicted = margins + spans[:count, None] * (gradients @ velocity)
         self._lost = np.zeros((3, len(self.pairs)))
         self._lost[:, self._shown] = np.maximum(predicted - reached[:, self._shown], 0.0)
+        self._after = velocity
         allowed = np.zeros(len(self.pairs))
         allowed[self._shown] = self._floor
         return float(np.maximum(allowed - reached, 0.0).max(initial=0.0))
