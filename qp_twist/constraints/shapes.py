@@ -99,8 +99,8 @@ class MovingShapes:
         """
         if not self._on_mocap:
             return
-        before = self._floats.copy()
-        places, tree = self._cell.places, self._cell.tree
+        places, then, tree = self._cell.places, self._then.places, self._cell.tree
+        then.pose[:], then.turn[:] = places.pose, places.turn
         for body in self._on_mocap:
             number = int(self._model.body_mocapid[body])
             if number >= 0:
@@ -111,12 +111,13 @@ class MovingShapes:
             turn = places.turn[parent].reshape(3, 3)
             places.pose[body] = places.pose[parent] + turn @ tree.offset[body]
             places.turn[body] = (turn @ tree.turned[body].reshape(3, 3)).ravel()
-        self._ahead = self._floats.copy()
-        was, then = (CELL.arrays(f, *2 * (self._integers,)).places for f in (before, self._ahead))
-        for body in self._on_mocap if self.has_moved else ():
-            then.pose[body] += places.pose[body] - was.pose[body]
-            R, R_before = (t[body].reshape(3, 3) for t in (places.turn, was.turn))
-            then.turn[body] = (R @ R_before.T @ R).ravel()
+        for body in self._on_mocap:
+            if not self.has_moved:  # nothing is known of its motion
+                then.pose[body], then.turn[body] = places.pose[body], places.turn[body]
+                continue
+            then.pose[body] = 2.0 * places.pose[body] - then.pose[body]
+            R, before = (t[body].reshape(3, 3) for t in (places.turn, then.turn))
+            then.turn[body] = (R @ before.T @ R).ravel()
         self.has_moved = True
 
     # ------------------------------------------------------------------ layout
@@ -200,7 +201,9 @@ class MovingShapes:
             ):
                 on_mocap.append(body)
         self._on_mocap = on_mocap
-        self._ahead = self._floats
+        #: The same with mocap bodies where they are expected at the next step.
+        self._ahead = self._floats.copy()
+        self._then: Cell = CELL.arrays(self._ahead, self._integers, self._integers)
 
 
 def _rows(array: Array) -> Array:
