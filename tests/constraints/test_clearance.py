@@ -21,6 +21,8 @@ from oracles.distances import Distances
 import qp_twist as qt
 from qp_twist.checks import Array
 
+pytestmark = pytest.mark.any_blas  # distances are the kernel's own
+
 seeds = st.integers(0, 2**32 - 1)
 ACCURATE = 1e-6
 """By how much a distance may be off, m."""
