@@ -128,6 +128,7 @@ class Clearance(Constraint):
         #: By how much the distance of each pair is less than a row says after each of the
         #: :meth:`_spans`, m, (3, P).
         self._lost: Array = np.zeros((3, len(pairs)))
+        self._lost_last = self._lost
 
     @cached_property
     def _shapes(self) -> MovingShapes:
@@ -192,7 +193,7 @@ class Clearance(Constraint):
         """
         self._shapes.take_mocap(configuration.data)
         self.velocity, self.hardest, self.has_begun = velocity, hardest, True
-        self._after, self._caught = None, self._caught[:0]
+        self._after, self._caught, self._lost = None, self._caught[:0], self._lost_last
 
     def compute_qp_inequalities(
         self, configuration: mink.Configuration, dt: float
@@ -259,9 +260,11 @@ class Clearance(Constraint):
             mujoco.mj_integratePos(self.model, row, velocity, span)
         reached = self._ahead(after)
         predicted = margins + spans[:count, None] * (gradients @ velocity)
-        self._lost = np.zeros((3, len(self.pairs)))
-        self._lost[:, self._shown] = np.maximum(predicted - reached[:, self._shown], 0.0)
-        self._after = velocity
+        lost = np.zeros((3, len(self.pairs)))
+        lost[:, self._shown] = np.maximum(predicted - reached[:, self._shown], 0.0)
+        # Within a step the most that was seen counts: two pairs may take turns.
+        self._lost = lost if self._after is None else np.maximum(self._lost, lost)
+        self._after, self._lost_last = velocity, lost
         allowed = np.zeros(len(self.pairs))
         allowed[self._shown] = self._floor
         short = np.maximum(allowed - reached, 0.0)
@@ -315,7 +318,7 @@ class Clearance(Constraint):
         empty = copy.copy(self)
         empty.__dict__.pop("_shapes", None)
         empty.pairs, empty.names, empty.units = self.pairs[:0], (), ()
-        empty._lost = self._lost[:, :0]
+        empty._lost = empty._lost_last = self._lost[:, :0]
         return empty
 
     def __getstate__(self) -> dict[str, Any]:
