@@ -30,6 +30,8 @@ RESOLUTION = 1e-5
 """How much nearer a pair may be than the least distance that is found on a motion, m."""
 _NEAR, _HALVINGS = 0.1, 30
 """Distance above which only bounds are computed at first, m; largest number of halvings."""
+_PARTS = 8
+"""Parts of a step in which the place is looked for where it comes too near."""
 PLANNED = 8
 """Largest number of rows for a configuration of a plan: those of the nearest pairs."""
 PLANNED_WITHIN = 0.3
@@ -116,19 +118,16 @@ class Clearance(Constraint):
         self.units = ("m",) * len(pairs)
         self.has_begun = False
         self.velocity, self.hardest = np.zeros(model.nv), np.full(model.nv, np.inf)
-        #: The pairs that have a row in the step, their gradients and margins, and the margin that
-        #: they may have after it: 0, or less for those that return, (k,).
+        #: The pairs near enough for a row in the step, and those of all its rows, (k,).
         self._shown: Indices = np.zeros(0, dtype=np.intp)
-        self._rows: tuple[Array, Array] = np.zeros((0, model.nv)), np.zeros(0)
-        self._floor: Array = np.zeros(0)
-        #: The velocity of the last solution of the step that is being computed, (nv,).
-        self._after: Array | None = None
-        #: Pairs beyond the horizon that a solution of that step leads below their margins.
-        self._caught: Indices = np.zeros(0, dtype=np.intp)
-        #: By how much the distance of each pair is less than a row says after each of the
-        #: :meth:`_spans`, m, (3, P).
-        self._lost: Array = np.zeros((3, len(pairs)))
-        self._lost_last = self._lost
+        self._named: Indices = self._shown
+        #: The margins that pairs may have after the step: 0, or less for those that return, (P,).
+        self._floor: Array = np.zeros(len(pairs))
+        #: The derivatives of their margins at its beginning, 0 of those that have no row, (P, nv).
+        self._gradients: Array = np.zeros((len(pairs), model.nv))
+        #: Rows of where solutions of the step that is being computed led too near: the pairs (k,),
+        #: and G and h.
+        self._corrections: tuple[Indices, Array, Array] = self._none()
 
     @cached_property
     def _shapes(self) -> MovingShapes:
@@ -193,7 +192,7 @@ class Clearance(Constraint):
         """
         self._shapes.take_mocap(configuration.data)
         self.velocity, self.hardest, self.has_begun = velocity, hardest, True
-        self._after, self._caught, self._lost = None, self._caught[:0], self._lost_last
+        self._corrections = self._none()
 
     def compute_qp_inequalities(
         self, configuration: mink.Configuration, dt: float
@@ -201,33 +200,35 @@ class Clearance(Constraint):
         """The rows of one step, G Δq ≤ h, for pairs nearer than :data:`HORIZON`."""
         if not self.has_begun:
             self._shapes.take_mocap(configuration.data)
-            self._after, self._caught = None, self._caught[:0]
+            self._corrections = self._none()
         q = configuration.q[None]
         now = self.bounded(q, HORIZON)[0]
         then = self._ahead(q)[0] if self._shapes.has_moved else now
-        near = np.flatnonzero(np.minimum(now, then) < HORIZON)
-        self._shown = np.union1d(near, self._caught)
+        self._shown = np.flatnonzero(np.minimum(now, then) < HORIZON)
         margins = now[self._shown]
         # What an obstacle that moves takes of the margin during the step.
         taken = np.minimum(then[self._shown] - margins, 0.0)
         gradients = self._shapes.gradients(q, self._shown[None])[0]
         recovering = np.maximum(margins, -self.recovery_speed * dt)
-        if self._after is None:
-            # Slower by dt than now, so that braking is among the steps that the rows allow.
-            slower = np.maximum(np.abs(self.velocity) - self.hardest * dt, 0.0)
-            spans = self._spans(slower, dt)
-        else:  # the step is corrected
-            spans = self._spans(self._after, dt)
-        rooms = np.min((margins - self._lost[:, self._shown]) * (dt / spans[:, None]), axis=0)
+        # Slower by dt than now, so that braking is among the steps that the rows allow.
+        slower = np.maximum(np.abs(self.velocity) - self.hardest * dt, 0.0)
+        spans = self._spans(slower, dt)
+        rooms = margins * (dt / spans[-1])
         if np.isfinite(self.hardest).any():
             # First the joints come to rest, then they are as fast as the obstacle.
             harder = np.abs(gradients) @ np.minimum(self.hardest, 1e6)
             retreat = np.divide(-taken / dt, harder, out=np.zeros(len(taken)), where=harder > 0.0)
             rooms = np.minimum(rooms, margins * dt / (spans[-1] + retreat))
-        rooms = np.where(margins > 0.0, rooms, recovering - self._lost[0, self._shown])
-        self._rows = gradients, margins + taken
-        self._floor = np.minimum(margins - recovering, 0.0)
-        return mink.Constraint(G=-gradients, h=rooms + taken)
+        rooms = np.where(margins > 0.0, rooms, recovering)
+        self._floor = np.zeros(len(self.pairs))
+        self._floor[self._shown] = np.minimum(margins - recovering, 0.0)
+        self._gradients = np.zeros((len(self.pairs), self.model.nv))
+        self._gradients[self._shown] = gradients
+        pairs, G, h = self._corrections
+        self._named = np.concatenate([self._shown, pairs])
+        return mink.Constraint(
+            G=np.concatenate([-gradients, G]), h=np.concatenate([rooms + taken, h])
+        )
 
     def _spans(self, velocity: Array, dt: float) -> Array:
         """Times for which a velocity may go on: this step; with braking after it, half, all; s."""
@@ -237,39 +238,65 @@ class Clearance(Constraint):
 
     def row_name(self, row: int) -> str:
         """Name of the pair of a row of the last step."""
-        return self.names[int(self._shown[row])]
+        return self.names[int(self._named[row])]
 
     def falls_short(self, configuration: mink.Configuration, velocity: Array, dt: float) -> float:
         """How far the last step's velocity leads below its margins, m, 0 if it does not.
 
         With acceleration limits also how far it would, if the joints braked in proportion from then
         on: they then move on straight, by half of what they move in the time until they are at
-        rest. Rows are linear, distances are not: what a row lacks is subtracted from the next one
-        of the same pair, that of this step or of the following.
+        rest. Where it does, further rows of this step are those of the distances there: linear in
+        the difference from this solution.
 
         Args:
             configuration: That of the step.
             velocity: Its result, (nv,), rad/s or m/s.
             dt: Its length, s.
         """
-        gradients, margins = self._rows
         spans = self._spans(velocity, dt)
-        count = 3 if spans[-1] > dt else 1
-        after = np.tile(configuration.q, (count, 1))
-        for row, span in zip(after, spans, strict=False):
+        spans = spans if spans[-1] > dt else spans[:1]
+        there = np.tile(configuration.q, (len(spans), 1))
+        for row, span in zip(there, spans, strict=True):
             mujoco.mj_integratePos(self.model, row, velocity, span)
-        reached = self._ahead(after)
-        predicted = margins + spans[:count, None] * (gradients @ velocity)
-        lost = np.zeros((3, len(self.pairs)))
-        lost[:, self._shown] = np.maximum(predicted - reached[:, self._shown], 0.0)
-        # Within a step the most that was seen counts: two pairs may take turns.
-        self._lost = lost if self._after is None else np.maximum(self._lost, lost)
-        self._after, self._lost_last = velocity, lost
-        allowed = np.zeros(len(self.pairs))
-        allowed[self._shown] = self._floor
-        short = np.maximum(allowed - reached, 0.0)
-        self._caught = np.union1d(self._caught, np.flatnonzero(short.any(axis=0)))
-        return float(short.max(initial=0.0))
+        left = self._ahead(there) - self._floor
+        short = float(np.maximum(-left, 0.0).max(initial=0.0))
+        if short > 0.0:
+            self._correct(there, left, spans, velocity, dt)
+            # Where it leads through the middle of something, the way out is not ahead: the row is
+            # that of where it comes too near.
+            spans = spans[-1] * np.arange(1, _PARTS + 1) / _PARTS
+            there = np.tile(configuration.q, (_PARTS, 1))
+            for row, span in zip(there, spans, strict=True):
+                mujoco.mj_integratePos(self.model, row, velocity, span)
+            left = self._ahead(there) - self._floor
+            before = np.minimum.accumulate(left, axis=0)
+            left[1:][before[:-1] < 0.0] = 0.0  # later ones
+            self._correct(there, left, spans, velocity, dt)
+        return short
+
+    def _correct(self, there: Array, left: Array, spans: Array, velocity: Array, dt: float) -> None:
+        """Add rows of this step for what is ``left`` of margins (K, P) at ``there``, after spans."""
+        which = np.argsort(left, axis=1)[:, :PLANNED]
+        margins = np.take_along_axis(left, which, axis=1)
+        which = np.where(margins < 0.0, which, -1)
+        gradients = self._shapes.gradients(there, which, ahead=True)
+        rates = gradients @ velocity
+        # On the far side of something the way out would be ahead.
+        begin = self._gradients[which]
+        turned = np.einsum("sin,sin->si", gradients, begin) < 0.0
+        far = np.where(begin.any(axis=2), turned, rates >= 0.0)
+        taken = (which >= 0) & ~far
+        rooms = (margins / spans[:, None] - rates) * dt
+        pairs, G, h = self._corrections
+        self._corrections = (
+            np.concatenate([pairs, which[taken]]),
+            np.concatenate([G, -gradients[taken]]),
+            np.concatenate([h, rooms[taken]]),
+        )
+
+    def _none(self) -> tuple[Indices, Array, Array]:
+        """No corrections."""
+        return np.zeros(0, dtype=np.intp), np.zeros((0, self.model.nv)), np.zeros(0)
 
     def _ahead(self, q: Array) -> Array:
         """Margins as :meth:`bounded`, with mocap bodies where they are expected after a step."""
@@ -318,7 +345,7 @@ class Clearance(Constraint):
         empty = copy.copy(self)
         empty.__dict__.pop("_shapes", None)
         empty.pairs, empty.names, empty.units = self.pairs[:0], (), ()
-        empty._lost = empty._lost_last = self._lost[:, :0]
+        empty._floor = self._floor[:0]
         return empty
 
     def __getstate__(self) -> dict[str, Any]:

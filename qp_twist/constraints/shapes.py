@@ -71,11 +71,15 @@ class MovingShapes:
         first_below(self._floats.copy(), self._integers, q, distance, found)
         return found
 
-    def gradients(self, q: Array, which: Indices) -> Array:
-        """Derivatives (N, k, nv) of the distances of pairs ``which`` (N, k); 0 for the index −1."""
+    def gradients(self, q: Array, which: Indices, *, ahead: bool = False) -> Array:
+        """Derivatives (N, k, nv) of the distances of pairs ``which`` (N, k); 0 for the index −1.
+
+        ``ahead`` as in :meth:`distances`.
+        """
         q, which = _rows(q), np.ascontiguousarray(which, dtype=np.int64)
         found = np.zeros((*which.shape, self._model.nv))
-        gradients(self._floats.copy(), self._integers, q, which, found)
+        floats = self._ahead if ahead else self._floats
+        gradients(floats.copy(), self._integers, q, which, found)
         return found
 
     def changes(self, q: Array, travel: Array) -> Array:
