@@ -60,7 +60,9 @@ def centred(q: Array, ranges: JointRanges) -> Array:
 
 def boxed(q: Array, period: Array) -> Array:
     """Coordinates (K, nv) modulo nonzero periods, for a periodic tree."""
-    wrapped: Array = np.where(period > 0.0, np.mod(q, np.where(period > 0.0, period, 1.0)), q)
+    rest = np.mod(q, np.where(period > 0.0, period, 1.0))
+    rest = np.where(rest < period, rest, 0.0)  # of -1e-17 the remainder is the period itself
+    wrapped: Array = np.where(period > 0.0, rest, q)
     return wrapped
 
 

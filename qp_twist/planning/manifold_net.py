@@ -37,15 +37,16 @@ class ManifoldNet:
     too large: the configurations of the previous layer are carried over instead.
 
     Attributes:
-        spacing: Distance between neighbours, rad or m in joint space.
+        spacing: Distance between neighbours that differ in one joint only, rad or m, (nv,): in
+            joints divided by it neighbours are one apart.
     """
 
     def __init__(
-        self, path_task: PathTask, rows: PathRows, spacing: float, *, seed: int = 0
+        self, path_task: PathTask, rows: PathRows, spacing: float | Array, *, seed: int = 0
     ) -> None:
         self.path_task = path_task
         self.rows = rows
-        self.spacing = spacing
+        self.spacing: Array = np.broadcast_to(spacing, path_task.model.nv).astype(np.float64)
         self.ranges = JointRanges.of(path_task.model)
         width = self.ranges.upper - self.ranges.lower
         #: Joints whose whole turns do not matter.
@@ -88,32 +89,30 @@ class ManifoldNet:
         while len(frontier) and len(nodes) < _MOST:
             at = np.full(len(frontier), index)
             basis = self.rows.motions(frontier, at)[:, :, :freedom]
+            basis = np.linalg.qr(basis / self.spacing[:, None]).Q
             ahead = frontier[:, None] + self.spacing * (directions @ basis.transpose(0, 2, 1))
             ahead = ahead.reshape(-1, nodes.shape[1])
             start = np.repeat(frontier, len(directions), axis=0)
             found, arrived = self.rows.correct(ahead, np.full(len(ahead), index), iterations=8)
-            near = np.linalg.norm(found - start, axis=1) < 2.0 * self.spacing
+            near = np.linalg.norm((found - start) / self.spacing, axis=1) < 2.0
             found, which = self._brought_inside(found[arrived & near], index)
             if self.rows.hard:
                 start = start[arrived & near][which]
-                found = found[np.linalg.norm(found - start, axis=1) < 2.0 * self.spacing]
+                found = found[np.linalg.norm((found - start) / self.spacing, axis=1) < 2.0]
             frontier = self._thinned(centred(found, self.ranges), nodes)
             nodes = np.vstack([nodes, frontier])
         return nodes
 
     def _thinned(self, q: Array, others: Array | None) -> Array:
         """Those of q (K, nv) that are not too close to each other or to ``others``."""
-        radius = _THIN * self.spacing
         if others is not None and len(q):
-            distance, _ = self._tree(others).query(
-                boxed(q, self._period), distance_upper_bound=radius
-            )
+            distance, _ = self._tree(others).query(self._scaled(q), distance_upper_bound=_THIN)
             q = q[~np.isfinite(distance)]
         if not len(q):
             return q
         taken = np.zeros(len(q), dtype=bool)
         kept = []
-        neighbours = self._tree(q).query_ball_point(boxed(q, self._period), radius)
+        neighbours = self._tree(q).query_ball_point(self._scaled(q), _THIN)
         for number, near in enumerate(neighbours):
             if not taken[number]:
                 kept.append(number)
@@ -122,7 +121,7 @@ class ManifoldNet:
 
     def _components(self, q: Array) -> Indices:
         """Index of each configuration's manifold, by the connected components of neighbours."""
-        pairs = self._tree(q).query_pairs(2.0 * self.spacing, output_type="ndarray")
+        pairs = self._tree(q).query_pairs(2.0, output_type="ndarray")
         graph = coo_matrix((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), (len(q), len(q)))
         labels: Indices = connected_components(graph, directed=False)[1].astype(np.intp)
         return labels
@@ -143,7 +142,11 @@ class ManifoldNet:
         return q[which], which
 
     def _tree(self, q: Array) -> KDTree:
-        return KDTree(boxed(q, self._period), boxsize=self._period)
+        return KDTree(self._scaled(q), boxsize=self._period / self.spacing)
+
+    def _scaled(self, q: Array) -> Array:
+        """Joints divided by the spacing, modulo whole turns that do not matter."""
+        return boxed(q / self.spacing, self._period / self.spacing)
 
 
 def _directions(freedom: int) -> Array:

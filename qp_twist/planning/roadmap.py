@@ -50,7 +50,7 @@ class Roadmap:
         self.ranges = JointRanges.of(path_task.model)
         self.grid = grid
         self.arm = closed_form_arm(path_task)
-        self._net = ManifoldNet(path_task, rows, float(grid.joints.min()))
+        self._net = ManifoldNet(path_task, rows, grid.joints)
         self._rolls = (
             None if self.arm is None else RollGrid(path_task, self.arm, grid.roll, grid.joints)
         )

@@ -70,6 +70,8 @@ class SearchStage:
     resolution: float
 
 
+_COARSE = SearchStage(np.radians(30.0), 10, np.radians(8.0), np.radians(8.0), 0.5)
+"""Comes first with two free degrees, where each of the next takes minutes."""
 _STAGES = (
     SearchStage(np.radians(30.0), 10, np.radians(4.0), np.radians(4.0), 0.25),
     SearchStage(np.radians(10.0), 4, np.radians(2.0), np.radians(2.0), 0.25),
@@ -147,6 +149,8 @@ class PlanSearch:
             )
             self._free_task = replace(path_task, constraints=constraints)
             self._free_rows = PathRows(self._free_task)
+        #: With a clearance the layers of each stage, for the searches without and with it.
+        self._layers: dict[SearchStage, list[Layer]] | None = {} if self._cleared else None
         #: Hinges without limits: their whole turns do not matter.
         self._period = np.where(ranges.hinge & ~np.isfinite(ranges.upper - ranges.lower), TURN, 0.0)
 
@@ -182,9 +186,11 @@ class PlanSearch:
     def _without_clearance(self) -> PlanSearch:
         """The same search for the task without clearance."""
         limits = replace(self.limits, hard=self._free_rows.hard)
-        return PlanSearch(
+        search = PlanSearch(
             self._free_task, self.objective, limits, self.start, self.runs, self._progress
         )
+        search._layers = self._layers
+        return search
 
     def _clears(self, q: Array) -> Mask:
         """Which configurations q (K, nv) keep the clearance, (K,)."""
@@ -207,7 +213,8 @@ class PlanSearch:
         tried = self._tried(self.start) if self.start is not None and best is None else []
         for trial in tried:
             best = self._better(best, trial)
-        for stage in _STAGES:
+        two = int(self.rows.freedom.max()) == COVERED
+        for stage in (_COARSE, *_STAGES) if two else _STAGES:
             found = self._stage(stage, best)
             if found.path is not None:
                 break
@@ -273,9 +280,12 @@ class PlanSearch:
         grid = self._grid(stage, stride)
         roadmap = Roadmap(self._free_task, self._free_rows, grid)
         waypoints = self._waypoints(stride, count)
-        layers = roadmap.layers(
-            waypoints, lambda done: self._progress(f"{grid}: layers", done / len(waypoints))
-        )
+        made = {} if self._layers is None else self._layers
+        if stage not in made:
+            made[stage] = roadmap.layers(
+                waypoints, lambda done: self._progress(f"{grid}: layers", done / len(waypoints))
+            )
+        layers = list(made[stage])
         # Between the configurations of a grid nothing is proved of a clearance.
         covered = not self._cleared and all(roadmap.covers(index) for index in waypoints)
         if self.start is not None:

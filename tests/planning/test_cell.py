@@ -10,7 +10,10 @@ import pytest
 
 import qp_twist as qt
 from qp_twist.kinematics import JointRanges
+from qp_twist.planning.layer import Layer
+from qp_twist.planning.roadmap import Roadmap
 from qp_twist.planning.roll_grid import RollGrid, closed_form_arm
+from qp_twist.planning.search import PlanSearch
 
 EVERY = 5
 
@@ -64,3 +67,27 @@ def test_the_default_method_passes_the_clamp_that_it_hits_without_clearance(
     assert least < -0.01
     assert names == {"fork", "clamp_post"}
     assert min(nearest(cell, q)[0] for q in qt.follow(cell).q[::2]) >= 0.005 - 1e-6
+
+
+def test_layers_are_made_once_for_the_searches_without_and_with_clearance(
+    cell: qt.PathTask, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The best motion hits the clamp, so that the whole path is searched a second time."""
+    made: list[str] = []
+    searched: list[object] = []
+    layers, stage = Roadmap.layers, PlanSearch._stage
+
+    def counted(self: Roadmap, *arguments: object) -> list[Layer]:
+        if len(arguments) == 2:  # of a whole path
+            made.append(str(self.grid))
+        return layers(self, *arguments)
+
+    def counted_stage(self: PlanSearch, *arguments: object) -> object:
+        searched.append(arguments[0])
+        return stage(self, *arguments)
+
+    monkeypatch.setattr(Roadmap, "layers", counted)
+    monkeypatch.setattr(PlanSearch, "_stage", counted_stage)
+    plan = qt.plan(replace(cell, waypoints=cell.waypoints[::8], durations=None), max_step_deg=60.0)
+    assert plan.q is not None and min(nearest(cell, q)[0] for q in plan.q) >= 0.005 - 1e-6
+    assert len(searched) > len(set(searched)) == len(made)

@@ -33,7 +33,7 @@ from qp_twist.planning.path_rows import PathRows
 from qp_twist.planning.refine import refine
 from qp_twist.planning.roll_grid import RollGrid
 from qp_twist.planning.search import PlanSearch
-from qp_twist.planning.shortest_path import Edges, cheapest_path, widest_path
+from qp_twist.planning.shortest_path import Edges, cheapest_path, edges, widest_path
 
 ROOT = Path(__file__).parents[2]
 Array = np.ndarray
@@ -220,6 +220,13 @@ def test_the_widest_way_is_the_widest_of_all(seed: int) -> None:
 # ---------------------------------------------------------------- layers
 
 
+def test_a_joint_just_below_zero_has_neighbours_on_both_sides() -> None:
+    """The remainder of -1e-17 in a whole turn is the whole turn, to rounding."""
+    q, after = np.array([[-1e-17]]), np.array([[0.1], [-0.1], [0.3]])
+    found = edges(q, after, np.array([0.2]), np.array([2.0 * np.pi]))
+    assert sorted(found.end) == [0, 1]
+
+
 def test_all_turns_inside_the_limits_are_found() -> None:
     model = mujoco.MjModel.from_xml_string(
         '<mujoco><compiler angle="radian"/><worldbody>'
@@ -266,19 +273,20 @@ def planar_layer(goal: Array, ranges: qt.JointRanges, spacing_deg: float) -> Arr
     return q[((q >= ranges.lower) & (q <= ranges.upper)).all(axis=1)]
 
 
-def test_the_net_of_the_planar_arm_is_complete() -> None:
+@pytest.mark.parametrize("spacing", [(0.05, 0.05, 0.05), (0.2, 0.04, 0.05)])
+def test_the_net_of_the_planar_arm_is_complete(spacing: tuple[float, ...]) -> None:
     """Against all solutions from the law of cosines, for all directions of the last link."""
     task = qt.load_task("planar_line")
     ranges = qt.JointRanges.of(task.model)
-    net = ManifoldNet(task, PathRows(task), 0.05)
+    net = ManifoldNet(task, PathRows(task), np.array(spacing))
     for index in (0, 40, 100):
         every = planar_layer(task.waypoints[index].translation()[:2], ranges, 0.5)
         layer = net.layer(index)
         assert PathRows(task).errors(layer.q, np.full(len(layer.q), index)).max() < 1e-8
-        distance, _ = KDTree(layer.q).query(every)
-        assert distance.max() < 0.06
-        distance, _ = KDTree(every).query(layer.q)
-        assert distance.max() < 0.06
+        distance, _ = KDTree(layer.q / spacing).query(every / spacing)
+        assert distance.max() < 1.2
+        distance, _ = KDTree(every / spacing).query(layer.q / spacing)
+        assert distance.max() < 1.2
 
 
 def test_two_ways_to_the_layers_of_the_industrial_arm_agree(deburring: qt.Comparison) -> None:
