@@ -139,7 +139,7 @@ class Clearance(Constraint):
 
     def inside(self, q: Array, tolerance: float) -> Mask:
         """Which configurations q (N, nq) violate no margin by more than the tolerance, m, (N,)."""
-        return np.asarray(self._shapes.first_below(q, self.distance - tolerance) < 0)
+        return self.first_violated(q, tolerance) < 0
 
     def gradients(self, q: Array) -> Array:
         """Derivatives of the margins, (N, P, nv), 1 or m/rad."""
@@ -265,6 +265,38 @@ class Clearance(Constraint):
         if found[row, pair] >= best.distance:
             return best
         return Nearest(float(found[row, pair]), float(at[row]), self.names[pair])
+
+    def closest(self, q: Array) -> tuple[Array, Indices]:
+        """Distance of the nearest pair at configurations q (N, nq), m, (N,), and its index, (N,).
+
+        Without pairs infinite distances, and the index −1.
+        """
+        q = np.asarray(q, dtype=np.float64)
+        if not len(self.pairs):
+            return np.full(len(q), np.inf), np.full(len(q), -1)
+        found = self._shapes.distances(q, _NEAR)
+        far = found.min(axis=1) > _NEAR
+        found[far] = self._shapes.distances(q[far], np.inf)
+        pair = found.argmin(axis=1)
+        return found[np.arange(len(q)), pair], pair
+
+    def nearest_points(self, q: Array, which: Indices) -> Array:
+        """The nearest points of both geoms of pairs at configurations, m, (N, k, 2, 3).
+
+        Where two geoms overlap these are the deepest points of each in the other.
+
+        Args:
+            q: Configurations, (N, nq).
+            which: Indices of pairs at each of them, (N, k).
+        """
+        return self._shapes.nearest_points(q, which)
+
+    def first_violated(self, q: Array, tolerance: float = 0.0) -> Indices:
+        """Index of the first pair that is nearer than asked by more than the tolerance, m, (N,).
+
+        At configurations q (N, nq), in the order of :attr:`pairs`; −1 where none is.
+        """
+        return self._shapes.first_below(q, self.distance - tolerance)
 
     def without_pairs(self) -> Clearance:
         """A clearance of the same model that asks for nothing."""

@@ -80,18 +80,30 @@ class MovingShapes:
 
     def gradients(self, q: Array, which: Indices) -> Array:
         """Derivatives (N, k, nv) of the distances of pairs ``which`` (N, k); 0 for the index −1."""
+        return self._at_nearest(q, which)[0]
+
+    def nearest_points(self, q: Array, which: Indices) -> Array:
+        """The points (N, k, 2, 3) of both geoms of pairs ``which`` (N, k) that are nearest, m.
+
+        Where they overlap, the deepest points of each in the other; NaN for the index −1.
+        """
+        points = self._at_nearest(q, which)[1]
+        return points[:, :, :6].reshape(*points.shape[:2], 2, 3)
+
+    def _at_nearest(self, q: Array, which: Indices) -> tuple[Array, Array]:
+        """Derivatives (N, k, nv), and the points and direction that they follow from, (N, k, 9)."""
         q, which = _rows(q), np.ascontiguousarray(which, dtype=np.int64)
         found = np.zeros((*which.shape, self._model.nv))
         points = np.full((*which.shape, 9), np.nan)
         nearest_points(self._floats.copy(), self._integers, q, which, found, points)
         deep = np.isnan(points).any(axis=2) & (which >= 0)
         for row, k in np.argwhere(deep):
-            point = self._depth(q[row], int(which[row, k]))[1]
-            one, given = np.zeros((1, 1, self._model.nv)), point.reshape(1, 1, 9)
+            points[row, k] = self._depth(q[row], int(which[row, k]))[1]
+            one, given = np.zeros((1, 1, self._model.nv)), points[row, k].reshape(1, 1, 9)
             pair = which[row : row + 1, k : k + 1].copy()
             nearest_points(self._floats.copy(), self._integers, q[row : row + 1], pair, one, given)
             found[row, k] = one[0, 0]
-        return found
+        return found, points
 
     def changes(self, q: Array, travel: Array) -> Array:
         """Bounds of the distances' variation on motions from q, m, (N, P)."""
