@@ -10,6 +10,8 @@ import pytest
 
 import qp_twist as qt
 from qp_twist.kinematics import JointRanges
+from qp_twist.planning import RollMap
+from qp_twist.planning.layer import centred
 from qp_twist.planning.roll_grid import RollGrid, closed_form_arm
 
 EVERY = 5
@@ -59,3 +61,35 @@ def test_the_default_method_passes_the_clamp_that_it_hits_without_clearance(
     assert least < -0.01
     assert names == {"fork", "clamp_post"}
     assert min(nearest(cell, q)[0] for q in qt.follow(cell).q[::2]) >= 0.005 - 1e-6
+
+
+def test_the_map_of_rolls_says_where_the_arm_would_touch_and_what(cell: qt.PathTask) -> None:
+    roll_map = RollMap.of(cell, columns=9, spacing_deg=15.0)
+    arm = closed_form_arm(cell)
+    assert arm is not None
+    grid = RollGrid(cell, arm, np.radians(15.0), np.full(6, np.inf))
+    order = np.argsort(np.remainder(grid.rolls + np.pi, 2.0 * np.pi))
+    touched, free = 0, 0
+    for column, index in enumerate(roll_map.waypoints):
+        q = centred(grid.branches(index), JointRanges.of(cell.model))[order]
+        for roll, branch in np.ndindex(q.shape[:2]):
+            pair = roll_map.touched[column, roll, branch]
+            if not roll_map.margins[column, roll, branch] >= 0.0:  # outside, or out of reach
+                assert pair == -1
+                continue
+            distance, names = nearest(cell, q[roll, branch])
+            if abs(distance - 0.005) < 1e-4:
+                continue
+            assert (pair < 0) == (distance > 0.005)
+            touched, free = touched + (pair >= 0), free + (pair < 0)
+    assert min(touched, free) > 100
+    counts = roll_map.in_the_way()
+    assert sum(counts.values()) == (roll_map.touched >= 0).sum()
+    assert list(counts.values()) == sorted(counts.values(), reverse=True)
+    assert {"forearm to clamp_post", "fork to clamp_post"} <= set(
+        list(roll_map.in_the_way([0]))[:3]
+    )
+    assert not any("table" in name for name in roll_map.in_the_way([0]))
+    without = RollMap.of(qt.load_task("deburring"), columns=2, spacing_deg=60.0)
+    assert (without.touched == -1).all()
+    assert without.in_the_way() == {}
