@@ -77,7 +77,7 @@ def test_the_map_of_rolls_says_where_the_arm_would_touch_and_what(cell: qt.PathT
             if not roll_map.margins[column, roll, branch] >= 0.0:  # outside, or out of reach
                 assert pair == -1
                 continue
-            distance, names = nearest(cell, q[roll, branch])
+            distance, _ = nearest(cell, q[roll, branch])
             if abs(distance - 0.005) < 1e-4:
                 continue
             assert (pair < 0) == (distance > 0.005)

@@ -83,7 +83,8 @@ def _figure(
 def _closest(trajectory: Trajectory) -> Array:
     """Distance of the nearest pair at each waypoint, m, (N,)."""
     every = [c.closest(trajectory.q)[0] for c in trajectory.path_task.clearances]
-    return np.min(every, axis=0)
+    least: Array = np.min(every, axis=0)
+    return least
 
 
 def _table(trajectories: Mapping[str, Trajectory]) -> str:
