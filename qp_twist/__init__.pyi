@@ -30,6 +30,7 @@ from .constraints import Constraint as Constraint
 from .constraints import DisplacementWindow as DisplacementWindow
 from .constraints import JointCouplings as JointCouplings
 from .constraints import MotionLimit as MotionLimit
+from .constraints import NearestPair as NearestPair
 from .constraints import PositionLimit as PositionLimit
 from .control import Controller as Controller
 from .control import Servo as Servo

@@ -18,7 +18,7 @@ def with_gripper(file):
     for name, side in (("finger_1", 1), ("finger_2", -1)):
         finger = hand.add_body(name=name)
         finger.add_joint(name=name, type=SLIDE, axis=[0, side, 0], range=[0, 0.04])
-        finger.add_geom(size=[0.01, 0, 0])
+        finger.add_geom(size=[0.01, 0, 0], contype=0, conaffinity=0)
     coupling = spec.add_equality(
         type=mujoco.mjtEq.mjEQ_JOINT,
         objtype=mujoco.mjtObj.mjOBJ_JOINT,

@@ -80,11 +80,12 @@ def write_cell(
     """
     if request.tool_mesh is not None and request.tcp is None:
         raise InvalidInput(
-            f"--tool-mesh {request.tool_mesh}: where is its tip? Add --tcp "
+            f"--tool {request.tool_mesh}: where is its tip? Add --tcp "
             "X,Y,Z,ROLL_DEG,PITCH_DEG,YAW_DEG, its pose in the robot's frame, in m and degrees."
         )
     spec = robot.spec.copy()
-    taken = {body.name for body in spec.bodies}
+    # A solid's name is that of its body, its geom and its mesh.
+    taken = {item.name for kind in (spec.bodies, spec.geoms, spec.meshes) for item in kind}
     solids: list[Solid] = []
     names: dict[str, str] = {}
     files_of = {

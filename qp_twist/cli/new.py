@@ -37,16 +37,15 @@ def new(
     orientation: Literal["auto", "axis", "normal", "quaternion", "rpy", "none"] = "auto",
     feed_unit: Literal["auto", "mm/min", "mm/s", "m/min", "m/s", "inch/min"] = "auto",
     columns: Annotated[str | None, tyro.conf.arg(metavar="TEXT")] = None,
-    tool: Literal["into", "out"] = "into",
+    tool: Annotated[str, tyro.conf.arg(metavar="{into,out,FILE}")] = "into",
     place: Annotated[
         str | None, tyro.conf.arg(metavar="X,Y,Z[,ROLL_DEG,PITCH_DEG,YAW_DEG]")
     ] = None,
     speed: Annotated[float, tyro.conf.arg(metavar="M/S")] = 0.05,
     search_time: Annotated[float, tyro.conf.arg(metavar="S")] = 60.0,
-    tool_mesh: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None,
     tcp: Annotated[str | None, tyro.conf.arg(metavar="X,Y,Z[,ROLL_DEG,PITCH_DEG,YAW_DEG]")] = None,
-    part_mesh: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None,
-    fixture_mesh: tyro.conf.UseAppendAction[
+    part: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None,
+    fixture: tyro.conf.UseAppendAction[
         Annotated[tuple[Path, ...], tyro.conf.arg(metavar="FILE")]
     ] = (),
     mesh_units: Annotated[Literal["mm", "m"] | None, tyro.conf.arg(metavar="{mm,m}")] = None,
@@ -65,19 +64,19 @@ def new(
         orientation: Columns of direction to use, if there are several.
         feed_unit: Unit of a column of feeds, likewise.
         columns: Columns with unusual names, e.g. "position=1,2,3;normal=4,5,6".
-        tool: Whether the frame's z points into the part or out of it.
+        tool: Whether the frame's z points into the part or out of it; or the mesh of a tool (STL,
+            OBJ or DAE) in the axes of the robot's frame, whose tip's z points into the part: a
+            scene is then written beside the task file.
         place: Pose of the toolpath's frame in the robot's world: origin in m, roll, pitch and yaw
             in degrees (R = Rz Ry Rx), e.g. 0.5,0,0.2 or 0.5,0,0.2,0,0,90; if omitted, the world's
             origin, or elsewhere if the robot cannot reach it there.
         speed: Speed along the path where the toolpath has no feed, m/s.
         search_time: Longest search for a start and a placement, s; Ctrl-C ends it with the best so
             far.
-        tool_mesh: Mesh of the tool (STL, OBJ or DAE), in the axes of the robot's frame; a scene is
-            then written beside the task file.
         tcp: Pose of the tool's tip in the robot's frame: m, roll, pitch and yaw in degrees
             (R = Rz Ry Rx); the task's frame is then the tip.
-        part_mesh: Mesh of the part, in the toolpath's frame.
-        fixture_mesh: Mesh of what stands around the part, in the toolpath's frame; may be repeated.
+        part: Mesh of the part, in the toolpath's frame.
+        fixture: Mesh of what stands around the part, in the toolpath's frame; may be repeated.
         mesh_units: Unit of the meshes, mm or m; required with a mesh.
         force: Overwrite the task file, and the folder of its scene.
     """
@@ -91,13 +90,13 @@ def new(
         orientation=None if orientation == "auto" else orientation,
         feed_unit=None if feed_unit == "auto" else feed_unit,
         columns=None if columns is None else _columns(columns),
-        tool=tool,
+        tool="out" if tool == "out" else "into",
         speed=number("--speed", speed, above=0.0),
         search_seconds=number("--search-time", search_time, above=0.0),
-        tool_mesh=tool_mesh,
+        tool_mesh=None if tool in ("into", "out") else Path(tool),
         tcp=None if tcp is None else _six(*_pose("--tcp", tcp)),
-        part_mesh=part_mesh,
-        fixture_meshes=fixture_mesh,
+        part_mesh=part,
+        fixture_meshes=fixture,
         mesh_unit=mesh_units,
     )
     if place is not None:

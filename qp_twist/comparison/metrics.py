@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from qp_twist.constraints import Clearance, Nearest
+from qp_twist.constraints import Clearance, NearestPair
 from qp_twist.control import Status
 from qp_twist.following import Trajectory
 from qp_twist.kinematics import JointRanges
@@ -89,7 +89,7 @@ def compiled_share(trajectory: Trajectory) -> float:
 
 
 def _status(
-    trajectory: Trajectory, numbers: dict[str, Any], near: tuple[Clearance, Nearest] | None
+    trajectory: Trajectory, numbers: dict[str, Any], near: tuple[Clearance, NearestPair] | None
 ) -> str:
     """Status of the run, with active limits."""
     parts = []

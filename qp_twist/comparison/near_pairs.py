@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 from typing import NamedTuple
 
 import mujoco
@@ -15,6 +14,9 @@ NEAR = 0.015
 """Margin below which a pair counts as near, m."""
 TOO_NEAR = 1e-6
 """Violation from which a pair counts as too near, m."""
+
+_FARTHEST = 10.0
+"""Largest distance for which there is a point between, m."""
 
 
 class NearPair(NamedTuple):
@@ -31,32 +33,26 @@ class NearPair(NamedTuple):
 
 
 class NearPairs:
-    """The clearances of a task, evaluated for pictures.
-
-    On copies of the task's, so that another thread may use those meanwhile.
-    """
+    """The clearances of a task, evaluated for pictures."""
 
     def __init__(self, path_task: PathTask) -> None:
         self.path_task = path_task
-        self._clearances = [copy.copy(clearance) for clearance in path_task.clearances]
         self._data = mujoco.MjData(path_task.model)
 
     def nearest(self, q: Array) -> NearPair | None:
         """The pair with the least margin at a configuration q (nq,); ``None`` without pairs."""
         best: NearPair | None = None
-        for clearance in self._clearances:
+        for clearance in self.path_task.clearances:
             distance, pair = (found[0] for found in clearance.closest(q[None]))
             if best is None or distance - clearance.distance < best.distance - best.asked:
-                points = clearance.nearest_points(q[None], np.array([[pair]]))[0, 0]
-                best = NearPair(
-                    float(distance), clearance.distance, clearance.names[pair], points.mean(axis=0)
-                )
+                middle = self._between(q, *clearance.pairs[pair])
+                best = NearPair(float(distance), clearance.distance, clearance.names[pair], middle)
         return best
 
     def geoms(self, q: Array) -> dict[int, bool]:
         """Ids of the geoms of near pairs at any of q (N, nq), and whether one is too near."""
         found: dict[int, bool] = {}
-        for clearance in self._clearances:
+        for clearance in self.path_task.clearances:
             least = clearance.bounded(q, NEAR).min(axis=0)
             for pair in np.flatnonzero(least < NEAR):
                 for geom in clearance.pairs[pair].tolist():
@@ -68,3 +64,12 @@ class NearPairs:
         self._data.qpos[:] = q
         mujoco.mj_kinematics(self.path_task.model, self._data)
         return self._data.geom_xpos, self._data.geom_xmat.reshape(-1, 3, 3)
+
+    def _between(self, q: Array, one: int, other: int) -> Array:
+        """Point between two geoms where they are nearest, by MuJoCo, m, (3,)."""
+        self.poses(q)
+        ends = np.zeros(6)
+        model = self.path_task.model
+        mujoco.mj_geomDistance(model, self._data, one, other, _FARTHEST, ends)
+        middle: Array = 0.5 * (ends[:3] + ends[3:])
+        return middle

@@ -7,7 +7,7 @@ from .box_limit import Box as Box
 from .box_limit import BoxLimit as BoxLimit
 from .check_model import check_model as check_model
 from .clearance import Clearance as Clearance
-from .clearance import Nearest as Nearest
+from .clearance import NearestPair as NearestPair
 from .constraint import Constraint as Constraint
 from .constraint import check_constraint as check_constraint
 from .constraint import check_constraints as check_constraints

@@ -36,7 +36,7 @@ PLANNED_WITHIN = 0.3
 """Margin below which a plan has a row for a pair, m."""
 
 
-class Nearest(NamedTuple):
+class NearestPair(NamedTuple):
     """Where a motion is nearest to what it must not touch."""
 
     distance: float
@@ -62,18 +62,21 @@ class Clearance(Constraint):
     ``<exclude>``), without bodies that a joint connects, and without pairs of which no joint moves
     one against the other. Meshes count as their convex hulls, as in MuJoCo.
 
-    A step keeps a margin after integration, too (:class:`~qp_twist.Controller` corrects the row by
-    the curvature of the distance). With acceleration limits the speed of approach is at most
-    :math:`m/T`, with the time T in which all joints come to rest: from there they can stop, braking
-    in proportion. A mocap body is expected to go on as it moved between the last two steps.
+    A step keeps a margin after integration, too: :class:`~qp_twist.Controller` corrects its rows by
+    the curvature of the distance. With acceleration limits a step is one from which the joints can
+    stop in time, braking in proportion: with the time T in which they then come to rest, the margin
+    is kept on the whole way to :math:`\mathbf q + \dot{\mathbf q}\,(dt + T/2)`. The next step may
+    brake so, and so may all that follow. A mocap body is expected to go on as it moved between the
+    last two steps; one that comes faster than the joints can give way is not avoided.
 
     Attributes:
         model: The robot and what is around it.
         distance: d_min, m.
         pairs: Ids of the two geoms of each pair, (P, 2).
         ignored: The pairs of names that may touch.
-        stopping_time: T, s, for the next step; 0 without acceleration limits.
-        hardest: Acceleration limits of the joints, rad/s² or m/s², (nv,).
+        has_begun: Whether a step is being computed, possibly several times.
+        velocity: Velocity of the joints before the next step, rad/s or m/s, (nv,).
+        hardest: Acceleration limits of the joints, rad/s² or m/s², (nv,); ∞ where there are none.
     """
 
     kind = "clearance"
@@ -111,14 +114,18 @@ class Clearance(Constraint):
         self.pairs: Indices = pairs
         self.names = tuple(f"{geom_name(model, a)} to {geom_name(model, b)}" for a, b in pairs)
         self.units = ("m",) * len(pairs)
-        self.stopping_time, self.hardest = 0.0, np.full(model.nv, np.inf)
+        self.has_begun = False
+        self.velocity, self.hardest = np.zeros(model.nv), np.full(model.nv, np.inf)
         #: The pairs that have a row in the step, their gradients and margins, and the margin that
         #: they may have after it: 0, or less for those that return, (k,).
         self._shown: Indices = np.zeros(0, dtype=np.intp)
         self._rows: tuple[Array, Array] = np.zeros((0, model.nv)), np.zeros(0)
         self._floor: Array = np.zeros(0)
-        #: By how much the distance of each pair is less than a row of a step says, m, (P,).
-        self._curved: Array = np.zeros(len(pairs))
+        #: The velocity of the last solution of the step that is being computed, (nv,).
+        self._after: Array | None = None
+        #: By how much the distance of each pair is less than a row says after each of the
+        #: :meth:`_spans`, m, (3, P).
+        self._lost: Array = np.zeros((3, len(pairs)))
 
     @cached_property
     def _shapes(self) -> MovingShapes:
@@ -173,11 +180,24 @@ class Clearance(Constraint):
         rows = -self._shapes.gradients(q, which)
         return rows, np.where(which < 0, np.inf, rooms), np.zeros(count, dtype=np.intp)
 
+    def begin(self, configuration: mink.Configuration, velocity: Array, hardest: Array) -> None:
+        """Begin a step: its rows may be evaluated several times, its obstacles move once.
+
+        Args:
+            configuration: That of the step.
+            velocity: Speed of the joints before it, rad/s or m/s, (nv,).
+            hardest: Their acceleration limits, rad/s² or m/s², (nv,); ∞ where there are none.
+        """
+        self._shapes.take_mocap(configuration.data)
+        self.velocity, self.hardest, self.has_begun = velocity, hardest, True
+        self._after = None
+
     def compute_qp_inequalities(
         self, configuration: mink.Configuration, dt: float
     ) -> mink.Constraint:
-        """The rows of one step, G Δq ≤ h, for pairs nearer than ``HORIZON``."""
-        self._shapes.take_mocap(configuration.data)
+        """The rows of one step, G Δq ≤ h, for pairs nearer than :data:`HORIZON`."""
+        if not self.has_begun:
+            self._shapes.take_mocap(configuration.data)
         q = configuration.q[None]
         now = self.bounded(q, HORIZON)[0]
         then = self._ahead(q)[0] if self._shapes.has_moved else now
@@ -187,16 +207,28 @@ class Clearance(Constraint):
         taken = np.minimum(then[self._shown] - margins, 0.0)
         gradients = self._shapes.gradients(q, self._shown[None])[0]
         recovering = np.maximum(margins, -self.recovery_speed * dt)
-        share = np.ones(len(margins))
-        if self.stopping_time > 0.0:
+        if self._after is None:
+            # Slower by dt than now, so that braking is among the steps that the rows allow.
+            slower = np.maximum(np.abs(self.velocity) - self.hardest * dt, 0.0)
+            spans = self._spans(slower, dt)
+        else:  # the step is corrected
+            spans = self._spans(self._after, dt)
+        rooms = np.min((margins - self._lost[:, self._shown]) * (dt / spans[:, None]), axis=0)
+        if np.isfinite(self.hardest).any():
             # First the joints come to rest, then they are as fast as the obstacle.
             harder = np.abs(gradients) @ np.minimum(self.hardest, 1e6)
             retreat = np.divide(-taken / dt, harder, out=np.zeros(len(taken)), where=harder > 0.0)
-            share = np.minimum(1.0, dt / (self.stopping_time + retreat))
-        rooms = np.where(margins > 0.0, share * margins, recovering)
+            rooms = np.minimum(rooms, margins * dt / (spans[-1] + retreat))
+        rooms = np.where(margins > 0.0, rooms, recovering - self._lost[0, self._shown])
         self._rows = gradients, margins + taken
         self._floor = np.minimum(margins - recovering, 0.0)
-        return mink.Constraint(G=-gradients, h=rooms + taken - self._curved[self._shown])
+        return mink.Constraint(G=-gradients, h=rooms + taken)
+
+    def _spans(self, velocity: Array, dt: float) -> Array:
+        """Times for which a velocity may go on: this step; with braking after it, half, all; s."""
+        braking = float((np.abs(velocity) / self.hardest).max(initial=0.0))
+        whole = dt + 0.5 * braking
+        return np.array([dt, max(dt, 0.5 * whole), whole])
 
     def row_name(self, row: int) -> str:
         """Name of the pair of a row of the last step."""
@@ -205,8 +237,10 @@ class Clearance(Constraint):
     def falls_short(self, configuration: mink.Configuration, velocity: Array, dt: float) -> float:
         """How far the last step's velocity leads below its margins, m, 0 if it does not.
 
-        Rows are linear, distances are not: what a row lacks is subtracted from the next one of the
-        same pair, that of this step or of the following.
+        With acceleration limits also how far it would, if the joints braked in proportion from then
+        on: they then move on straight, by half of what they move in the time until they are at
+        rest. Rows are linear, distances are not: what a row lacks is subtracted from the next one
+        of the same pair, that of this step or of the following.
 
         Args:
             configuration: That of the step.
@@ -214,12 +248,16 @@ class Clearance(Constraint):
             dt: Its length, s.
         """
         gradients, margins = self._rows
-        after = configuration.q.copy()
-        mujoco.mj_integratePos(self.model, after, velocity, dt)
-        reached = self._ahead(after[None])[0]
-        self._curved = np.zeros(len(self.pairs))
-        predicted = margins + dt * (gradients @ velocity)
-        self._curved[self._shown] = np.maximum(predicted - reached[self._shown], 0.0)
+        spans = self._spans(velocity, dt)
+        count = 3 if spans[-1] > dt else 1
+        after = np.tile(configuration.q, (count, 1))
+        for row, span in zip(after, spans, strict=False):
+            mujoco.mj_integratePos(self.model, row, velocity, span)
+        reached = self._ahead(after)
+        predicted = margins + spans[:count, None] * (gradients @ velocity)
+        self._lost = np.zeros((3, len(self.pairs)))
+        self._lost[:, self._shown] = np.maximum(predicted - reached[:, self._shown], 0.0)
+        self._after = velocity
         allowed = np.zeros(len(self.pairs))
         allowed[self._shown] = self._floor
         return float(np.maximum(allowed - reached, 0.0).max(initial=0.0))
@@ -228,17 +266,17 @@ class Clearance(Constraint):
         """Margins as :meth:`bounded`, with mocap bodies where they are expected after a step."""
         return self._shapes.distances(q, HORIZON + self.distance, ahead=True) - self.distance
 
-    def nearest(self, q: Array) -> Nearest | None:
+    def nearest(self, q: Array) -> NearestPair | None:
         """The least distance on a motion whose joints go straight from row to row of q (N, nq).
 
         Between the rows it is searched by subdivision, until no part can be nearer by
-        :data:`RESOLUTION`; ``None`` if there are no pairs.
+        10 µm; ``None`` if there are no pairs.
         """
         if not len(self.pairs):
             return None
         q = np.asarray(q, dtype=np.float64)
         begin, share, step = np.arange(len(q) - 1), np.zeros(len(q) - 1), 1.0
-        best = Nearest(np.inf, 0.0, "")
+        best = NearestPair(np.inf, 0.0, "")
         at = np.arange(len(q), dtype=np.float64)
         points = q
         for _ in range(_HALVINGS):
@@ -255,7 +293,7 @@ class Clearance(Constraint):
             begin, share = np.tile(begin, 2), np.concatenate([share, share + step])
         return best
 
-    def _nearer(self, best: Nearest, q: Array, at: Array) -> Nearest:
+    def _nearer(self, best: NearestPair, q: Array, at: Array) -> NearestPair:
         """The nearest of the best so far and configurations q (K, nq) at places ``at`` (K,)."""
         enough = min(best.distance, _NEAR)
         found = self._shapes.distances(q, enough)
@@ -264,7 +302,7 @@ class Clearance(Constraint):
         row, pair = np.unravel_index(int(np.argmin(found)), found.shape)
         if found[row, pair] >= best.distance:
             return best
-        return Nearest(float(found[row, pair]), float(at[row]), self.names[pair])
+        return NearestPair(float(found[row, pair]), float(at[row]), self.names[pair])
 
     def closest(self, q: Array) -> tuple[Array, Indices]:
         """Distance of the nearest pair at configurations q (N, nq), m, (N,), and its index, (N,).
@@ -280,17 +318,6 @@ class Clearance(Constraint):
         pair = found.argmin(axis=1)
         return found[np.arange(len(q)), pair], pair
 
-    def nearest_points(self, q: Array, which: Indices) -> Array:
-        """The nearest points of both geoms of pairs at configurations, m, (N, k, 2, 3).
-
-        Where two geoms overlap these are the deepest points of each in the other.
-
-        Args:
-            q: Configurations, (N, nq).
-            which: Indices of pairs at each of them, (N, k).
-        """
-        return self._shapes.nearest_points(q, which)
-
     def first_violated(self, q: Array, tolerance: float = 0.0) -> Indices:
         """Index of the first pair that is nearer than asked by more than the tolerance, m, (N,).
 
@@ -303,7 +330,7 @@ class Clearance(Constraint):
         empty = copy.copy(self)
         empty.__dict__.pop("_shapes", None)
         empty.pairs, empty.names, empty.units = self.pairs[:0], (), ()
-        empty._curved = self._curved[:0]
+        empty._lost = self._lost[:, :0]
         return empty
 
     def __getstate__(self) -> dict[str, Any]:

@@ -17,7 +17,7 @@ from qp_twist.kinematics.joint_ranges import joint_names
 
 Kinds = npt.NDArray[np.object_]
 
-_ORDER = {"acceleration": 0, "position": 2, "coupling": 2}
+_ORDER = {"acceleration": 0, "position": 2, "coupling": 2, "clearance": 3}
 _ROUNDING, _FINITE = 1e-9, np.finfo(float).max
 
 
@@ -57,9 +57,9 @@ def intersect(boxes: Sequence[Box], model: mujoco.MjModel) -> Intersection:
     """Bounds common to all boxes, (nv,).
 
     Two boxes may have no velocity in common (a start outside a range, a joint too fast to stop).
-    Then a velocity limit yields to an acceleration limit, and a position limit, or the coupling of
-    a joint that does not move, yields to any other kind: its bound becomes the nearest velocity
-    that the other limit allows.
+    Then a velocity limit yields to an acceleration limit, and a position limit, the coupling of a
+    joint that does not move, or a clearance yields to any other kind: its bound becomes the nearest
+    velocity that the other limit allows.
 
     Raises:
         InvalidInput: If a bound is not a number, or two limits contradict each other and neither
@@ -121,7 +121,10 @@ def _check_yielding(
     upper: tuple[float, str],
 ) -> None:
     """Raise if a lower bound exceeds an upper one and ``kind`` does not yield to ``previous``."""
-    yields = kind in ("position", "coupling") or (kind, previous) == ("velocity", "acceleration")
+    yields = kind in ("position", "coupling", "clearance") or (kind, previous) == (
+        "velocity",
+        "acceleration",
+    )
     if lower[0] - upper[0] > _ROUNDING and not (yields and kind != previous):
         raise InvalidInput(
             f"limits: joint {joint_names(model)[dof]!r} has a lower velocity bound of "

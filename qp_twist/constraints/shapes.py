@@ -16,14 +16,10 @@ from qp_twist.kernel.clearance_kernel import (
     changes,
     distances,
     first_below,
+    gradients,
     least_distances,
-    nearest_points,
-    place_shapes,
 )
 from qp_twist.kernel.convex import MESH, PLANE, CellSizes
-
-_FARTHEST = 10.0
-"""Largest depth of penetration that is measured, m."""
 
 
 class MovingShapes:
@@ -32,8 +28,7 @@ class MovingShapes:
     Attributes:
         has_moved: Whether mocap bodies were taken from MuJoCo's data.
 
-    Distances, and depths where at most the radii of spheres and capsules overlap, are computed by
-    :mod:`qp_twist.kernel.convex`; deeper penetrations by MuJoCo (``mj_geomDistance``).
+    Distances and depths are those of :mod:`qp_twist.kernel.convex`.
     """
 
     def __init__(self, model: mujoco.MjModel, pairs: Indices) -> None:
@@ -67,8 +62,6 @@ class MovingShapes:
         found = np.zeros((len(q), len(self._pairs)))
         floats = self._ahead if ahead else self._floats
         distances(floats.copy(), self._integers, q, enough, found)
-        for row, pair in np.argwhere(np.isneginf(found)):
-            found[row, pair] = self._depth(q[row], int(pair))[0]
         return found
 
     def first_below(self, q: Array, distance: float) -> Indices:
@@ -80,30 +73,10 @@ class MovingShapes:
 
     def gradients(self, q: Array, which: Indices) -> Array:
         """Derivatives (N, k, nv) of the distances of pairs ``which`` (N, k); 0 for the index −1."""
-        return self._at_nearest(q, which)[0]
-
-    def nearest_points(self, q: Array, which: Indices) -> Array:
-        """The points (N, k, 2, 3) of both geoms of pairs ``which`` (N, k) that are nearest, m.
-
-        Where they overlap, the deepest points of each in the other; NaN for the index −1.
-        """
-        points = self._at_nearest(q, which)[1]
-        return points[:, :, :6].reshape(*points.shape[:2], 2, 3)
-
-    def _at_nearest(self, q: Array, which: Indices) -> tuple[Array, Array]:
-        """Derivatives (N, k, nv), and the points and direction that they follow from, (N, k, 9)."""
         q, which = _rows(q), np.ascontiguousarray(which, dtype=np.int64)
         found = np.zeros((*which.shape, self._model.nv))
-        points = np.full((*which.shape, 9), np.nan)
-        nearest_points(self._floats.copy(), self._integers, q, which, found, points)
-        deep = np.isnan(points).any(axis=2) & (which >= 0)
-        for row, k in np.argwhere(deep):
-            points[row, k] = self._depth(q[row], int(which[row, k]))[1]
-            one, given = np.zeros((1, 1, self._model.nv)), points[row, k].reshape(1, 1, 9)
-            pair = which[row : row + 1, k : k + 1].copy()
-            nearest_points(self._floats.copy(), self._integers, q[row : row + 1], pair, one, given)
-            found[row, k] = one[0, 0]
-        return found, points
+        gradients(self._floats.copy(), self._integers, q, which, found)
+        return found
 
     def changes(self, q: Array, travel: Array) -> Array:
         """Bounds of the distances' variation on motions from q, m, (N, P)."""
@@ -117,11 +90,6 @@ class MovingShapes:
         before, after, travel = map(_rows, (before, after, travel))
         found = np.zeros((len(before), len(self._pairs)))
         least_distances(self._floats.copy(), self._integers, before, after, travel, distance, found)
-        deep = np.unique(np.argwhere(np.isneginf(found))[:, 0])
-        if len(deep):
-            ends = self.distances(before[deep], np.inf) + self.distances(after[deep], np.inf)
-            bound = 0.5 * (ends - self.changes(before[deep], travel[deep]))
-            found[deep] = np.maximum(found[deep], bound)
         return found
 
     def take_mocap(self, data: mujoco.MjData) -> None:
@@ -131,8 +99,8 @@ class MovingShapes:
         """
         if not self._on_mocap:
             return
-        before = self._floats.copy()
-        places, tree = self._cell.places, self._cell.tree
+        places, then, tree = self._cell.places, self._then.places, self._cell.tree
+        then.pose[:], then.turn[:] = places.pose, places.turn
         for body in self._on_mocap:
             number = int(self._model.body_mocapid[body])
             if number >= 0:
@@ -143,12 +111,13 @@ class MovingShapes:
             turn = places.turn[parent].reshape(3, 3)
             places.pose[body] = places.pose[parent] + turn @ tree.offset[body]
             places.turn[body] = (turn @ tree.turned[body].reshape(3, 3)).ravel()
-        self._ahead = self._floats.copy()
-        was, then = (CELL.arrays(f, *2 * (self._integers,)).places for f in (before, self._ahead))
-        for body in self._on_mocap if self.has_moved else ():
-            then.pose[body] += places.pose[body] - was.pose[body]
-            R, R_before = (t[body].reshape(3, 3) for t in (places.turn, was.turn))
-            then.turn[body] = (R @ R_before.T @ R).ravel()
+        for body in self._on_mocap:
+            if not self.has_moved:  # nothing is known of its motion
+                then.pose[body], then.turn[body] = places.pose[body], places.turn[body]
+                continue
+            then.pose[body] = 2.0 * places.pose[body] - then.pose[body]
+            R, before = (t[body].reshape(3, 3) for t in (places.turn, then.turn))
+            then.turn[body] = (R @ before.T @ R).ravel()
         self.has_moved = True
 
     # ------------------------------------------------------------------ layout
@@ -232,24 +201,9 @@ class MovingShapes:
             ):
                 on_mocap.append(body)
         self._on_mocap = on_mocap
-        self._ahead = self._floats
-
-    def _depth(self, q: Array, pair: int) -> tuple[float, Array]:
-        """Depth of penetration by MuJoCo, at most 0, and as ``result`` of the kernel, (9,)."""
-        floats = self._floats.copy()
-        place_shapes(floats, self._integers, q)
-        places = CELL.arrays(floats, self._integers, self._integers).places
-        one, other = (int(geom) for geom in self._pairs[pair])
-        for geom in (one, other):
-            self._data.geom_xpos[geom] = places.x[self._number[geom]]
-            self._data.geom_xmat[geom] = places.R[self._number[geom]]
-        points = np.zeros(6)
-        found = mujoco.mj_geomDistance(self._model, self._data, one, other, _FARTHEST, points)
-        depth = min(float(found), 0.0)
-        way = points[3:] - points[:3]  # from A's deepest point out to B's
-        length = float(np.linalg.norm(way))
-        normal = way / length if length > 0.0 else np.zeros(3)
-        return depth, np.concatenate([points, normal])
+        #: The same with mocap bodies where they are expected at the next step.
+        self._ahead = self._floats.copy()
+        self._then: Cell = CELL.arrays(self._ahead, self._integers, self._integers)
 
 
 def _rows(array: Array) -> Array:

@@ -91,7 +91,7 @@ SINGULARITY = 1e-3
 """Singular value of the task rows, m/rad or 1, below which a direction is slowed down."""
 SMALLEST_SINGULARITY = 1e-9
 """A smaller ``singularity`` counts as 0."""
-_CORRECTIONS = 4
+_CORRECTIONS = 10
 """Largest number of times that a step is computed again to keep a clearance."""
 _KEPT = 1e-7
 """By how much a step may lead below a clearance, m."""
@@ -314,7 +314,7 @@ class Controller:
             self.note(velocity)
         clearances = self._clearances()
         for clearance in clearances:
-            clearance.stopping_time, clearance.hardest = self._stopping(dt)
+            clearance.begin(configuration, *self._moving())
         step, note = self._solved(configuration, dt, bool(use_secondary))
         # Rows of clearance are linear in the step: what they lack of the distance where it leads is
         # subtracted from them, and the step is computed again.
@@ -323,6 +323,8 @@ class Controller:
             if max(short) <= _KEPT:
                 break
             step, note = self._solved(configuration, dt, bool(use_secondary))
+        for clearance in clearances:
+            clearance.has_begun = False
         note(step.velocity)
         return step
 
@@ -497,16 +499,13 @@ class Controller:
             self._seen = list(self.limits), found
         return found
 
-    def _stopping(self, dt: float) -> tuple[float, Array]:
-        """Time in which all joints come to rest after a step, s, and accelerations (nv,).
-
-        The time is 0 without acceleration limits.
-        """
+    def _moving(self) -> tuple[Array, Array]:
+        """Velocity and accelerations of the joints, (nv,), for what has to stop in time."""
         hardest = self._acceleration()
         if hardest is None:
-            return 0.0, np.full(self.model.nv, np.inf)
-        fastest = np.max([np.abs(v.velocity) for v in self.limits if isinstance(v, MotionLimit)], 0)
-        return float((fastest / hardest).max()) + dt, hardest
+            return np.zeros(self.model.nv), np.full(self.model.nv, np.inf)
+        velocities = [v.velocity for v in self.limits if isinstance(v, MotionLimit)]
+        return np.max(np.abs(velocities), axis=0), hardest
 
     def _check_types(self) -> None:
         if self.model.nv == 0:

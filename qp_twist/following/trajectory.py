@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from qp_twist.checks import Array
-from qp_twist.constraints import Clearance, Nearest
+from qp_twist.constraints import Clearance, NearestPair
 from qp_twist.control import Status
 from qp_twist.files import write_atomically
 from qp_twist.kinematics import JointRanges
@@ -100,7 +100,7 @@ class Trajectory:
         return straight_errors(self.path_task, self.q)
 
     @cached_property
-    def nearest(self) -> tuple[Clearance, Nearest] | None:
+    def nearest(self) -> tuple[Clearance, NearestPair] | None:
         """Where the motion is nearest to what it must not touch, at and between waypoints.
 
         Joints go straight between waypoints. The nearest pair is that of the least margin, with the

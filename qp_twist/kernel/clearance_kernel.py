@@ -177,21 +177,20 @@ def _place(cell, q):
 
 
 @plain
-def _distance(cell, pair, enough):
+def _distance(cell, pair, enough, deep=True):
     """Signed distance of a pair, as ``pair_distance``; a lower bound above ``enough``."""
     g, h, at = cell.pairs.one[pair], cell.pairs.other[pair], cell.places
     lower = at_least(cell.shapes, g, h, at.x, at.R, at.center, enough)
     if lower > enough:
         return lower
-    return pair_distance(cell.shapes, g, h, at.x, at.R, enough, cell.simplex)
+    return pair_distance(cell.shapes, g, h, at.x, at.R, enough, cell.simplex, deep)
 
 
 @entry
 def distances(floats, integers, q, enough, out):
     """Write the signed distances of all pairs at configurations q (N, nq) to out (N, P), m.
 
-    A distance above ``enough`` is replaced by a lower bound above it. It is −∞ where the cores of
-    the shapes intersect (:func:`~qp_twist.kernel.convex.pair_distance`).
+    A distance above ``enough`` is replaced by a lower bound above it.
     """
     cell = read_cell(floats, integers, integers)
     for row in range(len(q)):
@@ -208,7 +207,7 @@ def first_below(floats, integers, q, distance, out):
         _place(cell, q[row])
         out[row] = -1
         for pair in range(len(cell.pairs.one)):
-            if _distance(cell, pair, distance) < distance:
+            if _distance(cell, pair, distance, False) < distance:
                 out[row] = pair
                 break
 
@@ -297,8 +296,8 @@ def _gradient(cell, pair, row):
 
 
 @entry
-def nearest_points(floats, integers, q, which, out, points):
-    """Write where the points are at which some pairs are nearest, and the distances' derivatives.
+def gradients(floats, integers, q, which, out):
+    """Write the derivatives of the distances of some pairs.
 
     Args:
         floats: The floats of the cell.
@@ -306,8 +305,6 @@ def nearest_points(floats, integers, q, which, out, points):
         q: Configurations, (N, nq).
         which: Index of a pair at each of them, (N, k); −1 for none.
         out: Derivatives, (N, k, nv), m/rad or 1.
-        points: For each pair the nearest points of A and B and the direction in which A moves away,
-            (N, k, 9); given where the cores intersect, and then used as given.
     """
     cell = read_cell(floats, integers, integers)
     for row in range(len(q)):
@@ -316,15 +313,5 @@ def nearest_points(floats, integers, q, which, out, points):
             pair = which[row, k]
             if pair < 0:
                 continue
-            if _distance(cell, pair, math.inf) > -math.inf:
-                for i in range(9):
-                    points[row, k, i] = cell.simplex.result[i]
-            for i in range(9):
-                cell.simplex.result[i] = points[row, k, i]
+            _distance(cell, pair, math.inf)
             _gradient(cell, pair, out[row, k])
-
-
-@entry
-def place_shapes(floats, integers, q):
-    """Write where bodies, joints and shapes are at one configuration q (nq,) to the cell."""
-    _place(read_cell(floats, integers, integers), q)

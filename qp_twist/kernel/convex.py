@@ -18,6 +18,10 @@ from qp_twist.kernel.record import Floats, Integers, RecordType
 PLANE, SPHERE, CAPSULE, ELLIPSOID, CYLINDER, BOX, MESH = 0, 2, 3, 4, 5, 6, 7
 """Kinds, as in MuJoCo's ``mjtGeom``."""
 MOST_ITERATIONS = 200
+APART = 1e-2
+"""Distance to which cores that intersect are moved apart to find the next direction, m."""
+STARTS, MOST_CLIMBS, CLIMBED = 12, 60, 1e-12
+"""Directions from which the depth is searched, largest number of steps, least gain of a step, m."""
 SETTLED = 1e-12
 """Share of the squared distance by which it may exceed its proven lower bound."""
 TOUCHING = 1e-10
@@ -77,6 +81,14 @@ class Simplex(NamedTuple):
     """The point of the simplex nearest to the origin."""
     result: Annotated[Floats, 9]
     """Nearest points of A and B, and the unit vector from B to A."""
+    place: Annotated[Floats, 3]
+    """Where A is, while it is moved apart."""
+    normal: Annotated[Floats, 3]
+    """Direction in which it is moved."""
+    deepest: Annotated[Floats, 3]
+    """The best of them."""
+    tried: Annotated[Floats, 38]
+    """Gaps along directions: 26 of the world, and the axes of both shapes."""
 
 
 SHAPES, SIMPLEX = RecordType(Shapes, CellSizes), RecordType(Simplex, CellSizes)
@@ -293,7 +305,100 @@ def _of_plane(shapes, g, h, x, R, s):
 
 
 @plain
-def pair_distance(shapes, g, h, x, R, enough, s):
+def _gap(shapes, g, h, x, R, nx, ny, nz, s):
+    """Signed gap between the cores of g and h along n, from h to g, m."""
+    _support(shapes, g, x[g], R[g], -nx, -ny, -nz, s.a[0])
+    _support(shapes, h, x[h], R[h], nx, ny, nz, s.b[0])
+    return (
+        nx * (s.a[0, 0] - s.b[0, 0]) + ny * (s.a[0, 1] - s.b[0, 1]) + nz * (s.a[0, 2] - s.b[0, 2])
+    )
+
+
+@plain
+def _climb(shapes, g, h, x, R, normal, s):
+    """Move ``normal`` (3,) to a direction of locally largest gap of two cores; return the gap.
+
+    With g shifted apart by t n, the direction n' of the distance is the largest of
+    gap(n') + t n·n', so that its gap is at least that of n: repeated, it climbs.
+    """
+    gap = _gap(shapes, g, h, x, R, normal[0], normal[1], normal[2], s)
+    for _ in range(MOST_CLIMBS):
+        shift = APART - gap
+        for i in range(3):
+            s.place[i] = x[g, i]
+            x[g, i] += shift * normal[i]
+        apart = _of_cores(shapes, g, h, x, R, math.inf, s)
+        for i in range(3):
+            x[g, i] = s.place[i]
+        if apart <= TOUCHING:
+            break
+        u = (s.result[0] - s.result[3]) / apart
+        v = (s.result[1] - s.result[4]) / apart
+        w = (s.result[2] - s.result[5]) / apart
+        after = _gap(shapes, g, h, x, R, u, v, w, s)
+        if after <= gap + CLIMBED:
+            break
+        gap, normal[0], normal[1], normal[2] = after, u, v, w
+    return gap
+
+
+@part
+def _direction(k, R_g, R_h):
+    """The k-th of 38 directions: 26 of the world, and the axes of two shapes."""
+    if k < 26:
+        code = k if k < 13 else k + 1  # 27 less the middle
+        a, b, c = code // 9 - 1.0, (code // 3) % 3 - 1.0, code % 3 - 1.0
+        length = math.sqrt(a * a + b * b + c * c)
+        return a / length, b / length, c / length
+    R = R_g if k < 32 else R_h
+    column, sign = (k - 26) % 6 // 2, 1.0 if k % 2 else -1.0
+    return sign * R[column], sign * R[3 + column], sign * R[6 + column]
+
+
+@plain
+def _penetration(shapes, g, h, x, R, s):
+    """Signed distance of cores that intersect, at most 0, with the results of a pair.
+
+    The least translation that separates them is found from the best of many directions, those of
+    the shapes' axes among them.
+    """
+    best = -math.inf
+    for k in range(len(s.tried)):
+        s.tried[k] = -math.inf
+    for start in range(STARTS):
+        most, n0, n1, n2 = -math.inf, 1.0, 0.0, 0.0
+        which = -1
+        for k in range(len(s.tried)):
+            if s.tried[k] == math.inf:
+                continue
+            a, b, c = _direction(k, R[g], R[h])
+            if start == 0:
+                s.tried[k] = _gap(shapes, g, h, x, R, a, b, c, s)
+            if s.tried[k] > most:
+                most, which, n0, n1, n2 = s.tried[k], k, a, b, c
+        s.tried[which] = math.inf  # taken
+        s.normal[0], s.normal[1], s.normal[2] = n0, n1, n2
+        gap = _climb(shapes, g, h, x, R, s.normal, s)
+        if gap > best:
+            best = gap
+            for i in range(3):
+                s.deepest[i] = s.normal[i]
+    n = s.deepest
+    shift = APART - best
+    for i in range(3):
+        s.place[i] = x[g, i]
+        x[g, i] += shift * n[i]
+    _of_cores(shapes, g, h, x, R, math.inf, s)
+    for i in range(3):
+        x[g, i] = s.place[i]
+        s.result[i] -= shift * n[i]
+    for i in range(3):
+        s.result[6 + i] = n[i]
+    return min(best, 0.0)
+
+
+@plain
+def pair_distance(shapes, g, h, x, R, enough, s, deep):
     """Signed distance of two shapes, m.
 
     Args:
@@ -305,9 +410,10 @@ def pair_distance(shapes, g, h, x, R, enough, s):
         enough: A distance above it need not be exact: a lower bound above it is returned.
         s: Scratch. Its ``result`` receives the nearest points of A and B, (3,) each, and the
             direction in which A moves away from B, (3,), where the distance is exact.
+        deep: Whether depths are needed; otherwise −∞ is returned where cores intersect.
 
     Returns:
-        The distance; −∞ if the cores intersect, so that neither depth nor direction is known.
+        The distance; negative by the depth of penetration.
     """
     if shapes.kind[g] == PLANE:
         return _of_plane(shapes, g, h, x, R, s)
@@ -320,11 +426,17 @@ def pair_distance(shapes, g, h, x, R, enough, s):
         return distance
     one, other = radius(shapes, g), radius(shapes, h)
     apart = _of_cores(shapes, g, h, x, R, enough + one + other, s)
-    if apart <= TOUCHING:
+    if apart > enough + one + other:
+        return apart - one - other
+    if apart <= TOUCHING and not deep:
         return -math.inf
+    if apart <= TOUCHING:
+        apart = _penetration(shapes, g, h, x, R, s)
+    else:
+        for axis in range(3):
+            s.result[6 + axis] = (s.result[axis] - s.result[3 + axis]) / apart
     for axis in range(3):
-        normal = (s.result[axis] - s.result[3 + axis]) / apart
-        s.result[6 + axis] = normal
+        normal = s.result[6 + axis]
         s.result[axis] -= one * normal
         s.result[3 + axis] += other * normal
     return apart - one - other

@@ -296,13 +296,13 @@ class PlanSearch:
             if len(way.nodes) < len(layers):
                 if best is not None:  # the grid has no better path
                     return SearchResult(best, Certificate("path", grid), layers, waypoints)
-                layers = [
+                cleared = [
                     self._cleared_layer(layer, index)
                     for layer, index in zip(layers, waypoints, strict=True)
                 ]
-                if not all(len(layer.q) for layer in layers):
-                    certificate = _empty(waypoints, layers, grid, roadmap, covered)
-                    return SearchResult(None, certificate, layers, waypoints)
+                if not all(len(layer.q) for layer in cleared):
+                    certificate = _empty(waypoints, cleared, grid, roadmap, covered)
+                    return SearchResult(None, certificate, cleared, waypoints)
                 certificate = self._blocked(way, layers, waypoints, grid, covered)
                 return SearchResult(None, certificate, layers, waypoints)
             nodes = [layer.q[node] for layer, node in zip(layers, way.nodes, strict=True)]

@@ -79,3 +79,33 @@ def test_an_excursion_of_the_target_is_measured() -> None:
     found = import_module("edge_cases").excursion(0, "seven", "relax", 10.0, "")
     assert found.flips == 0 and not found.failures
     assert found.final < 0.1 and found.excess < 1e-9
+
+
+def test_a_plan_in_a_random_cell_is_held_against_an_exhaustive_search() -> None:
+    found = import_module("cells").one_cell(103, every=20, roll_step=10.0)
+    assert found["planned"] and found["at_waypoints"] and not found["wrong"]
+    assert found["z"] < 1.01 * found["z_loose"]
+
+
+def test_a_plan_that_touches_is_found_out() -> None:
+    """The joints straight from a configuration to one with the arm in the floor."""
+    cells = import_module("cells")
+    task = cells.cell(103, 20)
+    clearance = task.constraints[-1]
+    assert len(clearance.names) > 40
+    judge = cells.Obstacles(task.model, clearance.pairs)
+    straight = np.linspace(task.start, [0.0, 2.0, 0.5, 0.0, 0.0, 0.0], 40)
+    keeps = np.array([judge.keeps(q) for q in straight])
+    assert 0 < keeps.sum() < 40
+    assert keeps.tolist() == (clearance.margins(straight).min(axis=1) >= 0.0).tolist()
+    assert judge.least(straight) < -0.1
+    assert cells.faults(task, straight[: len(task.waypoints)])
+
+
+def test_a_step_in_front_of_a_wall_is_measured(monkeypatch: pytest.MonkeyPatch) -> None:
+    cells = import_module("cells")
+    monkeypatch.setattr(cells, "LENGTH", 0.5)
+    way = cells.way("wall", 0)
+    found = cells.run(way, cells.ours(way, "relax", None), None)
+    assert found.short < 1e-6 and not found.failures and found.excess < 1e-9
+    assert len(found.states) == 100

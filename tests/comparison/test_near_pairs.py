@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from types import SimpleNamespace
 
 import mujoco
 import numpy as np
@@ -17,7 +18,7 @@ from qp_twist.comparison.lit_pairs import (
     shape_over,
 )
 from qp_twist.comparison.local_server import LocalServer
-from qp_twist.comparison.near_pairs import NEAR
+from qp_twist.comparison.near_pairs import NEAR, NearPairs
 from qp_twist.comparison.report.clearance import clearance_section
 from qp_twist.comparison.sight import overview, sight
 
@@ -76,18 +77,30 @@ def test_the_closest_pair_is_that_of_the_least_distance_of_all(
             assert every[violated[k]] < 0.005 + 1e-5
 
 
-def test_nearest_points_of_a_ball_over_a_block_are_below_and_on_top() -> None:
+def test_between_a_ball_and_a_block_is_the_point_below_the_ball() -> None:
     model = mujoco.MjModel.from_xml_string(TWO)
     clearance = qt.Clearance(model, 0.01)
-    pair = clearance.names.index("block to ball")
-    q = np.array([[0.0, 0.0], [-0.37, 0.0]])  # 0.35 m above; 0.02 m into it
-    points = clearance.nearest_points(q, np.full((2, 1), pair))[:, 0]
-    np.testing.assert_allclose(points[0], [[0, 0, 0.1], [0, 0, 0.45]], atol=1e-9)
-    assert points[1, :, 2] == pytest.approx([0.1, 0.08], abs=1e-4)
-    assert np.isnan(clearance.nearest_points(q, np.full((2, 1), -1))).all()
+    near = NearPairs(SimpleNamespace(model=model, clearances=(clearance,)))
+    for up, distance, middle in ((0.0, 0.35, 0.275), (-0.37, -0.02, 0.09)):
+        found = near.nearest(np.array([up, 0.0]))
+        assert found is not None
+        assert found.name == "block to ball"
+        assert found.distance == pytest.approx(distance, abs=1e-6)
+        np.testing.assert_allclose(found.middle, [0.0, 0.0, middle], atol=1e-4)
+    ball, rod = model.geom("ball").id, model.geom("rod").id
+    assert near.geoms(np.array([[0.0, 0.0]])) == {}
+    assert near.geoms(np.array([[-0.33, 0.0]])) == {model.geom("block").id: False, ball: False}
+    assert near.geoms(np.array([[-0.345, 0.0]])) == {model.geom("block").id: True, ball: True}
+    assert rod not in near.geoms(np.array([[-0.345, 0.0], [0.0, 0.0]]))
+
+
+def test_without_pairs_nothing_is_near() -> None:
+    model = mujoco.MjModel.from_xml_string(TWO)
     empty = qt.Clearance(model, 0.01, [("ball", "block"), ("rod", "block"), ("rod", "ball")])
-    assert empty.closest(q)[0].tolist() == [np.inf, np.inf]
-    assert empty.closest(q)[1].tolist() == [-1, -1]
+    distances, pairs = empty.closest(np.zeros((2, 2)))
+    assert distances.tolist() == [np.inf, np.inf]
+    assert pairs.tolist() == [-1, -1]
+    assert NearPairs(SimpleNamespace(model=model, clearances=())).nearest(np.zeros(2)) is None
 
 
 def test_the_section_names_what_each_method_is_nearest_to(

@@ -282,7 +282,7 @@ def test_a_peer_that_is_not_installed_is_named(
 # ---------------------------------------------------------------- URDF
 
 ODD = """
-<mujoco><compiler angle="radian"/><worldbody>
+<mujoco><compiler angle="radian"/><default><geom contype="0" conaffinity="0"/></default><worldbody>
   <body pos="0.1 -0.2 0.3" quat="0.9 0.1 -0.3 0.2">
     <joint name="a" axis="0 1 1" pos="0.05 0 -0.1" range="-1 2" ref="0.3"/>
     <geom size="0.1"/>

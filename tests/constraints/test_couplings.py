@@ -36,8 +36,10 @@ X, Y, Z = np.eye(3)
 NOTHING = qt.TwistProjector(linear=qt.Projector.none(), angular=qt.Projector.none())
 ALONG = qt.TwistProjector(linear=qt.Projector.line(X), angular=qt.Projector.none())
 FINGERS = """
-  <body><joint name="finger_1" type="slide" axis="0 1 0" range="0 0.04"/><geom size="0.01"/></body>
-  <body><joint name="finger_2" type="slide" axis="0 -1 0" range="0 0.04"/><geom size="0.01"/></body>
+  <body><joint name="finger_1" type="slide" axis="0 1 0" range="0 0.04"/>
+    <geom size="0.01" contype="0" conaffinity="0"/></body>
+  <body><joint name="finger_2" type="slide" axis="0 -1 0" range="0 0.04"/>
+    <geom size="0.01" contype="0" conaffinity="0"/></body>
 """
 
 

@@ -299,7 +299,7 @@ def test_the_command_takes_several_fixtures_and_says_what_it_watches(
     box(tmp_path / "plate.stl", (0.3, 0.2, 0.02), (0, 0, -0.4))
     box(tmp_path / "post.stl", (0.02, 0.02, 0.1), (0.3, 0.2, -0.3))
     main(["new", str(SEVEN), "--frame", "tool", "--path", str(path), "--place", "0.45,0,0.3",
-          "--fixture-mesh", "plate.stl", "--fixture-mesh", "post.stl", "--mesh-units", "m",
+          "--fixture", "plate.stl", "--fixture", "post.stl", "--mesh-units", "m",
           "--tcp", "0,0,0.05"])  # fmt: skip
     said = capsys.readouterr().out
     assert "pairs of shapes keep 5 mm" in said

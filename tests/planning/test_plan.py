@@ -759,7 +759,7 @@ def test_a_run_that_is_off_the_path_is_no_plan() -> None:
     ranges = qt.JointRanges.of(task.model)
     limits = motion_limits(task, ranges, None, fixed_start=True)
     search = PlanSearch(
-        task, Objective.of(ranges, "centering"), limits, kept[0], lambda start: [far]
+        task, Objective.of(ranges, "centering"), limits, kept[0], lambda task, start: [far]
     )
     for trial in search._tried(kept[0]):
         assert rows.errors(trial.q, count).max() < 1e-8

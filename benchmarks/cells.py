@@ -1,0 +1,700 @@
+"""Clearance: plans beside an exhaustive search in random cells, and steps in front of walls.
+
+    python benchmarks/cells.py [random_cells] [--cells 20] [--first 0] [--every 10] [--roll-step 2]
+        [--jobs 1] [--write]
+    python benchmarks/cells.py [walls] [--runs 5] [--first 0] [--blocks 12] [--write]
+
+*random_cells*: the deburring part stands as a study places it, with 1 to 6 boxes and cylinders
+around it, in front of an arm whose links are capsules, cylinders and boxes. An exhaustive search
+(every so manieth waypoint; rolls 2° apart, all branches and full turns; distances by coal) finds
+the motion of least mean z whose waypoints keep 5 mm, and, by leaving out connections that come
+nearer between the waypoints, the one that keeps it there as well. It shares nothing with the plan.
+Cell ``--first K --cells 1`` is always the same; each cell is printed to the standard error.
+
+*walls*: a controller at 200 Hz pulls the tool of an arm of seven axes through a wall, into a
+corner and along with an obstacle that moves, from random starts, without and with acceleration
+limits, beside mink's collision limit on the same pairs.
+"""
+
+from __future__ import annotations
+
+from page import command, in_processes, in_turns
+
+# isort: split
+import dataclasses
+import json
+import sys
+import time
+from collections import Counter
+from functools import partial
+from typing import Any, NamedTuple
+
+import mink
+import mujoco
+import numpy as np
+import numpy.typing as npt
+from oracles.distances import Distances
+from placements import InverseKinematics
+from scipy.spatial import cKDTree
+
+import qp_twist as qt
+from qp_twist.bench.tables import markdown_table
+from qp_twist.checks import Array
+from qp_twist.studies.sample import draw_sample
+
+# ---------------------------------------------------------------- cells
+
+CLEAR = 0.005
+"""Distance to keep, m."""
+BETWEEN = 1e-4
+"""By how much less a plan may keep between two waypoints, m."""
+STEP = np.radians(15.0)
+FREE_OF = 0.05
+"""Obstacles keep this far from the tool's tip and from its spindle on the path, m."""
+SHOULDER, COLUMN = np.array([0.15, 0.0, 0.525]), 0.3
+"""Where the upper arm begins, and the radius in which the first link turns, m."""
+INSIDE = 20
+"""Points of each step at which the plan's clearance is looked at."""
+CHECKED = 5
+"""Points of each connection at which the search looks at the clearance."""
+TRIALS = 200
+"""How often the search leaves out connections before it gives up."""
+
+LINKS: tuple[tuple[str, str, tuple[float, ...], tuple[float, ...]], ...] = (
+    ("base", "cylinder", (0.2,), (0, 0, 0, 0, 0, 0.25)),
+    ("link_1", "capsule", (0.14,), (0, 0, -0.1, 0.10, 0, 0)),
+    ("link_1", "cylinder", (0.12,), (0.15, -0.07, 0, 0.15, 0.23, 0)),
+    ("link_2", "box", (0.12, 0.045, 0.47), (0, -0.125, 0.385)),
+    ("link_3", "box", (0.2, 0.09, 0.1), (-0.07, 0, 0.08)),
+    ("link_4", "capsule", (0.07,), (0.2, 0, 0, 0.7, 0, 0)),
+    ("link_5", "capsule", (0.05,), (0.0, 0, 0, 0.05, 0, 0)),
+)
+"""Geoms of the links: body, kind, sizes, and ends or centre in the body's frame, m."""
+TOOL = (
+    ("cylinder", (0.045,), (0, 0, 0, 0, 0, 0.055), "flange"),
+    ("capsule", (0.03,), (0, 0, 0.06, -0.04, 0, 0.15), "flange"),
+    ("cylinder", (0.035,), (0, 0, -0.232, 0, 0, -0.082), "tool"),
+    ("capsule", (0.008,), (0, 0, -0.07, 0, 0, -0.03), "tool"),
+)
+"""Geoms on the last link: kind, sizes, ends in the frame of a site."""
+
+COLLIDES = {"contype": 1, "conaffinity": 1}
+"""The scene's own geoms do not."""
+
+
+def kind_of(name: str) -> mujoco.mjtGeom:
+    """MuJoCo's number of a kind of geom."""
+    return getattr(mujoco.mjtGeom, f"mjGEOM_{name.upper()}")
+
+
+def add_links(spec: mujoco.MjSpec) -> None:
+    """Give the arm, the part and the floor shapes that collide."""
+    plain = spec.compile()
+    for number, (body, kind, size, place) in enumerate(LINKS):
+        where = {"fromto": place} if len(place) == 6 else {"pos": place}
+        spec.body(body).add_geom(
+            name=f"{body} shape {number}",
+            type=kind_of(kind),
+            size=_three(size),
+            **where,
+            **COLLIDES,
+        )
+    for number, (kind, size, place, name) in enumerate(TOOL):
+        site = plain.site(name)
+        R = mink.SO3(plain.site_quat[site.id]).as_matrix()
+        ends = np.reshape(place, (2, 3)) @ R.T + plain.site_pos[site.id]
+        spec.body("link_6").add_geom(
+            name=f"tool shape {number}",
+            type=kind_of(kind),
+            size=_three(size),
+            fromto=ends.ravel(),
+            **COLLIDES,
+        )
+    for name in ("floor", "part", "fixture"):
+        geom = spec.geom(name)
+        geom.contype = geom.conaffinity = 1
+
+
+def _three(size: tuple[float, ...]) -> list[float]:
+    return [*size, 0.0, 0.0][:3]
+
+
+def add_obstacles(spec: mujoco.MjSpec, task: qt.PathTask, rng: np.random.Generator) -> None:
+    """Put 1 to 6 boxes and cylinders around the part, or between it and the arm's shoulder.
+
+    None stands in the tool's own way, nor in the column that the arm turns in.
+    """
+    tips = task.positions
+    axes = np.array([w.rotation().as_matrix()[:, 2] for w in task.waypoints])
+    points = np.concatenate([tips - back * axes for back in (0.0, 0.1, 0.2)])
+    centre = tips.mean(axis=0)
+    wanted, number = int(rng.integers(1, 7)), 0
+    while number < wanted:
+        away = rng.normal(size=3)
+        away /= np.linalg.norm(away)
+        share = rng.choice([0.0, rng.uniform()])  # of the way to the shoulder
+        place = centre + share * (SHOULDER - centre) + rng.uniform(0.15, 0.5) * away
+        size = np.exp(rng.uniform(np.log(0.03), np.log(0.2), size=3))
+        turn = rng.normal(size=4)
+        turn /= np.linalg.norm(turn)
+        kind = "box" if rng.random() < 0.5 else "cylinder"
+        extent = size if kind == "box" else np.array([size[0], size[0], size[1]])
+        within = np.abs((points - place) @ mink.SO3(turn).as_matrix()) - extent
+        if np.linalg.norm(np.maximum(within, 0.0), axis=1).min() < FREE_OF:
+            continue
+        if np.hypot(place[0], place[1]) < COLUMN + np.linalg.norm(extent):
+            continue
+        number += 1
+        body = spec.worldbody.add_body(name=f"obstacle_{number}", pos=place, quat=turn)
+        body.add_geom(name=f"obstacle_{number}", type=kind_of(kind), size=size, **COLLIDES)
+
+
+def cell(seed: int, every: int) -> qt.PathTask:
+    """A random cell: the path, its clearance, and the largest joint step as a speed limit."""
+    rng = np.random.default_rng([seed, 11])
+    plain = qt.load_task("deburring")
+    standing = draw_sample(plain, ("placement",), seed).path_task
+    spec = mujoco.MjSpec.from_file(str(plain.scene))
+    add_links(spec)
+    add_obstacles(spec, standing, rng)
+    model = spec.compile()
+    part = standing.model.body("part").id
+    model.body_pos[part], model.body_quat[part] = (
+        standing.model.body_pos[part], standing.model.body_quat[part],
+    )  # fmt: skip
+    clearance = qt.Clearance(model, distance=CLEAR)
+    if len(clearance.pairs) < 40:
+        raise RuntimeError(f"the cell has {len(clearance.pairs)} pairs: nothing to keep clear of")
+    waypoints = standing.waypoints[::every]
+    return dataclasses.replace(
+        standing, model=model, waypoints=waypoints, flipped_waypoints=None, best_start=True,
+        durations=np.concatenate([[0.0], np.ones(len(waypoints) - 1)]),
+        velocity_limits=np.full(model.nv, STEP), acceleration_limits=np.full(model.nv, np.inf),
+        constraints=(clearance,),
+    )  # fmt: skip
+
+
+# ---------------------------------------------------------------- the exhaustive search
+
+
+class Obstacles:
+    """Which configurations keep the distance, by coal, where bounds of it do not say so."""
+
+    def __init__(self, model: mujoco.MjModel, pairs: npt.NDArray[np.intp]) -> None:
+        self.model, self.pairs, self.oracle = model, pairs, Distances(model)
+        self.planes = model.geom_type == mujoco.mjtGeom.mjGEOM_PLANE
+        self.balls = np.where(self.planes, np.inf, model.geom_rbound)
+        self.centres, self.boxes = model.geom_aabb[:, :3], model.geom_aabb[:, 3:]
+        self.last: tuple[int, int] | None = None
+
+    def near(self, q: Array, within: float) -> npt.NDArray[np.intp]:
+        """The pairs that may be nearer than ``within``, with the robot at q (nq,).
+
+        The ball around a geom is at least as far from the other geom's box.
+        """
+        data = self.oracle.at(q).data
+        R = data.geom_xmat.reshape(-1, 3, 3)
+        centres = data.geom_xpos + np.einsum("gij,gj->gi", R, self.centres)
+        least = np.full(len(self.pairs), -np.inf)
+        for one, other in (self.pairs.T, self.pairs.T[::-1]):
+            local = np.einsum("pji,pj->pi", R[other], centres[one] - data.geom_xpos[other])
+            outside = np.maximum(np.abs(local - self.centres[other]) - self.boxes[other], 0.0)
+            bound = np.linalg.norm(outside, axis=1) - self.balls[one]
+            bound = np.where(self.planes[other], local[:, 2] - self.balls[one], bound)
+            least = np.maximum(least, bound)
+        return self.pairs[least < within]
+
+    def keeps(self, q: Array, distance: float = CLEAR) -> bool:
+        """Whether all pairs are at least so far apart at q (nq,)."""
+        pairs = [(int(a), int(b)) for a, b in self.near(q, distance)]
+        if self.last in pairs:  # the one that was too near before is so again more often than not
+            pairs.insert(0, self.last)
+        for a, b in pairs:
+            if self.planes[a] or self.planes[b]:
+                value = self.oracle(a, b).value
+            else:
+                value = self.oracle.by_coal(a, b).value
+            if value < distance:
+                self.last = a, b
+                return False
+        return True
+
+    def least(self, q: Array) -> float:
+        """The least distance of all pairs along motions q (N, nq), m; at most 0.2."""
+        found = 0.2
+        for row in q:
+            found = min(found, self.oracle.of(self.near(row, found)).min(initial=found))
+        return float(found)
+
+
+class Layer(NamedTuple):
+    """In-limit configurations of a waypoint that keep the distance."""
+
+    q: Array
+    z: Array
+    reached: int
+    """How many there are with or without the distance."""
+
+
+class Search:
+    """All motions through a cell on a grid of rolls."""
+
+    def __init__(self, task: qt.PathTask, roll_step: float) -> None:
+        self.task, self.arm = task, InverseKinematics(task)
+        self.ranges = qt.JointRanges.of(task.model)
+        clearance = next(c for c in task.constraints if isinstance(c, qt.Clearance))
+        self.obstacles = Obstacles(task.model, clearance.pairs)
+        rolls = np.radians(np.arange(0.0, 360.0, roll_step))
+        self.layers = [self._layer(pose, rolls) for pose in task.waypoints]
+
+    def _layer(self, pose: mink.SE3, rolls: Array) -> Layer:
+        grid = self.arm.branches(pose, rolls)
+        change = np.diff(grid, axis=0, append=grid[:1])
+        change -= 2.0 * np.pi * np.round(change / (2.0 * np.pi))
+        fast = (np.abs(change) > STEP / 3.0).any(axis=(1, 2))  # near a straight wrist
+        between = (rolls[1] - rolls[0]) * np.arange(1, 8) / 8.0
+        finer = self.arm.branches(pose, (rolls[fast, None] + between).ravel())
+        q = np.concatenate([grid, finer]).reshape(-1, 6)
+        q = self.arm.centred(q[np.isfinite(q).all(axis=1)])
+        # Full turns are taken off: if this one is outside the limits, so is every other.
+        inside = ((q >= self.ranges.lower) & (q <= self.ranges.upper)).all(axis=1)
+        q = q[inside]
+        clear = np.array([self.obstacles.keeps(row) for row in q], dtype=bool)
+        q = self.arm.inside_with_turns(q[clear]) if clear.any() else np.zeros((0, 6))
+        return Layer(q, self.ranges.centring(q), int(inside.sum()))
+
+    def best(self, *, between: bool) -> tuple[Array | None, int]:
+        """The motion of least mean z and the first waypoint that none gets to, from 1.
+
+        With ``between``, connections of the best motion that come too near are left out until none
+        does; if that takes too long, or there is no such motion, there is none.
+        """
+        links = []
+        for before, after in zip(self.layers[:-1], self.layers[1:], strict=True):
+            if not len(before.q) or not len(after.q):
+                break
+            pairs = cKDTree(before.q).sparse_distance_matrix(
+                cKDTree(after.q), STEP, p=np.inf, output_type="ndarray"
+            )
+            links.append((pairs["i"].copy(), pairs["j"].copy()))
+        left: list[set[tuple[int, int]]] = [set() for _ in links]
+        checked: list[dict[tuple[int, int], bool]] = [{} for _ in links]
+        for _ in range(TRIALS):
+            path, end = self._shortest(links)
+            if path is None or not between:
+                break
+            bad = False
+            for k in range(len(links)):
+                link = int(path[k]), int(path[k + 1])
+                if link not in checked[k]:
+                    a, b = self.layers[k].q[link[0]], self.layers[k + 1].q[link[1]]
+                    shares = np.arange(1, CHECKED + 1) / (CHECKED + 1)
+                    checked[k][link] = all(self.obstacles.keeps(a + s * (b - a)) for s in shares)
+                if not checked[k][link]:
+                    bad = True
+                    left[k].add(link)
+                    i, j = links[k]
+                    keep = ~((i == link[0]) & (j == link[1]))
+                    links[k] = i[keep], j[keep]
+            if not bad:
+                break
+        else:
+            return None, 0
+        if path is None:
+            return None, end
+        rows = zip(self.layers, path, strict=True)
+        return np.array([layer.q[row] for layer, row in rows]), 0
+
+    def _shortest(
+        self, links: list[tuple[Array, Array]]
+    ) -> tuple[npt.NDArray[np.intp] | None, int]:
+        """Rows of the layers along the way of least sum of z, and where ways end."""
+        cost, via = self.layers[0].z, []
+        for k, (i, j) in enumerate(links):
+            through = cost[i]
+            order = np.lexsort((through, j))
+            order = order[np.isfinite(through[order])]
+            first = np.concatenate([[True], np.diff(j[order]) > 0])[: len(order)]
+            came = np.full(len(self.layers[k + 1].q), -1)
+            came[j[order][first]] = i[order][first]
+            cost = np.where(came >= 0, cost[came] + self.layers[k + 1].z, np.inf)
+            via.append(came)
+            if not np.isfinite(cost).any():
+                return None, k + 2
+        if len(links) < len(self.layers) - 1 or not len(cost):
+            return None, 1 + next(k for k, layer in enumerate(self.layers) if not len(layer.q))
+        path = [int(np.argmin(cost))]
+        for came in reversed(via):
+            path.append(int(came[path[-1]]))
+        return np.array(path[::-1]), 0
+
+
+# ---------------------------------------------------------------- a cell
+
+
+def one_cell(seed: int, every: int, roll_step: float) -> dict[str, Any]:
+    """A plan and the search in a cell, and what contradicts what."""
+    task = cell(seed, every)
+    began = time.perf_counter()
+    try:
+        plan = qt.plan(task)
+    except Exception as error:  # is a fault of its own, and no reason to lose the other cells
+        wrong = [f"{type(error).__name__}: {error}"]
+        return {"cell": seed, "planned": False, "at_waypoints": None, "between": None,
+                "in_the_way": None, "seconds": np.nan, "z": None, "wrong": wrong}  # fmt: skip
+    planned = time.perf_counter() - began
+    began = time.perf_counter()
+    search = Search(task, roll_step)
+    loose, end = search.best(between=False)
+    strict, _ = search.best(between=True) if loose is not None else (None, 0)
+    found: dict[str, Any] = {
+        "cell": seed, "obstacles": sum("obstacle" in task.model.body(b).name
+                                       for b in range(task.model.nbody)),
+        "planned": plan.q is not None, "seconds": round(planned, 2),
+        "search_seconds": round(time.perf_counter() - began, 1),
+        "at_waypoints": loose is not None, "between": strict is not None,
+        "in_the_way": any(len(layer.q) < layer.reached for layer in search.layers),
+        "search_ends_at": end, "certificate": str(plan.certificate),
+        "kind": plan.certificate.kind,
+    }  # fmt: skip
+    for name, motion in (("z_loose", loose), ("z_strict", strict), ("z", plan.q)):
+        found[name] = None if motion is None else float(search.ranges.centring(motion).mean())
+    wrong = contradictions(plan, search, loose)
+    if plan.q is not None:
+        at = search.obstacles.least(plan.q)
+        shares = np.arange(1, INSIDE + 1) / (INSIDE + 1)
+        steps = np.diff(plan.q, axis=0)
+        inside = (plan.q[:-1, None] + shares[:, None] * steps[:, None]).reshape(-1, task.model.nq)
+        between = search.obstacles.least(inside)
+        found |= {"least_mm": 1e3 * at, "least_between_mm": 1e3 * between}
+        wrong += [f"{1e3 * at:.6f} mm at a waypoint"] * (at < CLEAR - 1e-6)
+        wrong += [f"{1e3 * between:.4f} mm between waypoints"] * (between < CLEAR - BETWEEN - 1e-6)
+        wrong += faults(task, plan.q)
+    elif strict is not None:
+        wrong.append("not planned")
+    return {**found, "wrong": wrong}
+
+
+def contradictions(plan: qt.Plan, search: Search, loose: Array | None) -> list[str]:
+    """What a certificate claims as proven and the search refutes."""
+    certificate = plan.certificate
+    if plan.q is not None or certificate.detail or not certificate.covered:
+        return []
+    if certificate.kind == "speed":
+        return [] if loose is None else ["certificate: a connection exists"]
+    wrong = []
+    for waypoint in certificate.waypoints:
+        layer = search.layers[waypoint - 1]
+        refuted = layer.reached > 0 if certificate.kind != "band" else len(layer.q) > 0
+        if refuted:
+            wrong.append(f"certificate: there is a configuration at waypoint {waypoint}")
+    return wrong
+
+
+def faults(task: qt.PathTask, q: Array) -> list[str]:
+    """Joint ranges, steps and the path itself, by MuJoCo's kinematics."""
+    wrong = []
+    lower, upper = task.model.jnt_range.T
+    if (q < lower - 1e-9).any() or (q > upper + 1e-9).any():
+        wrong.append("joint range")
+    if np.abs(np.diff(q, axis=0)).max() > STEP + 1e-9:
+        wrong.append("joint step")
+    data = mujoco.MjData(task.model)
+    for row, waypoint in zip(q, task.waypoints, strict=True):
+        data.qpos[:] = row
+        mujoco.mj_kinematics(task.model, data)
+        site = data.site(task.frame_name)
+        away = np.linalg.norm(site.xpos - waypoint.translation())
+        turned = np.linalg.norm(site.xmat[2::3] - waypoint.rotation().as_matrix()[:, 2])
+        if away > 1e-6 or turned > 1e-6:
+            wrong.append(f"off the path by {1e3 * away:.1e} mm, {turned:.1e}")
+            break
+    return wrong
+
+
+def random_cells(cells: int, first: int, every: int, roll_step: float, jobs: int) -> Any:
+    """Plans beside the search."""
+    work = partial(one_cell, every=every, roll_step=roll_step)
+    found = []
+    for row in in_processes(work, range(first, first + cells), jobs):
+        print(json.dumps(row), file=sys.stderr, flush=True)
+        found.append(row)
+    verdicts = Counter((row["at_waypoints"], row["between"], row["planned"]) for row in found)
+    say = {None: "", False: "–", True: "yes"}
+    rows = [(*(say[v] for v in key), count) for key, count in sorted(verdicts.items(), key=str)]
+    head = ("search, at waypoints", "search, between them, too", "planned", "cells")
+    text = [markdown_table(head, rows, left=3)]
+    for name, key in (("between", "z_strict"), ("waypoints alone", "z_loose")):
+        shares = [row["z"] / row[key] for row in found if row["planned"] and row[key]]
+        if shares:
+            middle, most, worst = np.percentile(shares, [50, 90, 100])
+            text.append(
+                f"Mean z over the search's ({name}), {len(shares)} cells: median {middle:.4f}, "
+                f"90 % {most:.4f}, largest {worst:.4f}.\n"
+            )
+    planned = [row for row in found if row["planned"]]
+    if planned:
+        at, between = (min(r[k] for r in planned) for k in ("least_mm", "least_between_mm"))
+        text.append(f"Least clearance {at:.6f} mm at waypoints, {between:.4f} mm between.\n")
+    seconds = [row["seconds"] for row in found]
+    text.append(
+        f"{sum(bool(row['in_the_way']) for row in found)} of {len(found)} cells have an obstacle "
+        "in the way of some configuration. A plan takes "
+        f"{np.nanmedian(seconds):.2f} s in the median, {np.nanmax(seconds):.2f} s at most.\n"
+    )
+    wrong = [(row["cell"], "; ".join(row["wrong"])) for row in found if row["wrong"]]
+    if wrong:
+        text.append(markdown_table(("cell", "wrong"), wrong, left=2))
+    return "\n".join(text), len(wrong)
+
+
+# ---------------------------------------------------------------- steps in front of walls
+
+DT = 0.005
+FASTEST, HARDEST = 0.5 * np.pi, 10.0
+FLIP = 0.3
+"""Speed above which a change of sign counts, rad/s."""
+ASKED = 0.01
+"""Distance that steps keep, m."""
+LENGTH = 4.0
+"""Length of a run, s."""
+REPORTED = 1e-6
+"""A clearance that is less by more is reported, m."""
+SWING = 0.4
+"""Amplitude of the obstacle, m."""
+UNFORESEEN = SWING * (np.pi / LENGTH * DT) ** 2
+"""By how much the obstacle's way in a step differs from that in the step before, at most, m."""
+WORLDS = ("wall", "corner", "moving")
+SETTINGS = [(mode, limit) for limit in (None, HARDEST) for mode in ("scale", "relax")]
+
+
+def seven_axes(world: str) -> mujoco.MjModel:
+    """An arm of seven axes made of capsules, on a floor, and what is in its way."""
+    axes = ("0 0 1", "0 1 0", "0 0 1", "0 -1 0", "0 0 1", "0 1 0", "0 0 1")
+    heights = (0.18, 0.18, 0.21, 0.21, 0.2, 0.2, 0.08, 0.07)
+    radii = (0.06, 0.05, 0.05, 0.05, 0.045, 0.03, 0.02)
+    ranges = (2.96, 2.09, 2.96, 2.09, 2.96, 2.09, 3.05)
+    opening = "".join(
+        f'<body name="link_{i + 1}" pos="0 0 {heights[i]}">'
+        f'<joint name="a{i + 1}" axis="{axes[i]}" range="-{ranges[i]} {ranges[i]}"/>'
+        f'<geom type="capsule" size="{radii[i]}" fromto="0 0 0 0 0 {heights[i + 1]}"/>'
+        for i in range(7)
+    )
+    wall = '<geom name="wall" type="box" size="0.1 1 1" pos="0.55 0 0"/>'
+    ways = {
+        "wall": wall,
+        "corner": f'{wall}<geom name="side" type="plane" size="1 1 1" pos="0 0.35 0" '
+        'zaxis="0 -1 0"/>',
+        "moving": '<body name="obstacle" mocap="true"><geom name="ball" size="0.1"/>'
+        '<geom name="block" type="box" size="0.05 0.12 0.03" pos="0 0 0.1"/></body>',
+    }
+    return mujoco.MjModel.from_xml_string(
+        '<mujoco><compiler angle="radian" autolimits="true"/><worldbody>'
+        f'<geom name="floor" type="plane" size="1 1 1"/>{ways[world]}'
+        f'{opening}<site name="tool" pos="0 0 0.07"/>{"</body>" * 7}</worldbody></mujoco>'
+    )
+
+
+class Way(NamedTuple):
+    """A run: where it starts, where the target is, and where the obstacle."""
+
+    world: str
+    model: mujoco.MjModel
+    start: Array
+    home: mink.SE3
+    """Pose of the tool at the start."""
+    beyond: Array
+    """Where the target is drawn to, m, (3,)."""
+    along: Array
+    """Direction in which the target or the obstacle swings, m, (3,)."""
+
+    def target(self, t: float) -> mink.SE3:
+        """Where the tool should be."""
+        if self.world == "moving":
+            return self.home
+        place = self.home.translation()
+        share = min(t, 1.0)
+        place = place + share * (self.beyond - place) + 0.2 * np.sin(3.0 * t) * self.along
+        return mink.SE3.from_rotation_and_translation(self.home.rotation(), place)
+
+    def obstacle(self, t: float) -> Array:
+        """Where the obstacle is, m, (3,): it passes the tool's place at up to 0.3 m/s."""
+        return self.home.translation() + SWING * np.cos(np.pi / LENGTH * t) * self.along
+
+
+def way(world: str, seed: int) -> Way:
+    """A random run in a world; the arm starts inside its ranges and 50 mm clear of everything."""
+    model = seven_axes(world)
+    rng = np.random.default_rng([seed, WORLDS.index(world)])
+    lower, upper = 0.8 * model.jnt_range.T
+    beyond = np.array([0.6, rng.uniform(-0.4, 0.6), rng.uniform(0.2, 0.8)])
+    judge = Obstacles(model, limits(model)[0].pairs)
+    while True:
+        start, along = rng.uniform(lower, upper), rng.normal(size=3)
+        home = mink.Configuration(model, start).get_transform_frame_to_world("tool", "site")
+        made = Way(world, model, start, home, beyond, along / np.linalg.norm(along))
+        if model.nmocap:
+            passed = np.array([made.obstacle(t) for t in np.linspace(0.0, LENGTH, 50)])
+            # Not through the floor nor through the shoulder, which cannot give way.
+            if np.hypot(*passed[:, :2].T).min() < 0.4 or passed[:, 2].min() < 0.3:
+                continue
+            judge.oracle.data.mocap_pos[0] = passed[0]
+        if judge.keeps(start, 0.05):
+            return made
+
+
+def limits(model: mujoco.MjModel, acceleration: float | None = None) -> list[Any]:
+    """Clearance and motion limits of the controller; the last two links are always near."""
+    clearance = qt.Clearance(model, distance=ASKED, ignore=[("link_5", "link_7")])
+    return [clearance, qt.MotionLimit(model, velocity=FASTEST, acceleration=acceleration)]
+
+
+def ours(made: Way, mode: str, acceleration: float | None) -> Any:
+    """A step of the controller."""
+    task = qt.TwistTask.axis_free("tool", "site")
+    controller = qt.Controller(
+        made.model, [task], limits=limits(made.model, acceleration), on_infeasible=mode,  # type: ignore[arg-type]
+        secondary=[qt.PostureReference(made.model, made.start, gain=0.01)],
+    )  # fmt: skip
+
+    def step(configuration: mink.Configuration, target: mink.SE3) -> Array:
+        task.set_target(target)
+        return controller.step(configuration, DT).velocity
+
+    return step
+
+
+def minks(made: Way) -> Any:
+    """A step of mink with its collision limit on the same pairs.
+
+    Less those of the world with the body that is jointed to it, which it leaves out.
+    """
+    model = made.model
+    pairs = [([int(a)], [int(b)]) for a, b in limits(model)[0].pairs]
+    collisions = mink.CollisionAvoidanceLimit(
+        model, pairs, minimum_distance_from_collisions=ASKED, collision_detection_distance=0.1
+    )
+    speeds = {model.joint(i).name: FASTEST for i in range(model.njnt)}
+    task = mink.FrameTask("tool", "site", 1.0, 1.0, lm_damping=1.0)
+    posture = mink.PostureTask(model, 1e-2)
+    posture.set_target(made.start)
+    bounds = [mink.ConfigurationLimit(model), mink.VelocityLimit(model, speeds), collisions]
+
+    def step(configuration: mink.Configuration, target: mink.SE3) -> Array:
+        task.set_target(target)
+        return mink.solve_ik(configuration, [task, posture], DT, "daqp", 1e-3, limits=bounds)
+
+    return step
+
+
+class Passage(NamedTuple):
+    """What a run shows."""
+
+    short: float
+    """By how much the clearance is less than asked at most, m."""
+    flips: int
+    excess: float
+    """Over position, velocity and acceleration limits."""
+    failures: int
+    states: Array
+
+
+def run(made: Way, step: Any, acceleration: float | None) -> Passage:
+    """Follow the target; clearances are looked at after each step, where the obstacle is then."""
+    configuration = mink.Configuration(made.model, made.start.copy())
+    judge = Obstacles(made.model, limits(made.model)[0].pairs)
+    lower, upper = made.model.jnt_range.T
+    velocities, states, failures, least, excess = [np.zeros(7)], [], 0, np.inf, 0.0
+    for k in range(round(LENGTH / DT)):
+        if made.model.nmocap:
+            configuration.data.mocap_pos[0] = made.obstacle(k * DT)
+            judge.oracle.data.mocap_pos[0] = made.obstacle((k + 1) * DT)
+            configuration.update()
+        states.append(configuration.q.copy())
+        try:
+            velocity = step(configuration, made.target(k * DT))
+        except Exception:
+            velocity, failures = np.zeros(7), failures + 1
+        configuration.integrate_inplace(velocity, DT)
+        q = configuration.q
+        excess = max(excess, (q - upper).max(), (lower - q).max(), np.abs(velocity).max() - FASTEST)
+        if acceleration is not None:
+            excess = max(excess, np.abs(velocity - velocities[-1]).max() - acceleration * DT)
+        velocities.append(velocity)
+        least = min(least, judge.least(q[None]))
+    v = np.array(velocities)
+    fast = (v[1:] * v[:-1] < 0.0) & (np.minimum(np.abs(v[1:]), np.abs(v[:-1])) > FLIP)
+    return Passage(ASKED - least, int(fast.sum()), float(excess), failures, np.array(states))
+
+
+def walls(runs: int, first: int, blocks: int) -> tuple[str, int]:
+    """Least clearance, sign changes and times in front of walls and obstacles."""
+    rows, wrong, times = [], [], []
+    for world in WORLDS:
+        allowed = REPORTED + (UNFORESEEN if world == "moving" else 0.0)
+        ways = {seed: way(world, seed) for seed in range(first, first + runs)}
+        for mode, limit in [("mink", None), *SETTINGS]:
+            found = {}
+            for seed, made in ways.items():
+                step = minks(made) if mode == "mink" else ours(made, mode, limit)
+                found[seed] = run(made, step, limit)
+                passage, name = found[seed], f"{world} {seed}, {mode}, a = {limit}"
+                if mode != "mink":
+                    if passage.short > allowed:
+                        wrong.append((name, f"{1e3 * passage.short:.4f} mm nearer than asked"))
+                    if passage.excess > 1e-9 or passage.failures:
+                        wrong.append((name, f"excess {passage.excess:.0e}, "
+                                            f"{passage.failures} exceptions"))  # fmt: skip
+            every = found.values()
+            rows.append(
+                (world, mode, "" if limit is None else f"{limit:g}", len(found),
+                 f"{1e3 * max(*(p.short for p in every), 0.0):.1e}",
+                 sum(p.short > allowed for p in every), max(p.flips for p in every),
+                 f"{max(*(p.excess for p in every), 0.0):.0e}", sum(p.failures for p in every))
+            )  # fmt: skip
+        times.append((world, *step_times(ways[first], blocks)))
+    head = ("world", "mode", "a", "runs", "nearer than asked by at most, mm", "runs that are",
+            "sign changes at most", "excess", "exceptions")  # fmt: skip
+    text = markdown_table(head, rows, left=2)
+    head = ("world", "pairs", "controller µs", "mink µs", "ratio", "10 %", "90 %")
+    text += "\n" + markdown_table(head, times, left=1)
+    if wrong:
+        text += "\n" + markdown_table(("run", "wrong"), wrong, left=2)
+    return text, len(wrong)
+
+
+def step_times(made: Way, blocks: int) -> tuple[object, ...]:
+    """Median times of whole steps at the configurations of a run, µs, and their ratio."""
+    states = run(made, ours(made, "scale", None), None).states[::2]
+    calls = {}
+    for name, step in (("ours", ours(made, "scale", None)), ("mink", minks(made))):
+        configuration, at = mink.Configuration(made.model), [0]
+
+        def call(step: Any = step, configuration: Any = configuration, at: Any = at) -> None:
+            k = at[0] = (at[0] + 1) % len(states)
+            if made.model.nmocap:
+                configuration.data.mocap_pos[0] = made.obstacle(2 * k * DT)
+            configuration.update(states[k])
+            step(configuration, made.target(2 * k * DT))
+
+        call()
+        calls[name] = call
+    timed = in_turns(calls, blocks, len(states) // 4, time.perf_counter_ns)
+    ratio = timed["ours"].ratio_to(timed["mink"])
+    middle = [f"{1e-3 * float(np.median(timed[name].warm)):.0f}" for name in calls]
+    return len(limits(made.model)[0].pairs), *middle, *(f"{share:.2f}" for share in ratio)
+
+
+PARTS = {"random_cells": random_cells, "walls": walls}
+OPTIONS: dict[str, Any] = {
+    "cells": 20,
+    "first": 0,
+    "every": 10,
+    "roll_step": 2.0,
+    "jobs": 1,
+    "runs": 5,
+    "blocks": 12,
+}
+
+if __name__ == "__main__":
+    raise SystemExit(command(__doc__, PARTS, **OPTIONS))

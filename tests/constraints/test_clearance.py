@@ -1,0 +1,624 @@
+"""Clearance: distances and derivatives held against another library, bounds, pairs, refusals.
+
+python tests/constraints/test_clearance.py 100000  # these many random pairs, minutes
+"""
+
+from __future__ import annotations
+
+import collections
+import dataclasses
+import sys
+
+import mink
+import mujoco
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from oracles.cells import KINDS, among_others, random_tree
+from oracles.distances import Distances
+
+import qp_twist as qt
+from qp_twist.checks import Array
+
+seeds = st.integers(0, 2**32 - 1)
+ACCURATE = 1e-6
+"""By how much a distance may be off, m."""
+SMOOTH = 1e-3
+"""A derivative exists where those to both sides differ by less."""
+
+
+def named(clearance: qt.Clearance) -> set[frozenset[str]]:
+    """The pairs, by the names of their geoms."""
+    return {frozenset(name.split(" to ")) for name in clearance.names}
+
+
+def pairs_of(xml: str, *ignore: tuple[str, str]) -> set[frozenset[str]]:
+    model = mujoco.MjModel.from_xml_string(f"<mujoco><worldbody>{xml}</mujoco>")
+    return named(qt.Clearance(model, ignore=list(ignore)))
+
+
+def both(*names: str) -> set[frozenset[str]]:
+    """Pairs written as 'a-b'."""
+    return {frozenset(name.split("-")) for name in names}
+
+
+# ---------------------------------------------------------------------------------- the oracle
+
+
+def closed_form(model: mujoco.MjModel, oracle: Distances, a: int, b: int) -> float | None:
+    """Distance of two geoms of which one is a sphere, apart, where a formula exists."""
+    [R, x], [_, centre] = oracle.pose(a), oracle.pose(b)
+    p, size = R.T @ (centre - x), model.geom_size[a]
+    match mujoco.mjtGeom(model.geom_type[a]):
+        case mujoco.mjtGeom.mjGEOM_SPHERE:
+            core = np.linalg.norm(p) - size[0]
+        case mujoco.mjtGeom.mjGEOM_CAPSULE:
+            core = np.linalg.norm(p - [0, 0, np.clip(p[2], -size[1], size[1])]) - size[0]
+        case mujoco.mjtGeom.mjGEOM_BOX:
+            core = np.linalg.norm(np.maximum(abs(p) - size, 0.0))
+        case mujoco.mjtGeom.mjGEOM_CYLINDER:
+            across = max(np.hypot(p[0], p[1]) - size[0], 0.0)
+            core = np.hypot(across, max(abs(p[2]) - size[1], 0.0))
+        case mujoco.mjtGeom.mjGEOM_PLANE:
+            core = p[2]
+        case _:
+            return None
+    return float(core - model.geom_size[b, 0])
+
+
+def test_the_oracle_agrees_with_formulas_and_with_its_own_proof() -> None:
+    rng, compared = np.random.default_rng(0), 0
+    for _ in range(12):
+        model = among_others(rng)
+        oracle = Distances(model).at(np.concatenate([rng.normal(size=3) * 0.15, np.zeros(3)]))
+        for a in KINDS:
+            for b in KINDS[1:]:
+                first, second = model.geom(f"b_{a}").id, model.geom(f"a_{b}").id
+                found = oracle(first, second)
+                gap = oracle.gap(first, second, found.normal)
+                assert found.value == pytest.approx(gap, abs=1e-7)
+                if found.value > 0.0 and a != "plane":  # as close as two of their points
+                    apart = np.linalg.norm(found.points[0] - found.points[1])
+                    assert apart == pytest.approx(found.value, abs=1e-8)
+                known = closed_form(model, oracle, first, second) if b == "sphere" else None
+                if known is not None and (known > 0.0 or a in ("plane", "sphere", "capsule")):
+                    assert found.value == pytest.approx(known, abs=1e-8)
+                    compared += 1
+    assert compared > 40
+
+
+# ---------------------------------------------------------------------------------- distances
+
+
+def configurations(
+    rng: np.random.Generator, oracle: Distances, pairs: Array, count: int, right_angles: bool
+) -> Array:
+    """Random configurations of ``among_others``; at every other one some pair nearly touches."""
+    q = np.zeros((count, 6))
+    q[:, :3] = rng.normal(size=(count, 3)) * rng.choice([0.02, 0.1, 0.2], size=(count, 1))
+    if right_angles:
+        q[:, :3] = np.round(q[:, :3], 1)
+        return q
+    q[:, 3:] = rng.uniform(-np.pi, np.pi, size=(count, 3))
+    for row in q[::2]:
+        first, second = pairs[rng.integers(len(pairs))]
+        found = oracle.at(row)(int(first), int(second))
+        moves_first = oracle.model.geom_bodyid[first] > 0
+        away = found.normal if moves_first else -found.normal
+        row[:3] += (found.value - rng.choice([1e-2, 1e-4, 1e-7, -1e-6, -1e-3])) * away
+    return q
+
+
+class Compared:
+    """Margins of random pairs beside the oracle's, by kinds."""
+
+    def __init__(self) -> None:
+        self.errors: dict[str, list[float]] = collections.defaultdict(list)
+        self.true: dict[str, list[float]] = collections.defaultdict(list)
+
+    def add(self, seed: int, count: int, *, right_angles: bool) -> None:
+        """Compare the 42 pairs of a random model at so many configurations."""
+        rng = np.random.default_rng(seed)
+        model = among_others(rng, right_angles=right_angles)
+        clearance = qt.Clearance(model, distance=0.0)
+        assert len(clearance.pairs) == 42
+        oracle = Distances(model)
+        q = configurations(rng, oracle, clearance.pairs, count, right_angles)
+        true, found = oracle.along(q, clearance.pairs), clearance.margins(q)
+        for k, name in enumerate(clearance.names):
+            kinds = " and ".join(sorted(part[2:] for part in name.split(" to ")))
+            self.errors[kinds] += (found[:, k] - true[:, k]).tolist()
+            self.true[kinds] += true[:, k].tolist()
+
+    def worst(self) -> dict[str, tuple[int, float, int, float]]:
+        """For each two kinds: pairs apart and the largest error, pairs inside and theirs, m."""
+        found = {}
+        for kinds in sorted(self.errors):
+            errors, apart = np.abs(self.errors[kinds]), np.array(self.true[kinds]) > 0.0
+            found[kinds] = (
+                int(apart.sum()), errors[apart].max(initial=0.0),
+                int((~apart).sum()), errors[~apart].max(initial=0.0),
+            )  # fmt: skip
+        return found
+
+
+@pytest.mark.parametrize("right_angles", [False, True])
+def test_distances_and_depths_are_those_of_another_library(right_angles: bool) -> None:
+    compared = Compared()
+    for seed in range(12):
+        compared.add(seed, 3, right_angles=right_angles)
+    worst = compared.worst()
+    assert sum(apart for apart, _, _, _ in worst.values()) > 700
+    assert sum(inside for _, _, inside, _ in worst.values()) > 150
+    for kinds, (_, apart, _, inside) in worst.items():
+        assert apart <= ACCURATE, f"{kinds}: {apart:.1e} m apart"
+        assert inside <= ACCURATE, f"{kinds}: {inside:.1e} m inside"
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_moving_out_along_the_gradient_by_the_depth_separates(seed: int) -> None:
+    """The slides carry the first geom, so that the gradient has the direction of the least way."""
+    rng = np.random.default_rng(seed)
+    model = among_others(rng)
+    clearance, oracle = qt.Clearance(model, distance=0.0), Distances(model)
+    q = configurations(rng, oracle, clearance.pairs, 3, False)
+    margins, gradients = clearance.margins(q), clearance.gradients(q)[:, :, :3]
+    tested = 0
+    for row, depths, ways in zip(q, margins, gradients, strict=True):
+        for pair, depth, way in zip(clearance.pairs, depths, ways, strict=True):
+            first, second = map(int, pair)
+            if abs(depth) < 1e-5:  # the direction is that of rounding
+                continue
+            assert np.linalg.norm(way) == pytest.approx(1.0, abs=1e-6)
+            # From the first to the second: the gap along it is the distance, or the depth.
+            n = -way if model.geom_bodyid[first] > 0 else way
+            gap = float(oracle.at(row).gap(first, second, n)) if np.isfinite(n).all() else np.nan
+            if model.geom(first).name != "b_plane" and model.geom(second).name != "b_plane":
+                assert gap == pytest.approx(depth, abs=1e-5), clearance.names
+            if depth < 0.0:
+                out = row.copy()
+                out[:3] += (-depth + 1e-5) * way
+                assert oracle.at(out)(first, second).value > 0.0
+                tested += 1
+    assert tested > 10
+
+
+def test_margins_are_less_by_the_distance_asked_for() -> None:
+    model = random_tree(np.random.default_rng(1))
+    q = np.random.default_rng(2).normal(size=(5, model.nq))
+    near, far = qt.Clearance(model, distance=0.0), qt.Clearance(model, distance=0.07)
+    assert far.distance == 0.07
+    np.testing.assert_allclose(far.margins(q), near.margins(q) - 0.07, rtol=0, atol=1e-12)
+    assert qt.Clearance(model).distance == 0.005
+
+
+# ---------------------------------------------------------------------------------- derivatives
+
+
+@settings(max_examples=25)
+@given(seed=seeds)
+def test_distances_on_random_trees(seed: int) -> None:
+    """Of hinges and slides, whose zero may be elsewhere, with bodies fixed to others."""
+    rng = np.random.default_rng(seed)
+    model = random_tree(rng)
+    clearance = qt.Clearance(model, distance=0.01)
+    q = rng.uniform(-2.0, 2.0, size=(2, model.nq))
+    true = Distances(model).along(q, clearance.pairs) - 0.01
+    np.testing.assert_allclose(clearance.margins(q), true, rtol=0, atol=ACCURATE)
+
+
+def test_gradients_are_finite_differences_on_random_trees() -> None:
+    rng, h = np.random.default_rng(0), 1e-5
+    errors, skipped = [], 0
+    for _ in range(12):
+        model = random_tree(rng)
+        clearance = qt.Clearance(model)
+        q = rng.uniform(-2.0, 2.0, size=(3, model.nq))
+        here, gradients = clearance.margins(q), clearance.gradients(q)
+        assert gradients.shape == (3, len(clearance.pairs), model.nv)
+        for joint in range(model.nv):
+            step = h * np.eye(model.nq)[joint]
+            after = (clearance.margins(q + step) - here) / h
+            before = (here - clearance.margins(q - step)) / h
+            smooth = (np.abs(after - before) < SMOOTH) & (here > 0.001)
+            skipped += int((~smooth & (here > 0.001)).sum())
+            error = np.abs(gradients[:, :, joint] - 0.5 * (after + before))
+            errors += error[smooth].tolist()
+    assert len(errors) > 2000
+    assert skipped < 0.05 * len(errors)
+    assert np.quantile(errors, 0.99) < 1e-4
+    assert max(errors) < SMOOTH
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_gradients_are_those_of_the_oracles_nearest_points(seed: int) -> None:
+    """n · (J_b − J_a) at the nearest points of coal, by MuJoCo's own Jacobians."""
+    rng = np.random.default_rng(seed)
+    model = random_tree(rng)
+    clearance, oracle = qt.Clearance(model), Distances(model)
+    q = rng.uniform(-2.0, 2.0, size=(3, model.nq))
+    gradients, agreed, compared = clearance.gradients(q), 0, 0
+    for row, of_pairs in zip(q, gradients, strict=True):
+        oracle.at(row)
+        mujoco.mj_comPos(model, oracle.data)
+        for (a, b), gradient in zip(clearance.pairs, of_pairs, strict=True):
+            found = oracle(int(a), int(b))
+            if found.value < 1e-3 or np.isnan(found.points).any():
+                continue
+            jacobians = np.zeros((2, 3, model.nv))
+            for J, point, geom in zip(jacobians, found.points, (a, b), strict=True):
+                mujoco.mj_jac(model, oracle.data, J, None, point, model.geom_bodyid[geom])
+            true = found.normal @ (jacobians[1] - jacobians[0])
+            compared += 1
+            agreed += bool(np.abs(gradient - true).max() < 1e-3)
+    # Where a face is parallel to another the nearest points are not unique.
+    assert compared > 20
+    assert agreed >= 0.97 * compared
+
+
+# ---------------------------------------------------------------------------------- bounds
+
+
+def wandering(rng: np.random.Generator, q: Array, travel: Array, count: int = 120) -> Array:
+    """A random motion from q (nq,) in which each joint's path is as long as its travel, (T, nq)."""
+    turns = rng.normal(size=(int(rng.integers(1, 5)), len(q)))
+    pieces = turns / np.abs(turns).sum(axis=0) * travel
+    ends = q + np.vstack([np.zeros(len(q)), np.cumsum(pieces, axis=0)])
+    at = np.linspace(0.0, len(pieces), count)
+    return np.column_stack([np.interp(at, np.arange(len(ends)), column) for column in ends.T])
+
+
+@settings(max_examples=30)
+@given(seed=seeds)
+def test_no_motion_within_the_travel_varies_a_margin_by_more_than_the_bound(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    model = random_tree(rng)
+    clearance = qt.Clearance(model)
+    q = rng.uniform(-2.0, 2.0, size=model.nq)
+    travel = rng.uniform(0.0, 1.0, size=model.nv) * rng.choice([0.0, 0.05, 0.5, 3.0], size=model.nv)
+    if not travel.any():
+        travel[rng.integers(model.nv)] = 1.0
+    bound = clearance.change(q[None], travel[None])[0]
+    assert bound.shape == (len(clearance.pairs),)
+    assert (bound >= 0.0).all()
+    for _ in range(3):
+        motion = wandering(rng, q, travel)
+        margins = clearance.margins(motion)
+        assert (np.abs(np.diff(margins, axis=0)).sum(axis=0) <= bound + 1e-6).all()
+        # The least margin on the way, by what is known at its ends.
+        least = clearance.least(motion[:1], motion[-1:], travel[None])[0]
+        assert (margins.min(axis=0) >= least - 1e-6).all()
+
+
+def test_the_bound_is_not_idle() -> None:
+    """A pair that a joint does not move has the bound 0; that of a lever is at most twice it."""
+    model = mujoco.MjModel.from_xml_string("""
+    <mujoco><compiler angle="radian"/><worldbody>
+      <geom name="wall" type="box" size="0.1 1 1" pos="2 0 0"/>
+      <body name="one"><joint axis="0 0 1"/><geom name="one" type="sphere" size="0.05"/>
+        <body name="two" pos="1 0 0"><joint axis="0 0 1"/>
+          <geom name="two" type="sphere" size="0.05" pos="0.5 0 0"/>
+          <body name="three" pos="0.6 0 0"><joint type="slide" axis="1 0 0"/>
+            <geom name="three" type="sphere" size="0.05"/></body></body></body>
+    </worldbody></mujoco>""")
+    clearance = qt.Clearance(model)
+    column = {frozenset(n.split(" to ")): k for k, n in enumerate(clearance.names)}
+    q, travel = np.zeros((3, 3)), 0.1 * np.eye(3)
+    bound = clearance.change(q, travel)
+    assert set(column) == both("wall-one", "wall-two", "wall-three", "one-three")
+    wall_two, one_three = column[frozenset(("wall", "two"))], column[frozenset(("one", "three"))]
+    assert bound[2, wall_two] == 0.0  # the slide is behind it
+    assert bound[0, one_three] == 0.0  # the first joint carries both
+    assert 0.1 * 1.5 <= bound[0, wall_two] <= 2.0 * 0.1 * 1.5
+    assert bound[2, one_three] == pytest.approx(0.1)
+    assert (clearance.change(q, 2.0 * travel) >= bound).all()
+
+
+# ---------------------------------------------------------------------------------- pairs
+
+ARM = """
+  <geom name="floor" type="plane" size="1 1 1" pos="0 0 -1"/>
+  <body name="post" pos="3 0 0"><geom name="post_a" size="0.1"/><geom name="post_b" size="0.2"/>
+  </body>
+  <body name="base"><geom name="base" size="0.1"/>
+    <body name="shoulder" pos="0 0 0.3"><joint axis="0 0 1"/><geom name="shoulder" size="0.1"/>
+      <body name="cover"><geom name="cover" size="0.1"/></body>
+      <body name="elbow" pos="0.5 0 0"><joint axis="0 1 0"/><geom name="elbow" size="0.1"/>
+        <body name="hand" pos="0.5 0 0"><joint axis="0 1 0"/>{hand}
+          <body name="tool"><geom name="tool" size="0.05" {tool}/></body>
+        </body></body></body></body></worldbody>"""
+HAND = '<geom name="hand" size="0.1"/>'
+ALL = both(
+    "floor-shoulder", "floor-cover", "floor-elbow", "floor-hand", "floor-tool",
+    "post_a-shoulder", "post_a-cover", "post_a-elbow", "post_a-hand", "post_a-tool",
+    "post_b-shoulder", "post_b-cover", "post_b-elbow", "post_b-hand", "post_b-tool",
+    "base-elbow", "base-hand", "base-tool",
+    "shoulder-hand", "shoulder-tool", "cover-hand", "cover-tool",
+)  # fmt: skip
+
+
+def arm(tool: str = "", rest: str = "", hand: str = HAND) -> str:
+    return ARM.format(tool=tool, hand=hand) + rest
+
+
+def touching(*names: str) -> set[frozenset[str]]:
+    """The pairs of ``ALL`` in which all of some names are."""
+    return {pair for pair in ALL if set(names) <= pair}
+
+
+def test_which_pairs_there_are() -> None:
+    """Not those of a body, of bodies fixed to each other or jointed, or that nothing moves."""
+    assert pairs_of(arm()) == ALL
+
+
+def test_geoms_that_do_not_collide_have_no_pairs() -> None:
+    without = ALL - touching("tool")
+    assert pairs_of(arm('contype="0" conaffinity="0"')) == without
+    assert pairs_of(arm('contype="2" conaffinity="4"')) == without
+    assert pairs_of(arm('contype="0" conaffinity="1"')) == ALL  # the others' contype is 1
+    assert pairs_of(arm('contype="3" conaffinity="0"')) == ALL
+
+
+def test_excluded_bodies_have_no_pairs() -> None:
+    excluded = '<contact><exclude body1="hand" body2="shoulder"/></contact>'
+    assert pairs_of(arm(rest=excluded)) == ALL - both("shoulder-hand")
+
+
+@pytest.mark.parametrize(
+    ("ignore", "without"),
+    [
+        (("floor", "tool"), both("floor-tool")),
+        (("tool", "floor"), both("floor-tool")),
+        (("post", "tool"), both("post_a-tool", "post_b-tool")),
+        (("post_a", "tool"), both("post_a-tool")),
+        (("post", "shoulder"), {p for p in ALL if p & {"post_a", "post_b"}
+                                and p & {"shoulder", "cover"}}),
+        (("base", "base"), set()),
+    ],
+)  # fmt: skip
+def test_ignored_pairs_by_geoms_and_bodies(
+    ignore: tuple[str, str], without: set[frozenset[str]]
+) -> None:
+    """A body stands for its geoms. Of two things that share a name, neither is forgotten."""
+    found = pairs_of(arm(), ignore)
+    if ignore == ("post", "shoulder"):  # with or without the bodies that are fixed to it
+        assert ALL - without <= found <= ALL - both("post_a-shoulder", "post_b-shoulder")
+    else:
+        assert found == ALL - without
+
+
+def test_several_pairs_are_ignored() -> None:
+    found = pairs_of(arm(), ("floor", "tool"), ("base", "elbow"))
+    assert found == ALL - both("floor-tool", "base-elbow")
+
+
+def test_unnamed_geoms_are_called_by_their_body() -> None:
+    one = arm(hand='<geom size="0.1"/>')
+    assert pairs_of(one) == ALL  # the body's only geom
+    two = pairs_of(arm(hand='<geom size="0.1"/><geom size="0.2" pos="0 0 0.1"/>'))
+    assert both("floor-hand geom 1", "floor-hand geom 2", "base-hand geom 2") <= two
+    assert both("floor-hand").isdisjoint(two)
+    assert len(two) == len(ALL) + len(touching("hand"))
+
+
+def test_names_follow_the_pairs() -> None:
+    model = mujoco.MjModel.from_xml_string(f"<mujoco><worldbody>{arm()}</mujoco>")
+    clearance = qt.Clearance(model)
+    assert clearance.pairs.shape == (len(ALL), 2)
+    assert clearance.kind == "clearance"
+    assert clearance.units == ("m",) * len(ALL)
+    for (a, b), name in zip(clearance.pairs, clearance.names, strict=True):
+        assert name == f"{model.geom(a).name} to {model.geom(b).name}"
+
+
+def test_geoms_of_one_robot_that_touch_no_other_are_no_pair() -> None:
+    """A model without colliding geoms has no pairs, and everything has width 0."""
+    model = mujoco.MjModel.from_xml_string(
+        '<mujoco><worldbody><geom size="1"/><body><joint/><geom size="1" contype="0" '
+        'conaffinity="0"/></body></worldbody></mujoco>'
+    )
+    clearance = qt.Clearance(model)
+    assert clearance.pairs.shape == (0, 2)
+    assert clearance.names == clearance.units == ()
+    q = np.zeros((4, 1))
+    assert clearance.margins(q).shape == (4, 0)
+    assert clearance.gradients(q).shape == (4, 0, 1)
+    assert clearance.change(q, q).shape == (4, 0)
+    assert clearance.least(q, q, q).shape == (4, 0)
+    assert clearance.excess(q).tolist() == [0.0] * 4
+    assert clearance.compute_qp_inequalities(mink.Configuration(model), 0.01).G.shape[0] == 0
+
+
+def test_a_stated_pair_is_a_pair() -> None:
+    """As in MuJoCo a <pair> does not ask for contype."""
+    stated = '<contact><pair geom1="floor" geom2="tool"/></contact>'
+    silent = 'contype="0" conaffinity="0"'
+    assert pairs_of(arm(silent, stated)) == (ALL - touching("tool")) | both("floor-tool")
+
+
+def test_mocap_bodies_are_obstacles() -> None:
+    """One that has moved is seen where it is; the pairs with what stands are none."""
+    model = mujoco.MjModel.from_xml_string("""
+    <mujoco><worldbody><geom name="floor" type="plane" size="1 1 1" pos="0 0 -1"/>
+      <body name="ball" mocap="true" pos="2 0 0"><geom name="ball" size="0.1"/></body>
+      <body name="link"><joint axis="0 0 1"/>
+        <geom name="tip" size="0.05" pos="1 0 0"/></body></worldbody></mujoco>""")
+    clearance = qt.Clearance(model, distance=0.0)
+    assert both("ball-tip") <= named(clearance)
+    configuration = mink.Configuration(model, np.zeros(1))
+    configuration.data.mocap_pos[0] = [1.0, 0.3, 0.0]
+    mujoco.mj_forward(model, configuration.data)
+    rows = clearance.compute_qp_inequalities(configuration, 1.0)
+    # 0.3 − 0.15 m ahead of the tip, which turns towards it with a lever of 1 m.
+    ahead = rows.G[:, 0] > 0.5
+    assert ahead.sum() == 1
+    assert rows.G[ahead][0, 0] == pytest.approx(1.0, abs=1e-9)
+    assert rows.h[ahead][0] == pytest.approx(0.15, abs=1e-9)
+
+
+# ---------------------------------------------------------------------------------- steps
+
+PLANAR = """
+    <mujoco><compiler angle="radian" autolimits="true"/><worldbody>
+      <geom name="wall" type="box" size="0.1 2 1" pos="0.9 0 0" quat="0.98 0 0 0.2"/>
+      <body><joint axis="0 0 1" range="-3 3"/>
+        <geom type="capsule" size="0.04" fromto="0 0 0 0.5 0 0"/>
+        <body pos="0.5 0 0"><joint axis="0 0 1" range="-2.8 2.8"/>
+          <geom name="hand" type="box" size="0.2 0.05 0.03" pos="0.2 0 0"/>
+          <site name="tool" pos="0.4 0 0"/></body></body>
+    </worldbody></mujoco>"""
+
+
+@pytest.mark.parametrize("acceleration", [None, 10.0])
+@pytest.mark.parametrize("mode", ["scale", "relax"])
+def test_steps_keep_the_distance_where_they_lead(mode: str, acceleration: float | None) -> None:
+    """A tool drawn along and through a wall, at up to 3 rad/s: the oracle looks after each step."""
+    model = mujoco.MjModel.from_xml_string(PLANAR)
+    clearance = qt.Clearance(model, distance=0.02)
+    motion = qt.MotionLimit(model, velocity=3.0, acceleration=acceleration)
+    task = qt.TwistTask("tool", "site", qt.TwistProjector(
+        linear=qt.Projector.plane([0, 0, 1]), angular=qt.Projector.none()
+    ))  # fmt: skip
+    controller = qt.Controller(model, [task], limits=[clearance, motion], on_infeasible=mode)
+    configuration = mink.Configuration(model, np.array([2.0, -1.0]))
+    oracle, least = Distances(model), np.inf
+    for k in range(300):
+        place = np.array([1.0, 0.5 * np.cos(0.03 * k), 0.0])
+        task.set_target(mink.SE3.from_translation(place))
+        velocity = controller.step(configuration, 0.01).velocity
+        configuration.integrate_inplace(velocity, 0.01)
+        least = min(least, oracle.at(configuration.q).of(clearance.pairs).min())
+    assert 0.02 - 1e-6 <= least <= 0.021  # it does get there
+
+
+@pytest.mark.parametrize("speed", [0.05, 0.3])
+def test_what_comes_nearer_is_given_way_to(speed: float) -> None:
+    """A block pushes a slide along at its own speed, slower and faster than a recovery."""
+    model = mujoco.MjModel.from_xml_string("""
+    <mujoco><worldbody>
+      <body name="block" mocap="true"><geom name="block" type="box" size="0.1 1 1"/></body>
+      <body><joint type="slide" axis="1 0 0" range="-5 5" limited="true"/>
+        <geom name="cart" size="0.05"/><site name="tool"/></body></worldbody></mujoco>""")
+    clearance = qt.Clearance(model, distance=0.02)
+    task = qt.TwistTask("tool", "site", qt.TwistProjector(
+        linear=qt.Projector.line([1, 0, 0]), angular=qt.Projector.none()
+    ))  # fmt: skip
+    task.set_target(mink.SE3.identity())
+    limits = [clearance, qt.MotionLimit(model, velocity=1.0)]
+    controller = qt.Controller(model, [task], limits=limits)
+    configuration = mink.Configuration(model, np.zeros(1))
+    for k in range(400):
+        face = -0.2 + speed * 0.005 * k
+        configuration.data.mocap_pos[0] = [face - 0.1, 0.0, 0.0]
+        configuration.update()
+        configuration.integrate_inplace(controller.step(configuration, 0.005).velocity, 0.005)
+        left = configuration.q[0] - 0.05 - (face + speed * 0.005)
+        assert left >= 0.02 - 1e-6
+    assert configuration.q[0] == pytest.approx(max(0.0, face + speed * 0.005 + 0.07), abs=1e-6)
+
+
+@pytest.mark.parametrize("acceleration", [None, 10.0])
+def test_a_lever_gives_way_in_corrected_steps_too(acceleration: float | None) -> None:
+    """Its distance is curved, so that steps are corrected: the block still moves in them."""
+    model = mujoco.MjModel.from_xml_string("""
+    <mujoco><compiler angle="radian" autolimits="true"/><worldbody>
+      <body name="block" mocap="true"><geom name="block" type="box" size="0.1 0.1 0.5"/></body>
+      <body><joint axis="0 0 1" range="-3 3"/><geom name="lever" type="box" size="0.25 0.02 0.02"
+        pos="0.25 0 0"/><site name="tool" pos="0.5 0 0"/></body></worldbody></mujoco>""")
+    clearance = qt.Clearance(model, distance=0.02)
+    motion = qt.MotionLimit(model, velocity=3.0, acceleration=acceleration)
+    task = qt.TwistTask("tool", "site", qt.TwistProjector(
+        linear=qt.Projector.none(), angular=qt.Projector.line([0, 0, 1]), frame="world"
+    ))  # fmt: skip
+    task.set_target(mink.SE3.identity())
+    controller = qt.Controller(model, [task], limits=[clearance, motion])
+    configuration, oracle = mink.Configuration(model, np.zeros(1)), Distances(model)
+    least = np.inf
+    for k in range(400):
+        at = np.array([0.4, -0.3 + 0.3 * 0.005 * k, 0.0])
+        configuration.data.mocap_pos[0] = at
+        configuration.update()
+        configuration.integrate_inplace(controller.step(configuration, 0.005).velocity, 0.005)
+        oracle.data.mocap_pos[0] = at + np.array([0.0, 0.3 * 0.005, 0.0])
+        least = min(least, oracle.at(configuration.q).of(clearance.pairs).min())
+    assert configuration.q[0] > 0.5
+    assert least >= 0.02 - 1e-6
+
+
+# ---------------------------------------------------------------------------------- refusals
+
+
+def test_names_that_are_not_there_are_refused() -> None:
+    model = mujoco.MjModel.from_xml_string(f"<mujoco><worldbody>{arm()}</mujoco>")
+    with pytest.raises(qt.InvalidInput, match=r"'flor'.*floor"):
+        qt.Clearance(model, ignore=[("flor", "tool")])
+    for nonsense in ([("floor",)], ["floor"], [("floor", "tool", "hand")], [(1, 2)], [None]):
+        with pytest.raises(qt.InvalidInput, match="ignore"):
+            qt.Clearance(model, ignore=nonsense)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("distance", [-0.001, np.nan, np.inf, "near", None, [0.1]])
+def test_distances_that_are_none_are_refused(distance: object) -> None:
+    model = mujoco.MjModel.from_xml_string(f"<mujoco><worldbody>{arm()}</mujoco>")
+    with pytest.raises(qt.InvalidInput, match="distance"):
+        qt.Clearance(model, distance=distance)  # type: ignore[arg-type]
+
+
+def test_what_is_not_convex_is_refused_by_its_name() -> None:
+    model = mujoco.MjModel.from_xml_string("""
+    <mujoco><asset><hfield name="h" nrow="2" ncol="2" size="1 1 1 1"/></asset>
+    <worldbody><geom name="hills" type="hfield" hfield="h"/>
+      <body pos="0 0 3"><joint/><geom size="0.1"/></body></worldbody></mujoco>""")
+    with pytest.raises(qt.InvalidInput, match="hills"):
+        qt.Clearance(model)
+
+
+@pytest.mark.parametrize(
+    "joint", ['<joint type="ball" name="wrist"/>', '<freejoint name="wrist"/>']
+)
+def test_free_bodies_are_refused_by_their_joints_name(joint: str) -> None:
+    model = mujoco.MjModel.from_xml_string(
+        '<mujoco><worldbody><geom name="floor" type="plane" size="1 1 1"/>'
+        f'<body pos="0 0 3">{joint}<geom size="0.1"/></body></worldbody></mujoco>'
+    )
+    with pytest.raises(qt.InvalidInput, match="wrist"):
+        qt.Clearance(model)
+
+
+# ---------------------------------------------------------------------------------- in a task
+
+
+def test_a_path_in_a_scene_with_colliding_geoms_must_not_touch_them() -> None:
+    """Without a clearance of its own; the margin of another model is not taken along."""
+    path_task = qt.load_task("deburring")
+    kinds = [constraint.kind for constraint in path_task.constraints]
+    expected = len(qt.Clearance(path_task.model).pairs) > 0
+    assert ("clearance" in kinds) is expected
+
+
+def test_a_clearance_without_pairs_is_no_hindrance() -> None:
+    """No geom of the planar arm collides: plans and runs are those without it."""
+    path_task = qt.load_task("planar_line")
+    without = qt.Clearance(path_task.model)
+    assert without.names == ()
+    path_task = dataclasses.replace(path_task, constraints=(without,))
+    assert path_task.constraint_excess(np.zeros((2, path_task.model.nq))).size == 0
+    plan = qt.plan(path_task)
+    assert plan.q is not None and plan.value == pytest.approx(0.0522, abs=1e-4)
+    assert not qt.follow(path_task, method="qp_gradient").failure
+
+
+def main(count: int) -> None:
+    """Print the worst errors of so many random pairs, half of them at right angles."""
+    compared, seed = Compared(), 0
+    while sum(map(len, compared.errors.values())) < count:
+        compared.add(seed, 12, right_angles=bool(seed % 4 == 3))
+        seed += 1
+    print("| kinds | apart | error m | inside | error m |\n| :-- | --: | --: | --: | --: |")
+    for kinds, (apart, error, inside, depth) in compared.worst().items():
+        print(f"| {kinds} | {apart} | {error:.1e} | {inside} | {depth:.1e} |")
+
+
+if __name__ == "__main__":
+    main(int(sys.argv[1]))
