@@ -85,7 +85,7 @@ class LiveArm:
             tasks=[self.task],
             secondary=secondary_objectives(path_task, self.task, method),
             secondary_space=kind.space,
-            limits=_limits(path_task) if settings.limits else [],
+            limits=_limits(path_task, held=settings.limits),
             solver=settings.solver,
             on_infeasible=on_infeasible,
             metric=None if method.metric == "1" else self.ranges.metric,
@@ -142,11 +142,12 @@ class LiveArm:
         return own.model_copy(update={"gain": own.gain * WAYPOINTS_PER_S * self.dt})
 
 
-def _limits(path_task: PathTask) -> list[mink.Limit]:
+def _limits(path_task: PathTask, *, held: bool) -> list[mink.Limit]:
     motion = MotionLimit(
         path_task.model,
         velocity=path_task.velocity_limits,
         acceleration=path_task.acceleration_limits,
     )
     # A clearance remembers its last step, and a run may use the task's in another thread.
-    return [motion, *map(copy.copy, path_task.constraints)]
+    constraints = map(copy.copy, path_task.constraints)
+    return [motion, *constraints] if held else [*constraints]

@@ -474,6 +474,9 @@ def test_the_dragged_arm_stops_before_the_clamp_and_leaves_the_tasks_constraints
     (clearance,) = task.clearances
     assert not any(limit is clearance for limit in arm.controller.limits)
     assert any(isinstance(limit, qt.Clearance) for limit in arm.controller.limits)
+    off = dataclasses.replace(PageSettings.of(task, "qp_gradient"), limits=False)
+    kept = [type(limit) for limit in LiveArm(task, off, task.start).controller.limits]
+    assert kept == [qt.Clearance]
     pose = arm.pose
     post = task.model.body("clamp").pos
     arm.target = mink.SE3.from_rotation_and_translation(
