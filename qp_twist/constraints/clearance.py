@@ -195,7 +195,7 @@ class Clearance(Constraint):
     def compute_qp_inequalities(
         self, configuration: mink.Configuration, dt: float
     ) -> mink.Constraint:
-        """The rows of one step, G Δq ≤ h, for pairs nearer than :data:`HORIZON`."""
+        """The rows of one step, G Δq ≤ h, for pairs nearer than ``HORIZON``."""
         if not self.has_begun:
             self._shapes.take_mocap(configuration.data)
         q = configuration.q[None]
@@ -321,7 +321,7 @@ class Clearance(Constraint):
     def first_violated(self, q: Array, tolerance: float = 0.0) -> Indices:
         """Index of the first pair that is nearer than asked by more than the tolerance, m, (N,).
 
-        At configurations q (N, nq), in the order of :attr:`pairs`; −1 where none is.
+        At configurations q (N, nq), in the order of ``pairs``; −1 where none is.
         """
         return self._shapes.first_below(q, self.distance - tolerance)
 
