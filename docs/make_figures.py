@@ -161,7 +161,7 @@ def cells(trajectory: qt.Trajectory) -> dict[str, str]:
         row["closure °"] = f"{np.degrees(numbers['closure_rad']):.0f}"
     if trajectory.nearest is not None:
         near = trajectory.nearest[1]
-        row["clearance mm"] = f"{1e3 * near.distance:.1f}".replace("-", "\u2212")
+        row["clearance mm"] = f"{1e3 * near.distance:.1f}"
         row["nearest pair"] = near.pair
     if np.isfinite(task.velocity_limits).any():
         row["speed"] = f"{speed_share(trajectory):.2f}"
