@@ -123,6 +123,8 @@ class Clearance(Constraint):
         self._floor: Array = np.zeros(0)
         #: The velocity of the last solution of the step that is being computed, (nv,).
         self._after: Array | None = None
+        #: Pairs beyond the horizon that a solution of that step leads below their margins.
+        self._caught: Indices = np.zeros(0, dtype=np.intp)
         #: By how much the distance of each pair is less than a row says after each of the
         #: :meth:`_spans`, m, (3, P).
         self._lost: Array = np.zeros((3, len(pairs)))
@@ -190,7 +192,7 @@ class Clearance(Constraint):
         """
         self._shapes.take_mocap(configuration.data)
         self.velocity, self.hardest, self.has_begun = velocity, hardest, True
-        self._after = None
+        self._after, self._caught = None, self._caught[:0]
 
     def compute_qp_inequalities(
         self, configuration: mink.Configuration, dt: float
@@ -198,10 +200,12 @@ class Clearance(Constraint):
         """The rows of one step, G Δq ≤ h, for pairs nearer than ``HORIZON``."""
         if not self.has_begun:
             self._shapes.take_mocap(configuration.data)
+            self._after, self._caught = None, self._caught[:0]
         q = configuration.q[None]
         now = self.bounded(q, HORIZON)[0]
         then = self._ahead(q)[0] if self._shapes.has_moved else now
-        self._shown = np.flatnonzero(np.minimum(now, then) < HORIZON)
+        near = np.flatnonzero(np.minimum(now, then) < HORIZON)
+        self._shown = np.union1d(near, self._caught)
         margins = now[self._shown]
         # What an obstacle that moves takes of the margin during the step.
         taken = np.minimum(then[self._shown] - margins, 0.0)
@@ -260,7 +264,9 @@ class Clearance(Constraint):
         self._after = velocity
         allowed = np.zeros(len(self.pairs))
         allowed[self._shown] = self._floor
-        return float(np.maximum(allowed - reached, 0.0).max(initial=0.0))
+        short = np.maximum(allowed - reached, 0.0)
+        self._caught = np.union1d(self._caught, np.flatnonzero(short.any(axis=0)))
+        return float(short.max(initial=0.0))
 
     def _ahead(self, q: Array) -> Array:
         """Margins as :meth:`bounded`, with mocap bodies where they are expected after a step."""

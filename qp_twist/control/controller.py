@@ -315,16 +315,18 @@ class Controller:
         clearances = self._clearances()
         for clearance in clearances:
             clearance.begin(configuration, *self._moving())
-        step, note = self._solved(configuration, dt, bool(use_secondary))
-        # Rows of clearance are linear in the step: what they lack of the distance where it leads is
-        # subtracted from them, and the step is computed again.
-        for _ in range(_CORRECTIONS if clearances else 0):
-            short = [c.falls_short(configuration, step.velocity, dt) for c in clearances]
-            if max(short) <= _KEPT:
-                break
+        try:
             step, note = self._solved(configuration, dt, bool(use_secondary))
-        for clearance in clearances:
-            clearance.has_begun = False
+            # Rows of clearance are linear in the step: what they lack of the distance where it
+            # leads is subtracted from them, and the step is computed again.
+            for _ in range(_CORRECTIONS if clearances else 0):
+                short = [c.falls_short(configuration, step.velocity, dt) for c in clearances]
+                if max(short) <= _KEPT:
+                    break
+                step, note = self._solved(configuration, dt, bool(use_secondary))
+        finally:
+            for clearance in clearances:
+                clearance.has_begun = False
         note(step.velocity)
         return step
 

@@ -21,6 +21,8 @@ from oracles.distances import Distances
 import qp_twist as qt
 from qp_twist.checks import Array
 
+pytestmark = pytest.mark.any_blas  # distances are the kernel's own
+
 seeds = st.integers(0, 2**32 - 1)
 ACCURATE = 1e-6
 """By how much a distance may be off, m."""
@@ -622,3 +624,20 @@ def main(count: int) -> None:
 
 if __name__ == "__main__":
     main(int(sys.argv[1]))
+
+
+def test_a_long_step_does_not_pass_through_what_is_beyond_the_horizon() -> None:
+    """0.4 m in one step, and a thin wall 0.3 m ahead of the cart."""
+    model = mujoco.MjModel.from_xml_string("""
+    <mujoco><worldbody><geom name="wall" type="box" size="0.001 1 1" pos="0.351 0 0"/>
+      <body><joint type="slide" axis="1 0 0"/><geom name="cart" size="0.05"/>
+        <site name="tool"/></body></worldbody></mujoco>""")
+    task = qt.TwistTask("tool", "site", qt.TwistProjector(
+        linear=qt.Projector.line([1, 0, 0]), angular=qt.Projector.none()
+    ))  # fmt: skip
+    task.set_target(mink.SE3.from_translation(np.array([0.4, 0.0, 0.0])))
+    limits = [qt.Clearance(model, distance=0.02)]
+    controller = qt.Controller(model, [task], limits=limits)
+    configuration = mink.Configuration(model, np.zeros(1))
+    velocity = controller.step(configuration, 1.0).velocity
+    assert 0.27 <= velocity[0] <= 0.28 + 1e-6

@@ -55,6 +55,11 @@ def test_every_waypoint_is_reached_clear_of_all_but_not_at_least_z(cell: qt.Path
 def test_the_default_method_passes_the_clamp_that_it_hits_without_clearance(
     cell: qt.PathTask,
 ) -> None:
+    assert cell.durations is not None
+    # Past the clamp.
+    cell = replace(
+        cell, waypoints=cell.waypoints[:120], durations=cell.durations[:120], flipped_waypoints=None
+    )
     free = replace(cell, model=qt.load_task("deburring").model, constraints=())
     distances = [nearest(cell, q) for q in qt.follow(free).q[::2]]
     least, names = min(distances, key=lambda pair: pair[0])
