@@ -24,6 +24,7 @@ class LitPairs:
 
     Attributes:
         shapes: The shapes that there are so far by the id of their geom; ``None`` for a plane.
+        label: The text at the nearest pair; ``None`` if the task has no clearance.
     """
 
     def __init__(self, server: Any, path_task: PathTask) -> None:
@@ -36,7 +37,13 @@ class LitPairs:
         self._server = server
         self._pairs = NearPairs(path_task)
         self.shapes: dict[int, Any] = {}
-        self._label: Any = None
+        # Hidden from the beginning: a recording that starts again knows only what it has changed.
+        self.label: Any = None
+        if path_task.clearances:
+            self.label = server.scene.add_label(
+                "/near/label", "", font_size_mode="screen", depth_test=False,
+                anchor="bottom-left", visible=False,
+            )  # fmt: skip
 
     @property
     def path_task(self) -> PathTask:
@@ -53,8 +60,7 @@ class LitPairs:
             self._shape(geom)
         for shape in filter(None, self.shapes.values()):
             shape.visible = False
-        if self._label is not None:
-            self._label.visible = False
+        self._write(None)
 
     def show(self, q: Array) -> NearPair | None:
         """Light the near pairs at a configuration q (nq,), and return the nearest pair."""
@@ -84,18 +90,12 @@ class LitPairs:
         return self.shapes[geom]
 
     def _write(self, near: NearPair | None) -> None:
-        if near is None:
-            if self._label is not None:
-                _set(self._label, "visible", False)
+        if self.label is None:
             return
-        text = f"{near.name}: {distance_text(near.distance)}"
-        if self._label is None:
-            self._label = self._server.scene.add_label(
-                "/near/label", text, font_size_mode="screen", depth_test=False, anchor="bottom-left"
-            )
-        _set(self._label, "visible", True)
-        _set(self._label, "text", text)
-        self._label.position = near.middle
+        _set(self.label, "visible", near is not None)
+        if near is not None:
+            _set(self.label, "text", f"{near.name}: {distance_text(near.distance)}")
+            self.label.position = near.middle
 
 
 def distance_text(distance: float) -> str:

@@ -140,6 +140,7 @@ def test_near_geoms_are_lit_in_the_colour_of_their_distance(
         q = runs["gradient_projection"].q[106]
         lit.prepare(q[None])
         assert not any(shape.visible for shape in lit.shapes.values())
+        assert not lit.label.visible
         for row in (runs["qp_gradient"].q[0], q, runs["qp_gradient"].q[110], q):
             near = lit.show(row)
             every = distances(cell.model, row, clearance.pairs)
@@ -156,6 +157,9 @@ def test_near_geoms_are_lit_in_the_colour_of_their_distance(
             assert near is not None
             assert near.distance == pytest.approx(every.min(), abs=2e-5)
             assert near.name == clearance.names[int(every.argmin())]
+            assert lit.label.visible == bool(expected)
+            if expected:
+                assert lit.label.text == f"{near.name}: {distance_text(near.distance)}"
         assert expected
         assert set(expected.values()) <= {NEAR_RGB, TOO_NEAR_RGB}
         data = mujoco.MjData(cell.model)
