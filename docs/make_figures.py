@@ -25,10 +25,14 @@ from pathlib import Path
 from typing import Any
 
 import matplotlib as mpl
+import mujoco
 import numpy as np
+from PIL import Image
 
 import qp_twist as qt
 from qp_twist.comparison import metrics
+from qp_twist.comparison.scene_picture import draw_scene
+from qp_twist.comparison.sight import overview
 from qp_twist.comparison.style import LIMIT, RC, line_style
 
 DOCS = Path(__file__).parent
@@ -38,6 +42,7 @@ FIGURES = {
         "roadmap",
     ),
     "planar_line": ("scene", "roadmap", "joints_qp"),
+    "deburring_cell": ("roadmap",),
 }  # fmt: skip
 
 
@@ -59,6 +64,8 @@ def main() -> None:
         if (name, out) == ("deburring", DOCS):
             put_into_readme(table)
         draw(comparison, out / "figures")
+        if name == "deburring_cell":
+            draw_passing(comparison, out / "figures" / "deburring_cell_scene.png")
     for name, (task, runs) in SETTINGS.items():
         if wanted(name):
             write(out / "generated" / f"{name}.md", settings_table(qt.load_task(task), runs))
@@ -105,6 +112,28 @@ def draw(comparison: qt.Comparison, folder: Path) -> None:
                 print(said[-1])
 
 
+PASSING = 107
+"""Index of the waypoint at which a closed form is deepest in the clamp of the cell."""
+
+
+def draw_passing(comparison: qt.Comparison, path: Path) -> None:
+    """The arm that passes the clamp, and as a ghost the one that does not."""
+    task, runs = comparison.path_task, comparison.trajectories
+    arms = [runs[name].q[PASSING] for name in ("qp_gradient", "gradient_projection")]
+    with tempfile.TemporaryDirectory() as temporary:
+        drawn = Path(temporary) / "scene.png"
+        scene = Path(temporary) / "scene.mjb"
+        mujoco.mj_saveModel(task.model, str(scene), None)
+        said = draw_scene(scene, arms, task.positions, drawn, camera=overview(task.model))
+        if said is None:
+            with Image.open(drawn) as picture:
+                width, height = picture.size
+                part = (0.22 * width, 0.06 * height, 0.92 * width, height)
+                shown = picture.convert("RGB").crop(tuple(map(int, part)))
+            shown.quantize(128).save(path, optimize=True)
+    print(said or f"wrote {path}")
+
+
 # ---------------------------------------------------------------- tables
 
 
@@ -130,6 +159,10 @@ def cells(trajectory: qt.Trajectory) -> dict[str, str]:
     row["step °"] = f"{numbers['max_step_deg']:.1f}"
     if np.allclose(task.positions[0], task.positions[-1]):
         row["closure °"] = f"{np.degrees(numbers['closure_rad']):.0f}"
+    if trajectory.nearest is not None:
+        near = trajectory.nearest[1]
+        row["clearance mm"] = f"{1e3 * near.distance:.1f}"
+        row["nearest pair"] = near.pair
     if np.isfinite(task.velocity_limits).any():
         row["speed"] = f"{speed_share(trajectory):.2f}"
     return row
@@ -212,7 +245,7 @@ def settings_table(task: qt.PathTask, runs: Sequence[tuple[str, dict[str, Any]]]
 
 def markdown_table(rows: Sequence[dict[str, str]]) -> str:
     """A table in Markdown from rows by heading; numbers to the right."""
-    left = {"method", "leaves limits", "weight"}
+    left = {"method", "leaves limits", "weight", "nearest pair"}
     head = list(rows[0])
     lines = [head, [":--" if title in left else "--:" for title in head]]
     lines += [list(row.values()) for row in rows]

@@ -16,6 +16,7 @@ import numpy as np
 from qp_twist.comparison import scene_picture
 from qp_twist.comparison.findings import findings
 from qp_twist.comparison.metrics import compiled_share, metrics
+from qp_twist.comparison.sight import overview
 from qp_twist.comparison.table import plain_table
 from qp_twist.errors import InvalidInput
 from qp_twist.files import write_atomically
@@ -143,8 +144,9 @@ class Comparison:
             scene = Path(temporary) / f"{self.path_task.scene.stem}.mjb"
             mujoco.mj_saveModel(self.path_task.model, str(scene), None)
             sentence = scene_picture.draw_scene(
-                scene, [self.path_task.start], self.path_task.positions, picture
-            )
+                scene, [self.path_task.start], self.path_task.positions, picture,
+                camera=overview(self.path_task.model),
+            )  # fmt: skip
         lines.append(sentence or str(picture))
         page = report_page(
             self.path_task,

@@ -6,7 +6,6 @@ from typing import Any
 
 import numpy as np
 
-from qp_twist.checks import Array
 from qp_twist.constraints import Clearance, NearestPair
 from qp_twist.control import Status
 from qp_twist.following import Trajectory
@@ -77,7 +76,7 @@ def metrics(trajectory: Trajectory) -> dict[str, Any]:
         numbers["band_excess_max"] = float(trajectory.band_excess.max())
     if trajectory.path_task.stated_constraints:
         numbers["constraint_excess_max"] = float(trajectory.constraint_excess.max())
-    near = _nearest(trajectory, q)
+    near = trajectory.nearest
     if near is not None:
         numbers["min_clearance_m"] = near[1].distance
     numbers["status"] = _status(trajectory, numbers, near)
@@ -87,16 +86,6 @@ def metrics(trajectory: Trajectory) -> dict[str, Any]:
 def compiled_share(trajectory: Trajectory) -> float:
     """Share of the waypoints after the start computed by compiled code, 0 to 1."""
     return min(1.0, trajectory.compiled / max(1, len(trajectory.q) - 1))
-
-
-def _nearest(trajectory: Trajectory, q: Array) -> tuple[Clearance, NearestPair] | None:
-    """Where a motion is nearest to what it must not touch."""
-    found = [
-        (constraint, near)
-        for constraint in trajectory.path_task.stated_constraints
-        if isinstance(constraint, Clearance) and (near := constraint.nearest(q)) is not None
-    ]
-    return min(found, key=lambda one: one[1].distance - one[0].distance, default=None)
 
 
 def _status(

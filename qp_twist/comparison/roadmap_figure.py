@@ -66,7 +66,8 @@ def roadmap_figure(
 
     For an industrial arm with a free roll :func:`~qp_twist.comparison.roll_figure.roll_figure`. For
     a planar arm one panel a joint: manifolds as vertical lines, limits in red. A manifold's part is
-    dark where the whole configuration is inside its limits, light elsewhere.
+    dark where the whole configuration is inside its limits and clear of what it must not touch,
+    light elsewhere.
 
     Raises:
         InvalidInput: If the figure cannot be drawn for the task.
@@ -84,7 +85,7 @@ def roadmap_figure(
         figure = Figure(figsize=(10.5, 3.0 * path_task.model.nv + 1.2), layout="constrained")
         panels = figure.subplots(path_task.model.nv, 1, sharex=True, squeeze=False)[:, 0]
         for dof, panel in enumerate(panels):
-            _draw_manifolds(panel, ranges, dof, curves)
+            _draw_manifolds(panel, path_task, dof, curves)
             for name, trajectory in trajectories.items():
                 theta = np.degrees(ranges.positions(trajectory.q)[:, dof])
                 panel.plot(np.arange(1, len(theta) + 1), theta, **line_style(name))
@@ -95,19 +96,23 @@ def roadmap_figure(
             f"Roadmap of {path_task.name}: self-motion manifolds (vertical) and the methods",
             x=0.01, ha="left", fontsize=11, fontweight="bold",
         )  # fmt: skip
-        figure.legend(handles=_legend(trajectories), loc="outside lower center", ncols=3)
+        handles = _legend(trajectories, near=bool(path_task.clearances))
+        figure.legend(handles=handles, loc="outside lower center", ncols=3)
     return figure
 
 
 def _draw_manifolds(
-    panel: Axes, ranges: JointRanges, dof: int, curves: list[tuple[int, list[Array]]]
+    panel: Axes, path_task: PathTask, dof: int, curves: list[tuple[int, list[Array]]]
 ) -> None:
+    ranges = JointRanges.of(path_task.model)
     inside: list[list[tuple[int, float]]] = []
     outside: list[list[tuple[int, float]]] = []
     for waypoint, found in curves:
         for curve in found:
             wrapped = centred(curve, ranges)
             ok = ranges.inside(wrapped)
+            for clearance in path_task.clearances:
+                ok &= clearance.inside(wrapped, 0.0)
             theta = np.degrees(wrapped[:, dof]).tolist()
             for i in range(len(theta) - 1):
                 if abs(theta[i + 1] - theta[i]) < 90.0:
@@ -134,10 +139,13 @@ def _frame(panel: Axes, ranges: JointRanges, dof: int) -> None:
         panel.axhline(limit, color=LIMIT, linewidth=1.4, zorder=5)
 
 
-def _legend(trajectories: Mapping[str, Trajectory]) -> list[Line2D]:
+def _legend(trajectories: Mapping[str, Trajectory], *, near: bool) -> list[Line2D]:
+    inside, outside = "manifold, all joints inside limits", "manifold, some joint outside"
+    if near:
+        inside, outside = f"{inside}, and clear", f"{outside}, or too near"
     return [
         *method_handles(trajectories),
         Line2D([], [], color=LIMIT, linewidth=1.4, label="joint limit"),
-        Line2D([], [], color=_INSIDE, linewidth=1.6, label="manifold, all joints inside limits"),
-        Line2D([], [], color=_OUTSIDE, linewidth=1.0, label="manifold, some joint outside"),
+        Line2D([], [], color=_INSIDE, linewidth=1.6, label=inside),
+        Line2D([], [], color=_OUTSIDE, linewidth=1.0, label=outside),
     ]

@@ -24,8 +24,17 @@ class Sight(NamedTuple):
     """Vertical, rad."""
 
 
+def overview(model: mujoco.MjModel) -> str:
+    """Name of the scene's camera: the last one whose name ends in ``overview``.
+
+    A scene that includes another one may so have its own. ``"overview"`` if there is none.
+    """
+    names = [str(model.camera(k).name) for k in range(model.ncam)]
+    return next((name for name in reversed(names) if name.endswith("overview")), "overview")
+
+
 def sight(path_task: PathTask) -> Sight:
-    """The scene's camera ``overview``; without one, a view of the robot at its start and the path.
+    """The scene's camera :func:`overview`; without one, the robot at its start and the path.
 
     Then the direction is that of MuJoCo's free camera, and the bounding sphere of the path and
     everything that moves just fits; fixed surroundings may be as large as a hall.
@@ -36,7 +45,7 @@ def sight(path_task: PathTask) -> Sight:
     mujoco.mj_kinematics(model, data)
     mujoco.mj_comPos(model, data)  # for cameras that track a body's centre of mass
     mujoco.mj_camlight(model, data)
-    camera = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_CAMERA, "overview")
+    camera = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_CAMERA, overview(model))
     if camera >= 0:
         position, forward = data.cam_xpos[camera], -data.cam_xmat[camera].reshape(3, 3)[:, 2]
         distance = max(float(forward @ (model.stat.center - position)), 0.1)

@@ -148,7 +148,7 @@ class Clearance(Constraint):
 
     def inside(self, q: Array, tolerance: float) -> Mask:
         """Which configurations q (N, nq) violate no margin by more than the tolerance, m, (N,)."""
-        return np.asarray(self._shapes.first_below(q, self.distance - tolerance) < 0)
+        return self.first_violated(q, tolerance) < 0
 
     def gradients(self, q: Array) -> Array:
         """Derivatives of the margins, (N, P, nv), 1 or m/rad."""
@@ -197,7 +197,7 @@ class Clearance(Constraint):
     def compute_qp_inequalities(
         self, configuration: mink.Configuration, dt: float
     ) -> mink.Constraint:
-        """The rows of one step, G Δq ≤ h, for pairs nearer than :data:`HORIZON`."""
+        """The rows of one step, G Δq ≤ h, for pairs nearer than ``HORIZON``."""
         if not self.has_begun:
             self._shapes.take_mocap(configuration.data)
             self._corrections = self._none()
@@ -275,7 +275,7 @@ class Clearance(Constraint):
         return short
 
     def _correct(self, there: Array, left: Array, spans: Array, velocity: Array, dt: float) -> None:
-        """Add rows of this step for what is ``left`` of margins (K, P) at ``there``, after spans."""
+        """Add rows for what is ``left`` of margins (K, P) at ``there`` (K, nq), after spans."""
         which = np.argsort(left, axis=1)[:, :PLANNED]
         margins = np.take_along_axis(left, which, axis=1)
         which = np.where(margins < 0.0, which, -1)
@@ -339,6 +339,27 @@ class Clearance(Constraint):
         if found[row, pair] >= best.distance:
             return best
         return NearestPair(float(found[row, pair]), float(at[row]), self.names[pair])
+
+    def closest(self, q: Array) -> tuple[Array, Indices]:
+        """Distance of the nearest pair at configurations q (N, nq), m, (N,), and its index, (N,).
+
+        Without pairs infinite distances, and the index −1.
+        """
+        q = np.asarray(q, dtype=np.float64)
+        if not len(self.pairs):
+            return np.full(len(q), np.inf), np.full(len(q), -1)
+        found = self._shapes.distances(q, _NEAR)
+        far = found.min(axis=1) > _NEAR
+        found[far] = self._shapes.distances(q[far], np.inf)
+        pair = found.argmin(axis=1)
+        return found[np.arange(len(q)), pair], pair
+
+    def first_violated(self, q: Array, tolerance: float = 0.0) -> Indices:
+        """Index of the first pair that is nearer than asked by more than the tolerance, m, (N,).
+
+        At configurations q (N, nq), in the order of ``pairs``; −1 where none is.
+        """
+        return self._shapes.first_below(q, self.distance - tolerance)
 
     def without_pairs(self) -> Clearance:
         """A clearance of the same model that asks for nothing."""

@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from qp_twist.checks import Array
+from qp_twist.constraints import Clearance, NearestPair
 from qp_twist.control import Status
 from qp_twist.files import write_atomically
 from qp_twist.kinematics import JointRanges
@@ -97,6 +98,20 @@ class Trajectory:
                 neither hinge nor slide.
         """
         return straight_errors(self.path_task, self.q)
+
+    @cached_property
+    def nearest(self) -> tuple[Clearance, NearestPair] | None:
+        """Where the motion is nearest to what it must not touch, at and between waypoints.
+
+        Joints go straight between waypoints. The nearest pair is that of the least margin, with the
+        clearance that it belongs to; ``None`` if the task has none.
+        """
+        found = [
+            (clearance, near)
+            for clearance in self.path_task.clearances
+            if (near := clearance.nearest(self.q)) is not None
+        ]
+        return min(found, key=lambda one: one[1].distance - one[0].distance, default=None)
 
     @property
     def summary(self) -> str:

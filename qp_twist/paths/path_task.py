@@ -138,6 +138,11 @@ class PathTask:
         return tuple(constraint for constraint in self.constraints if len(constraint.names))
 
     @property
+    def clearances(self) -> tuple[Clearance, ...]:
+        """Those of them that are clearances."""
+        return tuple(c for c in self.stated_constraints if isinstance(c, Clearance))
+
+    @property
     def positions(self) -> Array:
         """Positions of the waypoints in the world, m, (N, 3)."""
         return np.array([w.translation() for w in self.waypoints])

@@ -1,8 +1,9 @@
-"""Joint limit margins over waypoint and roll, branch by branch."""
+"""Joint limit margins over waypoint and roll, branch by branch, and what the arm would touch."""
 
 from __future__ import annotations
 
 import itertools
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -35,6 +36,9 @@ class RollMap:
         sigma_min: Smallest singular value of the task rows UᵀJ, (W, R, 8); NaN likewise.
         stuck: Whether no roll of the next waypoint, in the same branch, is within the task's speed
             limits, (W, R, 8).
+        touched: Index in ``pairs`` of a pair of geoms that is nearer than the task allows, (W, R,
+            8); −1 where none is, and where a joint is outside its limits.
+        pairs: Names of the pairs of the task's clearances.
     """
 
     path_task: PathTask
@@ -44,6 +48,8 @@ class RollMap:
     margins: Array
     sigma_min: Array
     stuck: Mask
+    touched: Indices
+    pairs: tuple[str, ...]
 
     @classmethod
     def of(cls, path_task: PathTask, *, columns: int = 200, spacing_deg: float = 2.0) -> RollMap:
@@ -79,7 +85,18 @@ class RollMap:
             np.degrees(room[:, order]),
             _sigma_min(path_task, q, waypoints)[:, order],
             stuck[:, order],
+            _touched(path_task, q, room >= 0.0)[:, order],
+            tuple(name for clearance in path_task.clearances for name in clearance.names),
         )
+
+    def in_the_way(self, branches: Sequence[int] = range(8)) -> dict[str, int]:
+        """Pairs that are too near in some branches, with the number of nodes, most frequent first.
+
+        A node where several pairs are too near counts for the first of them.
+        """
+        touched = self.touched[:, :, list(branches)]
+        counts = np.bincount(touched[touched >= 0], minlength=len(self.pairs))
+        return {self.pairs[k]: int(counts[k]) for k in np.argsort(-counts) if counts[k]}
 
     def __repr__(self) -> str:
         waypoints, rolls, branches = self.margins.shape
@@ -131,6 +148,17 @@ def _sigma_min(path_task: PathTask, q: Array, waypoints: Indices) -> Array:
     reached = np.isfinite(q).all(axis=3)
     at = np.broadcast_to(waypoints[:, None, None], reached.shape)
     found[reached] = PathRows(path_task).sigma_min(q[reached], at[reached])
+    return found
+
+
+def _touched(path_task: PathTask, q: Array, inside: Mask) -> Indices:
+    """Index of the first violated pair of all clearances at q (W, R, 8, 6), or −1, (W, R, 8)."""
+    found = np.full(inside.shape, -1)
+    free, before = q[inside], 0
+    for clearance in path_task.clearances:
+        first = clearance.first_violated(free)
+        found[inside] = np.where((found[inside] < 0) & (first >= 0), before + first, found[inside])
+        before += len(clearance.names)
     return found
 
 

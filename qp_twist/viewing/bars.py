@@ -1,4 +1,4 @@
-"""The joints between their limits, as one SVG drawing."""
+"""The joints between their limits, and the least clearance, as SVG drawings."""
 
 from __future__ import annotations
 
@@ -8,6 +8,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from qp_twist.checks import Array
+from qp_twist.comparison.lit_pairs import distance_text
+from qp_twist.comparison.near_pairs import TOO_NEAR, NearPair
 from qp_twist.kinematics import JointRanges
 
 _OUTSIDE = 1e-9
@@ -16,6 +18,8 @@ _AT_LIMIT = 1e-6
 _LEFT, _WIDTH, _ROW, _RIGHT = 62.0, 172.0, 30.0, 66.0
 _OVER = 0.08
 """Space drawn beyond either end, as a share of the range."""
+_CLEAR_MM, _AT_CLEARANCE = 50.0, 1e-5
+"""Range of the bar of the clearance, mm; margin below which a pair is at the asked distance, m."""
 INK, QUIET, TRACK = "#1f2937", "#6b7280", "#e5e7eb"
 FREE, HELD, LOST = "#0072B2", "#E69F00", "#D00000"
 
@@ -57,6 +61,63 @@ def joint_bars(ranges: JointRanges, q: Array, binding: Sequence[str] = ()) -> st
         f'aria-label="{html.escape(described)}" '
         f'viewBox="0 0 {width:g} {height:g}" width="100%" '
         f'font-family="inherit" font-size="11" fill="{INK}">{"".join(rows)}</svg>'
+    )
+
+
+def clearance_bar(near: NearPair) -> str:
+    """The distance of the nearest pair in a row like a joint's, with the asked one as a tick.
+
+    The name of the pair is below. A pair at the asked distance has a diamond, a nearer one a cross
+    and the words "too near" or "overlap".
+    """
+    distance, asked = 1e3 * near.distance, 1e3 * near.asked
+    full = max(_CLEAR_MM, 4.0 * asked)
+    margin = near.distance - near.asked
+    state = "outside" if margin < -TOO_NEAR else "held" if margin < _AT_CLEARANCE else "free"
+    colour = {"free": FREE, "held": HELD, "outside": LOST}[state]
+    word = {"free": "", "held": "at limit", "outside": "too near"}[state]
+    if near.distance < -TOO_NEAR:
+        word = "overlap"
+    y, width = 11.0, _LEFT + _WIDTH + _RIGHT
+    x = _at(float(np.clip(distance / full, -_OVER, 1.0)))
+    parts = [
+        f'<text x="0" y="{y + 4:g}">clearance</text>',
+        f'<text x="{width:g}" y="{y + 4:g}" text-anchor="end" '
+        f'font-weight="{400 if state == "free" else 700}">{_mm(distance)}</text>',
+        f'<rect x="{_at(0.0):g}" y="{y - 4:g}" width="{_at(1.0) - _at(0.0):g}" height="8" rx="2" '
+        f'fill="{TRACK}"/>',
+    ]
+    for value in dict.fromkeys((0.0, asked, full)):
+        at = _at(value / full)
+        parts.append(
+            f'<line x1="{at:g}" x2="{at:g}" y1="{y - 6:g}" y2="{y + 6:g}" '
+            f'stroke="{LOST if value == asked else "#9ca3af"}" stroke-width="1.4"/>'
+        )
+    parts.append(
+        f'<rect x="{min(x, _at(0.0)):.2f}" y="{y - 2:g}" width="{abs(x - _at(0.0)):.2f}" '
+        f'height="4" fill="{colour}"/>'
+    )
+    parts.append(_mark(x, y, state, colour))
+    for value, anchor in ((asked, "middle"), (full, "end")):
+        parts.append(
+            f'<text x="{_at(value / full):g}" y="{y + 15:g}" font-size="8" text-anchor="{anchor}" '
+            f'fill="{QUIET}">{value:g} mm</text>'
+        )
+    if word:
+        parts.append(
+            f'<text x="{width:g}" y="{y + 15:g}" font-size="9" font-weight="700" '
+            f'text-anchor="end">{word}</text>'
+        )
+    name = html.escape(near.name if len(near.name) <= 44 else near.name[:43] + "…")
+    parts.append(
+        f'<text x="{_at(0.0):g}" y="{y + 28:g}" font-size="9.5" fill="{INK}">{name}</text>'
+    )
+    described = html.escape(f"{near.name}: {distance_text(near.distance)}, {word or 'clear'}")
+    return (
+        f'<svg class="qt-clearance" data-state="{state}" data-x="{x:.2f}" role="img" '
+        f'style="box-sizing:border-box;padding:0 12px 4px" aria-label="{described}" '
+        f'viewBox="0 0 {width:g} {y + 34.0:g}" width="100%" font-family="inherit" font-size="11" '
+        f'fill="{INK}">{"".join(parts)}</svg>'
     )
 
 
@@ -153,6 +214,10 @@ def _at(share: float) -> float:
     """Horizontal position of a share of the range."""
     inner = _WIDTH / (1.0 + 2.0 * _OVER)
     return _LEFT + inner * (_OVER + share)
+
+
+def _mm(distance: float) -> str:
+    return f"{round(distance, 1) + 0.0:.1f} mm".replace("-", "−")
 
 
 def _value(position: float, hinge: bool, digits: int | None = None) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from typing import Literal
 
 import mink
@@ -84,7 +85,7 @@ class LiveArm:
             tasks=[self.task],
             secondary=secondary_objectives(path_task, self.task, method),
             secondary_space=kind.space,
-            limits=[_motion_limit(path_task), *path_task.constraints] if settings.limits else [],
+            limits=_limits(path_task, held=settings.limits),
             solver=settings.solver,
             on_infeasible=on_infeasible,
             metric=None if method.metric == "1" else self.ranges.metric,
@@ -141,9 +142,12 @@ class LiveArm:
         return own.model_copy(update={"gain": own.gain * WAYPOINTS_PER_S * self.dt})
 
 
-def _motion_limit(path_task: PathTask) -> MotionLimit:
-    return MotionLimit(
+def _limits(path_task: PathTask, *, held: bool) -> list[mink.Limit]:
+    motion = MotionLimit(
         path_task.model,
         velocity=path_task.velocity_limits,
         acceleration=path_task.acceleration_limits,
     )
+    # A clearance remembers its last step, and a run may use the task's in another thread.
+    constraints = map(copy.copy, path_task.constraints)
+    return [motion, *constraints] if held else [*constraints]

@@ -15,10 +15,10 @@ import viser
 from qp_twist.comparison.local_server import LocalServer
 from qp_twist.comparison.roadmap_figure import applies_to
 from qp_twist.paths import METHODS
-from qp_twist.viewing.bars import joint_bars
+from qp_twist.viewing.bars import clearance_bar, joint_bars
 from qp_twist.viewing.one_run import Moment, Run
 from qp_twist.viewing.projectors import projector_choices
-from qp_twist.viewing.readings import LEGEND, heading, note, readings, sentence
+from qp_twist.viewing.readings import LEGEND, NEAR_LEGEND, heading, note, readings, sentence
 from qp_twist.viewing.roadmap import roadmap_pixels
 from qp_twist.viewing.session import Session
 from qp_twist.viewing.settings import WEIGHTS, method_choices, solver_choices
@@ -29,6 +29,8 @@ RATE_HZ = 40.0
 _READ_EVERY = 3
 """Number of clock ticks between two updates of the readings."""
 log = logging.getLogger(__name__)
+_WRITTEN = ("status", "bars", "clearance", "readings")
+"""What the panel of readings consists of, from the top."""
 _LIMITS = {"slow down": "scale", "come as close as they let it": "relax"}
 
 
@@ -73,8 +75,8 @@ class Page:
         panel = gui.add_panel()
         with panel.add_tab(self.session.base.name):
             gui.add_html(heading(self.session.base.title))
-            self._html = {name: gui.add_html("") for name in ("status", "bars", "readings")}
-            gui.add_html(LEGEND)
+            self._html = {name: gui.add_html("") for name in _WRITTEN}
+            gui.add_html(LEGEND + (NEAR_LEGEND if self.session.base.clearances else ""))
         panel.dock_left()
         panel.set_width(330)
         gui.main_panel.dock_right()
@@ -93,6 +95,8 @@ class Page:
             wrong = bool(session.problem) or not (ok or computing is not None)
         self._write("status", sentence(text, wrong=wrong))
         self._write("bars", joint_bars(session.ranges, moment.q, moment.binding))
+        near = self.stage.near
+        self._write("clearance", "" if near is None else clearance_bar(near))
         self._write("readings", readings(session.ranges, moment))
         self._progress.visible = computing is not None
         if computing is not None:
@@ -308,11 +312,12 @@ class Page:
         session = self.session
         task, run = session.task, session.run  # another thread may replace them
         with self.server.atomic():
-            if self._shown is None or not np.array_equal(moment.q, self._shown.q):
-                self.stage.show(moment.q)
             drawn_run, drawn_task = self._drawn
+            moved = self._shown is None or not np.array_equal(moment.q, self._shown.q)
             if task is not drawn_task:
                 self.stage.draw_path(task)
+            if moved or task is not drawn_task:
+                self.stage.show(moment.q)
             if run is not drawn_run:
                 self.stage.draw_trace(None if run is None else run.trace)
             self._drawn = (run, task)

@@ -17,6 +17,11 @@ LEGEND = (
     "axes: the waypoint</div>"
 )
 """Legend of the marks and colours."""
+NEAR_LEGEND = (
+    f'<div style="font-size:11px;line-height:1.5;color:{QUIET};padding:0 12px 6px">orange: near '
+    "each other; red: nearer than the task allows</div>"
+)
+"""Legend of the shapes that are lit."""
 
 
 def readings(ranges: JointRanges, moment: Moment) -> str:

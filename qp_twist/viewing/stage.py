@@ -11,6 +11,8 @@ import viser
 from mjviser import ViserMujocoScene
 
 from qp_twist.checks import Array
+from qp_twist.comparison.lit_pairs import LitPairs
+from qp_twist.comparison.near_pairs import NearPair
 from qp_twist.comparison.sight import sight
 from qp_twist.geometry import ProjectorKind
 from qp_twist.paths import PathTask
@@ -28,6 +30,7 @@ class Stage:
     Attributes:
         target: Handle at the tool; hidden until needed.
         workpiece: Handle at the workpiece, likewise.
+        near: The nearest pair of geoms that may collide, in the configuration that is shown.
     """
 
     def __init__(self, server: viser.ViserServer, path_task: PathTask, point: Array) -> None:
@@ -63,6 +66,8 @@ class Stage:
                 axes_length=0.06 * float(self.model.stat.extent),
                 axes_radius=0.003 * float(self.model.stat.extent),
             )
+        self._lit = LitPairs(server, path_task)
+        self.near: NearPair | None = None
         self._fixed = np.flatnonzero(self.model.body_weldid == 0)[1:].tolist()
         self.draw_path(path_task)
 
@@ -71,13 +76,16 @@ class Stage:
         self.server.scene.configure_default_lights(enabled=True, cast_shadow=cast)
 
     def show(self, q: Array) -> None:
-        """Show the robot at a configuration (nq,)."""
+        """Show the robot at a configuration (nq,), and light what it is near to."""
         self.data.qpos[:] = q
         mujoco.mj_kinematics(self.model, self.data)
         self.scene.update_from_mjdata(self.data)
+        self.near = self._lit.show(q)
 
     def draw_path(self, path_task: PathTask) -> None:
         """Show the path and the workpiece."""
+        if path_task is not self._lit.path_task:
+            self._lit.path_task = path_task
         self._draw_line("/path", path_task.positions, PATH_RGB, _WIDTH_PX)
         mujoco.mj_kinematics(self.model, self.data)
         place = mujoco.MjData(path_task.model)

@@ -151,6 +151,22 @@ def test_the_table_of_the_planar_example_is_what_compare_gives(
     assert_says_the_same(figures.comparison_table(planar), kept)
 
 
+def test_the_table_of_the_cell_is_what_compare_gives(figures: ModuleType) -> None:
+    """Of a closed form and a QP: the plan among the other rows takes a minute."""
+    kept = (DOCS / "generated" / "deburring_cell.md").read_text("utf-8").splitlines()
+    made = figures.comparison_table(
+        qt.compare("deburring_cell", ["gradient_projection", "qp_gradient"])
+    ).splitlines()
+    assert made[:2] == kept[:2]
+    for line in made[2:]:
+        (same,) = (row for row in kept if row.split("|")[1] == line.split("|")[1])
+        assert_says_the_same(line, same)
+    (row,) = (line for line in kept if "`qp_planned`" in line)
+    head = [cell.strip() for cell in kept[0].split("|")]
+    clearance = float(row.split("|")[head.index("clearance mm")])
+    assert clearance >= 4.9  # as the page says, to 0.1 mm
+
+
 @pytest.mark.parametrize(
     ("table", "method", "setting"),
     [

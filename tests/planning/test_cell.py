@@ -10,7 +10,8 @@ import pytest
 
 import qp_twist as qt
 from qp_twist.kinematics import JointRanges
-from qp_twist.planning.layer import Layer
+from qp_twist.planning import RollMap
+from qp_twist.planning.layer import Layer, centred
 from qp_twist.planning.roadmap import Roadmap
 from qp_twist.planning.roll_grid import RollGrid, closed_form_arm
 from qp_twist.planning.search import PlanSearch
@@ -91,3 +92,35 @@ def test_layers_are_made_once_for_the_searches_without_and_with_clearance(
     plan = qt.plan(replace(cell, waypoints=cell.waypoints[::8], durations=None), max_step_deg=60.0)
     assert plan.q is not None and min(nearest(cell, q)[0] for q in plan.q) >= 0.005 - 1e-6
     assert len(searched) > len(set(searched)) == len(made)
+
+
+def test_the_map_of_rolls_says_where_the_arm_would_touch_and_what(cell: qt.PathTask) -> None:
+    roll_map = RollMap.of(cell, columns=9, spacing_deg=15.0)
+    arm = closed_form_arm(cell)
+    assert arm is not None
+    grid = RollGrid(cell, arm, np.radians(15.0), np.full(6, np.inf))
+    order = np.argsort(np.remainder(grid.rolls + np.pi, 2.0 * np.pi))
+    touched, free = 0, 0
+    for column, index in enumerate(roll_map.waypoints):
+        q = centred(grid.branches(index), JointRanges.of(cell.model))[order]
+        for roll, branch in np.ndindex(q.shape[:2]):
+            pair = roll_map.touched[column, roll, branch]
+            if not roll_map.margins[column, roll, branch] >= 0.0:  # outside, or out of reach
+                assert pair == -1
+                continue
+            distance, _ = nearest(cell, q[roll, branch])
+            if abs(distance - 0.005) < 1e-4:
+                continue
+            assert (pair < 0) == (distance > 0.005)
+            touched, free = touched + (pair >= 0), free + (pair < 0)
+    assert min(touched, free) > 100
+    counts = roll_map.in_the_way()
+    assert sum(counts.values()) == (roll_map.touched >= 0).sum()
+    assert list(counts.values()) == sorted(counts.values(), reverse=True)
+    assert {"forearm to clamp_post", "fork to clamp_post"} <= set(
+        list(roll_map.in_the_way([0]))[:3]
+    )
+    assert not any("table" in name for name in roll_map.in_the_way([0]))
+    without = RollMap.of(qt.load_task("deburring"), columns=2, spacing_deg=60.0)
+    assert (without.touched == -1).all()
+    assert without.in_the_way() == {}

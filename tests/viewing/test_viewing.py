@@ -8,13 +8,15 @@ import xml.etree.ElementTree as ET
 from functools import cache
 
 import mink
+import mujoco
 import numpy as np
 import pytest
 
 import qp_twist as qt
+from qp_twist.comparison.near_pairs import NearPair, NearPairs
 from qp_twist.geometry import ProjectorKind
 from qp_twist.viewing import LiveArm, PageSettings, Session, free_port, projector_choices, run_once
-from qp_twist.viewing.bars import joint_bars
+from qp_twist.viewing.bars import clearance_bar, joint_bars
 from qp_twist.viewing.dial import roll_dial
 from qp_twist.viewing.one_run import Run
 from qp_twist.viewing.projectors import with_projector
@@ -440,3 +442,58 @@ def test_a_port_that_is_taken_is_refused_and_passed_over():
     with pytest.raises(qt.InvalidInput, match="65535"):
         free_port(70000)
     assert free_port() >= 8080
+
+
+# Clearance
+
+
+@pytest.mark.parametrize(
+    ("mm", "state", "shown", "word"),
+    [
+        (24.3, "free", "24.3 mm", None),
+        (5.0, "held", "5.0 mm", "at limit"),
+        (2.1, "outside", "2.1 mm", "too near"),
+        (-57.1, "outside", "−57.1 mm", "overlap"),
+    ],
+)
+def test_the_bar_of_the_clearance_shows_distance_pair_and_state(mm, state, shown, word):
+    drawn = ET.fromstring(clearance_bar(NearPair(1e-3 * mm, 0.005, "a<b to c", np.zeros(3))))
+    texts = ["".join(text.itertext()) for text in drawn.iter("text")]
+    assert drawn.get("data-state") == state
+    assert {"clearance", "5 mm", shown, "a<b to c"} <= set(texts)
+    assert {"at limit", "too near", "overlap"} & set(texts) == ({word} if word else set())
+    farther = ET.fromstring(clearance_bar(NearPair(1e-3 * mm + 1e-3, 0.005, "", np.zeros(3))))
+    if mm > 0.0:  # 50 mm are 172 / 1.16 units
+        moved = float(farther.get("data-x")) - float(drawn.get("data-x"))
+        assert moved == pytest.approx(172.0 / 1.16 / 50.0, abs=0.02)
+
+
+def test_the_dragged_arm_stops_before_the_clamp_and_leaves_the_tasks_constraints_alone():
+    task = qt.load_task("deburring_cell")
+    arm = LiveArm(task, PageSettings.of(task, "qp_gradient"), task.start, on_infeasible="relax")
+    (clearance,) = task.clearances
+    assert not any(limit is clearance for limit in arm.controller.limits)
+    assert any(isinstance(limit, qt.Clearance) for limit in arm.controller.limits)
+    off = dataclasses.replace(PageSettings.of(task, "qp_gradient"), limits=False)
+    kept = [type(limit) for limit in LiveArm(task, off, task.start).controller.limits]
+    assert kept == [qt.Clearance]
+    pose = arm.pose
+    post = task.model.body("clamp").pos
+    arm.target = mink.SE3.from_rotation_and_translation(
+        pose.rotation(), np.array([post[0], post[1], 0.6])
+    )
+    data, least = mujoco.MjData(task.model), np.inf
+    for _ in range(150):
+        data.qpos[:] = arm.step().q
+        mujoco.mj_kinematics(task.model, data)
+        least = min(
+            least,
+            *(mujoco.mj_geomDistance(task.model, data, a, b, 1.0, None)
+              for a, b in clearance.pairs),
+        )  # fmt: skip
+    assert 0.005 - 1e-4 < least < 0.006
+    near = NearPairs(task).nearest(arm.configuration.q)
+    assert near is not None
+    assert near.asked == 0.005
+    distance = np.linalg.norm(near.middle[:2] - post[:2])
+    assert distance < 0.2  # the middle is beside the post

@@ -17,6 +17,7 @@ from qp_twist.comparison.report.along_path import (
     singular_section,
     speed_section,
 )
+from qp_twist.comparison.report.clearance import clearance_section
 from qp_twist.comparison.report.joints import joints_section
 from qp_twist.comparison.report.numbers import table_section, times_section
 from qp_twist.comparison.report.provenance import provenance_section
@@ -56,11 +57,13 @@ def report_page(
     numbers = content["methods"]
     runs = [MethodRun.of(trajectory) for trajectory in trajectories.values()]
     found = by_topic(runs, content.get("not_run"), content.get("mean_z_bound"))
+    clearance = clearance_section(path_task, trajectories)
     sections = [
         table_section(content),
         scene_section(path_task, trajectories, picture),
         joints_section(path_task, trajectories, numbers),
         error_section(path_task, trajectories),
+        *([] if clearance is None else [clearance]),
         centring_section(path_task, trajectories),
         singular_section(path_task, trajectories),
         speed_section(path_task, trajectories),

@@ -13,6 +13,7 @@ import mujoco
 import numpy as np
 
 from qp_twist.checks import Array
+from qp_twist.comparison.lit_pairs import LitPairs
 from qp_twist.comparison.sight import sight
 from qp_twist.following import Trajectory
 from qp_twist.paths import PathTask
@@ -61,15 +62,18 @@ def recordings(path_task: PathTask, trajectories: Mapping[str, Trajectory]) -> d
         server.initial_camera.look_at = tuple(seen.look_at)
         server.initial_camera.fov = seen.fov
         data = mujoco.MjData(model)
+        lit = LitPairs(server, path_task)
         found = {}
         for name, trajectory in trajectories.items():
-            recorder = server.get_scene_serializer()
             frames = _frames(trajectory.q)
+            lit.prepare(frames)
+            recorder = server.get_scene_serializer()
             for q in frames:
                 data.qpos[:] = q
                 mujoco.mj_kinematics(model, data)
                 with server.atomic():
                     scene.update_from_mjdata(data)
+                    lit.show(q)
                 recorder.insert_sleep(DURATION_S / len(frames))
             found[name] = base64.b64encode(recorder.serialize()).decode("ascii")
     return found

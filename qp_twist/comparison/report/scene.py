@@ -33,10 +33,15 @@ def scene_section(
     client = json.dumps(player()).replace("</", "<\\/")
     data += f'<script type="application/json" id="player">{client}</script>'
     still = "" if picture is None else _still(picture, path_task.name)
+    lit = (
+        " Orange: bodies that are near each other; red: nearer than the task allows."
+        if path_task.clearances
+        else ""
+    )
     note = (
         '<p class="screen-only">The red line is the path. Drag to turn, scroll to come closer; the '
         "bar below a picture plays, stops and scrubs. A change of method starts both from the "
-        "beginning.</p>"
+        f"beginning.{lit}</p>"
     )
     print_note = '<p class="print-only">The animated scene is in the page itself.</p>'
     body = f'{note}<div class="views screen-only">{views}</div>{still}{print_note}{data}'

@@ -1,0 +1,203 @@
+"""What a report shows of clearance: the nearest pairs, beside MuJoCo's distances."""
+
+from __future__ import annotations
+
+import re
+from types import SimpleNamespace
+
+import mujoco
+import numpy as np
+import pytest
+
+import qp_twist as qt
+from qp_twist.comparison.lit_pairs import (
+    NEAR_RGB,
+    TOO_NEAR_RGB,
+    LitPairs,
+    distance_text,
+    shape_over,
+)
+from qp_twist.comparison.local_server import LocalServer
+from qp_twist.comparison.near_pairs import NEAR, NearPairs
+from qp_twist.comparison.report.clearance import clearance_section
+from qp_twist.comparison.sight import overview, sight
+
+TWO = """
+<mujoco>
+  <worldbody>
+    <geom name="block" type="box" size="0.1 0.1 0.1"/>
+    <body name="ball" pos="0 0 0.5">
+      <joint name="up" type="slide" axis="0 0 1" range="-1 1"/>
+      <geom name="ball" type="sphere" size="0.05"/>
+    </body>
+    <body name="rod" pos="0 1 0">
+      <joint name="along" type="slide" axis="1 0 0" range="-1 1"/>
+      <geom name="rod" type="capsule" size="0.02" fromto="-0.1 0 0 0.1 0 0"/>
+    </body>
+  </worldbody>
+</mujoco>
+"""
+
+
+def distances(model: mujoco.MjModel, q: np.ndarray, pairs: np.ndarray) -> np.ndarray:
+    """Distance of each pair at q, m, by MuJoCo."""
+    data = mujoco.MjData(model)
+    data.qpos[:] = q
+    mujoco.mj_kinematics(model, data)
+    return np.array([mujoco.mj_geomDistance(model, data, a, b, 9.0, None) for a, b in pairs])
+
+
+@pytest.fixture(scope="module")
+def cell() -> qt.PathTask:
+    return qt.load_task("deburring_cell")
+
+
+@pytest.fixture(scope="module")
+def runs(cell: qt.PathTask) -> dict[str, qt.Trajectory]:
+    """One that hits the clamp, and one that passes it."""
+    return {name: qt.follow(cell, name) for name in ("gradient_projection", "qp_gradient")}
+
+
+def test_the_closest_pair_is_that_of_the_least_distance_of_all(
+    cell: qt.PathTask, runs: dict[str, qt.Trajectory]
+) -> None:
+    (clearance,) = cell.clearances
+    q = np.vstack([run.q[::40] for run in runs.values()])
+    found, which = clearance.closest(q)
+    assert found.min() < -0.05  # the one run is inside the clamp
+    assert found.max() > 0.03
+    violated = clearance.first_violated(q)
+    for k, row in enumerate(q):
+        every = distances(cell.model, row, clearance.pairs)
+        assert found[k] == pytest.approx(every.min(), abs=2e-5)
+        assert every[which[k]] == pytest.approx(every.min(), abs=2e-5)
+        if abs(every.min() - 0.005) > 1e-5:  # not on the boundary, where the one run goes
+            assert (violated[k] < 0) == (every.min() > 0.005)
+        if violated[k] >= 0:
+            assert every[violated[k]] < 0.005 + 1e-5
+
+
+def test_between_a_ball_and_a_block_is_the_point_below_the_ball() -> None:
+    model = mujoco.MjModel.from_xml_string(TWO)
+    clearance = qt.Clearance(model, 0.01)
+    near = NearPairs(SimpleNamespace(model=model, clearances=(clearance,)))
+    for up, distance, middle in ((0.0, 0.35, 0.275), (-0.37, -0.02, 0.09)):
+        found = near.nearest(np.array([up, 0.0]))
+        assert found is not None
+        assert found.name == "block to ball"
+        assert found.distance == pytest.approx(distance, abs=1e-6)
+        np.testing.assert_allclose(found.middle, [0.0, 0.0, middle], atol=1e-4)
+    ball, rod = model.geom("ball").id, model.geom("rod").id
+    assert near.geoms(np.array([[0.0, 0.0]])) == {}
+    assert near.geoms(np.array([[-0.33, 0.0]])) == {model.geom("block").id: False, ball: False}
+    assert near.geoms(np.array([[-0.345, 0.0]])) == {model.geom("block").id: True, ball: True}
+    assert rod not in near.geoms(np.array([[-0.345, 0.0], [0.0, 0.0]]))
+
+
+def test_without_pairs_nothing_is_near() -> None:
+    model = mujoco.MjModel.from_xml_string(TWO)
+    empty = qt.Clearance(model, 0.01, [("ball", "block"), ("rod", "block"), ("rod", "ball")])
+    distances, pairs = empty.closest(np.zeros((2, 2)))
+    assert distances.tolist() == [np.inf, np.inf]
+    assert pairs.tolist() == [-1, -1]
+    assert NearPairs(SimpleNamespace(model=model, clearances=())).nearest(np.zeros(2)) is None
+
+
+def test_the_section_names_what_each_method_is_nearest_to(
+    cell: qt.PathTask, runs: dict[str, qt.Trajectory]
+) -> None:
+    section = clearance_section(cell, runs)
+    assert section is not None
+    rows = re.findall(
+        r'<tr><th scope="row">(\w+)</th><td>([^<]+)</td><td>([^<]+)</td><td>([^<]+)</td>'
+        r'<td class="(\w+)">([^<]+)</td></tr>', section.body,
+    )  # fmt: skip
+    assert [row[0] for row in rows] == list(runs)
+    (clearance,) = cell.clearances
+    for name, pair, mm, waypoint, mark, words in rows:
+        at = float(waypoint) - 1.0
+        before = int(at)
+        q = runs[name].q
+        here = q[before] + (at - before) * (q[min(before + 1, len(q) - 1)] - q[before])
+        every = distances(cell.model, here, clearance.pairs)
+        assert float(mm.replace("−", "-")) == pytest.approx(1e3 * every.min(), abs=1.5)
+        assert clearance.names[int(every.argmin())] == pair
+        assert ("clamp_post" in pair) and (mark == "bad") == (words != "✓ kept")
+        if name == "gradient_projection":
+            assert words == "✗ overlap"
+            assert float(mm.replace("−", "-")) < -50.0
+    assert section.body.count("<svg") == 1
+    assert clearance_section(qt.load_task("deburring"), {}) is None
+
+
+def test_near_geoms_are_lit_in_the_colour_of_their_distance(
+    cell: qt.PathTask, runs: dict[str, qt.Trajectory]
+) -> None:
+    (clearance,) = cell.clearances
+    server = LocalServer(0, names=())
+    try:
+        lit = LitPairs(server, cell)
+        q = runs["gradient_projection"].q[106]
+        lit.prepare(q[None])
+        assert not any(shape.visible for shape in lit.shapes.values())
+        assert not lit.label.visible
+        for row in (runs["qp_gradient"].q[0], q, runs["qp_gradient"].q[110], q):
+            near = lit.show(row)
+            every = distances(cell.model, row, clearance.pairs)
+            expected: dict[int, tuple[int, int, int]] = {}
+            for pair, distance in zip(clearance.pairs, every, strict=True):
+                if distance < 0.005 + NEAR:
+                    for geom in pair.tolist():
+                        rgb = TOO_NEAR_RGB if distance < 0.005 - 1e-6 else NEAR_RGB
+                        expected[geom] = TOO_NEAR_RGB if TOO_NEAR_RGB in (
+                            rgb, expected.get(geom)
+                        ) else rgb  # fmt: skip
+            shown = {g: tuple(s.color) for g, s in lit.shapes.items() if s and s.visible}
+            assert shown == expected
+            assert near is not None
+            assert near.distance == pytest.approx(every.min(), abs=2e-5)
+            assert near.name == clearance.names[int(every.argmin())]
+            assert lit.label.visible == bool(expected)
+            if expected:
+                assert lit.label.text == f"{near.name}: {distance_text(near.distance)}"
+        assert expected
+        assert set(expected.values()) <= {NEAR_RGB, TOO_NEAR_RGB}
+        data = mujoco.MjData(cell.model)
+        data.qpos[:] = q
+        mujoco.mj_kinematics(cell.model, data)
+        for geom in expected:
+            shape = lit.shapes[geom]
+            np.testing.assert_allclose(shape.position, data.geom_xpos[geom], atol=1e-9)
+    finally:
+        server.stop()
+
+
+@pytest.mark.parametrize("scene", ["deburring_cell", "planar_line"])
+def test_a_lit_shape_covers_its_geom_and_no_more(scene: str) -> None:
+    model = qt.load_task(scene).model
+    kinds = set()
+    for geom in range(model.ngeom):
+        kind = int(model.geom_type[geom])
+        kinds.add(kind)
+        vertices, faces = shape_over(model, geom)
+        if kind == int(mujoco.mjtGeom.mjGEOM_PLANE):
+            assert not len(faces)
+            continue
+        middle, half = np.split(model.geom_aabb[geom], 2)
+        over = np.abs(vertices - middle).max(axis=0) - half
+        assert over.min() > 0.0
+        assert over.max() < 0.003
+    assert len(kinds) > 1
+
+
+def test_a_distance_is_in_mm_and_an_overlap_has_its_depth() -> None:
+    assert distance_text(0.01234) == "12.3 mm"
+    assert distance_text(-0.0571) == "overlap by 57.1 mm"
+
+
+def test_a_scene_that_includes_another_has_its_own_camera(cell: qt.PathTask) -> None:
+    assert overview(cell.model) == "cell_overview"
+    assert overview(qt.load_task("deburring").model) == "overview"
+    seen = sight(cell)
+    camera = cell.model.camera("cell_overview")
+    np.testing.assert_allclose(seen.look_at - seen.distance * seen.forward, camera.pos, atol=1e-9)
