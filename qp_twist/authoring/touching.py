@@ -9,6 +9,7 @@ import numpy as np
 
 from qp_twist.checks import Array, Indices, Mask
 from qp_twist.constraints import Clearance
+from qp_twist.constraints.colliding_pairs import body_name
 from qp_twist.kinematics import JointRanges
 
 DISTANCE = 0.005
@@ -85,8 +86,7 @@ def _bodies(model: mujoco.MjModel, geoms: Indices) -> list[str]:
     for geom in geoms:
         body = int(model.geom_bodyid[geom])
         own = str(model.geom(int(geom)).name)
-        name = own if body == 0 and own else str(model.body(body).name)
-        names[name or f"body {body}"] = None
+        names[own if body == 0 and own else body_name(model, body)] = None
     return list(names)
 
 
@@ -117,7 +117,7 @@ def _without_shape(model: mujoco.MjModel, tool: str) -> list[str]:
         bodies.discard(int(model.body(tool).id))
     groups = {int(model.body_weldid[body]) for body in bodies}
     bare = [
-        str(model.body(body).name) or f"body {body}"
+        body_name(model, body)
         for body in range(1, model.nbody)
         if model.body_weldid[body] == body and body not in groups
     ]

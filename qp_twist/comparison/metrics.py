@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -81,6 +82,12 @@ def metrics(trajectory: Trajectory) -> dict[str, Any]:
         numbers["min_clearance_m"] = near[1].distance
     numbers["status"] = _status(trajectory, numbers, near)
     return numbers
+
+
+def too_near(numbers: Mapping[str, Any]) -> bool:
+    """Whether a method touched something, or was nearer than asked at a waypoint."""
+    left: bool = numbers.get("constraint_excess_max", 0.0) > BAND_LEFT
+    return left or numbers["min_clearance_m"] < 0.0
 
 
 def compiled_share(trajectory: Trajectory) -> float:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import math
+from collections.abc import Sequence
 from typing import Any
 
 from rich import box
@@ -11,7 +12,7 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from qp_twist.comparison.metrics import BAND_LEFT, EXCESSES
+from qp_twist.comparison.metrics import BAND_LEFT, EXCESSES, too_near
 from qp_twist.comparison.style import pair_of
 from qp_twist.paths import METHODS
 
@@ -40,7 +41,8 @@ def rich_table(comparison: dict[str, Any]) -> Table:
         "max\nstep °", "σ min", "µs per\nwaypoint",
     ):  # fmt: skip
         table.add_column(heading, justify="right", no_wrap=True)
-    for key in _excesses(comparison):
+    excesses = _excesses(comparison)
+    for key in excesses:
         if any(key in numbers for numbers in comparison["methods"].values()):
             heading = key.removesuffix("_max").replace("_", "\n")
             table.add_column(heading, justify="right", no_wrap=True)
@@ -50,7 +52,7 @@ def rich_table(comparison: dict[str, Any]) -> Table:
     for index, name in enumerate(methods):
         following = methods[index + 1] if index + 1 < len(methods) else None
         together = following is not None and pair_of(following) == pair_of(name)
-        cells = _row(name, comparison["methods"][name], comparison["compiled"][name])
+        cells = _row(name, comparison["methods"][name], comparison["compiled"][name], excesses)
         table.add_row(*cells, end_section=not together)
     return table
 
@@ -90,7 +92,9 @@ def time_in_code(microseconds: float, compiled: float) -> str:
     return f"{whole(microseconds)}{sign}"
 
 
-def _row(name: str, numbers: dict[str, Any], compiled: float) -> list[Text | str]:
+def _row(
+    name: str, numbers: dict[str, Any], compiled: float, excesses: Sequence[str]
+) -> list[Text | str]:
     first = numbers["first_violation"]
     where = "\n".join(f"{joint} at {index}" for joint, index in first.items()) or "no"
     margin = numbers["min_margin"]
@@ -107,16 +111,11 @@ def _row(name: str, numbers: dict[str, Any], compiled: float) -> list[Text | str
         significant(numbers["sigma_min"]),
         time_in_code(numbers["time_per_waypoint_us"], compiled),
     ]
-    clears = "min_clearance_m" in numbers
-    for key in EXCESSES:
-        if key not in numbers or (clears and key == "constraint_excess_max"):
-            continue
-        excess = numbers[key]
+    for excess in (numbers[key] for key in excesses if key in numbers):
         cells.append(Text(significant(excess), style="red" if excess > BAND_LEFT else ""))
-    if clears:
-        left = numbers.get("constraint_excess_max", 0.0) > BAND_LEFT
-        clearance = 1e3 * numbers["min_clearance_m"]
-        cells.append(Text(f"{clearance:.1f}", style="red" if left or clearance < 0.0 else ""))
+    if "min_clearance_m" in numbers:
+        clearance = f"{1e3 * numbers['min_clearance_m']:.1f}"
+        cells.append(Text(clearance, style="red" if too_near(numbers) else ""))
     return cells
 
 

@@ -33,7 +33,8 @@ _NEAR, _HALVINGS = 0.1, 30
 _PARTS = 8
 """Parts of a step in which the place is looked for where it comes too near."""
 PLANNED = 8
-"""Largest number of rows for a configuration of a plan: those of the nearest pairs."""
+"""Largest number of rows for a configuration of a plan, or one to which a step leads: those of the
+nearest pairs."""
 PLANNED_WITHIN = 0.3
 """Margin below which a plan has a row for a pair, m."""
 
@@ -64,12 +65,13 @@ class Clearance(Constraint):
     ``<exclude>``), without bodies that a joint connects, and without pairs of which no joint moves
     one against the other. Meshes count as their convex hulls, as in MuJoCo.
 
-    A step keeps a margin after integration, too: :class:`~qp_twist.Controller` corrects its rows by
-    the curvature of the distance. With acceleration limits a step is one from which the joints can
-    stop in time, braking in proportion: with the time T in which they then come to rest, the margin
-    is kept on the whole way to :math:`\mathbf q + \dot{\mathbf q}\,(dt + T/2)`. The next step may
-    brake so, and so may all that follow. A mocap body is expected to go on as it moved between the
-    last two steps; one that comes faster than the joints can give way is not avoided.
+    A step keeps a margin after integration, too: where it would lead too near,
+    :class:`~qp_twist.Controller` adds rows of the distances there. With acceleration limits a step
+    is one from which the joints can stop in time, braking in proportion: with the time T in which
+    they then come to rest, the margin is kept on the whole way to
+    :math:`\mathbf q + \dot{\mathbf q}\,(dt + T/2)`. The next step may brake so, and so may all that
+    follow. A mocap body is expected to go on as it moved between the last two steps; one that comes
+    faster than the joints can give way is not avoided.
 
     Attributes:
         model: The robot and what is around it.
@@ -174,13 +176,10 @@ class Clearance(Constraint):
 
     def rows(self, q: Array) -> tuple[Array, Array, Indices]:
         """Rows of the nearest pairs of each configuration, up to ``PLANNED``."""
-        count = min(PLANNED, len(self.pairs))
-        margins = self.bounded(q, PLANNED_WITHIN)
-        nearest = np.argsort(margins, axis=1)[:, :count]
-        rooms = np.take_along_axis(margins, nearest, axis=1)
-        which = np.where(rooms < PLANNED_WITHIN, nearest, -1)
+        which, rooms = _nearest(self.bounded(q, PLANNED_WITHIN), PLANNED_WITHIN)
         rows = -self._shapes.gradients(q, which)
-        return rows, np.where(which < 0, np.inf, rooms), np.zeros(count, dtype=np.intp)
+        none = np.zeros(which.shape[1], dtype=np.intp)
+        return rows, np.where(which < 0, np.inf, rooms), none
 
     def begin(self, configuration: mink.Configuration, velocity: Array, hardest: Array) -> None:
         """Begin a step: its rows may be evaluated several times, its obstacles move once.
@@ -212,14 +211,12 @@ class Clearance(Constraint):
         recovering = np.maximum(margins, -self.recovery_speed * dt)
         # Slower by dt than now, so that braking is among the steps that the rows allow.
         slower = np.maximum(np.abs(self.velocity) - self.hardest * dt, 0.0)
-        spans = self._spans(slower, dt)
-        rooms = margins * (dt / spans[-1])
+        time = self._spans(slower, dt)[-1] + np.zeros(len(margins))
         if np.isfinite(self.hardest).any():
             # First the joints come to rest, then they are as fast as the obstacle.
             harder = np.abs(gradients) @ np.minimum(self.hardest, 1e6)
-            retreat = np.divide(-taken / dt, harder, out=np.zeros(len(taken)), where=harder > 0.0)
-            rooms = np.minimum(rooms, margins * dt / (spans[-1] + retreat))
-        rooms = np.where(margins > 0.0, rooms, recovering)
+            time += np.divide(-taken / dt, harder, out=np.zeros(len(taken)), where=harder > 0.0)
+        rooms = np.where(margins > 0.0, margins * (dt / time), recovering)
         self._floor = np.zeros(len(self.pairs))
         self._floor[self._shown] = np.minimum(margins - recovering, 0.0)
         self._gradients = np.zeros((len(self.pairs), self.model.nv))
@@ -255,9 +252,7 @@ class Clearance(Constraint):
         """
         spans = self._spans(velocity, dt)
         spans = spans if spans[-1] > dt else spans[:1]
-        there = np.tile(configuration.q, (len(spans), 1))
-        for row, span in zip(there, spans, strict=True):
-            mujoco.mj_integratePos(self.model, row, velocity, span)
+        there = self._there(configuration, velocity, spans)
         left = self._ahead(there) - self._floor
         short = float(np.maximum(-left, 0.0).max(initial=0.0))
         if short > 0.0:
@@ -265,20 +260,23 @@ class Clearance(Constraint):
             # Where it leads through the middle of something, the way out is not ahead: the row is
             # that of where it comes too near.
             spans = spans[-1] * np.arange(1, _PARTS + 1) / _PARTS
-            there = np.tile(configuration.q, (_PARTS, 1))
-            for row, span in zip(there, spans, strict=True):
-                mujoco.mj_integratePos(self.model, row, velocity, span)
+            there = self._there(configuration, velocity, spans)
             left = self._ahead(there) - self._floor
             before = np.minimum.accumulate(left, axis=0)
             left[1:][before[:-1] < 0.0] = 0.0  # later ones
             self._correct(there, left, spans, velocity, dt)
         return short
 
+    def _there(self, configuration: mink.Configuration, velocity: Array, spans: Array) -> Array:
+        """Configurations (K, nq) to which a velocity leads in times ``spans`` (K,), s."""
+        there = np.tile(configuration.q, (len(spans), 1))
+        for row, span in zip(there, spans, strict=True):
+            mujoco.mj_integratePos(self.model, row, velocity, span)
+        return there
+
     def _correct(self, there: Array, left: Array, spans: Array, velocity: Array, dt: float) -> None:
         """Add rows for what is ``left`` of margins (K, P) at ``there`` (K, nq), after spans."""
-        which = np.argsort(left, axis=1)[:, :PLANNED]
-        margins = np.take_along_axis(left, which, axis=1)
-        which = np.where(margins < 0.0, which, -1)
+        which, margins = _nearest(left, 0.0)
         gradients = self._shapes.gradients(there, which, ahead=True)
         rates = gradients @ velocity
         # On the far side of something the way out would be ahead.
@@ -364,7 +362,6 @@ class Clearance(Constraint):
     def without_pairs(self) -> Clearance:
         """A clearance of the same model that asks for nothing."""
         empty = copy.copy(self)
-        empty.__dict__.pop("_shapes", None)
         empty.pairs, empty.names, empty.units = self.pairs[:0], (), ()
         empty._floor = self._floor[:0]
         return empty
@@ -375,6 +372,13 @@ class Clearance(Constraint):
 
     def __repr__(self) -> str:
         return f"Clearance({len(self.pairs)} pairs, {1e3 * self.distance:g} mm)"
+
+
+def _nearest(margins: Array, below: float) -> tuple[Indices, Array]:
+    """Indices and margins of the nearest pairs (N, k) of margins (N, P), −1 for those not below."""
+    which = np.argsort(margins, axis=1)[:, :PLANNED]
+    found = np.take_along_axis(margins, which, axis=1)
+    return np.where(found < below, which, -1), found
 
 
 def _two_names(pair: Any) -> tuple[str, str]:

@@ -25,27 +25,26 @@ from qp_twist.kernel.convex import MESH, PLANE, CellSizes
 class MovingShapes:
     """Geoms of some pairs, on the bodies of a model with hinges and slides.
 
+    Distances and depths are those of :mod:`qp_twist.kernel.convex`.
+
     Attributes:
         has_moved: Whether mocap bodies were taken from MuJoCo's data.
-
-    Distances and depths are those of :mod:`qp_twist.kernel.convex`.
     """
 
     def __init__(self, model: mujoco.MjModel, pairs: Indices) -> None:
         """Lay out the arrays for pairs that :func:`check_shapes` has accepted."""
-        self._model, self._data = model, mujoco.MjData(model)
-        self._pairs = pairs
+        self._model, self._pairs = model, pairs
         self._geoms = np.unique(pairs)
         self._number = {int(geom): k for k, geom in enumerate(self._geoms)}
         vertices = [self._vertices(int(geom)) for geom in self._geoms]
         chains = [relative_joints(model, int(a), int(b)) for a, b in pairs]
         moving = self._moving()
-        self._size = CellSizes(
+        size = CellSizes(
             model.nbody, len(moving), model.njnt, len(self._geoms), sum(map(len, vertices)),
             len(pairs), sum(len(one) + len(other) for one, other in chains),
         )  # fmt: skip
         self.has_moved = False
-        self._floats, self._integers = CELL.allocate(self._size)
+        self._floats, self._integers = CELL.allocate(size)
         self._write(moving, vertices, chains)
 
     # ------------------------------------------------------------------ questions
@@ -155,10 +154,9 @@ class MovingShapes:
         vertices: list[Array],
         chains: list[tuple[list[int], list[int]]],
     ) -> None:
-        model, data = self._model, self._data
+        model, data = self._model, mujoco.MjData(self._model)
         cell: Cell = CELL.arrays(self._floats, self._integers, self._integers)
         self._cell = cell
-        data.qpos[:] = model.qpos0
         mujoco.mj_kinematics(model, data)
         tree, shapes, pairs, places = cell.tree, cell.shapes, cell.pairs, cell.places
         tree.moving[:] = moving

@@ -313,12 +313,13 @@ class Controller:
         if velocity is not None:
             self.note(velocity)
         clearances = self._clearances()
+        moving = self._moving() if clearances else ()
         for clearance in clearances:
-            clearance.begin(configuration, *self._moving())
+            clearance.begin(configuration, *moving)
         try:
             step, note = self._solved(configuration, dt, bool(use_secondary))
-            # Rows of clearance are linear in the step: what they lack of the distance where it
-            # leads is subtracted from them, and the step is computed again.
+            # Rows of clearance are linear in the step, distances are not: where it leads too near,
+            # rows of the distances there are added, and the step is computed again.
             for _ in range(_CORRECTIONS if clearances else 0):
                 short = [c.falls_short(configuration, step.velocity, dt) for c in clearances]
                 if max(short) <= _KEPT:

@@ -315,6 +315,18 @@ def _gap(shapes, g, h, x, R, nx, ny, nz, s):
 
 
 @plain
+def _moved_apart(shapes, g, h, x, R, normal, shift, s):
+    """Distance of the cores with g shifted along a normal (3,), with its nearest points there."""
+    for i in range(3):
+        s.place[i] = x[g, i]
+        x[g, i] += shift * normal[i]
+    apart = _of_cores(shapes, g, h, x, R, math.inf, s)
+    for i in range(3):
+        x[g, i] = s.place[i]
+    return apart
+
+
+@plain
 def _climb(shapes, g, h, x, R, normal, s):
     """Move ``normal`` (3,) to a direction of locally largest gap of two cores; return the gap.
 
@@ -323,13 +335,7 @@ def _climb(shapes, g, h, x, R, normal, s):
     """
     gap = _gap(shapes, g, h, x, R, normal[0], normal[1], normal[2], s)
     for _ in range(MOST_CLIMBS):
-        shift = APART - gap
-        for i in range(3):
-            s.place[i] = x[g, i]
-            x[g, i] += shift * normal[i]
-        apart = _of_cores(shapes, g, h, x, R, math.inf, s)
-        for i in range(3):
-            x[g, i] = s.place[i]
+        apart = _moved_apart(shapes, g, h, x, R, normal, APART - gap, s)
         if apart <= TOUCHING:
             break
         u = (s.result[0] - s.result[3]) / apart
@@ -364,36 +370,23 @@ def _penetration(shapes, g, h, x, R, s):
     """
     best = -math.inf
     for k in range(len(s.tried)):
-        s.tried[k] = -math.inf
-    for start in range(STARTS):
-        most, n0, n1, n2 = -math.inf, 1.0, 0.0, 0.0
-        which = -1
+        a, b, c = _direction(k, R[g], R[h])
+        s.tried[k] = _gap(shapes, g, h, x, R, a, b, c, s)
+    for _ in range(STARTS):
+        start = 0
         for k in range(len(s.tried)):
-            if s.tried[k] == math.inf:
-                continue
-            a, b, c = _direction(k, R[g], R[h])
-            if start == 0:
-                s.tried[k] = _gap(shapes, g, h, x, R, a, b, c, s)
-            if s.tried[k] > most:
-                most, which, n0, n1, n2 = s.tried[k], k, a, b, c
-        s.tried[which] = math.inf  # taken
-        s.normal[0], s.normal[1], s.normal[2] = n0, n1, n2
+            start = k if s.tried[k] > s.tried[start] else start
+        s.tried[start] = -math.inf  # taken
+        s.normal[0], s.normal[1], s.normal[2] = _direction(start, R[g], R[h])
         gap = _climb(shapes, g, h, x, R, s.normal, s)
         if gap > best:
             best = gap
             for i in range(3):
                 s.deepest[i] = s.normal[i]
-    n = s.deepest
-    shift = APART - best
+    _moved_apart(shapes, g, h, x, R, s.deepest, APART - best, s)
     for i in range(3):
-        s.place[i] = x[g, i]
-        x[g, i] += shift * n[i]
-    _of_cores(shapes, g, h, x, R, math.inf, s)
-    for i in range(3):
-        x[g, i] = s.place[i]
-        s.result[i] -= shift * n[i]
-    for i in range(3):
-        s.result[6 + i] = n[i]
+        s.result[i] -= (APART - best) * s.deepest[i]
+        s.result[6 + i] = s.deepest[i]
     return min(best, 0.0)
 
 

@@ -138,9 +138,7 @@ class PlanSearch:
         self.rows = PathRows(path_task)
         self._progress = progress or (lambda what, share: None)
         ranges = limits.ranges
-        self._cleared = any(
-            isinstance(c, Clearance) and len(c.pairs) > 0 for c in path_task.constraints
-        )
+        self._cleared = bool(path_task.clearances)
         #: The task and its rows without clearance, of which layers are made.
         self._free_task, self._free_rows = path_task, self.rows
         if self._cleared:
@@ -195,9 +193,8 @@ class PlanSearch:
     def _clears(self, q: Array) -> Mask:
         """Which configurations q (K, nv) keep the clearance, (K,)."""
         clears = np.ones(len(q), dtype=bool)
-        for constraint in self.path_task.stated_constraints:
-            if isinstance(constraint, Clearance):
-                clears[clears] = constraint.inside(q[clears], WITHIN)
+        for clearance in self.path_task.clearances:
+            clears[clears] = clearance.inside(q[clears], WITHIN)
         return clears
 
     def _cleared_layer(self, layer: Layer, index: int) -> Layer:
@@ -226,8 +223,8 @@ class PlanSearch:
         best = self._better(best, found.path)
         first, bound = best, self._bound(found, best)
         # With a clearance the bound, which knows of none, says little.
-        near = best is not None and (self._cleared or _alike(bound, best.value))
-        if self.start is None and not near:
+        settled = best is not None and (self._cleared or _alike(bound, best.value))
+        if self.start is None and not settled:
             tried = self._tried(None if best is None else best.q[0])
         for trial in tried:
             # A seed that is still far from the best will not become it.

@@ -6,6 +6,7 @@ import importlib.util
 import shutil
 import sys
 import tomllib
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -83,6 +84,19 @@ def corners(model: mujoco.MjModel, name: str) -> np.ndarray:
     return np.array([points.min(axis=0), points.max(axis=0)])
 
 
+def at_random(
+    robot: mujoco.MjModel, model: mujoco.MjModel, seed: int
+) -> Iterator[tuple[mujoco.MjData, mujoco.MjData]]:
+    """Two models with the same joints at the same random configurations."""
+    rng = np.random.default_rng(seed)
+    for q in rng.uniform(*robot.jnt_range.T, size=(5, robot.nq)):
+        here, there = mujoco.MjData(robot), mujoco.MjData(model)
+        here.qpos[:] = there.qpos[:] = q
+        mujoco.mj_kinematics(robot, here)
+        mujoco.mj_kinematics(model, there)
+        yield here, there
+
+
 def test_a_cell_has_everything_where_the_meshes_and_the_options_say(
     request_: Request, tmp_path: Path
 ) -> None:
@@ -100,12 +114,7 @@ def test_a_cell_has_everything_where_the_meshes_and_the_options_say(
     assert model.geom("floor").pos[2] == pytest.approx(0.3 - 0.41)
     # The tip is 60 mm along the frame's z, turned by 45° about it, at every configuration.
     robot = qt.load_robot(qt.load_task("deburring").scene.with_name(str(SEVEN))).model
-    rng = np.random.default_rng(1)
-    for q in rng.uniform(*robot.jnt_range.T, size=(5, robot.nq)):
-        here, there = mujoco.MjData(robot), mujoco.MjData(model)
-        here.qpos[:] = there.qpos[:] = q
-        mujoco.mj_kinematics(robot, here)
-        mujoco.mj_kinematics(model, there)
+    for here, there in at_random(robot, model, seed=1):
         turn = here.site("tool").xmat.reshape(3, 3)
         tip = here.site("tool").xpos + 0.06 * turn[:, 2]
         np.testing.assert_allclose(there.site("tcp").xpos, tip, atol=1e-7)
@@ -353,12 +362,7 @@ def test_the_robot_of_a_urdf_is_the_same_in_its_scene(path: Path, tmp_path: Path
     made = new_task(request, tmp_path / "arm.toml")
     robot, model = qt.load_robot(file).model, made.path_task.model
     np.testing.assert_array_equal(model.jnt_range, robot.jnt_range)  # MuJoCo writes six digits
-    rng = np.random.default_rng(2)
-    for q in rng.uniform(*robot.jnt_range.T, size=(5, robot.nq)):
-        here, there = mujoco.MjData(robot), mujoco.MjData(model)
-        here.qpos[:] = there.qpos[:] = q
-        mujoco.mj_kinematics(robot, here)
-        mujoco.mj_kinematics(model, there)
+    for here, there in at_random(robot, model, seed=2):
         flange = here.body("flange")
         tip = flange.xpos + 0.1 * flange.xmat.reshape(3, 3)[:, 2]
         np.testing.assert_allclose(there.site("tcp").xpos, tip, rtol=0, atol=1e-12)

@@ -13,7 +13,13 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
 
-from qp_twist.comparison.metrics import BAND_LEFT, EXCESSES, TASK_MET_M, TASK_MET_RAD
+from qp_twist.comparison.metrics import (
+    BAND_LEFT,
+    EXCESSES,
+    TASK_MET_M,
+    TASK_MET_RAD,
+    too_near,
+)
 from qp_twist.comparison.report.section import ReportSection, figure_html, kind
 from qp_twist.comparison.report.svg import SVG_RC, inline_svg
 from qp_twist.comparison.report.swatch import swatch
@@ -118,9 +124,8 @@ def _row(name: str, numbers: Mapping[str, Any], compiled: float, more: Sequence[
     for excess in (numbers.get(key, 0.0) for key in more):
         cells.append(_cell(significant(excess), bad=excess > BAND_LEFT))
     if "min_clearance_m" in numbers:
-        clearance = numbers["min_clearance_m"]
-        left = clearance < 0.0 or numbers.get("constraint_excess_max", 0.0) > BAND_LEFT
-        cells.append(_cell(f"{1e3 * clearance:.1f}", bad=left))
+        clearance = f"{1e3 * numbers['min_clearance_m']:.1f}"
+        cells.append(_cell(clearance, bad=too_near(numbers)))
     title, what = METHODS[name].title, _KINDS[kind(name)]
     if not title.startswith(what):
         title = f"{title}, {what}"
