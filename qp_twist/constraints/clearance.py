@@ -22,19 +22,15 @@ from qp_twist.constraints.constraint import Constraint
 from qp_twist.errors import InvalidInput
 
 if TYPE_CHECKING:
+    from qp_twist.constraints.clearance_step import ClearanceStep, PairRows
     from qp_twist.constraints.shapes import MovingShapes
 
-HORIZON = 0.2
-"""Distance beyond the asked one from which on a step has a row for a pair, m."""
 RESOLUTION = 1e-5
 """How much nearer a pair may be than the least distance that is found on a motion, m."""
 _NEAR, _HALVINGS = 0.1, 30
 """Distance above which only bounds are computed at first, m; largest number of halvings."""
-_PARTS = 8
-"""Parts of a step in which the place is looked for where it comes too near."""
 PLANNED = 8
-"""Largest number of rows for a configuration of a plan, or one to which a step leads: those of the
-nearest pairs."""
+"""Largest number of rows for a configuration of a plan: those of the nearest pairs."""
 PLANNED_WITHIN = 0.3
 """Margin below which a plan has a row for a pair, m."""
 
@@ -67,11 +63,10 @@ class Clearance(Constraint):
 
     A step keeps a margin after integration, too: where it would lead too near,
     :class:`~qp_twist.Controller` adds rows of the distances there. With acceleration limits a step
-    is one from which the joints can stop in time, braking in proportion: with the time T in which
-    they then come to rest, the margin is kept on the whole way to
-    :math:`\mathbf q + \dot{\mathbf q}\,(dt + T/2)`. The next step may brake so, and so may all that
-    follow. A mocap body is expected to go on as it moved between the last two steps; one that comes
-    faster than the joints can give way is not avoided.
+    is one after which the margin is kept while all joints brake to rest, each as hard as it may
+    (``qp_twist/kernel/clearance_rows.py``). The next step may brake so, and so may all that follow.
+    A mocap body is expected to go on as it moved between the last two steps; one that comes faster
+    than the joints can give way is not avoided.
 
     Attributes:
         model: The robot and what is around it.
@@ -79,8 +74,6 @@ class Clearance(Constraint):
         pairs: Ids of the two geoms of each pair, (P, 2).
         ignored: The pairs of names that may touch.
         has_begun: Whether a step is being computed, possibly several times.
-        velocity: Velocity of the joints before the next step, rad/s or m/s, (nv,).
-        hardest: Acceleration limits of the joints, rad/s² or m/s², (nv,); ∞ where there are none.
     """
 
     kind = "clearance"
@@ -119,23 +112,18 @@ class Clearance(Constraint):
         self.names = tuple(f"{geom_name(model, a)} to {geom_name(model, b)}" for a, b in pairs)
         self.units = ("m",) * len(pairs)
         self.has_begun = False
-        self.velocity, self.hardest = np.zeros(model.nv), np.full(model.nv, np.inf)
-        #: The pairs near enough for a row in the step, and those of all its rows, (k,).
-        self._shown: Indices = np.zeros(0, dtype=np.intp)
-        self._named: Indices = self._shown
-        #: The margins that pairs may have after the step: 0, or less for those that return, (P,).
-        self._floor: Array = np.zeros(len(pairs))
-        #: The derivatives of their margins at its beginning, 0 of those that have no row, (P, nv).
-        self._gradients: Array = np.zeros((len(pairs), model.nv))
-        #: Rows of where solutions of the step that is being computed led too near: the pairs (k,),
-        #: and G and h.
-        self._corrections: tuple[Indices, Array, Array] = self._none()
 
     @cached_property
     def _shapes(self) -> MovingShapes:
         from qp_twist.constraints.shapes import MovingShapes  # numba takes half a second
 
         return MovingShapes(self.model, self.pairs)
+
+    @cached_property
+    def _step(self) -> ClearanceStep:
+        from qp_twist.constraints.clearance_step import ClearanceStep
+
+        return ClearanceStep(self._shapes, self.model.nq, self.model.nv, self.distance)
 
     # ------------------------------------------------------------------ as every constraint
 
@@ -181,124 +169,62 @@ class Clearance(Constraint):
         none = np.zeros(which.shape[1], dtype=np.intp)
         return rows, np.where(which < 0, np.inf, rooms), none
 
-    def begin(self, configuration: mink.Configuration, velocity: Array, hardest: Array) -> None:
+    def begin(
+        self,
+        configuration: mink.Configuration,
+        velocity: Array | None = None,
+        hardest: Array | None = None,
+    ) -> None:
         """Begin a step: its rows may be evaluated several times, its obstacles move once.
 
         Args:
             configuration: That of the step.
-            velocity: Speed of the joints before it, rad/s or m/s, (nv,).
+            velocity: Velocity of the joints before it, rad/s or m/s, (nv,).
             hardest: Their acceleration limits, rad/s² or m/s², (nv,); ∞ where there are none.
         """
         self._shapes.take_mocap(configuration.data)
-        self.velocity, self.hardest, self.has_begun = velocity, hardest, True
-        self._corrections = self._none()
+        self._step.begin(velocity, hardest)
+        self.has_begun = True
+
+    def step_rows(self, configuration: mink.Configuration, dt: float) -> PairRows:
+        """The rows of one step, G q̇ ≤ g, for pairs nearer than ``HORIZON``."""
+        if not self.has_begun:
+            self.begin(configuration)
+            self.has_begun = False
+        return self._step.rows(configuration.q, dt, self.recovery_speed)
 
     def compute_qp_inequalities(
         self, configuration: mink.Configuration, dt: float
     ) -> mink.Constraint:
-        """The rows of one step, G Δq ≤ h, for pairs nearer than ``HORIZON``."""
-        if not self.has_begun:
-            self._shapes.take_mocap(configuration.data)
-            self._corrections = self._none()
-        q = configuration.q[None]
-        now = self.bounded(q, HORIZON)[0]
-        then = self._ahead(q)[0] if self._shapes.has_moved else now
-        self._shown = np.flatnonzero(np.minimum(now, then) < HORIZON)
-        margins = now[self._shown]
-        # What an obstacle that moves takes of the margin during the step.
-        taken = np.minimum(then[self._shown] - margins, 0.0)
-        gradients = self._shapes.gradients(q, self._shown[None])[0]
-        recovering = np.maximum(margins, -self.recovery_speed * dt)
-        # Slower by dt than now, so that braking is among the steps that the rows allow.
-        slower = np.maximum(np.abs(self.velocity) - self.hardest * dt, 0.0)
-        time = self._spans(slower, dt)[-1] + np.zeros(len(margins))
-        if np.isfinite(self.hardest).any():
-            # First the joints come to rest, then they are as fast as the obstacle.
-            harder = np.abs(gradients) @ np.minimum(self.hardest, 1e6)
-            time += np.divide(-taken / dt, harder, out=np.zeros(len(taken)), where=harder > 0.0)
-        rooms = np.where(margins > 0.0, margins * (dt / time), recovering)
-        self._floor = np.zeros(len(self.pairs))
-        self._floor[self._shown] = np.minimum(margins - recovering, 0.0)
-        self._gradients = np.zeros((len(self.pairs), self.model.nv))
-        self._gradients[self._shown] = gradients
-        pairs, G, h = self._corrections
-        self._named = np.concatenate([self._shown, pairs])
-        return mink.Constraint(
-            G=np.concatenate([-gradients, G]), h=np.concatenate([rooms + taken, h])
-        )
-
-    def _spans(self, velocity: Array, dt: float) -> Array:
-        """Times for which a velocity may go on: this step; with braking after it, half, all; s."""
-        braking = float((np.abs(velocity) / self.hardest).max(initial=0.0))
-        whole = dt + 0.5 * braking
-        return np.array([dt, max(dt, 0.5 * whole), whole])
+        """The same as G Δq ≤ h."""
+        rows = self.step_rows(configuration, dt)
+        return mink.Constraint(G=rows.rows, h=rows.bounds * dt)
 
     def row_name(self, row: int) -> str:
         """Name of the pair of a row of the last step."""
-        return self.names[int(self._named[row])]
+        return self.names[self._step.pair_of(row)]
 
-    def falls_short(self, configuration: mink.Configuration, velocity: Array, dt: float) -> float:
+    def falls_short(self, velocity: Array, dt: float) -> float:
         """How far the last step's velocity leads below its margins, m, 0 if it does not.
 
-        With acceleration limits also how far it would, if the joints braked in proportion from then
-        on: they then move on straight, by half of what they move in the time until they are at
-        rest. Where it does, further rows of this step are those of the distances there: linear in
-        the difference from this solution.
+        With acceleration limits also how far it would, if the joints braked from then on.
 
         Args:
-            configuration: That of the step.
-            velocity: Its result, (nv,), rad/s or m/s.
+            velocity: Result of the step, (nv,), rad/s or m/s.
             dt: Its length, s.
         """
-        spans = self._spans(velocity, dt)
-        spans = spans if spans[-1] > dt else spans[:1]
-        there = self._there(configuration, velocity, spans)
-        left = self._ahead(there) - self._floor
-        short = float(np.maximum(-left, 0.0).max(initial=0.0))
-        if short > 0.0:
-            self._correct(there, left, spans, velocity, dt)
-            # Where it leads through the middle of something, the way out is not ahead: the row is
-            # that of where it comes too near.
-            spans = spans[-1] * np.arange(1, _PARTS + 1) / _PARTS
-            there = self._there(configuration, velocity, spans)
-            left = self._ahead(there) - self._floor
-            before = np.minimum.accumulate(left, axis=0)
-            left[1:][before[:-1] < 0.0] = 0.0  # later ones
-            self._correct(there, left, spans, velocity, dt)
-        return short
+        return self._step.lacks(velocity, dt)
 
-    def _there(self, configuration: mink.Configuration, velocity: Array, spans: Array) -> Array:
-        """Configurations (K, nq) to which a velocity leads in times ``spans`` (K,), s."""
-        there = np.tile(configuration.q, (len(spans), 1))
-        for row, span in zip(there, spans, strict=True):
-            mujoco.mj_integratePos(self.model, row, velocity, span)
-        return there
+    def correct(self, velocity: Array, dt: float) -> None:
+        """Add rows of where the last step's velocity leads, after :meth:`falls_short`.
 
-    def _correct(self, there: Array, left: Array, spans: Array, velocity: Array, dt: float) -> None:
-        """Add rows for what is ``left`` of margins (K, P) at ``there`` (K, nq), after spans."""
-        which, margins = _nearest(left, 0.0)
-        gradients = self._shapes.gradients(there, which, ahead=True)
-        rates = gradients @ velocity
-        # On the far side of something the way out would be ahead.
-        begin = self._gradients[which]
-        turned = np.einsum("sin,sin->si", gradients, begin) < 0.0
-        far = np.where(begin.any(axis=2), turned, rates >= 0.0)
-        taken = (which >= 0) & ~far
-        rooms = (margins / spans[:, None] - rates) * dt
-        pairs, G, h = self._corrections
-        self._corrections = (
-            np.concatenate([pairs, which[taken]]),
-            np.concatenate([G, -gradients[taken]]),
-            np.concatenate([h, rooms[taken]]),
-        )
+        They are linear in the difference from this velocity.
+        """
+        self._step.correct(velocity, dt)
 
-    def _none(self) -> tuple[Indices, Array, Array]:
-        """No corrections."""
-        return np.zeros(0, dtype=np.intp), np.zeros((0, self.model.nv)), np.zeros(0)
-
-    def _ahead(self, q: Array) -> Array:
-        """Margins as :meth:`bounded`, with mocap bodies where they are expected after a step."""
-        return self._shapes.distances(q, HORIZON + self.distance, ahead=True) - self.distance
+    def hold(self, velocity: Array, dt: float, kept: float) -> None:
+        """Add rows that hold a safe velocity between this one and the hardest braking."""
+        self._step.hold(velocity, dt, kept)
 
     def nearest(self, q: Array) -> NearestPair | None:
         """The least distance on a motion whose joints go straight from row to row of q (N, nq).
@@ -363,12 +289,11 @@ class Clearance(Constraint):
         """A clearance of the same model that asks for nothing."""
         empty = copy.copy(self)
         empty.pairs, empty.names, empty.units = self.pairs[:0], (), ()
-        empty._floor = self._floor[:0]
         return empty
 
     def __getstate__(self) -> dict[str, Any]:
-        """State without the shapes, whose views would no longer share memory."""
-        return {name: value for name, value in self.__dict__.items() if name != "_shapes"}
+        """State without the arrays of the kernel, whose views would no longer share memory."""
+        return {k: value for k, value in self.__dict__.items() if k not in ("_shapes", "_step")}
 
     def __repr__(self) -> str:
         return f"Clearance({len(self.pairs)} pairs, {1e3 * self.distance:g} mm)"

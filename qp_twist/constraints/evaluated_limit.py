@@ -11,6 +11,7 @@ import numpy as np
 from qp_twist.checks import Array, Indices, are_rows, float_array, within
 from qp_twist.constraints.band_limit import BandLimit
 from qp_twist.constraints.box_limit import Box, no_box
+from qp_twist.constraints.clearance import Clearance
 from qp_twist.constraints.constraint import Constraint, margins_of
 from qp_twist.constraints.position_limit import NOTICEABLE
 from qp_twist.errors import InvalidInput
@@ -41,7 +42,8 @@ class EvaluatedLimit:
         box: Its rows with a single entry, as bounds.
         rows: The other rows, without those that always hold, (k, nv).
         bounds: Their right-hand side, (k,), rad/s or m/s.
-        which: Their indices among all rows of the limit, (k,).
+        rooms: The part of it that is what is left of a clearance, over dt; else 0, (k,).
+        which: Their indices among all rows of the limit, (k,); of a clearance those of the pairs.
         recovering: A sentence for each violated margin, if the limit is a constraint.
     """
 
@@ -49,6 +51,7 @@ class EvaluatedLimit:
     box: Box
     rows: Array
     bounds: Array
+    rooms: Array
     which: np.ndarray[tuple[int], np.dtype[np.intp]]
     recovering: tuple[str, ...] = ()
 
@@ -66,6 +69,8 @@ class EvaluatedLimit:
             InvalidInput: If the limit returns no rows, or they are not numbers.
         """
         nv = configuration.model.nv
+        if known is None and isinstance(limit, Clearance):
+            return cls._of_clearance(limit, configuration, dt)
         if known is None:
             known = LimitRows.of(limit, configuration, dt)
         G, g = _checked(type(limit).__name__, known.G, known.h, dt)
@@ -77,11 +82,29 @@ class EvaluatedLimit:
         if single.any():
             box = _box(kind_of(limit), G[single], g[single])
         which = ((entries > 1) & (g < np.inf) | (entries == 0) & (g < 0.0)).nonzero()[0]
-        return cls(limit, box, G[which], g[which], which, known.recovering(configuration))
+        none = np.zeros(len(which))
+        return cls(limit, box, G[which], g[which], none, which, known.recovering(configuration))
+
+    @classmethod
+    def _of_clearance(
+        cls, clearance: Clearance, configuration: mink.Configuration, dt: float
+    ) -> EvaluatedLimit | None:
+        """Its rows stay rows, so that they have the names of their pairs; they are numbers."""
+        rows = clearance.step_rows(configuration, dt)
+        if not len(rows.bounds):
+            return None
+        recovering: tuple[str, ...] = ()
+        if rows.bounds.min() < 0.0:
+            recovering = _recovering(clearance, configuration)
+        box = no_box(clearance.kind, configuration.model.nv)
+        return cls(clearance, box, *rows, recovering)
 
     @property
     def names(self) -> list[RowName]:
         """Of the rows."""
+        if isinstance(self.limit, Clearance):
+            names = self.limit.names
+            return [(names[pair], self.limit.kind) for pair in self.which.tolist()]
         return RowsOf(self.limit, self.which).names
 
 
@@ -152,11 +175,15 @@ class LimitRows(NamedTuple):
         limit = self.limit
         if not np.count_nonzero(self.h < 0.0) or not isinstance(limit, Constraint):
             return ()
-        margins = margins_of(limit, configuration.q[None])[0]
-        return tuple(
-            f"{limit.names[k]} is {-margins[k]:.3g} {limit.units[k]} outside its {limit.kind} limit"
-            for k in np.flatnonzero(margins < -NOTICEABLE)
-        )
+        return _recovering(limit, configuration)
+
+
+def _recovering(limit: Constraint, configuration: mink.Configuration) -> tuple[str, ...]:
+    margins = margins_of(limit, configuration.q[None])[0]
+    return tuple(
+        f"{limit.names[k]} is {-margins[k]:.3g} {limit.units[k]} outside its {limit.kind} limit"
+        for k in np.flatnonzero(margins < -NOTICEABLE)
+    )
 
 
 def _checked(name: str, G: Array, h: Array, dt: float) -> tuple[Array, Array]:

@@ -34,6 +34,7 @@ class GatheredLimits:
         box: The bounds on single joints.
         rows: G, shape (m, nv).
         bounds: g, shape (m,).
+        rooms: Part of g that is what is left of a clearance, over dt; else 0, (m,).
         sources: The limits that the rows come from; they provide the rows' names.
         model: The robot.
         recovering: A sentence for each joint that is outside its limits.
@@ -42,6 +43,7 @@ class GatheredLimits:
     box: Intersection
     rows: Array
     bounds: Array
+    rooms: Array
     sources: Sequence[Named]
     model: mujoco.MjModel
     recovering: tuple[str, ...] = ()
@@ -136,6 +138,7 @@ def gather_limits(
         box,
         np.vstack([rows.rows for rows in found]) if found else np.zeros((0, model.nv)),
         np.concatenate([rows.bounds for rows in found]) if found else np.zeros(0),
+        np.concatenate([rows.rooms for rows in found]) if found else np.zeros(0),
         found,
         model,
         tuple(recovering),

@@ -47,20 +47,23 @@ class MovingShapes:
         self._floats, self._integers = CELL.allocate(size)
         self._write(moving, vertices, chains)
 
+    @property
+    def count(self) -> int:
+        """Number of pairs."""
+        return len(self._pairs)
+
+    @property
+    def arrays(self) -> tuple[Array, Array, Indices]:
+        """Floats of the cell, those with mocap bodies where they are expected, and integers."""
+        return self._floats, self._ahead, self._integers
+
     # ------------------------------------------------------------------ questions
 
-    def distances(self, q: Array, enough: float, *, ahead: bool = False) -> Array:
-        """Signed distances (N, P), m; above ``enough`` lower bounds of them.
-
-        Args:
-            q: Configurations, (N, nq).
-            enough: m.
-            ahead: Whether mocap bodies are where they are expected at the next step.
-        """
+    def distances(self, q: Array, enough: float) -> Array:
+        """Signed distances (N, P) at q (N, nq), m; above ``enough`` lower bounds of them."""
         q = _rows(q)
         found = np.zeros((len(q), len(self._pairs)))
-        floats = self._ahead if ahead else self._floats
-        distances(floats.copy(), self._integers, q, enough, found)
+        distances(self._floats.copy(), self._integers, q, enough, found)
         return found
 
     def first_below(self, q: Array, distance: float) -> Indices:
@@ -70,15 +73,11 @@ class MovingShapes:
         first_below(self._floats.copy(), self._integers, q, distance, found)
         return found
 
-    def gradients(self, q: Array, which: Indices, *, ahead: bool = False) -> Array:
-        """Derivatives (N, k, nv) of the distances of pairs ``which`` (N, k); 0 for the index −1.
-
-        ``ahead`` as in :meth:`distances`.
-        """
+    def gradients(self, q: Array, which: Indices) -> Array:
+        """Derivatives (N, k, nv) of the distances of pairs ``which`` (N, k); 0 for the index −1."""
         q, which = _rows(q), np.ascontiguousarray(which, dtype=np.int64)
         found = np.zeros((*which.shape, self._model.nv))
-        floats = self._ahead if ahead else self._floats
-        gradients(floats.copy(), self._integers, q, which, found)
+        gradients(self._floats.copy(), self._integers, q, which, found)
         return found
 
     def changes(self, q: Array, travel: Array) -> Array:

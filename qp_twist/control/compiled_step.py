@@ -409,6 +409,8 @@ class CompiledStep:
         for source in rows:
             end = first + len(source.bounds)
             G[first:end, :nv], self._program.g[first:end] = source.rows, source.bounds
+            rooms = source.rooms if isinstance(source, EvaluatedLimit) else 0.0
+            self._inputs.rooms[first:end] = rooms
             if isinstance(source, BandRows) and source.weight is not None:
                 G[first:end, slack] = -np.sqrt(cost / source.weight)
                 slack += 1

@@ -313,16 +313,22 @@ class Controller:
         if velocity is not None:
             self.note(velocity)
         clearances = self._clearances()
-        moving = self._moving() if clearances else ()
-        for clearance in clearances:
-            clearance.begin(configuration, *moving)
+        if clearances:
+            moving = self._moving()
+            for clearance in clearances:
+                clearance.begin(configuration, *moving)
         try:
             step, note = self._solved(configuration, dt, bool(use_secondary))
             # Rows of clearance are linear in the step, distances are not: where it leads too near,
             # rows of the distances there are added, and the step is computed again.
-            for _ in range(_CORRECTIONS if clearances else 0):
-                short = [c.falls_short(configuration, step.velocity, dt) for c in clearances]
-                if max(short) <= _KEPT:
+            for correction in range(_CORRECTIONS + 1 if clearances else 0):
+                lacking = [c for c in clearances if c.falls_short(step.velocity, dt) > _KEPT]
+                for clearance in lacking:
+                    if correction < _CORRECTIONS:
+                        clearance.correct(step.velocity, dt)
+                    else:
+                        clearance.hold(step.velocity, dt, _KEPT)
+                if not lacking:
                     break
                 step, note = self._solved(configuration, dt, bool(use_secondary))
         finally:
@@ -491,8 +497,10 @@ class Controller:
     def _acceleration(self) -> Array | None:
         """The least acceleration limit of each joint, (nv,); ``None`` where there is none."""
         stated = [v.max_acceleration for v in self.limits if isinstance(v, MotionLimit)]
-        least: Array = np.min([np.full(self.model.nv, np.inf), *stated], axis=0)
-        return least if np.isfinite(least).any() else None
+        if not any(np.isfinite(limits).any() for limits in stated):
+            return None
+        least: Array = np.min(stated, axis=0)
+        return least
 
     def _clearances(self) -> list[Clearance]:
         """Those of the limits, which may have changed since the last step."""
@@ -502,13 +510,13 @@ class Controller:
             self._seen = list(self.limits), found
         return found
 
-    def _moving(self) -> tuple[Array, Array]:
+    def _moving(self) -> tuple[Array | None, Array | None]:
         """Velocity and accelerations of the joints, (nv,), for what has to stop in time."""
         hardest = self._acceleration()
         if hardest is None:
-            return np.zeros(self.model.nv), np.full(self.model.nv, np.inf)
+            return None, None
         velocities = [v.velocity for v in self.limits if isinstance(v, MotionLimit)]
-        return np.max(np.abs(velocities), axis=0), hardest
+        return max(velocities, key=largest), hardest
 
     def _check_types(self) -> None:
         if self.model.nv == 0:

@@ -225,7 +225,7 @@ def _worthwhile(posed: Posed, solver: str, pace: Pace) -> tuple[float, Verified 
     motion[: rows.A.shape[1]] = rows.motion(top)
     # What the secondary wants beyond the limits shall not outweigh the task.
     free = np.clip(-np.linalg.solve(H, problem.c), problem.lower, problem.upper)
-    lower, upper = posed.eased(1.0 + (SPREAD - 1.0) * (1.0 - top))
+    lower, upper, eased = posed.eased(1.0 + (SPREAD - 1.0) * (1.0 - top))
     nv = len(lower)
     g = WORTH * float(motion @ H @ motion) / (1.0 - top)
     wide = np.pad(H, (0, 1))
@@ -233,7 +233,7 @@ def _worthwhile(posed: Posed, solver: str, pace: Pace) -> tuple[float, Verified 
     extended = QuadraticProgram(
         wide, np.append(-H @ free, -g - wide[n, n]),
         np.column_stack([first.A, -top * pace.slope]), pace.at_rest,
-        np.pad(problem.G, ((0, 0), (0, 1))), problem.g,
+        np.pad(problem.G, ((0, 0), (0, 1))), eased,
         np.concatenate([lower, problem.lower[nv:], [0.0]]),
         np.concatenate([upper, problem.upper[nv:], [1.0]]),
     )  # fmt: skip
@@ -243,7 +243,8 @@ def _worthwhile(posed: Posed, solver: str, pace: Pace) -> tuple[float, Verified 
         # they leave a single velocity, it is that of s* itself.
         lower = np.append(problem.lower, 0.0)
         upper = np.append(problem.upper, 1.0 + 2.0 * SCALE_BACKOFF)
-        result = solve(replace(extended, lower=lower, upper=upper), solver, persist=True)
+        all_of_it = replace(extended, lower=lower, upper=upper, g=problem.g)
+        result = solve(all_of_it, solver, persist=True)
     if isinstance(result, Refused):
         return top, None
     y, of_rows, box = result.multipliers

@@ -49,16 +49,22 @@ class Posed:
             problem = replace(problem, G=G, g=g)
         return cls(problem, levels, limits, longer)
 
-    def eased(self, steps: float) -> tuple[Array, Array]:
-        """The bounds of this step that also hold for one ``steps`` times as long, (nv,), (nv,).
+    def eased(self, steps: float) -> tuple[Array, Array, Array]:
+        """The bounds of this step that also hold for one ``steps`` times as long.
 
-        A joint then approaches its position limit over several steps; what it has to do in this
-        one, to return or because it cannot stop sooner, it does.
+        A joint then approaches its position limit over several steps, as all do what must not
+        touch; what they have to do in this one, to return or because they cannot stop sooner, they
+        do.
+
+        Returns:
+            Lower and upper bounds, (nv,), and g of all inequality rows, (k,).
         """
         limits, (lower, upper) = self.limits, self.longer(steps)
         lower = np.minimum(np.maximum(limits.lower, lower), limits.upper)
         upper = np.maximum(np.minimum(limits.upper, upper), limits.lower)
-        return lower, np.maximum(lower, upper)
+        g = self.problem.g.copy()
+        g[: len(limits.rooms)] -= limits.rooms * (1.0 - 1.0 / steps)
+        return lower, np.maximum(lower, upper), g
 
     @cached_property
     def hard(self) -> Level:

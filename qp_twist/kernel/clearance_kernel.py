@@ -137,7 +137,7 @@ def _turn_about(axis, angle, R):
 
 
 @plain
-def _place(cell, q):
+def place(cell, q):
     """Write where bodies, joints and shapes are at a configuration q (nq,)."""
     tree, places = cell.tree, cell.places
     for k in range(len(tree.moving)):
@@ -177,7 +177,7 @@ def _place(cell, q):
 
 
 @plain
-def _distance(cell, pair, enough, deep=True):
+def distance_of(cell, pair, enough, deep):
     """Signed distance of a pair, as ``pair_distance``; a lower bound above ``enough``."""
     g, h, at = cell.pairs.one[pair], cell.pairs.other[pair], cell.places
     lower = at_least(cell.shapes, g, h, at.x, at.R, at.center, enough)
@@ -194,9 +194,9 @@ def distances(floats, integers, q, enough, out):
     """
     cell = read_cell(floats, integers, integers)
     for row in range(len(q)):
-        _place(cell, q[row])
+        place(cell, q[row])
         for pair in range(len(cell.pairs.one)):
-            out[row, pair] = _distance(cell, pair, enough)
+            out[row, pair] = distance_of(cell, pair, enough, True)
 
 
 @entry
@@ -204,16 +204,16 @@ def first_below(floats, integers, q, distance, out):
     """Write to out (N,) the first pair nearer than ``distance`` at q (N, nq), or −1."""
     cell = read_cell(floats, integers, integers)
     for row in range(len(q)):
-        _place(cell, q[row])
+        place(cell, q[row])
         out[row] = -1
         for pair in range(len(cell.pairs.one)):
-            if _distance(cell, pair, distance, False) < distance:
+            if distance_of(cell, pair, distance, False) < distance:
                 out[row] = pair
                 break
 
 
 @plain
-def _change(cell, pair, travel):
+def change_of(cell, pair, travel):
     """Largest change of a pair's distance while joints travel by at most ``travel`` (nv,), m.
 
     A point of a shape at the distance r from a hinge's axis moves by at most r |θ|, and r changes
@@ -242,9 +242,9 @@ def changes(floats, integers, q, travel, out):
     """Write bounds (N, P) of the distances' variation on motions from q (N, nq), m."""
     cell = read_cell(floats, integers, integers)
     for row in range(len(q)):
-        _place(cell, q[row])
+        place(cell, q[row])
         for pair in range(len(cell.pairs.one)):
-            out[row, pair] = _change(cell, pair, travel[row])
+            out[row, pair] = change_of(cell, pair, travel[row])
 
 
 @entry
@@ -258,26 +258,26 @@ def least_distances(floats, integers, before, after, travel, distance, out):
     cell = read_cell(floats, integers, integers)
     places = cell.places
     for row in range(len(before)):
-        _place(cell, before[row])
+        place(cell, before[row])
         left = False
         for pair in range(len(cell.pairs.one)):
-            change = _change(cell, pair, travel[row])
-            near = _distance(cell, pair, distance + change)
+            change = change_of(cell, pair, travel[row])
+            near = distance_of(cell, pair, distance + change, True)
             out[row, pair] = near - change
             places.change[pair], places.near[pair] = change, near
             left = left or near - change < distance
         if not left:
             continue
-        _place(cell, after[row])
+        place(cell, after[row])
         for pair in range(len(cell.pairs.one)):
             if out[row, pair] < distance:
                 change, near = places.change[pair], places.near[pair]
-                far = _distance(cell, pair, distance + change)
+                far = distance_of(cell, pair, distance + change, True)
                 out[row, pair] = max(far - change, out[row, pair], 0.5 * (near + far - change))
 
 
 @plain
-def _gradient(cell, pair, row):
+def gradient_of(cell, pair, row):
     """Write the derivatives (nv,) of a pair's distance, from the nearest points."""
     tree, pairs, places, found = cell.tree, cell.pairs, cell.places, cell.simplex.result
     for k in range(len(row)):
@@ -308,10 +308,10 @@ def gradients(floats, integers, q, which, out):
     """
     cell = read_cell(floats, integers, integers)
     for row in range(len(q)):
-        _place(cell, q[row])
+        place(cell, q[row])
         for k in range(which.shape[1]):
             pair = which[row, k]
             if pair < 0:
                 continue
-            _distance(cell, pair, math.inf)
-            _gradient(cell, pair, out[row, k])
+            distance_of(cell, pair, math.inf, True)
+            gradient_of(cell, pair, out[row, k])

@@ -234,7 +234,8 @@ def lengthen(g, w, e, dt, steps):
 def ease(g, w, e, dt, steps):
     """Bounds of this step that also hold for one ``steps`` times as long; false if there are none.
 
-    A joint then approaches its position limit over several steps.
+    A joint then approaches its position limit over several steps, as all do what must not touch:
+    the program's g is eased, too.
     """
     if not lengthen(g, w, e, dt, steps):
         return False
@@ -242,6 +243,8 @@ def ease(g, w, e, dt, steps):
         lower = min(max(w.lower[i], e.lower[i]), w.upper[i])
         upper = max(min(w.upper[i], e.upper[i]), w.lower[i])
         e.lower[i], e.upper[i] = lower, max(lower, upper)
+    for row in range(len(w.g)):
+        e.program.g[row] = w.g[row] - g.rooms[row] * (1.0 - 1.0 / steps)
     return True
 
 

@@ -361,9 +361,9 @@ def _largest(w, e, backoff):
 def _worthwhile(g, w, e, top, largest, dt, tolerances):
     """The scale s = u s* that is worth its joint motion; −1 on failure. The motion is in e."""
     p, n, m = e.program, len(w.x), len(w.b)
+    _begin_program(w, e, largest, 1.0)
     if not ease(g, w, e, dt, 1.0 + (SPREAD - 1.0) * (1.0 - top)):
         return -1.0
-    _begin_program(w, e, largest, 1.0)
     _write_rows(w, e, 0.0, top)
     for k in range(n):
         e.motion[k] = 0.0
@@ -397,6 +397,8 @@ def _worthwhile(g, w, e, top, largest, dt, tolerances):
         # they leave a single velocity, it is that of s* itself.
         for k in range(n):
             p.lower[k], p.upper[k] = w.lower[k], w.upper[k]
+        for row in range(len(w.g)):
+            p.g[row] = w.g[row]
         p.upper[n + m] = 1.0 + 2.0 * tolerances.backoff
         p.active_count[0] = 0
         status = _solved(p, tolerances)

@@ -97,6 +97,8 @@ class StepInputs(NamedTuple):
     """H of other tasks."""
     linear: Annotated[Floats, "others"]
     """c of other tasks."""
+    rooms: Annotated[Floats, "k"]
+    """Part of each g that is what is left of a clearance, over dt; a longer step takes less."""
     kinds: Annotated[Integers, "tasks", 3]
     """For each task the projector's ranks and axes; or number of rows, 0, ``FROM_PYTHON``."""
     ends: Annotated[Integers, "levels"]

@@ -109,3 +109,23 @@ def test_a_step_in_front_of_a_wall_is_measured(monkeypatch: pytest.MonkeyPatch) 
     found = cells.run(way, cells.ours(way, "relax", None), None)
     assert found.short < 1e-6 and not found.failures and found.excess < 1e-9
     assert len(found.states) == 100
+
+
+@pytest.mark.parametrize(
+    ("world", "seed", "mode", "acceleration"),
+    [
+        ("wall", 2, "scale", 10.0),  # joints brake at their ranges, too
+        ("corner", 3, "scale", 10.0),
+        ("corner", 0, "scale", None),  # slides along, with the task at rest
+        ("moving", 2, "relax", None),  # corrected steps while the obstacle comes
+    ],
+)
+def test_steps_keep_their_distance_smoothly(
+    world: str, seed: int, mode: str, acceleration: float | None
+) -> None:
+    cells = import_module("cells")
+    way = cells.way(world, seed)
+    found = cells.run(way, cells.ours(way, mode, acceleration), acceleration)
+    hidden = cells.UNFORESEEN if world == "moving" else 0.0
+    assert found.short < 1e-6 + hidden and not found.failures and found.excess < 1e-9
+    assert found.flips <= 5

@@ -611,21 +611,6 @@ def test_a_clearance_without_pairs_is_no_hindrance() -> None:
     assert not qt.follow(path_task, method="qp_gradient").failure
 
 
-def main(count: int) -> None:
-    """Print the worst errors of so many random pairs, half of them at right angles."""
-    compared, seed = Compared(), 0
-    while sum(map(len, compared.errors.values())) < count:
-        compared.add(seed, 12, right_angles=bool(seed % 4 == 3))
-        seed += 1
-    print("| kinds | apart | error m | inside | error m |\n| :-- | --: | --: | --: | --: |")
-    for kinds, (apart, error, inside, depth) in compared.worst().items():
-        print(f"| {kinds} | {apart} | {error:.1e} | {inside} | {depth:.1e} |")
-
-
-if __name__ == "__main__":
-    main(int(sys.argv[1]))
-
-
 def test_a_long_step_does_not_pass_through_what_is_beyond_the_horizon() -> None:
     """0.4 m in one step, and a thin wall 0.3 m ahead of the cart."""
     model = mujoco.MjModel.from_xml_string("""
@@ -641,3 +626,18 @@ def test_a_long_step_does_not_pass_through_what_is_beyond_the_horizon() -> None:
     configuration = mink.Configuration(model, np.zeros(1))
     velocity = controller.step(configuration, 1.0).velocity
     assert 0.27 <= velocity[0] <= 0.28 + 1e-6
+
+
+def main(count: int) -> None:
+    """Print the worst errors of so many random pairs, half of them at right angles."""
+    compared, seed = Compared(), 0
+    while sum(map(len, compared.errors.values())) < count:
+        compared.add(seed, 12, right_angles=bool(seed % 4 == 3))
+        seed += 1
+    print("| kinds | apart | error m | inside | error m |\n| :-- | --: | --: | --: | --: |")
+    for kinds, (apart, error, inside, depth) in compared.worst().items():
+        print(f"| {kinds} | {apart} | {error:.1e} | {inside} | {depth:.1e} |")
+
+
+if __name__ == "__main__":
+    main(int(sys.argv[1]))
