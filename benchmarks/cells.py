@@ -652,30 +652,41 @@ def walls(runs: int, first: int, blocks: int) -> tuple[str, int]:
                  sum(p.short > allowed for p in every), max(p.flips for p in every),
                  f"{max(*(p.excess for p in every), 0.0):.0e}", sum(p.failures for p in every))
             )  # fmt: skip
-        times.append((world, *step_times(ways[first], blocks)))
+        for stopped in (True, False):
+            task = "does not fit" if stopped else "fits"
+            times.append((world, task, *step_times(ways[first], blocks, stopped=stopped)))
     head = ("world", "mode", "a", "runs", "nearer than asked by at most, mm", "runs that are",
             "sign changes at most", "excess", "exceptions")  # fmt: skip
     text = markdown_table(head, rows, left=2)
-    head = ("world", "pairs", "controller µs", "mink µs", "ratio", "10 %", "90 %")
-    text += "\n" + markdown_table(head, times, left=1)
+    head = ("world", "task", "pairs", "controller µs", "mink µs", "ratio", "10 %", "90 %")
+    text += "\n" + markdown_table(head, times, left=2)
     if wrong:
         text += "\n" + markdown_table(("run", "wrong"), wrong, left=2)
     return text, len(wrong)
 
 
-def step_times(made: Way, blocks: int) -> tuple[object, ...]:
-    """Median times of whole steps at the configurations of a run, µs, and their ratio."""
-    states = run(made, ours(made, "scale", None), None).states[::2]
+def step_times(made: Way, blocks: int, *, stopped: bool) -> tuple[object, ...]:
+    """Median times of whole steps at the configurations of a run, µs, and their ratio.
+
+    The target is that of the run, most of it behind the wall, or where the next step leads.
+    """
+    states = run(made, ours(made, "scale", None), None).states
+    targets = [made.target(k * DT) for k in range(len(states))]
+    if not stopped:
+        configuration = mink.Configuration(made.model)
+        for k, q in enumerate(states[1:]):
+            configuration.update(q)
+            targets[k] = configuration.get_transform_frame_to_world("tool", "site")
     calls = {}
     for name, step in (("ours", ours(made, "scale", None)), ("mink", minks(made))):
         configuration, at = mink.Configuration(made.model), [0]
 
         def call(step: Any = step, configuration: Any = configuration, at: Any = at) -> None:
-            k = at[0] = (at[0] + 1) % len(states)
+            k = at[0] = (at[0] + 1) % (len(states) - 1)
             if made.model.nmocap:
-                configuration.data.mocap_pos[0] = made.obstacle(2 * k * DT)
+                configuration.data.mocap_pos[0] = made.obstacle(k * DT)
             configuration.update(states[k])
-            step(configuration, made.target(2 * k * DT))
+            step(configuration, targets[k])
 
         call()
         calls[name] = call
