@@ -33,6 +33,9 @@ WORTH = 5.0
 WORTH_CURVED = 1e-2
 """δ: share of it that makes the program strictly convex."""
 
+AT_REST = 1e-7
+"""Speed of the joints below which a scaled task is at rest, rad/s or m/s: s would be rounding."""
+
 SPREAD = 20.0
 """Steps that the distance to a position limit is spread over where the task stops."""
 
@@ -179,7 +182,8 @@ def _going_on(
         p = \frac{\mathbf b^T\mathbf A\dot{\mathbf q}}{\mathbf b^T\mathbf b}
 
     Both keep the limits, and so does what is between them. While the scaled step does more than a
-    share η of the task, or of the relaxed one's progress, it is returned as it is.
+    share η of the task, or of the relaxed one's progress, it is returned as it is. Progress of
+    10⁻⁹ is none, so that rounding does not decide where a limit stops both.
 
     Args:
         posed: The step's program.
@@ -191,7 +195,9 @@ def _going_on(
     rows = posed.levels.edges[0]
     A, b = rows.rows(), rows.target
     slow, free = (float(b @ (A @ step.velocity)) for step in (scaled, relaxed))
-    share = 1.0 - max(max(slow, 0.0) / free, left) / DEAD if free > 0.0 else 0.0
+    none = ROUNDING * float(rows.goal @ rows.goal)
+    lag = max(0.0, slow - none) / max(free, slow, none) if none > 0.0 else 1.0
+    share = 1.0 - max(lag, left) / DEAD
     if share <= 0.0:
         return scaled
     velocity = scaled.velocity + share * (relaxed.velocity - scaled.velocity)
@@ -218,8 +224,8 @@ def _worthwhile(posed: Posed, solver: str, pace: Pace) -> tuple[float, Verified 
     """
     problem, rows, largest = posed.problem, posed.levels.edges[0], pace.largest
     top, n = largest.scale * (1.0 - SCALE_BACKOFF), problem.n
-    if top <= 0.0:
-        return 0.0, None
+    if largest.scale * float(np.linalg.norm(rows.motion() - rows.motion(0.0))) <= AT_REST:
+        top = 0.0
     H, first = problem.H, posed.padded[0]
     motion = np.zeros(n)
     motion[: rows.A.shape[1]] = rows.motion(top)

@@ -21,8 +21,10 @@ from qp_twist.kernel.verified_program import (
 
 _PROXIMAL = 1e-4
 """Proximal weight ε, as a share of the longest row."""
-_ROUNDS = 40
-"""Largest number of proximal iterations; a handful is usual."""
+_ROUNDS, _USUAL, _SHARPEST = 40, 5, 128.0
+"""Largest number of proximal iterations; after a handful, which is usual, the weight is divided by
+4 in each, down to ``_SHARPEST``⁻² of it: limits may leave directions with very small singular
+values, in which an iteration moves by the share σ²/(σ² + ε²) of what is left."""
 _SETTLED = 1e-15
 """Share of its terms below which a gradient counts as zero."""
 _IS_MET, _NOT_MET, NOT_PROVEN = 0, 1, 2
@@ -65,14 +67,17 @@ def closest(w, p, first, end, longest):
         \mathbf x \leftarrow \arg\min \tfrac12\lVert\mathbf A\mathbf x - \mathbf b\rVert^2
         + \tfrac12\varepsilon^2\lVert\mathbf x - \mathbf x_{before}\rVert^2
 
-    until it converges (the proximal point method; Rockafellar, SIAM J. Control Optim. 14, 1976).
+    until it converges (the proximal point method; Rockafellar, SIAM J. Control Optim. 14, 1976),
+    with a decreasing ε.
 
     Returns:
         The number of active constraints, −1 on failure; and the remaining gradient.
     """
-    n, weight, held = len(w.x), (_PROXIMAL * longest) ** 2, p.held_count[0]
+    n, held = len(w.x), p.held_count[0]
     count, left, none = 0, math.inf, len(w.nothing)
-    for _ in range(_ROUNDS):
+    for turn in range(_ROUNDS):
+        sharper = min(max(1.0, 2.0 ** (turn - _USUAL)), _SHARPEST)
+        weight = (_PROXIMAL / sharper * longest) ** 2
         for i in range(n):
             p.c[i] = -weight * p.x[i]
             for j in range(n):

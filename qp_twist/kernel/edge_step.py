@@ -65,6 +65,8 @@ WORTH, WORTH_CURVED = 5.0, 1e-2
 """γ and δ of ``control.edge_step``."""
 DEAD = 0.03
 """Share of the relaxed step's progress below which a scaled step passes over to it."""
+AT_REST = 1e-7
+"""As in ``control.edge_step``."""
 LOST, NULL_SHARE, ROUNDING = 10.0, 0.3, 1e-9
 """As in ``qp.edge``."""
 NOTICEABLE = 1e-8
@@ -73,6 +75,8 @@ _LINEAR = 1e-10
 """Cost ½ε²‖x‖² beside ½(s − 2)² in the program of the largest s: see ``largest_scale``."""
 _NEAR = 1e-6
 """Error of a relaxed step that is rounding where no scaled one is found, m/s and rad/s."""
+_STANDS = 1e-5
+"""Largest scale that counts as 0 there, and largest share of the relaxed step's progress."""
 _OF_THE_MOTION = 1e-4
 """A multiplier of at most this share of ε²‖x‖ is due to that cost: it does not limit s."""
 
@@ -326,12 +330,26 @@ def _relaxed(w, e, short, largest, dt, tolerances):
 
 
 @plain
+def _scaled_motion(e, at_rest, slope, motion):
+    """Motion of the task alone for ``at_rest`` + ``slope`` times its slope; return its length."""
+    square = 0.0
+    for k in range(len(motion)):
+        motion[k] = 0.0
+        for i in range(len(e.goal)):
+            asked = at_rest * e.at_rest[i] + slope * e.slope[i]
+            motion[k] += e.rows[i, k] * asked / e.floor[i]
+        square += motion[k] * motion[k]
+    return math.sqrt(square)
+
+
+@plain
 def _largest(w, e, backoff):
     """s*, less the backoff; −1 if not even rest is feasible, −2 on failure.
 
     The derivatives of s* by the limits are written to ``e.sensitivity``.
     """
     p, n, m = e.program, len(w.x), len(w.b)
+    speed = _scaled_motion(e, 0.0, 1.0, e.motion)
     _begin_program(w, e, _LINEAR, 1.0)
     furthest = 1.0
     for i in range(n):
@@ -354,7 +372,7 @@ def _largest(w, e, backoff):
         e.sensitivity[i] = p.box[i] / (2.0 - scale) if abs(p.box[i]) > least else 0.0
     for row in range(len(w.g)):
         e.sensitivity[n + row] = p.lam[row] / (2.0 - scale) if p.lam[row] > least else 0.0
-    return max(0.0, scale * (1.0 - backoff))
+    return scale * (1.0 - backoff) if scale * speed > AT_REST else 0.0
 
 
 @plain
@@ -365,10 +383,8 @@ def _worthwhile(g, w, e, top, largest, dt, tolerances):
     if not ease(g, w, e, dt, 1.0 + (SPREAD - 1.0) * (1.0 - top)):
         return -1.0
     _write_rows(w, e, 0.0, top)
+    _scaled_motion(e, 1.0, top, e.motion)
     for k in range(n):
-        e.motion[k] = 0.0
-        for i in range(m):
-            e.motion[k] += e.rows[i, k] * (e.at_rest[i] + top * e.slope[i]) / e.floor[i]
         p.lower[k], p.upper[k] = e.lower[k], e.upper[k]
         e.scratch[k] = -w.c[k]
     for i in range(n):
@@ -434,6 +450,12 @@ def _note_fading(w, e):
 def _met(w, e):
     """The outcome of a step that was solved as posed."""
     _take(w, e)
+    return _outcome(w, e)
+
+
+@plain
+def _outcome(w, e):
+    """``DONE``, or what less than that is asked."""
     w.sensitivity[0] = w.braking[0]
     if e.numbers[FADES] > 0.0:
         return FADED
@@ -478,12 +500,36 @@ def _pass_over(w, e, left, largest, dt, tolerances):
         e.scaled[k] = e.program.x[k]
     if _give_way(w, e, 0.0, largest, dt, tolerances) != RELAXED:
         return -1.0
-    slow, free, share = _progress(e, e.scaled), _progress(e, w.x), 0.0
-    if free > 0.0:
-        share = max(0.0, 1.0 - max(max(slow, 0.0) / free, left) / DEAD)
+    slow, free, none = _progress(e, e.scaled), _progress(e, w.x), 0.0
+    for i in range(len(e.goal)):
+        none += ROUNDING * e.goal[i] * e.goal[i]
+    lag = max(0.0, slow - none) / max(free, slow, none) if none > 0.0 else 1.0
+    share = max(0.0, 1.0 - max(lag, left) / DEAD)
     for k in range(len(w.x)):
         w.x[k] = e.scaled[k] + share * (w.x[k] - e.scaled[k])
     return share
+
+
+@plain
+def _stands(w, e):
+    r"""Whether the closest velocity proves that a limit stops the task: no s noticeably above 0.
+
+    For the x\* that minimises ‖r‖, r = A x − b, inside the convex limits, all others have
+    r\*ᵀA x ≥ r\*ᵀA x\*. So A x = s b needs s ≤ −r\*ᵀA x\*/(−r\*ᵀb), −r\*ᵀb = ‖r\*‖² − r\*ᵀA x\*.
+    """
+    closest, along, length, asked = e.program.levels.x, 0.0, 0.0, 0.0
+    for i in range(len(e.goal)):
+        reached = 0.0
+        for k in range(len(w.x)):
+            reached += e.rows[i, k] * closest[k]
+        along += (reached - e.goal[i]) * reached
+        length += (reached - e.goal[i]) ** 2
+        asked += e.goal[i] * e.goal[i]
+    left, free, none = length - along, _progress(e, w.x), ROUNDING * asked
+    return (
+        max(0.0, -along) <= _STANDS * left
+        and max(0.0, -along) * asked <= (none + _STANDS * max(free, none)) * left
+    )
 
 
 @plain
@@ -499,17 +545,36 @@ def _off(w):
 
 
 @plain
+def _just_met(w, e, largest, dt, tolerances):
+    """The outcome of a task that the limits exclude by rounding alone."""
+    longest, asked = length_of_rows(w.A, w.b, 0, len(w.b))
+    if e.numbers[DEGRADED] > 0.0 or _give_way(w, e, 0.0, largest, dt, tolerances) != RELAXED:
+        return REFUSED
+    if _off(w) > tolerances.equality * (longest + asked):
+        return REFUSED
+    for i in range(1, len(w.sensitivity)):
+        w.sensitivity[i] = 0.0
+    return _outcome(w, e)
+
+
+@plain
 def _slower(g, w, e, largest, dt, tolerances):
     """Scale the task, and pass over to the relaxed step where a limit stops it."""
     top = _largest(w, e, tolerances.backoff)
     if top == -1.0:
         outcome = _give_way(w, e, 0.0, largest, dt, tolerances)
-        # If rest is feasible, that was rounding at a limit, and the relaxed step meets the task.
-        is_excluded = rest_is_excluded(w) or e.numbers[DEGRADED] > 0.0
-        return outcome if is_excluded or _off(w) <= _NEAR else REFUSED
-    if top < 0.0 or top >= 1.0 - 2.0 * tolerances.backoff:
+        if outcome == REFUSED or rest_is_excluded(w) or e.numbers[DEGRADED] > 0.0:
+            return outcome
+        # Rest is feasible, so that was rounding at a limit: s* is 0, or the task is met.
+        return outcome if _off(w) <= _NEAR or _stands(w, e) else REFUSED
+    if top < 0.0:
         return REFUSED
+    if top >= 1.0 - 2.0 * tolerances.backoff:
+        return _just_met(w, e, largest, dt, tolerances)
     scale = _worthwhile(g, w, e, top, largest, dt, tolerances)
+    if scale < 0.0 and top == 0.0 and e.numbers[DEGRADED] == 0.0:
+        # Rounding excludes a task at rest; the scaled step would be left entirely anyhow.
+        return _give_way(w, e, 0.0, largest, dt, tolerances)
     if scale < 0.0:
         return REFUSED
     left, share = min(scale, e.numbers[FITTING]), 0.0

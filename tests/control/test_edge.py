@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import mink
@@ -30,6 +32,7 @@ Array = npt.NDArray[np.float64]
 SEEDS = st.integers(0, 10**6)
 EPSILON, DT = 1e-3, 0.005
 FASTEST = 0.5 * np.pi
+STEPS_AT_LIMITS = Path(__file__).with_name("steps_at_limits.json")
 HOME = np.array([0, 0.5, 0, -1.4, 0, 1.2, 0])
 
 
@@ -604,6 +607,36 @@ def test_joints_that_just_stop_at_their_limits_are_braked_in_the_kernel() -> Non
             assert controller.reference_steps == 0
     np.testing.assert_allclose(found[0], found[1], atol=1e-9)
     np.testing.assert_allclose(np.abs(found[0]), model.jnt_range[:, 1], atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    "state", json.loads(STEPS_AT_LIMITS.read_text()), ids=lambda state: state["what"]
+)
+def test_steps_between_limits_are_the_kernels_and_those_of_the_reference(state: dict) -> None:
+    """States of a servo in which rounding decides what the limits leave of a task."""
+    path_task = qt.load_task("deburring")
+    target = mink.SE3.from_rotation_and_translation(
+        mink.SO3.from_matrix(np.reshape(state["rotation"], (3, 3))), np.array(state["position"])
+    )
+    found = []
+    for solver in ("compiled", "daqp"):
+        task = qt.TwistTask("tool", "site", path_task.projector)
+        task.set_target(target, np.array(state["twist"]))
+        controller = qt.Controller(
+            path_task.model, [task], solver=solver,
+            limits=[qt.MotionLimit(path_task.model, velocity=1.5, acceleration=10.0)],
+            secondary=[qt.JointCentering(path_task.model, gain=0.001)],
+        )  # fmt: skip
+        configuration = mink.Configuration(path_task.model, np.array(state["q"]))
+        found.append(
+            controller.step(
+                configuration, 0.002, use_secondary=state["secondary"],
+                velocity=np.array(state["velocity"]),
+            )
+        )  # fmt: skip
+        assert controller.reference_steps == 0 or solver == "daqp"
+    assert found[0].status is found[1].status
+    np.testing.assert_allclose(found[0].velocity, found[1].velocity, atol=1e-6)
 
 
 def test_a_secondary_leads_out_of_the_singularity() -> None:
