@@ -62,10 +62,9 @@ def finished_at_the_edge(
     if isinstance(result, Verified):
         if strained == 0.0:
             step = solved_as_posed(posed, result)
-            left = posed.levels.edges[0].fitting
-            if on_infeasible == "scale" and left < DEAD:
-                relaxed = _in_order(posed, solver, Status.RELAXED, start=result.x)
-                return _going_on(posed, step, relaxed, left)
+            if on_infeasible == "scale" and left_of(posed.levels.edges[0], 1.0) < DEAD:
+                relaxed = _in_order(posed, solver, Status.RELAXED, start=result.x, relaxing=True)
+                return _going_on(posed, step, relaxed, 1.0)
             return step
         return _in_order(
             posed, solver, Status.RELAXED, strained=strained, start=result.x, before=result.refused
@@ -84,12 +83,12 @@ def finished_at_the_edge(
     start = np.zeros(posed.problem.n) if pace is None else pace.largest.x
     if on_infeasible == "scale" and pace is not None:
         scaled = _scaled(posed, solver, pace)
-        left = min(scaled.scale / posed.levels.braked, posed.levels.edges[0].fitting)
-        if left >= DEAD:
+        scale = scaled.scale / posed.levels.braked
+        if left_of(posed.levels.edges[0], scale) >= DEAD:
             return scaled
-        relaxed = _in_order(posed, solver, Status.RELAXED, start=start)
+        relaxed = _in_order(posed, solver, Status.RELAXED, start=start, relaxing=True)
         multipliers = pace.largest.box_multipliers, pace.largest.row_multipliers, 0.0
-        return _going_on(posed, scaled, relaxed, left, multipliers)
+        return _going_on(posed, scaled, relaxed, scale, multipliers)
     return _in_order(posed, solver, Status.RELAXED, strained=strained, start=start)
 
 
@@ -166,11 +165,54 @@ def _scaled(posed: Posed, solver: str, pace: Pace) -> Step:
     )
 
 
+def left_of(rows: EdgeRows, scale: float) -> float:
+    """The smaller one of s and of what is left of the weakest direction, 1 − φ (1 − θ)."""
+    return min(scale, 1.0 - rows.degraded * (1.0 - rows.fitting))
+
+
+def stopped(rows: EdgeRows, scale: float, velocity: Array) -> float:
+    r"""What limits leave of the regular part of a task, or of its weak part, the smaller one.
+
+    .. math::
+
+        \max\Bigl(s,\ \frac{s\,p}{p^r}\Bigr), \qquad
+        \max\Bigl(1 - \varphi(1 - \theta),\ \frac{\theta\,p_w}{p_w^r}\Bigr), \qquad
+        p = \sum (1-\varphi_i)^2\beta_i u_i^T\mathbf b, \quad
+        p_w = \sum \varphi_i^2\beta_i u_i^T\mathbf b
+
+    with β what the damped rows ask for, and :math:`p^r`, :math:`p_w^r` the progress of a relaxed
+    velocity in these parts. What the step does of one part does not hide that the other is stopped.
+    Progress of 10⁻⁹ is none, so that rounding decides nothing where both are.
+
+    Args:
+        rows: The first level.
+        scale: s.
+        velocity: q̇ of the relaxed step, (n,).
+    """
+    weak, goal, theta = rows.weakness, rows.goal, rows.fitting
+    whole, reached = rows.met * goal, rows.left.T @ (rows.rows() @ velocity)
+    none = ROUNDING * float(goal @ goal)
+
+    def lag(slow: float, free: float) -> float:
+        most = max(free, slow, none)
+        return max(0.0, slow - none) / most if most > 0.0 else 1.0
+
+    regular = lag(
+        scale * float((1.0 - weak) ** 2 * whole @ goal),
+        float((1.0 - weak) * goal @ (reached - theta * weak * whole)),
+    )
+    of_weak = lag(
+        theta * float(weak**2 * whole @ goal),
+        float(weak * goal @ (reached - scale * (1.0 - weak) * whole)),
+    )
+    return min(max(regular, scale), max(of_weak, left_of(rows, 1.0)))
+
+
 def _going_on(
     posed: Posed,
     scaled: Step,
     relaxed: Step,
-    left: float,
+    scale: float,
     multipliers: tuple[Array, Array, float] | None = None,
 ) -> Step:
     r"""Between the scaled and the relaxed step, where a limit would stop the scaled one.
@@ -178,26 +220,19 @@ def _going_on(
     .. math::
 
         \dot{\mathbf q} = \dot{\mathbf q}_s + \psi\,(\dot{\mathbf q}_r - \dot{\mathbf q}_s),\qquad
-        \psi = \Bigl(1 - \frac1\eta \max\bigl(\frac{p_s}{p_r},\ s,\ \theta\bigr)\Bigr)_+,\qquad
-        p = \frac{\mathbf b^T\mathbf A\dot{\mathbf q}}{\mathbf b^T\mathbf b}
+        \psi = \Bigl(1 - \frac1\eta \text{stopped}(s)\Bigr)_+
 
     Both keep the limits, and so does what is between them. While the scaled step does more than a
-    share η of the task, or of the relaxed one's progress, it is returned as it is. Progress of
-    10⁻⁹ is none, so that rounding does not decide where a limit stops both.
+    share η of the task, or of the relaxed one's progress, it is returned as it is.
 
     Args:
         posed: The step's program.
         scaled: The step that is scaled, or whose weak directions are.
         relaxed: The relaxed step.
-        left: The smaller one of s and θ.
+        scale: s of the scaled step.
         multipliers: Of the limits in the way; those of the relaxed step if ``None``.
     """
-    rows = posed.levels.edges[0]
-    A, b = rows.rows(), rows.target
-    slow, free = (float(b @ (A @ step.velocity)) for step in (scaled, relaxed))
-    none = ROUNDING * float(rows.goal @ rows.goal)
-    lag = max(0.0, slow - none) / max(free, slow, none) if none > 0.0 else 1.0
-    share = 1.0 - max(lag, left) / DEAD
+    share = 1.0 - stopped(posed.levels.edges[0], scale, relaxed.velocity) / DEAD
     if share <= 0.0:
         return scaled
     velocity = scaled.velocity + share * (relaxed.velocity - scaled.velocity)
@@ -266,6 +301,7 @@ def _in_order(
     start: Array,
     scale: float = 1.0,
     strained: float = 0.0,
+    relaxing: bool = False,
     multipliers: tuple[Array, Array, float] | None = None,
     before: tuple[str, ...] = (),
 ) -> Step:
@@ -278,6 +314,7 @@ def _in_order(
         start: A point to start from.
         scale: Of the first level.
         strained: Of the first level, as :func:`strain` says.
+        relaxing: Whether the first level is relaxed also where it is met at its θ.
         multipliers: Of the limits that held the scale down.
         before: What was tried before.
     """
@@ -288,7 +325,10 @@ def _in_order(
     if not posed.hard.met(descent.cascade.x):
         status = Status.RELAXED
     for index in range(len(posed.padded)):
-        met = descent.meet(index, scale if index == 0 else 1.0, 0.0 if index else strained)
+        met = descent.meet(
+            index, scale if index == 0 else 1.0, 0.0 if index else strained,
+            relaxing=relaxing and index == 0,
+        )  # fmt: skip
         if not met and status in (Status.SOLVED, Status.PRIORITIZED, Status.DEGRADED):
             status = Status.PRIORITIZED if index else Status.RELAXED
     result, cascade, asked = descent.finish(), descent.cascade, descent.asked
@@ -337,7 +377,7 @@ class _Descent:
     last: Verified | None = None
     """The result of the last level, where that was replaced: the secondary is part of it."""
 
-    def meet(self, index: int, scale: float, strained: float) -> bool:
+    def meet(self, index: int, scale: float, strained: float, *, relaxing: bool = False) -> bool:
         """Ask the next level; whether it was met."""
         nv, problem = len(self.posed.limits.lower), self.posed.problem
         rows, is_last = self.posed.levels.edges[index], index == len(self.posed.padded) - 1
@@ -348,7 +388,7 @@ class _Descent:
         self.last = None
         trial = _copy(self.cascade)
         trial.minimise(level)
-        met = level.met(trial.x) and strained == 0.0
+        met = level.met(trial.x) and strained == 0.0 and not relaxing
         if met or len(level.g) or not len(level.b):
             self.cascade = trial
             self.relaxed = self.relaxed or not met

@@ -68,7 +68,7 @@ def _below(w, e, x, first, end, singularity):
         times_q(V, e.rows[row])
     _rotated(w, e, first, end)
     for row in range(first, end):
-        e.floor[row] = max(e.square[row], singularity * singularity)
+        e.floor[row] = e.damped[row] = max(e.square[row], singularity * singularity)
     return size
 
 
@@ -111,7 +111,7 @@ def _give_way(w, e, first, end, short, largest, singularity):
     weight = NULL_SHARE * excess(more, size) / largest
     for k in range(len(w.x)):
         e.motion[k] = e.scaled[k]
-    relaxed_cost(e, w.c, e.rate, first, end, 0.0, more, weight, p.H, p.c)
+    relaxed_cost(e, w.c, e.rate, first, end, more, weight, p.H, p.c)
     if not cholesky_inverse(p.H, p.J):
         return False
     held = p.held_count[0]

@@ -57,7 +57,7 @@ class EdgeArrays(NamedTuple):
     weak: Annotated[Floats, "m"]
     """w(σ²)."""
     damped: Annotated[Floats, "m"]
-    """d = max(σ², ε², t)."""
+    """d = max(max(σ², ε²) + ℓ r_l, t)."""
     met: Annotated[Floats, "m"]
     """max(σ², ε²)/d."""
     weakness: Annotated[Floats, "m"]
@@ -169,11 +169,16 @@ def damp(e, singularity, dt, trusts, share):
         total += weak * weak
     damping = BEND * e.numbers[SIZE] * dt * math.sqrt(total) if trusts else 0.0
     regular = smallest >= singularity and smallest * smallest >= damping
+    left = 0.0
+    for i in range(len(e.rate) if not regular else 0):
+        if damping > e.floor[i]:
+            missing = (1.0 - e.floor[i] / damping) * (e.rate[i] - share * e.forward[i])
+            left += missing * missing
+    bent = BEND * e.numbers[SIZE] * dt * math.sqrt(left)
     for i in range(len(e.rate)):
-        damped = e.floor[i] if regular else max(e.floor[i], damping)
-        e.damped[i] = damped
-        e.met[i] = e.floor[i] / damped
-        e.weakness[i] = 0.0 if regular else 1.0 - e.square[i] / damped
+        e.damped[i] = e.floor[i] if regular else max(e.floor[i] + bent, damping)
+        e.met[i] = e.floor[i] / e.damped[i]
+        e.weakness[i] = 0.0 if regular else 1.0 - e.square[i] / max(e.floor[i], damping)
         worst = max(worst, e.weakness[i])
     e.numbers[DAMPING], e.numbers[DEGRADED] = damping, worst
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 
 from qp_twist.kernel.closest_levels import NOT_PROVEN, begin, length_of_rows, take_level
-from qp_twist.kernel.compiling import plain
+from qp_twist.kernel.compiling import part, plain
 from qp_twist.kernel.dual_active_set import (
     NO_ROOM,
     SOLVED,
@@ -67,7 +67,7 @@ DEAD = 0.03
 """Share of the relaxed step's progress below which a scaled step passes over to it."""
 AT_REST = 1e-7
 """As in ``control.edge_step``."""
-LOST, NULL_SHARE, ROUNDING = 10.0, 0.3, 1e-9
+NULL_SHARE, ROUNDING = 0.3, 1e-9
 """As in ``qp.edge``."""
 NOTICEABLE = 1e-8
 """``qp.verification.EQUALITY_TOLERANCE``: less is not called lost."""
@@ -263,7 +263,7 @@ def _times(A, x, y):
 
 
 @plain
-def relaxed_cost(e, c, goal, first, end, damping, more, weight, H, linear):
+def relaxed_cost(e, c, goal, first, end, more, weight, H, linear):
     """Write the cost of ``EdgeRows.relaxed`` of the rows ``first`` to ``end`` to H and ``linear``.
 
     With N = 1 − Aᵀ max(AAᵀ, ε²)⁻¹ A it is ``weight`` (N H N, N (c + H q̇_task)) and the rows' own.
@@ -275,8 +275,7 @@ def relaxed_cost(e, c, goal, first, end, damping, more, weight, H, linear):
         goal: Right-hand sides of the rotated rows, (m,).
         first: Index of the first row.
         end: Index after the last row.
-        damping: t.
-        more: What is added to d = max(σ², ε², t).
+        more: What is added to d.
         weight: Of the cost in the null space.
         H: Result, (≥ n, ≥ n).
         linear: Result, (n,).
@@ -286,7 +285,7 @@ def relaxed_cost(e, c, goal, first, end, damping, more, weight, H, linear):
         for j in range(n):
             N[k, j] = 1.0 if k == j else 0.0
     for i in range(first, end):
-        gain = goal[i] / (max(e.floor[i], damping) + more)
+        gain = goal[i] / (e.damped[i] + more)
         for k in range(n):
             e.motion[k] += gain * e.rows[i, k]
             for j in range(n):
@@ -301,7 +300,7 @@ def relaxed_cost(e, c, goal, first, end, damping, more, weight, H, linear):
         for k in range(n):
             H[k, j] = weight * e.motion[k]
     for i in range(first, end):
-        damped = (max(e.floor[i], damping) + more) / e.floor[i]
+        damped = (e.damped[i] + more) / e.floor[i]
         for k in range(n):
             linear[k] -= e.square[i] / e.floor[i] * goal[i] * e.rows[i, k]
             for j in range(n):
@@ -311,17 +310,14 @@ def relaxed_cost(e, c, goal, first, end, damping, more, weight, H, linear):
 @plain
 def _relaxed(w, e, short, largest, dt, tolerances):
     """The damped least squares of the task inside the limits; returns ``DONE`` or ``REFUSED``."""
-    p, n, m, square = e.program, len(w.x), len(w.b), 0.0
-    for i in range(m):
-        left = (1.0 - e.met[i]) * e.goal[i]
-        square += left * left
+    p, n, m = e.program, len(w.x), len(w.b)
     size, damping = e.numbers[SIZE], e.numbers[DAMPING]
-    more = BEND * size * (short + min(dt * math.sqrt(square), LOST * short))
+    more = BEND * size * short
     weight = NULL_SHARE * excess(damping + BEND * size * short, size) / largest
     for k in range(n):
         e.motion[k] = 0.0
     _begin_program(w, e, 1.0, 1.0)
-    relaxed_cost(e, w.c, e.goal, 0, m, damping, more, weight, p.dense, p.c[:n])
+    relaxed_cost(e, w.c, e.goal, 0, m, more, weight, p.dense, p.c[:n])
     for i in range(m):  # the slacks have no part in it: z = 0
         for k in range(n + m + 1):
             p.A[i, k] = 1.0 if k == n + i else 0.0
@@ -440,7 +436,7 @@ def _note_fading(w, e):
     e.numbers[FADES] = 0.0
     noticeable = NOTICEABLE * ((longest if longest > 0.0 else 1.0) + largest)
     for i in range(len(w.b)):
-        share = e.square[i] / e.floor[i] * e.met[i]
+        share = 1.0 - e.weakness[i]
         share *= 1.0 - e.weakness[i] * (1.0 - e.numbers[FITTING])
         if share < 1.0 and (1.0 - share) * abs(e.rate[i]) > noticeable:
             e.numbers[FADES] = 1.0
@@ -491,20 +487,48 @@ def _progress(e, x):
 
 
 @plain
-def _pass_over(w, e, left, largest, dt, tolerances):
+def _left(e, scale):
+    """The smaller one of s and of what is left of the weakest direction, 1 − φ (1 − θ)."""
+    return min(scale, 1.0 - e.numbers[DEGRADED] * (1.0 - e.numbers[FITTING]))
+
+
+@part
+def _lag(slow, free, none):
+    """As ``control.edge_step``."""
+    most = max(free, slow, none)
+    return max(0.0, slow - none) / most if most > 0.0 else 1.0
+
+
+@plain
+def _stopped(e, scale, x):
+    """``control.edge_step.stopped`` for the relaxed velocity x."""
+    fitting, none = e.numbers[FITTING], 0.0
+    slow, free, slow_weak, free_weak = 0.0, 0.0, 0.0, 0.0
+    for i in range(len(e.goal)):
+        goal, weak, reached = e.goal[i], e.weakness[i], 0.0
+        for k in range(len(x)):
+            reached += e.rows[i, k] * x[k]
+        whole = e.met[i] * goal
+        none += ROUNDING * goal * goal
+        slow += scale * (1.0 - weak) * (1.0 - weak) * whole * goal
+        free += (1.0 - weak) * goal * (reached - fitting * weak * whole)
+        slow_weak += fitting * weak * weak * whole * goal
+        free_weak += weak * goal * (reached - scale * (1.0 - weak) * whole)
+    regular = max(_lag(slow, free, none), scale)
+    return min(regular, max(_lag(slow_weak, free_weak, none), _left(e, 1.0)))
+
+
+@plain
+def _pass_over(w, e, scale, largest, dt, tolerances):
     """Write q̇ + ψ (q̇_relaxed − q̇) to ``w.x``, q̇ that of ``e.program``; return ψ, −1 on failure.
 
-    ``left`` is the share of the task, or of its weak directions, that q̇ does.
+    ``scale`` is that of q̇.
     """
     for k in range(len(w.x)):
         e.scaled[k] = e.program.x[k]
     if _give_way(w, e, 0.0, largest, dt, tolerances) != RELAXED:
         return -1.0
-    slow, free, none = _progress(e, e.scaled), _progress(e, w.x), 0.0
-    for i in range(len(e.goal)):
-        none += ROUNDING * e.goal[i] * e.goal[i]
-    lag = max(0.0, slow - none) / max(free, slow, none) if none > 0.0 else 1.0
-    share = max(0.0, 1.0 - max(lag, left) / DEAD)
+    share = max(0.0, 1.0 - _stopped(e, scale, w.x) / DEAD)
     for k in range(len(w.x)):
         w.x[k] = e.scaled[k] + share * (w.x[k] - e.scaled[k])
     return share
@@ -577,11 +601,11 @@ def _slower(g, w, e, largest, dt, tolerances):
         return _give_way(w, e, 0.0, largest, dt, tolerances)
     if scale < 0.0:
         return REFUSED
-    left, share = min(scale, e.numbers[FITTING]), 0.0
-    if left >= DEAD:
+    share = 0.0
+    if _left(e, scale) >= DEAD:
         _take(w, e)
     else:
-        share = _pass_over(w, e, left, largest, dt, tolerances)
+        share = _pass_over(w, e, scale, largest, dt, tolerances)
         if share < 0.0 or not clip_to_bounds(w.x, w.lower, w.upper):
             return REFUSED
     for i in range(len(w.x) + len(w.g)):
@@ -597,7 +621,7 @@ def _slower(g, w, e, largest, dt, tolerances):
 @plain
 def _feasible(w, e, mode, largest, dt, tolerances):
     """The outcome of a step whose program has a solution as posed, which is in ``e.program``."""
-    outcome, left = _met(w, e), e.numbers[FITTING]
+    outcome = _met(w, e)
     if mode == RAISE:
         return REFUSED if outcome == FADED else outcome
     if mode == RELAX:
@@ -605,9 +629,9 @@ def _feasible(w, e, mode, largest, dt, tolerances):
         if strained == 0.0:
             return outcome
         return _give_way(w, e, strained, largest, dt, tolerances) if strained > 0.0 else REFUSED
-    if left >= DEAD:
+    if _left(e, 1.0) >= DEAD:
         return outcome
-    share = _pass_over(w, e, left, largest, dt, tolerances)
+    share = _pass_over(w, e, 1.0, largest, dt, tolerances)
     if share > 0.0 and clip_to_bounds(w.x, w.lower, w.upper):
         return RELAXED
     if share < 0.0 or _as_posed(w, e, largest, tolerances) != DONE:

@@ -13,13 +13,20 @@ that grows with the error:
 .. math::
 
     \dot{\mathbf q} = \mathbf A^T\mathbf D^{-1}\mathbf b,\qquad
-    \mathbf D = \max(\mathbf A\mathbf A^T,\ \varepsilon^2,\ t),\qquad
+    \mathbf D = \max(\mathbf M + \ell r_l,\ t),\qquad
+    \mathbf M = \max(\mathbf A\mathbf A^T,\ \varepsilon^2),\qquad
     t = \ell\,\lVert w(\mathbf A\mathbf A^T)\,\mathbf e\rVert,\qquad
     w(\mu) = \max(0,\, 1 - \mu/\sigma_1^2)
 
 ℓ, half the largest singular value, bounds how fast a small singular value changes with the joints;
 w leaves out directions with σ ≥ σ₁, so that a regular task has t = 0 and is exact. A damped
-direction moves by at most σ/ℓ in one step: not beyond the singularity.
+direction moves by at most σ/ℓ in one step: not beyond the singularity. What damping leaves of the
+error,
+
+.. math:: r_l = \lVert(1 - \mathbf M\max(\mathbf M,\ t)^{-1})\,\mathbf e\rVert ,
+
+turns with the arm and comes back as an error of the other directions: they are damped by ℓ r_l, or
+they would overshoot it in every step. It is 0 while nothing is damped.
 
 **Fading.** Below ε the direction is handed over to the secondary objective by a slack z that costs
 ½‖z‖² beside ½‖q̇ − ḣ‖²,
@@ -33,11 +40,12 @@ Without limits its solution is :math:`\dot{\mathbf h} + \mathbf A^T\max(\mathbf 
 \varepsilon^2)^{-1}(\ldots - \mathbf A\dot{\mathbf h})`: the share σ²/ε² follows the task, the rest
 the secondary. The rows have singular values of at least ε whatever A is.
 
-**Scaling** takes of each direction the share θφ + s (1 − φ), φ = 1 − σ²/d: what is damped is asked
-for at any scale, as far as the joints have room for it (θ), so that it does not hold the rest down.
+**Scaling** takes of each direction the share θφ + s (1 − φ), φ = 1 − σ²/max(σ², ε², t): what is
+damped is asked for at any scale, as far as the joints have room for it (θ), so that it does not
+hold the rest down.
 
-**Relaxing** adds ℓ (r + min(r_l, 10 r)) to d, r the part of the displacement that the limits do not
-allow and r_l that which damping leaves, and minimises
+**Relaxing** adds ℓ r to d, r the part of the displacement that the limits do not allow, and
+minimises
 
 .. math::
 
@@ -64,9 +72,6 @@ from qp_twist.qp.verification import row_tolerance
 REGULAR = 0.05
 """σ₁: singular value, m/rad or 1, from which on a direction is left alone; 50 ε if that is less,
 and 2 ε at least."""
-LOST = 10.0
-"""In units of r: as much of what damping leaves counts where limits are in the way, which makes the
-step stable far from the target and fades out with r."""
 NULL_SHARE = 0.3
 """Weight of the cost in the null space beside the damping of a relaxed task: what the limits keep
 from one joint is made up for by others as far as that is worth their motion."""
@@ -241,9 +246,19 @@ class EdgeRows:
         return rows
 
     @cached_property
+    def bent(self) -> float:
+        """ℓ r_l, r_l = ‖(1 − max(σ², ε²)/max(σ², ε², t)) e‖, m²/rad² or 1."""
+        if self.regular:
+            return 0.0
+        left = 1.0 - self.floor / np.maximum(self.floor, self.damping)
+        return self.bend * self.dt * float(np.linalg.norm(left * self.rate))
+
+    @cached_property
     def damped(self) -> Array:
-        """d = max(σ², ε², t), (m,)."""
-        damped: Array = self.floor if self.regular else np.maximum(self.floor, self.damping)
+        """d = max(max(σ², ε²) + ℓ r_l, t), (m,)."""
+        if self.regular:
+            return self.floor
+        damped: Array = np.maximum(self.floor + self.bent, self.damping)
         return damped
 
     @cached_property
@@ -254,10 +269,10 @@ class EdgeRows:
 
     @cached_property
     def weakness(self) -> Array:
-        """φ = 1 − σ²/d, (m,): 0 of a regular direction, 1 at a singularity."""
+        """φ = 1 − σ²/max(σ², ε², t), (m,): 0 of a regular direction, 1 at a singularity."""
         if self.regular:
             return np.zeros(len(self.sigma))
-        weakness: Array = 1.0 - self.sigma**2 / self.damped
+        weakness: Array = 1.0 - self.sigma**2 / np.maximum(self.floor, self.damping)
         return weakness
 
     def asked(self, scale: float = 1.0) -> Array:
@@ -297,7 +312,7 @@ class EdgeRows:
 
     def lost(self) -> tuple[LostDirection, ...]:
         """Directions of which less is delivered than the task asks."""
-        share = self.sigma * self._gain * self.met * (1.0 - self.weakness * (1.0 - self.fitting))
+        share = (1.0 - self.weakness) * (1.0 - self.weakness * (1.0 - self.fitting))
         missing = (1.0 - share) * np.abs(self.rate)
         noticeable = row_tolerance(self.A, self.b)
         return tuple(
@@ -310,7 +325,7 @@ class EdgeRows:
 
     @cached_property
     def degraded(self) -> float:
-        """1 − σ²/d of the weakest direction: 0 of a regular task, 1 at a singularity."""
+        """φ of the weakest direction: 0 of a regular task, 1 at a singularity."""
         return float(self.weakness.max(initial=0.0))
 
     def excess(self, short: float) -> float:
@@ -326,8 +341,7 @@ class EdgeRows:
             short: r, the length of the task's displacement that the limits do not allow, m and rad.
         """
         n, size = self.A.shape[1], float(np.abs(H).max()) or 1.0
-        lost = self.dt * float(np.linalg.norm((1.0 - self.met) * self.goal))
-        d = np.maximum(self.floor, self.damping) + self.bend * (short + min(lost, LOST * short))
+        d = self.damped + self.bend * short
         weight = NULL_SHARE * self.excess(short) / size
         share = self.sigma**2 / self.floor  # of the task
         N = np.eye(len(c))
