@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from qp_twist.kernel.arm_kernel import pose_and_jacobian
+from qp_twist.kernel.bounds import MOTION
 from qp_twist.kernel.compiling import kernel
 from qp_twist.kernel.edge_rows import read_edge
 from qp_twist.kernel.edge_step import edge_step
@@ -19,8 +20,8 @@ MINIMUM_NORM, GRADIENT_PROJECTION, RMR, TWA = range(4)
 
 @kernel
 def steps(
-    arms, floats, integers, edge_floats, edge_integers, q, targets, dt, use_secondary, twist_space,
-    velocities, scales, done,
+    arms, floats, integers, edge_floats, edge_integers, q, before, targets, dt, use_secondary,
+    twist_space, velocities, scales, done,
 ):  # fmt: skip
     """Compute a controller's step from each row of q (K, nq); for the arrays see ``step_record``.
 
@@ -32,6 +33,8 @@ def steps(
             infeasible ones of a smooth controller, are left to the reference.
         edge_integers: The same.
         q: Configurations, (K, nq).
+        before: Joint velocities that acceleration limits refer to, (K, nv); or (0, nv), those in
+            the tables of the limits.
         targets: R_d (9), p_d (3) and twist (6) of each task, (K, T, 18).
         dt: Length of the steps, s.
         use_secondary: Whether the secondary acts.
@@ -49,6 +52,10 @@ def steps(
             pose_and_jacobian(arms[task], q[k], g.poses[task], g.jacobians[task])
             for i in range(18):
                 g.targets[task, i] = targets[k, task, i]
+        for index in range(len(g.types) if len(before) > 0 else 0):
+            if g.types[index] == MOTION:
+                for dof in range(before.shape[1]):
+                    g.limits[index, dof, 6] = before[k, dof]
         w.active_count[0] = 0  # no warm start: the rows are independent
         status = step(g, w, q[k], dt, use_secondary, twist_space)
         if status == AT_THE_EDGE or (status == INFEASIBLE and g.settings.smooth > 0.0):

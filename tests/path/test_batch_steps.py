@@ -64,6 +64,24 @@ def test_many_steps_are_the_steps_one_by_one(seed: int, space: Any) -> None:
         assert not done.by_reference[k] or expected.status is qt.Status.RELAXED
 
 
+@settings(max_examples=15, deadline=None)
+@given(st.integers(0, 2**32 - 1))
+def test_each_row_has_its_own_velocity_before(seed: int) -> None:
+    """Acceleration limits refer to it, in the kernel and where the reference computes the row."""
+    rng = np.random.default_rng(seed)
+    q, targets = rows(rng, 6)
+    before = rng.normal(size=(6, MODEL.nv))
+    task = qt.TwistTask.axis_free("tool", "site")
+    limit = qt.MotionLimit(MODEL, velocity=3.0, acceleration=10.0)
+    composed = qt.Controller(MODEL, [task], limits=[limit])
+    done = qt.batch.step(composed, q, 0.05, targets, velocity=before, threads=1)
+    np.testing.assert_array_equal(limit.velocity, 0.0)
+    for k in range(len(q)):
+        task.set_target(targets[k])
+        expected = composed.step(mink.Configuration(MODEL, q[k]), 0.05, velocity=before[k])
+        np.testing.assert_allclose(done.velocity[k], expected.velocity, atol=1e-8)
+
+
 def test_threads_and_the_form_of_targets_make_no_difference_and_nothing_is_changed() -> None:
     rng = np.random.default_rng(3)
     composed = controller(rng, on_infeasible="relax")

@@ -52,14 +52,14 @@ def step(
     targets: Targets | Sequence[Targets] | None = None,
     *,
     use_secondary: bool = True,
+    velocity: npt.ArrayLike | None = None,
     others: bool = True,
     threads: int | None = None,
 ) -> Steps:
     """:meth:`Controller.step <qp_twist.Controller.step>` for many configurations, to 1e-9.
 
     Every result is verified. Steps near a singularity, or with joints outside their ranges, are
-    computed afterwards by ``Controller.step``, one by one. The controller is not modified; its
-    acceleration limits refer to its stored velocity.
+    computed afterwards by ``Controller.step``, one by one. The controller is not modified.
 
     Args:
         controller: TwistTasks (no GazeTasks, bands or carriers) in any levels, PositionLimits,
@@ -71,6 +71,8 @@ def step(
             several tasks a sequence of these, in their order, without feed-forward. By default the
             tasks' own targets, with their feed-forward twists.
         use_secondary: Whether the secondary acts, as for a single step.
+        velocity: Joint velocities before the steps, rad/s or m/s, (K, nv), which acceleration
+            limits refer to; by default the one stored in the controller.
         others: Whether to compute the remaining steps by ``Controller.step``; if not, their
             velocity is NaN.
         threads: Number of threads; all cores by default.
@@ -86,6 +88,10 @@ def step(
     instance("batch.step(controller, …)", controller, Controller)
     given = np.ascontiguousarray(finite_array("q", q, (None, controller.model.nq)))
     dt = number("dt", dt, above=0.0)
+    before = np.zeros((0, controller.model.nv))
+    if velocity is not None:
+        before = finite_array("velocity", velocity, (len(given), controller.model.nv))
+        before = np.ascontiguousarray(before)
     arrays, twist_space = None, None
     if composition_known(controller.levels, controller.limits):
         compiled = CompiledStep(controller)
@@ -103,27 +109,28 @@ def step(
         arm_of(SerialChain.of(controller.model, t.frame_name, t.frame_type)) for t in tasks
     )
     aims = _aims(tasks, own, targets, len(given))
-    velocity, scale = np.zeros((len(given), controller.model.nv)), np.ones(len(given))
+    found, scale = np.zeros((len(given), controller.model.nv)), np.ones(len(given))
     done = np.zeros(len(given), dtype=bool)
 
     def some(part: slice) -> None:
         batch_kernel.steps(
-            arms, *(array.copy() for array in program), given[part], aims[part], dt,
-            bool(use_secondary), twist_space, velocity[part], scale[part], done[part],
+            arms, *(array.copy() for array in program), given[part], before[part],
+            aims[part], dt, bool(use_secondary), twist_space, found[part], scale[part], done[part],
         )  # fmt: skip
 
     shared(len(given), some, threads)
     failures = dict[int, str]()
     if not others:
-        velocity[~done], scale[~done] = np.nan, np.nan
+        found[~done], scale[~done] = np.nan, np.nan
     for k in np.flatnonzero(~done) if others else ():
         try:
-            taken = _one(controller, given[k], dt, aims[k], bool(use_secondary))
+            moving = before[k] if len(before) else None
+            taken = _one(controller, given[k], dt, aims[k], bool(use_secondary), moving)
         except QpTwistError as error:
-            velocity[k], scale[k], failures[int(k)] = np.nan, np.nan, str(error)
+            found[k], scale[k], failures[int(k)] = np.nan, np.nan, str(error)
         else:
-            velocity[k], scale[k] = taken
-    return Steps(velocity, scale, ~done, failures)
+            found[k], scale[k] = taken
+    return Steps(found, scale, ~done, failures)
 
 
 def closed_form(
@@ -239,7 +246,12 @@ def _is_list_of_targets(targets: Any) -> bool:
 
 
 def _one(
-    controller: Controller, q: Array, dt: float, aims: Array, use_secondary: bool
+    controller: Controller,
+    q: Array,
+    dt: float,
+    aims: Array,
+    use_secondary: bool,
+    velocity: Array | None,
 ) -> tuple[Array, float]:
     """A step of the reference, which leaves the controller unchanged."""
     tasks = controller.twist_tasks
@@ -249,16 +261,19 @@ def _one(
         for task, aim in zip(tasks, aims, strict=True):
             task.set_target(pose_of(aim), aim[12:])
         taken = controller.step(
-            mink.Configuration(controller.model, q), dt, use_secondary=use_secondary
+            mink.Configuration(controller.model, q),
+            dt,
+            use_secondary=use_secondary,
+            velocity=velocity,
         )
         return taken.velocity, taken.scale
     finally:
         for task, (target, twist) in zip(tasks, before, strict=True):
             if target is not None:
                 task.set_target(target, twist)
-        for limit, velocity in zip(controller.limits, velocities, strict=True):
-            if velocity is not None:
-                cast(Any, limit).velocity = velocity
+        for limit, stored in zip(controller.limits, velocities, strict=True):
+            if stored is not None:
+                cast(Any, limit).velocity = stored
 
 
 def _closed_form(
