@@ -76,9 +76,10 @@ def test_the_first_columns_of_a_table_are_text() -> None:
 
 
 def test_an_excursion_of_the_target_is_measured() -> None:
-    found = import_module("edge_cases").excursion(0, "seven", "relax", 10.0, "")
-    assert found.flips == 0 and not found.failures
-    assert found.final < 0.1 and found.excess < 1e-9
+    edge = import_module("edge_cases")
+    for found in edge.excursions(edge.all_arms()["seven"], [0, 1], "relax", 10.0):
+        assert found.flips == 0 and not found.failures
+        assert found.final < 0.1 and found.excess < 1e-9
 
 
 def test_a_plan_in_a_random_cell_is_held_against_an_exhaustive_search() -> None:
