@@ -27,7 +27,11 @@ from tyro.extras import SubcommandApp
 
 from qp_twist.comparison.table import WIDTH
 from qp_twist.errors import InvalidInput
+from qp_twist.kinematics import JointRanges
 from qp_twist.paths import METHODS, PathTask, check_method, load_task
+from qp_twist.programs import SUFFIXES, dialect_of
+from qp_twist.robots import ControllerJoints
+from qp_twist.trajectories import joints_of
 
 app = SubcommandApp()
 
@@ -46,6 +50,9 @@ Solver = Annotated[str | None, tyro.conf.arg(metavar="NAME")]
 Folder = Annotated[Path | None, tyro.conf.arg(metavar="DIR")]
 File = Annotated[Path, tyro.conf.arg(metavar="FILE")]
 OptionalFile = Annotated[Path | None, tyro.conf.arg(metavar="FILE")]
+RobotName = Annotated[str | None, tyro.conf.arg(metavar="NAME")]
+Flag = Annotated[bool, tyro.conf.FlagCreatePairsOff]
+Json = Annotated[bool, tyro.conf.arg(name="json"), tyro.conf.FlagCreatePairsOff]
 
 quiet: ContextVar[bool] = ContextVar("quiet", default=False)
 """Whether progress, tables and the names of written files are left out."""
@@ -97,6 +104,21 @@ def load(task: str, path: Path | None = None) -> PathTask:
         for note in notes:
             print(f"note: {note}", file=sys.stderr)
     return path_task
+
+
+def program_joints(
+    path: Path, path_task: PathTask, robot: str | None, as_modelled: bool
+) -> ControllerJoints | None:
+    """How the controller counts the joints, for a file that is a program; ``None`` for others."""
+    if dialect_of(path) is None:
+        if robot is not None or as_modelled:
+            raise InvalidInput(
+                f"{path}: --robot and --as-modelled are for programs ({', '.join(SUFFIXES)}); "
+                "other files have the model's joints."
+            )
+        return None
+    names = JointRanges.of(path_task.model).names
+    return joints_of(path_task, names, robot=robot, as_modelled=as_modelled)
 
 
 def method_names(path_task: PathTask, methods: str | None) -> list[str]:

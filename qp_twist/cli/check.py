@@ -9,7 +9,18 @@ from typing import Annotated
 import tyro
 
 from qp_twist.checks import number
-from qp_twist.cli.app import OptionalFile, Task, app, fail, load, say
+from qp_twist.cli.app import (
+    Flag,
+    Json,
+    OptionalFile,
+    RobotName,
+    Task,
+    app,
+    fail,
+    load,
+    program_joints,
+    say,
+)
 from qp_twist.cli.progress import working
 from qp_twist.kinematics import JointRanges
 from qp_twist.referee import AXIS_TOLERANCE_DEG, POSITION_TOLERANCE
@@ -27,24 +38,31 @@ def check(
     path: OptionalFile = None,
     position_tolerance: Metres = POSITION_TOLERANCE,
     axis_tolerance_deg: Degrees = AXIS_TOLERANCE_DEG,
-    json_: Annotated[bool, tyro.conf.arg(name="json"), tyro.conf.FlagCreatePairsOff] = False,
+    robot: RobotName = None,
+    as_modelled: Flag = False,
+    json_: Json = False,
 ) -> None:
     """Verify a joint trajectory, of this package or another tool, against a task.
 
     Exit code 0: it passes; 1: it fails, and the output says what and where; 2: it cannot be read.
 
     Args:
-        trajectory: File that ends in .csv, .npz or .json.
+        trajectory: File that ends in .csv, .npz, .json or .mcap, or a robot program (.script, .mod,
+            .src, .ls).
         task: Name of a shipped task, or path to a .toml file.
         path: Toolpath to follow instead of the task's own, e.g. path.csv.
         position_tolerance: Largest linear task error that passes, m.
         axis_tolerance_deg: Largest angular task error that passes, degrees.
+        robot: For a program: the robot's name in the table of known robots, or a file with a table
+            of its own (.toml); if omitted, recognised by name and geometry.
+        as_modelled: For a program: its angles are those of the model's joints.
         json_: Print the findings as JSON.
     """
     number("--position-tolerance", position_tolerance, above=0.0)
     number("--axis-tolerance-deg", axis_tolerance_deg, above=0.0)
     path_task = load(task, path)
-    rows = read_trajectory(trajectory, JointRanges.of(path_task.model).names)
+    joints = program_joints(trajectory, path_task, robot, as_modelled)
+    rows = read_trajectory(trajectory, JointRanges.of(path_task.model).names, joints)
     with working("checking"):
         found = check_trajectory(
             rows,

@@ -14,6 +14,7 @@ from qp_twist.cli import (
     bench,
     check,
     compare,
+    export,
     new,
     roadmap,
     run,
@@ -27,7 +28,7 @@ from qp_twist.cli.names import check_names
 
 COMMANDS = {
     module.__name__.rpartition(".")[2]: getattr(module, module.__name__.rpartition(".")[2])
-    for module in (bench, check, compare, new, roadmap, run, starts, study, tasks, view)
+    for module in (bench, check, compare, export, new, roadmap, run, starts, study, tasks, view)
 }
 
 

@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+import json
+
 from qp_twist.cli.app import (
     File,
+    Flag,
     Folder,
+    Json,
     MethodName,
     OptionalFile,
+    RobotName,
     Solver,
     Task,
     app,
@@ -14,6 +19,8 @@ from qp_twist.cli.app import (
     check_folder,
     fail,
     load,
+    program_joints,
+    quiet,
     say,
 )
 from qp_twist.cli.progress import load_machine_code, method_progress, working
@@ -21,7 +28,7 @@ from qp_twist.comparison import compare, metrics
 from qp_twist.comparison.style import pair_of
 from qp_twist.errors import InvalidInput
 from qp_twist.paths import DEFAULT_METHOD, PathTask, check_method
-from qp_twist.trajectories import ENDINGS, run_task
+from qp_twist.trajectories import ENDINGS, check_program, run_task
 
 _STRETCHES = 8
 """Largest number of slowed stretches that are listed."""
@@ -35,6 +42,9 @@ def run(
     solver: Solver = None,
     path: OptionalFile = None,
     report: Folder = None,
+    robot: RobotName = None,
+    as_modelled: Flag = False,
+    json_: Json = False,
 ) -> None:
     """Follow a task with one method, time it, write the joint trajectory and check the file.
 
@@ -44,12 +54,17 @@ def run(
 
     Args:
         task: Name of a shipped task, or path to a .toml file.
-        out: File to write: trajectory.csv, .npz, or .json in the fields of ROS' JointTrajectory. A
-            missing folder is created, with a note.
+        out: File to write: trajectory.csv, .npz, or .json in the fields of ROS' JointTrajectory; a
+            ROS 2 bag (.mcap); a robot program (.script, .mod, .src, .ls). A missing folder is
+            created, with a note.
         method: Method name.
         solver: Backend of the QPs; if omitted, machine code.
         path: Toolpath to follow instead of the task's own, e.g. path.csv.
         report: Folder for a report that compares the method with its closed form or QP.
+        robot: For a program: the robot's name in the table of known robots, or a file with a table
+            of its own (.toml); if omitted, recognised by name and geometry.
+        as_modelled: For a program: the controller counts the joints as the model does.
+        json_: Print the file, the times and the findings of the check as JSON.
     """
     path_task = load(task, path)
     check_method(method)
@@ -58,6 +73,10 @@ def run(
         check_folder(report, "--report")
     if out.suffix.lower() not in ENDINGS:
         raise InvalidInput(f"--out {out}: expected a file that ends in {', '.join(ENDINGS)}.")
+    joints = program_joints(out, path_task, robot, as_modelled)
+    if joints is not None:
+        check_program(out, joints, path_task)
+    shown = quiet.set(quiet.get() or json_)
     load_machine_code(path_task, [method], solver)
     with method_progress([method], len(path_task.waypoints) - 1) as progress:
         done = run_task(
@@ -65,6 +84,7 @@ def run(
             method,
             out,
             solver=solver,
+            joints=joints,
             progress=lambda waypoints: progress.done(method, waypoints),
             planning=progress.planning,
             timing=lambda: progress.says("timing and checking"),
@@ -97,6 +117,18 @@ def run(
         with working("drawing the figures, writing the report"):
             comparison.report(report)
         say(f"wrote {report / 'report.html'}")
+    quiet.reset(shown)
+    if json_:
+        facts: dict[str, object] = {
+            "file": str(out),
+            "method": method,
+            "seconds": None,
+            "seconds_at_feed": None,
+        }
+        if timed is not None and path_task.durations is not None:
+            facts["seconds"] = float(timed.times[-1])
+            facts["seconds_at_feed"] = float(path_task.durations.sum())
+        print(json.dumps({**facts, "check": check.to_dict()}, ensure_ascii=False, indent=2))
     if not check.passes:
         fail(f"{out}: {check.verdict}")
 

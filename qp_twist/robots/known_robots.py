@@ -1,123 +1,180 @@
-"""Joint speed limits of known robots, from their makers' data sheets.
+"""Known robots: speed limits, and how the controllers count the axes, from public data sheets.
 
-MJCF has no joint speed limits, and many URDFs omit them. This table has those of some robots. A
-robot is recognised by its name *and* its geometry, so that neither another arm of the same name nor
-a renamed one of the same shape is mistaken for it. The limits are used in checks
-(:func:`~qp_twist.check_trajectory`), which name them. Steps and plans use the task's limits only.
+MJCF has no joint speed limits, and many URDFs omit them. ``known_robots.toml`` has those of some
+robots, and their axes where the controller shows zero for each. A robot is recognised by its name
+*and* its geometry, so that neither another arm of the same name nor a renamed one of the same shape
+is mistaken for it. The limits are used in checks (:func:`~qp_twist.check_trajectory`), which name
+them; steps and plans use the task's limits only. What the controller shows for a configuration of
+a model is computed by :mod:`~qp_twist.robots.controller_joints`.
 """
 
 from __future__ import annotations
 
-import itertools
 import re
-from collections.abc import Iterable
+import tomllib
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from functools import cached_property
+from pathlib import Path
+from typing import Annotated, Literal
 
 import mujoco
 import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
-from qp_twist.checks import Array
+from qp_twist.checks import Array, did_you_mean
 from qp_twist.errors import InvalidInput
+from qp_twist.files import of_file, read_text
 from qp_twist.kinematics import JointRanges, SerialChain
 from qp_twist.kinematics.serial_chain import Screw
+from qp_twist.robots.axis_geometry import AxisGeometry, Line, axis_geometry, orientations
 
-_NEAR = 2e-3
-"""Lengths that differ by less count as equal, m: models are rounded or calibrated."""
-_NEAR_DEG = 1.0
-_PARALLEL = float(np.sin(np.radians(_NEAR_DEG)))
-"""Sine of an angle below which axes have no single common normal."""
+_TABLE = Path(__file__).with_name("known_robots.toml")
+Finite = Annotated[float, Field(allow_inf_nan=False)]
+Vector = tuple[Finite, Finite, Finite]
+Positive = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
 
 
-class _Axes(NamedTuple):
-    """Geometry of the joint axes; independent of configuration and base."""
+class _Entry(BaseModel):
+    """One table of the file."""
 
-    distances: tuple[float, ...]
-    """Distances between consecutive axes, along their common normal, m."""
-    angles_deg: tuple[float, ...]
-    """Angles between consecutive axes, 0° to 90°."""
-    offsets: tuple[float | None, ...]
-    """Offsets along each axis but the first and last, between its common normals with the
-    neighbouring axes, m; ``None`` if a neighbour is parallel."""
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    name: Annotated[str, Field(min_length=1)]
+    pattern: str = ""
+    program: Literal["urscript", "rapid", "krl", "ls"] | None = None
+    axes: Annotated[tuple[Vector, ...], Field(min_length=2)]
+    points_mm: tuple[Vector, ...]
+    coupling: tuple[int, int, Finite] | None = None
+    speeds_deg: tuple[Positive, ...]
+    accelerations_deg: tuple[Positive, ...] | None = None
+    range_deg: tuple[tuple[Finite, Finite], ...] | None = None
+    source: Annotated[str, Field(min_length=1)]
+
+    @model_validator(mode="after")
+    def _one_of_each(self) -> _Entry:
+        count = len(self.axes)
+        for key in ("points_mm", "speeds_deg", "accelerations_deg", "range_deg"):
+            value = getattr(self, key)
+            if value is not None and len(value) != count:
+                raise ValueError(f"{key}: {len(value)} entries, but there are {count} axes")
+        if any(np.linalg.norm(axis) < 1e-6 for axis in self.axes):
+            raise ValueError("axes: a direction of length zero")
+        if self.coupling is not None and not (
+            {*self.coupling[:2]} <= {*range(1, count + 1)} and self.coupling[0] > self.coupling[1]
+        ):
+            raise ValueError(f"coupling: expected [i, j, factor], axes 1 to {count}, j before i")
+        return self
 
 
 @dataclass(frozen=True, eq=False)
 class KnownRobot:
-    """A robot whose joint speed limits are public.
+    """A robot whose axes and joint speed limits are public.
 
     Attributes:
         name: Maker and model.
         pattern: What a name of the model, its file or its bodies contains, lower case.
-        axes: Geometry.
+        program: Language of its controller: ``"urscript"``, ``"rapid"``, ``"krl"``, ``"ls"``;
+            ``None`` where it has none of them.
+        lines: Its axes where the controller shows zero for each; positive rotations.
+        coupling: (i, j, factor): the controller shows for axis i, from 1, its angle to the link
+            before plus factor times axis j; ``None`` without.
         speeds_deg: Largest joint speeds from the base on, degrees/s.
-        source: Source of the speeds.
+        accelerations_deg: Largest joint accelerations, degrees/s²; ``None`` where none are public.
+        range_deg: Range of each axis before the coupling, degrees; ``None`` where unknown.
+        source: Source of the figures.
     """
 
     name: str
     pattern: str
-    axes: _Axes
+    program: str | None
+    lines: tuple[Line, ...]
+    coupling: tuple[int, int, float] | None
     speeds_deg: tuple[float, ...]
+    accelerations_deg: tuple[float, ...] | None
+    range_deg: tuple[tuple[float, float], ...] | None
     source: str
+
+    @classmethod
+    def _of(cls, entry: _Entry) -> KnownRobot:
+        lines = tuple(
+            Line(np.array(axis) / np.linalg.norm(axis), 1e-3 * np.array(point))
+            for axis, point in zip(entry.axes, entry.points_mm, strict=True)
+        )
+        fields = entry.model_dump(exclude={"axes", "points_mm"})
+        return cls(lines=lines, **fields)
 
     @property
     def speeds(self) -> Array:
         """Largest joint speeds from the base on, rad/s."""
         return np.radians(self.speeds_deg)
 
+    @property
+    def accelerations(self) -> Array | None:
+        """Largest joint accelerations from the base on, rad/s²; ``None`` where none are public."""
+        return None if self.accelerations_deg is None else np.radians(self.accelerations_deg)
 
-_NONE = (None, None, None)
+    @cached_property
+    def geometry(self) -> AxisGeometry:
+        """The invariants of its axes, by which an arm is recognised."""
+        return axis_geometry(self.lines)
 
-
-def _universal(
-    model: str, upper: float, lower: float, wrist: float, speeds: tuple[float, ...]
-) -> KnownRobot:
-    axes = _Axes((0.0, upper, lower, 0.0, 0.0), (90.0, 0.0, 0.0, 90.0, 90.0), (*_NONE, wrist))
-    return KnownRobot(
-        f"Universal Robots {model}",
-        rf"{model.lower()}(?![a-z0-9])",
-        axes,
-        speeds,
-        f"Universal Robots e-Series User Manual, {model}, version 5.8, technical specifications",
-    )
+    def __repr__(self) -> str:
+        return f"KnownRobot({self.name!r}, {self.program or 'no program'})"
 
 
-def _iiwa(model: str, pattern: str, d: float, speeds: tuple[float, ...]) -> KnownRobot:
-    axes = _Axes((0.0,) * 6, (90.0,) * 6, (0.0, d, 0.0, 0.4, 0.0))
-    source = "KUKA, Sensitive robotics: LBR iiwa (brochure), axis data"
-    return KnownRobot(f"KUKA LBR iiwa {model}", pattern, axes, speeds, source)
+def read_robots(path: Path) -> tuple[KnownRobot, ...]:
+    """The robots of a file in the form of the package's ``known_robots.toml``.
+
+    Raises:
+        InvalidInput: If the file cannot be read; with the key.
+    """
+    text = read_text(path, "table of robots")
+    with of_file(path):
+        try:
+            document = tomllib.loads(text)
+        except tomllib.TOMLDecodeError as error:
+            raise InvalidInput(f"this is no TOML: {error}.") from None
+        tables = document.get("robot")
+        if not isinstance(tables, list) or not tables or set(document) != {"robot"}:
+            raise InvalidInput("expected one or more tables [[robot]], and nothing else.")
+        robots = []
+        for number, table in enumerate(tables, start=1):
+            try:
+                robots.append(KnownRobot._of(_Entry.model_validate(table)))
+            except ValidationError as error:
+                first = error.errors()[0]
+                key = ".".join(str(part) for part in first["loc"])
+                text = str(first["msg"]).removeprefix("Value error, ")
+                raise InvalidInput(
+                    f"[[robot]] {number}{f', {key}' if key else ''}: {text}."
+                ) from None
+        return tuple(robots)
 
 
-KNOWN_ROBOTS: tuple[KnownRobot, ...] = (
-    KnownRobot(
-        "Fanuc M-16iB/20",
-        r"m-?16ib",
-        _Axes((0.15, 0.77, 0.1, 0.0, 0.0), (90.0, 0.0, 90.0, 90.0, 90.0), (None, None, 0.74, 0.0)),
-        (165.0, 165.0, 175.0, 350.0, 340.0, 520.0),
-        "Fanuc M-16iB maintenance manual B-81765EN/02, as cited by ros-industrial/fanuc",
-    ),
-    _universal("UR3e", 0.24355, 0.2132, 0.08535, (180.0,) * 3 + (360.0,) * 3),
-    _universal("UR5e", 0.425, 0.3922, 0.0997, (180.0,) * 6),
-    _universal("UR10e", 0.6127, 0.57155, 0.11985, (120.0, 120.0, 180.0, 180.0, 180.0, 180.0)),
-    KnownRobot(
-        "Franka Emika Panda",
-        r"panda",
-        _Axes((0.0, 0.0, 0.0825, 0.0825, 0.0, 0.088), (90.0,) * 6, (0.0, 0.316, 0.0, 0.384, 0.0)),
-        tuple(float(x) for x in np.degrees([2.175] * 4 + [2.61] * 3)),
-        "Franka Control Interface documentation, robot and interface specifications, Panda",
-    ),
-    _iiwa("7 R800", r"iiwa_?7|r800", 0.4, (98.0, 98.0, 100.0, 130.0, 140.0, 180.0, 180.0)),
-    _iiwa("14 R820", r"iiwa_?14|r820", 0.42, (85.0, 85.0, 100.0, 75.0, 130.0, 135.0, 135.0)),
-    KnownRobot(
-        "KUKA KR 16-2",
-        r"kr_?16[-_]?2",
-        _Axes(
-            (0.26, 0.68, 0.035, 0.0, 0.0), (90.0, 0.0, 90.0, 90.0, 90.0), (None, None, 0.67, 0.0)
-        ),
-        (156.0, 156.0, 156.0, 330.0, 330.0, 615.0),
-        "KUKA KR 16-2 specification, as in ros-industrial/kuka_experimental",
-    ),
-)
+KNOWN_ROBOTS: tuple[KnownRobot, ...] = read_robots(_TABLE)
 """The known robots."""
+
+
+def named_robot(name: str) -> KnownRobot:
+    """The robot of the table with this name, or with this model's name.
+
+    Raises:
+        InvalidInput: If there is none; with the names.
+    """
+    wanted = name.strip().lower()
+    for robot in KNOWN_ROBOTS:
+        if wanted and wanted in (robot.name.lower(), robot.name.lower().partition(" ")[2]):
+            return robot
+    names = [robot.name for robot in KNOWN_ROBOTS]
+    for robot in KNOWN_ROBOTS:  # UR5e, without its maker's two words
+        if wanted and robot.name.lower().endswith(f" {wanted}"):
+            return robot
+    raise InvalidInput(
+        f"there is no robot {name!r} in the table{did_you_mean(name, names)} It has "
+        f"{', '.join(names)}. Another one needs a file of its own (.toml); see the documentation, "
+        "Export."
+    )
 
 
 def known_robot(
@@ -137,18 +194,14 @@ def known_robot(
     Raises:
         mink.InvalidFrame: If the model has no such frame.
     """
-    try:
-        screws = SerialChain.of(model, frame_name, frame_type).screws
-    except InvalidInput:  # ball and free joints
-        return None
-    if any(screw.slides for screw in screws):
+    screws = hinges_of(model, frame_name, frame_type)
+    if screws is None:
         return None
     bodies = (model.body(i).name for i in range(1, model.nbody))
     title = model.names.split(b"\0", 1)[0].decode(errors="replace")
     words = " ".join([title, *bodies, *names]).lower()
-    axes = _axes(screws)
     for robot in KNOWN_ROBOTS:
-        if re.search(robot.pattern, words) and _same(robot.axes, axes):
+        if re.search(robot.pattern, words) and is_shaped_like(screws, robot):
             return robot
     return None
 
@@ -172,41 +225,20 @@ def known_speeds(
     return robot, {joints[dof]: speed for dof, speed in zip(dofs, speeds, strict=True)}
 
 
-def _axes(screws: tuple[Screw, ...]) -> _Axes:
-    """The geometry of a chain of hinges."""
-    distances: list[float] = []
-    angles: list[float] = []
-    feet: list[tuple[float, float] | None] = []
-    for one, two in itertools.pairwise(screws):
-        apart = two.anchor - one.anchor
-        normal = np.cross(one.axis, two.axis)
-        sine = float(np.linalg.norm(normal))
-        angles.append(float(np.degrees(np.arctan2(sine, abs(one.axis @ two.axis)))))
-        if sine < _PARALLEL:
-            distances.append(float(np.linalg.norm(apart - (apart @ one.axis) * one.axis)))
-            feet.append(None)
-            continue
-        distances.append(float(abs(apart @ normal)) / sine)
-        # From both anchors to the common normal: one.axis s − two.axis t + normal u = apart.
-        s, t, _ = np.linalg.solve(np.array([one.axis, -two.axis, normal]).T, apart)
-        feet.append((float(s), float(t)))
-    offsets = [
-        None if before is None or after is None else abs(after[0] - before[1])
-        for before, after in itertools.pairwise(feet)
-    ]
-    return _Axes(tuple(distances), tuple(angles), tuple(offsets))
+def hinges_of(
+    model: mujoco.MjModel, frame_name: str | int, frame_type: str
+) -> tuple[Screw, ...] | None:
+    """The joints that move a frame, from the world on; ``None`` if not all are hinges."""
+    try:
+        screws = SerialChain.of(model, frame_name, frame_type).screws
+    except InvalidInput:  # ball and free joints
+        return None
+    return None if any(screw.slides for screw in screws) else screws
 
 
-def _same(known: _Axes, found: _Axes) -> bool:
-    if len(known.distances) != len(found.distances):
-        return False
-    lengths = zip(
-        (*known.distances, *known.offsets), (*found.distances, *found.offsets), strict=True
+def is_shaped_like(screws: Sequence[Screw], robot: KnownRobot) -> bool:
+    """Whether the axes are those of a robot, up to its pose and the directions counted positive."""
+    return len(screws) == len(robot.lines) and any(
+        robot.geometry.is_like(axis_geometry(lines))
+        for _, lines in orientations([Line(screw.axis, screw.anchor) for screw in screws])
     )
-    for one, other in lengths:
-        if (one is None) != (other is None):
-            return False
-        if one is not None and other is not None and abs(one - other) > _NEAR:
-            return False
-    angles = zip(known.angles_deg, found.angles_deg, strict=True)
-    return all(abs(one - other) <= _NEAR_DEG for one, other in angles)

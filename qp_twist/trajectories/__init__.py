@@ -8,6 +8,8 @@ from qp_twist.referee import path_errors as path_errors
 from .check import Check as Check
 from .check import check_trajectory as check_trajectory
 from .joint_rows import JointRows as JointRows
+from .program_trajectory import check_program as check_program
+from .program_trajectory import joints_of as joints_of
 from .refine_trajectory import refine_trajectory as refine_trajectory
 from .speed_profile import SpeedProfile as SpeedProfile
 from .speed_profile import speed_profile as speed_profile

@@ -172,7 +172,7 @@ def check_trajectory(
         nearest = errors_of(path_task, motion, tolerances, matched)
         if errors is None or _met(nearest, tolerances):
             errors, passing = nearest, matched
-    notes = disagreements(rows.metadata, path_task)
+    notes = [*disagreements(rows.metadata, path_task), *rows.notes]
     if rows.accelerated:
         notes.append(
             "the accelerations of the file are not looked at: checked are cubics between the rows; "
@@ -180,6 +180,7 @@ def check_trajectory(
         )
     if timed:
         notes += _at_speed(path_task, ranges, motion)
+    unchecked, sources = _coverage(path_task, ranges, timed=timed)
     return Check(
         path_task.name,
         len(rows.q),
@@ -187,7 +188,8 @@ def check_trajectory(
         "row by row" if passing.by_row else "nearest points in the waypoints' order",
         examine(path_task, motion, tolerances, passing, errors),
         tuple(notes),
-        *_coverage(path_task, ranges, timed=timed),
+        unchecked,
+        (*rows.sources, *sources),
     )
 
 

@@ -29,6 +29,8 @@ class JointRows:
         metadata: Data of the task of these rows, if the file has them.
         accelerated: Whether the file has accelerations, too. They are not used: joints move on
             cubics here; a controller that uses accelerations interpolates differently.
+        notes: What else the file has, and what of it is not looked at.
+        sources: Whose figures the positions depend on, e.g. the zero positions of a known robot.
     """
 
     joint_names: tuple[str, ...]
@@ -37,6 +39,8 @@ class JointRows:
     velocities: Array | None = None
     metadata: dict[str, Any] = field(default_factory=dict)
     accelerated: bool = False
+    notes: tuple[str, ...] = ()
+    sources: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         count = len(self.joint_names)

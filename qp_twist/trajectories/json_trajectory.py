@@ -21,6 +21,18 @@ def encode(rows: JointRows) -> str:
     ``accelerations`` is empty: with positions and velocities ROS' joint trajectory controller uses
     the same cubic as the timing, with accelerations a polynomial of degree five.
     """
+    fields = message(rows)
+    lines = [
+        f'"header": {json.dumps(fields["header"])}',
+        f'"joint_names": {json.dumps(fields["joint_names"], ensure_ascii=False)}',
+        '"points": [\n' + ",\n".join(json.dumps(point) for point in fields["points"]) + "\n]",
+        f'"metadata": {json.dumps(rows.metadata, ensure_ascii=False)}',
+    ]
+    return "{\n" + ",\n".join(lines) + "\n}\n"
+
+
+def message(rows: JointRows) -> dict[str, Any]:
+    """The fields of a JointTrajectory; points without times have no ``time_from_start``."""
     points = []
     for k, q in enumerate(rows.q):
         point: dict[str, Any] = {
@@ -35,15 +47,12 @@ def encode(rows: JointRows) -> str:
                 "sec": nanoseconds // _NANO,
                 "nanosec": nanoseconds % _NANO,
             }
-        points.append(json.dumps(point))
-    head = {"header": {"stamp": {"sec": 0, "nanosec": 0}, "frame_id": ""}}
-    lines = [
-        f'"header": {json.dumps(head["header"])}',
-        f'"joint_names": {json.dumps(list(rows.joint_names), ensure_ascii=False)}',
-        '"points": [\n' + ",\n".join(points) + "\n]",
-        f'"metadata": {json.dumps(rows.metadata, ensure_ascii=False)}',
-    ]
-    return "{\n" + ",\n".join(lines) + "\n}\n"
+        points.append(point)
+    return {
+        "header": {"stamp": {"sec": 0, "nanosec": 0}, "frame_id": ""},
+        "joint_names": list(rows.joint_names),
+        "points": points,
+    }
 
 
 def decode(content: bytes, joint_names: tuple[str, ...] | None) -> JointRows:
@@ -63,6 +72,12 @@ def decode(content: bytes, joint_names: tuple[str, ...] | None) -> JointRows:
         raise InvalidInput(
             "expected the fields of trajectory_msgs/JointTrajectory: joint_names and points."
         )
+    metadata = found.get("metadata", document.get("metadata", {}))
+    return rows_of(found, metadata if isinstance(metadata, dict) else {})
+
+
+def rows_of(found: dict[str, Any], metadata: dict[str, Any]) -> JointRows:
+    """The rows of the fields of a JointTrajectory."""
     names, points = found["joint_names"], found["points"]
     if not isinstance(names, list) or not isinstance(points, list) or not points:
         raise InvalidInput("joint_names and points have to be lists, points not an empty one.")
@@ -71,13 +86,12 @@ def decode(content: bytes, joint_names: tuple[str, ...] | None) -> JointRows:
     q = _array(points, "positions", len(names))
     if q is None:
         raise InvalidInput("points[0].positions: missing.")
-    metadata = found.get("metadata", document.get("metadata", {}))
     return JointRows(
         tuple(str(name) for name in names),
         q,
         _times(points),
         _array(points, "velocities", len(names)),
-        metadata if isinstance(metadata, dict) else {},
+        metadata,
         any(point.get("accelerations") for point in points),
     )
 

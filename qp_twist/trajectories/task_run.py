@@ -13,6 +13,7 @@ from qp_twist.checks import Array
 from qp_twist.following import Trajectory, follow
 from qp_twist.paths import PathTask
 from qp_twist.referee import AXIS_TOLERANCE_DEG, POSITION_TOLERANCE
+from qp_twist.robots import ControllerJoints
 from qp_twist.trajectories.check import (
     Check,
     check_trajectory,
@@ -67,6 +68,7 @@ def run_task(
     out: Path,
     *,
     solver: str | None = None,
+    joints: ControllerJoints | None = None,
     give_up: bool = False,
     progress: Callable[[int], None] | None = None,
     planning: Callable[[str, float], None] | None = None,
@@ -80,8 +82,9 @@ def run_task(
     Args:
         path_task: The task.
         method: Name of the method.
-        out: The file to write: ``.csv``, ``.npz`` or ``.json``.
+        out: The file to write, by its suffix (:func:`~qp_twist.write_trajectory`).
         solver: Backend of the QPs.
+        joints: For a program: how the robot's controller counts the joints.
         give_up: Whether to end at the first waypoint outside the tolerances of the check. Then
             nothing is written and there is no check.
         progress: Called with the number of waypoints done.
@@ -111,8 +114,9 @@ def run_task(
         timing()
     rows = refine_trajectory(trajectory)
     timed = None if path_task.durations is None else time_trajectory(rows)
-    write_trajectory(timed or rows, out)
-    check = check_trajectory(read_trajectory(out, trajectory.joint_names), trajectory.path_task)
+    write_trajectory(timed or rows, out, joints)
+    written = read_trajectory(out, trajectory.joint_names, joints)
+    check = check_trajectory(written, trajectory.path_task)
     return TaskRun(trajectory, rows, timed, check)
 
 

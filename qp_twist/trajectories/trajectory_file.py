@@ -1,4 +1,4 @@
-"""Trajectory files by their suffix; NumPy archives."""
+"""Trajectory files by their suffix: tables, archives, bags, robot programs."""
 
 from __future__ import annotations
 
@@ -14,7 +14,14 @@ from qp_twist.checks import Array, float_array
 from qp_twist.errors import InvalidInput
 from qp_twist.files import of_file, read_bytes, write_atomically
 from qp_twist.following import Trajectory
-from qp_twist.trajectories import csv_trajectory, json_trajectory
+from qp_twist.programs import SUFFIXES, dialect_of
+from qp_twist.robots import ControllerJoints
+from qp_twist.trajectories import (
+    csv_trajectory,
+    json_trajectory,
+    mcap_trajectory,
+    program_trajectory,
+)
 from qp_twist.trajectories.joint_rows import JointRows
 from qp_twist.trajectories.metadata import read_metadata
 from qp_twist.trajectories.time_trajectory import TimedTrajectory
@@ -76,32 +83,67 @@ _FORMATS = {
     ".csv": _Format(csv_trajectory.encode, csv_trajectory.decode),
     ".npz": _Format(_to_npz, _from_npz),
     ".json": _Format(json_trajectory.encode, json_trajectory.decode),
+    ".mcap": _Format(mcap_trajectory.encode, mcap_trajectory.decode),
 }
-ENDINGS = tuple(_FORMATS)
+ENDINGS = (*_FORMATS, *SUFFIXES)
 """Suffixes of the files that are written and read."""
 
 
-def write_trajectory(trajectory: Trajectory | TimedTrajectory, path: str | Path) -> Path:
-    """Write a trajectory as CSV, NPZ or JSON, by the suffix of ``path``.
+def write_trajectory(
+    trajectory: Trajectory | TimedTrajectory | JointRows,
+    path: str | Path,
+    joints: ControllerJoints | None = None,
+) -> Path:
+    """Write a trajectory by the suffix of ``path``: a table, an archive, a bag, a robot program.
 
     A :class:`~qp_twist.TimedTrajectory` is written with its times and, for cubics, its velocities;
     a plain trajectory has rows only. The file is written under a temporary name and renamed, so a
-    failure leaves no partial file.
+    failure leaves no partial file. A program longer than its controller takes is divided; its
+    further files are beside ``path``.
+
+    Args:
+        trajectory: The trajectory, or the rows of a file.
+        path: A file that ends in ``.csv``, ``.npz``, ``.json``, ``.mcap``, or for a program in
+            ``.script`` (URScript), ``.mod`` (RAPID), ``.src`` (KRL) or ``.ls`` (Fanuc).
+        joints: For a program: how the controller counts the joints
+            (:func:`~qp_twist.trajectories.joints_of`). Without it the trajectory's robot has to be
+            a known one.
 
     Raises:
-        InvalidInput: If the suffix is unknown.
+        InvalidInput: If the suffix is unknown, or the trajectory or robot do not fit a program.
     """
     path = Path(path)
-    return write_atomically(path, _format(path).encode(JointRows.of(trajectory)))
+    rows = trajectory if isinstance(trajectory, JointRows) else JointRows.of(trajectory)
+    dialect = dialect_of(path)
+    if dialect is None:
+        return write_atomically(path, _format(path).encode(rows))
+    if joints is None:
+        timed = trajectory if isinstance(trajectory, TimedTrajectory) else None
+        plain = timed.trajectory if timed is not None else trajectory
+        task = plain.path_task if isinstance(plain, Trajectory) else None
+        joints = program_trajectory.joints_of(task, rows.joint_names)
+    with of_file(path):
+        texts = program_trajectory.encode(rows, dialect, joints, path.stem)
+    # The file of this name last: it calls the others.
+    for name, text in reversed(texts.items()):
+        write_atomically(path if name == f"{path.stem}{dialect.suffix}" else path.parent / name,
+                         text)  # fmt: skip
+    return path
 
 
-def read_trajectory(path: str | Path, joint_names: Sequence[str] | None = None) -> JointRows:
+def read_trajectory(
+    path: str | Path,
+    joint_names: Sequence[str] | None = None,
+    joints: ControllerJoints | None = None,
+) -> JointRows:
     """Read a trajectory file of this package or of another tool.
 
     Args:
-        path: A file that ends in ``.csv``, ``.npz`` or ``.json``.
+        path: A file that ends in ``.csv``, ``.npz``, ``.json`` or ``.mcap``, or a program that ends
+            in ``.script``, ``.mod``, ``.src`` or ``.ls``.
         joint_names: The joints to read, in this order. Columns are found by these names; others are
             ignored. Without names every column that is not recognised as something else is a joint.
+        joints: How the controller of a program counts the joints; required for a program.
 
     Returns:
         The rows, in rad, m and s.
@@ -110,6 +152,15 @@ def read_trajectory(path: str | Path, joint_names: Sequence[str] | None = None) 
         InvalidInput: If the file cannot be opened or parsed; with the place.
     """
     path = Path(path)
+    dialect = dialect_of(path)
+    if dialect is not None:
+        if joints is None:
+            raise InvalidInput(
+                f"{path}: a program's angles are the controller's; say how it counts the joints "
+                "(joints=qp_twist.trajectories.joints_of(…))."
+            )
+        rows = program_trajectory.decode(path, dialect, joints)
+        return rows if joint_names is None else rows.of_joints(joint_names)
     form = _format(path)
     content = read_bytes(path, "trajectory file")
     with of_file(path):

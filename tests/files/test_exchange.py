@@ -17,7 +17,6 @@ from oracles.joint_paths import evenly, joint_path, slider
 import qp_twist as qt
 from qp_twist.files import whole_file, write_atomically
 from qp_twist.trajectories import (
-    ENDINGS,
     JointRows,
     TimedTrajectory,
     csv_trajectory,
@@ -27,6 +26,8 @@ from qp_twist.trajectories import (
 )
 
 Array = np.ndarray
+ENDINGS = (".csv", ".npz", ".json")
+"""Formats that hold everything; bags and programs have tests of their own."""
 SEEDS = st.integers(0, 2**32 - 1)
 
 

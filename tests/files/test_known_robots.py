@@ -56,11 +56,11 @@ def test_each_line_of_the_table_is_complete() -> None:
     assert len({robot.name for robot in KNOWN_ROBOTS}) == len(KNOWN_ROBOTS)
     for robot in KNOWN_ROBOTS:
         count = len(robot.speeds_deg)
-        assert len(robot.axes.distances) == len(robot.axes.angles_deg) == count - 1
-        assert len(robot.axes.offsets) == count - 2
+        assert len(robot.lines) == count
         assert robot.source
         assert (robot.speeds == np.radians(robot.speeds_deg)).all()
-        assert all(60.0 < speed < 700.0 for speed in robot.speeds_deg)
+        assert all(60.0 < speed <= 1000.0 for speed in robot.speeds_deg)
+        assert robot.program is None or count == 6
 
 
 def test_slides_ball_joints_and_shapeless_arms_are_not_known() -> None:

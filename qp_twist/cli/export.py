@@ -1,0 +1,137 @@
+"""``qp-twist export``."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+
+from qp_twist.checks import did_you_mean
+from qp_twist.cli.app import (
+    Flag,
+    Json,
+    OptionalFile,
+    RobotName,
+    app,
+    check_file,
+    fail,
+    load,
+    say,
+)
+from qp_twist.cli.progress import working
+from qp_twist.errors import InvalidInput
+from qp_twist.kinematics import JointRanges
+from qp_twist.programs import DIALECTS, dialect_of
+from qp_twist.trajectories import (
+    Check,
+    check_trajectory,
+    joints_of,
+    read_trajectory,
+    write_trajectory,
+)
+
+TrajectoryFile = Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="TRAJECTORY")]
+OptionalTask = Annotated[str | None, tyro.conf.Positional, tyro.conf.arg(metavar="[TASK]")]
+Language = Annotated[str | None, tyro.conf.arg(metavar="urscript|rapid|krl|ls|mcap")]
+BAG = ".mcap"
+_SUFFIX = {**{name: dialect.suffix for name, dialect in DIALECTS.items()}, "mcap": BAG}
+
+
+@app.command
+def export(
+    trajectory: TrajectoryFile,
+    task: OptionalTask = None,
+    to: Language = None,
+    out: OptionalFile = None,
+    robot: RobotName = None,
+    as_modelled: Flag = False,
+    path: OptionalFile = None,
+    json_: Json = False,
+) -> None:
+    """Write a trajectory file as a robot program or a ROS 2 bag, and check what was written.
+
+    With a task the robot is recognised by name and geometry, and the program is read back and
+    checked. Without one, name the robot; nothing is checked then. No controller has run these
+    programs.
+
+    Args:
+        trajectory: File that ends in .csv, .npz, .json or .mcap.
+        task: Name of a shipped task, or path to a .toml file: the trajectory's.
+        to: urscript, rapid, krl, ls or mcap; if omitted, by the suffix of --out.
+        out: File to write; if omitted, the trajectory's name with the suffix of the language.
+        robot: The robot's name in the table of known robots, or a file with a table of its own
+            (.toml); if omitted, recognised by name and geometry.
+        as_modelled: The controller counts the joints as the model does.
+        path: Toolpath to check against instead of the task's own.
+        json_: Print the file, the axes and the findings of the check as JSON.
+    """
+    out = _destination(trajectory, to, out)
+    check_file(out)
+    dialect = dialect_of(out)
+    if dialect is None and (robot is not None or as_modelled):
+        raise InvalidInput(
+            "--robot and --as-modelled are for programs; a bag has the model's joints."
+        )
+    if task is None and path is not None:
+        raise InvalidInput("--path is for the check, which needs a task; give the task, too.")
+    path_task = None if task is None else load(task, path)
+    names = None if path_task is None else JointRanges.of(path_task.model).names
+    if dialect_of(trajectory) is not None:
+        raise InvalidInput(
+            f"{trajectory}: is a program already; export from the trajectory that it was made of."
+        )
+    rows = read_trajectory(trajectory, names)
+    joints = None
+    if dialect is not None:
+        joints = joints_of(path_task, rows.joint_names, robot=robot, as_modelled=as_modelled)
+    write_trajectory(rows, out, joints)
+    say(f"wrote {out}: {len(rows.q)} points")
+    axes = () if joints is None or dialect is None else joints.equations(dialect.axis_names)
+    if joints is not None:
+        say(joints.origin + (f" ({joints.source})" if joints.source else ""))
+        say(*(f"  {axis}" for axis in axes))
+        say("no controller has run it: try it slowly, without a tool, first")
+    found: Check | None = None
+    if path_task is not None:
+        with working("checking"):
+            found = check_trajectory(read_trajectory(out, names, joints), path_task)
+        say(*found.notes)
+        if found.passes:
+            say(found.verdict)
+    else:
+        say("not checked: no task given")
+    if json_:
+        facts = {
+            "file": str(out),
+            "robot": None if joints is None else joints.robot,
+            "axes": list(axes),
+            "check": None if found is None else found.to_dict(),
+        }
+        print(json.dumps(facts, ensure_ascii=False, indent=2))
+    if found is not None and not found.passes:
+        fail(f"{out}: {found.verdict}")
+
+
+def _destination(trajectory: Path, to: str | None, out: Path | None) -> Path:
+    """The file to write, by its language and name."""
+    if to is not None and to not in _SUFFIX:
+        raise InvalidInput(
+            f"--to {to}: there is no such language{did_you_mean(to, _SUFFIX)} "
+            f"Known: {', '.join(_SUFFIX)}."
+        )
+    if out is None:
+        if to is None:
+            raise InvalidInput(
+                f"say what to write: --to {'|'.join(_SUFFIX)}, or --out with one of the suffixes "
+                f"{', '.join(_SUFFIX.values())}."
+            )
+        return trajectory.with_suffix(_SUFFIX[to])
+    if out.suffix.lower() not in _SUFFIX.values():
+        raise InvalidInput(
+            f"--out {out}: expected a file that ends in {', '.join(_SUFFIX.values())}."
+        )
+    if to is not None and out.suffix.lower() != _SUFFIX[to]:
+        raise InvalidInput(f"--out {out}: a file of --to {to} ends in {_SUFFIX[to]}.")
+    return out

@@ -1,0 +1,13 @@
+"""Robot programs: joint moves in the languages of controllers, written and read."""
+
+from .dialects import DIALECTS as DIALECTS
+from .dialects import SUFFIXES as SUFFIXES
+from .dialects import dialect_of as dialect_of
+from .header import AS_MODELLED as AS_MODELLED
+from .header import check_header as check_header
+from .header import header_lines as header_lines
+from .joint_moves import AXES as AXES
+from .joint_moves import Beside as Beside
+from .joint_moves import Dialect as Dialect
+from .joint_moves import JointMoves as JointMoves
+from .joint_moves import printed as printed

@@ -1,0 +1,127 @@
+"""The comment at the top of a program: what it claims, and whether that is so.
+
+The claims are facts that a person can look up in the program: its robot, unit, axes, number of
+points and time. A program whose lines contradict them has been changed, and is refused. What the
+motion does is not claimed here, but checked against the task.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from importlib.metadata import version
+
+from qp_twist.errors import InvalidInput
+from qp_twist.programs.joint_moves import Dialect, JointMoves
+
+_TITLE = re.compile(r"qp_twist (\S+)")
+_KEYS = ("robot", "unit", "points", "seconds")
+AS_MODELLED = "as modelled"
+"""What stands for the robot where joints are taken as the model counts them."""
+
+
+def header_lines(
+    dialect: Dialect,
+    moves: JointMoves,
+    robot: str,
+    equations: Sequence[str],
+    task: str = "",
+) -> tuple[str, ...]:
+    """The lines of the header, without comment marks.
+
+    Args:
+        dialect: The language.
+        moves: The moves with the digits that are printed.
+        robot: Name of the robot; empty where joints are taken as the model counts them.
+        equations: What each axis shows.
+        task: Name of the task, if known.
+    """
+    assert moves.durations is not None
+    total = float(moves.durations.sum())
+    return (
+        f"qp_twist {version('qp_twist')}",
+        *([f"task: {task}"] if task else []),
+        f"robot: {robot or AS_MODELLED}",
+        f"unit: {dialect.unit}",
+        f"points: {len(moves.angles)}",
+        f"seconds: {total:.{dialect.time_decimals}f}",
+        *equations,
+        "No controller has run this.",
+    )
+
+
+def read_header(comments: Sequence[str]) -> dict[str, str]:
+    """The claims in a program's comments; empty if this package did not write them.
+
+    Raises:
+        InvalidInput: If the header is there, but a line of it is missing.
+    """
+    lines = [comment.strip() for comment in comments]
+    starts = [k for k, line in enumerate(lines) if _TITLE.fullmatch(line)]
+    if not starts:
+        return {}
+    found: dict[str, str] = {}
+    equations = []
+    for line in lines[starts[0] + 1 :]:
+        key, colon, value = line.partition(":")
+        if colon and key in (*_KEYS, "task") and key not in found:
+            found[key] = value.strip()
+        elif re.match(r"\w+ = \S", line):
+            equations.append(line)
+    missing = [key for key in _KEYS if key not in found]
+    if missing:
+        raise InvalidInput(
+            f"the header has no line {missing[0]!r}; restore it, or remove the whole header, whose "
+            "first line begins with qp_twist."
+        )
+    return {**found, "axes": "\n".join(equations)}
+
+
+def check_header(moves: JointMoves, dialect: Dialect, robot: str, equations: Sequence[str]) -> None:
+    """Refuse a program whose lines contradict its header, or whose header the robot's axes.
+
+    Raises:
+        InvalidInput: What is claimed, and what is there.
+    """
+    header: Mapping[str, str] = moves.header
+    if not header:
+        return
+    if header["unit"] != dialect.unit:
+        raise InvalidInput(
+            f"the header says unit: {header['unit']}, but angles of {dialect.title} are in "
+            f"{dialect.unit}; the program is for something else, or was changed."
+        )
+    if header["robot"] != (robot or AS_MODELLED):
+        raise InvalidInput(
+            f"the header says robot: {header['robot']}, but it is read for "
+            f"{robot or 'joints as the model counts them'}; export the trajectory for this robot."
+        )
+    if header["points"] != str(len(moves.angles)):
+        raise InvalidInput(
+            f"the header says points: {header['points']}, but the program moves to "
+            f"{len(moves.angles)}; a line was lost or added. Export it again, or remove the header."
+        )
+    total = None if moves.durations is None else float(moves.durations.sum())
+    tick = 10.0**-dialect.time_decimals
+    try:
+        same = total is not None and abs(float(header["seconds"]) - total) < 0.6 * tick
+    except ValueError:
+        same = False
+    if not same:
+        takes = "gives no time for some of its moves" if total is None else f"takes {total:.9g} s"
+        raise InvalidInput(
+            f"the header says seconds: {header['seconds']}, but the program {takes}; a time was "
+            "changed. Export it again, or remove the header."
+        )
+    claimed = header["axes"].split("\n") if header["axes"] else []
+    for ours, theirs in zip(equations, claimed, strict=False):
+        if ours != theirs:
+            raise InvalidInput(
+                f"the header says {theirs}, but for this model and robot it is {ours}; the model's "
+                "zero positions or signs are others than when the program was written."
+            )
+    if len(claimed) != len(equations):
+        raise InvalidInput(
+            f"the header has {len(claimed)} lines of axes, and there are {len(equations)} axes; "
+            "restore them, or remove the whole header."
+        )

@@ -1,0 +1,106 @@
+"""Joint moves of a robot program, in the controller's axes and units."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+
+from qp_twist.checks import Array
+from qp_twist.errors import InvalidInput
+
+AXES = 6
+"""Number of axes of the programs: all arms of their controllers have six."""
+
+
+@dataclass(frozen=True, eq=False)
+class JointMoves:
+    """Moves from point to point, straight in the axes.
+
+    Attributes:
+        angles: What the controller shows at each point, in the dialect's unit, (N, 6).
+        durations: Time of each move, s, (N − 1,); ``None`` if the program has none, or not for
+            every move.
+        velocities: Rates of ``angles`` at the points, if axes move on cubics, unit/s, (N, 6).
+        header: What the program says about itself; empty without a header of this package.
+        notes: What else the program has, and what is not looked at.
+    """
+
+    angles: Array
+    durations: Array | None
+    velocities: Array | None = None
+    header: Mapping[str, str] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
+
+    def __repr__(self) -> str:
+        time = "" if self.durations is None else f", {float(self.durations.sum()):.6g} s"
+        return f"JointMoves({len(self.angles)} points{time})"
+
+
+Beside = Callable[[str], bytes | None]
+"""The content of a file in the program's folder by its name, capitals ignored; ``None`` without."""
+
+
+class Dialect(NamedTuple):
+    """A language of robot programs.
+
+    Attributes:
+        name: As in ``--to``.
+        title: As in messages.
+        suffix: Suffix of its files.
+        unit: ``"rad"`` or ``"deg"``.
+        decimals: Decimals of angles and rates.
+        time_decimals: Decimals of times, s.
+        axis_names: Names of the axes.
+        cubic: Whether its programs move axes on cubics through points with velocities.
+        check_name: Refuses a program name that the controller does not take.
+        encode: (program name, moves, header lines) to the texts of files by name.
+        decode: (text, files beside it) to moves.
+    """
+
+    name: str
+    title: str
+    suffix: str
+    unit: str
+    decimals: int
+    time_decimals: int
+    axis_names: tuple[str, ...]
+    cubic: bool
+    check_name: Callable[[str], None]
+    encode: Callable[[str, JointMoves, tuple[str, ...]], dict[str, str]]
+    decode: Callable[[str, Beside], JointMoves]
+
+
+def printed(moves: JointMoves, dialect: Dialect) -> JointMoves:
+    """The moves with the digits that the dialect prints.
+
+    Rounded angles make a joint travel a little more or less. No joint may therefore become faster
+    than its fastest anywhere before: a move that would be takes longer. Times are rounded up.
+
+    Raises:
+        InvalidInput: If there are no times, or one is not positive.
+    """
+    if moves.durations is None:
+        raise InvalidInput(
+            "the trajectory has no times, so that a program would not know how fast to move; give "
+            "its task a [feed], or write times into the file."
+        )
+    if not (moves.durations > 0.0).all():
+        k = int(np.argmin(moves.durations > 0.0))
+        raise InvalidInput(
+            f"times: row {k + 2} is not later than row {k + 1}; a move needs a positive time."
+        )
+    angles = np.round(moves.angles, dialect.decimals) + 0.0  # no -0
+    if moves.velocities is not None and dialect.cubic:
+        durations = np.round(moves.durations, dialect.time_decimals)
+        velocities = np.round(moves.velocities, dialect.decimals) + 0.0
+        least = 10.0**-dialect.time_decimals
+        return JointMoves(angles, np.maximum(durations, least), velocities, moves.header)
+    fastest = (np.abs(np.diff(moves.angles, axis=0)) / moves.durations[:, None]).max(axis=0)
+    travel = np.abs(np.diff(angles, axis=0))
+    needed = np.divide(travel, fastest, out=np.zeros_like(travel), where=fastest > 0.0)
+    durations = np.maximum(moves.durations, needed.max(axis=1, initial=0.0))
+    ticks = np.ceil(durations * 10.0**dialect.time_decimals - 1e-6)
+    return JointMoves(angles, ticks / 10.0**dialect.time_decimals, None, moves.header)

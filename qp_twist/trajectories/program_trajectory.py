@@ -1,0 +1,212 @@
+"""Trajectories as robot programs: joint rows in the controller's axes, and back."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from qp_twist.checks import Array
+from qp_twist.errors import InvalidInput
+from qp_twist.files import check_regular, of_file, read_bytes, text_lines
+from qp_twist.kinematics import JointRanges
+from qp_twist.paths import PathTask
+from qp_twist.programs import (
+    AXES,
+    Dialect,
+    JointMoves,
+    check_header,
+    dialect_of,
+    header_lines,
+    printed,
+)
+from qp_twist.robots import (
+    ControllerJoints,
+    KnownRobot,
+    controller_joints,
+    known_robot,
+    named_robot,
+    read_robots,
+)
+from qp_twist.trajectories.joint_rows import JointRows
+
+_ADVICE = (
+    "Give its name (--robot), a table of your own (--robot FILE.toml), or, if the controller's "
+    "zero positions and directions are those of the model, say so (--as-modelled)."
+)
+
+
+def joints_of(
+    path_task: PathTask | None,
+    joint_names: tuple[str, ...],
+    *,
+    robot: str | Path | None = None,
+    as_modelled: bool = False,
+) -> ControllerJoints:
+    """How the controller counts the joints of a task's robot.
+
+    Args:
+        path_task: The task; ``None`` if there is only a trajectory, whose joints are then taken in
+            its order, with the zero positions and signs of the robot that is named.
+        joint_names: The joints of the trajectory.
+        robot: Name of a known robot, or a file with one in the form of the package's table;
+            ``None``: recognised by name and geometry.
+        as_modelled: Take the joints as the model counts them.
+
+    Raises:
+        InvalidInput: If the robot is not known, or the arm is not that robot.
+    """
+    if as_modelled:
+        if robot is not None:
+            raise InvalidInput("give a robot, or take the joints as modelled, but not both.")
+        if path_task is not None and not JointRanges.of(path_task.model).hinge.all():
+            raise InvalidInput(
+                f"{path_task.name}: the robot has joints that are no hinges; programs are written "
+                f"for arms of {AXES} hinges."
+            )
+        return ControllerJoints.as_modelled(joint_names)
+    given = None if robot is None else _given(robot)
+    if path_task is None:
+        if given is None:
+            raise InvalidInput(
+                "which robot it is has to be said: give the task of the trajectory, whose robot is "
+                "recognised, or a name (--robot)."
+            )
+        return ControllerJoints.of_robot(given, joint_names)
+    model, frame = path_task.model, (path_task.frame_name, path_task.frame_type)
+    if given is None:
+        names = (path_task.scene.stem, path_task.scene.parent.name)
+        given = known_robot(model, *frame, names)
+        if given is None:
+            raise InvalidInput(
+                f"{path_task.name}: the robot is not one of the known robots, so that nothing says "
+                f"where its controller counts from. {_ADVICE}"
+            )
+    return controller_joints(model, *frame, given)
+
+
+def _given(robot: str | Path) -> KnownRobot:
+    if str(robot).lower().endswith(".toml"):
+        path = Path(robot)
+        check_regular(path, "table of robots")
+        found = read_robots(path)
+        if len(found) != 1:
+            raise InvalidInput(f"{path}: expected one [[robot]], got {len(found)}.")
+        return found[0]
+    return named_robot(str(robot))
+
+
+def check_program(path: Path, joints: ControllerJoints, path_task: PathTask) -> None:
+    """Refuse a program that could not be written, before its trajectory is computed.
+
+    Raises:
+        InvalidInput: If the controller does not take the file's name or the language, or the task
+            has no feed.
+    """
+    dialect = dialect_of(path)
+    assert dialect is not None
+    with of_file(path):
+        dialect.check_name(path.stem)
+        _check_dialect(dialect, joints)
+    if path_task.durations is None:
+        raise InvalidInput(
+            f"{path_task.name}: has no [feed], so that a program would not know how fast to move; "
+            "add one to the task file."
+        )
+
+
+def encode(
+    rows: JointRows, dialect: Dialect, joints: ControllerJoints, name: str
+) -> dict[str, str]:
+    """The texts of a program's files, by name.
+
+    Raises:
+        InvalidInput: If the robot is not programmed in this language, the trajectory has no times
+            or leaves the robot's ranges, or the name is none for the controller.
+    """
+    dialect.check_name(name)
+    _check_dialect(dialect, joints)
+    rows = rows.of_joints(joints.joint_names)
+    if outside := joints.outside(rows.q):
+        raise InvalidInput(f"{outside}; the robot cannot go there.")
+    scale = _scale(dialect)
+    velocities = None if rows.velocities is None else scale * joints.shown_rates(rows.velocities)
+    durations = None if rows.times is None else np.diff(rows.times)
+    if len(rows.q) < 2:
+        raise InvalidInput("the trajectory has one row; a program needs two or more.")
+    moves = printed(JointMoves(scale * joints.shown(rows.q), durations, velocities), dialect)
+    task = str(rows.metadata.get("task", ""))
+    lines = header_lines(
+        dialect, moves, joints.robot, joints.equations(dialect.axis_names), _plain(task)
+    )
+    return dialect.encode(name, moves, lines)
+
+
+def decode(path: Path, dialect: Dialect, joints: ControllerJoints) -> JointRows:
+    """The rows of a program.
+
+    Raises:
+        InvalidInput: If the file cannot be read, has more than joint moves, or contradicts its
+            header; with the line.
+    """
+    _check_dialect(dialect, joints)
+    content = read_bytes(path, "program")
+
+    def beside(name: str) -> bytes | None:
+        for file in sorted(path.parent.iterdir()):
+            if file.name.lower() == name.lower() and file.is_file():
+                return read_bytes(file, "program")
+        return None
+
+    with of_file(path):
+        moves = dialect.decode("\n".join(text_lines(content)), beside)
+        check_header(moves, dialect, joints.robot, joints.equations(dialect.axis_names))
+    scale = _scale(dialect)
+    times: Array | None = None
+    if moves.durations is not None:
+        times = np.concatenate([[0.0], np.cumsum(moves.durations)])
+    rates = None if moves.velocities is None else joints.rates(moves.velocities / scale)
+    notes = [*joints.notes, *moves.notes]
+    if rates is None and times is not None:
+        notes.append(
+            f"{path.name}: checked as straight joint moves at constant speed from point to point; "
+            "the controller's ramps and roundings are its own"
+        )
+    if moves.header.get("seconds") is None:
+        notes.append(
+            f"{path.name} has no header of qp_twist: a line that was lost is not noticed as such"
+        )
+    metadata = {"task": moves.header["task"]} if "task" in moves.header else {}
+    return JointRows(
+        joints.joint_names,
+        joints.positions(moves.angles / scale),
+        times,
+        rates,
+        metadata,
+        notes=tuple(notes),
+        sources=(joints.origin + (f" ({joints.source})" if joints.source else ""),),
+    )
+
+
+def _check_dialect(dialect: Dialect, joints: ControllerJoints) -> None:
+    if joints.robot and joints.program != dialect.name:
+        has = f"programmed in {joints.program}" if joints.program else "programmed in none of them"
+        raise InvalidInput(
+            f"the {joints.robot} is {has}, not in {dialect.name}; "
+            f"{f'choose --to {joints.program}' if joints.program else 'choose --to mcap'}."
+        )
+    if len(joints.joint_names) != AXES:
+        raise InvalidInput(
+            f"{dialect.title} moves {AXES} axes, and there are {len(joints.joint_names)} joints: "
+            f"{', '.join(joints.joint_names)}."
+        )
+
+
+def _scale(dialect: Dialect) -> float:
+    """Factor from rad to the dialect's unit."""
+    return float(np.degrees(1.0)) if dialect.unit == "deg" else 1.0
+
+
+def _plain(text: str) -> str:
+    """A name in characters that every controller reads, and on one line."""
+    return " ".join("".join(c if " " <= c <= "~" else "?" for c in text).split())[:60]
