@@ -14,6 +14,9 @@ from qp_twist.errors import InvalidInput
 AXES = 6
 """Number of axes of the programs: all arms of their controllers have six."""
 
+_CLOCK = 1e-12
+"""Rounding of times that are added and subtracted, s."""
+
 
 @dataclass(frozen=True, eq=False)
 class JointMoves:
@@ -102,5 +105,6 @@ def printed(moves: JointMoves, dialect: Dialect) -> JointMoves:
     travel = np.abs(np.diff(angles, axis=0))
     needed = np.divide(travel, fastest, out=np.zeros_like(travel), where=fastest > 0.0)
     durations = np.maximum(moves.durations, needed.max(axis=1, initial=0.0))
-    ticks = np.ceil(durations * 10.0**dialect.time_decimals - 1e-6)
-    return JointMoves(angles, ticks / 10.0**dialect.time_decimals, None, moves.header)
+    second = 10.0**dialect.time_decimals
+    ticks = np.ceil((durations - _CLOCK) * second)
+    return JointMoves(angles, ticks / second, None, moves.header)

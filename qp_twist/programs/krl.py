@@ -81,7 +81,13 @@ def _decode(text: str, beside: Beside) -> JointMoves:
     reader.rules.follow(statements, reader.course)
     if reader.block is not None:
         raise InvalidInput("the time block has no end (TIME_BLOCK END = …); a line was lost.")
-    return reader.course.moves(read_header(comments))
+    header = read_header(comments)
+    if header and reader.shares:
+        raise InvalidInput(
+            f"the parts of the time block are not {header['seconds']} s together, as the header "
+            "says; a time was changed. Export it again, or remove the header."
+        )
+    return reader.course.moves(header)
 
 
 class _Reader:
@@ -91,6 +97,7 @@ class _Reader:
         course: The points so far.
         rules: What statements are.
         block: Points of a time block that is not closed, with their lines.
+        shares: Whether the parts of the time block are shares, not seconds.
     """
 
     def __init__(self, beside: Beside) -> None:
@@ -101,6 +108,7 @@ class _Reader:
         self._name = ""
         self._parts: list[float] = []
         self._timed = False
+        self.shares = False
         self.rules = Rules(
             (
                 (re.compile(r"(?:GLOBAL\s+)?DEF\s+(\w+)\s*\(\s*\)", re.I), self._define),
@@ -157,6 +165,7 @@ class _Reader:
         if self.block is None:
             raise refuse(number, match[0], "expected TIME_BLOCK START before it.")
         block, self.block = self.block, None
+        self.shares = abs(sum(self._parts) - float(match[1])) > 0.6e-5
         _end_block(self.course, number, block, self._parts, float(match[1]))
 
     def _move(self, number: int, match: re.Match[str]) -> None:
@@ -200,10 +209,8 @@ def _end_block(
     total = sum(parts)
     if not (total > 0.0 and whole > 0.0 and min(parts) > 0.0):
         raise InvalidInput(f"line {number}: a time of the time block is not positive.")
-    # Where the parts are seconds, they are taken as they are printed.
-    scale = 1.0 if abs(total - whole) < 1e-9 * whole + 0.5e-5 else whole / total
     for (line, point), part in zip(block, parts, strict=True):
-        course.move(line, point, part * scale)
+        course.move(line, point, part * whole / total)
 
 
 def _target(number: int, text: str) -> list[float]:

@@ -127,7 +127,15 @@ def _decode(text: str, beside: Beside) -> JointMoves:
         for number, line in enumerate(lines, start=1)
         if number - 1 not in ours
     ]
-    reader = _Reader(bool(ours))
+    moving = re.compile(rf"\s*(?:{'|'.join(_OWN[:3])})\s*\(")
+    for number, line in enumerate(lines, start=1):
+        if not ours and moving.match(line):
+            raise refuse(
+                number, line,
+                "the functions that move the robot are not those that qp_twist writes; export the "
+                "trajectory again.",
+            )  # fmt: skip
+    reader = _Reader()
     reader.rules.follow([each for each in statements if each[1]], reader.course)
     return reader.course.moves(header)
 
@@ -140,9 +148,8 @@ class _Reader:
         rules: What statements are.
     """
 
-    def __init__(self, own: bool) -> None:
+    def __init__(self) -> None:
         self.course = Course()
-        self._own = own
         self._lists: dict[str, list[float]] = {}
         self._defined: set[str] = set()
         self.rules = Rules(
@@ -187,12 +194,6 @@ class _Reader:
         self.course.passed(number, match[1])
 
     def _own_move(self, number: int, match: re.Match[str]) -> None:
-        if not self._own:
-            raise refuse(
-                number, match[0],
-                "the functions that move the robot are not those that qp_twist writes; export the "
-                "trajectory again.",
-            )  # fmt: skip
         word, arguments = match[1], [a for a in _split(match[2]) if a]
         expected = {"start": 2, "cubic": 3, "line": 2, "finish": 0}[word]
         if len(arguments) != expected:

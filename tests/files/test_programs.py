@@ -1,0 +1,386 @@
+"""Robot programs: round trips, changed programs, programs of others, long ones."""
+
+from __future__ import annotations
+
+import dataclasses
+import re
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from oracles.program_rows import DECIMALS, random_rows
+
+import qp_twist as qt
+from qp_twist.programs import DIALECTS, fanuc_ls
+from qp_twist.robots import ControllerJoints, named_robot
+from qp_twist.trajectories import (
+    JointRows,
+    check_trajectory,
+    joints_of,
+    read_trajectory,
+    write_trajectory,
+)
+
+PROGRAMS = list(DIALECTS)
+SEEDS = st.integers(0, 2**32 - 1)
+
+
+def suffix(program: str) -> str:
+    return {"urscript": ".script", "rapid": ".mod", "krl": ".src", "ls": ".ls"}[program]
+
+
+@pytest.mark.parametrize("program", PROGRAMS)
+@given(seed=SEEDS, cubic=st.booleans())
+@settings(max_examples=25, deadline=None)
+def test_a_program_gives_back_the_rows_to_the_printed_digit(
+    tmp_path_factory: pytest.TempPathFactory, program: str, seed: int, cubic: bool
+) -> None:
+    rows, joints = random_rows(seed, program, velocities=cubic)
+    path = tmp_path_factory.mktemp("program") / f"prog{suffix(program)}"
+    write_trajectory(rows, path, joints)
+    back = read_trajectory(path, rows.joint_names, joints)
+    decimals, of_time = DECIMALS[program]
+    unit = 1.0 if program == "urscript" else np.degrees(1.0)
+    # What the controller shows is printed to the nearest digit.
+    digit = 0.5 * 10.0**-decimals + 1e-12
+    shown, given_ = unit * joints.shown(back.q), unit * joints.shown(rows.q)
+    assert np.abs(shown - given_).max() <= digit
+    assert np.abs(10.0**decimals * shown - np.round(10.0**decimals * shown)).max() < 1e-3
+    assert back.times is not None
+    assert rows.times is not None
+    took, meant = np.diff(back.times), np.diff(rows.times)
+    tick = 10.0**-of_time
+    if program == "urscript" and cubic:
+        assert np.abs(took - meant).max() <= tick
+        assert back.velocities == pytest.approx(rows.velocities, abs=1e-9)
+    else:
+        assert back.velocities is None
+        # Rounded up, and longer only where rounding made a joint faster than it ever was.
+        assert (took >= meant - 1e-9).all()
+        fastest = (np.abs(np.diff(shown, axis=0)) / took[:, None]).max(axis=0)
+        before = (np.abs(np.diff(given_, axis=0)) / meant[:, None]).max(axis=0)
+        assert (fastest <= before * (1.0 + 1e-9)).all()
+        longest = np.maximum(meant, (np.abs(np.diff(shown, axis=0)) / before).max(axis=1))
+        assert (took <= longest + tick + 1e-9).all()
+    assert back.metadata["task"] == f"task_{seed}"
+    # Written again, it is the same text.
+    again = path.with_name(f"again{suffix(program)}")
+    write_trajectory(dataclasses.replace(back, metadata=rows.metadata), again, joints)
+    name = re.compile(r"\b(prog|again|PROG|AGAIN)\b|run_(prog|again)")
+    assert name.sub("", again.read_text()) == name.sub("", path.read_text())
+
+
+@pytest.fixture(scope="module")
+def deburring() -> tuple[qt.PathTask, JointRows]:
+    task = qt.load_task("deburring")
+    trajectory = qt.refine_trajectory(qt.follow(task, "qp_gradient", slow_down=True))
+    return task, JointRows.of(qt.time_trajectory(trajectory))
+
+
+@pytest.fixture
+def written(
+    deburring: tuple[qt.PathTask, JointRows], tmp_path: Path
+) -> Callable[[str], tuple[Path, ControllerJoints]]:
+    """The task's trajectory as a program; in other languages than LS with the model's joints."""
+    task, rows = deburring
+
+    def write(program: str) -> tuple[Path, ControllerJoints]:
+        joints = joints_of(task, rows.joint_names, as_modelled=program != "ls")
+        return write_trajectory(rows, tmp_path / f"lap{suffix(program)}", joints), joints
+
+    return write
+
+
+@pytest.mark.parametrize("program", PROGRAMS)
+def test_the_check_of_a_program(
+    program: str, deburring: tuple[qt.PathTask, JointRows],
+    written: Callable[[str], tuple[Path, ControllerJoints]],
+) -> None:  # fmt: skip
+    path, joints = written(program)
+    found = check_trajectory(read_trajectory(path, None, joints), deburring[0])
+    assert found.passes, found.verdict
+    robot = "the Fanuc M-16iB/20 counts them" if program == "ls" else "the model counts them"
+    assert robot in found.verdict
+
+
+POINT = {"urscript": r"  line\(", "rapid": "    MoveAbsJ", "krl": "SPTP", "ls": r"\tJ1="}
+
+
+def outcome(path: Path, text: str, joints: ControllerJoints, task: qt.PathTask) -> tuple[str, str]:
+    """``("refused", why)``, ``("fails", why)`` or ``("passes", verdict)`` of a changed program."""
+    path.write_text(text, "utf-8")
+    try:
+        rows = read_trajectory(path, None, joints)
+    except qt.InvalidInput as error:
+        return "refused", str(error)
+    found = check_trajectory(rows, task)
+    return ("passes" if found.passes else "fails"), found.verdict
+
+
+@pytest.mark.parametrize("program", PROGRAMS)
+def test_changed_programs_are_refused_or_fail(
+    program: str, deburring: tuple[qt.PathTask, JointRows],
+    written: Callable[[str], tuple[Path, ControllerJoints]],
+) -> None:  # fmt: skip
+    task = deburring[0]
+    path, joints = written(program)
+    text = path.read_text("utf-8")
+    lines = text.split("\n")
+    places = [k for k, line in enumerate(lines) if re.match(POINT[program], line)]
+    number = re.compile(r"(?<![\w.])-?\d+\.\d{3,}")
+    for place in places[30], places[len(places) // 2], places[-2]:
+        line = lines[place]
+        values = list(number.finditer(line))[:3]
+        for value in values:
+            old = value[0]
+            flipped = old[1:] if old[0] == "-" else f"-{old}"
+            digit = old.index(".") + 1
+            other = str((int(old[digit]) + 4) % 10)
+            if program == "urscript":  # rad: a tenth is 6°, a thousandth 0.06°
+                digit += 1
+                other = str((int(old[digit]) + 4) % 10)
+            changed = old[:digit] + other + old[digit + 1 :]
+            for new in (flipped, changed):
+                mutant = [*lines]
+                mutant[place] = line[: value.start()] + new + line[value.end() :]
+                what, why = outcome(path, "\n".join(mutant), joints, task)
+                assert what in ("fails", "refused"), (old, new, why)
+        for mutant in (lines[:place] + lines[place + 1 :], lines[:place] + lines[place:place + 1]
+                       + lines[place:]):  # fmt: skip
+            assert outcome(path, "\n".join(mutant), joints, task)[0] == "refused"
+    # Every angle in another unit.
+    scale = np.degrees(1.0) if program == "urscript" else np.radians(1.0)
+
+    def converted(match: re.Match[str]) -> str:
+        return f"{scale * float(match[0]):.10f}"
+
+    begin = places[0]
+    other_unit = lines[:begin] + [number.sub(converted, line) for line in lines[begin:]]
+    assert outcome(path, "\n".join(other_unit), joints, task)[0] in ("fails", "refused")
+    for old, new, words in (
+        ("unit: " + DIALECTS[program].unit, "unit: grad", "the header says unit: grad"),
+        ("points: ", "points: 1", "the header says points"),
+        ("seconds: ", "seconds: 1", "the header says seconds"),
+        (" = joint_1", " = -joint_1", "the header says .* = -joint_1"),
+        ("robot: ", "robot: another ", "the header says robot: another"),
+        ("points: ", "pints: ", "the header has no line 'points'"),
+    ):
+        what, why = outcome(path, text.replace(old, new, 1), joints, task)
+        assert what == "refused"
+        assert re.search(words, why), why
+    path.write_text(text, "utf-8")
+    assert check_trajectory(read_trajectory(path, None, joints), task).passes
+
+
+@pytest.mark.parametrize("program", PROGRAMS)
+def test_changed_times_and_functions_are_refused(
+    program: str, written: Callable[[str], tuple[Path, ControllerJoints]],
+    deburring: tuple[qt.PathTask, JointRows],
+) -> None:  # fmt: skip
+    path, joints = written(program)
+    text = path.read_text("utf-8")
+    pattern, change = {
+        "urscript": (r"(?m)(, 0\.0)(\d+)\)$", r"\g<1>0\2)"),
+        "rapid": (r"T:=0\.0", "T:=0.1"),
+        "krl": (r"PART = 0\.0", "PART = 0.1"),
+        "ls": (r"(\d+)msec", r"1\1msec"),
+    }[program]
+    mutant = re.sub(pattern, change, text, count=1)
+    assert mutant != text
+    what, why = outcome(path, mutant, joints, deburring[0])
+    assert what == "refused"
+    assert "seconds" in why or "a time" in why, why
+    if program == "urscript":
+        mutant = text.replace("s * q[3]", "s * q[2]", 1)
+        what, why = outcome(path, mutant, joints, deburring[0])
+        assert (what, "not those that qp_twist writes" in why) == ("refused", True)
+
+
+def test_programs_for_another_robot_are_refused(
+    written: Callable[[str], tuple[Path, ControllerJoints]],
+    deburring: tuple[qt.PathTask, JointRows],
+) -> None:
+    task, rows = deburring
+    path, _ = written("ls")
+    with pytest.raises(qt.InvalidInput, match="robot: Fanuc M-16iB/20, but it is read for joints"):
+        read_trajectory(path, None, joints_of(task, rows.joint_names, as_modelled=True))
+    with pytest.raises(qt.InvalidInput, match="programmed in ls, not in krl; choose --to ls"):
+        write_trajectory(rows, path.with_suffix(".src"), joints_of(task, rows.joint_names))
+    with pytest.raises(qt.InvalidInput, match="not those of the KUKA KR 16-2"):
+        joints_of(task, rows.joint_names, robot="KR 16-2")
+    planar = qt.load_task("planar_line")
+    with pytest.raises(qt.InvalidInput, match="not one of the known robots"):
+        joints_of(planar, ("a", "b", "c"))
+    own = joints_of(planar, ("a", "b", "c"), as_modelled=True)
+    short = JointRows(("a", "b", "c"), np.zeros((2, 3)), np.array([0.0, 1.0]))
+    with pytest.raises(qt.InvalidInput, match="moves 6 axes, and there are 3 joints"):
+        write_trajectory(short, path.with_suffix(".src"), own)
+
+
+J = [f"j{k}" for k in range(1, 7)]
+FOREIGN = {
+    ".src": """&ACCESS RVP
+DEF other ( )
+DECL E6AXIS XA
+;FOLD INI
+BAS(#INITMOV,0)
+$VEL_AXIS[1]=20
+E6AXIS XB={A1 10,A2 -90,A3 90,A4 0,A5 0,A6 0,E1 0}
+PTP {A1 0,A2 -90.5,A3 90,A4 0,A5 45,A6 0}
+ptp XB C_PTP
+PTP {E6AXIS: A1 20,A2 -90,A3 90,A4 0,A5 0,A6 0} ; done
+END
+""",
+    ".mod": """%%%
+MODULE other
+CONST jointtarget p10:=[[0,-90.5,90,0,45,0],[9E9,9E+09,9E9,9E9,9E9,9E9]];
+PERS tooldata gun:=[TRUE,[[0,0,1],[1,0,0,0]],[1,[0,0,1],[1,0,0,0],0,0,0]];
+PROC main()
+  ConfJ\\Off; TPWrite "go; MoveL!";
+  MoveAbsJ p10,v100,fine,tool0;
+  MoveAbsJ
+    [[10,-90,90,0,0,0],[9E9,9E9,9E9,9E9,9E9,9E9]]\\NoEOffs,v100,z10,gun\\WObj:=wobj0;
+  MoveAbsJ [[20,-90,90,0,0,0],[9E9,9E9,9E9,9E9,9E9,9E9]],v100,fine,tool0;
+ENDPROC
+ENDMODULE
+""".removeprefix("%%%\n"),
+    ".script": """def other():
+  set_tcp(p[0,0,0.1,0,0,0])
+  home = [0, d2r(-90.5), d2r(90), 0, d2r(45), 0]
+  movej(home, a=1.4, v=1.05)
+  movej([d2r(10), d2r(-90), d2r(90), 0, 0, 0], 1.4, 1.05, 0, 0.01)
+  movej([d2r(20), d2r(-90), d2r(90), 0, 0, 0])  # done
+end
+other()
+""",
+    ".ls": """/PROG OTHER
+/ATTR
+/MN
+   1:  UFRAME_NUM=0 ;
+   2:J P[1:"home"] 20% FINE ;
+   3:J P[2] 20% CNT50 ;
+   4:J P[1] 20% FINE ;
+   5:J P[3] 20%
+    :  FINE ;
+/POS
+P[1:"home"]{ GP1: UF : 0, UT : 1,
+ J1= 0 deg, J2= -90.5 deg, J3= 90 deg, J4= 0 deg, J5= 45 deg, J6= 0 deg };
+P[2]{ GP1: UF : 0, UT : 1,
+ J1= 10 deg, J2= -90 deg, J3= 90 deg, J4= 0 deg, J5= 0 deg, J6= 0 deg };
+P[3]{ GP1: UF : 0, UT : 1,
+ J1= 20 deg, J2= -90 deg, J3= 90 deg, J4= 0 deg, J5= 0 deg, J6= 0 deg };
+/END
+""",
+}
+
+
+@pytest.mark.parametrize("ending", FOREIGN)
+def test_programs_of_others_are_read(ending: str, tmp_path: Path) -> None:
+    path = tmp_path / f"other{ending}"
+    path.write_text(FOREIGN[ending], "utf-8")
+    rows = read_trajectory(path, None, ControllerJoints.as_modelled(J))
+    expected = np.array([[0, -90.5, 90, 0, 45, 0], [10, -90, 90, 0, 0, 0], [20, -90, 90, 0, 0, 0]])
+    if ending == ".ls":
+        expected = expected[[0, 1, 0, 2]]
+    assert np.degrees(rows.q) == pytest.approx(expected)
+    assert rows.times is None
+    notes = "; ".join(rows.notes)
+    assert "depends on the controller" in notes
+    assert "rounds" in notes
+    assert "passed over" in notes
+    assert "no header" in notes
+
+
+@pytest.mark.parametrize(
+    ("ending", "old", "new", "words"),
+    [
+        (".src", "PTP {A1 0", "LIN {X 0", "line 8: .*LIN is not read"),
+        (".src", "PTP {A1 0,A2 -90.5,", "PTP {X 0,", "Cartesian"),
+        (".src", "A6 0} ; done", "A6 0,E1 3}", "external axes"),
+        (".src", "$VEL_AXIS[1]=20", "LOOP", "LOOP is not read"),
+        (".src", "$VEL_AXIS[1]=20", "another()", "not understood"),
+        (".src", "ptp XB", "ptp XC", "no axes of XC, in the program or in other.dat"),
+        (".src", "A2 -90.5", "A2 minus", "expected a number after A2"),
+        (".mod", "MoveAbsJ p10", "MoveL p10", "line 6: .*MoveL is not read"),
+        (".mod", "MoveAbsJ p10", "MoveAbsJ p20", "no jointtarget p20"),
+        (".mod", "ConfJ\\Off;", "IF TRUE THEN", "IF is not read"),
+        (".mod", "[10,-90,90,0,0,0],[9E9", "[10,-90,90,0,0,0],[5", "external axes"),
+        (".mod", "fine,tool0;\nENDPROC", "fine,tool0\nENDPROC", "semicolon"),
+        (".script", "movej(home", "movel(home", "movel is not read"),
+        (".script", "movej(home", "movej(p[0,0,1,0,0,0]", "a pose"),
+        (".script", "[0, d2r(-90.5)", "[0, -90.5", "URScript takes rad"),
+        (".script", "  home", "  while True:\n  home", "while is not read"),
+        (".script", "other()\n", "elsewhere()\n", "does not have"),
+        (".ls", "J P[2] 20%", "L P[2] 20mm/sec", "L is not read"),
+        (".ls", "J1= 10 deg", "J1= 10 mm", "unit is 'mm'"),
+        (".ls", " J1= 10 deg,", "X = 10 mm,", "Cartesian"),
+        (".ls", "   3:", "   4:", "expected line number 3"),
+        (".ls", "UFRAME_NUM=0", "JMP LBL[1]", "JMP is not read"),
+        (".ls", "UFRAME_NUM=0", "CALL NEXT", "no NEXT.ls beside"),
+        (".ls", "UFRAME_NUM=0", "CALL OTHER", "in a circle"),
+        (".ls", "P[3] 20%", "P[2] 20%", "no line moves to"),
+        (".ls", "FINE ;\n   3", "FINE ACC50 ;\n   3", "J is not read"),
+    ],
+)  # fmt: skip
+def test_what_programs_of_others_may_not_have(
+    ending: str, old: str, new: str, words: str, tmp_path: Path
+) -> None:
+    path = tmp_path / f"other{ending}"
+    assert old in FOREIGN[ending]
+    path.write_text(FOREIGN[ending].replace(old, new, 1), "utf-8")
+    with pytest.raises(qt.InvalidInput, match=words) as refusal:
+        read_trajectory(path, None, ControllerJoints.as_modelled(J))
+    assert str(path) in str(refusal.value)
+
+
+@given(st.binary(max_size=300), st.sampled_from([".src", ".mod", ".script", ".ls", ".mcap"]))
+@settings(max_examples=60, deadline=None)
+def test_garbage_ends_in_a_sentence(
+    tmp_path_factory: pytest.TempPathFactory, content: bytes, ending: str
+) -> None:
+    path = tmp_path_factory.mktemp("garbage") / f"garbage{ending}"
+    path.write_bytes(content)
+    with pytest.raises(qt.InvalidInput):
+        read_trajectory(path, None, ControllerJoints.as_modelled(J))
+
+
+def test_a_long_tp_program_is_divided(tmp_path: Path) -> None:
+    count = fanuc_ls.LONGEST + 500
+    rng = np.random.default_rng(0)
+    q = np.cumsum(rng.normal(scale=1e-4, size=(count, 6)), axis=0)
+    rows = JointRows(tuple(J), q, 0.01 * np.arange(count), metadata={"task": "long"})
+    joints = ControllerJoints.of_robot(named_robot("Fanuc M-20iA"), J)
+    path = write_trajectory(rows, tmp_path / "long.ls", joints)
+    files = sorted(file.name for file in tmp_path.iterdir())
+    assert files == ["long.ls", "long_1.ls", "long_2.ls"]
+    assert all(
+        int(re.search(r"LINE_COUNT\s*= (\d+)", file.read_text())[1]) <= 9999  # type: ignore[index]
+        for file in tmp_path.iterdir()
+    )
+    back = read_trajectory(path, None, joints)
+    assert len(back.q) == count
+    assert np.degrees(np.abs(back.q - q).max()) < 2e-4
+    (tmp_path / "long_2.ls").unlink()
+    with pytest.raises(qt.InvalidInput, match=r"no LONG_2.ls beside"):
+        read_trajectory(path, None, joints)
+
+
+def test_names_times_and_ranges_that_a_controller_does_not_take(tmp_path: Path) -> None:
+    rows, joints = random_rows(3, "krl")
+    for name in ("my-robot", "1st", "a" * 25, "é"):
+        with pytest.raises(qt.InvalidInput, match="at most 24 characters"):
+            write_trajectory(rows, tmp_path / f"{name}.src", joints)
+    with pytest.raises(qt.InvalidInput, match="has no times"):
+        write_trajectory(dataclasses.replace(rows, times=None), tmp_path / "a.src", joints)
+    still = dataclasses.replace(rows, times=np.zeros(len(rows.q)))
+    with pytest.raises(qt.InvalidInput, match="row 2 is not later than row 1"):
+        write_trajectory(still, tmp_path / "a.src", joints)
+    far = dataclasses.replace(rows, q=rows.q + 7.0)
+    with pytest.raises(qt.InvalidInput, match=r"outside .*° of the KUKA"):
+        write_trajectory(far, tmp_path / "a.src", joints)
+    assert not list(tmp_path.iterdir())
+    with pytest.raises(qt.InvalidInput, match="say how it counts the joints"):
+        read_trajectory(tmp_path / "a.src")
