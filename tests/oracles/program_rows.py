@@ -16,24 +16,25 @@ DECIMALS = {"urscript": (10, 9), "rapid": (4, 5), "krl": (4, 5), "ls": (4, 3)}
 
 
 def random_rows(
-    seed: int, program: str, *, velocities: bool = False
+    seed: int, program: str, *, velocities: bool = False, step: float = 0.01
 ) -> tuple[JointRows, ControllerJoints]:
     """A trajectory inside the ranges of a random robot of a language, and how joints are counted.
 
-    Signs and zero positions of the model are random, too.
+    Signs and the zero positions of shoulder and elbow of the model are random, too.
     """
     rng = np.random.default_rng(seed)
     robot = BY_PROGRAM[program][rng.integers(len(BY_PROGRAM[program]))]
     names = [f"joint_{k}" for k in range(1, 7)]
     signs = rng.choice([-1.0, 1.0], 6)
-    offsets = np.radians(rng.choice([-90.0, 0.0, 90.0, 180.0], 6))
+    offsets = np.zeros(6)
+    offsets[1:3] = np.radians(rng.choice([-90.0, 0.0, 90.0, 180.0], 2))
     joints = ControllerJoints(
         tuple(names), signs, offsets, robot.coupling, robot.range_deg, robot.name, program, "test"
     )
     count = int(rng.integers(2, 40))
     low, high = np.radians(np.array(robot.range_deg or [[-60.0, 60.0]] * 6)).T
     start = rng.uniform(0.6 * low, 0.6 * high)
-    theta = start + np.cumsum(rng.normal(scale=0.01, size=(count, 6)), axis=0)
+    theta = start + np.cumsum(rng.normal(scale=step, size=(count, 6)), axis=0)
     theta = np.clip(theta, low, high)
     times = np.concatenate([[0.0], np.cumsum(rng.uniform(0.004, 0.4, count - 1))])
     rates = rng.normal(scale=0.2, size=(count, 6)) if velocities else None

@@ -13,7 +13,11 @@ Array = np.ndarray
 
 
 def remodelled(
-    robot: KnownRobot, signs: Array, offsets: Array, base: tuple[float, float, float]
+    robot: KnownRobot,
+    signs: Array,
+    offsets: Array,
+    base: tuple[float, float, float],
+    tip: str = "tip",
 ) -> mujoco.MjModel:
     """A robot whose joint i is at q_i where its axis is at signs_i q_i + offsets_i, rad.
 
@@ -40,7 +44,7 @@ def remodelled(
     return mujoco.MjModel.from_xml_string(
         '<mujoco><compiler angle="radian"/><worldbody>'
         f'<body name="base" pos="1 2 3" euler="{_text(base)}">{opened}'
-        f'<site name="tip" pos="{_text(TIP)}"/>{closed}</body></worldbody></mujoco>'
+        f'<site name="{tip}" pos="{_text(TIP)}"/>{closed}</body></worldbody></mujoco>'
     )
 
 
