@@ -191,9 +191,10 @@ def decode(path: Path, dialect: Dialect, joints: ControllerJoints) -> JointRows:
 def _check_dialect(dialect: Dialect, joints: ControllerJoints) -> None:
     if joints.robot and joints.program != dialect.name:
         has = f"programmed in {joints.program}" if joints.program else "programmed in none of them"
+        instead = f"--to {joints.program}" if joints.program else "a bag, --to mcap"
         raise InvalidInput(
-            f"the {joints.robot} is {has}, not in {dialect.name}; "
-            f"{f'choose --to {joints.program}' if joints.program else 'choose --to mcap'}."
+            f"the {joints.robot} is {has}, not in {dialect.name}; choose {instead}, or say that "
+            "joints count as in the model (--as-modelled)."
         )
     if len(joints.joint_names) != AXES:
         raise InvalidInput(
