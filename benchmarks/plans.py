@@ -96,6 +96,29 @@ def seven(count: int) -> qt.PathTask:
     )  # fmt: skip
 
 
+def on_a_rail(every: int) -> qt.PathTask:
+    """The deburring run at every so manieth of its waypoints, the arm on 2 m of rail beside it."""
+    task = deburring(every)
+    spec = mujoco.MjSpec.from_file(str(task.scene))
+    spec.body("base").add_joint(
+        name="rail", type=mujoco.mjtJoint.mjJNT_SLIDE, axis=[1.0, 0.0, 0.0], range=[-1.0, 1.0],
+        limited=1,
+    )  # fmt: skip
+    none = np.full(7, np.inf)
+    return dataclasses.replace(
+        task, name="rail", model=spec.compile(), start=np.append(0.0, task.start),
+        flipped_waypoints=None, velocity_limits=none, acceleration_limits=none,
+    )  # fmt: skip
+
+
+def out_of_reach(count: int) -> qt.PathTask:
+    """The half-circle of the arm of seven joints, too far away at its end."""
+    task = seven(count)
+    far = mink.SE3.from_translation(np.array([0.6, 0.0, 0.0]))
+    waypoints = (*task.waypoints[: count - 3], *(far @ w for w in task.waypoints[count - 3 :]))
+    return dataclasses.replace(task, waypoints=waypoints)
+
+
 def planar(count: int) -> qt.PathTask:
     """The line at so many of its waypoints."""
     task = qt.load_task("planar_line")
@@ -109,7 +132,9 @@ CASES = {
         for every, step in ((8, 24), (4, 12), (2, 6), (1, 3), (1, 1.5), (1, 6), (1, 15))
     },
     **{f"3R, one free, {n} waypoints": (planar, n, 15) for n in (26, 51, 101)},
-    **{f"7R, two free, {n} waypoints": (seven, n, 15) for n in (6, 11, 21)},
+    **{f"7R, two free, {n} waypoints": (seven, n, 15) for n in (6, 21, 101, 401)},
+    "6R on a rail, two free, 401 waypoints": (on_a_rail, 1, 15),
+    "7R, two free, three of 401 waypoints out of reach": (out_of_reach, 401, 15),
 }
 
 

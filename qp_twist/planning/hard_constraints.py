@@ -6,7 +6,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from qp_twist.checks import Array, Indices, Mask
-from qp_twist.constraints import JointCouplings
+from qp_twist.constraints import Clearance, JointCouplings
 from qp_twist.errors import InvalidInput
 from qp_twist.kinematics import FramePair, SerialChain, Stretch, ToleranceBand, check_bands
 from qp_twist.paths import PathTask
@@ -22,7 +22,7 @@ check."""
 NARROWEST = 1e-6
 """Smallest width of a band, rad or m: Newton's method keeps waypoints to 1e-9."""
 SHARES = (0.25, 0.5, 0.75)
-"""Shares of each interval at which searches, and programs initially, evaluate the margins."""
+"""Shares of an interval at which searches and programs evaluate the margins."""
 
 
 class HardConstraints:
@@ -39,6 +39,8 @@ class HardConstraints:
         names: Name of each of the k margins in messages.
         units: ``"rad"`` or ``"m"`` of each.
         halves: Half the width of each range, rad or m, (k,); ∞ for constraints.
+        lazy: Whether programs evaluate margins between waypoints only where one was violated:
+            with clearances only, which take longer than all else.
         cuts: Whether a constraint may cut a self-motion manifold into pieces: any but couplings,
             which a search keeps as equality rows (:class:`~qp_twist.planning.path_rows.PathRows`).
     """
@@ -52,10 +54,11 @@ class HardConstraints:
         hard = [(k, band) for k, band in enumerate(path_task.bands) if band.weight is None]
         self.chain, self._path_task = chain, path_task
         self.bands: tuple[ToleranceBand, ...] = tuple(band for _, band in hard)
-        self.constraints = path_task.stated_constraints
+        self.constraints = tuple(c for c in path_task.stated_constraints if c.names)
         self.cuts = bool(self.bands) or not all(
             isinstance(constraint, JointCouplings) for constraint in self.constraints
         )
+        self.lazy = not self.bands and all(isinstance(c, Clearance) for c in self.constraints)
         of_constraints = [
             (f"constraints[{k}], {name}", unit)
             for k, constraint in enumerate(self.constraints)
@@ -216,6 +219,36 @@ class HardConstraints:
         q = begin + share[:, None] * (end - begin)
         margins = self._margins(self._on_the_way(*self.chain.poses(q), at, share), q)
         return np.where(self._fixed[at] & self._fixed[at + 1], np.inf, margins)
+
+    def kept_between(
+        self, begin: Array, end: Array, at: Indices, violations: dict[str, float]
+    ) -> Mask:
+        """Which motions keep all margins at :data:`SHARES`, but for violations allowed, (K,).
+
+        Args:
+            begin: As in :meth:`margins_between`.
+            end: Likewise.
+            at: Likewise.
+            violations: Largest violation of a margin that is allowed, in rad and in m.
+        """
+        kept = np.ones(len(begin), dtype=bool)
+        allowed = np.array([violations[unit] for unit in self.units])
+        for share in SHARES:
+            left = np.flatnonzero(kept)
+            q = begin[left] + share * (end[left] - begin[left])
+            if self.bands:
+                of_bands = self._of_bands(
+                    self._on_the_way(*self.chain.poses(q), at[left], np.full(len(left), share))
+                )
+                held = (self._fixed[at[left]] & self._fixed[at[left] + 1])[:, : of_bands.shape[1]]
+                inside = held | (of_bands >= -allowed[: of_bands.shape[1]])
+                kept[left] = inside.all(axis=1)
+                q, left = q[kept[left]], left[kept[left]]
+            for constraint in self.constraints:
+                inside = constraint.inside(q, violations[constraint.units[0]])
+                kept[left] = inside
+                q, left = q[inside], left[inside]
+        return kept
 
     def between(self, q: Array) -> tuple[Array, Array]:
         """Proven violation of a joint path (N, nv) between its waypoints, rad or m.

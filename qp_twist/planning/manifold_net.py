@@ -7,7 +7,7 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import KDTree
 
-from qp_twist.checks import Array, Indices
+from qp_twist.checks import Array, Indices, Mask
 from qp_twist.kinematics import JointRanges
 from qp_twist.paths import PathTask
 from qp_twist.planning.layer import TURN, Layer, boxed, centred, empty_layer, inside_limits
@@ -15,8 +15,9 @@ from qp_twist.planning.path_rows import PathRows
 
 SEEDS = 300
 """Number of random seeds for a waypoint's manifolds."""
-_AGAIN = 3
-"""Number of redraws if no seed ends inside the limits."""
+_AGAIN, _CLIPPED, _INSET = 12, 1000, 0.1
+"""Number of redraws if no seed ends inside the limits; the largest number of those that are moved
+into them; and how far, as a share of each range, but at most 0.01 rad or m."""
 COVERED = 2
 """Largest number of free degrees for which manifolds are covered; beyond, only the previous layer
 is carried over."""
@@ -64,7 +65,8 @@ class ManifoldNet:
             nodes, _ = self._brought_inside(q, index)
             if len(nodes):
                 break
-            seeds = self._random(SEEDS)
+            # The next seeds are those at the nearest place inside the limits, and others.
+            seeds = np.vstack([self._clipped(q)[:_CLIPPED], self._random(SEEDS)])
         else:
             return empty_layer(q, self.ranges, self.rows.hard, index)
         nodes = self._thinned(centred(nodes, self.ranges), None)
@@ -83,6 +85,13 @@ class ManifoldNet:
             np.where(free, -np.pi, slide[0]), np.where(free, np.pi, slide[1]), (count, len(lower))
         )
 
+    def _clipped(self, q: Array) -> Array:
+        """Configurations (K, nv) moved into the limits, joint by joint."""
+        lower, upper = self.ranges.lower, self.ranges.upper
+        inset = np.minimum(_INSET * (upper - lower), 0.01)
+        moved: Array = np.clip(q, lower + inset, upper - inset)
+        return moved
+
     def _grown(self, nodes: Array, index: int, freedom: int) -> Array:
         directions = _directions(freedom)
         frontier = nodes
@@ -93,6 +102,9 @@ class ManifoldNet:
             ahead = frontier[:, None] + self.spacing * (directions @ basis.transpose(0, 2, 1))
             ahead = ahead.reshape(-1, nodes.shape[1])
             start = np.repeat(frontier, len(directions), axis=0)
+            # Most lead to where the net is already: they are not worth a correction.
+            new = ~self._covered(ahead, nodes)
+            ahead, start = ahead[new], start[new]
             found, arrived = self.rows.correct(ahead, np.full(len(ahead), index), iterations=8)
             near = np.linalg.norm((found - start) / self.spacing, axis=1) < 2.0
             found, which = self._brought_inside(found[arrived & near], index)
@@ -105,9 +117,8 @@ class ManifoldNet:
 
     def _thinned(self, q: Array, others: Array | None) -> Array:
         """Those of q (K, nv) that are not too close to each other or to ``others``."""
-        if others is not None and len(q):
-            distance, _ = self._tree(others).query(self._scaled(q), distance_upper_bound=_THIN)
-            q = q[~np.isfinite(distance)]
+        if others is not None:
+            q = q[~self._covered(q, others)]
         if not len(q):
             return q
         taken = np.zeros(len(q), dtype=bool)
@@ -118,6 +129,13 @@ class ManifoldNet:
                 kept.append(number)
                 taken[near] = True
         return q[kept]
+
+    def _covered(self, q: Array, others: Array) -> Mask:
+        """Which of q (K, nv) are too close to one of ``others``, (K,)."""
+        if not len(q):
+            return np.zeros(0, dtype=bool)
+        distance, _ = self._tree(others).query(self._scaled(q), distance_upper_bound=_THIN)
+        return np.asarray(np.isfinite(distance))
 
     def _components(self, q: Array) -> Indices:
         """Index of each configuration's manifold, by the connected components of neighbours."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple
 
@@ -21,6 +21,12 @@ from qp_twist.planning.path_limits import (
     Margins,
     PathLimit,
 )
+
+_FAR = 0.1
+"""Sum of the joints' motions between waypoints above which clearances are evaluated there, rad."""
+
+_BESIDE = 0.06
+"""Distance of the shares on both sides of a violation that are evaluated with it."""
 
 
 class Violation(NamedTuple):
@@ -54,9 +60,8 @@ class PathConstraints:
         durations: Time between consecutive waypoints, s, (N − 1,).
         fixed_start: Whether the first configuration is fixed.
         hard: The hard bands and the constraints of the task, if there are any.
-        points: Further points between waypoints at which these are evaluated, beside
-            :data:`~qp_twist.planning.hard_constraints.SHARES`: indices and shares of intervals,
-            (K,) each.
+        points: Points between waypoints at which these are evaluated: indices and shares of
+            intervals, (K,) each.
     """
 
     ranges: JointRanges
@@ -88,17 +93,33 @@ class PathConstraints:
             changes = (speed[nv:] - speed[:-nv]).tocsr()
             found.append(LinearLimit("acceleration", self.ranges, changes, -most, most, 1))
         if self.hard:
-            every = np.repeat(np.arange(count - 1), len(SHARES))
-            at, share = self.points
             found.append(AtWaypoints(self.hard))
-            found.append(
-                BetweenWaypoints(
-                    self.hard,
-                    np.concatenate([every, at]),
-                    np.concatenate([np.tile(SHARES, count - 1), share]),
-                )
-            )
+            if len(self.points[0]):
+                found.append(BetweenWaypoints(self.hard, *self.points))
         return tuple(found)
+
+    def evaluated_along(self, q: Array) -> PathConstraints:
+        """With the points between waypoints that programs need at first near a path (N, nv).
+
+        Where the joints move little, a clearance is kept between waypoints almost as at them.
+        """
+        if not self.hard:
+            return self
+        moved = np.abs(np.diff(q, axis=0)).sum(axis=1)
+        return self._with_shares(np.flatnonzero(moved > (_FAR if self.hard.lazy else -1.0)))
+
+    def with_points(self, intervals: Indices, shares: Array) -> PathConstraints:
+        """With further points at shares of some intervals, (K,), at which a margin is violated."""
+        more = self._with_shares(np.setdiff1d(intervals, self.points[0]))
+        at, share = more.points
+        beside = np.clip(shares + _BESIDE * np.array([[-1.0], [0.0], [1.0]]), 0.0, 1.0)
+        points = np.concatenate([at, np.tile(intervals, 3)]), np.append(share, beside)
+        return replace(self, points=points)
+
+    def _with_shares(self, intervals: Indices) -> PathConstraints:
+        at, share = self.points
+        at = np.concatenate([at, np.repeat(intervals, len(SHARES))])
+        return replace(self, points=(at, np.concatenate([share, np.tile(SHARES, len(intervals))])))
 
     def margins(self, q: Array) -> list[Margins]:
         """The margins of a joint path q (N, nv), at its waypoints and at points between."""

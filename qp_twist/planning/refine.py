@@ -23,6 +23,9 @@ _FIRST, _LARGEST, _SMALLEST = 0.1, 0.4, 1e-6
 """Trust region radius, rad: initial, largest, and the one at which the iteration ends."""
 _SETTLED = 1e-6
 """Gain of an iteration, as a share of the objective, below which it ends."""
+_STUCK, _STAYS = 4, 0.01
+"""With a violation it ends after so many iterations in turn that gain less than this share of the
+penalty."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,11 +78,16 @@ def refine(
     here, radius = judged(q, limits, objective), _FIRST
     if not rows.freedom.any():  # no free direction
         return here
+    stuck = 0
     for iteration in range(iterations):
         if progress is not None:
             progress(iteration / iterations)
         there = _step(here, rows, limits, objective, radius)
         gain = -np.inf if there is None else _merit(here, objective) - _merit(there, objective)
+        stays = not here.feasible and gain < _STAYS * objective.penalty * here.excess
+        stuck = stuck + 1 if stays else 0
+        if stuck == _STUCK:
+            break
         if there is None or gain <= 0.0:
             radius *= 0.25
             if radius < _SMALLEST:

@@ -76,14 +76,17 @@ class Roadmap:
         """The layers of some waypoints, in the order of the path."""
         found: list[Layer] = []
         for done, index in enumerate(waypoints, start=1):
-            if self._closed_form(index):
-                assert self._rolls is not None
-                found.append(self._rolls.layer(index))
-            else:
-                found.append(self._net.layer(index, found[-1] if found else None))
+            found.append(self.layer(index, found[-1] if found else None))
             if progress is not None:
                 progress(done)
         return found
+
+    def layer(self, index: int, before: Layer | None = None) -> Layer:
+        """The layer of a waypoint; a net has seeds of another layer, too."""
+        if self._closed_form(index):
+            assert self._rolls is not None
+            return self._rolls.layer(index)
+        return self._net.layer(index, before)
 
     def _closed_form(self, index: int) -> bool:
         return self._rolls is not None and RollGrid.applies(self.path_task, index)

@@ -13,8 +13,8 @@ from qp_twist.constraints import Clearance
 from qp_twist.paths import PathTask
 from qp_twist.planning.bound import pointwise_bound
 from qp_twist.planning.certificate import Certificate
-from qp_twist.planning.hard_constraints import SHARES, WITHIN
-from qp_twist.planning.layer import TURN, Layer, forbidding_bands
+from qp_twist.planning.hard_constraints import WITHIN
+from qp_twist.planning.layer import TURN, Layer, centred, forbidding_bands
 from qp_twist.planning.manifold_net import COVERED
 from qp_twist.planning.objective import Objective
 from qp_twist.planning.path_constraints import PathConstraints, Violation
@@ -35,9 +35,14 @@ _ROUNDED, _ROUNDED_TRAVEL = 0.02, 0.3
 """Possible loss by the grid, as a share of the objective: travel includes its zigzag."""
 _PROOFS = 12
 """Largest number of waypoints without a configuration that are searched on the finest grid."""
+_TRIED, _SEEDING = 16, 2000
+"""Numbers of random configurations that are corrected onto each waypoint, and of those found that
+are further seeds of waypoints without one."""
 _TRIAL = 8
 """Iterations after which a seed far from the best one is dropped."""
-_ABOUT = 30
+_HOPELESS = 0.1
+"""Violation by a grid's path above which no program is tried before it is searched again, rad."""
+_ABOUT = 20
 """Number of waypoints on either side of a violation that are searched again."""
 _LOOKED_WITHIN = (0.05, 0.2, 0.6)
 """Shares above the layers' least mean z within which a path is searched first: few nodes are."""
@@ -61,6 +66,7 @@ class SearchStage:
         roll: Spacing of rolls, rad.
         joints: Least spacing of configurations in any joint, rad or m.
         resolution: The same as a share of the joint's motion, up to :data:`COARSEST`.
+        most: Largest motion of a joint from one selected waypoint to the next, rad or m.
     """
 
     motion: float
@@ -68,10 +74,13 @@ class SearchStage:
     roll: float
     joints: float
     resolution: float
+    most: float = np.inf
 
 
-_COARSE = SearchStage(np.radians(30.0), 10, np.radians(8.0), np.radians(8.0), 0.5)
+_COARSE = SearchStage(np.radians(30.0), 10, np.radians(8.0), np.radians(8.0), 0.5, np.radians(30.0))
 """Comes first with two free degrees, where each of the next takes minutes."""
+_FEWEST = 40
+"""Number of selected waypoints beyond which it skips up to ``longest_stride`` of them."""
 _STAGES = (
     SearchStage(np.radians(30.0), 10, np.radians(4.0), np.radians(4.0), 0.25),
     SearchStage(np.radians(10.0), 4, np.radians(2.0), np.radians(2.0), 0.25),
@@ -149,6 +158,8 @@ class PlanSearch:
             self._free_rows = PathRows(self._free_task)
         #: With a clearance the layers of each stage, for the searches without and with it.
         self._layers: dict[SearchStage, list[Layer]] | None = {} if self._cleared else None
+        #: The bound of the search without clearance, which holds with it, too.
+        self._known_bound: float | None = None
         #: Hinges without limits: their whole turns do not matter.
         self._period = np.where(ranges.hinge & ~np.isfinite(ranges.upper - ranges.lower), TURN, 0.0)
 
@@ -159,6 +170,7 @@ class PlanSearch:
         free = self._without_clearance().run()
         if free.path is None:  # nor is there a motion with it
             return free
+        self._known_bound = free.bound
         best = self._repaired(free.path.q)
         if best is not None and _alike(free.path.value, best.value):
             names = self.rows.hard.names
@@ -207,6 +219,9 @@ class PlanSearch:
 
     def _searched(self, best: RefinedPath | None) -> SearchResult:
         """Search with all constraints, beside the best motion known."""
+        impossible = self._impossible() if best is None and not self._cleared else None
+        if impossible is not None:
+            return impossible
         tried = self._tried(self.start) if self.start is not None and best is None else []
         for trial in tried:
             best = self._better(best, trial)
@@ -249,6 +264,9 @@ class PlanSearch:
         return tried
 
     def _bound(self, found: SearchResult, best: RefinedPath | None) -> float:
+        if self._known_bound is not None and best is not None:
+            worse = max if self.objective.margin else min
+            return worse(self._known_bound, best.value)
         if not all(len(layer.q) for layer in found.layers):
             return np.nan
         return pointwise_bound(
@@ -274,6 +292,8 @@ class PlanSearch:
     def _stage(self, stage: SearchStage, best: RefinedPath | None) -> SearchResult:
         count = len(self.path_task.waypoints)
         stride = int(np.clip(round(stage.motion / self._typical_step()), 1, stage.longest_stride))
+        if stage is _COARSE:
+            stride = int(np.clip(count // _FEWEST, stride, stage.longest_stride))
         grid = self._grid(stage, stride)
         roadmap = Roadmap(self._free_task, self._free_rows, grid)
         waypoints = self._waypoints(stride, count)
@@ -299,7 +319,7 @@ class PlanSearch:
             known = -np.inf if best is None else best.value - _ROUNDED * abs(best.value)
         refined = None
         for strictness in _STRICTNESS:
-            way = self._layer_path(layers, waypoints, grid, strictness, known)
+            way = self._layer_path(layers, waypoints, grid, strictness, known, most=stage.most)
             if len(way.nodes) < len(layers):
                 if best is not None:  # the grid has no better path
                     return SearchResult(best, Certificate("path", grid), layers, waypoints)
@@ -314,8 +334,13 @@ class PlanSearch:
                 return SearchResult(None, certificate, layers, waypoints)
             nodes = [layer.q[node] for layer, node in zip(layers, way.nodes, strict=True)]
             path = self._interpolated(np.array(nodes), waypoints)
-            refined = None if path is None else self._refined(path)
-            if refined is not None and not refined.feasible and stage is not _STAGES[-1]:
+            refined = None if path is None else judged(path, self.limits, self.objective)
+            coarse = stage is not _STAGES[-1]
+            complete = int(self.rows.freedom.max()) <= COVERED
+            hopeless = refined is not None and refined.excess > _HOPELESS
+            if refined is not None and not (coarse and complete and hopeless):
+                refined = self._refined(refined.q)
+            if refined is not None and not refined.feasible and coarse:
                 refined = self._mended(refined) or refined
             if refined is not None and refined.feasible:
                 return SearchResult(refined, Certificate("path", grid), layers, waypoints)
@@ -345,9 +370,9 @@ class PlanSearch:
                     layers[end] = Layer(whole[waypoints[end]][None], np.full(1, -1), 1)
             if not all(len(layer.q) for layer in layers):
                 return None
-            way = self._layer_path(
-                layers, waypoints, grid, 1.0, -np.inf if self.objective.margin else np.inf
-            )
+            known = -np.inf if self.objective.margin else np.inf
+            expected = self.objective.value(whole[waypoints])
+            way = self._layer_path(layers, waypoints, grid, 1.0, known, expected)
             if len(way.nodes) < len(layers):
                 return None
             nodes = np.array([layer.q[n] for layer, n in zip(layers, way.nodes, strict=True)])
@@ -378,6 +403,35 @@ class PlanSearch:
         certificate = _empty(waypoints, layers, grid, roadmap, not self._cleared)
         return SearchResult(None, certificate, layers, waypoints)
 
+    def _impossible(self) -> SearchResult | None:
+        """Waypoints that no random configuration reaches, before layers are made of all others.
+
+        For arms without a closed form: an empty layer of theirs is empty whatever the spacing, and
+        the configurations found at all waypoints are further seeds.
+        """
+        count, nv = len(self.path_task.waypoints), self.path_task.model.nv
+        grid = Grid(_STAGES[-1].roll, np.full(nv, COARSEST))
+        roadmap = Roadmap(self._free_task, self._free_rows, grid)
+        if roadmap.arm is not None or int(self.rows.freedom.max()) > COVERED:
+            return None
+        ranges, rng = self.limits.ranges, np.random.default_rng(0)
+        at = np.repeat(np.arange(count), _TRIED)
+        q, arrived = self._free_rows.correct(ranges.random(len(at), rng), at)
+        q = centred(q, ranges)
+        inside = arrived & ranges.inside(q)
+        missed = np.setdiff1d(np.arange(count), at[inside])
+        if not len(missed):
+            return None
+        known = rng.permutation(q[inside])[:_SEEDING]
+        seeds = Layer(known, np.zeros(len(known), dtype=np.intp), len(known))
+        chosen = np.unique(np.linspace(0, len(missed) - 1, _PROOFS).round().astype(int))
+        waypoints = [int(missed[k]) for k in chosen]
+        layers = [roadmap.layer(index, seeds) for index in waypoints]
+        if all(len(layer.q) for layer in layers):
+            return None
+        certificate = _empty(waypoints, layers, grid, roadmap, covered=True)
+        return SearchResult(None, certificate, layers, waypoints)
+
     def _typical_step(self) -> float:
         """Largest motion of each joint between two waypoints."""
         return float(np.median(self.limits.steps))
@@ -397,14 +451,20 @@ class PlanSearch:
         grid: Grid,
         strictness: float,
         known: float,
+        expected: float = 0.0,
+        most: float = np.inf,
     ) -> LayerPath:
         """The best path, with steps that may exceed limits by the grid's resolution, at a price.
 
         Without the price the path would jump between branches where a longer step just reaches, and
-        could not be corrected into the limits.
+        could not be corrected into the limits. First a path is searched that is little worse than
+        the value ``expected``. No joint moves by more than ``most`` from layer to layer, rad or m.
         """
         objective = self.objective
-        allowed = [self.limits.steps[a:b].sum(axis=0) for a, b in itertools.pairwise(waypoints)]
+        allowed = [
+            np.minimum(self.limits.steps[a:b].sum(axis=0), np.maximum(most, self.limits.steps[a]))
+            for a, b in itertools.pairwise(waypoints)
+        ]
 
         def connections(number: int, alive: Indices) -> Edges:
             self._progress(f"{grid}: steps", (number + 1) / len(layers))
@@ -431,25 +491,22 @@ class PlanSearch:
             if self._cleared:
                 ends, which = np.unique(edge.end, return_inverse=True)
                 inside = self._clears(layers[number + 1].q[ends])[which]
+            left = np.flatnonzero(inside)
             if waypoints[number + 1] > at + 1:  # joints are not interpolated linearly there
                 return inside
-            begin = layers[number].q[edge.start]
-            end = begin + self._unwound(layers[number + 1].q[edge.end] - begin)
-            for share in SHARES:
-                left = np.flatnonzero(inside)
-                here = np.full(len(left), at), np.full(len(left), share)
-                margins = bands.margins_between(begin[left], end[left], *here)
-                inside[left] = (margins >= -loose).all(axis=1)
+            begin = layers[number].q[edge.start[left]]
+            end = begin + self._unwound(layers[number + 1].q[edge.end[left]] - begin)
+            inside[left] = bands.kept_between(begin, end, np.full(len(left), at), loose)
             return inside
 
         bands, attempt = self.rows.hard, _STRICTNESS.index(strictness)
-        loose = np.array([_LOOSE[unit][attempt] for unit in bands.units])
+        loose = {unit: allowed[attempt] for unit, allowed in _LOOSE.items()}
         valid = kept if bands else None
         weight = (objective.centering + objective.margin) / len(layers)
         price = _PRICE * weight + _PRICE_OF_TRAVEL * objective.travel
         centering = [weight * objective.ranges.centring(layer.q) for layer in layers]
         if not objective.margin:
-            least = sum(float(cost.min()) for cost in centering)
+            least = max(expected, sum(float(cost.min()) for cost in centering))
             for share in _LOOKED_WITHIN:
                 at_most = least * (1.0 + share)
                 if 0.0 < at_most < known:
@@ -496,20 +553,22 @@ class PlanSearch:
         If a band is violated between two waypoints beyond the tolerance, the point of the largest
         violation is added to the programs.
         """
-        limits = self.limits
+        limits, begun, again = self.limits.evaluated_along(path), path, False
         for _ in range(1 + _POINTS):
             found = refine(path, self.rows, limits, self.objective, progress, iterations)
-            if not self.rows.hard or not found.feasible:
+            if not self.rows.hard or not (found.feasible or again):
                 break
+            if not found.feasible:  # the way to it led too far inside
+                path, again = begun, False
+                continue
             path = found.q
             beyond, share = limits.beyond_between(path)
             left = np.flatnonzero((beyond > 0.0).any(axis=1))
             if not len(left):
                 break
             found = replace(found, excess=float(beyond.max()))
-            at, shares = limits.points
-            points = np.concatenate([at, left]), np.concatenate([shares, share[left]])
-            limits = replace(limits, points=points)
+            again = True
+            limits = limits.with_points(left, share[left])
         return found
 
     def _blocked(
