@@ -47,7 +47,9 @@ class Certificate:
         match self.kind:
             case "path":
                 text = "there is a motion inside all limits"
-                kinds = dict.fromkeys(name.partition("[")[0] for name in self.bands)
+                kinds = dict.fromkeys(
+                    name.partition(",")[0].partition("[")[0] for name in self.bands
+                )
                 text += "".join(f" and {'hard bands' if k == 'bands' else k}" for k in kinds)
             case "unreachable":
                 text = f"the arm does not reach {where} in any configuration"

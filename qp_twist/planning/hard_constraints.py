@@ -6,7 +6,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from qp_twist.checks import Array, Indices, Mask
-from qp_twist.constraints import Clearance, JointCouplings
+from qp_twist.constraints import Clearance, Constraint, JointCouplings
 from qp_twist.errors import InvalidInput
 from qp_twist.kinematics import FramePair, SerialChain, Stretch, ToleranceBand, check_bands
 from qp_twist.paths import PathTask
@@ -60,7 +60,7 @@ class HardConstraints:
         )
         self.lazy = not self.bands and all(isinstance(c, Clearance) for c in self.constraints)
         of_constraints = [
-            (f"constraints[{k}], {name}", unit)
+            (f"{_label(k, constraint)}, {name}", unit)
             for k, constraint in enumerate(self.constraints)
             for name, unit in zip(constraint.names, constraint.units, strict=True)
         ]
@@ -296,3 +296,8 @@ class HardConstraints:
     def _pair(self, rotations: Array, positions: Array, at: Indices) -> FramePair:
         """Frames and their waypoints, at rest."""
         return FramePair(rotations, positions, self._rotations[at], self._positions[at])
+
+
+def _label(number: int, constraint: Constraint) -> str:
+    """What messages call it; a clearance is often not stated, but follows from the scene."""
+    return constraint.kind if isinstance(constraint, Clearance) else f"constraints[{number}]"

@@ -250,9 +250,15 @@ def motion_limits(
 ) -> PathConstraints:
     """Constraints of a joint path along the task, at and between its waypoints."""
     count = len(path_task.waypoints)
-    durations = np.ones(count - 1) if path_task.durations is None else path_task.durations[1:]
+    given = path_task.durations
+    if given is not None and len(given) != count:
+        raise InvalidInput(
+            f"{path_task.name}: durations: expected one for each of the {count} waypoints, got "
+            f"{len(given)}; replace them with the waypoints, or by None."
+        )
+    durations = np.ones(count - 1) if given is None else given[1:]
     steps = np.full((count - 1, path_task.model.nv), np.inf)
-    if path_task.durations is not None:
+    if given is not None:
         steps = path_task.velocity_limits * durations[:, None]
     if max_step_deg is not None:
         steps = np.minimum(steps, np.radians(number("max_step_deg", max_step_deg, above=0.0)))

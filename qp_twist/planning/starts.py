@@ -38,6 +38,8 @@ _REACHED = 1e-4
 """m."""
 _DAMPING = 0.05
 """Damping of the steps towards a point out of reach, relative to a lever arm of a metre."""
+_NAMED = 4
+"""Largest number of constraints that a message names."""
 
 
 class NoStart(InvalidInput):
@@ -212,17 +214,24 @@ def _outside_bands(rows: PathRows, q: Array, index: int) -> str:
             f"waypoint {index + 1} has configurations inside the limits, but the search for the "
             "most central ones found none"
         )
-    violations = " and ".join(
-        f"{name} by {_amount(-margin, unit == 'rad')}"
+    outside = sorted(
+        (margin, name, unit)
         for name, unit, margin in zip(rows.hard.names, rows.hard.units, margins, strict=True)
         if name in forbidding
     )
+    violations = " and ".join(
+        f"{name} by {_amount(-margin, unit == 'rad')}" for margin, name, unit in outside[:_NAMED]
+    )
+    if len(outside) > _NAMED:
+        violations += f" and {len(outside) - _NAMED} more"
     what = "the hard tolerance bands" if rows.hard.bands else "the constraints"
     if rows.hard.bands and rows.hard.constraints:
         what += " and constraints"
+    touching = any(name.startswith("clearance, ") for name in forbidding)
+    hint = " (a pair that may touch belongs into ignore of [clearance])" if touching else ""
     return (
         f"no configuration that was found at waypoint {index + 1} is inside both the joint limits "
-        f"and {what}; the nearest one inside the limits is outside {violations}"
+        f"and {what}; the nearest one inside the limits is outside {violations}{hint}"
     )
 
 

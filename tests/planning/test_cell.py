@@ -124,3 +124,19 @@ def test_the_map_of_rolls_says_where_the_arm_would_touch_and_what(cell: qt.PathT
     without = RollMap.of(qt.load_task("deburring"), columns=2, spacing_deg=60.0)
     assert (without.touched == -1).all()
     assert without.in_the_way() == {}
+
+
+def test_what_is_too_near_is_named_the_worst_first(cell: qt.PathTask) -> None:
+    """At 0.35 m from everything no start is left: the message says how to let a pair touch."""
+    wide = replace(cell, constraints=(qt.Clearance(cell.model, 0.35),))
+    with pytest.raises(
+        qt.InvalidInput, match=r"outside clearance, part to tool by 350 mm and"
+    ) as e:
+        qt.find_starts(wide)
+    assert "belongs into ignore of [clearance]" in str(e.value)
+    assert str(e.value).count("clearance, ") == 4
+
+
+def test_durations_of_other_waypoints_are_refused(cell: qt.PathTask) -> None:
+    with pytest.raises(qt.InvalidInput, match="one for each of the 51 waypoints, got 401"):
+        qt.plan(replace(cell, waypoints=cell.waypoints[::8]))
