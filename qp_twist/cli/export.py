@@ -18,6 +18,7 @@ from qp_twist.cli.app import (
     check_file,
     fail,
     load,
+    quiet,
     say,
 )
 from qp_twist.cli.progress import working
@@ -87,6 +88,7 @@ def export(
     if dialect is not None:
         joints = joints_of(path_task, rows.joint_names, robot=robot, as_modelled=as_modelled)
     write_trajectory(rows, out, joints)
+    shown = quiet.set(quiet.get() or json_)
     say(f"wrote {out}: {len(rows.q)} points")
     axes = () if joints is None or dialect is None else joints.equations(dialect.axis_names)
     if joints is not None:
@@ -102,6 +104,7 @@ def export(
             say(found.verdict)
     else:
         say("not checked: no task given")
+    quiet.reset(shown)
     if json_:
         facts = {
             "file": str(out),

@@ -114,14 +114,14 @@ def check_header(moves: JointMoves, dialect: Dialect, robot: str, equations: Seq
             "changed. Export it again, or remove the header."
         )
     claimed = header["axes"].split("\n") if header["axes"] else []
-    for ours, theirs in zip(equations, claimed, strict=False):
-        if ours != theirs:
-            raise InvalidInput(
-                f"the header says {theirs}, but for this model and robot it is {ours}; the model's "
-                "zero positions or signs are others than when the program was written."
-            )
     if len(claimed) != len(equations):
         raise InvalidInput(
             f"the header has {len(claimed)} lines of axes, and there are {len(equations)} axes; "
             "restore them, or remove the whole header."
         )
+    for ours, theirs in zip(equations, claimed, strict=True):
+        if ours != theirs:
+            raise InvalidInput(
+                f"the header says {theirs}, but for this model and robot it is {ours}; the model's "
+                "zero positions or signs are others than when the program was written."
+            )

@@ -1,11 +1,12 @@
 """KRL, the KUKA Robot Language.
 
 The start is reached by ``PTP`` at a tenth of the axes' speed. Then one spline in the axes
-(``PTP_SPLINE``, from KSS 8.3 on) passes all points; its ``TIME_BLOCK`` has the time of each
-segment and of all.
+(``PTP_SPLINE``) passes all points; its ``TIME_BLOCK`` has the time of each segment and of all.
 
-Source: KUKA, *KUKA System Software 8.3, Operating and Programming Instructions for System
-Integrators*, spline motions, PTP_SPLINE and TIME_BLOCK.
+Source: public code, since KUKA's manual was not at hand. The words are those of the syntax file of
+KnoP-01/krl-for-vim; the form ``PTP_SPLINE … TIME_BLOCK START … SPTP … TIME_BLOCK PART = …
+TIME_BLOCK END = … ENDSPLINE`` is that of two generators of KRL programs on GitHub. One writes parts
+in seconds, the other in percent of the whole, so parts are read as shares of ``END``.
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ from qp_twist.programs.reading import (
 )
 
 _LONGEST = 24
-"""Characters of a program's name; KUKA System Software 8.3, names in KRL."""
+"""Characters of a program's name, as usually stated; not looked up in KUKA's manual."""
 _TOP = """\
 &ACCESS RVP
 &REL 1

@@ -66,8 +66,10 @@ class Course:
         rates: list[float] | None = None,
     ) -> None:
         """Move to a point; the first move leads to the start, and its time does not count."""
-        if duration is not None and not duration > 0.0:
-            raise InvalidInput(f"line {line}: the move takes {duration:g} s; a time is positive.")
+        if duration is not None and not 0.0 < duration < math.inf:
+            raise InvalidInput(
+                f"line {line}: the move takes {duration:g} s; a time is positive and finite."
+            )
         if self.points:
             if duration is None:
                 self.untimed = line if self.untimed is None else self.untimed
@@ -78,8 +80,8 @@ class Course:
 
     def wait(self, line: int, seconds: float) -> None:
         """Stay at the last point."""
-        if seconds < 0.0:
-            raise InvalidInput(f"line {line}: a wait of {seconds:g} s; expected a positive time.")
+        if not 0.0 <= seconds < math.inf:
+            raise InvalidInput(f"line {line}: a wait of {seconds:g} s; expected a finite time.")
         if self.points and seconds > 0.0:
             rates = [0.0] * AXES if self.velocities else None
             self.move(line, list(self.points[-1]), seconds, rates)

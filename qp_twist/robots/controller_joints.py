@@ -144,7 +144,7 @@ class ControllerJoints:
         row, axis = (int(x) for x in np.argwhere(out)[0])
         return (
             f"row {row + 1}: axis {axis + 1} ({self.joint_names[axis]}) would be at "
-            f"{theta[row, axis]:.2f}°, outside {low[axis]:g}° to {high[axis]:g}° of the "
+            f"{theta[row, axis]:.7g}°, outside {low[axis]:g}° to {high[axis]:g}° of the "
             f"{self.robot}"
         )
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -105,14 +106,17 @@ class Check:
         return "\n".join(lines) + "\n"
 
     def to_dict(self) -> dict[str, Any]:
-        """All results, ready for JSON."""
+        """All results, ready for JSON, which has no infinity: ``None`` stands for it."""
         return {
             "task": self.task,
             "rows": self.rows,
             "waypoints": self.waypoints,
             "matched": self.matched,
             "passes": self.passes,
-            "findings": [vars(finding) for finding in self.findings],
+            "findings": [
+                {key: _finite(value) for key, value in vars(finding).items()}
+                for finding in self.findings
+            ],
             "problems": list(self.problems),
             "notes": list(self.notes),
             "unchecked": list(self.unchecked),
@@ -121,6 +125,10 @@ class Check:
 
     def __repr__(self) -> str:
         return f"Check({self.task!r}, {self.verdict!r})"
+
+
+def _finite(value: Any) -> Any:
+    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def check_trajectory(

@@ -74,6 +74,8 @@ def encode(rows: JointRows, topic: str = TOPIC) -> bytes:
 def decode(content: bytes, joint_names: tuple[str, ...] | None) -> JointRows:
     """The rows of the one JointTrajectory in a bag; ``joint_names`` is not used: it has its own."""
     del joint_names
+    if not content:
+        raise InvalidInput("the file is empty.")
     _library()
     from mcap.reader import make_reader
     from mcap_ros2.decoder import DecoderFactory
@@ -92,7 +94,8 @@ def decode(content: bytes, joint_names: tuple[str, ...] | None) -> JointRows:
             if record.name == _METADATA:
                 metadata = read_metadata(record.metadata.get("metadata", ""))
     except Exception as error:  # broken files raise errors of struct, lz4 and others
-        raise InvalidInput(f"this is no bag that can be read (MCAP): {error}") from None
+        why = str(error) or type(error).__name__
+        raise InvalidInput(f"this is no bag that can be read (MCAP): {why}") from None
     if len(found) != 1 or found[0] is None:
         has = f"{len(found)} of them" if found else ", ".join(sorted(types)) or "no messages"
         raise InvalidInput(

@@ -13,6 +13,7 @@ from qp_twist.kinematics import JointRanges
 from qp_twist.paths import PathTask
 from qp_twist.programs import (
     AXES,
+    DIALECTS,
     Dialect,
     JointMoves,
     check_header,
@@ -191,10 +192,10 @@ def decode(path: Path, dialect: Dialect, joints: ControllerJoints) -> JointRows:
 def _check_dialect(dialect: Dialect, joints: ControllerJoints) -> None:
     if joints.robot and joints.program != dialect.name:
         has = f"programmed in {joints.program}" if joints.program else "programmed in none of them"
-        instead = f"--to {joints.program}" if joints.program else "a bag, --to mcap"
+        instead = DIALECTS[joints.program].suffix if joints.program else ".mcap (a bag)"
         raise InvalidInput(
-            f"the {joints.robot} is {has}, not in {dialect.name}; choose {instead}, or say that "
-            "joints count as in the model (--as-modelled)."
+            f"the {joints.robot} is {has}, not in {dialect.name}; choose a file that ends in "
+            f"{instead}, or say that joints count as in the model (--as-modelled)."
         )
     if len(joints.joint_names) != AXES:
         raise InvalidInput(

@@ -39,6 +39,10 @@ def test_export_check_and_json(
     found = json.loads(capsys.readouterr().out)
     assert found["check"]["passes"]
     assert found["axes"] == []
+    main(["export", str(lap), "--out", str(tmp_path / "lap.ls"), "--robot", "M-16iB/20", "--json"])
+    found = json.loads(capsys.readouterr().out)  # nothing else on standard output
+    assert found["axes"][2] == "J3 = joint_3 - J2"
+    assert found["check"] is None
     program = tmp_path / "new" / "lap.ls"
     main(["run", "deburring", "--out", str(program), "--json"])
     found = json.loads(capsys.readouterr().out)
@@ -68,7 +72,7 @@ def test_without_a_task_the_robot_is_named(
         ((), "say what to write: --to urscript|rapid|krl|ls|mcap"),
         (("--out", "a.txt"), "expected a file that ends in .script"),
         (("--out", "a.src", "--to", "ls"), "a file of --to ls ends in .ls"),
-        (("--to", "krl"), "programmed in ls, not in krl; choose --to ls"),
+        (("--to", "krl"), "programmed in ls, not in krl; choose a file that ends in .ls"),
         (("--to", "mcap", "--as-modelled"), "a bag has the model's joints"),
         (("--to", "ls", "--as-modelled", "--robot", "M-16iB/20"), "but not both"),
         (("--to", "ls", "--robot", "UR5"), "not those of the Universal Robots UR5"),

@@ -50,9 +50,12 @@ def test_what_is_no_bag_of_one_trajectory(tmp_path: Path) -> None:
         write_trajectory(untimed, tmp_path / "a.mcap")
     path = write_trajectory(rows, tmp_path / "b.mcap")
     content = path.read_bytes()
-    for cut in (0, 10, len(content) // 2, len(content) - 3):
+    path.write_bytes(b"")
+    with pytest.raises(qt.InvalidInput, match="the file is empty"):
+        read_trajectory(path)
+    for cut in (10, len(content) // 2, len(content) - 3):
         path.write_bytes(content[:cut])
-        with pytest.raises(qt.InvalidInput, match=r"no bag that can be read|expected one message"):
+        with pytest.raises(qt.InvalidInput, match=r"can be read \(MCAP\): \S|expected one message"):
             read_trajectory(path)
     from mcap_ros2.writer import Writer
 

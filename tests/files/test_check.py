@@ -234,6 +234,11 @@ def test_a_motion_that_stands_still_fails_in_numbers_that_json_has() -> None:
     assert found(check, "position error").value == pytest.approx(1e3 * np.sqrt(2.0))
     assert not found(check, "feed").passes
     assert json.loads(json.dumps(check.to_dict(), allow_nan=False))["passes"] is False
+    away = JointRows(NAMES, np.vstack([np.zeros((4, 2)), [[1e300, 0.0]]]), np.arange(5.0) * 1e-9)
+    with np.errstate(over="ignore", invalid="ignore"):
+        check = check_trajectory(away, trajectory.path_task)
+    assert any(not np.isfinite(finding.value) for finding in check.findings)
+    assert json.loads(json.dumps(check.to_dict(), allow_nan=False))["passes"] is False
 
 
 def test_without_times_only_the_path_is_checked_and_that_is_said() -> None:

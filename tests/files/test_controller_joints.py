@@ -111,7 +111,7 @@ def test_rates_and_ranges() -> None:
     )
     assert joints.rates(joints.shown_rates(q)) == pytest.approx(q)
     assert joints.outside(q) == ""
-    assert "axis 2 (j1) would be at 171.89°, outside -90° to 160°" in joints.outside(
+    assert "axis 2 (j1) would be at 171.8873°, outside -90° to 160°" in joints.outside(
         np.array([[0.0, 3.0, 0.0, 0.0, 0.0, 0.0]])
     )
 

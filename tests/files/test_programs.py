@@ -207,13 +207,18 @@ def test_programs_for_another_robot_are_refused(
     path, _ = written("ls")
     with pytest.raises(qt.InvalidInput, match="robot: Fanuc M-16iB/20, but it is read for joints"):
         read_trajectory(path, None, joints_of(task, rows.joint_names, as_modelled=True))
-    with pytest.raises(qt.InvalidInput, match="programmed in ls, not in krl; choose --to ls"):
+    with pytest.raises(
+        qt.InvalidInput, match=r"programmed in ls, not in krl; choose a file .* \.ls,"
+    ):
         write_trajectory(rows, path.with_suffix(".src"), joints_of(task, rows.joint_names))
     with pytest.raises(qt.InvalidInput, match="not those of the KUKA KR 16-2"):
         joints_of(task, rows.joint_names, robot="KR 16-2")
     planar = qt.load_task("planar_line")
     with pytest.raises(qt.InvalidInput, match="not one of the known robots"):
         joints_of(planar, ("a", "b", "c"))
+    path.write_text(path.read_text().replace("!J1 = joint_1 ;", "!another remark ;"))
+    with pytest.raises(qt.InvalidInput, match="5 lines of axes, and there are 6 axes"):
+        read_trajectory(path, None, joints_of(task, rows.joint_names))
     own = joints_of(planar, ("a", "b", "c"), as_modelled=True)
     short = JointRows(("a", "b", "c"), np.zeros((2, 3)), np.array([0.0, 1.0]))
     with pytest.raises(qt.InvalidInput, match="moves 6 axes, and there are 3 joints"):
@@ -304,6 +309,7 @@ def test_programs_of_others_are_read(ending: str, tmp_path: Path) -> None:
         (".src", "$VEL_AXIS[1]=20", "another()", "not understood"),
         (".src", "ptp XB", "ptp XC", "no axes of XC, in the program or in other.dat"),
         (".src", "A2 -90.5", "A2 minus", "expected a number after A2"),
+        (".src", "ptp XB", "WAIT SEC 1e999\nptp XB", "a wait of inf s"),
         (".mod", "MoveAbsJ p10", "MoveL p10", "line 6: .*MoveL is not read"),
         (".mod", "MoveAbsJ p10", "MoveAbsJ p20", "no jointtarget p20"),
         (".mod", "ConfJ\\Off;", "IF TRUE THEN", "IF is not read"),
@@ -378,6 +384,9 @@ def test_names_times_and_ranges_that_a_controller_does_not_take(tmp_path: Path) 
     still = dataclasses.replace(rows, times=np.zeros(len(rows.q)))
     with pytest.raises(qt.InvalidInput, match="row 2 is not later than row 1"):
         write_trajectory(still, tmp_path / "a.src", joints)
+    huge = dataclasses.replace(rows, q=rows.q + 1e300)
+    with pytest.raises(qt.InvalidInput, match=r"would be at -?\d\.\d+e\+301°, outside"):
+        write_trajectory(huge, tmp_path / "a.src", joints)
     far = dataclasses.replace(rows, q=rows.q + 7.0)
     with pytest.raises(qt.InvalidInput, match=r"outside .*° of the KUKA"):
         write_trajectory(far, tmp_path / "a.src", joints)
