@@ -11,8 +11,8 @@ from qp_twist.cli import main
 
 
 @pytest.fixture(scope="module")
-def lap(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    path = tmp_path_factory.mktemp("lap") / "lap.csv"
+def way(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("way") / "way.csv"
     main(["run", "deburring", "--out", str(path), "--quiet"])
     return path
 
@@ -25,43 +25,43 @@ def refused(capsys: pytest.CaptureFixture[str], *words: str) -> str:
 
 
 def test_export_check_and_json(
-    lap: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    way: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    main(["export", str(lap), "deburring", "--to", "ls"])
+    main(["export", str(way), "deburring", "--to", "ls"])
     said = capsys.readouterr().out
     assert "J3 = joint_3 - J2" in said
     assert "no controller has run it" in said
     assert "joints as the Fanuc M-16iB/20 counts them (Fanuc M-16iB maintenance manual" in said
-    main(["check", str(lap.with_suffix(".ls")), "deburring"])
+    main(["check", str(way.with_suffix(".ls")), "deburring"])
     assert "passes" in capsys.readouterr().out
-    bag = tmp_path / "lap.mcap"
-    main(["export", str(lap), "deburring", "--out", str(bag), "--json", "--quiet"])
+    bag = tmp_path / "way.mcap"
+    main(["export", str(way), "deburring", "--out", str(bag), "--json", "--quiet"])
     found = json.loads(capsys.readouterr().out)
     assert found["check"]["passes"]
     assert found["axes"] == []
-    main(["export", str(lap), "--out", str(tmp_path / "lap.ls"), "--robot", "M-16iB/20", "--json"])
+    main(["export", str(way), "--out", str(tmp_path / "way.ls"), "--robot", "M-16iB/20", "--json"])
     found = json.loads(capsys.readouterr().out)  # nothing else on standard output
     assert found["axes"][2] == "J3 = joint_3 - J2"
     assert found["check"] is None
-    program = tmp_path / "new" / "lap.ls"
+    program = tmp_path / "new" / "way.ls"
     main(["run", "deburring", "--out", str(program), "--json"])
     found = json.loads(capsys.readouterr().out)
     assert found["file"] == str(program)
     assert found["check"]["passes"]
     assert found["seconds"] == pytest.approx(20.78, abs=0.01)
-    assert program.read_text() == lap.with_suffix(".ls").read_text()
+    assert program.read_text() == way.with_suffix(".ls").read_text()
 
 
 def test_without_a_task_the_robot_is_named(
-    lap: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    way: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert "which robot it is has to be said" in refused(capsys, "export", str(lap), "--to", "krl")
-    out = tmp_path / "lap.ls"
-    main(["export", str(lap), "--robot", "Fanuc M-16iB/20", "--out", str(out)])
+    assert "which robot it is has to be said" in refused(capsys, "export", str(way), "--to", "krl")
+    out = tmp_path / "way.ls"
+    main(["export", str(way), "--robot", "Fanuc M-16iB/20", "--out", str(out)])
     assert "not checked: no task given" in capsys.readouterr().out
     main(["check", str(out), "deburring"])
     assert "not those of the KUKA KR 16-2" in refused(
-        capsys, "export", str(lap), "deburring", "--to", "krl", "--robot", "KR 16-2"
+        capsys, "export", str(way), "deburring", "--to", "krl", "--robot", "KR 16-2"
     )
 
 
@@ -77,15 +77,15 @@ def test_without_a_task_the_robot_is_named(
         (("--to", "ls", "--as-modelled", "--robot", "M-16iB/20"), "but not both"),
         (("--to", "ls", "--robot", "UR5"), "not those of the Universal Robots UR5"),
         (("--to", "ls", "--robot", "no.toml"), "there is no such table of robots"),
-        (("--out", "my-lap.ls"), "takes a letter, then letters, digits and _"),
+        (("--out", "my-way.ls"), "takes a letter, then letters, digits and _"),
     ],
 )
 def test_requests_that_are_refused(
-    words: tuple[str, ...], sentence: str, lap: Path, capsys: pytest.CaptureFixture[str],
+    words: tuple[str, ...], sentence: str, way: Path, capsys: pytest.CaptureFixture[str],
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
 ) -> None:  # fmt: skip
     monkeypatch.chdir(tmp_path)
-    assert sentence in refused(capsys, "export", str(lap), "deburring", *words)
+    assert sentence in refused(capsys, "export", str(way), "deburring", *words)
     assert not list(tmp_path.iterdir())
 
 
@@ -101,11 +101,11 @@ def test_programs_are_refused_before_the_path_is_followed(
 
 
 def test_a_changed_program_does_not_pass(
-    lap: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    way: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    main(["export", str(lap), "deburring", "--to", "ls", "--quiet"])
-    text = lap.with_suffix(".ls").read_text()
-    path = tmp_path / "lap.ls"
+    main(["export", str(way), "deburring", "--to", "ls", "--quiet"])
+    text = way.with_suffix(".ls").read_text()
+    path = tmp_path / "way.ls"
     path.write_text(text.replace("J1= 1", "J1= -1", 1))
     with pytest.raises(SystemExit) as end:
         main(["check", str(path), "deburring", "--quiet"])

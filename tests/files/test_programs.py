@@ -89,7 +89,7 @@ def written(
 
     def write(program: str) -> tuple[Path, ControllerJoints]:
         joints = joints_of(task, rows.joint_names, as_modelled=program != "ls")
-        return write_trajectory(rows, tmp_path / f"lap{suffix(program)}", joints), joints
+        return write_trajectory(rows, tmp_path / f"motion{suffix(program)}", joints), joints
 
     return write
 
