@@ -34,7 +34,7 @@ from qp_twist.kernel.clearance_kernel import (
 from qp_twist.kernel.compiling import entry, part, plain
 from qp_twist.kernel.record import Floats, Integers, RecordType, reader
 
-LATEST = 1 << 40
+_LATEST = 1 << 40
 """Number of a step at which everything is at rest."""
 _SAMPLES = 32
 """Largest number of places on the way to rest that are looked at."""
@@ -131,11 +131,10 @@ def _go(cell, s, velocity, n, dt):
 
 @plain
 def _look(cell, s, pair, n, asked):
-    """Take the margin of a pair at a place on the way if it is the least so far; return it."""
+    """Take the margin of a pair at a place on the way if it is the least so far."""
     found = distance_of(cell, pair, min(s.worst[pair], s.reach[pair]) + asked, True) - asked
     if found < s.worst[pair]:
         s.worst[pair], s.sample[pair] = found, n
-    return found
 
 
 @plain
@@ -195,9 +194,9 @@ def _take_reaches(cell, s, dt, horizon, moves):
         s.braked[j] = math.copysign(max(abs(s.before[j]) - braking, 0.0), s.before[j])
         s.travel[j] = math.inf
         if not math.isinf(braking):
-            here, _ = _moved(s.braked[j], braking, LATEST, dt)
-            one, _ = _moved(s.before[j] + braking, braking, LATEST, dt)
-            other, _ = _moved(s.before[j] - braking, braking, LATEST, dt)
+            here, _ = _moved(s.braked[j], braking, _LATEST, dt)
+            one, _ = _moved(s.before[j] + braking, braking, _LATEST, dt)
+            other, _ = _moved(s.before[j] - braking, braking, _LATEST, dt)
             s.travel[j] = max(abs(one - here), abs(other - here))
         longest = max(longest, s.travel[j])
     _go(cell, s, s.braked, 0, dt)
@@ -214,7 +213,7 @@ def _row(s, pair, until, closing, room, dt, recovery, row):
     Args:
         s: What is known.
         pair: The pair.
-        until: Number n of the place of its least margin; at the end of the way ``LATEST``, because
+        until: Number n of the place of its least margin; at the end of the way ``_LATEST``, because
             a faster velocity goes on until it is at rest.
         closing: Speed of an obstacle, m/s.
         room: The margin if the obstacle stood still, less what it takes on the way, m.
@@ -287,7 +286,7 @@ def rows_apart(now, then, integers, floats, table, dt, asked, horizon, recovery,
         distance_of(cell, pair, math.inf, True)
         gradient_of(cell, pair, s.gradients[pair])
         closing = max(left - then_left, 0.0) / dt
-        until = n if n < last else LATEST
+        until = n if n < last else _LATEST
         room = _row(s, pair, until, closing, left - closing * n * dt, dt, recovery, count)
         s.floor[pair] = min(then_left - room, 0.0)
         count += 1
@@ -351,7 +350,7 @@ def _correct_where_most_lacks(cell, s, velocity, dt, count):
             break
         s.worst[nearest] = math.inf
         for j in range(len(velocity)):
-            until = n if n < last else LATEST
+            until = n if n < last else _LATEST
             _, s.slope[j] = _moved(velocity[j], s.hardest[j] * dt, until, dt)
         _go(cell, s, velocity, n, dt)
         count += _correction(cell, s, nearest, velocity, left, dt, count)

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import io
 import json
-from types import ModuleType
 from typing import Any
 
 from qp_twist.errors import InvalidInput
@@ -58,7 +57,7 @@ def encode(rows: JointRows, topic: str = TOPIC) -> bytes:
             "the trajectory has no times, so that a bag could not be played; give its task a "
             "[feed], or write times into the file."
         )
-    _library()
+    _check_library()
     from mcap.writer import CompressionType
     from mcap_ros2.writer import Writer
 
@@ -76,19 +75,19 @@ def decode(content: bytes, joint_names: tuple[str, ...] | None) -> JointRows:
     del joint_names
     if not content:
         raise InvalidInput("the file is empty.")
-    _library()
+    _check_library()
     from mcap.reader import make_reader
     from mcap_ros2.decoder import DecoderFactory
 
-    types: set[str] = set()
+    factory, types = DecoderFactory(), set[str]()
     found: list[Any] = []
     metadata: dict[str, Any] = {}
     try:
-        reader = make_reader(io.BytesIO(content), decoder_factories=[DecoderFactory()])
+        reader = make_reader(io.BytesIO(content))
         for schema, channel, message in reader.iter_messages():
             types.add(schema.name if schema is not None else channel.topic)
             if schema is not None and schema.name == _TYPE:
-                decode_message = DecoderFactory().decoder_for(channel.message_encoding, schema)
+                decode_message = factory.decoder_for(channel.message_encoding, schema)
                 found.append(decode_message(message.data) if decode_message else None)
         for record in reader.iter_metadata():
             if record.name == _METADATA:
@@ -125,12 +124,10 @@ def _fields(message: Any) -> dict[str, Any]:
     return {"joint_names": list(message.joint_names), "points": points}
 
 
-def _library() -> ModuleType:
+def _check_library() -> None:
     try:
-        import mcap_ros2
+        import mcap_ros2  # noqa: F401
     except ImportError:
         raise InvalidInput(
             "bags (.mcap) need the package mcap-ros2-support: pip install 'qp_twist[ros]'."
         ) from None
-    library: ModuleType = mcap_ros2
-    return library
