@@ -62,6 +62,7 @@ class Page:
         self._texts: dict[str, str] = {}
         self._roadmap_panel: viser.PanelHandle | None = None
         self._ticks = 0
+        self._slid = 0  # the waypoint, from 0, that the slider shows
         self._add_readings()
         self._add_controls()
         self._add_keys()
@@ -179,7 +180,7 @@ class Page:
 
             handle.on_update(changed)
 
-        on(self._slider, lambda value: self._seek(value - 1))
+        on(self._slider, self._slide)
         on(self._speed, lambda value: setattr(session, "speed", float(value)))
         on(self._method, lambda value: self._change(method=value))
         on(self._projector, lambda value: self._change(projector=value))
@@ -228,6 +229,23 @@ class Page:
         self._at_limits.disabled = not hand
         for handle in (self._play, self._slider, self._speed):
             handle.disabled = hand
+
+    def _slide(self, value: int) -> None:
+        with self.session.lock:
+            self._seek(value - 1)
+            self._slid = int(self.session.index)
+
+    def _slide_along(self) -> None:
+        """Move the slider where the run plays or a key moved on.
+
+        Nowhere else: viser sets the slider's value before its callback sets the session, and a page
+        that wrote the session's waypoint back in between would undo what the user has just done.
+        """
+        with self.session.lock:
+            index = int(self.session.index)
+            if index != self._slid:
+                self._slid = index
+                _set(self._slider, index + 1)
 
     def _seek(self, index: int) -> None:
         self.session.playing = False
@@ -328,7 +346,7 @@ class Page:
                 self._marked = waypoint
             if self._ticks % _READ_EVERY == 0:
                 self._read(moment)
-                _set(self._slider, index + 1)
+                self._slide_along()
                 label = "Pause" if session.playing else "Play"
                 if self._play.label != label:
                     self._play.label = label

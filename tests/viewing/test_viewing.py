@@ -19,6 +19,7 @@ from qp_twist.viewing import LiveArm, PageSettings, Session, free_port, projecto
 from qp_twist.viewing.bars import clearance_bar, joint_bars
 from qp_twist.viewing.dial import roll_dial
 from qp_twist.viewing.one_run import Run
+from qp_twist.viewing.page import Page
 from qp_twist.viewing.projectors import with_projector
 from qp_twist.viewing.readings import readings, sentence
 from qp_twist.viewing.roll import Roll
@@ -234,6 +235,24 @@ def test_playing_moves_on_by_the_speed_and_begins_again(session):
     assert session.index == 10
     session.tick(0.5)
     assert session.index == 0.0
+
+
+def test_the_page_does_not_undo_a_slider_that_the_user_has_just_moved(session):
+    page = Page(session, free_port())
+    try:
+        page._slider.value = 4  # what viser does with a message, before it calls back
+        for _ in range(6):
+            page._show(session.moment())
+        assert page._slider.value == 4
+        page._slide(4)
+        page._show(session.moment())
+        assert (page._slider.value, session.index) == (4, 3.0)
+        session.seek(6)  # as a key does
+        for _ in range(6):
+            page._show(session.moment())
+        assert page._slider.value == 7
+    finally:
+        page.server.stop()
 
 
 def test_a_changed_setting_gives_another_run_and_the_first_one_comes_back(session):
