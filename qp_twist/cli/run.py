@@ -27,8 +27,9 @@ from qp_twist.cli.progress import load_machine_code, method_progress, working
 from qp_twist.comparison import compare, metrics
 from qp_twist.comparison.style import pair_of
 from qp_twist.errors import InvalidInput
+from qp_twist.following import Trajectory
 from qp_twist.paths import DEFAULT_METHOD, PathTask, check_method
-from qp_twist.trajectories import ENDINGS, check_program, run_task
+from qp_twist.trajectories import ENDINGS, TimedTrajectory, check_program, run_task
 
 _STRETCHES = 8
 """Largest number of slowed stretches that are listed."""
@@ -99,11 +100,7 @@ def run(
     if len(rows.q) > len(trajectory.q):
         more = len(rows.q) - len(trajectory.q)
         say(f"{more} rows more between waypoints, where the joints would have left the path")
-    if timed is not None and path_task.durations is not None:
-        say(f"{timed.times[-1]:.4g} s; {path_task.durations.sum():.4g} s at the feed")
-        say(*(f"slower at {stretch}" for stretch in timed.slowed[:_STRETCHES]))
-        if len(timed.slowed) > _STRETCHES:
-            say(f"slower at {len(timed.slowed) - _STRETCHES} more stretches")
+    say(*_timing(timed, rows))
     say(*check.notes)
     if check.passes:
         say(check.verdict)
@@ -131,6 +128,25 @@ def run(
         print(json.dumps({**facts, "check": check.to_dict()}, ensure_ascii=False, indent=2))
     if not check.passes:
         fail(f"{out}: {check.verdict}")
+
+
+def _timing(timed: TimedTrajectory | None, rows: Trajectory) -> list[str]:
+    """Lines about times: what was added, whose limits, how long, where slower than the feed."""
+    if timed is None or rows.path_task.durations is None:
+        return []
+    lines, more = [], len(timed.q) - len(rows.q)
+    if more:
+        lines.append(
+            f"{more} rows more where ramps end, and beside corners, which are rounded within the "
+            "tolerances"
+        )
+    if timed.limits.accelerations_of:
+        lines.append(f"accelerations: {timed.limits.accelerations_of}")
+    lines.append(f"{timed.times[-1]:.4g} s; {rows.path_task.durations.sum():.4g} s at the feed")
+    lines += [f"slower at {stretch}" for stretch in timed.slowed[:_STRETCHES]]
+    if len(timed.slowed) > _STRETCHES:
+        lines.append(f"slower at {len(timed.slowed) - _STRETCHES} more stretches")
+    return lines
 
 
 def _source_of_settings(path_task: PathTask, method: str) -> str:

@@ -30,7 +30,7 @@ from qp_twist.paths.segment import Segment, check_segments, projectors_in_force
 from qp_twist.paths.task_schema import IterationSection, StudySection
 from qp_twist.paths.toolpath import Lines, Toolpath
 from qp_twist.paths.turning import transported
-from qp_twist.robots import KnownRobot, known_speeds
+from qp_twist.robots import KnownRobot, known_limits
 
 FromStart = Literal["nothing", "roll", "orientation"]
 
@@ -158,19 +158,23 @@ class PathTask:
         return projectors_in_force(self.projector, self.segments, len(self.waypoints))
 
     @cached_property
-    def known_speeds(self) -> tuple[KnownRobot, Array] | None:
-        """The known robot that this arm is, and its largest joint speeds, rad/s or m/s, (nv,).
+    def known_limits(self) -> tuple[KnownRobot, Array, Array] | None:
+        """The known robot that this arm is, and its largest joint speeds and accelerations.
 
-        ∞ for other joints; ``None`` for an unknown robot. This does not change the task's
-        ``velocity_limits``: checks use these speeds if the task has no limits.
+        rad/s and rad/s², (nv,) each; ∞ for other joints, and where none are public; ``None`` for an
+        unknown robot. This does not change the task's limits: timing and checks use these where the
+        task has none.
         """
         names = (self.scene.stem, self.scene.parent.name)
-        found = known_speeds(self.model, self.frame_name, self.frame_type, names)
+        found = known_limits(self.model, self.frame_name, self.frame_type, names)
         if found is None:
             return None
-        robot, by_joint = found
-        joints = JointRanges.of(self.model).names
-        return robot, np.array([by_joint.get(name, np.inf) for name in joints])
+        robot, dofs = found
+        limits = np.full((2, self.model.nv), np.inf)
+        limits[0, dofs] = robot.speeds
+        if robot.accelerations is not None:
+            limits[1, dofs] = robot.accelerations
+        return robot, limits[0], limits[1]
 
     @property
     def redundancy(self) -> int:

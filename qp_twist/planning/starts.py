@@ -116,7 +116,7 @@ def corrected_start(
     controller: Controller | None = None
     if holds_limits:
         limits = [PositionLimit(path_task.model), *path_task.constraints]
-        controller = Controller(path_task.model, [task], limits=limits, solver="daqp")
+        controller = Controller(path_task.model, [task], limits=limits, smooth=False)
     binding: Sequence[BindingLimit] = ()
     on_waypoint: Array | None = None
     for _ in range(START_ITERATIONS):

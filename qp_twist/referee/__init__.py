@@ -10,9 +10,13 @@ from .findings import Passing as Passing
 from .findings import Tolerances as Tolerances
 from .findings import errors_of as errors_of
 from .findings import examine as examine
-from .findings import speed_limits as speed_limits
 from .joint_motion import JointMotion as JointMotion
 from .joint_motion import State as State
+from .motion_limits import RAMP_S as RAMP_S
+from .motion_limits import MotionLimits as MotionLimits
+from .motion_limits import motion_limits as motion_limits
+from .motion_limits import with_default_accelerations as with_default_accelerations
+from .motion_limits import with_stated_accelerations as with_stated_accelerations
 from .path_errors import PROVEN as PROVEN
 from .path_errors import Outside as Outside
 from .path_errors import PathErrors as PathErrors

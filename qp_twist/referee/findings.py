@@ -12,6 +12,7 @@ from qp_twist.errors import InvalidInput
 from qp_twist.kinematics import JointRanges
 from qp_twist.paths import PathTask
 from qp_twist.referee.joint_motion import JointMotion
+from qp_twist.referee.motion_limits import MotionLimits, motion_limits
 from qp_twist.referee.path_errors import PROVEN, PathErrors, path_errors
 
 POSITION_TOLERANCE = 1e-4
@@ -122,6 +123,7 @@ def examine(
     tolerances: Tolerances | None = None,
     passing: Passing | None = None,
     errors: PathErrors | None = None,
+    limits: MotionLimits | None = None,
 ) -> tuple[Finding, ...]:
     """Check a motion against every constraint of its task, at and between the waypoints.
 
@@ -137,6 +139,8 @@ def examine(
             seconds if the task has a feed.
         errors: Result of :func:`~qp_twist.trajectories.path_errors` for these tolerances, times and
             ``fastest_progress``, if already known.
+        limits: Of the joints' speeds and accelerations; ``None``: those of
+            :func:`~qp_twist.referee.motion_limits`.
 
     Raises:
         InvalidInput: If the robot has joints that are neither hinges nor slides, or the task a band
@@ -159,7 +163,7 @@ def examine(
         *_of_positions(ranges, motion, passing),
     ]
     if passing.timed:
-        findings += _of_speeds(path_task, ranges, motion, passing)
+        findings += _of_speeds(limits or motion_limits(path_task), ranges, motion, passing)
         findings += _of_feed(path_task, errors, passing)
     return tuple(findings)
 
@@ -293,38 +297,23 @@ def _of_positions(ranges: JointRanges, motion: JointMotion, passing: Passing) ->
     return [Finding("smallest joint margin", value, 0.0, "", where, outside <= RANGE_TOLERANCE)]
 
 
-def speed_limits(path_task: PathTask) -> tuple[Array, str]:
-    """Largest joint speeds for the check of a motion, (nv,), and their source.
-
-    Those of the task (its file's, or its URDF's); for other joints those of the robot, if it is a
-    known one, whose name is then returned. ∞ without a limit.
-    """
-    limits = path_task.velocity_limits
-    if np.isfinite(limits).all() or path_task.known_speeds is None:
-        return limits, ""
-    robot, speeds = path_task.known_speeds
-    filled = np.where(np.isfinite(limits), limits, speeds)
-    return filled, robot.name if (filled != limits).any() else ""
-
-
 def _of_speeds(
-    path_task: PathTask, ranges: JointRanges, motion: JointMotion, passing: Passing
+    limits: MotionLimits, ranges: JointRanges, motion: JointMotion, passing: Passing
 ) -> list[Finding]:
     """Largest shares of the velocity and acceleration limits; the speeds if there are none."""
     middles = 0.5 * (motion.times[:-1] + motion.times[1:])
     clocks = _within_rounding(motion)
     speeds = np.min([clock.largest_speeds() for clock in clocks], axis=0)
     found = []
-    limits, _ = speed_limits(path_task)
-    if np.isfinite(limits).any():
-        found.append(_share("velocity", speeds / limits, ranges.names, middles, passing))
+    if np.isfinite(limits.velocity).any():
+        use = speeds / limits.velocity
+        found.append(_share("velocity", use, ranges.names, middles, passing))
     else:
         k, joint = np.unravel_index(int(np.argmax(speeds)), speeds.shape)
         where = f"{ranges.names[joint]}, {passing.place(middles[k])}"
         unit = f"{ranges.units[joint]}/s"
         found.append(Finding("joint speed", float(speeds[k, joint]), None, unit, where, True))
-    limits = path_task.acceleration_limits
-    if np.isfinite(limits).any():
+    if np.isfinite(limits.acceleration).any():
         if motion.velocities is None:
             # Linear pieces: the acceleration for the change of speed between their middles.
             speeds = np.diff(motion.q, axis=0) / np.diff(motion.times)[:, None]
@@ -335,9 +324,8 @@ def _of_speeds(
             ends = np.abs([clock.end_accelerations() for clock in clocks])
             accelerations = ends.min(axis=0).max(axis=0)
         if len(accelerations):
-            found.append(
-                _share("acceleration", accelerations / limits, ranges.names, middles, passing)
-            )
+            use = accelerations / limits.acceleration
+            found.append(_share("acceleration", use, ranges.names, middles, passing))
     return found
 
 

@@ -4,8 +4,8 @@ from .controller_joints import ControllerJoints as ControllerJoints
 from .controller_joints import controller_joints as controller_joints
 from .known_robots import KNOWN_ROBOTS as KNOWN_ROBOTS
 from .known_robots import KnownRobot as KnownRobot
+from .known_robots import known_limits as known_limits
 from .known_robots import known_robot as known_robot
-from .known_robots import known_speeds as known_speeds
 from .known_robots import named_robot as named_robot
 from .known_robots import read_robots as read_robots
 from .robot import Robot as Robot

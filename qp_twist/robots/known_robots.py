@@ -25,7 +25,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 from qp_twist.checks import Array, did_you_mean
 from qp_twist.errors import InvalidInput
 from qp_twist.files import of_file, read_text
-from qp_twist.kinematics import JointRanges, SerialChain
+from qp_twist.kinematics import SerialChain
 from qp_twist.kinematics.serial_chain import Screw
 from qp_twist.robots.axis_geometry import AxisGeometry, Line, axis_geometry, orientations
 
@@ -206,23 +206,20 @@ def known_robot(
     return None
 
 
-def known_speeds(
+def known_limits(
     model: mujoco.MjModel,
     frame_name: str | int,
     frame_type: str,
     names: Iterable[str] = (),
-) -> tuple[KnownRobot, dict[str, float]] | None:
-    """The recognised robot and its largest joint speeds by joint name, rad/s.
+) -> tuple[KnownRobot, list[int]] | None:
+    """The recognised robot, and the degree of freedom of each of its joints from the base on.
 
     Arguments as for :func:`known_robot`; ``None`` if it is not in the table.
     """
     robot = known_robot(model, frame_name, frame_type, names)
     if robot is None:
         return None
-    joints = JointRanges.of(model).names
-    dofs = [screw.dof for screw in SerialChain.of(model, frame_name, frame_type).screws]
-    speeds = robot.speeds.tolist()
-    return robot, {joints[dof]: speed for dof, speed in zip(dofs, speeds, strict=True)}
+    return robot, [s.dof for s in SerialChain.of(model, frame_name, frame_type).screws]
 
 
 def hinges_of(

@@ -19,16 +19,18 @@ from qp_twist.referee import (
     POSITION_TOLERANCE,
     Finding,
     JointMotion,
+    MotionLimits,
     Passing,
     PathErrors,
     Tolerances,
     errors_of,
     examine,
-    speed_limits,
+    motion_limits,
+    with_stated_accelerations,
 )
 from qp_twist.trajectories.joint_rows import JointRows
 from qp_twist.trajectories.matching import times_at_waypoints
-from qp_twist.trajectories.metadata import disagreements
+from qp_twist.trajectories.metadata import ACCELERATIONS, disagreements, own_cubics
 from qp_twist.trajectories.time_trajectory import TimedTrajectory
 
 _NAMED = 3
@@ -181,20 +183,22 @@ def check_trajectory(
         if errors is None or _met(nearest, tolerances):
             errors, passing = nearest, matched
     notes = [*disagreements(rows.metadata, path_task), *rows.notes]
-    if rows.accelerated:
+    limits = motion_limits(path_task)
+    limits = with_stated_accelerations(limits, rows.metadata.get(ACCELERATIONS), ranges)
+    if rows.accelerated and not own_cubics(rows.metadata):
         notes.append(
             "the accelerations of the file are not looked at: checked are cubics between the rows; "
             "a controller that takes accelerations moves on other curves"
         )
     if timed:
-        notes += _at_speed(path_task, ranges, motion)
-    unchecked, sources = _coverage(path_task, ranges, timed=timed)
+        notes += _at_speed(limits, ranges, motion)
+    unchecked, sources = _coverage(path_task, limits, ranges, timed=timed)
     return Check(
         path_task.name,
         len(rows.q),
         count,
         "row by row" if passing.by_row else "nearest points in the waypoints' order",
-        examine(path_task, motion, tolerances, passing, errors),
+        examine(path_task, motion, tolerances, passing, errors, limits),
         tuple(notes),
         unchecked,
         (*rows.sources, *sources),
@@ -207,7 +211,7 @@ def _met(errors: PathErrors, tolerances: Tolerances) -> bool:
 
 
 def _coverage(
-    path_task: PathTask, ranges: JointRanges, *, timed: bool
+    path_task: PathTask, limits: MotionLimits, ranges: JointRanges, *, timed: bool
 ) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """What could not be checked and why, and the sources of limits that are not the task's."""
     unchecked, sources = [], []
@@ -217,11 +221,12 @@ def _coverage(
             what = f"feed, {what}"
         unchecked.append(f"{what} not checked: no times")
     else:
-        limits, robot = speed_limits(path_task)
-        unchecked += _without("joint speeds", limits, ranges)
-        if robot:
-            sources.append(f"speeds checked against the {robot}'s data sheet")
-        unchecked += _without("joint accelerations", path_task.acceleration_limits, ranges)
+        unchecked += _without("joint speeds", limits.velocity, ranges)
+        if limits.speeds_of:
+            sources.append(f"speeds checked against the {limits.speeds_of}'s data sheet")
+        unchecked += _without("joint accelerations", limits.acceleration, ranges)
+        if limits.accelerations_of:
+            sources.append(f"accelerations checked against {limits.accelerations_of}")
     if not ranges.limited.any():
         unchecked.append("joint ranges not checked: the model states none")
     model = path_task.model
@@ -241,10 +246,10 @@ def _without(what: str, limits: Array, ranges: JointRanges) -> list[str]:
     return [f"{what} not checked: no limits known"]
 
 
-def _at_speed(path_task: PathTask, ranges: JointRanges, motion: JointMotion) -> list[str]:
+def _at_speed(limits: MotionLimits, ranges: JointRanges, motion: JointMotion) -> list[str]:
     """A sentence if the trajectory does not start or end at rest."""
     notes = []
-    if motion.velocities is not None and np.isfinite(path_task.acceleration_limits).any():
+    if motion.velocities is not None and np.isfinite(limits.acceleration).any():
         for end, row in (("begins", 0), ("ends", -1)):
             speed = np.abs(motion.velocities[row])
             joint = int(np.argmax(speed))

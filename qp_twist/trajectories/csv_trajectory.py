@@ -60,6 +60,9 @@ def encode(rows: JointRows) -> str:
     if rows.velocities is not None:
         header += [f"{name} velocity [{units[name]}/s]" for name in rows.joint_names]
         columns.append(rows.velocities)
+        if rows.times is not None:
+            header += [f"{name} acceleration [{units[name]}/s²]" for name in rows.joint_names]
+            columns.append(rows.motion().at(rows.times).accelerations)
     writer = csv.writer(file, lineterminator="\n")
     writer.writerow(header)
     for number, values in enumerate(np.hstack(columns).tolist(), start=1):

@@ -6,11 +6,16 @@ import json
 from importlib.metadata import version
 from typing import Any
 
+import numpy as np
+
 from qp_twist.following import Trajectory
 from qp_twist.geometry import Projector, TwistProjector
 from qp_twist.kinematics import JointRanges
 from qp_twist.paths import PathTask
 from qp_twist.trajectories.time_trajectory import TimedTrajectory
+
+ACCELERATIONS = "acceleration_limits"
+"""Key of the accelerations that a timed motion keeps and its task does not state."""
 
 
 def metadata_of(trajectory: Trajectory | TimedTrajectory) -> dict[str, Any]:
@@ -20,7 +25,7 @@ def metadata_of(trajectory: Trajectory | TimedTrajectory) -> dict[str, Any]:
     task = rows.path_task
     ranges = JointRanges.of(task.model)
     firsts = [1, *(segment.first + 1 for segment in task.segments)]
-    return {
+    found: dict[str, Any] = {
         "generator": f"qp_twist {version('qp_twist')}",
         "versions": {name: version(name) for name in ("mujoco", "mink")},
         "task": task.name,
@@ -37,6 +42,14 @@ def metadata_of(trajectory: Trajectory | TimedTrajectory) -> dict[str, Any]:
         "position_error_max_m": float(rows.position_error.max()),
         "axis_error_max_rad": float(rows.axis_error.max()),
     }
+    if timed is not None and timed.limits.accelerations_of:
+        limits = timed.limits.acceleration
+        found[ACCELERATIONS] = {
+            name: float(limit)
+            for name, limit in zip(ranges.names, limits, strict=True)
+            if np.isfinite(limit)
+        }
+    return found
 
 
 def read_metadata(text: str) -> dict[str, Any]:
@@ -46,6 +59,13 @@ def read_metadata(text: str) -> dict[str, Any]:
     except (ValueError, RecursionError):
         return {}
     return found if isinstance(found, dict) else {}
+
+
+def own_cubics(metadata: dict[str, Any]) -> bool:
+    """Whether a file says that this package wrote it, with cubics between the rows."""
+    generator = metadata.get("generator")
+    written = isinstance(generator, str) and generator.startswith("qp_twist ")
+    return written and metadata.get("interpolation") == "cubic"
 
 
 def disagreements(metadata: dict[str, Any], path_task: PathTask) -> list[str]:

@@ -9,7 +9,7 @@ from typing import Any
 import mink
 import numpy as np
 
-from qp_twist.checks import Array, instance, number
+from qp_twist.checks import Array, Indices, instance, number
 from qp_twist.control import Status
 from qp_twist.errors import InvalidInput
 from qp_twist.following import Trajectory
@@ -62,17 +62,12 @@ def refine_trajectory(
         for band, unit in enumerate(errors.band_units):
             tolerance = position if unit == "m" else axis
             strays |= _strays(errors.bands[:, band], errors.bands_between[:, band], tolerance)
-        pieces, rows = [], []
-        for k in np.flatnonzero(strays & met[:-1] & met[1:] & ~stuck[:-1]).tolist():
-            try:
-                rows.append(_halfway(task, trajectory.q, k))
-                pieces.append(k)
-            except InvalidInput:
-                stuck[k] = True
-        if not pieces:
+        asked = np.flatnonzero(strays & met[:-1] & met[1:] & ~stuck[:-1])
+        trajectory, pieces = with_rows_between(trajectory, asked, np.full(len(asked), 0.5))
+        stuck[np.setdiff1d(asked, pieces)] = True
+        if not len(pieces):
             break
-        trajectory = _with_rows(trajectory, pieces, rows)
-        after = np.array(pieces) + 1
+        after = pieces + 1
         met, stuck = np.insert(met, after, True), np.insert(stuck, after, False)
     return trajectory
 
@@ -83,26 +78,57 @@ def _strays(at: Array, between: Array, tolerance: float) -> np.ndarray[Any, np.d
     return between > np.maximum(_ROOM * tolerance, ends + _MORE * tolerance)
 
 
-def _halfway(task: PathTask, q: Array, k: int) -> Array:
-    """The mean of rows k and k + 1, corrected onto the middle of their waypoints."""
+def with_rows_between(
+    trajectory: Trajectory, pieces: Indices, shares: Array
+) -> tuple[Trajectory, Indices]:
+    """The trajectory and its task with another row in some pieces.
+
+    Args:
+        trajectory: Its rows k and k + 1 bound piece k.
+        pieces: Pieces in ascending order, each at most once, (K,).
+        shares: Where the row is in its piece, 0 at the begin and 1 at the end, (K,).
+
+    Returns:
+        The trajectory, and those of the pieces that have got a row: not all joint positions can be
+        corrected onto the path.
+    """
+    task, rows, found = trajectory.path_task, [], []
+    for index, (k, share) in enumerate(zip(pieces.tolist(), shares.tolist(), strict=True)):
+        try:
+            rows.append(_row_at(task, trajectory.q, k, share))
+            found.append(index)
+        except InvalidInput:
+            continue
+    if found:
+        trajectory = _with_rows(trajectory, pieces[found].tolist(), shares[found].tolist(), rows)
+    return trajectory, pieces[found]
+
+
+def _row_at(task: PathTask, q: Array, k: int, share: float) -> Array:
+    """Joint positions between rows k and k + 1, corrected onto the pose between them."""
     before, after = task.in_force[k : k + 2]
     rows = twist_task(task, after if after.rank <= before.rank else before)
-    middle = dataclasses.replace(task, start=0.5 * (q[k] + q[k + 1]))
-    return corrected_start(middle, _middle(task.waypoints, k), holds_limits=True, task=rows)
-
-
-def _middle(waypoints: Sequence[mink.SE3], k: int) -> mink.SE3:
-    before, after = waypoints[k : k + 2]
-    turn = (after.rotation() @ before.rotation().inverse()).log()
-    return mink.SE3.from_rotation_and_translation(
-        (mink.SO3.exp(0.5 * turn) @ before.rotation()).normalize(),
-        0.5 * (before.translation() + after.translation()),
+    start = q[k] + share * (q[k + 1] - q[k])
+    pose = _pose_at(task.waypoints, k, share)
+    return corrected_start(
+        dataclasses.replace(task, start=start), pose, holds_limits=True, task=rows
     )
 
 
-def _with_rows(trajectory: Trajectory, pieces: list[int], rows: list[Array]) -> Trajectory:
+def _pose_at(waypoints: Sequence[mink.SE3], k: int, share: float) -> mink.SE3:
+    before, after = waypoints[k : k + 2]
+    turn = (after.rotation() @ before.rotation().inverse()).log()
+    begin, end = before.translation(), after.translation()
+    return mink.SE3.from_rotation_and_translation(
+        (mink.SO3.exp(share * turn) @ before.rotation()).normalize(), begin + share * (end - begin)
+    )
+
+
+def _with_rows(
+    trajectory: Trajectory, pieces: list[int], shares: list[float], rows: list[Array]
+) -> Trajectory:
     """The trajectory and its task with a row in each of the pieces, in ascending order."""
-    task = _with_waypoints(trajectory.path_task, pieces)
+    task = _with_waypoints(trajectory.path_task, pieces, shares)
     after = np.array(pieces) + 1
     measured = [
         _measured(task, k + 1 + shift, q)
@@ -113,7 +139,7 @@ def _with_rows(trajectory: Trajectory, pieces: list[int], rows: list[Array]) -> 
         "q": np.insert(trajectory.q, after, rows, axis=0),
         "scale": np.insert(trajectory.scale, after, 1.0),
         "iterations": np.insert(trajectory.iterations, after, 0),
-        "durations": _split(trajectory.durations, pieces),
+        "durations": _split(trajectory.durations, pieces, shares),
     }
     for name, column in zip(
         ("position_error", "axis_error", "sigma_min", "band_excess"),
@@ -130,13 +156,13 @@ def _with_rows(trajectory: Trajectory, pieces: list[int], rows: list[Array]) -> 
     )
 
 
-def _with_waypoints(task: PathTask, pieces: list[int]) -> PathTask:
+def _with_waypoints(task: PathTask, pieces: list[int], shares: list[float]) -> PathTask:
     waypoints = list(task.waypoints)
     flipped = None if task.flipped_waypoints is None else list(task.flipped_waypoints)
-    for k in reversed(pieces):
+    for k, share in zip(reversed(pieces), reversed(shares), strict=True):
         for poses in (waypoints, flipped):
             if poses is not None:
-                poses.insert(k + 1, _middle(poses, k))
+                poses.insert(k + 1, _pose_at(poses, k, share))
     segments = []
     for segment in task.segments:
         # A waypoint inserted where the projector changes has the fewer rows of the two.
@@ -151,7 +177,7 @@ def _with_waypoints(task: PathTask, pieces: list[int]) -> PathTask:
         task,
         waypoints=tuple(waypoints),
         flipped_waypoints=None if flipped is None else tuple(flipped),
-        durations=_split(task.durations, pieces),
+        durations=_split(task.durations, pieces, shares),
         segments=tuple(segments),
         # As in resampling: a point between two has the line of the one before.
         lines=None
@@ -160,14 +186,14 @@ def _with_waypoints(task: PathTask, pieces: list[int]) -> PathTask:
     )
 
 
-def _split(durations: Array | None, pieces: list[int]) -> Array | None:
-    """Durations with those of the divided pieces halved."""
+def _split(durations: Array | None, pieces: list[int], shares: list[float]) -> Array | None:
+    """Durations with those of the divided pieces divided."""
     if durations is None:
         return None
-    after = np.array(pieces) + 1
-    halved = durations.copy()
-    halved[after] *= 0.5
-    found: Array = np.insert(halved, after, halved[after])
+    after, share = np.array(pieces) + 1, np.array(shares)
+    rest = durations.copy()
+    rest[after] *= 1.0 - share
+    found: Array = np.insert(rest, after, share * durations[after])
     return found
 
 

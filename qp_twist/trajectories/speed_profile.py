@@ -111,6 +111,21 @@ def speed_profile(
     )
 
 
+def straight_profile(q: Array, floor: Array, max_velocity: Array) -> SpeedProfile:
+    """Constant joint speeds from row to row: at the feed, or as fast as the velocity limits permit.
+
+    Args:
+        q: Joint positions, rad or m, (N, nv).
+        floor: Least time of each piece, s, (N − 1,), above 0.
+        max_velocity: rad/s or m/s, (nv,); ∞ without a limit.
+    """
+    moved = np.abs(np.diff(q, axis=0))
+    T = np.maximum(floor, (moved / max_velocity).max(axis=1, initial=0.0))
+    motion = JointMotion(np.concatenate([[0.0], np.cumsum(T)]), q)
+    use = moved / T[:, None] / max_velocity
+    return SpeedProfile(motion, np.ones(len(q)), use, np.zeros_like(use))
+
+
 def _largest_use(motion: JointMotion, max_velocity: Array, max_acceleration: Array) -> float:
     """Factor by which all times have to be extended."""
     speed = (motion.largest_speeds() / max_velocity).max(initial=0.0)

@@ -11,8 +11,14 @@ import numpy.typing as npt
 
 from qp_twist.checks import Array
 from qp_twist.following import Trajectory, follow
+from qp_twist.kinematics import JointRanges
 from qp_twist.paths import PathTask
-from qp_twist.referee import AXIS_TOLERANCE_DEG, POSITION_TOLERANCE
+from qp_twist.referee import (
+    AXIS_TOLERANCE_DEG,
+    POSITION_TOLERANCE,
+    motion_limits,
+    with_default_accelerations,
+)
 from qp_twist.robots import ControllerJoints
 from qp_twist.trajectories.check import (
     Check,
@@ -113,7 +119,12 @@ def run_task(
     if timing is not None:
         timing()
     rows = refine_trajectory(trajectory)
-    timed = None if path_task.durations is None else time_trajectory(rows)
+    timed = None
+    if path_task.durations is not None:
+        limits = with_default_accelerations(
+            motion_limits(path_task), JointRanges.of(path_task.model)
+        )
+        timed = time_trajectory(rows, limits=limits)
     write_trajectory(timed or rows, out, joints)
     written = read_trajectory(out, trajectory.joint_names, joints)
     check = check_trajectory(written, trajectory.path_task)

@@ -12,15 +12,14 @@ from qp_twist.errors import InvalidInput
 from qp_twist.following import Trajectory
 from qp_twist.kinematics import JointRanges
 from qp_twist.notebook import html_table
-from qp_twist.paths import PathTask
-from qp_twist.referee import JointMotion, PathErrors, State, path_errors
-from qp_twist.trajectories.speed_profile import SpeedProfile, speed_profile
+from qp_twist.referee import JointMotion, MotionLimits, PathErrors, State, path_errors
+from qp_twist.trajectories.smooth_timing import smooth_timing
+from qp_twist.trajectories.speed_profile import SpeedProfile, straight_profile
 
 _SLOWED = 1e-6
 """A piece counts as slowed if it takes longer than the feed by more than this share."""
 _TIGHT = 0.99
 """A limit counts as active if this share of it is used."""
-_ROUNDS = 20
 
 
 @dataclass(frozen=True)
@@ -60,7 +59,8 @@ class TimedTrajectory:
     """Result of :func:`~qp_twist.time_trajectory`: a trajectory with its times.
 
     Attributes:
-        trajectory: The joint path.
+        trajectory: The joint path, with further rows at ramps and beside rounded corners.
+        limits: The limits that it keeps.
         motion: Times, positions and velocities at the waypoints and the interpolation between them.
         slowed: Sections slower than the feed, in the order of the path.
         stops: Indices of the intermediate waypoints at which the joints rest.
@@ -68,6 +68,7 @@ class TimedTrajectory:
     """
 
     trajectory: Trajectory
+    limits: MotionLimits
     motion: JointMotion
     slowed: tuple[Slowed, ...]
     stops: tuple[int, ...]
@@ -126,7 +127,11 @@ class TimedTrajectory:
 
 
 def time_trajectory(
-    trajectory: Trajectory, *, position_tolerance: float = 1e-4, axis_tolerance_deg: float = 0.05
+    trajectory: Trajectory,
+    *,
+    limits: MotionLimits | None = None,
+    position_tolerance: float = 1e-4,
+    axis_tolerance_deg: float = 0.05,
 ) -> TimedTrajectory:
     r"""Time a joint path: at the feed, or slower where a limit requires it.
 
@@ -140,13 +145,19 @@ def time_trajectory(
       ``speed_profile`` computes the fastest motion that keeps velocity and acceleration limits
       everywhere, not only at the waypoints.
 
-    A smooth motion cuts corners. If it would leave the path between two waypoints by more than the
-    tolerances, but linear interpolation of the joints would not, the joints stop at the waypoint
-    with the sharper turn. A path with more waypoints in its corners, or with rounded corners, has
-    fewer stops.
+    The pace changes at rows only. Where rows are so far apart that a ramp would take longer than
+    its acceleration needs, another is inserted where it can end.
+
+    A smooth motion cuts corners. Where it would leave the path between two waypoints by more than
+    the tolerances, but linear interpolation of the joints would not, a row is inserted on each side
+    of the waypoint with the sharper turn, so near that the tolerances are kept; the joints pass
+    the waypoint as fast as their accelerations permit. Where these rows would be less than a
+    millisecond away at the feed, the joints stop.
 
     Args:
         trajectory: Result of :func:`~qp_twist.follow`, preferably with ``slow_down=True``.
+        limits: Speeds and accelerations of the joints; ``None``: the task's own. Those of a known
+            robot are ``motion_limits(task)``; ``with_default_accelerations`` completes them.
         position_tolerance: Largest linear task error between waypoints, m.
         axis_tolerance_deg: Largest angular task error there, degrees.
 
@@ -168,24 +179,34 @@ def time_trajectory(
     q = trajectory.q
     if len(q) < 2:
         raise InvalidInput("time_trajectory: the trajectory has one waypoint only; follow more.")
-    feed = np.zeros(len(q) - 1) if task.durations is None else task.durations[1 : len(q)]
-    floor = _least_times(task, q, feed)
-    if np.isfinite(task.acceleration_limits).any():
-        profile, errors = _smooth(task, q, floor, tolerances)
+    feed = np.zeros(len(q) - 1) if task.durations is None else _durations(trajectory)
+    if limits is None:
+        limits = MotionLimits(task.velocity_limits, task.acceleration_limits)
+    instance("time_trajectory(limits)", limits, MotionLimits)
+    floor = _least_times(limits, q, feed)
+    if np.isfinite(limits.acceleration).any():
+        trajectory, profile, errors = smooth_timing(trajectory, limits, floor, tolerances)
+        if task.durations is not None:
+            feed = _durations(trajectory)
     else:
-        profile = _straight(task, q, floor)
+        profile = straight_profile(q, floor, limits.velocity)
         errors = path_errors(task, profile.motion, tolerances=tolerances)
     slowed = _slowed(profile, feed, ranges.names)
     stops = tuple(int(k) for k in np.flatnonzero(profile.pace[1:-1] == 0.0) + 1)
-    return TimedTrajectory(trajectory, profile.motion, slowed, stops, errors)
+    return TimedTrajectory(trajectory, limits, profile.motion, slowed, stops, errors)
 
 
-def _least_times(task: PathTask, q: Array, feed: Array) -> Array:
+def _durations(trajectory: Trajectory) -> Array:
+    """Time of each piece at the feed, s, (N − 1,), of a task that has one."""
+    durations = trajectory.path_task.durations
+    assert durations is not None
+    return durations[1 : len(trajectory.q)]
+
+
+def _least_times(limits: MotionLimits, q: Array, feed: Array) -> Array:
     """Duration of each piece at the feed, s, (N − 1,); without a feed that of the limits."""
     moved = np.abs(np.diff(q, axis=0))
-    by_limits = np.maximum(
-        moved / task.velocity_limits, np.sqrt(6.0 * moved / task.acceleration_limits)
-    )
+    by_limits = np.maximum(moved / limits.velocity, np.sqrt(6.0 * moved / limits.acceleration))
     floor = np.where(feed > 0.0, feed, by_limits.max(axis=1, initial=0.0))
     if (floor <= 0.0).any():
         k = int(np.argmax(floor <= 0.0))
@@ -194,39 +215,6 @@ def _least_times(task: PathTask, q: Array, feed: Array) -> Array:
             "takes; add [feed] to the task file, and [limits]."
         )
     return floor
-
-
-def _straight(task: PathTask, q: Array, floor: Array) -> SpeedProfile:
-    """Constant joint speeds from waypoint to waypoint."""
-    moved = np.abs(np.diff(q, axis=0))
-    T = np.maximum(floor, (moved / task.velocity_limits).max(axis=1, initial=0.0))
-    motion = JointMotion(np.concatenate([[0.0], np.cumsum(T)]), q)
-    use = moved / T[:, None] / task.velocity_limits
-    return SpeedProfile(motion, np.ones(len(q)), use, np.zeros_like(use))
-
-
-def _smooth(
-    task: PathTask, q: Array, floor: Array, tolerances: tuple[float, float]
-) -> tuple[SpeedProfile, PathErrors]:
-    """Cubics, with as few stops as the tolerances permit."""
-    limits = task.velocity_limits, task.acceleration_limits
-    straight = path_errors(task, _straight(task, q, floor).motion, tolerances=tolerances)
-    may_help = straight.kept(*tolerances)
-    D = np.diff(q, axis=0) / floor[:, None]
-    turn = np.linalg.norm(np.diff(D, axis=0), axis=1)
-    turn = np.concatenate([[0.0], turn, [0.0]])
-    rests = np.zeros(len(q), dtype=bool)
-    rests[[0, -1]] = True
-    for _ in range(_ROUNDS):
-        profile = speed_profile(q, floor, *limits, rests)
-        errors = path_errors(task, profile.motion, tolerances=tolerances)
-        leaves = may_help & ~errors.kept(*tolerances) & ~(rests[:-1] & rests[1:])
-        if not leaves.any():
-            break
-        pieces = np.flatnonzero(leaves)
-        at_begin = rests[pieces + 1] | (~rests[pieces] & (turn[pieces] >= turn[pieces + 1]))
-        rests[np.where(at_begin, pieces, pieces + 1)] = True
-    return profile, errors
 
 
 def _slowed(profile: SpeedProfile, feed: Array, names: tuple[str, ...]) -> tuple[Slowed, ...]:

@@ -48,7 +48,9 @@ def test_export_check_and_json(
     found = json.loads(capsys.readouterr().out)
     assert found["file"] == str(program)
     assert found["check"]["passes"]
-    assert found["seconds"] == pytest.approx(20.78, abs=0.01)
+    assert found["seconds_at_feed"] == pytest.approx(20.78, abs=0.01)
+    # From rest to rest, and slower in three corners.
+    assert 1.0 < found["seconds"] / found["seconds_at_feed"] < 1.02
     assert program.read_text() == way.with_suffix(".ls").read_text()
 
 

@@ -627,7 +627,7 @@ def test_another_arm_of_the_name_or_another_name_of_the_arm_is_not_known(
 ) -> None:
     q = np.array([0.1, -1.0, 1.2, 0.3, 0.4, 0.5]) + np.outer(0.1 * np.arange(3.0), np.ones(6))
     task = joint_path(named_arm(name, lengths), q, evenly(3, 1.0)).path_task
-    assert task.known_speeds is None
+    assert task.known_limits is None
     check = check_trajectory(JointRows(tuple("abcdef"), q, np.arange(3.0)), task)
     assert check.unchecked[0] == "joint speeds not checked: no limits known"
 

@@ -9,7 +9,8 @@ from oracles.arms import random_arm
 from oracles.real_robots import MJCF, URDF, RealRobot, each
 
 import qp_twist as qt
-from qp_twist.robots import KNOWN_ROBOTS, known_robot, known_speeds
+from qp_twist.kinematics import JointRanges
+from qp_twist.robots import KNOWN_ROBOTS, known_limits, known_robot
 
 pytestmark = pytest.mark.numerical
 EXPECTED = {
@@ -36,20 +37,23 @@ def test_shipped_models_are_recognised_and_no_other(robot: RealRobot) -> None:
 @pytest.mark.parametrize("robot", each(URDF))
 def test_the_table_says_what_urdfs_state_themselves(robot: RealRobot) -> None:
     loaded = robot.load()
-    found = known_speeds(loaded.model, robot.frame, "body", (robot.path.stem,))
+    found = known_limits(loaded.model, robot.frame, "body", (robot.path.stem,))
     if found is None:
         return
-    for joint, speed in found[1].items():
+    names = JointRanges.of(loaded.model).names
+    for dof, speed in zip(found[1], found[0].speeds, strict=True):
+        joint = names[dof]
         assert loaded.velocity_limits[joint] == pytest.approx(speed, rel=2e-4)
 
 
 def test_the_paper_s_robot_is_known_with_the_limits_its_tasks_state() -> None:
     task = qt.load_task("deburring")
-    assert task.known_speeds is not None
-    robot, speeds = task.known_speeds
+    assert task.known_limits is not None
+    robot, speeds, accelerations = task.known_limits
+    assert (accelerations == np.inf).all()  # the maker publishes none
     assert robot.name == "Fanuc M-16iB/20"
     assert speeds == pytest.approx(task.velocity_limits, rel=1e-4)
-    assert qt.load_task("planar_line").known_speeds is None
+    assert qt.load_task("planar_line").known_limits is None
 
 
 def test_each_line_of_the_table_is_complete() -> None:
@@ -72,4 +76,4 @@ def test_slides_ball_joints_and_shapeless_arms_are_not_known() -> None:
         '<site name="tool"/></body></worldbody></mujoco>'
     )
     assert known_robot(ball, "tool", "site") is None
-    assert known_speeds(ball, "tool", "site") is None
+    assert known_limits(ball, "tool", "site") is None

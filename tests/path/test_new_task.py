@@ -455,7 +455,7 @@ def test_the_feeds_of_a_file_are_the_tasks(tmp_path: Path) -> None:
     assert task.durations.sum() == pytest.approx(10 / 2 + 20 / 10)
     assert made.check is not None
     [time_] = [finding for finding in made.check.findings if finding.name == "time"]
-    assert time_.value == pytest.approx(7.0)
+    assert 7.0 < time_.value < 7.1  # from rest to rest
     assert 'feeds = "file"' in made.path.read_text("utf-8")
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from pathlib import Path
 
 import mink
 import mujoco
@@ -15,10 +16,17 @@ from oracles.joint_paths import evenly, joint_path, short, slider
 from scipy.interpolate import CubicHermiteSpline
 
 import qp_twist as qt
+from qp_twist.kinematics import JointRanges
+from qp_twist.referee import (
+    motion_limits,
+    with_default_accelerations,
+    with_stated_accelerations,
+)
 from qp_twist.trajectories import (
     JointMotion,
     path_errors,
     refine_trajectory,
+    run_task,
     speed_profile,
     time_trajectory,
 )
@@ -117,28 +125,123 @@ def test_limits_that_are_not_reached_leave_exactly_the_feed() -> None:
     assert not timed.slowed
 
 
+def test_a_ramp_takes_no_longer_than_its_acceleration_needs_however_few_the_rows() -> None:
+    # 10 m in one piece and in two, at 1 m/s; 2 m/s² take half a second and a quarter of a metre.
+    for count in (3, 4, 11):
+        q, feed = np.linspace(0.0, 10.0, count)[:, None], evenly(count, 10.0 / (count - 1))
+        timed = time_trajectory(joint_path(slider(), q, feed, acceleration=2.0))
+        assert 10.5 <= timed.times[-1] < 10.53
+        assert timed.motion.largest_accelerations().max() <= 2.0 * (1 + 1e-9)
+
+
 def test_in_the_middle_of_a_smooth_path_the_feed_is_kept_under_accelerations() -> None:
     s = np.linspace(0.0, 2.0, 81)
     q = np.column_stack([np.cos(s), np.sin(s)])
     timed = time_trajectory(joint_path(slider(2), q, evenly(81, 0.1), acceleration=5.0))
-    assert timed.durations[1:-1] == pytest.approx(0.1, rel=1e-9)
-    assert [(s.first, s.last) for s in timed.slowed] == [(0, 1), (79, 80)]
+    assert timed.durations[2:-2] == pytest.approx(0.1, rel=1e-9)
+    assert [(s.first, s.last) for s in timed.slowed] == [(0, 1), (81, 82)]
+    assert timed.times[-1] == pytest.approx(8.05, abs=0.02)  # 0.25 m/s, 5 m/s²
     assert not timed.stops
 
 
-def test_a_corner_is_passed_at_rest_and_the_path_is_kept() -> None:
+def corner() -> qt.Trajectory:
+    """Two metres with a right angle in the middle, 0.5 m/s, at most 5 m/s² in x and in y."""
     side = np.linspace(0.0, 1.0, 21)
     q = np.vstack([np.column_stack([side, 0 * side]), np.column_stack([0 * side + 1, side])[1:]])
-    timed = time_trajectory(joint_path(slider(2), q, evenly(41, 0.1), acceleration=5.0))
-    assert timed.stops == (20,)
-    assert timed.velocities[20] == pytest.approx(0.0)
-    assert timed.errors.position_between.max() < 1e-9
-    assert any(slowed.stops == (20,) for slowed in timed.slowed)
-    # With a tolerance that allows it, the corner is cut instead, and faster.
+    return joint_path(slider(2), q, evenly(41, 0.1), acceleration=5.0)
+
+
+@pytest.mark.parametrize("tolerance", [1e-4, 1e-3, 5e-3])
+def test_a_corner_is_rounded_within_the_tolerance_and_not_stopped_at(tolerance: float) -> None:
+    timed = time_trajectory(corner(), position_tolerance=tolerance)
+    assert not timed.stops
+    rows = timed.trajectory
+    assert len(rows.q) == (47 if tolerance < 5e-3 else 45)  # 5 mm: ramps alone have rows
+    assert rows.path_task.durations is not None
+    assert rows.path_task.durations.sum() == pytest.approx(4.0)
+    # By positions alone, every millisecond: how far from the two lines, how fast, how hard.
+    t = np.arange(0.0, timed.times[-1], 1e-3)
+    x, y = CubicHermiteSpline(timed.times, timed.q, timed.velocities)(t).T
+    off = np.minimum(np.hypot(y, np.maximum(x - 1.0, 0.0)), np.hypot(x - 1.0, np.minimum(y, 0.0)))
+    assert 0.05 * tolerance < off.max() <= tolerance
+    for v in (np.diff(x) / 1e-3, np.diff(y) / 1e-3):
+        assert np.abs(v).max() <= 0.5 * (1 + 1e-9)
+        assert np.abs(np.diff(v) / 1e-3).max() <= 5.0 * (1 + 1e-6)
+    # The waypoint itself is passed.
+    assert np.abs(np.hypot(x - 1.0, y)).min() < 1e-3
+    # On the last way d to the corner x slows down from w to w/2, in d/w: -2 w²/d at its end.
+    row = int(np.argmin(np.abs(timed.q - [1.0, 0.0]).max(axis=1)))
+    d = 1.0 - timed.q[row - 1, 0]
+    assert timed.velocities[row - 1, 0] == pytest.approx(np.sqrt(5.0 * d / 2.0), rel=1e-6)
+    assert 4.1 < timed.times[-1] < (4.24 if tolerance < 5e-3 else 4.2)  # 4.2: full stop, a = 5
+
+
+def test_a_corner_whose_rows_would_be_too_close_is_a_stop() -> None:
+    timed = time_trajectory(corner(), position_tolerance=1e-8)
+    [stop] = timed.stops
+    assert timed.q[stop].tolist() == [1.0, 0.0]
+    assert timed.velocities[stop] == pytest.approx(0.0)
+    assert timed.errors.position_between.max() < 1e-8
+    assert any(slowed.stops == (stop,) for slowed in timed.slowed)
+    # Four ramps with the whole acceleration take 0.05 s more than the feed, each.
+    assert 4.2 <= timed.times[-1] < 4.24
+    # With a tolerance that allows it, the corner is cut instead.
     cut = time_trajectory(timed.trajectory, position_tolerance=0.05)
     assert not cut.stops
-    assert cut.times[-1] < timed.times[-1]
     assert 1e-4 < cut.errors.position_between.max() <= 0.05
+
+
+# ---------------------------------------------------------------- whose limits
+
+
+def test_a_run_is_from_rest_to_rest_within_default_accelerations(tmp_path: Path) -> None:
+    task = short(qt.load_task("deburring"), 40)
+    assert not np.isfinite(task.acceleration_limits).any()
+    done = run_task(task, "qp_gradient", tmp_path / "run.csv")
+    assert done.check is not None
+    assert done.passes
+    assert "accelerations checked against the file's own statement" in done.check.sources
+    # The file alone, by another library, every millisecond.
+    table = np.genfromtxt(tmp_path / "run.csv", delimiter=",", skip_header=3)
+    t, q, v, a = table[:, 1], table[:, 2:8], table[:, 8:14], table[:, 14:20]
+    spline, dense = CubicHermiteSpline(t, q, v), np.append(np.arange(0.0, t[-1], 1e-3), t[-1])
+    assert not v[[0, -1]].any()
+    assert a[:-1] == pytest.approx(spline(t[:-1], 2), abs=1e-6)
+    assert (np.abs(spline(dense, 1)) <= task.velocity_limits * (1 + 1e-9)).all()
+    # Full speed within a quarter of a second.
+    share = np.abs(spline(dense, 2)).max(axis=0) / (task.velocity_limits / 0.25)
+    assert 0.7 < share.max() <= 1.0 + 1e-6
+    # A file whose motion is twice as fast breaks what it states.
+    rows = qt.read_trajectory(tmp_path / "run.csv")
+    fast = dataclasses.replace(rows, times=rows.times / 2.0, velocities=2.0 * rows.velocities)
+    check = qt.check_trajectory(fast, task)
+    assert any("acceleration limits: 4" in problem for problem in check.problems)
+
+
+def test_limits_are_the_tasks_then_the_robots_then_the_files_then_the_default() -> None:
+    task = short(qt.load_task("deburring"), 2)
+    ranges = JointRanges.of(task.model)
+    own = np.array([1.0, np.inf, np.inf, np.inf, np.inf, np.inf])
+    stated = {"joint_1": 7.0, "joint_2": 8.0, "joint_3": "fast", "joint_4": -1.0}
+    limits = motion_limits(dataclasses.replace(task, acceleration_limits=own))
+    assert (limits.acceleration == own).all()
+    assert limits.accelerations_of == ""
+    read = with_stated_accelerations(limits, stated, ranges)
+    assert read.acceleration.tolist() == [1.0, 8.0, np.inf, np.inf, np.inf, np.inf]
+    assert read.accelerations_of == "the file's own statement"
+    assert with_stated_accelerations(limits, [8.0], ranges) is limits
+    full = with_default_accelerations(read, ranges)
+    assert full.acceleration[2:] == pytest.approx(4.0 * task.velocity_limits[2:])
+    assert full.acceleration[:2].tolist() == [1.0, 8.0]
+    assert full.accelerations_of.endswith("the default: full speed within 0.25 s")
+    # Without any speed: pi rad/s, or 1 m/s.
+    bare = dataclasses.replace(full, velocity=np.full(6, np.inf), acceleration=np.full(6, np.inf))
+    assert with_default_accelerations(bare, ranges).acceleration == pytest.approx(4.0 * np.pi)
+    # A known robot whose maker publishes accelerations.
+    known = dataclasses.replace(task, velocity_limits=np.full(6, np.inf))
+    speeds = motion_limits(known)
+    assert speeds.speeds_of == "Fanuc M-16iB/20"
+    assert speeds.velocity == pytest.approx(task.velocity_limits, rel=1e-4)
 
 
 # ---------------------------------------------------------------- limits hold everywhere

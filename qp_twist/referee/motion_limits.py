@@ -1,0 +1,86 @@
+"""Speed and acceleration limits of the joints, and whose they are."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from qp_twist.checks import Array
+from qp_twist.kinematics import JointRanges
+from qp_twist.paths import PathTask
+
+RAMP_S = 0.25
+"""Time from rest to the largest speed by default, s: what is assumed of a joint whose acceleration
+limit nobody states. Industrial arms take 0.1 to 0.5 s."""
+_SPEED = {"rad": np.pi, "m": 1.0}
+"""Speed in place of an unknown limit for the default acceleration, rad/s and m/s."""
+
+
+@dataclass(frozen=True, eq=False)
+class MotionLimits:
+    """Largest joint speeds and accelerations, by degree of freedom.
+
+    Attributes:
+        velocity: rad/s or m/s, (nv,); ∞ without a limit.
+        acceleration: rad/s² or m/s², (nv,); ∞ likewise.
+        speeds_of: The known robot whose data sheet some of the speeds are from; else empty.
+        accelerations_of: Whose the accelerations are that the task does not state: a known robot,
+            the file that is checked, or the default; else empty.
+    """
+
+    velocity: Array
+    acceleration: Array
+    speeds_of: str = ""
+    accelerations_of: str = ""
+
+    def filled(self, accelerations: Array, source: str) -> MotionLimits:
+        """With accelerations, (nv,), in place of those that are not known."""
+        if np.isfinite(self.acceleration).all():
+            return self
+        found = np.where(np.isfinite(self.acceleration), self.acceleration, accelerations)
+        if (found == self.acceleration).all():
+            return self
+        sources = [name for name in (self.accelerations_of, source) if name]
+        return replace(self, acceleration=found, accelerations_of=", ".join(sources))
+
+
+def motion_limits(path_task: PathTask) -> MotionLimits:
+    """The limits of a task (its file's, or its URDF's), else of its robot, if that is a known one.
+
+    A known robot is one of the table ``known_robots.toml``, matched by name and geometry.
+    """
+    known = MotionLimits(path_task.velocity_limits, path_task.acceleration_limits)
+    finite = np.isfinite([known.velocity, known.acceleration])
+    if finite.all() or path_task.known_limits is None:
+        return known
+    robot, speeds, accelerations = path_task.known_limits
+    velocity = np.where(finite[0], known.velocity, speeds)
+    if (velocity != known.velocity).any():
+        known = replace(known, velocity=velocity, speeds_of=robot.name)
+    return known.filled(accelerations, f"the {robot.name}'s data sheet")
+
+
+def with_default_accelerations(limits: MotionLimits, ranges: JointRanges) -> MotionLimits:
+    """The limits, with the largest speed within :data:`RAMP_S` where no acceleration is known.
+
+    A joint without a known speed counts as one of π rad/s or 1 m/s.
+    """
+    unknown = np.array([_SPEED.get(unit, 1.0) for unit in ranges.units])
+    speeds = np.where(np.isfinite(limits.velocity), limits.velocity, unknown)
+    return limits.filled(speeds / RAMP_S, f"the default: full speed within {RAMP_S:g} s")
+
+
+def with_stated_accelerations(
+    limits: MotionLimits, stated: object, ranges: JointRanges
+) -> MotionLimits:
+    """The limits, with what a file says its accelerations keep, by joint name, rad/s² or m/s²."""
+    if not isinstance(stated, Mapping):
+        return limits
+    values = [stated.get(name) for name in ranges.names]
+    found = [
+        float(v) if isinstance(v, (int, float)) and np.isfinite(v) and v > 0.0 else np.inf
+        for v in values
+    ]
+    return limits.filled(np.array(found), "the file's own statement")

@@ -1,0 +1,179 @@
+"""Cubics from rest to rest: rows where ramps end and beside corners, or else stops there."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from qp_twist.checks import Array, Indices
+from qp_twist.following import Trajectory
+from qp_twist.referee import MotionLimits, PathErrors, path_errors
+from qp_twist.trajectories.refine_trajectory import with_rows_between
+from qp_twist.trajectories.speed_profile import SpeedProfile, speed_profile, straight_profile
+
+_ROUNDS = 30
+_ROOM = 0.5
+"""Share of the tolerances that is left to a rounded corner."""
+_SHORTEST = 1e-3
+"""Least distance of an inserted row from its neighbours, s at the feed."""
+_LOST = 0.01
+"""Time from which a ramp that is longer than necessary gets a row, s."""
+_GENTLE = 0.7
+"""Share of the acceleration limits below which a ramp is longer than necessary."""
+
+
+def smooth_timing(
+    trajectory: Trajectory, limits: MotionLimits, floor: Array, tolerances: tuple[float, float]
+) -> tuple[Trajectory, SpeedProfile, PathErrors]:
+    """The timing of a path by cubics, which keep it within the tolerances.
+
+    Args:
+        trajectory: The path, with N rows.
+        limits: Of its joints.
+        floor: Least time of each piece, s, (N − 1,), above 0.
+        tolerances: Largest position error, m, and axis error, rad, between rows; where linear
+            interpolation does not keep them, cubics need not.
+
+    Returns:
+        The trajectory with further rows, its timing, and its errors.
+    """
+    timing = _Timing(trajectory, limits, floor, tolerances)
+    for left in reversed(range(_ROUNDS)):
+        profile, errors = timing.computed()
+        leaves = timing.leaves(errors)
+        if left and leaves.any():
+            timing.round_corners(errors, np.flatnonzero(leaves))
+        elif not (left and timing.shorten_ramps(profile)):
+            break
+    return timing.trajectory, profile, errors
+
+
+class _Timing:
+    """A path whose rows and stops are still being chosen.
+
+    Attributes:
+        trajectory: The path so far.
+        floor: Least time of each piece, s, (N − 1,).
+        rests: Rows at which the joints stand still, (N,).
+        may_help: Pieces that linear interpolation keeps within the tolerances, (N − 1,).
+        whole: Pieces that cannot be divided, (N − 1,).
+    """
+
+    def __init__(
+        self,
+        trajectory: Trajectory,
+        limits: MotionLimits,
+        floor: Array,
+        tolerances: tuple[float, float],
+    ) -> None:
+        self.trajectory, self.limits, self.floor = trajectory, limits, floor
+        self.tolerances = tolerances
+        q = trajectory.q
+        straight = straight_profile(q, floor, limits.velocity).motion
+        errors = path_errors(trajectory.path_task, straight, tolerances=tolerances)
+        self.may_help: npt.NDArray[np.bool_] = errors.kept(*tolerances)
+        self.whole = np.zeros(len(q) - 1, dtype=bool)
+        self.rests = np.zeros(len(q), dtype=bool)
+        self.rests[[0, -1]] = True
+
+    def computed(self) -> tuple[SpeedProfile, PathErrors]:
+        """The fastest timing with these rows and stops, and its errors."""
+        limits, q = self.limits, self.trajectory.q
+        profile = speed_profile(q, self.floor, limits.velocity, limits.acceleration, self.rests)
+        task = self.trajectory.path_task
+        return profile, path_errors(task, profile.motion, tolerances=self.tolerances)
+
+    def leaves(self, errors: PathErrors) -> npt.NDArray[np.bool_]:
+        """Pieces on which a smooth motion leaves the path, and need not, (N − 1,)."""
+        resting = self.rests[:-1] & self.rests[1:]
+        return np.asarray(self.may_help & ~errors.kept(*self.tolerances) & ~resting)
+
+    def round_corners(self, errors: PathErrors, pieces: Indices) -> None:
+        """A row on each side of the sharper turn of these pieces, or a stop at it."""
+        rests = self.rests
+        turn = self._turns()
+        at_begin = rests[pieces + 1] | (~rests[pieces] & (turn[pieces] >= turn[pieces + 1]))
+        near = _ROOM * self.floor[pieces] * _room(errors, pieces, self.tolerances)
+        corners = np.where(at_begin, pieces, pieces + 1)
+        hopeless = (near < _SHORTEST) | rests[corners]
+        rests[corners[hopeless]] = True
+        cut, shares = self._around(corners[~hopeless], near[~hopeless])
+        self.insert(cut[~self.whole[cut]], shares[~self.whole[cut]])
+        # Where no row can be put, the next round stops at both ends.
+        self.rests[np.flatnonzero(self.whole)] = True
+        self.rests[np.flatnonzero(self.whole) + 1] = True
+
+    def shorten_ramps(self, profile: SpeedProfile) -> bool:
+        """Rows where ramps can end that take longer than necessary; whether there were any.
+
+        A piece whose accelerations use the share u of their limits would keep them, too, if its
+        pace changed within the share u of its length.
+        """
+        begin, end = profile.pace[:-1], profile.pace[1:]
+        fast = np.maximum(begin, end)
+        steady = self.floor / np.where(fast > 0.0, fast, 1.0)
+        use = profile.acceleration_use.max(axis=1, initial=0.0)
+        share = np.where(fast > 0.0, np.minimum(use, 0.5), 0.5)
+        share = np.maximum(share, _SHORTEST / self.floor)
+        lost = np.diff(profile.motion.times) - steady
+        long = (lost > _LOST) & (use < _GENTLE) & (share <= 0.5) & ~self.whole
+        pieces = np.flatnonzero(long)
+        if not len(pieces):
+            return False
+        self.insert(pieces, np.where(begin < end, share, 1.0 - share)[pieces])
+        return True
+
+    def insert(self, pieces: Indices, shares: Array) -> None:
+        """A row in each of these pieces, at these shares of them."""
+        self.trajectory, divided = with_rows_between(self.trajectory, pieces, shares)
+        self.whole[np.setdiff1d(pieces, divided)] = True
+        shares = shares[np.isin(pieces, divided)]
+        after = divided + 1
+        self.rests = np.insert(self.rests, after, False)
+        self.may_help = np.insert(self.may_help, after, self.may_help[divided])
+        self.whole = np.insert(self.whole, after, False)
+        rest = self.floor.copy()
+        rest[divided] *= 1.0 - shares
+        self.floor = np.insert(rest, divided, shares * self.floor[divided])
+
+    def _turns(self) -> Array:
+        """Change of the joints' velocities at each row, at the feed, (N,)."""
+        D = np.diff(self.trajectory.q, axis=0) / self.floor[:, None]
+        return np.concatenate([[0.0], np.linalg.norm(np.diff(D, axis=0), axis=1), [0.0]])
+
+    def _around(self, corners: Indices, near: Array) -> tuple[Indices, Array]:
+        """Where rows are inserted around corners: pieces, ascending, and shares of them.
+
+        Args:
+            corners: Rows; a corner may be named by both of its pieces.
+            near: Distance of the inserted rows from each of them, s at the feed.
+        """
+        floor = self.floor
+        closest: dict[int, float] = {}
+        for corner, distance in zip(corners.tolist(), near.tolist(), strict=True):
+            closest[corner] = min(distance, closest.get(corner, np.inf))
+        found: dict[int, float] = {}
+        for corner, distance in closest.items():
+            for piece, share in (
+                (corner - 1, 1.0 - distance / floor[corner - 1]),
+                (corner, distance / floor[corner]),
+            ):
+                # A piece between two corners is halved; one that is short already stays.
+                if 0.0 < share < 1.0:
+                    found[piece] = 0.5 if piece in found else share
+        pieces = sorted(found)
+        return np.array(pieces, dtype=np.int64), np.array([found[piece] for piece in pieces])
+
+
+def _room(errors: PathErrors, pieces: Indices, tolerances: tuple[float, float]) -> Array:
+    """Share of its length by which a piece has to shrink so that its errors fit, at most ½, (K,).
+
+    The deviation of a cubic from its chord is proportional to the length if the directions at its
+    ends stay the same. What the two tolerances do not measure is halved.
+    """
+    room = np.full(len(pieces), 0.5)
+    for between, tolerance in zip(
+        (errors.position_between, errors.axis_between), tolerances, strict=True
+    ):
+        room = np.minimum(room, tolerance / np.maximum(between[pieces], tolerance))
+    return room
