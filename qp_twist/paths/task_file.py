@@ -17,6 +17,7 @@ from typing import Any, NamedTuple
 import mink
 import mujoco
 import numpy as np
+import numpy.typing as npt
 from pydantic import ValidationError
 
 from qp_twist.checks import Array, did_you_mean, unit_vector
@@ -401,6 +402,9 @@ def _durations(path: Path, file: TaskFile, built: _Waypoints) -> tuple[Array | N
         speeds = np.full(len(built.positions), feed.speed)
         if of_file is not None:
             speeds = np.where(np.isnan(of_file), speeds, of_file)
+        if feed.rapid is not None:
+            between = _between_curves(path, built)
+            speeds = np.where(between, feed.rapid, speeds)
     else:
         assert built.read is not None
         speeds = _nearest_feeds(path, built.read)
@@ -420,6 +424,16 @@ def _durations(path: Path, file: TaskFile, built: _Waypoints) -> tuple[Array | N
     if not np.isfinite(durations).all():
         raise TaskFileError(f"{path}: feed: it is so low that the path takes no finite time.")
     return durations, []
+
+
+def _between_curves(path: Path, built: _Waypoints) -> npt.NDArray[np.bool_]:
+    """Which waypoints are reached on the way from one curve of a toolpath to the next, (N,)."""
+    if built.read is None:
+        raise TaskFileError(
+            f'{path}: feed.rapid is for the ways between the curves of a path of kind "file"; this '
+            "path has none. Leave it out."
+        )
+    return np.array([part == "transfer" for part in built.read.parts])
 
 
 def _nearest_feeds(path: Path, read: FileWaypoints) -> Array:

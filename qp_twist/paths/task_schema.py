@@ -218,12 +218,15 @@ class FeedSection(Section):
 
     speed: Positive | None = Field(default=None, description="along the path, m/s")
     angular_speed_deg: Positive | None = Field(default=None, description="of the tool, deg/s")
+    rapid: Positive | None = Field(
+        default=None, description="from one curve to the next, m/s; as speed if missing"
+    )
     dt: Positive | None = Field(default=None, description="for every waypoint, s")
 
     @model_validator(mode="after")
     def _one_clock(self) -> FeedSection:
-        if self.dt is not None and (self.speed, self.angular_speed_deg) != (None, None):
-            raise ValueError("give either dt or speed and angular_speed_deg")
+        if self.dt is not None and (self.speed, self.angular_speed_deg, self.rapid) != (None,) * 3:
+            raise ValueError("give either dt or speed, angular_speed_deg and rapid")
         if self.dt is None and self.speed is None:
             raise ValueError("give speed (m/s) or dt (s)")
         return self

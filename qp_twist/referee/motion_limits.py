@@ -63,7 +63,7 @@ def motion_limits(path_task: PathTask) -> MotionLimits:
 
 
 def with_default_accelerations(limits: MotionLimits, ranges: JointRanges) -> MotionLimits:
-    """The limits, with the largest speed within :data:`RAMP_S` where no acceleration is known.
+    """The limits, with the largest speed within 0.25 s (``RAMP_S``) where no acceleration is known.
 
     A joint without a known speed counts as one of π rad/s or 1 m/s.
     """

@@ -520,6 +520,29 @@ def test_approach_and_retreat_have_their_ways_projectors_and_blends(tmp_path: Pa
     assert loaded.projector.rank == 6
 
 
+def test_between_curves_the_tool_may_be_fast(tmp_path: Path) -> None:
+    more = PLACED + WAYS + "[path.transfer]\n[feed]\nspeed = 0.05\nrapid = 0.25\n"
+    loaded = qt.load_task(task(tmp_path, more, TWO))
+    assert loaded.durations is not None
+    lengths = np.linalg.norm(np.diff(loaded.positions, axis=0), axis=1)
+    speeds = lengths / loaded.durations[1:]
+    # 4 + 7 + 5 waypoints of the first curve, 3 + 1 of the way to the second, then 0.05 m/s again.
+    ends = np.flatnonzero(np.diff(speeds > 0.15)) + 1
+    assert len(ends) == 2
+    assert speeds[ends[0] : ends[1]] == pytest.approx(0.25)
+    assert np.delete(speeds, np.arange(*ends)) == pytest.approx(0.05)
+    begin, end = loaded.positions[[ends[0], ends[1]]]
+    assert end - begin != pytest.approx(0.0)
+    with pytest.raises(qt.TaskFileError, match="give either dt or speed"):
+        qt.load_task(task(tmp_path, more + "dt = 0.1\n", TWO))
+    plain = Path("tasks/deburring.toml").read_text("utf-8")
+    (tmp_path / "plain.toml").write_text(
+        plain.replace("speed = ", "rapid = 1.0\nspeed = "), "utf-8"
+    )
+    with pytest.raises(qt.TaskFileError, match=r"feed\.rapid is for the ways between the curves"):
+        qt.load_task(tmp_path / "plain.toml")
+
+
 def test_between_curves_the_tool_goes_straight_with_the_projector_of_the_retreat(
     tmp_path: Path,
 ) -> None:
