@@ -167,7 +167,7 @@ def new_task(
             *(f"clearance: {note}" for note in (parts.watched.notes if parts.watched else ())),
             *_small(toolpath),
             *_wide(parts.ranges),
-            *_ways(toolpath),
+            *_ways(parts),
             *_alone(path_task),
             *([] if robot.velocity_limits else [_NO_SPEEDS]),
             *(f"workpiece: {note}" for note in parts.placement_notes),
@@ -231,6 +231,7 @@ def _toolpath(request: Request) -> Toolpath:
             angle_unit=request.angle_unit,
             orientation=request.orientation,
             feed_unit=request.feed_unit,
+            arc_axis=request.arc_axis,
         )
     except InvalidInput as error:
         raise InvalidInput(f"{error}{_hint(error)}") from error
@@ -245,6 +246,7 @@ def _hint(error: InvalidInput) -> str:
         'say length_unit = "inch"': "--unit inch",
         "add angle_unit": "--angle-unit deg or --angle-unit rad",
         "add feed_unit": "--feed-unit mm/min or another",
+        'arc_axis = "right"': "--arc-axis right or --arc-axis left",
         "orientation =": "--orientation normal, axis, rpy or none",
     }
     answers = [option for words, option in options.items() if words in text]
@@ -327,12 +329,18 @@ def _small(toolpath: Toolpath) -> list[str]:
     return [f"path: it is only {1e3 * extent:.3g} mm across: is the file in m?"]
 
 
-def _ways(toolpath: Toolpath) -> list[str]:
-    """A note on the motions added between curves."""
-    if len(toolpath.curves) < 2:
+def _ways(parts: Parts) -> list[str]:
+    """A note on the motions between curves."""
+    curves = len(parts.toolpath.curves)
+    if parts.keeps_rapids:
+        return [
+            "ways: the tool comes and goes as in the file, rapid motions included, at the speed of "
+            "[feed]; --rapids drop leaves them out."
+        ]
+    if curves < 2:
         return []
     return [
-        f"ways: {len(toolpath.curves)} curves; between them the tool goes away from the part, "
+        f"ways: {curves} curves; between them the tool goes away from the part, "
         "across, and back. Change [path.approach] and [path.retreat], or join the curves in the "
         "file."
     ]

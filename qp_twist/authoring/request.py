@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Literal
 
 from qp_twist.authoring.solids import MeshUnit
-from qp_twist.paths import AngleUnit, FeedUnit, LengthUnit, Orientation
+from qp_twist.paths import AngleUnit, ArcAxis, FeedUnit, LengthUnit, Orientation
 from qp_twist.paths.file_path_schema import ColumnsTable
 
 
@@ -25,6 +25,9 @@ class Request:
         orientation: Which direction columns to use.
         feed_unit: Unit of a feed column without one.
         columns: Columns without usual names.
+        rapids: Whether rapid motions of the file are part of the path; ``None``: if they lead the
+            tool away from each curve and to the next.
+        arc_axis: Sense of rotation of circles about their axes, if the file leaves it open.
         tool: Whether the frame's z points into the part.
         place: Origin of the toolpath's frame in the world, m; ``None`` for the world's origin, or
             elsewhere if the robot does not reach it there.
@@ -48,6 +51,8 @@ class Request:
     orientation: Orientation | None = None
     feed_unit: FeedUnit | None = None
     columns: ColumnsTable | None = None
+    rapids: Literal["keep", "drop"] | None = None
+    arc_axis: ArcAxis | None = None
     tool: Literal["into", "out"] = "into"
     place: tuple[float, float, float] | None = None
     place_rpy_deg: tuple[float, float, float] = (0.0, 0.0, 0.0)

@@ -58,6 +58,13 @@ class Parts:
     start_notes: Sequence[str] = field(default=())
     watched: Watched | None = None
 
+    @property
+    def keeps_rapids(self) -> bool:
+        """Whether rapid motions of the file are part of the path."""
+        if self.request.rapids is not None:
+            return self.request.rapids == "keep"
+        return self.toolpath.has_ways
+
 
 def task_text(parts: Parts) -> str:
     """The whole file."""
@@ -134,6 +141,10 @@ def _path(parts: Parts) -> str:
         lines.append(f'feed_unit = "{request.feed_unit}"')
     if toolpath.feeds is not None:
         lines.append(_line('feeds = "file"', f'{feeds_in_words(toolpath)}; "task": [feed] alone'))
+    if parts.keeps_rapids:
+        lines.append(_line('rapids = "keep"', "the tool comes and goes as in the file; or drop"))
+    if request.arc_axis:
+        lines.append(_line(f'arc_axis = "{request.arc_axis}"', "sense of CIRCLE about its axis"))
     if request.orientation:
         lines.append(f'orientation = "{request.orientation}"')
     elif toolpath.meaning in ("normal", "axis"):
@@ -168,7 +179,8 @@ def _path(parts: Parts) -> str:
             ]
         )
     )
-    blocks.append(_leads(curves > 1))
+    if not parts.keeps_rapids:
+        blocks.append(_leads(curves > 1))
     return "\n\n".join(blocks)
 
 

@@ -37,6 +37,8 @@ def new(
     orientation: Literal["auto", "axis", "normal", "quaternion", "rpy", "none"] = "auto",
     feed_unit: Literal["auto", "mm/min", "mm/s", "m/min", "m/s", "inch/min"] = "auto",
     columns: Annotated[str | None, tyro.conf.arg(metavar="TEXT")] = None,
+    rapids: Literal["auto", "keep", "drop"] = "auto",
+    arc_axis: Literal["auto", "right", "left"] = "auto",
     tool: Annotated[str, tyro.conf.arg(metavar="{into,out,FILE}")] = "into",
     place: Annotated[
         str | None, tyro.conf.arg(metavar="X,Y,Z[,ROLL_DEG,PITCH_DEG,YAW_DEG]")
@@ -64,6 +66,9 @@ def new(
         orientation: Columns of direction to use, if there are several.
         feed_unit: Unit of a column of feeds, likewise.
         columns: Columns with unusual names, e.g. "position=1,2,3;normal=4,5,6".
+        rapids: Whether rapid motions of an APT file are part of the path; auto: if the file leads
+            the tool away from each curve and to the next.
+        arc_axis: Sense of rotation of CIRCLE about its axis, if the file leaves it open.
         tool: Whether the frame's z points into the part or out of it; or the mesh of a tool (STL,
             OBJ or DAE) in the axes of the robot's frame, whose tip's z points into the part: a
             scene is then written beside the task file.
@@ -90,6 +95,8 @@ def new(
         orientation=None if orientation == "auto" else orientation,
         feed_unit=None if feed_unit == "auto" else feed_unit,
         columns=None if columns is None else _columns(columns),
+        rapids=None if rapids == "auto" else rapids,
+        arc_axis=None if arc_axis == "auto" else arc_axis,
         tool="out" if tool == "out" else "into",
         speed=number("--speed", speed, above=0.0),
         search_seconds=number("--search-time", search_time, above=0.0),

@@ -29,6 +29,10 @@ class Problems:
     def __init__(self) -> None:
         self._found: list[tuple[int, str]] = []
 
+    def __bool__(self) -> bool:
+        """Whether there is one."""
+        return bool(self._found)
+
     def add(self, line: int, what: str, place: str = "") -> None:
         """Add a problem.
 

@@ -4,6 +4,8 @@ from qp_twist.files import AngleUnit as AngleUnit
 from qp_twist.files import FeedUnit as FeedUnit
 from qp_twist.files import LengthUnit as LengthUnit
 
+from .apt_toolpath import ArcAxis as ArcAxis
+from .arcs import ARC_ERROR as ARC_ERROR
 from .assemble import SAME_DIRECTION as SAME_DIRECTION
 from .assemble import SAME_POINT as SAME_POINT
 from .assemble import unit_question as unit_question

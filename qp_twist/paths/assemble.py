@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -36,6 +36,8 @@ class RawCurve:
         directions: Three or four numbers for each row, or none.
         lines: Lines of the file, from 1.
         feeds: Feed of the motion to each point, m/s; NaN where the file has none.
+        before: Points that lead to the first one in rapid motion; ``None`` without any.
+        after: Points that lead away from the last one likewise.
     """
 
     name: str = ""
@@ -43,6 +45,12 @@ class RawCurve:
     directions: list[Sequence[float]] = field(default_factory=list)
     lines: list[int] = field(default_factory=list)
     feeds: list[float] = field(default_factory=list)
+    before: RawCurve | None = None
+    after: RawCurve | None = None
+
+    def parts(self) -> list[RawCurve]:
+        """The points before it, its own, and those after it, in the order of the path."""
+        return [rows for rows in (self.before, self, self.after) if rows is not None]
 
 
 def assembled(
@@ -82,10 +90,15 @@ def assembled(
     ]
     problems.refuse()
     found, dropped = [], []
-    for curve in read:
+    for rows, curve in zip(curves, read, strict=True):
         kept, again = _without_repetitions(curve)
-        found.append(kept)
+        before, after = (
+            None if way is None else _curve(orientation, way, "", call, problems)
+            for way in (rows.before, rows.after)
+        )
+        found.append(replace(kept, before=before, after=after))
         dropped += again
+    problems.refuse()
     meaning: Meaning = "rotation" if orientation in ("quaternion", "rpy") else orientation  # type: ignore[assignment]
     notes = list(notes)
     if dropped:
@@ -102,8 +115,9 @@ def _refuse_far(
     curves: Sequence[RawCurve], problems: Problems, unit: LengthUnit, *, unit_in_file: bool
 ) -> None:
     """Report all points that are too far away as one problem: a wrong unit."""
-    positions = np.array([p for rows in curves for p in rows.positions], dtype=np.float64)
-    lines = [line for rows in curves for line in rows.lines]
+    parts = [part for rows in curves for part in rows.parts()]
+    positions = np.array([p for rows in parts for p in rows.positions], dtype=np.float64)
+    lines = [line for rows in parts for line in rows.lines]
     apart = np.abs(positions).max(axis=1)
     far = np.flatnonzero(apart > LARGEST_COORDINATE)
     if not len(far):

@@ -80,25 +80,35 @@ def file_waypoints(
         angle_unit=section.angle_unit,
         orientation=section.orientation,
         feed_unit=section.feed_unit,
+        arc_error=section.arc_error,
+        arc_axis=section.arc_axis,
     )
     if section.curves is not None:
         toolpath = toolpath.chosen(section.curves)
     refuse_too_large(toolpath, reach)
     ways = (section.approach, section.retreat, section.transfer)
-    if len(toolpath.curves) > 1 and ways == (None, None, None):
+    keeps = section.rapids == "keep"
+    if len(toolpath.curves) > 1 and ways == (None, None, None) and not keeps:
         begins = ", ".join(str(curve.lines[0]) for curve in toolpath.curves[:10])
         raise InvalidInput(
             f"{toolpath.source.name} has {len(toolpath.curves)} curves, which begin in lines "
             f"{begins}{', …' if len(toolpath.curves) > 10 else ''}; say how the tool gets from one "
-            "to the next by [path.retreat] and [path.approach], let it go straight by an empty "
-            "[path.transfer], or choose one with curves = [1]."
+            "to the next by [path.retreat] and [path.approach], let it go as in the file by "
+            'rapids = "keep", or straight by an empty [path.transfer], or choose one with '
+            "curves = [1]."
         )
     placement = section.placement or WorkpieceTable()
     turn, origin = _rotation(placement), np.array(placement.position)
     pieces: list[_Piece] = []
     for read in toolpath.curves:
         _refuse_too_many(pieces, toolpath, section)
-        _extend(pieces, _of_curve(section, _placed(read, turn, origin), held, toolpath), section)
+        placed = _placed(read, turn, origin)
+        more = _of_curve(section, placed, held, toolpath)
+        if keeps:
+            _extend(pieces, _ways(section, placed.before, more[0].curve, held, toolpath), section)
+        _extend(pieces, more, section)
+        if keeps:
+            _extend(pieces, _ways(section, placed.after, more[-1].curve, held, toolpath), section)
     _refuse_too_many(pieces, toolpath, section)
     curve = _joined(pieces)
     if len(curve) < 2:
@@ -215,7 +225,26 @@ def _placed(curve: Curve, turn: Array, origin: Array) -> Curve:
         positions=origin + curve.positions @ turn.T,
         vectors=None if curve.vectors is None else curve.vectors @ turn.T,
         rotations=None if curve.rotations is None else turn @ curve.rotations,
+        before=None if curve.before is None else _placed(curve.before, turn, origin),
+        after=None if curve.after is None else _placed(curve.after, turn, origin),
     )
+
+
+def _ways(
+    section: FilePath, way: Curve | None, beside: Curve, held: Array, toolpath: Toolpath
+) -> list[_Piece]:
+    """The rapid points of the file before or after a curve, as a transfer."""
+    if way is None:
+        return []
+    way = replace(way, feeds=None)
+    if beside.rotations is not None and way.rotations is None:
+        way = replace(way, vectors=None, rotations=np.broadcast_to(held, (len(way), 3, 3)))
+    elif way.vectors is not None and section.tool == "into":
+        way = replace(way, vectors=-way.vectors)
+    try:
+        return [_Piece("transfer", resampled(way, section.sampling()))]
+    except InvalidInput as error:
+        raise InvalidInput(f"{toolpath.source.name}: {error}") from error
 
 
 def _of_curve(section: FilePath, curve: Curve, held: Array, toolpath: Toolpath) -> list[_Piece]:
@@ -275,7 +304,7 @@ def _lead(curve: Curve, end: Literal[0, -1], away: Array, table: LeadTable) -> C
 
 def _extend(pieces: list[_Piece], more: list[_Piece], section: FilePath) -> None:
     """Add the parts of a curve, after a transfer to the first of them."""
-    if pieces:
+    if pieces and more:
         last, first = pieces[-1].curve, more[0].curve
         ends = replace(
             last.part([-1]),

@@ -8,6 +8,8 @@ from typing import Annotated, Literal, Self
 from pydantic import Field, PlainValidator, model_validator
 
 from qp_twist.files import AngleUnit, FeedUnit, LengthUnit
+from qp_twist.paths.apt_toolpath import ArcAxis
+from qp_twist.paths.arcs import ARC_ERROR
 from qp_twist.paths.projector_schema import OwnProjector
 from qp_twist.paths.read_toolpath import Format
 from qp_twist.paths.resample import Sampling
@@ -106,6 +108,11 @@ class FilePath(Section):
     feeds: Literal["file", "task"] = Field(
         default="file", description="whose feeds count: the file's where it states one, or [feed]"
     )
+    rapids: Literal["keep", "drop"] = Field(
+        default="drop", description="whether rapid motions of the file are part of the path"
+    )
+    arc_error: Positive = Field(default=ARC_ERROR, description="m, of the chords of an arc")
+    arc_axis: ArcAxis | None = None
     tool: Literal["into", "out"] = "into"
     lead_deg: LeanAngle = 0.0
     tilt_deg: LeanAngle = 0.0
@@ -119,6 +126,15 @@ class FilePath(Section):
     approach: LeadTable | None = None
     retreat: LeadTable | None = None
     transfer: TransferTable | None = None
+
+    @model_validator(mode="after")
+    def _one_way(self) -> Self:
+        if self.rapids == "keep" and (self.approach or self.retreat):
+            raise ValueError(
+                'rapids = "keep" has the tool come and go as in the file; leave out [path.approach]'
+                ' and [path.retreat], or say rapids = "drop"'
+            )
+        return self
 
     def sampling(self) -> Sampling:
         """How waypoints are placed."""

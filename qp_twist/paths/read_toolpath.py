@@ -8,7 +8,8 @@ from typing import Literal
 
 from qp_twist.errors import InvalidInput
 from qp_twist.files import AngleUnit, FeedUnit, LengthUnit, of_file, read_bytes, text_lines
-from qp_twist.paths.apt_toolpath import read_apt
+from qp_twist.paths.apt_toolpath import ArcAxis, read_apt
+from qp_twist.paths.arcs import ARC_ERROR
 from qp_twist.paths.csv_toolpath import read_csv
 from qp_twist.paths.toolpath import Toolpath
 from qp_twist.paths.toolpath_columns import ColumnChoice, Orientation
@@ -25,6 +26,8 @@ def read_toolpath(
     angle_unit: AngleUnit | None = None,
     orientation: Orientation | None = None,
     feed_unit: FeedUnit | None = None,
+    arc_error: float = ARC_ERROR,
+    arc_axis: ArcAxis | None = None,
 ) -> Toolpath:
     """Read a toolpath from a table (CSV) or APT-CL.
 
@@ -38,6 +41,8 @@ def read_toolpath(
         angle_unit: Unit of roll, pitch and yaw.
         orientation: Which direction columns to use.
         feed_unit: Unit of the feed column.
+        arc_error: Largest distance of an arc from the chords that replace it, m.
+        arc_axis: Sense of rotation of ``CIRCLE`` about its axis, if the file leaves it open.
 
     Returns:
         The curves, in metres, with unit vectors or rotations, and the feeds of the file.
@@ -67,4 +72,4 @@ def read_toolpath(
             raise InvalidInput(
                 "an APT file states the unit of a feed in FEDRAT; leave feed_unit out."
             )
-        return read_apt(path, lines, orientation, length_unit)
+        return read_apt(path, lines, orientation, length_unit, arc_error, arc_axis)

@@ -30,6 +30,9 @@ class Curve:
         lines: Line of the file of each point, from 1, (N,).
         feeds: Feed of the motion to each point, m/s, (N,), NaN without one; ``None`` if the file
             has none.
+        before: Points of the file that lead to its first point in rapid motion; ``None`` without
+            any.
+        after: Points that lead away from the last point of the file's last curve likewise.
     """
 
     name: str
@@ -38,6 +41,8 @@ class Curve:
     rotations: Array | None
     lines: Lines
     feeds: Array | None = None
+    before: Curve | None = None
+    after: Curve | None = None
 
     def __len__(self) -> int:
         return len(self.positions)
@@ -89,6 +94,19 @@ class Toolpath:
         return float(np.nanmin(feeds)), float(np.nanmax(feeds))
 
     @property
+    def has_ways(self) -> bool:
+        """Whether the file itself leads the tool away from each curve and to the next one.
+
+        It does by points in rapid motion between them; or if the first one ends with a motion along
+        its tool axis, away from the part, and the next one begins with a motion against it, both at
+        less than 60° from the axis.
+        """
+        pairs = zip(self.curves[:-1], self.curves[1:], strict=True)
+        gaps = [b.before is not None or (_lifts(a, -1) and _lifts(b, 0)) for a, b in pairs]
+        ends = (self.curves[0].before, self.curves[-1].after)
+        return all(gaps) and (bool(gaps) or any(way is not None for way in ends))
+
+    @property
     def extent(self) -> float:
         """A lower bound on the largest distance between two of its points, m.
 
@@ -128,3 +146,12 @@ class Toolpath:
             f"Toolpath({self.source.name!r}, {len(self.curves)} curves, {points} points, "
             f"{self.meaning})"
         )
+
+
+def _lifts(curve: Curve, end: Literal[0, -1]) -> bool:
+    """Whether a curve begins towards the part (0), or ends away from it (-1)."""
+    if curve.vectors is None or len(curve) < 2:
+        return False
+    inner = 1 if end == 0 else -2
+    motion = curve.positions[end] - curve.positions[inner]
+    return bool(motion @ curve.vectors[end] > 0.5 * np.linalg.norm(motion))

@@ -176,6 +176,31 @@ def test_several_curves_get_ways_between_them(tmp_path: Path) -> None:
     assert made.path_task.positions[:, 2].max() == pytest.approx(0.35)
 
 
+def test_a_file_that_leads_the_tool_itself_gets_no_other_ways(tmp_path: Path) -> None:
+    points = [(450, 0, 360), (450, 0, 300), (470, 0, 300), (470, 0, 360), (450, 40, 360),
+              (450, 40, 300), (470, 40, 300), (470, 40, 360)]  # fmt: skip
+    rapid = (0, 1, 3, 4, 5, 7)
+    lines = ["UNITS/MM", "FEDRAT/600,MMPM"]
+    for k, point in enumerate(points):
+        lines += ["RAPID"] * (k in rapid) + [f"GOTO/{','.join(map(str, point))},0,0,1"]
+    (tmp_path / "two.apt").write_text("\n".join(lines), encoding="utf-8")
+    request = Request(Path(SEVEN), tmp_path / "two.apt", frame="tool", speed=0.2)
+    made = new_task(request, tmp_path / "t.toml")
+    path = tomllib.loads(made.path.read_text("utf-8"))["path"]
+    assert path["rapids"] == "keep" and not {"approach", "retreat"} & path.keys()
+    assert any(
+        note.startswith("ways: the tool comes and goes as in the file") for note in made.notes
+    )
+    assert made.runs
+    # Every point of the file is a waypoint, in the order of the file.
+    at = [np.linalg.norm(made.path_task.positions * 1e3 - p, axis=1).argmin() for p in points]
+    assert at == sorted(at)
+    assert made.path_task.positions[at] * 1e3 == pytest.approx(np.array(points, dtype=float))
+    dropped = new_task(replace(request, rapids="drop"), tmp_path / "t.toml", force=True)
+    path = tomllib.loads(dropped.path.read_text("utf-8"))["path"]
+    assert "rapids" not in path and {"approach", "retreat"} <= path.keys()
+
+
 def test_limits_in_degrees_in_a_urdf_are_asked_about(near: Path, tmp_path: Path) -> None:
     text = KR16.path.read_text("utf-8")
     lower = re.compile(r'(<joint name="joint_a1".*?lower=")[^"]*(".*?upper=")[^"]*', re.S)

@@ -344,9 +344,12 @@ def test_apt_lines_become_curves(tmp_path: Path) -> None:
     )
     assert first.lines.tolist() == [10, 13, 14, 16]
     assert second.vectors == pytest.approx(np.array([[0, 0, 1.0]] * 3))
-    left_out, rapid = toolpath.notes
-    assert left_out == "left out, since only RAPID leads there and on: 1 of the points."
-    assert rapid.startswith("RAPID (3 times): the tool gets there by [path.approach]")
+    left_out, rapid, passed = toolpath.notes
+    assert left_out.startswith("only RAPID leads to 1 of the points and on: they are part of")
+    assert rapid.startswith("RAPID (3 times): the tool gets there at the speed of [feed]")
+    assert passed == ("passed over, since they move nothing (4 times): PARTNO, MULTAX (2), SPINDL.")
+    assert first.before is not None and second.before is None and second.after is None
+    assert first.before.positions * 1e3 == pytest.approx(np.array([[0, 0, 50]]))
     # The feed is stated after the first point, to which RAPID leads, and holds until the end.
     assert first.feeds == pytest.approx([math.nan, *[0.25 / 60] * 3], nan_ok=True)
     assert second.feeds == pytest.approx([math.nan, *[0.25 / 60] * 2], nan_ok=True)
@@ -371,9 +374,11 @@ def test_apt_in_inches_without_axes(tmp_path: Path) -> None:
         ("UNITS/MM\nGOTO/1,P2,0\n", "line 2: GOTO, y: expected a number, got 'P2'"),
         ("UNITS/MM\nGOTO/1,0,1e999\n", "line 2: GOTO, z: '1e999' is too large"),
         ("UNITS/MM\nGOTO/1,0,0\nCIRCLE/0,0,0,0,0,1,5\nGOTO/2,0,0\n",
-         "line 3: CIRCLE is a circular move, which is not read; write the path as GOTO"),
-        ("UNITS/MM\nGOTO/1,0,0\nGODLTA/0,0,1\n", "line 3: GODLTA is a move from where the tool is"),
-        ("UNITS/MM\nCUTCOM/LEFT\nGOTO/1,0,0\n", "line 2: CUTCOM is a shifted path"),
+         "line 4: CIRCLE of line 3: the arc starts 1 mm from its centre and ends 2 mm from it, and "
+         "the radius is 5 mm"),
+        ("UNITS/MM\nFROM/0,0,0\nGODLTA/0,0,1\nGOTO/0,0,0\n",
+         "line 3: GODLTA: where the tool is before it is not known"),
+        ("UNITS/MM\nGODLTA/0,0\nGOTO/0,0,0\n", "line 2: GODLTA takes dx, dy, dz; got 2 numbers"),
         ("UNITS/MM\nGOTO/1,0,0\nWIGGLE/3\nGOTO/2,0,0\n", "line 3: 'WIGGLE' is not known"),
         ("UNITS/MM\nGOTO/1,0,0,0,0,0\nGOTO/2,0,0\n", "line 2, i, j, k: the axis is zero"),
         ("UNITS/MM\nRAPID\nGOTO/1,0,0\nRAPID\nGOTO/2,0,0\n", "nothing is cut"),
@@ -387,11 +392,354 @@ def test_apt_that_is_not_clear_is_refused_with_its_line(
         read_toolpath(write(tmp_path, text, "part.cls"))
 
 
-def test_harmless_apt_words_are_passed_over(tmp_path: Path) -> None:
+def test_harmless_apt_words_are_passed_over_and_counted(tmp_path: Path) -> None:
     text = (
-        "UNITS/MM\nCYCLE/OFF\nCUTCOM/OFF\nPPRINT GOTO THE PART\nCOOLNT/ON\nGOTO/1,0,0\nGOTO/2,0,0\n"
+        "UNITS/MM\nCYCLE/OFF\nCUTCOM/OFF\nPPRINT GOTO THE PART\nCOOLNT/ON\nSET/OFSETL,3\n"
+        "MSYS/0,0,0,1,0,0,0,1,0\nTOOL PATH/A,TOOL,B\nLOADTL/1\nSPINDL/RPM,3000,CLW\nPAINT/PATH\n"
+        "TRANS/0,0,0.0\nTRACUT/NOMORE\nCOOLNT/OFF\n$$ a comment\n"
+        "GOTO/1,0,0\nGOTO/2,0,0\n"
     )
-    assert len(read_toolpath(write(tmp_path, text)).curves[0]) == 2
+    toolpath = read_toolpath(write(tmp_path, text))
+    assert len(toolpath.curves[0]) == 2
+    [note] = [note for note in toolpath.notes if note.startswith("passed over")]
+    assert note == (
+        "passed over, since they move nothing (12 times): CYCLE, CUTCOM, PPRINT, COOLNT (2), SET, "
+        "MSYS, LOADTL, SPINDL, PAINT, TRANS, TRACUT."
+    )
+
+
+def test_a_shift_at_the_machine_is_said_and_its_points_are_the_path(tmp_path: Path) -> None:
+    text = "UNITS/MM\nCUTCOM/LEFT\nGOTO/1,0,0\nGOTO/2,0,0\n"
+    toolpath = read_toolpath(write(tmp_path, text))
+    assert toolpath.curves[0].positions[:, 0] == pytest.approx([1e-3, 2e-3])
+    assert "CUTCOM (line 2) has a machine shift the path by the radius" in toolpath.notes[-1]
+
+
+@pytest.mark.parametrize(
+    ("statement", "message"),
+    [
+        ("TRANS/0,0,5", "TRANS is a change of coordinates"),
+        ("ORIGIN/10,0,0", "ORIGIN is a change of coordinates"),
+        ("TRACUT/LAST,NOMORE", "TRACUT is a change of coordinates"),
+        ("COPY/1,SAME,2", "COPY is a repetition"), ("ROTABL/AAXIS,30", "ROTABL is a turn of the"),
+        ("CYCLE/DRILL,5", "CYCLE is a drilling cycle"), ("MODE/INCR", "MODE/INCR is a change to"),
+        ("SET/MODE,INCR", "SET/INCR is a change to relative coordinates"),
+        ("MSYS/0,0,9,1,0,0,0,1,0", "MSYS is another frame than before"),
+        ("TLAXIS/0,0,0", "TLAXIS takes i, j, k, not all of them zero"),
+        ("TLAXIS/SAME", "TLAXIS takes i, j, k"),
+        ("TLLFT,GOFWD/C1", "'TLLFT,GOFWD' is not known"),
+    ],
+)  # fmt: skip
+def test_apt_that_changes_the_geometry_is_refused(
+    tmp_path: Path, statement: str, message: str
+) -> None:
+    text = f"UNITS/MM\nMSYS/0,0,0,1,0,0,0,1,0\nGOTO/1,0,0\n{statement}\nGOTO/2,0,0\n"
+    with pytest.raises(InvalidInput, match=f"line 4: .*{message}"):
+        read_toolpath(write(tmp_path, text))
+
+
+# ---------------------------------------------------------------- arcs of APT-CL
+
+
+def on_circle(centre: Array, axis: Array, start: Array, angles: Array) -> Array:
+    """Points of a circle by scipy's rotations, (N, 3)."""
+    axis = axis / np.linalg.norm(axis)
+    turns = Rotation.from_rotvec(angles[:, None] * axis)
+    return centre + turns.apply(start - centre)
+
+
+def apt_numbers(*vectors: Array) -> str:
+    return ",".join(f"{v:.9f}" for vector in vectors for v in np.atleast_1d(vector))
+
+
+@QUICK
+@given(st.data())
+def test_an_arc_in_any_plane_is_the_circle(tmp_path: Path, data: st.DataObject) -> None:
+    """Random circles and helices in space, as each of the two statements with an axis has them."""
+    rng = np.random.default_rng(data.draw(st.integers(0, 2**32 - 1)))
+    centre, axis = rng.uniform(-50, 50, 3), rng.normal(size=3)
+    axis /= np.linalg.norm(axis)
+    radius, sweep = rng.uniform(0.5, 200), rng.uniform(0.02, 6.2)
+    word = data.draw(st.sampled_from(["CIRCLE", "MOVARC"]))
+    handed = data.draw(st.sampled_from(["right", "left"]))
+    rise = data.draw(st.sampled_from([0.0, 7.0]))
+    outward = np.cross(axis, rng.normal(size=3))
+    start = centre + radius * outward / np.linalg.norm(outward)
+    motion = axis if handed == "right" else -axis
+    angles = np.linspace(0, sweep, 2000)
+    true = on_circle(centre, motion, start, angles) + np.outer(rise * angles / sweep, axis)
+    tangent = np.cross(motion, start - centre) / radius
+    angle = f",ANGLE,{math.degrees(sweep):.9f}" if word == "MOVARC" else ""
+    text = (
+        f"UNITS/MM\nGOTO/{apt_numbers(start - 5 * tangent)}\nFEDRAT/600,MMPM\n"
+        f"GOTO/{apt_numbers(start)}\n"
+        f"{word}/{apt_numbers(centre, axis, np.array(radius))}{angle}\n"
+        f"GOTO/{apt_numbers(true[-1])}\n"
+    )
+    toolpath = read_toolpath(write(tmp_path, text, "arc.apt"), arc_error=2e-5)
+    [curve] = toolpath.curves
+    found = curve.positions[1:] * 1e3
+    # Each point is on the true curve, and each point of that is near a chord.
+    nearest = np.linalg.norm(true[:, None] - found[None], axis=2)
+    assert nearest.min(axis=0).max() < 2 * radius * sweep / 2000 + 1e-6
+    chords, starts = np.diff(found, axis=0), found[:-1]
+    share = ((true[:, None] - starts) * chords).sum(axis=2) / (chords**2).sum(axis=1)
+    feet = starts + np.clip(share, 0, 1)[..., None] * chords
+    off = np.linalg.norm(true[:, None] - feet, axis=2).min(axis=1)
+    assert off.max() < 0.02 + 1e-6
+    assert found[-1] == pytest.approx(true[-1], abs=1e-6)
+    # No step back, and the length is that of the arc: less by (δ²/24) at most.
+    length = math.hypot(radius * sweep, rise)
+    assert np.linalg.norm(chords, axis=1).sum() == pytest.approx(length, rel=2e-3)
+    assert curve.feeds == pytest.approx([math.nan, *[0.01] * (len(curve) - 1)], nan_ok=True)
+    assert f"{handed}-handed about their axes" in toolpath.notes[-1]
+
+
+def test_the_sense_of_a_circle_is_asked_for_where_nothing_tells_it(tmp_path: Path) -> None:
+    """A quarter circle after a corner: with one sense 90°, with the other 270°."""
+    text = "UNITS/MM\nGOTO/20,0,0\nGOTO/10,0,0\nCIRCLE/0,0,0,0,0,1,10\nGOTO/0,10,0\n"
+    path = write(tmp_path, text, "arc.apt")
+    with pytest.raises(InvalidInput, match=r"no straight motion .* add arc_axis = .right. or"):
+        read_toolpath(path)
+    for sense, sweep in (("right", math.pi / 2), ("left", 3 * math.pi / 2)):
+        [curve] = read_toolpath(path, arc_axis=sense).curves  # type: ignore[arg-type]
+        length = np.linalg.norm(np.diff(curve.positions[1:], axis=0), axis=1).sum()
+        assert length == pytest.approx(0.01 * sweep, rel=1e-3)
+    mixed = text + "GOTO/-5,10,0\nCIRCLE/-5,15,0,0,0,1,5\nGOTO/-10,15,0\nGOTO/-10,20,0\n"
+    with pytest.raises(InvalidInput, match="fit right-handed ones once and left-handed ones 2 t"):
+        read_toolpath(write(tmp_path, mixed, "arc.apt"))
+    # One line out of the first circle without a corner is enough.
+    [curve] = read_toolpath(write(tmp_path, text + "GOTO/-5,10,0\n", "arc.apt")).curves
+    assert curve.positions[:-1, 0].min() > -1e-9
+
+
+def test_a_full_circle_returns_to_where_it_began(tmp_path: Path) -> None:
+    head = "UNITS/MM\nGOTO/10,-5,0\nGOTO/10,0,0\n"
+    for arc in ("CIRCLE/0,0,0,0,0,1,10\nGOTO/10,0,0\n", "MOVARC/0,0,0,0,0,1,10,ANGLE,360\n",
+                "MOVARC/0,0,0,0,0,1,10,ANGLE,360\nGOTO/10,0,0\n"):  # fmt: skip
+        [curve] = read_toolpath(write(tmp_path, head + arc, "arc.apt")).curves
+        length = np.linalg.norm(np.diff(curve.positions[1:], axis=0), axis=1).sum()
+        assert length == pytest.approx(0.02 * math.pi, rel=1e-3)
+        assert curve.positions[len(curve) // 4 + 1, 1] > 0.009  # counter-clockwise
+    nearly = head + "CIRCLE/0,0,0,0,0,1,10\nGOTO/10,0.001,0\n"
+    with pytest.raises(InvalidInput, match="may be a full circle or nearly none"):
+        read_toolpath(write(tmp_path, nearly, "arc.apt"))
+
+
+def test_an_arc_by_its_angle_alone_ends_where_the_angle_says(tmp_path: Path) -> None:
+    for degrees, end in ((90, (0, 10)), (-90, (0, -10)), (180, (-10, 0)), (270, (0, -10))):
+        text = f"UNITS/MM\nGOTO/10,0,3\nMOVARC/0,0,3,0,0,1,10,ANGLE,{degrees}\nFINI\n"
+        [curve] = read_toolpath(write(tmp_path, text, "arc.apt"), arc_axis="right").curves
+        assert curve.positions[-1] * 1e3 == pytest.approx([*end, 3], abs=1e-9)
+        length = np.linalg.norm(np.diff(curve.positions, axis=0), axis=1).sum()
+        assert length == pytest.approx(0.01 * math.radians(abs(degrees)), rel=1e-3)
+
+
+def test_an_angle_that_fits_one_sense_alone_decides_it(tmp_path: Path) -> None:
+    """Posts that do not turn the axis of clockwise arcs round are recognised by the angle."""
+    text = "UNITS/MM\nGOTO/10,0,0\nMOVARC/0,0,0,0,0,1,10,ANGLE,90\nGOTO/0,-10,0\n"
+    toolpath = read_toolpath(write(tmp_path, text, "arc.apt"))
+    [curve] = toolpath.curves
+    assert curve.positions[:, 1].max() < 1e-9
+    assert "left-handed about their axes" in toolpath.notes[-1]
+
+
+CATIA = """\
+UNITS/MM
+GOTO/ 10,0,5
+INTOL/ 0.01
+OUTTOL/ 0.01
+AUTOPS
+INDIRV/ 0,{sign}1,0
+TLON,GOFWD/ (CIRCLE/ 0.0, 0.0, 5.0,$
+ 10.0),ON,{which}(LINE/ 0,0,5,$
+ {x:.6f},{y:.6f},5)
+GOTO/ 40,40,5
+"""
+
+
+@pytest.mark.parametrize(
+    ("sign", "which", "degrees", "sweep"),
+    [
+        ("", "", 90, 90), ("", "", 180, 180), ("", "2,INTOF,", 270, 270), ("-", "", -60, -60),
+        ("-", "2,INTOF,", -200, -200), ("", "2,INTOF,", 360, 360),
+    ],
+)  # fmt: skip
+def test_a_motion_along_a_circle_ends_where_it_crosses_the_line(
+    tmp_path: Path, sign: str, which: str, degrees: float, sweep: float
+) -> None:
+    x, y = 10 * math.cos(math.radians(degrees)), 10 * math.sin(math.radians(degrees))
+    text = CATIA.format(sign=sign, which=which, x=x, y=y)
+    [curve] = read_toolpath(write(tmp_path, text, "part.aptsource")).curves
+    arc = curve.positions[:-1] * 1e3
+    assert arc[-1] == pytest.approx([x, y, 5], abs=1e-6)
+    assert np.linalg.norm(arc[:, :2], axis=1) == pytest.approx(10, abs=1e-6)
+    angles = np.unwrap(np.arctan2(arc[:, 1], arc[:, 0]))
+    assert math.degrees(angles[-1] - angles[0]) == pytest.approx(sweep, abs=1e-4)
+    assert (np.diff(angles) * sweep > 0).all()
+
+
+def test_a_line_that_does_not_pass_the_centre_ends_an_arc_too(tmp_path: Path) -> None:
+    """The line y = 6 crosses a circle of radius 10 at x = ±8."""
+    text = CATIA.format(sign="", which="", x=0, y=0).replace("(LINE/ 0,0,5", "(LINE/ 3,6,5")
+    text = text.replace("0.000000,0.000000,5)", "-99,6,5)")
+    [curve] = read_toolpath(write(tmp_path, text, "part.aptsource")).curves
+    assert curve.positions[-2] * 1e3 == pytest.approx([8, 6, 5])
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("INDIRV/ 0,1,0\n", "", r"line 6: GOFWD: expected an INDIRV before it"),
+        ("INDIRV/ 0,1,0", "INDIRV/ 1,0,0", "INDIRV is not along the circle where the tool is"),
+        ("0.000000,10.000000,5)", "0,-10,5)", "crosses the line at another point first"),
+        ("(LINE/ 0,0,5", "(LINE/ 40,10,5", "LINE does not cross the circle"),
+        ("(LINE/ 0,0,5", "(LINE/ 0,10,5", "the two points of LINE are the same"),
+        (" 10.0),ON", " 12.0),ON", "the arc starts 10 mm from its centre .* the radius is 12 mm"),
+        ("),ON,", "),TANTO,", "GOFWD is a move along a surface, of which"),
+        ("0.0, 5.0,$\n 10.0)", "0.0, 10.0)", r"expected 4 or 7 numbers, got '0.0,0.0,10.0'"),
+        ("GOTO/ 10,0,5\n", "", "expected a GOTO before it"),
+    ],
+)  # fmt: skip
+def test_a_motion_along_a_circle_that_is_not_clear_is_refused(
+    tmp_path: Path, old: str, new: str, message: str
+) -> None:
+    text = CATIA.format(sign="", which="", x=0, y=10)
+    assert old in text
+    with pytest.raises(InvalidInput, match=message):
+        read_toolpath(write(tmp_path, text.replace(old, new), "part.aptsource"))
+
+
+@pytest.mark.parametrize(
+    ("arc", "message"),
+    [
+        ("CIRCLE/0,0,0,0,0,0,10\nGOTO/0,10,0", "line 3: CIRCLE: the axis is zero"),
+        ("CIRCLE/0,0,0,0,0,1\nGOTO/0,10,0", "line 3: CIRCLE takes the centre x, y, z, the axis"),
+        ("CIRCLE/0,0,0,0,0,1,10,.002,.5,1,0,TIMES,2\nGOTO/0,10,0", "line 3: CIRCLE takes the"),
+        ("CIRCLE/0,0,nan,0,0,1,10\nGOTO/0,10,0", "line 3: CIRCLE: expected a number, got 'NAN'"),
+        ("CIRCLE/0,0,0,0,0,1,10\nGOTO/0,12,0", "ends 12 mm from it, and the radius is 10 mm"),
+        ("CIRCLE/10,0,0,0,0,1,0\nGOTO/10,0,0", "line 4: CIRCLE of line 3: .* the radius zero"),
+        ("CIRCLE/0,0,0,0,0,1,10\nFINI", "line 3: CIRCLE: no GOTO follows, so where the arc ends"),
+        ("CIRCLE/0,0,0,0,0,1,10\nRAPID\nGOTO/0,10,0", "line 3: CIRCLE: no GOTO follows"),
+        ("MOVARC/0,0,0,0,0,1,10,ANGLE\nGOTO/0,10,0", "line 3: MOVARC, ANGLE: it is missing"),
+        ("MOVARC/0,0,0,0,0,1,10,90\nGOTO/0,10,0", "line 3: MOVARC takes the centre .* then ANGLE"),
+        ("MOVARC/0,0,0,0,0,1,10,ANGLE,400\nGOTO/0,10,0", "expected an angle up to 360 degrees"),
+        ("MOVARC/0,0,0,0,0,1,10,ANGLE,80\nGOTO/0,10,0",
+         "the angle is 80 degrees, but the point after it is 90 degrees on, or 270"),
+        ("FROM/0,0,0\nCIRCLE/0,0,0,0,0,1,10\nGOTO/0,10,0", "line 4: CIRCLE: where the arc begins"),
+        ("CIRCLE/0,0,0,0,0,1,10\nGOTO/0,10,0\nGOTO/-10,0,0",
+         "line 5: the point is on the circle of line 3 too, and whether the motion to it is the"),
+    ],
+)  # fmt: skip
+def test_an_arc_that_is_not_clear_is_refused(tmp_path: Path, arc: str, message: str) -> None:
+    with pytest.raises(InvalidInput, match=message):
+        read_toolpath(write(tmp_path, f"UNITS/MM\nGOTO/10,0,0\n{arc}\n", "part.apt"))
+
+
+def test_the_tool_axis_turns_evenly_along_an_arc(tmp_path: Path) -> None:
+    text = (
+        "UNITS/MM\nGOTO/10,-5,0,0,0,1\nGOTO/10,0,0\nCIRCLE/0,0,0,0,0,1,10,.002,.5,1,0\n"
+        "GOTO/0,10,0,0,0.6,0.8\n"
+    )
+    [curve] = read_toolpath(write(tmp_path, text, "arc.apt")).curves
+    assert curve.vectors is not None
+    lean = np.degrees(np.arccos(curve.vectors[1:, 2]))
+    on = np.degrees(np.arctan2(curve.positions[1:, 1], curve.positions[1:, 0]))
+    assert lean == pytest.approx(on / 90 * math.degrees(math.acos(0.8)), abs=1e-6)
+
+
+APT_PIECES = (
+    "GOTO/", "CIRCLE/", "MOVARC/", "INDIRV/", "TLON,GOFWD/(CIRCLE/", "),ON,", "2,INTOF,", "(LINE/",
+    "0,0,0", "10,0,0", "0,10,0", ",0,0,1", ",0,0,0", ",10", ",ANGLE,", "90", "-400", "1e300", "nan",
+    "UNITS/MM", "RAPID", "GODLTA/", "TLAXIS/", "FROM/", "MSYS/", "FEDRAT/", "MULTAX/OFF", "$", "$$",
+    "CUTCOM/LEFT", "SET/", "/", ",", "(", ")", "\n", "\n", "\n", "\nGOTO/1,2,3\n", "é",
+)  # fmt: skip
+
+
+@settings(QUICK, max_examples=300)
+@given(st.lists(st.sampled_from(APT_PIECES), max_size=40))
+def test_any_text_is_read_or_refused_in_a_sentence(tmp_path: Path, pieces: list[str]) -> None:
+    text = "UNITS/MM\nGOTO/10,0,0\n" + "".join(pieces)
+    try:
+        toolpath = read_toolpath(write(tmp_path, text, "any.apt"))
+    except InvalidInput as error:
+        assert str(error).startswith("any.apt")
+    else:
+        assert all(np.isfinite(curve.positions).all() for curve in toolpath.curves)
+
+
+# ---------------------------------------------------------------- rapid motions of a file
+
+
+WITH_WAYS = """\
+UNITS/MM
+RAPID
+GOTO/0,0,60,0,0,1
+RAPID
+GOTO/0,0,5
+FEDRAT/600,MMPM
+GOTO/0,0,0
+GOTO/20,0,0
+GOTO/20,0,5
+RAPID
+GOTO/20,0,60
+RAPID
+GOTO/60,0,60
+RAPID
+GOTO/60,0,5
+GOTO/60,0,0
+GOTO/60,20,0
+RAPID
+GOTO/60,20,60
+FINI
+"""
+
+
+def test_rapid_motions_of_a_file_are_the_path_where_they_are_kept(tmp_path: Path) -> None:
+    toolpath = read_toolpath(write(tmp_path, WITH_WAYS, "seam.apt"))
+    first, second = toolpath.curves
+    assert toolpath.has_ways
+    assert first.before is not None and second.before is not None and second.after is not None
+    assert second.before.positions[:, 2] * 1e3 == pytest.approx([60, 60])
+    old = '"seam.csv"\nmax_spacing = 0.005\nmax_turn_deg = 45'
+    new = '"seam.apt"\nrapids = "keep"\nmax_spacing = 1.0'
+    more = "[path.placement]\nposition = [0, 1.0, 0.6]\n[feed]\nspeed = 0.1\n"
+    loaded = qt.load_task(task(tmp_path, more, old=old, new=new))
+    of_file = [
+        [float(v) for v in line.removeprefix("GOTO/").split(",")[:3]]
+        for line in WITH_WAYS.splitlines() if line.startswith("GOTO")
+    ]  # fmt: skip
+    # Every point of the file, in its order, and no other one.
+    assert (loaded.positions - [0, 1.0, 0.6]) * 1e3 == pytest.approx(np.array(of_file), abs=1e-9)
+    # 600 mm/min on the cuts, the speed of [feed] on the rapid ways.
+    lengths = np.linalg.norm(np.diff(loaded.positions, axis=0), axis=1)
+    assert loaded.durations is not None
+    speeds = lengths / loaded.durations[1:]
+    rapid = [True, False, False, False, True, True, True, False, False, True]
+    assert speeds == pytest.approx(np.where(rapid, 0.1, 0.01))
+    dropped = qt.load_task(task(tmp_path, more + "[path.transfer]\n", old=old,
+                                new=new.replace("keep", "drop")))  # fmt: skip
+    assert dropped.positions[:, 2].max() < 0.6051
+    with pytest.raises(qt.TaskFileError, match=r'rapids = "keep" has the tool come and go as in'):
+        qt.load_task(task(tmp_path, WAYS + more, old=old, new=new))
+
+
+@pytest.mark.parametrize(
+    ("text", "has_ways"),
+    [
+        (WITH_WAYS, True),
+        ("GOTO/0,0,0\nGOTO/9,0,0\nRAPID\nGOTO/9,9,0\nGOTO/0,9,0", False),
+        ("GOTO/0,0,0\nGOTO/9,0,0\nGOTO/9,0,9\nRAPID\nGOTO/9,9,9\nGOTO/9,9,0\nGOTO/0,9,0", True),
+        ("GOTO/0,0,0\nGOTO/9,0,0\nGOTO/9,0,9\nRAPID\nGOTO/9,9,0\nGOTO/0,9,0", False),
+        ("GOTO/0,0,0\nGOTO/9,0,0", False),
+        ("RAPID\nGOTO/0,0,9\nRAPID\nGOTO/0,0,0\nGOTO/9,0,0", True),
+    ],
+)
+def test_a_file_leads_the_tool_itself_or_does_not(
+    tmp_path: Path, text: str, has_ways: bool
+) -> None:
+    text = text if "UNITS" in text else f"UNITS/MM\n{text}\n"
+    assert read_toolpath(write(tmp_path, text, "a.apt")).has_ways is has_ways
 
 
 # ---------------------------------------------------------------- in a task

@@ -1,0 +1,131 @@
+"""Circular arcs and helices as polygons with a stated chord error."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from qp_twist.checks import Array
+from qp_twist.errors import InvalidInput
+
+ARC_ERROR = 1e-5
+"""Largest distance between an arc and its polygon, unless another is given, m."""
+_LARGEST_STEP = math.radians(10.0)
+"""Largest angle of one chord, whatever the error."""
+_OFF_CIRCLE = (2e-5, 1e-3)
+"""How far the ends may be from the circle as programs round them: m, or a share of the radius."""
+_CLOSED = 1e-9
+"""An end nearer to the start, m, is the start: the arc is a full circle."""
+_UNCLEAR = 5e-6
+"""An end nearer to the start, m, but not on it, may be a full circle or almost none."""
+
+
+def arc_sweep(start: Array, end: Array, centre: Array, axis: Array) -> float:
+    r"""Angle of the right-handed rotation about an axis from one point of a circle to another.
+
+    .. math:: \varphi = \mathrm{atan2}(\mathbf a \cdot (\mathbf s \times \mathbf e),\;
+        \mathbf s \cdot \mathbf e) \bmod 2\pi
+
+    with s and e from the centre to the start and the end, without their parts along the unit vector
+    a of the axis.
+
+    Args:
+        start: First point, m, (3,).
+        end: Last point, m, (3,).
+        centre: A point of the axis, m, (3,).
+        axis: Direction of the axis, unit vector, (3,).
+
+    Returns:
+        φ in (0, 2π]; 2π if both points are the same.
+
+    Raises:
+        InvalidInput: If the points are so close together that a full circle and none look alike.
+    """
+    s, e = _radial(start - centre, axis), _radial(end - centre, axis)
+    apart = float(np.linalg.norm(e - s))
+    if apart < _CLOSED:
+        return 2.0 * math.pi
+    if apart < _UNCLEAR:
+        raise InvalidInput(
+            f"the arc ends {1e3 * apart:.2g} mm from its start, which may be a full circle or "
+            "nearly none; end it at its start, or leave it out"
+        )
+    angle = math.atan2(float(axis @ np.cross(s, e)), float(s @ e))
+    return angle if angle > 0.0 else angle + 2.0 * math.pi
+
+
+def check_radii(start: Array, end: Array, centre: Array, axis: Array, radius: float | None) -> None:
+    """Refuse an arc whose ends are not on one circle.
+
+    Args:
+        start: First point, m, (3,).
+        end: Last point, m, (3,).
+        centre: A point of the axis, m, (3,).
+        axis: Direction of the axis, unit vector, (3,).
+        radius: Radius that the file states, m; ``None`` if it states none.
+
+    Raises:
+        InvalidInput: If a distance from the axis differs from the others by more than 0.02 mm and
+            by more than 0.1 %, or the radius is zero.
+    """
+    r_start, r_end = (float(np.linalg.norm(_radial(p - centre, axis))) for p in (start, end))
+    radii = [r_start, r_end] if radius is None else [r_start, r_end, radius]
+    if min(radii) < 1e-9:
+        raise InvalidInput("the arc has the radius zero")
+    most = max(_OFF_CIRCLE[0], _OFF_CIRCLE[1] * max(radii))
+    if max(radii) - min(radii) > most:
+        stated = "" if radius is None else f", and the radius is {1e3 * radius:.6g} mm"
+        raise InvalidInput(
+            f"the arc starts {1e3 * r_start:.6g} mm from its centre and ends {1e3 * r_end:.6g} mm "
+            f"from it{stated}; expected the same distance"
+        )
+
+
+def arc_points(
+    start: Array, end: Array, centre: Array, axis: Array, sweep: float, error: float = ARC_ERROR
+) -> tuple[Array, Array]:
+    r"""Points of an arc or a helix, so dense that chords stay within an error of it.
+
+    The chord of an angle δ is :math:`r\,(1 - \cos(\delta/2))` away from an arc of radius r. The
+    distances of the two ends from the axis, and their heights along it, are interpolated in
+    proportion to the angle.
+
+    Args:
+        start: First point, m, (3,).
+        end: Last point, m, (3,).
+        centre: A point of the axis, m, (3,).
+        axis: Direction of the axis, unit vector, (3,).
+        sweep: Angle about it, right-handed, rad.
+        error: Largest distance of a chord from the arc, m.
+
+    Returns:
+        Points without ``start``, the last of them ``end``, m, (N, 3); and their shares of the
+        angle, (N,).
+    """
+    s, e = start - centre, end - centre
+    u = _radial(s, axis)
+    r_start, r_end = float(np.linalg.norm(u)), float(np.linalg.norm(_radial(e, axis)))
+    u = u / r_start
+    v = np.cross(axis, u)
+    largest = max(r_start, r_end)
+    step = min(_LARGEST_STEP, 2.0 * math.acos(max(0.0, 1.0 - error / largest)))
+    count = max(1, math.ceil(abs(sweep) / step * (1.0 - 1e-12)))
+    shares = np.arange(1, count + 1) / count
+    angles = sweep * shares
+    radii = r_start + shares * (r_end - r_start)
+    heights = float(s @ axis) + shares * float((e - s) @ axis)
+    points = (
+        centre
+        + (radii * np.cos(angles))[:, None] * u
+        + (radii * np.sin(angles))[:, None] * v
+        + heights[:, None] * axis
+    )
+    points[-1] = end
+    return points, shares
+
+
+def _radial(vector: Array, axis: Array) -> Array:
+    """The part of a vector perpendicular to an axis."""
+    found: Array = vector - axis * float(vector @ axis)
+    return found
