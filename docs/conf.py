@@ -63,10 +63,12 @@ nitpick_ignore = [
     # What a toolpath's columns and units can be; the toolpaths' page lists them.
     ("py:class", "Format"),
     ("py:class", "LengthUnit"),
+    ("py:class", "ArcAxis"),
     ("py:class", "FeedUnit"),
     ("py:class", "TypeAliasForwardRef"),
     ("py:class", "AngleUnit"),
     ("py:class", "Orientation"),
+    ("py:class", "Rotary"),
     ("py:class", "Meaning"),
     # What of a path's orientation is that of the start.
     ("py:class", "FromStart"),

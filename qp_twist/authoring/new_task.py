@@ -232,6 +232,7 @@ def _toolpath(request: Request) -> Toolpath:
             orientation=request.orientation,
             feed_unit=request.feed_unit,
             arc_axis=request.arc_axis,
+            rotary=request.rotary,
         )
     except InvalidInput as error:
         raise InvalidInput(f"{error}{_hint(error)}") from error
@@ -247,6 +248,8 @@ def _hint(error: InvalidInput) -> str:
         "add angle_unit": "--angle-unit deg or --angle-unit rad",
         "add feed_unit": "--feed-unit mm/min or another",
         'arc_axis = "right"': "--arc-axis right or --arc-axis left",
+        "add rotary = to": "--rotary head-ac or another of these",
+        'add rotary = "vector"': "--rotary vector",
         "orientation =": "--orientation normal, axis, rpy or none",
     }
     answers = [option for words, option in options.items() if words in text]

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Literal
 
 from qp_twist.authoring.solids import MeshUnit
-from qp_twist.paths import AngleUnit, ArcAxis, FeedUnit, LengthUnit, Orientation
+from qp_twist.paths import AngleUnit, ArcAxis, FeedUnit, LengthUnit, Orientation, Rotary
 from qp_twist.paths.file_path_schema import ColumnsTable
 
 
@@ -17,7 +17,7 @@ class Request:
 
     Attributes:
         robot: MJCF or URDF file, or the name of a shipped scene.
-        toolpath: CSV or APT-CL file.
+        toolpath: CSV, APT-CL or G-code file.
         frame: Controlled frame; ``None`` for the only one.
         frame_type: ``"site"``, ``"body"`` or ``"geom"``; ``None`` for any with that name.
         length_unit: Unit of a file without one.
@@ -28,6 +28,7 @@ class Request:
         rapids: Whether rapid motions of the file are part of the path; ``None``: if they lead the
             tool away from each curve and to the next.
         arc_axis: Sense of rotation of circles about their axes, if the file leaves it open.
+        rotary: How the rotary axes of a G-code file turn the tool.
         tool: Whether the frame's z points into the part.
         place: Origin of the toolpath's frame in the world, m; ``None`` for the world's origin, or
             elsewhere if the robot does not reach it there.
@@ -53,6 +54,7 @@ class Request:
     columns: ColumnsTable | None = None
     rapids: Literal["keep", "drop"] | None = None
     arc_axis: ArcAxis | None = None
+    rotary: Rotary | None = None
     tool: Literal["into", "out"] = "into"
     place: tuple[float, float, float] | None = None
     place_rpy_deg: tuple[float, float, float] = (0.0, 0.0, 0.0)

@@ -125,7 +125,7 @@ def _projector(parts: Parts) -> str:
     return "\n".join(lines)
 
 
-def _path(parts: Parts) -> str:
+def _path(parts: Parts) -> str:  # noqa: PLR0912
     request, toolpath = parts.request, parts.toolpath
     points = sum(map(len, toolpath.curves))
     curves = len(toolpath.curves)
@@ -145,6 +145,8 @@ def _path(parts: Parts) -> str:
         lines.append(_line('rapids = "keep"', "the tool comes and goes as in the file; or drop"))
     if request.arc_axis:
         lines.append(_line(f'arc_axis = "{request.arc_axis}"', "sense of CIRCLE about its axis"))
+    if request.rotary:
+        lines.append(_line(f'rotary = "{request.rotary}"', "how rotary axes turn the tool"))
     if request.orientation:
         lines.append(f'orientation = "{request.orientation}"')
     elif toolpath.meaning in ("normal", "axis"):

@@ -18,6 +18,7 @@ from qp_twist.checks import number
 from qp_twist.cli.app import app, check_file, say
 from qp_twist.cli.progress import share_progress
 from qp_twist.errors import InvalidInput
+from qp_twist.paths import Rotary
 from qp_twist.paths.file_path_schema import ColumnsTable
 
 _LONG = 2.0
@@ -39,6 +40,7 @@ def new(
     columns: Annotated[str | None, tyro.conf.arg(metavar="TEXT")] = None,
     rapids: Literal["auto", "keep", "drop"] = "auto",
     arc_axis: Literal["auto", "right", "left"] = "auto",
+    rotary: Rotary | None = None,
     tool: Annotated[str, tyro.conf.arg(metavar="{into,out,FILE}")] = "into",
     place: Annotated[
         str | None, tyro.conf.arg(metavar="X,Y,Z[,ROLL_DEG,PITCH_DEG,YAW_DEG]")
@@ -57,7 +59,7 @@ def new(
 
     Args:
         robot: MJCF or URDF file, or a shipped scene.
-        path: Toolpath, CSV or APT-CL.
+        path: Toolpath: CSV, APT-CL or G-code.
         frame: The robot's frame that follows it; if omitted, the only possible one.
         frame_type: Kind of the frame, if two frames have the same name.
         out: Task file to write.
@@ -66,9 +68,11 @@ def new(
         orientation: Columns of direction to use, if there are several.
         feed_unit: Unit of a column of feeds, likewise.
         columns: Columns with unusual names, e.g. "position=1,2,3;normal=4,5,6".
-        rapids: Whether rapid motions of an APT file are part of the path; auto: if the file leads
+        rapids: Whether rapid motions of the file are part of the path; auto: if the file leads
             the tool away from each curve and to the next.
         arc_axis: Sense of rotation of CIRCLE about its axis, if the file leaves it open.
+        rotary: How the rotary axes A, B, C of a G-code file turn the tool or the part; or
+            vector, the tool axis is I, J, K of straight motions.
         tool: Whether the frame's z points into the part or out of it; or the mesh of a tool (STL,
             OBJ or DAE) in the axes of the robot's frame, whose tip's z points into the part: a
             scene is then written beside the task file.
@@ -97,6 +101,7 @@ def new(
         columns=None if columns is None else _columns(columns),
         rapids=None if rapids == "auto" else rapids,
         arc_axis=None if arc_axis == "auto" else arc_axis,
+        rotary=rotary,
         tool="out" if tool == "out" else "into",
         speed=number("--speed", speed, above=0.0),
         search_seconds=number("--search-time", search_time, above=0.0),

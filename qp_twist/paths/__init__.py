@@ -24,6 +24,7 @@ from .resample import MOST as MOST
 from .resample import Sampling as Sampling
 from .resample import resampled as resampled
 from .resources import shipped_folder as shipped_folder
+from .rotary_axes import Rotary as Rotary
 from .segment import Segment as Segment
 from .task_file import load_scene as load_scene
 from .task_file import load_task as load_task

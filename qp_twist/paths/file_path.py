@@ -82,6 +82,7 @@ def file_waypoints(
         feed_unit=section.feed_unit,
         arc_error=section.arc_error,
         arc_axis=section.arc_axis,
+        rotary=section.rotary,
     )
     if section.curves is not None:
         toolpath = toolpath.chosen(section.curves)

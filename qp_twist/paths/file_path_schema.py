@@ -13,6 +13,7 @@ from qp_twist.paths.arcs import ARC_ERROR
 from qp_twist.paths.projector_schema import OwnProjector
 from qp_twist.paths.read_toolpath import Format
 from qp_twist.paths.resample import Sampling
+from qp_twist.paths.rotary_axes import Rotary
 from qp_twist.paths.section import Number, Positive, Section, Vector
 from qp_twist.paths.toolpath_columns import ColumnChoice, Orientation
 
@@ -113,6 +114,7 @@ class FilePath(Section):
     )
     arc_error: Positive = Field(default=ARC_ERROR, description="m, of the chords of an arc")
     arc_axis: ArcAxis | None = None
+    rotary: Rotary | None = None
     tool: Literal["into", "out"] = "into"
     lead_deg: LeanAngle = 0.0
     tilt_deg: LeanAngle = 0.0

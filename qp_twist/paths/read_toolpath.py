@@ -11,10 +11,12 @@ from qp_twist.files import AngleUnit, FeedUnit, LengthUnit, of_file, read_bytes,
 from qp_twist.paths.apt_toolpath import ArcAxis, read_apt
 from qp_twist.paths.arcs import ARC_ERROR
 from qp_twist.paths.csv_toolpath import read_csv
+from qp_twist.paths.gcode_toolpath import SUFFIXES, read_gcode
+from qp_twist.paths.rotary_axes import Rotary
 from qp_twist.paths.toolpath import Toolpath
 from qp_twist.paths.toolpath_columns import ColumnChoice, Orientation
 
-Format = Literal["csv", "apt"]
+Format = Literal["csv", "apt", "gcode"]
 
 
 def read_toolpath(
@@ -28,14 +30,16 @@ def read_toolpath(
     feed_unit: FeedUnit | None = None,
     arc_error: float = ARC_ERROR,
     arc_axis: ArcAxis | None = None,
+    rotary: Rotary | None = None,
 ) -> Toolpath:
-    """Read a toolpath from a table (CSV) or APT-CL.
+    """Read a toolpath from a table (CSV), APT-CL or G-code.
 
     Information in the file (names and units in its header, ``UNITS/MM``) need not be passed.
 
     Args:
         file: The file.
-        format: Format of the file; detected from its lines if left out.
+        format: Format of the file; if left out, APT-CL for a file with ``GOTO/`` lines, G-code by
+            the suffix ``.nc``, ``.gcode``, ``.tap``, ``.mpf``, ``.ngc`` or ``.cnc``, else a table.
         columns: Columns whose names are not the usual ones.
         length_unit: Unit of the positions.
         angle_unit: Unit of roll, pitch and yaw.
@@ -43,6 +47,7 @@ def read_toolpath(
         feed_unit: Unit of the feed column.
         arc_error: Largest distance of an arc from the chords that replace it, m.
         arc_axis: Sense of rotation of ``CIRCLE`` about its axis, if the file leaves it open.
+        rotary: Of G-code, how rotary axes turn the tool, or ``"vector"`` for I, J, K.
 
     Returns:
         The curves, in metres, with unit vectors or rotations, and the feeds of the file.
@@ -62,14 +67,18 @@ def read_toolpath(
         lines = text_lines(content)
         if format is None:
             goto = any(re.match(r"\s*GOTO\s*/", line, re.IGNORECASE) for line in lines)
-            format = "apt" if goto else "csv"
+            format = "apt" if goto else "gcode" if path.suffix.lower() in SUFFIXES else "csv"
         if format == "csv":
             choice = columns or ColumnChoice()
             return read_csv(path, lines, choice, orientation, length_unit, angle_unit, feed_unit)
         if columns is not None:
-            raise InvalidInput("an APT file has no columns; leave columns out.")
+            raise InvalidInput("an APT or G-code file has no columns; leave columns out.")
         if feed_unit is not None:
             raise InvalidInput(
-                "an APT file states the unit of a feed in FEDRAT; leave feed_unit out."
+                "an APT or G-code file states the unit of a feed itself; leave feed_unit out."
             )
+        if format == "gcode":
+            return read_gcode(path, lines, orientation, length_unit, arc_error, rotary)
+        if rotary is not None:
+            raise InvalidInput("an APT file states tool axes as vectors; leave rotary out.")
         return read_apt(path, lines, orientation, length_unit, arc_error, arc_axis)

@@ -1,0 +1,393 @@
+"""G-code: motions, arcs, feeds and tool axes, and what is refused."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+import qp_twist as qt
+from qp_twist.authoring import Request, new_task
+from qp_twist.checks import Array
+from qp_twist.cli import main
+from qp_twist.cli import new as _command  # noqa: F401
+from qp_twist.errors import InvalidInput
+from qp_twist.paths import Rotary, Toolpath, read_toolpath
+from qp_twist.paths.rotary_axes import tool_axis
+
+QUICK = settings(
+    max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+)
+HEAD = "%\nO1000 (PART)\nN10 G21 G17 G90 G40 G49 G80\nN20 T1 M6\n"
+
+
+def read(folder: Path, text: str, name: str = "part.nc", **options: object) -> Toolpath:
+    path = folder / name
+    path.write_text(text, encoding="utf-8")
+    return read_toolpath(path, **options)  # type: ignore[arg-type]
+
+
+def millimetres(toolpath: Toolpath) -> Array:
+    [curve] = toolpath.curves
+    found: Array = curve.positions * 1e3
+    return found
+
+
+# ---------------------------------------------------------------- straight motions
+
+
+def test_modes_hold_and_points_are_complete_before_they_count(tmp_path: Path) -> None:
+    text = HEAD + (
+        "N30 G54 G0 X0. Y0. S3000 M3 (above the part)\nN40 G43 H1 Z50. M8\nZ2.\n"
+        "N50 G1 Z0. F120 ; plunge\nX10. F600\nY10.5\nG91 X-4. Y1.\nG90 G0 Z50.\n"
+        "G53 G0 Z0.\nM30\n%\n"
+    )
+    toolpath = read(tmp_path, text)
+    [curve] = toolpath.curves
+    assert millimetres(toolpath) == pytest.approx(
+        np.array([[0, 0, 2], [0, 0, 0], [10, 0, 0], [10, 10.5, 0], [6, 11.5, 0]])
+    )
+    assert curve.lines.tolist() == [7, 8, 9, 10, 11]
+    assert curve.feeds == pytest.approx([math.nan, 2e-3, 1e-2, 1e-2, 1e-2], nan_ok=True)
+    assert curve.vectors == pytest.approx(np.array([[0, 0, 1.0]] * 5))
+    assert curve.before is not None and curve.after is not None
+    assert curve.before.positions * 1e3 == pytest.approx(np.array([[0, 0, 50]]))
+    assert curve.after.positions * 1e3 == pytest.approx(np.array([[6, 11.5, 50]]))
+    assert toolpath.has_ways and toolpath.unit == "mm" and toolpath.unit_in_file
+    notes = " ".join(toolpath.notes)
+    for said in ("no tool axis is stated", "G0 (3 times)", "G54", "G43", "T, M6", "S, M3",
+                 "motions to the machine's own positions (G28, G53, … in line 13)"):  # fmt: skip
+        assert said in notes
+
+
+def test_inches_and_feeds_per_turn(tmp_path: Path) -> None:
+    text = "G20\nG0 X0 Y0 Z0\nG1 X1 F10\nG95 S1200 X2 F.01\nG94 X3 F20\n"
+    [curve] = read(tmp_path, text, "a.tap").curves
+    assert curve.positions[:, 0] == pytest.approx([0, 0.0254, 0.0508, 0.0762])
+    per_second = [math.nan, 0.254 / 60, 0.01 * 0.0254 * 20, 0.508 / 60]
+    assert curve.feeds == pytest.approx(per_second, nan_ok=True)
+    # An F of the other kind does not hold.
+    [curve] = read(tmp_path, text.replace(" F20", ""), "a.tap").curves
+    assert math.isnan(curve.feeds[-1])
+    with pytest.raises(InvalidInput, match="line 4: the feed is per turn of the spindle"):
+        read(tmp_path, text.replace(" S1200", ""), "a.tap")
+    metres = read(tmp_path, "G1 X0 Y0 Z0\nX1\n", length_unit="mm")
+    assert metres.curves[0].positions[1, 0] == pytest.approx(1e-3)
+
+
+@pytest.mark.parametrize("suffix", ["nc", "gcode", "tap", "mpf", "ngc", "NC"])
+def test_the_suffix_tells_the_format(tmp_path: Path, suffix: str) -> None:
+    text = "G21 G1 X0 Y0 Z0\nX1\n"
+    assert len(read(tmp_path, text, f"a.{suffix}").curves[0]) == 2
+    assert len(read(tmp_path, text, "a.txt", format="gcode").curves[0]) == 2
+
+
+def test_words_of_a_sinumerik_are_read(tmp_path: Path) -> None:
+    text = (
+        '%_N_PART_MPF\n;$PATH=/_N_WKS_DIR\nN1 G71 G90 G17\nN2 T="MILL 10" D1\nN3 MSG("A; (B)")\n'
+        "N4 CYCLE832(0.01,_FINISH,1)\nN5 TRAORI\nN6 ORIWKS ORIAXES FFWON SOFT COMPCAD\n"
+        "N7 G0 X0 Y0 Z10 A3=0 B3=0 C3=1\nN8 G1 Z0 F500 A3=.6 C3=.8\nN9 X=10\nN10 TRAFOOF\n"
+        "N11 SUPA G0 Z0\nM17\n"
+    )
+    toolpath = read(tmp_path, text, "part.mpf")
+    [curve] = toolpath.curves
+    assert curve.vectors == pytest.approx(np.array([[0, 0, 1], [0.6, 0, 0.8], [0.6, 0, 0.8]]))
+    arc = "G71 G0 X0 Y0 Z0\nG1 F100 X10\nG3 X0 Y10 CR=10\n"
+    assert millimetres(read(tmp_path, arc, "a.mpf"))[-1] == pytest.approx([0, 10, 0])
+
+
+# ---------------------------------------------------------------- arcs
+
+
+@QUICK
+@given(st.data())
+def test_arcs_in_each_plane_are_circles(tmp_path: Path, data: st.DataObject) -> None:
+    """Random arcs and helices, by the centre, absolute or relative, and by the radius."""
+    rng = np.random.default_rng(data.draw(st.integers(0, 2**32 - 1)))
+    plane, normal = data.draw(st.sampled_from([(17, 2), (18, 1), (19, 0)]))
+    code = data.draw(st.sampled_from([2, 3]))
+    how = data.draw(st.sampled_from(["IJK", "G90.1", "R"]))
+    relative = data.draw(st.booleans())
+    radius, sweep = rng.uniform(1, 80), rng.uniform(0.05, 6.2)
+    centre = rng.uniform(-40, 40, 3)
+    axis = np.eye(3)[normal] * (1 if code == 3 else -1)
+    first = np.roll(np.eye(3)[normal], 1) * radius
+    start = centre + Rotation.from_rotvec(rng.uniform(0, 6) * axis).apply(first)
+    start[normal] = centre[normal] = 3.0
+    shares = np.linspace(0, 1, 400)
+    rise = np.eye(3)[normal] * data.draw(st.sampled_from([0.0, 5.0]))
+    true = centre + Rotation.from_rotvec(np.outer(shares * sweep, axis)).apply(start - centre)
+    true = true + shares[:, None] * rise
+    end = true[-1]
+    stated = end - start if relative else end
+    text = f"G21 G{plane}\nG0 X{start[0]:.7f} Y{start[1]:.7f} Z{start[2]:.7f}\n"
+    text += f"G{91 if relative else 90} G{code} F300"
+    text += "".join(f" {c}{v:.7f}" for c, v in zip("XYZ", stated, strict=True))
+    if how == "R":
+        text += f" R{radius if sweep <= math.pi else -radius:.7f}"
+    else:
+        of = centre if how == "G90.1" else centre - start
+        text += " G90.1" if how == "G90.1" else ""
+        text += "".join(f" {'IJK'[k]}{of[k]:.7f}" for k in range(3) if k != normal)
+    toolpath = read(tmp_path, text + "\n", arc_error=2e-5)
+    found = millimetres(toolpath)
+    apart = np.linalg.norm(true[:, None] - found[None], axis=2)
+    assert apart.min(axis=0).max() < 0.6 * (radius * sweep / 399 + 0.02) + 1e-2
+    assert found[0] == pytest.approx(start, abs=1e-5)
+    assert found[-1] == pytest.approx(end, abs=1e-5)
+    length = np.linalg.norm(np.diff(found, axis=0), axis=1).sum()
+    assert length == pytest.approx(math.hypot(radius * sweep, rise.sum()), rel=2e-3)
+    assert np.diff(found @ np.eye(3)[normal]).min() > -1e-9
+
+
+def test_a_quarter_circle_and_its_complement_and_a_full_circle(tmp_path: Path) -> None:
+    """By hand: G2 is clockwise seen from +z; −R is the longer way."""
+    head = "G21 G0 X10 Y0 Z0\n"
+    for block, sweep, y in (
+        ("G3 X0 Y10 I-10 J0 F1", 90, 1), ("G2 X0 Y10 I-10 F1", -270, -1),
+        ("G2 X0 Y-10 R10 F1", -90, -1), ("G3 X0 Y-10 R-10 F1", 270, 1), ("G3 I-10 F1", 360, 1),
+        ("G2 I-10 J0 F1", -360, -1), ("G18 G2 X0 Z10 I-10 F1", -90, 0),
+    ):  # fmt: skip
+        found = millimetres(read(tmp_path, head + block + "\n"))
+        vertical = found[:, 2] if "G18" in block else found[:, 1]
+        angles = np.unwrap(np.arctan2(vertical, found[:, 0]))
+        expected = -sweep if "G18" in block else sweep  # x to z is left-handed about y
+        assert math.degrees(angles[-1] - angles[0]) == pytest.approx(expected)
+        if y:
+            assert math.copysign(1, found[1, 1]) == y
+        within = 10 * (1 - np.cos(np.diff(angles) / 2))
+        assert np.abs(within).max() <= 0.01 + 1e-9
+
+
+# ---------------------------------------------------------------- tool axes
+
+
+ROTATIONS = {
+    "head-ac": lambda a, b, c: Rotation.from_euler("Z", c) * Rotation.from_euler("X", a),
+    "head-bc": lambda a, b, c: Rotation.from_euler("Z", c) * Rotation.from_euler("Y", b),
+    "head-ab": lambda a, b, c: Rotation.from_euler("Y", b) * Rotation.from_euler("X", a),
+    "head-ba": lambda a, b, c: Rotation.from_euler("X", a) * Rotation.from_euler("Y", b),
+    # A table turns the part by R, and the tool along z is R⁻¹ e_z in the part's frame.
+    "table-ac": lambda a, b, c: (Rotation.from_euler("X", a) * Rotation.from_euler("Z", c)).inv(),
+    "table-bc": lambda a, b, c: (Rotation.from_euler("Y", b) * Rotation.from_euler("Z", c)).inv(),
+    "table-ab": lambda a, b, c: (Rotation.from_euler("X", a) * Rotation.from_euler("Y", b)).inv(),
+    "table-ba": lambda a, b, c: (Rotation.from_euler("Y", b) * Rotation.from_euler("X", a)).inv(),
+    "head-a-table-c": lambda a, b, c: (
+        Rotation.from_euler("Z", c).inv() * Rotation.from_euler("X", a)
+    ),
+    "head-b-table-c": lambda a, b, c: (
+        Rotation.from_euler("Z", c).inv() * Rotation.from_euler("Y", b)
+    ),
+}
+
+
+@pytest.mark.parametrize("rotary", ROTATIONS)
+def test_rotary_axes_turn_the_tool_as_rotation_matrices_do(rotary: Rotary, tmp_path: Path) -> None:
+    rng = np.random.default_rng(3)
+    letters = [letter for letter in "ABC" if letter in rotary.upper().replace("HEAD", "").replace(
+        "TABLE", "")]  # fmt: skip
+    for angles in rng.uniform(-110, 110, (20, 3)):
+        expected = ROTATIONS[rotary](*np.radians(angles)).as_matrix()[:, 2]
+        stated = dict(zip("ABC", angles.tolist(), strict=True))
+        assert tool_axis(rotary, stated) == pytest.approx(expected, abs=1e-12)
+        words = " ".join(f"{letter}{stated[letter]:.8f}" for letter in letters)
+        text = f"G21 G43.4 H1\nG0 X0 Y0 Z5 {words}\nG1 Z0 F100\n"
+        [curve] = read(tmp_path, text, rotary=rotary).curves
+        assert curve.vectors == pytest.approx(np.array([expected] * 2), abs=1e-9)
+
+
+def test_between_two_points_the_rotary_axes_move_in_proportion(tmp_path: Path) -> None:
+    """At a lean of 60° about a turning C, the axis follows the cone and not the great circle."""
+    text = "G21 G43.4 H1\nG0 X0 Y0 Z0 A60 C0\nG1 X90 C90 F100\nG91 C-90\n"
+    [curve] = read(tmp_path, text, rotary="head-ac").curves
+    assert curve.vectors is not None
+    assert curve.vectors[:, 2] == pytest.approx(0.5)
+    first = curve.positions[:, 0].argmax()
+    turn = np.degrees(np.arctan2(curve.vectors[: first + 1, 0], -curve.vectors[: first + 1, 1]))
+    assert turn == pytest.approx(curve.positions[: first + 1, 0] * 1e3)
+    assert np.diff(turn).max() <= 3.0 + 1e-9
+    # The last block turns the tool in place, back to where it was.
+    assert curve.vectors[-1] == pytest.approx(curve.vectors[0])
+    assert np.ptp(curve.positions[first:], axis=0) == pytest.approx(0)
+
+
+def test_vectors_are_the_tool_axis_where_the_file_or_the_option_says_so(tmp_path: Path) -> None:
+    text = "G21\nG0 X0 Y0 Z5 I0 J0 K1\nG1 Z0 F100 I0 J-.6 K.8\nG3 X10 I5 J0\n"
+    with pytest.raises(InvalidInput, match=r"line 2: .* the tool axis; if so, add rotary"):
+        read(tmp_path, text)
+    for found in (
+        read(tmp_path, text, rotary="vector"),
+        read(tmp_path, text.replace("G21", "G21 G43.5 H1")),
+    ):
+        [curve] = found.curves
+        assert curve.vectors is not None
+        assert curve.vectors[0] == pytest.approx([0, 0, 1])
+        assert curve.vectors[1:] == pytest.approx(np.tile([0, -0.6, 0.8], (len(curve) - 1, 1)))
+        assert curve.positions[:, 1].min() == pytest.approx(-5e-3, abs=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("text", "rotary", "message"),
+    [
+        ("G43.4\nG0 X0 Y0 Z0 A30\nG1 X1", None, "line 3: A is a rotary axis; add rotary = .* head"),
+        ("G43.4\nG0 X0 Y0 Z0 B30\nG1 X1", "head-ac", "line 3: B is not one of the rotary axes of"),
+        ("G0 X0 Y0 Z0 A30\nG1 X1 Y0 Z0", "head-ac", "line 3: the rotary axes are turned without"),
+        ("G43.4\nG0 X0 Y0 Z0\nG1 X1 A30", "head-ac", "line 4: A is first stated here, after the"),
+        ("G0 X0 Y0 Z0\nG1 X1 I0 J1", "vector", "line 3: the tool axis has I and J alone"),
+        ("G0 X0 Y0 Z0\nG1 X1 I0 J0 K0", "vector", "line 3: the tool axis is zero"),
+        ("G43.4\nG0 X0 Y0 Z0 A30\nG1 X1 A3=0 C3=1", "head-ac", "by a vector and by rotary axes"),
+    ],
+)  # fmt: skip
+def test_a_tool_axis_that_is_open_is_refused(
+    tmp_path: Path, text: str, rotary: Rotary | None, message: str
+) -> None:
+    with pytest.raises(InvalidInput, match=message):
+        read(tmp_path, f"G21\n{text} F100\n", rotary=rotary)
+
+
+def test_without_control_of_the_tip_rapid_motions_lead_to_an_unknown_place(tmp_path: Path) -> None:
+    """Turning before G43.4 and after G49 is usual; the points of the machine are left out."""
+    text = (
+        "G21 G90\nG0 G53 Z0\nG0 A30 C40\nG0 X5 Y5\nG43.4 H1 X0 Y0 Z20\nG1 Z0 F100\nX10\nG0 Z20\n"
+        "G49\nG0 Z300\nA0 C0\nG0 X7\nM30\n"
+    )
+    toolpath = read(tmp_path, text, rotary="table-ac")
+    assert millimetres(toolpath) == pytest.approx(np.array([[0, 0, 20], [0, 0, 0], [10, 0, 0]]))
+    [curve] = toolpath.curves
+    assert curve.before is None and curve.after is not None
+    assert curve.after.positions * 1e3 == pytest.approx(np.array([[10, 0, 20]]))
+
+
+# ---------------------------------------------------------------- what is refused
+
+
+@pytest.mark.parametrize(
+    ("block", "message"),
+    [
+        ("G41 D1 X2", "G41 is a shift by the tool's radius, .* path of the tool's centre"),
+        ("G68 X0 Y0 R30", "G68 is turned coordinates"), ("G68.2 I10", "G68.2 is turned"),
+        ("G51 P2", "G51 is a scaled path"), ("G51.1 X0", "G51.1 is a mirrored path"),
+        ("G92 X0", "G92 is a shift of coordinates"), ("G52 X1", "G52 is a shift of coordinates"),
+        ("G50 X1", "G50 is a shift of coordinates"), ("G16", "G16 is polar coordinates"),
+        ("G10 L2 P1 X0", "G10 is a change of offsets"), ("G65 P9000", "G65 is a call of a macro"),
+        ("G81 Z-5 R2", "G81 is a drilling cycle"), ("G93 F2", "G93 is feeds in inverse time"),
+        ("G55 X2", "G55 is another work offset than before"), ("G123", "G123 is not known"),
+        ("G5 X1 Y1 I1 J1 P0 Q0", "G5 is not known"),
+        ("M98 P1000", "M98 calls a subprogram"), ("#101=5", "'#101=5' is not read"),
+        ("X#101", "'X#101' is not read"), ("X[1+2]", r"'X\[1\+2\]' is not read"),
+        ("IF [#1 EQ 0] GOTO 10", "is not read: expected words such as G1"),
+        ("R1=5", "R1 is no word that is known"), ("X=AC(5)", "is not read"),
+        ("L9000", "L calls or repeats a subprogram"),
+        ("U5", "U is no word that is known"), ("E1", "E is no word"),
+        ("X1 X2", "X is there twice"), ("G0 G1 X1", "one of G0, G1, G2 and G3; got several"),
+        ("/X5", "a block behind / is run or not by a switch"), ("(open", "no closing bracket"),
+        ("G1 R5 X1", "R belongs to an arc"), ("F0", "F: expected a feed above 0, got 0"),
+        ("G20", "the unit changes after the first motion"),
+        ("G2 X1 Y1", "has its centre in I and J, or a radius R; got neither"),
+        ("G2 X1 Y1 R5 I1", "a radius R or a centre I, J, K; got both"),
+        ("G2 R5", "ends at its start; write a full circle by I, J"),
+        ("G2 X50 R5", "are 49 mm apart, more than twice its radius, 5 mm"),
+        ("G2 X9 Y1 I5", "the arc starts 5 mm from its centre and ends 3.16228 mm"),
+        ("G2 X2 I.5 K1", "has its centre in I and J alone; got I, K"),
+        ("G2 X2 I.5 P3", "P: several turns are not read"),
+        ("G2 I0 J0", "has the radius zero"), ("G19 G2 Y2 I1", "has its centre in J and K"),
+        ("G90.1 G2 X2 I1.5", "G90.1: the centre needs both I and J"),
+        ("G28 Z0\nG1 X5", "line 5: G1: where the tool is in Z is not known"),
+        ("G28\nG91 X5", "line 5: X is relative .G91. to a position that is not known"),
+        ("G53 Z0\nG2 X2 I.5", "line 5: G2: where the arc begins is not known"),
+    ],
+)  # fmt: skip
+def test_what_changes_the_path_or_is_open_is_refused_with_its_line(
+    tmp_path: Path, block: str, message: str
+) -> None:
+    where = "" if "line 5" in message else "line 4: .*"
+    with pytest.raises(InvalidInput, match=where + message):
+        read(tmp_path, f"G21 G54\nG0 X0 Y0 Z0\nG1 X1 F100\n{block}\nX3\n")
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("X0 Y0 Z0\n", "line 1: no G0, G1, G2 or G3 says how to move there"),
+        ("G1 X0 Y0 Z0\nX1\n", "line 1: no G20 .inch. or G21 .mm. before the first coordinate"),
+        ("G21\nM30\n", "there is no motion to a point with X, Y and Z"),
+        ("G21 G0 X0 Y0 Z0\nG0 X5\n", "nothing is cut"),
+        ("G21 G0 X0 Y0 Z0\nG1 X10. F100\nX5\n", "line 3: X5 has no decimal point, and others such"),
+        ("G21 G0 X0 Y0\nG1 X10 F100\n", "line 2: G1: where the tool is in Z is not known"),
+        ("G21 G0 X0 Y0 Z0\nG1 X999999 F1\n", "1000 m from the origin"),
+    ],
+)  # fmt: skip
+def test_a_program_that_is_not_clear_is_refused(tmp_path: Path, text: str, message: str) -> None:
+    with pytest.raises(InvalidInput, match=message):
+        read(tmp_path, text)
+
+
+def test_options_of_other_formats_are_refused(tmp_path: Path) -> None:
+    text = "G21 G1 X0 Y0 Z0\nX1 F1\n"
+    with pytest.raises(InvalidInput, match="states the unit of a feed itself"):
+        read(tmp_path, text, feed_unit="mm/s")
+    with pytest.raises(InvalidInput, match="a G-code file has tool axes"):
+        read(tmp_path, text, orientation="rpy")
+    with pytest.raises(
+        InvalidInput, match="the file is in mm, length_unit of the task file says m"
+    ):
+        read(tmp_path, text, length_unit="m")
+    with pytest.raises(InvalidInput, match="states tool axes as vectors; leave rotary out"):
+        read(tmp_path, "UNITS/MM\nGOTO/0,0,0\nGOTO/1,0,0\n", "a.apt", rotary="head-ac")
+
+
+PIECES = ("G0", "G1", "G2", "G3", "G17", "G18", "G90", "G91", "G43.4", "G49", "G28", "G53", "X",
+          "Y", "Z", "A", "C", "I", "J", "K", "R", "F", "1", "-2.5", "10.", "0", "nan", "1e9", "(",
+          ")", ";", "/", "=", "[", "#", "%", "\n", "\n", "\n", " ", "M30", "T1 M6", "TRAORI", "A3=",
+          "é", '"')  # fmt: skip
+
+
+@settings(QUICK, max_examples=400)
+@given(st.lists(st.sampled_from(PIECES), max_size=40))
+def test_any_text_is_read_or_refused_in_a_sentence(tmp_path: Path, pieces: list[str]) -> None:
+    text = "G21 G90 G43.4\nG0 X0 Y0 Z0 A10 C0\nG1 X5 F100\n" + "".join(pieces)
+    try:
+        toolpath = read(tmp_path, text, rotary="head-ac")
+    except InvalidInput as error:
+        assert str(error).startswith("part.nc")
+    else:
+        for curve in toolpath.curves:
+            assert np.isfinite(curve.positions).all()
+            assert curve.vectors is not None
+            assert np.linalg.norm(curve.vectors, axis=1) == pytest.approx(1.0)
+
+
+# ---------------------------------------------------------------- from the command line
+
+
+def test_new_makes_a_task_of_a_program_with_five_axes(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    text = HEAD + (
+        "G0 X0. Y0. A0. C0.\nG43.4 H1 Z60.\nZ5.\nG1 Z0. F300.\nG3 X20. Y20. J20. A10.\n"
+        "G1 Y40. A0.\nG0 Z60.\nG49\nG28\nM30\n"
+    )
+    (tmp_path / "part.nc").write_text(text, encoding="utf-8")
+    out = tmp_path / "t.toml"
+    given_ = ["new", "seven_axis_arm.xml", "--frame", "tool", "--path", str(tmp_path / "part.nc"),
+              "--place", "0.45,0,0.3", "--out", str(out)]  # fmt: skip
+    with pytest.raises(SystemExit):
+        main(given_)
+    assert "For qp-twist new: --rotary head-ac or another of these" in capsys.readouterr().err
+    main([*given_, "--rotary", "head-ac"])
+    said = capsys.readouterr().out
+    assert "tool axes are those of the rotary axes by head-ac" in said
+    task = qt.load_task(out)
+    assert task.durations is not None and task.toolpath is not None
+    # A quarter circle of 20 mm and two straight cuts at 300 mm/min; ways at 0.05 m/s.
+    cut = (5 + 10 * math.pi + 20) / 5
+    assert task.durations.sum() == pytest.approx(cut + (55 + 60) / 50, rel=1e-3)
+    made = new_task(
+        Request(Path("seven_axis_arm.xml"), tmp_path / "part.nc", frame="tool", rotary="head-ac",
+                place=(0.45, 0.0, 0.3), rapids="drop"), out, force=True)  # fmt: skip
+    assert made.path_task.positions[:, 2].max() == pytest.approx(0.305)
