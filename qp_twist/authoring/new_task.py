@@ -107,13 +107,14 @@ def new_task(
     number("search_seconds", request.search_seconds, above=0.0)
     report = progress or (lambda what, share: None)
     report("reading the robot", 0.0)
-    robot, scene = _robot(request.robot, out)
+    robot, scene = _robot(request, out)
     frame = choose_frame(robot.model, request.frame, request.frame_type)
     report("reading the toolpath", 0.0)
     toolpath = _toolpath(request)
     _refuse_far(request, robot, frame, toolpath)
     with ExitStack() as stack:
         tool = part = ""
+        packages: dict[str, str] = {}
         of_cell: tuple[str, ...] = ()
         model = robot.model
         if request.has_cell:
@@ -124,10 +125,13 @@ def new_task(
             cell = write_cell(folder, robot, frame, request, np.array(request.place_rpy_deg), at)
             frame, tool, part, of_cell = cell.frame, cell.tool, cell.part, cell.notes
             model, scene = cell.robot.model, f"{folder.name}/scene.xml"
+        else:
+            packages = {name: _relative(at, out) for name, at in request.packages.items()}
         parts = Parts(
             request=request,
             title=f"{_model_name(robot)} along {request.toolpath.name}",
             scene=scene,
+            packages=packages,
             toolpath_file=_relative(request.toolpath, out),
             frame=frame,
             toolpath=toolpath,
@@ -196,13 +200,15 @@ def _check_out(out: Path, force: bool) -> None:
         )
 
 
-def _robot(file: Path, out: Path) -> tuple[Robot, str]:
+def _robot(request: Request, out: Path) -> tuple[Robot, str]:
     """The robot, and its reference in the task file."""
+    file = request.robot
     if not file.exists() and file.name == str(file):
         shipped = shipped_folder("scenes") / file
         if shipped.is_file():
             return load_robot(shipped), file.name
-    return load_robot(file), _relative(file, out)
+    robot = load_robot(file, packages=request.packages, arguments=request.arguments)
+    return robot, _relative(file, out)
 
 
 def _model_name(robot: Robot) -> str:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal
 
@@ -16,8 +17,10 @@ class Request:
     """A robot, a toolpath, and the options that the user chose.
 
     Attributes:
-        robot: MJCF or URDF file, or the name of a shipped scene.
+        robot: MJCF, URDF or xacro file, or the name of a shipped scene.
         toolpath: CSV, APT-CL or G-code file.
+        packages: Folders of the ROS packages of a URDF or xacro file, by name.
+        arguments: Values of the arguments of a xacro file, by name.
         frame: Controlled frame; ``None`` for the only one.
         frame_type: ``"site"``, ``"body"`` or ``"geom"``; ``None`` for any with that name.
         length_unit: Unit of a file without one.
@@ -65,6 +68,8 @@ class Request:
     part_mesh: Path | None = None
     fixture_meshes: tuple[Path, ...] = ()
     mesh_unit: MeshUnit | None = None
+    packages: Mapping[str, Path] = field(default_factory=dict)
+    arguments: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def has_cell(self) -> bool:

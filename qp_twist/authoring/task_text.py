@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import textwrap
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -28,6 +28,7 @@ class Parts:
         request: The arguments of ``qp-twist new``.
         title: One line that names the task.
         scene: Robot file as the task file names it.
+        packages: Folders of the robot file's ROS packages likewise, by name.
         toolpath_file: Toolpath file likewise.
         frame: The controlled frame.
         toolpath: What the toolpath file says.
@@ -45,6 +46,7 @@ class Parts:
     request: Request
     title: str
     scene: str
+    packages: Mapping[str, str]
     toolpath_file: str
     frame: FrameChoice
     toolpath: Toolpath
@@ -96,6 +98,11 @@ def _robot(parts: Parts) -> str:
         _line(f'frame_type = "{parts.frame.kind}"'),
         *(_comment(f"Left out of the robot file: {sentence}") for sentence in parts.left_out),
     ]
+    of_xacro = {} if parts.request.has_cell else parts.request.arguments
+    for name, table in (("packages", parts.packages), ("arguments", of_xacro)):
+        if table:
+            lines += ["", f"[robot.{name}]"]
+            lines += [f"{_key(key)} = {_quoted(str(value))}" for key, value in table.items()]
     return "\n".join(lines)
 
 

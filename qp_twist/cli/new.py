@@ -53,12 +53,18 @@ def new(
         Annotated[tuple[Path, ...], tyro.conf.arg(metavar="FILE")]
     ] = (),
     mesh_units: Annotated[Literal["mm", "m"] | None, tyro.conf.arg(metavar="{mm,m}")] = None,
+    package: tyro.conf.UseAppendAction[
+        Annotated[tuple[str, ...], tyro.conf.arg(metavar="NAME=DIR")]
+    ] = (),
+    arg: tyro.conf.UseAppendAction[
+        Annotated[tuple[str, ...], tyro.conf.arg(metavar="NAME:=VALUE")]
+    ] = (),
     force: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False,
 ) -> None:
     """Write a commented task file for a robot and a toolpath; it runs without edits.
 
     Args:
-        robot: MJCF or URDF file, or a shipped scene.
+        robot: MJCF, URDF or xacro file, or a shipped scene.
         path: Toolpath: CSV, APT-CL or G-code.
         frame: The robot's frame that follows it; if omitted, the only possible one.
         frame_type: Kind of the frame, if two frames have the same name.
@@ -87,6 +93,8 @@ def new(
         part: Mesh of the part, in the toolpath's frame.
         fixture: Mesh of what stands around the part, in the toolpath's frame; may be repeated.
         mesh_units: Unit of the meshes, mm or m; required with a mesh.
+        package: Folder of a ROS package of a URDF or xacro file; may be repeated.
+        arg: Value of an argument of a xacro file; may be repeated.
         force: Overwrite the task file, and the folder of its scene.
     """
     request = Request(
@@ -110,6 +118,8 @@ def new(
         part_mesh=part,
         fixture_meshes=fixture,
         mesh_unit=mesh_units,
+        packages={name: Path(at) for name, at in _named("--package", package, "=").items()},
+        arguments=_named("--arg", arg, ":="),
     )
     if place is not None:
         position, rpy_deg = _pose("--place", place)
@@ -137,6 +147,21 @@ def _with_hint(report: Callable[[str, float], None]) -> Callable[[str, float], N
         report(f"{what}; Ctrl-C ends the search with the best so far" if long else what, share)
 
     return report_with_hint
+
+
+def _named(option: str, texts: tuple[str, ...], mark: str) -> dict[str, str]:
+    """Values by name of a repeated option."""
+    found: dict[str, str] = {}
+    for text in texts:
+        name, given, value = text.partition(mark)
+        if not name or not given:
+            raise InvalidInput(
+                f"{option} {text!r}: expected a name and a value, e.g. {option} name{mark}value."
+            )
+        if name in found:
+            raise InvalidInput(f"{option}: {name!r} is given twice.")
+        found[name] = value
+    return found
 
 
 Three = tuple[float, float, float]

@@ -155,7 +155,7 @@ def _with_toolpath(source: Path, table: dict[str, Any], path: str | Path) -> dic
 
 
 def _build(path: Path, file: TaskFile) -> PathTask:
-    robot = load_scene(path, file.robot.scene, file.robot.packages)
+    robot = load_scene(path, file.robot.scene, file.robot.packages, file.robot.arguments)
     model = robot.model
     ranges = JointRanges.of(model)
     if not ranges.only_hinges_and_slides:
@@ -216,8 +216,13 @@ def _build(path: Path, file: TaskFile) -> PathTask:
     )
 
 
-def load_scene(path: Path, scene: str, packages: Mapping[str, str] | None = None) -> Robot:
-    """Load the robot of the MJCF or URDF file ``scene`` of the task file ``path``.
+def load_scene(
+    path: Path,
+    scene: str,
+    packages: Mapping[str, str] | None = None,
+    arguments: Mapping[str, str | bool | int | float] | None = None,
+) -> Robot:
+    """Load the robot of the MJCF, URDF or xacro file ``scene`` of the task file ``path``.
 
     Raises:
         TaskFileError: If there is no such file, or it is refused.
@@ -227,7 +232,7 @@ def load_scene(path: Path, scene: str, packages: Mapping[str, str] | None = None
     for candidate in candidates:
         if os.path.lexists(candidate):
             try:
-                robot = load_robot(candidate, packages=folders)
+                robot = load_robot(candidate, packages=folders, arguments=arguments)
             except InvalidInput as error:
                 raise TaskFileError(f"{path}: robot.scene: {error}") from error
             for sentence in robot.left_out:

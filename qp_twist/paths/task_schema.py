@@ -30,6 +30,9 @@ class RobotSection(Section):
         default_factory=dict,
         description="folders of the ROS packages with a URDF's meshes, relative to the task file",
     )
+    arguments: dict[str, str | bool | int | float] = Field(
+        default_factory=dict, description="values of the arguments of a xacro file"
+    )
 
 
 class SegmentSection(ProjectorSection):

@@ -1,4 +1,4 @@
-"""A robot from an MJCF or URDF file."""
+"""A robot from an MJCF, URDF or xacro file."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from qp_twist.errors import InvalidInput
 from qp_twist.files import check_regular, read_bytes
 from qp_twist.robots.finite import not_computable
 from qp_twist.robots.urdf import read_urdf
+from qp_twist.robots.xacro_files import expanded, is_xacro
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,8 +53,9 @@ def load_robot(
     path: str | Path,
     *,
     packages: Mapping[str, str | Path] | None = None,
+    arguments: Mapping[str, str | bool | int | float] | None = None,
 ) -> Robot:
-    """Load a robot from an MJCF or a URDF file, distinguished by the root element.
+    """Load a robot from an MJCF, a URDF or a xacro file, distinguished by what is in it.
 
     Both are loaded by MuJoCo; in a URDF every link remains a body, also one on a fixed joint, such
     as ``tool0``. Parts of a URDF that MuJoCo refuses but kinematics does not need are left out and
@@ -61,8 +63,9 @@ def load_robot(
 
     Args:
         path: The file.
-        packages: Folders of the ROS packages with a URDF's meshes, by name. Other packages are
-            searched beside the file and beside each of its parent folders.
+        packages: Folders of the ROS packages with a URDF's meshes, or that a xacro file includes,
+            by name. Other packages are searched around the file and its parent folders.
+        arguments: Values of the ``<xacro:arg>`` of a xacro file, by name.
 
     Raises:
         InvalidInput: If there is no such file, it is neither MJCF nor URDF, it contradicts itself,
@@ -71,12 +74,20 @@ def load_robot(
     file, folders = _file(path), _folders(packages)
     text = _text(file)
     root = _root_element(text)
+    if root == "mujoco" and arguments:
+        raise InvalidInput(f"{file}: is no xacro file and has no arguments; leave them out.")
     if root == "mujoco":
         spec, model = _mjcf(file)
         robot = Robot(model, {}, (), file, spec)
     elif root == "robot":
+        said: list[str] = []
+        values = _values(arguments)
+        if is_xacro(text, file):
+            text, said = expanded(file, folders, values)
+        elif values:
+            raise InvalidInput(f"{file}: is no xacro file and has no arguments; leave them out.")
         spec, model, speeds, left_out = read_urdf(text, file, folders)
-        robot = Robot(model, speeds, left_out, file, spec)
+        robot = Robot(model, speeds, (*said, *left_out), file, spec)
     else:
         found = f"starts with <{root}>" if root else "is empty or no XML at all"
         raise InvalidInput(
@@ -122,6 +133,18 @@ def _folders(packages: Mapping[str, str | Path] | None) -> dict[str, Path]:
         if not folder.is_dir():
             raise InvalidInput(f"packages.{name}: there is no folder {folder}; check the path.")
     return folders
+
+
+def _values(arguments: Mapping[str, str | bool | int | float] | None) -> dict[str, str]:
+    if arguments is None:
+        return {}
+    if not isinstance(arguments, Mapping):
+        raise InvalidInput(f"arguments: expected values by name, got {type(arguments).__name__}.")
+    # xacro reads true and false as XML has them.
+    return {
+        str(name): str(value).lower() if isinstance(value, bool) else str(value)
+        for name, value in arguments.items()
+    }
 
 
 def _text(file: Path) -> str:

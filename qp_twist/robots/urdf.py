@@ -29,7 +29,7 @@ def read_urdf(
         packages: Folders by package name.
 
     Raises:
-        InvalidInput: If the file is a xacro template, not XML, or inconsistent.
+        InvalidInput: If the file is not XML, or inconsistent.
     """
     root = _parsed(text, file)
     joints = read_joints(root, file)
@@ -63,11 +63,4 @@ def _parsed(text: str, file: Path) -> ET.Element:
             f"{file}: its elements are nested more than {_DEEPEST} deep, where a URDF needs six; "
             "an element is not closed, or this is no URDF."
         )
-    for element in root.iter():
-        values = " ".join(element.attrib.values())
-        if "xacro}" in element.tag or "${" in values or "$(" in values:
-            raise InvalidInput(
-                f"{file}: is a xacro file, a template of a URDF; expand it "
-                "(xacro robot.urdf.xacro > robot.urdf) and load what comes out."
-            )
     return root

@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 from qp_twist.errors import InvalidInput
 from qp_twist.files import read_bytes
+from qp_twist.robots.ros_packages import package_folders
 from qp_twist.robots.wording import listed
 
 _IN_PACKAGE = re.compile(r"(?:package|model)://([^/]+)/(.+)")
@@ -95,15 +96,7 @@ def _found(stated: str, file: Path, folder: Path, packages: Mapping[str, Path]) 
     in_package = _IN_PACKAGE.fullmatch(stated)
     if in_package:
         package, rest = in_package[1], in_package[2]
-        if package in packages:
-            places = [packages[package] / rest]
-        else:
-            above = file.resolve().parents
-            places = [
-                place / rest
-                for parent in above
-                for place in ([parent] if parent.name == package else []) + [parent / package]
-            ]
+        places = [folder / rest for folder in package_folders(package, file, packages)]
     else:
         plain = stated.removeprefix("file://")
         places = [file.parent / plain, folder / plain]
@@ -133,8 +126,8 @@ def _not_found(missing: list[str]) -> list[str]:
             count = f"{len(files)} mesh{'' if len(files) == 1 else 'es'}"
             sentences.append(
                 f"Not found: {count} of the package {package!r}. Say where it is: "
-                f"load_robot(..., packages={{{package!r}: folder}}), or in a task file "
-                f'[robot.packages] {package} = "folder".'
+                f"load_robot(..., packages={{{package!r}: folder}}), qp-twist new --package "
+                f'{package}=folder, or in a task file [robot.packages] {package} = "folder".'
             )
         else:
             sentences.append(f"Not found: {listed('mesh', files)}.")

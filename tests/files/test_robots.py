@@ -559,8 +559,8 @@ def test_mjcf_is_what_mujoco_loads(tmp_path: Path) -> None:
         ("<mujoco><worldbody><nonsense/></worldbody></mujoco>", "MuJoCo cannot load this MJCF"),
         ("<mujoco/>", "the robot has no joint that moves"),
         ("<robot name='r'><link name='base'/></robot>", "the robot has no joint that moves"),
-        ("<robot name='r' xmlns:xacro='x/xacro'><xacro:arm/></robot>", "is a xacro file"),
-        ("<robot name='r'><link name='${prefix}base'/></robot>", "is a xacro file"),
+        ("<robot name='r' xmlns:xacro='x/xacro'><xacro:arm/></robot>", "xacro cannot expand it"),
+        ("<robot name='r'><link name='${prefix}base'/></robot>", "xacro cannot expand it"),
     ],
 )
 def test_a_file_that_is_no_robot_is_refused_in_a_sentence(
