@@ -17,7 +17,7 @@ from qp_twist.authoring.cell import cell_folder, new_folder, write_cell
 from qp_twist.authoring.frame_choice import FrameChoice, choose_frame
 from qp_twist.authoring.request import Request
 from qp_twist.authoring.search import METHOD, PLANNED, Progress, TaskSearch, TaskSearchResult, Trial
-from qp_twist.authoring.task_text import Parts, feeds_in_words, task_text
+from qp_twist.authoring.task_text import Parts, VariedPlacement, feeds_in_words, task_text
 from qp_twist.authoring.touching import watched
 from qp_twist.checks import Array, number
 from qp_twist.errors import InvalidInput
@@ -49,6 +49,8 @@ _WIDE = 8.0 * np.pi
 """A hinge with a larger limit, rad, probably has its limits in degrees."""
 _FAR = 10.0
 """Distance of a path, in reaches of the robot, from which its unit is questioned."""
+_VARIED = 0.1
+"""Margin of the placements of a study, in reaches of the robot."""
 _SMALL = 2e-3
 """Size of a path, m, below which its unit is questioned."""
 
@@ -157,6 +159,7 @@ def new_task(
                 placement_notes=_placement_notes(request, searched),
                 start=None if best.start is None else best.start.q,
                 start_notes=_start_notes(searched),
+                varied=_varied(best.path_task, part),
             )
             path_task = _loaded(parts, unfinished, out)
             check = _run_once_more(path_task, best, report) if best.passes else None
@@ -179,6 +182,16 @@ def new_task(
             *([] if check is None else [f"run by {best.method}: {check.verdict}"]),
         ]
         return NewTask(out, path_task, best.start, tuple(notes), check, best.method)
+
+
+def _varied(path_task: PathTask, body: str) -> VariedPlacement:
+    """Placements for a study: a tenth of the reach around the path's middle."""
+    positions = path_task.positions
+    point = np.round(0.5 * (positions.min(axis=0) + positions.max(axis=0)), 4)
+    chain = SerialChain.of(path_task.model, path_task.frame_name, path_task.frame_type)
+    reach = largest_reach(chain, JointRanges.of(path_task.model))
+    margin = 0.1 if not np.isfinite(reach) else max(1e-3, round(_VARIED * reach, 3))
+    return VariedPlacement(point, body, margin)
 
 
 def _run_once_more(path_task: PathTask, best: Trial, report: Progress) -> Check | None:

@@ -21,6 +21,21 @@ _BARE = frozenset("abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ012345678
 
 
 @dataclass(frozen=True)
+class VariedPlacement:
+    """Range of placements around the present one.
+
+    Attributes:
+        point: The middle of the path, in the world, m, (3,).
+        body: Body of the scene that moves along; empty for none.
+        margin: By how much the point is moved along each axis, m.
+    """
+
+    point: Array
+    body: str
+    margin: float
+
+
+@dataclass(frozen=True)
 class Parts:
     """Content of a task file.
 
@@ -41,6 +56,7 @@ class Parts:
         start: Joint positions, rad or m, (nv,); ``None``: to be found when the task is run.
         start_notes: Sentences on the start.
         watched: What must not touch; ``None`` where nothing can collide.
+        varied: Where a study puts the workpiece; ``None`` without that section.
     """
 
     request: Request
@@ -59,6 +75,7 @@ class Parts:
     start: Array | None = None
     start_notes: Sequence[str] = field(default=())
     watched: Watched | None = None
+    varied: VariedPlacement | None = None
 
     @property
     def keeps_rapids(self) -> bool:
@@ -86,7 +103,7 @@ def task_text(parts: Parts) -> str:
     blocks += [_robot(parts), _projector(parts), _path(parts)]
     if parts.start is not None:
         blocks.append(_start(parts))
-    blocks += [_feed(parts), _limits(parts), *_clearance(parts), _methods()]
+    blocks += [_feed(parts), _limits(parts), *_clearance(parts), _methods(), *_study(parts)]
     return "\n\n".join(blocks) + "\n"
 
 
@@ -310,6 +327,29 @@ def _methods() -> str:
             "gain = 0.05",
         ]
     )
+
+
+def _study(parts: Parts) -> list[str]:
+    """The placements that a study tries."""
+    varied = parts.varied
+    if varied is None:
+        return []
+    lines = [
+        _comment("What qp-twist study varies: where the workpiece stands, around the place above."),
+        "[study]",
+        _line("position_error = 1e-4", "m, largest of a success"),
+        "axis_error_deg = 0.05",
+        _line("# max_step_deg = 15.0", "of a joint, in place of [feed] and [limits]"),
+        "",
+        "[study.placement]",
+        _line(f"point = {_numbers(varied.point)}", "m, the middle of the path"),
+        *([_line(f"body = {_quoted(varied.body)}", "it moves along")] if varied.body else []),
+        _line(f"lower = {_numbers(varied.point - varied.margin)}", "m, where that point is put"),
+        f"upper = {_numbers(varied.point + varied.margin)}",
+        _line("yaw_deg = [-30.0, 30.0]", "turn about the vertical"),
+        _line("tilt_deg = [0.0, 0.0]", "then a tilt to any side"),
+    ]
+    return ["\n".join(lines)]
 
 
 def _line(text: str, comment: str = "") -> str:

@@ -11,6 +11,7 @@ from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
+import mink
 import mujoco
 import numpy as np
 import pytest
@@ -370,3 +371,28 @@ def test_the_robot_of_a_urdf_is_the_same_in_its_scene(path: Path, tmp_path: Path
     assert (tmp_path / "arm_cell" / "meshes" / "bar.stl").is_file()
     shutil.rmtree(tmp_path / "arm")
     assert qt.load_task(tmp_path / "arm.toml").model.nmesh == 1  # the scene stands on its own
+
+
+def test_a_study_of_what_was_written_moves_path_and_part_around_their_place(
+    request_: Request, tmp_path: Path
+) -> None:
+    made = new_task(request_, tmp_path / "cell.toml")
+    stated = tomllib.loads(made.path.read_text("utf-8"))["study"]["placement"]
+    # The middle of the path is the origin of its file, and the part's body stands there.
+    assert stated["point"] == pytest.approx(PLACE)
+    assert stated["body"] == "part"
+    low, high = np.array(stated["lower"]), np.array(stated["upper"])
+    assert (low + high) / 2 == pytest.approx(PLACE) and (high > low).all()
+    found = qt.study(
+        made.path, samples=3, methods=["qp_gradient"], out=tmp_path / "study", jobs=1, certify=False
+    )
+    rows = found.table().to_pylist()
+    assert len(rows) == 3
+    for index, row in enumerate(rows):
+        at = np.array([row["x"], row["y"], row["z"]])
+        assert (at >= low).all() and (at <= high).all() and abs(row["yaw_deg"]) <= 30.0
+        sample = found.sample(row.get("sample", index)).path_task
+        body = sample.model.body("part")
+        # The path goes along with the part: its first point is -10 mm along the file's x.
+        turn = mink.SO3(body.quat)
+        assert sample.positions[0] == pytest.approx(body.pos + turn.apply(np.array([-0.01, 0, 0])))
