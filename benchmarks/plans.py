@@ -3,6 +3,7 @@
     python benchmarks/plans.py [plan_costs] [--write]
     python benchmarks/plans.py [plan_optimality] [--samples 40] [--roll-step 2] [--write]
     python benchmarks/plans.py [no_plan] --folder out/random [--roll-step 2] [--write]
+    python benchmarks/plans.py [plan_placements] [--samples 75] [--write]
 
 *plan_costs*: time and memory over waypoints, steps and redundancy. Each plan is made by a process
 of its own, which reports its wall time, its processor time, and how much its peak of memory is
@@ -19,6 +20,13 @@ better than the best motion, so the ratio can be below 1.
 `qp_planned` on `deburring`. For every sample that has a motion from some start but no plan from its
 own, the search goes from there waypoint by waypoint, and says at which it ends; about two seconds a
 sample. What it found is kept in no_plan.json beside the results.
+
+*plan_placements*: short paths at random places, for the arm of seven joints and for the arm on a
+rail, from free and from random fixed starts; and whether an independent search finds a motion. It
+has closed-form inverse kinematics on a grid of the free coordinates (for the seven joints, whose
+first three axes meet in one point as its last three do: of the elbow's angle about the line from
+shoulder to wrist), and the same largest step. Its motions are motions, so a plan that is missing
+where it finds one is a fault. Where it finds none there may be one between its nodes.
 """
 
 from __future__ import annotations
@@ -295,8 +303,200 @@ def no_plan(folder: str, jobs: int, roll_step: float) -> str:
     return text_of(rows, found)
 
 
+# ---------------------------------------------------------------- short paths at random places
+
+LARGEST_STEP = 10.0
+"""Of a joint to the next waypoint, degrees."""
+
+
+def placed_seven(index: int) -> qt.PathTask:
+    """13 waypoints of a half-circle of 19 at a random place about the arm of seven joints."""
+    rng, task = np.random.default_rng([7, index]), seven(19)
+    task.model.geom_contype[:] = 0  # the independent search knows of no clearance
+    away = rng.normal(size=3)
+    away *= rng.uniform(0.2, 0.7) / np.linalg.norm(away)
+    turn = mink.SO3.from_z_radians(rng.uniform(-np.pi, np.pi))
+    turn = turn @ mink.SO3.from_x_radians(rng.uniform(-0.5, 0.5) * np.pi)
+    place = mink.SE3.from_rotation_and_translation(turn, away + [0.0, 0.0, 0.35])
+    here = place @ mink.SE3.from_translation(np.array([-0.45, 0.0, -0.3]))
+    waypoints = tuple(here @ w for w in task.waypoints[:13])
+    return dataclasses.replace(task, waypoints=waypoints, constraints=())
+
+
+def placed_rail(index: int) -> qt.PathTask:
+    """13 waypoints of the deburring run at a random place along 2 m of rail."""
+    rng, task = np.random.default_rng([8, index]), on_a_rail(2)
+    first = rng.integers(len(task.waypoints) - 12)
+    part = task.waypoints[first : first + 13]
+    turn = mink.SO3.from_z_radians(rng.uniform(-np.pi, np.pi))
+    turn = turn @ mink.SO3.from_x_radians(rng.uniform(-0.5, 0.5) * np.pi)
+    place = mink.SE3.from_rotation_and_translation(
+        turn, rng.uniform([-2.0, 0.4, -0.4], [2.0, 2.2, 1.6])
+    )
+    here = place @ mink.SE3.from_translation(-part[6].translation())
+    return dataclasses.replace(task, waypoints=tuple(here @ w for w in part))
+
+
+class SevenKinematics:
+    """Configurations of the arm of seven joints, the last one at rest: it only turns the tool."""
+
+    def __init__(self, task: qt.PathTask, last: float) -> None:
+        self.limits, self.last = task.model.jnt_range[:6], last
+
+    def layer(self, pose: mink.SE3) -> Array:
+        """Eight configurations at each angle of the elbow that are inside the limits, (K, 7)."""
+        shoulder, upper, along = np.array([0.0, 0.0, 0.35]), 0.4, pose.rotation().as_matrix()[:, 2]
+        line = pose.translation() - 0.2 * along - shoulder
+        reach = np.linalg.norm(line)
+        if not 1e-6 < reach < 2.0 * upper:
+            return np.zeros((0, 7))
+        line /= reach
+        side = np.cross(line, np.eye(3)[np.argmin(np.abs(line))])
+        side /= np.linalg.norm(side)
+        angle, half = np.radians(np.arange(0.0, 360.0)), 0.5 * reach / upper
+        around = np.outer(np.cos(angle), side) + np.outer(np.sin(angle), np.cross(line, side))
+        first = half * line + np.sqrt(1.0 - half**2) * around  # along the upper arm
+        second = 2.0 * half * line - first  # along the forearm, which is as long
+        found = []
+        for a, b, c in np.array(np.meshgrid(*3 * [[1.0, -1.0]])).reshape(3, -1).T:
+            q = np.zeros((len(angle), 7))
+            q[:, 6] = self.last
+            turned = np.tile(np.eye(3), (len(angle), 1, 1))
+            # A turn about z, then one about y: the direction of z decides both.
+            for at, direction, sign in ((0, first, a), (2, second, b), (4, along, c)):
+                x, y, z = np.moveaxis(np.einsum("kji,...j->ki" if direction.ndim == 1 else
+                                                "kji,kj->ki", turned, direction), 1, 0)  # fmt: skip
+                q[:, at] = np.arctan2(sign * y, sign * x)
+                bend = sign * np.arccos(np.clip(z, -1.0, 1.0))
+                q[:, at + 1] = -bend if at == 2 else bend  # the elbow's axis is -y
+                turned = turned @ _about_z(q[:, at]) @ _about_y(bend)
+            found.append(q)
+        every = np.concatenate(found)
+        kept = (every[:, :6] >= self.limits[:, 0]) & (every[:, :6] <= self.limits[:, 1])
+        return every[kept.all(axis=1)]
+
+
+def _about_z(angles: Array) -> Array:
+    turn = np.tile(np.eye(3), (len(angles), 1, 1))
+    turn[:, 0, 0] = turn[:, 1, 1] = np.cos(angles)
+    turn[:, 1, 0] = np.sin(angles)
+    turn[:, 0, 1] = -turn[:, 1, 0]
+    return turn
+
+
+def _about_y(angles: Array) -> Array:
+    turn = np.tile(np.eye(3), (len(angles), 1, 1))
+    turn[:, 0, 0] = turn[:, 2, 2] = np.cos(angles)
+    turn[:, 0, 2] = np.sin(angles)
+    turn[:, 2, 0] = -turn[:, 0, 2]
+    return turn
+
+
+class RailKinematics:
+    """Configurations of the arm on its rail: those of the arm, with the pose moved against it."""
+
+    def __init__(self, task: qt.PathTask) -> None:
+        self.arm = InverseKinematics(qt.load_task("deburring"))
+        lower, upper = task.model.jnt_range[0]
+        self.places = np.linspace(lower, upper, 41)
+        self.rolls = np.radians(np.arange(0.0, 360.0, 4.0))
+
+    def layer(self, pose: mink.SE3) -> Array:
+        found = []
+        for place in self.places:
+            moved = mink.SE3.from_translation(np.array([-place, 0.0, 0.0])) @ pose
+            own = self.arm.inside_with_turns(self.arm.branches(moved, self.rolls))
+            found.append(np.column_stack([np.full(len(own), place), own]))
+        return np.concatenate(found)
+
+
+def searched(layers: list[Array], start: Array | None, step: float) -> bool:
+    """Whether a motion leads through the layers, none of its steps longer than ``step``, rad."""
+    alive = layers[0] if start is None else start[None]
+    for layer in layers[1:]:
+        if not len(alive) or not len(layer):
+            return False
+        near, _ = cKDTree(alive).query(layer, p=np.inf, distance_upper_bound=step)
+        alive = layer[np.isfinite(near)]
+    return len(alive) > 0
+
+
+def fault_of(task: qt.PathTask, q: Array, start: Array | None) -> str:
+    """What is wrong with a plan, by MuJoCo at its waypoints; nothing if it is right."""
+    data, worst = mujoco.MjData(task.model), 0.0
+    for row, waypoint in zip(q, task.waypoints, strict=True):
+        data.qpos[:] = row
+        mujoco.mj_kinematics(task.model, data)
+        site, target = data.site("tool"), waypoint.rotation().as_matrix()[:, 2]
+        worst = max(worst, np.abs(site.xpos - waypoint.translation()).max())
+        worst = max(worst, np.abs(site.xmat[2::3] - target).max())
+    lower, upper = task.model.jnt_range.T
+    faults = {
+        "off the path": worst > 1e-8,
+        "outside the limits": bool(((q < lower) | (q > upper)).any()),
+        "too fast": np.abs(np.diff(q, axis=0)).max() > np.radians(LARGEST_STEP) + 1e-9,
+        "elsewhere at first": start is not None and not np.array_equal(q[0], start),
+    }
+    return ", ".join(name for name, wrong in faults.items() if wrong)
+
+
+PLACED = {"7R": placed_seven, "6R on a rail": placed_rail}
+
+
+def placement_of(job: tuple[str, bool, int]) -> dict[str, Any]:
+    """One path: whether it is planned, what is wrong with the plan, and what the search says."""
+    arm, fixed, index = job
+    task, rng = PLACED[arm](index), np.random.default_rng([9, index])
+    last = rng.uniform(-2.0, 2.0)
+    kinematics = SevenKinematics(task, last) if arm == "7R" else RailKinematics(task)
+    layers, start = [kinematics.layer(pose) for pose in task.waypoints], None
+    row: dict[str, Any] = {"arm": arm, "fixed": fixed, "index": index}
+    if fixed:
+        if not len(layers[0]):
+            return {**row, "search": False, "plan": None, "fault": "", "certificate": "", "s": 0.0}
+        start = layers[0][rng.integers(len(layers[0]))]
+    found = searched(layers, start, np.radians(LARGEST_STEP))
+    began = time.process_time()
+    plan = qt.plan(task, start=start, max_step_deg=LARGEST_STEP)
+    took = time.process_time() - began
+    fault = "" if plan.q is None else fault_of(task, plan.q, start)
+    return {
+        **row, "search": found, "plan": plan.q is not None, "fault": fault,
+        "certificate": str(plan.certificate), "s": round(took, 2),
+    }  # fmt: skip
+
+
+def plan_placements(samples: int, first: int, jobs: int) -> tuple[str, int]:
+    """So many placements for each arm, from free and from fixed starts."""
+    rows, table, wrong = [], [], 0
+    todo = [
+        (arm, fixed, index)
+        for index in range(first, first + samples) for arm in PLACED for fixed in (False, True)
+    ]  # fmt: skip
+    for row in in_processes(placement_of, todo, jobs):
+        print(json.dumps(row), file=sys.stderr, flush=True)
+        rows.append(row)
+    for arm in PLACED:
+        for fixed in (False, True):
+            own = [r for r in rows if (r["arm"], r["fixed"]) == (arm, fixed)]
+            own = [r for r in own if r["plan"] is not None]
+            possible = [r for r in own if r["search"]]
+            missing, faulty = (
+                sum(not r["plan"] for r in possible), sum(bool(r["fault"]) for r in own)
+            )  # fmt: skip
+            wrong += missing + faulty
+            planned = sum(r["plan"] for r in own)
+            seconds = np.median([r["s"] for r in own]) if own else np.nan
+            name = f"{arm}, {'random start' if fixed else 'any start'}"
+            numbers = len(own), len(possible), len(possible) - missing, planned, faulty
+            table.append((name, *map(str, numbers), f"{seconds:.1f}"))
+    headings = ("arm", "paths", "search finds a motion", "of these planned", "planned in all",
+                "wrong plans", "median, s")  # fmt: skip
+    return markdown_table(headings, table), wrong
+
+
 OPTIONS = {"samples": 40, "first": 0, "jobs": 2, "roll_step": 2.0, "folder": "out/random"}
 
 if __name__ == "__main__":
-    parts = {f.__name__: f for f in (plan_costs, plan_optimality, no_plan)}
+    parts = {f.__name__: f for f in (plan_costs, plan_optimality, no_plan, plan_placements)}
     sys.exit(command(__doc__, parts, **OPTIONS))

@@ -16,7 +16,7 @@ from qp_twist.following.trajectory import Trajectory
 from qp_twist.following.walk import walk
 from qp_twist.paths import DEFAULT_METHOD, METHODS, MethodSettings, PathTask, check_method
 from qp_twist.planning import Plan
-from qp_twist.planning.manifold_net import COVERED
+from qp_twist.planning.manifold_net import BOUNDED
 from qp_twist.planning.path_rows import PathRows
 from qp_twist.qp import check_solver
 
@@ -95,9 +95,9 @@ def follow(
         if plan is None:
             plan = plan_path(path_task, settings.objective, path_task.start, progress=planning)
         motion = plan.motion()
-        # With more than two free degrees the search is incomplete, and its bound proves nothing.
+        # With more than three free degrees the bound knows too few local optima.
         free = int(PathRows(path_task).freedom.max())
-        bound = plan.bound if plan.objective == "centering" and free <= COVERED else None
+        bound = plan.bound if plan.objective == "centering" and free <= BOUNDED else None
         path_task = dataclasses.replace(path_task, start=motion[0])
     trajectory = walk(
         path_task,

@@ -21,12 +21,17 @@ into them; and how far, as a share of each range, but at most 0.01 rad or m."""
 COVERED = 2
 """Largest number of free degrees for which manifolds are covered; beyond, only the previous layer
 is carried over."""
+_SCATTERED = 2000
+"""Number of random seeds with more than two free degrees, where no net grows from them."""
+BOUNDED = 3
+"""Largest number of free degrees for which the layers have a configuration near each local optimum
+of z and of the margin, which the bound starts from."""
 _THIN = 0.6
 """Nodes closer than this share of the spacing count as one."""
 _MOST = 20_000
 """Largest number of nodes of a waypoint."""
-_CARRIED = 500
-"""The same with hard bands and more than two free degrees."""
+_SAMPLED, _CORRECTED = 3000, 500
+"""The same with more than two free degrees; with hard bands, too, into which each is corrected."""
 
 
 class ManifoldNet:
@@ -35,7 +40,8 @@ class ManifoldNet:
     Newton's method corrects random configurations onto the task and into its hard bands; from each
     of them the net grows in steps along the null space of the task rows until it meets itself or a
     limit. A manifold without a seed is not found. With more than two free degrees the net would be
-    too large: the configurations of the previous layer are carried over instead.
+    too large: random configurations, and those of the previous layer carried over, are the layer,
+    the most central of them if they are many.
 
     Attributes:
         spacing: Distance between neighbours that differ in one joint only, rad or m, (nv,): in
@@ -56,7 +62,8 @@ class ManifoldNet:
 
     def layer(self, index: int, before: Layer | None = None) -> Layer:
         """The configurations at a waypoint, seeded also by those of the previous layer."""
-        seeds = self._random(SEEDS)
+        freedom = int(self.rows.freedom[index])
+        seeds = self._random(SEEDS if freedom <= COVERED or self.rows.hard else _SCATTERED)
         if before is not None:
             seeds = np.vstack([centred(before.q, self.ranges), seeds])
         for _ in range(1 + _AGAIN):
@@ -70,11 +77,12 @@ class ManifoldNet:
         else:
             return empty_layer(q, self.ranges, self.rows.hard, index)
         nodes = self._thinned(centred(nodes, self.ranges), None)
-        freedom = int(self.rows.freedom[index])
         if 0 < freedom <= COVERED:
             nodes = self._grown(nodes, index, freedom)
-        elif self.rows.hard and len(nodes) > _CARRIED:  # each of which is corrected into the bands
-            nodes = nodes[self._rng.permutation(len(nodes))[:_CARRIED]]
+        elif freedom > COVERED:
+            # The same order in every layer, so that a configuration that is carried over stays.
+            most = _CORRECTED if self.rows.hard else _SAMPLED
+            nodes = nodes[np.argsort(self.ranges.centring(nodes), kind="stable")[:most]]
         return inside_limits(nodes, self._components(nodes), self.ranges)
 
     def _random(self, count: int) -> Array:

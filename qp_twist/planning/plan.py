@@ -54,7 +54,7 @@ class Plan:
             sum; NaN if there is no motion.
         bound: Bound of the value over all motions, each waypoint taken for itself (for what is
             proved see ``planning.bound.pointwise_bound``); NaN if a waypoint has no configuration,
-            and for centering and margin if one leaves more than two degrees free.
+            and for centering and margin if one leaves more than three degrees free.
         certificate: Why there is a motion or none, as a sentence and as data.
         objective: The objective, as passed.
     """

@@ -15,7 +15,7 @@ from qp_twist.planning.bound import pointwise_bound
 from qp_twist.planning.certificate import Certificate
 from qp_twist.planning.hard_constraints import WITHIN
 from qp_twist.planning.layer import TURN, Layer, centred, forbidding_bands
-from qp_twist.planning.manifold_net import COVERED
+from qp_twist.planning.manifold_net import BOUNDED, COVERED
 from qp_twist.planning.objective import Objective
 from qp_twist.planning.path_constraints import PathConstraints, Violation
 from qp_twist.planning.path_rows import PathRows
@@ -98,7 +98,7 @@ class SearchResult:
         layers: Layers of the last stage.
         waypoints: Waypoints of those layers, from 0.
         bound: Bound of the value of any path; NaN if a waypoint has no configuration, and for
-            centering and margin if one leaves more than two degrees free.
+            centering and margin if one leaves more than three degrees free.
     """
 
     path: RefinedPath | None
@@ -225,8 +225,8 @@ class PlanSearch:
         tried = self._tried(self.start) if self.start is not None and best is None else []
         for trial in tried:
             best = self._better(best, trial)
-        two = int(self.rows.freedom.max()) == COVERED
-        for stage in (_COARSE, *_STAGES) if two else _STAGES:
+        many = int(self.rows.freedom.max()) >= COVERED
+        for stage in (_COARSE, *_STAGES) if many else _STAGES:
             found = self._stage(stage, best)
             if found.path is not None:
                 break
@@ -282,7 +282,7 @@ class PlanSearch:
     def _stated(self, bound: float) -> float:
         """The bound, if the layers cover all minima of z and maxima of the margin."""
         pointwise = self.objective.centering > 0.0 or self.objective.margin
-        return np.nan if pointwise and int(self.rows.freedom.max()) > COVERED else bound
+        return np.nan if pointwise and int(self.rows.freedom.max()) > BOUNDED else bound
 
     def _better(self, a: RefinedPath | None, b: RefinedPath | None) -> RefinedPath | None:
         if b is None or not b.feasible:
