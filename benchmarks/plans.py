@@ -119,6 +119,26 @@ def on_a_rail(every: int) -> qt.PathTask:
     )  # fmt: skip
 
 
+def on_a_table(every: int) -> qt.PathTask:
+    """The deburring run, the part on a table that turns by 180° and tilts by 60° to either side.
+
+    The path stands still in the plate that carries the part. A path task is fixed to the world, so
+    the plate is the world here, and the arm's base moves against it: first about the plate's axis,
+    then about the tilting one, each the other way round. Joint values are those of the cell.
+    """
+    task = deburring(every)
+    spec = mujoco.MjSpec.from_file(str(task.scene))
+    for name, axis, most in (("turn", [0.0, 0.0, -1.0], 180.0), ("tilt", [-1.0, 0.0, 0.0], 60.0)):
+        spec.body("base").add_joint(
+            name=name, axis=axis, pos=[0.0, 1.0, 0.3], range=np.radians([-most, most]), limited=1
+        )
+    none = np.full(8, np.inf)
+    return dataclasses.replace(
+        task, name="table", model=spec.compile(), start=np.append([0.0, 0.0], task.start),
+        flipped_waypoints=None, velocity_limits=none, acceleration_limits=none,
+    )  # fmt: skip
+
+
 def out_of_reach(count: int) -> qt.PathTask:
     """The half-circle of the arm of seven joints, too far away at its end."""
     task = seven(count)
@@ -142,6 +162,14 @@ CASES = {
     **{f"3R, one free, {n} waypoints": (planar, n, 15) for n in (26, 51, 101)},
     **{f"7R, two free, {n} waypoints": (seven, n, 15) for n in (6, 21, 101, 401)},
     "6R on a rail, two free, 401 waypoints": (on_a_rail, 1, 15),
+    **{
+        f"6R, part on a turn-tilt table, three free, {400 // every + 1} waypoints": (
+            on_a_table,
+            every,
+            15,
+        )
+        for every in (8, 1)
+    },
     "7R, two free, three of 401 waypoints out of reach": (out_of_reach, 401, 15),
 }
 
@@ -317,7 +345,7 @@ def placed_seven(index: int) -> qt.PathTask:
     away *= rng.uniform(0.2, 0.7) / np.linalg.norm(away)
     turn = mink.SO3.from_z_radians(rng.uniform(-np.pi, np.pi))
     turn = turn @ mink.SO3.from_x_radians(rng.uniform(-0.5, 0.5) * np.pi)
-    place = mink.SE3.from_rotation_and_translation(turn, away + [0.0, 0.0, 0.35])
+    place = mink.SE3.from_rotation_and_translation(turn, [*away[:2], away[2] + 0.35])
     here = place @ mink.SE3.from_translation(np.array([-0.45, 0.0, -0.3]))
     waypoints = tuple(here @ w for w in task.waypoints[:13])
     return dataclasses.replace(task, waypoints=waypoints, constraints=())

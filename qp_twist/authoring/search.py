@@ -14,7 +14,7 @@ import numpy as np
 from qp_twist.authoring.reach import Placement, Placements, placements
 from qp_twist.checks import Array
 from qp_twist.errors import InvalidInput
-from qp_twist.following import FoundStart, NoStart, find_starts, plan
+from qp_twist.following import FoundStart, NoStart, find_starts, whole_plan
 from qp_twist.following.compiled_walk import CompiledWalk, walk_known
 from qp_twist.kinematics import JointRanges
 from qp_twist.paths import DEFAULT_METHOD, PathTask
@@ -201,7 +201,7 @@ class TaskSearch:
         free = np.full(path_task.model.nv, np.inf)
         freed = dataclasses.replace(path_task, velocity_limits=free, acceleration_limits=free)
         try:
-            found = plan(freed, progress=self._planning)
+            found = whole_plan(freed, progress=self._planning)
             if found.q is None:
                 why = f"{best.why}; nor is there a plan: {found.certificate}"
                 yield dataclasses.replace(best, why=why, impossible=True)

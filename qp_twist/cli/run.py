@@ -93,10 +93,7 @@ def run(
     trajectory, rows, timed, check = done.trajectory, done.rows, done.timed, done.check
     assert rows is not None and check is not None  # since ``give_up`` is false
     say(f"wrote {out}: {len(trajectory.q)} waypoints, {method}: {trajectory.summary}")
-    say(f"{method}: {path_task.settings(method)} ({_source_of_settings(path_task, method)})")
-    status = metrics(trajectory)["status"]
-    if status != "ok":
-        say(f"{method}: {status}")
+    _say_how(trajectory)
     if len(rows.q) > len(trajectory.q):
         more = len(rows.q) - len(trajectory.q)
         say(f"{more} rows more between waypoints, where the joints would have left the path")
@@ -121,6 +118,7 @@ def run(
             "method": method,
             "seconds": None,
             "seconds_at_feed": None,
+            "planning_interrupted": trajectory.interrupted_plan is not None,
         }
         if timed is not None and path_task.durations is not None:
             facts["seconds"] = float(timed.times[-1])
@@ -147,6 +145,18 @@ def _timing(timed: TimedTrajectory | None, rows: Trajectory) -> list[str]:
     if len(timed.slowed) > _STRETCHES:
         lines.append(f"slower at {len(timed.slowed) - _STRETCHES} more stretches")
     return lines
+
+
+def _say_how(trajectory: Trajectory) -> None:
+    """Print the method's settings, and what did not go as usual."""
+    path_task, method = trajectory.path_task, trajectory.method
+    plan = trajectory.interrupted_plan
+    if plan is not None:
+        say(f"{method}: planning was interrupted; the best plan by then: {plan.result}")
+    say(f"{method}: {path_task.settings(method)} ({_source_of_settings(path_task, method)})")
+    status = metrics(trajectory)["status"]
+    if status != "ok":
+        say(f"{method}: {status}")
 
 
 def _source_of_settings(path_task: PathTask, method: str) -> str:

@@ -244,9 +244,10 @@ def compare(
                 progress(name, done)
 
         try:
-            trajectories[name] = follow(
-                task, name, solver=solver, progress=report_progress, planning=planning
-            )
+            run = follow(task, name, solver=solver, progress=report_progress, planning=planning)
+            if run.interrupted_plan is not None:  # the comparison is interrupted, too
+                raise KeyboardInterrupt
+            trajectories[name] = run
         except InvalidInput as error:
             # A method that cannot start, such as one that needs the whole twist, does not stop the
             # others.

@@ -7,5 +7,6 @@ from .follow import follow as follow
 from .found_starts import FoundStart as FoundStart
 from .found_starts import find_starts as find_starts
 from .planned import plan as plan
+from .planned import whole_plan as whole_plan
 from .planned import with_start as with_start
 from .trajectory import Trajectory as Trajectory

@@ -91,9 +91,11 @@ def follow(
     path_task = with_start(path_task, planning)
     motion: Array | None = None
     bound: float | None = None
+    interrupted: Plan | None = None
     if settings.secondary == "plan" and not METHODS[method].peer:  # these refuse it
         if plan is None:
             plan = plan_path(path_task, settings.objective, path_task.start, progress=planning)
+            interrupted = plan if plan.interrupted else None
         motion = plan.motion()
         # With more than three free degrees the bound knows too few local optima.
         free = int(PathRows(path_task).freedom.max())
@@ -109,7 +111,7 @@ def follow(
         progress=progress,
         stop=stop,
     )
-    return dataclasses.replace(trajectory, z_bound=bound)
+    return dataclasses.replace(trajectory, z_bound=bound, interrupted_plan=interrupted)
 
 
 def settings_of(path_task: PathTask, method: str, options: dict[str, Any]) -> MethodSettings:

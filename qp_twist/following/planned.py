@@ -68,9 +68,14 @@ def plan(
         A plan with its motion, value, bound and certificate. If there is no motion, nothing is
         raised; the certificate has the reason.
 
+    Ctrl-C ends the search. If it has found a motion by then, the best one is returned, with
+    ``interrupted`` and with its bound, which takes some seconds more (Ctrl-C once more leaves the
+    bound out).
+
     Raises:
         InvalidInput: If an argument is wrong, the start cannot be corrected or is outside a hard
             band, or a band has no width or contradicts a projector of the path.
+        KeyboardInterrupt: On Ctrl-C before a motion is found.
 
     Example:
         >>> import qp_twist as qt
@@ -94,6 +99,25 @@ def plan(
         return [np.vstack([start[None], run[1:]]) for run in found if run is not None]
 
     return make_plan(path_task, objective, first, max_step_deg, runs, progress)
+
+
+def whole_plan(
+    path_task: PathTask,
+    objective: str | Mapping[str, float] = "centering",
+    start: npt.ArrayLike | None = None,
+    *,
+    progress: Callable[[str, float], None] | None = None,
+) -> Plan:
+    """As :func:`plan`, for searches of which the plan is a part: Ctrl-C ends them.
+
+    Raises:
+        InvalidInput: As :func:`plan`.
+        KeyboardInterrupt: On Ctrl-C.
+    """
+    found = plan(path_task, objective, start, progress=progress)
+    if found.interrupted:
+        raise KeyboardInterrupt
+    return found
 
 
 def _run(
@@ -134,5 +158,5 @@ def with_start(
     if path_task.best_start == "central":
         start = central_starts(path_task)[0].q
     else:
-        start = plan(path_task, progress=progress).start
+        start = whole_plan(path_task, progress=progress).start
     return path_task.started_at(start)

@@ -16,6 +16,7 @@ from qp_twist.files import write_atomically
 from qp_twist.kinematics import JointRanges
 from qp_twist.notebook import html_table
 from qp_twist.paths import PathTask
+from qp_twist.planning import Plan
 from qp_twist.referee import PathErrors, straight_errors
 
 
@@ -48,6 +49,8 @@ class Trajectory:
         z_bound: Lower bound of the mean z of all motions from this start, if the followed plan has
             one.
         compiled: Number of waypoints that were reached by compiled code; the rest by Python.
+        interrupted_plan: The plan that was followed, if it was made by the method ``qp_planned``
+            itself and Ctrl-C ended its search.
     """
 
     path_task: PathTask
@@ -67,6 +70,7 @@ class Trajectory:
     durations: Array | None
     z_bound: float | None = None
     compiled: int = 0
+    interrupted_plan: Plan | None = None
 
     @property
     def joint_names(self) -> tuple[str, ...]:

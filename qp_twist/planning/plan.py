@@ -57,6 +57,8 @@ class Plan:
             and for centering and margin if one leaves more than three degrees free.
         certificate: Why there is a motion or none, as a sentence and as data.
         objective: The objective, as passed.
+        interrupted: Whether Ctrl-C ended the search; the motion is the best by then, and satisfies
+            all constraints.
     """
 
     path_task: PathTask
@@ -65,6 +67,7 @@ class Plan:
     bound: float
     certificate: Certificate
     objective: str | Mapping[str, float]
+    interrupted: bool = False
 
     @property
     def gap(self) -> float:
@@ -150,7 +153,8 @@ class Plan:
 
     def __repr__(self) -> str:
         count = len(self.path_task.waypoints)
-        return f"Plan({self.path_task.name!r}, {self._result()}, {count} waypoints)"
+        ended = ", interrupted" if self.interrupted else ""
+        return f"Plan({self.path_task.name!r}, {self.result}, {count} waypoints{ended})"
 
     def _repr_html_(self) -> str:
         """A small table, for notebooks."""
@@ -163,8 +167,9 @@ class Plan:
         ]
         return html_table(f"Plan of {self.path_task.name}", rows)
 
-    def _result(self) -> str:
-        """Objective, value and bound, or why there is no motion."""
+    @property
+    def result(self) -> str:
+        """Objective, value and bound, or why there is no motion, in a line."""
         if self.q is None:
             return f"{self.objective}: none: {self.certificate}"
         sign = "<=" if self.objective == "margin" else ">="
@@ -226,6 +231,7 @@ def make_plan(
         found.bound,
         found.certificate,
         objective,
+        found.interrupted,
     )
 
 

@@ -56,6 +56,7 @@ def refine(
     objective: Objective,
     progress: Callable[[float], None] | None = None,
     iterations: int = ITERATIONS,
+    keep: Callable[[Array], None] | None = None,
 ) -> RefinedPath:
     r"""The best path near ``q`` (N, nv), whose configurations are on their waypoints.
 
@@ -73,7 +74,8 @@ def refine(
     inside, if possible. The radius ρ shrinks if the linear model was inaccurate. Hard bands and
     constraints use the rows of
     :meth:`~qp_twist.planning.hard_constraints.HardConstraints.rows`: for a cone these are the sides
-    of a polygon, so that it is kept in all directions.
+    of a polygon, so that it is kept in all directions. ``keep`` is called with every better path
+    that violates no constraint.
     """
     here, radius = judged(q, limits, objective), _FIRST
     if not rows.freedom.any():  # no free direction
@@ -94,6 +96,8 @@ def refine(
                 break
             continue
         here, radius = there, min(2.0 * radius, _LARGEST)
+        if keep is not None and here.feasible:
+            keep(here.q)
         if gain <= _SETTLED * abs(_merit(here, objective)):
             break
     # The remaining violation, due to curvature, is removed by a few least-norm steps.

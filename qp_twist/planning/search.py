@@ -99,6 +99,7 @@ class SearchResult:
         waypoints: Waypoints of those layers, from 0.
         bound: Bound of the value of any path; NaN if a waypoint has no configuration, and for
             centering and margin if one leaves more than three degrees free.
+        interrupted: Whether Ctrl-C ended the search, and the path is the best by then.
     """
 
     path: RefinedPath | None
@@ -106,6 +107,7 @@ class SearchResult:
     layers: list[Layer]
     waypoints: list[int]
     bound: float = np.nan
+    interrupted: bool = False
 
 
 class PlanSearch:
@@ -158,16 +160,62 @@ class PlanSearch:
             self._free_rows = PathRows(self._free_task)
         #: With a clearance the layers of each stage, for the searches without and with it.
         self._layers: dict[SearchStage, list[Layer]] | None = {} if self._cleared else None
+        #: Paths that may be the best when the search is interrupted: the last that a program ended
+        #: with, and the best.
+        self._kept: dict[str, Array] = {}
+        #: The last stage's layers, when they are complete.
+        self._begun: SearchResult | None = None
         #: The bound of the search without clearance, which holds with it, too.
         self._known_bound: float | None = None
         #: Hinges without limits: their whole turns do not matter.
         self._period = np.where(ranges.hinge & ~np.isfinite(ranges.upper - ranges.lower), TURN, 0.0)
 
     def run(self) -> SearchResult:
-        """Search the best motion: first without clearance, which most paths keep anyway."""
+        """Search the best motion.
+
+        Raises:
+            KeyboardInterrupt: If it is interrupted before there is a motion; later, the result is
+                the best by then.
+        """
+        try:
+            return self._run()
+        except KeyboardInterrupt:
+            result = self._by_now()
+            if result is None:
+                raise
+            return result
+
+    def _by_now(self) -> SearchResult | None:
+        """The best motion of an interrupted search that satisfies all constraints."""
+        best: RefinedPath | None = None
+        for q in self._kept.values():
+            path = judged(q, self.limits, self.objective)
+            beyond = self.limits.beyond_between(q)[0] if path.feasible and self.rows.hard else None
+            if beyond is None or not (beyond > 0.0).any():
+                best = self._better(best, path)
+        if best is None:
+            return None
+        begun = self._begun
+        grid = self._grid(_STAGES[0]) if begun is None else begun.certificate.grid
+        certificate = Certificate(
+            "path", grid, bands=self.rows.hard.names,
+            detail="the search was interrupted: this is the best motion by then",
+        )  # fmt: skip
+        bound = np.nan
+        try:
+            if begun is not None:
+                bound = self._stated(self._bound(begun, best))
+        except KeyboardInterrupt:  # once more: without a bound
+            pass
+        return SearchResult(best, certificate, [], [], bound, interrupted=True)
+
+    def _run(self) -> SearchResult:
+        """First without clearance, which most paths keep anyway."""
         if not self._cleared:
             return self._searched(None)
-        free = self._without_clearance().run()
+        inner = self._without_clearance()
+        free = inner._run()
+        self._begun = inner._begun
         if free.path is None:  # nor is there a motion with it
             return free
         self._known_bound = free.bound
@@ -200,6 +248,7 @@ class PlanSearch:
             self._free_task, self.objective, limits, self.start, self.runs, self._progress
         )
         search._layers = self._layers
+        search._kept = self._kept  # they are judged with clearance
         return search
 
     def _clears(self, q: Array) -> Mask:
@@ -287,7 +336,9 @@ class PlanSearch:
     def _better(self, a: RefinedPath | None, b: RefinedPath | None) -> RefinedPath | None:
         if b is None or not b.feasible:
             return a
-        return b if a is None or self.objective.better(b.value, a.value) else a
+        best = b if a is None or self.objective.better(b.value, a.value) else a
+        self._kept["best"] = best.q
+        return best
 
     def _stage(self, stage: SearchStage, best: RefinedPath | None) -> SearchResult:
         count = len(self.path_task.waypoints)
@@ -312,6 +363,7 @@ class PlanSearch:
         if empty:
             certificate = _empty(waypoints, layers, grid, roadmap, covered)
             return SearchResult(None, certificate, layers, waypoints)
+        self._begun = SearchResult(None, Certificate("path", grid), layers, waypoints)
         # The grid's path may be a little worse than the best one between its nodes.
         rounded = _ROUNDED_TRAVEL if self.objective.travel else _ROUNDED
         known = np.inf if best is None else best.value * (1.0 + rounded)
@@ -554,8 +606,14 @@ class PlanSearch:
         violation is added to the programs.
         """
         limits, begun, again = self.limits.evaluated_along(path), path, False
+
+        def keep(q: Array) -> None:
+            self._kept["last"] = q
+
         for _ in range(1 + _POINTS):
-            found = refine(path, self.rows, limits, self.objective, progress, iterations)
+            found = refine(path, self.rows, limits, self.objective, progress, iterations, keep)
+            if found.feasible:
+                keep(found.q)
             if not self.rows.hard or not (found.feasible or again):
                 break
             if not found.feasible:  # the way to it led too far inside

@@ -12,7 +12,7 @@ import numpy as np
 
 from qp_twist.comparison.metrics import metrics
 from qp_twist.errors import QpTwistError
-from qp_twist.following import Trajectory, follow, plan
+from qp_twist.following import Trajectory, follow, whole_plan
 from qp_twist.following.planned import SEED_METHODS
 from qp_twist.kernel import COMPILED
 from qp_twist.paths import METHODS, PathTask
@@ -83,7 +83,7 @@ def looked_at(path_task: PathTask) -> list[int]:
 def _rows(job: Job, sample: Sample) -> list[Row]:
     path_task, best = sample.path_task, None
     if path_task.best_start is True:
-        best = plan(path_task)
+        best = whole_plan(path_task)
         if best.q is not None:
             path_task = path_task.started_at(best.start)
     least = least_mean_z(path_task, looked_at(path_task))
@@ -95,7 +95,7 @@ def _rows(job: Job, sample: Sample) -> list[Row]:
     if followed:
         common |= {"feasible": True, "certificate": ""}
     elif best is not None or job.certify:
-        best = best or plan(path_task)
+        best = best or whole_plan(path_task)
         common |= {"feasible": best.q is not None, "certificate": str(best.certificate)}
     return [{**row, **common} for row in rows]
 
@@ -134,7 +134,7 @@ def _method_row(
         if settings.secondary == "plan":
             # The best start is that of the plan of least z, so the plan exists already.
             known = best if settings.objective == "centering" else None
-            planned = known or plan(path_task, settings.objective, path_task.start)
+            planned = known or whole_plan(path_task, settings.objective, path_task.start)
             if planned.q is None:
                 return _row(sample, method, Fault("no plan", message=str(planned.certificate)))
         run = follow(path_task, method, solver=sample.solver, stop=judge.stop, plan=planned)

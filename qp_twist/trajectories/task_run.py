@@ -113,6 +113,8 @@ def run_task(
         stop=lost,
         planning=planning,
     )
+    if give_up and trajectory.interrupted_plan is not None:  # a search of many runs ends, too
+        raise KeyboardInterrupt
     run = TaskRun(trajectory, None, None, None)
     if give_up and run.kept < len(path_task.waypoints):
         return run

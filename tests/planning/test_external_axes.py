@@ -1,4 +1,4 @@
-"""Plans of arms on a rail, and waypoints that no configuration reaches."""
+"""Plans of arms on a rail and in front of a table, and waypoints that none reaches."""
 
 from __future__ import annotations
 
@@ -15,6 +15,9 @@ import qp_twist as qt
 
 study = script("examples/placements.py")
 STEP = math.radians(20.0)
+CENTRE = np.array([0.0, 1.0, 0.3])
+"""Where the axes of the table meet, m."""
+TURN, TILT = math.pi, math.radians(60.0)
 
 
 def on_a_rail(far: float = 0.0) -> qt.PathTask:
@@ -83,3 +86,102 @@ def test_a_layer_with_few_configurations_is_not_called_empty() -> None:
         assert len(arm.inside_with_turns(arm.branches(pose, rolls)))
     certificate = qt.plan(task, max_step_deg=20.0).certificate
     assert certificate.kind not in ("unreachable", "limits")
+
+
+def on_a_table() -> qt.PathTask:
+    """A quarter of the deburring run in 9 waypoints, the part on a table that turns and tilts.
+
+    The path stands still in the plate, so the plate is the world of this scene, and the arm's base
+    moves against it: first about the plate's axis, then about the one that tilts.
+    """
+    task = qt.load_task("deburring")
+    spec = mujoco.MjSpec.from_file(str(task.scene))
+    for name, axis, most in (("turn", [0.0, 0.0, -1.0], TURN), ("tilt", [-1.0, 0.0, 0.0], TILT)):
+        spec.body("base").add_joint(
+            name=name, axis=axis, pos=CENTRE, range=[-most, most], limited=1
+        )  # fmt: skip
+    none = np.full(8, np.inf)
+    return dataclasses.replace(
+        task, model=spec.compile(), waypoints=task.waypoints[:97:12], flipped_waypoints=None,
+        durations=None, start=np.append([0.0, 0.0], task.start), velocity_limits=none,
+        acceleration_limits=none,
+    )  # fmt: skip
+
+
+def with_the_table() -> mujoco.MjModel:
+    """The same as it stands in the cell: the arm on the floor, the plate on its two axes."""
+    spec = mujoco.MjSpec.from_file(str(qt.load_task("deburring").scene))
+    frame = spec.worldbody.add_body(name="frame", pos=CENTRE)
+    frame.add_joint(name="tilt", axis=[1.0, 0.0, 0.0])
+    plate = frame.add_body(name="plate")
+    plate.add_joint(name="turn", axis=[0.0, 0.0, 1.0])
+    for body in (frame, plate):
+        body.mass, body.inertia, body.explicitinertial = 1.0, np.ones(3), 1
+    plate.add_site(name="path", pos=-CENTRE)
+    return spec.compile()
+
+
+def turned(turn: float, tilt: float) -> mink.SE3:
+    """The plate's pose in the cell."""
+    about = mink.SO3.from_x_radians(tilt) @ mink.SO3.from_z_radians(turn)
+    return mink.SE3.from_rotation_and_translation(about, CENTRE - about.apply(CENTRE))
+
+
+def test_a_plan_with_a_table_is_as_good_as_an_independent_search() -> None:
+    """Three free degrees: all branches of the arm, for a grid of the plate's poses and the roll."""
+    task, step, most = on_a_table(), math.radians(15.0), 0.13
+    plan = qt.plan(task, max_step_deg=15.0)
+    q = plan.motion()
+    assert np.abs(np.diff(q, axis=0)).max() <= step + 1e-9
+    assert (q >= task.model.jnt_range[:, 0]).all() and (q <= task.model.jnt_range[:, 1]).all()
+    # In the cell the tool is on the path that the plate carries, at the waypoints ...
+    cell = with_the_table()
+    data, bound = mujoco.MjData(cell), plan.between
+    order = [task.model.joint(cell.joint(k).name).qposadr[0] for k in range(cell.njnt)]
+
+    def tool(row: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        data.qpos[:] = row[order]
+        mujoco.mj_kinematics(cell, data)
+        site, path = data.site("tool"), data.site("path")
+        turn = path.xmat.reshape(3, 3).T
+        return turn @ (site.xpos - path.xpos), turn @ site.xmat[2::3]
+
+    poses = [(w.translation(), w.rotation().as_matrix()[:, 2]) for w in task.waypoints]
+    for row, (position, axis) in zip(q, poses, strict=True):
+        there = tool(row)
+        assert np.abs(there[0] - position).max() < 1e-8
+        assert np.abs(there[1] - axis).max() < 1e-8
+    # ... and between them as near to it as the plan says.
+    for k, share in ((k, share) for k in range(len(q) - 1) for share in (0.25, 0.5, 0.75)):
+        begin, along = poses[k][0], poses[k + 1][0] - poses[k][0]
+        off = tool(q[k] + share * (q[k + 1] - q[k]))[0] - begin
+        off = off - along * np.clip(off @ along / (along @ along), 0.0, 1.0)
+        assert np.linalg.norm(off) <= bound.position_bound[k] + 1e-9
+    arm, ranges = study.InverseKinematics(qt.load_task("deburring")), qt.JointRanges.of(task.model)
+    angles, layers = np.radians(np.arange(-180.0, 180.0, 10.0)), []
+    for waypoint in task.waypoints:
+        found = []
+        for turn in angles:
+            for tilt in angles[np.abs(angles) <= TILT + 1e-9]:
+                own = arm.inside_with_turns(arm.branches(turned(turn, tilt) @ waypoint, angles))
+                rows = np.column_stack([np.tile([turn, tilt], (len(own), 1)), own])
+                found.append(rows[ranges.centring(rows) < most])
+        layers.append(np.concatenate(found))
+    searched = least_mean_z(task, layers, step)
+    assert np.isfinite(searched)
+    assert plan.value <= 1.02 * searched
+    # The bound is below every motion, and above nothing that one waypoint alone could do better.
+    alone = float(np.mean([ranges.centring(layer).min() for layer in layers]))
+    assert plan.bound <= min(alone, plan.value) + 1e-12
+    assert plan.bound >= 0.97 * alone
+
+
+def test_a_table_does_not_bring_everything_within_reach() -> None:
+    """The axes meet 1.04 m from the base, and the arm reaches less than 2.2 m from there: a point
+    that stays 5 m from where they meet is beyond it."""
+    task = on_a_table()
+    far = mink.SE3.from_translation(CENTRE + np.array([0.0, 0.0, 5.0]))
+    plan = qt.plan(dataclasses.replace(task, waypoints=(*task.waypoints[:8], far)))
+    assert plan.q is None
+    assert plan.certificate.kind == "unreachable"
+    assert plan.certificate.waypoints == (9,)
