@@ -60,14 +60,21 @@ class MovingShapes:
     # ------------------------------------------------------------------ questions
 
     def distances(self, q: Array, enough: float) -> Array:
-        """Signed distances (N, P) at q (N, nq), m; above ``enough`` lower bounds of them."""
+        """Signed distances (N, P) at q (N, nq), m; above ``enough`` lower bounds of them.
+
+        Depths are always exact: the kernel takes touching shapes for farther than a negative
+        ``enough``.
+        """
         q = _rows(q)
         found = np.zeros((len(q), len(self._pairs)))
-        distances(self._floats.copy(), self._integers, q, enough, found)
+        distances(self._floats.copy(), self._integers, q, max(enough, 0.0), found)
         return found
 
     def first_below(self, q: Array, distance: float) -> Indices:
         """Index of the first pair nearer than ``distance`` at each configuration, or −1, (N,)."""
+        if distance < 0.0:  # by depths
+            below = self.distances(q, 0.0) < distance
+            return np.where(below.any(axis=1), below.argmax(axis=1), -1)
         q = _rows(q)
         found = np.zeros(len(q), dtype=np.int64)
         first_below(self._floats.copy(), self._integers, q, distance, found)
@@ -91,7 +98,8 @@ class MovingShapes:
         """Lower bounds of the distances between two configurations, sharp below ``distance``."""
         before, after, travel = map(_rows, (before, after, travel))
         found = np.zeros((len(before), len(self._pairs)))
-        least_distances(self._floats.copy(), self._integers, before, after, travel, distance, found)
+        sharp = max(distance, 0.0)
+        least_distances(self._floats.copy(), self._integers, before, after, travel, sharp, found)
         return found
 
     def take_mocap(self, data: mujoco.MjData) -> None:

@@ -186,6 +186,31 @@ def test_moving_out_along_the_gradient_by_the_depth_separates(seed: int) -> None
     assert tested > 10
 
 
+def test_the_deepest_overlap_on_a_motion_is_found_between_its_rows() -> None:
+    """Two cubes of 0.2 m, one passing the other: depth min(0.2 − |x|, 0.2 − |y|), in closed form.
+
+    On the line from (−0.3, 0.18) to (0.3, 0.10), y = 0.14 − 2/15 x, it is largest where both are
+    equal, at x = 0.14 / (17/15).
+    """
+    model = mujoco.MjModel.from_xml_string(
+        """<mujoco><worldbody><geom name="still" type="box" size="0.1 0.1 0.1"/>
+        <body><joint name="x" type="slide" axis="1 0 0"/><joint name="y" type="slide" axis="0 1 0"/>
+        <geom name="moving" type="box" size="0.1 0.1 0.1"/></body></worldbody></mujoco>"""
+    )
+    clearance = qt.Clearance(model, 0.0)
+    q = np.array([[-0.3, 0.18], [0.3, 0.10]])
+    near = clearance.nearest(q)
+    assert near is not None
+    x = 0.14 / (17.0 / 15.0)
+    assert near.distance == pytest.approx(-(0.2 - x), abs=2e-5)
+    assert near.at == pytest.approx((x + 0.3) / 0.6, abs=1e-3)
+    # An overlap of 76 mm is more than a tolerance of 0.1 mm lets through.
+    deepest = np.array([[x, 0.14 - 2.0 / 15.0 * x]])
+    assert clearance.first_violated(deepest, tolerance=1e-4).tolist() == [0]
+    assert clearance.first_violated(deepest, tolerance=0.08).tolist() == [-1]
+    assert clearance.first_violated(q, tolerance=1e-4).tolist() == [-1, -1]
+
+
 def test_margins_are_less_by_the_distance_asked_for() -> None:
     model = random_tree(np.random.default_rng(1))
     q = np.random.default_rng(2).normal(size=(5, model.nq))
