@@ -31,9 +31,9 @@ from PIL import Image
 
 import qp_twist as qt
 from qp_twist.comparison import metrics
-from qp_twist.comparison.scene_picture import draw_scene
-from qp_twist.comparison.sight import overview
-from qp_twist.comparison.style import LIMIT, RC, line_style
+from qp_twist.pictures.scene_picture import draw_scene
+from qp_twist.pictures.sight import overview
+from qp_twist.pictures.style import LIMIT, RC, line_style
 
 DOCS = Path(__file__).parent
 FIGURES = {

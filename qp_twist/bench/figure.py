@@ -8,8 +8,8 @@ from typing import Any
 from qp_twist.bench.ratios import off_by
 from qp_twist.bench.record import BenchRun, Case, Measured
 from qp_twist.bench.tables import GROUPS, WRONG
-from qp_twist.comparison.style import RC
 from qp_twist.files import whole_file
+from qp_twist.pictures.style import RC
 
 # Okabe and Ito's palette again: a family a colour.
 COLOURS = {

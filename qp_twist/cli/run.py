@@ -25,10 +25,10 @@ from qp_twist.cli.app import (
 )
 from qp_twist.cli.progress import load_machine_code, method_progress, working
 from qp_twist.comparison import compare, metrics
-from qp_twist.comparison.style import pair_of
 from qp_twist.errors import InvalidInput
 from qp_twist.following import Trajectory
 from qp_twist.paths import DEFAULT_METHOD, PathTask, check_method
+from qp_twist.pictures.style import pair_of
 from qp_twist.trajectories import ENDINGS, TimedTrajectory, check_program, run_task
 
 _STRETCHES = 8

@@ -13,11 +13,11 @@ from matplotlib.lines import Line2D
 
 from qp_twist.checks import Array
 from qp_twist.comparison.metrics import metrics
-from qp_twist.comparison.style import LIMIT, RC, line_style, method_handles
 from qp_twist.files import whole_file
 from qp_twist.following import Trajectory
 from qp_twist.kinematics import JointRanges
 from qp_twist.paths import METHODS, PathTask
+from qp_twist.pictures.style import LIMIT, RC, line_style, method_handles
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

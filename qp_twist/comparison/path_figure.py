@@ -8,9 +8,9 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.figure import Figure
 
-from qp_twist.comparison.style import GRID, LIMIT, RC, line_style
 from qp_twist.following import Trajectory
 from qp_twist.paths import PathTask
+from qp_twist.pictures.style import GRID, LIMIT, RC, line_style
 
 _FLOOR = 1e-6
 """Errors below this (mm, degrees) are within the tolerances; they are drawn here."""

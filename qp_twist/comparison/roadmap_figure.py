@@ -14,11 +14,11 @@ from matplotlib.lines import Line2D
 
 from qp_twist.checks import Array
 from qp_twist.comparison.roll_figure import roll_figure
-from qp_twist.comparison.style import LIMIT, RC, line_style, method_handles
 from qp_twist.errors import InvalidInput
 from qp_twist.following import Trajectory
 from qp_twist.kinematics import JointRanges
 from qp_twist.paths import PathTask
+from qp_twist.pictures.style import LIMIT, RC, line_style, method_handles
 from qp_twist.planning import RollMap, roll_arm
 from qp_twist.planning.layer import centred
 from qp_twist.planning.self_motion import manifolds

@@ -16,8 +16,8 @@ from matplotlib.patheffects import withStroke
 from scipy.ndimage import distance_transform_edt
 
 from qp_twist.checks import Array
-from qp_twist.comparison.style import LIMIT, RC, line_style, method_handles
 from qp_twist.following import Trajectory
+from qp_twist.pictures.style import LIMIT, RC, line_style, method_handles
 from qp_twist.planning import RollMap
 
 if TYPE_CHECKING:

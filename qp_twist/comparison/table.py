@@ -13,8 +13,8 @@ from rich.table import Table
 from rich.text import Text
 
 from qp_twist.comparison.metrics import BAND_LEFT, EXCESSES, too_near
-from qp_twist.comparison.style import pair_of
 from qp_twist.paths import METHODS
+from qp_twist.pictures.style import pair_of
 
 WIDTH = 128
 """Width of the widest table, that with bands, in characters."""

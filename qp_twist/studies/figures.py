@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
 
 from qp_twist.checks import Array
-from qp_twist.comparison.style import RC, line_style
+from qp_twist.pictures.style import RC, line_style
 from qp_twist.studies.summary import MethodSummary, numbers
 
 if TYPE_CHECKING:

@@ -8,9 +8,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from qp_twist.checks import Array
-from qp_twist.comparison.lit_pairs import distance_text
-from qp_twist.comparison.near_pairs import TOO_NEAR, NearPair
 from qp_twist.kinematics import JointRanges
+from qp_twist.pictures.lit_pairs import distance_text
+from qp_twist.pictures.near_pairs import TOO_NEAR, NearPair
 
 _OUTSIDE = 1e-9
 _AT_LIMIT = 1e-6

@@ -10,12 +10,12 @@ import numpy as np
 import numpy.typing as npt
 
 from qp_twist.checks import finite_array
-from qp_twist.comparison.style import pair_of
 from qp_twist.constraints import MotionLimit
 from qp_twist.control import Controller, Step
 from qp_twist.following.resolver import secondary_objectives
 from qp_twist.kinematics import JointRanges, TwistTask
 from qp_twist.paths import METHODS, MethodSettings, PathTask
+from qp_twist.pictures.style import pair_of
 from qp_twist.viewing.one_run import Moment
 from qp_twist.viewing.projectors import with_projector
 from qp_twist.viewing.roll import Roll

@@ -10,17 +10,17 @@ import numpy as np
 import pytest
 
 import qp_twist as qt
-from qp_twist.comparison.lit_pairs import (
+from qp_twist.comparison.report.clearance import clearance_section
+from qp_twist.pictures.lit_pairs import (
     NEAR_RGB,
     TOO_NEAR_RGB,
     LitPairs,
     distance_text,
     shape_over,
 )
-from qp_twist.comparison.local_server import LocalServer
-from qp_twist.comparison.near_pairs import NEAR, NearPairs
-from qp_twist.comparison.report.clearance import clearance_section
-from qp_twist.comparison.sight import overview, sight
+from qp_twist.pictures.local_server import LocalServer
+from qp_twist.pictures.near_pairs import NEAR, NearPairs
+from qp_twist.pictures.sight import overview, sight
 
 TWO = """
 <mujoco>

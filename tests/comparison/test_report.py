@@ -22,14 +22,14 @@ import qp_twist as qt
 from qp_twist.cli import main
 from qp_twist.comparison import csv_table
 from qp_twist.comparison.report.curves import spread
-from qp_twist.comparison.report.recordings import recordings
-from qp_twist.comparison.report.svg import METHOD, inline_svg
-from qp_twist.comparison.sight import sight
+from qp_twist.pictures.recordings import frames_of, recordings
+from qp_twist.pictures.sight import sight
+from qp_twist.pictures.svg import METHOD, inline_svg
 
 METHODS = ["gradient_projection", "qp_gradient", "twa", "qp", "qp_planned", "rmr"]
 SECTIONS = [
-    "shows", "table", "scene", "joints", "error", "z", "sigma", "speed", "times", "roadmap",
-    "methods",
+    "scene", "glance", "joints", "error", "z", "sigma", "speed", "times", "roadmap", "table",
+    "shows", "methods",
 ]  # fmt: skip
 
 
@@ -67,12 +67,26 @@ def page(folder: Path) -> str:
     return (folder / "report.html").read_text("utf-8")
 
 
-def test_the_page_begins_with_what_it_shows_and_has_all_sections(page: str) -> None:
+def test_the_page_has_its_sections_picture_and_verdict_first(
+    page: str, planar: qt.Comparison
+) -> None:
     assert re.findall(r'<section id="([^"]*)"', page) == SECTIONS
     assert page.startswith('<!DOCTYPE html>\n<html lang="en">')
-    shows = page[page.index('id="shows"') : page.index('id="table"')]
+    shows = page[page.index('id="shows"') : page.index('id="methods"')]
     assert "<code>twa</code> (joint_2 at waypoint 2)" in shows
     assert "pink could not run: no &lt;pink&gt; here." in shows
+    glance = page[page.index('id="glance"') : page.index('id="joints"')]
+    lines = re.findall(r'<li class="(good|bad)">.*?<b>(\w+)</b> <span>(.*?)</span>', glance)
+    ranges = qt.JointRanges.of(planar.path_task.model)
+    kept = {
+        name: bool((ranges.room(t.q) >= -1e-9).all() and t.position_error.max() < 1e-5)
+        for name, t in planar.trajectories.items()
+        if name in METHODS
+    }
+    assert {name: mark == "good" for mark, name, _ in lines} == kept
+    assert set(kept.values()) == {True, False}
+    said = next(words for _, name, words in lines if name == "twa")
+    assert re.match("✗ left the limits of .*joint_2", said)
     assert "Line &amp; &lt;end point&gt;" in page
     assert "6 methods, 101 waypoints." in page
     assert len(page.encode()) < 2_500_000
@@ -208,7 +222,7 @@ def test_recordings_hold_every_method_and_print_nothing(
     planar: qt.Comparison, capsys: pytest.CaptureFixture[str]
 ) -> None:
     geom_rgba = planar.path_task.model.vis.rgba.contactpoint.copy()
-    chosen = {name: planar.trajectories[name] for name in ("twa", "qp")}
+    chosen = {name: frames_of(planar.trajectories[name].q) for name in ("twa", "qp")}
     found = recordings(planar.path_task, chosen)
     assert list(found) == ["twa", "qp"]
     assert found["twa"] != found["qp"]

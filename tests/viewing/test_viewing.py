@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 
 import qp_twist as qt
-from qp_twist.comparison.near_pairs import NearPair, NearPairs
 from qp_twist.geometry import ProjectorKind
+from qp_twist.pictures.near_pairs import NearPair, NearPairs
 from qp_twist.viewing import LiveArm, PageSettings, Session, free_port, projector_choices, run_once
 from qp_twist.viewing.bars import clearance_bar, joint_bars
 from qp_twist.viewing.dial import roll_dial

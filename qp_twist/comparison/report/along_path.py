@@ -12,12 +12,13 @@ from matplotlib.figure import Figure
 from qp_twist.checks import Array
 from qp_twist.comparison.joint_speeds import OVER, has_speed_limits, peak_speed, speed_shares
 from qp_twist.comparison.report.curves import draw_curves, label_ends
-from qp_twist.comparison.report.section import ReportSection, figure_html
-from qp_twist.comparison.report.svg import SVG_RC, inline_svg
-from qp_twist.comparison.style import GRID, LIMIT
+from qp_twist.comparison.report.section import ReportSection
 from qp_twist.following import Trajectory
 from qp_twist.kinematics import frame_jacobian
 from qp_twist.paths import PathTask
+from qp_twist.pictures.figure_html import figure_html
+from qp_twist.pictures.style import GRID, LIMIT
+from qp_twist.pictures.svg import SVG_RC, inline_svg
 
 _FLOOR = 1e-6
 """Smaller errors (mm, degrees) are drawn at this value: they are within the tolerances."""

@@ -11,11 +11,12 @@ from matplotlib.figure import Figure
 
 from qp_twist.checks import Array
 from qp_twist.comparison.report.curves import draw_curves, label_ends
-from qp_twist.comparison.report.section import ReportSection, figure_html
-from qp_twist.comparison.report.svg import METHOD, SVG_RC, inline_svg
-from qp_twist.comparison.style import GRID, LIMIT, line_style
+from qp_twist.comparison.report.section import ReportSection
 from qp_twist.following import Trajectory
 from qp_twist.paths import PathTask
+from qp_twist.pictures.figure_html import figure_html
+from qp_twist.pictures.style import GRID, LIMIT, line_style
+from qp_twist.pictures.svg import METHOD, SVG_RC, inline_svg
 from qp_twist.referee import POSITION_TOLERANCE
 
 _TOUCHING = "#FBE3E3"

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from qp_twist.checks import Array
-from qp_twist.comparison.report.section import thinned
-from qp_twist.comparison.report.svg import METHOD
-from qp_twist.comparison.style import line_style
+from qp_twist.pictures.figure_html import thinned
+from qp_twist.pictures.style import line_style
+from qp_twist.pictures.svg import METHOD
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -12,12 +12,13 @@ from matplotlib.figure import Figure
 from qp_twist.checks import Array
 from qp_twist.comparison.joint_figure import draw_limits, mark_violation
 from qp_twist.comparison.report.curves import draw_curves
-from qp_twist.comparison.report.section import ReportSection, figure_html
-from qp_twist.comparison.report.svg import METHOD, SVG_RC, inline_svg
-from qp_twist.comparison.style import line_style
+from qp_twist.comparison.report.section import ReportSection
 from qp_twist.following import Trajectory
 from qp_twist.kinematics import JointRanges
 from qp_twist.paths import PathTask
+from qp_twist.pictures.figure_html import figure_html
+from qp_twist.pictures.style import line_style
+from qp_twist.pictures.svg import METHOD, SVG_RC, inline_svg
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

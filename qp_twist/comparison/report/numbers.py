@@ -20,12 +20,13 @@ from qp_twist.comparison.metrics import (
     TASK_MET_RAD,
     too_near,
 )
-from qp_twist.comparison.report.section import ReportSection, figure_html, kind
-from qp_twist.comparison.report.svg import SVG_RC, inline_svg
+from qp_twist.comparison.report.section import ReportSection, kind
 from qp_twist.comparison.report.swatch import swatch
-from qp_twist.comparison.style import line_style, pair_of
 from qp_twist.comparison.table import significant, time_in_code, whole
 from qp_twist.paths import METHODS
+from qp_twist.pictures.figure_html import figure_html
+from qp_twist.pictures.style import line_style, pair_of
+from qp_twist.pictures.svg import SVG_RC, inline_svg
 
 _COLUMNS = (
     "method", "joint limits", "min margin", "mean z", "position error mm", "axis error °",
@@ -65,6 +66,35 @@ def table_section(content: Mapping[str, Any]) -> ReportSection:
         f'<table class="metrics"><thead><tr>{heads}</tr></thead>{bodies}</table></div>{remarks}'
     )
     return ReportSection("table", "The numbers", body)
+
+
+def glance_section(content: Mapping[str, Any]) -> ReportSection:
+    """One line for each method: whether it kept the limits and the task, and what it did not."""
+    methods: Mapping[str, Any] = content["methods"]
+    items = ""
+    for name, numbers in methods.items():
+        left = _not_kept(numbers)
+        mark, words = ("good", "✓ kept limits and task") if not left else ("bad", f"✗ {left}")
+        said = f"<span>{html.escape(words)}</span>"
+        items += f'<li class="{mark}">{swatch(name)} <b>{name}</b> {said}</li>'
+    return ReportSection("glance", "At a glance", f'<ul class="glance">{items}</ul>')
+
+
+def _not_kept(numbers: Mapping[str, Any]) -> str:
+    """What a method did not keep, in a few words; empty if it kept all."""
+    first = numbers["first_violation"]
+    found = [f"left the limits of {', '.join(first)}"] if first else []
+    off = numbers["position_error_max_m"] > TASK_MET_M
+    if off or numbers["axis_error_max_rad"] > TASK_MET_RAD:
+        found.append("left the path")
+    found += [
+        f"left a {key.removesuffix('_excess_max').replace('_', ' ')}"
+        for key in EXCESSES
+        if numbers.get(key, 0.0) > BAND_LEFT
+    ]
+    if "min_clearance_m" in numbers and too_near(numbers):
+        found.append("came too near to something")
+    return ", ".join(found)
 
 
 def times_section(content: Mapping[str, Any]) -> ReportSection:

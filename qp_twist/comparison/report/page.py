@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import html
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -19,14 +19,16 @@ from qp_twist.comparison.report.along_path import (
 )
 from qp_twist.comparison.report.clearance import clearance_section
 from qp_twist.comparison.report.joints import joints_section
-from qp_twist.comparison.report.numbers import table_section, times_section
+from qp_twist.comparison.report.numbers import glance_section, table_section, times_section
 from qp_twist.comparison.report.provenance import provenance_section
 from qp_twist.comparison.report.scene import scene_section
-from qp_twist.comparison.report.section import Choice, ReportSection, figure_html, shown_first
-from qp_twist.comparison.report.svg import inline_svg
+from qp_twist.comparison.report.section import Choice, ReportSection, shown_first
 from qp_twist.comparison.report.swatch import swatch
 from qp_twist.following import Trajectory
 from qp_twist.paths import METHODS, PathTask
+from qp_twist.pictures.figure_html import figure_html
+from qp_twist.pictures.player import SCRIPT
+from qp_twist.pictures.svg import inline_svg
 
 _FOLDER = Path(__file__).parent
 
@@ -59,8 +61,8 @@ def report_page(
     found = by_topic(runs, content.get("not_run"), content.get("mean_z_bound"))
     clearance = clearance_section(path_task, trajectories)
     sections = [
-        table_section(content),
         scene_section(path_task, trajectories, picture),
+        glance_section(content),
         joints_section(path_task, trajectories, numbers),
         error_section(path_task, trajectories),
         *([] if clearance is None else [clearance]),
@@ -69,6 +71,8 @@ def report_page(
         speed_section(path_task, trajectories),
         times_section(content),
         *([] if roadmap is None else [_roadmap_section(roadmap)]),
+        table_section(content),
+        _shows_section(found, names),
         provenance_section(path_task, content, command),
     ]
     # The sections are HTML already, and have escaped their input.
@@ -80,15 +84,24 @@ def report_page(
         task=path_task.name,
         title=path_task.title,
         waypoints=len(path_task.waypoints),
-        findings={
-            topic: [_marked(s, names) for s in sentences] for topic, sentences in found.items()
-        },
         sections=sections,
         choices=[Choice(name, METHODS[name].title, swatch(name), name in first) for name in names],
         constrained={name: METHODS[name].constrained for name in names},
         style=(_FOLDER / "page.css").read_text("utf-8"),
-        script=(_FOLDER / "page.js").read_text("utf-8"),
+        script=(_FOLDER / "page.js").read_text("utf-8") + SCRIPT.read_text("utf-8"),
     )
+
+
+def _shows_section(found: Mapping[str, Sequence[str]], names: list[str]) -> ReportSection:
+    """The sentences that are computed from the numbers, by topic."""
+    items = ""
+    for topic, sentences in found.items():
+        marked = [_marked(sentence, names) for sentence in sentences]
+        said = f"<p>{marked[0]}</p>"
+        if len(marked) > 1:
+            said = f"<ul>{''.join(f'<li>{sentence}</li>' for sentence in marked)}</ul>"
+        items += f"<dt>{html.escape(topic)}</dt><dd>{said}</dd>"
+    return ReportSection("shows", "What this shows", f'<dl class="findings">{items}</dl>')
 
 
 def _roadmap_section(figure: Figure) -> ReportSection:

@@ -2,19 +2,15 @@
 
 from __future__ import annotations
 
-import base64
 import html
-import io
-import json
 from collections.abc import Mapping
 from pathlib import Path
 
-from qp_twist.comparison.report.recordings import player, recordings
 from qp_twist.comparison.report.section import ReportSection
 from qp_twist.following import Trajectory
 from qp_twist.paths import METHODS, PathTask
-
-_PICTURE_PX = 800
+from qp_twist.pictures.player import player_data, still
+from qp_twist.pictures.recordings import frames_of, recordings
 
 
 def scene_section(
@@ -24,15 +20,8 @@ def scene_section(
     names = list(trajectories)
     left, right = _first_pair(names)
     views = _view("left", names, left) + (_view("right", names, right) if right else "")
-    found = recordings(path_task, trajectories)
-    data = "".join(
-        f'<script type="text/plain" class="recording" data-method="{name}">{recording}</script>'
-        for name, recording in found.items()
-    )
-    # Escape "</", so that nothing in the JSON script element is parsed as markup.
-    client = json.dumps(player()).replace("</", "<\\/")
-    data += f'<script type="application/json" id="player">{client}</script>'
-    still = "" if picture is None else _still(picture, path_task.name)
+    found = recordings(path_task, {name: frames_of(t.q) for name, t in trajectories.items()})
+    picture_html = "" if picture is None else _printed(picture, path_task.name)
     lit = (
         " Orange: bodies that are near each other; red: nearer than the task allows."
         if path_task.clearances
@@ -44,7 +33,10 @@ def scene_section(
         f"beginning.{lit}</p>"
     )
     print_note = '<p class="print-only">The animated scene is in the page itself.</p>'
-    body = f'{note}<div class="views screen-only">{views}</div>{still}{print_note}{data}'
+    body = (
+        f'{note}<div class="views screen-only">{views}</div>{picture_html}{print_note}'
+        f"{player_data(found)}"
+    )
     return ReportSection("scene", "The arm along the path", body)
 
 
@@ -70,18 +62,10 @@ def _view(side: str, names: list[str], chosen: str) -> str:
     )
 
 
-def _still(picture: Path, name: str) -> str:
-    """The picture as a small JPEG."""
-    from PIL import Image
-
-    file = io.BytesIO()
-    with Image.open(picture) as opened:
-        image = opened.convert("RGB")
-        image.thumbnail((_PICTURE_PX, _PICTURE_PX))
-        image.save(file, "JPEG", quality=82, optimize=True)
-    data = base64.b64encode(file.getvalue()).decode("ascii")
-    text = html.escape(f"The robot at the start of {name}, and the path.", quote=True)
+def _printed(picture: Path, name: str) -> str:
+    text = f"The robot at the start of {name}, and the path."
+    caption = html.escape(text)
     return (
-        f'<figure class="print-only"><img src="data:image/jpeg;base64,{data}" '
-        f'alt="{text}"><figcaption>{text}</figcaption></figure>'
+        f'<figure class="print-only">{still(picture, text)}'
+        f"<figcaption>{caption}</figcaption></figure>"
     )

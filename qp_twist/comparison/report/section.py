@@ -5,10 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import NamedTuple
 
-import numpy as np
-import numpy.typing as npt
-
-from qp_twist.comparison.report.svg import THINNED
 from qp_twist.paths import METHODS
 
 
@@ -47,17 +43,6 @@ def shown_first(names: list[str]) -> list[str]:
     """The methods shown when the page opens: few enough to distinguish their lines."""
     found = [name for name in FIRST_SHOWN if name in names]
     return found if len(found) > 2 and len(names) > 5 else names
-
-
-def thinned(count: int, keep: npt.NDArray[np.intp] | None = None) -> npt.NDArray[np.intp]:
-    """Indices of about ``THINNED`` of ``count`` points, the ends and those of ``keep`` included."""
-    chosen = np.linspace(0, count - 1, min(count, THINNED)).round().astype(np.intp)
-    return np.unique(chosen if keep is None else np.concatenate([chosen, keep]))
-
-
-def figure_html(svg: str, caption: str) -> str:
-    """An SVG with its caption."""
-    return f'<figure><div class="drawing">{svg}</div><figcaption>{caption}</figcaption></figure>'
 
 
 def kind(name: str) -> str:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from matplotlib.colors import to_hex
 
-from qp_twist.comparison.style import line_style
+from qp_twist.pictures.style import line_style
 
 
 def swatch(name: str) -> str:

@@ -5,11 +5,12 @@ from __future__ import annotations
 import html
 import io
 import re
+from collections.abc import Mapping
 
 import matplotlib as mpl
 from matplotlib.figure import Figure
 
-from qp_twist.comparison.style import RC
+from qp_twist.pictures.style import RC
 
 METHOD = "method:"
 """Prefix of the gid of an artist that is shown and hidden with a method."""
@@ -18,19 +19,26 @@ SVG_RC = RC | {
     "path.simplify_threshold": 0.3,
     "legend.fontsize": 8,
 }
-THINNED = 240
-"""Approximate number of points of a curve."""
 
 _NUMBER = re.compile(r"-?\d+\.\d{2,}")
 _ID = re.compile(r' id="([^"]*)"')
 _USED = re.compile(r'(?:url\(#|href="#)([^)"]+)')
 
 
-def inline_svg(figure: Figure, key: str, description: str) -> str:
+def inline_svg(
+    figure: Figure, key: str, description: str, variables: Mapping[str, str] = {}
+) -> str:
     """The figure as an ``<svg>`` element with a text description.
 
     Ids begin with ``key``, so several figures fit into one page; unused ids are removed. Artists
     whose gid begins with ``method:`` get the classes ``m`` and ``m-NAME``.
+
+    Args:
+        figure: The figure.
+        key: Prefix of the ids.
+        description: What it shows.
+        variables: Variables of the page's style, such as ``"--ink"``, by the colour of the figure
+            (``"#1b1f24"``) that they replace.
     """
     file = io.StringIO()
     with mpl.rc_context(SVG_RC | {"svg.hashsalt": f"qp_twist {key}"}):
@@ -48,6 +56,8 @@ def inline_svg(figure: Figure, key: str, description: str) -> str:
         r"font: ((?:bold |700 )?[\d.]+px) [^;\"]*sans-serif", r"font: \1 sans-serif", text
     )
     text = re.sub(r"\s*\n\s*", "\n", text)
+    for colour, variable in variables.items():
+        text = text.replace(f": {colour}", f": var({variable})")
     # Let the page set the width.
     text = re.sub(r' (?:width|height)="[\d.]+pt"', "", text, count=2)
     label = html.escape(description, quote=True)

@@ -56,11 +56,11 @@ def sight(path_task: PathTask) -> Sight:
     forward = np.array([np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e)])
     moving = model.body_weldid != 0
     shapes = moving[model.geom_bodyid] & (model.geom_rbound > 0.0)
-    reach = model.geom_rbound[shapes, None]
+    low, high = bounds(model, data)
     points = np.vstack(
         [
-            data.geom_xpos[shapes] - reach,
-            data.geom_xpos[shapes] + reach,
+            low[shapes],
+            high[shapes],
             data.xpos[moving],
             data.xpos[model.body_parentid[moving]],
             path_task.positions,
@@ -71,3 +71,11 @@ def sight(path_task: PathTask) -> Sight:
     fov = np.radians(45.0 if view.orthographic else float(view.fovy))
     distance = 0.5 * float(np.linalg.norm(high - low)) / np.sin(0.5 * fov)
     return Sight(0.5 * (low + high), forward, distance, fov)
+
+
+def bounds(model: mujoco.MjModel, data: mujoco.MjData) -> tuple[Array, Array]:
+    """Lowest and highest corner of a box around each geom, in the world, m, (G, 3) each."""
+    rotations = data.geom_xmat.reshape(-1, 3, 3)
+    middles = data.geom_xpos + np.einsum("gij,gj->gi", rotations, model.geom_aabb[:, :3])
+    half = np.einsum("gij,gj->gi", np.abs(rotations), model.geom_aabb[:, 3:])
+    return middles - half, middles + half

@@ -8,8 +8,8 @@ import mujoco
 import numpy as np
 
 from qp_twist.checks import Array
-from qp_twist.comparison.near_pairs import TOO_NEAR, NearPair, NearPairs
 from qp_twist.paths import PathTask
+from qp_twist.pictures.near_pairs import TOO_NEAR, NearPair, NearPairs
 
 NEAR_RGB, TOO_NEAR_RGB = (230, 159, 0), (208, 0, 0)
 _OPACITY, _OVER = 0.55, 0.002

@@ -1,22 +1,21 @@
-"""Recordings of the arm along the path, one per method, for viser's player in the browser."""
+"""Recordings of the arm along the path, for viser's player in the browser."""
 
 from __future__ import annotations
 
 import base64
 import contextlib
-import copy
 from collections.abc import Iterator, Mapping
-from pathlib import Path
 from typing import Any
 
 import mujoco
 import numpy as np
+import numpy.typing as npt
 
 from qp_twist.checks import Array
-from qp_twist.comparison.lit_pairs import LitPairs
-from qp_twist.comparison.sight import sight
-from qp_twist.following import Trajectory
 from qp_twist.paths import PathTask
+from qp_twist.pictures.lit_pairs import LitPairs
+from qp_twist.pictures.sight import sight
+from qp_twist.pictures.surroundings import coloured, floor_height, make_matte
 
 FRAMES = 100
 """Approximate number of waypoints shown."""
@@ -25,36 +24,49 @@ DURATION_S = 8.0
 _PATH_RGB = (219, 18, 31)
 
 
-def player() -> str:
-    """viser's client, a page that plays ``window.__VISER_EMBED_DATA__``.
+def recordings(
+    path_task: PathTask,
+    motions: Mapping[str, Array],
+    *,
+    seconds: float = DURATION_S,
+    path_rgb: npt.NDArray[np.uint8] | None = None,
+) -> dict[str, str]:
+    """The recording of each motion, in base64.
 
-    It is the same for all methods and larger than their recordings, so the report contains it once.
+    Args:
+        path_task: The task.
+        motions: Frames by name, at equal times: configurations, (K, nq).
+        seconds: Playing time of each.
+        path_rgb: Colour of the path from each waypoint to the next, (N − 1, 3); red if ``None``.
     """
-    import viser
-
-    page = Path(viser.__file__).parent / "client" / "build" / "index.html"
-    return page.read_text("utf-8")
-
-
-def recordings(path_task: PathTask, trajectories: Mapping[str, Trajectory]) -> dict[str, str]:
-    """The recording of each method, in base64."""
     import mjviser
 
     # mjviser modifies its model.
-    model = copy.copy(path_task.model)
+    model = coloured(path_task.model)
+    path_colours: Any = _PATH_RGB
+    if path_rgb is not None:
+        path_colours = _linear(np.repeat(path_rgb[:, None], 2, axis=1))
     with _server() as server:
+        make_matte(server.scene)
         scene = mjviser.ViserMujocoScene(server, model, num_envs=1)
         scene.camera_tracking_enabled = False
         # The environment map of the sky is most of a recording's size.
         server.scene.configure_environment_map(None)
         server.scene.configure_default_lights(enabled=True, cast_shadow=False)
         server.scene.add_light_ambient("/ambient", intensity=1.0)
+        height = floor_height(path_task)
+        if height is not None:
+            server.scene.add_grid(
+                "/floor", infinite_grid=True, fade_distance=50.0, shadow_opacity=0.2,
+                plane_opacity=0.4, position=(0.0, 0.0, height),
+            )  # fmt: skip
         points = path_task.positions
+        segments = np.stack([points[:-1], points[1:]], axis=1).astype(np.float32)
         server.scene.add_line_segments(
             "/path",
-            np.stack([points[:-1], points[1:]], axis=1).astype(np.float32),
-            colors=_PATH_RGB,
-            thickness=3.0,
+            segments,
+            colors=path_colours,
+            thickness=3.0 if path_rgb is None else 5.0,
             thickness_units="screen",
         )
         seen = sight(path_task)
@@ -64,8 +76,7 @@ def recordings(path_task: PathTask, trajectories: Mapping[str, Trajectory]) -> d
         data = mujoco.MjData(model)
         lit = LitPairs(server, path_task)
         found = {}
-        for name, trajectory in trajectories.items():
-            frames = _frames(trajectory.q)
+        for name, frames in motions.items():
             lit.prepare(frames)
             recorder = server.get_scene_serializer()
             for q in frames:
@@ -74,7 +85,7 @@ def recordings(path_task: PathTask, trajectories: Mapping[str, Trajectory]) -> d
                 with server.atomic():
                     scene.update_from_mjdata(data)
                     lit.show(q)
-                recorder.insert_sleep(DURATION_S / len(frames))
+                recorder.insert_sleep(seconds / len(frames))
             found[name] = base64.b64encode(recorder.serialize()).decode("ascii")
     return found
 
@@ -82,7 +93,7 @@ def recordings(path_task: PathTask, trajectories: Mapping[str, Trajectory]) -> d
 @contextlib.contextmanager
 def _server() -> Iterator[Any]:
     """A viser server that refuses every request: only a server can serialize a scene."""
-    from qp_twist.comparison.local_server import LocalServer
+    from qp_twist.pictures.local_server import LocalServer
 
     server = LocalServer(0, names=())
     try:
@@ -91,8 +102,13 @@ def _server() -> Iterator[Any]:
         server.stop()
 
 
-def _frames(q: Array) -> Array:
+def frames_of(q: Array) -> Array:
     """Select about ``FRAMES`` configurations, the first and the last included."""
     index = np.linspace(0, len(q) - 1, min(len(q), FRAMES)).round().astype(int)
     frames: Array = q[index]
     return frames
+
+
+def _linear(rgb: npt.NDArray[np.uint8]) -> npt.NDArray[np.uint8]:
+    """Colours of lines so that the player, which takes them as linear, shows ``rgb``."""
+    return np.round(255.0 * (rgb / 255.0) ** 2.2).astype(np.uint8)
