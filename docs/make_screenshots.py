@@ -29,7 +29,11 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as temporary:
         folder = Path(temporary)
         qt.compare("deburring").report(folder)
-        shot(folder / "report.html", out / "report.png", (1100, 1500))
+        shot(folder / "report.html", out / "report.png", (1100, 1300), wait_s=9.0)
+        task = qt.load_task("deburring")
+        run = qt.time_trajectory(qt.refine_trajectory(qt.follow(task)))
+        made = qt.report(run, task, folder / "motion", file="deburring.json")
+        shot(made.path, out / "motion_report.png", (1100, 1000), wait_s=9.0)
 
 
 def shot(
@@ -59,6 +63,8 @@ def shot(
         if scroll_to is not None:
             opened.page.locator(scroll_to).evaluate("element => element.scrollIntoView()")
         opened.page.wait_for_timeout(1000 * wait_s)
+        for frame in opened.page.frames:  # the player's remark on a machine without a graphics card
+            frame.add_style_tag(content=".mantine-Notifications-root { display: none; }")
         picture = Image.open(io.BytesIO(opened.page.screenshot(timeout=120_000)))
     out.parent.mkdir(parents=True, exist_ok=True)
     picture.convert("RGB").quantize(128).save(out, optimize=True)

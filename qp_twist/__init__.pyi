@@ -15,6 +15,7 @@ from . import paths as paths
 from . import planning as planning
 from . import qp as qp
 from . import referee as referee
+from . import reporting as reporting
 from . import robots as robots
 from . import simulation as simulation
 from . import studies as studies
@@ -85,6 +86,8 @@ from .qp import LostDirection as LostDirection
 from .qp import NoSolutionFound as NoSolutionFound
 from .qp import QuadraticProgram as QuadraticProgram
 from .qp import SolverInaccurate as SolverInaccurate
+from .reporting import MotionReport as MotionReport
+from .reporting import report as report
 from .robots import Robot as Robot
 from .robots import load_robot as load_robot
 from .studies import Study as Study

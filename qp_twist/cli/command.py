@@ -16,6 +16,7 @@ from qp_twist.cli import (
     compare,
     export,
     new,
+    report,
     roadmap,
     run,
     starts,
@@ -28,7 +29,20 @@ from qp_twist.cli.names import check_names
 
 COMMANDS = {
     module.__name__.rpartition(".")[2]: getattr(module, module.__name__.rpartition(".")[2])
-    for module in (bench, check, compare, export, new, roadmap, run, starts, study, tasks, view)
+    for module in (
+        bench,
+        check,
+        compare,
+        export,
+        new,
+        report,
+        roadmap,
+        run,
+        starts,
+        study,
+        tasks,
+        view,
+    )
 }
 
 

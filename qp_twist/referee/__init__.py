@@ -8,8 +8,11 @@ from .findings import POSITION_TOLERANCE as POSITION_TOLERANCE
 from .findings import Finding as Finding
 from .findings import Passing as Passing
 from .findings import Tolerances as Tolerances
+from .findings import acceleration_use as acceleration_use
 from .findings import errors_of as errors_of
 from .findings import examine as examine
+from .findings import joint_margins as joint_margins
+from .findings import velocity_use as velocity_use
 from .joint_motion import JointMotion as JointMotion
 from .joint_motion import State as State
 from .motion_limits import RAMP_S as RAMP_S

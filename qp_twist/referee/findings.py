@@ -281,15 +281,31 @@ def _of_constraints(
     return found
 
 
-def _of_positions(ranges: JointRanges, motion: JointMotion, passing: Passing) -> list[Finding]:
-    """The smallest margin, at the rows and, exactly, between them."""
-    if not ranges.limited.any():
-        return []
+def joint_margins(ranges: JointRanges, motion: JointMotion) -> tuple[Array, Array]:
+    """Margins of the joints at the rows and, the least exactly, between them.
+
+    Returns:
+        Times of the rows, then the middles between them, s, (2N − 1,), and the margins there,
+        (2N − 1, nv): ``1 − |θ − θ̄| / half-range``, ∞ without a range.
+    """
     lowest, highest = motion.extremes()
     between = np.minimum(ranges.margins(lowest), ranges.margins(highest))
     # Rows first: a least margin at a row is reported there, not for the piece that ends there.
     margins = np.vstack([ranges.margins(motion.q), between])
-    times = np.concatenate([motion.times, 0.5 * (motion.times[:-1] + motion.times[1:])])
+    return np.concatenate([motion.times, _middles(motion)]), margins
+
+
+def _middles(motion: JointMotion) -> Array:
+    middles: Array = 0.5 * (motion.times[:-1] + motion.times[1:])
+    return middles
+
+
+def _of_positions(ranges: JointRanges, motion: JointMotion, passing: Passing) -> list[Finding]:
+    """The smallest margin, at the rows and, exactly, between them."""
+    if not ranges.limited.any():
+        return []
+    times, margins = joint_margins(ranges, motion)
+    lowest, highest = motion.extremes()
     k, joint = np.unravel_index(int(np.argmin(margins)), margins.shape)
     outside = float(np.maximum(ranges.lower - lowest, highest - ranges.upper).max())
     where = f"{ranges.names[joint]}, {passing.place(times[k])}"
@@ -297,35 +313,57 @@ def _of_positions(ranges: JointRanges, motion: JointMotion, passing: Passing) ->
     return [Finding("smallest joint margin", value, 0.0, "", where, outside <= RANGE_TOLERANCE)]
 
 
+def velocity_use(motion: JointMotion, limits: Array) -> tuple[Array, Array]:
+    """Largest speeds of the joints between rows, as shares of their limits (nv,).
+
+    Returns:
+        Middles between the rows, s, (N − 1,), and the shares, (N − 1, nv); 0 without a limit.
+    """
+    return _middles(motion), _speeds(motion) / limits
+
+
+def acceleration_use(motion: JointMotion, limits: Array) -> tuple[Array, Array]:
+    """Largest accelerations of the joints, as shares of their limits (nv,).
+
+    Returns:
+        Times, s, (K,), and the shares, (K, nv); 0 without a limit. Of cubics K = N − 1 pieces, of
+        linear pieces the K = N − 2 changes of speed at the rows.
+    """
+    if motion.velocities is None:
+        # Linear pieces: the acceleration for the change of speed between their middles.
+        speeds = np.diff(motion.q, axis=0) / np.diff(motion.times)[:, None]
+        accelerations = np.abs(np.diff(speeds, axis=0)) / np.diff(_middles(motion))[:, None]
+        return motion.times[1:-1], accelerations / limits
+    # Evaluate each end with the more favourable rounding of the times.
+    ends = np.abs([clock.end_accelerations() for clock in _within_rounding(motion)])
+    accelerations = ends.min(axis=0).max(axis=0)
+    return _middles(motion), accelerations / limits
+
+
+def _speeds(motion: JointMotion) -> Array:
+    """Largest speeds of each piece, with the most favourable rounding of the times, (N − 1, nv)."""
+    speeds: Array = np.min([c.largest_speeds() for c in _within_rounding(motion)], axis=0)
+    return speeds
+
+
 def _of_speeds(
     limits: MotionLimits, ranges: JointRanges, motion: JointMotion, passing: Passing
 ) -> list[Finding]:
     """Largest shares of the velocity and acceleration limits; the speeds if there are none."""
-    middles = 0.5 * (motion.times[:-1] + motion.times[1:])
-    clocks = _within_rounding(motion)
-    speeds = np.min([clock.largest_speeds() for clock in clocks], axis=0)
     found = []
     if np.isfinite(limits.velocity).any():
-        use = speeds / limits.velocity
+        middles, use = velocity_use(motion, limits.velocity)
         found.append(_share("velocity", use, ranges.names, middles, passing))
     else:
+        speeds = _speeds(motion)
         k, joint = np.unravel_index(int(np.argmax(speeds)), speeds.shape)
-        where = f"{ranges.names[joint]}, {passing.place(middles[k])}"
+        where = f"{ranges.names[joint]}, {passing.place(_middles(motion)[k])}"
         unit = f"{ranges.units[joint]}/s"
         found.append(Finding("joint speed", float(speeds[k, joint]), None, unit, where, True))
     if np.isfinite(limits.acceleration).any():
-        if motion.velocities is None:
-            # Linear pieces: the acceleration for the change of speed between their middles.
-            speeds = np.diff(motion.q, axis=0) / np.diff(motion.times)[:, None]
-            accelerations = np.abs(np.diff(speeds, axis=0)) / np.diff(middles)[:, None]
-            middles = motion.times[1:-1]
-        else:
-            # Evaluate each end with the more favourable rounding of the times.
-            ends = np.abs([clock.end_accelerations() for clock in clocks])
-            accelerations = ends.min(axis=0).max(axis=0)
-        if len(accelerations):
-            use = accelerations / limits.acceleration
-            found.append(_share("acceleration", use, ranges.names, middles, passing))
+        times, use = acceleration_use(motion, limits.acceleration)
+        if len(use):
+            found.append(_share("acceleration", use, ranges.names, times, passing))
     return found
 
 

@@ -52,6 +52,11 @@ class Check:
         notes: Contradictions of the file's metadata, and other remarks.
         unchecked: What could not be checked, and why; part of the verdict.
         sources: Source of the limits that are not the task's.
+        motion: The checked motion of the joints; without times one row per second.
+        passing: Times at which it passes the waypoints.
+        errors: Its errors at and between the waypoints.
+        limits: Speed and acceleration limits that it was checked against.
+        tolerances: Largest task errors that pass.
     """
 
     task: str
@@ -60,8 +65,13 @@ class Check:
     matched: str
     findings: tuple[Finding, ...]
     notes: tuple[str, ...]
-    unchecked: tuple[str, ...] = ()
-    sources: tuple[str, ...] = ()
+    unchecked: tuple[str, ...]
+    sources: tuple[str, ...]
+    motion: JointMotion
+    passing: Passing
+    errors: PathErrors
+    limits: MotionLimits
+    tolerances: Tolerances
 
     @property
     def passes(self) -> bool:
@@ -202,6 +212,11 @@ def check_trajectory(
         tuple(notes),
         unchecked,
         (*rows.sources, *sources),
+        motion,
+        passing,
+        errors,
+        limits,
+        tolerances,
     )
 
 

@@ -1,0 +1,102 @@
+"""Where a motion is slower than its feed, and what holds it back there."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from qp_twist.checks import Mask
+from qp_twist.kinematics import JointRanges
+from qp_twist.paths import PathTask
+from qp_twist.referee import acceleration_use, velocity_use
+from qp_twist.trajectories import Check
+
+SLOWER = 0.01
+"""Share by which an interval has to take longer than at the feed to count as slower."""
+_TIGHT = 0.98
+"""A limit holds a motion back where this share of it is used."""
+_REST = 1e-6
+"""The robot rests where all joints are slower, rad/s or m/s."""
+_APART = 0.02
+"""Stretches with fewer waypoints between them count as one, as a share of all waypoints."""
+
+
+class Stretch(NamedTuple):
+    """Waypoints between which a motion is slower than its feed."""
+
+    first: int
+    """Waypoint, from 1."""
+    last: int
+    lost: float
+    """Time more than at the feed, s."""
+    causes: tuple[str, ...]
+    """What holds it back, the most frequent first; empty if no limit does."""
+
+    def __str__(self) -> str:
+        """A sentence."""
+        cause = " and ".join(self.causes[:2]) or "no limit of the robot"
+        return (
+            f"{cause[:1].upper()}{cause[1:]}, waypoints {self.first} to {self.last}: "
+            f"{_seconds(self.lost)} more"
+        )
+
+
+def slower_intervals(path_task: PathTask, check: Check) -> Mask:
+    """Which intervals between waypoints take longer than at the feed, (N − 1,)."""
+    times = check.passing.times
+    if path_task.durations is None or not check.passing.timed:
+        return np.zeros(len(times) - 1, dtype=bool)
+    slow: Mask = np.diff(times) > (1.0 + SLOWER) * path_task.durations[1 : len(times)]
+    return slow
+
+
+def slower_stretches(path_task: PathTask, check: Check) -> list[Stretch]:
+    """The stretches that are slower than the feed, the most costly first."""
+    slow = np.flatnonzero(slower_intervals(path_task, check))
+    if not len(slow):
+        return []
+    assert path_task.durations is not None
+    times = check.passing.times
+    lost = np.diff(times) - path_task.durations[1 : len(times)]
+    apart = max(2, round(_APART * len(times)))
+    found = []
+    for intervals in np.split(slow, np.flatnonzero(np.diff(slow) > apart) + 1):
+        first, last = int(intervals[0]), int(intervals[-1]) + 1
+        causes = _causes(path_task, check, times[first], times[last])
+        found.append(Stretch(first + 1, last + 1, float(lost[intervals].sum()), causes))
+    return sorted(found, key=lambda stretch: -stretch.lost)
+
+
+def _causes(path_task: PathTask, check: Check, begin: float, end: float) -> tuple[str, ...]:
+    """The limits that are used up between two times, the longest used one first, and stops."""
+    motion = check.motion
+    names = JointRanges.of(path_task.model).names
+    count: dict[str, int] = {}
+    for kind, limits, use in (
+        ("speed", check.limits.velocity, velocity_use),
+        ("acceleration", check.limits.acceleration, acceleration_use),
+    ):
+        if not np.isfinite(limits).any():
+            continue
+        shares = use(motion, limits)[1]
+        pieces = len(shares) == len(motion.times) - 1  # else at the rows between them
+        opens, closes = (
+            (motion.times[:-1], motion.times[1:]) if pieces else (motion.times[1:-1],) * 2
+        )
+        tight = shares[(opens < end) & (closes > begin)] >= _TIGHT
+        for joint in np.flatnonzero(tight.any(axis=0)):
+            count[f"{names[joint]}'s {kind}"] = int(tight[:, joint].sum())
+    causes = sorted(count, key=lambda cause: -count[cause])
+    if motion.velocities is not None:
+        rests = (np.abs(motion.velocities) < _REST).all(axis=1)
+        at = motion.times[rests & (motion.times >= begin) & (motion.times <= end)]
+        if ((at > motion.times[0]) & (at < motion.times[-1])).any():
+            causes.append("a stop")
+        elif len(at):
+            causes.append("starting from rest" if at[0] == motion.times[0] else "coming to rest")
+    return tuple(causes)
+
+
+def _seconds(seconds: float) -> str:
+    return f"{seconds:.2g}\u00a0s"

@@ -1,0 +1,178 @@
+"""The referee's findings in the words of a person who did not program the robot."""
+
+from __future__ import annotations
+
+import html
+import math
+from typing import NamedTuple
+
+from qp_twist.geometry import ProjectorKind, TwistProjector
+from qp_twist.paths import PathTask
+from qp_twist.referee import Finding
+from qp_twist.trajectories import Check
+
+BETWEEN = " between"
+TOO_NEAR = "Too near an obstacle"
+_QUANTITIES = {
+    "position error": "Position error",
+    "axis error": "Orientation error",
+    "outside a band": "Outside a tolerance band",
+    "smallest joint margin": "Distance to the joint limits",
+    "velocity limits": "Joint speed",
+    "joint speed": "Joint speed",
+    "acceleration limits": "Joint acceleration",
+    "feed": "Speed along the path",
+    "time": "Time along the path",
+    "outside clearance": TOO_NEAR,
+}
+_SCALES = {"m": (1e3, "mm"), "rad": (math.degrees(1.0), "°"), "rad/s": (math.degrees(1.0), "°/s")}
+
+
+class Amount(NamedTuple):
+    """A number as it is shown."""
+
+    value: float
+    """In the finding's unit."""
+    text: str
+    unit: str
+
+
+def amount(value: float, unit: str, *, margin: bool = False) -> Amount:
+    """A finding's number: mm instead of m, degrees instead of rad, margins in per cent."""
+    scale, shown = (100.0, "%") if margin else _SCALES.get(unit, (1.0, unit))
+    return Amount(value, digits(scale * value), shown)
+
+
+def digits(value: float) -> str:
+    """Three significant digits, at most three decimals, without an exponent."""
+    if not math.isfinite(value):
+        return "∞" if value > 0.0 else "−∞"
+    if abs(value) < 5e-4:
+        return "0" if value == 0.0 else "<\u20090.001" if value > 0.0 else ">\u2009−0.001"
+    places = max(0, 2 - math.floor(math.log10(abs(value))))
+    text = f"{value:.{min(places, 3)}f}"
+    if "." in text:
+        text = text.rstrip("0").rstrip(".")
+    return text.replace("-", "−")
+
+
+def data(amount: Amount, of: str) -> str:
+    """A number of a finding as HTML, with its value in full."""
+    return (
+        f'<data value="{amount.value!r}" data-of="{html.escape(of, quote=True)}">'
+        f"{html.escape(amount.text)}</data>{html.escape(spaced(amount.unit))}"
+    )
+
+
+def spaced(unit: str) -> str:
+    """A unit as it follows its number: degrees without a space, nothing for no unit."""
+    return unit if unit in ("", "°") else f"\u00a0{unit}"
+
+
+def quantity(finding: Finding) -> str:
+    """What a finding measures."""
+    name = finding.name.removesuffix(BETWEEN)
+    plain = _QUANTITIES.get(name)
+    if plain is None:
+        plain = name[:1].upper() + name[1:]
+    return plain
+
+
+def is_margin(finding: Finding) -> bool:
+    """Whether the finding is the least margin of a joint, as a share of its half range."""
+    return finding.name == "smallest joint margin"
+
+
+def shown(finding: Finding) -> Amount:
+    """The finding's value."""
+    return amount(finding.value, finding.unit, margin=is_margin(finding))
+
+
+def place(where: str) -> str:
+    """A place of the referee, with its parts in the order in which one reads them."""
+    return html.escape(where)
+
+
+def problem(finding: Finding) -> str:
+    """A sentence for what does not pass, HTML."""
+    found = data(shown(finding), finding.name)
+    if quantity(finding) == TOO_NEAR:
+        return f"{TOO_NEAR}: by {found}, at {place(finding.where)}."
+    if is_margin(finding):
+        return f"A joint leaves its range: {place(finding.where)} (by {found} of half the range)."
+    limit = ""
+    if finding.limit is not None:
+        allowed = amount(finding.limit, finding.unit)
+        limit = f", allowed {allowed.text}{html.escape(spaced(allowed.unit))}"
+    sentence = f"{quantity(finding)}: {found}{limit}, at {place(finding.where)}"
+    if finding.proven:
+        return f"{sentence}."
+    return (
+        f"{sentence}. More than allowed cannot be excluded between the points that were looked at; "
+        "points closer together would decide it."
+    )
+
+
+def problems(check: Check) -> list[str]:
+    """One sentence for each quantity that does not pass: its worst finding."""
+    worst: dict[str, Finding] = {}
+    for finding in check.findings:
+        if finding.passes:
+            continue
+        name = quantity(finding)
+        if name not in worst or _excess(finding) > _excess(worst[name]):
+            worst[name] = finding
+    return [problem(finding) for finding in worst.values()]
+
+
+def _excess(finding: Finding) -> float:
+    if finding.limit is None or is_margin(finding):
+        return -finding.value
+    return finding.value / max(finding.limit, 1e-12)
+
+
+def kept(path_task: PathTask, check: Check) -> str:
+    """What a motion that passes keeps, in one sentence."""
+    names = {finding.name for finding in check.findings}
+    parts = ["the path"]
+    if "smallest joint margin" in names:
+        parts.append("the joints' ranges")
+    if "velocity limits" in names:
+        parts.append("the joints' speed limits")
+    if "acceleration limits" in names:
+        parts.append("the joints' acceleration limits")
+    if path_task.clearances:
+        parts.append("the distance from obstacles")
+    if "outside a band" in names:
+        parts.append("the tolerance bands")
+    parts += [
+        f"the limits of {constraint.kind}"
+        for constraint in path_task.stated_constraints
+        if constraint not in path_task.clearances
+    ]
+    listed = parts[0] if len(parts) == 1 else f"{', '.join(parts[:-1])} and {parts[-1]}"
+    return f"The motion keeps {listed}: at every waypoint and, proven, everywhere between them."
+
+
+def what_is_free(projector: TwistProjector) -> str:
+    """What the task holds, and what it leaves free."""
+    linear = {
+        ProjectorKind.FULL: "position",
+        ProjectorKind.PLANE: "position in a plane",
+        ProjectorKind.LINE: "position along a line",
+        ProjectorKind.NONE: "",
+    }[projector.linear.kind]
+    angular = {
+        ProjectorKind.FULL: "orientation",
+        ProjectorKind.PLANE: "direction of one axis",
+        ProjectorKind.LINE: "rotation about one axis",
+        ProjectorKind.NONE: "",
+    }[projector.angular.kind]
+    held = " and ".join(part for part in (linear, angular) if part)
+    free = {
+        ProjectorKind.FULL: "",
+        ProjectorKind.PLANE: "; free: the rotation about it",
+        ProjectorKind.LINE: "; free: the direction of that axis",
+        ProjectorKind.NONE: "; free: the orientation",
+    }[projector.angular.kind]
+    return f"{held}{free}"
