@@ -56,7 +56,7 @@ def expanded(
                 f"load_robot(..., packages={{{name!r}: folder}}), qp-twist new --package "
                 f'{name}=folder, or in a task file [robot.packages] {name} = "folder".'
             )
-        return str(folder)
+        return str(folder.resolve())  # xacro takes other paths from the file that includes
 
     warnings = io.StringIO()
     with redirect_stderr(warnings), _found_by(substitution_args, find):

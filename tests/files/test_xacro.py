@@ -156,7 +156,10 @@ def test_without_the_package_xacro_it_is_named(arm: Path, monkeypatch: pytest.Mo
 
 
 def test_new_takes_arguments_and_packages_and_writes_them_down(
-    arm: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    arm: Path,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     elsewhere = tmp_path / "elsewhere" / "xyz"
     elsewhere.parent.mkdir()
@@ -175,6 +178,8 @@ def test_new_takes_arguments_and_packages_and_writes_them_down(
     assert stated["arguments"] == {"hand": "true"}
     assert heights(load_robot(arm, packages={"parts": elsewhere}, arguments={"hand": "true"}))
     assert qt.load_task(out).model.njnt == 3
+    monkeypatch.chdir(tmp_path)  # a relative folder of a package is the task file's, not xacro's
+    assert qt.load_task("./arm.toml").model.njnt == 3
     for option, text in (("--arg", "hand=true"), ("--package", "parts"), ("--arg", ":=1")):
         with pytest.raises(SystemExit):
             main([*words, "--force", option, text])
