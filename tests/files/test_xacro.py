@@ -165,10 +165,10 @@ def test_new_takes_arguments_and_packages_and_writes_them_down(
     elsewhere.parent.mkdir()
     (tmp_path / "parts-main").rename(elsewhere)
     (elsewhere / "package.xml").unlink()
-    (tmp_path / "line.csv").write_text("x [m],y [m],z [m]\n0.2,0,0.9\n0.3,0,0.9\n")
+    (tmp_path / "line.csv").write_text("x [m],y [m],z [m]\n0.2,0,0.7\n0.3,0,0.7\n")
     out = tmp_path / "arm.toml"
     words = ["new", str(arm), "--path", str(tmp_path / "line.csv"), "--out", str(out),
-             "--frame", "tool0", "--search-time", "2"]  # fmt: skip
+             "--frame", "tool0"]  # fmt: skip
     with pytest.raises(SystemExit):
         main(words)
     assert "--package parts=folder" in capsys.readouterr().err
