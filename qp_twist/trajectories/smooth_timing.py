@@ -18,6 +18,8 @@ _SHORTEST = 1e-3
 """Least distance of an inserted row from its neighbours, s at the feed."""
 _LOST = 0.01
 """Time from which a ramp that is longer than necessary gets a row, s."""
+_SAME_FEED = 1.1
+"""Ratio up to which feeds count as equal: pieces that turn the tool vary a little in speed."""
 _GENTLE = 0.7
 """Share of the acceleration limits below which a ramp is longer than necessary."""
 
@@ -79,8 +81,16 @@ class _Timing:
     def computed(self) -> tuple[SpeedProfile, PathErrors]:
         """The fastest timing with these rows and stops, and its errors."""
         limits, q = self.limits, self.trajectory.q
-        profile = speed_profile(q, self.floor, limits.velocity, limits.acceleration, self.rests)
         task = self.trajectory.path_task
+        # Between feeds the parameter is the way, not the time, since its direction is continuous;
+        # the lower feed is a bound of the pace.
+        steps = np.linalg.norm(np.diff(task.positions[: len(q)], axis=0), axis=1)
+        ratios = _feed_ratios(steps, self.floor)
+        most = np.minimum(np.append(ratios, 1.0), np.append(1.0, ratios))
+        at_highest = ratios * self.floor
+        profile = speed_profile(
+            q, at_highest, limits.velocity, limits.acceleration, self.rests, most
+        )
         return profile, path_errors(task, profile.motion, tolerances=self.tolerances)
 
     def leaves(self, errors: PathErrors) -> npt.NDArray[np.bool_]:
@@ -111,11 +121,14 @@ class _Timing:
         """
         begin, end = profile.pace[:-1], profile.pace[1:]
         fast = np.maximum(begin, end)
-        steady = self.floor / np.where(fast > 0.0, fast, 1.0)
+        moving = fast > 0.0
+        T = np.diff(profile.motion.times)
+        # Beside the time that the piece takes at the pace of its faster end, or at the feed.
+        lost = T - self.floor
+        lost[moving] = (T * (1.0 - 0.5 * (begin + end) / np.where(moving, fast, 1.0)))[moving]
         use = profile.acceleration_use.max(axis=1, initial=0.0)
-        share = np.where(fast > 0.0, np.minimum(use, 0.5), 0.5)
+        share = np.where(moving, np.minimum(use, 0.5), 0.5)
         share = np.maximum(share, _SHORTEST / self.floor)
-        lost = np.diff(profile.motion.times) - steady
         long = (lost > _LOST) & (use < _GENTLE) & (share <= 0.5) & ~self.whole
         pieces = np.flatnonzero(long)
         if not len(pieces):
@@ -163,6 +176,27 @@ class _Timing:
                     found[piece] = 0.5 if piece in found else share
         pieces = sorted(found)
         return np.array(pieces, dtype=np.int64), np.array([found[piece] for piece in pieces])
+
+
+def _feed_ratios(steps: Array, floor: Array) -> Array:
+    """The feed of each piece as a share of the highest one, (N − 1,).
+
+    Speeds of neighbours that differ by less than a tenth count as one feed.
+
+    Args:
+        steps: Distance of the frame's targets at the ends of each piece, m, (N − 1,).
+        floor: Time of each piece at the feed, s, (N − 1,).
+    """
+    ratios, last = np.ones(len(steps)), 0.0
+    for k, speed in enumerate(steps / floor):
+        if k:
+            ratios[k] = ratios[k - 1]
+        if speed > 0.0:  # not where the tool turns in place
+            if last and not 1.0 / _SAME_FEED <= speed / last <= _SAME_FEED:
+                ratios[k] *= speed / last
+            last = speed
+    shares: Array = ratios / ratios.max(initial=0.0)
+    return shares
 
 
 def _room(errors: PathErrors, pieces: Indices, tolerances: tuple[float, float]) -> Array:

@@ -39,6 +39,7 @@ def speed_profile(
     max_velocity: Array,
     max_acceleration: Array,
     rests: np.ndarray[tuple[int], np.dtype[np.bool_]],
+    most: Array | None = None,
 ) -> SpeedProfile:
     r"""Velocities and times at the rows of a joint path, as fast as feed and limits permit.
 
@@ -68,16 +69,21 @@ def speed_profile(
         max_velocity: rad/s or m/s, (nv,); ∞ without a limit.
         max_acceleration: rad/s² or m/s², (nv,); ∞ likewise.
         rests: Rows at which the joints stand still, (N,).
+        most: Largest pace at each row, above 0 and at most 1, (N,). If ``None`` it is 1, and pieces
+            that the velocity limits do not permit at the feed take longer from the outset.
     """
     moved = np.diff(q, axis=0)
-    h = np.maximum(feed, (np.abs(moved) / max_velocity).max(axis=1, initial=0.0))
+    h = feed
+    if most is None:
+        h = np.maximum(feed, (np.abs(moved) / max_velocity).max(axis=1, initial=0.0))
+        most = np.ones(len(q))
     D = moved / h[:, None]
     p, p_begin, p_end = _directions(D, h, rests)
     pieces = [
         _Piece.of(D[k], p_begin[k], p_end[k], float(h[k]), max_velocity, max_acceleration)
         for k in range(len(h))
     ]
-    pace = np.where(rests, 0.0, 1.0)
+    pace = np.where(rests, 0.0, most)
     for k, piece in enumerate(pieces):
         pace[k : k + 2] = np.minimum(pace[k : k + 2], piece.steady_pace())
     for _ in range(_ROUNDS):
@@ -97,7 +103,8 @@ def speed_profile(
     slowest = np.maximum(
         1.5 * np.abs(moved) / max_velocity, np.sqrt(6.0 * np.abs(moved) / max_acceleration)
     )
-    T[both] = np.maximum(h, slowest.max(axis=1, initial=0.0))[both]
+    steady = h / np.minimum(most[:-1], most[1:])
+    T[both] = np.maximum(steady, slowest.max(axis=1, initial=0.0))[both]
     times, velocities = np.concatenate([[0.0], np.cumsum(T)]), pace[:, None] * p
     motion = JointMotion(times, q, velocities)
     use = _largest_use(motion, max_velocity, max_acceleration)
