@@ -112,6 +112,10 @@ class Composition(Protocol):
     def trusts(self) -> bool:
         """Whether weak directions are damped by the length of the error."""
 
+    @property
+    def has_inertia(self) -> bool:
+        """Whether joints keep a share of their velocity where the task is not met."""
+
 
 class CompiledStep:
     """The kernel and its arrays for one controller that ``composition_known`` accepts.
@@ -549,6 +553,7 @@ class CompiledStep:
         settings = kernel_settings(
             composed.singularity, composed.joint_weight, _INFEASIBLE[composed.on_infeasible],
             smooth=self._smooth, trusts=composed.trusts, braking=self._brakes,
+            inertia=composed.has_inertia,
         )  # fmt: skip
         self._inputs.settings[:] = settings  # type: ignore[index]
 

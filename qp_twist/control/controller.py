@@ -42,7 +42,7 @@ from qp_twist.constraints import (
 from qp_twist.control.composition import composition_known
 from qp_twist.control.edge_step import SPREAD, finished_at_the_edge
 from qp_twist.control.infeasible import finished
-from qp_twist.control.posed import Posed
+from qp_twist.control.posed import Inertia, Posed
 from qp_twist.control.posing import (
     FASTEST,
     LevelItem,
@@ -290,8 +290,9 @@ class Controller:
             dt: Length of the step, s.
             use_secondary: ``False`` sets h to zero, as in the later iterations of a waypoint, where
                 the curvature of a secondary's motion would violate the task again and again.
-            velocity: Measured joint velocity before the step, (nv,), for acceleration limits; if
-                ``None`` that of the last step, and zero before the first.
+            velocity: Measured joint velocity before the step, (nv,), for acceleration limits and
+                for what is not met of a task (``docs/edge.md``, Inertia); if ``None`` that of the
+                last step, and zero before the first.
 
         Raises:
             InvalidInput: If the configuration is not finite or of another model, or dt ≤ 0.
@@ -383,7 +384,7 @@ class Controller:
             limit.velocity = velocity
 
     def note(self, velocity: npt.ArrayLike) -> None:
-        """Set the current joint velocity (nv,) for acceleration limits, as :meth:`step` does."""
+        """Set the current joint velocity (nv,), as :meth:`step` does."""
         self._note(finite_array("velocity", velocity, (self.model.nv,)))
 
     def _note(self, velocity: Array) -> None:
@@ -444,7 +445,8 @@ class Controller:
             H = H + A.T @ A
         problem = QuadraticProgram(H, c, A, b, G, limits.bounds, lower, upper)
         check_magnitudes(problem, desired)
-        return Posed.of(with_soft_bands(problem, levels.soft_bands), levels, limits, longer)
+        problem = with_soft_bands(problem, levels.soft_bands)
+        return Posed.of(problem, levels, limits, longer, self._inertia(dt))
 
     def _pose_levels(
         self,
@@ -493,6 +495,24 @@ class Controller:
             for v in self.limits
         )
         return limited and self.on_infeasible != "raise"
+
+    @property
+    def has_inertia(self) -> bool:
+        """Whether joints keep a share of their velocity where the task is not met (``edge_step``).
+
+        Several levels and soft tolerance bands have none.
+        """
+        soft = any(band.weight is not None for task in self.twist_tasks for band in task.bands)
+        return self.trusts and len(self.levels) == 1 and not soft
+
+    def _inertia(self, dt: float) -> Inertia | None:
+        """The velocity before a step, and the share of it that joints keep."""
+        motions = [limit for limit in self.limits if isinstance(limit, MotionLimit)]
+        if not (motions and self.has_inertia):
+            return None
+        fastest = np.min([limit.max_velocity for limit in motions], axis=0)
+        hardest = np.min([limit.max_acceleration for limit in motions], axis=0)
+        return Inertia.of(motions[-1].velocity, fastest, hardest, dt)
 
     def _acceleration(self) -> Array | None:
         """The least acceleration limit of each joint, (nv,); ``None`` where there is none."""

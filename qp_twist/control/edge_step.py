@@ -9,7 +9,7 @@ import numpy as np
 
 from qp_twist.checks import Array
 from qp_twist.control.infeasible import inaccurate, infeasible_step, solved_as_posed
-from qp_twist.control.posed import Posed
+from qp_twist.control.posed import Inertia, Posed
 from qp_twist.control.step import Status, Step
 from qp_twist.qp import (
     SCALE_BACKOFF,
@@ -27,6 +27,7 @@ from qp_twist.qp import (
     solve_within,
 )
 from qp_twist.qp.edge import ROUNDING
+from qp_twist.qp.verification import EQUALITY_TOLERANCE
 
 WORTH = 5.0
 """γ: what the task's speed is worth beside the joint motion that it costs."""
@@ -38,6 +39,12 @@ AT_REST = 1e-7
 
 SPREAD = 20.0
 """Steps that the distance to a position limit is spread over where the task stops."""
+
+MISSED = 0.1
+"""ρ₀: share of a task that is not met, from which on joints have all of their inertia."""
+
+LOOSE = 10.0
+"""c: how much more a weak direction may give way for its joints' inertia than for their motion."""
 
 DEAD = 0.03
 """η: share of the relaxed step's progress below which a scaled step passes over to it."""
@@ -58,26 +65,39 @@ def finished_at_the_edge(
         InfeasibleStep: If the first level is infeasible and ``on_infeasible`` is ``"raise"``.
         SolverInaccurate: If the step is feasible and no backend solved it.
     """
-    strained = strain(posed) if on_infeasible == "relax" else 0.0
+    step, relaxed = _without_inertia(posed, result, solver, on_infeasible)
+    if posed.inertia is None:
+        return step
+    return _with_inertia(posed, posed.inertia, step, solver, relaxed)
+
+
+def _without_inertia(
+    posed: Posed, result: Verified | Refused, solver: str, on_infeasible: str
+) -> tuple[Step, float]:
+    """The step, and ψ: how much of it is a relaxed one; 1 with ``on_infeasible="relax"``."""
+    strained, always = 0.0, 0.0
+    if on_infeasible == "relax":
+        strained, always = strain(posed), 1.0
     if isinstance(result, Verified):
         if strained == 0.0:
             step = solved_as_posed(posed, result)
             if on_infeasible == "scale" and left_of(posed.levels.edges[0], 1.0) < DEAD:
                 relaxed = _in_order(posed, solver, Status.RELAXED, start=result.x, relaxing=True)
                 return _going_on(posed, step, relaxed, 1.0)
-            return step
-        return _in_order(
+            return step, always
+        step = _in_order(
             posed, solver, Status.RELAXED, strained=strained, start=result.x, before=result.refused
         )
+        return step, always
     first = posed.padded[0]
     # The residual decides if the first level is feasible, because it has a unit: for a task that is
     # met up to rounding, the largest scale is arbitrary.
     closest = lexicographic([posed.hard, first], posed.problem.lower, posed.problem.upper)
     if posed.hard.met(closest.x) and first.met(closest.x):
-        return _feasible(posed, result, solver, closest.x, strained)
+        return _feasible(posed, result, solver, closest.x, strained), always
     pace = largest_pace(posed)
     if pace is not None and pace.largest.scale >= 1.0 - SCALE_BACKOFF:
-        return _feasible(posed, result, solver, pace.largest.x, strained)
+        return _feasible(posed, result, solver, pace.largest.x, strained), always
     if on_infeasible == "raise":
         raise infeasible_step(posed, None if pace is None else pace.largest)
     start = np.zeros(posed.problem.n) if pace is None else pace.largest.x
@@ -85,11 +105,82 @@ def finished_at_the_edge(
         scaled = _scaled(posed, solver, pace)
         scale = scaled.scale / posed.levels.braked
         if left_of(posed.levels.edges[0], scale) >= DEAD:
-            return scaled
+            return scaled, 0.0
         relaxed = _in_order(posed, solver, Status.RELAXED, start=start, relaxing=True)
         multipliers = pace.largest.box_multipliers, pace.largest.row_multipliers, 0.0
         return _going_on(posed, scaled, relaxed, scale, multipliers)
-    return _in_order(posed, solver, Status.RELAXED, strained=strained, start=start)
+    return _in_order(posed, solver, Status.RELAXED, strained=strained, start=start), 1.0
+
+
+def _with_inertia(posed: Posed, inertia: Inertia, step: Step, solver: str, relaxed: float) -> Step:
+    r"""The step with a share of the last one's velocity, as far as the task is not met.
+
+    .. math::
+
+        \min\ \tfrac12\lVert\dot{\mathbf q} - \mathbf y\rVert_H^2
+        + \tfrac12\lVert\mathbf z\rVert^2
+        + \tfrac12\,\delta\,\lVert\dot{\mathbf q}^*\rVert_H^2\,(1-u)^2, \qquad
+        \mathbf y = \dot{\mathbf q}^* + \zeta\,\min(1,\ \rho/\rho_0)\,
+        (\dot{\mathbf q}_{before} - \dot{\mathbf q}^*), \\
+        k_i u_i^T\mathbf A(\dot{\mathbf q} - u\,\dot{\mathbf q}^*)
+        = (1 - k_i)\,c\,\max(\sigma_i, \varepsilon)\,z_i, \\
+        k_i = (1-\varphi_i)(1-\psi), \qquad 1 - (1-s)/\rho_0 \le u \le 1
+
+    over q̇, u and z inside the limits, with q̇* the step,
+    :math:`\rho = \lVert\mathbf A\dot{\mathbf q}^* - \mathbf b\rVert/\lVert\mathbf b\rVert`, φ the
+    weakness of a direction, ψ how much of the step is a relaxed one and s its scale. Where all of
+    the task is met, ρ is 0 and the step remains. A regular direction of a scaled task keeps the
+    path, at a share u of its speed; what is weak, and all of a relaxed task, keeps only the limits.
+
+    Where a task cannot be met, q̇* may turn round from step to step, as a regulator does whose gain
+    is above 2. With ζ of the last velocity and 1 − ζ of the new one, the loop stands a gain of
+    2 (1 + ζ)/(1 − ζ).
+
+    Args:
+        posed: The step's program.
+        inertia: The last velocity, and ζ of each joint.
+        step: The step without.
+        solver: The backend to ask first.
+        relaxed: ψ.
+    """
+    rows, problem, fastest = posed.levels.edges[0], posed.problem, step.velocity
+    n, m = len(fastest), len(rows.goal)
+    reached, asked = rows.left.T @ (rows.rows() @ fastest), float(np.linalg.norm(rows.goal))
+    none = EQUALITY_TOLERANCE * (rows.size + asked)
+    missed = max(0.0, float(np.linalg.norm(reached - rows.goal)) - none)
+    if missed == 0.0:
+        return step
+    share = min(1.0, missed / max(asked, none) / MISSED) * inertia.share
+    aim = fastest + share * (inertia.before - fastest)
+    H = problem.H[:n, :n]
+    speed = float(fastest @ H @ fastest)
+    kept = (1.0 - rows.weakness) * (1.0 - relaxed)
+    scale = step.scale / posed.levels.braked if step.status is Status.SCALED else 1.0
+    wide = np.zeros((n + m + 1, n + m + 1))
+    wide[:n, :n] = H
+    wide[range(n, n + m), range(n, n + m)] = float(np.abs(H).max())
+    wide[-1, -1] = WORTH_CURVED * speed if speed > 0.0 else 1.0
+    free = np.full(m, np.inf)
+    program = QuadraticProgram(
+        wide, np.concatenate([-H @ aim, np.zeros(m), [-wide[-1, -1]]]),
+        np.column_stack([
+            kept[:, None] * (rows.left.T @ rows.rows()),
+            np.diag((kept - 1.0) * LOOSE * np.sqrt(rows.floor)), -kept * reached,
+        ]),
+        np.zeros(m),
+        np.pad(problem.G[:, :n], ((0, 0), (0, m + 1))), problem.g,
+        np.concatenate([problem.lower[:n], -free, [max(0.0, 1.0 - (1.0 - scale) / MISSED)]]),
+        np.concatenate([problem.upper[:n], free, [1.0]]),
+    )  # fmt: skip
+    result = solve(program, solver, persist=True)
+    if isinstance(result, Refused):
+        return step
+    slower = float(result.x[-1]) if step.status is Status.SCALED else 1.0
+    velocity = np.clip(result.x[:n], posed.limits.lower, posed.limits.upper)
+    return posed.step(
+        velocity, step.status, result.solver, step, scale=slower * scale,
+        problem=step.problem, refused=step.refused, gaps=step.gaps, proven=step.proven,
+    )  # fmt: skip
 
 
 def _feasible(posed: Posed, result: Refused, solver: str, start: Array, strained: float) -> Step:
@@ -214,7 +305,7 @@ def _going_on(
     relaxed: Step,
     scale: float,
     multipliers: tuple[Array, Array, float] | None = None,
-) -> Step:
+) -> tuple[Step, float]:
     r"""Between the scaled and the relaxed step, where a limit would stop the scaled one.
 
     .. math::
@@ -223,7 +314,7 @@ def _going_on(
         \psi = \Bigl(1 - \frac1\eta \text{stopped}(s)\Bigr)_+
 
     Both keep the limits, and so does what is between them. While the scaled step does more than a
-    share η of the task, or of the relaxed one's progress, it is returned as it is.
+    share η of the task, or of the relaxed one's progress, it is returned as it is, and ψ with it.
 
     Args:
         posed: The step's program.
@@ -234,13 +325,14 @@ def _going_on(
     """
     share = 1.0 - stopped(posed.levels.edges[0], scale, relaxed.velocity) / DEAD
     if share <= 0.0:
-        return scaled
+        return scaled, 0.0
     velocity = scaled.velocity + share * (relaxed.velocity - scaled.velocity)
     velocity = np.clip(velocity, posed.limits.lower, posed.limits.upper)
-    return posed.step(
+    step = posed.step(
         velocity, Status.RELAXED, relaxed.solver, relaxed if multipliers is None else multipliers,
         problem=relaxed.problem, refused=relaxed.refused,
     )  # fmt: skip
+    return step, share
 
 
 def _worthwhile(posed: Posed, solver: str, pace: Pace) -> tuple[float, Verified | None]:

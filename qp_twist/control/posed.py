@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
+from typing import NamedTuple
 
 import numpy as np
 
@@ -13,6 +14,33 @@ from qp_twist.constraints import BindingLimit, GatheredLimits, binding_limits
 from qp_twist.control.posing import PosedLevels, stacked
 from qp_twist.control.step import Status, Step
 from qp_twist.qp import Level, QuadraticProgram
+
+INERTIA = 0.7
+"""ζ: share of its velocity that a joint keeps where the task is not met."""
+
+
+class Inertia(NamedTuple):
+    """What joints keep of their velocity where the task is not met."""
+
+    before: Array
+    """q̇ of the last step, rad/s or m/s, (nv,)."""
+    share: Array
+    """ζ of each joint, (nv,)."""
+
+    @classmethod
+    def of(cls, before: Array, fastest: Array, hardest: Array, dt: float) -> Inertia:
+        r"""ζ min(1, a dt/(2 v)): less where a joint cannot reverse in one step anyhow.
+
+        Args:
+            before: q̇ of the last step, (nv,).
+            fastest: v, speed limits, (nv,); joints without one have no inertia.
+            hardest: a, acceleration limits, (nv,).
+            dt: Length of the step, s.
+        """
+        share = np.zeros(len(before))
+        limited = np.isfinite(fastest)
+        share[limited] = np.minimum(1.0, 0.5 * hardest[limited] * dt / fastest[limited])
+        return cls(before.copy(), INERTIA * share)
 
 
 @dataclass(eq=False)
@@ -26,12 +54,14 @@ class Posed:
         levels: The priority levels.
         limits: The gathered limits.
         longer: The bounds (nv,), (nv,) of a step that is so many times as long.
+        inertia: What joints keep of their velocity where the task is not met; ``None`` for nothing.
     """
 
     problem: QuadraticProgram
     levels: PosedLevels
     limits: GatheredLimits
     longer: Callable[[float], tuple[Array, Array]]
+    inertia: Inertia | None = None
 
     @classmethod
     def of(
@@ -40,6 +70,7 @@ class Posed:
         levels: PosedLevels,
         limits: GatheredLimits,
         longer: Callable[[float], tuple[Array, Array]],
+        inertia: Inertia | None = None,
     ) -> Posed:
         """Add the levels' own inequality rows to a program."""
         own = [level.padded(problem.n) for level in levels.levels if len(level.g)]
@@ -47,7 +78,7 @@ class Posed:
             blocks = [(problem.G, problem.g), *((level.G, level.g) for level in own)]
             G, g = stacked(blocks, problem.n)
             problem = replace(problem, G=G, g=g)
-        return cls(problem, levels, limits, longer)
+        return cls(problem, levels, limits, longer, inertia)
 
     def eased(self, steps: float) -> tuple[Array, Array, Array]:
         """The bounds of this step that also hold for one ``steps`` times as long.

@@ -38,7 +38,7 @@ class EdgeArrays(NamedTuple):
 
     stated: Annotated[Floats, "m"]
     """b as stated."""
-    numbers: Annotated[Floats, 7]
+    numbers: Annotated[Floats, 8]
     """See the constants below."""
     rows: Annotated[Floats, "m", "nv - m - 1"]
     """UᵀA, rows σᵢvᵢᵀ, orthogonal."""
@@ -86,9 +86,9 @@ class EdgeArrays(NamedTuple):
     program: Program
 
 
-SIZE, SMALLEST, DAMPING, DEGRADED, FITTING, REACH, FADES = range(7)
-"""Places in ``numbers``: σ_max, σ_min, t, the largest φ, θ, the bound of the slacks and
-whether a direction is asked for less than b."""
+SIZE, SMALLEST, DAMPING, DEGRADED, FITTING, REACH, FADES, PASSED = range(8)
+"""Places in ``numbers``: σ_max, σ_min, t, the largest φ, θ, the bound of the slacks, whether a
+direction is asked for less than b, and ψ, the share of a relaxed step."""
 
 EDGE = RecordType(EdgeArrays, Sizes, PROGRAM)
 read_edge = reader(EDGE)
@@ -156,7 +156,7 @@ def weaken(e, singularity):
     for i in range(len(e.square)):
         square = e.square[i]
         e.floor[i] = max(square, singularity * singularity)
-        e.weak[i] = max(0.0, 1.0 - square / (first * first))
+        e.weak[i] = max(0.0, 1.0 - square / (first * first)) ** 3
         e.missing[i] = math.sqrt(max(0.0, singularity * singularity - square))
 
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 
+from qp_twist.kernel.bounds import MOTION
 from qp_twist.kernel.closest_levels import NOT_PROVEN, begin, length_of_rows, take_level
 from qp_twist.kernel.compiling import part, plain
 from qp_twist.kernel.dual_active_set import (
@@ -23,6 +24,7 @@ from qp_twist.kernel.edge_rows import (
     DEGRADED,
     FADES,
     FITTING,
+    PASSED,
     REACH,
     SIZE,
     SMALLEST,
@@ -67,6 +69,8 @@ DEAD = 0.03
 """Share of the relaxed step's progress below which a scaled step passes over to it."""
 AT_REST = 1e-7
 """As in ``control.edge_step``."""
+INERTIA, MISSED, LOOSE = 0.7, 0.1, 10.0
+"""ζ, ρ₀ and c of ``control.edge_step``."""
 NULL_SHARE, ROUNDING = 0.3, 1e-9
 """As in ``qp.edge``."""
 NOTICEABLE = 1e-8
@@ -528,7 +532,7 @@ def _pass_over(w, e, scale, largest, dt, tolerances):
         e.scaled[k] = e.program.x[k]
     if _give_way(w, e, 0.0, largest, dt, tolerances) != RELAXED:
         return -1.0
-    share = max(0.0, 1.0 - _stopped(e, scale, w.x) / DEAD)
+    e.numbers[PASSED] = share = max(0.0, 1.0 - _stopped(e, scale, w.x) / DEAD)
     for k in range(len(w.x)):
         w.x[k] = e.scaled[k] + share * (w.x[k] - e.scaled[k])
     return share
@@ -640,6 +644,92 @@ def _feasible(w, e, mode, largest, dt, tolerances):
 
 
 @plain
+def _without_inertia(g, w, e, largest, dt, tolerances):
+    """The outcome of the step whose costs and limits are in w and e."""
+    mode = g.settings.infeasible
+    status = _as_posed(w, e, largest, tolerances)
+    if status == DONE:
+        return _feasible(w, e, mode, largest, dt, tolerances)
+    if status != INFEASIBLE or mode == RAISE:
+        return REFUSED
+    if mode == SCALE:
+        return _slower(g, w, e, largest, dt, tolerances)
+    strained = _strain(w, e, largest, dt)
+    return _give_way(w, e, strained, largest, dt, tolerances) if strained >= 0.0 else REFUSED
+
+
+@plain
+def _inert_share(g, dof, dt):
+    """ζ of a joint, less where its acceleration limit keeps it from reversing in one step anyhow.
+
+    And its velocity before the step.
+    """
+    fastest, hardest, before = math.inf, math.inf, 0.0
+    for index in range(len(g.types)):
+        if g.types[index] == MOTION:
+            fastest = min(fastest, g.limits[index, dof, 4])
+            hardest = min(hardest, g.limits[index, dof, 5])
+            before = g.limits[index, dof, 6]
+    if fastest == math.inf:
+        return 0.0, before
+    return INERTIA * min(1.0, 0.5 * hardest * dt / fastest), before
+
+
+@plain
+def _missed(w, e):
+    """How much of the task is not met, from 0 to 1; A q̇ of the rotated rows is left in slope."""
+    short, asked = 0.0, 0.0
+    for i in range(len(e.goal)):
+        e.slope[i] = 0.0
+        for k in range(len(w.x)):
+            e.slope[i] += e.rows[i, k] * w.x[k]
+        short += (e.slope[i] - e.goal[i]) ** 2
+        asked += e.goal[i] * e.goal[i]
+    asked = math.sqrt(asked)
+    none = NOTICEABLE * (e.numbers[SIZE] + asked)
+    missed = max(0.0, math.sqrt(short) - none) / max(asked, none) if none > 0.0 else 0.0
+    return min(1.0, missed / MISSED)
+
+
+@plain
+def _with_inertia(g, w, e, outcome, relaxed, largest, dt, tolerances):
+    """``control.edge_step._with_inertia`` of the step in w; ``relaxed`` is ψ. Returns as that."""
+    missed = _missed(w, e)
+    if missed == 0.0:
+        return outcome
+    p, n, m, speed = e.program, len(w.x), len(w.b), 0.0
+    scale = w.sensitivity[0] / w.braking[0] if outcome == SCALED else 1.0
+    for k in range(n):
+        share, before = _inert_share(g, k, dt)
+        e.motion[k] = w.x[k] + missed * share * (before - w.x[k])
+    _begin_program(w, e, largest, 1.0)
+    for i in range(n):
+        for j in range(n):
+            p.c[i] -= e.cost[i, j] * e.motion[j]
+            speed += w.x[i] * e.cost[i, j] * w.x[j]
+    curved = WORTH_CURVED * speed if speed > 0.0 else 1.0
+    p.dense[n + m, n + m], p.c[n + m] = curved, -curved
+    p.lower[n + m], p.upper[n + m] = max(0.0, 1.0 - (1.0 - scale) / MISSED), 1.0
+    for i in range(m):
+        kept = (1.0 - e.weakness[i]) * (1.0 - relaxed)
+        for k in range(n):
+            p.A[i, k] = kept * e.rows[i, k]
+        for j in range(m):
+            p.A[i, n + j] = (kept - 1.0) * LOOSE * math.sqrt(e.floor[i]) if i == j else 0.0
+        p.A[i, n + m], p.b[i] = -kept * e.slope[i], 0.0
+        p.lower[n + i], p.upper[n + i] = -math.inf, math.inf
+    if _solved(p, tolerances) != DONE:
+        return REFUSED
+    for k in range(n):
+        w.x[k] = p.x[k]
+    if outcome == SCALED:
+        w.sensitivity[0] *= p.x[n + m]
+        for i in range(m):
+            w.b[i] *= p.x[n + m]
+    return outcome
+
+
+@plain
 def edge_step(g, w, e, qpos, dt, use_secondary, twist_space):
     """Compute the step that ``step_kernel.step`` found at the edge or infeasible.
 
@@ -675,12 +765,11 @@ def edge_step(g, w, e, qpos, dt, use_secondary, twist_space):
         return REFUSED
     joint_cost(w, e)
     largest = largest_cost(w)
-    status = _as_posed(w, e, largest, tolerances)
-    if status == DONE:
-        return _feasible(w, e, mode, largest, dt, tolerances)
-    if status != INFEASIBLE or mode == RAISE:
-        return REFUSED
-    if mode == SCALE:
-        return _slower(g, w, e, largest, dt, tolerances)
-    strained = _strain(w, e, largest, dt)
-    return _give_way(w, e, strained, largest, dt, tolerances) if strained >= 0.0 else REFUSED
+    e.numbers[PASSED] = 0.0
+    outcome = _without_inertia(g, w, e, largest, dt, tolerances)
+    if outcome in (DONE, BRAKED, REFUSED) or not g.settings.inertia > 0.0:
+        return outcome
+    relaxed = e.numbers[PASSED]
+    if mode == RELAX or (outcome == RELAXED and relaxed == 0.0):
+        relaxed = 1.0
+    return _with_inertia(g, w, e, outcome, relaxed, largest, dt, tolerances)

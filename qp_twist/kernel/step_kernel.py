@@ -61,6 +61,8 @@ class Settings(NamedTuple):
     """Whether weak directions are damped by the length of the error; 1 or 0."""
     braking: float
     """Whether a task is slowed down so that the joints can stop in time; 1 or 0."""
+    inertia: float
+    """Whether joints keep a share of their velocity where a task is not met; 1 or 0."""
 
 
 class StepInputs(NamedTuple):

@@ -16,12 +16,13 @@ that grows with the error:
     \mathbf D = \max(\mathbf M + \ell r_l,\ t),\qquad
     \mathbf M = \max(\mathbf A\mathbf A^T,\ \varepsilon^2),\qquad
     t = \ell\,\lVert w(\mathbf A\mathbf A^T)\,\mathbf e\rVert,\qquad
-    w(\mu) = \max(0,\, 1 - \mu/\sigma_1^2)
+    w(\mu) = \max(0,\, 1 - \mu/\sigma_1^2)^3
 
 ℓ, half the largest singular value, bounds how fast a small singular value changes with the joints;
-w leaves out directions with σ ≥ σ₁, so that a regular task has t = 0 and is exact. A damped
-direction moves by at most σ/ℓ in one step: not beyond the singularity. What damping leaves of the
-error,
+w leaves out directions with σ ≥ σ₁, so that a regular task has t = 0 and is exact. It grows with
+the cube: below σ₁ a far target would otherwise be damped all at once, within less than one step. A
+damped direction moves by at most σ/ℓ in one step: not beyond the singularity. What damping leaves
+of the error,
 
 .. math:: r_l = \lVert(1 - \mathbf M\max(\mathbf M,\ t)^{-1})\,\mathbf e\rVert ,
 
@@ -177,7 +178,7 @@ class EdgeRows:
     def weak(self) -> Array:
         """w(σ²), (m,): 1 at a singularity, 0 from σ₁ on."""
         first = max(2.0 * self.threshold, min(REGULAR, 50.0 * self.threshold))
-        weak: Array = np.maximum(0.0, 1.0 - (self.sigma / first) ** 2)
+        weak: Array = np.maximum(0.0, 1.0 - (self.sigma / first) ** 2) ** 3
         return weak
 
     @cached_property

@@ -22,6 +22,7 @@ import qp_twist as qt
 from qp_twist.constraints import stopping_share, stopping_speed
 from qp_twist.constraints.stopping_speed import BRAKING
 from qp_twist.control import edge_step as readable
+from qp_twist.control import posed
 from qp_twist.kernel import edge_rows
 from qp_twist.kernel import edge_step as kernel
 from qp_twist.qp import edge
@@ -83,7 +84,7 @@ def test_the_damped_inverse_is_a_function_of_the_matrix_alone(seed: int) -> None
     rng = np.random.default_rng(seed)
     A, e = weak_rows(rng)
     values, vectors = np.linalg.eigh(A @ A.T)
-    share = np.maximum(0.0, 1.0 - values / 0.05**2)
+    share = np.maximum(0.0, 1.0 - values / 0.05**2) ** 3
     half = 0.5 * np.linalg.norm(A, 2)
     t = half * np.linalg.norm(share * (vectors.T @ e))
     M = np.maximum(values, EPSILON**2)
@@ -117,7 +118,7 @@ def test_it_changes_no_faster_than_is_proved(seed: int) -> None:
     # And t itself: ℓ and w are Lipschitz.
     size = max(np.linalg.norm(A, 2), np.linalg.norm(A + dA, 2))
     steep = 0.5 * turned * longest + 0.5 * size * (
-        2.0 * size * turned * longest / 0.05**2 + np.linalg.norm(de)
+        6.0 * size * turned * longest / 0.05**2 + np.linalg.norm(de)
     )
     assert abs(after.damping - before.damping) <= steep * (1.0 + 1e-6) + 1e-15
 
@@ -208,6 +209,9 @@ def test_both_statements_have_the_same_constants() -> None:
         edge.NULL_SHARE, edge.ROUNDING,
     )  # fmt: skip
     assert kernel.NOTICEABLE == EQUALITY_TOLERANCE
+    assert (kernel.INERTIA, kernel.MISSED, kernel.LOOSE) == (
+        posed.INERTIA, readable.MISSED, readable.LOOSE,
+    )  # fmt: skip
 
 
 # ----------------------------------------------------------------------------- one step of a robot
@@ -220,9 +224,13 @@ def planar_step(
     side: float = 0.02,
     solver: str | None = None,
     dt: float = DT,
+    before: Array | None = None,
     **options: Any,
 ) -> qt.Step:
-    """A 3R arm with its second joint at q2 (straight at 0) and its target further along x."""
+    """A 3R arm with its second joint at q2 (straight at 0) and its target further along x.
+
+    With the velocity ``before`` the joints have inertia.
+    """
     model = planar_arm([0.5, 0.4, 0.1])
     q = np.array([-0.5 * q2, q2, -0.3 * q2])
     configuration = mink.Configuration(model, q)
@@ -231,20 +239,27 @@ def planar_step(
     tip = configuration.get_transform_frame_to_world("tip", "site").translation()
     task.set_target(mink.SE3.from_translation(tip + np.array([distance, side, 0.0])))
     names = [model.joint(i).name for i in range(3)]
-    limits = [qt.PositionLimit(model), mink.VelocityLimit(model, dict.fromkeys(names, FASTEST))]
+    limits: list[mink.Limit] = [qt.MotionLimit(model, velocity=FASTEST)]
+    if before is None:
+        speeds = dict.fromkeys(names, FASTEST)
+        limits = [qt.PositionLimit(model), mink.VelocityLimit(model, speeds)]
     controller = qt.Controller(
         model, [task], limits=limits, solver=solver, on_infeasible=mode,  # type: ignore[arg-type]
         secondary=[qt.PostureReference(model, np.array([-0.4, 0.8, 0.4]), gain=0.01)],
         **options,
     )  # fmt: skip
-    return controller.step(configuration, dt)
+    return controller.step(configuration, dt, velocity=before)
 
 
+BEFORE = np.array([0.9, -1.3, 0.6])
+
+
+@pytest.mark.parametrize("before", [None, BEFORE], ids=["", "inertia"])
 @pytest.mark.parametrize("solver", [None, "daqp"])
 @pytest.mark.parametrize("mode", ["scale", "relax"])
 @pytest.mark.parametrize("along", ["q", "target"])
 def test_the_velocity_is_continuous_across_the_edge(
-    mode: str, along: str, solver: str | None
+    mode: str, along: str, solver: str | None, before: Array | None
 ) -> None:
     """Where the velocity changes most on a line across the edge, it changes by nothing at last.
 
@@ -253,8 +268,8 @@ def test_the_velocity_is_continuous_across_the_edge(
 
     def velocity(x: float) -> Array:
         if along == "q":
-            return planar_step(0.05 * x, 0.3, mode, solver=solver).velocity
-        return planar_step(0.02, 0.05 * x, mode, solver=solver).velocity
+            return planar_step(0.05 * x, 0.3, mode, solver=solver, before=before).velocity
+        return planar_step(0.02, 0.05 * x, mode, solver=solver, before=before).velocity
 
     line = np.linspace(-1.0, 1.0, 201)
     found = np.array([velocity(x) for x in line])
@@ -320,6 +335,108 @@ def test_recorded_steps_of_regular_tasks_are_what_they_were(part: int) -> None:
         allowed = 1e-7 * (1.0 + np.abs(record.velocity).max()) + 100.0 * records[seed].spread
         np.testing.assert_allclose(step.velocity, record.velocity, atol=allowed)
     assert compared >= 10
+
+
+# ---------------------------------------------------------------------------------------- inertia
+
+
+def reaching(
+    away: float, mode: str, before: Array | None, *, solver: str | None = None, **limits: Any
+) -> tuple[qt.Step, Array, Array]:
+    """A step of the seven-axis arm to a target so far away, and its rows.
+
+    Without ``before`` the joints have no inertia.
+    """
+    configuration = mink.Configuration(SEVEN, HOME)
+    task = qt.TwistTask.axis_free("tool", "site")
+    home = configuration.get_transform_frame_to_world("tool", "site")
+    task.set_target(mink.SE3.from_translation(away * np.array([0.5, 0.7, -0.4])) @ home)
+    speeds = {SEVEN.joint(i).name: FASTEST for i in range(7)}
+    chosen: list[mink.Limit] = [qt.MotionLimit(SEVEN, velocity=FASTEST, **limits)]
+    if before is None:
+        chosen = [qt.PositionLimit(SEVEN), mink.VelocityLimit(SEVEN, speeds)]
+    controller = qt.Controller(
+        SEVEN, [task], limits=chosen, solver=solver, on_infeasible=mode,  # type: ignore[arg-type]
+        secondary=[qt.PostureReference(SEVEN, np.zeros(7), gain=0.01)],
+    )  # fmt: skip
+    return controller.step(configuration, DT, velocity=before), *task.velocity_rows(
+        configuration, DT
+    )
+
+
+@pytest.mark.parametrize("solver", [None, "daqp"])
+def test_a_relaxed_step_keeps_seven_tenths_of_the_last_velocity(solver: str | None) -> None:
+    """Joints without inertia have limits that do not know the last velocity."""
+    without = reaching(0.4, "relax", None, solver=solver)[0]
+    before = 0.3 * np.random.default_rng(0).normal(size=7)
+    step = reaching(0.4, "relax", before, solver=solver)[0]
+    assert step.status is without.status is qt.Status.RELAXED
+    np.testing.assert_allclose(step.velocity, 0.7 * before + 0.3 * without.velocity, atol=1e-6)
+    for _ in range(60):
+        before = reaching(0.4, "relax", before, solver=solver)[0].velocity
+    np.testing.assert_allclose(before, without.velocity, atol=1e-6)
+
+
+@pytest.mark.parametrize("solver", [None, "daqp"])
+@pytest.mark.parametrize("away", [0.01, 0.4])
+def test_a_scaled_step_with_inertia_keeps_the_path(away: float, solver: str | None) -> None:
+    without = reaching(away, "scale", None, solver=solver)[0]
+    before = -without.velocity
+    step, A, b = reaching(away, "scale", before, solver=solver)
+    assert step.status is without.status is qt.Status.SCALED
+    np.testing.assert_allclose(A @ step.velocity, step.scale * b, atol=1e-8 * np.linalg.norm(b))
+    assert step.scale < 0.9 * without.scale
+    assert np.abs(step.velocity).max() <= FASTEST
+    for _ in range(80):
+        step = reaching(away, "scale", before, solver=solver)[0]
+        before = step.velocity
+    assert step.scale == pytest.approx(without.scale, rel=1e-5)
+    np.testing.assert_allclose(before, without.velocity, atol=1e-5)
+
+
+@pytest.mark.parametrize("mode", ["scale", "relax"])
+def test_a_task_that_is_met_knows_no_last_velocity(mode: str) -> None:
+    before = np.array([1.5, -1.5, 1.5, -1.5, 1.5, -1.5, 1.5])
+    steps = [reaching(0.002, mode, v)[0] for v in (np.zeros(7), before)]
+    assert [step.status for step in steps] == [qt.Status.SOLVED] * 2
+    np.testing.assert_array_equal(steps[0].velocity, steps[1].velocity)
+
+
+def test_joints_that_cannot_reverse_in_a_step_have_little_inertia() -> None:
+    """With 10 rad/s² and 5 ms the share is 0.7 · 0.05/π."""
+    before = np.full(7, 0.2)
+    found = reaching(0.4, "relax", before, acceleration=10.0)[0].velocity
+    np.testing.assert_allclose(
+        np.abs(found - before).max(), 0.05 * (1.0 - 0.035 / np.pi), rtol=1e-6
+    )
+
+
+@given(SEEDS)
+@settings(max_examples=100)
+def test_inertia_is_the_same_in_the_kernel_and_in_the_reference(seed: int) -> None:
+    """Random arms, targets far away, some joints with acceleration limits."""
+    rng = np.random.default_rng(seed)
+    model = random_arm(rng, int(rng.integers(5, 9)))
+    configuration = mink.Configuration(model, random_configuration(model, rng, margin=0.05))
+    task = qt.TwistTask.point("tool", "site")
+    pose = configuration.get_transform_frame_to_world("tool", "site")
+    away = 10.0 ** rng.uniform(-3.0, 0.5) * rng.normal(size=3)
+    task.set_target(mink.SE3.from_translation(away) @ pose)
+    hardest = 10.0 ** rng.uniform(1.0, 4.0) if rng.random() < 0.5 else None
+    before, mode = 0.5 * rng.normal(size=model.nv), str(rng.choice(["scale", "relax"]))
+    found = []
+    for solver in ("compiled", "daqp"):
+        controller = qt.Controller(
+            model, [task], solver=solver, on_infeasible=mode,  # type: ignore[arg-type]
+            limits=[qt.MotionLimit(model, velocity=2.0, acceleration=hardest)],
+            secondary=[qt.PostureReference(model, np.zeros(model.nv), gain=0.05)],
+        )  # fmt: skip
+        found.append(controller.step(configuration, 0.01, velocity=before))
+    ours, theirs = found
+    assert ours.status is theirs.status
+    np.testing.assert_allclose(ours.velocity, theirs.velocity, atol=1e-6)
+    assert ours.scale == pytest.approx(theirs.scale, rel=1e-5, abs=1e-8)
+    event(f"{ours.status.name} by {type(ours).__name__}")
 
 
 # ------------------------------------------------------------------------------------------- runs
@@ -397,10 +514,70 @@ def test_no_joint_chatters_when_the_target_leaves_the_reach(name: str, mode: str
         assert found.final < 1e-4
 
 
+@pytest.mark.parametrize(
+    ("robot", "mode", "seed"),
+    [
+        ("seven", "scale", 20178),
+        ("seven", "scale", 20219),
+        ("seven", "scale", 20103),
+        ("seven", "relax", 20046),
+        ("seven", "relax", 20299),
+        ("six", "scale", 20051),
+        ("six", "relax", 20032),
+        ("six", "relax", 20216),
+    ],
+)
+def test_no_joint_reverses_again_and_again_as_a_target_rushes_past(
+    robot: str, mode: str, seed: int
+) -> None:
+    """Excursions up to metres beyond the reach, and back, at 200 Hz without acceleration limits.
+
+    Without inertia there were 7 to 50 sign changes: a joint at its position limit with a direction
+    just short of the singularity, and joints that reverse from one speed limit to the other.
+    """
+    model, home = SEVEN, HOME
+    if robot == "six":
+        model, home = qt.load_task("deburring").model, np.array([0.0, 0.3, -0.4, 0.0, -0.9, 0.0])
+    rng = np.random.default_rng([seed, 7])
+    waves = rng.normal(size=(3, 3)) * rng.uniform(0.05, 0.6)
+    rates = rng.uniform(0.5, 4.0, 3)
+    turn = rng.normal(size=3) * rng.uniform(0.0, 0.8)
+    configuration = mink.Configuration(model, home)
+    first = configuration.get_transform_frame_to_world("tool", "site")
+    task = qt.TwistTask.axis_free("tool", "site")
+    controller = qt.Controller(
+        model, [task], limits=[qt.MotionLimit(model, velocity=FASTEST)],
+        on_infeasible=mode,  # type: ignore[arg-type]
+        secondary=[qt.PostureReference(model, home, gain=0.01)],
+    )  # fmt: skip
+    before, flips, square = np.zeros(model.nv), 0, 0.0
+    for i in range(1000):
+        window = np.sin(0.5 * np.pi * min(i * DT, 2.0))
+        task.set_target(
+            mink.SE3.from_rotation_and_translation(
+                mink.SO3.exp(window * turn) @ first.rotation(),
+                first.translation() + window * np.sin(rates * i * DT) @ waves,
+            )
+        )
+        velocity = controller.step(configuration, DT).velocity
+        fast = np.minimum(np.abs(velocity), np.abs(before)) > 0.3
+        flips += int(((velocity * before < 0.0) & fast).sum())
+        square += float(((velocity - before) ** 2).mean())
+        before = velocity
+        configuration.integrate_inplace(velocity, DT)
+        assert np.abs(velocity).max() <= FASTEST
+        assert (configuration.q >= model.jnt_range[:, 0] - 1e-9).all()
+        assert (configuration.q <= model.jnt_range[:, 1] + 1e-9).all()
+    assert flips <= 5
+    assert np.sqrt(square / 1000) / DT < 20.0
+    place = configuration.get_transform_frame_to_world("tool", "site").translation()
+    np.testing.assert_allclose(place, first.translation(), atol=1e-4)
+
+
 @pytest.mark.parametrize("mode", ["scale", "relax"])
 def test_a_large_singularity_weakens_as_much_in_the_kernel(mode: str) -> None:
     """With ε = 0.05 directions are weak up to 2 ε, beyond the usual σ₁."""
-    given = 0.3, 0.03, mode, 0.0
+    given = 0.3, 0.3, mode, 0.0
     fast, read = (planar_step(*given, s, 1.0, singularity=0.05) for s in (None, "daqp"))
     assert 0.05 < fast.sigma_min < 0.1
     assert fast.status is read.status is qt.Status.DEGRADED

@@ -72,7 +72,7 @@ def step(
             tasks' own targets, with their feed-forward twists.
         use_secondary: Whether the secondary acts, as for a single step.
         velocity: Joint velocities before the steps, rad/s or m/s, (K, nv), which acceleration
-            limits refer to; by default the one stored in the controller.
+            limits and inertia refer to; by default the one stored in the controller.
         others: Whether to compute the remaining steps by ``Controller.step``; if not, their
             velocity is NaN.
         threads: Number of threads; all cores by default.
