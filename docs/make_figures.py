@@ -31,8 +31,8 @@ from PIL import Image
 
 import qp_twist as qt
 from qp_twist.comparison import metrics
-from qp_twist.pictures.scene_picture import draw_scene
-from qp_twist.pictures.sight import overview
+from qp_twist.drawing.scene_picture import draw_scene
+from qp_twist.drawing.sight import overview
 from qp_twist.pictures.style import LIMIT, RC, line_style
 
 DOCS = Path(__file__).parent

@@ -50,5 +50,5 @@ def planar() -> qt.Comparison:
 def undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
     """Reports are written with empty pages and no pictures: drawing takes longer than the rest."""
     monkeypatch.setattr(qt.Comparison, "figures", lambda _: {})
-    monkeypatch.setattr("qp_twist.pictures.scene_picture.draw_scene", lambda *_, **__: "undrawn")
+    monkeypatch.setattr("qp_twist.drawing.scene_picture.draw_scene", lambda *_, **__: "undrawn")
     monkeypatch.setattr("qp_twist.comparison.report.report_page", lambda *_, **__: "")

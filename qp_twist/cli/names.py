@@ -14,6 +14,8 @@ from qp_twist.errors import InvalidInput
 _POSITIONAL = get_args(tyro.conf.Positional[int])[1]
 _ONE_FLAG = get_args(tyro.conf.FlagCreatePairsOff[bool])[1]
 _ALWAYS = ("--help", "--quiet")
+_COMPLETION = ("--tyro-print-completion", "--tyro-write-completion")
+"""tyro's own: scripts by which a shell completes commands and options."""
 
 
 def check_names(line: Sequence[str], commands: Mapping[str, Callable[..., Any]]) -> None:
@@ -29,7 +31,7 @@ def check_names(line: Sequence[str], commands: Mapping[str, Callable[..., Any]])
         InvalidInput: If the first word is not a command, or a word with ``--`` not an option.
     """
     words = [word.partition("=")[0] for word in line if word != "--quiet"]
-    if not words or words[0] in ("-h", "--help"):
+    if not words or words[0] in ("-h", "--help", *_COMPLETION):
         return
     command, *rest = words
     if command not in commands:

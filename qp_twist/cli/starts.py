@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+import json
+from typing import Annotated, Any
 
 import numpy as np
 import tyro
 from rich.table import Table
 
-from qp_twist.cli.app import MethodName, Task, app, load, say, show
+from qp_twist.cli.app import Json, MethodName, Task, app, load, quiet, say, show
 from qp_twist.cli.progress import sample_progress
 from qp_twist.errors import InvalidInput
 from qp_twist.following import FoundStart, find_starts
@@ -21,6 +22,7 @@ def starts(
     task: Task,
     count: Annotated[int, tyro.conf.arg(metavar="N")] = 8,
     method: MethodName = DEFAULT_METHOD,
+    json_: Json = False,
 ) -> None:
     """List possible starts: the most central configurations, and how far each run gets.
 
@@ -28,6 +30,7 @@ def starts(
         task: Name of a shipped task, or path to a .toml file.
         count: Largest number of starts.
         method: Method of the runs.
+        json_: Print the starts as JSON.
     """
     if count < 1:
         raise InvalidInput(f"--count {count}: expected a number of at least 1.")
@@ -37,16 +40,36 @@ def starts(
             path_task, count, method=method, progress=lambda done, of: report(count - of + done)
         )
     ranges = JointRanges.of(path_task.model)
+    shown = quiet.set(quiet.get() or json_)
     show(_table(found, ranges))
     best = found[0]
     key, values = "q", best.q
     if ranges.hinge.all():
         key, values = "q_deg", np.degrees(best.q)
     say("[start]", f"{key} = [{', '.join(f'{value:.10g}' for value in np.round(values, 4) + 0.0)}]")
+    if json_:
+        print(json.dumps([_facts(start, ranges) for start in found], indent=2, allow_nan=False))
     if not best.completed:
         held = f", held by {best.stopped_by}" if best.stopped_by else ""
         say(f"none of them leads to the end; the best stops after waypoint {best.reached}{held}")
+        quiet.reset(shown)
         raise SystemExit(1)
+    quiet.reset(shown)
+
+
+def _facts(start: FoundStart, ranges: JointRanges) -> dict[str, Any]:
+    """A start, ready for JSON."""
+    return {
+        "q": dict(zip(ranges.names, ranges.positions(start.q).tolist(), strict=True)),
+        "branch": None if start.branch is None else start.branch + 1,
+        "z": float(start.z),
+        "min_margin": float(start.margin) if np.isfinite(start.margin) else None,
+        "sigma_min": float(start.sigma_min),
+        "completed": start.completed,
+        "reached": start.reached,
+        "waypoints": start.waypoints,
+        "stopped_by": start.stopped_by,
+    }
 
 
 def _table(found: list[FoundStart], ranges: JointRanges) -> Table:

@@ -16,13 +16,13 @@ import numpy as np
 from qp_twist.comparison.findings import findings
 from qp_twist.comparison.metrics import compiled_share, metrics
 from qp_twist.comparison.table import plain_table
+from qp_twist.drawing import scene_picture
+from qp_twist.drawing.sight import overview
 from qp_twist.errors import InvalidInput
 from qp_twist.files import write_atomically
 from qp_twist.following import Trajectory, follow, with_start
 from qp_twist.notebook import html_table
 from qp_twist.paths import METHODS, PathTask, check_method, load_task
-from qp_twist.pictures import scene_picture
-from qp_twist.pictures.sight import overview
 from qp_twist.qp import check_solver
 
 if TYPE_CHECKING:

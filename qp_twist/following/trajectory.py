@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
@@ -17,7 +18,10 @@ from qp_twist.kinematics import JointRanges
 from qp_twist.notebook import html_table
 from qp_twist.paths import PathTask
 from qp_twist.planning import Plan
-from qp_twist.referee import PathErrors, straight_errors
+from qp_twist.referee import PathErrors, Tolerances, straight_errors
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 
 @dataclass(frozen=True, eq=False)
@@ -146,6 +150,21 @@ class Trajectory:
         if self.failure:
             rows.append(("failure", self.failure))
         return html_table(f"{self.method} along {self.path_task.name}", rows)
+
+    def plot(self) -> Figure:
+        """Each joint between its limits, and the errors at the waypoints with their tolerances.
+
+        A Matplotlib figure, which notebooks display; ``figure.savefig("run.png")`` writes it.
+        """
+        from qp_twist.pictures.joints_and_errors import joints_and_errors  # with Matplotlib
+
+        return joints_and_errors(
+            JointRanges.of(self.path_task.model),
+            self.q,
+            self.position_error,
+            self.axis_error,
+            (Tolerances().position, Tolerances().axis),
+        )
 
     def save(self, path: str | Path) -> Path:
         """Write the joint trajectory as CSV: a commented header, joint names with units, rows.

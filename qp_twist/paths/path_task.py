@@ -20,6 +20,7 @@ from qp_twist.constraints import (
     check_constraints,
     couplings_of,
 )
+from qp_twist.drawing import Picture, picture_of
 from qp_twist.errors import InvalidInput
 from qp_twist.geometry import ProjectorKind, TwistProjector, task_redundancy
 from qp_twist.geometry.projector import SAME_DIRECTION
@@ -141,6 +142,18 @@ class PathTask:
     def clearances(self) -> tuple[Clearance, ...]:
         """Those of them that are clearances."""
         return tuple(c for c in self.stated_constraints if isinstance(c, Clearance))
+
+    def show(self, *, width: int = 960, height: int = 720) -> Picture:
+        """A picture of the robot at its start, the part and the path, which notebooks display.
+
+        Args:
+            width: px.
+            height: px.
+
+        Raises:
+            QpTwistError: If there is no OpenGL; the message says what to install.
+        """
+        return picture_of(self, f"{self.name}: the start and the path", width=width, height=height)
 
     @property
     def positions(self) -> Array:

@@ -12,10 +12,10 @@ import numpy as np
 import numpy.typing as npt
 
 from qp_twist.checks import Array
+from qp_twist.drawing.sight import sight
+from qp_twist.drawing.surroundings import coloured, floor_height, make_matte
 from qp_twist.paths import PathTask
 from qp_twist.pictures.lit_pairs import LitPairs
-from qp_twist.pictures.sight import sight
-from qp_twist.pictures.surroundings import coloured, floor_height, make_matte
 
 FRAMES = 100
 """Approximate number of waypoints shown."""

@@ -12,14 +12,14 @@ import mujoco
 import numpy as np
 
 from qp_twist.checks import Array, Mask
+from qp_twist.drawing import scene_picture
+from qp_twist.drawing.sight import overview
+from qp_twist.drawing.surroundings import framed
 from qp_twist.files import write_atomically
 from qp_twist.following import Trajectory
 from qp_twist.paths import PathTask
-from qp_twist.pictures import scene_picture
 from qp_twist.pictures.player import SCRIPT, player_data, still
 from qp_twist.pictures.recordings import recordings
-from qp_twist.pictures.sight import overview
-from qp_twist.pictures.surroundings import framed
 from qp_twist.referee import AXIS_TOLERANCE_DEG, POSITION_TOLERANCE
 from qp_twist.reporting.facts import facts
 from qp_twist.reporting.failing import failing_intervals

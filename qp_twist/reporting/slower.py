@@ -35,11 +35,8 @@ class Stretch(NamedTuple):
 
     def __str__(self) -> str:
         """A sentence."""
-        cause = " and ".join(self.causes[:2]) or "no limit of the robot"
-        return (
-            f"{cause[:1].upper()}{cause[1:]}, waypoints {self.first} to {self.last}: "
-            f"{_seconds(self.lost)} more"
-        )
+        cause = " and ".join(self.causes[:2]) or "no limit of the robot: the motion itself"
+        return f"{cause}, waypoints {self.first} to {self.last}: {_seconds(self.lost)} more"
 
 
 def slower_intervals(path_task: PathTask, check: Check) -> Mask:

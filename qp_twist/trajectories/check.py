@@ -13,6 +13,7 @@ from qp_twist.checks import Array, instance, number
 from qp_twist.errors import InvalidInput
 from qp_twist.following import Trajectory
 from qp_twist.kinematics import JointRanges
+from qp_twist.notebook import html_table
 from qp_twist.paths import PathTask
 from qp_twist.referee import (
     AXIS_TOLERANCE_DEG,
@@ -134,6 +135,20 @@ class Check:
             "unchecked": list(self.unchecked),
             "sources": list(self.sources),
         }
+
+    def _repr_html_(self) -> str:
+        """The findings as a small table, for notebooks."""
+        rows = [
+            (
+                f"{'✓' if finding.passes else '✗'} {finding.name}",
+                finding.value,
+                "–" if finding.limit is None else finding.limit,
+                finding.unit,
+                finding.where,
+            )
+            for finding in self.findings
+        ]
+        return html_table(self.verdict, rows, ("", "largest", "limit", "", "where"))
 
     def __repr__(self) -> str:
         return f"Check({self.task!r}, {self.verdict!r})"

@@ -11,11 +11,11 @@ import viser
 from mjviser import ViserMujocoScene
 
 from qp_twist.checks import Array
+from qp_twist.drawing.sight import sight
 from qp_twist.geometry import ProjectorKind
 from qp_twist.paths import PathTask
 from qp_twist.pictures.lit_pairs import LitPairs
 from qp_twist.pictures.near_pairs import NearPair
-from qp_twist.pictures.sight import sight
 
 PATH_RGB = (208, 0, 0)
 TRACE_RGB = (0, 114, 178)

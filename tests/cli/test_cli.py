@@ -6,13 +6,17 @@ import io
 import json
 import os
 import re
+import shutil
 import subprocess
 import sys
 from pathlib import Path
 from typing import Any
 
+import mujoco
+import numpy as np
 import pytest
 
+import qp_twist as qt
 from qp_twist import PathTask, Trajectory
 from qp_twist.cli import main
 from qp_twist.cli.command import COMMANDS
@@ -335,3 +339,41 @@ def test_the_module_runs_as_the_command() -> None:
     )
     assert done.stdout.startswith("approach_contact_retreat")
     assert done.stderr == ""
+
+
+def test_tasks_and_starts_print_json_and_nothing_else(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    main(["tasks", "--json"])
+    listed = json.loads(capsys.readouterr().out)
+    assert "planar_line" in {task["task"] for task in listed}
+    assert all(Path(task["file"]).is_file() and task["title"] for task in listed)
+    main(["starts", "planar_line", "--count", "1", "--json"])
+    [start] = json.loads(capsys.readouterr().out)
+    task = qt.load_task("planar_line")
+    data = mujoco.MjData(task.model)
+    data.qpos[:] = list(start["q"].values())
+    mujoco.mj_kinematics(task.model, data)
+    reached = getattr(data, task.frame_type)(task.frame_name).xpos
+    assert list(start["q"]) == ["joint_1", "joint_2", "joint_3"]
+    assert np.linalg.norm((reached - task.positions[0])[:2]) < 1e-5
+    assert start["completed"] and start["reached"] == len(task.waypoints)
+
+
+@pytest.mark.parametrize("shell", ["bash", "zsh"])
+def test_a_shell_gets_a_script_that_completes_commands(shell: str, tmp_path: Path) -> None:
+    script = tmp_path / "completion"
+    done = subprocess.run(
+        [sys.executable, "-m", "qp_twist", "--tyro-print-completion", shell],
+        capture_output=True, text=True, check=True,
+    )  # fmt: skip
+    script.write_text(done.stdout)
+    found = shutil.which(shell)
+    if found is None:
+        pytest.skip(f"there is no {shell} here.")
+    subprocess.run([found, "-n", str(script)], check=True)
+    if shell == "bash":
+        ask = f"source {script}; COMP_WORDS=(qp-twist che); COMP_CWORD=1; "
+        ask += "$(complete -p qp-twist | sed 's/.*-F \\([^ ]*\\).*/\\1/'); echo ${COMPREPLY[@]}"
+        said = subprocess.run([found, "-c", ask], capture_output=True, text=True, check=True)
+        assert said.stdout.split() == ["check"]

@@ -72,7 +72,7 @@ def test_the_json_has_the_contracts_shape(
     four: qt.Comparison, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     # The page and the picture are drawn in test_report.py.
-    monkeypatch.setattr("qp_twist.pictures.scene_picture.draw_scene", lambda *_, **__: "undrawn")
+    monkeypatch.setattr("qp_twist.drawing.scene_picture.draw_scene", lambda *_, **__: "undrawn")
     monkeypatch.setattr("qp_twist.comparison.report.report_page", lambda *_, **__: "")
     lines = four.report(tmp_path / "new" / "folder")
     content = json.loads((tmp_path / "new" / "folder" / "comparison.json").read_text("utf-8"))

@@ -14,7 +14,7 @@ from oracles.browser import Opened, open_page
 
 import qp_twist as qt
 from qp_twist.cli import main
-from qp_twist.pictures import scene_picture
+from qp_twist.drawing import scene_picture
 
 pytestmark = pytest.mark.xdist_group("motion report")
 STILL = "window.IntersectionObserver = class { observe() {} };"
@@ -146,7 +146,7 @@ def test_what_slows_the_path_is_named(timed: qt.TimedTrajectory, tmp_path: Path)
     trajectory = dataclasses.replace(timed.trajectory, path_task=slow)
     page = made(qt.time_trajectory(trajectory), slow, tmp_path).page
     slower = page[page.index('id="slower"') : page.index('id="checked"')]
-    assert re.search(r"Joint_4&#39;s speed, waypoints \d+ to \d+", slower), slower
+    assert re.search(r"joint_4&#39;s speed, waypoints \d+ to \d+", slower), slower
     assert not re.search(r"joint_[12356]", slower)
 
 

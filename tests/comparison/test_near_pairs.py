@@ -11,6 +11,7 @@ import pytest
 
 import qp_twist as qt
 from qp_twist.comparison.report.clearance import clearance_section
+from qp_twist.drawing.sight import overview, sight
 from qp_twist.pictures.lit_pairs import (
     NEAR_RGB,
     TOO_NEAR_RGB,
@@ -20,7 +21,6 @@ from qp_twist.pictures.lit_pairs import (
 )
 from qp_twist.pictures.local_server import LocalServer
 from qp_twist.pictures.near_pairs import NEAR, NearPairs
-from qp_twist.pictures.sight import overview, sight
 
 TWO = """
 <mujoco>

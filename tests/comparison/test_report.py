@@ -22,8 +22,8 @@ import qp_twist as qt
 from qp_twist.cli import main
 from qp_twist.comparison import csv_table
 from qp_twist.comparison.report.curves import spread
+from qp_twist.drawing.sight import sight
 from qp_twist.pictures.recordings import frames_of, recordings
-from qp_twist.pictures.sight import sight
 from qp_twist.pictures.svg import METHOD, inline_svg
 
 METHODS = ["gradient_projection", "qp_gradient", "twa", "qp", "qp_planned", "rmr"]

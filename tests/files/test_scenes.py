@@ -20,8 +20,8 @@ import pytest
 from matplotlib import image as matplotlib_image
 from scipy.spatial.transform import Rotation
 
-from qp_twist.pictures import scene_picture
-from qp_twist.pictures.scene_picture import draw_scene
+from qp_twist.drawing import scene_picture
+from qp_twist.drawing.scene_picture import draw_scene
 
 Array = npt.NDArray[np.float64]
 

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import dataclasses
+import io
 import re
 from html.parser import HTMLParser
+from pathlib import Path
 
 import numpy as np
 import pytest
+from PIL import Image
 
 import qp_twist as qt
 from qp_twist.following import find_starts
@@ -107,3 +110,45 @@ def test_other_results_are_one_line_too() -> None:
     ]  # fmt: skip
     for result in results:
         assert shown(result).startswith(f"{type(result).__name__}(")
+
+
+def test_a_check_is_a_table_with_its_verdict() -> None:
+    task = line(name="<i>line</i>")
+    check = qt.check_trajectory(qt.follow(task, "qp"), task)
+    page = Reader(check._repr_html_())
+    assert check.verdict in page.text
+    for finding in check.findings:
+        assert any(finding.name in part for part in page.text)
+
+
+def test_a_run_is_drawn_with_its_joints_and_errors() -> None:
+    task = line()
+    run = qt.follow(task, "qp")
+    figure = run.plot()
+    panels = {p.get_title(loc="left"): p for p in figure.axes if p.get_visible()}
+    assert sorted(panels) == ["axis error", *run.joint_names, "position error"]
+    for column, name in enumerate(run.joint_names):
+        curve = panels[name].lines[0]
+        np.testing.assert_allclose(curve.get_ydata(), np.degrees(run.q[:, column]))
+        low, high = np.degrees(task.model.jnt_range[column])
+        heights = {round(float(limit.get_ydata()[0]), 6) for limit in panels[name].lines[1:]}
+        assert heights == {round(float(low), 6), round(float(high), 6)}
+    drawn = panels["position error"].lines[0].get_ydata()
+    np.testing.assert_allclose(drawn, np.maximum(1e3 * run.position_error, 1e-9))
+
+
+def test_a_task_is_shown_as_a_picture(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    from qp_twist.drawing import scene_picture
+
+    try:
+        picture = line().show(width=200, height=150)
+    except qt.QpTwistError as error:
+        pytest.skip(str(error))
+    assert picture._repr_png_() == picture.save(tmp_path / "a.png").read_bytes()
+    image = Image.open(io.BytesIO(picture.png)).convert("RGB")
+    assert image.size == (200, 150)
+    red = np.asarray(image).astype(int)
+    assert ((red[:, :, 0] > red[:, :, 1] + 60) & (red[:, :, 0] > red[:, :, 2] + 60)).sum() > 20
+    monkeypatch.setattr(scene_picture, "draw_scene", lambda *_, **__: "No picture: no OpenGL.")
+    with pytest.raises(qt.QpTwistError, match="no OpenGL"):
+        line().show()

@@ -10,13 +10,14 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from qp_twist.checks import Array
-from qp_twist.comparison.joint_figure import draw_limits, mark_violation
+from qp_twist.comparison.joint_figure import mark_violation
 from qp_twist.comparison.report.curves import draw_curves
 from qp_twist.comparison.report.section import ReportSection
 from qp_twist.following import Trajectory
 from qp_twist.kinematics import JointRanges
 from qp_twist.paths import PathTask
 from qp_twist.pictures.figure_html import figure_html
+from qp_twist.pictures.joint_limits import draw_limits
 from qp_twist.pictures.style import line_style
 from qp_twist.pictures.svg import METHOD, SVG_RC, inline_svg
 

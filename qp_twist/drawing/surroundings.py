@@ -9,8 +9,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from qp_twist.paths import PathTask
-from qp_twist.pictures.sight import bounds, sight
+from qp_twist.drawing.sight import Drawn, bounds, sight
 
 _PLAIN = (0.5, 0.5, 0.5, 1.0)
 """Colour that MuJoCo gives to a geom that states none."""
@@ -34,7 +33,7 @@ def coloured(model: mujoco.MjModel) -> mujoco.MjModel:
     return found
 
 
-def framed(path_task: PathTask) -> mujoco.MjModel:
+def framed(path_task: Drawn) -> mujoco.MjModel:
     """:func:`coloured`, with MuJoCo's free camera where :func:`~.sight.sight` looks from."""
     model = coloured(path_task.model)
     seen = sight(path_task)
@@ -77,7 +76,7 @@ def _with_first(add: Callable[..., Any], change: Callable[[Any], Any]) -> Callab
     return lambda name, mesh, *args, **options: add(name, change(mesh), *args, **options)
 
 
-def floor_height(path_task: PathTask) -> float | None:
+def floor_height(path_task: Drawn) -> float | None:
     """Height of the lowest point of the scene, m, for a floor; ``None`` if it has a plane."""
     model = path_task.model
     if (model.geom_type == mujoco.mjtGeom.mjGEOM_PLANE).any() or not model.ngeom:

@@ -1,14 +1,29 @@
-"""Initial camera of a scene in the browser."""
+"""Where a scene is seen from."""
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 import mujoco
 import numpy as np
 
 from qp_twist.checks import Array
-from qp_twist.paths import PathTask
+
+
+class Drawn(Protocol):
+    """What is drawn: a :class:`~qp_twist.PathTask`, or what has these of it."""
+
+    @property
+    def model(self) -> mujoco.MjModel:
+        """The robot and what is around it."""
+
+    @property
+    def start(self) -> Array:
+        """The configuration that is drawn, (nq,)."""
+
+    @property
+    def positions(self) -> Array:
+        """The path in the world, m, (N, 3)."""
 
 
 class Sight(NamedTuple):
@@ -33,7 +48,7 @@ def overview(model: mujoco.MjModel) -> str:
     return next((name for name in reversed(names) if name.endswith("overview")), "overview")
 
 
-def sight(path_task: PathTask) -> Sight:
+def sight(path_task: Drawn) -> Sight:
     """The scene's camera :func:`overview`; without one, the robot at its start and the path.
 
     Then the direction is that of MuJoCo's free camera, and the bounding sphere of the path and
