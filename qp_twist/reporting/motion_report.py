@@ -23,7 +23,7 @@ from qp_twist.pictures.recordings import recordings
 from qp_twist.referee import AXIS_TOLERANCE_DEG, POSITION_TOLERANCE
 from qp_twist.reporting.facts import facts
 from qp_twist.reporting.failing import failing_intervals
-from qp_twist.reporting.slower import Stretch, slower_intervals, slower_stretches
+from qp_twist.reporting.slower import SLOWER, Stretch, slower_intervals, slower_stretches
 from qp_twist.reporting.words import amount, data, digits, kept, problems, quantity, shown, spaced
 from qp_twist.trajectories import Check, JointRows, TimedTrajectory, check_trajectory
 
@@ -240,7 +240,10 @@ def _not_slower(path_task: PathTask, check: Check) -> str:
             f" Closest to its speed limit, at {digits(use.value)}\u00a0% of it: "
             f"{html.escape(use.where)}."
         )
-    return f"Nothing: the whole path runs at the programmed feed.{nearest}"
+    return (
+        f"Nothing: the whole path runs at the programmed feed, to {100.0 * SLOWER:.0f}\u00a0%."
+        f"{nearest}"
+    )
 
 
 def _row(check: Check, k: int) -> dict[str, str | bool]:

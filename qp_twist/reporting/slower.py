@@ -12,8 +12,9 @@ from qp_twist.paths import PathTask
 from qp_twist.referee import acceleration_use, velocity_use
 from qp_twist.trajectories import Check
 
-SLOWER = 0.01
-"""Share by which an interval has to take longer than at the feed to count as slower."""
+SLOWER = 0.03
+"""Share by which an interval has to take longer than at the feed to count as slower: programs round
+their speeds."""
 _TIGHT = 0.98
 """A limit holds a motion back where this share of it is used."""
 _REST = 1e-6
@@ -35,8 +36,10 @@ class Stretch(NamedTuple):
 
     def __str__(self) -> str:
         """A sentence."""
-        cause = " and ".join(self.causes[:2]) or "no limit of the robot: the motion itself"
-        return f"{cause}, waypoints {self.first} to {self.last}: {_seconds(self.lost)} more"
+        where = f"waypoints {self.first} to {self.last}: {_seconds(self.lost)} more"
+        if not self.causes:
+            return f"{where}, though no limit of the robot requires it"
+        return f"{' and '.join(self.causes[:2])}, {where}"
 
 
 def slower_intervals(path_task: PathTask, check: Check) -> Mask:
