@@ -38,7 +38,7 @@ class Stretch(NamedTuple):
         """A sentence."""
         where = f"waypoints {self.first} to {self.last}: {_seconds(self.lost)} more"
         if not self.causes:
-            return f"{where}, though no limit of the robot requires it"
+            return f"{where}; none of the known limits is used up there"
         return f"{' and '.join(self.causes[:2])}, {where}"
 
 

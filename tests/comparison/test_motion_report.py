@@ -11,6 +11,7 @@ import mujoco
 import numpy as np
 import pytest
 from oracles.browser import Opened, open_page
+from oracles.joint_paths import joint_path
 
 import qp_twist as qt
 from qp_twist.cli import main
@@ -148,6 +149,24 @@ def test_what_slows_the_path_is_named(timed: qt.TimedTrajectory, tmp_path: Path)
     slower = page[page.index('id="slower"') : page.index('id="checked"')]
     assert re.search(r"joint_4&#39;s speed, waypoints \d+ to \d+", slower), slower
     assert not re.search(r"joint_[12356]", slower)
+
+
+def test_the_least_distance_from_obstacles_is_shown(tmp_path: Path) -> None:
+    """Two cubes of 0.2 m: the gap is the distance of their centres less 0.2 m."""
+    model = mujoco.MjModel.from_xml_string(
+        """<mujoco><worldbody><geom name="still" type="box" size="0.1 0.1 0.1"/>
+        <body><joint name="x" type="slide" axis="1 0 0" limited="true" range="-1 1"/>
+        <geom name="moving" type="box" size="0.1 0.1 0.1"/><site name="tool"/></body>
+        </worldbody></mujoco>"""
+    )
+    q, times = np.array([[0.5], [0.3], [0.5]]), np.array([0.0, 1.0, 2.0])
+    task = joint_path(model, q, times).path_task
+    page = made(qt.JointRows(("x",), q, times), task, tmp_path).page
+    assert numbers(page)["clearance"] == [pytest.approx(0.1, abs=1e-6)]
+    # From −0.2 m/s to 0.2 m/s in a second a cubic with equal ends goes 0.05 m further.
+    rows = qt.JointRows(("x",), q[[1, 1]], times[:2], np.array([[-0.2], [0.2]]))
+    page = made(rows, joint_path(model, q[[1, 1]], times[:2]).path_task, tmp_path).page
+    assert numbers(page)["clearance"] == [pytest.approx(0.05, abs=1e-5)]
 
 
 def test_a_file_without_times_has_its_page(timed: qt.TimedTrajectory, tmp_path: Path) -> None:
