@@ -23,6 +23,7 @@ from qp_twist.errors import InvalidInput
 from qp_twist.files import read_bytes, write_atomically
 from qp_twist.kinematics import JointRanges
 from qp_twist.robots import Robot, load_robot
+from qp_twist.robots.room import DRAWN, NOT_DRAWN, add_room
 
 TOOL, PART, FIXTURE, TCP = "tool", "part", "fixture", "tcp"
 _COLOURS = {
@@ -30,8 +31,6 @@ _COLOURS = {
     PART: (0.62, 0.68, 0.75, 1.0),
     FIXTURE: (0.36, 0.38, 0.41, 1.0),
 }
-_DRAWN, _NOT_DRAWN = 2, 3
-"""Groups of geoms; viewers draw the first three, 0 to 2."""
 _SAME = 1e-6
 """Largest difference of a written robot from the one that was read, m."""
 _CONFIGURATIONS = 10
@@ -121,7 +120,7 @@ def write_cell(
             heights = rotation.as_matrix()[2] @ solid.drawn.vertices.T + at[2]
             lowest.append(float(heights.min()))
         _add(spec, body, solid, _COLOURS[kind], written)
-    _add_room(spec, min(lowest))
+    add_room(spec, min(lowest), collides=True)
     _write(folder, spec, written, robot)
     scene = load_robot(folder / "scene.xml")
     _check_same(robot, scene)
@@ -182,10 +181,10 @@ def _name_geoms(spec: Any) -> None:
 def _draw_once(spec: Any) -> None:
     """Do not draw what collides on a body that has other geoms to be drawn."""
     for body in spec.bodies:
-        drawn = [g for g in body.geoms if g.group < _NOT_DRAWN and not (g.contype or g.conaffinity)]
+        drawn = [g for g in body.geoms if g.group < NOT_DRAWN and not (g.contype or g.conaffinity)]
         for geom in body.geoms if drawn else []:
             if geom.contype or geom.conaffinity:
-                geom.group = max(geom.group, _NOT_DRAWN)
+                geom.group = max(geom.group, NOT_DRAWN)
 
 
 def _carrier(model: mujoco.MjModel, frame: FrameChoice) -> tuple[str, Array, Array]:
@@ -214,14 +213,14 @@ def _add(
     pieces = solid.pieces
     _add_mesh(spec, solid.name, solid.drawn, written)
     body.add_geom(
-        name=solid.name, type=kind, meshname=solid.name, rgba=colour, group=_DRAWN, mass=0.0,
+        name=solid.name, type=kind, meshname=solid.name, rgba=colour, group=DRAWN, mass=0.0,
         contype=int(not pieces), conaffinity=int(not pieces),
     )  # fmt: skip
     for count, piece in enumerate(pieces, start=1):
         name = f"{solid.name}_piece_{count}"
         _add_mesh(spec, name, piece, written)
         body.add_geom(
-            name=name, type=kind, meshname=name, rgba=colour, group=_NOT_DRAWN, mass=0.0,
+            name=name, type=kind, meshname=name, rgba=colour, group=NOT_DRAWN, mass=0.0,
             contype=1, conaffinity=1,
         )  # fmt: skip
 
@@ -230,31 +229,6 @@ def _add_mesh(spec: Any, name: str, mesh: Mesh, written: dict[str, bytes]) -> No
     file = _free(f"{name}.obj", set(written))
     written[file] = mesh.obj().encode()
     spec.add_mesh(name=name, file=file, inertia=mujoco.mjtMeshInertia.mjMESH_INERTIA_CONVEX)
-
-
-def _add_room(spec: Any, height: float) -> None:
-    """Add a floor at a height, m, unless there is one, and light and a sky likewise."""
-    planes = [g for g in spec.worldbody.geoms if g.type == mujoco.mjtGeom.mjGEOM_PLANE]
-    if not planes:
-        name = _free("floor", {geom.name for geom in spec.geoms})
-        spec.worldbody.add_geom(
-            name=name, type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0.0, 0.0, 0.1],
-            pos=[0.0, 0.0, height], rgba=(0.84, 0.85, 0.86, 1.0), group=_DRAWN,
-            contype=1, conaffinity=1,
-        )  # fmt: skip
-    if not list(spec.lights):
-        spec.visual.headlight.ambient = [0.45, 0.45, 0.46]
-        spec.visual.headlight.diffuse = [0.3, 0.3, 0.3]
-        spec.worldbody.add_light(
-            type=mujoco.mjtLightType.mjLIGHT_DIRECTIONAL, pos=[2.0, -1.0, 4.0],
-            dir=[-0.5, 0.2, -0.8], diffuse=[0.6, 0.6, 0.6], castshadow=True,
-        )  # fmt: skip
-    if not any(t.type == mujoco.mjtTexture.mjTEXTURE_SKYBOX for t in spec.textures):
-        spec.add_texture(
-            name=_free("sky", {t.name for t in spec.textures}),
-            type=mujoco.mjtTexture.mjTEXTURE_SKYBOX, builtin=mujoco.mjtBuiltin.mjBUILTIN_GRADIENT,
-            rgb1=[0.74, 0.82, 0.90], rgb2=[0.97, 0.98, 0.99], width=64, height=384,
-        )  # fmt: skip
 
 
 # ---------------------------------------------------------------- files

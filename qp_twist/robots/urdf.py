@@ -9,9 +9,11 @@ from pathlib import Path
 import mujoco
 
 from qp_twist.errors import InvalidInput
+from qp_twist.robots.room import add_room
 from qp_twist.robots.urdf_compiling import compile_urdf
 from qp_twist.robots.urdf_joints import read_joints
 from qp_twist.robots.urdf_meshes import take_meshes
+from qp_twist.robots.urdf_visuals import add_visuals
 
 _DEEPEST = 100
 """Largest nesting depth of elements. MuJoCo's reader supports 500, Python's writer about a
@@ -36,8 +38,13 @@ def read_urdf(
     shapes = len(root.findall("link/visual")) + len(root.findall("link/collision"))
     meshes = take_meshes(root, file, packages)
     spec, model, compiling = compile_urdf(root, file, meshes, joints.mimics)
-    left_out = [*meshes.left_out, *compiling, *joints.left_out]
-    if shapes and not (root.findall("link/visual") or root.findall("link/collision")):
+    not_drawn = add_visuals(spec, meshes.visuals)
+    add_room(spec, 0.0, collides=False)
+    model = spec.compile()
+    left_out = [*meshes.left_out, *compiling, *not_drawn, *joints.left_out]
+    if shapes and not (
+        root.findall("link/visual") or root.findall("link/collision") or meshes.visuals
+    ):
         left_out.append(
             "No shape: nothing is left of the shapes that the file states; rods from joint to "
             "joint stand in for them in pictures."

@@ -100,8 +100,9 @@ def _compiled(
     if token_inertia:
         spec.compiler.boundmass = _TOKEN_MASS
         spec.compiler.boundinertia = _TOKEN_INERTIA
+    # Visual shapes that are not wanted have left the tree; what is added later is to be drawn.
+    spec.compiler.discardvisual = False
     if rods:
-        spec.compiler.discardvisual = False
         add_rods(spec)
     for mimic in mimics:
         coupling = spec.add_equality(

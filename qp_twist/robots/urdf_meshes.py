@@ -5,13 +5,15 @@ from __future__ import annotations
 import os
 import re
 import xml.etree.ElementTree as ET
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import NamedTuple
 
 from qp_twist.errors import InvalidInput
 from qp_twist.files import read_bytes
+from qp_twist.robots.mesh_files import coloured_meshes, msh
 from qp_twist.robots.ros_packages import package_folders
+from qp_twist.robots.urdf_visuals import Visual, materials_of, visual_of
 from qp_twist.robots.wording import listed
 
 _IN_PACKAGE = re.compile(r"(?:package|model)://([^/]+)/(.+)")
@@ -25,30 +27,37 @@ class Meshes(NamedTuple):
     stated: dict[str, str]
     """Their names in the file, by the same new names."""
     left_out: list[str]
+    visuals: list[Visual]
+    """Visual shapes that are not in the tree any more."""
 
 
 def take_meshes(root: ET.Element, file: Path, packages: Mapping[str, Path]) -> Meshes:
     """Read the mesh files of a URDF; remove shapes whose mesh is not found.
 
     The tree gets short names, one for each file and scale, since MuJoCo's reader identifies files
-    by name. Visual shapes are removed, as MuJoCo does, unless there are no others or
-    ``<mujoco><compiler discardvisual="false"/></mujoco>`` in the file keeps them.
+    by name; DAE files are converted. Visual shapes are removed from the tree, since MuJoCo would
+    draw them without the colours of their files, and returned, unless there are no others or the
+    file says ``<mujoco><compiler discardvisual="false"/></mujoco>``; with ``"true"`` they are left
+    out.
     """
     compiler = _compiler(root)
     folder = file.parent / compiler.attrib.pop("meshdir", "")
     for attribute in ("assetdir", "strippath"):
         compiler.attrib.pop(attribute, None)
+    missing: dict[str, None] = {}
+    visuals: list[Visual] = []
     if compiler.get("discardvisual") != "false":
         if root.find("link/collision") is None:
             compiler.set("discardvisual", "false")
         else:
-            for link in root.findall("link"):
-                for visual in link.findall("visual"):
-                    link.remove(visual)
+            visuals = _taken_visuals(
+                root, lambda stated: _found(stated, file, folder, packages), missing
+            )
+            if compiler.get("discardvisual") == "true":
+                visuals, missing = [], {}
     names: dict[tuple[Path, str | None], str] = {}
     assets: dict[str, bytes] = {}
     originals: dict[str, str] = {}
-    missing: dict[str, None] = {}
     unreadable: dict[Path, str] = {}
     for link, shape, mesh in mesh_shapes(root):
         stated = mesh.get("filename", "")
@@ -61,15 +70,50 @@ def take_meshes(root: ET.Element, file: Path, packages: Mapping[str, Path]) -> M
         if key not in names:
             try:
                 content = read_bytes(found, "mesh")
+                if found.suffix.lower() == ".dae":
+                    content = _from_dae(found, shape)
             except InvalidInput as error:
                 link.remove(shape)
                 unreadable[found] = f"Not readable: {error}"
                 continue
-            names[key] = _free_name(found, assets)
+            dae = found.suffix.lower() == ".dae"
+            names[key] = _free_name(found.with_suffix(".msh") if dae else found, assets)
             assets[names[key]] = content
             originals[names[key]] = stated
         mesh.set("filename", names[key])
-    return Meshes(assets, originals, [*_not_found(list(missing)), *unreadable.values()])
+    return Meshes(assets, originals, [*_not_found(list(missing)), *unreadable.values()], visuals)
+
+
+def _taken_visuals(
+    root: ET.Element, found_at: Callable[[str], Path | None], missing: dict[str, None]
+) -> list[Visual]:
+    """Remove the visual shapes from the tree and return them; missing files are noted."""
+    materials = materials_of(root)
+    visuals = []
+    for link in root.findall("link"):
+        for shape in link.findall("visual"):
+            link.remove(shape)
+            mesh = shape.find("geometry/mesh")
+            stated = "" if mesh is None else mesh.get("filename", "")
+            file = found_at(stated) if mesh is not None else None
+            if mesh is not None and file is None:
+                missing[stated] = None
+            elif visual := visual_of(link, shape, materials, file):
+                visuals.append(visual)
+    return visuals
+
+
+def _from_dae(file: Path, shape: ET.Element) -> bytes:
+    """A DAE file as MuJoCo reads it; a visual shape without a material gets its largest colour."""
+    try:
+        meshes = coloured_meshes(file)
+    except InvalidInput as error:
+        raise InvalidInput(f"{file.name}: {error}.") from error
+    colour = meshes[0].colour
+    if shape.tag == "visual" and shape.find("material") is None and colour is not None:
+        material = ET.SubElement(shape, "material", name=f"colour of {file.name}")
+        ET.SubElement(material, "color", rgba=" ".join(map(str, colour)))
+    return msh(meshes)
 
 
 def mesh_shapes(root: ET.Element) -> Iterator[tuple[ET.Element, ET.Element, ET.Element]]:

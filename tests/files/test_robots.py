@@ -416,13 +416,14 @@ def test_missing_and_unreadable_meshes_are_left_out_and_told(tmp_path: Path) -> 
     assert mesh_sizes(robot) == pytest.approx([0.5])
     assert (robot.model.geom_type == mujoco.mjtGeom.mjGEOM_BOX).sum() == 1
     assert robot.model.body("a").mass[0] == pytest.approx(2.0)  # a shape's fate is not the mass's
-    gone, near, far, unreadable = robot.left_out
+    gone, near, far, dae, unreadable = robot.left_out
     assert gone.startswith("Not found: 2 meshes of the package 'gone'.")
     assert "packages={'gone': folder}" in gone
     assert near == "Not found: mesh 'near.stl'."
     assert "1 mesh of the package 'far'" in far
-    assert unreadable.startswith("Not readable for MuJoCo: 2 meshes ('bad.dae', 'bad.stl')")
-    assert repr(robot) == "Robot('robot.urdf', 1 joint, left out: 4)"
+    assert dae.startswith("Not readable: bad.dae: cannot be read as a mesh")
+    assert unreadable.startswith("Not readable for MuJoCo: mesh 'bad.stl'")
+    assert repr(robot) == "Robot('robot.urdf', 1 joint, left out: 5)"
 
 
 def test_a_robot_left_without_a_shape_says_so(tmp_path: Path) -> None:
@@ -430,7 +431,9 @@ def test_a_robot_left_without_a_shape_says_so(tmp_path: Path) -> None:
     robot = load_robot(file)
     assert "No shape" in robot.left_out[-1]
     assert_poses_are_those_of_the_tags(robot, np.random.default_rng(3))
-    assert set(robot.model.geom_type) == {int(mujoco.mjtGeom.mjGEOM_CAPSULE)}
+    rods = robot.model.geom_bodyid > 0
+    assert rods.any()
+    assert set(robot.model.geom_type[rods]) == {int(mujoco.mjtGeom.mjGEOM_CAPSULE)}
     assert not robot.model.geom_contype.any()
     assert robot.model.body("a").mass[0] == pytest.approx(2.0)  # rods weigh nothing
     assert load_robot(one_joint(tmp_path)).left_out == ()  # nothing stated, nothing left out
@@ -438,9 +441,12 @@ def test_a_robot_left_without_a_shape_says_so(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     ("setting", "collision", "kept"),
-    [("", BOX, False), ("", "", True), ('discardvisual="false"', BOX, True)],
-)
-def test_visual_shapes_are_kept_where_asked_or_alone(
+    [
+        ("", BOX, True), ("", "", True), ('discardvisual="false"', BOX, True),
+        ('discardvisual="true"', BOX, False),
+    ],
+)  # fmt: skip
+def test_visual_shapes_are_drawn_unless_the_file_discards_them(
     setting: str, collision: str, kept: bool, tmp_path: Path
 ) -> None:
     write_stl(tmp_path / "seen.stl", 0.5)
@@ -473,7 +479,7 @@ def test_an_unreadable_visual_shape_costs_no_other_one(tmp_path: Path) -> None:
     )
     assert mesh_sizes(robot) == pytest.approx([0.5])
     assert len(robot.left_out) == 1
-    assert robot.left_out[0].startswith("Not readable for MuJoCo: mesh 'bad.dae'")
+    assert robot.left_out[0].startswith("Not readable: bad.dae: cannot be read as a mesh")
 
 
 def test_settings_for_mujoco_in_the_file_hold(tmp_path: Path) -> None:

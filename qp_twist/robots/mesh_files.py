@@ -1,0 +1,116 @@
+"""Mesh files as triangles with colours, for formats and colours that MuJoCo does not read."""
+
+from __future__ import annotations
+
+import importlib.util
+from collections.abc import Sequence
+from functools import lru_cache
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from qp_twist.errors import InvalidInput
+
+if TYPE_CHECKING:
+    import trimesh
+
+Colour = tuple[float, float, float, float]
+_KINDS = (".dae", ".obj", ".stl")
+
+
+class ColouredMesh(NamedTuple):
+    """Triangles of one colour."""
+
+    vertices: npt.NDArray[np.float32]
+    """In the units of the file, those of DAE in m, (V, 3)."""
+    faces: npt.NDArray[np.int32]
+    """Indices of the vertices, (F, 3)."""
+    colour: Colour | None
+    """Red, green, blue and opacity, 0 to 1; ``None`` if the file states none."""
+    area: float
+
+
+def coloured_meshes(file: Path) -> tuple[ColouredMesh, ...]:
+    """The triangles of a STL, OBJ or DAE file, those of each colour as a mesh.
+
+    A DAE file is scaled to metres by its ``<unit>``; its ``<up_axis>`` is ignored, as in ROS.
+
+    Args:
+        file: The file.
+
+    Raises:
+        InvalidInput: If its reader is not installed, or it cannot be read.
+    """
+    stat = file.stat()
+    return _read(file, stat.st_mtime_ns, stat.st_size)
+
+
+def msh(meshes: Sequence[ColouredMesh]) -> bytes:
+    """Meshes as one file of MuJoCo's binary format: it is written and read at once."""
+    firsts = np.cumsum([0, *(len(mesh.vertices) for mesh in meshes[:-1])], dtype=np.int32)
+    vertices = np.vstack([mesh.vertices for mesh in meshes])
+    faces = np.vstack([mesh.faces + first for mesh, first in zip(meshes, firsts, strict=True)])
+    counts = np.array([len(vertices), 0, 0, len(faces)], dtype=np.int32)
+    return counts.tobytes() + vertices.tobytes() + faces.astype(np.int32).tobytes()
+
+
+@lru_cache(maxsize=256)
+def _read(file: Path, changed: int, size: int) -> tuple[ColouredMesh, ...]:
+    import trimesh  # half a second
+
+    suffix = file.suffix.lower()
+    if suffix not in _KINDS:
+        raise InvalidInput("expected a mesh, STL, OBJ or DAE, by its suffix")
+    if suffix == ".dae" and importlib.util.find_spec("collada") is None:
+        raise InvalidInput("DAE is read with pycollada: pip install 'qp_twist[cell]'")
+    try:
+        scene = trimesh.load_scene(file)
+        dumped: list[Any] = scene.dump()
+        parts = [part for part in dumped if len(getattr(part, "faces", ())) > 0]
+    except Exception as error:  # whatever a reader raises about the content
+        reason = " ".join(str(error).split()) or type(error).__name__
+        raise InvalidInput(f"cannot be read as a mesh ({reason[:120]})") from error
+    scale = _metres(scene) if suffix == ".dae" else 1.0
+    by_colour: dict[Colour | None, list[trimesh.Trimesh]] = {}
+    for part in parts:
+        if not np.isfinite(part.vertices).all():
+            raise InvalidInput("a coordinate is NaN or infinite")
+        by_colour.setdefault(_colour(part), []).append(part)
+    if not by_colour:
+        raise InvalidInput("there are no triangles in it")
+    found = []
+    for colour, some in by_colour.items():
+        vertices = np.vstack([scale * part.vertices for part in some])
+        firsts = np.cumsum([0, *(len(part.vertices) for part in some[:-1])])
+        faces = np.vstack([part.faces + first for part, first in zip(some, firsts, strict=True)])
+        area = scale**2 * float(sum(part.area for part in some))
+        if area > 0.0:
+            found.append(
+                ColouredMesh(vertices.astype(np.float32), faces.astype(np.int32), colour, area)
+            )
+    if not found:
+        raise InvalidInput("its triangles have no area")
+    return tuple(sorted(found, key=lambda mesh: -mesh.area))
+
+
+def _metres(scene: trimesh.Scene) -> float:
+    """Metres for one unit of a DAE file."""
+    stated = [part.metadata.get("units") for part in scene.geometry.values()]
+    text = next((text for text in stated if text), "meters")
+    number, star, _ = str(text).partition("*")
+    return float(number) if star else 1.0
+
+
+def _colour(part: trimesh.Trimesh) -> Colour | None:
+    """The colour of a mesh's material, or of its faces."""
+    visual: Any = part.visual
+    if visual is None or not visual.defined:
+        return None
+    of = visual.material if visual.kind == "texture" else visual
+    main = getattr(of, "main_color", None)
+    if main is None or len(main) != 4:
+        return None
+    r, g, b, a = (round(float(v) / 255.0, 4) for v in main)
+    return r, g, b, a if a > 0.0 else 1.0

@@ -1,0 +1,50 @@
+"""Floor, light and sky for a model that has none."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import mujoco
+
+DRAWN, NOT_DRAWN = 2, 3
+"""Groups of geoms; viewers draw the first three, 0 to 2."""
+
+
+def add_room(spec: Any, height: float, *, collides: bool) -> None:
+    """Add a floor, unless there is one, and light and a sky likewise.
+
+    Args:
+        spec: The model. A floor in it that collides with nothing is replaced if the new one does.
+        height: Of the floor, m.
+        collides: Whether other geoms may collide with it.
+    """
+    planes = [g for g in spec.worldbody.geoms if g.type == mujoco.mjtGeom.mjGEOM_PLANE]
+    if collides:
+        for plane in [p for p in planes if not (p.contype or p.conaffinity)]:
+            plane.contype = plane.conaffinity = 1
+            plane.pos = [plane.pos[0], plane.pos[1], height]
+    if not planes:
+        taken, name = {geom.name for geom in spec.geoms}, "floor"
+        while name in taken:
+            name += "_"
+        spec.worldbody.add_geom(
+            name=name, type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0.0, 0.0, 0.1],
+            pos=[0.0, 0.0, height], rgba=(0.84, 0.85, 0.86, 1.0), group=DRAWN, mass=0.0,
+            contype=int(collides), conaffinity=int(collides),
+        )  # fmt: skip
+    if not list(spec.lights):
+        spec.visual.headlight.ambient = [0.45, 0.45, 0.46]
+        spec.visual.headlight.diffuse = [0.3, 0.3, 0.3]
+        spec.worldbody.add_light(
+            type=mujoco.mjtLightType.mjLIGHT_DIRECTIONAL, pos=[2.0, -1.0, 4.0],
+            dir=[-0.5, 0.2, -0.8], diffuse=[0.6, 0.6, 0.6], castshadow=True,
+        )  # fmt: skip
+    if not any(t.type == mujoco.mjtTexture.mjTEXTURE_SKYBOX for t in spec.textures):
+        taken, name = {t.name for t in spec.textures}, "sky"
+        while name in taken:
+            name += "_"
+        spec.add_texture(
+            name=name, type=mujoco.mjtTexture.mjTEXTURE_SKYBOX,
+            builtin=mujoco.mjtBuiltin.mjBUILTIN_GRADIENT,
+            rgb1=[0.74, 0.82, 0.90], rgb2=[0.97, 0.98, 0.99], width=64, height=384,
+        )  # fmt: skip
