@@ -86,7 +86,7 @@ def test_a_urdf_and_a_csv_become_a_task_that_runs(
     main(["new", str(KR16.path), "--frame", "tool0", "--path", str(tmp_path / "arch.csv"),
           "--out", str(out)])  # fmt: skip
     said = capsys.readouterr().out
-    assert "left out of kr16_2.urdf: Not found: 7 meshes" in said
+    assert "left out of kr16_2.urdf: Not found: 14 meshes" in said
     assert "free: the roll is joint_a6 alone" in said  # z of tool0 is the last joint's axis
     assert "no joint speeds" not in said
     assert f"next: qp-twist run {out} --method qp_gradient --out kr16_joints.csv" in said
@@ -94,7 +94,7 @@ def test_a_urdf_and_a_csv_become_a_task_that_runs(
     text = out.read_text("utf-8")
     stated = tomllib.loads(text)
     assert stated["path"]["file"] == "../arch.csv"  # relative to the task file
-    assert "Not found: 7 meshes" in text
+    assert "Not found: 14 meshes" in text
     # The limits are the URDF's.
     assert stated["limits"]["velocity"] == pytest.approx(KR16.load().velocity_limits)
     task = load(out)
