@@ -99,7 +99,8 @@ def follow(
         motion = plan.motion()
         # With more than three free degrees the bound knows too few local optima.
         free = int(PathRows(path_task).freedom.max())
-        bound = plan.bound if plan.objective == "centering" and free <= BOUNDED else None
+        of_z = plan.objective == "centering" and not plan.joint_weights
+        bound = plan.bound if of_z and free <= BOUNDED else None
         path_task = dataclasses.replace(path_task, start=motion[0])
     trajectory = walk(
         path_task,

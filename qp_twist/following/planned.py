@@ -28,6 +28,7 @@ def plan(
     start: npt.ArrayLike | None = None,
     max_step_deg: float | None = None,
     *,
+    joint_weights: Mapping[str, float] | None = None,
     seeds: Sequence[str] = SEED_METHODS,
     progress: Callable[[str, float], None] | None = None,
 ) -> Plan:
@@ -60,6 +61,10 @@ def plan(
         start: The first configuration, (nq,), corrected onto the first waypoint; free if ``None``.
         max_step_deg: Largest displacement of a joint between two waypoints, degrees; a metre of a
             slide counts as a radian.
+        joint_weights: Weights w of joints in z and in the travel, by name, such as
+            ``{"rail": 0.1}``; 1 for the others:
+            z = ½ Σ w ((θ − θ̄)/(θ_max − θ_min))², travel Σ w |Δθ|. An axis that is slow or heavy
+            gets a large one, one that should do most of the work a small one.
         seeds: Methods whose trajectories are improved as well. They find passages near a
             singularity that are narrower than the grid.
         progress: Called with the current phase and its share done.
@@ -98,7 +103,7 @@ def plan(
             return [run for run in found if run is not None]
         return [np.vstack([start[None], run[1:]]) for run in found if run is not None]
 
-    return make_plan(path_task, objective, first, max_step_deg, runs, progress)
+    return make_plan(path_task, objective, first, max_step_deg, runs, progress, joint_weights)
 
 
 def whole_plan(

@@ -83,7 +83,8 @@ def pointwise_bound(
         \sum_j |\Delta\theta_j| \ge \alpha, \qquad
         \sum_j |\Delta\theta_j| \ge d \,/\, \max_j \ell_j
 
-    with the largest distance ℓ of the frame from a joint's axis between them (1 for a slide).
+    with the largest distance ℓ of the frame from a joint's axis between them (1 for a slide). Where
+    the joints are weighted, times the smallest of their weights.
 
     Args:
         path_task: The path.
@@ -109,7 +110,8 @@ def pointwise_bound(
             z[0] = objective.ranges.centring(start)
         bound += objective.centering * float(z.mean())
     if objective.travel:
-        bound += objective.travel * _least_travel(path_task, rows.chain, tolerance)
+        least = _least_travel(path_task, rows.chain, tolerance)
+        bound += objective.travel * float(objective.joints.min(initial=1.0)) * least
     bound -= _ROUNDED * abs(bound)
     return bound if path is None else min(bound, objective.value(path))
 

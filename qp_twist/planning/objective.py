@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
+from functools import cached_property
 
 import numpy as np
 
-from qp_twist.checks import Array, number
+from qp_twist.checks import Array, did_you_mean, number, read_only
 from qp_twist.errors import InvalidInput
 from qp_twist.kinematics import JointRanges
 
@@ -21,35 +22,56 @@ class Objective:
     .. math::
 
         \text{centering: } \frac1N\sum_k z(\mathbf q_k), \quad
-        \text{travel: } \sum_k\sum_j |\theta_{k+1,j} - \theta_{k,j}|, \quad
+        z = \tfrac12\sum_j w_j \left(\frac{\theta_j - \bar\theta_j}{\theta_{max,j} -
+        \theta_{min,j}}\right)^2, \quad
+        \text{travel: } \sum_k\sum_j w_j |\theta_{k+1,j} - \theta_{k,j}|, \quad
         \text{margin: } \min_k\min_j \min(\theta_{k,j} - \theta_{min,j},
         \theta_{max,j} - \theta_{k,j})
 
     Centering and travel, or a weighted sum of them, are minimised; the margin is maximised. Travel
-    and margin are in degrees; a metre of a slide counts as a radian.
+    and margin are in degrees; a metre of a slide counts as a radian. The joints' weights w are 1
+    unless they are given.
 
     Attributes:
-        ranges: The joint ranges.
+        ranges: The joint ranges, with the joints' weights in W.
+        joints: The joints' weights w, (nv,).
         centering: Weight of the mean z.
         travel: Weight of the travel, 1/degree.
         margin: Whether the objective is the margin.
     """
 
     ranges: JointRanges
+    joints: Array
     centering: float = 0.0
     travel: float = 0.0
     margin: bool = False
 
     @classmethod
-    def of(cls, ranges: JointRanges, objective: str | Mapping[str, float]) -> Objective:
-        """Read an objective: its name, or weights of centering and travel.
+    def of(
+        cls,
+        ranges: JointRanges,
+        objective: str | Mapping[str, float],
+        joint_weights: Mapping[str, float] | None = None,
+    ) -> Objective:
+        """Read an objective: its name, or weights of centering and travel; and weights of joints.
 
         Raises:
-            InvalidInput: If it is neither.
+            InvalidInput: If it is neither; if there is no such joint, its weight is negative, or
+                the margin is to be weighted.
         """
+        joints = _weights(ranges, joint_weights)
+        if joint_weights:
+            if objective == "margin":
+                raise InvalidInput(
+                    "joint_weights: the margin is that of the worst joint and takes no weights; "
+                    "use objective='centering' or 'travel', or leave the weights out."
+                )
+            own = {field.name: getattr(ranges, field.name) for field in fields(JointRanges)}
+            ranges = _WeightedRanges(**own, joints=joints)
         if isinstance(objective, str) and objective in OBJECTIVES:
             return cls(
                 ranges,
+                joints,
                 centering=float(objective == "centering"),
                 travel=float(objective == "travel"),
                 margin=objective == "margin",
@@ -62,6 +84,7 @@ class Objective:
             if any(weights.values()):
                 return cls(
                     ranges,
+                    joints,
                     centering=weights.get("centering", 0.0),
                     travel=weights.get("travel", 0.0),
                 )
@@ -74,7 +97,7 @@ class Objective:
         """Value of a joint path q (N, nv): mean z, degrees, or their weighted sum."""
         if self.margin:
             return float(self.margins(q).min())
-        step = np.abs(np.diff(q, axis=0)).sum()
+        step = (self.joints * np.abs(np.diff(q, axis=0))).sum()
         return self.centering * float(self.ranges.centring(q).mean()) + self.travel * float(
             np.degrees(step)
         )
@@ -82,7 +105,8 @@ class Objective:
     @property
     def penalty(self) -> float:
         """Penalty of a violation of a radian that exceeds any gain, in the value's unit."""
-        return 10.0 * self.centering + 1e5 * self.travel + 1e4 * self.margin
+        largest = max(float(self.joints.max(initial=0.0)), 1.0)
+        return largest * (10.0 * self.centering + 1e5 * self.travel) + 1e4 * self.margin
 
     def better(self, a: float, b: float) -> bool:
         """Whether value ``a`` is better than ``b``."""
@@ -93,3 +117,28 @@ class Objective:
         room = self.ranges.room(q)
         margins: Array = np.degrees(room.min(axis=-1, initial=np.inf))
         return margins
+
+
+@dataclass(frozen=True, eq=False)
+class _WeightedRanges(JointRanges):
+    """Joint ranges whose z weighs the joints, by ``joints`` (nv,)."""
+
+    joints: Array
+
+    @cached_property
+    def weight(self) -> Array:
+        """Diagonal of √w W, 1/rad or 1/m, (nv,)."""
+        return read_only(np.sqrt(self.joints) * super().weight)
+
+
+def _weights(ranges: JointRanges, given: Mapping[str, float] | None) -> Array:
+    """The weight of each joint, 1 unless given, (nv,)."""
+    weights = np.ones(len(ranges.names))
+    for name, weight in (given or {}).items():
+        if name not in ranges.names:
+            raise InvalidInput(
+                f"joint_weights: no joint is called {name!r}{did_you_mean(name, ranges.names)} "
+                f"The joints are {', '.join(ranges.names)}."
+            )
+        weights[ranges.names.index(name)] = number(f"joint_weights[{name!r}]", weight, at_least=0.0)
+    return read_only(weights)

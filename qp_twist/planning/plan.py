@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -57,6 +57,7 @@ class Plan:
             and for centering and margin if one leaves more than three degrees free.
         certificate: Why there is a motion or none, as a sentence and as data.
         objective: The objective, as passed.
+        joint_weights: Weights of joints in the objective, as passed.
         interrupted: Whether Ctrl-C ended the search; the motion is the best by then, and satisfies
             all constraints.
     """
@@ -67,6 +68,7 @@ class Plan:
     bound: float
     certificate: Certificate
     objective: str | Mapping[str, float]
+    joint_weights: Mapping[str, float] = field(default_factory=dict)
     interrupted: bool = False
 
     @property
@@ -175,16 +177,18 @@ class Plan:
         sign = "<=" if self.objective == "margin" else ">="
         bound = "no bound"
         if np.isfinite(self.bound):
-            bound = f"{sign} bound {self._amount(self.bound).removeprefix('mean z ')}"
+            amount = self._amount(self.bound).rpartition(" ")[2]
+            bound = f"{sign} bound {amount}"
         return f"{self.objective}: {self._amount(self.value)} {bound}"
 
     def _amount(self, value: float) -> str:
         """A value or bound with its unit."""
         if np.isnan(value):
             return "not known"
+        weighted = "weighted " if self.joint_weights else ""
         if self.objective == "centering":
-            return f"mean z {value:.4f}"
-        return f"{value:.2f}°" if isinstance(self.objective, str) else f"{value:.5g}"
+            return f"{weighted}mean z {value:.4f}"
+        return f"{weighted}{value:.2f}°" if isinstance(self.objective, str) else f"{value:.5g}"
 
 
 def make_plan(
@@ -194,6 +198,7 @@ def make_plan(
     max_step_deg: float | None,
     runs: Trials,
     progress: Progress | None = None,
+    joint_weights: Mapping[str, float] | None = None,
 ) -> Plan:
     """Search the best motion; see :func:`qp_twist.plan`.
 
@@ -208,7 +213,7 @@ def make_plan(
             f"plan: {path_task.name}'s scene has ball or free joints; only hinges and slides are "
             "planned. Take free bodies out of the scene, or follow the path with a method."
         )
-    goal = Objective.of(ranges, objective)
+    goal = Objective.of(ranges, objective, joint_weights)
     if (goal.margin or goal.centering) and not ranges.limited.any():
         raise InvalidInput(
             f"plan: {path_task.name}'s joints have no ranges, so that objective {objective!r} says "
@@ -231,6 +236,7 @@ def make_plan(
         found.bound,
         found.certificate,
         objective,
+        dict(joint_weights or {}),
         found.interrupted,
     )
 

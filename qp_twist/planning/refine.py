@@ -169,7 +169,9 @@ def _solved(
         program.quadratic(share * (move.T @ sparse.diags(weight) @ move),
                           share * (move.T @ (weight * offset)))  # fmt: skip
         if objective.travel:
-            program.least_sum(change, dq, objective.travel * np.degrees(1.0))
+            program.least_sum(
+                change, dq, np.tile(np.degrees(objective.travel * objective.joints), count - 1)
+            )
         if objective.margin:
             program.least_largest(move, objective.ranges, q)
     for G, g in limits.rows(q):
@@ -198,10 +200,10 @@ class _Program:
         near = np.flatnonzero(g < 1.5 * self.radius * np.maximum(reach, 1.0) + 1e-3)
         self.rows.append((G[near], sparse.csr_matrix((len(near), self._added)), g[near], True))
 
-    def least_sum(self, G: sparse.csr_matrix, g: Array, weight: float) -> None:
-        """Add weight × Σ|G u + g|, with one unknown for each absolute value."""
+    def least_sum(self, G: sparse.csr_matrix, g: Array, weights: Array) -> None:
+        """Add Σ weight × |G u + g|, with one unknown for each absolute value."""
         count, before = len(g), self._added
-        self.more.append(np.full(count, weight))
+        self.more.append(weights)
         bound = sparse.hstack(
             [sparse.csr_matrix((count, before)), -sparse.eye(count)], format="csr"
         )

@@ -530,7 +530,7 @@ class PlanSearch:
             beyond = np.maximum((apart / allowed[number]).max(axis=1) - 1.0, 0.0)
             cost: Array = strictness * price * beyond
             if objective.travel:
-                cost += objective.travel * np.degrees(apart.sum(axis=1))
+                cost += objective.travel * np.degrees(apart @ objective.joints)
             return cost
 
         def kept(number: int, edge: Edges) -> Mask:

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import re
 
 import mink
 import mujoco
 import numpy as np
+import pytest
 from oracles.banded_paths import least_mean_z
 from oracles.scripts import script
 
@@ -65,6 +67,49 @@ def test_a_plan_on_a_rail_is_as_good_as_an_independent_search() -> None:
     searched = least_mean_z(task, layers, STEP)
     assert np.isfinite(searched)
     assert plan.value <= 1.02 * searched
+
+
+def test_the_travel_of_a_rail_counts_as_much_as_its_weight_says() -> None:
+    task = dataclasses.replace(on_a_rail(), waypoints=on_a_rail().waypoints[:7])
+    moved = []
+    for weight in (0.05, 20.0):
+        plan = qt.plan(task, "travel", max_step_deg=20.0, joint_weights={"rail": weight}, seeds=())
+        rail, *arm = np.degrees(np.abs(np.diff(plan.motion(), axis=0)).sum(axis=0))
+        assert math.isclose(plan.value, weight * rail + sum(arm), rel_tol=1e-9)
+        assert 0.0 < plan.bound <= plan.value
+        moved.append((rail, sum(arm)))
+    # Either is the better one by its own weights.
+    (much, little), (still, more) = moved
+    assert 0.05 * much + little <= 0.05 * still + more
+    assert 20.0 * still + more <= 20.0 * much + little
+    assert still < 0.1 * much
+
+
+def test_the_middle_of_a_rail_counts_as_much_as_its_weight_says() -> None:
+    """z with a weight of 4 on the rail is that of half the range, at half the distance."""
+    task = dataclasses.replace(on_a_rail(), waypoints=on_a_rail().waypoints[:7])
+    ranges = qt.JointRanges.of(task.model)
+    plan = qt.plan(task, max_step_deg=20.0, joint_weights={"rail": 4.0}, seeds=())
+    q = plan.motion()
+    share = (q - ranges.middle) / (ranges.upper - ranges.lower)
+    share[:, 0] *= 2.0
+    assert math.isclose(plan.value, 0.5 * (share**2).sum(axis=1).mean(), rel_tol=1e-9)
+    assert plan.bound <= plan.value <= 1.2 * plan.bound
+
+
+@pytest.mark.parametrize(
+    ("objective", "weights", "text"),
+    [
+        ("travel", {"rails": 1.0}, "no joint is called 'rails'; did you mean 'rail'"),
+        ("travel", {"rail": -1.0}, "joint_weights['rail']"),
+        ("margin", {"rail": 2.0}, "takes no weights"),
+    ],
+)
+def test_weights_that_say_nothing_are_refused(
+    objective: str, weights: dict[str, float], text: str
+) -> None:
+    with pytest.raises(qt.InvalidInput, match=re.escape(text)):
+        qt.plan(on_a_rail(), objective, joint_weights=weights)
 
 
 def test_a_waypoint_beyond_the_length_of_the_arm_is_named() -> None:
