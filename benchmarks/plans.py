@@ -496,7 +496,7 @@ def placement_of(job: tuple[str, bool, int]) -> dict[str, Any]:
 
 def plan_placements(samples: int, first: int, jobs: int) -> tuple[str, int]:
     """So many placements for each arm, from free and from fixed starts."""
-    rows, table, wrong = [], [], 0
+    rows = []
     todo = [
         (arm, fixed, index)
         for index in range(first, first + samples) for arm in PLACED for fixed in (False, True)
@@ -504,6 +504,12 @@ def plan_placements(samples: int, first: int, jobs: int) -> tuple[str, int]:
     for row in in_processes(placement_of, todo, jobs):
         print(json.dumps(row), file=sys.stderr, flush=True)
         rows.append(row)
+    return placements_table(rows)
+
+
+def placements_table(rows: list[dict[str, Any]]) -> tuple[str, int]:
+    """The table, and how many plans are missing or wrong."""
+    table, wrong = [], 0
     for arm in PLACED:
         for fixed in (False, True):
             own = [r for r in rows if (r["arm"], r["fixed"]) == (arm, fixed)]
