@@ -190,7 +190,8 @@ def plan_costs() -> str:
     rows = []
     for case in CASES:
         [(wall, cpu, memory, value, bound)] = in_processes(cost, [case], 1)
-        numbers = f"{wall:.1f}", f"{cpu:.1f}", f"{memory:.0f}", f"{value:.4f}", f"{bound:.4f}"
+        found = ("none" if np.isnan(number) else f"{number:.4f}" for number in (value, bound))
+        numbers = f"{wall:.1f}", f"{cpu:.1f}", f"{memory:.0f}", *found
         rows.append((case, *numbers))
         print(*rows[-1], file=sys.stderr, flush=True)
     headings = ("arm and path", "time, s", "processor, s", "memory, MB", "mean z", "bound")
