@@ -346,7 +346,7 @@ def placed_seven(index: int) -> qt.PathTask:
     away *= rng.uniform(0.2, 0.7) / np.linalg.norm(away)
     turn = mink.SO3.from_z_radians(rng.uniform(-np.pi, np.pi))
     turn = turn @ mink.SO3.from_x_radians(rng.uniform(-0.5, 0.5) * np.pi)
-    place = mink.SE3.from_rotation_and_translation(turn, [*away[:2], away[2] + 0.35])
+    place = mink.SE3.from_rotation_and_translation(turn, away + np.array([0.0, 0.0, 0.35]))
     here = place @ mink.SE3.from_translation(np.array([-0.45, 0.0, -0.3]))
     waypoints = tuple(here @ w for w in task.waypoints[:13])
     return dataclasses.replace(task, waypoints=waypoints, constraints=())
