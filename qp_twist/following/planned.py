@@ -63,7 +63,7 @@ def plan(
             slide counts as a radian.
         joint_weights: Weights w of joints in z and in the travel, by name, such as
             ``{"rail": 0.1}``; 1 for the others:
-            z = ½ Σ w ((θ − θ̄)/(θ_max − θ_min))², travel Σ w |Δθ|. An axis that is slow or heavy
+            z = ½ Σ w ((θ − θ̄)/(θ_max − θ_min))², travel Σ w ‖Δθ‖. An axis that is slow or heavy
             gets a large one, one that should do most of the work a small one.
         seeds: Methods whose trajectories are improved as well. They find passages near a
             singularity that are narrower than the grid.
