@@ -278,7 +278,7 @@ HARDER = ((1, 0.15, 0.1), (2, 0.3, 1.0), (3, 0.5, 4.0))
 PLACED_BY_HAND = [
     HandPlaced(robot, *HARDER[k % len(HARDER)])
     for k, robot in enumerate(
-        (KR16, KR120, IRB140, UR5E, IIWA, PANDA, "m16ib_deburring.xml", SEVEN)
+        (KR16, UR5E, IRB140, KR120, IIWA, PANDA, "m16ib_deburring.xml", SEVEN)
     )
 ]
 
