@@ -21,7 +21,7 @@ _FIXED = (0.40, 0.42, 0.45, 1.0)
 
 
 def coloured(model: mujoco.MjModel) -> mujoco.MjModel:
-    """A copy of the model in which neighbouring links without a colour can be told apart."""
+    """A copy of the model in which neighbouring links without a colour can be distinguished."""
     found = copy.copy(model)
     plain = (model.geom_matid < 0) & (np.abs(model.geom_rgba - _PLAIN) < 1e-6).all(axis=1)
     joints = np.zeros(model.nbody, dtype=np.intp)  # before each body, from the world on

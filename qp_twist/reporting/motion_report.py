@@ -20,6 +20,7 @@ from qp_twist.following import Trajectory
 from qp_twist.paths import PathTask
 from qp_twist.pictures.player import SCRIPT, player_data, still
 from qp_twist.pictures.recordings import recordings
+from qp_twist.pictures.template import filled
 from qp_twist.referee import AXIS_TOLERANCE_DEG, POSITION_TOLERANCE
 from qp_twist.reporting.facts import facts
 from qp_twist.reporting.failing import failing_intervals
@@ -160,16 +161,11 @@ def _page(
     *,
     slow: bool,
 ) -> str:
-    from jinja2 import Environment, FileSystemLoader, StrictUndefined
-
     from qp_twist.reporting.charts import charts  # with Matplotlib, which takes half a second
 
     stretches = slower_stretches(path_task, check)
-    environment = Environment(
-        loader=FileSystemLoader(_FOLDER), autoescape=True, undefined=StrictUndefined,
-        trim_blocks=True, lstrip_blocks=True,
-    )  # fmt: skip
-    return environment.get_template("page.html.j2").render(
+    return filled(
+        _FOLDER / "page.html.j2",
         task=path_task.name,
         title=path_task.title,
         passes=check.passes,

@@ -104,6 +104,20 @@ def with_rows_between(
     return trajectory, pieces[found]
 
 
+def divided_times(times: Array, pieces: Indices, shares: Array) -> Array:
+    """Times of the pieces, (N − 1 + K,), after some were divided by a row.
+
+    Args:
+        times: Of the pieces before, s, (N − 1,).
+        pieces: Pieces in ascending order, each at most once, (K,).
+        shares: Where the row is in its piece, 0 at the begin and 1 at the end, (K,).
+    """
+    rest = times.copy()
+    rest[pieces] *= 1.0 - shares
+    found: Array = np.insert(rest, pieces, shares * times[pieces])
+    return found
+
+
 def _row_at(task: PathTask, q: Array, k: int, share: float) -> Array:
     """Joint positions between rows k and k + 1, corrected onto the pose between them."""
     before, after = task.in_force[k : k + 2]
@@ -190,11 +204,8 @@ def _split(durations: Array | None, pieces: list[int], shares: list[float]) -> A
     """Durations with those of the divided pieces divided."""
     if durations is None:
         return None
-    after, share = np.array(pieces) + 1, np.array(shares)
-    rest = durations.copy()
-    rest[after] *= 1.0 - share
-    found: Array = np.insert(rest, after, share * durations[after])
-    return found
+    times = divided_times(durations[1:], np.array(pieces), np.array(shares))
+    return np.concatenate([durations[:1], times])
 
 
 def _measured(task: PathTask, index: int, q: Array) -> tuple[float, float, float, float]:

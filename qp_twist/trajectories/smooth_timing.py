@@ -8,7 +8,7 @@ import numpy.typing as npt
 from qp_twist.checks import Array, Indices
 from qp_twist.following import Trajectory
 from qp_twist.referee import MotionLimits, PathErrors, path_errors
-from qp_twist.trajectories.refine_trajectory import with_rows_between
+from qp_twist.trajectories.refine_trajectory import divided_times, with_rows_between
 from qp_twist.trajectories.speed_profile import SpeedProfile, speed_profile, straight_profile
 
 _ROUNDS = 30
@@ -145,9 +145,7 @@ class _Timing:
         self.rests = np.insert(self.rests, after, False)
         self.may_help = np.insert(self.may_help, after, self.may_help[divided])
         self.whole = np.insert(self.whole, after, False)
-        rest = self.floor.copy()
-        rest[divided] *= 1.0 - shares
-        self.floor = np.insert(rest, divided, shares * self.floor[divided])
+        self.floor = divided_times(self.floor, divided, shares)
 
     def _turns(self) -> Array:
         """Change of the joints' velocities at each row, at the feed, (N,)."""

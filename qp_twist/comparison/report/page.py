@@ -29,6 +29,7 @@ from qp_twist.paths import METHODS, PathTask
 from qp_twist.pictures.figure_html import figure_html
 from qp_twist.pictures.player import SCRIPT
 from qp_twist.pictures.svg import inline_svg
+from qp_twist.pictures.template import filled
 
 _FOLDER = Path(__file__).parent
 
@@ -52,8 +53,6 @@ def report_page(
         picture: A PNG file of the scene, for print.
         command: Command that reproduces the report; if ``None``, an equivalent one.
     """
-    from jinja2 import Environment, FileSystemLoader, StrictUndefined
-
     names = list(trajectories)
     first = shown_first(names)
     numbers = content["methods"]
@@ -75,16 +74,12 @@ def report_page(
         _shows_section(found, names),
         provenance_section(path_task, content, command),
     ]
-    # The sections are HTML already, and have escaped their input.
-    environment = Environment(
-        loader=FileSystemLoader(_FOLDER), autoescape=True, undefined=StrictUndefined,
-        trim_blocks=True, lstrip_blocks=True,
-    )  # fmt: skip
-    return environment.get_template("page.html.j2").render(
+    return filled(
+        _FOLDER / "page.html.j2",
         task=path_task.name,
         title=path_task.title,
         waypoints=len(path_task.waypoints),
-        sections=sections,
+        sections=sections,  # HTML already, which have escaped their input
         choices=[Choice(name, METHODS[name].title, swatch(name), name in first) for name in names],
         constrained={name: METHODS[name].constrained for name in names},
         style=(_FOLDER / "page.css").read_text("utf-8"),
