@@ -89,6 +89,8 @@ SMALLEST_WEIGHT, LARGEST_WEIGHT = 1e-12, 1e12
 """Range of ρ and the entries of M: beyond it, they or other costs are lost to rounding."""
 SINGULARITY = 1e-3
 """Singular value of the task rows, m/rad or 1, below which a direction is slowed down."""
+SMOOTH_SINGULARITY = 5e-3
+"""The same of smooth steps: an arm that is stretched stays near enough to a bent one to return."""
 SMALLEST_SINGULARITY = 1e-9
 """A smaller ``singularity`` counts as 0."""
 _CORRECTIONS = 10
@@ -186,7 +188,7 @@ class Controller:
         joint_weight: float | None = None,
         free_linear_cost: float = 1.0,
         free_angular_cost: float = 1.0,
-        singularity: float = SINGULARITY,
+        singularity: float | None = None,
         smooth: bool = True,
         braking: bool = True,
     ) -> None:
@@ -215,8 +217,9 @@ class Controller:
             free_angular_cost: Square root of w for the angular rows of 1 − T, s/rad; its ratio
                 to the linear one is the length in m that 1 rad/s counts for.
             singularity: ε, singular value of the task rows below which a direction is left to the
-                secondary (``qp_twist/qp/edge.py``); 0, or less than 1e-9: never. A larger value
-                damps the noise of targets near the edge, for an error that is its price.
+                secondary (``qp_twist/qp/edge.py``); 0, or less than 1e-9: never. By default 0.005
+                if ``smooth``, else 0.001. With speed limits smooth steps take directions below
+                50 ε, at most 0.05, in several steps.
             smooth: Whether steps are smooth at the edge of the reach, through singularities and
                 where limits stop the task (the docs' page *At the edge*). ``False`` takes the
                 largest scale and the closest velocity instead, as the following of a path does,
@@ -269,6 +272,8 @@ class Controller:
             joint_weight = UNSEEN_WEIGHT
             if self.secondary_space == "joint":
                 joint_weight = TIE_BREAK if self.soft_tasks and not self.secondary else 1.0
+        if singularity is None:
+            singularity = SMOOTH_SINGULARITY if smooth else SINGULARITY
         self.joint_weight, self.singularity = joint_weight, singularity
         self.smooth, self.braking = smooth, braking
         self.free_twist_costs = linear, angular

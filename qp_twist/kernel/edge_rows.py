@@ -16,8 +16,8 @@ from qp_twist.kernel.record import Floats, RecordType, reader
 from qp_twist.kernel.step_record import PROGRAM, Program, Sizes
 
 REGULAR, MOST_REGULAR = 0.05, 50.0
-"""σ₁, m/rad or 1, from which on a direction is left alone; in units of ε if that is less."""
-BEND = 0.5
+"""σ₁, m/rad or 1, from which on a direction is met as stated; in units of ε if that is less."""
+BEND = 0.6
 """ℓ as a share of the largest singular value."""
 BRAKING = 0.8
 """η of ``constraints.stopping_share``."""
@@ -25,7 +25,7 @@ SPREAD = 20.0
 """Steps that the distance to a position limit is spread over where the task stops."""
 HALF, WHOLE = 0.5, 0.95
 """Shares of the bounds of a longer step, and of this one, that weak directions take up."""
-SHORTENED = 10.0
+SHORTENED = 2.0
 """Multiple of ε below which the secondary is shortened."""
 _RANK = 1e-12
 
@@ -86,8 +86,8 @@ class EdgeArrays(NamedTuple):
     program: Program
 
 
-SIZE, SMALLEST, DAMPING, DEGRADED, FITTING, REACH, FADES, PASSED = range(8)
-"""Places in ``numbers``: σ_max, σ_min, t, the largest φ, θ, the bound of the slacks, whether a
+SIZE, SMALLEST, FAR, DEGRADED, FITTING, REACH, FADES, PASSED = range(8)
+"""Places in ``numbers``: σ_max, σ_min, t_e, the largest φ, θ, the bound of the slacks, whether a
 direction is asked for less than b, and ψ, the share of a relaxed step."""
 
 EDGE = RecordType(EdgeArrays, Sizes, PROGRAM)
@@ -145,7 +145,7 @@ def rotate_rows(e):
 
 @part
 def regular_from(singularity):
-    """σ₁: singular value from which on a direction is left alone, m/rad or 1."""
+    """σ₁: singular value from which on a direction is met as stated, m/rad or 1."""
     return max(2.0 * singularity, min(REGULAR, MOST_REGULAR * singularity))
 
 
@@ -162,13 +162,14 @@ def weaken(e, singularity):
 
 @plain
 def damp(e, singularity, dt, trusts, share):
-    """Set t, d, φ and what is met, for the error of ``rate`` less ``share`` of ``forward``."""
-    total, worst, smallest = 0.0, 0.0, e.numbers[SMALLEST]
+    """Set t_e, d, φ and what is met, for the error of ``rate`` less ``share`` of ``forward``."""
+    total, worst, first = 0.0, 0.0, regular_from(singularity)
     for i in range(len(e.rate)):
         weak = e.weak[i] * (e.rate[i] - share * e.forward[i])
         total += weak * weak
-    damping = BEND * e.numbers[SIZE] * dt * math.sqrt(total) if trusts else 0.0
-    regular = smallest >= singularity and smallest * smallest >= damping
+    far = BEND * e.numbers[SIZE] * dt * math.sqrt(total) if trusts else 0.0
+    damping = max(first * first, far) if trusts else 0.0
+    regular = e.numbers[SMALLEST] >= (first if trusts else singularity)
     left = 0.0
     for i in range(len(e.rate) if not regular else 0):
         if damping > e.floor[i]:
@@ -180,7 +181,7 @@ def damp(e, singularity, dt, trusts, share):
         e.met[i] = e.floor[i] / e.damped[i]
         e.weakness[i] = 0.0 if regular else 1.0 - e.square[i] / max(e.floor[i], damping)
         worst = max(worst, e.weakness[i])
-    e.numbers[DAMPING], e.numbers[DEGRADED] = damping, worst
+    e.numbers[FAR], e.numbers[DEGRADED] = far, worst
 
 
 @plain

@@ -20,9 +20,9 @@ from qp_twist.kernel.dual_active_set import (
 )
 from qp_twist.kernel.edge_rows import (
     BEND,
-    DAMPING,
     DEGRADED,
     FADES,
+    FAR,
     FITTING,
     PASSED,
     REACH,
@@ -315,9 +315,9 @@ def relaxed_cost(e, c, goal, first, end, more, weight, H, linear):
 def _relaxed(w, e, short, largest, dt, tolerances):
     """The damped least squares of the task inside the limits; returns ``DONE`` or ``REFUSED``."""
     p, n, m = e.program, len(w.x), len(w.b)
-    size, damping = e.numbers[SIZE], e.numbers[DAMPING]
+    size, far = e.numbers[SIZE], e.numbers[FAR]
     more = BEND * size * short
-    weight = NULL_SHARE * excess(damping + BEND * size * short, size) / largest
+    weight = NULL_SHARE * excess(far + BEND * size * short, size) / largest
     for k in range(n):
         e.motion[k] = 0.0
     _begin_program(w, e, 1.0, 1.0)

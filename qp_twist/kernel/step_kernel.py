@@ -9,7 +9,7 @@ from qp_twist.kernel.bounds import bounds
 from qp_twist.kernel.closest_levels import closest_levels
 from qp_twist.kernel.compiling import plain
 from qp_twist.kernel.dual_active_set import cholesky, cholesky_inverse
-from qp_twist.kernel.edge_rows import BEND, SHORTENED, regular_from, stopping_share
+from qp_twist.kernel.edge_rows import SHORTENED, regular_from, stopping_share
 from qp_twist.kernel.largest_scale import scaled_program
 from qp_twist.kernel.null_space import null_space, right_singular, row_space
 from qp_twist.kernel.record import Floats, Integers, RecordType, reader
@@ -356,28 +356,19 @@ def forward_rows(g, forward):
 
 @plain
 def _surely_regular_from(g, w, dt):
-    """Singular value, m/rad or 1, from which on the rows are regular whatever their directions.
+    """Singular value, m/rad or 1, from which on the rows and the secondary are as stated.
 
-    σ² ≥ ℓ‖e‖ ≥ t and σ ≥ ‖A‖ ‖h‖ suffice (``qp.edge``), with Frobenius' norm for σ_max; the first
-    matters below σ₁, the second below 10 ε.
+    The rows are from σ₁ on, the secondary where σ ≥ ‖A‖ ‖h‖ or from 2 ε on (``qp.edge``), with
+    Frobenius' norm for σ_max.
     """
-    first = regular_from(g.settings.singularity)
-    square, speed, back, desired = 0.0, 0.0, 0.0, 0.0
-    forward_rows(g, w.levels.r)
+    square, desired = 0.0, 0.0
     for i in range(len(w.c)):
         desired += w.c[i] * w.c[i]
     for row in range(len(w.b)):
         for i in range(len(w.x)):
             square += w.A[row, i] * w.A[row, i]
-        speed += w.b[row] * w.b[row]
-        back += (w.b[row] - w.levels.r[row]) ** 2
-    size = math.sqrt(square)
-    clear = min(SHORTENED * g.settings.singularity, size * dt * math.sqrt(desired))
-    if not g.settings.trusts > 0.0:
-        return clear
-    if len(g.ends) == 1:
-        first = min(first, math.sqrt(BEND * dt * size * math.sqrt(max(speed, back))))
-    return max(first, clear)
+    clear = min(SHORTENED * g.settings.singularity, dt * math.sqrt(square * desired))
+    return max(regular_from(g.settings.singularity), clear) if g.settings.trusts > 0.0 else clear
 
 
 @plain

@@ -6,20 +6,22 @@ singular values cross. With :math:`\mathbf A = \sum\sigma_i u_i v_i^T`, a functi
 :math:`f(\mathbf A\mathbf A^T)` is :math:`\sum f(\sigma_i^2) u_i u_i^T`.
 
 **Damping.** Near the edge of the reach a singular value vanishes, and an error that the arm cannot
-remove would be divided by it again and again. The undamped step is kept while it is short beside
-the distance to the singularity; beyond, the square of the singular value is replaced by a bound
-that grows with the error:
+remove, or noise, would be divided by it again and again. From σ₁ on a direction is met as it is
+stated; below, the square of its singular value is replaced by a bound that grows with the error:
 
 .. math::
 
     \dot{\mathbf q} = \mathbf A^T\mathbf D^{-1}\mathbf b,\qquad
     \mathbf D = \max(\mathbf M + \ell r_l,\ t),\qquad
     \mathbf M = \max(\mathbf A\mathbf A^T,\ \varepsilon^2),\qquad
-    t = \ell\,\lVert w(\mathbf A\mathbf A^T)\,\mathbf e\rVert,\qquad
+    t = \max(\sigma_1^2,\ t_e),\quad
+    t_e = \ell\,\lVert w(\mathbf A\mathbf A^T)\,\mathbf e\rVert,\quad
     w(\mu) = \max(0,\, 1 - \mu/\sigma_1^2)^3
 
-ℓ, half the largest singular value, bounds how fast a small singular value changes with the joints;
-w leaves out directions with σ ≥ σ₁, so that a regular task has t = 0 and is exact. It grows with
+The share σ²/σ₁² of a small error is removed in one step: a target that stays is reached, with an
+error that falls by that share at every step, and noise of a target is smoothed over as many steps.
+ℓ, 0.6 of the largest singular value, bounds how fast a small singular value changes with the
+joints; w leaves out directions with σ ≥ σ₁, so that a far target damps none of them. It grows with
 the cube: below σ₁ a far target would otherwise be damped all at once, within less than one step. A
 damped direction moves by at most σ/ℓ in one step: not beyond the singularity. What damping leaves
 of the error,
@@ -71,17 +73,17 @@ from qp_twist.qp.singular import LostDirection
 from qp_twist.qp.verification import row_tolerance
 
 REGULAR = 0.05
-"""σ₁: singular value, m/rad or 1, from which on a direction is left alone; 50 ε if that is less,
-and 2 ε at least."""
+"""σ₁: singular value, m/rad or 1, from which on a direction is met as stated; 50 ε if that is
+less, and 2 ε at least."""
 NULL_SHARE = 0.3
 """Weight of the cost in the null space beside the damping of a relaxed task: what the limits keep
 from one joint is made up for by others as far as that is worth their motion."""
 
-BEND = 0.5
+BEND = 0.6
 """ℓ as a share of the largest singular value."""
 ROUNDING = 1e-9
 """Damping below this share of ℓ² is none."""
-SHORTENED = 10.0
+SHORTENED = 2.0
 """Multiple of ε below which the secondary is shortened."""
 RANK = 1e-12
 """Singular values below this share of the largest are no direction of the arm at all."""
@@ -105,7 +107,7 @@ class EdgeRows:
         nulls: Orthonormal basis of what this level and those above leave, (n, p').
         above: What the levels above do to the joints, outside N, (n,).
         threshold: ε, above 0.
-        trust: Whether t counts; without it a regular direction is met at any length.
+        trust: Whether t counts; without it directions from ε on are met as stated, at any length.
         braked: What is asked instead of b where the joints could not stop in time, (m,); t and what
             is weak follow from b.
         fitting: θ, share of the damped motion of weak directions that the limits allow beside that
@@ -174,11 +176,15 @@ class EdgeRows:
         whole = self.basis is None or self.basis.shape[1] == self.basis.shape[0]
         return BEND * self.size * (1.0 if whole else 2.0)
 
+    @property
+    def first(self) -> float:
+        """σ₁."""
+        return max(2.0 * self.threshold, min(REGULAR, 50.0 * self.threshold))
+
     @cached_property
     def weak(self) -> Array:
         """w(σ²), (m,): 1 at a singularity, 0 from σ₁ on."""
-        first = max(2.0 * self.threshold, min(REGULAR, 50.0 * self.threshold))
-        weak: Array = np.maximum(0.0, 1.0 - (self.sigma / first) ** 2) ** 3
+        weak: Array = np.maximum(0.0, 1.0 - (self.sigma / self.first) ** 2) ** 3
         return weak
 
     @cached_property
@@ -204,16 +210,21 @@ class EdgeRows:
         return float(self.sigma[-1]) if len(self.sigma) else np.inf
 
     @cached_property
-    def damping(self) -> float:
-        """t = ℓ ‖w e‖ at full speed, m²/rad² or 1."""
+    def far(self) -> float:
+        """t_e = ℓ ‖w e‖ at full speed, m²/rad² or 1."""
         if not self.trust:
             return 0.0
         return self.bend * self.dt * float(np.linalg.norm(self.weak * self.rate))
 
     @cached_property
+    def damping(self) -> float:
+        """t = max(σ₁², t_e), m²/rad² or 1."""
+        return max(self.first**2, self.far) if self.trust else 0.0
+
+    @property
     def regular(self) -> bool:
         """Whether the rows are met as they are stated, or at the share that braking leaves."""
-        return self.sigma_min >= self.threshold and self.sigma_min**2 >= self.damping
+        return self.sigma_min >= (self.first if self.trust else self.threshold)
 
     @cached_property
     def fades(self) -> bool:
@@ -330,8 +341,8 @@ class EdgeRows:
         return float(self.weakness.max(initial=0.0))
 
     def excess(self, short: float) -> float:
-        """t + ℓ r of a relaxed level; not less than rounding, so that its optimum is unique."""
-        return max(self.damping + self.bend * short, ROUNDING * self.size**2)
+        """t_e + ℓ r of a relaxed level; not less than rounding, so that its optimum is unique."""
+        return max(self.far + self.bend * short, ROUNDING * self.size**2)
 
     def relaxed(self, H: Array, c: Array, short: float) -> tuple[Array, Array]:
         """H and c of the damped least squares of this level and a share of the cost, (n, n), (n,).
@@ -361,7 +372,7 @@ def longest_secondary(rows: EdgeRows) -> float:
 
     .. math::
 
-        \frac{\max(\sigma, \varepsilon)}{\sigma_{max}\,(1 - \sigma^2/(10\,\varepsilon)^2)_+}
+        \frac{\max(\sigma, \varepsilon)}{\sigma_{max}\,(1 - \sigma^2/(2\,\varepsilon)^2)_+}
 
     with σ the smallest singular value. A secondary objective that left the region where directions
     fade in one step would be called back in the next.

@@ -176,7 +176,7 @@ def test_what_overflows_is_refused_without_warnings(gain: float) -> None:
     ("name", "value"),
     [
         ("joint_weight", 0.0), ("joint_weight", np.inf), ("joint_weight", "a"),
-        ("singularity", np.inf), ("singularity", None), ("metric", np.ones(3)),
+        ("singularity", np.inf), ("singularity", "no"), ("metric", np.ones(3)),
         ("metric", np.zeros(6)), ("metric", None),
     ],
 )  # fmt: skip

@@ -85,10 +85,12 @@ def test_the_damped_inverse_is_a_function_of_the_matrix_alone(seed: int) -> None
     A, e = weak_rows(rng)
     values, vectors = np.linalg.eigh(A @ A.T)
     share = np.maximum(0.0, 1.0 - values / 0.05**2) ** 3
-    half = 0.5 * np.linalg.norm(A, 2)
-    t = half * np.linalg.norm(share * (vectors.T @ e))
+    bend = 0.6 * np.linalg.norm(A, 2)
+    t = 0.0
+    if values[0] < 0.05**2:
+        t = max(0.05**2, bend * np.linalg.norm(share * (vectors.T @ e)))
     M = np.maximum(values, EPSILON**2)
-    left = half * np.linalg.norm(np.maximum(0.0, 1.0 - M / max(t, 1e-300)) * (vectors.T @ e))
+    left = bend * np.linalg.norm(np.maximum(0.0, 1.0 - M / max(t, 1e-300)) * (vectors.T @ e))
     D = vectors @ np.diag(np.maximum(M + left, t)) @ vectors.T
     expected = A.T @ np.linalg.solve(D, e)
     size = 1.0 + np.abs(expected).max()
@@ -117,7 +119,7 @@ def test_it_changes_no_faster_than_is_proved(seed: int) -> None:
     assert change <= bound * (1.0 + 1e-6) + 1e-12
     # And t itself: ℓ and w are Lipschitz.
     size = max(np.linalg.norm(A, 2), np.linalg.norm(A + dA, 2))
-    steep = 0.5 * turned * longest + 0.5 * size * (
+    steep = 0.6 * turned * longest + 0.6 * size * (
         6.0 * size * turned * longest / 0.05**2 + np.linalg.norm(de)
     )
     assert abs(after.damping - before.damping) <= steep * (1.0 + 1e-6) + 1e-15
@@ -310,12 +312,42 @@ def test_a_regular_task_is_exact(seed: int) -> None:
     np.testing.assert_allclose(step.velocity, expected, atol=1e-9 * (1 + np.abs(expected).max()))
 
 
-def test_close_to_the_edge_a_short_step_is_exact() -> None:
-    """A weak direction, and an error that one step may remove there."""
-    step = planar_step(0.15, -1e-4, "relax", side=0.0)
-    assert step.status is qt.Status.SOLVED
+@pytest.mark.parametrize("mode", ["scale", "relax"])
+def test_a_small_error_in_a_weak_direction_falls_by_the_stated_share(mode: str) -> None:
+    """σ²/σ₁² of it in a step, and all of the rest: the error of a target that stays vanishes."""
+    step = planar_step(0.15, -1e-4, mode, side=0.0)
     assert 0.01 < step.sigma_min < 0.05
-    np.testing.assert_allclose(step.residuals[0], 0.0, atol=1e-8)
+    kept = (step.sigma_min / 0.05) ** 2
+    asked = 1e-4 / DT
+    assert step.status is qt.Status.DEGRADED
+    (weak,) = step.lost
+    assert weak.share == pytest.approx(kept, rel=1e-6)
+    missing = abs(float(weak.direction @ step.residuals[0]))
+    assert missing == pytest.approx((1.0 - kept) * asked, rel=1e-2)  # almost all of it is weak
+    assert np.linalg.norm(step.residuals[0]) == pytest.approx(missing, rel=1e-2)
+
+
+def test_noise_of_a_target_inside_the_edge_is_not_amplified() -> None:
+    """0.1 mm of it two millimetres inside, at 200 Hz: joints keep their direction, and the error."""
+    model, rng = planar_arm([0.42, 0.4]), np.random.default_rng(5)
+    configuration = mink.Configuration(model, np.array([0.0, 0.14]))
+    plane = qt.TwistProjector(linear=qt.Projector.plane([0, 0, 1]), angular=qt.Projector.none())
+    task = qt.TwistTask("tip", "site", plane)
+    tip = configuration.get_transform_frame_to_world("tip", "site").translation()
+    assert 0.001 < 0.82 - np.linalg.norm(tip) < 0.003
+    limit = qt.MotionLimit(model, velocity=FASTEST)
+    controller = qt.Controller(model, [task], limits=[limit])
+    velocities = []
+    for k in range(600):
+        noise = 1e-4 * rng.normal(size=2) * (k < 400)
+        task.set_target(mink.SE3.from_translation(tip + np.append(noise, 0.0)))
+        velocities.append(controller.step(configuration, DT).velocity)
+        configuration.integrate_inplace(velocities[-1], DT)
+    v = np.array(velocities)
+    reversals = (v[1:] * v[:-1] < 0.0) & (np.minimum(abs(v[1:]), abs(v[:-1])) > 0.3)
+    assert reversals.sum() == 0
+    left = configuration.get_transform_frame_to_world("tip", "site").translation() - tip
+    assert np.linalg.norm(left) < 1e-9
 
 
 @pytest.mark.parametrize("part", range(4))
@@ -906,7 +938,7 @@ def test_a_secondary_leads_out_of_the_singularity() -> None:
         ({}, "smooth", False),
         ({"smooth": False}, "smooth", True),
         ({}, "singularity", 0.0),
-        ({"singularity": 0.0}, "singularity", 1e-3),
+        ({"singularity": 0.0}, "singularity", 5e-3),
         ({}, "braking", False),
         ({"acceleration": np.inf}, "max_acceleration", np.full(7, 5.0)),
         ({"velocity": np.inf, "acceleration": np.inf}, "max_velocity", np.full(7, 1.0)),
@@ -928,7 +960,7 @@ def test_settings_that_change_between_two_steps_are_those_of_the_next(
             on_infeasible=mode, **before,  # type: ignore[arg-type]
         )  # fmt: skip
         near, stretched = (
-            mink.Configuration(SEVEN, q) for q in (HOME, HOME * [0, 1, 0, 0.02, 0, 0.2, 0])
+            mink.Configuration(SEVEN, q) for q in (HOME, HOME * [0, 1, 0, 0.04, 0, 0.2, 0])
         )
         result = []
         for change in (False, True):

@@ -16,7 +16,7 @@ from qp_twist.qp import regular_rows
 Array = npt.NDArray[np.float64]
 SEEDS = st.integers(0, 10**6)
 PLANE = qt.TwistProjector(linear=qt.Projector.plane([0, 0, 1]), angular=qt.Projector.none())
-EPSILON = 1e-3
+EPSILON = 5e-3
 TWO_LINKS = planar_arm([0.5, 0.4])
 
 
@@ -353,4 +353,4 @@ def test_a_straight_wrist_loses_one_direction_of_the_full_pose(q5: float) -> Non
         lost = int((sigma < EPSILON).sum())
         assert len(step.lost) == lost
         assert step.status is (qt.Status.DEGRADED if lost else qt.Status.SOLVED)
-        assert lost == (1 if name == "full" and q5 < 2e-3 else 0)
+        assert lost == (1 if name == "full" and q5 < 0.02 else 0)
