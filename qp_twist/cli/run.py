@@ -27,7 +27,7 @@ from qp_twist.cli.progress import load_machine_code, method_progress, working
 from qp_twist.comparison import compare, metrics
 from qp_twist.errors import InvalidInput
 from qp_twist.following import Trajectory
-from qp_twist.paths import DEFAULT_METHOD, PathTask, check_method
+from qp_twist.paths import DEFAULT_METHOD, PathTask, check_method, in_joint_moves
 from qp_twist.pictures.style import pair_of
 from qp_twist.trajectories import ENDINGS, TimedTrajectory, check_program, run_task
 
@@ -122,7 +122,7 @@ def run(
         }
         if timed is not None and path_task.durations is not None:
             facts["seconds"] = float(timed.times[-1])
-            facts["seconds_at_feed"] = float(path_task.durations.sum())
+            facts["seconds_at_feed"] = path_task.feed_time
         print(json.dumps({**facts, "check": check.to_dict()}, ensure_ascii=False, indent=2))
     if not check.passes:
         fail(f"{out}: {check.verdict}")
@@ -140,7 +140,10 @@ def _timing(timed: TimedTrajectory | None, rows: Trajectory) -> list[str]:
         )
     if timed.limits.accelerations_of:
         lines.append(f"accelerations: {timed.limits.accelerations_of}")
-    lines.append(f"{timed.times[-1]:.4g} s; {rows.path_task.durations.sum():.4g} s at the feed")
+    lines.append(f"{timed.times[-1]:.4g} s; {rows.path_task.feed_time:.4g} s at the feed")
+    moves = in_joint_moves(timed.trajectory.path_task, len(timed.q))
+    if moves.any():
+        lines[-1] += f", and {timed.durations[moves].sum():.4g} s of it in joint moves"
     lines += [f"slower at {stretch}" for stretch in timed.slowed[:_STRETCHES]]
     if len(timed.slowed) > _STRETCHES:
         lines.append(f"slower at {len(timed.slowed) - _STRETCHES} more stretches")

@@ -12,9 +12,18 @@ from qp_twist.checks import Array, instance
 from qp_twist.errors import InvalidInput
 from qp_twist.following.planned import plan as plan_path
 from qp_twist.following.planned import with_start
+from qp_twist.following.stretches import follow_stretches
 from qp_twist.following.trajectory import Trajectory
 from qp_twist.following.walk import walk
-from qp_twist.paths import DEFAULT_METHOD, METHODS, MethodSettings, PathTask, check_method
+from qp_twist.paths import (
+    DEFAULT_METHOD,
+    METHODS,
+    MethodSettings,
+    PathTask,
+    check_method,
+    via_points,
+    without_via_points,
+)
 from qp_twist.planning import Plan
 from qp_twist.planning.manifold_net import BOUNDED
 from qp_twist.planning.path_rows import PathRows
@@ -46,6 +55,11 @@ def follow(
     Where the task's projector changes (:class:`~qp_twist.Segment`), the first iteration blends from
     one to the other, and the others correct the rows common to both.
 
+    Where the task has joint moves, each stretch between them is followed by itself, from the start
+    to which the joints move soonest of those from which the method keeps the stretch. The rows of
+    the joint moves, found and proven by ``planning.JointMoves``, are via points of the trajectory's
+    ``path_task``.
+
     Args:
         path_task: The task, from :func:`~qp_twist.load_task`.
         method: One of the method names; ``"qp_gradient"`` if none is given, the joint-space QP.
@@ -73,11 +87,13 @@ def follow(
         UnknownSolver: If the backend is not installed.
     """
     instance("follow(path_task, …)", path_task, PathTask)
+    path_task = without_via_points(path_task)
     if plan is not None:
         instance("follow(plan=…)", plan, Plan)
-        if len(plan.motion()) != len(path_task.waypoints):
+        planned = int((~via_points(plan.path_task)).sum()) if plan.q is not None else 0
+        if plan.motion() is not None and planned != len(path_task.waypoints):
             raise InvalidInput(
-                f"follow(plan=…): the plan has {len(plan.motion())} waypoints, the path "
+                f"follow(plan=…): the plan has {planned} waypoints, the path "
                 f"{len(path_task.waypoints)}; plan this path."
             )
     for name, function in (("progress", progress), ("stop", stop), ("planning", planning)):
@@ -96,13 +112,13 @@ def follow(
         if plan is None:
             plan = plan_path(path_task, settings.objective, path_task.start, progress=planning)
             interrupted = plan if plan.interrupted else None
-        motion = plan.motion()
+        motion = plan.motion()[~via_points(plan.path_task)]
         # With more than three free degrees the bound knows too few local optima.
         free = int(PathRows(path_task).freedom.max())
         of_z = plan.objective == "centering" and not plan.joint_weights
-        bound = plan.bound if of_z and free <= BOUNDED else None
+        bound = plan.bound if of_z and free <= BOUNDED and not path_task.joint_moves else None
         path_task = dataclasses.replace(path_task, start=motion[0])
-    trajectory = walk(
+    trajectory = (follow_stretches if path_task.joint_moves else walk)(
         path_task,
         method,
         settings,

@@ -97,7 +97,7 @@ def find_starts(
     instance("find_starts(path_task, …)", path_task, PathTask)
     whole_number("find_starts(count=…)", count, at_least=1)
     found: list[FoundStart] = []
-    candidates = _chosen(central_starts(path_task), count)
+    candidates = chosen_starts(central_starts(path_task), count)
     for number, start in enumerate(_tried(path_task, candidates, check_method(method), runs)):
         found.append(start)
         if progress is not None:
@@ -107,7 +107,7 @@ def find_starts(
     return sorted(found, key=lambda start: (-start.reached, start.z))
 
 
-def _chosen(found: Sequence[CentralConfiguration], count: int) -> list[CentralConfiguration]:
+def chosen_starts(found: Sequence[CentralConfiguration], count: int) -> list[CentralConfiguration]:
     """The best of every branch, then the second of every branch, and so on."""
     seen: dict[int | None, int] = {}
     places = []

@@ -10,10 +10,13 @@ import numpy.typing as npt
 
 from qp_twist.checks import Array, finite_array, instance
 from qp_twist.errors import InvalidInput
+from qp_twist.following.planned_stretches import plan_stretches
 from qp_twist.following.walk import walk
 from qp_twist.kernel import COMPILED
-from qp_twist.paths import DEFAULT_METHOD, PathTask, check_method
+from qp_twist.kinematics import JointRanges
+from qp_twist.paths import DEFAULT_METHOD, PathTask, check_method, without_via_points
 from qp_twist.planning import Plan, central_starts, make_plan
+from qp_twist.planning.objective import Objective
 from qp_twist.planning.starts import corrected_start
 
 SEED_METHODS = (DEFAULT_METHOD, "qp_minimum_norm")
@@ -73,6 +76,12 @@ def plan(
         A plan with its motion, value, bound and certificate. If there is no motion, nothing is
         raised; the certificate has the reason.
 
+    Where the task has joint moves, each stretch between them is planned by itself, and joint moves
+    are searched between its plans (``planning.JointMoves``), whose rows are via points of the
+    plan's ``path_task``. Mean z is that of the waypoints, travel and margin count joint moves, too;
+    the branch may change on them. If the stretch's best plan cannot be reached, plans from other
+    starts on its first waypoint are tried.
+
     Ctrl-C ends the search. If it has found a motion by then, the best one is returned, with
     ``interrupted`` and with its bound, which takes some seconds more (Ctrl-C once more leaves the
     bound out).
@@ -103,7 +112,14 @@ def plan(
             return [run for run in found if run is not None]
         return [np.vstack([start[None], run[1:]]) for run in found if run is not None]
 
-    return make_plan(path_task, objective, first, max_step_deg, runs, progress, joint_weights)
+    def planned(task: PathTask, start: Array | None) -> Plan:
+        return make_plan(task, objective, start, max_step_deg, runs, progress, joint_weights)
+
+    path_task = without_via_points(path_task)
+    if path_task.joint_moves:
+        goal = Objective.of(JointRanges.of(path_task.model), objective, joint_weights)
+        return plan_stretches(path_task, goal, first, planned)
+    return planned(path_task, first)
 
 
 def whole_plan(

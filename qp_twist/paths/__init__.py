@@ -9,6 +9,12 @@ from .arcs import ARC_ERROR as ARC_ERROR
 from .assemble import SAME_DIRECTION as SAME_DIRECTION
 from .assemble import SAME_POINT as SAME_POINT
 from .assemble import unit_question as unit_question
+from .joint_moves import in_joint_moves as in_joint_moves
+from .joint_moves import stretch_task as stretch_task
+from .joint_moves import stretches as stretches
+from .joint_moves import via_points as via_points
+from .joint_moves import with_via_points as with_via_points
+from .joint_moves import without_via_points as without_via_points
 from .methods import DEFAULT_METHOD as DEFAULT_METHOD
 from .methods import METHODS as METHODS
 from .methods import Method as Method

@@ -38,6 +38,7 @@ class FileWaypoints:
         toolpath: The file as read.
         feeds: Feeds of the file for the motion to each waypoint, m/s, (N,), NaN without one;
             ``None`` if the file has none, or they are not used.
+        joint_moves: Indices of the waypoints that a joint move leads to.
     """
 
     positions: Array
@@ -47,6 +48,7 @@ class FileWaypoints:
     parts: tuple[Part, ...]
     toolpath: Toolpath
     feeds: Array | None
+    joint_moves: tuple[int, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,6 +57,8 @@ class _Piece:
 
     part: Part
     curve: Curve
+    by_joint_move: bool = False
+    """Whether a joint move leads to its first waypoint."""
 
 
 def file_waypoints(
@@ -106,10 +110,12 @@ def file_waypoints(
         placed = _placed(read, turn, origin)
         more = _of_curve(section, placed, held, toolpath)
         if keeps:
-            _extend(pieces, _ways(section, placed.before, more[0].curve, held, toolpath), section)
-        _extend(pieces, more, section)
+            for way in _ways(section, placed.before, more[0].curve, held, toolpath, pieces):
+                _extend(pieces, [way], section)
+        _extend(pieces, more, section, between_curves=not keeps)
         if keeps:
-            _extend(pieces, _ways(section, placed.after, more[-1].curve, held, toolpath), section)
+            for way in _ways(section, placed.after, more[-1].curve, held, toolpath, []):
+                _extend(pieces, [way], section)
     _refuse_too_many(pieces, toolpath, section)
     curve = _joined(pieces)
     if len(curve) < 2:
@@ -122,6 +128,7 @@ def file_waypoints(
         parts=tuple(piece.part for piece in pieces for _ in range(len(piece.curve))),
         toolpath=toolpath,
         feeds=curve.feeds if section.feeds == "file" else None,
+        joint_moves=_joint_moves(pieces),
     )
 
 
@@ -231,10 +238,27 @@ def _placed(curve: Curve, turn: Array, origin: Array) -> Curve:
     )
 
 
+def _joint_moves(pieces: list[_Piece]) -> tuple[int, ...]:
+    """Indices of the waypoints that a joint move leads to."""
+    begins = np.cumsum([0, *(len(piece.curve) for piece in pieces)])
+    return tuple(
+        int(begin) for begin, piece in zip(begins, pieces, strict=False) if piece.by_joint_move
+    )
+
+
 def _ways(
-    section: FilePath, way: Curve | None, beside: Curve, held: Array, toolpath: Toolpath
+    section: FilePath,
+    way: Curve | None,
+    beside: Curve,
+    held: Array,
+    toolpath: Toolpath,
+    already: list[_Piece],
 ) -> list[_Piece]:
-    """The rapid points of the file before or after a curve, as a transfer."""
+    """The rapid points of the file before or after a curve, as transfers.
+
+    Of the points between two curves (there are pieces ``already``) a joint move replaces all but
+    the first one, to which the tool retreats, and the last, from which it approaches.
+    """
     if way is None:
         return []
     way = replace(way, feeds=None)
@@ -242,6 +266,9 @@ def _ways(
         way = replace(way, vectors=None, rotations=np.broadcast_to(held, (len(way), 3, 3)))
     elif way.vectors is not None and section.tool == "into":
         way = replace(way, vectors=-way.vectors)
+    if section.joint_moves and already and len(way) > 1:
+        ends = _Piece("transfer", way.part([0])), _Piece("transfer", way.part([-1]), True)
+        return list(ends)
     try:
         return [_Piece("transfer", resampled(way, section.sampling()))]
     except InvalidInput as error:
@@ -303,8 +330,10 @@ def _lead(curve: Curve, end: Literal[0, -1], away: Array, table: LeadTable) -> C
     return replace(curve.part(index), positions=points[:-1] if end == 0 else points[1:], feeds=None)
 
 
-def _extend(pieces: list[_Piece], more: list[_Piece], section: FilePath) -> None:
-    """Add the parts of a curve, after a transfer to the first of them."""
+def _extend(
+    pieces: list[_Piece], more: list[_Piece], section: FilePath, *, between_curves: bool = False
+) -> None:
+    """Add the parts of a curve, after a transfer or a joint move to the first of them."""
     if pieces and more:
         last, first = pieces[-1].curve, more[0].curve
         ends = replace(
@@ -317,8 +346,11 @@ def _extend(pieces: list[_Piece], more: list[_Piece], section: FilePath) -> None
         )
         if _same(last, first):
             # No distance and no time: use the point once.
-            more[0] = replace(more[0], curve=first.part(np.arange(1, len(first))))
-        else:
+            rest = first.part(np.arange(1, len(first)))
+            more[0] = replace(more[0], curve=rest, by_joint_move=False)
+        elif between_curves and section.joint_moves:
+            more[0] = replace(more[0], by_joint_move=True)
+        elif not more[0].by_joint_move:
             way = resampled(ends, section.sampling())
             pieces.append(_Piece("transfer", way.part(np.arange(1, len(way) - 1))))
     pieces += [piece for piece in more if len(piece.curve)]

@@ -89,11 +89,24 @@ class LeadTable(OwnProjector):
 
 
 class TransferTable(OwnProjector):
-    """The straight transfer from one curve to the next."""
+    """The transfer from one curve to the next."""
 
+    motion: Literal["straight", "joint"] = Field(
+        default="straight",
+        description="straight lines of the tool, or a motion of the joints that touches nothing",
+    )
     blend: Annotated[int, Field(ge=0, le=100_000)] = Field(
         default=0, description="its last waypoints, over which the projector changes to the next"
     )
+
+    @model_validator(mode="after")
+    def _no_path_between(self) -> Self:
+        if self.motion == "joint" and (self.linear is not None or self.blend):
+            raise ValueError(
+                'motion = "joint" follows no path, so that no projector holds on it; leave out '
+                "linear, angular and blend"
+            )
+        return self
 
 
 class FilePath(Section):
@@ -137,6 +150,20 @@ class FilePath(Section):
                 ' and [path.retreat], or say rapids = "drop"'
             )
         return self
+
+    @model_validator(mode="after")
+    def _joint_moves_have_ends(self) -> Self:
+        if self.rapids == "drop" and self.joint_moves and not (self.approach and self.retreat):
+            raise ValueError(
+                'motion = "joint" in [path.transfer] begins and ends away from the part; add '
+                '[path.retreat] and [path.approach], or say rapids = "keep"'
+            )
+        return self
+
+    @property
+    def joint_moves(self) -> bool:
+        """Whether the tool gets from one curve to the next by joint moves."""
+        return self.transfer is not None and self.transfer.motion == "joint"
 
     def sampling(self) -> Sampling:
         """How waypoints are placed."""

@@ -27,7 +27,12 @@ from qp_twist.geometry.projector import SAME_DIRECTION
 from qp_twist.kinematics import JointRanges, ToleranceBand, TwistTask, frame_pose
 from qp_twist.paths.methods import METHODS, MethodSettings
 from qp_twist.paths.orientation import poses
-from qp_twist.paths.segment import Segment, check_segments, projectors_in_force
+from qp_twist.paths.segment import (
+    Segment,
+    check_joint_moves,
+    check_segments,
+    projectors_in_force,
+)
 from qp_twist.paths.task_schema import IterationSection, StudySection
 from qp_twist.paths.toolpath import Lines, Toolpath
 from qp_twist.paths.turning import transported
@@ -59,7 +64,8 @@ class PathTask:
         roll_normal: Normal of the roll rule's plane, in the world, (3,); ``None`` without a rule.
         study: What a study varies, and its criterion of success, if the task file has a
             ``[study]``.
-        durations: Time for each waypoint, s, (N,); the first is 0; ``None`` for an untimed path.
+        durations: Time for each waypoint, s, (N,); the first is 0; ``None`` for an untimed path. A
+            joint move may take any time: 0 asks for none.
         velocity_limits: Largest joint speeds, rad/s or m/s, (nv,); ∞ without a limit.
         acceleration_limits: Largest joint accelerations, rad/s² or m/s², (nv,); ∞ likewise.
         iteration: Tolerances and step clamps.
@@ -72,10 +78,13 @@ class PathTask:
         toolpath: The toolpath file as read, if the path is from one.
         lines: Line of that file at or before each waypoint, (N,).
         from_start: Which part of the waypoints' orientation is taken from the start.
+        joint_moves: Indices, from 0, of the waypoints that a joint move leads to: from the waypoint
+            before, the joints move as they like, inside limits and constraints; no path holds. A
+            waypoint between two joint moves is a via point of one motion.
 
     Raises:
-        InvalidInput: If the segments do not fit the waypoints, the robot or each other, or a
-            constraint cannot be evaluated on a path.
+        InvalidInput: If the segments or joint moves do not fit the waypoints, the robot or each
+            other, or a constraint cannot be evaluated on a path.
     """
 
     name: str
@@ -105,10 +114,12 @@ class PathTask:
     toolpath: Toolpath | None = None
     lines: Lines | None = None
     from_start: FromStart = "nothing"
+    joint_moves: tuple[int, ...] = ()
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "constraints", self._with_those_of_the_model())
         check_segments(self.operational, self.projector, self.segments, len(self.waypoints))
+        check_joint_moves(self.joint_moves, self.segments, len(self.waypoints))
 
     def _with_those_of_the_model(self) -> tuple[Constraint, ...]:
         """The constraints that were passed, and couplings and clearance of the current model.
@@ -164,6 +175,15 @@ class PathTask:
     def projectors(self) -> tuple[TwistProjector, ...]:
         """The projectors of the path, in its order: ``projector``, then those of the segments."""
         return (self.projector, *(segment.projector for segment in self.segments))
+
+    @property
+    def feed_time(self) -> float | None:
+        """Time of the path at the feed, s, joint moves not counted; ``None`` without a feed."""
+        if self.durations is None:
+            return None
+        along = np.ones(len(self.durations), dtype=bool)
+        along[list(self.joint_moves)] = False
+        return float(self.durations[along].sum())
 
     @cached_property
     def in_force(self) -> tuple[TwistProjector, ...]:

@@ -83,3 +83,27 @@ def check_segments(
                 "would be held in the blend; leave it out, or put a segment in between."
             )
         before = segment.projector
+
+
+def check_joint_moves(joint_moves: Sequence[int], segments: Sequence[Segment], count: int) -> None:
+    """Refuse joint moves that do not fit the path.
+
+    Raises:
+        InvalidInput: If they are not increasing indices of waypoints after the first one, or one
+            leads into a blend, whose rows would change on a stretch without a path.
+    """
+    instance("joint_moves", joint_moves, tuple)
+    for index in joint_moves:
+        instance("joint_moves", index, int)
+    if list(joint_moves) != sorted(set(joint_moves)) or not all(0 < k < count for k in joint_moves):
+        raise InvalidInput(
+            f"joint_moves: expected increasing indices of waypoints from 1 to {count - 1}, got "
+            f"{joint_moves}."
+        )
+    for segment in segments:
+        inside = [k for k in joint_moves if segment.first <= k < segment.first + segment.blend]
+        if inside:
+            raise InvalidInput(
+                f"joint_moves: a joint move leads to waypoint {inside[0] + 1}, inside the blend "
+                f"from waypoint {segment.first + 1} on; begin the blend after it."
+            )

@@ -213,6 +213,7 @@ def _build(path: Path, file: TaskFile) -> PathTask:
         toolpath=toolpath,
         lines=None if built.read is None else built.read.lines,
         from_start=built.from_start,
+        joint_moves=built.joint_moves,
     )
 
 
@@ -281,6 +282,11 @@ class _Waypoints(NamedTuple):
     segments: tuple[Segment, ...]
     read: FileWaypoints | None = None
     from_start: FromStart = "nothing"
+
+    @property
+    def joint_moves(self) -> tuple[int, ...]:
+        """Indices of the waypoints that a joint move leads to."""
+        return () if self.read is None else self.read.joint_moves
 
 
 def _waypoints(
@@ -391,14 +397,16 @@ def _pose_rotation(pose: Any) -> Array:
 def _durations(path: Path, file: TaskFile, built: _Waypoints) -> tuple[Array | None, list[str]]:
     """Time for each waypoint, s, (N,), and notes about it.
 
-    The slower of the linear and the angular feed counts. The linear feed is that of the toolpath;
-    where it has none, ``feed.speed``; and without [feed] that of the nearest section.
+    The slower of the linear and the angular feed counts; a joint move has the time 0. The linear
+    feed is that of the toolpath; where it has none, ``feed.speed``; and without [feed] that of the
+    nearest section.
     """
     feed = file.feed
     of_file = None if built.read is None else built.read.feeds
     if feed is not None and feed.dt is not None:
         notes = ["the feeds in the file are not used: feed.dt is the time of every waypoint."]
         durations = np.concatenate([[0.0], np.full(len(built.positions) - 1, feed.dt)])
+        durations[list(built.joint_moves)] = 0.0
         return durations, notes if of_file is not None else []
     if feed is None and of_file is None:
         return None, []
@@ -419,7 +427,7 @@ def _durations(path: Path, file: TaskFile, built: _Waypoints) -> tuple[Array | N
         pairs = itertools.pairwise(built.rotations)
         turns = [np.linalg.norm(rotation_vector(b @ a.T)) for a, b in pairs]
         durations[1:] = np.maximum(durations[1:], turns / np.radians(feed.angular_speed_deg))
-    standing = np.flatnonzero(durations[1:] <= 0.0)
+    standing = np.setdiff1d(np.flatnonzero(durations <= 0.0)[1:], built.joint_moves) - 1
     if len(standing):
         raise TaskFileError(
             f"{path}: feed: waypoints {standing[0] + 1} and {standing[0] + 2} are at the same "
@@ -428,6 +436,7 @@ def _durations(path: Path, file: TaskFile, built: _Waypoints) -> tuple[Array | N
         )
     if not np.isfinite(durations).all():
         raise TaskFileError(f"{path}: feed: it is so low that the path takes no finite time.")
+    durations[list(built.joint_moves)] = 0.0  # as fast as the joints may
     return durations, []
 
 
@@ -438,7 +447,14 @@ def _between_curves(path: Path, built: _Waypoints) -> npt.NDArray[np.bool_]:
             f'{path}: feed.rapid is for the ways between the curves of a path of kind "file"; this '
             "path has none. Leave it out."
         )
-    return np.array([part == "transfer" for part in built.read.parts])
+    between = np.array([part == "transfer" for part in built.read.parts])
+    between[list(built.joint_moves)] = False
+    if built.joint_moves and not between.any():
+        raise TaskFileError(
+            f"{path}: feed.rapid is for straight ways between the curves; here all are joint "
+            "moves, which are as fast as the joints' limits permit. Leave it out."
+        )
+    return between
 
 
 def _nearest_feeds(path: Path, read: FileWaypoints) -> Array:

@@ -4,6 +4,9 @@ from .central import CentralConfiguration as CentralConfiguration
 from .central import central_configurations as central_configurations
 from .central import least_mean_z as least_mean_z
 from .certificate import Certificate as Certificate
+from .joint_move import EFFORT as EFFORT
+from .joint_move import JointMoves as JointMoves
+from .joint_move import NoJointMove as NoJointMove
 from .plan import Plan as Plan
 from .plan import make_plan as make_plan
 from .plan import motion_limits as motion_limits

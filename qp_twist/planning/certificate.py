@@ -19,7 +19,8 @@ class Certificate:
             reach; ``"limits"``: waypoints with no configuration inside the joint limits;
             ``"band"``: waypoints with no configuration inside both the joint limits and the hard
             tolerance bands and constraints; ``"speed"``: two waypoints between which every
-            connection breaks the speed limits. If there is a ``detail``, ``"band"`` and
+            connection breaks the speed limits; ``"move"``: two waypoints between which no joint
+            move was found, which is not a proof. If there is a ``detail``, ``"band"`` and
             ``"speed"`` name only what the best motion found violates; this is not a proof.
         waypoints: The waypoints concerned, counted from 1; at most twelve that are out of reach or
             outside the limits.
@@ -33,7 +34,7 @@ class Certificate:
         bands: The hard bands and the constraints that exclude a motion, by number and repr.
     """
 
-    kind: Literal["path", "unreachable", "limits", "band", "speed"]
+    kind: Literal["path", "unreachable", "limits", "band", "speed", "move"]
     grid: Grid
     waypoints: tuple[int, ...] = ()
     joints: tuple[str, ...] = ()
@@ -63,6 +64,8 @@ class Certificate:
             case "speed" if not self.detail:
                 text = f"between {where} every connection breaks the speed limits"
                 text += f", of {joints} at least" if joints else ""
+            case "move":
+                text = f"between {where} no joint move was found"
             case "speed":
                 text = "no motion was found that keeps the speed limits"
         text += f" ({self.grid})"

@@ -18,6 +18,7 @@ from .joint_motion import State as State
 from .motion_limits import RAMP_S as RAMP_S
 from .motion_limits import MotionLimits as MotionLimits
 from .motion_limits import motion_limits as motion_limits
+from .motion_limits import speeds_or_default as speeds_or_default
 from .motion_limits import with_default_accelerations as with_default_accelerations
 from .motion_limits import with_stated_accelerations as with_stated_accelerations
 from .path_errors import PROVEN as PROVEN

@@ -10,7 +10,7 @@ import numpy as np
 from qp_twist.checks import Array
 from qp_twist.errors import InvalidInput
 from qp_twist.kinematics import JointRanges
-from qp_twist.paths import PathTask
+from qp_twist.paths import PathTask, in_joint_moves
 from qp_twist.referee.joint_motion import JointMotion
 from qp_twist.referee.motion_limits import MotionLimits, motion_limits
 from qp_twist.referee.path_errors import PROVEN, PathErrors, path_errors
@@ -185,8 +185,18 @@ def _fastest(path_task: PathTask, passing: Passing) -> Array | None:
     """Largest progress between a waypoint and the next, 1/s, (N − 1,)."""
     if path_task.durations is None or not passing.timed:
         return None
-    most: Array = _rushed(passing) / path_task.durations[1 : len(passing.times)]
+    durations = _at_feed(path_task, len(passing.times))
+    with np.errstate(divide="ignore"):
+        most: Array = _rushed(passing) / durations
     return most
+
+
+def _at_feed(path_task: PathTask, count: int) -> Array:
+    """Times between waypoints at the feed, s, (count − 1,); 0 of joint moves."""
+    assert path_task.durations is not None
+    moves = in_joint_moves(path_task, count)
+    durations: Array = np.where(moves, 0.0, path_task.durations[1:count])
+    return durations
 
 
 def _rushed(passing: Passing) -> float:
@@ -389,7 +399,7 @@ def _of_feed(path_task: PathTask, errors: PathErrors, passing: Passing) -> list[
     times = passing.times
     if path_task.durations is None or len(times) < 2:
         return []
-    durations = path_task.durations[1 : len(times)]
+    durations = _at_feed(path_task, len(times))
     took = np.maximum(np.diff(times), CLOCK)  # a motion at rest may meet two waypoints at once
     use = durations / took
     k = int(np.argmax(use))
@@ -399,7 +409,14 @@ def _of_feed(path_task: PathTask, errors: PathErrors, passing: Passing) -> list[
     slow = exceeded.any() or errors.rate_kept.all()
     j = int(np.argmax(between if slow else ~errors.rate_kept))
     total = float(times[-1] - times[0])
-    at_feed = f"whole path, {float(path_task.durations.sum()):.4g} s at the feed"
+    at_feed = f"whole path, {float(durations.sum()):.4g} s at the feed"
+    moves = in_joint_moves(path_task, len(times))
+    in_the_air: list[Finding] = []
+    if moves.any():
+        count = int(moves[0]) + int((moves[1:] & ~moves[:-1]).sum())
+        many = f"{count} joint moves" if count > 1 else "1 joint move"
+        air = float(np.diff(times)[moves].sum())
+        in_the_air = [Finding("time of joint moves", air, None, "s", many, True)]
     return [
         Finding("feed", 100.0 * float(use[k]), 100.0, "%", f"waypoints {k + 1} to {k + 2}", passes),
         Finding(
@@ -411,4 +428,5 @@ def _of_feed(path_task: PathTask, errors: PathErrors, passing: Passing) -> list[
             bool(errors.rate_kept.all() and not exceeded.any()),
         ),
         Finding("time", total, None, "s", at_feed, True),
+        *in_the_air,
     ]

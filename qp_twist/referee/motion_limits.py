@@ -67,9 +67,15 @@ def with_default_accelerations(limits: MotionLimits, ranges: JointRanges) -> Mot
 
     A joint without a known speed counts as one of π rad/s or 1 m/s.
     """
+    accelerations = speeds_or_default(limits, ranges) / RAMP_S
+    return limits.filled(accelerations, f"the default: full speed within {RAMP_S:g} s")
+
+
+def speeds_or_default(limits: MotionLimits, ranges: JointRanges) -> Array:
+    """The largest speeds of the joints, π rad/s and 1 m/s where none is known, (nv,)."""
     unknown = np.array([_SPEED.get(unit, 1.0) for unit in ranges.units])
-    speeds = np.where(np.isfinite(limits.velocity), limits.velocity, unknown)
-    return limits.filled(speeds / RAMP_S, f"the default: full speed within {RAMP_S:g} s")
+    speeds: Array = np.where(np.isfinite(limits.velocity), limits.velocity, unknown)
+    return speeds
 
 
 def with_stated_accelerations(

@@ -15,7 +15,7 @@ from qp_twist.checks import Array, Indices, Mask
 from qp_twist.geometry import TwistProjector, many_twist_errors
 from qp_twist.kinematics import FramePair, SerialChain, Stretch
 from qp_twist.kinematics.frame import frame_id
-from qp_twist.paths import PathTask
+from qp_twist.paths import PathTask, in_joint_moves, via_points
 from qp_twist.referee.displacement import LeverArms
 from qp_twist.referee.intervals import Intervals
 from qp_twist.referee.joint_motion import JointMotion
@@ -124,7 +124,8 @@ def path_errors(
     outside, or the work is used up.
 
     The rows are those of the projector in force at both waypoints; where it changes, those of the
-    projector with fewer rows.
+    projector with fewer rows. On a joint move no path holds: errors and violations of bands, which
+    refer to a path, count as 0 there and at its via points. Constraints hold there as well.
 
     Args:
         path_task: The path.
@@ -142,10 +143,17 @@ def path_errors(
     track = _Track(path_task, motion, when, tolerances)
     R, p = poses_of(path_task, motion.at(when).q)
     position, axis = _at(R, p, track.targets, path_task.in_force[: len(when)])
+    moves = in_joint_moves(path_task, len(when))
     bands = track.by_band(track.kept_at(Poses(motion.at(when).q, FramePair(R, p, *track.targets))))
-    proof = _Proof(track, work)
+    via = np.flatnonzero(via_points(path_task)[: len(when)])
+    position[via] = axis[via] = 0.0
+    bands[via, : track.hard_bands] = 0.0
+    proof = _Proof(track, work, moves[:, None] & track.of_path)
     left, right = proof.start(samples)
+    if fastest is not None:
+        fastest = np.where(moves, np.inf, fastest)
     rate, kept = proof.rates(left, right, fastest)
+    rate[moves], kept[moves] = 0.0, fastest is not None
     between, bound = proof.found, proof.bound
     return PathErrors(
         position,
@@ -287,6 +295,11 @@ class _Track:
             *(measure.unit for measure in self.kept for _ in range(measure.width)),
         )
         by_unit = dict(zip(("m", "rad"), tolerances or (np.nan, np.nan), strict=True))
+        #: Number of hard bands, which are the first of ``kept``.
+        self.hard_bands = len(self.kept) - len(path_task.stated_constraints)
+        widths = sum(measure.width for measure in self.kept[: self.hard_bands])
+        #: Which columns refer to the path, (M,).
+        self.of_path = np.arange(len(self.units)) < (0 if with_joints else 2) + widths
         #: The tolerance of each column; NaN where there is none, (M,).
         self.limits = np.array([by_unit[unit] for unit in self.units])
 

@@ -198,9 +198,11 @@ def _cycle_time(path_task: PathTask, check: Check) -> tuple[str, str]:
     number = data(amount(span, "s")._replace(text=f"{span:.4g}"), "cycle time")
     if path_task.durations is None:
         return number, "The task states no feed to compare it with."
-    feed = float(path_task.durations.sum())
     along = next(f.value for f in check.findings if f.name == "time")
-    words = f"{feed:.4g} s at the programmed feed"
+    words = f"{path_task.feed_time:.4g} s at the programmed feed"
+    moves = next((f for f in check.findings if f.name == "time of joint moves"), None)
+    if moves is not None:
+        words = f"{moves.value:.4g} s of it in {moves.where}; the path takes {words}"
     if along < (1.0 - 1e-3) * span:
         words = f"{along:.4g} s of it along the path; {words}"
     return number, f"{words}."

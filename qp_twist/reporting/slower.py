@@ -8,7 +8,7 @@ import numpy as np
 
 from qp_twist.checks import Mask
 from qp_twist.kinematics import JointRanges
-from qp_twist.paths import PathTask
+from qp_twist.paths import PathTask, in_joint_moves
 from qp_twist.referee import acceleration_use, velocity_use
 from qp_twist.trajectories import Check
 
@@ -48,7 +48,7 @@ def slower_intervals(path_task: PathTask, check: Check) -> Mask:
     if path_task.durations is None or not check.passing.timed:
         return np.zeros(len(times) - 1, dtype=bool)
     slow: Mask = np.diff(times) > (1.0 + SLOWER) * path_task.durations[1 : len(times)]
-    return slow
+    return slow & ~in_joint_moves(path_task, len(times))
 
 
 def slower_stretches(path_task: PathTask, check: Check) -> list[Stretch]:
@@ -61,7 +61,9 @@ def slower_stretches(path_task: PathTask, check: Check) -> list[Stretch]:
     lost = np.diff(times) - path_task.durations[1 : len(times)]
     apart = max(2, round(_APART * len(times)))
     found = []
-    for intervals in np.split(slow, np.flatnonzero(np.diff(slow) > apart) + 1):
+    moved = np.cumsum(in_joint_moves(path_task, len(times)))[slow]
+    breaks = (np.diff(slow) > apart) | (np.diff(moved) > 0)
+    for intervals in np.split(slow, np.flatnonzero(breaks) + 1):
         first, last = int(intervals[0]), int(intervals[-1]) + 1
         causes = _causes(path_task, check, times[first], times[last])
         found.append(Stretch(first + 1, last + 1, float(lost[intervals].sum()), causes))

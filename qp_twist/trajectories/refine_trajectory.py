@@ -13,6 +13,7 @@ from qp_twist.checks import Array, Indices, instance, number
 from qp_twist.control import Status
 from qp_twist.errors import InvalidInput
 from qp_twist.following import Trajectory
+from qp_twist.following.stretches import frame_at
 from qp_twist.paths import PathTask, twist_task
 from qp_twist.planning.starts import corrected_start
 from qp_twist.referee import JointMotion, path_errors
@@ -119,7 +120,10 @@ def divided_times(times: Array, pieces: Indices, shares: Array) -> Array:
 
 
 def _row_at(task: PathTask, q: Array, k: int, share: float) -> Array:
-    """Joint positions between rows k and k + 1, corrected onto the pose between them."""
+    """Joint positions between rows k and k + 1; on a path corrected onto the pose between them."""
+    if k + 1 in task.joint_moves:
+        row: Array = q[k] + share * (q[k + 1] - q[k])
+        return row
     before, after = task.in_force[k : k + 2]
     rows = twist_task(task, after if after.rank <= before.rank else before)
     start = q[k] + share * (q[k + 1] - q[k])
@@ -142,7 +146,7 @@ def _with_rows(
     trajectory: Trajectory, pieces: list[int], shares: list[float], rows: list[Array]
 ) -> Trajectory:
     """The trajectory and its task with a row in each of the pieces, in ascending order."""
-    task = _with_waypoints(trajectory.path_task, pieces, shares)
+    task = _with_waypoints(trajectory.path_task, pieces, shares, rows)
     after = np.array(pieces) + 1
     measured = [
         _measured(task, k + 1 + shift, q)
@@ -170,13 +174,16 @@ def _with_rows(
     )
 
 
-def _with_waypoints(task: PathTask, pieces: list[int], shares: list[float]) -> PathTask:
+def _with_waypoints(
+    task: PathTask, pieces: list[int], shares: list[float], rows: list[Array]
+) -> PathTask:
     waypoints = list(task.waypoints)
     flipped = None if task.flipped_waypoints is None else list(task.flipped_waypoints)
-    for k, share in zip(reversed(pieces), reversed(shares), strict=True):
+    for k, share, q in zip(reversed(pieces), reversed(shares), reversed(rows), strict=True):
+        via = frame_at(task, q) if k + 1 in task.joint_moves else None
         for poses in (waypoints, flipped):
             if poses is not None:
-                poses.insert(k + 1, _pose_at(poses, k, share))
+                poses.insert(k + 1, via or _pose_at(poses, k, share))
     segments = []
     for segment in task.segments:
         # A waypoint inserted where the projector changes has the fewer rows of the two.
@@ -193,11 +200,21 @@ def _with_waypoints(task: PathTask, pieces: list[int], shares: list[float]) -> P
         flipped_waypoints=None if flipped is None else tuple(flipped),
         durations=_split(task.durations, pieces, shares),
         segments=tuple(segments),
+        joint_moves=_divided_moves(task.joint_moves, pieces),
         # As in resampling: a point between two has the line of the one before.
         lines=None
         if task.lines is None
         else np.insert(task.lines, np.array(pieces) + 1, task.lines[pieces]),
     )
+
+
+def _divided_moves(joint_moves: tuple[int, ...], pieces: list[int]) -> tuple[int, ...]:
+    """Joint moves after a row was inserted in each of the pieces."""
+    found = []
+    for k in joint_moves:
+        shift = sum(piece < k for piece in pieces)
+        found += [k + shift - 1, k + shift] if k - 1 in pieces else [k + shift]
+    return tuple(found)
 
 
 def _split(durations: Array | None, pieces: list[int], shares: list[float]) -> Array | None:

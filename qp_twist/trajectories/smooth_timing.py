@@ -7,6 +7,7 @@ import numpy.typing as npt
 
 from qp_twist.checks import Array, Indices
 from qp_twist.following import Trajectory
+from qp_twist.paths import in_joint_moves
 from qp_twist.referee import MotionLimits, PathErrors, path_errors
 from qp_twist.trajectories.refine_trajectory import divided_times, with_rows_between
 from qp_twist.trajectories.speed_profile import SpeedProfile, speed_profile, straight_profile
@@ -77,6 +78,9 @@ class _Timing:
         self.whole = np.zeros(len(q) - 1, dtype=bool)
         self.rests = np.zeros(len(q), dtype=bool)
         self.rests[[0, -1]] = True
+        # A joint move is from rest to rest: the path, which it leaves, ends in a corner.
+        moves = in_joint_moves(trajectory.path_task, len(q))
+        self.rests[1:-1] |= moves[1:] != moves[:-1]
 
     def computed(self) -> tuple[SpeedProfile, PathErrors]:
         """The fastest timing with these rows and stops, and its errors."""
@@ -85,6 +89,7 @@ class _Timing:
         # Between feeds the parameter is the way, not the time, since its direction is continuous;
         # the lower feed is a bound of the pace.
         steps = np.linalg.norm(np.diff(task.positions[: len(q)], axis=0), axis=1)
+        steps[in_joint_moves(task, len(q))] = 0.0  # their parameter is the time at full speed
         ratios = _feed_ratios(steps, self.floor)
         most = np.minimum(np.append(ratios, 1.0), np.append(1.0, ratios))
         at_highest = ratios * self.floor

@@ -12,6 +12,7 @@ from qp_twist.errors import InvalidInput
 from qp_twist.following import Trajectory
 from qp_twist.kinematics import JointRanges
 from qp_twist.notebook import html_table
+from qp_twist.paths import in_joint_moves
 from qp_twist.referee import JointMotion, MotionLimits, PathErrors, State, path_errors
 from qp_twist.trajectories.smooth_timing import smooth_timing
 from qp_twist.trajectories.speed_profile import SpeedProfile, straight_profile
@@ -191,7 +192,8 @@ def time_trajectory(
     else:
         profile = straight_profile(q, floor, limits.velocity)
         errors = path_errors(task, profile.motion, tolerances=tolerances)
-    slowed = _slowed(profile, feed, ranges.names)
+    on_path = np.where(in_joint_moves(trajectory.path_task, len(feed) + 1), 0.0, feed)
+    slowed = _slowed(profile, on_path, ranges.names)
     stops = tuple(int(k) for k in np.flatnonzero(profile.pace[1:-1] == 0.0) + 1)
     return TimedTrajectory(trajectory, limits, profile.motion, slowed, stops, errors)
 

@@ -1,0 +1,139 @@
+"""Plan a path in stretches, with joint moves between them."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Iterator
+
+import numpy as np
+
+from qp_twist.checks import Array
+from qp_twist.following.found_starts import chosen_starts
+from qp_twist.following.stretches import Move, with_joint_moves
+from qp_twist.paths import PathTask, stretch_task, stretches, via_points
+from qp_twist.planning import EFFORT, JointMoves, NoJointMove, Plan
+from qp_twist.planning.central import central_configurations
+from qp_twist.planning.objective import Objective
+
+_OTHERS = 3
+"""Number of other starts from which a stretch is planned if its best plan cannot be reached."""
+
+Planner = Callable[[PathTask, Array | None], Plan]
+"""The plan of a stretch from a start (nv,), or from any if it is ``None``."""
+
+
+def plan_stretches(
+    path_task: PathTask, goal: Objective, start: Array | None, planned: Planner
+) -> Plan:
+    """The plan of a task with joint moves; see :func:`qp_twist.plan`.
+
+    Args:
+        path_task: The task, without via points.
+        goal: The objective.
+        start: On the first waypoint, (nv,); free if ``None``.
+        planned: Plans a stretch.
+
+    Raises:
+        KeyboardInterrupt: On Ctrl-C before the last stretch has a motion.
+    """
+    moves = JointMoves(path_task)
+    runs = stretches(path_task)
+    plans: list[Plan] = []
+    found: list[Move] = []
+    for run in runs:
+        if plans and plans[-1].interrupted:
+            raise KeyboardInterrupt
+        here = stretch_task(path_task, run, path_task.start)
+        end = plans[-1].motion()[-1] if plans else None
+        why, rows, plan = "", None, None
+        candidates = _plans(here, start if not plans else None, planned, end)
+        if end is not None and goal.travel:  # the way to a stretch counts, too
+            candidates = iter(
+                sorted(
+                    candidates, key=lambda p: _with_way(goal, end, p) if p.q is not None else 0.0
+                )
+            )
+        for other in candidates:
+            plan = plan or other
+            if other.q is None or end is None:
+                break
+            q = moves.nearest_turn(other.q, end)
+            try:
+                rows = moves.found(end, q[0], EFFORT)
+            except NoJointMove as error:
+                why = why or error.why
+                continue
+            plan = dataclasses.replace(other, q=q)
+            break
+        assert plan is not None
+        if plan.q is None or (end is not None and rows is None):
+            return _none(path_task, plan, run, why)
+        plans.append(plan)
+        if rows is not None:
+            found.append(Move(run.start, rows, moves.seconds(rows)))
+    return _joined(path_task, goal, plans, found)
+
+
+def _plans(
+    task: PathTask, start: Array | None, planned: Planner, end: Array | None
+) -> Iterator[Plan]:
+    """The best plan of a stretch; then plans from other starts, those nearest to ``end`` first."""
+    best = planned(task, start)
+    yield best
+    if end is None or best.q is None:
+        return
+    others = [found.q for found in chosen_starts(central_configurations(task), 4 * _OTHERS)]
+    others.sort(key=lambda q: float(np.abs(q - end).max()))
+    for q in others[:_OTHERS]:
+        plan = planned(task, q)
+        if plan.q is not None:
+            yield plan
+
+
+def _with_way(goal: Objective, end: Array, plan: Plan) -> float:
+    """Value of a plan with the straight way of the joints to it from ``end`` (nv,)."""
+    return goal.value(np.vstack([end[None], plan.motion()]))
+
+
+def _none(path_task: PathTask, plan: Plan, run: range, why: str) -> Plan:
+    """A plan without a motion, for the reason of one stretch or of the move to it."""
+    certificate = plan.certificate
+    if why:
+        certificate = dataclasses.replace(
+            certificate, kind="move", waypoints=(run.start, run.start + 1), detail=why
+        )
+    else:
+        shifted = tuple(run.start + k for k in certificate.waypoints)
+        certificate = dataclasses.replace(certificate, waypoints=shifted)
+    return dataclasses.replace(
+        plan, path_task=path_task, q=None, value=np.nan, bound=np.nan, certificate=certificate
+    )
+
+
+def _joined(path_task: PathTask, goal: Objective, plans: list[Plan], moves: list[Move]) -> Plan:
+    """One plan of the stretches' plans and the joint moves between them."""
+    rows = [plans[0].motion()]
+    for plan, move in zip(plans[1:], moves, strict=True):
+        rows += [move.q[1:-1], plan.motion()]
+    q = np.concatenate(rows)
+    task = with_joint_moves(path_task, moves)
+    counts = np.array([len(plan.motion()) for plan in plans])
+    bounds = np.array([plan.bound for plan in plans])
+    value, bound = goal.value(q), np.nan
+    if goal.margin:
+        bound = float(bounds.min())
+    elif not goal.travel:
+        bound = float(counts @ bounds / counts.sum())
+    elif not goal.centering:
+        bound = float(bounds.sum())
+    if goal.centering:  # of the waypoints, not of the joint moves' rows
+        z = goal.ranges.centring
+        value += goal.centering * float(z(q[~via_points(task)]).mean() - z(q).mean())
+    return dataclasses.replace(
+        plans[-1],
+        path_task=dataclasses.replace(task, start=q[0]),
+        q=q,
+        value=value,
+        bound=bound,
+        interrupted=plans[-1].interrupted,
+    )

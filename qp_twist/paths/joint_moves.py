@@ -1,0 +1,117 @@
+"""Stretches of a path between joint moves, and paths with the points that joint moves pass."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from itertools import pairwise
+from typing import TYPE_CHECKING
+
+import mink
+import numpy as np
+
+from qp_twist.checks import Array, Indices, Mask
+from qp_twist.paths.segment import Segment
+
+if TYPE_CHECKING:
+    from qp_twist.paths.path_task import PathTask
+
+
+def stretches(path_task: PathTask) -> list[range]:
+    """The waypoints between the joint moves, stretch by stretch; via points belong to none."""
+    ends = [0, *path_task.joint_moves, len(path_task.waypoints)]
+    found = [range(begin, end) for begin, end in pairwise(ends)]
+    inner = found[1:-1]
+    return [run for run in found if len(run) > 1 or run not in inner]
+
+
+def in_joint_moves(path_task: PathTask, count: int | None = None) -> Mask:
+    """Which intervals between the first ``count`` waypoints are joint moves, (count − 1,)."""
+    found = np.zeros(len(path_task.waypoints) - 1, dtype=bool)
+    found[np.array(path_task.joint_moves, dtype=np.intp) - 1] = True
+    return found if count is None else found[: count - 1]
+
+
+def via_points(path_task: PathTask) -> Mask:
+    """Which waypoints a joint move only passes, (N,)."""
+    inside = in_joint_moves(path_task)
+    return np.concatenate([[False], inside[:-1] & inside[1:], [False]])
+
+
+def stretch_task(path_task: PathTask, run: range, start: Array) -> PathTask:
+    """The task of one stretch of the path, from a start (nq,)."""
+    return _chosen(path_task, np.array(run), start)
+
+
+def without_via_points(path_task: PathTask) -> PathTask:
+    """The task without the points that its joint moves only pass."""
+    via = via_points(path_task)
+    return _chosen(path_task, np.flatnonzero(~via), path_task.start) if via.any() else path_task
+
+
+def with_via_points(
+    path_task: PathTask, passed: Mapping[int, Sequence[mink.SE3]], durations: Mapping[int, Array]
+) -> PathTask:
+    """The task with the points that its joint moves pass.
+
+    Args:
+        path_task: The task.
+        passed: Poses of the frame on the way to a waypoint, by its index.
+        durations: Times to these poses and to the waypoint, s, by its index, one more than poses.
+    """
+    waypoints: list[mink.SE3] = []
+    flipped: list[mink.SE3] = []
+    times: list[float] = []
+    shift = np.zeros(len(path_task.waypoints), dtype=np.intp)
+    moves: list[int] = []
+    for k, waypoint in enumerate(path_task.waypoints):
+        more = list(passed.get(k, ()))
+        if k in path_task.joint_moves:
+            moves += range(len(waypoints), len(waypoints) + len(more) + 1)
+        waypoints += [*more, waypoint]
+        if path_task.flipped_waypoints is not None:
+            flipped += [*more, path_task.flipped_waypoints[k]]
+        if path_task.durations is not None:
+            times += durations[k].tolist() if k in durations else [path_task.durations[k]]
+        shift[k] = len(waypoints) - 1 - k
+    of = np.repeat(np.arange(len(shift)), 1 + np.diff(shift, prepend=0))
+    return replace(
+        path_task,
+        waypoints=tuple(waypoints),
+        flipped_waypoints=None if path_task.flipped_waypoints is None else tuple(flipped),
+        durations=None if path_task.durations is None else np.array(times),
+        segments=tuple(replace(s, first=s.first + int(shift[s.first])) for s in path_task.segments),
+        joint_moves=tuple(moves),
+        lines=None if path_task.lines is None else path_task.lines[of],
+    )
+
+
+def _chosen(path_task: PathTask, index: Indices, start: Array) -> PathTask:
+    """The task of some of its waypoints, in their order; others are left out."""
+    segments: list[Segment] = []
+    projector = path_task.projector
+    for segment in path_task.segments:
+        first = int(np.searchsorted(index, segment.first))
+        if first == 0:
+            projector = segment.projector
+        elif first < len(index):
+            segments.append(replace(segment, first=first))
+    durations = None if path_task.durations is None else path_task.durations[index]
+    if durations is not None:
+        durations[0] = 0.0
+    flipped = path_task.flipped_waypoints
+    places = {int(k): place for place, k in enumerate(index)}
+    return replace(
+        path_task,
+        waypoints=tuple(path_task.waypoints[k] for k in index),
+        flipped_waypoints=None if flipped is None else tuple(flipped[k] for k in index),
+        start=start,
+        best_start=False,
+        starts={},
+        durations=durations,
+        projector=projector,
+        segments=tuple(segments),
+        joint_moves=tuple(places[k] for k in path_task.joint_moves if places.get(k, 0)),
+        lines=None if path_task.lines is None else path_task.lines[index],
+        from_start="nothing" if index[0] else path_task.from_start,
+    )
