@@ -27,7 +27,13 @@ from qp_twist.cli.progress import load_machine_code, method_progress, working
 from qp_twist.comparison import compare, metrics
 from qp_twist.errors import InvalidInput
 from qp_twist.following import Trajectory
-from qp_twist.paths import DEFAULT_METHOD, PathTask, check_method, in_joint_moves
+from qp_twist.paths import (
+    DEFAULT_METHOD,
+    PathTask,
+    check_method,
+    in_joint_moves,
+    refuse_joint_moves,
+)
 from qp_twist.pictures.style import pair_of
 from qp_twist.trajectories import ENDINGS, TimedTrajectory, check_program, run_task
 
@@ -72,6 +78,7 @@ def run(
     check_file(out)
     if report is not None:
         check_folder(report, "--report")
+        refuse_joint_moves(path_task, "--report")
     if out.suffix.lower() not in ENDINGS:
         raise InvalidInput(f"--out {out}: expected a file that ends in {', '.join(ENDINGS)}.")
     joints = program_joints(out, path_task, robot, as_modelled)

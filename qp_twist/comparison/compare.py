@@ -22,7 +22,7 @@ from qp_twist.errors import InvalidInput
 from qp_twist.files import write_atomically
 from qp_twist.following import Trajectory, follow, with_start
 from qp_twist.notebook import html_table
-from qp_twist.paths import METHODS, PathTask, check_method, load_task
+from qp_twist.paths import METHODS, PathTask, check_method, load_task, refuse_joint_moves
 from qp_twist.qp import check_solver
 
 if TYPE_CHECKING:
@@ -227,6 +227,7 @@ def compare(
     """
     solver = check_solver(solver)
     task = path_task if isinstance(path_task, PathTask) else load_task(path_task)
+    refuse_joint_moves(task, "compare")
     if methods is not None and not isinstance(methods, (list, tuple)):
         raise InvalidInput(f"compare(methods=…): expected a list of names, got {methods!r}.")
     names = task.method_names() if methods is None else [check_method(m) for m in methods]

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import mujoco
+import numpy as np
 
 from qp_twist.drawing import scene_picture
 from qp_twist.drawing.sight import Drawn, overview
@@ -53,8 +54,9 @@ def picture_of(drawn: Drawn, text: str, *, width: int = 960, height: int = 720) 
     with tempfile.TemporaryDirectory() as temporary:
         scene, out = Path(temporary) / "scene.mjb", Path(temporary) / "scene.png"
         mujoco.mj_saveModel(framed(drawn), str(scene), None)
+        path = np.insert(drawn.positions, drawn.joint_moves, np.nan, axis=0)  # gaps
         sentence = scene_picture.draw_scene(
-            scene, [drawn.start], drawn.positions, out,
+            scene, [drawn.start], path, out,
             width=width, height=height, camera=overview(drawn.model),
         )  # fmt: skip
         if sentence is not None:

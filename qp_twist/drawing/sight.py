@@ -25,6 +25,10 @@ class Drawn(Protocol):
     def positions(self) -> Array:
         """The path in the world, m, (N, 3)."""
 
+    @property
+    def joint_moves(self) -> tuple[int, ...]:
+        """Indices of the points that no path leads to."""
+
 
 class Sight(NamedTuple):
     """A camera pose."""

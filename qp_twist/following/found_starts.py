@@ -9,11 +9,13 @@ import numpy as np
 
 from qp_twist.checks import Array, instance, whole_number
 from qp_twist.errors import InvalidInput
+from qp_twist.following.stretches import follow_stretches
 from qp_twist.following.walk import walk
 from qp_twist.kernel import COMPILED
 from qp_twist.kinematics import JointRanges
-from qp_twist.paths import DEFAULT_METHOD, PathTask, check_method
+from qp_twist.paths import DEFAULT_METHOD, PathTask, check_method, via_points, without_via_points
 from qp_twist.planning import CentralConfiguration, central_starts
+from qp_twist.planning.central import best_of_each_branch
 from qp_twist.planning.path_rows import PathRows
 
 _KEPT_M, _KEPT_RAD = 1e-5, 1e-5
@@ -97,7 +99,7 @@ def find_starts(
     instance("find_starts(path_task, …)", path_task, PathTask)
     whole_number("find_starts(count=…)", count, at_least=1)
     found: list[FoundStart] = []
-    candidates = chosen_starts(central_starts(path_task), count)
+    candidates = best_of_each_branch(central_starts(path_task), count)
     for number, start in enumerate(_tried(path_task, candidates, check_method(method), runs)):
         found.append(start)
         if progress is not None:
@@ -105,16 +107,6 @@ def find_starts(
     if not runs:
         return sorted(found, key=lambda start: start.z)
     return sorted(found, key=lambda start: (-start.reached, start.z))
-
-
-def chosen_starts(found: Sequence[CentralConfiguration], count: int) -> list[CentralConfiguration]:
-    """The best of every branch, then the second of every branch, and so on."""
-    seen: dict[int | None, int] = {}
-    places = []
-    for candidate in found:  # ordered by z
-        places.append(seen.get(candidate.branch, 0))
-        seen[candidate.branch] = places[-1] + 1
-    return [found[number] for number in np.argsort(places, kind="stable")[:count]]
 
 
 def _tried(
@@ -137,17 +129,21 @@ def _tried(
 
 def _run(path_task: PathTask, q: Array, method: str) -> tuple[int, str]:
     """Number of waypoints that a slowed-down run from q keeps to the path, and what ended it."""
-    task = path_task.started_at(q)
+    task = without_via_points(path_task).started_at(q)
 
     def lost(q: Array, position_error: float, axis_error: float) -> bool:
         return position_error > _KEPT_M or axis_error > _KEPT_RAD
 
     try:
-        run = walk(task, method, task.settings(method), solver=COMPILED, slow_down=True, stop=lost)
+        followed = follow_stretches if task.joint_moves else walk
+        run = followed(
+            task, method, task.settings(method), solver=COMPILED, slow_down=True, stop=lost
+        )
     except InvalidInput as error:  # directions free in T may still violate a limit of the method
         return 0, str(error)
     off = (run.position_error > _KEPT_M) | (run.axis_error > _KEPT_RAD)
+    passed = via_points(run.path_task)[: len(run.q)]
     if not off.any():
-        return len(run.q), ""
+        return int((~passed).sum()), run.failure
     last = int(np.argmax(off))
-    return last, run.failure or ", ".join(run.binding[last])
+    return int((~passed[:last]).sum()), run.failure or ", ".join(run.binding[last])

@@ -8,11 +8,10 @@ from collections.abc import Callable, Iterator
 import numpy as np
 
 from qp_twist.checks import Array
-from qp_twist.following.found_starts import chosen_starts
 from qp_twist.following.stretches import Move, with_joint_moves
 from qp_twist.paths import PathTask, stretch_task, stretches, via_points
 from qp_twist.planning import EFFORT, JointMoves, NoJointMove, Plan
-from qp_twist.planning.central import central_configurations
+from qp_twist.planning.central import best_of_each_branch, central_configurations
 from qp_twist.planning.objective import Objective
 
 _OTHERS = 3
@@ -82,7 +81,7 @@ def _plans(
     yield best
     if end is None or best.q is None:
         return
-    others = [found.q for found in chosen_starts(central_configurations(task), 4 * _OTHERS)]
+    others = [found.q for found in best_of_each_branch(central_configurations(task), 4 * _OTHERS)]
     others.sort(key=lambda q: float(np.abs(q - end).max()))
     for q in others[:_OTHERS]:
         plan = planned(task, q)

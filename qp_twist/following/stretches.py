@@ -13,7 +13,6 @@ import numpy as np
 from qp_twist.checks import Array
 from qp_twist.control import Status
 from qp_twist.errors import InvalidInput
-from qp_twist.following.found_starts import chosen_starts
 from qp_twist.following.trajectory import Trajectory
 from qp_twist.following.walk import walk
 from qp_twist.kinematics import frame_pose
@@ -26,7 +25,7 @@ from qp_twist.paths import (
     with_via_points,
 )
 from qp_twist.planning import EFFORT, JointMoves, NoJointMove
-from qp_twist.planning.central import central_configurations
+from qp_twist.planning.central import best_of_each_branch, central_configurations
 from qp_twist.planning.path_rows import PathRows
 from qp_twist.planning.starts import corrected_start, what_forbids
 from qp_twist.referee import AXIS_TOLERANCE_DEG, BAND, POSITION_TOLERANCE
@@ -152,7 +151,7 @@ def _starts(
     task = stretch_task(path_task, run, end)
     with contextlib.suppress(InvalidInput):  # it cannot be corrected
         yield corrected_start(task, task.waypoints[0], holds_limits=METHODS[method].holds_limits)
-    for found in chosen_starts(central_configurations(task), _STARTS):
+    for found in best_of_each_branch(central_configurations(task), _STARTS):
         yield moves.nearest_turn(found.q[None], end)[0]
 
 

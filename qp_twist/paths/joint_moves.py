@@ -11,10 +11,24 @@ import mink
 import numpy as np
 
 from qp_twist.checks import Array, Indices, Mask
+from qp_twist.errors import InvalidInput
 from qp_twist.paths.segment import Segment
 
 if TYPE_CHECKING:
     from qp_twist.paths.path_task import PathTask
+
+
+def refuse_joint_moves(path_task: PathTask, what: str) -> None:
+    """Refuse a task with joint moves where runs are compared waypoint by waypoint.
+
+    Raises:
+        InvalidInput: If it has any.
+    """
+    if path_task.joint_moves:
+        raise InvalidInput(
+            f"{what}: {path_task.name} has joint moves, which have other rows in each run; take "
+            "one curve of it (curves in [path]), or look at one run with qp-twist report."
+        )
 
 
 def stretches(path_task: PathTask) -> list[range]:

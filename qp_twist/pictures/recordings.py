@@ -14,7 +14,7 @@ import numpy.typing as npt
 from qp_twist.checks import Array
 from qp_twist.drawing.sight import sight
 from qp_twist.drawing.surroundings import coloured, floor_height, make_matte
-from qp_twist.paths import PathTask
+from qp_twist.paths import PathTask, in_joint_moves
 from qp_twist.pictures.lit_pairs import LitPairs
 
 FRAMES = 100
@@ -45,7 +45,7 @@ def recordings(
     model = coloured(path_task.model)
     path_colours: Any = _PATH_RGB
     if path_rgb is not None:
-        path_colours = _linear(np.repeat(path_rgb[:, None], 2, axis=1))
+        path_colours = _linear(np.repeat(path_rgb[~in_joint_moves(path_task), None], 2, axis=1))
     with _server() as server:
         make_matte(server.scene)
         scene = mjviser.ViserMujocoScene(server, model, num_envs=1)
@@ -61,7 +61,8 @@ def recordings(
                 plane_opacity=0.4, position=(0.0, 0.0, height),
             )  # fmt: skip
         points = path_task.positions
-        segments = np.stack([points[:-1], points[1:]], axis=1).astype(np.float32)
+        along = ~in_joint_moves(path_task)
+        segments = np.stack([points[:-1], points[1:]], axis=1)[along].astype(np.float32)
         server.scene.add_line_segments(
             "/path",
             segments,

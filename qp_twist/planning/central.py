@@ -93,6 +93,18 @@ def central_configurations(path_task: PathTask, index: int = 0) -> list[CentralC
     return found
 
 
+def best_of_each_branch(
+    found: Sequence[CentralConfiguration], count: int
+) -> list[CentralConfiguration]:
+    """The best of every branch, then the second of every branch, and so on."""
+    seen: dict[int | None, int] = {}
+    places = []
+    for candidate in found:  # ordered by z
+        places.append(seen.get(candidate.branch, 0))
+        seen[candidate.branch] = places[-1] + 1
+    return [found[number] for number in np.argsort(places, kind="stable")[:count]]
+
+
 def least_mean_z(path_task: PathTask, waypoints: Sequence[int]) -> float:
     """Mean, over some waypoints, of the least z of each.
 

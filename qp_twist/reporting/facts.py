@@ -7,7 +7,7 @@ from importlib.metadata import version
 
 import numpy as np
 
-from qp_twist.paths import PathTask
+from qp_twist.paths import PathTask, in_joint_moves
 from qp_twist.reporting.words import digits, what_is_free
 from qp_twist.robots import known_robot
 from qp_twist.trajectories import Check
@@ -21,7 +21,8 @@ def facts(path_task: PathTask, check: Check, file: str) -> dict[str, str]:
         check: The check of the motion.
         file: Name of the motion's file; empty without one.
     """
-    length = float(np.linalg.norm(np.diff(path_task.positions, axis=0), axis=1).sum())
+    steps = np.linalg.norm(np.diff(path_task.positions, axis=0), axis=1)
+    length = float(steps[~in_joint_moves(path_task)].sum())
     found = {
         "Robot": _robot(path_task),
         "Moving frame": f"{path_task.frame_name} ({path_task.frame_type})",

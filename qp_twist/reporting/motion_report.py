@@ -17,7 +17,7 @@ from qp_twist.drawing.sight import overview
 from qp_twist.drawing.surroundings import framed
 from qp_twist.files import write_atomically
 from qp_twist.following import Trajectory
-from qp_twist.paths import PathTask
+from qp_twist.paths import PathTask, in_joint_moves
 from qp_twist.pictures.player import SCRIPT, player_data, still
 from qp_twist.pictures.recordings import recordings
 from qp_twist.pictures.template import filled
@@ -137,9 +137,9 @@ def _picture(path_task: PathTask, check: Check, path_rgb: Array, folder: Path) -
     start = np.empty(path_task.model.nq)
     start[path_task.model.jnt_qposadr[path_task.model.dof_jntid]] = check.motion.q[0]
     points = path_task.positions
-    traces = {}
+    traces, along = {}, ~in_joint_moves(path_task)
     for colour in dict.fromkeys(map(tuple, path_rgb.tolist())):
-        here = (path_rgb == colour).all(axis=1)
+        here = (path_rgb == colour).all(axis=1) & along
         line = points.copy()
         line[~(np.append(here, False) | np.insert(here, 0, False))] = np.nan
         traces[str(colour)] = (line, (*(channel / 255.0 for channel in colour), 1.0))

@@ -25,6 +25,7 @@ from qp_twist.paths import (
     check_method,
     load_scene,
     load_task,
+    refuse_joint_moves,
     shipped_folder,
 )
 from qp_twist.paths.section import Section
@@ -273,6 +274,7 @@ def study(
     check_installed()
     task = path_task if isinstance(path_task, PathTask) else load_task(path_task)
     _check_from_file(task)
+    refuse_joint_moves(task, "study")
     for given in (vary, [] if methods is None else methods):
         if not isinstance(given, (list, tuple)):
             raise InvalidInput(f"study: vary and methods are lists of names, got {given!r}.")

@@ -13,7 +13,7 @@ import numpy as np
 from qp_twist.checks import Array
 from qp_twist.errors import InvalidInput
 from qp_twist.kinematics import JointRanges
-from qp_twist.paths import PathTask, placed
+from qp_twist.paths import PathTask, placed, refuse_joint_moves
 from qp_twist.viewing.live_arm import LiveArm
 from qp_twist.viewing.one_run import Moment, Run, run_once
 from qp_twist.viewing.roll import Roll
@@ -43,6 +43,7 @@ class Session:
     """
 
     def __init__(self, path_task: PathTask, settings: PageSettings) -> None:
+        refuse_joint_moves(path_task, "view")
         self.lock = threading.RLock()
         self.base = path_task
         self.task = path_task

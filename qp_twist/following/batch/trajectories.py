@@ -20,7 +20,13 @@ from qp_twist.following.follow import settings_of
 from qp_twist.following.walk import start_of
 from qp_twist.kernel import COMPILED
 from qp_twist.kinematics import JointRanges
-from qp_twist.paths import DEFAULT_METHOD, MethodSettings, PathTask, check_method
+from qp_twist.paths import (
+    DEFAULT_METHOD,
+    MethodSettings,
+    PathTask,
+    check_method,
+    refuse_joint_moves,
+)
 
 if TYPE_CHECKING:
     from qp_twist.following.compiled_walk import CompiledWalk
@@ -99,6 +105,7 @@ def follow(
     from qp_twist.following.compiled_walk import CompiledWalk, walk_known
 
     instance("batch.follow(path_task, …)", path_task, PathTask)
+    refuse_joint_moves(path_task, "batch.follow")
     settings = settings_of(path_task, check_method(method), options)
     if settings.secondary == "plan" or not walk_known(path_task, method, settings):
         raise InvalidInput(
