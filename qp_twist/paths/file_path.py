@@ -19,7 +19,7 @@ from qp_twist.paths.read_toolpath import read_toolpath
 from qp_twist.paths.resample import MOST, resampled
 from qp_twist.paths.segment import Segment, check_segments
 from qp_twist.paths.shapes import polyline
-from qp_twist.paths.toolpath import Curve, Lines, Toolpath
+from qp_twist.paths.toolpath import Curve, Lines, Toolpath, lifts
 from qp_twist.paths.turning import angles_between, turns_between
 
 Part = Literal["approach", "contact", "retreat", "transfer"]
@@ -105,17 +105,24 @@ def file_waypoints(
     placement = section.placement or WorkpieceTable()
     turn, origin = _rotation(placement), np.array(placement.position)
     pieces: list[_Piece] = []
+    before: Curve | None = None
     for read in toolpath.curves:
         _refuse_too_many(pieces, toolpath, section)
         placed = _placed(read, turn, origin)
         more = _of_curve(section, placed, held, toolpath)
-        if keeps:
-            for way in _ways(section, placed.before, more[0].curve, held, toolpath, pieces):
-                _extend(pieces, [way], section)
+        if keeps and section.joint_moves and before is not None:
+            leaving, arriving, jumps = _ends_of_joint_move(before, placed)
+            for way, leads in ((leaving, False), (arriving, jumps)):
+                for piece in _ways(section, way, more[0].curve, held, toolpath):
+                    _extend(pieces, [replace(piece, by_joint_move=leads)], section)
+            if jumps and arriving is None:
+                more[0] = replace(more[0], by_joint_move=True)
+        elif keeps:
+            _extend(pieces, _ways(section, placed.before, more[0].curve, held, toolpath), section)
         _extend(pieces, more, section, between_curves=not keeps)
         if keeps:
-            for way in _ways(section, placed.after, more[-1].curve, held, toolpath, []):
-                _extend(pieces, [way], section)
+            _extend(pieces, _ways(section, placed.after, more[-1].curve, held, toolpath), section)
+        before = placed
     _refuse_too_many(pieces, toolpath, section)
     curve = _joined(pieces)
     if len(curve) < 2:
@@ -246,19 +253,25 @@ def _joint_moves(pieces: list[_Piece]) -> tuple[int, ...]:
     )
 
 
-def _ways(
-    section: FilePath,
-    way: Curve | None,
-    beside: Curve,
-    held: Array,
-    toolpath: Toolpath,
-    already: list[_Piece],
-) -> list[_Piece]:
-    """The rapid points of the file before or after a curve, as transfers.
+def _ends_of_joint_move(before: Curve, curve: Curve) -> tuple[Curve | None, Curve | None, bool]:
+    """The rapid points at the ends of a joint move between two curves, and whether there is one.
 
-    Of the points between two curves (there are pieces ``already``) a joint move replaces all but
-    the first one, to which the tool retreats, and the last, from which it approaches.
+    The tool retreats to the first and approaches from the second, in straight lines. It needs no rapid point where the curve before ends with a retreat, or this one begins with an
+    approach. Without a joint move all rapid points of the file are in the first part.
     """
+    way, lifted, lowered = curve.before, lifts(before, -1), lifts(curve, 0)
+    if (way is None and not (lifted and lowered)) or (
+        way is not None and len(way) == 1 and not (lifted or lowered)
+    ):
+        return way, None, False
+    leaving = None if way is None or lifted else way.part([0])
+    return leaving, None if way is None or lowered else way.part([-1]), True
+
+
+def _ways(
+    section: FilePath, way: Curve | None, beside: Curve, held: Array, toolpath: Toolpath
+) -> list[_Piece]:
+    """The rapid points of the file before or after a curve, as a transfer."""
     if way is None:
         return []
     way = replace(way, feeds=None)
@@ -266,9 +279,6 @@ def _ways(
         way = replace(way, vectors=None, rotations=np.broadcast_to(held, (len(way), 3, 3)))
     elif way.vectors is not None and section.tool == "into":
         way = replace(way, vectors=-way.vectors)
-    if section.joint_moves and already and len(way) > 1:
-        ends = _Piece("transfer", way.part([0])), _Piece("transfer", way.part([-1]), True)
-        return list(ends)
     try:
         return [_Piece("transfer", resampled(way, section.sampling()))]
     except InvalidInput as error:

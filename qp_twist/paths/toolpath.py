@@ -102,7 +102,7 @@ class Toolpath:
         less than 60° from the axis.
         """
         pairs = zip(self.curves[:-1], self.curves[1:], strict=True)
-        gaps = [b.before is not None or (_lifts(a, -1) and _lifts(b, 0)) for a, b in pairs]
+        gaps = [b.before is not None or (lifts(a, -1) and lifts(b, 0)) for a, b in pairs]
         ends = (self.curves[0].before, self.curves[-1].after)
         return all(gaps) and (bool(gaps) or any(way is not None for way in ends))
 
@@ -148,7 +148,7 @@ class Toolpath:
         )
 
 
-def _lifts(curve: Curve, end: Literal[0, -1]) -> bool:
+def lifts(curve: Curve, end: Literal[0, -1]) -> bool:
     """Whether a curve begins towards the part (0), or ends away from it (-1)."""
     if curve.vectors is None or len(curve) < 2:
         return False
