@@ -354,6 +354,11 @@ def _small(toolpath: Toolpath) -> list[str]:
 def _ways(parts: Parts) -> list[str]:
     """A note on the motions between curves."""
     curves = len(parts.toolpath.curves)
+    if parts.request.transfer == "joint" and curves > 1:
+        return [
+            f"ways: {curves} curves; between them the joints move as fast as they may, clear of "
+            "all that the scene has."
+        ]
     if parts.keeps_rapids:
         return [
             "ways: the tool comes and goes as in the file, rapid motions included, at the speed of "

@@ -30,6 +30,7 @@ class Request:
         columns: Columns without usual names.
         rapids: Whether rapid motions of the file are part of the path; ``None``: if they lead the
             tool away from each curve and to the next.
+        transfer: From one curve to the next in straight lines, or by joint moves.
         arc_axis: Sense of rotation of circles about their axes, if the file leaves it open.
         rotary: How the rotary axes of a G-code file turn the tool.
         tool: Whether the frame's z points into the part.
@@ -56,6 +57,7 @@ class Request:
     feed_unit: FeedUnit | None = None
     columns: ColumnsTable | None = None
     rapids: Literal["keep", "drop"] | None = None
+    transfer: Literal["straight", "joint"] = "straight"
     arc_axis: ArcAxis | None = None
     rotary: Rotary | None = None
     tool: Literal["into", "out"] = "into"

@@ -207,6 +207,13 @@ def _path(parts: Parts) -> str:  # noqa: PLR0912
     )
     if not parts.keeps_rapids:
         blocks.append(_leads(curves > 1))
+    if curves > 1:
+        lines = [
+            _line("[path.transfer]", "from one curve to the next"),
+            _line('motion = "joint"', "of the joints, as fast as they may, clear of everything"),
+        ]
+        on = request.transfer == "joint"
+        blocks.append("\n".join(lines if on else [_off(line) for line in lines]))
     return "\n\n".join(blocks)
 
 

@@ -8,7 +8,7 @@ from typing import Annotated
 import tyro
 
 from qp_twist.checks import whole_number
-from qp_twist.cli.app import Folder, Names, OptionalFile, app, check_folder, say, show
+from qp_twist.cli.app import Folder, Json, Names, OptionalFile, app, check_folder, quiet, say, show
 from qp_twist.cli.progress import share_progress, working
 from qp_twist.files import write_atomically
 
@@ -21,6 +21,7 @@ def bench(
     parts: Names = None,
     compare: OptionalFile = None,
     seed: Annotated[int, tyro.conf.arg(metavar="N")] = 0,
+    json_: Json = False,
 ) -> None:
     """Time steps of this package, mink, pink and PlaCo, and measure their errors; print tables.
 
@@ -34,6 +35,7 @@ def bench(
         parts: Parts (steps, growth, batch), separated by commas; if omitted, all.
         compare: bench.json of an earlier run; ratios to it are printed.
         seed: Seed of the trajectories and of the order of the contenders.
+        json_: Print the content of bench.json instead of the tables.
     """
     # Imported here: no other command needs it.
     from qp_twist.bench import PARTS, read_run, write_run
@@ -54,6 +56,7 @@ def bench(
             seed=seed,
             progress=progress,
         )
+    shown = quiet.set(quiet.get() or json_)
     for sheet in sheets(run):
         show(sheet.rich())
     say(*run.skipped)
@@ -67,6 +70,9 @@ def bench(
             draw(run, folder / "bench.svg"),
         ]
     say(*(f"wrote {file}" for file in files))
+    quiet.reset(shown)
+    if json_:
+        print(run.model_dump_json(indent=2))
 
 
 def _names(text: str) -> list[str]:

@@ -2,22 +2,24 @@
 
 from __future__ import annotations
 
+import json
 import time
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from shlex import quote
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 import tyro
 from pydantic import ValidationError
 
-from qp_twist.authoring import Request, new_task
+from qp_twist.authoring import NewTask, Request, new_task
 from qp_twist.checks import number
-from qp_twist.cli.app import app, check_file, say
+from qp_twist.cli.app import Json, app, check_file, quiet, say
 from qp_twist.cli.progress import share_progress
 from qp_twist.errors import InvalidInput
+from qp_twist.kinematics import JointRanges
 from qp_twist.paths import Rotary
 from qp_twist.paths.file_path_schema import ColumnsTable
 
@@ -39,6 +41,7 @@ def new(
     feed_unit: Literal["auto", "mm/min", "mm/s", "m/min", "m/s", "inch/min"] = "auto",
     columns: Annotated[str | None, tyro.conf.arg(metavar="TEXT")] = None,
     rapids: Literal["auto", "keep", "drop"] = "auto",
+    transfer: Literal["straight", "joint"] = "straight",
     arc_axis: Literal["auto", "right", "left"] = "auto",
     rotary: Rotary | None = None,
     tool: Annotated[str, tyro.conf.arg(metavar="{into,out,FILE}")] = "into",
@@ -60,6 +63,7 @@ def new(
         Annotated[tuple[str, ...], tyro.conf.arg(metavar="NAME:=VALUE")]
     ] = (),
     force: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False,
+    json_: Json = False,
 ) -> None:
     """Write a commented task file for a robot and a toolpath; it runs without edits.
 
@@ -76,6 +80,8 @@ def new(
         columns: Columns with unusual names, e.g. "position=1,2,3;normal=4,5,6".
         rapids: Whether rapid motions of the file are part of the path; auto: if the file leads
             the tool away from each curve and to the next.
+        transfer: From one curve to the next: straight lines of the tool; or joint, moves of the
+            joints at their full speed, clear of what is in the way.
         arc_axis: Sense of rotation of CIRCLE about its axis, if the file leaves it open.
         rotary: How the rotary axes A, B, C of a G-code file turn the tool or the part; or
             vector, the tool axis is I, J, K of straight motions.
@@ -96,6 +102,7 @@ def new(
         package: Folder of a ROS package of a URDF or xacro file; may be repeated.
         arg: Value of an argument of a xacro file; may be repeated.
         force: Overwrite the task file, and the folder of its scene.
+        json_: Print the file, each decision and the check of its run as JSON.
     """
     request = Request(
         robot=robot,
@@ -108,6 +115,7 @@ def new(
         feed_unit=None if feed_unit == "auto" else feed_unit,
         columns=None if columns is None else _columns(columns),
         rapids=None if rapids == "auto" else rapids,
+        transfer=transfer,
         arc_axis=None if arc_axis == "auto" else arc_axis,
         rotary=rotary,
         tool="out" if tool == "out" else "into",
@@ -127,15 +135,36 @@ def new(
     check_file(out)
     with share_progress() as report:
         task = new_task(request, out, force=force, progress=_with_hint(report))
+    shown = quiet.set(quiet.get() or json_)
+    if json_:
+        print(json.dumps(_facts(task), ensure_ascii=False, indent=2))
     say(f"wrote {out}: {task.path_task.title}", *(f"  {note}" for note in task.notes))
     if not task.runs:
         say("  the robot does not come to the end of the path; the notes above say why.")
+        quiet.reset(shown)
         raise SystemExit(1)
-    shown = quote(str(out) if len(out.parts) > 1 else f"./{out}")
-    say(
-        f"next: qp-twist run {shown} --method {task.method} --out {quote(out.stem)}_joints.csv",
-        f"or, all methods side by side: qp-twist compare {shown}",
-    )
+    name = quote(str(out) if len(out.parts) > 1 else f"./{out}")
+    say(f"next: qp-twist run {name} --method {task.method} --out {quote(out.stem)}_joints.csv")
+    if not task.path_task.joint_moves:
+        say(f"or, all methods side by side: qp-twist compare {name}")
+    quiet.reset(shown)
+
+
+def _facts(task: NewTask) -> dict[str, Any]:
+    """What was written, ready for JSON."""
+    ranges, start = JointRanges.of(task.path_task.model), None
+    if task.start is not None:
+        start = dict(zip(ranges.names, ranges.positions(task.start.q).tolist(), strict=True))
+    return {
+        "file": str(task.path),
+        "title": task.path_task.title,
+        "waypoints": len(task.path_task.waypoints),
+        "start": start,
+        "notes": list(task.notes),
+        "runs": task.runs,
+        "method": task.method,
+        "check": None if task.check is None else task.check.to_dict(),
+    }
 
 
 def _with_hint(report: Callable[[str, float], None]) -> Callable[[str, float], None]:

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 from qp_twist.cli.app import (
+    Json,
     Names,
     OptionalFile,
     Solver,
@@ -21,7 +23,11 @@ from qp_twist.comparison import compare as compare_methods
 
 @app.command
 def roadmap(
-    task: Task, methods: Names = None, solver: Solver = None, out: OptionalFile = None
+    task: Task,
+    methods: Names = None,
+    solver: Solver = None,
+    out: OptionalFile = None,
+    json_: Json = False,
 ) -> None:
     """Draw the feasible free motion along the path, with the motions of the methods over it.
 
@@ -33,6 +39,7 @@ def roadmap(
         methods: Method names separated by commas; if omitted, all applicable ones.
         solver: Backend of the QPs; if omitted, machine code.
         out: PNG file to write; if omitted, out/TASK/roadmap.png.
+        json_: Print the file and the numbers of the methods over it as JSON.
     """
     from qp_twist.comparison.joint_figure import save_figure  # with matplotlib
     from qp_twist.comparison.roadmap_figure import check_applies, roadmap_figure
@@ -48,4 +55,7 @@ def roadmap(
         )
     with working("evaluating the roadmap"):
         save_figure(roadmap_figure(path_task, comparison.trajectories), target)
-    say(f"wrote {target}")
+    if not json_:
+        say(f"wrote {target}")
+        return
+    print(json.dumps({"file": str(target), **comparison.to_dict()}, ensure_ascii=False, indent=2))

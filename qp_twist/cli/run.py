@@ -147,10 +147,12 @@ def _timing(timed: TimedTrajectory | None, rows: Trajectory) -> list[str]:
         )
     if timed.limits.accelerations_of:
         lines.append(f"accelerations: {timed.limits.accelerations_of}")
-    lines.append(f"{timed.times[-1]:.4g} s; {rows.path_task.feed_time:.4g} s at the feed")
+    total, at_feed = f"{timed.times[-1]:.4g} s", f"{rows.path_task.feed_time:.4g} s at the feed"
     moves = in_joint_moves(timed.trajectory.path_task, len(timed.q))
     if moves.any():
-        lines[-1] += f", and {timed.durations[moves].sum():.4g} s of it in joint moves"
+        total += f", {timed.durations[moves].sum():.4g} s of it in joint moves"
+        at_feed = f"the path takes {at_feed}"
+    lines.append(f"{total}; {at_feed}")
     lines += [f"slower at {stretch}" for stretch in timed.slowed[:_STRETCHES]]
     if len(timed.slowed) > _STRETCHES:
         lines.append(f"slower at {len(timed.slowed) - _STRETCHES} more stretches")

@@ -2,12 +2,25 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 from typing import Annotated, cast
 
 import tyro
 
-from qp_twist.cli.app import Folder, Names, Solver, Task, app, load, method_names, say, show
+from qp_twist.cli.app import (
+    Folder,
+    Json,
+    Names,
+    Solver,
+    Task,
+    app,
+    load,
+    method_names,
+    quiet,
+    say,
+    show,
+)
 from qp_twist.cli.progress import load_machine_code, sample_progress, working
 from qp_twist.studies import Start
 from qp_twist.studies import study as run_study
@@ -27,6 +40,7 @@ def study(
     certify: bool = True,
     jobs: Annotated[int | None, tyro.conf.arg(metavar="N")] = None,
     scheduler: Annotated[str | None, tyro.conf.arg(metavar="ADDRESS")] = None,
+    json_: Json = False,
 ) -> None:
     """Run methods on many samples of a task; print how often each succeeds, and why it fails.
 
@@ -46,6 +60,7 @@ def study(
         jobs: Number of processes; if omitted, one per core.
         scheduler: Address of a Dask scheduler, e.g. tcp://host:8786, whose workers are used
             instead.
+        json_: Print the content of summary.json instead of the table.
     """
     path_task = load(task)
     folder = out or Path("out") / f"{path_task.name}_study"
@@ -68,7 +83,11 @@ def study(
         )
     with working("drawing the figures"):
         lines = [str(found.folder / "results.parquet"), *found.report()]
+    shown = quiet.set(quiet.get() or json_)
     show(rich_study_table(found.title, found.summary()))
     say(found.feasibility)
     for line in lines:
         say(f"wrote {line}")
+    quiet.reset(shown)
+    if json_:
+        print(json.dumps({"files": lines, **found.to_dict()}, ensure_ascii=False, indent=2))

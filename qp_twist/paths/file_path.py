@@ -256,8 +256,9 @@ def _joint_moves(pieces: list[_Piece]) -> tuple[int, ...]:
 def _ends_of_joint_move(before: Curve, curve: Curve) -> tuple[Curve | None, Curve | None, bool]:
     """The rapid points at the ends of a joint move between two curves, and whether there is one.
 
-    The tool retreats to the first and approaches from the second, in straight lines. It needs no rapid point where the curve before ends with a retreat, or this one begins with an
-    approach. Without a joint move all rapid points of the file are in the first part.
+    The tool retreats to the first and approaches from the second, in straight lines. It needs no
+    rapid point where the curve before ends with a retreat, or this one begins with an approach.
+    Without a joint move all rapid points of the file are in the first part.
     """
     way, lifted, lowered = curve.before, lifts(before, -1), lifts(curve, 0)
     if (way is None and not (lifted and lowered)) or (

@@ -128,6 +128,15 @@ class Study:
         assert isinstance(console.file, io.StringIO)
         return console.file.getvalue()
 
+    def to_dict(self) -> dict[str, Any]:
+        """The content of ``summary.json``."""
+        return {
+            "samples": self.count - len(self.missing()),
+            "of": self.count,
+            "feasibility": self.feasibility,
+            "methods": {s.method: s.to_dict() for s in self.summary()},
+        }
+
     @property
     def title(self) -> str:
         """Task, number of samples, seed, and what varies."""
@@ -169,13 +178,7 @@ class Study:
         """Write ``summary.json``, ``summary.txt`` and the figures; return their paths."""
         from qp_twist.comparison.joint_figure import save_figure
 
-        content = {
-            "samples": self.count - len(self.missing()),
-            "of": self.count,
-            "feasibility": self.feasibility,
-            "methods": {s.method: s.to_dict() for s in self.summary()},
-        }
-        text = json.dumps(content, indent=2, ensure_ascii=False) + "\n"
+        text = json.dumps(self.to_dict(), indent=2, ensure_ascii=False) + "\n"
         written = [
             write_atomically(self.folder / "summary.json", text),
             write_atomically(self.folder / "summary.txt", self.text()),

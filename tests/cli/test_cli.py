@@ -83,10 +83,15 @@ def test_run_keeps_the_path_between_the_waypoints_too(
 
 
 @pytest.mark.parametrize("task", ["planar_line", "deburring"])
-def test_roadmap_draws_one_figure(task: str, tmp_path: Path) -> None:
+def test_roadmap_draws_one_figure(
+    task: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     file = tmp_path / "fig4.png"
-    main(["roadmap", task, "--methods", "minimum_norm,twa", "--out", str(file)])
+    main(["roadmap", task, "--methods", "minimum_norm,twa", "--out", str(file), "--json"])
     assert file.read_bytes().startswith(b"\x89PNG")
+    found = json.loads(capsys.readouterr().out)  # nothing else on standard output
+    assert found["file"] == str(file)
+    assert list(found["methods"]) == ["minimum_norm", "twa"]
 
 
 @pytest.mark.parametrize(

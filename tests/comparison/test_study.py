@@ -584,6 +584,13 @@ def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None
     assert "line: 3 samples, seed 0, varied: placement" in said
     assert "qp_gradient" in said
     assert f"wrote {tmp_path / 'out' / 'results.parquet'}" in said
+    main(["study", task, "--samples", "3", "--methods", "qp_gradient", "--no-certify",
+          "--jobs", "2", "--out", out, "--json"])  # fmt: skip
+    found = json.loads(capsys.readouterr().out)  # nothing else on standard output
+    files = found.pop("files")
+    assert found == json.loads((tmp_path / "out" / "summary.json").read_text("utf-8"))
+    assert found["samples"] == 3
+    assert all(Path(file).is_file() for file in files)
     main(["compare", task, "--sample", "1", "--from", out, "--out", str(tmp_path / "one")])
     said = capsys.readouterr().out
     assert said.startswith("sample 1: x ")

@@ -484,11 +484,15 @@ def test_the_feeds_of_a_file_are_the_tasks(tmp_path: Path) -> None:
     assert 'feeds = "file"' in made.path.read_text("utf-8")
 
 
-def test_place_takes_an_orientation(tmp_path: Path) -> None:
+def test_place_takes_an_orientation(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     arch(tmp_path / "arch.csv")
     out = tmp_path / "turned.toml"
     main(["new", SEVEN, "--frame", "tool", "--path", str(tmp_path / "arch.csv"), "--out", str(out),
-          "--place", "0.5,0.1,0.3,0,10,90"])  # fmt: skip
+          "--place", "0.5,0.1,0.3,0,10,90", "--json"])  # fmt: skip
+    said = json.loads(capsys.readouterr().out)  # nothing else on standard output
+    assert said["file"] == str(out)
+    assert said["runs"] and said["check"]["passes"]
+    assert said["waypoints"] == len(load(out).waypoints)
     stated = tomllib.loads(out.read_text("utf-8"))["path"]["placement"]
     assert stated == {"position": [0.5, 0.1, 0.3], "rpy_deg": [0, 10, 90]}
     a = math.radians(90.0)
