@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import sys
 from collections.abc import Iterator
 from importlib import import_module
@@ -10,8 +11,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import qp_twist as qt
 from qp_twist.bench.tables import markdown_table
 from qp_twist.bench.timer import Timed, once
+from qp_twist.robots import controller_joints, named_robot
 
 FOLDER = Path(__file__).parents[2] / "benchmarks"
 SCRIPTS = sorted(path.stem for path in FOLDER.glob("*.py") if path.stem != "page")
@@ -130,3 +133,32 @@ def test_steps_keep_their_distance_smoothly(
     hidden = cells.UNFORESEEN if world == "moving" else 0.0
     assert found.short < 1e-6 + hidden and not found.failures and found.excess < 1e-9
     assert found.flips <= 5
+
+
+@pytest.mark.parametrize("name", ["csv_mm.csv", "normals.csv", "arcs.apt", "dome.nc"])
+def test_the_judge_of_programs_and_the_package_read_the_same_toolpath(name: str) -> None:
+    """The judge has readers of its own; arcs are chords here and there."""
+    judge = import_module("judged_programs")
+    file = FOLDER / "toolpaths" / name
+    curves = judge.curves_of(file)
+    dense = [np.linspace(a, b, 50) for curve in curves for a, b in itertools.pairwise(curve)]
+    read = qt.read_toolpath(file, rotary="head-bc" if name == "dome.nc" else None)
+    for curve in read.curves:
+        rows = np.hstack([curve.positions, curve.vectors])
+        distance, angle = judge.apart(rows, np.concatenate(dense))
+        assert distance.max() < 1.2e-5  # that of the chords of an arc
+        assert angle.max() < 1e-3
+
+
+def test_the_judge_reads_back_what_a_program_shows(tmp_path: Path) -> None:
+    judge = import_module("judged_programs")
+    task = qt.load_task("deburring")
+    q = task.start + np.linspace(0.0, 0.05, 4)[:, None]
+    rows = qt.JointRows(qt.kinematics.JointRanges.of(task.model).names, q, np.arange(4.0))
+    joints = controller_joints(
+        task.model, task.frame_name, task.frame_type, named_robot("M-16iB/20")
+    )
+    shown, robot = judge.rows_of(qt.write_trajectory(rows, tmp_path / "short.ls", joints))
+    shown[:, 2] += shown[:, 1]  # J3 is the forearm's angle to the floor
+    assert robot == "Fanuc M-16iB/20"
+    assert np.abs(shown - q).max() < 1e-6
