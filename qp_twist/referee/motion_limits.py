@@ -89,4 +89,4 @@ def with_stated_accelerations(
         float(v) if isinstance(v, (int, float)) and np.isfinite(v) and v > 0.0 else np.inf
         for v in values
     ]
-    return limits.filled(np.array(found), "the file's own statement")
+    return limits.filled(np.array(found), "those that the file states")

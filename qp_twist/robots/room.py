@@ -29,7 +29,7 @@ def add_room(spec: Any, height: float, *, collides: bool) -> None:
             name += "_"
         spec.worldbody.add_geom(
             name=name, type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0.0, 0.0, 0.1],
-            pos=[0.0, 0.0, height], rgba=(0.84, 0.85, 0.86, 1.0), group=DRAWN, mass=0.0,
+            pos=[0.0, 0.0, height], rgba=(0.60, 0.61, 0.63, 1.0), group=DRAWN, mass=0.0,
             contype=int(collides), conaffinity=int(collides),
         )  # fmt: skip
     if not list(spec.lights):

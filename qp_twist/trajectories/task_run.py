@@ -12,7 +12,7 @@ import numpy.typing as npt
 from qp_twist.checks import Array
 from qp_twist.following import Trajectory, follow
 from qp_twist.kinematics import JointRanges
-from qp_twist.paths import PathTask
+from qp_twist.paths import PathTask, via_points
 from qp_twist.referee import (
     AXIS_TOLERANCE_DEG,
     POSITION_TOLERANCE,
@@ -54,7 +54,15 @@ class TaskRun:
 
     @property
     def kept(self) -> int:
-        """Number of waypoints, from the first one on, within the tolerances of the check."""
+        """Number of waypoints, from the first one on, within the tolerances of the check.
+
+        Via points of joint moves are not counted.
+        """
+        via = via_points(self.trajectory.path_task)
+        return int((~via[: self._kept_rows]).sum())
+
+    @property
+    def _kept_rows(self) -> int:
         trajectory = self.trajectory
         off = _off(trajectory.position_error, trajectory.axis_error)
         return int(np.argmax(off)) if off.any() else len(off)
@@ -62,7 +70,7 @@ class TaskRun:
     @property
     def held_by(self) -> str:
         """Active limits at the first missed waypoint, where known."""
-        trajectory, index = self.trajectory, self.kept
+        trajectory, index = self.trajectory, self._kept_rows
         if trajectory.failure:
             return trajectory.failure
         return ", ".join(trajectory.binding[index]) if index < len(trajectory.binding) else ""

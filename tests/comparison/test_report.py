@@ -186,6 +186,9 @@ def test_the_report_is_no_wider_than_a_phone(folder: Path, tmp_path: Path) -> No
         assert tab.locator("table").count() == 3
         for scheme in ("light", "dark"):
             tab.emulate_media(color_scheme=scheme)
+            paper = tab.evaluate("getComputedStyle(document.body).backgroundColor")
+            light = sum(map(int, re.findall(r"\d+", paper)))
+            assert light > 600 if scheme == "light" else light < 150
             for width in (320, 360, 390, 768, 1280):
                 tab.set_viewport_size({"width": width, "height": 800})
                 assert tab.evaluate("document.scrollingElement.scrollWidth") <= width

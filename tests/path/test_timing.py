@@ -215,7 +215,7 @@ def test_a_run_is_from_rest_to_rest_within_default_accelerations(tmp_path: Path)
     done = run_task(task, "qp_gradient", tmp_path / "run.csv")
     assert done.check is not None
     assert done.passes
-    assert "accelerations checked against the file's own statement" in done.check.sources
+    assert "accelerations checked against those that the file states" in done.check.sources
     # The file alone, by another library, every millisecond.
     table = np.genfromtxt(tmp_path / "run.csv", delimiter=",", skip_header=3)
     t, q, v, a = table[:, 1], table[:, 2:8], table[:, 8:14], table[:, 14:20]
@@ -243,7 +243,7 @@ def test_limits_are_the_tasks_then_the_robots_then_the_files_then_the_default() 
     assert limits.accelerations_of == ""
     read = with_stated_accelerations(limits, stated, ranges)
     assert read.acceleration.tolist() == [1.0, 8.0, np.inf, np.inf, np.inf, np.inf]
-    assert read.accelerations_of == "the file's own statement"
+    assert read.accelerations_of == "those that the file states"
     assert with_stated_accelerations(limits, [8.0], ranges) is limits
     full = with_default_accelerations(read, ranges)
     assert full.acceleration[2:] == pytest.approx(4.0 * task.velocity_limits[2:])
