@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import itertools
 from collections.abc import Iterable, Sequence
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -284,6 +285,23 @@ class Clearance(Constraint):
         At configurations q (N, nq), in the order of ``pairs``; −1 where none is.
         """
         return self._shapes.first_below(q, self.distance - tolerance)
+
+    def of_ignored(self, q: Array) -> Clearance:
+        """The pairs that this one ignores, as far as they keep its distance at all of q (N, nq).
+
+        A tool that works on a part may touch it there; where it is moved from one place of work to
+        the next it must not.
+        """
+        every = Clearance(self.model, self.distance, recovery_speed=self.recovery_speed)
+        own = set(map(tuple, self.pairs.tolist()))
+        kept = (every.margins(np.asarray(q, dtype=np.float64)) >= 0.0).all(axis=0)
+        kept &= np.array([tuple(pair) not in own for pair in every.pairs.tolist()], dtype=bool)
+        found = every.without_pairs()
+        found.__dict__.pop("_shapes", None)  # of all pairs
+        found.pairs = every.pairs[kept]
+        found.names = tuple(itertools.compress(every.names, kept))
+        found.units = ("m",) * len(found.pairs)
+        return found
 
     def without_pairs(self) -> Clearance:
         """A clearance of the same model that asks for nothing."""

@@ -10,6 +10,7 @@ from .assemble import SAME_DIRECTION as SAME_DIRECTION
 from .assemble import SAME_POINT as SAME_POINT
 from .assemble import unit_question as unit_question
 from .joint_moves import in_joint_moves as in_joint_moves
+from .joint_moves import joint_move_ends as joint_move_ends
 from .joint_moves import refuse_joint_moves as refuse_joint_moves
 from .joint_moves import stretch_task as stretch_task
 from .joint_moves import stretches as stretches

@@ -46,6 +46,14 @@ def in_joint_moves(path_task: PathTask, count: int | None = None) -> Mask:
     return found if count is None else found[: count - 1]
 
 
+def joint_move_ends(path_task: PathTask) -> list[tuple[int, int]]:
+    """The waypoints between which each joint move is, its via points not counted."""
+    moves = list(path_task.joint_moves)
+    first = [k for k in moves if k - 1 not in moves]
+    last = [k for k in moves if k + 1 not in moves]
+    return [(begin - 1, end) for begin, end in zip(first, last, strict=True)]
+
+
 def via_points(path_task: PathTask) -> Mask:
     """Which waypoints a joint move only passes, (N,)."""
     inside = in_joint_moves(path_task)

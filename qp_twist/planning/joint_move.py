@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Sequence
 
 import numpy as np
@@ -68,10 +69,6 @@ class JointMoves:
             )
         self.speeds = speeds_or_default(motion_limits(path_task), self.ranges)
         self._constraints: Sequence[Constraint] = path_task.stated_constraints
-        self._roomier = [
-            Clearance(c.model, c.distance + _ROOM, c.ignored) if isinstance(c, Clearance) else c
-            for c in self._constraints
-        ]
 
     def seconds(self, q: Array) -> Array:
         """Least time between consecutive rows of q (N, nv) at the joints' speeds, s, (N − 1,)."""
@@ -88,7 +85,9 @@ class JointMoves:
     def found(self, begin: Array, end: Array, effort: int = EFFORT) -> Array:
         """Rows from ``begin`` to ``end``, (nv,) each, both included, (N, nv).
 
-        The straight motion of the joints from row to row keeps ranges and constraints, proven.
+        The straight motion of the joints from row to row keeps ranges and constraints, proven. It
+        also keeps the distance of pairs that a clearance ignores, such as tool and part, if they
+        have it at both ends.
 
         Args:
             begin: First configuration.
@@ -99,23 +98,25 @@ class JointMoves:
             NoJointMove: If there is none, with what is in the way.
         """
         straight = np.array([begin, end])
+        kept = [*self.path_task.stated_constraints]
+        ignored = [
+            c.of_ignored(straight) for c in self.path_task.constraints if isinstance(c, Clearance)
+        ]
+        self._constraints = kept = [*kept, *(c for c in ignored if len(c.pairs))]
         if self.free(straight).all():
             return _divided(straight)
         for q, which in ((begin, "begins"), (end, "ends")):
             violated = self._violated(q[None])
             if violated:
                 raise NoJointMove(self.path_task.name, f"where it {which}, {violated}")
-        strict = self._constraints
-        try:
-            for constraints in (self._roomier, strict) if self._roomier else (strict,):
-                self._constraints = constraints
-                if not self.free(np.array([begin, begin, end, end]))[[0, 2]].all():
-                    continue  # the ends themselves have no more room
-                corners = self._connected(begin, end, effort)
-                if corners is not None:
-                    return _divided(self._rounded(self._shortened(corners)))
-        finally:
-            self._constraints = strict
+        for constraints in ([_roomier(c) for c in kept], kept) if kept else (kept,):
+            self._constraints = constraints
+            if not self.free(np.array([begin, begin, end, end]))[[0, 2]].all():
+                continue  # the ends themselves have no more room
+            corners = self._connected(begin, end, effort)
+            if corners is not None:
+                return _divided(self._rounded(self._shortened(corners)))
+        self._constraints = kept
         raise NoJointMove(
             self.path_task.name,
             f"on the straight motion of the joints, {self._violated(_divided(straight))}, and "
@@ -138,7 +139,7 @@ class JointMoves:
     def _violated(self, q: Array) -> str:
         """What the configurations q (N, nv) violate most, in words; empty if nothing."""
         worst, text = 0.0, ""
-        for constraint in self.path_task.stated_constraints:
+        for constraint in self._constraints:
             margins = constraint.margins(q)
             row, k = np.unravel_index(int(np.argmin(margins)), margins.shape)
             least = float(margins[row, k])
@@ -296,6 +297,15 @@ def _kept(constraint: Constraint, begin: Array, end: Array) -> Mask:
         owner = np.concatenate([owner, owner])
         begin, end = np.concatenate([begin, middle]), np.concatenate([middle, end])
     return kept
+
+
+def _roomier(constraint: Constraint) -> Constraint:
+    """A clearance with ``_ROOM`` more; other constraints as they are."""
+    if not isinstance(constraint, Clearance):
+        return constraint
+    found = copy.copy(constraint)
+    found.distance = constraint.distance + _ROOM
+    return found
 
 
 def _divided(q: Array) -> Array:

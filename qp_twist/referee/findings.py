@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from qp_twist.checks import Array
+from qp_twist.constraints import Clearance
 from qp_twist.errors import InvalidInput
 from qp_twist.kinematics import JointRanges
-from qp_twist.paths import PathTask, in_joint_moves
+from qp_twist.paths import PathTask, in_joint_moves, joint_move_ends
 from qp_twist.referee.joint_motion import JointMotion
 from qp_twist.referee.motion_limits import MotionLimits, motion_limits
 from qp_twist.referee.path_errors import PROVEN, PathErrors, path_errors
@@ -160,6 +161,7 @@ def examine(
         *_of_errors(errors, tolerances),
         *_of_bands(path_task, errors, tolerances),
         *_of_constraints(path_task, motion, errors, tolerances, passing),
+        *_of_joint_moves(path_task, motion, tolerances, passing),
         *_of_positions(ranges, motion, passing),
     ]
     if passing.timed:
@@ -289,6 +291,46 @@ def _of_constraints(
             between = errors.bands_between[:, column], errors.bands_bound[:, column]
             found.append(_between(f"{name} between", *between, limit, 1.0, unit))
     return found
+
+
+def _of_joint_moves(
+    path_task: PathTask, motion: JointMotion, tolerances: Tolerances, passing: Passing
+) -> list[Finding]:
+    """Pairs that the clearances ignore, on joint moves that begin and end clear of them."""
+    found: list[Finding] = []
+    limit = tolerances.position
+    for first, last in joint_move_ends(path_task):
+        if last >= len(passing.times):
+            break
+        when = passing.times[[first, last]]
+        clearances = [c for c in path_task.constraints if isinstance(c, Clearance)]
+        ignored = [c.of_ignored(motion.at(when).q) for c in clearances]
+        ignored = [clearance for clearance in ignored if len(clearance.pairs)]
+        if not ignored or not when[1] > when[0]:
+            continue
+        move = replace(
+            path_task,
+            waypoints=(path_task.waypoints[first], path_task.waypoints[last]),
+            flipped_waypoints=None,
+            constraints=tuple(ignored),
+            durations=None,
+            segments=(),
+            bands=(),
+            lines=None,
+            joint_moves=(1,),
+        )
+        errors = path_errors(move, motion, when, tolerances=(limit, tolerances.axis))
+        columns = [
+            k for k, c in enumerate(move.stated_constraints) if any(c is one for one in ignored)
+        ]
+        value = float(errors.bands_between[:, columns].max())
+        bound = float(errors.bands_bound[:, columns].max())
+        passes = bound <= (1.0 + PROVEN) * limit
+        where = f"waypoints {first + 1} to {last + 1}, pairs that are ignored elsewhere"
+        name = "outside clearance on joint moves"
+        found.append(Finding(name, value, limit, "m", where, passes, bound))
+    # One line for all of them.
+    return [max(found, key=lambda f: (not f.passes, f.value))] if found else []
 
 
 def joint_margins(ranges: JointRanges, motion: JointMotion) -> tuple[Array, Array]:

@@ -24,6 +24,7 @@ _QUANTITIES = {
     "feed": "Speed along the path",
     "time": "Time along the path",
     "outside clearance": TOO_NEAR,
+    "outside clearance on joint moves": "Too near on joint moves",
 }
 _SCALES = {"m": (1e3, "mm"), "rad": (math.degrees(1.0), "°"), "rad/s": (math.degrees(1.0), "°/s")}
 

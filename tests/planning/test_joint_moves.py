@@ -209,6 +209,31 @@ def test_a_ball_among_random_boxes_touches_none(
         assert np.linalg.norm(beside, axis=1).min() >= 0.02 - 1.1e-5
 
 
+def test_what_the_tool_works_on_is_not_touched_on_the_way() -> None:
+    """The clearance ignores ball and box, since one works on the other, but not on joint moves."""
+    model = slides([(0.0, 0.0, 0.2, 0.3)])
+    rows = np.array([[-0.8, 0.0], [0.8, 0.0]])
+    task = dataclasses.replace(
+        joint_path(model, rows, None).path_task,
+        constraints=(qt.Clearance(model, 0.01, ignore=[("ball", "box_0")]),),
+        joint_moves=(1,),
+    )
+    q = JointMoves(task).found(*rows)
+    u = np.arange(20)[:, None, None] / 20.0
+    points = (q[:-1] + u * np.diff(q, axis=0)).reshape(-1, 2)
+    beside = np.maximum(np.abs(points) - [0.2, 0.3], 0.0)
+    assert np.linalg.norm(beside, axis=1).min() >= 0.03 - 1.1e-5
+    straight = qt.JointMotion(np.arange(2.0), rows)
+    found = {f.name: f for f in qt.referee.examine(task, straight)}
+    assert not found["outside clearance on joint moves"].passes
+    # In the middle the box is 0.2 m deep, the ball's radius is 0.02 m.
+    assert found["outside clearance on joint moves"].value == pytest.approx(0.23, abs=1e-3)
+    around = qt.JointMotion(np.arange(float(len(q))), q)
+    passing = qt.referee.Passing(around.times[[0, -1]], False, False)
+    found = {f.name: f for f in qt.referee.examine(task, around, passing=passing)}
+    assert found["outside clearance on joint moves"].passes
+
+
 def test_of_two_ways_around_the_end_is_reached_in_a_maze() -> None:
     """Two walls with gaps at opposite ends: a straight line and one corner do not suffice."""
     model = slides([(-0.3, -0.2, 0.05, 0.8), (0.3, 0.2, 0.05, 0.8)])
@@ -231,6 +256,25 @@ def test_what_a_joint_move_cannot_have_is_refused(
 ) -> None:
     with pytest.raises(qt.TaskFileError, match=message):
         qt.load_task(walled_task(tmp_path, transfer=transfer))
+
+
+def test_rapid_speeds_are_of_straight_ways(tmp_path: Path) -> None:
+    file = walled_task(tmp_path)
+    file.write_text(file.read_text().replace("speed = 0.05", "speed = 0.05\nrapid = 0.5"))
+    with pytest.raises(qt.TaskFileError, match=r"feed\.rapid is for straight ways"):
+        qt.load_task(file)
+
+
+def test_joints_without_a_range_turn_the_short_way() -> None:
+    model = mujoco.MjModel.from_xml_string(
+        """<mujoco><worldbody><body><joint name="a" type="hinge" limited="false"/>
+        <geom size="0.1" mass="1"/><body><joint name="b" type="hinge" range="-400 400"/>
+        <geom size="0.1" mass="1"/><site name="tool"/></body></body></worldbody></mujoco>"""
+    )
+    task = joint_path(model, np.zeros((2, 2)), None).path_task
+    q = JointMoves(task).nearest_turn(np.array([[-3.0, -3.0], [-3.2, -3.2]]), np.full(2, 3.0))
+    turn = 2.0 * np.pi
+    assert q == pytest.approx(np.array([[turn - 3.0, -3.0], [turn - 3.2, -3.2]]))
 
 
 def test_joint_moves_need_approach_and_retreat(tmp_path: Path) -> None:
