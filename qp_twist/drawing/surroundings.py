@@ -18,6 +18,11 @@ _FREE_CAMERA = 1.5
 _LINKS = ((0.62, 0.66, 0.71, 1.0), (0.80, 0.82, 0.85, 1.0), (0.45, 0.49, 0.55, 1.0))
 _ROUGHNESS = 0.7
 _FIXED = (0.40, 0.42, 0.45, 1.0)
+_FLOOR = {
+    "plane_color": (186, 190, 196), "plane_opacity": 1.0,
+    "cell_color": (172, 176, 182), "section_color": (158, 162, 168),
+}  # fmt: skip
+"""Colours of a floor in a viser scene."""
 
 
 def coloured(model: mujoco.MjModel) -> mujoco.MjModel:
@@ -43,9 +48,10 @@ def framed(path_task: Drawn) -> mujoco.MjModel:
 
 
 def make_matte(scene: Any) -> None:
-    """Let a viser scene draw meshes of one colour, which have no material, as matte.
+    """Let a viser scene draw floors grey, and meshes of one colour, without a material, matte.
 
-    The player takes what has no material for metal, which is black without surroundings to mirror.
+    The player takes what has no material for metal, which is black without surroundings to mirror;
+    and floors for white.
     """
     from trimesh.visual import TextureVisuals
     from trimesh.visual.material import PBRMaterial
@@ -69,6 +75,8 @@ def make_matte(scene: Any) -> None:
 
     for name in ("add_mesh_trimesh", "add_batched_meshes_trimesh"):
         setattr(scene, name, _with_first(getattr(scene, name), matte))
+    add_grid = scene.add_grid
+    scene.add_grid = lambda name, **options: add_grid(name, **(options | _FLOOR))
 
 
 def _with_first(add: Callable[..., Any], change: Callable[[Any], Any]) -> Callable[..., Any]:

@@ -94,7 +94,7 @@ class LitPairs:
             return
         _set(self.label, "visible", near is not None)
         if near is not None:
-            _set(self.label, "text", f"{near.name}: {distance_text(near.distance)}")
+            _set(self.label, "text", f"{distance_text(near.distance)}: {near.name}")
             self.label.position = near.middle
 
 

@@ -254,10 +254,12 @@ def _row(check: Check, k: int) -> dict[str, str | bool]:
         limit = allowed.text + spaced(allowed.unit)
     if finding.name == "smallest joint margin":
         limit = "0 %"
+    # Where nothing is exceeded, the largest excess is at no place.
+    none = finding.name.startswith("outside ") and finding.value == 0.0
     return {
         "name": quantity(finding) + (", between the waypoints" if between else ""),
         "value": data(shown(finding), finding.name),
         "limit": limit,
-        "where": finding.where,
+        "where": "nowhere" if none else finding.where,
         "passes": finding.passes,
     }

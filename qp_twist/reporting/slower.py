@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -39,7 +40,7 @@ class Stretch(NamedTuple):
         where = f"waypoints {self.first} to {self.last}: {_seconds(self.lost)} more"
         if not self.causes:
             return f"{where}; none of the known limits is used up there"
-        return f"{' and '.join(self.causes[:2])}, {where}"
+        return f"{_together(self.causes[:2])}, {where}"
 
 
 def slower_intervals(path_task: PathTask, check: Check) -> Mask:
@@ -98,6 +99,15 @@ def _causes(path_task: PathTask, check: Check, begin: float, end: float) -> tupl
         elif len(at):
             causes.append("starting from rest" if at[0] == motion.times[0] else "coming to rest")
     return tuple(causes)
+
+
+def _together(causes: Sequence[str]) -> str:
+    """Causes in words; two joints at the same kind of limit share its name."""
+    first, *others = causes
+    owner, mark, kind = first.partition("'s ")
+    if others and mark and others[0].endswith(f"'s {kind}"):
+        return f"{owner}'s and {others[0]}"
+    return " and ".join(causes)
 
 
 def _seconds(seconds: float) -> str:

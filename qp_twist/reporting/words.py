@@ -41,6 +41,8 @@ class Amount(NamedTuple):
 def amount(value: float, unit: str, *, margin: bool = False) -> Amount:
     """A finding's number: mm instead of m, degrees instead of rad, margins in per cent."""
     scale, shown = (100.0, "%") if margin else _SCALES.get(unit, (1.0, unit))
+    if unit == "s":  # as the cycle time
+        return Amount(value, f"{value:.4g}", shown)
     return Amount(value, digits(scale * value), shown)
 
 

@@ -159,7 +159,7 @@ def test_near_geoms_are_lit_in_the_colour_of_their_distance(
             assert near.name == clearance.names[int(every.argmin())]
             assert lit.label.visible == bool(expected)
             if expected:
-                assert lit.label.text == f"{near.name}: {distance_text(near.distance)}"
+                assert lit.label.text == f"{distance_text(near.distance)}: {near.name}"
         assert expected
         assert set(expected.values()) <= {NEAR_RGB, TOO_NEAR_RGB}
         data = mujoco.MjData(cell.model)
