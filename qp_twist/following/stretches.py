@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
+import itertools
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any, NamedTuple
 
@@ -125,7 +126,7 @@ def follow_stretches(
                 continue
         end = before.q[-1]
         apart = {id(t): float(moves.seconds(np.array([end, t.q[0]]))[0]) for t in tried}
-        tried.sort(key=lambda t: (not _complete(t), apart[id(t)]))
+        tried.sort(key=lambda t: apart[id(t)])
         move = (
             what_forbids(stretch_task(path_task, run, end))
             if not tried
@@ -168,15 +169,20 @@ def _complete(trajectory: Trajectory) -> bool:
 
 
 def _soonest(end: Array, tried: Sequence[Trajectory], moves: JointMoves) -> tuple[int, Array] | str:
-    """The first run that a joint move leads to, and its rows; or why there is none."""
+    """The first run that a joint move leads to, a complete one if possible, and its rows.
+
+    Or why there is none.
+    """
     why = ""
-    for effort in (_FIRST_EFFORT, EFFORT):
+    whole = [_complete(trajectory) for trajectory in tried]
+    for complete, effort in itertools.product((True, False), (_FIRST_EFFORT, EFFORT)):
         for number, trajectory in enumerate(tried):
+            if whole[number] != complete:
+                continue
             try:
                 return number, moves.found(end, trajectory.q[0], effort)
             except NoJointMove as error:
-                if not number:
-                    why = error.why
+                why = why or error.why
     return why
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import re
 from pathlib import Path
 
 import mujoco
@@ -15,6 +16,7 @@ from oracles.walled_cell import CLEARANCE, SPEEDS, walled_task
 
 import qp_twist as qt
 from qp_twist.planning import JointMoves, NoJointMove
+from qp_twist.robots import controller_joints, named_robot
 from qp_twist.trajectories import run_task
 from qp_twist.trajectories.task_run import TaskRun
 
@@ -109,6 +111,21 @@ def test_the_file_passes_its_check_against_the_task(run: TaskRun, task: qt.PathT
     assert found["time of joint moves"].where == "1 joint move"
     assert 0.3 < found["time of joint moves"].value < 1.2
     assert found["time"].where == "whole path, 8 s at the feed"
+
+
+def test_a_program_of_it_keeps_clear_of_the_wall(task: qt.PathTask, tmp_path: Path) -> None:
+    """Its angles read from the text; joints move straight from point to point."""
+    joints = controller_joints(task.model, "tool", "site", named_robot("M-16iB/20"))
+    program = tmp_path / "wall.ls"
+    done = run_task(task, "qp_gradient", program, joints=joints)
+    assert done.passes, done.check
+    points = re.findall(r"^P\[\d+\]\{(.*?)^\};", program.read_text(), re.M | re.S)
+    q = np.radians([[float(x) for x in re.findall(r"J\d= *(\S+) deg", p)] for p in points])
+    q[:, 2] += q[:, 1]  # the forearm's angle to the floor
+    u = np.arange(10)[:, None, None] / 10.0
+    dense = (q[:-1] + u * np.diff(q, axis=0)).reshape(-1, 6)
+    assert distances(task, dense).min() >= CLEARANCE - 1e-4
+    assert np.abs(np.diff(q[:, 0])).sum() > np.radians(25.0)  # to the other side of the wall
 
 
 def test_a_check_finds_the_wall_on_a_straight_joint_move(run: TaskRun, task: qt.PathTask) -> None:
