@@ -177,6 +177,13 @@ def test_a_plan_moves_around_the_wall_too(task: qt.PathTask) -> None:
     assert np.delete(followed.position_error, via).max() < 1e-6
 
 
+def test_the_travel_of_a_plan_counts_the_joint_move(task: qt.PathTask) -> None:
+    plan = qt.plan(task, "travel")
+    assert plan.value == pytest.approx(np.degrees(np.abs(np.diff(plan.motion(), axis=0)).sum()))
+    assert plan.bound <= plan.value
+    assert all(finding.passes for finding in plan.examined() if "clearance" in finding.name)
+
+
 def slides(boxes: list[tuple[float, float, float, float]]) -> mujoco.MjModel:
     """A ball of 20 mm on slides along x and y, from −1 to 1 m, among boxes (x, y, half sizes)."""
     around = "".join(
