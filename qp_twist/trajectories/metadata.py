@@ -11,7 +11,7 @@ import numpy as np
 from qp_twist.following import Trajectory
 from qp_twist.geometry import Projector, TwistProjector
 from qp_twist.kinematics import JointRanges
-from qp_twist.paths import PathTask
+from qp_twist.paths import PathTask, joint_move_ends
 from qp_twist.trajectories.time_trajectory import TimedTrajectory
 
 ACCELERATIONS = "acceleration_limits"
@@ -42,6 +42,9 @@ def metadata_of(trajectory: Trajectory | TimedTrajectory) -> dict[str, Any]:
         "position_error_max_m": float(rows.position_error.max()),
         "axis_error_max_rad": float(rows.axis_error.max()),
     }
+    if task.joint_moves:  # rows, from 1, where each begins and ends
+        ends = [end for end in joint_move_ends(task) if end[1] < len(rows.q)]
+        found["joint_moves"] = [[first + 1, last + 1] for first, last in ends]
     if timed is not None and timed.limits.accelerations_of:
         limits = timed.limits.acceleration
         found[ACCELERATIONS] = {

@@ -128,6 +128,19 @@ def test_a_program_of_it_keeps_clear_of_the_wall(task: qt.PathTask, tmp_path: Pa
     assert np.abs(np.diff(q[:, 0])).sum() > np.radians(25.0)  # to the other side of the wall
 
 
+def test_the_file_says_which_rows_are_a_joint_move(run: TaskRun, tmp_path: Path) -> None:
+    assert run.timed is not None
+    rows = qt.read_trajectory(qt.write_trajectory(run.timed, tmp_path / "wall.json"))
+    [[first, last]] = rows.metadata["joint_moves"]
+    data = mujoco.MjData(run.trajectory.path_task.model)
+    tips = []
+    for q in rows.q[[first - 1, last - 1]]:
+        data.qpos[:] = q
+        mujoco.mj_kinematics(run.trajectory.path_task.model, data)
+        tips.append(data.site("tool").xpos.copy())
+    assert np.array(tips) == pytest.approx(np.array([[-0.25, 1, 0.47], [0.25, 1, 0.47]]), abs=1e-6)
+
+
 def test_a_check_finds_the_wall_on_a_straight_joint_move(run: TaskRun, task: qt.PathTask) -> None:
     rows = run.trajectory
     via = np.array(rows.path_task.joint_moves[:-1])
