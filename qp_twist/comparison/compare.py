@@ -142,11 +142,11 @@ class Comparison:
         with tempfile.TemporaryDirectory() as temporary:
             # Use the model, not its file: the workpiece may have been moved.
             scene = Path(temporary) / f"{self.path_task.scene.stem}.mjb"
-            mujoco.mj_saveModel(self.path_task.model, str(scene), None)
+            shown = self.path_task.shown
+            mujoco.mj_saveModel(shown.model, str(scene), None)
             sentence = scene_picture.draw_scene(
-                scene, [self.path_task.start], self.path_task.positions, picture,
-                camera=overview(self.path_task.model),
-            )  # fmt: skip
+                scene, [shown.start], shown.positions, picture, camera=overview(shown.model)
+            )
         lines.append(sentence or str(picture))
         page = report_page(
             self.path_task,

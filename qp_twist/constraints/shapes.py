@@ -37,7 +37,7 @@ class MovingShapes:
         self._geoms = np.unique(pairs)
         self._number = {int(geom): k for k, geom in enumerate(self._geoms)}
         vertices = [self._vertices(int(geom)) for geom in self._geoms]
-        chains = [relative_joints(model, int(a), int(b)) for a, b in pairs]
+        chains = [_chains(model, int(a), int(b)) for a, b in pairs]
         moving = self._moving()
         size = CellSizes(
             model.nbody, len(moving), model.njnt, len(self._geoms), sum(map(len, vertices)),
@@ -213,6 +213,21 @@ class MovingShapes:
         #: The same with mocap bodies where they are expected at the next step.
         self._ahead = self._floats.copy()
         self._then: Cell = CELL.arrays(self._ahead, self._integers, self._integers)
+
+
+def _chains(model: mujoco.MjModel, one: int, other: int) -> tuple[list[int], list[int]]:
+    """The joints that move a geom, and those that move the other, each from the geom inwards.
+
+    Only the motion of one against the other matters. A plane, which has no end and so no longest
+    lever, is taken to stand still: all joints between the two move the other geom.
+    """
+    chains = relative_joints(model, one, other)
+    planes = [int(model.geom_type[geom]) == PLANE for geom in (one, other)]
+    if planes == [True, False]:
+        return [], chains[1] + chains[0][::-1]
+    if planes == [False, True]:
+        return chains[0] + chains[1][::-1], []
+    return chains
 
 
 def _rows(array: Array) -> Array:

@@ -2,10 +2,12 @@
 
 from .cone_band import ConeBand as ConeBand
 from .frame import check_configuration as check_configuration
+from .frame import frame_id as frame_id
 from .frame import frame_jacobian as frame_jacobian
 from .frame import frame_pose as frame_pose
 from .frame import relative_jacobian as relative_jacobian
 from .frame import same_structure as same_structure
+from .frame import together as together
 from .frame_pair import FramePair as FramePair
 from .free_twist_cost import FreeTwistCost as FreeTwistCost
 from .gaze_task import GazeTask as GazeTask

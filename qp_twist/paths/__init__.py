@@ -28,12 +28,14 @@ from .placement import leaned as leaned
 from .placement import placed as placed
 from .read_toolpath import Format as Format
 from .read_toolpath import read_toolpath as read_toolpath
+from .rerooted import rerooted as rerooted
 from .resample import MOST as MOST
 from .resample import Sampling as Sampling
 from .resample import resampled as resampled
 from .resources import shipped_folder as shipped_folder
 from .rotary_axes import Rotary as Rotary
 from .segment import Segment as Segment
+from .shown import Shown as Shown
 from .task_file import load_scene as load_scene
 from .task_file import load_task as load_task
 from .task_file import shipped_tasks as shipped_tasks

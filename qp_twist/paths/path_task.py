@@ -24,15 +24,17 @@ from qp_twist.drawing import Picture, picture_of
 from qp_twist.errors import InvalidInput
 from qp_twist.geometry import ProjectorKind, TwistProjector, task_redundancy
 from qp_twist.geometry.projector import SAME_DIRECTION
-from qp_twist.kinematics import JointRanges, ToleranceBand, TwistTask, frame_pose
+from qp_twist.kinematics import JointRanges, ToleranceBand, TwistTask, frame_pose, together
 from qp_twist.paths.methods import METHODS, MethodSettings
 from qp_twist.paths.orientation import poses
+from qp_twist.paths.rerooted import OLD_WORLD, check_body, rerooted
 from qp_twist.paths.segment import (
     Segment,
     check_joint_moves,
     check_segments,
     projectors_in_force,
 )
+from qp_twist.paths.shown import Shown
 from qp_twist.paths.task_schema import IterationSection, StudySection
 from qp_twist.paths.toolpath import Lines, Toolpath
 from qp_twist.paths.turning import transported
@@ -50,7 +52,10 @@ class PathTask:
         title: Title line.
         source: The task file, if there is one.
         scene: The MJCF file.
-        model: The robot.
+        model: The robot and what is around it. With ``relative_to`` pass the scene as it stands,
+            and the arrays by joint in its order; the task then has the scene as seen from that body
+            (:func:`~qp_twist.paths.rerooted.rerooted`), whose joints are the same and may have
+            another order: ``JointRanges.of(task.model).names``.
         frame_name: Name of the controlled frame.
         frame_type: Its type.
         projector: T of the task; where it changes along the path, T of the first waypoint.
@@ -81,10 +86,15 @@ class PathTask:
         joint_moves: Indices, from 0, of the waypoints that a joint move leads to: from the waypoint
             before, the joints move as they like, inside limits and constraints; no path holds. A
             waypoint between two joint moves is a via point of one motion.
+        relative_to: Name of the body that carries the path: a part on a turn table, or in another
+            robot's hand. Waypoints, feeds, errors and everything else that is stated in the world
+            are then stated in the frame of this body. ``None``: the world carries it.
+        scene_model: With ``relative_to``: the scene as it stands, which pictures show.
 
     Raises:
         InvalidInput: If the segments or joint moves do not fit the waypoints, the robot or each
-            other, or a constraint cannot be evaluated on a path.
+            other, a constraint cannot be evaluated on a path, there is no body ``relative_to``, or
+            no joint moves the frame against it.
     """
 
     name: str
@@ -115,11 +125,29 @@ class PathTask:
     lines: Lines | None = None
     from_start: FromStart = "nothing"
     joint_moves: tuple[int, ...] = ()
+    relative_to: str | None = None
+    scene_model: mujoco.MjModel | None = None
 
     def __post_init__(self) -> None:
+        if self.relative_to is not None and self.scene_model is None:
+            self._see_from(self.relative_to)
         object.__setattr__(self, "constraints", self._with_those_of_the_model())
         check_segments(self.operational, self.projector, self.segments, len(self.waypoints))
         check_joint_moves(self.joint_moves, self.segments, len(self.waypoints))
+
+    def _see_from(self, body: str) -> None:
+        """Take the model as seen from a body, and bring all arrays by joint into its order."""
+        scene = self.model
+        check_carrier(scene, self.frame_name, self.frame_type, body)
+        seen = rerooted(scene, body)
+        values: dict[str, object] = {
+            name: seen.ordered(getattr(self, name))
+            for name in ("start", "velocity_limits", "acceleration_limits")
+        }
+        values["starts"] = {name: seen.ordered(start) for name, start in self.starts.items()}
+        values |= {"model": seen.model, "scene_model": scene}
+        for name, value in values.items():
+            object.__setattr__(self, name, value)
 
     def _with_those_of_the_model(self) -> tuple[Constraint, ...]:
         """The constraints that were passed, and couplings and clearance of the current model.
@@ -135,7 +163,7 @@ class PathTask:
             others = tuple(c for c in given if not isinstance(c, (JointCouplings, Clearance)))
         checked = check_constraints(self.name, others, self.model)
         clearances = [
-            c if c.model is self.model else Clearance(self.model, c.distance, c.ignored)
+            c if c.model is self.model else Clearance(self.model, c.distance, self._ignored(c))
             for c in clearances
         ]
         if not clearances and JointRanges.of(self.model).only_hinges_and_slides:
@@ -143,6 +171,13 @@ class PathTask:
             clearances = [own] if len(own.pairs) else []
         check_constraints(self.name, clearances, self.model)
         return *checked, *couplings_of(self.model, couplings), *clearances
+
+    def _ignored(self, clearance: Clearance) -> list[tuple[str, ...]]:
+        """The pairs of names that may touch, by the names of the model."""
+        world = "world" if self.relative_to is None else OLD_WORLD
+        return [
+            tuple(world if name == "world" else name for name in pair) for pair in clearance.ignored
+        ]
 
     @property
     def stated_constraints(self) -> tuple[Constraint, ...]:
@@ -164,11 +199,35 @@ class PathTask:
         Raises:
             QpTwistError: If there is no OpenGL; the message says what to install.
         """
-        return picture_of(self, f"{self.name}: the start and the path", width=width, height=height)
+        text = f"{self.name}: the start and the path"
+        return picture_of(self.shown, text, width=width, height=height)
+
+    @cached_property
+    def shown(self) -> Shown:
+        """The scene as it stands, with the start and the path in it."""
+        if self.relative_to is None or self.scene_model is None:
+            order = np.arange(self.model.nq)
+            return Shown(self.model, self.start, self.positions, None, order)
+        return Shown.of(self.scene_model, self.relative_to, self.model, self.start, self.positions)
+
+    @property
+    def arm(self) -> tuple[mujoco.MjModel, str, str]:
+        """The arm as it stands: its model, and name and type of a frame at its end.
+
+        That is the controlled frame; if that stands still in the scene, the body that carries the
+        path, which the arm then holds.
+        """
+        frame = self.frame_name, self.frame_type
+        if self.relative_to is None or self.scene_model is None:
+            return self.model, *frame
+        scene = self.scene_model
+        if together(scene, *frame, "world", "body"):
+            return scene, self.relative_to, "body"
+        return scene, *frame
 
     @property
     def positions(self) -> Array:
-        """Positions of the waypoints in the world, m, (N, 3)."""
+        """Positions of the waypoints in the world, or in the body that carries them, m, (N, 3)."""
         return np.array([w.translation() for w in self.waypoints])
 
     @property
@@ -199,10 +258,12 @@ class PathTask:
         task has none.
         """
         names = (self.scene.stem, self.scene.parent.name)
-        found = known_limits(self.model, self.frame_name, self.frame_type, names)
+        found = known_limits(*self.arm, names)
         if found is None:
             return None
         robot, dofs = found
+        # Joints are hinges and slides, so that degrees of freedom have the order of coordinates.
+        dofs = self.shown.order[dofs].tolist()
         limits = np.full((2, self.model.nv), np.inf)
         limits[0, dofs] = robot.speeds
         if robot.accelerations is not None:
@@ -282,9 +343,32 @@ class PathTask:
 
     def __repr__(self) -> str:
         ranks = ", then ".join(str(t.rank) for t in self.projectors)
+        on = "" if self.relative_to is None else f" on {self.relative_to!r}"
         return (
-            f"PathTask({self.name!r}, {len(self.waypoints)} waypoints, "
+            f"PathTask({self.name!r}, {len(self.waypoints)} waypoints{on}, "
             f"rank {ranks} of {self.operational.rank})"
+        )
+
+
+def check_carrier(
+    scene: mujoco.MjModel, frame_name: str, frame_type: str, relative_to: str
+) -> None:
+    """Refuse a body that a path cannot lie on.
+
+    Raises:
+        InvalidInput: If there is no such body, not all joints are hinges and slides, or none of
+            them moves the frame against the body.
+        mink.InvalidFrame: If there is no such frame.
+    """
+    check_body(scene, relative_to)
+    if not JointRanges.of(scene).only_hinges_and_slides:
+        raise InvalidInput(
+            "relative_to: a path on a body is for scenes whose joints are all hinges and slides."
+        )
+    if together(scene, frame_name, frame_type, relative_to, "body"):
+        raise InvalidInput(
+            f"relative_to: no joint moves the {frame_type} {frame_name!r} against the body "
+            f"{relative_to!r}, which is to carry the path; name the body that carries the part."
         )
 
 

@@ -35,8 +35,8 @@ def placed(
         body: Name of the workpiece's body in the scene, fixed to the world, which is moved too.
 
     Raises:
-        InvalidInput: If a vector is invalid, there is no such body, or the roll rule is undefined
-            for an axis.
+        InvalidInput: If a vector is invalid, there is no such body, the path lies on a body that
+            moves, with ``body``, or the roll rule is undefined for an axis.
     """
     about, there = finite_array("point", point, (3,)), finite_array("to", to, (3,))
     turn = rotation.as_matrix()
@@ -50,6 +50,11 @@ def placed(
 def _with_body_moved(
     path_task: PathTask, body: str, rotation: mink.SO3, point: Array, to: Array
 ) -> PathTask:
+    if path_task.relative_to is not None:
+        raise InvalidInput(
+            f"{path_task.name}: the path lies on {path_task.relative_to!r}, which joints move; it "
+            "can be placed elsewhere on that body, but no body is moved along. Leave body out."
+        )
     model = copy.copy(path_task.model)
     number = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, body)
     if number < 1 or model.body_parentid[number] != 0 or model.body_jntnum[number]:

@@ -9,7 +9,7 @@ import mink
 import mujoco
 import numpy as np
 
-from qp_twist.checks import Indices, did_you_mean
+from qp_twist.checks import Array, Indices, did_you_mean
 from qp_twist.constraints.colliding_pairs import body_name, colliding_pairs, geom_name
 from qp_twist.errors import InvalidInput
 from qp_twist.kinematics import JointRanges
@@ -33,6 +33,12 @@ class Rerooted(NamedTuple):
 
     model: mujoco.MjModel
     order: Indices
+
+    def ordered(self, by_joint: Array) -> Array:
+        """Numbers (nq,) by the scene's coordinates in the order of the model's."""
+        found = np.empty(len(self.order))
+        found[self.order] = by_joint
+        return found
 
 
 def rerooted(model: mujoco.MjModel, body: str) -> Rerooted:
@@ -70,7 +76,7 @@ def rerooted(model: mujoco.MjModel, body: str) -> Rerooted:
     Raises:
         InvalidInput: If there is no such body, or a ball or free joint moves it.
     """
-    number = _body(model, body)
+    number = check_body(model, body)
     tree = _Tree(model)
     links = [int(model.body_weldid[number])]
     while links[-1]:
@@ -205,8 +211,12 @@ class _Tree:
         return Rerooted(found, order)
 
 
-def _body(model: mujoco.MjModel, name: object) -> int:
-    """Number of the body with a name."""
+def check_body(model: mujoco.MjModel, name: object) -> int:
+    """Number of the body with a name.
+
+    Raises:
+        InvalidInput: If there is none.
+    """
     if not isinstance(name, str) or not name:
         raise InvalidInput(f"relative_to: expected the name of a body of the scene, got {name!r}.")
     number = int(mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, name))

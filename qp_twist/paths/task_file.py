@@ -25,11 +25,19 @@ from qp_twist.constraints import Clearance, per_joint
 from qp_twist.errors import InvalidInput, TaskFileError
 from qp_twist.files import read_text
 from qp_twist.geometry import ProjectorKind, TwistProjector, rotation_vector, task_redundancy
-from qp_twist.kinematics import JointRanges, SerialChain, check_bands, frame_pose, largest_reach
+from qp_twist.kinematics import (
+    JointRanges,
+    SerialChain,
+    check_bands,
+    frame_id,
+    frame_pose,
+    largest_reach,
+)
 from qp_twist.paths.file_path import FileWaypoints, file_segments, file_waypoints
 from qp_twist.paths.file_path_schema import FilePath
 from qp_twist.paths.orientation import poses, roll_by_plane
-from qp_twist.paths.path_task import FromStart, PathTask
+from qp_twist.paths.path_task import FromStart, PathTask, check_carrier
+from qp_twist.paths.rerooted import rerooted
 from qp_twist.paths.resources import shipped_folder
 from qp_twist.paths.section import Section
 from qp_twist.paths.segment import Segment
@@ -156,7 +164,7 @@ def _with_toolpath(source: Path, table: dict[str, Any], path: str | Path) -> dic
 
 def _build(path: Path, file: TaskFile) -> PathTask:
     robot = load_scene(path, file.robot.scene, file.robot.packages, file.robot.arguments)
-    model = robot.model
+    model = scene = robot.model
     ranges = JointRanges.of(model)
     if not ranges.only_hinges_and_slides:
         joint = ranges.names[int(np.argmax(ranges.qpos < 0))]
@@ -168,11 +176,15 @@ def _build(path: Path, file: TaskFile) -> PathTask:
     projector, operational = file.projector.projector(), file.operational.projector()
     task_redundancy(operational, projector)
     bands = check_bands("bands", [table.band() for table in file.bands], projector)
-    configuration = mink.Configuration(model, start)
     try:
-        rotation, _ = frame_pose(configuration, file.robot.frame, file.robot.frame_type)
+        frame_id(model, file.robot.frame, file.robot.frame_type)
     except mink.InvalidFrame as error:
         raise TaskFileError(f"{path}: robot.frame: {error}") from error
+    carrier = file.robot.relative_to
+    if carrier is not None:
+        model, ranges, start = _seen_from(carrier, file, scene, start)
+    configuration = mink.Configuration(model, start)
+    rotation, _ = frame_pose(configuration, file.robot.frame, file.robot.frame_type)
     reach = np.inf
     if projector.linear.kind is ProjectorKind.FULL:
         chain = SerialChain.of(model, file.robot.frame, file.robot.frame_type)
@@ -204,7 +216,7 @@ def _build(path: Path, file: TaskFile) -> PathTask:
         methods={str(name): settings for name, settings in file.methods.items()},
         segments=built.segments,
         bands=bands,
-        constraints=() if file.clearance is None else (_clearance(file.clearance, model),),
+        constraints=() if file.clearance is None else (_clearance(file.clearance, scene),),
         best_start=file.start.found,
         roll_normal=None
         if built.flipped is None or file.roll is None
@@ -214,7 +226,21 @@ def _build(path: Path, file: TaskFile) -> PathTask:
         lines=None if built.read is None else built.read.lines,
         from_start=built.from_start,
         joint_moves=built.joint_moves,
+        relative_to=carrier,
+        scene_model=None if carrier is None else scene,
     )
+
+
+def _seen_from(
+    carrier: str, file: TaskFile, scene: mujoco.MjModel, start: Array
+) -> tuple[mujoco.MjModel, JointRanges, Array]:
+    """The scene as seen from the body that carries the path, its ranges, and the start there."""
+    try:
+        check_carrier(scene, file.robot.frame, file.robot.frame_type, carrier)
+        seen = rerooted(scene, carrier)
+    except InvalidInput as error:
+        raise InvalidInput(f"robot.{error}") from error
+    return seen.model, JointRanges.of(seen.model), seen.ordered(start)
 
 
 def load_scene(

@@ -26,6 +26,10 @@ class RobotSection(Section):
     scene: str = Field(description="MJCF file, relative to the task file or one that is shipped")
     frame: str = Field(description="name of the controlled frame in the scene")
     frame_type: Literal["site", "body", "geom"] = "site"
+    relative_to: str | None = Field(
+        default=None,
+        description="body of the scene that carries the path: its frame takes the world's place",
+    )
     packages: dict[str, str] = Field(
         default_factory=dict,
         description="folders of the ROS packages with a URDF's meshes, relative to the task file",

@@ -9,6 +9,7 @@ import numpy as np
 
 from qp_twist.checks import Array
 from qp_twist.paths import PathTask
+from qp_twist.pictures.carrier import CARRIER
 from qp_twist.pictures.near_pairs import TOO_NEAR, NearPair, NearPairs
 
 NEAR_RGB, TOO_NEAR_RGB = (230, 159, 0), (208, 0, 0)
@@ -41,7 +42,7 @@ class LitPairs:
         self.label: Any = None
         if path_task.clearances:
             self.label = server.scene.add_label(
-                "/near/label", "", font_size_mode="screen", depth_test=False,
+                f"{CARRIER}/near/label", "", font_size_mode="screen", depth_test=False,
                 anchor="bottom-left", visible=False,
             )  # fmt: skip
 
@@ -84,7 +85,7 @@ class LitPairs:
         if geom not in self.shapes:
             vertices, faces = shape_over(self.path_task.model, geom)
             self.shapes[geom] = self._server.scene.add_mesh_simple(
-                f"/near/{geom}", vertices, faces, color=NEAR_RGB, opacity=_OPACITY,
+                f"{CARRIER}/near/{geom}", vertices, faces, color=NEAR_RGB, opacity=_OPACITY,
                 cast_shadow=False, receive_shadow=False, visible=False,
             ) if len(faces) else None  # fmt: skip
         return self.shapes[geom]

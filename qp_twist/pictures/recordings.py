@@ -15,6 +15,7 @@ from qp_twist.checks import Array
 from qp_twist.drawing.sight import sight
 from qp_twist.drawing.surroundings import coloured, floor_height, make_matte
 from qp_twist.paths import PathTask, in_joint_moves
+from qp_twist.pictures.carrier import CARRIER, put
 from qp_twist.pictures.lit_pairs import LitPairs
 
 FRAMES = 100
@@ -41,8 +42,9 @@ def recordings(
     """
     import mjviser
 
+    shown = path_task.shown
     # mjviser modifies its model.
-    model = coloured(path_task.model)
+    model = coloured(shown.model)
     path_colours: Any = _PATH_RGB
     if path_rgb is not None:
         path_colours = _linear(np.repeat(path_rgb[~in_joint_moves(path_task), None], 2, axis=1))
@@ -54,23 +56,25 @@ def recordings(
         server.scene.configure_environment_map(None)
         server.scene.configure_default_lights(enabled=True, cast_shadow=False)
         server.scene.add_light_ambient("/ambient", intensity=1.0)
-        height = floor_height(path_task)
+        height = floor_height(shown)
         if height is not None:
             server.scene.add_grid(
                 "/floor", infinite_grid=True, fade_distance=50.0, shadow_opacity=0.2,
                 plane_opacity=0.4, position=(0.0, 0.0, height),
             )  # fmt: skip
+        # What is stated in the path's frame moves with the body that carries the path.
+        carrier = server.scene.add_frame(CARRIER, show_axes=False)
         points = path_task.positions
         along = ~in_joint_moves(path_task)
         segments = np.stack([points[:-1], points[1:]], axis=1)[along].astype(np.float32)
         server.scene.add_line_segments(
-            "/path",
+            f"{CARRIER}/path",
             segments,
             colors=path_colours,
             thickness=3.0 if path_rgb is None else 5.0,
             thickness_units="screen",
         )
-        seen = sight(path_task)
+        seen = sight(shown)
         server.initial_camera.position = tuple(seen.look_at - seen.distance * seen.forward)
         server.initial_camera.look_at = tuple(seen.look_at)
         server.initial_camera.fov = seen.fov
@@ -81,10 +85,11 @@ def recordings(
             lit.prepare(frames)
             recorder = server.get_scene_serializer()
             for q in frames:
-                data.qpos[:] = q
+                data.qpos[:] = shown.configurations(q)
                 mujoco.mj_kinematics(model, data)
                 with server.atomic():
                     scene.update_from_mjdata(data)
+                    put(carrier, shown, q)
                     lit.show(q)
                 recorder.insert_sleep(seconds / len(frames))
             found[name] = base64.b64encode(recorder.serialize()).decode("ascii")

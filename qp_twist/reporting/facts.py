@@ -26,6 +26,7 @@ def facts(path_task: PathTask, check: Check, file: str) -> dict[str, str]:
     found = {
         "Robot": _robot(path_task),
         "Moving frame": f"{path_task.frame_name} ({path_task.frame_type})",
+        **({} if path_task.relative_to is None else {"Path lies on": path_task.relative_to}),
         "Held along the path": "; then ".join(
             dict.fromkeys(what_is_free(projector) for projector in path_task.projectors)
         ),
@@ -47,12 +48,11 @@ def facts(path_task: PathTask, check: Check, file: str) -> dict[str, str]:
 
 def _robot(path_task: PathTask) -> str:
     """The known robot and where its figures are from; else the scene's name."""
-    model = path_task.model
     names = (path_task.scene.stem, path_task.scene.parent.name)
-    known = known_robot(model, path_task.frame_name, path_task.frame_type, names)
+    known = known_robot(*path_task.arm, names)
     if known is not None:
         return f"{known.name}, recognised by name and geometry ({known.source})"
-    title = model.names.split(b"\0", 1)[0].decode(errors="replace")
+    title = path_task.model.names.split(b"\0", 1)[0].decode(errors="replace")
     name = title if title and title != "MuJoCo Model" else path_task.scene.stem
     return f"{name}, {path_task.scene.name}; not in the table of known robots"
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import html
 import tempfile
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
@@ -122,7 +123,7 @@ def _frames(path_task: PathTask, check: Check) -> tuple[Array, float]:
     span = float(motion.times[-1] - motion.times[0])
     seconds = 8.0
     if check.passing.timed:
-        seconds = span if span <= _LONGEST_S else span / np.ceil(span / _LONGEST_S)
+        seconds = span if span <= _LONGEST_S else span / float(np.ceil(span / _LONGEST_S))
     count = int(np.clip(_RATE * seconds, 24, _FRAMES))
     q = motion.at(np.linspace(motion.times[0], motion.times[-1], count)).q
     frames = np.empty((count, path_task.model.nq))
@@ -133,10 +134,11 @@ def _frames(path_task: PathTask, check: Check) -> tuple[Array, float]:
 def _picture(path_task: PathTask, check: Check, path_rgb: Array, folder: Path) -> tuple[str, str]:
     """The scene at the start as an element of the page, and why there is none."""
     scene, out = folder / f"{path_task.scene.stem}.mjb", folder / "scene.png"
-    mujoco.mj_saveModel(framed(path_task), str(scene), None)
+    mujoco.mj_saveModel(framed(path_task.shown), str(scene), None)
     start = np.empty(path_task.model.nq)
     start[path_task.model.jnt_qposadr[path_task.model.dof_jntid]] = check.motion.q[0]
-    points = path_task.positions
+    shown = replace(path_task, start=start).shown
+    points = shown.positions
     traces, along = {}, ~in_joint_moves(path_task)
     for colour in dict.fromkeys(map(tuple, path_rgb.tolist())):
         here = (path_rgb == colour).all(axis=1) & along
@@ -144,7 +146,7 @@ def _picture(path_task: PathTask, check: Check, path_rgb: Array, folder: Path) -
         line[~(np.append(here, False) | np.insert(here, 0, False))] = np.nan
         traces[str(colour)] = (line, (*(channel / 255.0 for channel in colour), 1.0))
     sentence = scene_picture.draw_scene(
-        scene, [start], points[:0], out, traces=traces, camera=overview(path_task.model),
+        scene, [shown.start], points[:0], out, traces=traces, camera=overview(shown.model),
         height=800,
     )  # fmt: skip
     if sentence is not None:

@@ -13,7 +13,7 @@ import numpy as np
 from qp_twist.checks import Array, did_you_mean
 from qp_twist.errors import InvalidInput
 from qp_twist.kinematics import JointRanges, frame_pose
-from qp_twist.paths import METHODS, PathTask, leaned, load_scene, placed
+from qp_twist.paths import METHODS, PathTask, leaned, load_scene, placed, rerooted
 from qp_twist.paths.task_schema import StudySection
 from qp_twist.planning import least_z_start, random_start
 from qp_twist.qp import check_solver
@@ -259,7 +259,9 @@ def _with_robot(path_task: PathTask, scene: str) -> PathTask:
     if path_task.source is None:
         raise InvalidInput("study: robots are varied for tasks from a file, beside which they are.")
     robot = load_scene(path_task.source, scene)
-    model = robot.model
+    model, around = robot.model, None
+    if path_task.relative_to is not None:
+        model, around = rerooted(robot.model, path_task.relative_to).model, robot.model
     names, expected = JointRanges.of(model).names, JointRanges.of(path_task.model).names
     if names != expected:
         raise InvalidInput(
@@ -267,7 +269,7 @@ def _with_robot(path_task: PathTask, scene: str) -> PathTask:
             f"{', '.join(expected)}. Limits, starts and methods are stated for these."
         )
     frame_pose(mink.Configuration(model), path_task.frame_name, path_task.frame_type)
-    return dataclasses.replace(path_task, scene=robot.path, model=model)
+    return dataclasses.replace(path_task, scene=robot.path, model=model, scene_model=around)
 
 
 # ---------------------------------------------------------------- starts

@@ -259,7 +259,7 @@ def _coverage(
             sources.append(f"accelerations checked against {limits.accelerations_of}")
     if not ranges.limited.any():
         unchecked.append("joint ranges not checked: the model states none")
-    model = path_task.model
+    model = path_task.shown.model
     if ((model.eq_type != mujoco.mjtEq.mjEQ_JOINT) & (model.eq_active0 != 0)).any():
         unchecked.append("equality constraints other than those of joints not checked")
     return tuple(unchecked), tuple(sources)

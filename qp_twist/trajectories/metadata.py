@@ -33,6 +33,7 @@ def metadata_of(trajectory: Trajectory | TimedTrajectory) -> dict[str, Any]:
         "method": rows.method,
         "robot": task.scene.name,
         "frame": {"name": task.frame_name, "type": task.frame_type},
+        **({} if task.relative_to is None else {"relative_to": task.relative_to}),
         "projectors": [
             {"first_row": first, **_words(projector)}
             for first, projector in zip(firsts, task.projectors, strict=True)
@@ -82,6 +83,11 @@ def disagreements(metadata: dict[str, Any], path_task: PathTask) -> list[str]:
     frame, units = metadata.get("frame"), metadata.get("units")
     if isinstance(frame, dict) and "name" in frame:
         claims.append(("frame", frame["name"], path_task.frame_name))
+    if "frame" in metadata and metadata.get("relative_to") != path_task.relative_to:
+        words = [
+            name or "the world" for name in (metadata.get("relative_to"), path_task.relative_to)
+        ]
+        claims.append(("the path lies on", words[0], words[1]))
     if isinstance(units, dict):
         here = zip(ranges.names, ranges.units, strict=True)
         claims += [(f"unit of {name}", units[name], unit) for name, unit in here if name in units]

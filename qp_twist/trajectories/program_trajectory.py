@@ -9,7 +9,7 @@ import numpy as np
 from qp_twist.checks import Array
 from qp_twist.errors import InvalidInput
 from qp_twist.files import check_regular, of_file, read_bytes, text_lines
-from qp_twist.kinematics import JointRanges
+from qp_twist.kinematics import JointRanges, SerialChain
 from qp_twist.paths import PathTask
 from qp_twist.programs import (
     AXES,
@@ -29,6 +29,7 @@ from qp_twist.robots import (
     named_robot,
     read_robots,
 )
+from qp_twist.robots.wording import listed
 from qp_twist.trajectories.joint_rows import JointRows
 
 _ADVICE = (
@@ -74,16 +75,31 @@ def joints_of(
                 "recognised, or a name (--robot)."
             )
         return ControllerJoints.of_robot(given, joint_names)
-    model, frame = path_task.model, (path_task.frame_name, path_task.frame_type)
     if given is None:
         names = (path_task.scene.stem, path_task.scene.parent.name)
-        given = known_robot(model, *frame, names)
+        given = known_robot(*path_task.arm, names)
         if given is None:
             raise InvalidInput(
                 f"{path_task.name}: the robot is not one of the known robots, so that nothing says "
                 f"where its controller counts from. {_ADVICE}"
             )
-    return controller_joints(model, *frame, given)
+    joints = controller_joints(*path_task.arm, given)
+    _refuse_others(path_task, joints)
+    return joints
+
+
+def _refuse_others(path_task: PathTask, joints: ControllerJoints) -> None:
+    """Refuse a robot without some of the joints that move the tool along the path."""
+    names = JointRanges.of(path_task.model).names
+    chain = SerialChain.of(path_task.model, path_task.frame_name, path_task.frame_type)
+    others = [names[screw.dof] for screw in chain.screws]
+    others = [name for name in others if name not in joints.joint_names]
+    if others:
+        raise InvalidInput(
+            f"{path_task.name}: the path also needs {listed('joint', others)}, and a program for "
+            f"the {joints.robot} has only the axes of the robot: external axes are not written. "
+            "Export a bag, which has all joints (--to mcap)."
+        )
 
 
 def _given(robot: str | Path) -> KnownRobot:

@@ -14,6 +14,7 @@ from qp_twist.checks import Array
 from qp_twist.drawing.sight import sight
 from qp_twist.geometry import ProjectorKind
 from qp_twist.paths import PathTask
+from qp_twist.pictures.carrier import CARRIER, put
 from qp_twist.pictures.lit_pairs import LitPairs
 from qp_twist.pictures.near_pairs import NearPair
 
@@ -43,26 +44,33 @@ class Stage:
         """
         self.server = server
         # mjviser modifies its model.
-        self.model = copy.copy(path_task.model)
+        self._shown = path_task.shown
+        self.model = copy.copy(self._shown.model)
         self.data = mujoco.MjData(self.model)
         with server.atomic():
             self.scene = ViserMujocoScene(server, self.model, num_envs=1)
             self.scene.camera_tracking_enabled = False
             self.cast_shadows(False)
-            seen, camera = sight(path_task), server.initial_camera
+            seen, camera = sight(self._shown), server.initial_camera
             camera.position = seen.look_at - _FURTHER * seen.distance * seen.forward
             camera.look_at, camera.fov = seen.look_at, seen.fov
             size = 0.22 * float(self.model.stat.extent)
             axes = _movable_axes(path_task)
+            # Handles and lines are in the path's frame, which moves with what carries the path.
+            self._carrier = server.scene.add_frame(CARRIER, show_axes=False)
             self.target = server.scene.add_transform_controls(
-                "/target", scale=size, active_axes=axes, depth_test=False, visible=False
+                f"{CARRIER}/target", scale=size, active_axes=axes, depth_test=False, visible=False
             )
             self.workpiece = server.scene.add_transform_controls(
-                "/workpiece", scale=1.3 * size, active_axes=axes, depth_test=False, visible=False
+                f"{CARRIER}/workpiece",
+                scale=1.3 * size,
+                active_axes=axes,
+                depth_test=False,
+                visible=False,
             )
             self.workpiece.position = point
             self.waypoint = server.scene.add_frame(
-                "/waypoint",
+                f"{CARRIER}/waypoint",
                 axes_length=0.06 * float(self.model.stat.extent),
                 axes_radius=0.003 * float(self.model.stat.extent),
             )
@@ -77,16 +85,19 @@ class Stage:
 
     def show(self, q: Array) -> None:
         """Show the robot at a configuration (nq,), and light what it is near to."""
-        self.data.qpos[:] = q
+        self.data.qpos[:] = self._shown.configurations(q)
         mujoco.mj_kinematics(self.model, self.data)
         self.scene.update_from_mjdata(self.data)
+        put(self._carrier, self._shown, q)
         self.near = self._lit.show(q)
 
     def draw_path(self, path_task: PathTask) -> None:
         """Show the path and the workpiece."""
         if path_task is not self._lit.path_task:
             self._lit.path_task = path_task
-        self._draw_line("/path", path_task.positions, PATH_RGB, _WIDTH_PX)
+        self._draw_line(f"{CARRIER}/path", path_task.positions, PATH_RGB, _WIDTH_PX)
+        if self._shown.carrier is not None:  # no body of the scene moves with the path's placement
+            return
         mujoco.mj_kinematics(self.model, self.data)
         place = mujoco.MjData(path_task.model)
         mujoco.mj_kinematics(path_task.model, place)
@@ -101,9 +112,9 @@ class Stage:
     def draw_trace(self, points: Array | None) -> None:
         """Show the tool's positions, (N, 3), beside the path."""
         if points is None:
-            self.server.scene.remove_by_name("/trace")
+            self.server.scene.remove_by_name(f"{CARRIER}/trace")
         else:
-            self._draw_line("/trace", points, TRACE_RGB, 0.5 * _WIDTH_PX)
+            self._draw_line(f"{CARRIER}/trace", points, TRACE_RGB, 0.5 * _WIDTH_PX)
 
     def mark(self, waypoint: mink.SE3) -> None:
         """Show the current waypoint with its axes."""

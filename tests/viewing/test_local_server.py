@@ -263,7 +263,10 @@ def page():
 
 def moved(position, wxyz=(1.0, 0.0, 0.0, 0.0)):
     return packed(
-        type="TransformControlsUpdateMessage", name="/workpiece", wxyz=wxyz, position=position
+        type="TransformControlsUpdateMessage",
+        name="/carrier/workpiece",
+        wxyz=wxyz,
+        position=position,
     )
 
 
