@@ -46,6 +46,7 @@ class Cell:
         frame: The controlled frame: the tool's tip, or the frame that was chosen on the robot.
         tool: Name of the tool's body; empty without a tool.
         part: Name of the part's body; empty without a part.
+        carrier: Name of the body that carries the path; ``None`` for a path in the world.
         notes: Sentences on what was decided.
     """
 
@@ -53,6 +54,7 @@ class Cell:
     frame: FrameChoice
     tool: str
     part: str
+    carrier: str | None
     notes: tuple[str, ...]
 
 
@@ -69,15 +71,15 @@ def write_cell(
     Args:
         folder: The folder.
         robot: The robot.
-        frame: Its frame that carries the tool.
+        frame: Its frame that carries the tool; with ``request.tool_at`` the part.
         request: Meshes, their unit, and the tool's tip.
         rpy_deg: Orientation of the toolpath's frame, which part and fixtures are in, degrees.
-        at: Its origin in the robot's world, m.
+        at: Its origin in the robot's world, m; in the frame of what carries the part, if it moves.
 
     Raises:
         InvalidInput: If a mesh is refused, or the robot's own meshes are not found.
     """
-    if request.tool_mesh is not None and request.tcp is None:
+    if request.tool_mesh is not None and request.tcp is None and request.tool_at is None:
         raise InvalidInput(
             f"--tool {request.tool_mesh}: where is its tip? Add --tcp "
             "X,Y,Z,ROLL_DEG,PITCH_DEG,YAW_DEG, its pose in the robot's frame, in m and degrees."
@@ -100,32 +102,52 @@ def write_cell(
     written: dict[str, bytes] = _own_files(spec, robot)
     _name_geoms(spec)
     _draw_once(spec)
-    tip = frame
+    tip, carrier = frame, request.relative_to
     lowest = [0.0]
-    rotation = mink.SO3.from_rpy_radians(*np.radians(rpy_deg))
-    if request.tcp is not None:
-        carrier, position, wxyz = _carrier(robot.model, frame)
-        body = spec.body(carrier).add_body(
-            name=names.get(TOOL, _free(TOOL, taken)), pos=position, quat=wxyz
-        )
-        x, y, z, *rpy = request.tcp
-        turn = mink.SO3.from_rpy_radians(*np.radians(rpy))
+    identity = mink.SE3.identity()
+    turned = mink.SO3.from_rpy_radians(*np.radians(rpy_deg))
+    placed = mink.SE3.from_rotation_and_translation(turned, at)
+    # The parent and the pose of each kind of body.
+    base: Any = spec.worldbody if carrier is None else spec.body(carrier)
+    where = {TOOL: (base, identity), PART: (base, placed), FIXTURE: (base, placed)}
+    if request.tcp is not None or request.tool_at is not None:
+        hand, position, wxyz = _carrier(robot.model, frame)
+        held = mink.SE3.from_rotation_and_translation(mink.SO3(wxyz), position)
+        where[TOOL] = spec.body(hand), held
+        at_tip = f"the tool's tip, on {frame.kind} {frame.name}"
+        if request.tool_at is not None:
+            carrier = names.setdefault(PART, _free(PART, taken))
+            where = {
+                TOOL: (spec.worldbody, _pose(request.tool_at)),
+                PART: (spec.body(hand), held @ placed),
+                FIXTURE: (spec.worldbody, identity),
+            }
+            at_tip = f"the tip of the tool in the cell; {frame.kind} {frame.name} holds the part"
+        tool = _add_body(*where[TOOL], names.get(TOOL, _free(TOOL, taken)))
+        point = identity if request.tcp is None else _pose(request.tcp)
         site = _free(TCP, {s.name for s in spec.sites})
-        body.add_site(name=site, pos=[x, y, z], quat=turn.wxyz, group=4, size=[0.005] * 3)
-        tip = FrameChoice(site, "site", f"the tool's tip, on {frame.kind} {frame.name}")
+        tool.add_site(
+            name=site, pos=point.translation(), quat=point.rotation().wxyz, group=4,
+            size=[0.005] * 3,
+        )  # fmt: skip
+        tip = FrameChoice(site, "site", at_tip)
+        if request.tool_at is not None and request.part_mesh is None:
+            _add_body(*where[PART], names[PART])
     for solid in solids:
         kind = next(k for k in (TOOL, PART, FIXTURE) if solid.name.startswith(k))
-        if kind != TOOL:
-            body = spec.worldbody.add_body(name=solid.name, pos=at, quat=rotation.wxyz)
-            heights = rotation.as_matrix()[2] @ solid.drawn.vertices.T + at[2]
-            lowest.append(float(heights.min()))
+        parent, pose = where[kind]
+        body = tool if kind == TOOL else _add_body(parent, pose, solid.name)
+        if parent is spec.worldbody:
+            heights = pose.rotation().as_matrix()[2] @ solid.drawn.vertices.T
+            lowest.append(float(heights.min() + pose.translation()[2]))
         _add(spec, body, solid, _COLOURS[kind], written)
     add_room(spec, min(lowest), collides=True)
     _write(folder, spec, written, robot)
     scene = load_robot(folder / "scene.xml")
     _check_same(robot, scene)
     notes = [note for solid in solids for note in solid.notes]
-    return Cell(scene, tip, names.get(TOOL, ""), names.get(PART, ""), tuple(notes))
+    part = "" if request.part_mesh is None else names[PART]
+    return Cell(scene, tip, names.get(TOOL, ""), part, carrier, tuple(notes))
 
 
 @contextmanager
@@ -158,6 +180,16 @@ def new_folder(folder: Path, *, force: bool) -> Iterator[None]:
 
 
 # ---------------------------------------------------------------- what is added
+
+
+def _pose(six: tuple[float, float, float, float, float, float]) -> mink.SE3:
+    """Of a position, m, and roll, pitch and yaw, degrees."""
+    turn = mink.SO3.from_rpy_radians(*np.radians(six[3:]))
+    return mink.SE3.from_rotation_and_translation(turn, np.array(six[:3]))
+
+
+def _add_body(parent: Any, pose: mink.SE3, name: str) -> Any:
+    return parent.add_body(name=name, pos=pose.translation(), quat=pose.rotation().wxyz)
 
 
 def _free(name: str, taken: set[str]) -> str:

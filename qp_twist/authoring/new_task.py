@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import mink
+import mujoco
 import numpy as np
 from scipy.linalg import null_space
 
@@ -31,6 +32,7 @@ from qp_twist.paths import (
     UnclearColumns,
     load_task,
     read_toolpath,
+    rerooted,
     shipped_folder,
     twist_task,
     unit_question,
@@ -110,10 +112,13 @@ def new_task(
     report = progress or (lambda what, share: None)
     report("reading the robot", 0.0)
     robot, scene = _robot(request, out)
-    frame = choose_frame(robot.model, request.frame, request.frame_type)
+    carrier = request.relative_to
+    seen = robot.model if carrier is None else _seen_from(robot.model, request)
+    frame = choose_frame(seen, request.frame, request.frame_type)
     report("reading the toolpath", 0.0)
     toolpath = _toolpath(request)
-    _refuse_far(request, robot, frame, toolpath)
+    _refuse_far(request, seen, frame, toolpath)
+    in_hand = request.tool_at is not None
     with ExitStack() as stack:
         tool = part = ""
         packages: dict[str, str] = {}
@@ -127,6 +132,7 @@ def new_task(
             cell = write_cell(folder, robot, frame, request, np.array(request.place_rpy_deg), at)
             frame, tool, part, of_cell = cell.frame, cell.tool, cell.part, cell.notes
             model, scene = cell.robot.model, f"{folder.name}/scene.xml"
+            carrier = cell.carrier
         else:
             packages = {name: _relative(at, out) for name, at in request.packages.items()}
         parts = Parts(
@@ -140,14 +146,16 @@ def new_task(
             ranges=JointRanges.of(model),
             velocity_limits=robot.velocity_limits,
             left_out=robot.left_out,
-            position=np.array(request.place or (0.0, 0.0, 0.0)),
-            rpy_deg=np.array(request.place_rpy_deg),
+            position=np.zeros(3) if in_hand else np.array(request.place or (0.0, 0.0, 0.0)),
+            rpy_deg=np.zeros(3) if in_hand else np.array(request.place_rpy_deg),
             watched=watched(model, tool, part),
+            carrier=carrier,
         )
-        stays = request.place or request.part_mesh or request.fixture_meshes
+        stays = request.place or request.part_mesh or request.fixture_meshes or carrier
         with whole_file(out) as unfinished:
             path_task = _loaded(parts, unfinished, out)
-            search = TaskSearch(request.search_seconds, report, lambda q: _rounded(q, parts.ranges))
+            ranges = JointRanges.of(path_task.model)
+            search = TaskSearch(request.search_seconds, report, lambda q: _rounded(q, ranges))
             searched = search.run(path_task, elsewhere=not stays)
             best = searched.best
             if best.placement is not None:
@@ -156,10 +164,12 @@ def new_task(
                 )
             parts = replace(
                 parts,
-                placement_notes=_placement_notes(request, searched),
-                start=None if best.start is None else best.start.q,
+                placement_notes=_placement_notes(request, searched, carrier),
+                start=None
+                if best.start is None
+                else best.path_task.shown.configurations(best.start.q),
                 start_notes=_start_notes(searched),
-                varied=_varied(best.path_task, part),
+                varied=_varied(best.path_task, part if carrier is None else ""),
             )
             path_task = _loaded(parts, unfinished, out)
             check = _run_once_more(path_task, best, report) if best.passes else None
@@ -182,6 +192,20 @@ def new_task(
             *([] if check is None else [f"run by {best.method}: {check.verdict}"]),
         ]
         return NewTask(out, path_task, best.start, tuple(notes), check, best.method)
+
+
+def _seen_from(model: mujoco.MjModel, request: Request) -> mujoco.MjModel:
+    """The robot file's scene as seen from the body that carries the part."""
+    if request.tool_at is not None:
+        raise InvalidInput(
+            "--relative-to, --tool-at: with a tool that is fixed in the cell the robot's --frame "
+            "holds the part; leave --relative-to out."
+        )
+    assert request.relative_to is not None
+    try:
+        return rerooted(model, request.relative_to).model
+    except InvalidInput as error:
+        raise InvalidInput(str(error).replace("relative_to", "--relative-to", 1)) from error
 
 
 def _varied(path_task: PathTask, body: str) -> VariedPlacement:
@@ -278,15 +302,18 @@ def _hint(error: InvalidInput) -> str:
     return f" For qp-twist new: {' or '.join(answers)}" if answers else ""
 
 
-def _refuse_far(request: Request, robot: Robot, frame: FrameChoice, toolpath: Toolpath) -> None:
+def _refuse_far(
+    request: Request, model: mujoco.MjModel, frame: FrameChoice, toolpath: Toolpath
+) -> None:
     """Refuse a unit with which the path is many times the robot's reach away from it.
 
     The size of the path is checked when the task is loaded.
     """
-    if request.place is not None or request.length_unit is not None:
+    in_hand = request.tool_at is not None
+    if request.place is not None or request.length_unit is not None or in_hand:
         return
-    chain = SerialChain.of(robot.model, frame.name, frame.kind)
-    reach = largest_reach(chain, JointRanges.of(robot.model))
+    chain = SerialChain.of(model, frame.name, frame.kind)
+    reach = largest_reach(chain, JointRanges.of(model))
     if not chain.screws or not np.isfinite(reach):
         return
     positions = np.concatenate([curve.positions for curve in toolpath.curves])
@@ -404,8 +431,12 @@ def _alone(path_task: PathTask) -> list[str]:
 # ---------------------------------------------------------------- where it is, where it starts
 
 
-def _placement_notes(request: Request, searched: TaskSearchResult) -> list[str]:
+def _placement_notes(
+    request: Request, searched: TaskSearchResult, carrier: str | None
+) -> list[str]:
     best, here = searched.best, searched.here
+    if here.passes and carrier is not None:
+        return [f"on the body {carrier!r}, in its frame."]
     if here.passes:
         return [] if request.place else ["where the file has it, in the axes of the robot's world."]
     if best.passes:

@@ -45,6 +45,11 @@ class Request:
         part_mesh: Mesh file of the part, in the toolpath's frame.
         fixture_meshes: Mesh files of what stands around the part, in the toolpath's frame.
         mesh_unit: Unit of all mesh files.
+        relative_to: Body of the robot file that carries the part, such as the plate of a turn
+            table; ``place`` is then in its frame.
+        tool_at: Pose of a tool that is fixed in the cell, in the robot's world, as ``tcp``. The
+            robot then holds the part: ``place`` is in its frame, ``tcp`` in that of the tool, and
+            fixtures are in the robot's world.
     """
 
     robot: Path
@@ -70,11 +75,13 @@ class Request:
     part_mesh: Path | None = None
     fixture_meshes: tuple[Path, ...] = ()
     mesh_unit: MeshUnit | None = None
+    relative_to: str | None = None
+    tool_at: tuple[float, float, float, float, float, float] | None = None
     packages: Mapping[str, Path] = field(default_factory=dict)
     arguments: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def has_cell(self) -> bool:
         """Whether something is added to the robot, so that a scene is written."""
-        meshes = (self.tool_mesh, self.tcp, self.part_mesh)
+        meshes = (self.tool_mesh, self.tcp, self.part_mesh, self.tool_at)
         return bool(self.fixture_meshes) or any(mesh is not None for mesh in meshes)

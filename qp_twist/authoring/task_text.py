@@ -57,6 +57,7 @@ class Parts:
         start_notes: Sentences on the start.
         watched: What must not touch; ``None`` where nothing can collide.
         varied: Where a study puts the workpiece; ``None`` without that section.
+        carrier: Body of the scene that carries the path; ``None``: its world.
     """
 
     request: Request
@@ -76,6 +77,7 @@ class Parts:
     start_notes: Sequence[str] = field(default=())
     watched: Watched | None = None
     varied: VariedPlacement | None = None
+    carrier: str | None = None
 
     @property
     def keeps_rapids(self) -> bool:
@@ -113,6 +115,13 @@ def _robot(parts: Parts) -> str:
         _line(f"scene = {_quoted(parts.scene)}", "MJCF or URDF, relative to this file"),
         _line(f"frame = {_quoted(parts.frame.name)}", parts.frame.why),
         _line(f'frame_type = "{parts.frame.kind}"'),
+        *(
+            []
+            if parts.carrier is None
+            else [
+                _line(f"relative_to = {_quoted(parts.carrier)}", "the body that carries the path")
+            ]
+        ),
         *(_comment(f"Left out of the robot file: {sentence}") for sentence in parts.left_out),
     ]
     of_xacro = {} if parts.request.has_cell else parts.request.arguments
@@ -200,7 +209,9 @@ def _path(parts: Parts) -> str:  # noqa: PLR0912
                 _line(f"position = {_numbers(parts.position, 9)}", "m, of the file's origin"),
                 _line(
                     f"rpy_deg = {_numbers(parts.rpy_deg, 9)}",
-                    "and its orientation in the robot's world",
+                    "and its orientation in the robot's world"
+                    if parts.carrier is None
+                    else f"and its orientation in the frame of {parts.carrier}",
                 ),
             ]
         )

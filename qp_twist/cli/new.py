@@ -55,6 +55,10 @@ def new(
     fixture: tyro.conf.UseAppendAction[
         Annotated[tuple[Path, ...], tyro.conf.arg(metavar="FILE")]
     ] = (),
+    relative_to: Annotated[str | None, tyro.conf.arg(metavar="BODY")] = None,
+    tool_at: Annotated[
+        str | None, tyro.conf.arg(metavar="X,Y,Z[,ROLL_DEG,PITCH_DEG,YAW_DEG]")
+    ] = None,
     mesh_units: Annotated[Literal["mm", "m"] | None, tyro.conf.arg(metavar="{mm,m}")] = None,
     package: tyro.conf.UseAppendAction[
         Annotated[tuple[str, ...], tyro.conf.arg(metavar="NAME=DIR")]
@@ -98,6 +102,11 @@ def new(
             (R = Rz Ry Rx); the task's frame is then the tip.
         part: Mesh of the part, in the toolpath's frame.
         fixture: Mesh of what stands around the part, in the toolpath's frame; may be repeated.
+        relative_to: Body of the robot file that carries the part and is moved by joints, such as
+            the plate of a turn table: toolpath, part, fixtures and --place are in its frame.
+        tool_at: Pose in the robot's world of a tool that is fixed in the cell, as --place. The
+            robot's frame then holds the part: --place is the pose of the toolpath's frame in it;
+            --tool is a mesh in the tool's frame, --tcp its tip there; fixtures are in the world.
         mesh_units: Unit of the meshes, mm or m; required with a mesh.
         package: Folder of a ROS package of a URDF or xacro file; may be repeated.
         arg: Value of an argument of a xacro file; may be repeated.
@@ -126,6 +135,8 @@ def new(
         part_mesh=part,
         fixture_meshes=fixture,
         mesh_unit=mesh_units,
+        relative_to=relative_to,
+        tool_at=None if tool_at is None else _six(*_pose("--tool-at", tool_at)),
         packages={name: Path(at) for name, at in _named("--package", package, "=").items()},
         arguments=_named("--arg", arg, ":="),
     )
