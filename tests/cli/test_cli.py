@@ -32,7 +32,9 @@ def test_tasks_lists_every_file_with_a_line(capsys: pytest.CaptureFixture[str]) 
         "deburring_bands",
         "deburring_cell",
         "dome_seams",
+        "part_in_hand",
         "planar_line",
+        "turn_tilt",
     ]
     assert all(len(line.split()) > 5 for line in lines)
 

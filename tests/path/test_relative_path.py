@@ -1,0 +1,408 @@
+"""Paths on a body that moves: a part on a positioner, and a part in the robot's hand.
+
+MuJoCo's kinematics of the scene as it stands is the judge: the tool seen from the part.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import math
+import re
+from pathlib import Path
+
+import mink
+import mujoco
+import numpy as np
+import numpy.typing as npt
+import pytest
+
+import qp_twist as qt
+from qp_twist.cli import main
+from qp_twist.constraints.colliding_pairs import geom_name
+from qp_twist.geometry import Projector
+from qp_twist.paths import placed, shipped_folder
+from qp_twist.paths.rerooted import rerooted
+
+Array = npt.NDArray[np.float64]
+SCENES = shipped_folder("scenes")
+TURN_TILT, IN_HAND = "turn_tilt", "part_in_hand"
+
+
+class Cell:
+    """A shipped scene as it stands, by MuJoCo, with joints by name."""
+
+    def __init__(self, scene: str, tool: str, part: str) -> None:
+        self.model = mujoco.MjModel.from_xml_path(str(SCENES / scene))
+        self.data, self.tool, self.part = mujoco.MjData(self.model), tool, part
+
+    def put(self, names: tuple[str, ...], q: Array) -> None:
+        for name, value in zip(names, q, strict=True):
+            self.data.qpos[self.model.joint(name).qposadr[0]] = value
+        mujoco.mj_kinematics(self.model, self.data)
+
+    def seen(self, names: tuple[str, ...], q: Array) -> tuple[Array, Array]:
+        """Position and z of the tool in the frame of the part."""
+        self.put(names, q)
+        tool, part = self.data.site(self.tool), self.data.body(self.part)
+        turn = part.xmat.reshape(3, 3).T
+        return turn @ (tool.xpos - part.xpos), turn @ tool.xmat.reshape(3, 3)[:, 2]
+
+    def least(self, pairs: list[tuple[str, str]]) -> float:
+        """Least distance of pairs of geoms where the joints are, m."""
+        ids = [tuple(self.model.geom(name).id for name in pair) for pair in pairs]
+        return min(mujoco.mj_geomDistance(self.model, self.data, a, b, 5.0, None) for a, b in ids)
+
+
+CELLS = {
+    TURN_TILT: Cell("m16ib_positioner.xml", "arm_tool", "plate"),
+    IN_HAND: Cell("m16ib_grinding.xml", "wheel", "part"),
+}
+
+
+def off_the_edge(task: str, position: Array, z: Array) -> float:
+    """How far the tool is from the edge that the task is about, m or rad, by its geometry."""
+    x, y, height = position
+    if task == TURN_TILT:  # chords of 3° stay within 0.07 mm of the circle of 180 mm
+        out = np.array([x, y, 0.0]) / math.hypot(x, y)
+        inward = -(out + np.array([0.0, 0.0, 1.0])) / math.sqrt(2.0)
+        return max(
+            abs(math.hypot(x, y) - 0.18), abs(height - 0.21), 0.1 * math.acos(min(z @ inward, 1.0))
+        )
+    apart = min(abs(abs(x) - 0.11), abs(y - 0.07))
+    return max(apart, abs(height - 0.05), float(np.linalg.norm(z - [0.0, 0.0, -1.0])))
+
+
+@pytest.fixture(scope="module", params=[TURN_TILT, IN_HAND])
+def run(request: pytest.FixtureRequest) -> qt.Trajectory:
+    return qt.follow(qt.load_task(request.param))
+
+
+def test_the_tool_is_on_the_path_that_the_part_carries(run: qt.Trajectory) -> None:
+    task, cell = run.path_task, CELLS[run.path_task.name]
+    (clearance,) = task.clearances
+    pairs = [
+        (geom_name(task.model, int(a)), geom_name(task.model, int(b))) for a, b in clearance.pairs
+    ]
+    for q, waypoint in zip(run.q, task.waypoints, strict=True):
+        position, z = cell.seen(run.joint_names, q)
+        assert np.abs(position - waypoint.translation()).max() < 2e-9
+        assert np.abs(z - waypoint.rotation().as_matrix()[:, 2]).max() < 2e-9
+        assert off_the_edge(task.name, position, z) < 1e-4
+        assert cell.least(pairs) >= 0.005 - 1e-6
+    limits = {cell.model.joint(j).name: cell.model.jnt_range[j] for j in range(cell.model.njnt)}
+    for name, column in zip(run.joint_names, run.q.T, strict=True):
+        assert (limits[name][0] <= column).all() and (column <= limits[name][1]).all()
+
+
+def test_the_same_motion_is_checked_between_the_waypoints_and_passes(run: qt.Trajectory) -> None:
+    refined = qt.refine_trajectory(run)
+    check = qt.check_trajectory(qt.time_trajectory(refined), run.path_task)
+    assert check.passes, check.verdict
+    cell, motion = CELLS[run.path_task.name], check.motion
+    for t in np.linspace(motion.times[0], motion.times[-1], 301):
+        position, z = cell.seen(run.joint_names, motion.at(np.array([t])).q[0])
+        # 0.1 mm of the path, and the path's chords.
+        assert off_the_edge(run.path_task.name, position, z) < 4e-4
+
+
+def test_a_plan_lies_on_the_part_too() -> None:
+    task = qt.load_task(IN_HAND)
+    task = dataclasses.replace(
+        task, waypoints=task.waypoints[:21:4], durations=None, flipped_waypoints=None,
+        velocity_limits=np.full(6, np.inf),
+    )  # fmt: skip
+    plan = qt.plan(task, max_step_deg=15.0)
+    names = qt.JointRanges.of(task.model).names
+    for q, waypoint in zip(plan.motion(), task.waypoints, strict=True):
+        position, z = CELLS[IN_HAND].seen(names, q)
+        assert np.abs(position - waypoint.translation()).max() < 1e-8
+        assert np.abs(z - [0.0, 0.0, -1.0]).max() < 1e-8
+
+
+# ---------------------------------------------------------------- in Python
+
+
+@pytest.fixture
+def cart() -> mujoco.MjModel:
+    """A lifting arm beside a part on a cart: x of the cart against z of the arm."""
+    return mujoco.MjModel.from_xml_string(
+        """
+        <mujoco><compiler angle="radian"/><worldbody>
+          <body name="arm"><joint name="lift" type="slide" axis="0 0 1" range="-1 1"/>
+            <joint name="swing" axis="0 1 0" range="-3 3"/><geom size="0.01" contype="0"/>
+            <site name="tool" pos="0.5 0 0"/><site name="root"/></body>
+          <body name="cart"><joint name="drive" type="slide" axis="1 0 0" range="-2 2"/>
+            <geom size="0.01" pos="0 0 -3" contype="0"/><site name="on_cart"/>
+            <body name="clamped"><geom size="0.01" pos="0 0 -3" contype="0"/></body></body>
+        </worldbody></mujoco>
+        """
+    )
+
+
+def on_the_cart(model: mujoco.MjModel, **others: object) -> qt.PathTask:
+    """Points above the cart, to be reached with the tool's origin; joints: lift, swing, drive."""
+    settings: dict[str, object] = {
+        "name": "cart", "title": "cart", "source": None, "scene": Path("cart.xml"), "model": model,
+        "frame_name": "tool", "frame_type": "site",
+        "projector": qt.TwistProjector(
+            linear=Projector.plane([0, 1, 0]), angular=Projector.none()
+        ),
+        "operational": qt.TwistProjector(
+            linear=Projector.plane([0, 1, 0]), angular=Projector.line([0, 1, 0])
+        ),
+        "waypoints": tuple(
+            mink.SE3.from_translation(np.array([x, 0.0, 0.3])) for x in (0.2, 0.4, 0.6)
+        ),
+        "flipped_waypoints": None, "start": np.array([0.3, 0.1, 0.2]), "durations": None,
+        "velocity_limits": np.array([1.0, 2.0, 3.0]),
+        "acceleration_limits": np.array([4.0, 5.0, 6.0]), "relative_to": "cart", **others,
+    }  # fmt: skip
+    return qt.PathTask(**settings)  # type: ignore[arg-type]
+
+
+def test_arrays_by_joint_are_stated_in_the_order_of_the_scene(cart: mujoco.MjModel) -> None:
+    task = on_the_cart(cart, starts={"qp": np.array([0.3, 0.1, 0.2])})
+    names = qt.JointRanges.of(task.model).names
+    assert names == ("drive", "lift", "swing")
+    assert dict(zip(names, task.velocity_limits, strict=True)) == {
+        "lift": 1.0, "swing": 2.0, "drive": 3.0,
+    }  # fmt: skip
+    assert dict(zip(names, task.acceleration_limits, strict=True)) == {
+        "lift": 4.0, "swing": 5.0, "drive": 6.0,
+    }  # fmt: skip
+    assert task.start.tolist() == task.starts["qp"].tolist() == [0.2, 0.3, 0.1]
+    assert task.scene_model is cart
+    # What is replaced afterwards is as the task has it.
+    again = dataclasses.replace(task, start=task.start)
+    assert again.model is task.model and again.start.tolist() == task.start.tolist()
+    assert repr(task) == "PathTask('cart', 3 waypoints on 'cart', rank 2 of 3)"
+
+
+def test_a_run_moves_cart_and_arm_against_each_other(cart: mujoco.MjModel) -> None:
+    """x of the tool less that of the cart, by hand."""
+    run = qt.follow(on_the_cart(cart))
+    drive, lift, swing = run.q.T
+    assert np.abs(0.5 * np.cos(swing) - drive - [0.2, 0.4, 0.6]).max() < 1e-8
+    assert np.abs(lift - 0.5 * np.sin(swing) - 0.3).max() < 1e-8
+
+
+def test_pictures_show_the_scene_as_it_stands(cart: mujoco.MjModel) -> None:
+    task = on_the_cart(cart)
+    shown = task.shown
+    assert shown.model is cart and shown.carrier == "cart"
+    assert shown.start.tolist() == [0.3, 0.1, 0.2]
+    # The cart is 0.2 m along x.
+    assert np.abs(shown.positions - [[0.4, 0, 0.3], [0.6, 0, 0.3], [0.8, 0, 0.3]]).max() < 1e-12
+    q = np.array([-0.7, 0.3, 0.1])
+    assert np.abs(shown.carrier_pose(q).translation() - [-0.7, 0.0, 0.0]).max() < 1e-12
+    plain = qt.load_task("planar_line")
+    assert plain.shown.model is plain.model and plain.shown.carrier is None
+    assert np.array_equal(plain.shown.positions, plain.positions)
+
+
+@pytest.mark.parametrize(
+    ("others", "words"),
+    [
+        ({"relative_to": "wagon"}, "relative_to: the scene has no body 'wagon'"),
+        ({"relative_to": "on_cart"}, "'on_cart' is a site; name the body that carries it, 'cart'."),
+        (
+            {"relative_to": "arm"},
+            "relative_to: no joint moves the site 'tool' against the body 'arm', which is to carry "
+            "the path",
+        ),
+        (
+            {"frame_name": "on_cart", "relative_to": "clamped"},
+            "no joint moves the site 'on_cart' against the body 'clamped'",
+        ),
+    ],
+)
+def test_a_body_that_cannot_carry_the_path_is_refused(
+    cart: mujoco.MjModel, others: dict[str, object], words: str
+) -> None:
+    with pytest.raises(qt.InvalidInput, match=re.escape(words)):
+        on_the_cart(cart, **others)
+
+
+def test_a_scene_with_a_free_body_is_refused() -> None:
+    model = mujoco.MjModel.from_xml_string(
+        """
+        <mujoco><worldbody><body name="arm"><joint name="turn"/><geom size="0.01"/>
+        <site name="tool"/></body><body name="ball"><freejoint/><geom size="0.01"/></body>
+        </worldbody></mujoco>
+        """
+    )
+    with pytest.raises(qt.InvalidInput, match="whose joints are all hinges and slides"):
+        on_the_cart(model, relative_to="ball")
+
+
+def test_a_path_on_a_body_is_placed_on_it_but_takes_no_body_along() -> None:
+    task = qt.load_task(IN_HAND)
+    by, origin = np.array([0.01, 0.0, 0.02]), np.zeros(3)
+    moved = placed(task, mink.SO3.identity(), origin, by)
+    assert np.abs(moved.positions - task.positions - by).max() < 1e-12
+    with pytest.raises(qt.InvalidInput, match="the path lies on 'part', which joints move"):
+        placed(task, mink.SO3.identity(), origin, by, body="grinder")
+
+
+def test_the_world_of_the_scene_is_ignored_by_its_name(tmp_path: Path) -> None:
+    """The floor is the world's only geom here; everything else is on bodies."""
+    text = (shipped_folder("tasks") / "part_in_hand.toml").read_text("utf-8")
+    changed = text.replace('[["wheel", "part"]]', '[["wheel", "part"], ["world", "link_5"]]')
+    assert changed != text
+    (tmp_path / "task.toml").write_text(changed.replace("../scenes/", ""), "utf-8")
+    tasks = (qt.load_task(IN_HAND), qt.load_task(tmp_path / "task.toml"))
+    more, fewer = ({*task.clearances[0].names} for task in tasks)
+    gone = {frozenset(name.split(" to ")) for name in more - fewer}
+    # The world stands for what is fixed to it: the grinder and the base.
+    fixed = {"floor", "stand", "spindle", "wheel", "base"}
+    assert gone == {frozenset((one, "wrist")) for one in fixed}
+
+
+# ---------------------------------------------------------------- distances
+
+
+def test_a_floor_that_moves_as_seen_from_the_part_is_kept_clear_of_and_proven() -> None:
+    """Gradients and bounds of distances to a plane on a body that joints move."""
+    task = qt.load_task(TURN_TILT)
+    (clearance,) = task.clearances
+    floor = [k for k, name in enumerate(clearance.names) if "floor" in name.split(" to ")]
+    assert any("part" in clearance.names[k] for k in floor)
+    rng = np.random.default_rng(4)
+    ranges = qt.JointRanges.of(task.model)
+    for _ in range(10):
+        q = rng.uniform(ranges.lower, ranges.upper)
+        gradients = clearance.gradients(q[None])[0, floor]
+        step = 1e-6
+        for dof in range(task.model.nv):
+            ends = [q + side * step * np.eye(8)[dof] for side in (1.0, -1.0)]
+            above, below = clearance.margins(np.array(ends))[:, floor]
+            smooth = (above - below) / (2.0 * step)
+            # Corners of boxes and rims have kinks, where either side's slope is right.
+            assert np.median(np.abs(smooth - gradients[:, dof])) < 1e-5
+        travel = rng.uniform(0.0, 0.3, task.model.nv)
+        bound = clearance.change(q[None], travel[None])[0, floor]
+        there = q + rng.choice([-1.0, 1.0], (40, 8)) * travel
+        changed = np.abs(clearance.margins(there) - clearance.margins(q[None]))[:, floor]
+        assert np.isfinite(bound).all()
+        assert (changed <= bound + 1e-12).all()
+
+
+# ---------------------------------------------------------------- task files and commands
+
+
+@pytest.mark.parametrize(
+    ("body", "words"),
+    [
+        ("plates", "robot.relative_to: the scene has no body 'plates'; did you mean 'plate'?"),
+        ("arm_link_6", "robot.relative_to: no joint moves the site 'arm_tool' against the body"),
+        ("part", "robot.relative_to: 'part' is a site; name the body that carries it, 'plate'."),
+    ],
+)
+def test_a_task_file_with_another_body_is_refused_with_the_line(
+    tmp_path: Path, body: str, words: str
+) -> None:
+    folder = shipped_folder("tasks")
+    text = (folder / "turn_tilt.toml").read_text("utf-8").replace('"plate"', f'"{body}"')
+    text = text.replace("../scenes/", "").replace('"round_edge', f'"{folder.as_posix()}/round_edge')
+    (tmp_path / "task.toml").write_text(text, "utf-8")
+    with pytest.raises(qt.TaskFileError) as refused:
+        qt.load_task(tmp_path / "task.toml")
+    number = next(k for k, line in enumerate(text.splitlines(), 1) if "relative_to" in line)
+    assert words in str(refused.value)
+    assert f"line {number}: " in str(refused.value)
+
+
+def test_the_start_is_in_the_order_of_the_scene() -> None:
+    task = qt.load_task(TURN_TILT)
+    start = dict(zip(qt.JointRanges.of(task.model).names, task.start, strict=True))
+    assert start["arm_joint_1"] == 1.4017 and start["tilt"] == 0.0711 and start["turn"] == 1.1914
+    assert task.known_limits is not None
+    robot, speeds, _ = task.known_limits
+    assert robot.name == "Fanuc M-16iB/20"
+    known = dict(zip(qt.JointRanges.of(task.model).names, np.degrees(speeds), strict=True))
+    assert math.isclose(known["arm_joint_6"], 520.0) and known["turn"] == np.inf
+    hand = qt.load_task(IN_HAND)
+    assert hand.known_limits is not None
+    known = dict(
+        zip(qt.JointRanges.of(hand.model).names, np.degrees(hand.known_limits[1]), strict=True)
+    )
+    assert math.isclose(known["joint_6"], 520.0) and math.isclose(known["joint_1"], 165.0)
+
+
+def test_run_check_report_and_export_of_a_part_in_the_hand(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = tmp_path / "hand.csv"
+    main(["run", IN_HAND, "--out", str(file)])
+    main(["check", str(file), IN_HAND])
+    main(["export", str(file), IN_HAND, "--out", str(tmp_path / "hand.ls")])
+    said = capsys.readouterr().out
+    assert "J3 = joint_3 - J2" in said  # as for every M-16iB
+    assert said.count("passes; ") == 3
+    # The program's axes are those of the scene, where the robot stands.
+    main(["check", str(tmp_path / "hand.ls"), IN_HAND])
+    assert "passes" in capsys.readouterr().out
+    qt.report(qt.read_trajectory(file), qt.load_task(IN_HAND), tmp_path / "page")
+    page = (tmp_path / "page" / "report.html").read_text("utf-8")
+    assert "Path lies on" in page and "Fanuc M-16iB/20, recognised" in page
+
+
+def test_a_program_does_not_leave_out_the_axes_of_a_positioner(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = tmp_path / "table.csv"
+    main(["run", TURN_TILT, "--out", str(file)])
+    with pytest.raises(SystemExit):
+        main(["export", str(file), TURN_TILT, "--out", str(tmp_path / "table.ls")])
+    assert "the path also needs 2 joints ('turn', 'tilt')" in capsys.readouterr().err
+    assert not (tmp_path / "table.ls").exists()
+    main(["export", str(file), TURN_TILT, "--out", str(tmp_path / "table.mcap")])
+    assert "passes" in capsys.readouterr().out
+    # Columns have names: those of the joints in another order are the same motion.
+    rows = qt.read_trajectory(file)
+    assert rows.metadata["relative_to"] == "plate"
+    names = [f"arm_joint_{k}" for k in range(1, 7)] + ["tilt", "turn"]
+    assert qt.check_trajectory(rows.of_joints(names), qt.load_task(TURN_TILT)).passes
+    # 56 s: the report plays it faster than the robot.
+    found = qt.report(rows, qt.load_task(TURN_TILT), tmp_path / "page")
+    assert "It moves 2 times as fast" in found.path.read_text("utf-8")
+
+
+def test_a_trajectory_of_the_same_robot_on_another_body_is_noticed(tmp_path: Path) -> None:
+    run = qt.follow(qt.load_task(IN_HAND))
+    file = tmp_path / "run.json"
+    qt.write_trajectory(qt.time_trajectory(run), file)
+    content = json.loads(file.read_text("utf-8"))
+    text = json.dumps(content).replace('"relative_to": "part"', '"relative_to": "link_6"')
+    assert text != json.dumps(content)
+    file.write_text(text, "utf-8")
+    check = qt.check_trajectory(qt.read_trajectory(file), qt.load_task(IN_HAND))
+    assert any("link_6" in note and "'part'" in note for note in check.notes)
+
+
+def test_a_table_modelled_by_hand_is_what_re_rooting_makes() -> None:
+    """An arm whose base moves against its part, written by hand with reversed axes."""
+    spec = mujoco.MjSpec.from_file(str(SCENES / "m16ib_deburring.xml"))
+    centre = np.array([0.0, 1.0, 0.3])
+    by_hand = mujoco.MjSpec.from_file(str(SCENES / "m16ib_deburring.xml"))
+    for name, axis in (("turn", [0.0, 0.0, -1.0]), ("tilt", [-1.0, 0.0, 0.0])):
+        by_hand.body("base").add_joint(name=name, axis=axis, pos=centre)
+    frame = spec.worldbody.add_body(name="frame", pos=centre)
+    frame.add_joint(name="tilt", axis=[1.0, 0.0, 0.0])
+    plate = frame.add_body(name="plate")
+    plate.add_joint(name="turn", axis=[0.0, 0.0, 1.0])
+    for body in (frame, plate):
+        body.mass, body.inertia, body.explicitinertial = 1.0, np.ones(3), 1
+    hand, seen = by_hand.compile(), rerooted(spec.compile(), "plate").model
+    rng = np.random.default_rng(0)
+    for q in rng.uniform(-2.0, 2.0, (20, 8)):
+        sites = []
+        for model in (hand, seen):
+            data = mujoco.MjData(model)
+            for k in range(hand.njnt):
+                data.qpos[model.joint(hand.joint(k).name).qposadr[0]] = q[k]
+            mujoco.mj_kinematics(model, data)
+            sites.append(np.append(data.site("tool").xpos, data.site("tool").xmat))
+        sites[0][:3] -= centre  # the plate's frame is where the axes meet
+        assert np.abs(sites[0] - sites[1]).max() < 1e-12
