@@ -28,6 +28,7 @@ from .placement import leaned as leaned
 from .placement import placed as placed
 from .read_toolpath import Format as Format
 from .read_toolpath import read_toolpath as read_toolpath
+from .rerooted import Rerooted as Rerooted
 from .rerooted import rerooted as rerooted
 from .resample import MOST as MOST
 from .resample import Sampling as Sampling

@@ -54,7 +54,7 @@ class PathTask:
         scene: The MJCF file.
         model: The robot and what is around it. With ``relative_to`` pass the scene as it stands,
             and the arrays by joint in its order; the task then has the scene as seen from that body
-            (:func:`~qp_twist.paths.rerooted.rerooted`), whose joints are the same and may have
+            (:func:`~qp_twist.paths.rerooted`), whose joints are the same and may have
             another order: ``JointRanges.of(task.model).names``.
         frame_name: Name of the controlled frame.
         frame_type: Its type.

@@ -61,9 +61,8 @@ def rerooted(model: mujoco.MjModel, body: str) -> Rerooted:
     the joints in the opposite order, each about the same line, in the axes of the other link, with
     the opposite direction. All other links hang where they did. Joints keep their names, ranges,
     reference positions and values, so that configurations and couplings are those of the scene;
-    which geoms may collide is decided in the scene
-    (:func:`~qp_twist.constraints.colliding_pairs.colliding_pairs`) and stated pair by pair. The
-    world's geoms and sites are on the body :data:`OLD_WORLD`.
+    which geoms may collide is decided in the scene, as by :class:`~qp_twist.Clearance`, and stated
+    pair by pair. The world's geoms and sites are on a body ``scene_world``.
 
     The model has what kinematics and distances need: bodies, joints, geoms, sites and joint
     couplings; mocap bodies stand still. Actuators, sensors, cameras and lights remain with the
