@@ -117,7 +117,7 @@ def program_joints(
                 "other files have the model's joints."
             )
         return None
-    names = JointRanges.of(path_task.model).names
+    names = JointRanges.of(path_task.shown.model).names
     return joints_of(path_task, names, robot=robot, as_modelled=as_modelled)
 
 

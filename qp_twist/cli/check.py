@@ -62,7 +62,7 @@ def check(
     number("--axis-tolerance-deg", axis_tolerance_deg, above=0.0)
     path_task = load(task, path)
     joints = program_joints(trajectory, path_task, robot, as_modelled)
-    rows = read_trajectory(trajectory, JointRanges.of(path_task.model).names, joints)
+    rows = read_trajectory(trajectory, JointRanges.of(path_task.shown.model).names, joints)
     with working("checking"):
         found = check_trajectory(
             rows,

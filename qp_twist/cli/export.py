@@ -78,7 +78,7 @@ def export(
     if task is None and path is not None:
         raise InvalidInput("--path is for the check, which needs a task; give the task, too.")
     path_task = None if task is None else load(task, path)
-    names = None if path_task is None else JointRanges.of(path_task.model).names
+    names = None if path_task is None else JointRanges.of(path_task.shown.model).names
     if dialect_of(trajectory) is not None:
         raise InvalidInput(
             f"{trajectory}: is a program already; export from the trajectory that it was made of."

@@ -61,7 +61,7 @@ def report(
     check_folder(folder)
     path_task = load(task, path)
     joints = program_joints(trajectory, path_task, robot, as_modelled)
-    rows = read_trajectory(trajectory, JointRanges.of(path_task.model).names, joints)
+    rows = read_trajectory(trajectory, JointRanges.of(path_task.shown.model).names, joints)
     with working("checking and drawing"):
         made = report_motion(
             rows,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from typing import Annotated, Any
 
 import numpy as np
@@ -39,7 +40,10 @@ def starts(
         found = find_starts(
             path_task, count, method=method, progress=lambda done, of: report(count - of + done)
         )
-    ranges = JointRanges.of(path_task.model)
+    # In the order of the scene's joints, which is that of the task file.
+    scene = path_task.shown
+    found = [replace(start, q=scene.configurations(start.q)) for start in found]
+    ranges = JointRanges.of(scene.model)
     shown = quiet.set(quiet.get() or json_)
     show(_table(found, ranges))
     best = found[0]

@@ -58,12 +58,15 @@ class JointRows:
 
     @classmethod
     def of(cls, trajectory: Trajectory | TimedTrajectory) -> JointRows:
-        """The rows of a trajectory; with times and velocities if it is timed."""
+        """The rows of a trajectory, its joints in the order of the scene.
+
+        With times and velocities if it is timed.
+        """
         if isinstance(trajectory, TimedTrajectory):
             metadata = metadata_of(trajectory)
-            names = trajectory.trajectory.joint_names
-            motion = trajectory.motion
-            return cls(names, motion.q, motion.times, motion.velocities, metadata)
+            run, motion = trajectory.trajectory, trajectory.motion
+            rows = cls(run.joint_names, motion.q, motion.times, motion.velocities, metadata)
+            return rows.of_joints(JointRanges.of(run.path_task.shown.model).names)
         if not isinstance(trajectory, Trajectory):
             raise InvalidInput(
                 "trajectory: expected a Trajectory, as follow returns it, a TimedTrajectory, or "
@@ -71,7 +74,8 @@ class JointRows:
             )
         ranges = JointRanges.of(trajectory.path_task.model)
         metadata = metadata_of(trajectory)
-        return cls(ranges.names, ranges.positions(trajectory.q), metadata=metadata)
+        rows = cls(ranges.names, ranges.positions(trajectory.q), metadata=metadata)
+        return rows.of_joints(JointRanges.of(trajectory.path_task.shown.model).names)
 
     def of_joints(self, names: Sequence[str]) -> JointRows:
         """The rows with the columns of these joints, in this order.

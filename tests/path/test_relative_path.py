@@ -330,6 +330,68 @@ def test_the_start_is_in_the_order_of_the_scene() -> None:
     assert math.isclose(known["joint_6"], 520.0) and math.isclose(known["joint_1"], 165.0)
 
 
+def test_starts_are_listed_as_the_task_file_states_them(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    main(["starts", IN_HAND, "--count", "1", "--json"])
+    [start] = json.loads(capsys.readouterr().out)
+    assert list(start["q"]) == [f"joint_{k}" for k in range(1, 7)]
+    q = np.array(list(start["q"].values()))
+    position, z = CELLS[IN_HAND].seen(tuple(start["q"]), q)
+    assert np.abs(position - [0.11, -0.07, 0.05]).max() < 1e-6
+    assert np.abs(z - [0.0, 0.0, -1.0]).max() < 1e-6
+
+
+def test_two_arms_share_a_part() -> None:
+    """The left arm draws a square on a plate that the right one holds; both are planned."""
+    spec = mujoco.MjSpec.from_file(str(SCENES / "two_arms.xml"))
+    held = spec.body("right_link_7").add_body(name="plate", pos=[0.0, 0.0, 0.13])
+    held.mass, held.inertia, held.explicitinertial = 0.3, np.full(3, 1e-3), 1
+    scene = spec.compile()
+    left, right = [0.0, 0.1, 0.0, -1.5, 0.0, 0.8, 0.0], [0.0, 0.3, 0.0, -1.7, 0.0, -1.2, 0.0]
+    data = mujoco.MjData(scene)
+    data.qpos[:] = left + right
+    mujoco.mj_kinematics(scene, data)
+    turn = data.body("plate").xmat.reshape(3, 3).T
+    first = turn @ (data.site("left_tool").xpos - data.body("plate").xpos)
+    axis = turn @ data.site("left_tool").xmat[2::3]
+    # Kept from where the pen is: a square of 6 cm across the pen's axis.
+    one = np.cross(axis, [1.0, 0.0, 0.0]) / np.linalg.norm(np.cross(axis, [1.0, 0.0, 0.0]))
+    other = np.cross(axis, one)
+    held_at = mink.SO3.from_matrix(turn @ data.site("left_tool").xmat.reshape(3, 3))
+    corners = [first + 0.06 * (a * one + b * other) for a, b in ((0, 0), (1, 0), (1, 1), (0, 1))]
+    points = [
+        begin + share * (end - begin)
+        for begin, end in zip(corners, [*corners[1:], corners[0]], strict=True)
+        for share in np.arange(6) / 6.0
+    ]
+    free = qt.TwistProjector(
+        linear=Projector.full(), angular=Projector.plane([0, 0, 1]), frame="body"
+    )
+    task = qt.PathTask(
+        name="plate", title="plate", source=None, scene=Path("two_arms.xml"), model=scene,
+        frame_name="left_tool", frame_type="site", projector=free,
+        operational=qt.TwistProjector(linear=Projector.full(), angular=Projector.full()),
+        waypoints=tuple(mink.SE3.from_rotation_and_translation(held_at, p) for p in points),
+        flipped_waypoints=None, start=np.array(left + right), durations=None,
+        velocity_limits=np.full(14, np.inf), acceleration_limits=np.full(14, np.inf),
+        relative_to="plate",
+    )  # fmt: skip
+    run = qt.follow(task)
+    assert len(run.joint_names) == 14
+    for q, point in zip(run.q, points, strict=True):
+        for name, value in zip(run.joint_names, q, strict=True):
+            data.qpos[scene.joint(name).qposadr[0]] = value
+        mujoco.mj_kinematics(scene, data)
+        turn = data.body("plate").xmat.reshape(3, 3).T
+        there = turn @ (data.site("left_tool").xpos - data.body("plate").xpos)
+        assert np.abs(there - point).max() < 1e-8
+        assert np.abs(turn @ data.site("left_tool").xmat[2::3] - axis).max() < 1e-8
+    moved = dict(zip(run.joint_names, np.ptp(run.q, axis=0), strict=True))
+    assert any(moved[f"right_joint_{k}"] > 1e-3 for k in range(1, 8))
+    assert any(moved[f"left_joint_{k}"] > 1e-3 for k in range(1, 8))
+
+
 def test_run_check_report_and_export_of_a_part_in_the_hand(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -343,6 +405,10 @@ def test_run_check_report_and_export_of_a_part_in_the_hand(
     # The program's axes are those of the scene, where the robot stands.
     main(["check", str(tmp_path / "hand.ls"), IN_HAND])
     assert "passes" in capsys.readouterr().out
+    # As modelled the axes count from the robot's base, though the part is what is at rest.
+    main(["export", str(file), IN_HAND, "--to", "krl", "--as-modelled"])
+    assert "A1 = joint_1" in capsys.readouterr().out
+    main(["check", str(file.with_suffix(".src")), IN_HAND, "--as-modelled"])
     qt.report(qt.read_trajectory(file), qt.load_task(IN_HAND), tmp_path / "page")
     page = (tmp_path / "page" / "report.html").read_text("utf-8")
     assert "Path lies on" in page and "Fanuc M-16iB/20, recognised" in page
@@ -359,10 +425,11 @@ def test_a_program_does_not_leave_out_the_axes_of_a_positioner(
     assert not (tmp_path / "table.ls").exists()
     main(["export", str(file), TURN_TILT, "--out", str(tmp_path / "table.mcap")])
     assert "passes" in capsys.readouterr().out
-    # Columns have names: those of the joints in another order are the same motion.
+    # Columns are in the order of the scene; they have names, so that any order is the same motion.
     rows = qt.read_trajectory(file)
     assert rows.metadata["relative_to"] == "plate"
-    names = [f"arm_joint_{k}" for k in range(1, 7)] + ["tilt", "turn"]
+    assert rows.joint_names == (*(f"arm_joint_{k}" for k in range(1, 7)), "tilt", "turn")
+    names = ["turn", *rows.joint_names[:-1]]
     assert qt.check_trajectory(rows.of_joints(names), qt.load_task(TURN_TILT)).passes
     # 56 s: the report plays it faster than the robot.
     found = qt.report(rows, qt.load_task(TURN_TILT), tmp_path / "page")

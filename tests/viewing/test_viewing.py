@@ -14,6 +14,7 @@ import pytest
 
 import qp_twist as qt
 from qp_twist.geometry import ProjectorKind
+from qp_twist.pictures.local_server import LocalServer
 from qp_twist.pictures.near_pairs import NearPair, NearPairs
 from qp_twist.viewing import LiveArm, PageSettings, Session, free_port, projector_choices, run_once
 from qp_twist.viewing.bars import clearance_bar, joint_bars
@@ -25,6 +26,7 @@ from qp_twist.viewing.readings import readings, sentence
 from qp_twist.viewing.roll import Roll
 from qp_twist.viewing.runs import Runs
 from qp_twist.viewing.settings import method_choices
+from qp_twist.viewing.stage import Stage
 
 
 @cache
@@ -516,3 +518,27 @@ def test_the_dragged_arm_stops_before_the_clamp_and_leaves_the_tasks_constraints
     assert near.asked == 0.005
     distance = np.linalg.norm(near.middle[:2] - post[:2])
     assert distance < 0.2  # the middle is beside the post
+
+
+def test_the_live_page_shows_a_moving_part_where_it_is_in_the_cell() -> None:
+    """Body poses by MuJoCo in the scene; path, handles and lit shapes are children of one frame."""
+    path_task = qt.load_task("part_in_hand")
+    server = LocalServer(0, names=())
+    try:
+        stage = Stage(server, path_task, path_task.positions[0])
+        q = path_task.start + 0.1
+        stage.show(q)
+        scene = path_task.scene_model
+        assert scene is not None
+        data = mujoco.MjData(scene)
+        for name, value in zip(qt.JointRanges.of(path_task.model).names, q, strict=True):
+            data.qpos[scene.joint(name).qposadr[0]] = value
+        mujoco.mj_kinematics(scene, data)
+        carrier = server.scene.get_handle_by_name("/carrier")
+        assert carrier is not None
+        np.testing.assert_allclose(carrier.position, data.body("part").xpos, atol=1e-9)
+        np.testing.assert_allclose(carrier.wxyz, data.body("part").xquat, atol=1e-9)
+        for name in ("path", "target", "workpiece", "waypoint"):
+            assert server.scene.get_handle_by_name(f"/carrier/{name}") is not None
+    finally:
+        server.stop()
