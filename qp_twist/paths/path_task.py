@@ -207,7 +207,7 @@ class PathTask:
         """The scene as it stands, with the start and the path in it."""
         if self.relative_to is None or self.scene_model is None:
             order = np.arange(self.model.nq)
-            return Shown(self.model, self.start, self.positions, None, order)
+            return Shown(self.model, self.start, self.positions, None, order, self.joint_moves)
         return Shown.of(self.scene_model, self.relative_to, self.model, self.start, self.positions)
 
     @property

@@ -22,6 +22,7 @@ class Shown:
         positions: The path in the scene's world while the robot is at its start, m, (N, 3).
         carrier: Name of the body that carries the path; ``None`` for a path in the world.
         order: Index in the task's q of each coordinate of the model's q, (nq,).
+        joint_moves: Indices of the waypoints that a joint move leads to.
     """
 
     model: mujoco.MjModel
@@ -29,10 +30,17 @@ class Shown:
     positions: Array
     carrier: str | None
     order: Indices
+    joint_moves: tuple[int, ...] = ()
 
     @classmethod
     def of(
-        cls, scene: mujoco.MjModel, carrier: str, model: mujoco.MjModel, start: Array, path: Array
+        cls,
+        scene: mujoco.MjModel,
+        carrier: str,
+        model: mujoco.MjModel,
+        start: Array,
+        path: Array,
+        joint_moves: tuple[int, ...] = (),
     ) -> Shown:
         """The scene of a path that lies on a body.
 
@@ -42,13 +50,14 @@ class Shown:
             model: The scene as seen from the body, in which the path is planned.
             start: A configuration of that model, (nq,).
             path: Positions in the body's frame, m, (N, 3).
+            joint_moves: Indices of the waypoints that a joint move leads to.
         """
         own = {name: k for k, name in enumerate(JointRanges.of(model).names)}
         order = np.array([own[name] for name in JointRanges.of(scene).names], dtype=np.intp)
         still = cls(scene, start[order], path, carrier, order)
         pose = still.carrier_pose(start)
         turned = path @ pose.rotation().as_matrix().T + pose.translation()
-        return cls(scene, still.start, turned, carrier, order)
+        return cls(scene, still.start, turned, carrier, order, joint_moves)
 
     def configurations(self, q: Array) -> Array:
         """Configurations (…, nq) of the task as those of the scene's model, (…, nq)."""
