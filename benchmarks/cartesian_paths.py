@@ -220,13 +220,11 @@ def _waypoints(
         yield mink.SE3.from_rotation_and_translation(rotation, pose[:3] + offset)
 
 
-def _scene(
-    urdfs: Path, arm: Arm, boxes: list[dict[str, float]], offset: Any
-) -> tuple[mujoco.MjModel, list[tuple[str, str]]]:
-    """The robot with its capsules and the boxes, and the pairs of geoms that may touch."""
+def robot_of(urdfs: Path, arm: Arm) -> tuple[ElementTree.Element, list[tuple[str, str]]]:
+    """The URDF of a robot without meshes and masses, and the links that a joint connects."""
     robot = ElementTree.fromstring(_text(urdfs / arm.urdf))
     for link in robot.findall("link"):
-        link[:] = []  # neither meshes nor masses
+        link[:] = []
     jointed = []
     for joint in robot.findall("joint"):
         jointed.append((joint.find("parent").get("link"), joint.find("child").get("link")))
@@ -237,6 +235,14 @@ def _scene(
             limit = joint.find("limit")
             limit = ElementTree.SubElement(joint, "limit") if limit is None else limit
             limit.set("lower", str(-np.pi)), limit.set("upper", str(np.pi))
+    return robot, jointed
+
+
+def _scene(
+    urdfs: Path, arm: Arm, boxes: list[dict[str, float]], offset: Any
+) -> tuple[mujoco.MjModel, list[tuple[str, str]]]:
+    """The robot with its capsules and the boxes, and the pairs of geoms that may touch."""
+    robot, jointed = robot_of(urdfs, arm)
     settings = ElementTree.SubElement(robot, "mujoco")
     # The links of fixed joints keep their names.
     ElementTree.SubElement(

@@ -60,6 +60,8 @@ def centred(q: Array, ranges: JointRanges) -> Array:
 
 def boxed(q: Array, period: Array) -> Array:
     """Coordinates (K, nv) modulo nonzero periods, for a periodic tree."""
+    if not period.any():
+        return q
     rest = np.mod(q, np.where(period > 0.0, period, 1.0))
     rest = np.where(rest < period, rest, 0.0)  # of -1e-17 the remainder is the period itself
     wrapped: Array = np.where(period > 0.0, rest, q)

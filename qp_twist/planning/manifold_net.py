@@ -60,8 +60,11 @@ class ManifoldNet:
         self._period = np.where(self.ranges.hinge & ~(width < TURN), TURN, 0.0)
         self._rng = np.random.default_rng(seed)
 
-    def layer(self, index: int, before: Layer | None = None) -> Layer:
-        """The configurations at a waypoint, seeded also by those of the previous layer."""
+    def layer(self, index: int, before: Layer | None = None, *, grow: bool = True) -> Layer:
+        """The configurations at a waypoint, seeded also by those of the previous layer.
+
+        Without ``grow`` only those of the seeds: whether there are any, and why not.
+        """
         freedom = int(self.rows.freedom[index])
         seeds = self._random(SEEDS if freedom <= COVERED or self.rows.hard else _SCATTERED)
         if before is not None:
@@ -76,8 +79,8 @@ class ManifoldNet:
             seeds = np.vstack([self._clipped(q)[:_CLIPPED], self._random(SEEDS)])
         else:
             return empty_layer(q, self.ranges, self.rows.hard, index)
-        nodes = self._thinned(centred(nodes, self.ranges), None)
-        if 0 < freedom <= COVERED:
+        nodes = self._thinned(centred(nodes, self.ranges))
+        if grow and 0 < freedom <= COVERED:
             nodes = self._grown(nodes, index, freedom)
         elif freedom > COVERED:
             # The same order in every layer, so that a configuration that is carried over stays.
@@ -104,14 +107,14 @@ class ManifoldNet:
         directions = _directions(freedom)
         frontier = nodes
         while len(frontier) and len(nodes) < _MOST:
-            at = np.full(len(frontier), index)
+            at, net = np.full(len(frontier), index), self._tree(nodes)
             basis = self.rows.motions(frontier, at)[:, :, :freedom]
             basis = np.linalg.qr(basis / self.spacing[:, None]).Q
             ahead = frontier[:, None] + self.spacing * (directions @ basis.transpose(0, 2, 1))
             ahead = ahead.reshape(-1, nodes.shape[1])
             start = np.repeat(frontier, len(directions), axis=0)
             # Most lead to where the net is already: they are not worth a correction.
-            new = ~self._covered(ahead, nodes)
+            new = ~self._covered(ahead, net)
             ahead, start = ahead[new], start[new]
             found, arrived = self.rows.correct(ahead, np.full(len(ahead), index), iterations=8)
             near = np.linalg.norm((found - start) / self.spacing, axis=1) < 2.0
@@ -119,14 +122,13 @@ class ManifoldNet:
             if self.rows.hard:
                 start = start[arrived & near][which]
                 found = found[np.linalg.norm((found - start) / self.spacing, axis=1) < 2.0]
-            frontier = self._thinned(centred(found, self.ranges), nodes)
+            found = centred(found, self.ranges)
+            frontier = self._thinned(found[~self._covered(found, net)])
             nodes = np.vstack([nodes, frontier])
         return nodes
 
-    def _thinned(self, q: Array, others: Array | None) -> Array:
-        """Those of q (K, nv) that are not too close to each other or to ``others``."""
-        if others is not None:
-            q = q[~self._covered(q, others)]
+    def _thinned(self, q: Array) -> Array:
+        """Those of q (K, nv) that are not too close to each other."""
         if not len(q):
             return q
         taken = np.zeros(len(q), dtype=bool)
@@ -138,11 +140,11 @@ class ManifoldNet:
                 taken[near] = True
         return q[kept]
 
-    def _covered(self, q: Array, others: Array) -> Mask:
-        """Which of q (K, nv) are too close to one of ``others``, (K,)."""
+    def _covered(self, q: Array, net: KDTree) -> Mask:
+        """Which of q (K, nv) are too close to a node of the net, (K,)."""
         if not len(q):
             return np.zeros(0, dtype=bool)
-        distance, _ = self._tree(others).query(self._scaled(q), distance_upper_bound=_THIN)
+        distance, _ = net.query(self._scaled(q), distance_upper_bound=_THIN)
         return np.asarray(np.isfinite(distance))
 
     def _components(self, q: Array) -> Indices:

@@ -22,7 +22,7 @@ ITERATIONS, _SETTLING = 40, 6
 _FIRST, _LARGEST, _SMALLEST = 0.1, 0.4, 1e-6
 """Trust region radius, rad: initial, largest, and the one at which the iteration ends."""
 _SETTLED = 1e-6
-"""Gain of an iteration, as a share of the objective, below which it ends."""
+"""Change by an iteration, as a share of the objective, below which it ends."""
 _STUCK, _STAYS = 4, 0.01
 """With a violation it ends after so many iterations in turn that gain less than this share of the
 penalty."""
@@ -90,15 +90,16 @@ def refine(
         stuck = stuck + 1 if stays else 0
         if stuck == _STUCK:
             break
+        settled = abs(gain) <= _SETTLED * abs(_merit(here, objective))
         if there is None or gain <= 0.0:
             radius *= 0.25
-            if radius < _SMALLEST:
+            if radius < _SMALLEST or settled:
                 break
             continue
         here, radius = there, min(2.0 * radius, _LARGEST)
         if keep is not None and here.feasible:
             keep(here.q)
-        if gain <= _SETTLED * abs(_merit(here, objective)):
+        if settled:
             break
     # The remaining violation, due to curvature, is removed by a few least-norm steps.
     for _ in range(_SETTLING):
@@ -189,6 +190,10 @@ class _Program:
         self.c = np.zeros(size)
         self.rows: list[tuple[sparse.csr_matrix, sparse.csr_matrix, Array, bool]] = []
         self.more: list[Array] = []
+        # Bounds as rows: a backend would make rows of infinite ones, too, and take them out again.
+        whole, none = sparse.identity(size, format="csr"), sparse.csr_matrix((size, 0))
+        self.rows += [(sign * whole, none, np.full(size, radius), False) for sign in (1.0, -1.0)]
+        self.soft_rows(sparse.csr_matrix((1, size)), np.zeros(1))  # 0 ≤ σ
 
     def quadratic(self, P: sparse.csr_matrix, c: Array) -> None:
         """Add ½uᵀPu + cᵀu."""
@@ -196,8 +201,8 @@ class _Program:
 
     def soft_rows(self, G: sparse.csr_matrix, g: Array) -> None:
         """Add G u − σ ≤ g; rows that no u within the radius can reach are left out."""
-        reach = np.sqrt(np.asarray(G.multiply(G).sum(axis=1)).ravel())
-        near = np.flatnonzero(g < 1.5 * self.radius * np.maximum(reach, 1.0) + 1e-3)
+        reach = self.radius * np.asarray(abs(G).sum(axis=1)).ravel()
+        near = np.flatnonzero(g <= reach)
         self.rows.append((G[near], sparse.csr_matrix((len(near), self._added)), g[near], True))
 
     def least_sum(self, G: sparse.csr_matrix, g: Array, weights: Array) -> None:
@@ -244,18 +249,11 @@ class _Program:
         P = sparse.csc_matrix(
             (P.data, P.indices, np.append(P.indptr, np.full(n - self.size, P.nnz))), shape=(n, n)
         )
-        lower, upper = np.full(n, -np.inf), np.full(n, np.inf)
-        lower[: self.size], upper[: self.size] = -self.radius, self.radius
-        lower[-1] = 0.0
         problem = qpsolvers.Problem(
             P,
             np.concatenate([self.c, *self.more, [penalty]]),
             inequalities,
             np.concatenate([row[2] for row in self.rows]),
-            None,
-            None,
-            lower,
-            upper,
         )
         solution = qpsolvers.solve_problem(problem, solver="clarabel")
         if not solution.found or solution.x is None or not np.isfinite(solution.x).all():

@@ -88,5 +88,9 @@ class Roadmap:
             return self._rolls.layer(index)
         return self._net.layer(index, before)
 
+    def seeded(self, index: int, seeds: Layer) -> Layer:
+        """What a net at a waypoint would grow from: empty if no configuration is found there."""
+        return self._net.layer(index, seeds, grow=False)
+
     def _closed_form(self, index: int) -> bool:
         return self._rolls is not None and RollGrid.applies(self.path_task, index)

@@ -38,8 +38,13 @@ _PROOFS = 12
 _TRIED, _SEEDING = 16, 2000
 """Numbers of random configurations that are corrected onto each waypoint, and of those found that
 are further seeds of waypoints without one."""
-_TRIAL = 8
-"""Iterations after which a seed far from the best one is dropped."""
+_TRIAL = 4, 4
+"""Iterations after which a seed far from the best value is dropped, and then one not near it."""
+_FAR = 0.1
+"""Loss above which a value counts as far, as a share of the objective."""
+_SAME = 0.1
+"""A path that is nowhere further from the best one than this leads to it, rad or m: the first trust
+region of the programs."""
 _HOPELESS = 0.1
 """Violation by a grid's path above which no program is tried before it is searched again, rad."""
 _ABOUT = 20
@@ -289,12 +294,15 @@ class PlanSearch:
         # With a clearance the bound, which knows of none, says little.
         settled = best is not None and (self._cleared or _alike(bound, best.value))
         if self.start is None and not settled:
-            tried = self._tried(None if best is None else best.q[0])
+            tried = self._tried(None if best is None else best.q[0], best)
         for trial in tried:
             # A seed that is still far from the best will not become it.
-            near = best is not None and _alike(trial.value, best.value)
-            if best is None or near or self.objective.better(trial.value, best.value):
-                best = self._better(best, self._refined(trial.q))
+            worse = best is not None and not self.objective.better(trial.value, best.value)
+            if worse and not _alike(trial.value, best.value):
+                continue
+            if worse and np.abs(self._unwound(trial.q - best.q)).max() <= _SAME:
+                continue  # where it leads the best path is already
+            best = self._better(best, self._refined(trial.q))
         if best is None:
             return replace(found, bound=self._stated(bound))
         certificate = Certificate("path", found.certificate.grid, bands=self.rows.hard.names)
@@ -302,14 +310,20 @@ class PlanSearch:
             bound = self._bound(found, best)
         return replace(found, path=best, certificate=certificate, bound=self._stated(bound))
 
-    def _tried(self, start: Array | None) -> list[RefinedPath]:
-        """The runs of other methods, corrected onto their waypoints and improved a little."""
+    def _tried(self, start: Array | None, best: RefinedPath | None = None) -> list[RefinedPath]:
+        """The runs of other methods, corrected onto their waypoints and improved a little.
+
+        Without those that stay far from the best path.
+        """
         tried, at = [], np.arange(len(self.path_task.waypoints))
         for run in self.runs(self.path_task, start):
             on_path, arrived = self.rows.correct(run, at)
             if arrived.all():
                 on_path[0] = run[0]
-                tried.append(self._improved(on_path, iterations=_TRIAL))
+                trial = self._improved(on_path, iterations=_TRIAL[0])
+                far = best is not None and not _alike(trial.value, best.value, _FAR)
+                if best is None or not far or self.objective.better(trial.value, best.value):
+                    tried.append(self._improved(trial.q, iterations=_TRIAL[1]))
         return tried
 
     def _bound(self, found: SearchResult, best: RefinedPath | None) -> float:
@@ -478,7 +492,7 @@ class PlanSearch:
         seeds = Layer(known, np.zeros(len(known), dtype=np.intp), len(known))
         chosen = np.unique(np.linspace(0, len(missed) - 1, _PROOFS).round().astype(int))
         waypoints = [int(missed[k]) for k in chosen]
-        layers = [roadmap.layer(index, seeds) for index in waypoints]
+        layers = [roadmap.seeded(index, seeds) for index in waypoints]
         if all(len(layer.q) for layer in layers):
             return None
         certificate = _empty(waypoints, layers, grid, roadmap, covered=True)
@@ -527,7 +541,8 @@ class PlanSearch:
         def along(number: int, edge: Edges) -> Array:
             apart = layers[number + 1].q[edge.end] - layers[number].q[edge.start]
             apart = np.abs(self._unwound(apart))
-            beyond = np.maximum((apart / allowed[number]).max(axis=1) - 1.0, 0.0)
+            share = (apart / allowed[number]).T.copy()  # the largest of columns takes less time
+            beyond = np.maximum(share.max(axis=0) - 1.0, 0.0)
             cost: Array = strictness * price * beyond
             if objective.travel:
                 cost += objective.travel * np.degrees(apart @ objective.joints)
@@ -577,6 +592,8 @@ class PlanSearch:
 
     def _unwound(self, difference: Array) -> Array:
         """Differences of configurations, modulo whole turns that do not matter."""
+        if not self._period.any():
+            return difference
         unwound: Array = difference - self._period * np.round(difference / TURN)
         return unwound
 
@@ -679,8 +696,8 @@ def _left(worst: Violation, grid: Grid, covered: bool) -> Certificate:
     return Certificate("band", grid, where, (), covered, detail, (worst.name,))
 
 
-def _alike(value: float, best: float) -> bool:
-    return abs(value - best) <= _ROUNDED * abs(best)
+def _alike(value: float, best: float, share: float = _ROUNDED) -> bool:
+    return abs(value - best) <= share * abs(best)
 
 
 def _stretches(broken: Indices, count: int) -> list[tuple[int, int]]:

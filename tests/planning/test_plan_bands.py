@@ -436,7 +436,8 @@ def test_a_soft_band_is_no_constraint_of_a_plan() -> None:
         qt.plan(dataclasses.replace(task, bands=bands), max_step_deg=30.0)
         for bands in ((hard,), (soft, hard))
     ]
-    assert plans[0].value == pytest.approx(plans[1].value, rel=1e-9)
+    # To what programs settle at: the runs that a plan begins with, too, know of the soft band.
+    assert plans[0].value == pytest.approx(plans[1].value, rel=1e-6)
     rows = PathRows(dataclasses.replace(task, bands=(soft, hard)))
     assert rows.hard.names == ("bands[1], " + repr(hard),)
 
