@@ -207,9 +207,17 @@ def descartes_net(
             states = map(library.DescartesStateD, self.q)
             return [library.DescartesStateSampleD(state, 0.0) for state in states]
 
-    class Moves(library.DescartesDefaultMoveProfileD):  # type: ignore[misc, name-defined]
+    default = library.DescartesDefaultMoveProfileD()
+
+    class Moves(library.DescartesMoveProfileD):  # type: ignore[misc, name-defined]
         def createWaypointSampler(self, *arguments: Any) -> Any:
             return Sampler(next(waiting))
+
+        def createEdgeEvaluator(self, *arguments: Any) -> Any:
+            return default.createEdgeEvaluator(*arguments)
+
+        def createStateEvaluator(self, *arguments: Any) -> Any:
+            return default.createStateEvaluator(*arguments)
 
     robot, program = _stated(problem, folder, first)
     composer = TaskComposer.from_config()

@@ -4,6 +4,7 @@
     python benchmarks/plans.py [plan_optimality] [--samples 40] [--roll-step 2] [--write]
     python benchmarks/plans.py [no_plan] --folder out/random [--roll-step 2] [--write]
     python benchmarks/plans.py [plan_placements] [--samples 75] [--write]
+    python benchmarks/plans.py [table_run] [--write]
 
 *plan_costs*: time and memory over waypoints, steps and redundancy. Each plan is made by a process
 of its own, which reports its wall time, its processor time, and how much its peak of memory is
@@ -27,6 +28,10 @@ has closed-form inverse kinematics on a grid of the free coordinates (for the se
 first three axes meet in one point as its last three do: of the elbow's angle about the line from
 shoulder to wrist), and the same largest step. Its motions are motions, so a plan that is missing
 where it finds one is a fault. Where it finds none there may be one between its nodes.
+
+*table_run*: what ``qp-twist run`` does, for the part on a turn-tilt table: plan, follow, insert
+rows until straight joint motion keeps the path, time from rest to rest, check. Between rows MuJoCo
+measures the tool's distance from the path, too, at 20 points each.
 """
 
 from __future__ import annotations
@@ -35,11 +40,13 @@ from page import command, in_processes
 
 # isort: split
 import dataclasses
+import itertools
 import json
 import resource
 import sys
 import time
 from collections import Counter
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -55,6 +62,7 @@ from qp_twist.bench.tables import markdown_table
 from qp_twist.bench.timer import once
 from qp_twist.checks import Array
 from qp_twist.files import write_atomically
+from qp_twist.referee import JointMotion, PathErrors, motion_limits, with_default_accelerations
 from qp_twist.studies import Study
 from qp_twist.studies.judge import Judge
 from qp_twist.studies.sample import draw_sample, section_of
@@ -196,6 +204,69 @@ def plan_costs() -> str:
         print(*rows[-1], file=sys.stderr, flush=True)
     headings = ("arm and path", "time, s", "processor, s", "memory, MB", "mean z", "bound")
     return markdown_table(headings, rows)
+
+
+# ---------------------------------------------------------------- from a plan to a run
+
+TABLE_SPEED = 1.0
+"""Assumed speed limit of the table's axes, rad/s; the arm's are those of the task."""
+_BETWEEN = 20
+"""Number of points between two rows at which the tool is measured."""
+
+
+def table_run() -> tuple[str, int]:
+    """The steps from a plan with three free degrees to a checked trajectory."""
+    task, arm = on_a_table(1), qt.load_task("deburring")
+    speeds = np.append([TABLE_SPEED, TABLE_SPEED], arm.velocity_limits)
+    task = dataclasses.replace(task, durations=arm.durations, velocity_limits=speeds)
+    limits = with_default_accelerations(motion_limits(task), qt.JointRanges.of(task.model))
+    rows = []
+
+    def step(name: str, make: Callable[[], Any]) -> Any:
+        cpu = time.process_time()
+        took, made = once(make)
+        rows.append((name, f"{1e-9 * took:.1f}", f"{time.process_time() - cpu:.1f}", "", "", ""))
+        return made
+
+    def errors(count: int, motion: JointMotion, proven: PathErrors) -> None:
+        rows[-1] = (
+            *rows[-1][:3],
+            str(count),
+            f"{1e3 * measured_off(task, motion):.3f}",
+            f"{1e3 * proven.position_bound.max():.3f} and "
+            f"{np.degrees(proven.axis_bound.max()):.3f}°",
+        )
+
+    qt.plan(on_a_table(100), max_step_deg=30.0)  # machine code is compiled, or loaded
+    plan = step("plan", lambda: qt.plan(task))
+    times = np.arange(len(plan.q), dtype=np.float64)
+    errors(len(plan.q), JointMotion(times, plan.q), plan.between)
+    run = step("follow", lambda: qt.follow(task, "qp_planned", plan=plan, slow_down=True))
+    fine = step("rows between", lambda: qt.refine_trajectory(run))
+    motion = JointMotion(np.arange(len(fine.q), dtype=np.float64), fine.q)
+    errors(len(fine.q), motion, fine.between)
+    timed = step("times", lambda: qt.time_trajectory(fine, limits=limits))
+    check = step("check", lambda: qt.check_trajectory(timed, task))
+    errors(len(timed.q), check.motion, check.errors)
+    headings = ("", "time, s", "processor, s", "rows", "measured, mm", "proven, mm and °")
+    text = f"{markdown_table(headings, rows)}\nThe check {check.verdict}.\n"
+    return text, int(not check.passes)
+
+
+def measured_off(task: qt.PathTask, motion: JointMotion) -> float:
+    """Largest distance of the tool from the polygon of the waypoints between rows, m, by MuJoCo."""
+    data, corners, worst = mujoco.MjData(task.model), task.positions, 0.0
+    begin, along = corners[:-1], np.diff(corners, axis=0)
+    shares = np.arange(_BETWEEN) / _BETWEEN
+    for first, last in itertools.pairwise(motion.times):
+        for q in motion.at(first + shares * (last - first)).q:
+            data.qpos[:] = q
+            mujoco.mj_kinematics(task.model, data)
+            off = data.site("tool").xpos - begin
+            share = np.clip((off * along).sum(axis=1) / (along**2).sum(axis=1), 0.0, 1.0)
+            near = np.linalg.norm(off - share[:, None] * along, axis=1).min()
+            worst = max(worst, float(near))
+    return worst
 
 
 # ---------------------------------------------------------------- how good a plan is
@@ -533,5 +604,7 @@ def placements_table(rows: list[dict[str, Any]]) -> tuple[str, int]:
 OPTIONS = {"samples": 40, "first": 0, "jobs": 2, "roll_step": 2.0, "folder": "out/random"}
 
 if __name__ == "__main__":
-    parts = {f.__name__: f for f in (plan_costs, plan_optimality, no_plan, plan_placements)}
+    parts = {
+        f.__name__: f for f in (plan_costs, plan_optimality, no_plan, plan_placements, table_run)
+    }
     sys.exit(command(__doc__, parts, **OPTIONS))

@@ -296,19 +296,21 @@ class PlanSearch:
         if self.start is None and not settled:
             tried = self._tried(None if best is None else best.q[0], best)
         for trial in tried:
-            # A seed that is still far from the best will not become it.
-            worse = best is not None and not self.objective.better(trial.value, best.value)
-            if worse and not _alike(trial.value, best.value):
-                continue
-            if worse and np.abs(self._unwound(trial.q - best.q)).max() <= _SAME:
-                continue  # where it leads the best path is already
-            best = self._better(best, self._refined(trial.q))
+            if best is None or self._may_become(trial, best):
+                best = self._better(best, self._refined(trial.q))
         if best is None:
             return replace(found, bound=self._stated(bound))
         certificate = Certificate("path", found.certificate.grid, bands=self.rows.hard.names)
         if best is not first:
             bound = self._bound(found, best)
         return replace(found, path=best, certificate=certificate, bound=self._stated(bound))
+
+    def _may_become(self, trial: RefinedPath, best: RefinedPath) -> bool:
+        """Whether a seed may lead to a better path: not if it is far, or leads to the same one."""
+        if self.objective.better(trial.value, best.value):
+            return True
+        apart = np.abs(self._unwound(trial.q - best.q)).max()
+        return bool(apart > _SAME and _alike(trial.value, best.value))
 
     def _tried(self, start: Array | None, best: RefinedPath | None = None) -> list[RefinedPath]:
         """The runs of other methods, corrected onto their waypoints and improved a little.

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import math
 import re
+from collections.abc import Callable
 
 import mink
 import mujoco
@@ -166,6 +168,43 @@ def with_the_table() -> mujoco.MjModel:
     return spec.compile()
 
 
+def tool_in_the_cell(
+    task: qt.PathTask,
+) -> Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]:
+    """Gives the tool's position and axis in the plate that carries the path, by MuJoCo."""
+    cell = with_the_table()
+    data = mujoco.MjData(cell)
+    order = [task.model.joint(cell.joint(k).name).qposadr[0] for k in range(cell.njnt)]
+
+    def tool(row: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        data.qpos[:] = row[order]
+        mujoco.mj_kinematics(cell, data)
+        site, path = data.site("tool"), data.site("path")
+        turn = path.xmat.reshape(3, 3).T
+        return turn @ (site.xpos - path.xpos), turn @ site.xmat[2::3]
+
+    return tool
+
+
+def test_rows_between_keep_a_path_on_a_table_in_the_cell() -> None:
+    """A plan with three free degrees leaves the path between waypoints; its run does not."""
+    task = on_a_table()
+    task = dataclasses.replace(task, waypoints=task.waypoints[:4])
+    plan = qt.plan(task, max_step_deg=30.0)
+    assert plan.between.position_between.max() > 1e-3
+    run = qt.refine_trajectory(qt.follow(task, "qp_planned", plan=plan))
+    assert qt.check_trajectory(run, task).passes
+    tool, corners = tool_in_the_cell(task), task.positions
+    worst = 0.0
+    for first, last in itertools.pairwise(run.q):
+        for share in np.arange(10) / 10.0:
+            off = tool(first + share * (last - first))[0] - corners[:-1]
+            along = np.diff(corners, axis=0)
+            near = np.clip((off * along).sum(axis=1) / (along**2).sum(axis=1), 0.0, 1.0)
+            worst = max(worst, np.linalg.norm(off - near[:, None] * along, axis=1).min())
+    assert worst <= 1e-4
+
+
 def turned(turn: float, tilt: float) -> mink.SE3:
     """The plate's pose in the cell."""
     about = mink.SO3.from_x_radians(tilt) @ mink.SO3.from_z_radians(turn)
@@ -180,17 +219,7 @@ def test_a_plan_with_a_table_is_as_good_as_an_independent_search() -> None:
     assert np.abs(np.diff(q, axis=0)).max() <= step + 1e-9
     assert (q >= task.model.jnt_range[:, 0]).all() and (q <= task.model.jnt_range[:, 1]).all()
     # In the cell the tool is on the path that the plate carries, at the waypoints ...
-    cell = with_the_table()
-    data, bound = mujoco.MjData(cell), plan.between
-    order = [task.model.joint(cell.joint(k).name).qposadr[0] for k in range(cell.njnt)]
-
-    def tool(row: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        data.qpos[:] = row[order]
-        mujoco.mj_kinematics(cell, data)
-        site, path = data.site("tool"), data.site("path")
-        turn = path.xmat.reshape(3, 3).T
-        return turn @ (site.xpos - path.xpos), turn @ site.xmat[2::3]
-
+    tool, bound = tool_in_the_cell(task), plan.between
     poses = [(w.translation(), w.rotation().as_matrix()[:, 2]) for w in task.waypoints]
     for row, (position, axis) in zip(q, poses, strict=True):
         there = tool(row)
