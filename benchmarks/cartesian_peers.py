@@ -154,20 +154,20 @@ def _add_shape(link: ElementTree.Element, model: Any, geom: int, *, merged: str)
 # ---------------------------------------------------------------- plans, in a process of their own
 
 
-def trajopt(problem: Problem, folder: Path, first: Array, spacing: float) -> tuple[Any, float]:
-    """TrajOpt with the library's settings; the result and its seconds."""
+def trajopt(problem: Problem, folder: Path, first: Array, spacing: float) -> tuple[Any, Array]:
+    """TrajOpt with the library's settings; the result, its seconds and the processor's."""
     from tesseract_robotics.planning import TaskComposer, create_trajopt_default_profiles
 
     robot, program = _stated(problem, folder, first)
     composer = TaskComposer.from_config()
     composer.warmup(["TrajOptPipeline"])
     profiles = create_trajopt_default_profiles()
-    began = time.perf_counter()
+    began = _now()
     result = composer.plan(robot, program, pipeline="TrajOptPipeline", profiles=profiles)
-    return result, time.perf_counter() - began
+    return result, _now() - began
 
 
-def descartes(problem: Problem, folder: Path, first: Array, spacing: float) -> tuple[Any, float]:
+def descartes(problem: Problem, folder: Path, first: Array, spacing: float) -> tuple[Any, Array]:
     """Descartes with the library's settings."""
     from tesseract_robotics.planning import TaskComposer
     from tesseract_robotics.planning.profiles import create_descartes_pipeline_profiles
@@ -176,26 +176,26 @@ def descartes(problem: Problem, folder: Path, first: Array, spacing: float) -> t
     composer = TaskComposer.from_config()
     composer.warmup(["DescartesFPipeline"])
     profiles = create_descartes_pipeline_profiles()
-    began = time.perf_counter()
+    began = _now()
     result = composer.plan(robot, program, pipeline="DescartesFPipeline", profiles=profiles)
-    return result, time.perf_counter() - began
+    return result, _now() - began
 
 
 def descartes_net(
     problem: Problem, folder: Path, first: Array, spacing: float
-) -> tuple[Any, float]:
+) -> tuple[Any, Array]:
     """Descartes with samples along the self-motion manifolds."""
     import tesseract_robotics.tesseract_motion_planners_descartes as library
     from tesseract_robotics.planning import TaskComposer
     from tesseract_robotics.planning.profiles import create_descartes_pipeline_profiles
 
-    began = time.perf_counter()
+    began = _now()
     task = replace(problem.task, constraints=())
     grid = Grid(spacing, np.full(task.model.nv, spacing))
     layers = Roadmap(task, PathRows(task), grid).layers(range(len(task.waypoints)))
     [clearance] = problem.task.clearances
     samples = [layer.q[clearance.inside(layer.q, 0.0)] for layer in layers]
-    sampled = time.perf_counter() - began
+    sampled = _now() - began
     waiting = iter(samples)
 
     class Sampler(library.DescartesWaypointSamplerD):  # type: ignore[misc, name-defined]
@@ -224,9 +224,14 @@ def descartes_net(
     composer.warmup(["DescartesDPipeline"])
     moves = Moves()  # the library does not keep it
     profiles = create_descartes_pipeline_profiles(move_profile=moves, num_threads=1)
-    began = time.perf_counter()
+    began = _now()
     result = composer.plan(robot, program, pipeline="DescartesDPipeline", profiles=profiles)
-    return result, sampled + time.perf_counter() - began
+    return result, sampled + _now() - began
+
+
+def _now() -> Array:
+    """Seconds of the clock and of the processor."""
+    return np.array([time.perf_counter(), time.process_time()])
 
 
 PEERS = {f.__name__: f for f in (trajopt, descartes, descartes_net)}
@@ -268,10 +273,10 @@ def made(problem: Problem, peer: str, given: argparse.Namespace) -> None:
     """Plan in this process; writes q.npy, if there is a path, and said.json."""
     folder = given.out / "peers" / f"{problem.task.name}__{peer}"
     spacing = np.radians(given.spacing)
-    result, took = PEERS[peer](problem, folder, _first(problem, given.out), spacing)
+    result, (took, processor) = PEERS[peer](problem, folder, _first(problem, given.out), spacing)
     if result.successful:
         np.save(folder / "q.npy", result.to_numpy())
-    said = {"seconds": took, "successful": bool(result.successful), "message": result.message}
+    said = {"seconds": took, "processor_seconds": processor, "why": result.message}
     write_atomically(folder / "said.json", json.dumps(said))
     sys.stdout.flush()
     os._exit(0)  # the library's threads may end with an error
@@ -303,7 +308,8 @@ def planned(problem: Problem, peer: str, given: argparse.Namespace) -> dict[str,
     said = json.loads((folder / "said.json").read_text("utf-8"))
     result |= said
     if not (folder / "q.npy").exists():
-        return result | {"why": said["message"]}
+        return result
+    del result["why"]
     q = np.load(folder / "q.npy")
     if q.shape != (len(problem.task.waypoints), problem.task.model.nq):
         return result | {"why": f"its path has {len(q)} rows"}

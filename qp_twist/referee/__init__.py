@@ -22,6 +22,7 @@ from .motion_limits import speeds_or_default as speeds_or_default
 from .motion_limits import with_default_accelerations as with_default_accelerations
 from .motion_limits import with_stated_accelerations as with_stated_accelerations
 from .path_errors import PROVEN as PROVEN
+from .path_errors import Known as Known
 from .path_errors import Outside as Outside
 from .path_errors import PathErrors as PathErrors
 from .path_errors import constraints_left as constraints_left

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import mink
@@ -99,6 +99,19 @@ class PathErrors:
         return kept
 
 
+class Known(NamedTuple):
+    """What was found and proven of another motion, for the intervals that this one shares with it.
+
+    In these the joints move alike, in the same time, and waypoints and rows of the task are the
+    same.
+    """
+
+    errors: PathErrors
+    """Of the other motion, for the same tolerances."""
+    which: Indices
+    """Index there of each interval; −1 for those that are not shared, (N − 1,)."""
+
+
 def path_errors(
     path_task: PathTask,
     motion: JointMotion,
@@ -108,6 +121,7 @@ def path_errors(
     fastest: Array | None = None,
     samples: int = SAMPLES,
     work: int = WORK,
+    known: Known | None = None,
 ) -> PathErrors:
     r"""Measure a motion against the waypoints and against the path between them.
 
@@ -138,6 +152,7 @@ def path_errors(
         fastest: Rate of progress to be proven, in shares of the interval per second, (N − 1,).
         samples: Points that are always evaluated between consecutive rows or waypoints.
         work: Largest number of further points.
+        known: What needs no second proof.
     """
     when = motion.times if times is None else times
     track = _Track(path_task, motion, when, tolerances)
@@ -149,13 +164,13 @@ def path_errors(
     position[via] = axis[via] = 0.0
     bands[via, : track.hard_bands] = 0.0
     proof = _Proof(track, work, moves[:, None] & track.of_path)
-    left, right = proof.start(samples)
+    left, right = proof.start(samples, None if known is None else known.which < 0)
     if fastest is not None:
         fastest = np.where(moves, np.inf, fastest)
     rate, kept = proof.rates(left, right, fastest)
     rate[moves], kept[moves] = 0.0, fastest is not None
     between, bound = proof.found, proof.bound
-    return PathErrors(
+    errors = PathErrors(
         position,
         axis,
         bands,
@@ -169,6 +184,20 @@ def path_errors(
         kept,
         tuple(measure.unit for measure in track.kept),
     )
+    return errors if known is None else _with_known(errors, known)
+
+
+def _with_known(errors: PathErrors, known: Known) -> PathErrors:
+    """The errors with those of the intervals that are known."""
+    shared = np.flatnonzero(known.which >= 0)
+    whole = {}
+    for name in ("position", "axis", "bands"):
+        for kind in (f"{name}_between", f"{name}_bound"):
+            whole[kind] = getattr(errors, kind)
+    whole |= {"rate": errors.rate, "rate_kept": errors.rate_kept}
+    for name, values in whole.items():
+        values[shared] = getattr(known.errors, name)[known.which[shared]]
+    return replace(errors, **whole)
 
 
 def straight_errors(path_task: PathTask, q: Array) -> PathErrors:
@@ -389,9 +418,15 @@ class _Proof:
         self.time = track.when[:-1].copy()
         self._largest = np.zeros(pieces)
 
-    def start(self, samples: int) -> tuple[_Points, _Points]:
-        """Evaluate points of every interval and prove the bounds; return the ends of stretches."""
+    def start(self, samples: int, only: Mask | None = None) -> tuple[_Points, _Points]:
+        """Evaluate points of every interval and prove the bounds; return the ends of stretches.
+
+        Or ``only`` of some intervals, (N − 1,).
+        """
         interval, row, begin, end = _knots(self.track.motion.times, self.track.when)
+        if only is not None:
+            here = only[interval]
+            interval, row, begin, end = interval[here], row[here], begin[here], end[here]
         kept = []
         step = max(1, _CHUNK // (samples + 1))
         for first in range(0, max(len(interval), 1), step):

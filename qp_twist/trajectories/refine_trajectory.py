@@ -16,7 +16,7 @@ from qp_twist.following import Trajectory
 from qp_twist.following.stretches import frame_at
 from qp_twist.paths import PathTask, twist_task
 from qp_twist.planning.starts import corrected_start
-from qp_twist.referee import JointMotion, path_errors
+from qp_twist.referee import JointMotion, Known, path_errors
 
 _ROUNDS = 12
 _ROOM = 0.5
@@ -52,12 +52,14 @@ def refine_trajectory(
     axis = np.radians(number("axis_tolerance_deg", axis_tolerance_deg, above=0.0))
     met = (trajectory.position_error <= position) & (trajectory.axis_error <= axis)
     stuck = np.zeros(len(met), dtype=bool)  # rows after which nothing can be inserted
+    known: Known | None = None
     for _ in range(_ROUNDS):
         task = trajectory.path_task
         if len(met) < 2:
             break
         motion = JointMotion(np.arange(len(met), dtype=np.float64), trajectory.q)
-        errors = path_errors(task, motion, tolerances=(_ROOM * position, _ROOM * axis))
+        within = _ROOM * position, _ROOM * axis
+        errors = path_errors(task, motion, tolerances=within, known=known)
         strays = _strays(errors.position, errors.position_between, position)
         strays |= _strays(errors.axis, errors.axis_between, axis)
         for band, unit in enumerate(errors.band_units):
@@ -70,6 +72,7 @@ def refine_trajectory(
             break
         after = pieces + 1
         met, stuck = np.insert(met, after, True), np.insert(stuck, after, False)
+        known = Known(errors, shared_pieces(np.arange(len(errors.rate)), pieces))
     return trajectory
 
 
@@ -103,6 +106,19 @@ def with_rows_between(
     if found:
         trajectory = _with_rows(trajectory, pieces[found].tolist(), shares[found].tolist(), rows)
     return trajectory, pieces[found]
+
+
+def shared_pieces(which: Indices, pieces: Indices) -> Indices:
+    """Numbers of the pieces after some were divided by a row: −1 for both parts, (N − 1 + K,).
+
+    Args:
+        which: Number of each piece before, (N − 1,).
+        pieces: Pieces in ascending order, each at most once, (K,).
+    """
+    kept = which.copy()
+    kept[pieces] = -1
+    found: Indices = np.insert(kept, pieces, -1)
+    return found
 
 
 def divided_times(times: Array, pieces: Indices, shares: Array) -> Array:

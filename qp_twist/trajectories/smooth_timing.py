@@ -8,8 +8,12 @@ import numpy.typing as npt
 from qp_twist.checks import Array, Indices
 from qp_twist.following import Trajectory
 from qp_twist.paths import in_joint_moves
-from qp_twist.referee import MotionLimits, PathErrors, path_errors
-from qp_twist.trajectories.refine_trajectory import divided_times, with_rows_between
+from qp_twist.referee import JointMotion, Known, MotionLimits, PathErrors, path_errors
+from qp_twist.trajectories.refine_trajectory import (
+    divided_times,
+    shared_pieces,
+    with_rows_between,
+)
 from qp_twist.trajectories.speed_profile import SpeedProfile, speed_profile, straight_profile
 
 _ROUNDS = 30
@@ -21,6 +25,8 @@ _LOST = 0.01
 """Time from which a ramp that is longer than necessary gets a row, s."""
 _SAME_FEED = 1.1
 """Ratio up to which feeds count as equal: pieces that turn the tool vary a little in speed."""
+_ROUNDING = 1e-11
+"""Difference of times that is rounding, as a share."""
 _GENTLE = 0.7
 """Share of the acceleration limits below which a ramp is longer than necessary."""
 
@@ -81,6 +87,9 @@ class _Timing:
         # A joint move is from rest to rest: the path, which it leaves, ends in a corner.
         moves = in_joint_moves(trajectory.path_task, len(q))
         self.rests[1:-1] |= moves[1:] != moves[:-1]
+        #: The last timing and its errors, and the number there of each piece, −1 where divided.
+        self._last: tuple[JointMotion, PathErrors] | None = None
+        self._which: Indices = np.arange(len(q) - 1)
 
     def computed(self) -> tuple[SpeedProfile, PathErrors]:
         """The fastest timing with these rows and stops, and its errors."""
@@ -96,7 +105,13 @@ class _Timing:
         profile = speed_profile(
             q, at_highest, limits.velocity, limits.acceleration, self.rests, most
         )
-        return profile, path_errors(task, profile.motion, tolerances=self.tolerances)
+        known = None
+        if self._last is not None:
+            motion, errors = self._last
+            known = Known(errors, _alike(profile.motion, motion, self._which))
+        errors = path_errors(task, profile.motion, tolerances=self.tolerances, known=known)
+        self._last, self._which = (profile.motion, errors), np.arange(len(q) - 1)
+        return profile, errors
 
     def leaves(self, errors: PathErrors) -> npt.NDArray[np.bool_]:
         """Pieces on which a smooth motion leaves the path, and need not, (N − 1,)."""
@@ -151,6 +166,7 @@ class _Timing:
         self.may_help = np.insert(self.may_help, after, self.may_help[divided])
         self.whole = np.insert(self.whole, after, False)
         self.floor = divided_times(self.floor, divided, shares)
+        self._which = shared_pieces(self._which, divided)
 
     def _turns(self) -> Array:
         """Change of the joints' velocities at each row, at the feed, (N,)."""
@@ -179,6 +195,20 @@ class _Timing:
                     found[piece] = 0.5 if piece in found else share
         pieces = sorted(found)
         return np.array(pieces, dtype=np.int64), np.array([found[piece] for piece in pieces])
+
+
+def _alike(motion: JointMotion, other: JointMotion, which: Indices) -> Indices:
+    """Those of the pieces ``which`` (N − 1,) of another motion that are the same here, else −1."""
+    assert motion.velocities is not None and other.velocities is not None
+    same = which >= 0
+    for part, before in ((motion.q, other.q), (motion.velocities, other.velocities)):
+        for end in (0, 1):
+            here = part[end : len(part) - 1 + end]
+            same &= (here == before[np.maximum(which, 0) + end]).all(axis=1)
+    took, then = np.diff(motion.times), np.diff(other.times)[np.maximum(which, 0)]
+    same &= np.abs(took - then) <= _ROUNDING * took
+    alike: Indices = np.where(same, which, -1)
+    return alike
 
 
 def _feed_ratios(steps: Array, floor: Array) -> Array:

@@ -191,6 +191,20 @@ def test_a_corner_is_rounded_within_the_tolerance_and_not_stopped_at(tolerance: 
     assert 4.1 < timed.times[-1] < (4.24 if tolerance < 5e-3 else 4.2)  # 4.2: full stop, a = 5
 
 
+def test_errors_of_many_rounds_are_those_of_the_last_motion() -> None:
+    """Rounds prove only what has changed; together that is the proof of the whole."""
+    task = qt.load_task("deburring")
+    rows = refine_trajectory(qt.follow(task, "qp", slow_down=True))
+    limits = with_default_accelerations(motion_limits(task), qt.JointRanges.of(task.model))
+    timed = time_trajectory(rows, limits=limits)
+    assert len(timed.q) > len(rows.q)
+    tolerances = 1e-4, np.radians(0.05)
+    whole = path_errors(timed.trajectory.path_task, timed.motion, tolerances=tolerances)
+    for name in ("position_between", "axis_between", "position_bound", "axis_bound", "rate"):
+        found, anew = getattr(timed.errors, name), getattr(whole, name)
+        np.testing.assert_allclose(found, anew, rtol=1e-6, atol=1e-12)
+
+
 def test_a_corner_whose_rows_would_be_too_close_is_a_stop() -> None:
     timed = time_trajectory(corner(), position_tolerance=1e-8)
     [stop] = timed.stops
