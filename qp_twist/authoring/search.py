@@ -14,7 +14,7 @@ import numpy as np
 from qp_twist.authoring.reach import Placement, Placements, placements
 from qp_twist.checks import Array
 from qp_twist.errors import InvalidInput
-from qp_twist.following import FoundStart, NoStart, find_starts, whole_plan
+from qp_twist.following import FoundStart, NoStart, find_starts, plan
 from qp_twist.following.compiled_walk import CompiledWalk, walk_known
 from qp_twist.kinematics import JointRanges
 from qp_twist.paths import DEFAULT_METHOD, PathTask
@@ -197,21 +197,26 @@ class TaskSearch:
         return dataclasses.replace(trial, why=why)
 
     def _by_plan(self, path_task: PathTask, best: Trial) -> Iterable[Trial]:
-        """The start of a plan, by the method and then by following the plan."""
+        """The start of a plan, by the method and then by following the plan.
+
+        If the plan is interrupted, so is the search, unless the method passes from its start.
+        """
         free = np.full(path_task.model.nv, np.inf)
         freed = dataclasses.replace(path_task, velocity_limits=free, acceleration_limits=free)
         try:
-            found = whole_plan(freed, progress=self._planning)
+            found = plan(freed, progress=self._planning)
             if found.q is None:
                 why = f"{best.why}; nor is there a plan: {found.certificate}"
                 yield dataclasses.replace(best, why=why, impossible=True)
                 return
             start = self._as_found(path_task, found.start)
-            for method in (METHOD, PLANNED):
+            for method in (METHOD,) if found.interrupted else (METHOD, PLANNED):
                 trial = self._from(path_task, start, method, planning=self._planning)
                 if trial.passes:
                     yield trial
                     return
+            if found.interrupted:
+                raise KeyboardInterrupt
         except (_TimeIsUp, InvalidInput):
             return
 

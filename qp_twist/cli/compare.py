@@ -23,7 +23,7 @@ from qp_twist.cli.app import (
     show,
 )
 from qp_twist.cli.progress import load_machine_code, method_progress, working
-from qp_twist.comparison import Interrupted, csv_table, notes, rich_table
+from qp_twist.comparison import Comparison, Interrupted, csv_table, notes, rich_table
 from qp_twist.comparison import compare as compare_methods
 from qp_twist.errors import InvalidInput
 from qp_twist.studies import Study
@@ -81,15 +81,13 @@ def compare(
                 planning=progress.planning,
             )
     except Interrupted as interrupted:
-        if folder is not None:
-            say(*(f"wrote {line}" for line in interrupted.comparison.save(folder)))
+        comparison = interrupted.comparison
+        _print(comparison, json=json, csv=csv)
+        written = [] if folder is None else comparison.save(folder)
+        if not (json or csv):
+            say(*_kept(comparison, len(names)), *(f"wrote {line}" for line in written))
         raise
-    content = comparison.to_dict()
-    if json or csv:
-        sys.stdout.write(comparison.to_json() if json else csv_table(content))
-    else:
-        show(rich_table(content))
-        say(*notes(content))
+    _print(comparison, json=json, csv=csv)
     if folder is None:
         return
     command = _command(
@@ -99,6 +97,30 @@ def compare(
         lines = comparison.report(folder, command=command)
     if not (json or csv):
         say(*(f"wrote {line}" if Path(line).exists() else line for line in lines))
+
+
+def _print(comparison: Comparison, *, json: bool, csv: bool) -> None:
+    """Print the metrics: as JSON, as CSV, or as a table with notes."""
+    content = comparison.to_dict()
+    if json or csv:
+        sys.stdout.write(comparison.to_json() if json else csv_table(content))
+    else:
+        show(rich_table(content))
+        say(*notes(content))
+
+
+def _kept(comparison: Comparison, count: int) -> list[str]:
+    """What an interrupted comparison of so many methods has, in sentences."""
+    done = comparison.trajectories
+    plans = {name: run.interrupted_plan for name, run in done.items()}
+    return [
+        *(
+            f"{name}: planning was interrupted; followed is the best plan by then: {plan.result}"
+            for name, plan in plans.items()
+            if plan is not None
+        ),
+        f"interrupted: this is what {len(done)} of {count} methods came to",
+    ]
 
 
 def _command(task: str, **options: object) -> str:

@@ -22,7 +22,9 @@ from qp_twist.cli.app import (
     show,
 )
 from qp_twist.cli.progress import load_machine_code, sample_progress, working
-from qp_twist.studies import Start
+from qp_twist.errors import InvalidInput
+from qp_twist.paths import PathTask
+from qp_twist.studies import Start, Study
 from qp_twist.studies import study as run_study
 from qp_twist.studies.summary import rich_table as rich_study_table
 
@@ -66,21 +68,26 @@ def study(
     folder = out or Path("out") / f"{path_task.name}_study"
     names = method_names(path_task, methods)
     load_machine_code(path_task, names, solver)  # once, and not in every process
-    with sample_progress(samples) as progress:
-        found = run_study(
-            path_task,
-            [name.strip() for name in vary.split(",")],
-            samples,
-            names,
-            out=folder,
-            seed=seed,
-            solver=solver,
-            start=cast(Start, start),
-            certify=certify,
-            jobs=jobs,
-            scheduler=scheduler,
-            progress=progress,
-        )
+    try:
+        with sample_progress(samples) as progress:
+            found = run_study(
+                path_task,
+                [name.strip() for name in vary.split(",")],
+                samples,
+                names,
+                out=folder,
+                seed=seed,
+                solver=solver,
+                start=cast(Start, start),
+                certify=certify,
+                jobs=jobs,
+                scheduler=scheduler,
+                progress=progress,
+            )
+    except KeyboardInterrupt:
+        if not json_:
+            _say_kept(folder, path_task)
+        raise
     with working("drawing the figures"):
         lines = [str(found.folder / "results.parquet"), *found.report()]
     shown = quiet.set(quiet.get() or json_)
@@ -91,3 +98,19 @@ def study(
     quiet.reset(shown)
     if json_:
         print(json.dumps({"files": lines, **found.to_dict()}, ensure_ascii=False, indent=2))
+
+
+def _say_kept(folder: Path, path_task: PathTask) -> None:
+    """What an interrupted study has."""
+    try:
+        kept = Study.open(folder, path_task)
+        done = kept.count - len(kept.missing())
+    except InvalidInput:  # it had not begun
+        return
+    if done:
+        show(rich_study_table(kept.title, kept.summary()))
+        say(kept.feasibility)
+    say(
+        f"interrupted: {done:,} of {kept.count:,} samples are kept in {folder}; the same command "
+        "goes on from there"
+    )

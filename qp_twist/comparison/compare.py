@@ -189,7 +189,8 @@ class Interrupted(KeyboardInterrupt):
     """Ctrl-C in the middle of a comparison.
 
     Attributes:
-        comparison: Comparison of the methods that were finished.
+        comparison: Comparison of the methods that were finished; one whose plan was interrupted
+            followed the best by then (``Trajectory.interrupted_plan``).
     """
 
     def __init__(self, comparison: Comparison) -> None:
@@ -246,9 +247,9 @@ def compare(
 
         try:
             run = follow(task, name, solver=solver, progress=report_progress, planning=planning)
+            trajectories[name] = run
             if run.interrupted_plan is not None:  # the comparison is interrupted, too
                 raise KeyboardInterrupt
-            trajectories[name] = run
         except InvalidInput as error:
             # A method that cannot start, such as one that needs the whole twist, does not stop the
             # others.

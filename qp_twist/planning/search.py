@@ -50,7 +50,8 @@ _HOPELESS = 0.1
 _ABOUT = 20
 """Number of waypoints on either side of a violation that are searched again."""
 _LOOKED_WITHIN = (0.05, 0.2, 0.6)
-"""Shares above the layers' least mean z within which a path is searched first: few nodes are."""
+"""Shares above the layers' least mean z, or below their largest margin, within which a path is
+searched first: few nodes are."""
 _REPAIRED = 0.05
 """Share of the waypoints that come too near up to which a path is repaired, not searched anew."""
 _POINTS = 6
@@ -404,9 +405,9 @@ class PlanSearch:
             path = self._interpolated(np.array(nodes), waypoints)
             refined = None if path is None else judged(path, self.limits, self.objective)
             coarse = stage is not _STAGES[-1]
-            complete = int(self.rows.freedom.max()) <= COVERED
+            soon = int(self.rows.freedom.max()) < COVERED  # layers are made in less time
             hopeless = refined is not None and refined.excess > _HOPELESS
-            if refined is not None and not (coarse and complete and hopeless):
+            if refined is not None and not (coarse and soon and hopeless):
                 refined = self._refined(refined.q)
             if refined is not None and not refined.feasible and coarse:
                 refined = self._mended(refined) or refined
@@ -574,23 +575,33 @@ class PlanSearch:
         weight = (objective.centering + objective.margin) / len(layers)
         price = _PRICE * weight + _PRICE_OF_TRAVEL * objective.travel
         centering = [weight * objective.ranges.centring(layer.q) for layer in layers]
-        if not objective.margin:
-            least = max(expected, sum(float(cost.min()) for cost in centering))
+
+        def cheapest(costs: list[Array], most: float) -> LayerPath:
+            least = max(expected, sum(float(cost.min()) for cost in costs))
             for share in _LOOKED_WITHIN:
                 at_most = least * (1.0 + share)
-                if 0.0 < at_most < known:
-                    way = cheapest_path(centering, connections, along, at_most=at_most, valid=valid)
+                if 0.0 < at_most < most:
+                    way = cheapest_path(costs, connections, along, at_most=at_most, valid=valid)
                     if len(way.nodes) == len(layers):
                         return way
-            return cheapest_path(centering, connections, along, at_most=known, valid=valid)
+            return cheapest_path(costs, connections, along, at_most=most, valid=valid)
+
+        if not objective.margin:
+            return cheapest(centering, known)
         margins = [objective.margins(layer.q) for layer in layers]
-        widest = widest_path(margins, connections, at_least=known, valid=valid)
-        if not np.isfinite(widest.value):
+        # No path is wider than the narrowest layer.
+        top = min(float(margin.max()) for margin in margins)
+        for share in (*_LOOKED_WITHIN, np.inf):
+            at_least = max(known, top * (1.0 - share)) if share < np.inf else known
+            widest = widest_path(margins, connections, at_least=at_least, valid=valid)
+            if np.isfinite(widest.value):
+                break
+        else:
             return widest
         # Of many paths of equal width, take the most central.
         narrow = [margin < widest.value for margin in margins]
         centering = [np.where(n, np.inf, cost) for n, cost in zip(narrow, centering, strict=True)]
-        return cheapest_path(centering, connections, along, valid=valid)
+        return cheapest(centering, np.inf)
 
     def _unwound(self, difference: Array) -> Array:
         """Differences of configurations, modulo whole turns that do not matter."""

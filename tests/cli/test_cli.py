@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import io
 import json
 import os
@@ -299,11 +300,62 @@ def test_ctrl_c_leaves_the_methods_that_are_finished(
     with pytest.raises(SystemExit) as caught:
         main(["compare", "planar_line", "--methods", "twa,minimum_norm,qp", "--out", str(tmp_path)])
     assert caught.value.code == 130
-    assert "interrupted" in capsys.readouterr().err
+    out, err = capsys.readouterr()
+    assert "interrupted" in err
+    assert "interrupted: this is what 1 of 3 methods came to" in out
+    assert f"wrote {tmp_path / 'comparison.json'}" in out
     content = json.loads((tmp_path / "comparison.json").read_text("utf-8"))
     assert list(content["methods"]) == ["minimum_norm"]
     assert content["not_run"] == {"twa": "interrupted", "qp": "interrupted"}
     assert sorted(p.name for p in tmp_path.iterdir()) == ["comparison.json", "table.txt"]
+
+
+def test_ctrl_c_in_a_plan_leaves_the_run_along_the_best_by_then(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The methods before it and the run along the interrupted plan are kept, and said to be."""
+    following = sys.modules["qp_twist.following.follow"]
+    plan = following.plan_path
+
+    def interrupted(*arguments: Any, **options: Any) -> qt.Plan:
+        return dataclasses.replace(plan(*arguments, **options), interrupted=True)
+
+    monkeypatch.setattr(following, "plan_path", interrupted)
+    methods = "mink,qp_gradient,qp_planned"
+    with pytest.raises(SystemExit) as caught:
+        main(["compare", "planar_line", "--methods", methods, "--out", str(tmp_path)])
+    assert caught.value.code == 130
+    out = capsys.readouterr().out
+    assert "qp_planned: planning was interrupted; followed is the best plan by then: cent" in out
+    assert "interrupted: this is what 3 of 3 methods came to" in out
+    content = json.loads((tmp_path / "comparison.json").read_text("utf-8"))
+    assert set(content["methods"]) == {"mink", "qp_gradient", "qp_planned"}
+    assert content["methods"]["qp_planned"]["mean_z"] == pytest.approx(0.0522, abs=1e-4)
+
+
+def test_ctrl_c_in_a_study_says_what_is_kept(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    module = sys.modules["qp_twist.cli.study"]
+    run = module.run_study
+
+    def stopped(*arguments: Any, **options: Any) -> None:
+        def interrupt(done: int) -> None:
+            if done == 2:
+                raise KeyboardInterrupt
+
+        run(*arguments, **{**options, "progress": interrupt})
+
+    monkeypatch.setattr(module, "run_study", stopped)
+    words = ["study", "planar_line", "--samples", "5", "--methods", "qp_minimum_norm"]
+    with pytest.raises(SystemExit) as caught:
+        main([*words, "--no-certify", "--jobs", "1", "--out", str(tmp_path / "out")])
+    assert caught.value.code == 130
+    said = " ".join(capsys.readouterr().out.split())
+    assert "2 of 5 samples" in said
+    assert "interrupted: 2 of 5 samples are kept in" in said
+    assert "the same command goes on from there" in said
+    assert len(qt.studies.Study.open(tmp_path / "out").missing()) == 3
 
 
 def test_run_says_what_went_wrong(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -99,6 +99,21 @@ def test_the_middle_of_a_rail_counts_as_much_as_its_weight_says() -> None:
     assert plan.bound <= plan.value <= 1.2 * plan.bound
 
 
+def test_the_largest_margin_is_half_the_rail_a_metre_counted_as_a_radian() -> None:
+    """The rail's middle is 0.5 m from both ends, and the arm reaches the path from there."""
+    plan = qt.plan(on_a_rail(), "margin", max_step_deg=20.0)
+    q = plan.motion()
+    assert np.abs(q[:, 0]).max() < 1e-3
+    assert math.degrees(0.5) - 0.01 < plan.value <= math.degrees(0.5)
+    ends = np.minimum(q - task_range(0), task_range(1) - q)
+    assert plan.value == pytest.approx(math.degrees(ends.min()), abs=1e-9)
+
+
+def task_range(end: int) -> np.ndarray:
+    """Lower (0) or upper (1) limits of the arm on its rail."""
+    return np.asarray(on_a_rail().model.jnt_range[:, end])
+
+
 @pytest.mark.parametrize(
     ("objective", "weights", "text"),
     [
