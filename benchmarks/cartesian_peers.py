@@ -1,8 +1,7 @@
 """Other planners on the problems of benchmarks/cartesian_paths.py: TrajOpt and Descartes.
 
     python benchmarks/cartesian_peers.py --cppflow DIR --jrl DIR --out OUT
-        [--problems panda__1cube,…] [--peers trajopt,descartes,descartes_net] [--limit 120]
-        [--spacing 4]
+        [--problems panda__1cube,…] [--peers trajopt,descartes] [--limit 120]
 
 Both come with Tesseract, as the wheel ``tesseract-robotics-nanobind``, which this package neither
 requires nor imports elsewhere: install it beside qp_twist in an environment of its own. Release
@@ -24,11 +23,6 @@ by cartesian_paths.py, and else a random one corrected onto it.
 *descartes*: the pipeline ``DescartesFPipeline`` with its defaults and KDL's numerical inverse
 kinematics, which returns one configuration a pose.
 
-*descartes_net*: the same ladder graph with a sampler of our own, since none of the library's
-samples the free degree of seven joints: configurations in steps of ``--spacing`` degrees along all
-self-motion manifolds inside the limits, without those that touch. One thread, since the sampler is
-Python; the time includes that of the samples.
-
 OUT/peers.json has the results.
 """
 
@@ -45,7 +39,6 @@ import signal
 import subprocess
 import sys
 import time
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -58,7 +51,6 @@ from qp_twist.checks import Array
 from qp_twist.files import write_atomically
 from qp_twist.kinematics import JointRanges
 from qp_twist.planning.path_rows import PathRows
-from qp_twist.planning.roadmap import Grid, Roadmap
 
 GROUP = "arm"
 _CONTACTS = """contact_manager_plugins:
@@ -158,7 +150,7 @@ def _add_shape(link: ElementTree.Element, model: Any, geom: int, *, merged: str)
 # ---------------------------------------------------------------- plans, in a process of their own
 
 
-def trajopt(problem: Problem, folder: Path, first: Array, spacing: float) -> tuple[Any, Array]:
+def trajopt(problem: Problem, folder: Path, first: Array) -> tuple[Any, Array]:
     """TrajOpt with the library's settings; the result, its seconds and the processor's."""
     from tesseract_robotics.planning import TaskComposer, create_trajopt_default_profiles
 
@@ -171,7 +163,7 @@ def trajopt(problem: Problem, folder: Path, first: Array, spacing: float) -> tup
     return result, _now() - began
 
 
-def descartes(problem: Problem, folder: Path, first: Array, spacing: float) -> tuple[Any, Array]:
+def descartes(problem: Problem, folder: Path, first: Array) -> tuple[Any, Array]:
     """Descartes with the library's settings."""
     from tesseract_robotics.planning import TaskComposer
     from tesseract_robotics.planning.profiles import create_descartes_pipeline_profiles
@@ -185,60 +177,12 @@ def descartes(problem: Problem, folder: Path, first: Array, spacing: float) -> t
     return result, _now() - began
 
 
-def descartes_net(
-    problem: Problem, folder: Path, first: Array, spacing: float
-) -> tuple[Any, Array]:
-    """Descartes with samples along the self-motion manifolds."""
-    import tesseract_robotics.tesseract_motion_planners_descartes as library
-    from tesseract_robotics.planning import TaskComposer
-    from tesseract_robotics.planning.profiles import create_descartes_pipeline_profiles
-
-    began = _now()
-    task = replace(problem.task, constraints=())
-    grid = Grid(spacing, np.full(task.model.nv, spacing))
-    layers = Roadmap(task, PathRows(task), grid).layers(range(len(task.waypoints)))
-    [clearance] = problem.task.clearances
-    samples = [layer.q[clearance.inside(layer.q, 0.0)] for layer in layers]
-    sampled = _now() - began
-    waiting = iter(samples)
-
-    class Sampler(library.DescartesWaypointSamplerD):  # type: ignore[misc, name-defined]
-        def __init__(self, q: Array) -> None:
-            super().__init__()
-            self.q = q
-
-        def sample(self) -> list[Any]:
-            states = map(library.DescartesStateD, self.q)
-            return [library.DescartesStateSampleD(state, 0.0) for state in states]
-
-    default = library.DescartesDefaultMoveProfileD()
-
-    class Moves(library.DescartesMoveProfileD):  # type: ignore[misc, name-defined]
-        def createWaypointSampler(self, *arguments: Any) -> Any:
-            return Sampler(next(waiting))
-
-        def createEdgeEvaluator(self, *arguments: Any) -> Any:
-            return default.createEdgeEvaluator(*arguments)
-
-        def createStateEvaluator(self, *arguments: Any) -> Any:
-            return default.createStateEvaluator(*arguments)
-
-    robot, program = _stated(problem, folder, first)
-    composer = TaskComposer.from_config()
-    composer.warmup(["DescartesDPipeline"])
-    moves = Moves()  # the library does not keep it
-    profiles = create_descartes_pipeline_profiles(move_profile=moves, num_threads=1)
-    began = _now()
-    result = composer.plan(robot, program, pipeline="DescartesDPipeline", profiles=profiles)
-    return result, sampled + _now() - began
-
-
 def _now() -> Array:
     """Seconds of the clock and of the processor."""
     return np.array([time.perf_counter(), time.process_time()])
 
 
-PEERS = {f.__name__: f for f in (trajopt, descartes, descartes_net)}
+PEERS = {f.__name__: f for f in (trajopt, descartes)}
 
 
 def _stated(problem: Problem, folder: Path, first: Array) -> tuple[Any, Any]:
@@ -276,8 +220,7 @@ def _first(problem: Problem, out: Path) -> Array:
 def made(problem: Problem, peer: str, given: argparse.Namespace) -> None:
     """Plan in this process; writes q.npy, if there is a path, and said.json."""
     folder = given.out / "peers" / f"{problem.task.name}__{peer}"
-    spacing = np.radians(given.spacing)
-    result, (took, processor) = PEERS[peer](problem, folder, _first(problem, given.out), spacing)
+    result, (took, processor) = PEERS[peer](problem, folder, _first(problem, given.out))
     if result.successful:
         np.save(folder / "q.npy", result.to_numpy())
     said = {"seconds": took, "processor_seconds": processor, "why": result.message}
@@ -326,7 +269,6 @@ def main() -> None:
     parser.add_argument("--problems", default=",".join(PROBLEMS))
     parser.add_argument("--peers", default=",".join(PEERS))
     parser.add_argument("--limit", type=int, default=120)
-    parser.add_argument("--spacing", type=float, default=4.0)
     parser.add_argument("--case", nargs=2, default=None, help=argparse.SUPPRESS)
     given = parser.parse_args()
     if given.case is not None:
