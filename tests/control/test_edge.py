@@ -328,7 +328,7 @@ def test_a_small_error_in_a_weak_direction_falls_by_the_stated_share(mode: str) 
 
 
 def test_noise_of_a_target_inside_the_edge_is_not_amplified() -> None:
-    """0.1 mm of it two millimetres inside, at 200 Hz: joints keep their direction, and the error."""
+    """0.1 mm of it, 2 mm inside, at 200 Hz: joints keep their direction, and no error stays."""
     model, rng = planar_arm([0.42, 0.4]), np.random.default_rng(5)
     configuration = mink.Configuration(model, np.array([0.0, 0.14]))
     plane = qt.TwistProjector(linear=qt.Projector.plane([0, 0, 1]), angular=qt.Projector.none())
