@@ -2,6 +2,7 @@
 
     python benchmarks/cells.py [random_cells] [--cells 20] [--first 0] [--every 10] [--roll-step 2]
         [--jobs 1] [--write]
+    python benchmarks/cells.py [crowded_cells] [--cells 20] [--first 0] [--jobs 1] [--write]
     python benchmarks/cells.py [walls] [--runs 5] [--first 0] [--blocks 12] [--write]
 
 *random_cells*: the deburring part stands as a study places it, with 1 to 6 boxes and cylinders
@@ -10,6 +11,9 @@ around it, in front of an arm whose links are capsules, cylinders and boxes. An 
 the motion of least mean z whose waypoints keep 5 mm, and, by leaving out connections that come
 nearer between the waypoints, the one that keeps it there as well. It shares nothing with the plan.
 Cell ``--first K --cells 1`` is always the same; each cell is printed to the standard error.
+
+*crowded_cells*: processor time of plans of 401 waypoints among ten obstacles, over that of the same
+plan without clearance.
 
 *walls*: a controller at 200 Hz pulls the tool of an arm of seven axes through a wall, into a
 corner and along with an obstacle that moves, from random starts, without and with acceleration
@@ -22,6 +26,7 @@ from page import command, in_processes, in_turns
 
 # isort: split
 import dataclasses
+import itertools
 import json
 import sys
 import time
@@ -57,6 +62,8 @@ INSIDE = 20
 """Points of each step at which the plan's clearance is looked at."""
 CHECKED = 5
 """Points of each connection at which the search looks at the clearance."""
+OBSTACLES = 10
+"""Number of obstacles of a crowded cell."""
 TRIALS = 200
 """How often the search leaves out connections before it gives up."""
 
@@ -119,8 +126,10 @@ def _three(size: tuple[float, ...]) -> list[float]:
     return [*size, 0.0, 0.0][:3]
 
 
-def add_obstacles(spec: mujoco.MjSpec, task: qt.PathTask, rng: np.random.Generator) -> None:
-    """Put 1 to 6 boxes and cylinders around the part, or between it and the arm's shoulder.
+def add_obstacles(
+    spec: mujoco.MjSpec, task: qt.PathTask, rng: np.random.Generator, wanted: int
+) -> None:
+    """Put so many boxes and cylinders around the part, or between it and the arm's shoulder.
 
     None stands in the tool's own way, nor in the column that the arm turns in.
     """
@@ -128,7 +137,7 @@ def add_obstacles(spec: mujoco.MjSpec, task: qt.PathTask, rng: np.random.Generat
     axes = np.array([w.rotation().as_matrix()[:, 2] for w in task.waypoints])
     points = np.concatenate([tips - back * axes for back in (0.0, 0.1, 0.2)])
     centre = tips.mean(axis=0)
-    wanted, number = int(rng.integers(1, 7)), 0
+    number = 0
     while number < wanted:
         away = rng.normal(size=3)
         away /= np.linalg.norm(away)
@@ -156,7 +165,7 @@ def cell(seed: int, every: int) -> qt.PathTask:
     standing = draw_sample(plain, ("placement",), seed).path_task
     spec = mujoco.MjSpec.from_file(str(plain.scene))
     add_links(spec)
-    add_obstacles(spec, standing, rng)
+    add_obstacles(spec, standing, rng, int(rng.integers(1, 7)))
     model = spec.compile()
     part = standing.model.body("part").id
     model.body_pos[part], model.body_quat[part] = (
@@ -165,9 +174,14 @@ def cell(seed: int, every: int) -> qt.PathTask:
     clearance = qt.Clearance(model, distance=CLEAR)
     if len(clearance.pairs) < 40:
         raise RuntimeError(f"the cell has {len(clearance.pairs)} pairs: nothing to keep clear of")
-    waypoints = standing.waypoints[::every]
+    return kept_clear(standing, clearance, every)
+
+
+def kept_clear(task: qt.PathTask, clearance: qt.Clearance, every: int) -> qt.PathTask:
+    """The path at every so manieth waypoint, in the cell of a clearance."""
+    model, waypoints = clearance.model, task.waypoints[::every]
     return dataclasses.replace(
-        standing, model=model, waypoints=waypoints, flipped_waypoints=None, best_start=True,
+        task, model=model, waypoints=waypoints, flipped_waypoints=None, best_start=True,
         durations=np.concatenate([[0.0], np.ones(len(waypoints) - 1)]),
         velocity_limits=np.full(model.nv, STEP), acceleration_limits=np.full(model.nv, np.inf),
         constraints=(clearance,),
@@ -185,59 +199,86 @@ class Obstacles:
         self.planes = model.geom_type == mujoco.mjtGeom.mjGEOM_PLANE
         self.balls = np.where(self.planes, np.inf, model.geom_rbound)
         self.centres, self.boxes = model.geom_aabb[:, :3], model.geom_aabb[:, 3:]
-        self.last: tuple[int, int] | None = None
+        self.last = 0
 
-    def near(self, q: Array, within: float) -> npt.NDArray[np.intp]:
-        """The pairs that may be nearer than ``within``, with the robot at q (nq,).
+    def at(self, q: Array, obstacle: Array | None = None) -> Distances:
+        """The distances with the robot at q (nq,), and the mocap body at a place (3,)."""
+        if obstacle is not None:
+            self.oracle.data.mocap_pos[0] = obstacle
+        return self.oracle.at(q)
+
+    def bounds(self, q: Array, obstacles: Array | None = None) -> Array:
+        """Lower bounds of the distances at configurations q (N, nq), m, (N, P).
 
         The ball around a geom is at least as far from the other geom's box.
         """
-        data = self.oracle.at(q).data
-        R = data.geom_xmat.reshape(-1, 3, 3)
-        centres = data.geom_xpos + np.einsum("gij,gj->gi", R, self.centres)
-        least = np.full(len(self.pairs), -np.inf)
+        places = np.empty((len(q), self.model.ngeom, 3))
+        turns = np.empty((len(q), self.model.ngeom, 9))
+        for k, row in enumerate(q):
+            data = self.at(row, None if obstacles is None else obstacles[k]).data
+            places[k], turns[k] = data.geom_xpos, data.geom_xmat
+        R = turns.reshape(*places.shape, 3)
+        centres = places + np.einsum("ngij,gj->ngi", R, self.centres)
+        least = np.full((len(q), len(self.pairs)), -np.inf)
         for one, other in (self.pairs.T, self.pairs.T[::-1]):
-            local = np.einsum("pji,pj->pi", R[other], centres[one] - data.geom_xpos[other])
+            apart = centres[:, one] - places[:, other]
+            local = np.einsum("npji,npj->npi", R[:, other], apart)
             outside = np.maximum(np.abs(local - self.centres[other]) - self.boxes[other], 0.0)
-            bound = np.linalg.norm(outside, axis=1) - self.balls[one]
-            bound = np.where(self.planes[other], local[:, 2] - self.balls[one], bound)
+            bound = np.sqrt(np.einsum("npi,npi->np", outside, outside)) - self.balls[one]
+            bound = np.where(self.planes[other], local[..., 2] - self.balls[one], bound)
             least = np.maximum(least, bound)
-        return self.pairs[least < within]
+        return least
 
-    def keeps(self, q: Array, distance: float = CLEAR) -> bool:
-        """Whether all pairs are at least so far apart at q (nq,)."""
-        pairs = [(int(a), int(b)) for a, b in self.near(q, distance)]
-        if self.last in pairs:  # the one that was too near before is so again more often than not
-            pairs.insert(0, self.last)
-        for a, b in pairs:
-            if self.planes[a] or self.planes[b]:
-                value = self.oracle(a, b).value
-            else:
-                value = self.oracle.by_coal(a, b).value
-            if value < distance:
-                self.last = a, b
-                return False
-        return True
+    def keeps(self, q: Array, distance: float = CLEAR) -> npt.NDArray[np.bool_]:
+        """Which configurations q (N, nq) have all pairs at least so far apart, (N,)."""
+        kept = np.ones(len(q), dtype=bool)
+        near = self.bounds(q) < distance
+        for k in np.flatnonzero(near.any(axis=1)):
+            self.oracle.at(q[k])
+            pairs = np.flatnonzero(near[k])
+            if near[k, self.last]:  # what was too near before is so again more often than not
+                pairs = np.append(self.last, pairs[pairs != self.last])
+            for pair in pairs:
+                a, b = (int(geom) for geom in self.pairs[pair])
+                plane = self.planes[a] or self.planes[b]
+                if (self.oracle if plane else self.oracle.by_coal)(a, b).value < distance:
+                    self.last, kept[k] = int(pair), False
+                    break
+        return kept
 
-    def least(self, q: Array) -> float:
-        """The least distance of all pairs along motions q (N, nq), m; at most 0.2."""
-        found = 0.2
-        for row in q:
-            found = min(found, self.oracle.of(self.near(row, found)).min(initial=found))
+    def least(self, q: Array, obstacles: Array | None = None) -> float:
+        """The least distance of all pairs along motions q (N, nq), m; at most 0.2.
+
+        With the mocap body at places (N, 3), if there is one.
+        """
+        found, bounds = 0.2, self.bounds(q, obstacles)
+        for k in np.argsort(bounds.min(axis=1)):  # the nearest first leave little to look at
+            near = self.pairs[bounds[k] < found]
+            if not len(near):
+                break
+            there = self.at(q[k], None if obstacles is None else obstacles[k])
+            found = min(found, there.of(near).min())
         return float(found)
 
 
 class Layer(NamedTuple):
-    """In-limit configurations of a waypoint that keep the distance."""
+    """In-limit configurations of a waypoint, (K, nv), with and without the distance."""
 
     q: Array
     z: Array
-    reached: int
-    """How many there are with or without the distance."""
+    """∞ for those known to be too near, (K,)."""
+    base: Array
+    """Those that differ by more than full turns, (B, nv)."""
+    of: npt.NDArray[np.intp]
+    """Row of ``base`` of each of q, (K,)."""
 
 
 class Search:
-    """All motions through a cell on a grid of rolls."""
+    """All motions through a cell on a grid of rolls.
+
+    Of the layers on the best motion those configurations that it takes are looked at first; where
+    one is too near, all of that waypoint.
+    """
 
     def __init__(self, task: qt.PathTask, roll_step: float) -> None:
         self.task, self.arm = task, InverseKinematics(task)
@@ -246,6 +287,10 @@ class Search:
         self.obstacles = Obstacles(task.model, clearance.pairs)
         rolls = np.radians(np.arange(0.0, 360.0, roll_step))
         self.layers = [self._layer(pose, rolls) for pose in task.waypoints]
+        self.looked_at: set[int] = set()
+        #: Links from each layer to the next, in the order of their ends: rows of the first, (L,);
+        #: where those that end at each row of the second begin; ∞ for those left out, else 0, (L,).
+        self.links = [self._links(*two) for two in itertools.pairwise(self.layers)]
 
     def _layer(self, pose: mink.SE3, rolls: Array) -> Layer:
         grid = self.arm.branches(pose, rolls)
@@ -254,14 +299,35 @@ class Search:
         fast = (np.abs(change) > STEP / 3.0).any(axis=(1, 2))  # near a straight wrist
         between = (rolls[1] - rolls[0]) * np.arange(1, 8) / 8.0
         finer = self.arm.branches(pose, (rolls[fast, None] + between).ravel())
-        q = np.concatenate([grid, finer]).reshape(-1, 6)
-        q = self.arm.centred(q[np.isfinite(q).all(axis=1)])
-        # Full turns are taken off: if this one is outside the limits, so is every other.
-        inside = ((q >= self.ranges.lower) & (q <= self.ranges.upper)).all(axis=1)
-        q = q[inside]
-        clear = np.array([self.obstacles.keeps(row) for row in q], dtype=bool)
-        q = self.arm.inside_with_turns(q[clear]) if clear.any() else np.zeros((0, 6))
-        return Layer(q, self.ranges.centring(q), int(inside.sum()))
+        q = self.arm.inside_with_turns(np.concatenate([grid, finer]))
+        turned = np.round(self.arm.centred(q), 9)
+        _, first, of = np.unique(turned, axis=0, return_index=True, return_inverse=True)
+        return Layer(q, self.ranges.centring(q), q[first], of.ravel())
+
+    @staticmethod
+    def _links(before: Layer, after: Layer) -> tuple[Array, Array, Array]:
+        if not len(before.q) or not len(after.q):
+            none = np.zeros(0, dtype=np.intp)
+            return none, np.zeros(len(after.q) + 1, dtype=np.intp), np.zeros(0)
+        pairs = cKDTree(before.q).sparse_distance_matrix(
+            cKDTree(after.q), STEP, p=np.inf, output_type="ndarray"
+        )
+        order = np.argsort(pairs["j"], kind="stable")
+        i, j = pairs["i"][order], pairs["j"][order]
+        return i, np.searchsorted(j, np.arange(len(after.q) + 1)), np.zeros(len(i))
+
+    def clear(self, k: int) -> npt.NDArray[np.bool_]:
+        """Which configurations of layer k keep the distance, (K,)."""
+        layer = self.layers[k]
+        if k not in self.looked_at:
+            self.looked_at.add(k)
+            layer.z[~self.obstacles.keeps(layer.base)[layer.of]] = np.inf
+        return np.isfinite(layer.z)
+
+    @property
+    def in_the_way(self) -> bool:
+        """Whether a configuration that was looked at is too near."""
+        return any(np.isinf(layer.z).any() for layer in self.layers)
 
     def best(self, *, between: bool) -> tuple[Array | None, int]:
         """The motion of least mean z and the first waypoint that none gets to, from 1.
@@ -269,63 +335,69 @@ class Search:
         With ``between``, connections of the best motion that come too near are left out until none
         does; if that takes too long, or there is no such motion, there is none.
         """
-        links = []
-        for before, after in zip(self.layers[:-1], self.layers[1:], strict=True):
-            if not len(before.q) or not len(after.q):
-                break
-            pairs = cKDTree(before.q).sparse_distance_matrix(
-                cKDTree(after.q), STEP, p=np.inf, output_type="ndarray"
-            )
-            links.append((pairs["i"].copy(), pairs["j"].copy()))
-        left: list[set[tuple[int, int]]] = [set() for _ in links]
-        checked: list[dict[tuple[int, int], bool]] = [{} for _ in links]
-        for _ in range(TRIALS):
-            path, end = self._shortest(links)
-            if path is None or not between:
-                break
-            bad = False
-            for k in range(len(links)):
-                link = int(path[k]), int(path[k + 1])
-                if link not in checked[k]:
-                    a, b = self.layers[k].q[link[0]], self.layers[k + 1].q[link[1]]
-                    shares = np.arange(1, CHECKED + 1) / (CHECKED + 1)
-                    checked[k][link] = all(self.obstacles.keeps(a + s * (b - a)) for s in shares)
-                if not checked[k][link]:
-                    bad = True
-                    left[k].add(link)
-                    i, j = links[k]
-                    keep = ~((i == link[0]) & (j == link[1]))
-                    links[k] = i[keep], j[keep]
+        costs: list[Array] = []
+        known: list[dict[tuple[int, int], bool]] = [{} for _ in self.links]
+        trials = 0
+        while trials < TRIALS:
+            path, end = self._shortest(costs)
+            if path is None:
+                return None, end
+            q = np.array([layer.q[row] for layer, row in zip(self.layers, path, strict=True)])
+            near = [int(k) for k in np.flatnonzero(~self.obstacles.keeps(q))]
+            for k in near:
+                self.clear(k)
+            if near:
+                del costs[near[0] :]
+                continue
+            if not between:
+                return q, 0
+            bad = self._too_near(q, path, known)
             if not bad:
-                break
-        else:
-            return None, 0
-        if path is None:
-            return None, end
-        rows = zip(self.layers, path, strict=True)
-        return np.array([layer.q[row] for layer, row in rows]), 0
+                return q, 0
+            trials += 1
+            for k in bad:
+                i, begins, left_out = self.links[k]
+                of_end = slice(begins[path[k + 1]], begins[path[k + 1] + 1])
+                left_out[of_end][i[of_end] == path[k]] = np.inf
+            del costs[bad[0] + 1 :]
+        return None, 0
 
-    def _shortest(
-        self, links: list[tuple[Array, Array]]
-    ) -> tuple[npt.NDArray[np.intp] | None, int]:
-        """Rows of the layers along the way of least sum of z, and where ways end."""
-        cost, via = self.layers[0].z, []
-        for k, (i, j) in enumerate(links):
-            through = cost[i]
-            order = np.lexsort((through, j))
-            order = order[np.isfinite(through[order])]
-            first = np.concatenate([[True], np.diff(j[order]) > 0])[: len(order)]
-            came = np.full(len(self.layers[k + 1].q), -1)
-            came[j[order][first]] = i[order][first]
-            cost = np.where(came >= 0, cost[came] + self.layers[k + 1].z, np.inf)
-            via.append(came)
-            if not np.isfinite(cost).any():
-                return None, k + 2
-        if len(links) < len(self.layers) - 1 or not len(cost):
-            return None, 1 + next(k for k, layer in enumerate(self.layers) if not len(layer.q))
-        path = [int(np.argmin(cost))]
-        for came in reversed(via):
-            path.append(int(came[path[-1]]))
+    def _too_near(
+        self, q: Array, path: npt.NDArray[np.intp], known: list[dict[tuple[int, int], bool]]
+    ) -> list[int]:
+        """Connections of a motion q (N, nv) that come nearer than the distance."""
+        new = [k for k, of in enumerate(known) if (int(path[k]), int(path[k + 1])) not in of]
+        shares = np.arange(1, CHECKED + 1)[:, None] / (CHECKED + 1)
+        points = [q[k] + shares * (q[k + 1] - q[k]) for k in new]
+        if new:
+            kept = self.obstacles.keeps(np.concatenate(points)).reshape(len(new), -1).all(axis=1)
+            for k, keeps in zip(new, kept, strict=True):
+                known[k][int(path[k]), int(path[k + 1])] = bool(keeps)
+        return [k for k, of in enumerate(known) if not of[int(path[k]), int(path[k + 1])]]
+
+    def _shortest(self, costs: list[Array]) -> tuple[npt.NDArray[np.intp] | None, int]:
+        """Rows of the layers along the way of least sum of z, and where ways end.
+
+        ``costs`` has the sums of the layers up to the first that changed since, and gets the rest.
+        """
+        if not costs:
+            costs.append(self.layers[0].z.copy())
+        for k in range(len(costs) - 1, len(self.layers) - 1):
+            if not np.isfinite(costs[k]).any():
+                return None, k + 1
+            i, begins, left_out = self.links[k]
+            sums = np.full(len(begins) - 1, np.inf)
+            some = np.diff(begins) > 0
+            if some.any():
+                sums[some] = np.minimum.reduceat(costs[k][i] + left_out, begins[:-1][some])
+            costs.append(sums + self.layers[k + 1].z)
+        if not np.isfinite(costs[-1]).any():
+            return None, len(self.layers)
+        path = [int(np.argmin(costs[-1]))]
+        for k in range(len(self.links) - 1, -1, -1):
+            i, begins, left_out = self.links[k]
+            of_end = slice(begins[path[-1]], begins[path[-1] + 1])
+            path.append(int(i[of_end][np.argmin(costs[k][i[of_end]] + left_out[of_end])]))
         return np.array(path[::-1]), 0
 
 
@@ -353,7 +425,7 @@ def one_cell(seed: int, every: int, roll_step: float) -> dict[str, Any]:
         "planned": plan.q is not None, "seconds": round(planned, 2),
         "search_seconds": round(time.perf_counter() - began, 1),
         "at_waypoints": loose is not None, "between": strict is not None,
-        "in_the_way": any(len(layer.q) < layer.reached for layer in search.layers),
+        "in_the_way": search.in_the_way,
         "search_ends_at": end, "certificate": str(plan.certificate),
         "kind": plan.certificate.kind,
     }  # fmt: skip
@@ -384,9 +456,9 @@ def contradictions(plan: qt.Plan, search: Search, loose: Array | None) -> list[s
         return [] if loose is None else ["certificate: a connection exists"]
     wrong = []
     for waypoint in certificate.waypoints:
-        layer = search.layers[waypoint - 1]
-        refuted = layer.reached > 0 if certificate.kind != "band" else len(layer.q) > 0
-        if refuted:
+        of_limits = certificate.kind != "band"
+        refuted = len(search.layers[waypoint - 1].q) if of_limits else search.clear(waypoint - 1)
+        if np.any(refuted):
             wrong.append(f"certificate: there is a configuration at waypoint {waypoint}")
     return wrong
 
@@ -438,14 +510,67 @@ def random_cells(cells: int, first: int, every: int, roll_step: float, jobs: int
         text.append(f"Least clearance {at:.6f} mm at waypoints, {between:.4f} mm between.\n")
     seconds = [row["seconds"] for row in found]
     text.append(
-        f"{sum(bool(row['in_the_way']) for row in found)} of {len(found)} cells have an obstacle "
-        "in the way of some configuration. A plan takes "
+        f"In {sum(bool(row['in_the_way']) for row in found)} of {len(found)} cells an obstacle is "
+        "in the way of the grid's best motion. A plan takes "
         f"{np.nanmedian(seconds):.2f} s in the median, {np.nanmax(seconds):.2f} s at most.\n"
     )
     wrong = [(row["cell"], "; ".join(row["wrong"])) for row in found if row["wrong"]]
     if wrong:
         text.append(markdown_table(("cell", "wrong"), wrong, left=2))
     return "\n".join(text), len(wrong)
+
+
+# ---------------------------------------------------------------- what obstacles cost a plan
+
+
+def crowded(seed: int, number: int) -> qt.PathTask:
+    """The deburring path, 401 waypoints, among so many obstacles."""
+    plain = qt.load_task("deburring")
+    spec = mujoco.MjSpec.from_file(str(plain.scene))
+    add_links(spec)
+    add_obstacles(spec, plain, np.random.default_rng([seed, 7]), number)
+    return kept_clear(plain, qt.Clearance(spec.compile(), distance=CLEAR), 1)
+
+
+def one_crowded(seed: int) -> tuple[object, ...]:
+    """Processor seconds of a plan among ten obstacles, and without clearance, with what is found.
+
+    Both are planned once before, so that nothing is compiled or loaded.
+    """
+    task = crowded(seed, OBSTACLES)
+    empty = dataclasses.replace(task, constraints=(task.constraints[0].without_pairs(),))  # type: ignore[attr-defined]
+    for warm in (task, empty):
+        few = dataclasses.replace(warm, waypoints=warm.waypoints[:8], durations=warm.durations[:8])
+        qt.plan(few)
+    began = time.process_time()
+    free = qt.plan(empty)
+    between = time.process_time()
+    plan = qt.plan(task)
+    took = time.process_time() - between
+    blocked = task.constraints[0].margins(free.q).min() < 0.0
+    return seed, blocked, plan.value, free.value, took, between - began, plan.certificate.kind
+
+
+def crowded_cells(cells: int, first: int, jobs: int) -> str:
+    """Processor time of plans among ten obstacles over that without any."""
+    rows = []
+    for row in in_processes(one_crowded, range(first, first + cells), jobs):
+        print(*row, file=sys.stderr, flush=True)
+        rows.append(row)
+    text = []
+    for what, of in (
+        ("the best path is clear", [r for r in rows if r[-1] == "path" and not r[1]]),
+        ("the best path is blocked, another found", [r for r in rows if r[-1] == "path" and r[1]]),
+        ("no plan", [r for r in rows if r[-1] != "path"]),
+    ):
+        if of:
+            shares = np.array([float(r[4]) / float(r[5]) for r in of])  # type: ignore[arg-type]
+            seconds = np.median([float(r[4]) for r in of])  # type: ignore[arg-type]
+            numbers = (f"{v:.2f}" for v in np.percentile(shares, [0, 50, 90, 100]))
+            most = f"{(shares <= 2.0).sum()} of {len(of)}"
+            text.append((what, len(of), f"{seconds:.1f}", *numbers, most))
+    head = ("", "cells", "plan, s", "ratio, least", "median", "90 %", "largest", "at most 2")
+    return markdown_table(head, text)
 
 
 # ---------------------------------------------------------------- steps in front of walls
@@ -539,7 +664,7 @@ def way(world: str, seed: int) -> Way:
             if np.hypot(*passed[:, :2].T).min() < 0.4 or passed[:, 2].min() < 0.3:
                 continue
             judge.oracle.data.mocap_pos[0] = passed[0]
-        if judge.keeps(start, 0.05):
+        if judge.keeps(start[None], 0.05)[0]:
             return made
 
 
@@ -604,11 +729,12 @@ def run(made: Way, step: Any, acceleration: float | None) -> Passage:
     configuration = mink.Configuration(made.model, made.start.copy())
     judge = Obstacles(made.model, limits(made.model)[0].pairs)
     lower, upper = made.model.jnt_range.T
-    velocities, states, failures, least, excess = [np.zeros(7)], [], 0, np.inf, 0.0
+    velocities, states, failures, excess = [np.zeros(7)], [], 0, 0.0
+    times = DT * np.arange(round(LENGTH / DT) + 1)
+    places = np.array([made.obstacle(t) for t in times]) if made.model.nmocap else None
     for k in range(round(LENGTH / DT)):
-        if made.model.nmocap:
-            configuration.data.mocap_pos[0] = made.obstacle(k * DT)
-            judge.oracle.data.mocap_pos[0] = made.obstacle((k + 1) * DT)
+        if places is not None:
+            configuration.data.mocap_pos[0] = places[k]
             configuration.update()
         states.append(configuration.q.copy())
         try:
@@ -621,7 +747,8 @@ def run(made: Way, step: Any, acceleration: float | None) -> Passage:
         if acceleration is not None:
             excess = max(excess, np.abs(velocity - velocities[-1]).max() - acceleration * DT)
         velocities.append(velocity)
-        least = min(least, judge.least(q[None]))
+    after = np.array([*states[1:], configuration.q])
+    least = judge.least(after, None if places is None else places[1:])
     v = np.array(velocities)
     fast = (v[1:] * v[:-1] < 0.0) & (np.minimum(np.abs(v[1:]), np.abs(v[:-1])) > FLIP)
     return Passage(ASKED - least, int(fast.sum()), float(excess), failures, np.array(states))
@@ -696,7 +823,7 @@ def step_times(made: Way, blocks: int, *, stopped: bool) -> tuple[object, ...]:
     return len(limits(made.model)[0].pairs), *middle, *(f"{share:.2f}" for share in ratio)
 
 
-PARTS = {"random_cells": random_cells, "walls": walls}
+PARTS = {"random_cells": random_cells, "crowded_cells": crowded_cells, "walls": walls}
 OPTIONS: dict[str, Any] = {
     "cells": 20,
     "first": 0,

@@ -252,6 +252,7 @@ class CompiledStep:
         self._size = self._size._replace(k=k)
         STEP.resize(self._integers, self._size)
         EDGE.resize(self._edge[1], self._edge_size)
+        self._edge_arrays: EdgeArrays | None = None
         stages = STEP.arrays(self._floats, self._integers, self._integers)
         self._inputs: StepInputs = stages.inputs
         self._program: Program = stages.program
@@ -335,7 +336,9 @@ class CompiledStep:
         self, step: LazyStep, composed: Composition, configuration: mink.Configuration, dt: float
     ) -> None:
         """Record how the directions are computed that a step lacks, if there are any."""
-        edge: EdgeArrays = EDGE.arrays(*self._edge, self._edge[1], "numbers")
+        if self._edge_arrays is None:
+            self._edge_arrays = EDGE.arrays(*self._edge, self._edge[1], "numbers")
+        edge = self._edge_arrays
         if not edge.numbers[FADES]:
             return
         A, b = self._program.A[:, : self._model.nv].copy(), edge.stated.copy()

@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -13,7 +14,7 @@ from qp_twist.constraints import Clearance
 from qp_twist.paths import PathTask
 from qp_twist.planning.bound import pointwise_bound
 from qp_twist.planning.certificate import Certificate
-from qp_twist.planning.hard_constraints import WITHIN
+from qp_twist.planning.hard_constraints import BETWEEN, WITHIN
 from qp_twist.planning.layer import TURN, Layer, centred, forbidding_bands
 from qp_twist.planning.manifold_net import BOUNDED, COVERED
 from qp_twist.planning.objective import Objective
@@ -45,17 +46,21 @@ _FAR = 0.1
 _SAME = 0.1
 """A path that is nowhere further from the best one than this leads to it, rad or m: the first trust
 region of the programs."""
-_HOPELESS = 0.1
-"""Violation by a grid's path above which no program is tried before it is searched again, rad."""
+_HOPELESS, _HOPELESS_CLEARANCE = 0.1, 0.01
+"""Violation by a grid's path above which no program is tried before it is searched again, rad; and
+with a clearance, rad or m: programs do not pass obstacles on the other side."""
 _ABOUT = 20
 """Number of waypoints on either side of a violation that are searched again."""
 _LOOKED_WITHIN = (0.05, 0.2, 0.6)
 """Shares above the layers' least mean z, or below their largest margin, within which a path is
 searched first: few nodes are."""
+_DETOUR_WITHIN = (0.2,)
+"""The same for a detour around what the path touches: it is longer, and its layers are few."""
 _REPAIRED = 0.05
 """Share of the waypoints that come too near up to which a path is repaired, not searched anew."""
 _POINTS = 6
 """Number of times that points of violations between waypoints are added."""
+_UNKNOWN = -1
 _STRICTNESS = (1.0, 1e3)
 """Factors of the price, in turn: first for the best path, then for a feasible one."""
 _LOOSE = {"rad": np.radians([3.0, 1.0]), "m": np.array([5e-3, 1e-3])}
@@ -166,13 +171,21 @@ class PlanSearch:
             self._free_rows = PathRows(self._free_task)
         #: With a clearance the layers of each stage, for the searches without and with it.
         self._layers: dict[SearchStage, list[Layer]] | None = {} if self._cleared else None
+        #: Layers of the intervals that are searched again, which may be several times.
+        self._windows: dict[tuple[int, int], list[Layer]] = {}
+        #: Of configurations of layers: 1 where they keep the clearance, 0 where not, or unknown.
+        self._known_clear: WeakKeyDictionary[Layer, Array] = WeakKeyDictionary()
         #: Paths that may be the best when the search is interrupted: the last that a program ended
         #: with, and the best.
         self._kept: dict[str, Array] = {}
         #: The last stage's layers, when they are complete.
         self._begun: SearchResult | None = None
-        #: The bound of the search without clearance, which holds with it, too.
+        #: The search without clearance, and its bound, which holds with it, too.
+        self._free: PlanSearch | None = None
         self._known_bound: float | None = None
+        #: Its best path through the first stage's layers, and the value of that path.
+        self._first_way: LayerPath | None = None
+        self._expected = 0.0
         #: Hinges without limits: their whole turns do not matter.
         self._period = np.where(ranges.hinge & ~np.isfinite(ranges.upper - ranges.lower), TURN, 0.0)
 
@@ -216,10 +229,19 @@ class PlanSearch:
         return SearchResult(best, certificate, [], [], bound, interrupted=True)
 
     def _run(self) -> SearchResult:
-        """First without clearance, which most paths keep anyway."""
+        """First without clearance, which most paths keep anyway.
+
+        Where the best path through the first layers touches something, it is not moved off the
+        grid, but searched again with clearance at once.
+        """
         if not self._cleared:
             return self._searched(None)
-        inner = self._without_clearance()
+        inner = self._free = self._without_clearance()
+        blocked = None
+        if self.start is None and self._obstructed(inner):
+            blocked = self._searched(None)
+            if blocked.path is not None:
+                return blocked
         free = inner._run()
         self._begun = inner._begun
         if free.path is None:  # nor is there a motion with it
@@ -230,7 +252,21 @@ class PlanSearch:
             names = self.rows.hard.names
             certificate = Certificate("path", free.certificate.grid, bands=names)
             return replace(free, path=best, certificate=certificate)
-        return self._searched(best)
+        return self._searched(best) if blocked is None or best is not None else blocked
+
+    def _obstructed(self, inner: PlanSearch) -> bool:
+        """Whether the best path through the first layers, without clearance, does not keep it."""
+        stage = self._stages[0]
+        grid, _, waypoints, layers = inner._opened(stage)
+        if not all(len(layer.q) for layer in layers):
+            return False
+        way = inner._layer_path(layers, waypoints, grid, _STRICTNESS[0], np.inf, most=stage.most)
+        inner._first_way = way
+        if len(way.nodes) < len(layers):
+            return False
+        self._expected = way.value
+        nodes = [layer.q[node] for layer, node in zip(layers, way.nodes, strict=True)]
+        return not self._clears(np.array(nodes)).all()
 
     def _repaired(self, q: Array) -> RefinedPath | None:
         """The path if it keeps its distance, else with a detour where it does not, if one is found.
@@ -253,7 +289,7 @@ class PlanSearch:
         search = PlanSearch(
             self._free_task, self.objective, limits, self.start, self.runs, self._progress
         )
-        search._layers = self._layers
+        search._layers, search._windows = self._layers, self._windows
         search._kept = self._kept  # they are judged with clearance
         return search
 
@@ -264,11 +300,26 @@ class PlanSearch:
             clears[clears] = clearance.inside(q[clears], WITHIN)
         return clears
 
+    def _clear_nodes(self, layer: Layer, nodes: Indices) -> Mask:
+        """Which configurations of a layer, by their indices (K,), keep the clearance, (K,).
+
+        Each is looked at once: a layer is searched several times, and most of it never reached.
+        """
+        known = self._known_clear.setdefault(layer, np.full(len(layer.q), _UNKNOWN, dtype=np.int8))
+        new = nodes[known[nodes] == _UNKNOWN]
+        known[new] = self._clears(layer.q[new])
+        clear: Mask = known[nodes] == 1
+        return clear
+
+    def _is_blocked(self, layer: Layer) -> bool:
+        """Whether no configuration of a layer keeps the clearance, at whatever cost."""
+        return self._cleared and not self._clear_nodes(layer, np.arange(len(layer.q))).any()
+
     def _cleared_layer(self, layer: Layer, index: int) -> Layer:
         """The configurations of a waypoint's layer that keep the clearance."""
         if not self._cleared or not len(layer.q):
             return layer
-        kept = self._clears(layer.q)
+        kept = self._clear_nodes(layer, np.arange(len(layer.q)))
         bands = () if kept.any() else forbidding_bands(layer.q, self.rows.hard, index)[0]
         return replace(layer, q=layer.q[kept], branch=layer.branch[kept], bands=bands)
 
@@ -280,8 +331,7 @@ class PlanSearch:
         tried = self._tried(self.start) if self.start is not None and best is None else []
         for trial in tried:
             best = self._better(best, trial)
-        many = int(self.rows.freedom.max()) >= COVERED
-        for stage in (_COARSE, *_STAGES) if many else _STAGES:
+        for stage in self._stages:
             found = self._stage(stage, best)
             if found.path is not None:
                 break
@@ -305,6 +355,11 @@ class PlanSearch:
         if best is not first:
             bound = self._bound(found, best)
         return replace(found, path=best, certificate=certificate, bound=self._stated(bound))
+
+    @property
+    def _stages(self) -> tuple[SearchStage, ...]:
+        many = int(self.rows.freedom.max()) >= COVERED
+        return (_COARSE, *_STAGES) if many else _STAGES
 
     def _may_become(self, trial: RefinedPath, best: RefinedPath) -> bool:
         """Whether a seed may lead to a better path: not if it is far, or leads to the same one."""
@@ -330,6 +385,9 @@ class PlanSearch:
         return tried
 
     def _bound(self, found: SearchResult, best: RefinedPath | None) -> float:
+        free = self._free
+        if self._known_bound is None and best is not None and free is not None and free._begun:
+            self._known_bound = free._bound(free._begun, best)
         if self._known_bound is not None and best is not None:
             worse = max if self.objective.margin else min
             return worse(self._known_bound, best.value)
@@ -357,7 +415,8 @@ class PlanSearch:
         self._kept["best"] = best.q
         return best
 
-    def _stage(self, stage: SearchStage, best: RefinedPath | None) -> SearchResult:
+    def _opened(self, stage: SearchStage) -> tuple[Grid, Roadmap, list[int], list[Layer]]:
+        """The grid and the roadmap of a stage, its waypoints and their layers."""
         count = len(self.path_task.waypoints)
         stride = int(np.clip(round(stage.motion / self._typical_step()), 1, stage.longest_stride))
         if stage is _COARSE:
@@ -371,24 +430,33 @@ class PlanSearch:
                 waypoints, lambda done: self._progress(f"{grid}: layers", done / len(waypoints))
             )
         layers = list(made[stage])
-        # Between the configurations of a grid nothing is proved of a clearance.
-        covered = not self._cleared and all(roadmap.covers(index) for index in waypoints)
         if self.start is not None:
             layers[0] = Layer(self.start[None], np.full(1, -1), 1)
         layers[0] = self._cleared_layer(layers[0], waypoints[0])
+        if all(len(layer.q) for layer in layers):
+            self._begun = SearchResult(None, Certificate("path", grid), layers, waypoints)
+        return grid, roadmap, waypoints, layers
+
+    def _stage(self, stage: SearchStage, best: RefinedPath | None) -> SearchResult:
+        grid, roadmap, waypoints, layers = self._opened(stage)
+        # Between the configurations of a grid nothing is proved of a clearance.
+        covered = not self._cleared and all(roadmap.covers(index) for index in waypoints)
         empty = [i for i, layer in zip(waypoints, layers, strict=True) if not len(layer.q)]
         if empty:
             certificate = _empty(waypoints, layers, grid, roadmap, covered)
             return SearchResult(None, certificate, layers, waypoints)
-        self._begun = SearchResult(None, Certificate("path", grid), layers, waypoints)
         # The grid's path may be a little worse than the best one between its nodes.
         rounded = _ROUNDED_TRAVEL if self.objective.travel else _ROUNDED
         known = np.inf if best is None else best.value * (1.0 + rounded)
         if self.objective.margin:
             known = -np.inf if best is None else best.value - _ROUNDED * abs(best.value)
-        refined = None
+        refined, before = None, None
         for strictness in _STRICTNESS:
-            way = self._layer_path(layers, waypoints, grid, strictness, known, most=stage.most)
+            way, self._first_way = self._first_way, None
+            if way is None:
+                way = self._layer_path(
+                    layers, waypoints, grid, strictness, known, self._expected, stage.most
+                )
             if len(way.nodes) < len(layers):
                 if best is not None:  # the grid has no better path
                     return SearchResult(best, Certificate("path", grid), layers, waypoints)
@@ -401,12 +469,16 @@ class PlanSearch:
                     return SearchResult(None, certificate, cleared, waypoints)
                 certificate = self._blocked(way, layers, waypoints, grid, covered)
                 return SearchResult(None, certificate, layers, waypoints)
+            if way.nodes == before:  # what failed
+                break
+            before = way.nodes
             nodes = [layer.q[node] for layer, node in zip(layers, way.nodes, strict=True)]
             path = self._interpolated(np.array(nodes), waypoints)
             refined = None if path is None else judged(path, self.limits, self.objective)
             coarse = stage is not _STAGES[-1]
             soon = int(self.rows.freedom.max()) < COVERED  # layers are made in less time
-            hopeless = refined is not None and refined.excess > _HOPELESS
+            most = _HOPELESS_CLEARANCE if self._cleared else _HOPELESS
+            hopeless = refined is not None and refined.excess > most
             if refined is not None and not (coarse and soon and hopeless):
                 refined = self._refined(refined.q)
             if refined is not None and not refined.feasible and coarse:
@@ -423,17 +495,34 @@ class PlanSearch:
     def _mended(self, path: RefinedPath) -> RefinedPath | None:
         """Search the path again on the finest grid around the waypoints where it violates limits.
 
-        These are mostly passages near a singularity; the rest of the path is kept.
+        These are mostly passages near a singularity; the rest of the path is kept. With a clearance
+        the strict search comes first.
         """
+        best = None
+        for strictness in _STRICTNESS[::-1] if self._cleared else _STRICTNESS[:1]:
+            found = self._mended_at(path, strictness)
+            if found is not None and found.feasible:
+                return found
+            if best is None or (found is not None and found.excess < best.excess):
+                best = found
+        return best
+
+    def _window(self, first: int, last: int, grid: Grid) -> list[Layer]:
+        """Layers of all waypoints between two, on the finest grid."""
+        if (first, last) not in self._windows:
+            roadmap = Roadmap(self._free_task, self._free_rows, grid)
+            self._windows[first, last] = roadmap.layers(range(first, last + 1))
+        return list(self._windows[first, last])
+
+    def _mended_at(self, path: RefinedPath, strictness: float) -> RefinedPath | None:
         whole, count = path.q.copy(), len(path.q)
         grid = self._grid(_STAGES[-1])
-        roadmap = Roadmap(self._free_task, self._free_rows, grid)
         broken = self.limits.broken(whole)
         if not len(broken):  # the violation is between waypoints
             return None
         for first, last in _stretches(broken, count):
             waypoints = list(range(first, last + 1))
-            layers = roadmap.layers(waypoints)
+            layers = self._window(first, last, grid)
             for end, held in ((0, first > 0 or self.start is not None), (-1, last < count - 1)):
                 if held:
                     layers[end] = Layer(whole[waypoints[end]][None], np.full(1, -1), 1)
@@ -441,7 +530,10 @@ class PlanSearch:
                 return None
             known = -np.inf if self.objective.margin else np.inf
             expected = self.objective.value(whole[waypoints])
-            way = self._layer_path(layers, waypoints, grid, 1.0, known, expected)
+            within = _DETOUR_WITHIN if self._cleared else _LOOKED_WITHIN
+            way = self._layer_path(
+                layers, waypoints, grid, strictness, known, expected, within=within
+            )
             if len(way.nodes) < len(layers):
                 return None
             nodes = np.array([layer.q[n] for layer, n in zip(layers, way.nodes, strict=True)])
@@ -522,12 +614,14 @@ class PlanSearch:
         known: float,
         expected: float = 0.0,
         most: float = np.inf,
+        within: Sequence[float] = _LOOKED_WITHIN,
     ) -> LayerPath:
         """The best path, with steps that may exceed limits by the grid's resolution, at a price.
 
         Without the price the path would jump between branches where a longer step just reaches, and
         could not be corrected into the limits. First a path is searched that is little worse than
-        the value ``expected``. No joint moves by more than ``most`` from layer to layer, rad or m.
+        the value ``expected``, by the shares ``within`` in turn. No joint moves by more than
+        ``most`` from layer to layer, rad or m.
         """
         objective = self.objective
         allowed = [
@@ -552,39 +646,40 @@ class PlanSearch:
             return cost
 
         def kept(number: int, edge: Edges) -> Mask:
-            """Whether the bands are kept between the waypoints, to the grid's resolution.
-
-            And the clearance at the end: only few configurations of a layer are ends of edges.
-            """
+            """Whether the bands are kept between the waypoints, to the grid's resolution."""
             at = waypoints[number]
-            inside = np.ones(len(edge.start), dtype=bool)
-            if self._cleared:
-                ends, which = np.unique(edge.end, return_inverse=True)
-                inside = self._clears(layers[number + 1].q[ends])[which]
-            left = np.flatnonzero(inside)
             if waypoints[number + 1] > at + 1:  # joints are not interpolated linearly there
-                return inside
-            begin = layers[number].q[edge.start[left]]
-            end = begin + self._unwound(layers[number + 1].q[edge.end[left]] - begin)
-            inside[left] = bands.kept_between(begin, end, np.full(len(left), at), loose)
-            return inside
+                return np.ones(len(edge.start), dtype=bool)
+            begin = layers[number].q[edge.start]
+            end = begin + self._unwound(layers[number + 1].q[edge.end] - begin)
+            return bands.kept_between(begin, end, np.full(len(begin), at), loose)
+
+        def clear(number: int, nodes: Indices) -> Mask:
+            return self._clear_nodes(layers[number], nodes)
 
         bands, attempt = self.rows.hard, _STRICTNESS.index(strictness)
         loose = {unit: allowed[attempt] for unit, allowed in _LOOSE.items()}
-        valid = kept if bands else None
+        if bands.lazy and attempt:  # no program leads around what an edge has passed through
+            loose["m"] = BETWEEN["m"]
+        valid, keeps = kept if bands else None, clear if self._cleared else None
         weight = (objective.centering + objective.margin) / len(layers)
         price = _PRICE * weight + _PRICE_OF_TRAVEL * objective.travel
         centering = [weight * objective.ranges.centring(layer.q) for layer in layers]
 
         def cheapest(costs: list[Array], most: float) -> LayerPath:
+            def best(at_most: float) -> LayerPath:
+                return cheapest_path(
+                    costs, connections, along, at_most=at_most, allowed=keeps, valid=valid
+                )
+
             least = max(expected, sum(float(cost.min()) for cost in costs))
-            for share in _LOOKED_WITHIN:
+            for share in within:
                 at_most = least * (1.0 + share)
                 if 0.0 < at_most < most:
-                    way = cheapest_path(costs, connections, along, at_most=at_most, valid=valid)
-                    if len(way.nodes) == len(layers):
+                    way = best(at_most)
+                    if len(way.nodes) == len(layers) or self._is_blocked(layers[len(way.nodes)]):
                         return way
-            return cheapest_path(costs, connections, along, at_most=most, valid=valid)
+            return best(most)
 
         if not objective.margin:
             return cheapest(centering, known)
@@ -593,7 +688,9 @@ class PlanSearch:
         top = min(float(margin.max()) for margin in margins)
         for share in (*_LOOKED_WITHIN, np.inf):
             at_least = max(known, top * (1.0 - share)) if share < np.inf else known
-            widest = widest_path(margins, connections, at_least=at_least, valid=valid)
+            widest = widest_path(
+                margins, connections, at_least=at_least, allowed=keeps, valid=valid
+            )
             if np.isfinite(widest.value):
                 break
         else:

@@ -45,6 +45,8 @@ class LayerPath:
 Connections = Callable[[int, Indices], Edges]
 """Computes the edges from some nodes of a layer to the next layer; all at once would fill
 memory."""
+Allowed = Callable[[int, Indices], Mask]
+"""Which nodes (K,) of a layer are allowed: evaluated only for those that a path may reach."""
 Valid = Callable[[int, Edges], Mask]
 """Which edges to the next layer are valid, (E,): evaluated for the best edge to each node only."""
 
@@ -76,6 +78,7 @@ def cheapest_path(
     edge_cost: Callable[[int, Edges], Array],
     *,
     at_most: float = np.inf,
+    allowed: Allowed | None = None,
     valid: Valid | None = None,
 ) -> LayerPath:
     """The path of least Σ node costs + Σ edge costs.
@@ -86,6 +89,8 @@ def cheapest_path(
         edge_cost: Costs (E,) of the edges from a layer, by its index, to the next.
         at_most: A value known to be attainable. A node is dropped if the cost up to it plus the
             least costs of the remaining layers exceed it.
+        allowed: Decides about nodes lazily, if not all of them are allowed; about those of the
+            first layer their costs do.
         valid: Validates edges lazily, if not all of them are valid.
     """
     least = np.array([cost.min(initial=np.inf) for cost in node_costs])
@@ -95,9 +100,13 @@ def cheapest_path(
     for number in range(len(node_costs) - 1):
         edge = connections(number, np.flatnonzero(np.isfinite(best[-1])))
         values = best[-1][edge.start] + edge_cost(number, edge)
-        reached, before = _least(values, edge, len(node_costs[number + 1]), number, valid)
+        costs = node_costs[number + 1]
+        kept = np.isfinite(_within(values + costs[edge.end], at_most - ahead[number + 1]))
+        values, edge = values[kept], Edges(edge.start[kept], edge.end[kept])
+        values, edge = _to_allowed(values, edge, len(costs), number, allowed)
+        reached, before = _least(values, edge, len(costs), number, valid)
         came.append(before)
-        best.append(_within(reached + node_costs[number + 1], at_most - ahead[number + 1]))
+        best.append(reached + costs)
         if not np.isfinite(best[-1]).any():
             break
     return _back(best, came, len(node_costs), smallest=True)
@@ -108,6 +117,7 @@ def widest_path(
     connections: Connections,
     *,
     at_least: float = -np.inf,
+    allowed: Allowed | None = None,
     valid: Valid | None = None,
 ) -> LayerPath:
     """The path whose smallest node width is largest.
@@ -116,17 +126,20 @@ def widest_path(
         node_widths: For each layer, (K,).
         connections: Makes the edges.
         at_least: A width known to be attainable; narrower nodes are dropped.
-        valid: As for :func:`cheapest_path`.
+        allowed: As for :func:`cheapest_path`.
+        valid: Likewise.
     """
     best = [-_within(-node_widths[0], -at_least)]
     came: list[Indices] = []
     for number in range(len(node_widths) - 1):
         edge = connections(number, np.flatnonzero(np.isfinite(best[-1])))
-        values = -best[-1][edge.start]
-        least, before = _least(values, edge, len(node_widths[number + 1]), number, valid)
-        most = -least
+        values, widths = -best[-1][edge.start], node_widths[number + 1]
+        kept = np.isfinite(_within(-widths[edge.end], -at_least))
+        values, edge = values[kept], Edges(edge.start[kept], edge.end[kept])
+        values, edge = _to_allowed(values, edge, len(widths), number, allowed)
+        least, before = _least(values, edge, len(widths), number, valid)
         came.append(before)
-        best.append(-_within(-np.minimum(most, node_widths[number + 1]), -at_least))
+        best.append(np.minimum(-least, widths))
         if not np.isfinite(best[-1]).any():
             break
     return _back(best, came, len(node_widths), smallest=False)
@@ -136,6 +149,20 @@ def _within(costs: Array, most: float) -> Array:
     """The costs, infinite where they exceed ``most`` by more than rounding."""
     within: Array = np.where(costs <= most + 1e-9 * max(abs(most), 1.0), costs, np.inf)
     return within
+
+
+def _to_allowed(
+    values: Array, edge: Edges, count: int, number: int, allowed: Allowed | None
+) -> tuple[Array, Edges]:
+    """The edges that end at allowed nodes of the next layer, with their values (E,)."""
+    if allowed is None:
+        return values, edge
+    ends = np.zeros(count, dtype=bool)
+    ends[edge.end] = True
+    nodes = np.flatnonzero(ends)
+    ends[nodes] = allowed(number + 1, nodes)
+    kept = ends[edge.end]
+    return values[kept], Edges(edge.start[kept], edge.end[kept])
 
 
 def _least(

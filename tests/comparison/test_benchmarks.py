@@ -99,7 +99,7 @@ def test_a_plan_that_touches_is_found_out() -> None:
     assert len(clearance.names) > 40
     judge = cells.Obstacles(task.model, clearance.pairs)
     straight = np.linspace(task.start, [0.0, 2.0, 0.5, 0.0, 0.0, 0.0], 40)
-    keeps = np.array([judge.keeps(q) for q in straight])
+    keeps = judge.keeps(straight)
     assert 0 < keeps.sum() < 40
     assert keeps.tolist() == (clearance.margins(straight).min(axis=1) >= 0.0).tolist()
     assert judge.least(straight) < -0.1

@@ -14,7 +14,7 @@ from qp_twist.planning import RollMap
 from qp_twist.planning.layer import Layer, centred
 from qp_twist.planning.roadmap import Roadmap
 from qp_twist.planning.roll_grid import RollGrid, closed_form_arm
-from qp_twist.planning.search import PlanSearch
+from qp_twist.planning.search import PlanSearch, SearchStage
 
 EVERY = 5
 
@@ -76,19 +76,19 @@ def test_layers_are_made_once_for_the_searches_without_and_with_clearance(
     """The best motion hits the clamp, so that the whole path is searched a second time."""
     made: list[str] = []
     searched: list[object] = []
-    layers, stage = Roadmap.layers, PlanSearch._stage
+    layers, opened = Roadmap.layers, PlanSearch._opened
 
     def counted(self: Roadmap, *arguments: object) -> list[Layer]:
         if len(arguments) == 2:  # of a whole path
             made.append(str(self.grid))
         return layers(self, *arguments)
 
-    def counted_stage(self: PlanSearch, *arguments: object) -> object:
-        searched.append(arguments[0])
-        return stage(self, *arguments)
+    def counted_stage(self: PlanSearch, stage: SearchStage) -> object:
+        searched.append(stage)
+        return opened(self, stage)
 
     monkeypatch.setattr(Roadmap, "layers", counted)
-    monkeypatch.setattr(PlanSearch, "_stage", counted_stage)
+    monkeypatch.setattr(PlanSearch, "_opened", counted_stage)
     plan = qt.plan(replace(cell, waypoints=cell.waypoints[::8], durations=None), max_step_deg=60.0)
     assert plan.q is not None and min(nearest(cell, q)[0] for q in plan.q) >= 0.005 - 1e-6
     assert len(searched) > len(set(searched)) == len(made)

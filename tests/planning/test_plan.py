@@ -161,23 +161,27 @@ def test_the_shortest_way_is_dijkstras(seed: int) -> None:
         some = np.argwhere(rng.uniform(size=(a, b)) < 0.6)
         links.append(Edges(some[:, 0], some[:, 1]))
         costs.append(rng.uniform(0.0, 1.0, len(some)))
+    clear = [np.ones(sizes[0], dtype=bool), *(rng.uniform(size=size) < 0.8 for size in sizes[1:])]
     way = cheapest_path(
-        nodes, lambda k, alive: _of(links[k], alive), lambda k, e: _cost(links[k], costs[k], e)
-    )
+        nodes, lambda k, alive: _of(links[k], alive), lambda k, e: _cost(links[k], costs[k], e),
+        allowed=lambda k, reached: clear[k][reached],
+    )  # fmt: skip
     first = np.concatenate([[0], np.cumsum(sizes)])
     graph = np.zeros((3, 0))
     for k, (link, cost) in enumerate(zip(links, costs, strict=True)):
         weight = cost + nodes[k][link.start]
-        graph = np.hstack([graph, [first[k] + link.start, first[k + 1] + link.end, weight]])
+        ends_and_cost = np.array([first[k] + link.start, first[k + 1] + link.end, weight])
+        graph = np.hstack([graph, ends_and_cost[:, clear[k + 1][link.end]]])
     ends = coo_matrix((graph[2], graph[:2].astype(int)), (first[-1], first[-1])).tocsr()
     distance = dijkstra(ends)[: sizes[0], first[-2] :] + nodes[-1]
     assert way.value == pytest.approx(distance.min())
     if np.isfinite(way.value):
         pruned = cheapest_path(
             nodes, lambda k, alive: _of(links[k], alive), lambda k, e: _cost(links[k], costs[k], e),
-            at_most=way.value,
+            at_most=way.value, allowed=lambda k, reached: clear[k][reached],
         )  # fmt: skip
         assert pruned.value == pytest.approx(way.value)
+        assert all(of[node] for of, node in zip(clear, way.nodes, strict=True))
         walked = sum(n[i] for n, i in zip(nodes, way.nodes, strict=True))
         for k, pair in enumerate(itertools.pairwise(way.nodes)):
             match = (links[k].start == pair[0]) & (links[k].end == pair[1])
