@@ -19,6 +19,8 @@ REGULAR, MOST_REGULAR = 0.05, 50.0
 """σ₁, m/rad or 1, from which on a direction is met as stated; in units of ε if that is less."""
 BEND = 0.6
 """ℓ as a share of the largest singular value."""
+SMOOTHED = 0.005
+"""T, s: time within which the share σ²/σ₁² of a small error is removed."""
 BRAKING = 0.8
 """η of ``constraints.stopping_share``."""
 SPREAD = 20.0
@@ -168,8 +170,9 @@ def damp(e, singularity, dt, trusts, share):
         weak = e.weak[i] * (e.rate[i] - share * e.forward[i])
         total += weak * weak
     far = BEND * e.numbers[SIZE] * dt * math.sqrt(total) if trusts else 0.0
-    damping = max(first * first, far) if trusts else 0.0
-    regular = e.numbers[SMALLEST] >= (first if trusts else singularity)
+    damping = max(first * first * min(1.0, SMOOTHED / dt), far) if trusts else 0.0
+    smallest = e.numbers[SMALLEST]
+    regular = smallest >= singularity and smallest * smallest >= damping
     left = 0.0
     for i in range(len(e.rate) if not regular else 0):
         if damping > e.floor[i]:

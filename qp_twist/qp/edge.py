@@ -14,12 +14,13 @@ stated; below, the square of its singular value is replaced by a bound that grow
     \dot{\mathbf q} = \mathbf A^T\mathbf D^{-1}\mathbf b,\qquad
     \mathbf D = \max(\mathbf M + \ell r_l,\ t),\qquad
     \mathbf M = \max(\mathbf A\mathbf A^T,\ \varepsilon^2),\qquad
-    t = \max(\sigma_1^2,\ t_e),\quad
+    t = \max(\sigma_1^2 \min(1, T/dt),\ t_e),\quad
     t_e = \ell\,\lVert w(\mathbf A\mathbf A^T)\,\mathbf e\rVert,\quad
     w(\mu) = \max(0,\, 1 - \mu/\sigma_1^2)^3
 
-The share σ²/σ₁² of a small error is removed in one step: a target that stays is reached, with an
-error that falls by that share at every step, and noise of a target is smoothed over as many steps.
+The share σ²/σ₁² of a small error is removed in a step of up to T = 5 ms, more in a longer one: a
+target that stays is reached, and its noise, whose speed is the larger the shorter the step is, is
+smoothed.
 ℓ, 0.6 of the largest singular value, bounds how fast a small singular value changes with the
 joints; w leaves out directions with σ ≥ σ₁, so that a far target damps none of them. It grows with
 the cube: below σ₁ a far target would otherwise be damped all at once, within less than one step. A
@@ -75,6 +76,8 @@ from qp_twist.qp.verification import row_tolerance
 REGULAR = 0.05
 """σ₁: singular value, m/rad or 1, from which on a direction is met as stated; 50 ε if that is
 less, and 2 ε at least."""
+SMOOTHED = 0.005
+"""T, s."""
 NULL_SHARE = 0.3
 """Weight of the cost in the null space beside the damping of a relaxed task: what the limits keep
 from one joint is made up for by others as far as that is worth their motion."""
@@ -218,13 +221,14 @@ class EdgeRows:
 
     @cached_property
     def damping(self) -> float:
-        """t = max(σ₁², t_e), m²/rad² or 1."""
-        return max(self.first**2, self.far) if self.trust else 0.0
+        """t = max(σ₁² min(1, T/dt), t_e), m²/rad² or 1."""
+        least = self.first**2 * min(1.0, SMOOTHED / self.dt)
+        return max(least, self.far) if self.trust else 0.0
 
-    @property
+    @cached_property
     def regular(self) -> bool:
         """Whether the rows are met as they are stated, or at the share that braking leaves."""
-        return self.sigma_min >= (self.first if self.trust else self.threshold)
+        return self.sigma_min >= self.threshold and self.sigma_min**2 >= self.damping
 
     @cached_property
     def fades(self) -> bool:

@@ -86,9 +86,7 @@ def test_the_damped_inverse_is_a_function_of_the_matrix_alone(seed: int) -> None
     values, vectors = np.linalg.eigh(A @ A.T)
     share = np.maximum(0.0, 1.0 - values / 0.05**2) ** 3
     bend = 0.6 * np.linalg.norm(A, 2)
-    t = 0.0
-    if values[0] < 0.05**2:
-        t = max(0.05**2, bend * np.linalg.norm(share * (vectors.T @ e)))
+    t = max(0.05**2 * 0.005, bend * np.linalg.norm(share * (vectors.T @ e)))  # steps of 1 s
     M = np.maximum(values, EPSILON**2)
     left = bend * np.linalg.norm(np.maximum(0.0, 1.0 - M / max(t, 1e-300)) * (vectors.T @ e))
     D = vectors @ np.diag(np.maximum(M + left, t)) @ vectors.T
