@@ -21,7 +21,7 @@ _TIE_BREAK = 1e-6
 ITERATIONS, _SETTLING = 40, 6
 _FIRST, _LARGEST, _SMALLEST = 0.1, 0.4, 1e-6
 """Trust region radius, rad: initial, largest, and the one at which the iteration ends."""
-_SETTLED = 1e-5
+_SETTLED = 1e-6
 """Change by an iteration, as a share of the objective, below which it ends."""
 _STUCK, _STAYS = 4, 0.01
 """With a violation it ends after so many iterations in turn that gain less than this share of the
