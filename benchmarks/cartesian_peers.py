@@ -152,28 +152,31 @@ def _add_shape(link: ElementTree.Element, model: Any, geom: int, *, merged: str)
 
 def trajopt(problem: Problem, folder: Path, first: Array) -> tuple[Any, Array]:
     """TrajOpt with the library's settings; the result, its seconds and the processor's."""
-    from tesseract_robotics.planning import TaskComposer, create_trajopt_default_profiles
+    from tesseract_robotics.planning import create_trajopt_default_profiles
 
-    robot, program = _stated(problem, folder, first)
-    composer = TaskComposer.from_config()
-    composer.warmup(["TrajOptPipeline"])
     profiles = create_trajopt_default_profiles()
-    began = _now()
-    result = composer.plan(robot, program, pipeline="TrajOptPipeline", profiles=profiles)
-    return result, _now() - began
+    return _planned(problem, folder, first, "TrajOptPipeline", profiles)
 
 
 def descartes(problem: Problem, folder: Path, first: Array) -> tuple[Any, Array]:
-    """Descartes with the library's settings."""
-    from tesseract_robotics.planning import TaskComposer
+    """Descartes with the library's settings; returns as :func:`trajopt`."""
     from tesseract_robotics.planning.profiles import create_descartes_pipeline_profiles
+
+    profiles = create_descartes_pipeline_profiles()
+    return _planned(problem, folder, first, "DescartesFPipeline", profiles)
+
+
+def _planned(
+    problem: Problem, folder: Path, first: Array, pipeline: str, profiles: Any
+) -> tuple[Any, Array]:
+    """What a pipeline plans, and its time: only of the plan, not of loading and warming up."""
+    from tesseract_robotics.planning import TaskComposer
 
     robot, program = _stated(problem, folder, first)
     composer = TaskComposer.from_config()
-    composer.warmup(["DescartesFPipeline"])
-    profiles = create_descartes_pipeline_profiles()
+    composer.warmup([pipeline])
     began = _now()
-    result = composer.plan(robot, program, pipeline="DescartesFPipeline", profiles=profiles)
+    result = composer.plan(robot, program, pipeline=pipeline, profiles=profiles)
     return result, _now() - began
 
 
