@@ -16,6 +16,7 @@ import mujoco
 import numpy as np
 import numpy.typing as npt
 import pytest
+from oracles.tilting_table import CENTRE, arm_that_moves, table_that_moves
 
 import qp_twist as qt
 from qp_twist.cli import main
@@ -450,18 +451,7 @@ def test_a_trajectory_of_the_same_robot_on_another_body_is_noticed(tmp_path: Pat
 
 def test_a_table_modelled_by_hand_is_what_re_rooting_makes() -> None:
     """An arm whose base moves against its part, written by hand with reversed axes."""
-    spec = mujoco.MjSpec.from_file(str(SCENES / "m16ib_deburring.xml"))
-    centre = np.array([0.0, 1.0, 0.3])
-    by_hand = mujoco.MjSpec.from_file(str(SCENES / "m16ib_deburring.xml"))
-    for name, axis in (("turn", [0.0, 0.0, -1.0]), ("tilt", [-1.0, 0.0, 0.0])):
-        by_hand.body("base").add_joint(name=name, axis=axis, pos=centre)
-    frame = spec.worldbody.add_body(name="frame", pos=centre)
-    frame.add_joint(name="tilt", axis=[1.0, 0.0, 0.0])
-    plate = frame.add_body(name="plate")
-    plate.add_joint(name="turn", axis=[0.0, 0.0, 1.0])
-    for body in (frame, plate):
-        body.mass, body.inertia, body.explicitinertial = 1.0, np.ones(3), 1
-    hand, seen = by_hand.compile(), rerooted(spec.compile(), "plate").model
+    hand, seen = arm_that_moves(), rerooted(table_that_moves(), "plate").model
     rng = np.random.default_rng(0)
     for q in rng.uniform(-2.0, 2.0, (20, 8)):
         sites = []
@@ -471,5 +461,5 @@ def test_a_table_modelled_by_hand_is_what_re_rooting_makes() -> None:
                 data.qpos[model.joint(hand.joint(k).name).qposadr[0]] = q[k]
             mujoco.mj_kinematics(model, data)
             sites.append(np.append(data.site("tool").xpos, data.site("tool").xmat))
-        sites[0][:3] -= centre  # the plate's frame is where the axes meet
+        sites[0][:3] -= CENTRE  # the plate's frame is where the axes meet
         assert np.abs(sites[0] - sites[1]).max() < 1e-12

@@ -14,14 +14,12 @@ import numpy as np
 import pytest
 from oracles.banded_paths import least_mean_z
 from oracles.scripts import script
+from oracles.tilting_table import CENTRE, TILT, arm_that_moves, table_that_moves
 
 import qp_twist as qt
 
 study = script("examples/placements.py")
 STEP = math.radians(20.0)
-CENTRE = np.array([0.0, 1.0, 0.3])
-"""Where the axes of the table meet, m."""
-TURN, TILT = math.pi, math.radians(60.0)
 
 
 def on_a_rail(far: float = 0.0) -> qt.PathTask:
@@ -153,41 +151,22 @@ def test_a_layer_with_few_configurations_is_not_called_empty() -> None:
 def on_a_table() -> qt.PathTask:
     """A quarter of the deburring run in 9 waypoints, the part on a table that turns and tilts.
 
-    The path stands still in the plate, so the plate is the world of this scene, and the arm's base
-    moves against it: first about the plate's axis, then about the one that tilts.
+    The path stands still in the plate, so the plate is the world of this scene.
     """
     task = qt.load_task("deburring")
-    spec = mujoco.MjSpec.from_file(str(task.scene))
-    for name, axis, most in (("turn", [0.0, 0.0, -1.0], TURN), ("tilt", [-1.0, 0.0, 0.0], TILT)):
-        spec.body("base").add_joint(
-            name=name, axis=axis, pos=CENTRE, range=[-most, most], limited=1
-        )  # fmt: skip
     none = np.full(8, np.inf)
     return dataclasses.replace(
-        task, model=spec.compile(), waypoints=task.waypoints[:97:12], flipped_waypoints=None,
+        task, model=arm_that_moves(), waypoints=task.waypoints[:97:12], flipped_waypoints=None,
         durations=None, start=np.append([0.0, 0.0], task.start), velocity_limits=none,
         acceleration_limits=none,
     )  # fmt: skip
-
-
-def with_the_table() -> mujoco.MjModel:
-    """The same as it stands in the cell: the arm on the floor, the plate on its two axes."""
-    spec = mujoco.MjSpec.from_file(str(qt.load_task("deburring").scene))
-    frame = spec.worldbody.add_body(name="frame", pos=CENTRE)
-    frame.add_joint(name="tilt", axis=[1.0, 0.0, 0.0])
-    plate = frame.add_body(name="plate")
-    plate.add_joint(name="turn", axis=[0.0, 0.0, 1.0])
-    for body in (frame, plate):
-        body.mass, body.inertia, body.explicitinertial = 1.0, np.ones(3), 1
-    plate.add_site(name="path", pos=-CENTRE)
-    return spec.compile()
 
 
 def tool_in_the_cell(
     task: qt.PathTask,
 ) -> Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]:
     """Gives the tool's position and axis in the plate that carries the path, by MuJoCo."""
-    cell = with_the_table()
+    cell = table_that_moves()
     data = mujoco.MjData(cell)
     order = [task.model.joint(cell.joint(k).name).qposadr[0] for k in range(cell.njnt)]
 
