@@ -33,7 +33,7 @@ from qp_twist.control.step_tables import (
     with_slacks,
 )
 from qp_twist.kernel import COMPILED
-from qp_twist.kernel.edge_rows import EDGE, FADES, FITTING, EdgeArrays
+from qp_twist.kernel.edge_rows import EDGE, FADES, FITTING, PASSED, EdgeArrays
 from qp_twist.kernel.edge_step import DEAD
 from qp_twist.kernel.live_step import (
     NO_EFFECT,
@@ -50,6 +50,7 @@ from qp_twist.kernel.step_kernel import (
     SCALE,
     STEP,
     STEP_INPUTS,
+    Settings,
     StepInputs,
 )
 from qp_twist.kernel.step_record import PROGRAM, Program, Sizes
@@ -86,6 +87,7 @@ _STATUSES = {
     SCALED: Status.SCALED, RELAXED: Status.RELAXED, PRIORITIZED: Status.PRIORITIZED,
     BRAKED: Status.SCALED, FADED: Status.DEGRADED,
 }  # fmt: skip
+_PASSED_OVER = Settings._fields.index("passed_over")
 
 
 class Composition(Protocol):
@@ -101,6 +103,7 @@ class Composition(Protocol):
     metric: Array
     joint_weight: float
     singularity: float
+    passed_over: float
     smooth: bool
     braking: bool
     free_twist_costs: tuple[float, float]
@@ -339,6 +342,7 @@ class CompiledStep:
         if self._edge_arrays is None:
             self._edge_arrays = EDGE.arrays(*self._edge, self._edge[1], "numbers")
         edge = self._edge_arrays
+        step.__dict__["passed_over"] = float(edge.numbers[PASSED])
         if not edge.numbers[FADES]:
             return
         A, b = self._program.A[:, : self._model.nv].copy(), edge.stated.copy()
@@ -577,6 +581,7 @@ class CompiledStep:
                 table[:] = table_of([box], len(table))[0][0]
         for table, window in self._windows:
             table[:, 0], table[:, 1] = window.reference, window.half_width
+        self._inputs.settings[_PASSED_OVER] = composed.passed_over  # type: ignore[index]
         for before, motion in self._motions:
             before[:] = motion.velocity
 

@@ -148,6 +148,7 @@ class Controller:
     Attributes:
         reference_steps: Number of steps by the uncompiled reference, which takes milliseconds (the
             docs' page *Performance* lists the cases); all steps if the solver is not compiled.
+        passed_over: :attr:`Step.passed_over` of the last step; 0 before the first.
 
     Example:
         >>> import mink, qp_twist as qt
@@ -253,6 +254,7 @@ class Controller:
             solver = COMPILED if known else "daqp"
         self.solver = check_solver(solver)
         self.on_infeasible = on_infeasible
+        self.passed_over = 0.0
         self._check_types()
         self._seen: tuple[list[mink.Limit], list[Clearance]] = [], []
         # The last checked configuration, its model and its data.
@@ -341,6 +343,7 @@ class Controller:
             for clearance in clearances:
                 clearance.has_begun = False
         note(step.velocity)
+        self.passed_over = step.passed_over
         return step
 
     def _solved(
@@ -380,11 +383,12 @@ class Controller:
         One step is computed for that; the velocity that acceleration limits count from stays.
         """
         motions = [limit for limit in self.limits if isinstance(limit, MotionLimit)]
-        before = [limit.velocity for limit in motions]
+        before, passed_over = [limit.velocity for limit in motions], self.passed_over
         with contextlib.suppress(NoSolutionFound):
             self.step(configuration, dt)
         if self._prepared is not None:
             self._prepared.load()
+        self.passed_over = passed_over
         for limit, velocity in zip(motions, before, strict=True):
             limit.velocity = velocity
 
@@ -517,7 +521,7 @@ class Controller:
             return None
         fastest = np.min([limit.max_velocity for limit in motions], axis=0)
         hardest = np.min([limit.max_acceleration for limit in motions], axis=0)
-        return Inertia.of(motions[-1].velocity, fastest, hardest, dt)
+        return Inertia.of(motions[-1].velocity, fastest, hardest, dt, self.passed_over)
 
     def _acceleration(self) -> Array | None:
         """The least acceleration limit of each joint, (nv,); ``None`` where there is none."""

@@ -131,6 +131,8 @@ def _with_inertia(posed: Posed, inertia: Inertia, step: Step, solver: str, relax
     weakness of a direction, ψ how much of the step is a relaxed one and s its scale. Where all of
     the task is met, ρ is 0 and the step remains. A regular direction of a scaled task keeps the
     path, at a share u of its speed; what is weak, and all of a relaxed task, keeps only the limits.
+    ψ falls from step to step no faster than a joint's velocity does: a limit that stops the task
+    in one step and not in the next would otherwise call the joints back to the path at once.
 
     Where a task cannot be met, q̇* may turn round from step to step, as a regulator does whose gain
     is above 2. With ζ of the last velocity and 1 − ζ of the new one, the loop stands a gain of
@@ -154,6 +156,7 @@ def _with_inertia(posed: Posed, inertia: Inertia, step: Step, solver: str, relax
     aim = fastest + share * (inertia.before - fastest)
     H = problem.H[:n, :n]
     speed = float(fastest @ H @ fastest)
+    relaxed = inertia.lagging(relaxed)
     kept = (1.0 - rows.weakness) * (1.0 - relaxed)
     scale = step.scale / posed.levels.braked if step.status is Status.SCALED else 1.0
     wide = np.zeros((n + m + 1, n + m + 1))
@@ -174,12 +177,13 @@ def _with_inertia(posed: Posed, inertia: Inertia, step: Step, solver: str, relax
     )  # fmt: skip
     result = solve(program, solver, persist=True)
     if isinstance(result, Refused):
-        return step
+        return replace(step, passed_over=relaxed)
     slower = float(result.x[-1]) if step.status is Status.SCALED else 1.0
     velocity = np.clip(result.x[:n], posed.limits.lower, posed.limits.upper)
     return posed.step(
         velocity, step.status, result.solver, step, scale=slower * scale,
         problem=step.problem, refused=step.refused, gaps=step.gaps, proven=step.proven,
+        passed_over=relaxed,
     )  # fmt: skip
 
 

@@ -48,6 +48,7 @@ class LazyStep(Step):
     scale = 1.0
     status = Status.SOLVED
     solver = COMPILED
+    passed_over = 0.0
     _met = False
     _numbers: bytes
     _size: Sizes

@@ -26,9 +26,13 @@ class Inertia(NamedTuple):
     """q̇ of the last step, rad/s or m/s, (nv,)."""
     share: Array
     """ζ of each joint, (nv,)."""
+    passed_over: float
+    """ψ of the last step."""
 
     @classmethod
-    def of(cls, before: Array, fastest: Array, hardest: Array, dt: float) -> Inertia:
+    def of(
+        cls, before: Array, fastest: Array, hardest: Array, dt: float, passed_over: float
+    ) -> Inertia:
         r"""ζ min(1, a dt/(2 v)): less where a joint cannot reverse in one step anyhow.
 
         Args:
@@ -36,11 +40,20 @@ class Inertia(NamedTuple):
             fastest: v, speed limits, (nv,); joints without one have no inertia.
             hardest: a, acceleration limits, (nv,).
             dt: Length of the step, s.
+            passed_over: ψ of the last step.
         """
         share = np.zeros(len(before))
         limited = np.isfinite(fastest)
         share[limited] = np.minimum(1.0, 0.5 * hardest[limited] * dt / fastest[limited])
-        return cls(before.copy(), INERTIA * share)
+        return cls(before.copy(), INERTIA * share, passed_over)
+
+    def lagging(self, passed_over: float) -> float:
+        """ψ + ζ (ψ_before − ψ)₊ of this step's ψ, with the largest ζ.
+
+        A path that was left is returned to with the same inertia as the joints have.
+        """
+        kept = float(self.share.max(initial=0.0))
+        return passed_over + kept * max(0.0, self.passed_over - passed_over)
 
 
 @dataclass(eq=False)
@@ -121,6 +134,7 @@ class Posed:
         refused: tuple[str, ...] = (),
         gaps: tuple[float, ...] = (),
         proven: bool = True,
+        passed_over: float = 0.0,
     ) -> Step:
         """The step of a solution x of the program.
 
@@ -147,6 +161,7 @@ class Posed:
             refused=refused,
             gaps=gaps,
             proven=proven,
+            passed_over=passed_over,
         )
 
     def residuals(self, velocity: Array, scale: float) -> tuple[Array, ...]:

@@ -676,6 +676,15 @@ def _inert_share(g, dof, dt):
 
 
 @plain
+def _lagging(g, dof_count, passed_over, dt):
+    """``control.posed.Inertia.lagging``."""
+    kept = 0.0
+    for k in range(dof_count):
+        kept = max(kept, _inert_share(g, k, dt)[0])
+    return passed_over + kept * max(0.0, g.settings.passed_over - passed_over)
+
+
+@plain
 def _missed(w, e):
     """How much of the task is not met, from 0 to 1; A q̇ of the rotated rows is left in slope."""
     short, asked = 0.0, 0.0
@@ -695,9 +704,11 @@ def _missed(w, e):
 def _with_inertia(g, w, e, outcome, relaxed, largest, dt, tolerances):
     """``control.edge_step._with_inertia`` of the step in w; ``relaxed`` is ψ. Returns as that."""
     missed = _missed(w, e)
+    e.numbers[PASSED] = 0.0
     if missed == 0.0:
         return outcome
     p, n, m, speed = e.program, len(w.x), len(w.b), 0.0
+    e.numbers[PASSED] = relaxed = _lagging(g, n, relaxed, dt)
     scale = w.sensitivity[0] / w.braking[0] if outcome == SCALED else 1.0
     for k in range(n):
         share, before = _inert_share(g, k, dt)
@@ -767,9 +778,10 @@ def edge_step(g, w, e, qpos, dt, use_secondary, twist_space):
     largest = largest_cost(w)
     e.numbers[PASSED] = 0.0
     outcome = _without_inertia(g, w, e, largest, dt, tolerances)
-    if outcome in (DONE, BRAKED, REFUSED) or not g.settings.inertia > 0.0:
-        return outcome
     relaxed = e.numbers[PASSED]
+    if outcome in (DONE, BRAKED, REFUSED) or not g.settings.inertia > 0.0:
+        e.numbers[PASSED] = 0.0
+        return outcome
     if mode == RELAX or (outcome == RELAXED and relaxed == 0.0):
         relaxed = 1.0
     return _with_inertia(g, w, e, outcome, relaxed, largest, dt, tolerances)
