@@ -257,6 +257,7 @@ def _one(
     tasks = controller.twist_tasks
     before = [(task.target, task.feedforward) for task in tasks]
     velocities = [getattr(limit, "velocity", None) for limit in controller.limits]
+    passed_over = controller.passed_over
     try:
         for task, aim in zip(tasks, aims, strict=True):
             task.set_target(pose_of(aim), aim[12:])
@@ -268,6 +269,7 @@ def _one(
         )
         return taken.velocity, taken.scale
     finally:
+        controller.passed_over = passed_over
         for task, (target, twist) in zip(tasks, before, strict=True):
             if target is not None:
                 task.set_target(target, twist)
