@@ -522,6 +522,7 @@ def excursions(arm: Arm, seeds: Sequence[int], mode: str, limit: float | None) -
     targets = np.array([np.tile(pose, (count, 1, 1)) for pose in home])
     q, before = np.tile(arm.home, (count, 1)), np.zeros((count, arm.model.nv))
     lower, upper = arm.model.jnt_range.T
+    passed_over = np.zeros(count)
     flips, failures = np.zeros(count, dtype=int), np.zeros(count, dtype=int)
     square, mean, excess = np.zeros(count), np.zeros(count), np.full(count, -np.inf)
     steps = round(5.0 / DT)
@@ -531,7 +532,8 @@ def excursions(arm: Arm, seeds: Sequence[int], mode: str, limit: float | None) -
         targets[0, :, :3, 3] = home[0][:3, 3] + by
         targets[0, :, :3, :3] = rotations(window * turn) @ home[0][:3, :3]
         aims = targets if len(arm.frames) > 1 else targets[0]
-        step = qt.batch.step(controller, q, DT, aims, velocity=before)
+        step = qt.batch.step(controller, q, DT, aims, velocity=before, passed_over=passed_over)
+        passed_over = step.passed_over
         failed = np.isnan(step.velocity).any(axis=1)
         failures += failed
         velocity = np.where(failed[:, None], 0.0, step.velocity)

@@ -50,7 +50,6 @@ from qp_twist.kernel.step_kernel import (
     SCALE,
     STEP,
     STEP_INPUTS,
-    Settings,
     StepInputs,
 )
 from qp_twist.kernel.step_record import PROGRAM, Program, Sizes
@@ -87,7 +86,6 @@ _STATUSES = {
     SCALED: Status.SCALED, RELAXED: Status.RELAXED, PRIORITIZED: Status.PRIORITIZED,
     BRAKED: Status.SCALED, FADED: Status.DEGRADED,
 }  # fmt: skip
-_PASSED_OVER = Settings._fields.index("passed_over")
 
 
 class Composition(Protocol):
@@ -103,13 +101,13 @@ class Composition(Protocol):
     metric: Array
     joint_weight: float
     singularity: float
-    passed_over: float
     smooth: bool
     braking: bool
     free_twist_costs: tuple[float, float]
     free_costs: list[FreeTwistCost]
     solver: str
     on_infeasible: str
+    passed_over: float
 
     @property
     def trusts(self) -> bool:
@@ -293,7 +291,7 @@ class CompiledStep:
         for jac, rows_of_task, index, number in self._jacs:
             jac(self._model, self._data, rows_of_task[:3], rows_of_task[3:], index)
             self._inputs.jacobians[number, :, : self._model.nv] = rows_of_task
-        status, at_edge = self._solved(dt, use_secondary)
+        status, at_edge = self._solved(dt, use_secondary, composed.passed_over)
         # A band is relaxed with its level, but the kernel treats it as a limit.
         by_levels = status in (RELAXED, PRIORITIZED)
         if status == REFUSED or (self._banded and (by_levels or self._gives_way(status))):
@@ -311,8 +309,11 @@ class CompiledStep:
             self._describe_edge(step, composed, configuration, dt)
         return step
 
-    def _solved(self, dt: float, use_secondary: bool) -> tuple[int, bool]:
-        """Run the kernel on its arrays; return the outcome, and whether the step is at the edge."""
+    def _solved(self, dt: float, use_secondary: bool, passed_over: float) -> tuple[int, bool]:
+        """Run the kernel on its arrays; return the outcome, and whether the step is at the edge.
+
+        ``passed_over``: ψ of the last step.
+        """
         arrays = self._floats, self._integers
         status = live_step(*arrays, dt, use_secondary, self.twist_space)
         if status == AT_THE_EDGE or (status == INFEASIBLE and self._smooth):
@@ -320,10 +321,18 @@ class CompiledStep:
                 if status == AT_THE_EDGE:
                     return REFUSED, True
                 return live_edge_levels(*arrays, *self._edge, dt), False
+            self._edge_view.numbers[PASSED] = passed_over
             return live_edge_step(*arrays, *self._edge, dt, use_secondary, self.twist_space), True
         if status == INFEASIBLE:
             status = live_infeasible_step(*arrays)
         return status, False
+
+    @property
+    def _edge_view(self) -> EdgeArrays:
+        """The arrays of steps at the edge, as views."""
+        if self._edge_arrays is None:
+            self._edge_arrays = EDGE.arrays(*self._edge, self._edge[1], "numbers")
+        return self._edge_arrays
 
     def load(self) -> None:
         """Load, or compile, what infeasible steps take; it overwrites the last step's program."""
@@ -339,9 +348,7 @@ class CompiledStep:
         self, step: LazyStep, composed: Composition, configuration: mink.Configuration, dt: float
     ) -> None:
         """Record how the directions are computed that a step lacks, if there are any."""
-        if self._edge_arrays is None:
-            self._edge_arrays = EDGE.arrays(*self._edge, self._edge[1], "numbers")
-        edge = self._edge_arrays
+        edge = self._edge_view
         step.__dict__["passed_over"] = float(edge.numbers[PASSED])
         if not edge.numbers[FADES]:
             return
@@ -581,7 +588,6 @@ class CompiledStep:
                 table[:] = table_of([box], len(table))[0][0]
         for table, window in self._windows:
             table[:, 0], table[:, 1] = window.reference, window.half_width
-        self._inputs.settings[_PASSED_OVER] = composed.passed_over  # type: ignore[index]
         for before, motion in self._motions:
             before[:] = motion.velocity
 

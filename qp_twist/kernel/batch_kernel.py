@@ -7,7 +7,7 @@ import numpy as np
 from qp_twist.kernel.arm_kernel import pose_and_jacobian
 from qp_twist.kernel.bounds import MOTION
 from qp_twist.kernel.compiling import kernel
-from qp_twist.kernel.edge_rows import read_edge
+from qp_twist.kernel.edge_rows import PASSED, read_edge
 from qp_twist.kernel.edge_step import edge_step
 from qp_twist.kernel.null_space import INDEPENDENT, least_norm, reflect
 from qp_twist.kernel.step_kernel import infeasible_step, read_step, step
@@ -20,8 +20,8 @@ MINIMUM_NORM, GRADIENT_PROJECTION, RMR, TWA = range(4)
 
 @kernel
 def steps(
-    arms, floats, integers, edge_floats, edge_integers, q, before, targets, dt, use_secondary,
-    twist_space, velocities, scales, done,
+    arms, floats, integers, edge_floats, edge_integers, q, before, passed, targets, dt,
+    use_secondary, twist_space, velocities, scales, done,
 ):  # fmt: skip
     """Compute a controller's step from each row of q (K, nq); for the arrays see ``step_record``.
 
@@ -35,6 +35,7 @@ def steps(
         q: Configurations, (K, nq).
         before: Joint velocities that acceleration limits refer to, (K, nv); or (0, nv), those in
             the tables of the limits.
+        passed: ψ of the last steps, and then of these, (K,).
         targets: R_d (9), p_d (3) and twist (6) of each task, (K, T, 18).
         dt: Length of the steps, s.
         use_secondary: Whether the secondary acts.
@@ -58,13 +59,17 @@ def steps(
                     g.limits[index, dof, 6] = before[k, dof]
         w.active_count[0] = 0  # no warm start: the rows are independent
         status = step(g, w, q[k], dt, use_secondary, twist_space)
-        if status == AT_THE_EDGE or (status == INFEASIBLE and g.settings.smooth > 0.0):
+        at_edge = status == AT_THE_EDGE or (status == INFEASIBLE and g.settings.smooth > 0.0)
+        if at_edge:
             status = REFUSED
             if len(edge_floats) > 0:
+                e.numbers[PASSED] = passed[k]
                 status = edge_step(g, w, e, q[k], dt, use_secondary, twist_space)
         elif status == INFEASIBLE:
             status = infeasible_step(g, w)
         done[k] = status != REFUSED
+        if done[k]:
+            passed[k] = e.numbers[PASSED] if at_edge else 0.0
         scales[k] = w.sensitivity[0]
         for dof in range(len(w.x)):
             velocities[k, dof] = w.x[dof]

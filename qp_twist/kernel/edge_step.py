@@ -676,12 +676,12 @@ def _inert_share(g, dof, dt):
 
 
 @plain
-def _lagging(g, dof_count, passed_over, dt):
-    """``control.posed.Inertia.lagging``."""
+def _lagging(g, dof_count, before, passed_over, dt):
+    """``control.posed.Inertia.lagging``; ``before`` is ψ of the last step."""
     kept = 0.0
     for k in range(dof_count):
         kept = max(kept, _inert_share(g, k, dt)[0])
-    return passed_over + kept * max(0.0, g.settings.passed_over - passed_over)
+    return passed_over + kept * max(0.0, before - passed_over)
 
 
 @plain
@@ -701,18 +701,21 @@ def _missed(w, e):
 
 
 @plain
-def _with_inertia(g, w, e, outcome, relaxed, largest, dt, tolerances):
-    """``control.edge_step._with_inertia`` of the step in w; ``relaxed`` is ψ. Returns as that."""
+def _with_inertia(g, w, e, outcome, before, relaxed, largest, dt, tolerances):
+    """``control.edge_step._with_inertia`` of the step in w. Returns as that.
+
+    ``relaxed`` is ψ of this step, ``before`` of the last one.
+    """
     missed = _missed(w, e)
     e.numbers[PASSED] = 0.0
     if missed == 0.0:
         return outcome
     p, n, m, speed = e.program, len(w.x), len(w.b), 0.0
-    e.numbers[PASSED] = relaxed = _lagging(g, n, relaxed, dt)
+    e.numbers[PASSED] = relaxed = _lagging(g, n, before, relaxed, dt)
     scale = w.sensitivity[0] / w.braking[0] if outcome == SCALED else 1.0
     for k in range(n):
-        share, before = _inert_share(g, k, dt)
-        e.motion[k] = w.x[k] + missed * share * (before - w.x[k])
+        share, velocity = _inert_share(g, k, dt)
+        e.motion[k] = w.x[k] + missed * share * (velocity - w.x[k])
     _begin_program(w, e, largest, 1.0)
     for i in range(n):
         for j in range(n):
@@ -747,7 +750,7 @@ def edge_step(g, w, e, qpos, dt, use_secondary, twist_space):
     Args:
         g: Inputs of the step.
         w: Its program, which receives the result.
-        e: ``edge_rows.EdgeArrays``.
+        e: ``edge_rows.EdgeArrays``; ``numbers[PASSED]`` is ψ of the last step, and then of this.
         qpos: q, (nq,).
         dt: Length of the step, s.
         use_secondary: Whether the secondary acts.
@@ -776,7 +779,7 @@ def edge_step(g, w, e, qpos, dt, use_secondary, twist_space):
         return REFUSED
     joint_cost(w, e)
     largest = largest_cost(w)
-    e.numbers[PASSED] = 0.0
+    before, e.numbers[PASSED] = e.numbers[PASSED], 0.0
     outcome = _without_inertia(g, w, e, largest, dt, tolerances)
     relaxed = e.numbers[PASSED]
     if outcome in (DONE, BRAKED, REFUSED) or not g.settings.inertia > 0.0:
@@ -784,4 +787,4 @@ def edge_step(g, w, e, qpos, dt, use_secondary, twist_space):
         return outcome
     if mode == RELAX or (outcome == RELAXED and relaxed == 0.0):
         relaxed = 1.0
-    return _with_inertia(g, w, e, outcome, relaxed, largest, dt, tolerances)
+    return _with_inertia(g, w, e, outcome, before, relaxed, largest, dt, tolerances)

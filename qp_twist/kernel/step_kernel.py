@@ -63,8 +63,6 @@ class Settings(NamedTuple):
     """Whether a task is slowed down so that the joints can stop in time; 1 or 0."""
     inertia: float
     """Whether joints keep a share of their velocity where a task is not met; 1 or 0."""
-    passed_over: float = 0.0
-    """ψ of the last step, see ``edge_step``; written before every step."""
 
 
 class StepInputs(NamedTuple):

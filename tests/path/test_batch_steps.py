@@ -57,6 +57,7 @@ def test_many_steps_are_the_steps_one_by_one(seed: int, space: Any) -> None:
     for k in range(len(q)):
         task.set_target(targets[k])
         composed.limits[0].velocity = np.zeros(6)  # type: ignore[attr-defined]
+        composed.passed_over = 0.0
         expected = composed.step(mink.Configuration(MODEL, q[k]), 0.05)
         size = 1.0 + np.abs(expected.velocity).max()
         np.testing.assert_allclose(done.velocity[k], expected.velocity, atol=1e-9 * size)
@@ -65,21 +66,29 @@ def test_many_steps_are_the_steps_one_by_one(seed: int, space: Any) -> None:
 
 
 @settings(max_examples=15, deadline=None)
-@given(st.integers(0, 2**32 - 1))
-def test_each_row_has_its_own_velocity_before(seed: int) -> None:
-    """Acceleration limits refer to it, in the kernel and where the reference computes the row."""
+@given(st.integers(0, 2**32 - 1), st.sampled_from([None, 10.0]), st.sampled_from([0.0, 0.5]))
+def test_each_row_has_its_own_state_before(
+    seed: int, acceleration: float | None, away: float
+) -> None:
+    """Its velocity and what it passed over, in the kernel and where the reference computes it."""
     rng = np.random.default_rng(seed)
     q, targets = rows(rng, 6)
-    before = rng.normal(size=(6, MODEL.nv))
+    targets = [mink.SE3.from_translation(away * rng.normal(size=3)) @ target for target in targets]
+    before, passed_over = rng.normal(size=(6, MODEL.nv)), rng.random(6)
     task = qt.TwistTask.axis_free("tool", "site")
-    limit = qt.MotionLimit(MODEL, velocity=3.0, acceleration=10.0)
+    limit = qt.MotionLimit(MODEL, velocity=3.0, acceleration=acceleration)
     composed = qt.Controller(MODEL, [task], limits=[limit])
-    done = qt.batch.step(composed, q, 0.05, targets, velocity=before, threads=1)
+    done = qt.batch.step(
+        composed, q, 0.05, targets, velocity=before, passed_over=passed_over, threads=1
+    )
     np.testing.assert_array_equal(limit.velocity, 0.0)
+    assert composed.passed_over == 0.0
     for k in range(len(q)):
         task.set_target(targets[k])
+        composed.passed_over = passed_over[k]
         expected = composed.step(mink.Configuration(MODEL, q[k]), 0.05, velocity=before[k])
         np.testing.assert_allclose(done.velocity[k], expected.velocity, atol=1e-8)
+        assert done.passed_over[k] == pytest.approx(expected.passed_over, abs=1e-9)
 
 
 def test_threads_and_the_form_of_targets_make_no_difference_and_nothing_is_changed() -> None:

@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from qp_twist import closed_form as one_by_one
 from qp_twist.checks import Array, finite_array, instance, number, one_of
-from qp_twist.control import Controller
+from qp_twist.control import Controller, Step
 from qp_twist.control.composition import composition_known
 from qp_twist.errors import InvalidInput, QpTwistError
 from qp_twist.following.batch.rigid import pose_of, rigid_motions
@@ -35,12 +35,14 @@ class Steps:
     Attributes:
         velocity: q̇ of each step, rad/s or m/s, (K, nv); NaN without a step.
         scale: Scale s of each step, (K,).
+        passed_over: :attr:`Step.passed_over <qp_twist.Step.passed_over>` of each, (K,).
         by_reference: Which steps were computed by ``Controller.step``, not the kernel, (K,).
         failures: Exceptions of ``Controller.step``, by index of the row.
     """
 
     velocity: Array
     scale: Array
+    passed_over: Array
     by_reference: Mask
     failures: dict[int, str]
 
@@ -53,6 +55,7 @@ def step(
     *,
     use_secondary: bool = True,
     velocity: npt.ArrayLike | None = None,
+    passed_over: npt.ArrayLike | None = None,
     others: bool = True,
     threads: int | None = None,
 ) -> Steps:
@@ -73,6 +76,7 @@ def step(
         use_secondary: Whether the secondary acts, as for a single step.
         velocity: Joint velocities before the steps, rad/s or m/s, (K, nv), which acceleration
             limits and inertia refer to; by default the one stored in the controller.
+        passed_over: That of the steps before, (K,); by default the controller's.
         others: Whether to compute the remaining steps by ``Controller.step``; if not, their
             velocity is NaN.
         threads: Number of threads; all cores by default.
@@ -92,6 +96,9 @@ def step(
     if velocity is not None:
         before = finite_array("velocity", velocity, (len(given), controller.model.nv))
         before = np.ascontiguousarray(before)
+    passed = np.full(len(given), controller.passed_over)
+    if passed_over is not None:
+        passed = finite_array("passed_over", passed_over, (len(given),)).copy()
     arrays, twist_space = None, None
     if composition_known(controller.levels, controller.limits):
         compiled = CompiledStep(controller)
@@ -115,7 +122,8 @@ def step(
     def some(part: slice) -> None:
         batch_kernel.steps(
             arms, *(array.copy() for array in program), given[part], before[part],
-            aims[part], dt, bool(use_secondary), twist_space, found[part], scale[part], done[part],
+            passed[part], aims[part], dt, bool(use_secondary), twist_space, found[part],
+            scale[part], done[part],
         )  # fmt: skip
 
     shared(len(given), some, threads)
@@ -125,12 +133,12 @@ def step(
     for k in np.flatnonzero(~done) if others else ():
         try:
             moving = before[k] if len(before) else None
-            taken = _one(controller, given[k], dt, aims[k], bool(use_secondary), moving)
+            taken = _one(controller, given[k], dt, aims[k], bool(use_secondary), moving, passed[k])
         except QpTwistError as error:
             found[k], scale[k], failures[int(k)] = np.nan, np.nan, str(error)
         else:
-            found[k], scale[k] = taken
-    return Steps(found, scale, ~done, failures)
+            found[k], scale[k], passed[k] = taken.velocity, taken.scale, taken.passed_over
+    return Steps(found, scale, passed, ~done, failures)
 
 
 def closed_form(
@@ -252,24 +260,24 @@ def _one(
     aims: Array,
     use_secondary: bool,
     velocity: Array | None,
-) -> tuple[Array, float]:
+    passed_over: float,
+) -> Step:
     """A step of the reference, which leaves the controller unchanged."""
     tasks = controller.twist_tasks
     before = [(task.target, task.feedforward) for task in tasks]
     velocities = [getattr(limit, "velocity", None) for limit in controller.limits]
-    passed_over = controller.passed_over
+    stored_share, controller.passed_over = controller.passed_over, passed_over
     try:
         for task, aim in zip(tasks, aims, strict=True):
             task.set_target(pose_of(aim), aim[12:])
-        taken = controller.step(
+        return controller.step(
             mink.Configuration(controller.model, q),
             dt,
             use_secondary=use_secondary,
             velocity=velocity,
         )
-        return taken.velocity, taken.scale
     finally:
-        controller.passed_over = passed_over
+        controller.passed_over = stored_share
         for task, (target, twist) in zip(tasks, before, strict=True):
             if target is not None:
                 task.set_target(target, twist)
