@@ -298,8 +298,9 @@ class Servo:
         if share in (0.0, 1.0) or not controller.secondary:
             step = controller.step(configuration, dt, use_secondary=share > 0.0)
             return step, step.velocity
-        before = self._velocity
+        before, passed_over = self._velocity, controller.passed_over
         without = controller.step(configuration, dt, use_secondary=False, velocity=before)
+        controller.passed_over = passed_over
         step = controller.step(configuration, dt, velocity=before)
         velocity: Array = (1.0 - share) * without.velocity + share * step.velocity
         controller.note(velocity)
