@@ -199,7 +199,7 @@ class Clearance(Constraint):
     ) -> mink.Constraint:
         """The same as G Δq ≤ h."""
         rows = self.step_rows(configuration, dt)
-        return mink.Constraint(G=rows.rows, h=rows.bounds * dt)
+        return mink.Constraint(G=rows.rows.copy(), h=rows.bounds * dt)
 
     def row_name(self, row: int) -> str:
         """Name of the pair of a row of the last step."""

@@ -26,7 +26,7 @@ _EXACT = 1e-10
 
 
 class PairRows(NamedTuple):
-    """Rows G q̇ ≤ g of a step."""
+    """Rows G q̇ ≤ g of a step; G is a view that the next step overwrites."""
 
     rows: Array
     """G, (k, nv)."""
@@ -76,7 +76,7 @@ class ClearanceStep:
             )  # fmt: skip
         k = self._count
         return PairRows(
-            arrays.G[:k].copy(), arrays.h[:k] / dt, arrays.room[:k] / dt, arrays.pair[:k].copy()
+            arrays.G[:k], arrays.h[:k] / dt, arrays.room[:k] / dt, arrays.pair[:k].copy()
         )
 
     def pair_of(self, row: int) -> int:

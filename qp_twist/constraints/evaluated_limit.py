@@ -94,7 +94,7 @@ class EvaluatedLimit:
         if not len(rows.bounds):
             return None
         recovering: tuple[str, ...] = ()
-        if rows.bounds.min() < 0.0:
+        if min(rows.bounds.tolist()) < 0.0:  # faster than numpy's for so few
             recovering = _recovering(clearance, configuration)
         box = no_box(clearance.kind, configuration.model.nv)
         return cls(clearance, box, *rows, recovering)

@@ -224,7 +224,7 @@ class CompiledProgram:
         status: int = program_step(
             self._H, self._c, self._lift, STEEPEST, dt, self._A, self._b, self._box, self._rows,
             self._ends, UNLIMITED, arrays.floats, arrays.integers, arrays.level_ends, threshold,
-            TOLERANCES, arrays.R, arrays.work, arrays.held,
+            TOLERANCES,
         )  # fmt: skip
         if status == INFEASIBLE and scales:
             status = scaled_step(arrays.floats, arrays.integers, TOLERANCES)
@@ -276,9 +276,6 @@ class _Arrays:
         self._most = Sizes(n, m, 0, 1, 0, n, 0, 0, room)
         self.floats, self.integers = PROGRAM.allocate(self._most)
         self.level_ends = np.array([m])
-        self.R = np.zeros((n, n))
-        self.work = np.zeros((4 + -(-room // (n + 1)), n + 1))
-        self.held = np.zeros(m + room + 3 * n, dtype=np.int64)
         self._by_rows: dict[int, tuple[Sizes, Array]] = {}
 
     def begin(self, k: int) -> tuple[Sizes, Array]:

@@ -13,6 +13,7 @@ import numpy.typing as npt
 
 from qp_twist.checks import Array
 from qp_twist.constraints import (
+    Clearance,
     DisplacementWindow,
     EvaluatedLimit,
     MotionLimit,
@@ -180,6 +181,7 @@ class CompiledStep:
         )  # fmt: skip
         self._capacity = capacity
         self._floats, self._integers = STEP.allocate(size)
+        self._by_rows: dict[int, tuple[StepInputs, Program, Array]] = {}
         self._edge: tuple[Array, npt.NDArray[np.int64]] = EDGE.allocate(self._edge_size)
         self._take_rows(0)
         g = self._inputs
@@ -213,6 +215,9 @@ class CompiledStep:
             (t, limit) for t, limit in tables if type(limit) not in BOXES and not is_mink_box(limit)
         ]
         self._calls_python = bool(self._evaluated_limits or self._soft_tasks or self._python_tasks)
+        self._only_clearances = not self._soft_tasks and all(
+            isinstance(limit, Clearance) for _, limit in self._evaluated_limits
+        )
         self._banded = False
         self._data: mujoco.MjData | None = None
         self._jacs: list[tuple[Callable[..., None], Array, int, int]] = []
@@ -249,17 +254,21 @@ class CompiledStep:
         return self._size._replace(nv=n, dense=n, levels=1, limits=0, free=0, others=0)
 
     def _take_rows(self, k: int) -> None:
-        """Make the views for k inequality rows."""
-        self._size = self._size._replace(k=k)
-        STEP.resize(self._integers, self._size)
+        """Take the views for k inequality rows; they are made the first time."""
+        size = self._size = self._size._replace(k=k)
+        STEP.resize(self._integers, size)
         EDGE.resize(self._edge[1], self._edge_size)
         self._edge_arrays: EdgeArrays | None = None
-        stages = STEP.arrays(self._floats, self._integers, self._integers)
-        self._inputs: StepInputs = stages.inputs
-        self._program: Program = stages.program
+        known = self._by_rows.get(k)
+        if known is None:
+            stages = STEP.arrays(self._floats, self._integers, self._integers)
+            first = STEP_INPUTS.layout(size).floats
+            result = self._floats[first : first + PROGRAM.end(size, "sensitivity")]
+            known = self._by_rows[k] = stages.inputs, stages.program, result
+        self._inputs: StepInputs
+        self._program: Program
+        self._inputs, self._program, self._result = known
         self._program.active_count[0] = 0
-        first = STEP_INPUTS.layout(self._size).floats
-        self._result = self._floats[first : first + PROGRAM.end(self._size, "sensitivity")]
 
     def __call__(
         self,
@@ -322,7 +331,10 @@ class CompiledStep:
                     return REFUSED, True
                 return live_edge_levels(*arrays, *self._edge, dt), False
             self._edge_view.numbers[PASSED] = passed_over
-            return live_edge_step(*arrays, *self._edge, dt, use_secondary, self.twist_space), True
+            found = live_edge_step(
+                *arrays, *self._edge, dt, use_secondary, self.twist_space, status == INFEASIBLE
+            )
+            return found, True
         if status == INFEASIBLE:
             status = live_infeasible_step(*arrays)
         return status, False
@@ -339,7 +351,9 @@ class CompiledStep:
         if self._smooth and len(self._levels) > 1:
             live_edge_levels(self._floats, self._integers, *self._edge, 1.0)
         elif self._smooth:
-            live_edge_step(self._floats, self._integers, *self._edge, 1.0, False, self.twist_space)
+            live_edge_step(
+                self._floats, self._integers, *self._edge, 1.0, False, self.twist_space, False
+            )
         else:
             live_infeasible_step(self._floats, self._integers)
         self._program.active_count[0] = 0
@@ -385,25 +399,26 @@ class CompiledStep:
             The sources of the inequality rows; ``None`` if the numbers of rows or slacks of the
             tasks have changed.
         """
-        with np.errstate(over="ignore", invalid="ignore"):  # non-finite values are refused later
-            evaluated = [
-                EvaluatedLimit.of(limit, configuration, dt) for _, limit in self._evaluated_limits
-            ]
-            costs = mink_costs(self._soft_tasks, configuration, dt) if self._soft_tasks else None
+        evaluated, costs = self._evaluated(configuration, dt)
         rows: list[EvaluatedLimit | BandRows] = [s for s in evaluated if s is not None]
-        for task in self._tasks:
-            rows += task.band_rows(configuration, dt)
-        k = sum(len(source.bounds) for source in rows)
-        weights = [r.weight for r in rows if isinstance(r, BandRows) and r.weight is not None]
-        if k > self._capacity or len(weights) != self._slacks:
+        slacks = 0
+        for task in self._tasks if self._banded else ():
+            bands = task.band_rows(configuration, dt)
+            slacks += sum(band.weight is not None for band in bands)
+            rows += bands
+        k = 0
+        for source in rows:
+            k += len(source.bounds)
+        if k > self._capacity or slacks != self._slacks:
             self._lay_out(composed, max(2 * k, self._capacity))
             self._tasks_known()
-        if len(weights) != self._slacks:
+        if slacks != self._slacks:
             return None
         if k != self._size.k:
             self._take_rows(k)
-        for (table, _), limit in zip(self._evaluated_limits, evaluated, strict=True):
-            table[:, 0], table[:, 1] = (-np.inf, np.inf) if limit is None else limit.box[1:]
+        for (table, limit), found in zip(self._evaluated_limits, evaluated, strict=True):
+            if not isinstance(limit, Clearance):  # which has no bounds
+                table[:, 0], table[:, 1] = (-np.inf, np.inf) if found is None else found.box[1:]
         hardest = 0.0
         if costs is not None:
             nv = composed.model.nv
@@ -414,16 +429,31 @@ class CompiledStep:
             return None
         return rows
 
+    def _evaluated(
+        self, configuration: mink.Configuration, dt: float
+    ) -> tuple[list[EvaluatedLimit | None], tuple[Array, Array] | None]:
+        """The limits of other classes, in their order, and the costs of other tasks."""
+        if self._only_clearances:
+            limits = self._evaluated_limits
+            return [EvaluatedLimit.of(limit, configuration, dt) for _, limit in limits], None
+        with np.errstate(over="ignore", invalid="ignore"):  # non-finite values are refused later
+            evaluated = [
+                EvaluatedLimit.of(limit, configuration, dt) for _, limit in self._evaluated_limits
+            ]
+            costs = mink_costs(self._soft_tasks, configuration, dt) if self._soft_tasks else None
+        return evaluated, costs
+
     def _write_rows(
         self, rows: list[EvaluatedLimit | BandRows], composed: Composition, hardest: float
     ) -> None:
         """Write the inequality rows; ``hardest`` is the largest quadratic cost of other tasks."""
         nv, metric = composed.model.nv, self._inputs.metric
         first, slack, G = 0, nv, self._program.G
-        # Slacks are scaled so that their cost is about that of the joints.
-        cost = max(composed.joint_weight * float(metric[:nv].max()), hardest)
-        metric[nv:] = cost / composed.joint_weight
-        G[:, nv:] = 0.0
+        cost = 0.0
+        if self._slacks:  # they are scaled so that their cost is about that of the joints
+            cost = max(composed.joint_weight * float(metric[:nv].max()), hardest)
+            metric[nv:] = cost / composed.joint_weight
+            G[:, nv:] = 0.0
         for source in rows:
             end = first + len(source.bounds)
             G[first:end, :nv], self._program.g[first:end] = source.rows, source.bounds

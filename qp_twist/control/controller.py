@@ -256,7 +256,8 @@ class Controller:
         self.on_infeasible = on_infeasible
         self.passed_over = 0.0
         self._check_types()
-        self._seen: tuple[list[mink.Limit], list[Clearance]] = [], []
+        self._seen: tuple[list[mink.Limit], list[Clearance], list[MotionLimit]] = [], [], []
+        self._hardest: tuple[list[int], Array | None] = [], None
         # The last checked configuration, its model and its data.
         self._checked = _NOT_CHECKED
         self._identity = np.eye(model.nv)
@@ -320,7 +321,7 @@ class Controller:
             self._check_configuration(configuration)
         if velocity is not None:
             self.note(velocity)
-        clearances = self._clearances()
+        clearances = self._sorted_limits()[1]
         if clearances:
             moving = self._moving()
             for clearance in clearances:
@@ -525,19 +526,24 @@ class Controller:
 
     def _acceleration(self) -> Array | None:
         """The least acceleration limit of each joint, (nv,); ``None`` where there is none."""
-        stated = [v.max_acceleration for v in self.limits if isinstance(v, MotionLimit)]
-        if not any(np.isfinite(limits).any() for limits in stated):
-            return None
-        least: Array = np.min(stated, axis=0)
+        motions = self._sorted_limits()[2]
+        known, least = self._hardest
+        revisions = [limit.revision for limit in motions]
+        if revisions != known:
+            stated = [limit.max_acceleration for limit in motions]
+            least = None
+            if any(np.isfinite(limits).any() for limits in stated):
+                least = np.min(stated, axis=0)
+            self._hardest = revisions, least
         return least
 
-    def _clearances(self) -> list[Clearance]:
-        """Those of the limits, which may have changed since the last step."""
-        known, found = self._seen
-        if self.limits != known:
-            found = [limit for limit in self.limits if isinstance(limit, Clearance)]
-            self._seen = list(self.limits), found
-        return found
+    def _sorted_limits(self) -> tuple[list[mink.Limit], list[Clearance], list[MotionLimit]]:
+        """The limits, which may have changed since the last step, and those of two kinds."""
+        if self.limits != self._seen[0]:
+            clearances = [limit for limit in self.limits if isinstance(limit, Clearance)]
+            motions = [limit for limit in self.limits if isinstance(limit, MotionLimit)]
+            self._seen, self._hardest = (list(self.limits), clearances, motions), ([], None)
+        return self._seen
 
     def _moving(self) -> tuple[Array | None, Array | None]:
         """Velocity and accelerations of the joints, (nv,), for what has to stop in time."""

@@ -61,10 +61,10 @@ def steps(
         status = step(g, w, q[k], dt, use_secondary, twist_space)
         at_edge = status == AT_THE_EDGE or (status == INFEASIBLE and g.settings.smooth > 0.0)
         if at_edge:
-            status = REFUSED
+            is_infeasible, status = status == INFEASIBLE, REFUSED
             if len(edge_floats) > 0:
                 e.numbers[PASSED] = passed[k]
-                status = edge_step(g, w, e, q[k], dt, use_secondary, twist_space)
+                status = edge_step(g, w, e, q[k], dt, use_secondary, twist_space, is_infeasible)
         elif status == INFEASIBLE:
             status = infeasible_step(g, w)
         done[k] = status != REFUSED

@@ -74,7 +74,7 @@ def closest(w, p, first, end, longest):
         The number of active constraints, −1 on failure; and the remaining gradient.
     """
     n, held = len(w.x), p.held_count[0]
-    count, left, none = 0, math.inf, len(w.nothing)
+    count, left = 0, math.inf
     for turn in range(_ROUNDS):
         sharper = min(max(1.0, 2.0 ** (turn - _USUAL)), _SHARPEST)
         weight = (_PROXIMAL / sharper * longest) ** 2
@@ -94,9 +94,9 @@ def closest(w, p, first, end, longest):
         if not cholesky_inverse(p.H, p.J):
             return -1, left
         status, count = active_set(
-            p.c, p.E[:held], p.e[:held], w.G, w.g, p.lengths, w.lower, w.upper, p.active, none, p.x,
-            p.u, p.J, p.R, p.held, p.work,
-        )  # fmt: skip
+            p.c, p.E[:held], p.e[:held], w.G, w.g, p.lengths, w.lower, w.upper, p.active, count,
+            p.x, p.u, p.J, p.R, p.held, p.work,
+        )  # fmt: skip  # it begins with the constraints that were active in the last iteration
         if status != SOLVED or not clip_to_bounds(p.x, w.lower, w.upper):
             return -1, left
         left = 0.0

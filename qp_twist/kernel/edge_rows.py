@@ -86,6 +86,10 @@ class EdgeArrays(NamedTuple):
     """q̇ of the levels above, and which bounds they hold: see ``edge_levels``."""
     fixed: Annotated[Floats, "nv - m - 1"]
     program: Program
+    slim: Annotated[Program, {"nv": "nv - m", "dense": "nv - m"}]
+    """Without slacks."""
+    bare: Annotated[Program, {"nv": "nv - m - 1", "dense": "nv - m - 1", "m": "0"}]
+    """In the joints alone, without rows."""
 
 
 SIZE, SMALLEST, FAR, DEGRADED, FITTING, REACH, FADES, PASSED = range(8)
@@ -240,11 +244,11 @@ def lengthen(g, w, e, dt, steps):
 
 
 @plain
-def ease(g, w, e, dt, steps):
+def ease(g, w, e, p, dt, steps):
     """Bounds of this step that also hold for one ``steps`` times as long; false if there are none.
 
     A joint then approaches its position limit over several steps, as all do what must not touch:
-    the program's g is eased, too.
+    g of the program p is eased, too.
     """
     if not lengthen(g, w, e, dt, steps):
         return False
@@ -253,7 +257,7 @@ def ease(g, w, e, dt, steps):
         upper = max(min(w.upper[i], e.upper[i]), w.lower[i])
         e.lower[i], e.upper[i] = lower, max(lower, upper)
     for row in range(len(w.g)):
-        e.program.g[row] = w.g[row] - g.rooms[row] * (1.0 - 1.0 / steps)
+        p.g[row] = w.g[row] - g.rooms[row] * (1.0 - 1.0 / steps)
     return True
 
 

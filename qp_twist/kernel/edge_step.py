@@ -40,6 +40,7 @@ from qp_twist.kernel.edge_rows import (
     task_motion,
     weaken,
 )
+from qp_twist.kernel.joint_program import joint_program
 from qp_twist.kernel.reduced_program import reduced_program, unlimited
 from qp_twist.kernel.step_kernel import (
     RAISE,
@@ -60,6 +61,7 @@ from qp_twist.kernel.verified_program import (
     RELAXED,
     SCALED,
     clip_to_bounds,
+    excess_of,
     solved_program,
 )
 
@@ -156,62 +158,93 @@ def joint_cost(w, e):
 
 
 @plain
-def _begin_program(w, e, of_slacks, of_scale):
+def _program(e):
+    """Where the step is posed: without slacks if no direction needs one."""
+    for i in range(len(e.missing)):
+        if e.missing[i] > 0.0:
+            return e.program
+    return e.slim
+
+
+@part
+def _slacks(p, w):
+    """Number of slacks of a program with the scale."""
+    return len(p.x) - len(w.x) - 1
+
+
+@plain
+def _begin_program(w, e, p, of_slacks, of_scale):
     """The costs H, of slacks and of the scale, no linear cost, and all limits."""
-    p, n, m = e.program, len(w.x), len(w.b)
-    for i in range(n + m + 1):
-        for j in range(n + m + 1):
+    n, unknowns = len(w.x), len(p.x)
+    for i in range(unknowns):
+        for j in range(unknowns):
             p.dense[i, j] = e.cost[i, j] if i < n and j < n else 0.0
         p.c[i], p.lower[i], p.upper[i] = 0.0, -math.inf, math.inf
     for i in range(n):
         p.lower[i], p.upper[i] = w.lower[i], w.upper[i]
-    for i in range(m):
+    for i in range(_slacks(p, w)):
         p.dense[n + i, n + i] = of_slacks
         if e.missing[i] > 0.0:
             p.lower[n + i], p.upper[n + i] = -e.numbers[REACH], e.numbers[REACH]
-    p.dense[n + m, n + m] = of_scale
+    if unknowns > n:
+        p.dense[unknowns - 1, unknowns - 1] = of_scale
     for row in range(len(w.g)):
         p.g[row] = w.g[row]
-        for i in range(n + m + 1):
+        for i in range(unknowns):
             p.G[row, i] = w.G[row, i] if i < n else 0.0
-    p.active_count[0] = 0
 
 
 @plain
-def _write_rows(w, e, scale, of_u):
+def _write_rows(w, e, p, scale, of_u):
     """Write the rows B q̇ − S z − ``of_u`` slope u = at_rest + ``scale`` slope."""
-    p, n, m = e.program, len(w.x), len(w.b)
-    for i in range(m):
+    n, slacks = len(w.x), _slacks(p, w)
+    for i in range(len(w.b)):
         for k in range(n):
             p.A[i, k] = e.rows[i, k]
-        for j in range(m):
+        for j in range(slacks):
             p.A[i, n + j] = -e.missing[i] if i == j else 0.0
-        p.A[i, n + m] = -of_u * e.slope[i]
+        p.A[i, n + slacks] = -of_u * e.slope[i]
         p.b[i] = e.at_rest[i] + scale * e.slope[i]
 
 
 @plain
 def _solved(p, tolerances):
-    """Factorise H and solve the program in e; returns as ``solved_program``."""
+    """Factorise H and solve the program in e; returns as ``solved_program``.
+
+    It begins with the constraints that were active in the last program of this step.
+    """
     if not cholesky_inverse(p.dense, p.J):
         return REFUSED
     return solved_program(p, tolerances)
 
 
 @plain
-def _pose(w, e, largest):
+def _solved_in_joints(p, tolerances):
+    """The same of a program without rows, as ``DONE`` or ``REFUSED``."""
+    if not cholesky_inverse(p.dense, p.J):
+        return REFUSED
+    if joint_program(p) != SOLVED:
+        return REFUSED
+    if not clip_to_bounds(p.x, p.lower, p.upper):
+        return REFUSED
+    return DONE if excess_of(p, tolerances) <= 1.0 else REFUSED
+
+
+@plain
+def _pose(w, e, p, largest):
     """Write the program at full speed."""
-    _begin_program(w, e, largest, 1.0)
+    _begin_program(w, e, p, largest, 1.0)
     for k in range(len(w.x)):
-        e.program.c[k] = w.c[k]
-    _write_rows(w, e, 1.0, 0.0)
+        p.c[k] = w.c[k]
+    _write_rows(w, e, p, 1.0, 0.0)
 
 
 @plain
 def _as_posed(w, e, largest, tolerances):
     """Solve the program at full speed."""
-    _pose(w, e, largest)
-    return _solved(e.program, tolerances)
+    p = _program(e)
+    _pose(w, e, p, largest)
+    return _solved(p, tolerances)
 
 
 @plain
@@ -219,13 +252,13 @@ def _strain(w, e, largest, dt):
     """As ``control.edge_step.strain``; negative on failure."""
     if e.numbers[DEGRADED] == 0.0:
         return 0.0
-    p, n, m, square = e.program, len(w.x), len(w.b), 0.0
-    _pose(w, e, largest)
+    p, unknowns, square = _program(e), len(_program(e).x), 0.0
+    _pose(w, e, p, largest)
     if not (cholesky_inverse(p.dense, p.J) and unlimited(p)):
         return -1.0
-    for i in range(m):
+    for i in range(len(w.b)):
         beyond = 0.0
-        for k in range(n + m):
+        for k in range(unknowns - 1):
             beyond += p.A[i, k] * (min(max(p.x[k], p.lower[k]), p.upper[k]) - p.x[k])
         square += beyond * beyond
     short = e.numbers[DEGRADED] * dt * math.sqrt(square)
@@ -243,17 +276,30 @@ def excess(damping, size):
 def _shortfall(w, e, largest, dt, tolerances):
     """r, m and rad: what the limits do not allow of the task's displacement; negative on failure.
 
-    The multipliers of the limits in the way are written to ``e.program.sensitivity``.
+    The multipliers of the limits in the way are written to ``sensitivity`` of the program.
     """
-    p, m, square = e.program, len(w.b), 0.0
-    _begin_program(w, e, largest, 1.0)
-    _write_rows(w, e, 1.0, 0.0)
+    p, m, square = _program(e), len(w.b), 0.0
+    _begin_program(w, e, p, largest, 1.0)
+    _write_rows(w, e, p, 1.0, 0.0)
     begin(p, p.levels)
     if take_level(p, p.levels, 0, 0, m, tolerances) == NOT_PROVEN:
         return -1.0
     for i in range(m):
         square += p.levels.r[i] * p.levels.r[i]
     return dt * math.sqrt(square)
+
+
+@plain
+def _begin_with(p, sensitivity):
+    """Let the program in the joints begin with the limits that have multipliers."""
+    n, k, count = len(p.x), len(p.g), 0
+    for i in range(n + k):
+        multiplier = sensitivity[1 + i]
+        if multiplier == 0.0 or count == n:
+            continue
+        p.active[count] = i - n if i >= n else k + i + (n if multiplier > 0.0 else 0)
+        count += 1
+    p.active_count[0] = count
 
 
 @plain
@@ -314,19 +360,15 @@ def relaxed_cost(e, c, goal, first, end, more, weight, H, linear):
 @plain
 def _relaxed(w, e, short, largest, dt, tolerances):
     """The damped least squares of the task inside the limits; returns ``DONE`` or ``REFUSED``."""
-    p, n, m = e.program, len(w.x), len(w.b)
+    p, n, m = e.bare, len(w.x), len(w.b)  # z = 0
     size, far = e.numbers[SIZE], e.numbers[FAR]
     more = BEND * size * short
     weight = NULL_SHARE * excess(far + BEND * size * short, size) / largest
     for k in range(n):
         e.motion[k] = 0.0
-    _begin_program(w, e, 1.0, 1.0)
-    relaxed_cost(e, w.c, e.goal, 0, m, more, weight, p.dense, p.c[:n])
-    for i in range(m):  # the slacks have no part in it: z = 0
-        for k in range(n + m + 1):
-            p.A[i, k] = 1.0 if k == n + i else 0.0
-        p.b[i], p.lower[n + i], p.upper[n + i] = 0.0, -math.inf, math.inf
-    return DONE if _solved(p, tolerances) == DONE else REFUSED
+    _begin_program(w, e, p, 1.0, 1.0)
+    relaxed_cost(e, w.c, e.goal, 0, m, more, weight, p.dense, p.c)
+    return _solved_in_joints(p, tolerances)
 
 
 @plain
@@ -348,15 +390,16 @@ def _largest(w, e, backoff):
 
     The derivatives of s* by the limits are written to ``e.sensitivity``.
     """
-    p, n, m = e.program, len(w.x), len(w.b)
+    p, n = _program(e), len(w.x)
+    u = len(p.x) - 1
     speed = _scaled_motion(e, 0.0, 1.0, e.motion)
-    _begin_program(w, e, _LINEAR, 1.0)
+    _begin_program(w, e, p, _LINEAR, 1.0)
     furthest = 1.0
     for i in range(n):
         for j in range(n):
             p.dense[i, j] = _LINEAR if i == j else 0.0
-    p.c[n + m], p.lower[n + m], p.upper[n + m] = -2.0, 0.0, 1.0
-    _write_rows(w, e, 0.0, 1.0)
+    p.c[u], p.lower[u], p.upper[u] = -2.0, 0.0, 1.0
+    _write_rows(w, e, p, 0.0, 1.0)
     if not cholesky_inverse(p.dense, p.J):
         return -2.0
     status = reduced_program(p)
@@ -364,8 +407,8 @@ def _largest(w, e, backoff):
         return -1.0
     if status != SOLVED or not clip_to_bounds(p.x, p.lower, p.upper):
         return -2.0
-    scale = p.x[n + m]
-    for i in range(n + m):
+    scale = p.x[u]
+    for i in range(u):
         furthest = max(furthest, abs(p.x[i]))
     least = _OF_THE_MOTION * _LINEAR * furthest
     for i in range(n):
@@ -378,11 +421,12 @@ def _largest(w, e, backoff):
 @plain
 def _worthwhile(g, w, e, top, largest, dt, tolerances):
     """The scale s = u s* that is worth its joint motion; −1 on failure. The motion is in e."""
-    p, n, m = e.program, len(w.x), len(w.b)
-    _begin_program(w, e, largest, 1.0)
-    if not ease(g, w, e, dt, 1.0 + (SPREAD - 1.0) * (1.0 - top)):
+    p, n = _program(e), len(w.x)
+    u = len(p.x) - 1
+    _begin_program(w, e, p, largest, 1.0)
+    if not ease(g, w, e, p, dt, 1.0 + (SPREAD - 1.0) * (1.0 - top)):
         return -1.0
-    _write_rows(w, e, 0.0, top)
+    _write_rows(w, e, p, 0.0, top)
     _scaled_motion(e, 1.0, top, e.motion)
     for k in range(n):
         p.lower[k], p.upper[k] = e.lower[k], e.upper[k]
@@ -405,8 +449,8 @@ def _worthwhile(g, w, e, top, largest, dt, tolerances):
         p.c[i] = -pulled
     worth *= WORTH / (1.0 - top)
     curved = WORTH_CURVED * worth if worth > 0.0 else 1.0
-    p.dense[n + m, n + m], p.c[n + m] = curved, -worth - curved
-    p.lower[n + m], p.upper[n + m] = 0.0, 1.0
+    p.dense[u, u], p.c[u] = curved, -worth - curved
+    p.lower[u], p.upper[u] = 0.0, 1.0
     status = _solved(p, tolerances)
     if status != DONE:
         # Joints that move already may not be able to slow down as the eased bounds ask; and where
@@ -415,16 +459,14 @@ def _worthwhile(g, w, e, top, largest, dt, tolerances):
             p.lower[k], p.upper[k] = w.lower[k], w.upper[k]
         for row in range(len(w.g)):
             p.g[row] = w.g[row]
-        p.upper[n + m] = 1.0 + 2.0 * tolerances.backoff
-        p.active_count[0] = 0
+        p.upper[u] = 1.0 + 2.0 * tolerances.backoff
         status = _solved(p, tolerances)
-    return top * p.x[n + m] if status == DONE else -1.0
+    return top * p.x[u] if status == DONE else -1.0
 
 
 @plain
-def _take(w, e):
-    """Copy the velocity and the multipliers from ``e.program``."""
-    p = e.program
+def _take(w, p):
+    """Copy the velocity and the multipliers from a program."""
     for k in range(len(w.x)):
         w.x[k], w.box[k] = p.x[k], p.box[k]
     for row in range(len(w.lam)):
@@ -449,7 +491,7 @@ def _note_fading(w, e):
 @plain
 def _met(w, e):
     """The outcome of a step that was solved as posed."""
-    _take(w, e)
+    _take(w, _program(e))
     return _outcome(w, e)
 
 
@@ -468,14 +510,15 @@ def _give_way(w, e, strained, largest, dt, tolerances):
     short = _shortfall(w, e, largest, dt, tolerances)
     if short < 0.0:
         return REFUSED
-    n = len(w.x)
+    p, n = _program(e), len(w.x)
     for k in range(n):
-        w.sensitivity[1 + k] = e.program.sensitivity[1 + k]
+        w.sensitivity[1 + k] = p.sensitivity[1 + k]
     for row in range(len(w.g)):
-        w.sensitivity[1 + n + row] = e.program.sensitivity[2 + n + len(w.b) + row]
+        w.sensitivity[1 + n + row] = p.sensitivity[1 + len(p.x) + row]
+    _begin_with(e.bare, w.sensitivity)
     if _relaxed(w, e, max(short, strained), largest, dt, tolerances) != DONE:
         return REFUSED
-    _take(w, e)
+    _take(w, e.bare)
     w.sensitivity[0] = w.braking[0]
     return RELAXED
 
@@ -524,12 +567,12 @@ def _stopped(e, scale, x):
 
 @plain
 def _pass_over(w, e, scale, largest, dt, tolerances):
-    """Write q̇ + ψ (q̇_relaxed − q̇) to ``w.x``, q̇ that of ``e.program``; return ψ, −1 on failure.
+    """Write q̇ + ψ (q̇_relaxed − q̇) to ``w.x``, q̇ that of the program; return ψ, −1 on failure.
 
     ``scale`` is that of q̇.
     """
     for k in range(len(w.x)):
-        e.scaled[k] = e.program.x[k]
+        e.scaled[k] = _program(e).x[k]
     if _give_way(w, e, 0.0, largest, dt, tolerances) != RELAXED:
         return -1.0
     e.numbers[PASSED] = share = max(0.0, 1.0 - _stopped(e, scale, w.x) / DEAD)
@@ -545,7 +588,7 @@ def _stands(w, e):
     For the x\* that minimises ‖r‖, r = A x − b, inside the convex limits, all others have
     r\*ᵀA x ≥ r\*ᵀA x\*. So A x = s b needs s ≤ −r\*ᵀA x\*/(−r\*ᵀb), −r\*ᵀb = ‖r\*‖² − r\*ᵀA x\*.
     """
-    closest, along, length, asked = e.program.levels.x, 0.0, 0.0, 0.0
+    closest, along, length, asked = _program(e).levels.x, 0.0, 0.0, 0.0
     for i in range(len(e.goal)):
         reached = 0.0
         for k in range(len(w.x)):
@@ -607,7 +650,7 @@ def _slower(g, w, e, largest, dt, tolerances):
         return REFUSED
     share = 0.0
     if _left(e, scale) >= DEAD:
-        _take(w, e)
+        _take(w, _program(e))
     else:
         share = _pass_over(w, e, scale, largest, dt, tolerances)
         if share < 0.0 or not clip_to_bounds(w.x, w.lower, w.upper):
@@ -624,7 +667,7 @@ def _slower(g, w, e, largest, dt, tolerances):
 
 @plain
 def _feasible(w, e, mode, largest, dt, tolerances):
-    """The outcome of a step whose program has a solution as posed, which is in ``e.program``."""
+    """The outcome of a step whose program has a solution as posed, which it holds."""
     outcome = _met(w, e)
     if mode == RAISE:
         return REFUSED if outcome == FADED else outcome
@@ -644,10 +687,12 @@ def _feasible(w, e, mode, largest, dt, tolerances):
 
 
 @plain
-def _without_inertia(g, w, e, largest, dt, tolerances):
+def _without_inertia(g, w, e, is_infeasible, largest, dt, tolerances):
     """The outcome of the step whose costs and limits are in w and e."""
     mode = g.settings.infeasible
-    status = _as_posed(w, e, largest, tolerances)
+    status = INFEASIBLE
+    if not (is_infeasible and mode == SCALE):
+        status = _as_posed(w, e, largest, tolerances)
     if status == DONE:
         return _feasible(w, e, mode, largest, dt, tolerances)
     if status != INFEASIBLE or mode == RAISE:
@@ -701,6 +746,20 @@ def _missed(w, e):
 
 
 @plain
+def _keep_rows(e, p, n, relaxed):
+    """Write the rows of ``control.edge_step._with_inertia``; their slacks are free."""
+    m, u = len(p.b), len(p.x) - 1
+    for i in range(m):
+        kept = (1.0 - e.weakness[i]) * (1.0 - relaxed)
+        for k in range(n):
+            p.A[i, k] = kept * e.rows[i, k]
+        for j in range(m):
+            p.A[i, n + j] = (kept - 1.0) * LOOSE * math.sqrt(e.floor[i]) if i == j else 0.0
+        p.A[i, u], p.b[i] = -kept * e.slope[i], 0.0
+        p.lower[n + i], p.upper[n + i] = -math.inf, math.inf
+
+
+@plain
 def _with_inertia(g, w, e, outcome, before, relaxed, largest, dt, tolerances):
     """``control.edge_step._with_inertia`` of the step in w. Returns as that.
 
@@ -712,39 +771,39 @@ def _with_inertia(g, w, e, outcome, before, relaxed, largest, dt, tolerances):
         return outcome
     p, n, m, speed = e.program, len(w.x), len(w.b), 0.0
     e.numbers[PASSED] = relaxed = _lagging(g, n, before, relaxed, dt)
+    if relaxed == 1.0:
+        p = e.bare  # nothing of the task is kept
     scale = w.sensitivity[0] / w.braking[0] if outcome == SCALED else 1.0
     for k in range(n):
         share, velocity = _inert_share(g, k, dt)
         e.motion[k] = w.x[k] + missed * share * (velocity - w.x[k])
-    _begin_program(w, e, largest, 1.0)
+    _begin_program(w, e, p, largest, 1.0)
     for i in range(n):
         for j in range(n):
             p.c[i] -= e.cost[i, j] * e.motion[j]
             speed += w.x[i] * e.cost[i, j] * w.x[j]
-    curved = WORTH_CURVED * speed if speed > 0.0 else 1.0
-    p.dense[n + m, n + m], p.c[n + m] = curved, -curved
-    p.lower[n + m], p.upper[n + m] = max(0.0, 1.0 - (1.0 - scale) / MISSED), 1.0
-    for i in range(m):
-        kept = (1.0 - e.weakness[i]) * (1.0 - relaxed)
-        for k in range(n):
-            p.A[i, k] = kept * e.rows[i, k]
-        for j in range(m):
-            p.A[i, n + j] = (kept - 1.0) * LOOSE * math.sqrt(e.floor[i]) if i == j else 0.0
-        p.A[i, n + m], p.b[i] = -kept * e.slope[i], 0.0
-        p.lower[n + i], p.upper[n + i] = -math.inf, math.inf
-    if _solved(p, tolerances) != DONE:
+    u = len(p.x) - 1
+    if relaxed == 1.0:
+        status = _solved_in_joints(p, tolerances)
+    else:
+        curved = WORTH_CURVED * speed if speed > 0.0 else 1.0
+        p.dense[u, u], p.c[u] = curved, -curved
+        p.lower[u], p.upper[u] = max(0.0, 1.0 - (1.0 - scale) / MISSED), 1.0
+        _keep_rows(e, p, n, relaxed)
+        status = _solved(p, tolerances)
+    if status != DONE:
         return REFUSED
     for k in range(n):
         w.x[k] = p.x[k]
     if outcome == SCALED:
-        w.sensitivity[0] *= p.x[n + m]
+        w.sensitivity[0] *= p.x[u]
         for i in range(m):
-            w.b[i] *= p.x[n + m]
+            w.b[i] *= p.x[u]
     return outcome
 
 
 @plain
-def edge_step(g, w, e, qpos, dt, use_secondary, twist_space):
+def edge_step(g, w, e, qpos, dt, use_secondary, twist_space, is_infeasible):
     """Compute the step that ``step_kernel.step`` found at the edge or infeasible.
 
     Args:
@@ -755,6 +814,7 @@ def edge_step(g, w, e, qpos, dt, use_secondary, twist_space):
         dt: Length of the step, s.
         use_secondary: Whether the secondary acts.
         twist_space: ``None`` for the joint-space cost.
+        is_infeasible: Whether it was found infeasible with regular rows: it is not solved again.
 
     Returns:
         ``DONE``, ``BRAKED``, ``FADED``, ``SCALED`` or ``RELAXED``, verified; ``REFUSED`` if the
@@ -780,7 +840,9 @@ def edge_step(g, w, e, qpos, dt, use_secondary, twist_space):
     joint_cost(w, e)
     largest = largest_cost(w)
     before, e.numbers[PASSED] = e.numbers[PASSED], 0.0
-    outcome = _without_inertia(g, w, e, largest, dt, tolerances)
+    # The programs of a step begin with the active constraints of those before, not of other steps.
+    e.program.active_count[0] = e.slim.active_count[0] = e.bare.active_count[0] = 0
+    outcome = _without_inertia(g, w, e, is_infeasible, largest, dt, tolerances)
     relaxed = e.numbers[PASSED]
     if outcome in (DONE, BRAKED, REFUSED) or not g.settings.inertia > 0.0:
         e.numbers[PASSED] = 0.0

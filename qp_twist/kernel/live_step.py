@@ -87,17 +87,20 @@ def live_infeasible_step(floats, integers):
 
 
 @entry
-def live_edge_step(floats, integers, edge_floats, edge_integers, dt, use_secondary, twist_space):
+def live_edge_step(
+    floats, integers, edge_floats, edge_integers, dt, use_secondary, twist_space, is_infeasible
+):  # fmt: skip
     """Compute what :func:`live_step` found infeasible or at the edge: ``edge_step.edge_step``.
 
-    ``edge_floats`` and ``edge_integers`` are the arrays of ``edge_rows.EdgeArrays``.
+    ``edge_floats`` and ``edge_integers`` are the arrays of ``edge_rows.EdgeArrays``;
+    ``is_infeasible`` says which of the two.
     """
     s = read_step(floats, integers, integers)
     g, w = s.inputs, s.program
     tasks = len(g.links)
     qpos = at_address(g.sources[0], g.sources[3 + 2 * tasks])
     e = read_edge(edge_floats, edge_integers, edge_integers)
-    return edge_step(g, w, e, qpos, dt, use_secondary, twist_space)
+    return edge_step(g, w, e, qpos, dt, use_secondary, twist_space, is_infeasible)
 
 
 @entry

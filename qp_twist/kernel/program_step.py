@@ -8,10 +8,9 @@ from qp_twist.kernel.compiling import entry, plain
 from qp_twist.kernel.dual_active_set import (
     NO_ROOM,
     SOLVED,
-    active_set,
     cholesky_inverse,
-    row_lengths,
 )
+from qp_twist.kernel.joint_program import joint_program
 from qp_twist.kernel.largest_scale import scaled_program
 from qp_twist.kernel.step_record import read_program
 from qp_twist.kernel.verified_program import (
@@ -20,7 +19,6 @@ from qp_twist.kernel.verified_program import (
     INFEASIBLE,
     REFUSED,
     SCALED,
-    clear_multipliers,
     clip_to_bounds,
     excess_of,
     well_conditioned,
@@ -58,50 +56,10 @@ def _take_box(box, unlimited, w):
     return True
 
 
-@plain
-def _in_joints(w, R, work, held):
-    """Solve for x and its multipliers by the active-set method in joint space; return its status.
-
-    Here a bound concerns one entry of x. ``reduced_program`` works in the null space of the
-    equality rows, where a bound is a dense row: that is faster if the rows leave one or two degrees
-    of freedom, as in a controller's step, but takes twice the time if many joints have bounds.
-
-    Args:
-        w: The program, with S of H⁻¹ = SSᵀ in J, which is overwritten.
-        R: Workspace, (n, n).
-        work: Workspace: (4, n + 1) for the method and the multipliers, then k row lengths.
-        held: Workspace, (m + k + 3n,).
-    """
-    n, m, k = len(w.x), len(w.b), len(w.g)
-    active, u = held[m + k + 2 * n :], work[3]
-    lengths = work[4:].reshape(-1)[:k]
-    row_lengths(w.G, lengths)
-    status, count = active_set(
-        w.c, w.A, w.b, w.G, w.g, lengths, w.lower, w.upper, active, 0, w.x, u, w.J, R,
-        held[: m + k + 2 * n], work[:3],
-    )  # fmt: skip
-    if status != SOLVED:
-        return status
-    clear_multipliers(w)
-    for place in range(count):
-        which = active[place]
-        if which < m:
-            w.y[which] = -u[place]
-        elif which < m + k:
-            w.lam[which - m] = u[place]
-        elif which < m + k + n:
-            i = which - m - k
-            w.x[i], w.box[i] = w.lower[i], w.box[i] - u[place]
-        else:
-            i = which - m - k - n
-            w.x[i], w.box[i] = w.upper[i], w.box[i] + u[place]
-    return SOLVED
-
-
 @entry
 def program_step(
     H, c, lift, steepest, dt, A, b, box, rows, ends, unlimited, floats, integers, level_ends,
-    threshold, tolerances, R, work, held,
+    threshold, tolerances,
 ):  # fmt: skip
     """Copy a program into ``floats``, solve and verify it.
 
@@ -122,9 +80,6 @@ def program_step(
         level_ends: Number of rows of the only level, (1,).
         threshold: Singular value below which the equality rows count as ``DEPENDENT``.
         tolerances: Of the verification.
-        R: Workspace: see ``_in_joints``.
-        work: Workspace.
-        held: Workspace.
 
     Returns:
         ``DONE``, ``DEPENDENT``, ``INFEASIBLE``, or ``REFUSED`` if the step is not solved inside all
@@ -148,7 +103,7 @@ def program_step(
         return DEPENDENT
     if not cholesky_inverse(w.dense, w.J):
         return REFUSED
-    status = _in_joints(w, R, work, held)
+    status = joint_program(w)
     if status == NO_ROOM and len(w.b) > 0:
         return INFEASIBLE
     if status != SOLVED or not clip_to_bounds(w.x, w.lower, w.upper):

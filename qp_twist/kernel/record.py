@@ -10,7 +10,8 @@ annotations declare the fields in these arrays, one after the other::
         active: Annotated[Integers, "2 * n"]
 
 Shapes are expressions in the fields of another ``NamedTuple`` of integers, the sizes. A field may
-also be a ``NamedTuple`` of floats, or another record.
+also be a ``NamedTuple`` of floats, or another record, with sizes of its own where it is annotated
+with them: ``Annotated[Pair, {"n": "n - 1"}]``.
 
 In Python a record is the ``NamedTuple`` of views. In a kernel it is three addresses: those of the
 floats, the integers, and a table with offset and shape of each field, at the head of the integers.
@@ -67,12 +68,16 @@ class RecordType:
         """
         self.kind: Any = kind
         self._inside: dict[str, RecordType] = {}
+        self._others: dict[str, dict[str, Any]] = {}
         self._shapes: dict[str, Any] = {}
         fields: dict[str, Any] = {}
         records = {record.kind: record for record in inside}
         for name, hint in typing.get_type_hints(kind, include_extras=True).items():
-            if hint in records:
-                self._inside[name], fields[name] = records[hint], records[hint].type
+            of, *other = typing.get_args(hint) or (hint,)
+            if of in records:
+                self._inside[name], fields[name] = records[of], records[of].type
+                changed = dict[str, str](*other)
+                self._others[name] = {k: compile(v, k, "eval") for k, v in changed.items()}
                 continue
             shape: list[Any]
             if hasattr(hint, "_fields"):  # a NamedTuple of floats
@@ -95,7 +100,10 @@ class RecordType:
         at = own.size
         for entry, (name, kind) in zip(own, self.type.fields.items(), strict=True):
             if name in self._inside:
-                table, floats, integers = self._inside[name].layout(size, floats, integers)
+                other = {k: eval(code, known) for k, code in self._others[name].items()}
+                table, floats, integers = self._inside[name].layout(
+                    size._replace(**other), floats, integers
+                )
                 entry[0] = at
                 at += len(table)
                 below.append(table)
