@@ -18,6 +18,7 @@ from qp_twist.kernel.clearance_kernel import (
     first_below,
     gradients,
     least_distances,
+    move_obstacles,
 )
 from qp_twist.kernel.convex import MESH, PLANE, CellSizes
 
@@ -105,29 +106,15 @@ class MovingShapes:
     def take_mocap(self, data: mujoco.MjData) -> None:
         """Take the poses of mocap bodies, obstacles that move, from MuJoCo's data.
 
-        They are expected to move on as they did since this was last called.
+        They are expected to move on as they did since this was last called; how far they are from
+        where they were expected now may be missing again.
         """
-        if not self._on_mocap:
+        if not len(self._on_mocap):
             return
-        places, then, tree = self._cell.places, self._then.places, self._cell.tree
-        then.pose[:], then.turn[:] = places.pose, places.turn
-        for body in self._on_mocap:
-            number = int(self._model.body_mocapid[body])
-            if number >= 0:
-                places.pose[body] = data.mocap_pos[number]
-                mujoco.mju_quat2Mat(places.turn[body], data.mocap_quat[number])
-                continue
-            parent = int(self._model.body_parentid[body])
-            turn = places.turn[parent].reshape(3, 3)
-            places.pose[body] = places.pose[parent] + turn @ tree.offset[body]
-            places.turn[body] = (turn @ tree.turned[body].reshape(3, 3)).ravel()
-        for body in self._on_mocap:
-            if not self.has_moved:  # nothing is known of its motion
-                then.pose[body], then.turn[body] = places.pose[body], places.turn[body]
-                continue
-            then.pose[body] = 2.0 * places.pose[body] - then.pose[body]
-            R, before = (t[body].reshape(3, 3) for t in (places.turn, then.turn))
-            then.turn[body] = (R @ before.T @ R).ravel()
+        move_obstacles(
+            *self.arrays, *self._on_mocap, data.mocap_pos, data.mocap_quat, *self._scratch,
+            self.has_moved,
+        )  # fmt: skip
         self.has_moved = True
 
     # ------------------------------------------------------------------ layout
@@ -163,7 +150,6 @@ class MovingShapes:
     ) -> None:
         model, data = self._model, mujoco.MjData(self._model)
         cell: Cell = CELL.arrays(self._floats, self._integers, self._integers)
-        self._cell = cell
         mujoco.mj_kinematics(model, data)
         tree, shapes, pairs, places = cell.tree, cell.shapes, cell.pairs, cell.places
         tree.moving[:] = moving
@@ -209,10 +195,11 @@ class MovingShapes:
                 still and int(model.body_parentid[body]) in on_mocap
             ):
                 on_mocap.append(body)
-        self._on_mocap = on_mocap
+        numbers = model.body_mocapid[on_mocap].astype(np.int64)
+        self._on_mocap = (np.array(on_mocap), numbers) if on_mocap else ()
+        self._scratch = np.zeros((model.nbody, 2)), np.zeros(12)
         #: The same with mocap bodies where they are expected at the next step.
         self._ahead = self._floats.copy()
-        self._then: Cell = CELL.arrays(self._ahead, self._integers, self._integers)
 
 
 def _chains(model: mujoco.MjModel, one: int, other: int) -> tuple[list[int], list[int]]:

@@ -87,6 +87,8 @@ class Places(NamedTuple):
     """Scratch of :func:`least_distances`."""
     near: Annotated[Floats, "pairs"]
     """Likewise."""
+    unforeseen: Annotated[Floats, "pairs"]
+    """By how much nearer an obstacle may be than it is expected, m; 0 of where it is now."""
 
 
 class Cell(NamedTuple):
@@ -174,6 +176,117 @@ def place(cell, q):
         _times(places.R[g], cell.shapes.center[g], places.center[g])
         for i in range(3):
             places.center[g, i] += places.x[g, i]
+
+
+@part
+def _rotation(quaternion, R):
+    """Write the rotation (9,) of a quaternion (4,), which need not have unit length."""
+    a, x, y, z = quaternion[0], quaternion[1], quaternion[2], quaternion[3]
+    size = a * a + x * x + y * y + z * z
+    twice = 2.0 / size if size > 0.0 else 0.0
+    R[0], R[4] = 1.0 - twice * (y * y + z * z), 1.0 - twice * (x * x + z * z)
+    R[8] = 1.0 - twice * (x * x + y * y)
+    R[1], R[3] = twice * (x * y - a * z), twice * (x * y + a * z)
+    R[2], R[6] = twice * (x * z + a * y), twice * (x * z - a * y)
+    R[5], R[7] = twice * (y * z - a * x), twice * (y * z + a * x)
+
+
+@part
+def _apart(places, body, x, R, off):
+    """Write to ``off`` (2,) how far a pose is from that of a body: its shift, m, and its turn.
+
+    A point at the distance r from the body's origin is off by at most the shift plus r times the
+    turn, which is the length 2 sin(θ/2) of the chord.
+    """
+    shift, turn = 0.0, 0.0
+    for i in range(3):
+        shift += (places.pose[body, i] - x[i]) ** 2
+    for i in range(9):
+        turn += (places.turn[body, i] - R[i]) ** 2
+    off[0], off[1] = math.sqrt(shift), math.sqrt(0.5 * turn)
+
+
+@entry
+def move_obstacles(
+    now, then, integers, bodies, numbers, positions, quaternions, off, pose, has_moved
+):  # fmt: skip
+    """Take the poses of obstacles, and expect them to go on as they did since this was last called.
+
+    What is unforeseen is by how much they are not where they were expected now: an obstacle that
+    goes on changing its speed as it does is again off by as much.
+
+    Args:
+        now: Floats of the cell.
+        then: The same, with obstacles where they are expected at the next call.
+        integers: Its integers.
+        bodies: The bodies that are obstacles or fixed to one, parents first, (M,).
+        numbers: Number of each among the mocap bodies; −1 of one that is fixed to another, (M,).
+        positions: Of the mocap bodies, (mocap, 3).
+        quaternions: Their rotations, (mocap, 4).
+        off: Scratch, (bodies, 2), 0 for other bodies.
+        pose: Scratch, (12,).
+        has_moved: Whether their last poses are known.
+    """
+    cell, ahead = read_cell(now, integers, integers), read_cell(then, integers, integers)
+    tree, here, there = cell.tree, cell.places, ahead.places
+    x, R = pose[:3], pose[3:]
+    for k in range(len(bodies)):
+        body = bodies[k]
+        if numbers[k] >= 0:
+            for i in range(3):
+                x[i] = positions[numbers[k], i]
+            _rotation(quaternions[numbers[k]], R)
+        else:
+            parent = tree.parent[body]
+            _times(here.turn[parent], tree.offset[body], x)
+            for i in range(3):
+                x[i] += here.pose[parent, i]
+            _product(here.turn[parent], tree.turned[body], R)
+        off[body, 0] = off[body, 1] = 0.0
+        if has_moved:
+            _apart(there, body, x, R, off[body])
+        _expect(here, there, body, x, R, has_moved)
+    for pair in range(len(cell.pairs.one)):
+        here_off = 0.0
+        for side in range(2):
+            g = cell.pairs.one[pair] if side == 0 else cell.pairs.other[pair]
+            h = cell.pairs.other[pair] if side == 0 else cell.pairs.one[pair]
+            body = tree.body[g]
+            if off[body, 0] > 0.0 or off[body, 1] > 0.0:
+                here_off += off[body, 0] + off[body, 1] * _lever(cell, g, h, body)
+        there.unforeseen[pair] = here_off
+
+
+@plain
+def _expect(here, there, body, x, R, has_moved):
+    """Write the pose of a body now, and where it is then if it goes on."""
+    for i in range(3):
+        there.pose[body, i] = x[i] + (x[i] - here.pose[body, i] if has_moved else 0.0)
+        here.pose[body, i] = x[i]
+    for i in range(3):
+        for j in range(3):
+            total = 0.0
+            for k in range(3):
+                for n in range(3):  # R Rᵀ_before R
+                    total += R[3 * i + k] * here.turn[body, 3 * n + k] * R[3 * n + j]
+            there.turn[body, 3 * i + j] = total if has_moved else R[3 * i + j]
+    for i in range(9):
+        here.turn[body, i] = R[i]
+
+
+@plain
+def _lever(cell, g, h, body):
+    """Distance from a body's origin within which its shape g may be nearest to h, m."""
+    shapes, places, reach = cell.shapes, cell.places, 0.0
+    if math.isinf(shapes.ball[g]):  # a plane
+        for i in range(3):
+            reach += (places.center[h, i] - places.pose[body, i]) ** 2
+        return math.sqrt(reach) + shapes.ball[h]
+    middle = 0.0
+    for i in range(3):
+        reach += cell.tree.at[g, i] ** 2
+        middle += shapes.center[g, i] ** 2
+    return math.sqrt(reach) + math.sqrt(middle) + shapes.ball[g]
 
 
 @plain

@@ -129,17 +129,26 @@ def _go(cell, s, velocity, n, dt):
     place(cell, s.at)
 
 
+@part
+def _margin(cell, pair, enough, asked):
+    """Margin of a pair, less what is unforeseen of its obstacle; above ``enough`` a lower bound."""
+    kept = asked + cell.places.unforeseen[pair]
+    return distance_of(cell, pair, enough + kept, True) - kept
+
+
 @plain
 def _look(cell, s, pair, n, asked):
     """Take the margin of a pair at a place on the way if it is the least so far."""
-    found = distance_of(cell, pair, min(s.worst[pair], s.reach[pair]) + asked, True) - asked
+    found = _margin(cell, pair, min(s.worst[pair], s.reach[pair]), asked)
     if found < s.worst[pair]:
         s.worst[pair], s.sample[pair] = found, n
 
 
 @plain
-def _look_along(cell, s, velocity, dt, asked):
+def _look_along(cell, s, velocity, dt, asked, slopes):
     """Write the least margins on the way of a velocity, and where, to ``worst`` and ``sample``.
+
+    With ``slopes`` also the gradients of those that are below ``reach`` one step later.
 
     The joints brake towards rest, so their travel between the ends of the way bounds what a margin
     can lose on it.
@@ -156,8 +165,10 @@ def _look_along(cell, s, velocity, dt, asked):
     for pair in range(len(s.worst)):
         change[pair] = change_of(cell, pair, s.travel) if last > 0 else 0.0
         enough = s.reach[pair] + change[pair]
-        near[pair] = distance_of(cell, pair, enough + asked, True) - asked
+        near[pair] = _margin(cell, pair, enough, asked)
         s.worst[pair], s.sample[pair] = near[pair], 0
+        if slopes and near[pair] < s.reach[pair]:
+            gradient_of(cell, pair, s.gradients[pair])
         left = left or near[pair] < enough
     if last == 0 or not left:
         return
@@ -166,7 +177,7 @@ def _look_along(cell, s, velocity, dt, asked):
     for pair in range(len(s.worst)):
         enough = s.reach[pair] + change[pair]
         if near[pair] < enough:
-            far = distance_of(cell, pair, enough + asked, True) - asked
+            far = _margin(cell, pair, enough, asked)
             if far < s.worst[pair]:
                 s.worst[pair], s.sample[pair] = far, last
             # Between the two ends the margin is at least this.
@@ -267,10 +278,10 @@ def rows_apart(now, then, integers, floats, table, dt, asked, horizon, recovery,
     cell = read_cell(then, integers, integers)
     _take_reaches(cell, s, dt, horizon, moves)
     if moves:
-        _look_along(read_cell(now, integers, integers), s, s.braked, dt, asked)
+        _look_along(read_cell(now, integers, integers), s, s.braked, dt, asked, False)
         for pair in range(len(s.worst)):
             s.still[pair] = s.worst[pair]
-    _look_along(cell, s, s.braked, dt, asked)
+    _look_along(cell, s, s.braked, dt, asked, True)
     last, count, placed = _last(s.braked, s.hardest, dt), 0, -1
     for pair in range(len(s.worst)):
         then_left, n = s.worst[pair], s.sample[pair]
@@ -280,11 +291,12 @@ def rows_apart(now, then, integers, floats, table, dt, asked, horizon, recovery,
             for j in range(len(s.before)):
                 s.gradients[pair, j] = 0.0
             continue
-        if placed != n:
-            _go(cell, s, s.braked, n, dt)
-            placed = n
-        distance_of(cell, pair, math.inf, True)
-        gradient_of(cell, pair, s.gradients[pair])
+        if n > 0 or not then_left < s.reach[pair]:
+            if placed != n:
+                _go(cell, s, s.braked, n, dt)
+                placed = n
+            distance_of(cell, pair, math.inf, True)
+            gradient_of(cell, pair, s.gradients[pair])
         closing = max(left - then_left, 0.0) / dt
         until = n if n < last else _LATEST
         room = _row(s, pair, until, closing, left - closing * n * dt, dt, recovery, count)
@@ -303,7 +315,7 @@ def lack_apart(then, integers, floats, table, velocity, dt, asked):
     cell = read_cell(then, integers, integers)
     for pair in range(len(s.worst)):
         s.reach[pair] = 0.0
-    _look_along(cell, s, velocity, dt, asked)
+    _look_along(cell, s, velocity, dt, asked, False)
     lack = 0.0
     for pair in range(len(s.worst)):
         s.worst[pair] -= s.floor[pair]
@@ -377,7 +389,7 @@ def _correct_where_first_lacks(cell, s, velocity, dt, asked, count):
         for pair in range(len(s.worst)):
             if not math.isinf(s.worst[pair]) or count == len(s.h):
                 continue
-            left = distance_of(cell, pair, asked, True) - asked - s.floor[pair]
+            left = _margin(cell, pair, 0.0, asked) - s.floor[pair]
             if left < 0.0:
                 s.worst[pair] = left
                 if k > 0:
