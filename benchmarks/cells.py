@@ -1,9 +1,10 @@
 """Clearance: plans beside an exhaustive search in random cells, and steps in front of walls.
 
     python benchmarks/cells.py [random_cells] [--cells 20] [--first 0] [--every 10] [--roll-step 2]
-        [--jobs 1] [--write]
+        [--jobs 1] [--keep DIR] [--write]
     python benchmarks/cells.py [crowded_cells] [--cells 20] [--first 0] [--jobs 1] [--write]
-    python benchmarks/cells.py [walls] [--runs 5] [--first 0] [--blocks 12] [--write]
+    python benchmarks/cells.py [walls] [--runs 5] [--first 0] [--jobs 1] [--keep DIR] [--write]
+    python benchmarks/cells.py [wall_times] [--first 0] [--blocks 12] [--write]
 
 *random_cells*: the deburring part stands as a study places it, with 1 to 6 boxes and cylinders
 around it, in front of an arm whose links are capsules, cylinders and boxes. An exhaustive search
@@ -17,12 +18,17 @@ plan without clearance.
 
 *walls*: a controller at 200 Hz pulls the tool of an arm of seven axes through a wall, into a
 corner and along with an obstacle that moves, from random starts, without and with acceleration
-limits, beside mink's collision limit on the same pairs.
+limits, beside mink's collision limit on the same pairs for the first five of the starts.
+
+*wall_times*: the time of such a step, ``Controller.step`` beside ``mink.solve_ik``.
+
+With ``--keep DIR`` each result is kept in a file of its own, and is not computed again: a count can
+be stopped, and go on with more. Results of another version of the code have to be removed by hand.
 """
 
 from __future__ import annotations
 
-from page import command, in_processes, in_turns
+from page import command, in_processes
 
 # isort: split
 import dataclasses
@@ -31,7 +37,9 @@ import json
 import sys
 import time
 from collections import Counter
+from collections.abc import Callable, Iterable, Iterator
 from functools import partial
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import mink
@@ -43,9 +51,37 @@ from placements import InverseKinematics
 from scipy.spatial import cKDTree
 
 import qp_twist as qt
+from qp_twist.bench.contender import SplitStep
 from qp_twist.bench.tables import markdown_table
+from qp_twist.bench.timer import LEAD_IN, interleaved
 from qp_twist.checks import Array
+from qp_twist.files import write_atomically
 from qp_twist.studies.sample import draw_sample
+
+# ---------------------------------------------------------------- many results
+
+
+def each(
+    work: Callable[..., dict[str, Any]], tasks: Iterable[Any], jobs: int, keep: str, **options: Any
+) -> Iterator[dict[str, Any]]:
+    """``work(task, **options)`` of each task, in order; with ``keep`` from its file if it has one.
+
+    A single job runs in this process, which has loaded everything already.
+    """
+    todo = list(tasks)
+    parts = [(*(task if isinstance(task, tuple) else (task,)), *options.values()) for task in todo]
+    files = [Path(keep) / f"{'-'.join(map(str, (work.__name__, *p)))}.json" for p in parts]
+    known = [bool(keep) and file.exists() for file in files]
+    missing = [task for task, is_known in zip(todo, known, strict=True) if not is_known]
+    call = partial(work, **options)
+    new = iter(map(call, missing) if jobs == 1 else in_processes(call, missing, jobs))
+    for file, is_known in zip(files, known, strict=True):
+        found = json.loads(file.read_text("utf-8")) if is_known else next(new)
+        if keep and not is_known:
+            file.parent.mkdir(parents=True, exist_ok=True)
+            write_atomically(file, json.dumps(found))
+        yield found
+
 
 # ---------------------------------------------------------------- cells
 
@@ -210,7 +246,8 @@ class Obstacles:
     def bounds(self, q: Array, obstacles: Array | None = None) -> Array:
         """Lower bounds of the distances at configurations q (N, nq), m, (N, P).
 
-        The ball around a geom is at least as far from the other geom's box.
+        The ball around a geom is at least as far from the other geom's box, and a geom's box from
+        a plane.
         """
         places = np.empty((len(q), self.model.ngeom, 3))
         turns = np.empty((len(q), self.model.ngeom, 9))
@@ -225,7 +262,9 @@ class Obstacles:
             local = np.einsum("npji,npj->npi", R[:, other], apart)
             outside = np.maximum(np.abs(local - self.centres[other]) - self.boxes[other], 0.0)
             bound = np.sqrt(np.einsum("npi,npi->np", outside, outside)) - self.balls[one]
-            bound = np.where(self.planes[other], local[..., 2] - self.balls[one], bound)
+            above = np.einsum("npik,npi->npk", R[:, one], R[:, other][..., 2])
+            reach = np.einsum("npk,pk->np", np.abs(above), self.boxes[one])
+            bound = np.where(self.planes[other], local[..., 2] - reach, bound)
             least = np.maximum(least, bound)
         return least
 
@@ -484,11 +523,10 @@ def faults(task: qt.PathTask, q: Array) -> list[str]:
     return wrong
 
 
-def random_cells(cells: int, first: int, every: int, roll_step: float, jobs: int) -> Any:
+def random_cells(cells: int, first: int, every: int, roll_step: float, jobs: int, keep: str) -> Any:
     """Plans beside the search."""
-    work = partial(one_cell, every=every, roll_step=roll_step)
-    found = []
-    for row in in_processes(work, range(first, first + cells), jobs):
+    found, seeds = [], range(first, first + cells)
+    for row in each(one_cell, seeds, jobs, keep, every=every, roll_step=roll_step):
         print(json.dumps(row), file=sys.stderr, flush=True)
         found.append(row)
     verdicts = Counter((row["at_waypoints"], row["between"], row["planned"]) for row in found)
@@ -577,8 +615,8 @@ def crowded_cells(cells: int, first: int, jobs: int) -> str:
 
 DT = 0.005
 FASTEST, HARDEST = 0.5 * np.pi, 10.0
-FLIP = 0.3
-"""Speed above which a change of sign counts, rad/s."""
+FLIP, MANY = 0.3, 5
+"""Speed above which a change of sign counts, rad/s; sign changes of a run that count as chatter."""
 ASKED = 0.01
 """Distance that steps keep, m."""
 LENGTH = 4.0
@@ -587,8 +625,8 @@ REPORTED = 1e-6
 """A clearance that is less by more is reported, m."""
 SWING = 0.4
 """Amplitude of the obstacle, m."""
-UNFORESEEN = SWING * (np.pi / LENGTH * DT) ** 2
-"""By how much the obstacle's way in a step differs from that in the step before, at most, m."""
+BESIDE = 5
+"""Number of starts from which mink's steps are counted, too."""
 WORLDS = ("wall", "corner", "moving")
 SETTINGS = [(mode, limit) for limit in (None, HARDEST) for mode in ("scale", "relax")]
 
@@ -721,7 +759,7 @@ class Passage(NamedTuple):
     excess: float
     """Over position, velocity and acceleration limits."""
     failures: int
-    states: Array
+    states: Any
 
 
 def run(made: Way, step: Any, acceleration: float | None) -> Passage:
@@ -754,48 +792,70 @@ def run(made: Way, step: Any, acceleration: float | None) -> Passage:
     return Passage(ASKED - least, int(fast.sum()), float(excess), failures, np.array(states))
 
 
-def walls(runs: int, first: int, blocks: int) -> tuple[str, int]:
-    """Least clearance, sign changes and times in front of walls and obstacles."""
-    rows, wrong, times = [], [], []
+def one_start(task: tuple[str, int], beside: bool) -> dict[str, Any]:
+    """What the runs from one start in a world show, by mode and acceleration limit."""
+    made, found = way(*task), {}
+    for mode, limit in [("mink", None)] * beside + SETTINGS:
+        step = minks(made) if mode == "mink" else ours(made, mode, limit)
+        passage = run(made, step, limit)._asdict()
+        del passage["states"]
+        found[f"{mode} {limit}"] = passage
+    return found
+
+
+def walls(runs: int, first: int, jobs: int, keep: str) -> tuple[str, int]:
+    """Least clearance, sign changes and violated limits in front of walls and obstacles."""
+    rows, wrong, seeds = [], [], range(first, first + runs)
     for world in WORLDS:
-        allowed = REPORTED + (UNFORESEEN if world == "moving" else 0.0)
-        ways = {seed: way(world, seed) for seed in range(first, first + runs)}
+        of_mink = each(one_start, [(world, s) for s in seeds[:BESIDE]], jobs, keep, beside=True)
+        others = each(one_start, [(world, s) for s in seeds[BESIDE:]], jobs, keep, beside=False)
+        starts = dict(zip(seeds, itertools.chain(of_mink, others), strict=True))
         for mode, limit in [("mink", None), *SETTINGS]:
-            found = {}
-            for seed, made in ways.items():
-                step = minks(made) if mode == "mink" else ours(made, mode, limit)
-                found[seed] = run(made, step, limit)
-                passage, name = found[seed], f"{world} {seed}, {mode}, a = {limit}"
-                if mode != "mink":
-                    if passage.short > allowed:
-                        wrong.append((name, f"{1e3 * passage.short:.4f} mm nearer than asked"))
-                    if passage.excess > 1e-9 or passage.failures:
-                        wrong.append((name, f"excess {passage.excess:.0e}, "
-                                            f"{passage.failures} exceptions"))  # fmt: skip
+            name = f"{mode} {limit}"
+            found = {
+                seed: Passage(**p[name], states=None) for seed, p in starts.items() if name in p
+            }
+            for seed, passage in found.items() if mode != "mink" else ():
+                at = f"{world} {seed}, {mode}, a = {limit}"
+                if passage.short > REPORTED:
+                    wrong.append((at, f"{1e3 * passage.short:.4f} mm nearer than asked"))
+                if passage.excess > 1e-9 or passage.failures:
+                    said = f"excess {passage.excess:.0e}, {passage.failures} exceptions"
+                    wrong.append((at, said))
             every = found.values()
             rows.append(
                 (world, mode, "" if limit is None else f"{limit:g}", len(found),
                  f"{1e3 * max(*(p.short for p in every), 0.0):.1e}",
-                 sum(p.short > allowed for p in every), max(p.flips for p in every),
+                 sum(p.short > REPORTED for p in every), max(p.flips for p in every),
+                 sum(p.flips > MANY for p in every),
                  f"{max(*(p.excess for p in every), 0.0):.0e}", sum(p.failures for p in every))
             )  # fmt: skip
-        for stopped in (True, False):
-            task = "does not fit" if stopped else "fits"
-            times.append((world, task, *step_times(ways[first], blocks, stopped=stopped)))
     head = ("world", "mode", "a", "runs", "nearer than asked by at most, mm", "runs that are",
-            "sign changes at most", "excess", "exceptions")  # fmt: skip
+            "sign changes at most", f"runs with more than {MANY}", "excess",
+            "exceptions")  # fmt: skip
     text = markdown_table(head, rows, left=2)
-    head = ("world", "task", "pairs", "controller µs", "mink µs", "ratio", "10 %", "90 %")
-    text += "\n" + markdown_table(head, times, left=2)
     if wrong:
         text += "\n" + markdown_table(("run", "wrong"), wrong, left=2)
     return text, len(wrong)
 
 
-def step_times(made: Way, blocks: int, *, stopped: bool) -> tuple[object, ...]:
-    """Median times of whole steps at the configurations of a run, µs, and their ratio.
+def wall_times(first: int, blocks: int) -> str:
+    """Median times of steps in front of walls, and their ratio, largest block first."""
+    rows = []
+    for world in WORLDS:
+        for stopped in (True, False):
+            task = "does not fit" if stopped else "fits"
+            rows.append((world, task, *step_times(way(world, first), blocks, stopped=stopped)))
+    head = ("world", "task", "pairs", "controller µs", "mink µs", "ratio, largest", "90 %",
+            "median", "10 %")  # fmt: skip
+    return markdown_table(head, rows, left=2)
 
-    The target is that of the run, most of it behind the wall, or where the next step leads.
+
+def step_times(made: Way, blocks: int, *, stopped: bool) -> tuple[object, ...]:
+    """Median times of steps at the configurations of a run, µs, and ratios of the blocks.
+
+    The target is that of the run, most of it behind the wall, or where the next step leads. What
+    places the robot and the obstacle is not timed; what sets the target is.
     """
     states = run(made, ours(made, "scale", None), None).states
     targets = [made.target(k * DT) for k in range(len(states))]
@@ -804,27 +864,36 @@ def step_times(made: Way, blocks: int, *, stopped: bool) -> tuple[object, ...]:
         for k, q in enumerate(states[1:]):
             configuration.update(q)
             targets[k] = configuration.get_transform_frame_to_world("tool", "site")
-    calls = {}
+    steps = {}
     for name, step in (("ours", ours(made, "scale", None)), ("mink", minks(made))):
-        configuration, at = mink.Configuration(made.model), [0]
+        configuration = mink.Configuration(made.model)
 
-        def call(step: Any = step, configuration: Any = configuration, at: Any = at) -> None:
-            k = at[0] = (at[0] + 1) % (len(states) - 1)
+        def before(k: int, configuration: Any = configuration) -> tuple[Any, mink.SE3]:
             if made.model.nmocap:
                 configuration.data.mocap_pos[0] = made.obstacle(k * DT)
             configuration.update(states[k])
-            step(configuration, targets[k])
+            return configuration, targets[k]
 
-        call()
-        calls[name] = call
-    timed = in_turns(calls, blocks, len(states) // 4, time.perf_counter_ns)
-    ratio = timed["ours"].ratio_to(timed["mink"])
-    middle = [f"{1e-3 * float(np.median(timed[name].warm)):.0f}" for name in calls]
-    return len(limits(made.model)[0].pairs), *middle, *(f"{share:.2f}" for share in ratio)
+        def call(arguments: tuple[Any, mink.SE3], step: Any = step) -> Array:
+            velocity: Array = step(*arguments)
+            return velocity
+
+        steps[name] = SplitStep(before, call)
+        steps[name](0)
+    starts = np.linspace(LEAD_IN, len(states) - 1 - len(states) // 4, blocks).astype(int)
+    sections = [range(k, k + len(states) // 4) for k in starts.tolist()]
+    timed = interleaved(steps, sections, np.random.default_rng(0))
+    ours_, minks_ = (
+        np.median(np.reshape(timed[name].call, (blocks, -1)), axis=1) for name in ("ours", "mink")
+    )
+    ratios = np.percentile(ours_ / minks_, [100, 90, 50, 10])
+    middle = [f"{1e-3 * float(np.median(timed[name].call)):.0f}" for name in steps]
+    return len(limits(made.model)[0].pairs), *middle, *(f"{share:.2f}" for share in ratios)
 
 
-PARTS = {"random_cells": random_cells, "crowded_cells": crowded_cells, "walls": walls}
+PARTS = {f.__name__: f for f in (random_cells, crowded_cells, walls, wall_times)}
 OPTIONS: dict[str, Any] = {
+    "keep": "",
     "cells": 20,
     "first": 0,
     "every": 10,

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import copy
-import itertools
 from collections.abc import Iterable, Sequence
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -11,6 +9,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import mink
 import mujoco
 import numpy as np
+import numpy.typing as npt
 
 from qp_twist.checks import Array, Indices, Mask, number
 from qp_twist.constraints.colliding_pairs import (
@@ -66,8 +65,9 @@ class Clearance(Constraint):
     :class:`~qp_twist.Controller` adds rows of the distances there. With acceleration limits a step
     is one after which the margin is kept while all joints brake to rest, each as hard as it may
     (``qp_twist/kernel/clearance_rows.py``). The next step may brake so, and so may all that follow.
-    A mocap body is expected to go on as it moved between the last two steps; one that comes faster
-    than the joints can give way is not avoided.
+    A mocap body is expected to go on as it moved between the last two steps, and kept clear of by
+    as much more as it was not where it was expected: what changes its speed may do so again. One
+    that comes faster than the joints can give way is not avoided.
 
     Attributes:
         model: The robot and what is around it.
@@ -86,8 +86,9 @@ class Clearance(Constraint):
         ignore: Iterable[Sequence[str]] = (),
         *,
         recovery_speed: float = 0.1,
+        pairs: npt.ArrayLike | None = None,
     ) -> None:
-        """Find the pairs.
+        """Find the pairs, or take those that are given.
 
         Args:
             model: The robot and what is around it.
@@ -95,23 +96,24 @@ class Clearance(Constraint):
             ignore: Pairs of names of geoms or bodies that may touch; a body stands for its geoms
                 and those of bodies fixed to it.
             recovery_speed: Speed at which a pair that is too near is moved apart, m/s.
+            pairs: Ids of the two geoms of each pair, (P, 2); all that may collide if ``None``.
 
         Raises:
-            InvalidInput: If the distance is negative, a name is unknown, a geom that may collide
-                is a height field, or a ball or free joint moves one.
+            InvalidInput: If the distance is negative, a name or an id is unknown, a geom that may
+                collide is a height field, or a ball or free joint moves one.
         """
         self.model = model
         self.distance = number("Clearance(distance=…)", distance, at_least=0.0)
         self.recovery_speed = number("recovery_speed", recovery_speed, above=0.0)
         self.ignored = tuple(_two_names(pair) for pair in ignore)
-        pairs = colliding_pairs(model)
+        found = colliding_pairs(model) if pairs is None else _ids(pairs, model.ngeom)
         for names in self.ignored:
-            one, other = (np.isin(pairs, list(geoms_of(model, name))) for name in names)
-            pairs = pairs[~(one & other[:, ::-1]).any(axis=1)]
-        check_shapes(model, pairs)
-        self.pairs: Indices = pairs
-        self.names = tuple(f"{geom_name(model, a)} to {geom_name(model, b)}" for a, b in pairs)
-        self.units = ("m",) * len(pairs)
+            one, other = (np.isin(found, list(geoms_of(model, name))) for name in names)
+            found = found[~(one & other[:, ::-1]).any(axis=1)]
+        check_shapes(model, found)
+        self.pairs: Indices = found
+        self.names = tuple(f"{geom_name(model, a)} to {geom_name(model, b)}" for a, b in found)
+        self.units = ("m",) * len(found)
         self.has_begun = False
 
     @cached_property
@@ -296,18 +298,16 @@ class Clearance(Constraint):
         own = set(map(tuple, self.pairs.tolist()))
         kept = (every.margins(np.asarray(q, dtype=np.float64)) >= 0.0).all(axis=0)
         kept &= np.array([tuple(pair) not in own for pair in every.pairs.tolist()], dtype=bool)
-        found = every.without_pairs()
-        found.__dict__.pop("_shapes", None)  # of all pairs
-        found.pairs = every.pairs[kept]
-        found.names = tuple(itertools.compress(every.names, kept))
-        found.units = ("m",) * len(found.pairs)
-        return found
+        return Clearance(
+            self.model, self.distance, recovery_speed=self.recovery_speed, pairs=every.pairs[kept]
+        )
 
     def without_pairs(self) -> Clearance:
         """A clearance of the same model that asks for nothing."""
-        empty = copy.copy(self)
-        empty.pairs, empty.names, empty.units = self.pairs[:0], (), ()
-        return empty
+        return Clearance(
+            self.model, self.distance, self.ignored, recovery_speed=self.recovery_speed,
+            pairs=self.pairs[:0],
+        )  # fmt: skip
 
     def __getstate__(self) -> dict[str, Any]:
         """State without the arrays of the kernel, whose views would no longer share memory."""
@@ -322,6 +322,20 @@ def _nearest(margins: Array, below: float) -> tuple[Indices, Array]:
     which = np.argsort(margins, axis=1)[:, :PLANNED]
     found = np.take_along_axis(margins, which, axis=1)
     return np.where(found < below, which, -1), found
+
+
+def _ids(pairs: npt.ArrayLike, geoms: int) -> Indices:
+    """Pairs of ids of a model with so many geoms, (P, 2)."""
+    ids = np.asarray(pairs)
+    if not ids.size:
+        return np.zeros((0, 2), dtype=np.intp)
+    fits = ids.dtype.kind in "iu" and ids.ndim == 2 and ids.shape[1] == 2
+    if not fits or ((ids < 0) | (ids >= geoms)).any():
+        raise InvalidInput(
+            f"Clearance(pairs=…): expected ids of geoms from 0 to {geoms - 1}, two in each row, "
+            f"got {pairs!r}."[:400]
+        )
+    return ids.astype(np.intp)
 
 
 def _two_names(pair: Any) -> tuple[str, str]:

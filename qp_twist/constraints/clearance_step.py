@@ -43,7 +43,7 @@ class ClearanceStep:
 
     def __init__(self, shapes: MovingShapes, nq: int, nv: int, distance: float) -> None:
         """Allocate them for the pairs of ``shapes`` and a distance to keep, m."""
-        self._shapes, self._distance = shapes, distance
+        self._shapes, self._distance, self._cell = shapes, distance, shapes.arrays
         pairs = shapes.count
         # Every pair has a row; then come corrections, and those that hold a velocity.
         size = ApartSizes(nq, nv, pairs, 2 * pairs + 200 + 2 * nv)
@@ -69,10 +69,9 @@ class ClearanceStep:
         arrays = self._arrays
         if self._count < 0:
             arrays.q[:] = q
-            shapes = self._shapes
             self._count = rows_apart(
-                *shapes.arrays, self._floats, self._integers, dt, self._distance, HORIZON,
-                recovery, shapes.has_moved,
+                *self._cell, self._floats, self._integers, dt, self._distance, HORIZON, recovery,
+                self._shapes.has_moved,
             )  # fmt: skip
         k = self._count
         return PairRows(
@@ -85,14 +84,17 @@ class ClearanceStep:
 
     def lacks(self, velocity: Array, dt: float) -> float:
         """By how much a velocity (nv,) leads below what it may leave of the margins, m."""
-        _, *then = self._shapes.arrays
-        return float(lack_apart(*then, self._floats, self._integers, velocity, dt, self._distance))
+        _, then, integers = self._cell
+        lack: float = lack_apart(
+            then, integers, self._floats, self._integers, velocity, dt, self._distance
+        )
+        return lack
 
     def correct(self, velocity: Array, dt: float) -> None:
         """Add rows of where a velocity leads that :meth:`lacks` has found to lack something."""
-        _, *then = self._shapes.arrays
+        _, then, integers = self._cell
         self._count = correct_apart(
-            *then, self._floats, self._integers, velocity, dt, self._distance, self._count
+            then, integers, self._floats, self._integers, velocity, dt, self._distance, self._count
         )
 
     def hold(self, velocity: Array, dt: float, kept: float) -> None:

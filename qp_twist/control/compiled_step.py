@@ -44,6 +44,7 @@ from qp_twist.kernel.live_step import (
     live_infeasible_step,
     live_step,
 )
+from qp_twist.kernel.record import Integers
 from qp_twist.kernel.step_kernel import (
     FROM_PYTHON,
     RAISE,
@@ -181,8 +182,8 @@ class CompiledStep:
         )  # fmt: skip
         self._capacity = capacity
         self._floats, self._integers = STEP.allocate(size)
-        self._by_rows: dict[int, tuple[StepInputs, Program, Array]] = {}
-        self._edge: tuple[Array, npt.NDArray[np.int64]] = EDGE.allocate(self._edge_size)
+        self._by_rows: dict[int, tuple[tuple[Integers, Integers], StepInputs, Program, Array]] = {}
+        self._edge: tuple[Array, Integers] = EDGE.allocate(self._edge_size)
         self._take_rows(0)
         g = self._inputs
         self._python_tasks = [n for n, task in enumerate(self._tasks) if not rows_known(task)]
@@ -215,9 +216,12 @@ class CompiledStep:
             (t, limit) for t, limit in tables if type(limit) not in BOXES and not is_mink_box(limit)
         ]
         self._calls_python = bool(self._evaluated_limits or self._soft_tasks or self._python_tasks)
-        self._only_clearances = not self._soft_tasks and all(
-            isinstance(limit, Clearance) for _, limit in self._evaluated_limits
-        )
+        self._with_boxes = [
+            place
+            for place, (_, limit) in enumerate(self._evaluated_limits)
+            if not isinstance(limit, Clearance)
+        ]
+        self._only_clearances = not (self._soft_tasks or self._with_boxes)
         self._banded = False
         self._data: mujoco.MjData | None = None
         self._jacs: list[tuple[Callable[..., None], Array, int, int]] = []
@@ -255,20 +259,27 @@ class CompiledStep:
 
     def _take_rows(self, k: int) -> None:
         """Take the views for k inequality rows; they are made the first time."""
-        size = self._size = self._size._replace(k=k)
-        STEP.resize(self._integers, size)
-        EDGE.resize(self._edge[1], self._edge_size)
+        self._size = self._size._replace(k=k)
         self._edge_arrays: EdgeArrays | None = None
         known = self._by_rows.get(k)
         if known is None:
-            stages = STEP.arrays(self._floats, self._integers, self._integers)
-            first = STEP_INPUTS.layout(size).floats
-            result = self._floats[first : first + PROGRAM.end(size, "sensitivity")]
-            known = self._by_rows[k] = stages.inputs, stages.program, result
+            known = self._by_rows[k] = self._views()
         self._inputs: StepInputs
         self._program: Program
-        self._inputs, self._program, self._result = known
+        tables, self._inputs, self._program, self._result = known
+        self._integers[: STEP.head], self._edge[1][: EDGE.head] = tables
         self._program.active_count[0] = 0
+
+    def _views(self) -> tuple[tuple[Integers, Integers], StepInputs, Program, Array]:
+        """The tables of both records at the present size, and views of a step's arrays."""
+        size, integers = self._size, self._integers
+        STEP.resize(integers, size)
+        EDGE.resize(self._edge[1], self._edge_size)
+        tables = integers[: STEP.head].copy(), self._edge[1][: EDGE.head].copy()
+        stages = STEP.arrays(self._floats, integers, integers)
+        first = STEP_INPUTS.layout(size).floats
+        result = self._floats[first : first + PROGRAM.end(size, "sensitivity")]
+        return tables, stages.inputs, stages.program, result
 
     def __call__(
         self,
@@ -416,9 +427,9 @@ class CompiledStep:
             return None
         if k != self._size.k:
             self._take_rows(k)
-        for (table, limit), found in zip(self._evaluated_limits, evaluated, strict=True):
-            if not isinstance(limit, Clearance):  # which has no bounds
-                table[:, 0], table[:, 1] = (-np.inf, np.inf) if found is None else found.box[1:]
+        for place in self._with_boxes:
+            table, found = self._evaluated_limits[place][0], evaluated[place]
+            table[:, 0], table[:, 1] = (-np.inf, np.inf) if found is None else found.box[1:]
         hardest = 0.0
         if costs is not None:
             nv = composed.model.nv

@@ -210,7 +210,8 @@ def _take_reaches(cell, s, dt, horizon, moves):
             other, _ = _moved(s.before[j] - braking, braking, _LATEST, dt)
             s.travel[j] = max(abs(one - here), abs(other - here))
         longest = max(longest, s.travel[j])
-    _go(cell, s, s.braked, 0, dt)
+    if not math.isinf(longest):
+        _go(cell, s, s.braked, 0, dt)
     for pair in range(len(s.reach)):
         s.reach[pair] = horizon
         if not math.isinf(longest):

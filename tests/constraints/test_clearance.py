@@ -420,6 +420,24 @@ def test_several_pairs_are_ignored() -> None:
     assert found == ALL - both("floor-tool", "base-elbow")
 
 
+def test_pairs_may_be_given() -> None:
+    """Those that are given have the margins that they have among all."""
+    model = mujoco.MjModel.from_xml_string(f"<mujoco><worldbody>{arm()}</mujoco>")
+    every = qt.Clearance(model, distance=0.03)
+    some = qt.Clearance(model, distance=0.03, pairs=every.pairs[1::2])
+    assert some.names == every.names[1::2] and len(some.names) > 1
+    q = np.random.default_rng(0).uniform(-1.0, 1.0, (5, model.nq))
+    assert some.margins(q) == pytest.approx(every.margins(q)[:, 1::2], abs=1e-12)
+    assert every.without_pairs().margins(q).shape == (5, 0)
+
+
+@pytest.mark.parametrize("pairs", [[[0, 999]], [[0, -1]], [[0.0, 1.0]], [0, 1], 3, [[0, 1, 2]]])
+def test_pairs_that_are_none_are_refused(pairs: object) -> None:
+    model = mujoco.MjModel.from_xml_string(f"<mujoco><worldbody>{arm()}</mujoco>")
+    with pytest.raises(qt.InvalidInput, match="pairs"):
+        qt.Clearance(model, pairs=pairs)  # type: ignore[arg-type]
+
+
 def test_unnamed_geoms_are_called_by_their_body() -> None:
     one = arm(hand='<geom size="0.1"/>')
     assert pairs_of(one) == ALL  # the body's only geom
@@ -571,6 +589,39 @@ def test_a_lever_gives_way_in_corrected_steps_too(acceleration: float | None) ->
         least = min(least, oracle.at(configuration.q).of(clearance.pairs).min())
     assert configuration.q[0] > 0.5
     assert least >= 0.02 - 1e-6
+
+
+@pytest.mark.parametrize("turns", [False, True])
+def test_what_comes_faster_and_faster_is_given_way_to(turns: bool) -> None:
+    """A block that is pushed, and a paddle that turns, with a constant acceleration."""
+    model = mujoco.MjModel.from_xml_string("""
+    <mujoco><worldbody>
+      <body name="block" mocap="true"><geom name="block" type="box" size="0.3 0.02 0.5"
+        pos="0.3 0 0"/></body>
+      <body><joint type="slide" axis="1 0 0" range="-5 5" limited="true"/>
+        <geom name="cart" size="0.05"/><site name="tool"/></body></worldbody></mujoco>""")
+    clearance = qt.Clearance(model, distance=0.02)
+    task = qt.TwistTask("tool", "site", qt.TwistProjector(
+        linear=qt.Projector.line([1, 0, 0]), angular=qt.Projector.none()
+    ))  # fmt: skip
+    task.set_target(mink.SE3.identity())
+    controller = qt.Controller(model, [task], limits=[clearance, qt.MotionLimit(model, velocity=3)])
+    configuration, oracle = mink.Configuration(model, np.zeros(1)), Distances(model)
+
+    def place(data: mujoco.MjData, t: float) -> None:
+        angle = 0.5 * t**2 if turns else 0.0
+        data.mocap_pos[0] = [-0.3, -0.3, 0.0] if turns else [-0.9 + 0.5 * t**2, 0.0, 0.0]
+        data.mocap_quat[0] = [np.cos(0.5 * angle), 0.0, 0.0, np.sin(0.5 * angle)]
+
+    least = np.inf
+    for k in range(300):
+        place(configuration.data, 0.005 * k)
+        configuration.update()
+        configuration.integrate_inplace(controller.step(configuration, 0.005).velocity, 0.005)
+        place(oracle.data, 0.005 * (k + 1))
+        least = min(least, oracle.at(configuration.q).of(clearance.pairs).min())
+    assert abs(configuration.q[0]) > 0.1
+    assert 0.02 - 1e-6 <= least <= 0.02 + 2e-5
 
 
 # ---------------------------------------------------------------------------------- refusals
