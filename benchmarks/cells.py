@@ -243,11 +243,11 @@ class Obstacles:
             self.oracle.data.mocap_pos[0] = obstacle
         return self.oracle.at(q)
 
-    def bounds(self, q: Array, obstacles: Array | None = None) -> Array:
+    def bounds(self, q: Array, enough: float, obstacles: Array | None = None) -> Array:
         """Lower bounds of the distances at configurations q (N, nq), m, (N, P).
 
-        The ball around a geom is at least as far from the other geom's box, and a geom's box from
-        a plane.
+        That of the balls around two geoms; where it is not enough, the ball around one is at least
+        as far from the other's box, and a box from a plane.
         """
         places = np.empty((len(q), self.model.ngeom, 3))
         turns = np.empty((len(q), self.model.ngeom, 9))
@@ -256,22 +256,23 @@ class Obstacles:
             places[k], turns[k] = data.geom_xpos, data.geom_xmat
         R = turns.reshape(*places.shape, 3)
         centres = places + np.einsum("ngij,gj->ngi", R, self.centres)
-        least = np.full((len(q), len(self.pairs)), -np.inf)
-        for one, other in (self.pairs.T, self.pairs.T[::-1]):
-            apart = centres[:, one] - places[:, other]
-            local = np.einsum("npji,npj->npi", R[:, other], apart)
-            outside = np.maximum(np.abs(local - self.centres[other]) - self.boxes[other], 0.0)
-            bound = np.sqrt(np.einsum("npi,npi->np", outside, outside)) - self.balls[one]
-            above = np.einsum("npik,npi->npk", R[:, one], R[:, other][..., 2])
-            reach = np.einsum("npk,pk->np", np.abs(above), self.boxes[one])
-            bound = np.where(self.planes[other], local[..., 2] - reach, bound)
-            least = np.maximum(least, bound)
+        away = centres[:, self.pairs[:, 0]] - centres[:, self.pairs[:, 1]]
+        least = np.sqrt(np.einsum("npi,npi->np", away, away)) - self.balls[self.pairs].sum(axis=1)
+        k, near = np.nonzero(least < enough)
+        for one, other in (self.pairs[near].T, self.pairs[near].T[::-1]):
+            apart = np.einsum("nij,ni->nj", R[k, other], centres[k, one] - places[k, other])
+            outside = np.maximum(np.abs(apart - self.centres[other]) - self.boxes[other], 0.0)
+            bound = np.sqrt(np.einsum("ni,ni->n", outside, outside)) - self.balls[one]
+            above = np.abs(np.einsum("nij,ni->nj", R[k, one], R[k, other][..., 2]))
+            reach = np.einsum("nj,nj->n", above, self.boxes[one])
+            bound = np.where(self.planes[other], apart[:, 2] - reach, bound)
+            least[k, near] = np.maximum(least[k, near], bound)
         return least
 
     def keeps(self, q: Array, distance: float = CLEAR) -> npt.NDArray[np.bool_]:
         """Which configurations q (N, nq) have all pairs at least so far apart, (N,)."""
         kept = np.ones(len(q), dtype=bool)
-        near = self.bounds(q) < distance
+        near = self.bounds(q, distance) < distance
         for k in np.flatnonzero(near.any(axis=1)):
             self.oracle.at(q[k])
             pairs = np.flatnonzero(near[k])
@@ -290,7 +291,8 @@ class Obstacles:
 
         With the mocap body at places (N, 3), if there is one.
         """
-        found, bounds = 0.2, self.bounds(q, obstacles)
+        found = 0.2
+        bounds = self.bounds(q, found, obstacles)
         for k in np.argsort(bounds.min(axis=1)):  # the nearest first leave little to look at
             near = self.pairs[bounds[k] < found]
             if not len(near):
