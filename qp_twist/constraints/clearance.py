@@ -218,12 +218,15 @@ class Clearance(Constraint):
         """
         return self._step.lacks(velocity, dt)
 
-    def correct(self, velocity: Array, dt: float) -> None:
+    def correct(self, velocity: Array, dt: float) -> bool:
         """Add rows of where the last step's velocity leads, after :meth:`falls_short`.
 
         They are linear in the difference from this velocity.
+
+        Returns:
+            Whether there are any.
         """
-        self._step.correct(velocity, dt)
+        return self._step.correct(velocity, dt)
 
     def hold(self, velocity: Array, dt: float, kept: float) -> None:
         """Add rows that hold a safe velocity between this one and the hardest braking."""

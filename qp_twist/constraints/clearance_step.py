@@ -90,12 +90,17 @@ class ClearanceStep:
         )
         return lack
 
-    def correct(self, velocity: Array, dt: float) -> None:
-        """Add rows of where a velocity leads that :meth:`lacks` has found to lack something."""
+    def correct(self, velocity: Array, dt: float) -> bool:
+        """Add rows of where a velocity leads that lacks something; whether there are any.
+
+        :meth:`lacks` has found that it does.
+        """
         _, then, integers = self._cell
+        before = self._count
         self._count = correct_apart(
-            then, integers, self._floats, self._integers, velocity, dt, self._distance, self._count
+            then, integers, self._floats, self._integers, velocity, dt, self._distance, before
         )
+        return self._count > before
 
     def hold(self, velocity: Array, dt: float, kept: float) -> None:
         """Add rows that hold a velocity between this one and braking that lacks at most ``kept``.

@@ -332,14 +332,16 @@ class Controller:
             # rows of the distances there are added, and the step is computed again.
             for correction in range(_CORRECTIONS + 1 if clearances else 0):
                 lacking = [c for c in clearances if c.falls_short(step.velocity, dt) > _KEPT]
-                for clearance in lacking:
-                    if correction < _CORRECTIONS:
-                        clearance.correct(step.velocity, dt)
-                    else:
-                        clearance.hold(step.velocity, dt, _KEPT)
                 if not lacking:
                     break
+                corrected = False
+                for clearance in lacking if correction < _CORRECTIONS else ():
+                    corrected |= clearance.correct(step.velocity, dt)
+                for clearance in () if corrected else lacking:
+                    clearance.hold(step.velocity, dt, _KEPT)
                 step, note = self._solved(configuration, dt, bool(use_secondary))
+                if not corrected:
+                    break
         finally:
             for clearance in clearances:
                 clearance.has_begun = False

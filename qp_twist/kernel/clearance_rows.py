@@ -84,6 +84,8 @@ class Apart(NamedTuple):
     """What may be left of the margin: 0, or less for a pair that returns, m."""
     gradients: Annotated[Floats, "pairs", "dofs"]
     """Derivatives of the margins on the way of w; 0 of pairs without a row."""
+    normals: Annotated[Floats, "pairs", 3]
+    """Directions of the distances there; 0 of pairs without a row."""
     G: Annotated[Floats, "rows", "dofs"]
     """G Δq ≤ h."""
     h: Annotated[Floats, "rows"]
@@ -136,6 +138,14 @@ def _margin(cell, pair, enough, asked):
     return distance_of(cell, pair, enough + kept, True) - kept
 
 
+@part
+def _take_gradient(cell, s, pair):
+    """Keep the derivatives of the distance that was computed last, and its direction."""
+    gradient_of(cell, pair, s.gradients[pair])
+    for i in range(3):
+        s.normals[pair, i] = cell.simplex.result[6 + i]
+
+
 @plain
 def _look(cell, s, pair, n, asked):
     """Take the margin of a pair at a place on the way if it is the least so far."""
@@ -168,7 +178,7 @@ def _look_along(cell, s, velocity, dt, asked, slopes):
         near[pair] = _margin(cell, pair, enough, asked)
         s.worst[pair], s.sample[pair] = near[pair], 0
         if slopes and near[pair] < s.reach[pair]:
-            gradient_of(cell, pair, s.gradients[pair])
+            _take_gradient(cell, s, pair)
         left = left or near[pair] < enough
     if last == 0 or not left:
         return
@@ -291,13 +301,15 @@ def rows_apart(now, then, integers, floats, table, dt, asked, horizon, recovery,
         if min(left, then_left) >= s.reach[pair]:
             for j in range(len(s.before)):
                 s.gradients[pair, j] = 0.0
+            for i in range(3):
+                s.normals[pair, i] = 0.0
             continue
         if n > 0 or not then_left < s.reach[pair]:
             if placed != n:
                 _go(cell, s, s.braked, n, dt)
                 placed = n
             distance_of(cell, pair, math.inf, True)
-            gradient_of(cell, pair, s.gradients[pair])
+            _take_gradient(cell, s, pair)
         closing = max(left - then_left, 0.0) / dt
         until = n if n < last else _LATEST
         room = _row(s, pair, until, closing, left - closing * n * dt, dt, recovery, count)
@@ -328,17 +340,18 @@ def lack_apart(then, integers, floats, table, velocity, dt, asked):
 def _correction(cell, s, pair, velocity, left, dt, row):
     """Write a row of where a velocity leads, with ``slope`` of its way; return whether it counts.
 
-    On the far side of something the way out would be ahead: such a gradient is turned against that
-    of the beginning, or the pair moves apart there.
+    On the far side of something the way out would be ahead: there the distance has turned against
+    its direction at the beginning, or the pair moves apart.
     """
     distance_of(cell, pair, math.inf, True)
     G = s.G[row]
     gradient_of(cell, pair, G)
     along, rate, known = 0.0, 0.0, False
+    for i in range(3):
+        along += cell.simplex.result[6 + i] * s.normals[pair, i]
+        known = known or s.normals[pair, i] != 0.0
     for j in range(len(G)):
-        along += G[j] * s.gradients[pair, j]
         rate += G[j] * velocity[j]
-        known = known or s.gradients[pair, j] != 0.0
     if (known and along < 0.0) or (not known and rate >= 0.0):
         return False
     end = left

@@ -591,6 +591,30 @@ def test_a_lever_gives_way_in_corrected_steps_too(acceleration: float | None) ->
     assert least >= 0.02 - 1e-6
 
 
+@pytest.mark.parametrize("mode", ["scale", "relax"])
+def test_a_bar_along_a_wall_turns_and_moves_away(mode: str) -> None:
+    """Each end comes nearer as the other goes away; the slide gives way, the bar does not stop."""
+    model = mujoco.MjModel.from_xml_string("""
+    <mujoco><compiler angle="radian" autolimits="true"/><worldbody>
+      <geom name="wall" type="box" size="0.1 3 1" pos="-0.1 0 0"/>
+      <body><joint type="slide" axis="1 0 0" range="0 5"/><geom size="0.01" contype="0"
+        conaffinity="0"/>
+        <body><joint axis="0 0 1" range="-1 1"/><geom name="bar" type="capsule" size="0.05"
+          fromto="0 -1.5 0 0 1.5 0"/><site name="tool"/></body></body></worldbody></mujoco>""")
+    task = qt.TwistTask("tool", "site", qt.TwistProjector(
+        linear=qt.Projector.none(), angular=qt.Projector.line([0, 0, 1]), frame="world"
+    ))  # fmt: skip
+    limits = [qt.Clearance(model, distance=0.02), qt.MotionLimit(model, velocity=1.0)]
+    controller = qt.Controller(model, [task], limits=limits, on_infeasible=mode)  # type: ignore[arg-type]
+    configuration = mink.Configuration(model, np.array([0.07 + 1.5e-6, 1e-6]))
+    task.set_target(mink.SE3.from_rotation(mink.SO3.from_z_radians(-0.3)))
+    for _ in range(400):
+        configuration.integrate_inplace(controller.step(configuration, 0.005).velocity, 0.005)
+        place, angle = configuration.q
+        assert place - 1.5 * abs(np.sin(angle)) - 0.05 >= 0.02 - 1e-6
+    assert angle == pytest.approx(-0.3, abs=1e-3)
+
+
 @pytest.mark.parametrize("turns", [False, True])
 def test_what_comes_faster_and_faster_is_given_way_to(turns: bool) -> None:
     """A block that is pushed, and a paddle that turns, with a constant acceleration."""
