@@ -184,6 +184,7 @@ class CompiledStep:
         self._floats, self._integers = STEP.allocate(size)
         self._by_rows: dict[int, tuple[tuple[Integers, Integers], StepInputs, Program, Array]] = {}
         self._edge: tuple[Array, Integers] = EDGE.allocate(self._edge_size)
+        self._edge_arrays: EdgeArrays | None = None  # up to ``numbers``, for any number of rows
         self._take_rows(0)
         g = self._inputs
         self._python_tasks = [n for n, task in enumerate(self._tasks) if not rows_known(task)]
@@ -260,7 +261,6 @@ class CompiledStep:
     def _take_rows(self, k: int) -> None:
         """Take the views for k inequality rows; they are made the first time."""
         self._size = self._size._replace(k=k)
-        self._edge_arrays: EdgeArrays | None = None
         known = self._by_rows.get(k)
         if known is None:
             known = self._by_rows[k] = self._views()
