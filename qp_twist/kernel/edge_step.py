@@ -79,10 +79,10 @@ NOTICEABLE = 1e-8
 """``qp.verification.EQUALITY_TOLERANCE``: less is not called lost."""
 _LINEAR = 1e-10
 """Cost ½ε²‖x‖² beside ½(s − 2)² in the program of the largest s: see ``largest_scale``."""
+_STIFF = 1e-4
+"""The same cost where only s* = 0 is looked for."""
 _NEAR = 1e-6
 """Error of a relaxed step that is rounding where no scaled one is found, m/s and rad/s."""
-_STANDS = 1e-5
-"""Largest scale that counts as 0 there, and largest share of the relaxed step's progress."""
 _OF_THE_MOTION = 1e-4
 """A multiplier of at most this share of ε²‖x‖ is due to that cost: it does not limit s."""
 
@@ -385,19 +385,21 @@ def _scaled_motion(e, at_rest, slope, motion):
 
 
 @plain
-def _largest(w, e, backoff):
+def _largest(w, e, backoff, weight):
     """s*, less the backoff; −1 if not even rest is feasible, −2 on failure.
 
-    The derivatives of s* by the limits are written to ``e.sensitivity``.
+    The derivatives of s* by the limits are written to ``e.sensitivity``. ``weight`` is that of the
+    joints' motion: :data:`_LINEAR`; a larger one tells whether s* is 0 where limits nearly coincide
+    in the plane of motion and scale, but not the s* of a task that moves.
     """
     p, n = _program(e), len(w.x)
     u = len(p.x) - 1
     speed = _scaled_motion(e, 0.0, 1.0, e.motion)
-    _begin_program(w, e, p, _LINEAR, 1.0)
+    _begin_program(w, e, p, weight, 1.0)
     furthest = 1.0
     for i in range(n):
         for j in range(n):
-            p.dense[i, j] = _LINEAR if i == j else 0.0
+            p.dense[i, j] = weight if i == j else 0.0
     p.c[u], p.lower[u], p.upper[u] = -2.0, 0.0, 1.0
     _write_rows(w, e, p, 0.0, 1.0)
     if not cholesky_inverse(p.dense, p.J):
@@ -410,12 +412,21 @@ def _largest(w, e, backoff):
     scale = p.x[u]
     for i in range(u):
         furthest = max(furthest, abs(p.x[i]))
-    least = _OF_THE_MOTION * _LINEAR * furthest
+    least = _OF_THE_MOTION * weight * furthest
     for i in range(n):
         e.sensitivity[i] = p.box[i] / (2.0 - scale) if abs(p.box[i]) > least else 0.0
     for row in range(len(w.g)):
         e.sensitivity[n + row] = p.lam[row] / (2.0 - scale) if p.lam[row] > least else 0.0
     return scale * (1.0 - backoff) if scale * speed > AT_REST else 0.0
+
+
+@plain
+def _largest_or_rest(w, e, backoff):
+    """:func:`_largest`; 0 also where rounding alone leaves no room for a task that stands."""
+    top = _largest(w, e, backoff, _LINEAR)
+    if top != -1.0 or e.numbers[DEGRADED] > 0.0 or rest_is_excluded(w):
+        return top
+    return 0.0 if _largest(w, e, backoff, _STIFF) == 0.0 else top
 
 
 @plain
@@ -524,16 +535,6 @@ def _give_way(w, e, strained, largest, dt, tolerances):
 
 
 @plain
-def _progress(e, x):
-    """bᵀA q̇."""
-    total = 0.0
-    for i in range(len(e.goal)):
-        for k in range(len(x)):
-            total += e.goal[i] * e.rows[i, k] * x[k]
-    return total
-
-
-@plain
 def _left(e, scale):
     """The smaller one of s and of what is left of the weakest direction, 1 − φ (1 − θ)."""
     return min(scale, 1.0 - e.numbers[DEGRADED] * (1.0 - e.numbers[FITTING]))
@@ -582,28 +583,6 @@ def _pass_over(w, e, scale, largest, dt, tolerances):
 
 
 @plain
-def _stands(w, e):
-    r"""Whether the closest velocity proves that a limit stops the task: no s noticeably above 0.
-
-    For the x\* that minimises ‖r‖, r = A x − b, inside the convex limits, all others have
-    r\*ᵀA x ≥ r\*ᵀA x\*. So A x = s b needs s ≤ −r\*ᵀA x\*/(−r\*ᵀb), −r\*ᵀb = ‖r\*‖² − r\*ᵀA x\*.
-    """
-    closest, along, length, asked = _program(e).levels.x, 0.0, 0.0, 0.0
-    for i in range(len(e.goal)):
-        reached = 0.0
-        for k in range(len(w.x)):
-            reached += e.rows[i, k] * closest[k]
-        along += (reached - e.goal[i]) * reached
-        length += (reached - e.goal[i]) ** 2
-        asked += e.goal[i] * e.goal[i]
-    left, free, none = length - along, _progress(e, w.x), ROUNDING * asked
-    return (
-        max(0.0, -along) <= _STANDS * left
-        and max(0.0, -along) * asked <= (none + _STANDS * max(free, none)) * left
-    )
-
-
-@plain
 def _off(w):
     """Largest error of the rows A q̇ = b at ``w.x``."""
     worst = 0.0
@@ -631,13 +610,13 @@ def _just_met(w, e, largest, dt, tolerances):
 @plain
 def _slower(g, w, e, largest, dt, tolerances):
     """Scale the task, and pass over to the relaxed step where a limit stops it."""
-    top = _largest(w, e, tolerances.backoff)
+    top = _largest_or_rest(w, e, tolerances.backoff)
     if top == -1.0:
         outcome = _give_way(w, e, 0.0, largest, dt, tolerances)
         if outcome == REFUSED or rest_is_excluded(w) or e.numbers[DEGRADED] > 0.0:
             return outcome
-        # Rest is feasible, so that was rounding at a limit: s* is 0, or the task is met.
-        return outcome if _off(w) <= _NEAR or _stands(w, e) else REFUSED
+        # Rest is feasible, so that was rounding at a limit: the task is met.
+        return outcome if _off(w) <= _NEAR else REFUSED
     if top < 0.0:
         return REFUSED
     if top >= 1.0 - 2.0 * tolerances.backoff:
@@ -748,15 +727,16 @@ def _missed(w, e):
 @plain
 def _keep_rows(e, p, n, relaxed):
     """Write the rows of ``control.edge_step._with_inertia``; their slacks are free."""
-    m, u = len(p.b), len(p.x) - 1
-    for i in range(m):
+    u = len(p.x) - 1
+    for i in range(len(p.b)):
         kept = (1.0 - e.weakness[i]) * (1.0 - relaxed)
         for k in range(n):
             p.A[i, k] = kept * e.rows[i, k]
-        for j in range(m):
+        for j in range(u - n):
             p.A[i, n + j] = (kept - 1.0) * LOOSE * math.sqrt(e.floor[i]) if i == j else 0.0
         p.A[i, u], p.b[i] = -kept * e.slope[i], 0.0
-        p.lower[n + i], p.upper[n + i] = -math.inf, math.inf
+    for j in range(u - n):
+        p.lower[n + j], p.upper[n + j] = -math.inf, math.inf
 
 
 @plain
@@ -773,6 +753,8 @@ def _with_inertia(g, w, e, outcome, before, relaxed, largest, dt, tolerances):
     e.numbers[PASSED] = relaxed = _lagging(g, n, before, relaxed, dt)
     if relaxed == 1.0:
         p = e.bare  # nothing of the task is kept
+    elif relaxed == 0.0 and e.numbers[DEGRADED] == 0.0:
+        p = e.slim  # all of it
     scale = w.sensitivity[0] / w.braking[0] if outcome == SCALED else 1.0
     for k in range(n):
         share, velocity = _inert_share(g, k, dt)
