@@ -1,4 +1,4 @@
-"""Layers of any arm of hinges and slides: self-motion manifolds, covered from random seeds."""
+"""Layers of any arm of hinges and slides: configurations that cover its self-motion manifolds."""
 
 from __future__ import annotations
 
@@ -10,8 +10,9 @@ from scipy.spatial import KDTree
 from qp_twist.checks import Array, Indices, Mask
 from qp_twist.kinematics import JointRanges
 from qp_twist.paths import PathTask
-from qp_twist.planning.layer import TURN, Layer, boxed, centred, empty_layer, inside_limits
+from qp_twist.planning.layer import Layer, centred, empty_layer, inside_limits
 from qp_twist.planning.path_rows import PathRows
+from qp_twist.planning.seeds import Seeds
 
 SEEDS = 300
 """Number of random seeds for a waypoint's manifolds."""
@@ -37,11 +38,13 @@ _SAMPLED, _CORRECTED = 3000, 500
 class ManifoldNet:
     """Self-motion manifolds inside the limits, as nets of configurations.
 
-    Newton's method corrects random configurations onto the task and into its hard bands; from each
-    of them the net grows in steps along the null space of the task rows until it meets itself or a
-    limit. A manifold without a seed is not found. With more than two free degrees the net would be
-    too large: random configurations, and those of the previous layer carried over, are the layer,
-    the most central of them if they are many.
+    In closed form, where the arm has one and a grid of its free coordinates covers the manifolds
+    (:class:`~qp_twist.planning.seeds.Seeds`). For other arms and with hard bands, Newton's method
+    corrects solutions in closed form, random configurations and those of the previous layer onto
+    the task and into its bands; from each of them the net grows in steps along the null space of
+    the task rows until it meets itself or a limit. A manifold without a seed is not found. With
+    more than two free degrees the net would be too large: its seeds are the layer, the most central
+    of them if they are many.
 
     Attributes:
         spacing: Distance between neighbours that differ in one joint only, rad or m, (nv,): in
@@ -55,10 +58,7 @@ class ManifoldNet:
         self.rows = rows
         self.spacing: Array = np.broadcast_to(spacing, path_task.model.nv).astype(np.float64)
         self.ranges = JointRanges.of(path_task.model)
-        width = self.ranges.upper - self.ranges.lower
-        #: Joints whose whole turns do not matter.
-        self._period = np.where(self.ranges.hinge & ~(width < TURN), TURN, 0.0)
-        self._rng = np.random.default_rng(seed)
+        self.seeds = Seeds(path_task, rows, self.spacing, np.random.default_rng(seed))
 
     def layer(self, index: int, before: Layer | None = None, *, grow: bool = True) -> Layer:
         """The configurations at a waypoint, seeded also by those of the previous layer.
@@ -66,9 +66,7 @@ class ManifoldNet:
         Without ``grow`` only those of the seeds: whether there are any, and why not.
         """
         freedom = int(self.rows.freedom[index])
-        seeds = self._random(SEEDS if freedom <= COVERED or self.rows.hard else _SCATTERED)
-        if before is not None:
-            seeds = np.vstack([centred(before.q, self.ranges), seeds])
+        seeds = self._begun(index, freedom, before)
         for _ in range(1 + _AGAIN):
             q, arrived = self.rows.correct(seeds, np.full(len(seeds), index))
             q = centred(q[arrived], self.ranges)
@@ -76,10 +74,11 @@ class ManifoldNet:
             if len(nodes):
                 break
             # The next seeds are those at the nearest place inside the limits, and others.
-            seeds = np.vstack([self._clipped(q)[:_CLIPPED], self._random(SEEDS)])
+            seeds = np.vstack([self._clipped(q)[:_CLIPPED], self.seeds.random(SEEDS)])
         else:
             return empty_layer(q, self.ranges, self.rows.hard, index)
         nodes = self._thinned(centred(nodes, self.ranges))
+        grow = grow and not self.seeds.cover(index)
         if grow and 0 < freedom <= COVERED:
             nodes = self._grown(nodes, index, freedom)
         elif freedom > COVERED:
@@ -88,13 +87,23 @@ class ManifoldNet:
             nodes = nodes[np.argsort(self.ranges.centring(nodes), kind="stable")[:most]]
         return inside_limits(nodes, self._components(nodes), self.ranges)
 
-    def _random(self, count: int) -> Array:
-        lower, upper = self.ranges.lower, self.ranges.upper
-        slide = np.where(np.isfinite(lower), lower, -1.0), np.where(np.isfinite(upper), upper, 1.0)
-        free = ~np.isfinite(upper - lower) & self.ranges.hinge
-        return self._rng.uniform(
-            np.where(free, -np.pi, slide[0]), np.where(free, np.pi, slide[1]), (count, len(lower))
-        )
+    def _begun(self, index: int, freedom: int, before: Layer | None) -> Array:
+        """Where a layer begins, (K, nv)."""
+        solved = centred(self.seeds.solved(index), self.ranges)
+        inside = self.ranges.inside(solved)
+        if inside.any():
+            solved = solved[inside]
+        if self.seeds.cover(index):
+            return solved
+        if self.rows.hard:  # many corrections into narrow bands would take long
+            within = self.rows.hard.inside(solved, np.full(len(solved), index))
+            solved = np.vstack([solved[within], solved[~within][:: 1 + len(solved) // SEEDS]])
+        few = freedom <= COVERED or self.rows.hard
+        count = SEEDS if few else _SCATTERED if not self.seeds.arms else 0
+        begun = [solved, self.seeds.random(count)]
+        if before is not None:
+            begun.insert(0, centred(before.q, self.ranges))
+        return np.concatenate(begun)
 
     def _clipped(self, q: Array) -> Array:
         """Configurations (K, nv) moved into the limits, joint by joint."""
@@ -107,7 +116,7 @@ class ManifoldNet:
         directions = _directions(freedom)
         frontier = nodes
         while len(frontier) and len(nodes) < _MOST:
-            at, net = np.full(len(frontier), index), self._tree(nodes)
+            at, net = np.full(len(frontier), index), self.seeds.tree(nodes)
             basis = self.rows.motions(frontier, at)[:, :, :freedom]
             basis = np.linalg.qr(basis / self.spacing[:, None]).Q
             ahead = frontier[:, None] + self.spacing * (directions @ basis.transpose(0, 2, 1))
@@ -133,7 +142,7 @@ class ManifoldNet:
             return q
         taken = np.zeros(len(q), dtype=bool)
         kept = []
-        neighbours = self._tree(q).query_ball_point(self._scaled(q), _THIN)
+        neighbours = self.seeds.tree(q).query_ball_point(self.seeds.scaled(q), _THIN)
         for number, near in enumerate(neighbours):
             if not taken[number]:
                 kept.append(number)
@@ -144,12 +153,12 @@ class ManifoldNet:
         """Which of q (K, nv) are too close to a node of the net, (K,)."""
         if not len(q):
             return np.zeros(0, dtype=bool)
-        distance, _ = net.query(self._scaled(q), distance_upper_bound=_THIN)
+        distance, _ = net.query(self.seeds.scaled(q), distance_upper_bound=_THIN)
         return np.asarray(np.isfinite(distance))
 
     def _components(self, q: Array) -> Indices:
         """Index of each configuration's manifold, by the connected components of neighbours."""
-        pairs = self._tree(q).query_pairs(2.0, output_type="ndarray")
+        pairs = self.seeds.tree(q).query_pairs(2.0, output_type="ndarray")
         graph = coo_matrix((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), (len(q), len(q)))
         labels: Indices = connected_components(graph, directed=False)[1].astype(np.intp)
         return labels
@@ -168,13 +177,6 @@ class ManifoldNet:
         at = centred(q, self.ranges)
         which = np.flatnonzero(self.ranges.inside(at) & within)
         return q[which], which
-
-    def _tree(self, q: Array) -> KDTree:
-        return KDTree(self._scaled(q), boxsize=self._period / self.spacing)
-
-    def _scaled(self, q: Array) -> Array:
-        """Joints divided by the spacing, modulo whole turns that do not matter."""
-        return boxed(q / self.spacing, self._period / self.spacing)
 
 
 def _directions(freedom: int) -> Array:

@@ -6,12 +6,13 @@ from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from qp_twist.checks import Array, Indices, Mask
 from qp_twist.constraints import JointCouplings
 from qp_twist.geometry import distinct_projectors, many_twist_errors
 from qp_twist.kernel.path_kernel import Couplings
-from qp_twist.kinematics import SerialChain
+from qp_twist.kinematics import ParametrisedArm, SerialChain
 from qp_twist.paths import PathTask
 from qp_twist.planning.hard_constraints import HardConstraints
 
@@ -56,6 +57,11 @@ class PathRows:
         ranks = np.array([projector.rank for projector in self._projectors])
         free = path_task.model.nv - len(self._coupled) - ranks[self._which]
         self.freedom: Indices = np.maximum(free, 0)
+
+    @cached_property
+    def closed_forms(self) -> list[ParametrisedArm]:
+        """Closed forms of the arm's inverse kinematics, for given values of some joints."""
+        return ParametrisedArm.recognise(self.chain)
 
     @cached_property
     def compiled(self) -> CompiledPath:
@@ -115,6 +121,18 @@ class PathRows:
             inside[left] = arrived & self.hard.inside(q[left], at[left])
             left = left[arrived & ~inside[left]]
         return q, inside
+
+    def projected(self, rotations: Array, positions: Array, index: int) -> tuple[Array, Array]:
+        """Poses (K, 3, 3), (K, 3) moved onto a waypoint by their task error, in what T leaves."""
+        _, errors = many_twist_errors(
+            rotations,
+            positions,
+            np.broadcast_to(self._rotations[index], rotations.shape),
+            np.broadcast_to(self._positions[index], positions.shape),
+            self._projectors[self._which[index]],
+        )
+        turned: Array = Rotation.from_rotvec(errors[:, 3:]).as_matrix() @ rotations
+        return turned, positions + errors[:, :3]
 
     def shortest(self, q: Array, at: Indices) -> Array:
         """The least-norm step that satisfies the rows at the waypoints, rad or m, (K, nv)."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -237,6 +238,8 @@ class PlanSearch:
         if not self._cleared:
             return self._searched(None)
         inner = self._free = self._without_clearance()
+        if inner._impossible is not None:
+            return inner._impossible
         blocked = None
         if self.start is None and self._obstructed(inner):
             blocked = self._searched(None)
@@ -325,7 +328,7 @@ class PlanSearch:
 
     def _searched(self, best: RefinedPath | None) -> SearchResult:
         """Search with all constraints, beside the best motion known."""
-        impossible = self._impossible() if best is None and not self._cleared else None
+        impossible = self._impossible if best is None and not self._cleared else None
         if impossible is not None:
             return impossible
         tried = self._tried(self.start) if self.start is not None and best is None else []
@@ -564,6 +567,7 @@ class PlanSearch:
         certificate = _empty(waypoints, layers, grid, roadmap, not self._cleared)
         return SearchResult(None, certificate, layers, waypoints)
 
+    @cached_property
     def _impossible(self) -> SearchResult | None:
         """Waypoints that no random configuration reaches, before layers are made of all others.
 

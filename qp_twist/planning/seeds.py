@@ -1,0 +1,222 @@
+"""Configurations on a waypoint from which the nets over its self-motion manifolds grow."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.spatial import KDTree
+
+from qp_twist.checks import Array, Indices, Mask
+from qp_twist.kinematics import JointRanges, ParametrisedArm
+from qp_twist.kinematics.serial_chain import turns
+from qp_twist.paths import PathTask
+from qp_twist.planning.layer import TURN, boxed, centred
+from qp_twist.planning.path_rows import PathRows
+from qp_twist.planning.roll_grid import RollGrid
+
+_FEWEST, _MOST = 400, 4000
+"""Numbers of poses and parameters between which a grid's spacing is that of the net."""
+_FAR, _COVERED, _HALVINGS, _LARGEST = 1.5, 0.9, 4, 40_000
+"""Distance of neighbours of a grid, in units of the net's spacing, beyond which points between them
+are added; how often; and the number of points beyond which none are."""
+_DRAWN = 300
+"""Number of random ones where there is no grid: each gives up to eight configurations."""
+
+
+class Seeds:
+    """Configurations on a waypoint, or near it.
+
+    In closed form, if six of the arm's hinges have one when the others are given: all branches, on
+    a regular grid of the roll that the task leaves free and of the given joints inside their
+    limits. So no manifold is missed along which the roll or a given joint passes through a value of
+    the grid inside the limits. With more than two free degrees such a grid would be too large, and
+    of translations and of two free rotations there is none: roll and joints are then random, or the
+    free part of the pose is that of a random configuration.
+
+    At random for any other arm; Newton's method brings them onto the waypoint.
+
+    Attributes:
+        arms: The choices of given joints; empty for any other arm.
+    """
+
+    def __init__(
+        self, path_task: PathTask, rows: PathRows, spacing: Array, rng: np.random.Generator
+    ) -> None:
+        self.path_task = path_task
+        self.rows = rows
+        self.ranges = JointRanges.of(path_task.model)
+        self.arms = rows.closed_forms
+        width = self.ranges.upper - self.ranges.lower
+        #: Joints whose whole turns do not matter.
+        self._period = np.where(self.ranges.hinge & ~(width < TURN), TURN, 0.0)
+        self.spacing = spacing
+        self._rng = rng
+        lower, upper, half = (
+            self.ranges.lower, self.ranges.upper, np.where(self.ranges.hinge, np.pi, 1.0)
+        )  # fmt: skip
+        self._lower = np.where(np.isfinite(lower), lower, -half)
+        self._upper = np.where(np.isfinite(upper), upper, half)
+
+    def tree(self, q: Array) -> KDTree:
+        """Nearest neighbours among q (K, nv)."""
+        return KDTree(self.scaled(q), boxsize=self._period / self.spacing)
+
+    def scaled(self, q: Array) -> Array:
+        """Joints divided by the spacing, modulo whole turns that do not matter."""
+        return boxed(q / self.spacing, self._period / self.spacing)
+
+    def random(self, count: int) -> Array:
+        """Random configurations, (K, nv)."""
+        return self.ranges.random(count, self._rng)
+
+    def solved(self, index: int) -> Array:
+        """Solutions in closed form at a waypoint, whole turns not included, (K, nv).
+
+        On a grid, where joints move fast from one point to the next, or a branch ends between them,
+        those between are added, unless there are others nearby.
+        """
+        if not self.regular(index):
+            drawn = [self._drawn(index, arm) for arm in self.arms]
+            return _finite(drawn, len(self._lower))
+        grids: list[_Grid] = []
+        for arm in self.arms:
+            grids.append(_Grid(self, index, arm))
+            for _ in range(_HALVINGS if arm is self.arms[0] else 0):
+                every = np.concatenate([grid.near_solutions() for grid in grids])
+                if not 0 < len(every) < _LARGEST or not grids[-1].halve(self.tree(every)):
+                    break
+        return _finite([grid.q for grid in grids], len(self._lower))
+
+    def regular(self, index: int) -> bool:
+        """Whether the solutions of a waypoint are on a grid."""
+        if not self.arms or not RollGrid.applies(self.path_task, index):
+            return False
+        return len(self.arms[0].parameters) + self.free_roll(index) <= 2
+
+    def cover(self, index: int) -> bool:
+        """Whether the solutions of a waypoint cover its manifolds, so that no net has to grow."""
+        exact = all(arm.exact for arm in self.arms) and not self.rows.couplings.names
+        return exact and not self.rows.hard and self.regular(index)
+
+    def _drawn(self, index: int, arm: ParametrisedArm) -> Array:
+        """Solutions for random poses on a waypoint and values of the given joints, (K, 8, nv)."""
+        q = self.random(_DRAWN)
+        rotations, positions = self.rows.projected(*self.rows.chain.poses(q), index)
+        return arm.branches(rotations, positions, q[:, list(arm.parameters)])
+
+    def free_roll(self, index: int) -> bool:
+        """Whether a waypoint leaves the roll free."""
+        return self.path_task.in_force[index].angular.axis is not None
+
+    def box(self, index: int, arm: ParametrisedArm) -> tuple[Array, Array, Array]:
+        """Lower and upper ends of the roll, if it is free, and the given joints; spacing, (d,)."""
+        rolls, given = int(self.free_roll(index)), list(arm.parameters)
+        lower = np.append(np.zeros(rolls), self._lower[given])
+        upper = np.append(np.full(rolls, TURN), self._upper[given])
+        return lower, upper, np.append(np.full(rolls, self.spacing.max()), self.spacing[given])
+
+    def at(self, index: int, arm: ParametrisedArm, points: Array) -> Array:
+        """Solutions at points (K, d) of the roll, if it is free, and the given joints."""
+        waypoint, rolls = self.path_task.waypoints[index], int(self.free_roll(index))
+        rotations = np.tile(waypoint.rotation().as_matrix(), (len(points), 1, 1))
+        if rolls:
+            rotations = rotations @ turns(RollGrid.axis(self.path_task, index), points[:, 0])
+        positions = np.tile(waypoint.translation(), (len(points), 1))
+        return arm.branches(rotations, positions, points[:, rolls:])
+
+    def near(self, q: Array) -> Mask:
+        """Which of q (…, nv) are inside the limits, or less than the spacing outside."""
+        return np.asarray((self.ranges.room(centred(q, self.ranges)) >= -self.spacing).all(axis=-1))
+
+    def apart(self, a: Array, b: Array) -> Array:
+        """Differences of configurations, the shorter way round, (…, nv)."""
+        apart = b - a
+        shorter: Array = apart - np.where(self.ranges.hinge, TURN * np.round(apart / TURN), 0.0)
+        return shorter
+
+
+class _Grid:
+    """The solutions on the grid of one choice of given joints, and its intervals.
+
+    Attributes:
+        q: The solutions, (K, 8, nv).
+    """
+
+    def __init__(self, seeds: Seeds, index: int, arm: ParametrisedArm) -> None:
+        self.seeds, self.index, self.arm = seeds, index, arm
+        lower, upper, spacing = seeds.box(index, arm)
+        rolls = int(seeds.free_roll(index))
+        points, self._first, self._second = _box(lower, upper, spacing, rolls)
+        self._begin, self._end = points[self._first], points[self._second]
+        if rolls:  # the last roll is next to the first
+            self._end[:, 0] += np.where(self._end[:, 0] < self._begin[:, 0] - 1e-9, TURN, 0.0)
+        self.q = seeds.at(index, arm, points)
+        self._near = seeds.near(self.q)
+
+    def near_solutions(self) -> Array:
+        """Those inside the limits or near them, (K, nv)."""
+        return self.q[self._near]
+
+    def halve(self, net: KDTree) -> bool:
+        """Halve the intervals on which a branch moves far or ends; whether there were any."""
+        a, b = self.q[self._first], self.q[self._second]
+        near = self._near[self._first] | self._near[self._second]
+        # Where a branch ends, it turns into another one, which ends there, too.
+        ends = near & (np.isnan(a[:, :, 0]) != np.isnan(b[:, :, 0]))
+        other = b.copy()
+        for k in np.flatnonzero(ends.any(axis=1)):
+            last = np.where(np.isnan(a[k]), b[k], a[k])
+            which = np.flatnonzero(ends[k])
+            apart = np.linalg.norm(
+                self.seeds.apart(last[which, None], last[which]) / self.seeds.spacing, axis=2
+            )
+            np.fill_diagonal(apart, np.inf)
+            a[k], other[k, which] = last, last[which[np.argmin(apart, axis=1)]]
+        apart = self.seeds.apart(a, other)
+        far = near & (((apart / self.seeds.spacing) ** 2).sum(axis=2) > _FAR**2)
+        row, branch = np.nonzero(far)
+        between = a[row, branch] + 0.5 * apart[row, branch]
+        distance, _ = net.query(self.seeds.scaled(between), distance_upper_bound=_COVERED)
+        far[row, branch] = ~np.isfinite(distance)
+        open_ = far.any(axis=1)
+        if not open_.any():
+            return False
+        first, second = self._first[open_], self._second[open_]
+        begin, end = self._begin[open_], self._end[open_]
+        middle, new = 0.5 * (begin + end), len(self.q) + np.arange(len(first))
+        found = self.seeds.at(self.index, self.arm, middle)
+        self.q = np.concatenate([self.q, found])
+        self._near = np.concatenate([self._near, self.seeds.near(found)])
+        self._first, self._second = np.append(first, new), np.append(new, second)
+        self._begin, self._end = np.vstack([begin, middle]), np.vstack([middle, end])
+        return True
+
+
+def _finite(branches: list[Array], nv: int) -> Array:
+    """The solutions among some branches (…, nv), NaN where there is none, (K, nv)."""
+    q = np.concatenate([np.zeros((0, nv)), *(found.reshape(-1, nv) for found in branches)])
+    finite: Array = q[np.isfinite(q).all(axis=1)]
+    return finite
+
+
+def _box(lower: Array, upper: Array, spacing: Array, around: int) -> tuple[Array, Indices, Indices]:
+    """The middles of a box's cells, about as wide as the spacing, (K, d).
+
+    Also the pairs of neighbours, (E,) each; the first ``around`` axes are closed.
+    """
+    counts = np.maximum((upper - lower) / spacing, 1.0)
+    size = counts.prod(initial=1.0)
+    wide = counts > 1.0
+    finer = np.clip(size, _FEWEST, _MOST) / size
+    counts[wide] *= finer ** (1.0 / max(wide.sum(), 1))
+    shape = np.ceil(counts).astype(int)
+    axes = [
+        a + (b - a) * (np.arange(n) + 0.5) / n for a, b, n in zip(lower, upper, shape, strict=True)
+    ]
+    points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, len(axes))
+    number, first, second = np.arange(len(points)).reshape(shape), [], []
+    for axis in range(len(axes)):
+        kept = slice(None, None if axis < around else shape[axis] - 1)
+        ahead = np.roll(number, -1, axis=axis)
+        first.append(np.take(number, range(*kept.indices(shape[axis])), axis=axis).ravel())
+        second.append(np.take(ahead, range(*kept.indices(shape[axis])), axis=axis).ravel())
+    return points, np.concatenate(first), np.concatenate(second)
