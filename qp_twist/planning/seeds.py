@@ -13,7 +13,7 @@ from qp_twist.planning.layer import TURN, boxed, centred
 from qp_twist.planning.path_rows import PathRows
 from qp_twist.planning.roll_grid import RollGrid
 
-_FEWEST, _MOST = 400, 4000
+_FEWEST, _MOST = 150, 4000
 """Numbers of poses and parameters between which a grid's spacing is that of the net."""
 _FAR, _COVERED, _HALVINGS, _LARGEST = 1.5, 0.9, 4, 40_000
 """Distance of neighbours of a grid, in units of the net's spacing, beyond which points between them
