@@ -4,6 +4,7 @@
     python benchmarks/plans.py [plan_optimality] [--samples 40] [--roll-step 2] [--write]
     python benchmarks/plans.py [no_plan] --folder out/random [--roll-step 2] [--write]
     python benchmarks/plans.py [plan_placements] [--samples 75] [--write]
+    python benchmarks/plans.py [plan_layers] [--samples 40] [--write]
     python benchmarks/plans.py [table_run] [--write]
 
 *plan_costs*: time and memory over waypoints, steps and redundancy. Each plan is made by a process
@@ -28,6 +29,11 @@ has closed-form inverse kinematics on a grid of the free coordinates (for the se
 first three axes meet in one point as its last three do: of the elbow's angle about the line from
 shoulder to wrist), and the same largest step. Its motions are motions, so a plan that is missing
 where it finds one is a fault. Where it finds none there may be one between its nodes.
+
+*plan_layers*: which pieces of self-motion manifolds inside the limits the layers of waypoints have,
+in closed form and from random seeds, at the poses of random configurations. All pieces are those of
+these two layers and of a third one, from 5,000 random seeds. Nodes are of one piece if they lead to
+each other in steps of two spacings; a layer misses a piece of which it has no node.
 
 *table_run*: what ``qp-twist run`` does, for the part on a turn-tilt table: plan, follow, insert
 rows until straight joint motion keeps the path, time from rest to rest, check. Between rows MuJoCo
@@ -62,6 +68,8 @@ from qp_twist.bench.tables import markdown_table
 from qp_twist.bench.timer import once
 from qp_twist.checks import Array
 from qp_twist.files import write_atomically
+from qp_twist.planning.manifold_net import SEEDS, ManifoldNet
+from qp_twist.planning.path_rows import PathRows
 from qp_twist.referee import JointMotion, PathErrors, motion_limits, with_default_accelerations
 from qp_twist.studies import Study
 from qp_twist.studies.judge import Judge
@@ -601,10 +609,74 @@ def placements_table(rows: list[dict[str, Any]]) -> tuple[str, int]:
     return markdown_table(headings, table), wrong
 
 
+# ---------------------------------------------------------------- what layers miss
+
+SPACING = np.radians(8.0)
+"""Of the nodes of layers."""
+DENSE = 5000
+"""Number of random seeds of the layers that the others are compared with."""
+
+
+def at_random_poses(task: qt.PathTask, whole: bool, samples: int) -> qt.PathTask:
+    """The task with poses of random configurations inside the limits as waypoints."""
+    ranges, configuration = qt.JointRanges.of(task.model), mink.Configuration(task.model)
+    poses = []
+    for q in ranges.random(samples, np.random.default_rng(5)):
+        configuration.update(q)
+        poses.append(configuration.get_transform_frame_to_world("tool", "site"))
+    full = qt.Projector.full()
+    projector = qt.TwistProjector(linear=full, angular=full) if whole else task.projector
+    return dataclasses.replace(
+        task, waypoints=tuple(poses), projector=projector, constraints=(), flipped_waypoints=None
+    )
+
+
+def plan_layers(samples: int) -> str:
+    """Pieces that layers miss, and what these take."""
+    rows = []
+    for name, task, whole in (
+        ("7R, all six directions prescribed", seven(2), True),
+        ("7R, roll free", seven(2), False),
+        ("6R on a rail, roll free", on_a_rail(400), False),
+    ):
+        path = at_random_poses(task, whole, samples)
+        closed, seeded = PathRows(path), PathRows(path)
+        seeded.closed_forms = []
+        nets = {
+            "dense": ManifoldNet(path, seeded, SPACING, seeds=DENSE),
+            "random": ManifoldNet(path, seeded, SPACING),
+            "closed": ManifoldNet(path, closed, SPACING),
+        }
+        nets["closed"].layer(0)
+        pieces, missing, seconds = 0, Counter[str](), Counter[str]()
+        for index in range(samples):
+            layers = {}
+            for kind, net in nets.items():
+                began = time.process_time()
+                layers[kind] = net.layer(index).q
+                seconds[kind] += time.process_time() - began
+            every = np.concatenate(list(layers.values()))
+            piece = nets["closed"].pieces(every)
+            ends = np.cumsum([len(q) for q in layers.values()])[:-1]
+            own = dict(zip(layers, np.split(piece, ends), strict=True))
+            pieces += len(np.unique(piece))
+            for kind in layers:
+                missing[kind] += len(np.unique(piece)) - len(np.unique(own[kind]))
+        numbers = (f"{missing[k]}" for k in ("dense", "random", "closed"))
+        times = (f"{1e3 * seconds[k] / samples:.0f}" for k in ("random", "closed"))
+        rows.append((name, str(pieces), *numbers, *times))
+        print(*rows[-1], file=sys.stderr, flush=True)
+    headings = ("arm and task", "pieces", f"missed by {DENSE:,} random seeds",
+                f"by {SEEDS} random seeds", "in closed form", f"{SEEDS} seeds, ms",
+                "closed form, ms")  # fmt: skip
+    return markdown_table(headings, rows)
+
+
 OPTIONS = {"samples": 40, "first": 0, "jobs": 2, "roll_step": 2.0, "folder": "out/random"}
 
 if __name__ == "__main__":
     parts = {
-        f.__name__: f for f in (plan_costs, plan_optimality, no_plan, plan_placements, table_run)
+        f.__name__: f
+        for f in (plan_costs, plan_optimality, no_plan, plan_placements, plan_layers, table_run)
     }
     sys.exit(command(__doc__, parts, **OPTIONS))

@@ -52,13 +52,14 @@ class ManifoldNet:
     """
 
     def __init__(
-        self, path_task: PathTask, rows: PathRows, spacing: float | Array, *, seed: int = 0
+        self, path_task: PathTask, rows: PathRows, spacing: float | Array, *, seeds: int = SEEDS
     ) -> None:
         self.path_task = path_task
         self.rows = rows
+        self._count = seeds
         self.spacing: Array = np.broadcast_to(spacing, path_task.model.nv).astype(np.float64)
         self.ranges = JointRanges.of(path_task.model)
-        self.seeds = Seeds(path_task, rows, self.spacing, np.random.default_rng(seed))
+        self.seeds = Seeds(path_task, rows, self.spacing, np.random.default_rng(0))
 
     def layer(self, index: int, before: Layer | None = None, *, grow: bool = True) -> Layer:
         """The configurations at a waypoint, seeded also by those of the previous layer.
@@ -66,7 +67,7 @@ class ManifoldNet:
         Without ``grow`` only those of the seeds: whether there are any, and why not.
         """
         freedom = int(self.rows.freedom[index])
-        seeds = self._begun(index, freedom, before)
+        seeds, covered = self._begun(index, freedom, before), self.seeds.cover(index)
         for _ in range(1 + _AGAIN):
             q, arrived = self.rows.correct(seeds, np.full(len(seeds), index))
             q = centred(q[arrived], self.ranges)
@@ -74,18 +75,18 @@ class ManifoldNet:
             if len(nodes):
                 break
             # The next seeds are those at the nearest place inside the limits, and others.
-            seeds = np.vstack([self._clipped(q)[:_CLIPPED], self.seeds.random(SEEDS)])
+            covered = False
+            seeds = np.vstack([self._clipped(q)[:_CLIPPED], self.seeds.random(self._count)])
         else:
             return empty_layer(q, self.ranges, self.rows.hard, index)
         nodes = self._thinned(centred(nodes, self.ranges))
-        grow = grow and not self.seeds.cover(index)
-        if grow and 0 < freedom <= COVERED:
+        if grow and not covered and 0 < freedom <= COVERED:
             nodes = self._grown(nodes, index, freedom)
         elif freedom > COVERED:
             # The same order in every layer, so that a configuration that is carried over stays.
             most = _CORRECTED if self.rows.hard else _SAMPLED
             nodes = nodes[np.argsort(self.ranges.centring(nodes), kind="stable")[:most]]
-        return inside_limits(nodes, self._components(nodes), self.ranges)
+        return inside_limits(nodes, self.pieces(nodes), self.ranges)
 
     def _begun(self, index: int, freedom: int, before: Layer | None) -> Array:
         """Where a layer begins, (K, nv)."""
@@ -97,9 +98,9 @@ class ManifoldNet:
             return solved
         if self.rows.hard:  # many corrections into narrow bands would take long
             within = self.rows.hard.inside(solved, np.full(len(solved), index))
-            solved = np.vstack([solved[within], solved[~within][:: 1 + len(solved) // SEEDS]])
+            solved = np.vstack([solved[within], solved[~within][:: 1 + len(solved) // self._count]])
         few = freedom <= COVERED or self.rows.hard
-        count = SEEDS if few else _SCATTERED if not self.seeds.arms else 0
+        count = self._count if few else _SCATTERED if not self.seeds.arms else 0
         begun = [solved, self.seeds.random(count)]
         if before is not None:
             begun.insert(0, centred(before.q, self.ranges))
@@ -156,8 +157,8 @@ class ManifoldNet:
         distance, _ = net.query(self.seeds.scaled(q), distance_upper_bound=_THIN)
         return np.asarray(np.isfinite(distance))
 
-    def _components(self, q: Array) -> Indices:
-        """Index of each configuration's manifold, by the connected components of neighbours."""
+    def pieces(self, q: Array) -> Indices:
+        """Index of the manifold of each of q (K, nv), by the connected components of neighbours."""
         pairs = self.seeds.tree(q).query_pairs(2.0, output_type="ndarray")
         graph = coo_matrix((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), (len(q), len(q)))
         labels: Indices = connected_components(graph, directed=False)[1].astype(np.intp)
