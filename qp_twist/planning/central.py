@@ -13,7 +13,6 @@ from qp_twist.kinematics import JointRanges
 from qp_twist.paths import PathTask
 from qp_twist.planning.bound import best_of_branches, settled_nearby
 from qp_twist.planning.layer import centred
-from qp_twist.planning.manifold_net import ManifoldNet
 from qp_twist.planning.path_rows import PathRows
 from qp_twist.planning.roadmap import Grid, Roadmap
 from qp_twist.planning.roll_grid import RollGrid, closed_form_arm
@@ -63,10 +62,9 @@ class CentralConfiguration:
 def central_configurations(path_task: PathTask, index: int = 0) -> list[CentralConfiguration]:
     """The local minima of z on a waypoint inside the limits, the least first.
 
-    For an arm with closed-form inverse kinematics the seeds are all branches and whole turns on a
-    grid of up to two free coordinates; for any other robot random configurations, corrected onto
-    the waypoint and into the limits. From each seed, steps in the null space descend to the
-    minimum, along active limits.
+    For an industrial arm the seeds are all branches and whole turns on a grid of the free
+    coordinate; for any other robot random configurations, corrected onto the waypoint and into the
+    limits. From each seed, steps in the null space descend to the minimum, along active limits.
 
     Args:
         path_task: The task.
@@ -81,10 +79,6 @@ def central_configurations(path_task: PathTask, index: int = 0) -> list[CentralC
         valleys = _valleys(layer.q, ranges)
         branches: list[int | None] = [int(branch) for branch in layer.branch[valleys]]
         begin = layer.q[valleys]
-    elif (net := ManifoldNet(path_task, rows, 2.0 * _GRID)).seeds.cover(index):
-        begin = net.layer(index).q
-        begin = begin[_valleys(begin, ranges)]
-        branches = [None] * len(begin)
     else:
         seeds = descent.random()
         begin = seeds[_valleys(seeds, ranges)]
