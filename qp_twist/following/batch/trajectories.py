@@ -108,9 +108,11 @@ def follow(
     refuse_joint_moves(path_task, "batch.follow")
     settings = settings_of(path_task, check_method(method), options)
     if settings.secondary == "plan" or not walk_known(path_task, method, settings):
+        kept = sorted({constraint.kind for constraint in path_task.stated_constraints})
+        reason = f", since the task has to keep its {' and its '.join(kept)}" if kept else ""
         raise InvalidInput(
-            f"batch.follow: {method} on {path_task.name} has no compiled form; follow the runs one "
-            "by one with qp_twist.follow."
+            f"batch.follow: {method} on {path_task.name} has no compiled form{reason}; follow the "
+            "runs one by one with qp_twist.follow."
         )
     if method in path_task.starts:
         path_task = dataclasses.replace(path_task, start=path_task.starts[method])
