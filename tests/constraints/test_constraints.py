@@ -302,7 +302,7 @@ def refused() -> qt.PathTask:
     [
         (lambda task: qt.follow(task, "sns"), "takes bounds on single joints only.*half-space"),
         (lambda task: qt.follow(task, "mink"), "constraints are not handed to mink"),
-        (lambda task: follow_many(task, starts=task.start[None]), "since .* to keep its half-space"),
+        (lambda task: follow_many(task, starts=task.start[None]), "has to keep its half-space"),
         (lambda task: qt.study(task, out="never"), "its task file lacks"),
     ],
 )
