@@ -148,7 +148,7 @@ class Controller:
     Attributes:
         reference_steps: Number of steps by the uncompiled reference, which takes milliseconds (the
             docs' page *Performance* lists the cases); all steps if the solver is not compiled.
-        passed_over: :attr:`Step.passed_over` of the last step; 0 before the first.
+        passed_over: ``Step.passed_over`` of the last step; 0 before the first.
 
     Example:
         >>> import mink, qp_twist as qt

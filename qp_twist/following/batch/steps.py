@@ -35,7 +35,7 @@ class Steps:
     Attributes:
         velocity: q̇ of each step, rad/s or m/s, (K, nv); NaN without a step.
         scale: Scale s of each step, (K,).
-        passed_over: :attr:`Step.passed_over <qp_twist.Step.passed_over>` of each, (K,).
+        passed_over: ``Step.passed_over`` of each, (K,).
         by_reference: Which steps were computed by ``Controller.step``, not the kernel, (K,).
         failures: Exceptions of ``Controller.step``, by index of the row.
     """
