@@ -95,7 +95,10 @@ class ManifoldNet:
         if inside.any():
             solved = solved[inside]
         if self.seeds.cover(index):
-            return solved
+            # What a narrow passage, or speed limits, leave of one layer goes on in the next.
+            if before is None or freedom > 1:
+                return solved
+            return np.vstack([centred(before.q, self.ranges), solved])
         if self.rows.hard:  # many corrections into narrow bands would take long
             within = self.rows.hard.inside(solved, np.full(len(solved), index))
             solved = np.vstack([solved[within], solved[~within][:: 1 + len(solved) // self._count]])

@@ -278,22 +278,59 @@ def test_the_layer_of_seven_joints_is_near_all_solutions_of_another_form() -> No
             assert (distance < 2.0).mean() > 0.999
 
 
+def whole_pose(model: mujoco.MjModel, waypoints: tuple[mink.SE3, ...], start: Array) -> qt.PathTask:
+    """A task that prescribes all six directions of some poses."""
+    whole = qt.TwistProjector(linear=qt.Projector.full(), angular=qt.Projector.full())
+    return dataclasses.replace(
+        plans.seven(2), model=model, waypoints=waypoints, projector=whole, constraints=(),
+        start=start,
+    )  # fmt: skip
+
+
+def test_what_is_left_of_a_layer_goes_on_in_the_next() -> None:
+    """Speed limits and obstacles may leave a few configurations that no grid meets again.
+
+    By steps of least norm each leads to one of the next waypoint, 1 mm away, and near it there has
+    to be one of the layer: within the share of the spacing below which two count as one.
+    """
+    model, rng = panda(), np.random.default_rng(4)
+    ranges = qt.JointRanges.of(model)
+    checked = 0
+    for q in ranges.random(6, rng):
+        rotation, position = pose(model, 0.5 * (q + ranges.middle))
+        waypoints = tuple(
+            mink.SE3.from_rotation_and_translation(
+                mink.SO3.from_matrix(rotation), position + by * np.array([1e-3, 0.0, 0.0])
+            )
+            for by in (0.0, 1.0)
+        )
+        task = whole_pose(model, waypoints, q)
+        net = ManifoldNet(task, PathRows(task), np.radians(4.0))
+        first = net.layer(0)
+        # A few that lie between those of a grid.
+        between = first.q[:: 1 + len(first.q) // 30] + 0.02
+        few, arrived = net.rows.correct(between, np.zeros(len(between), dtype=int))
+        few = few[arrived & ranges.inside(few)]
+        next_, arrived = net.rows.correct(few, np.ones(len(few), dtype=int))
+        next_ = next_[arrived & ranges.inside(next_)]
+        layer = net.layer(1, dataclasses.replace(first, q=few))
+        distance, _ = net.seeds.tree(layer.q).query(net.seeds.scaled(next_))
+        assert distance.max(initial=0.0) <= 0.6 + 1e-6
+        checked += len(next_)
+    assert checked > 60
+
+
 @pytest.mark.parametrize("arm", ["panda", "seven"])
 def test_no_manifold_that_newtons_method_finds_is_missing(arm: str) -> None:
     """All six directions prescribed: from 400 random configurations each."""
     model = panda() if arm == "panda" else plans.seven(2).model
     ranges, rng = qt.JointRanges.of(model), np.random.default_rng(1)
-    base = plans.seven(2)
     reached = [pose(model, q) for q in ranges.random(4, rng)]
     waypoints = tuple(
         mink.SE3.from_rotation_and_translation(mink.SO3.from_matrix(rotation), position)
         for rotation, position in reached
     )
-    whole = qt.TwistProjector(linear=qt.Projector.full(), angular=qt.Projector.full())
-    task = dataclasses.replace(
-        base, model=model, waypoints=waypoints, projector=whole, constraints=(),
-        start=ranges.random(1, rng)[0],
-    )  # fmt: skip
+    task = whole_pose(model, waypoints, ranges.random(1, rng)[0])
     net = ManifoldNet(task, PathRows(task), np.radians(8.0))
     count = 0
     for index, target in enumerate(reached):
