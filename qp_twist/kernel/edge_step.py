@@ -80,7 +80,8 @@ NOTICEABLE = 1e-8
 _LINEAR = 1e-10
 """Cost ½ε²‖x‖² beside ½(s − 2)² in the program of the largest s: see ``largest_scale``."""
 _STIFF = 1e-4
-"""The same cost where only s* = 0 is looked for."""
+"""The same cost where limits nearly coincide in the plane of motion and scale, and the smaller one
+finds no room between them. The scale is then below s* by at most ½ε²‖x‖²."""
 _NEAR = 1e-6
 """Error of a relaxed step that is rounding where no scaled one is found, m/s and rad/s."""
 _OF_THE_MOTION = 1e-4
@@ -388,9 +389,8 @@ def _scaled_motion(e, at_rest, slope, motion):
 def _largest(w, e, backoff, weight):
     """s*, less the backoff; −1 if not even rest is feasible, −2 on failure.
 
-    The derivatives of s* by the limits are written to ``e.sensitivity``. ``weight`` is that of the
-    joints' motion: :data:`_LINEAR`; a larger one tells whether s* is 0 where limits nearly coincide
-    in the plane of motion and scale, but not the s* of a task that moves.
+    The derivatives of s* by the limits are written to ``e.sensitivity``. ``weight`` is ε², the cost
+    of the joints' motion.
     """
     p, n = _program(e), len(w.x)
     u = len(p.x) - 1
@@ -421,12 +421,12 @@ def _largest(w, e, backoff, weight):
 
 
 @plain
-def _largest_or_rest(w, e, backoff):
-    """:func:`_largest`; 0 also where rounding alone leaves no room for a task that stands."""
+def _largest_with_rest(w, e, backoff):
+    """:func:`_largest`, asked again with a stiffer cost if it finds none though rest is allowed."""
     top = _largest(w, e, backoff, _LINEAR)
     if top != -1.0 or e.numbers[DEGRADED] > 0.0 or rest_is_excluded(w):
         return top
-    return 0.0 if _largest(w, e, backoff, _STIFF) == 0.0 else top
+    return _largest(w, e, backoff, _STIFF)
 
 
 @plain
@@ -610,7 +610,7 @@ def _just_met(w, e, largest, dt, tolerances):
 @plain
 def _slower(g, w, e, largest, dt, tolerances):
     """Scale the task, and pass over to the relaxed step where a limit stops it."""
-    top = _largest_or_rest(w, e, tolerances.backoff)
+    top = _largest_with_rest(w, e, tolerances.backoff)
     if top == -1.0:
         outcome = _give_way(w, e, 0.0, largest, dt, tolerances)
         if outcome == REFUSED or rest_is_excluded(w) or e.numbers[DEGRADED] > 0.0:
