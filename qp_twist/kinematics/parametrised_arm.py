@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -124,9 +124,10 @@ class ParametrisedArm:
             kind = _kind_of(axes)
             if kind is None:
                 continue
-            exact = arm._agrees_as(kind)
+            arm = replace(arm, _kind=kind)
+            exact = arm._agrees()
             if exact is not None:
-                return cls(chain, solved, parameters, exact, inverted, kind)
+                return replace(arm, exact=exact)
         return None
 
     def branches(self, rotations: Array, positions: Array, parameters: Array) -> Array:
@@ -185,18 +186,15 @@ class ParametrisedArm:
             directions, anchors = -directions[::-1], anchors[::-1]
         return _Axes(directions, anchors), *frame
 
-    def _agrees_as(self, kind: str) -> bool | None:
+    def _agrees(self) -> bool | None:
         """Whether the solutions are exact; ``None`` if they are not even near.
 
         Random configurations of the chain have to be among the solutions of their poses, and all
         solutions have to lead to these poses.
         """
-        arm = ParametrisedArm(
-            self.chain, self.solved, self.parameters, False, self._inverted, kind
-        )  # fmt: skip
         q = _random(self.chain, _CHECKED)
         rotations, positions = self.chain.poses(q)
-        found = arm.branches(rotations, positions, q[:, list(self.parameters)])
+        found = self.branches(rotations, positions, q[:, list(self.parameters)])
         hinges = [self.chain.screws[k].dof for k in self.solved]
         apart = np.remainder(found - q[:, None] + np.pi, 2.0 * np.pi) - np.pi
         apart = np.abs(apart[:, :, hinges]).max(axis=2)

@@ -537,6 +537,19 @@ def test_steps_keep_the_distance_where_they_lead(mode: str, acceleration: float 
     assert 0.02 - 1e-6 <= least <= 0.021  # it does get there
 
 
+def at_rest_before_what_comes(
+    model: mujoco.MjModel, velocity: float
+) -> tuple[qt.Controller, qt.Clearance]:
+    """A tool on a slide along x that is to stay at 0, 20 mm clear of everything."""
+    clearance = qt.Clearance(model, distance=0.02)
+    task = qt.TwistTask("tool", "site", qt.TwistProjector(
+        linear=qt.Projector.line([1, 0, 0]), angular=qt.Projector.none()
+    ))  # fmt: skip
+    task.set_target(mink.SE3.identity())
+    limits = [clearance, qt.MotionLimit(model, velocity=velocity)]
+    return qt.Controller(model, [task], limits=limits), clearance
+
+
 @pytest.mark.parametrize("speed", [0.05, 0.3])
 def test_what_comes_nearer_is_given_way_to(speed: float) -> None:
     """A block pushes a slide along at its own speed, slower and faster than a recovery."""
@@ -545,13 +558,7 @@ def test_what_comes_nearer_is_given_way_to(speed: float) -> None:
       <body name="block" mocap="true"><geom name="block" type="box" size="0.1 1 1"/></body>
       <body><joint type="slide" axis="1 0 0" range="-5 5" limited="true"/>
         <geom name="cart" size="0.05"/><site name="tool"/></body></worldbody></mujoco>""")
-    clearance = qt.Clearance(model, distance=0.02)
-    task = qt.TwistTask("tool", "site", qt.TwistProjector(
-        linear=qt.Projector.line([1, 0, 0]), angular=qt.Projector.none()
-    ))  # fmt: skip
-    task.set_target(mink.SE3.identity())
-    limits = [clearance, qt.MotionLimit(model, velocity=1.0)]
-    controller = qt.Controller(model, [task], limits=limits)
+    controller, _ = at_rest_before_what_comes(model, velocity=1.0)
     configuration = mink.Configuration(model, np.zeros(1))
     for k in range(400):
         face = -0.2 + speed * 0.005 * k
@@ -624,12 +631,7 @@ def test_what_comes_faster_and_faster_is_given_way_to(turns: bool) -> None:
         pos="0.3 0 0"/></body>
       <body><joint type="slide" axis="1 0 0" range="-5 5" limited="true"/>
         <geom name="cart" size="0.05"/><site name="tool"/></body></worldbody></mujoco>""")
-    clearance = qt.Clearance(model, distance=0.02)
-    task = qt.TwistTask("tool", "site", qt.TwistProjector(
-        linear=qt.Projector.line([1, 0, 0]), angular=qt.Projector.none()
-    ))  # fmt: skip
-    task.set_target(mink.SE3.identity())
-    controller = qt.Controller(model, [task], limits=[clearance, qt.MotionLimit(model, velocity=3)])
+    controller, clearance = at_rest_before_what_comes(model, velocity=3.0)
     configuration, oracle = mink.Configuration(model, np.zeros(1)), Distances(model)
 
     def place(data: mujoco.MjData, t: float) -> None:

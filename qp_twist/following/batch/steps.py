@@ -266,7 +266,7 @@ def _one(
     tasks = controller.twist_tasks
     before = [(task.target, task.feedforward) for task in tasks]
     velocities = [getattr(limit, "velocity", None) for limit in controller.limits]
-    stored_share, controller.passed_over = controller.passed_over, passed_over
+    passed_before, controller.passed_over = controller.passed_over, passed_over
     try:
         for task, aim in zip(tasks, aims, strict=True):
             task.set_target(pose_of(aim), aim[12:])
@@ -277,7 +277,7 @@ def _one(
             velocity=velocity,
         )
     finally:
-        controller.passed_over = stored_share
+        controller.passed_over = passed_before
         for task, (target, twist) in zip(tasks, before, strict=True):
             if target is not None:
                 task.set_target(target, twist)
