@@ -189,6 +189,15 @@ class PathTask:
         """Those of them that are clearances."""
         return tuple(c for c in self.stated_constraints if isinstance(c, Clearance))
 
+    def without_clearance(self) -> PathTask:
+        """The same task, in which everything may touch."""
+        if not self.clearances:
+            return self
+        constraints = [
+            c.without_pairs() if isinstance(c, Clearance) else c for c in self.constraints
+        ]
+        return replace(self, constraints=tuple(constraints))
+
     def show(self, *, width: int = 960, height: int = 720) -> Picture:
         """A picture of the robot at its start, the part and the path, which notebooks display.
 

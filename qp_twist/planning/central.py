@@ -12,6 +12,7 @@ from qp_twist.checks import Array, Indices, Mask
 from qp_twist.kinematics import JointRanges
 from qp_twist.paths import PathTask
 from qp_twist.planning.bound import best_of_branches, settled_nearby
+from qp_twist.planning.hard_constraints import WITHIN
 from qp_twist.planning.layer import centred
 from qp_twist.planning.path_rows import PathRows
 from qp_twist.planning.roadmap import Grid, Roadmap
@@ -110,18 +111,30 @@ def least_mean_z(path_task: PathTask, waypoints: Sequence[int]) -> float:
 
     NaN if a waypoint has no configuration inside the limits.
     """
+    z, q = _least_z(path_task.without_clearance(), waypoints)
+    kept = np.isnan(z)  # without clearance there is none either
+    kept[~kept] = np.all([c.inside(q[~kept], WITHIN) for c in path_task.clearances], axis=0)
+    touching = [index for index, keeps in zip(waypoints, kept, strict=True) if not keeps]
+    z[~kept] = _least_z(path_task, touching)[0]
+    return float(np.mean(z))
+
+
+def _least_z(path_task: PathTask, waypoints: Sequence[int]) -> tuple[Array, Array]:
+    """The least z of each waypoint, (N,), and its configuration, (N, nv); NaN if there is none."""
     rows, ranges = PathRows(path_task), JointRanges.of(path_task.model)
     grid = Grid(_GRID, np.full(path_task.model.nv, 2.0 * _GRID))
     best = [
         best_of_branches(layer, ranges.centring)
         for layer in Roadmap(path_task, rows, grid).layers(waypoints)
     ]
-    if not all(map(len, best)):
-        return float("nan")
-    at = np.repeat(np.asarray(waypoints), [len(q) for q in best])
-    z = ranges.centring(_lowest_nearby(np.concatenate(best), at, rows, ranges)[0])
-    ends = np.cumsum([len(q) for q in best])[:-1]
-    return float(np.mean([part.min() for part in np.split(z, ends)]))
+    of = np.repeat(np.arange(len(best)), [len(q) for q in best])
+    least, lowest = np.full(len(best), np.nan), np.full((len(best), path_task.model.nv), np.nan)
+    begin = np.concatenate([np.zeros((0, path_task.model.nv)), *best])
+    q, _ = _lowest_nearby(begin, np.asarray(waypoints, dtype=np.intp)[of], rows, ranges)
+    z = ranges.centring(q)
+    for number in np.argsort(-z, kind="stable"):  # the least comes last, and stays
+        least[of[number]], lowest[of[number]] = z[number], q[number]
+    return least, lowest
 
 
 def _inside(q: Array, at: Indices, rows: PathRows, ranges: JointRanges) -> Mask:

@@ -172,7 +172,8 @@ class HardConstraints:
         """Rows that bring negative margins back to ``inset``: rows · Δq = sides.
 
         Returns:
-            Rows (K, k, nv) and sides (K, k), rad or m; zeros where a margin is not negative.
+            Rows (K, m, nv) and sides (K, m), rad or m, with the most negative margins m of any
+            configuration; zeros where there are fewer.
         """
         rotations, positions, J = self.chain.poses_and_jacobians(q)
         pair = self._pair(rotations, positions, at)
@@ -188,9 +189,14 @@ class HardConstraints:
             last = first + len(constraint.names)
             rising.append(constraint.gradients_of(q, outside[:, first:last]))
             first = last
-        rows = np.where(outside[:, :, None], np.concatenate(rising, axis=1), 0.0)
-        depth = np.minimum(inset, 0.5 * self.halves)
-        return rows, np.where(outside, depth - np.where(outside, margins, 0.0), 0.0)
+        # Of a hundred pairs of geoms a few touch: only these take part in the equations.
+        negative = np.argsort(~outside, axis=1, kind="stable")[:, : outside.sum(axis=1).max()]
+        outside = np.take_along_axis(outside, negative, axis=1)
+        margins = np.take_along_axis(margins, negative, axis=1)
+        rows = np.take_along_axis(np.concatenate(rising, axis=1), negative[:, :, None], axis=1)
+        depth = np.minimum(inset, 0.5 * self.halves)[negative]
+        sides = np.where(outside, depth - np.where(outside, margins, 0.0), 0.0)
+        return np.where(outside[:, :, None], rows, 0.0), sides
 
     def may_keep_bands(self, ends: tuple[Poses, Poses], at: Indices, turn: float) -> Mask:
         """Whether a frame that turns in place may be inside all bands during the turn, (K,).

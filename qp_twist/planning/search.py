@@ -11,7 +11,6 @@ from weakref import WeakKeyDictionary
 import numpy as np
 
 from qp_twist.checks import Array, Indices, Mask
-from qp_twist.constraints import Clearance
 from qp_twist.paths import PathTask
 from qp_twist.planning.bound import pointwise_bound
 from qp_twist.planning.certificate import Certificate
@@ -163,13 +162,8 @@ class PlanSearch:
         ranges = limits.ranges
         self._cleared = bool(path_task.clearances)
         #: The task and its rows without clearance, of which layers are made.
-        self._free_task, self._free_rows = path_task, self.rows
-        if self._cleared:
-            constraints = tuple(
-                c.without_pairs() if isinstance(c, Clearance) else c for c in path_task.constraints
-            )
-            self._free_task = replace(path_task, constraints=constraints)
-            self._free_rows = PathRows(self._free_task)
+        self._free_task = path_task.without_clearance()
+        self._free_rows = PathRows(self._free_task) if self._cleared else self.rows
         #: With a clearance the layers of each stage, for the searches without and with it.
         self._layers: dict[SearchStage, list[Layer]] | None = {} if self._cleared else None
         #: Layers of the intervals that are searched again, which may be several times.

@@ -10,7 +10,7 @@ import pytest
 
 import qp_twist as qt
 from qp_twist.kinematics import JointRanges
-from qp_twist.planning import RollMap
+from qp_twist.planning import RollMap, least_mean_z
 from qp_twist.planning.layer import Layer, centred
 from qp_twist.planning.roadmap import Roadmap
 from qp_twist.planning.roll_grid import RollGrid, closed_form_arm
@@ -52,6 +52,31 @@ def test_every_waypoint_is_reached_clear_of_all_but_not_at_least_z(cell: qt.Path
         hit |= names if distance < 0.0 else set()
         assert any(nearest(cell, q)[0] >= 0.005 for q in by_z)
     assert hit & {"clamp_post", "clamp_lever"}
+
+
+def test_the_least_z_of_the_waypoints_keeps_the_clearance(cell: qt.PathTask) -> None:
+    """All branches at every degree of roll, the least z first, 30 mm clear of everything."""
+    (clearance,) = cell.clearances
+    wide = qt.Clearance(cell.model, 0.03, ignore=clearance.ignored)
+    cell = replace(cell, constraints=(wide,))
+    arm = closed_form_arm(cell)
+    assert arm is not None
+    free = replace(cell, model=qt.load_task("deburring").model, constraints=())
+    grid = RollGrid(free, arm, np.radians(1.0), np.full(6, np.inf))
+    ranges, waypoints = JointRanges.of(cell.model), range(0, len(cell.waypoints), 8 * EVERY)
+    touching = 0
+    for index in waypoints:
+        q = grid.layer(index).q
+        by_z = q[np.argsort(ranges.centring(q))]
+        clear = next(q for q in by_z if nearest(cell, q)[0] >= 0.03)
+        touching += bool((clear != by_z[0]).any())
+        expected = float(ranges.centring(clear))
+        least = least_mean_z(cell, [index])
+        assert least <= expected + 1e-9
+        assert least == pytest.approx(expected, rel=0.01)
+    assert touching > len(waypoints) / 2
+    alone = [least_mean_z(cell, [index]) for index in waypoints]
+    assert least_mean_z(cell, waypoints) == pytest.approx(np.mean(alone), rel=1e-9)
 
 
 def test_the_default_method_passes_the_clamp_that_it_hits_without_clearance(

@@ -338,10 +338,14 @@ def test_margins_rows_and_returns_of_many_are_those_of_each_and_their_derivative
             assert rooms[k, row] == pytest.approx(margins[k, value], abs=1e-9)
             assert -rows[k, row] @ step[k] == pytest.approx(change[k, value], abs=2e-9)
     back, sides = bands.returns(q, at, 1e-3)
-    for k, value in np.argwhere(margins < -1e-9):
-        depth = min(1e-3, 0.5 * bands.halves[value])
-        assert sides[k, value] == pytest.approx(depth - margins[k, value], abs=1e-12)
-        assert back[k, value] @ step[k] == pytest.approx(change[k, value], abs=2e-9)
+    negative = [np.flatnonzero(each < -1e-9) for each in margins]
+    assert sides.shape == (3, max(map(len, negative)))
+    for k, values in enumerate(negative):
+        for row, value in enumerate(values):
+            depth = min(1e-3, 0.5 * bands.halves[value])
+            assert sides[k, row] == pytest.approx(depth - margins[k, value], abs=1e-12)
+            assert back[k, row] @ step[k] == pytest.approx(change[k, value], abs=2e-9)
+        assert not sides[k, len(values) :].any() and not back[k, len(values) :].any()
 
 
 # ---------------------------------------------------------------- narrow bands
