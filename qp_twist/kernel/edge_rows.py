@@ -40,7 +40,7 @@ class EdgeArrays(NamedTuple):
 
     stated: Annotated[Floats, "m"]
     """b as stated."""
-    numbers: Annotated[Floats, 8]
+    numbers: Annotated[Floats, 9]
     """See the constants below."""
     rows: Annotated[Floats, "m", "nv - m - 1"]
     """UᵀA, rows σᵢvᵢᵀ, orthogonal."""
@@ -92,9 +92,10 @@ class EdgeArrays(NamedTuple):
     """In the joints alone, without rows."""
 
 
-SIZE, SMALLEST, FAR, DEGRADED, FITTING, REACH, FADES, PASSED = range(8)
+SIZE, SMALLEST, FAR, DEGRADED, FITTING, REACH, FADES, PASSED, ROOM = range(9)
 """Places in ``numbers``: σ_max, σ_min, t_e, the largest φ, θ, the bound of the slacks, whether a
-direction is asked for less than b, and ψ, the share of a relaxed step."""
+direction is asked for less than b, ψ, the share of a relaxed step, and by how much programs may
+exceed a limit."""
 
 EDGE = RecordType(EdgeArrays, Sizes, PROGRAM)
 read_edge = reader(EDGE)

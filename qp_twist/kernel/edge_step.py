@@ -26,6 +26,7 @@ from qp_twist.kernel.edge_rows import (
     FITTING,
     PASSED,
     REACH,
+    ROOM,
     SIZE,
     SMALLEST,
     SPREAD,
@@ -79,11 +80,13 @@ NOTICEABLE = 1e-8
 """``qp.verification.EQUALITY_TOLERANCE``: less is not called lost."""
 _LINEAR = 1e-10
 """Cost ½ε²‖x‖² beside ½(s − 2)² in the program of the largest s: see ``largest_scale``."""
-_STIFF = 1e-4
-"""The same cost where limits nearly coincide in the plane of motion and scale, and the smaller one
-finds no room between them. The scale is then below s* by at most ½ε²‖x‖²."""
-_NEAR = 1e-6
-"""Error of a relaxed step that is rounding where no scaled one is found, m/s and rad/s."""
+_STIFF = 1e-5
+"""ε² where limits nearly coincide in the plane of motion and scale, divided by the squared speed of
+the task's motion: the smaller one finds no room between them. Where rest is allowed, s* is the same
+unless it takes 300 times that motion."""
+_ROUNDED = 1e-9
+"""Room between limits that meet exactly at a task's solution, rad/s and m/s: without it rounding
+decides whether there is a solution. The step itself keeps its limits."""
 _OF_THE_MOTION = 1e-4
 """A multiplier of at most this share of ε²‖x‖ is due to that cost: it does not limit s."""
 
@@ -182,7 +185,7 @@ def _begin_program(w, e, p, of_slacks, of_scale):
             p.dense[i, j] = e.cost[i, j] if i < n and j < n else 0.0
         p.c[i], p.lower[i], p.upper[i] = 0.0, -math.inf, math.inf
     for i in range(n):
-        p.lower[i], p.upper[i] = w.lower[i], w.upper[i]
+        p.lower[i], p.upper[i] = w.lower[i] - e.numbers[ROOM], w.upper[i] + e.numbers[ROOM]
     for i in range(_slacks(p, w)):
         p.dense[n + i, n + i] = of_slacks
         if e.missing[i] > 0.0:
@@ -190,7 +193,7 @@ def _begin_program(w, e, p, of_slacks, of_scale):
     if unknowns > n:
         p.dense[unknowns - 1, unknowns - 1] = of_scale
     for row in range(len(w.g)):
-        p.g[row] = w.g[row]
+        p.g[row] = w.g[row] + e.numbers[ROOM]
         for i in range(unknowns):
             p.G[row, i] = w.G[row, i] if i < n else 0.0
 
@@ -422,11 +425,13 @@ def _largest(w, e, backoff, weight):
 
 @plain
 def _largest_with_rest(w, e, backoff):
-    """:func:`_largest`, asked again with a stiffer cost if it finds none though rest is allowed."""
+    """:func:`_largest`; if it finds none though rest is allowed, stiffer and with some room."""
     top = _largest(w, e, backoff, _LINEAR)
     if top != -1.0 or e.numbers[DEGRADED] > 0.0 or rest_is_excluded(w):
         return top
-    return _largest(w, e, backoff, _STIFF)
+    e.numbers[ROOM] = _ROUNDED
+    speed = max(_scaled_motion(e, 0.0, 1.0, e.motion), AT_REST)
+    return _largest(w, e, backoff, _STIFF / (speed * speed))
 
 
 @plain
@@ -467,9 +472,9 @@ def _worthwhile(g, w, e, top, largest, dt, tolerances):
         # Joints that move already may not be able to slow down as the eased bounds ask; and where
         # they leave a single velocity, it is that of s* itself.
         for k in range(n):
-            p.lower[k], p.upper[k] = w.lower[k], w.upper[k]
+            p.lower[k], p.upper[k] = w.lower[k] - e.numbers[ROOM], w.upper[k] + e.numbers[ROOM]
         for row in range(len(w.g)):
-            p.g[row] = w.g[row]
+            p.g[row] = w.g[row] + e.numbers[ROOM]
         p.upper[u] = 1.0 + 2.0 * tolerances.backoff
         status = _solved(p, tolerances)
     return top * p.x[u] if status == DONE else -1.0
@@ -583,28 +588,18 @@ def _pass_over(w, e, scale, largest, dt, tolerances):
 
 
 @plain
-def _off(w):
-    """Largest error of the rows A q̇ = b at ``w.x``."""
-    worst = 0.0
+def _just_met(w, e, top, largest, tolerances):
+    """The outcome of a task that the limits exclude by rounding alone: its scale is nearly 1."""
+    p, missed = _program(e), 0.0
     for i in range(len(w.b)):
-        error = -w.b[i]
-        for k in range(len(w.x)):
-            error += w.A[i, k] * w.x[k]
-        worst = max(worst, abs(error))
-    return worst
-
-
-@plain
-def _just_met(w, e, largest, dt, tolerances):
-    """The outcome of a task that the limits exclude by rounding alone."""
+        missed = max(missed, (1.0 - top) * abs(e.slope[i]))
     longest, asked = length_of_rows(w.A, w.b, 0, len(w.b))
-    if e.numbers[DEGRADED] > 0.0 or _give_way(w, e, 0.0, largest, dt, tolerances) != RELAXED:
+    if missed > tolerances.equality * (longest + asked):
         return REFUSED
-    if _off(w) > tolerances.equality * (longest + asked):
-        return REFUSED
-    for i in range(1, len(w.sensitivity)):
-        w.sensitivity[i] = 0.0
-    return _outcome(w, e)
+    e.numbers[ROOM] = _ROUNDED
+    _pose(w, e, p, largest)
+    _write_rows(w, e, p, top, 0.0)
+    return _met(w, e) if _solved(p, tolerances) == DONE else REFUSED
 
 
 @plain
@@ -612,15 +607,11 @@ def _slower(g, w, e, largest, dt, tolerances):
     """Scale the task, and pass over to the relaxed step where a limit stops it."""
     top = _largest_with_rest(w, e, tolerances.backoff)
     if top == -1.0:
-        outcome = _give_way(w, e, 0.0, largest, dt, tolerances)
-        if outcome == REFUSED or rest_is_excluded(w) or e.numbers[DEGRADED] > 0.0:
-            return outcome
-        # Rest is feasible, so that was rounding at a limit: the task is met.
-        return outcome if _off(w) <= _NEAR else REFUSED
+        return _give_way(w, e, 0.0, largest, dt, tolerances)
     if top < 0.0:
         return REFUSED
     if top >= 1.0 - 2.0 * tolerances.backoff:
-        return _just_met(w, e, largest, dt, tolerances)
+        return _just_met(w, e, top, largest, tolerances)
     scale = _worthwhile(g, w, e, top, largest, dt, tolerances)
     if scale < 0.0 and top == 0.0 and e.numbers[DEGRADED] == 0.0:
         # Rounding excludes a task at rest; the scaled step would be left entirely anyhow.
@@ -824,11 +815,15 @@ def edge_step(g, w, e, qpos, dt, use_secondary, twist_space, is_infeasible):
     before, e.numbers[PASSED] = e.numbers[PASSED], 0.0
     # The programs of a step begin with the active constraints of those before, not of other steps.
     e.program.active_count[0] = e.slim.active_count[0] = e.bare.active_count[0] = 0
+    e.numbers[ROOM] = 0.0
     outcome = _without_inertia(g, w, e, is_infeasible, largest, dt, tolerances)
     relaxed = e.numbers[PASSED]
     if outcome in (DONE, BRAKED, REFUSED) or not g.settings.inertia > 0.0:
         e.numbers[PASSED] = 0.0
-        return outcome
-    if mode == RELAX or (outcome == RELAXED and relaxed == 0.0):
-        relaxed = 1.0
-    return _with_inertia(g, w, e, outcome, before, relaxed, largest, dt, tolerances)
+    else:
+        if mode == RELAX or (outcome == RELAXED and relaxed == 0.0):
+            relaxed = 1.0
+        outcome = _with_inertia(g, w, e, outcome, before, relaxed, largest, dt, tolerances)
+    if e.numbers[ROOM] > 0.0 and not clip_to_bounds(w.x, w.lower, w.upper):
+        return REFUSED
+    return outcome

@@ -936,6 +936,7 @@ def test_steps_between_limits_are_the_kernels_and_those_of_the_reference(state: 
             limits=[qt.MotionLimit(path_task.model, velocity=1.5, acceleration=10.0)],
             secondary=[qt.JointCentering(path_task.model, gain=0.001)],
         )  # fmt: skip
+        controller.passed_over = state["passed_over"]
         configuration = mink.Configuration(path_task.model, np.array(state["q"]))
         found.append(
             controller.step(
