@@ -31,8 +31,9 @@ def roadmap(
 ) -> None:
     """Draw the feasible free motion along the path, with the motions of the methods over it.
 
-    For an industrial arm with a free roll: the margin over waypoint and roll, one panel per branch.
-    For a planar arm with one free degree of freedom: its self-motion manifolds, joint by joint.
+    For six hinges with a closed form and a free roll: the margin over waypoint and roll, one panel
+    per branch. For a planar arm with one free degree of freedom: its self-motion manifolds, joint
+    by joint.
 
     Args:
         task: Name of a shipped task, or path to a .toml file.

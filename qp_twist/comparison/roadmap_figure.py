@@ -54,7 +54,7 @@ def check_applies(path_task: PathTask) -> None:
         raise InvalidInput(
             f"roadmap: {path_task.name} leaves {free} of {path_task.model.nv} joints free; the "
             "roadmap is drawn for planar arms of up to three hinges with one of them free, and for "
-            "arms with an ortho-parallel base and a spherical wrist with the roll free, with one "
+            "arms of six hinges with closed-form inverse kinematics with the roll free, with one "
             "projector all the way."
         )
 
@@ -64,10 +64,10 @@ def roadmap_figure(
 ) -> Figure:
     """The configurations inside the limits along the path, with each method.
 
-    For an industrial arm with a free roll :func:`~qp_twist.comparison.roll_figure.roll_figure`. For
-    a planar arm one panel a joint: manifolds as vertical lines, limits in red. A manifold's part is
-    dark where the whole configuration is inside its limits and clear of what it must not touch,
-    light elsewhere.
+    For six hinges with a closed form and a free roll
+    :func:`~qp_twist.comparison.roll_figure.roll_figure`. For a planar arm one panel a joint:
+    manifolds as vertical lines, limits in red. A manifold's part is dark where the whole
+    configuration is inside its limits and clear of what it must not touch, light elsewhere.
 
     Raises:
         InvalidInput: If the figure cannot be drawn for the task.

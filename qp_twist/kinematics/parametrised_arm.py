@@ -130,7 +130,9 @@ class ParametrisedArm:
                 return replace(arm, exact=exact)
         return None
 
-    def branches(self, rotations: Array, positions: Array, parameters: Array) -> Array:
+    def branches(
+        self, rotations: Array, positions: Array, parameters: Array | None = None
+    ) -> Array:
         """All solutions for K poses of the frame and as many values of the parameters, (K, 8, nv).
 
         rad or m; NaN where a branch is out of reach. Whole turns are not included. Where axes are
@@ -139,8 +141,10 @@ class ParametrisedArm:
         Args:
             rotations: Rotations of the frame to the world, (K, 3, 3).
             positions: Positions of its origin in the world, m, (K, 3).
-            parameters: Values of the given joints, rad or m, (K, p).
+            parameters: Values of the given joints, rad or m, (K, p); ``None`` for none.
         """
+        if parameters is None:
+            parameters = np.zeros((len(rotations), 0))
         axes, rotation, position = self._moved(parameters)
         # e1 … e6 = X (E M)⁻¹
         turn = rotations @ rotation.transpose(0, 2, 1)

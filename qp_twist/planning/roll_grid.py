@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Protocol
 
 import numpy as np
 
 from qp_twist.checks import Array, Indices, Mask
 from qp_twist.constraints import JointCouplings
 from qp_twist.geometry import ProjectorKind
-from qp_twist.kinematics import JointRanges, OrthoParallelArm
+from qp_twist.kinematics import JointRanges, OrthoParallelArm, ParametrisedArm, SerialChain
 from qp_twist.kinematics.serial_chain import turns
 from qp_twist.paths import PathTask
 from qp_twist.planning.hard_constraints import WITHIN, HardConstraints
 from qp_twist.planning.layer import TURN, Layer, empty_layer, inside_limits
 
+HINGES = 6
 FINEST = 16
 """Largest number of parts of a grid interval in which the joints move fast."""
 _HALVINGS = 12
@@ -23,18 +25,34 @@ _MOST_STRETCHES = 20_000
 """Beyond this number of intervals, no interval is halved."""
 
 
-def closed_form_arm(path_task: PathTask) -> OrthoParallelArm | None:
+class ClosedFormArm(Protocol):
+    """Six hinges and all branches of their inverse kinematics."""
+
+    @property
+    def chain(self) -> SerialChain:
+        """The arm up to the controlled frame."""
+
+    def branches(self, rotations: Array, positions: Array) -> Array:
+        """All solutions, (K, 8, 6), for the frame's rotations (K, 3, 3) and origins (K, 3)."""
+
+
+def closed_form_arm(path_task: PathTask) -> ClosedFormArm | None:
     """The task's arm, if it has closed-form inverse kinematics and is the whole robot.
 
     With further joints (fingers, a track) the task leaves more free than a roll; and almost no
     solution of the closed form satisfies joint couplings.
     """
     model = path_task.model
-    arm = OrthoParallelArm.recognise(model, path_task.frame_name, path_task.frame_type)
-    coupled = any(isinstance(c, JointCouplings) for c in path_task.constraints)
-    if arm is None or len(arm.chain.screws) < model.nv or coupled:
+    if any(isinstance(c, JointCouplings) for c in path_task.constraints):
         return None
-    return arm
+    arm = OrthoParallelArm.recognise(model, path_task.frame_name, path_task.frame_type)
+    if arm is not None:
+        return arm if len(arm.chain.screws) == model.nv else None
+    chain = SerialChain.of(model, path_task.frame_name, path_task.frame_type)
+    if len(chain.screws) != model.nv or model.nv != HINGES:
+        return None
+    exact = [arm for arm in ParametrisedArm.recognise(chain) if arm.exact]
+    return exact[0] if exact else None
 
 
 class RollGrid:
@@ -48,7 +66,7 @@ class RollGrid:
     """
 
     def __init__(
-        self, path_task: PathTask, arm: OrthoParallelArm, spacing: float, joints: Array
+        self, path_task: PathTask, arm: ClosedFormArm, spacing: float, joints: Array
     ) -> None:
         """Prepare.
 

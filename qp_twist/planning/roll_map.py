@@ -11,12 +11,12 @@ import numpy as np
 from qp_twist.checks import Array, Indices, Mask
 from qp_twist.errors import InvalidInput
 from qp_twist.geometry import ProjectorKind, twist_angle
-from qp_twist.kinematics import JointRanges, OrthoParallelArm
+from qp_twist.kinematics import JointRanges
 from qp_twist.paths import PathTask
 from qp_twist.planning.layer import TURN, centred
 from qp_twist.planning.path_rows import PathRows
 from qp_twist.planning.plan import motion_limits
-from qp_twist.planning.roll_grid import RollGrid, closed_form_arm
+from qp_twist.planning.roll_grid import ClosedFormArm, RollGrid, closed_form_arm
 
 _REACH = np.radians(45.0)
 """Range to either side in which a roll is searched that connects to the next waypoint, rad."""
@@ -42,7 +42,7 @@ class RollMap:
     """
 
     path_task: PathTask
-    arm: OrthoParallelArm
+    arm: ClosedFormArm
     waypoints: Indices
     rolls: Array
     margins: Array
@@ -62,8 +62,8 @@ class RollMap:
         arm = roll_arm(path_task)
         if arm is None:
             raise InvalidInput(
-                f"{path_task.name}: a map of rolls is for arms with an ortho-parallel base and a "
-                "spherical wrist whose roll about the tool is free all the way."
+                f"{path_task.name}: a map of rolls is for arms of six hinges with closed-form "
+                "inverse kinematics whose roll about the tool is free all the way."
             )
         ranges = JointRanges.of(path_task.model)
         grid = RollGrid(path_task, arm, np.radians(spacing_deg), np.full(6, np.inf))
@@ -125,7 +125,7 @@ class RollMap:
         return _wrapped(rolls), distance.argmin(axis=1)
 
 
-def roll_arm(path_task: PathTask) -> OrthoParallelArm | None:
+def roll_arm(path_task: PathTask) -> ClosedFormArm | None:
     """The arm of a task whose roll is free everywhere, if it has closed-form kinematics."""
     count = len(path_task.waypoints)
     if not all(

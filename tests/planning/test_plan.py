@@ -667,7 +667,7 @@ def test_a_method_is_where_the_map_says_and_has_the_margin_that_it_says(
 
 
 def test_the_map_of_rolls_is_refused_where_more_than_a_roll_is_free() -> None:
-    with pytest.raises(qt.InvalidInput, match="spherical wrist whose roll"):
+    with pytest.raises(qt.InvalidInput, match="whose roll about the tool is free all the way"):
         RollMap.of(qt.load_task("planar_line"))
 
 
