@@ -11,6 +11,8 @@ from qp_twist.kinematics import JointRanges
 from qp_twist.planning.hard_constraints import WITHIN, HardConstraints
 
 TURN = 2.0 * np.pi
+_LOOKED_AT = 200
+"""Largest number of configurations of which the one with the least violation is chosen."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,9 +82,12 @@ def empty_layer(q: Array, ranges: JointRanges, bands: HardConstraints, index: in
 def forbidding_bands(q: Array, bands: HardConstraints, index: int) -> tuple[tuple[str, ...], Array]:
     """The bands violated by the configuration of q (K, nv) with the least violation.
 
+    Of many configurations some are looked at, evenly chosen: depths of overlap take long.
+
     Returns:
         Their names, and all margins of that configuration, rad or m, (k,).
     """
+    q = q[:: 1 + len(q) // _LOOKED_AT]
     margins = bands.margins(q, np.full(len(q), index))
     nearest: Array = margins[np.argmax(margins.min(axis=1))]
     return tuple(bands.names[k] for k in np.flatnonzero(nearest < -WITHIN)), nearest

@@ -23,6 +23,9 @@ _FIRST, _LARGEST, _SMALLEST = 0.1, 0.4, 1e-6
 """Trust region radius, rad: initial, largest, and the one at which the iteration ends."""
 _SETTLED = 1e-6
 """Change by an iteration, as a share of the objective, below which it ends."""
+_SLOW, _LAST = 3e-5, 6
+"""Gain of the last six iterations, as a share of the objective, below which it ends: along active
+constraints, that curve, all the others together would gain little."""
 _STUCK, _STAYS = 4, 0.01
 """With a violation it ends after so many iterations in turn that gain less than this share of the
 penalty."""
@@ -80,7 +83,7 @@ def refine(
     here, radius = judged(q, limits, objective), _FIRST
     if not rows.freedom.any():  # no free direction
         return here
-    stuck = 0
+    stuck, before = 0, [np.inf] * _LAST
     for iteration in range(iterations):
         if progress is not None:
             progress(iteration / iterations)
@@ -90,7 +93,11 @@ def refine(
         stuck = stuck + 1 if stays else 0
         if stuck == _STUCK:
             break
-        settled = abs(gain) <= _SETTLED * abs(_merit(here, objective))
+        merit = _merit(here, objective)
+        before = [*before[1:], merit if here.feasible else np.inf]
+        if before[0] - merit <= _SLOW * abs(merit):
+            break
+        settled = abs(gain) <= _SETTLED * abs(merit)
         if there is None or gain <= 0.0:
             radius *= 0.25
             if radius < _SMALLEST or settled:

@@ -61,6 +61,8 @@ _REPAIRED = 0.05
 _POINTS = 6
 """Number of times that points of violations between waypoints are added."""
 _UNKNOWN = -1
+_AT_ONCE = 50
+"""Number of configurations of a layer that are looked at before any others."""
 _STRICTNESS = (1.0, 1e3)
 """Factors of the price, in turn: first for the best path, then for a feasible one."""
 _LOOSE = {"rad": np.radians([3.0, 1.0]), "m": np.array([5e-3, 1e-3])}
@@ -175,6 +177,9 @@ class PlanSearch:
         self._kept: dict[str, Array] = {}
         #: The last stage's layers, when they are complete.
         self._begun: SearchResult | None = None
+        #: Waypoints between which the search of a stage ended, and layers there on the finest grid.
+        self._ends: list[tuple[int, int]] = []
+        self._finest: dict[int, Layer] = {}
         #: The search without clearance, and its bound, which holds with it, too.
         self._free: PlanSearch | None = None
         self._known_bound: float | None = None
@@ -310,7 +315,11 @@ class PlanSearch:
 
     def _is_blocked(self, layer: Layer) -> bool:
         """Whether no configuration of a layer keeps the clearance, at whatever cost."""
-        return self._cleared and not self._clear_nodes(layer, np.arange(len(layer.q))).any()
+        count = len(layer.q)
+        parts = 1 + count // _AT_ONCE  # one that does is mostly among the first
+        return self._cleared and not any(
+            self._clear_nodes(layer, np.arange(part, count, parts)).any() for part in range(parts)
+        )
 
     def _cleared_layer(self, layer: Layer, index: int) -> Layer:
         """The configurations of a waypoint's layer that keep the clearance."""
@@ -426,7 +435,10 @@ class PlanSearch:
             made[stage] = roadmap.layers(
                 waypoints, lambda done: self._progress(f"{grid}: layers", done / len(waypoints))
             )
-        layers = list(made[stage])
+        layers = [
+            self._finest.get(index, layer)
+            for index, layer in zip(waypoints, made[stage], strict=True)
+        ]
         if self.start is not None:
             layers[0] = Layer(self.start[None], np.full(1, -1), 1)
         layers[0] = self._cleared_layer(layers[0], waypoints[0])
@@ -451,14 +463,17 @@ class PlanSearch:
         for strictness in _STRICTNESS:
             way, self._first_way = self._first_way, None
             if way is None:
+                way = self._ended_again(layers, waypoints, grid, strictness, stage.most)
+            if way is None:
                 way = self._layer_path(
                     layers, waypoints, grid, strictness, known, self._expected, stage.most
                 )
             if len(way.nodes) < len(layers):
+                self._ends.append((waypoints[len(way.nodes) - 1], waypoints[len(way.nodes)]))
                 if best is not None:  # the grid has no better path
                     return SearchResult(best, Certificate("path", grid), layers, waypoints)
                 cleared = [
-                    self._cleared_layer(layer, index)
+                    self._cleared_layer(layer, index) if self._is_blocked(layer) else layer
                     for layer, index in zip(layers, waypoints, strict=True)
                 ]
                 if not all(len(layer.q) for layer in cleared):
@@ -557,6 +572,7 @@ class PlanSearch:
         waypoints = [open_[k] for k in chosen]
         layers = roadmap.layers(waypoints)
         if all(len(layer.q) for layer in layers):
+            self._finest.update(zip(waypoints, layers, strict=True))
             return None
         certificate = _empty(waypoints, layers, grid, roadmap, not self._cleared)
         return SearchResult(None, certificate, layers, waypoints)
@@ -697,6 +713,31 @@ class PlanSearch:
         narrow = [margin < widest.value for margin in margins]
         centering = [np.where(n, np.inf, cost) for n, cost in zip(narrow, centering, strict=True)]
         return cheapest(centering, np.inf)
+
+    def _ended_again(
+        self, layers: list[Layer], waypoints: list[int], grid: Grid, strictness: float, most: float
+    ) -> LayerPath | None:
+        """A path that ends where that of a coarser stage did; ``None`` if these places are passed.
+
+        They are searched from every configuration some waypoints before them, which takes a
+        fraction of the search of the whole path.
+        """
+        for before, after in self._ends:
+            near = [
+                k for k, index in enumerate(waypoints) if before - _ABOUT <= index <= after + _ABOUT
+            ]
+            first, last = near[0], near[-1] + 1
+            own = layers[first:last]
+            own[0] = self._cleared_layer(own[0], waypoints[first])
+            way = LayerPath([], np.inf)
+            if len(own[0].q):
+                known = -np.inf if self.objective.margin else np.inf
+                way = self._layer_path(
+                    own, waypoints[first:last], grid, strictness, known, most=most, within=()
+                )
+            if len(way.nodes) < len(own):
+                return LayerPath([0] * first + way.nodes, np.inf)
+        return None
 
     def _unwound(self, difference: Array) -> Array:
         """Differences of configurations, modulo whole turns that do not matter."""

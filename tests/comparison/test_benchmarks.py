@@ -5,8 +5,10 @@ from __future__ import annotations
 import itertools
 import sys
 from collections.abc import Iterator
+from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -14,6 +16,9 @@ import pytest
 import qp_twist as qt
 from qp_twist.bench.tables import markdown_table
 from qp_twist.bench.timer import Timed, once
+from qp_twist.planning.layer import Layer
+from qp_twist.planning.search import PlanSearch
+from qp_twist.planning.shortest_path import LayerPath
 from qp_twist.robots import controller_joints, named_robot
 
 FOLDER = Path(__file__).parents[2] / "benchmarks"
@@ -89,6 +94,29 @@ def test_a_plan_in_a_random_cell_is_held_against_an_exhaustive_search() -> None:
     found = import_module("cells").one_cell(103, every=20, roll_step=10.0)
     assert found["planned"] and found["at_waypoints"] and not found["wrong"]
     assert found["z"] < 1.01 * found["z_loose"]
+
+
+def test_a_place_that_no_motion_passes_is_searched_finer_alone(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Of a cell without a plan: later stages look at the place first, not at the whole path."""
+    task = import_module("cells").crowded(1, 10)
+    part = slice(200, 300)
+    assert task.durations is not None
+    task = replace(
+        task, waypoints=task.waypoints[part], durations=task.durations[part], flipped_waypoints=None
+    )
+    lengths: list[tuple[bool, int]] = []
+    searched = PlanSearch._layer_path
+
+    def counted(self: PlanSearch, layers: list[Layer], *rest: Any, **options: Any) -> LayerPath:
+        lengths.append((self._cleared, len(layers)))
+        return searched(self, layers, *rest, **options)
+
+    monkeypatch.setattr(PlanSearch, "_layer_path", counted)
+    plan = qt.plan(task)
+    assert plan.q is None and plan.certificate.waypoints[0] in (78, 79)
+    assert max(count for cleared, count in lengths[2:] if cleared) < 50 < lengths[1][1]
 
 
 def test_a_plan_that_touches_is_found_out() -> None:
