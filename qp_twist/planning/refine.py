@@ -24,8 +24,8 @@ _FIRST, _LARGEST, _SMALLEST = 0.1, 0.4, 1e-6
 _SETTLED = 1e-6
 """Change by an iteration, as a share of the objective, below which it ends."""
 _SLOW, _LAST = 3e-5, 6
-"""Gain of the last six iterations, as a share of the objective, below which it ends: along active
-constraints, that curve, all the others together would gain little."""
+"""Gain of the last six iterations, as a share of the objective, below which it ends with hard bands
+and constraints: along those that curve all further ones together would gain little."""
 _STUCK, _STAYS = 4, 0.01
 """With a violation it ends after so many iterations in turn that gain less than this share of the
 penalty."""
@@ -95,7 +95,7 @@ def refine(
             break
         merit = _merit(here, objective)
         before = [*before[1:], merit if here.feasible else np.inf]
-        if before[0] - merit <= _SLOW * abs(merit):
+        if rows.hard and before[0] - merit <= _SLOW * abs(merit):
             break
         settled = abs(gain) <= _SETTLED * abs(merit)
         if there is None or gain <= 0.0:
