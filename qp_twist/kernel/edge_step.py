@@ -613,8 +613,8 @@ def _slower(g, w, e, largest, dt, tolerances):
     if top >= 1.0 - 2.0 * tolerances.backoff:
         return _just_met(w, e, top, largest, tolerances)
     scale = _worthwhile(g, w, e, top, largest, dt, tolerances)
-    if scale < 0.0 and top == 0.0 and e.numbers[DEGRADED] == 0.0:
-        # Rounding excludes a task at rest; the scaled step would be left entirely anyhow.
+    if scale < 0.0 and top == 0.0:
+        # Rounding excludes a task at rest; the scaled step would be left entirely anyhow (ψ = 1).
         return _give_way(w, e, 0.0, largest, dt, tolerances)
     if scale < 0.0:
         return REFUSED
