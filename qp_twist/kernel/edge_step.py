@@ -596,7 +596,8 @@ def _just_met(w, e, top, largest, tolerances):
     longest, asked = length_of_rows(w.A, w.b, 0, len(w.b))
     if missed > tolerances.equality * (longest + asked):
         return REFUSED
-    e.numbers[ROOM] = _ROUNDED
+    # The active set takes violations of as much for rounding, when it finds the scale, too.
+    e.numbers[ROOM] += 2.0 * _ROUNDED
     _pose(w, e, p, largest)
     _write_rows(w, e, p, top, 0.0)
     return _met(w, e) if _solved(p, tolerances) == DONE else REFUSED
