@@ -726,6 +726,8 @@ class PlanSearch:
             near = [
                 k for k, index in enumerate(waypoints) if before - _ABOUT <= index <= after + _ABOUT
             ]
+            if len(near) < 2:  # of a coarser stage
+                continue
             first, last = near[0], near[-1] + 1
             own = layers[first:last]
             own[0] = self._cleared_layer(own[0], waypoints[first])
