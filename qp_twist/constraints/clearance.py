@@ -229,7 +229,7 @@ class Clearance(Constraint):
         return self._step.correct(velocity, dt)
 
     def hold(self, velocity: Array, dt: float, kept: float) -> None:
-        """Add rows that hold a safe velocity between this one and the hardest braking."""
+        """Replace the rows by those of a safe velocity between this one and the hardest braking."""
         self._step.hold(velocity, dt, kept)
 
     def nearest(self, q: Array) -> NearestPair | None:

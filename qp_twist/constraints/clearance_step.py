@@ -103,9 +103,10 @@ class ClearanceStep:
         return self._count > before
 
     def hold(self, velocity: Array, dt: float, kept: float) -> None:
-        """Add rows that hold a velocity between this one and braking that lacks at most ``kept``.
+        """Only rows that hold a velocity between this one and braking that lacks at most ``kept``.
 
-        None are added where braking lacks as much: an obstacle comes too fast.
+        It need not satisfy the others, which are linear, and with both there might be no step. None
+        are changed where braking lacks as much: an obstacle comes too fast.
         """
         arrays, nv = self._arrays, len(velocity)
         worst = int(np.argmin(arrays.worst))
@@ -115,8 +116,7 @@ class ClearanceStep:
                 break
         else:
             return
-        first = min(self._count, len(arrays.h) - 2 * nv)
-        end = self._count = first + 2 * nv
-        arrays.G[first:end] = np.vstack([np.eye(nv), -np.eye(nv)])
-        arrays.h[first:end] = np.concatenate([held, -held]) * dt + _EXACT
-        arrays.room[first:end], arrays.pair[first:end] = 0.0, worst
+        self._count = count = 2 * nv
+        arrays.G[:count] = np.vstack([np.eye(nv), -np.eye(nv)])
+        arrays.h[:count] = np.concatenate([held, -held]) * dt + _EXACT
+        arrays.room[:count], arrays.pair[:count] = 0.0, worst

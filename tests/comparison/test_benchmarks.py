@@ -147,6 +147,7 @@ def test_a_step_in_front_of_a_wall_is_measured(monkeypatch: pytest.MonkeyPatch) 
     ("world", "seed", "mode", "acceleration"),
     [
         ("wall", 2, "scale", 10.0),  # joints brake at their ranges, too
+        ("wall", 496, "relax", 10.0),  # a velocity is held that rows of corrections contradict
         ("corner", 3, "scale", 10.0),
         ("corner", 0, "scale", None),  # slides along, with the task at rest
         ("moving", 2, "relax", None),  # corrected steps while the obstacle comes
