@@ -177,6 +177,16 @@ def _slacks(p, w):
 
 
 @plain
+def _take_limits(w, e, p):
+    """Copy the limits to a program, with the room that it has."""
+    room = e.numbers[ROOM]
+    for i in range(len(w.x)):
+        p.lower[i], p.upper[i] = w.lower[i] - room, w.upper[i] + room
+    for row in range(len(w.g)):
+        p.g[row] = w.g[row] + room
+
+
+@plain
 def _begin_program(w, e, p, of_slacks, of_scale):
     """The costs H, of slacks and of the scale, no linear cost, and all limits."""
     n, unknowns = len(w.x), len(p.x)
@@ -184,8 +194,7 @@ def _begin_program(w, e, p, of_slacks, of_scale):
         for j in range(unknowns):
             p.dense[i, j] = e.cost[i, j] if i < n and j < n else 0.0
         p.c[i], p.lower[i], p.upper[i] = 0.0, -math.inf, math.inf
-    for i in range(n):
-        p.lower[i], p.upper[i] = w.lower[i] - e.numbers[ROOM], w.upper[i] + e.numbers[ROOM]
+    _take_limits(w, e, p)
     for i in range(_slacks(p, w)):
         p.dense[n + i, n + i] = of_slacks
         if e.missing[i] > 0.0:
@@ -193,7 +202,6 @@ def _begin_program(w, e, p, of_slacks, of_scale):
     if unknowns > n:
         p.dense[unknowns - 1, unknowns - 1] = of_scale
     for row in range(len(w.g)):
-        p.g[row] = w.g[row] + e.numbers[ROOM]
         for i in range(unknowns):
             p.G[row, i] = w.G[row, i] if i < n else 0.0
 
@@ -471,10 +479,7 @@ def _worthwhile(g, w, e, top, largest, dt, tolerances):
     if status != DONE:
         # Joints that move already may not be able to slow down as the eased bounds ask; and where
         # they leave a single velocity, it is that of s* itself.
-        for k in range(n):
-            p.lower[k], p.upper[k] = w.lower[k] - e.numbers[ROOM], w.upper[k] + e.numbers[ROOM]
-        for row in range(len(w.g)):
-            p.g[row] = w.g[row] + e.numbers[ROOM]
+        _take_limits(w, e, p)
         p.upper[u] = 1.0 + 2.0 * tolerances.backoff
         status = _solved(p, tolerances)
     return top * p.x[u] if status == DONE else -1.0

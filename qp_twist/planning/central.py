@@ -115,7 +115,8 @@ def least_mean_z(path_task: PathTask, waypoints: Sequence[int]) -> float:
     kept = np.isnan(z)  # without clearance there is none either
     kept[~kept] = np.all([c.inside(q[~kept], WITHIN) for c in path_task.clearances], axis=0)
     touching = [index for index, keeps in zip(waypoints, kept, strict=True) if not keeps]
-    z[~kept] = _least_z(path_task, touching)[0]
+    if touching:
+        z[~kept] = _least_z(path_task, touching)[0]
     return float(np.mean(z))
 
 

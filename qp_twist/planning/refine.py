@@ -88,12 +88,12 @@ def refine(
         if progress is not None:
             progress(iteration / iterations)
         there = _step(here, rows, limits, objective, radius)
-        gain = -np.inf if there is None else _merit(here, objective) - _merit(there, objective)
+        merit = _merit(here, objective)
+        gain = -np.inf if there is None else merit - _merit(there, objective)
         stays = not here.feasible and gain < _STAYS * objective.penalty * here.excess
         stuck = stuck + 1 if stays else 0
         if stuck == _STUCK:
             break
-        merit = _merit(here, objective)
         before = [*before[1:], merit if here.feasible else np.inf]
         if rows.hard and before[0] - merit <= _SLOW * abs(merit):
             break

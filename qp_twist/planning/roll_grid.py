@@ -16,9 +16,10 @@ from qp_twist.paths import PathTask
 from qp_twist.planning.hard_constraints import WITHIN, HardConstraints
 from qp_twist.planning.layer import TURN, Layer, empty_layer, inside_limits
 
-HINGES = 6
 FINEST = 16
 """Largest number of parts of a grid interval in which the joints move fast."""
+_HINGES = 6
+"""Number of joints of an arm with closed-form inverse kinematics."""
 _HALVINGS = 12
 """Number of times that a grid interval with a possible end of a band is halved."""
 _MOST_STRETCHES = 20_000
@@ -49,7 +50,7 @@ def closed_form_arm(path_task: PathTask) -> ClosedFormArm | None:
     if arm is not None:
         return arm if len(arm.chain.screws) == model.nv else None
     chain = SerialChain.of(model, path_task.frame_name, path_task.frame_type)
-    if len(chain.screws) != model.nv or model.nv != HINGES:
+    if len(chain.screws) != model.nv or model.nv != _HINGES:
         return None
     exact = [arm for arm in ParametrisedArm.recognise(chain) if arm.exact]
     return exact[0] if exact else None
