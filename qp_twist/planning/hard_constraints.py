@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from scipy.spatial.transform import Rotation
 
@@ -227,19 +229,25 @@ class HardConstraints:
         return np.where(self._fixed[at] & self._fixed[at + 1], np.inf, margins)
 
     def kept_between(
-        self, begin: Array, end: Array, at: Indices, violations: dict[str, float]
+        self,
+        begin: Array,
+        end: Array,
+        at: Indices,
+        violations: dict[str, float],
+        shares: Sequence[float] = SHARES,
     ) -> Mask:
-        """Which motions keep all margins at :data:`SHARES`, but for violations allowed, (K,).
+        """Which motions keep all margins at some shares, but for violations allowed, (K,).
 
         Args:
             begin: As in :meth:`margins_between`.
             end: Likewise.
             at: Likewise.
             violations: Largest violation of a margin that is allowed, in rad and in m.
+            shares: Shares of each interval at which margins are evaluated.
         """
         kept = np.ones(len(begin), dtype=bool)
         allowed = np.array([violations[unit] for unit in self.units])
-        for share in SHARES:
+        for share in shares:
             left = np.flatnonzero(kept)
             q = begin[left] + share * (end[left] - begin[left])
             if self.bands:

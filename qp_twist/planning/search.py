@@ -14,7 +14,7 @@ from qp_twist.checks import Array, Indices, Mask
 from qp_twist.paths import PathTask
 from qp_twist.planning.bound import pointwise_bound
 from qp_twist.planning.certificate import Certificate
-from qp_twist.planning.hard_constraints import BETWEEN, WITHIN
+from qp_twist.planning.hard_constraints import BETWEEN, SHARES, WITHIN
 from qp_twist.planning.layer import TURN, Layer, centred, forbidding_bands
 from qp_twist.planning.manifold_net import BOUNDED, COVERED
 from qp_twist.planning.objective import Objective
@@ -180,6 +180,9 @@ class PlanSearch:
         #: Waypoints between which the search of a stage ended, and layers there on the finest grid.
         self._ends: list[tuple[int, int]] = []
         self._finest: dict[int, Layer] = {}
+        #: Shares of intervals at which a strict path violated a constraint: edges are evaluated
+        #: there, too.
+        self._shares: dict[int, list[float]] = {}
         #: The search without clearance, and its bound, which holds with it, too.
         self._free: PlanSearch | None = None
         self._known_bound: float | None = None
@@ -448,8 +451,7 @@ class PlanSearch:
 
     def _stage(self, stage: SearchStage, best: RefinedPath | None) -> SearchResult:
         grid, roadmap, waypoints, layers = self._opened(stage)
-        # Between the configurations of a grid nothing is proved of a clearance.
-        covered = not self._cleared and all(roadmap.covers(index) for index in waypoints)
+        covered = self._covers(roadmap, waypoints)
         empty = [i for i, layer in zip(waypoints, layers, strict=True) if not len(layer.q)]
         if empty:
             certificate = _empty(waypoints, layers, grid, roadmap, covered)
@@ -459,8 +461,10 @@ class PlanSearch:
         known = np.inf if best is None else best.value * (1.0 + rounded)
         if self.objective.margin:
             known = -np.inf if best is None else best.value - _ROUNDED * abs(best.value)
-        refined, before = None, None
-        for strictness in _STRICTNESS:
+        nearest, before = None, None
+        coarse = stage is not _STAGES[-1]
+        again = _POINTS if self._cleared and not coarse else 0
+        for strictness in (*_STRICTNESS, *_STRICTNESS[-1:] * again):
             way, self._first_way = self._first_way, None
             if way is None:
                 way = self._ended_again(layers, waypoints, grid, strictness, stage.most)
@@ -472,32 +476,57 @@ class PlanSearch:
                 self._ends.append((waypoints[len(way.nodes) - 1], waypoints[len(way.nodes)]))
                 if best is not None:  # the grid has no better path
                     return SearchResult(best, Certificate("path", grid), layers, waypoints)
-                cleared = [
-                    self._cleared_layer(layer, index) if self._is_blocked(layer) else layer
-                    for layer, index in zip(layers, waypoints, strict=True)
-                ]
-                if not all(len(layer.q) for layer in cleared):
-                    certificate = _empty(waypoints, cleared, grid, roadmap, covered)
-                    return SearchResult(None, certificate, cleared, waypoints)
-                certificate = self._blocked(way, layers, waypoints, grid, covered)
-                return SearchResult(None, certificate, layers, waypoints)
+                if self._shares and nearest is not None:  # its violation says more
+                    break
+                return self._ended(way, layers, waypoints, grid, roadmap)
             if way.nodes == before:  # what failed
                 break
             before = way.nodes
             nodes = [layer.q[node] for layer, node in zip(layers, way.nodes, strict=True)]
             path = self._interpolated(np.array(nodes), waypoints)
-            refined = None if path is None else judged(path, self.limits, self.objective)
-            coarse = stage is not _STAGES[-1]
-            soon = int(self.rows.freedom.max()) < COVERED  # layers are made in less time
-            most = _HOPELESS_CLEARANCE if self._cleared else _HOPELESS
-            hopeless = refined is not None and refined.excess > most
-            if refined is not None and not (coarse and soon and hopeless):
-                refined = self._refined(refined.q)
-            if refined is not None and not refined.feasible and coarse:
-                refined = self._mended(refined) or refined
+            refined = None if path is None else self._off_the_grid(path, coarse=coarse)
+            if again and strictness > _STRICTNESS[0] and path is not None:
+                self._look_between(path)
             if refined is not None and refined.feasible:
                 return SearchResult(refined, Certificate("path", grid), layers, waypoints)
-        return SearchResult(None, self._too_fast(refined, grid, covered), layers, waypoints)
+            if nearest is None or (refined is not None and refined.excess < nearest.excess):
+                nearest = refined
+        return SearchResult(None, self._too_fast(nearest, grid, covered), layers, waypoints)
+
+    def _ended(
+        self,
+        way: LayerPath,
+        layers: list[Layer],
+        waypoints: list[int],
+        grid: Grid,
+        roadmap: Roadmap,
+    ) -> SearchResult:
+        """The verdict where no path goes on, from the layers alone if clearance empties one."""
+        covered = self._covers(roadmap, waypoints)
+        cleared = [
+            self._cleared_layer(layer, index) if self._is_blocked(layer) else layer
+            for layer, index in zip(layers, waypoints, strict=True)
+        ]
+        if not all(len(layer.q) for layer in cleared):
+            certificate = _empty(waypoints, cleared, grid, roadmap, covered)
+            return SearchResult(None, certificate, cleared, waypoints)
+        certificate = self._blocked(way, layers, waypoints, grid, covered)
+        return SearchResult(None, certificate, layers, waypoints)
+
+    def _covers(self, roadmap: Roadmap, waypoints: list[int]) -> bool:
+        """Whether layers prove what they show: between configurations no clearance is proved."""
+        return not self._cleared and all(roadmap.covers(index) for index in waypoints)
+
+    def _off_the_grid(self, path: Array, *, coarse: bool) -> RefinedPath:
+        """The grid's path (N, nv) corrected into the limits, if that is worth a try."""
+        refined = judged(path, self.limits, self.objective)
+        soon = int(self.rows.freedom.max()) < COVERED  # layers are made in less time
+        most = _HOPELESS_CLEARANCE if self._cleared else _HOPELESS
+        if not (coarse and soon and refined.excess > most):
+            refined = self._refined(path)
+        if not refined.feasible and coarse:
+            refined = self._mended(refined) or refined
+        return refined
 
     def _grid(self, stage: SearchStage, stride: int = 1) -> Grid:
         step = stride * np.median(self.limits.steps, axis=0)
@@ -666,7 +695,8 @@ class PlanSearch:
                 return np.ones(len(edge.start), dtype=bool)
             begin = layers[number].q[edge.start]
             end = begin + self._unwound(layers[number + 1].q[edge.end] - begin)
-            return bands.kept_between(begin, end, np.full(len(begin), at), loose)
+            shares = (*SHARES, *self._shares.get(at, ()))
+            return bands.kept_between(begin, end, np.full(len(begin), at), loose, shares)
 
         def clear(number: int, nodes: Indices) -> Mask:
             return self._clear_nodes(layers[number], nodes)
@@ -714,6 +744,15 @@ class PlanSearch:
         centering = [np.where(n, np.inf, cost) for n, cost in zip(narrow, centering, strict=True)]
         return cheapest(centering, np.inf)
 
+    def _look_between(self, path: Array) -> None:
+        """Have edges evaluated where a path (N, nv) violates a constraint between waypoints, too.
+
+        An obstacle's corner passes between the shares at which all edges are evaluated.
+        """
+        beyond, share = self.limits.beyond_between(path)
+        for at in np.flatnonzero((beyond > 0.0).any(axis=1)).tolist():
+            self._shares.setdefault(at, []).append(float(share[at]))
+
     def _ended_again(
         self, layers: list[Layer], waypoints: list[int], grid: Grid, strictness: float, most: float
     ) -> LayerPath | None:
@@ -738,6 +777,9 @@ class PlanSearch:
                     own, waypoints[first:last], grid, strictness, known, most=most, within=()
                 )
             if len(way.nodes) < len(own):
+                if way.nodes:  # as an index into the layer itself
+                    from_here = own[0].q[way.nodes[0]]
+                    way.nodes[0] = int((layers[first].q == from_here).all(axis=1).argmax())
                 return LayerPath([0] * first + way.nodes, np.inf)
         return None
 

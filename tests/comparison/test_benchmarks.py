@@ -96,6 +96,23 @@ def test_a_plan_in_a_random_cell_is_held_against_an_exhaustive_search() -> None:
     assert found["z"] < 1.01 * found["z_loose"]
 
 
+def test_an_obstacle_that_passes_between_the_evaluated_points_of_an_edge_is_avoided() -> None:
+    """An edge of the grid's best path reaches 1.3 mm into a corner that no program gets it off."""
+    cells = import_module("cells")
+    task = cells.cell(5054, 10)
+    assert task.durations is not None
+    part = slice(12, 32)
+    task = replace(task, waypoints=task.waypoints[part], durations=task.durations[part])
+    plan = qt.plan(task)
+    assert plan.q is not None and not cells.faults(task, plan.q)
+    (clearance,) = task.constraints
+    judge = cells.Obstacles(task.model, clearance.pairs)
+    shares = np.linspace(0.0, 1.0, cells.INSIDE, endpoint=False)[:, None]
+    between = [begin + shares * (end - begin) for begin, end in itertools.pairwise(plan.q)]
+    assert judge.least(plan.q) >= cells.CLEAR - 1e-6
+    assert judge.least(np.concatenate(between)) >= cells.CLEAR - cells.BETWEEN - 1e-6
+
+
 def test_a_place_that_no_motion_passes_is_searched_finer_alone(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
