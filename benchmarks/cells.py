@@ -96,11 +96,11 @@ SHOULDER, COLUMN = np.array([0.15, 0.0, 0.525]), 0.3
 """Where the upper arm begins, and the radius in which the first link turns, m."""
 INSIDE = 20
 """Points of each step at which the plan's clearance is looked at."""
-CHECKED = 5
+CHECKED = 20
 """Points of each connection at which the search looks at the clearance."""
 OBSTACLES = 10
 """Number of obstacles of a crowded cell."""
-TRIALS = 200
+TRIALS = 4000
 """How often the search leaves out connections before it gives up."""
 
 LINKS: tuple[tuple[str, str, tuple[float, ...], tuple[float, ...]], ...] = (

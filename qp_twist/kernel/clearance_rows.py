@@ -44,6 +44,9 @@ _PARTS = 8
 """Parts of a step in which the place is looked for where it comes too near."""
 _SUDDEN = 1e6
 """Acceleration that counts as none at all, rad/s² or m/s²."""
+_UNHURRIED = 0.25
+"""Share of the joints' accelerations with which a pair begins to give way to an obstacle: the rest
+is for other pairs, and for directions in which not all joints may help."""
 _ABLE = 0.99
 """Share of what the joints are able to do that a row may ask for."""
 
@@ -259,8 +262,8 @@ def _row(s, pair, until, closing, room, dt, recovery, row):
     if room < 0.0:
         room = max(room, -recovery * dt)
     elif closing > 0.0 and harder > 0.0:
-        # So far ahead that the joints can become as fast as the obstacle.
-        room *= dt / (dt + closing / harder)
+        # So far ahead that the joints become as fast as the obstacle without haste.
+        room *= dt / (dt + closing / (_UNHURRIED * harder))
     room = max(room - closing * dt, -_ABLE * able)
     s.h[row], s.room[row], s.pair[row] = room + end, max(room, 0.0), pair
     return room

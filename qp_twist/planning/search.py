@@ -60,6 +60,9 @@ _REPAIRED = 0.05
 """Share of the waypoints that come too near up to which a path is repaired, not searched anew."""
 _POINTS = 6
 """Number of times that points of violations between waypoints are added."""
+_CLOSE, _LOOKS = tuple((np.arange(1, 16) / 16.0).tolist()), 10
+"""Shares of an interval at which edges are evaluated where a path met something between others, and
+how often a path is searched with further ones."""
 _UNKNOWN = -1
 _AT_ONCE = 50
 """Number of configurations of a layer that are looked at before any others."""
@@ -180,9 +183,8 @@ class PlanSearch:
         #: Waypoints between which the search of a stage ended, and layers there on the finest grid.
         self._ends: list[tuple[int, int]] = []
         self._finest: dict[int, Layer] = {}
-        #: Shares of intervals at which a strict path violated a constraint: edges are evaluated
-        #: there, too.
-        self._shares: dict[int, list[float]] = {}
+        #: Shares of intervals in which a strict path violated a constraint, of its edges.
+        self._shares: dict[int, tuple[float, ...]] = {}
         #: The search without clearance, and its bound, which holds with it, too.
         self._free: PlanSearch | None = None
         self._known_bound: float | None = None
@@ -463,7 +465,7 @@ class PlanSearch:
             known = -np.inf if best is None else best.value - _ROUNDED * abs(best.value)
         nearest, before = None, None
         coarse = stage is not _STAGES[-1]
-        again = _POINTS if self._cleared and not coarse else 0
+        again = _LOOKS if self._cleared and not coarse else 0
         for strictness in (*_STRICTNESS, *_STRICTNESS[-1:] * again):
             way, self._first_way = self._first_way, None
             if way is None:
@@ -695,7 +697,7 @@ class PlanSearch:
                 return np.ones(len(edge.start), dtype=bool)
             begin = layers[number].q[edge.start]
             end = begin + self._unwound(layers[number + 1].q[edge.end] - begin)
-            shares = (*SHARES, *self._shares.get(at, ()))
+            shares = self._shares.get(at, SHARES)
             return bands.kept_between(begin, end, np.full(len(begin), at), loose, shares)
 
         def clear(number: int, nodes: Indices) -> Mask:
@@ -745,13 +747,13 @@ class PlanSearch:
         return cheapest(centering, np.inf)
 
     def _look_between(self, path: Array) -> None:
-        """Have edges evaluated where a path (N, nv) violates a constraint between waypoints, too.
+        """Have edges evaluated at more places where a path (N, nv) is outside between waypoints.
 
         An obstacle's corner passes between the shares at which all edges are evaluated.
         """
         beyond, share = self.limits.beyond_between(path)
         for at in np.flatnonzero((beyond > 0.0).any(axis=1)).tolist():
-            self._shares.setdefault(at, []).append(float(share[at]))
+            self._shares[at] = (float(share[at]), *self._shares.get(at, _CLOSE))
 
     def _ended_again(
         self, layers: list[Layer], waypoints: list[int], grid: Grid, strictness: float, most: float

@@ -168,6 +168,7 @@ def test_a_step_in_front_of_a_wall_is_measured(monkeypatch: pytest.MonkeyPatch) 
         ("corner", 3, "scale", 10.0),
         ("corner", 0, "scale", None),  # slides along, with the task at rest
         ("moving", 2, "relax", None),  # corrected steps while the obstacle comes
+        ("moving", 649, "scale", 10.0),  # gives way to it early enough
     ],
 )
 def test_steps_keep_their_distance_smoothly(
