@@ -188,6 +188,8 @@ class PlanSearch:
         #: The search without clearance, and its bound, which holds with it, too.
         self._free: PlanSearch | None = None
         self._known_bound: float | None = None
+        #: Value of the best path through the layers of a stage; NaN if there is none.
+        self._promised = np.nan
         #: Its best path through the first stage's layers, and the value of that path.
         self._first_way: LayerPath | None = None
         self._expected = 0.0
@@ -344,14 +346,14 @@ class PlanSearch:
             best = self._better(best, trial)
         for stage in self._stages:
             found = self._stage(stage, best)
-            if found.path is not None:
+            best = self._better(best, found.path)
+            if found.path is not None and self._keeps_promise(found.path):
                 break
             if best is None and not all(len(layer.q) for layer in found.layers):
                 # Layers that are empty on the finest grid are empty on any grid: stop here.
                 proven = self._proven_empty(found)
                 if proven is not None:
                     return proven
-        best = self._better(best, found.path)
         first, bound = best, self._bound(found, best)
         # With a clearance the bound, which knows of none, says little.
         settled = best is not None and (self._cleared or _alike(bound, best.value))
@@ -366,6 +368,15 @@ class PlanSearch:
         if best is not first:
             bound = self._bound(found, best)
         return replace(found, path=best, certificate=certificate, bound=self._stated(bound))
+
+    def _keeps_promise(self, path: RefinedPath) -> bool:
+        """Whether a path is as good as the grid's, which touches something between waypoints.
+
+        The detour by which it was mended may be a long one, and a finer grid have a shorter one.
+        """
+        value, best = path.value, self._promised
+        better = value < best if self.objective.margin else value > best
+        return not (self._cleared and better and not _alike(value, best))
 
     @property
     def _stages(self) -> tuple[SearchStage, ...]:
@@ -463,7 +474,7 @@ class PlanSearch:
         known = np.inf if best is None else best.value * (1.0 + rounded)
         if self.objective.margin:
             known = -np.inf if best is None else best.value - _ROUNDED * abs(best.value)
-        nearest, before = None, None
+        nearest, before, self._promised = None, None, np.nan
         coarse = stage is not _STAGES[-1]
         again = _LOOKS if self._cleared and not coarse else 0
         for strictness in (*_STRICTNESS, *_STRICTNESS[-1:] * again):
@@ -483,6 +494,7 @@ class PlanSearch:
                 return self._ended(way, layers, waypoints, grid, roadmap)
             if way.nodes == before:  # what failed
                 break
+            self._promised = way.value if before is None else self._promised
             before = way.nodes
             nodes = [layer.q[node] for layer, node in zip(layers, way.nodes, strict=True)]
             path = self._interpolated(np.array(nodes), waypoints)

@@ -96,6 +96,13 @@ def test_a_plan_in_a_random_cell_is_held_against_an_exhaustive_search() -> None:
     assert found["z"] < 1.01 * found["z_loose"]
 
 
+def test_a_detour_that_is_longer_than_the_grid_s_path_is_compared_with_finer_ones() -> None:
+    """The coarse grid's path touches something between waypoints; past it, z is 12 % higher."""
+    found = import_module("cells").one_cell(5414, every=10, roll_step=2.0)
+    assert found["planned"] and found["between"] and not found["wrong"]
+    assert found["z"] < 1.01 * found["z_strict"]
+
+
 def test_an_obstacle_that_passes_between_the_evaluated_points_of_an_edge_is_avoided() -> None:
     """An edge of the grid's best path reaches 1.3 mm into a corner that no program gets it off."""
     cells = import_module("cells")
