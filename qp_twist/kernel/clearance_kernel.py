@@ -16,6 +16,7 @@ from qp_twist.kernel.convex import (
     pair_distance,
 )
 from qp_twist.kernel.record import Floats, Integers, RecordType, reader
+from qp_twist.kernel.rotations import rotation_of
 
 
 class Tree(NamedTuple):
@@ -179,19 +180,6 @@ def place(cell, q):
 
 
 @part
-def _rotation(quaternion, R):
-    """Write the rotation (9,) of a quaternion (4,), which need not have unit length."""
-    a, x, y, z = quaternion[0], quaternion[1], quaternion[2], quaternion[3]
-    size = a * a + x * x + y * y + z * z
-    twice = 2.0 / size if size > 0.0 else 0.0
-    R[0], R[4] = 1.0 - twice * (y * y + z * z), 1.0 - twice * (x * x + z * z)
-    R[8] = 1.0 - twice * (x * x + y * y)
-    R[1], R[3] = twice * (x * y - a * z), twice * (x * y + a * z)
-    R[2], R[6] = twice * (x * z + a * y), twice * (x * z - a * y)
-    R[5], R[7] = twice * (y * z - a * x), twice * (y * z + a * x)
-
-
-@part
 def _apart(places, body, x, R, off):
     """Write to ``off`` (2,) how far a pose is from that of a body: its shift, m, and its turn.
 
@@ -235,7 +223,7 @@ def move_obstacles(
         if numbers[k] >= 0:
             for i in range(3):
                 x[i] = positions[numbers[k], i]
-            _rotation(quaternions[numbers[k]], R)
+            rotation_of(quaternions[numbers[k]], R)
         else:
             parent = tree.parent[body]
             _times(here.turn[parent], tree.offset[body], x)

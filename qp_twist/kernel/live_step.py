@@ -7,6 +7,7 @@ from qp_twist.kernel.edge_levels import edge_levels
 from qp_twist.kernel.edge_rows import read_edge
 from qp_twist.kernel.edge_step import edge_step
 from qp_twist.kernel.record import at_address
+from qp_twist.kernel.rotations import rotation_of
 from qp_twist.kernel.step_kernel import infeasible_step, read_step, step
 
 PYTHON_JACOBIAN, NO_EFFECT = -2, -1
@@ -36,19 +37,6 @@ def _jacobian(links, axes, anchors, origin, J):
         J[3, dof], J[4, dof], J[5, dof] = x, y, z
 
 
-@part
-def _target(pose, target):
-    """Rotation and position of a target from its unit quaternion and position."""
-    w, x, y, z = pose[0], pose[1], pose[2], pose[3]
-    target[0], target[4] = w * w + x * x - y * y - z * z, w * w - x * x + y * y - z * z
-    target[8] = w * w - x * x - y * y + z * z
-    target[1], target[3] = 2.0 * (x * y - w * z), 2.0 * (x * y + w * z)
-    target[2], target[6] = 2.0 * (x * z + w * y), 2.0 * (x * z - w * y)
-    target[5], target[7] = 2.0 * (y * z - w * x), 2.0 * (y * z + w * x)
-    for i in range(3):
-        target[9 + i] = pose[4 + i]
-
-
 @entry
 def live_step(floats, integers, dt, use_secondary, twist_space):
     """Compute a step from the arrays that ``control.compiled_step`` has allocated.
@@ -73,7 +61,9 @@ def live_step(floats, integers, dt, use_secondary, twist_space):
             g.poses[task, i] = rotation[i]
         for i in range(3):
             g.poses[task, 9 + i] = position[i]
-        _target(g.target_poses[task], g.targets[task])
+        rotation_of(g.target_poses[task], g.targets[task])
+        for i in range(3):
+            g.targets[task, 9 + i] = g.target_poses[task, 4 + i]
         if links[task, 0] != PYTHON_JACOBIAN:
             _jacobian(links[task], axes, anchors, position, g.jacobians[task])
     return step(g, w, at_address(sources[0], nq), dt, use_secondary, twist_space)

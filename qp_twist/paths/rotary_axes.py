@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Literal
 
+import mink
 import numpy as np
 
 from qp_twist.checks import Array
@@ -53,15 +54,6 @@ def tool_axis(rotary: Rotary, angles: dict[str, float]) -> Array:
     """
     axis = np.array([0.0, 0.0, 1.0])
     for letter, sign in _HEADS_AND_TABLES[rotary]:
-        axis = _turned(axis, np.array(_AXES[letter]), np.radians(sign * angles[letter]))
+        turn = np.radians(sign * angles[letter]) * np.array(_AXES[letter])
+        axis = mink.SO3.exp(turn).apply(axis)
     return axis
-
-
-def _turned(vector: Array, about: Array, angle: float) -> Array:
-    """A vector turned about a unit vector, by Rodrigues' formula."""
-    found: Array = (
-        np.cos(angle) * vector
-        + np.sin(angle) * np.cross(about, vector)
-        + (1.0 - np.cos(angle)) * float(about @ vector) * about
-    )
-    return found
