@@ -11,7 +11,7 @@ import mujoco
 import numpy as np
 import numpy.typing as npt
 
-from qp_twist.checks import Array, Indices, Mask, number
+from qp_twist.checks import Array, Indices, Mask, instance, number
 from qp_twist.constraints.colliding_pairs import (
     check_shapes,
     colliding_pairs,
@@ -102,9 +102,12 @@ class Clearance(Constraint):
             InvalidInput: If the distance is negative, a name or an id is unknown, a geom that may
                 collide is a height field, or a ball or free joint moves one.
         """
+        instance("Clearance(model, …)", model, mujoco.MjModel)
         self.model = model
         self.distance = number("Clearance(distance=…)", distance, at_least=0.0)
         self.recovery_speed = number("recovery_speed", recovery_speed, above=0.0)
+        if not isinstance(ignore, Iterable):
+            raise InvalidInput(f"Clearance(ignore=…): expected pairs of names, got {ignore!r}.")
         self.ignored = tuple(_two_names(pair) for pair in ignore)
         found = colliding_pairs(model) if pairs is None else _ids(pairs, model.ngeom)
         for names in self.ignored:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import math
 
 import mujoco
 import numpy as np
@@ -10,6 +11,7 @@ from scipy.spatial import ConvexHull, QhullError
 
 from qp_twist.checks import Array, Indices
 from qp_twist.constraints.colliding_pairs import joints_above, relative_joints
+from qp_twist.errors import InvalidInput
 from qp_twist.kernel.clearance_kernel import (
     CELL,
     Cell,
@@ -66,7 +68,7 @@ class MovingShapes:
         Depths are always exact: the kernel takes touching shapes for farther than a negative
         ``enough``.
         """
-        q = _rows(q)
+        q = self._configurations(q)
         found = np.zeros((len(q), len(self._pairs)))
         distances(self._floats.copy(), self._integers, q, max(enough, 0.0), found)
         return found
@@ -76,28 +78,29 @@ class MovingShapes:
         if distance < 0.0:  # by depths
             below = self.distances(q, 0.0) < distance
             return np.where(below.any(axis=1), below.argmax(axis=1), -1)
-        q = _rows(q)
+        q = self._configurations(q)
         found = np.zeros(len(q), dtype=np.int64)
         first_below(self._floats.copy(), self._integers, q, distance, found)
         return found
 
     def gradients(self, q: Array, which: Indices) -> Array:
         """Derivatives (N, k, nv) of the distances of pairs ``which`` (N, k); 0 for the index −1."""
-        q, which = _rows(q), np.ascontiguousarray(which, dtype=np.int64)
+        q, which = self._configurations(q), np.ascontiguousarray(which, dtype=np.int64)
         found = np.zeros((*which.shape, self._model.nv))
         gradients(self._floats.copy(), self._integers, q, which, found)
         return found
 
     def changes(self, q: Array, travel: Array) -> Array:
         """Bounds of the distances' variation on motions from q, m, (N, P)."""
-        q, travel = _rows(q), _rows(travel)
+        q, travel = self._configurations(q), _rows("travel", travel, self._model.nv)
         found = np.zeros((len(q), len(self._pairs)))
         changes(self._floats.copy(), self._integers, q, travel, found)
         return found
 
     def least(self, before: Array, after: Array, travel: Array, distance: float) -> Array:
         """Lower bounds of the distances between two configurations, sharp below ``distance``."""
-        before, after, travel = map(_rows, (before, after, travel))
+        before, after = self._configurations(before), self._configurations(after)
+        travel = _rows("travel", travel, self._model.nv)
         found = np.zeros((len(before), len(self._pairs)))
         sharp = max(distance, 0.0)
         least_distances(self._floats.copy(), self._integers, before, after, travel, sharp, found)
@@ -111,6 +114,7 @@ class MovingShapes:
         """
         if not len(self._on_mocap):
             return
+        _check_poses(self._model, data)
         move_obstacles(
             *self.arrays, *self._on_mocap, data.mocap_pos, data.mocap_quat, *self._scratch,
             self.has_moved,
@@ -118,6 +122,18 @@ class MovingShapes:
         self.has_moved = True
 
     # ------------------------------------------------------------------ layout
+
+    def _configurations(self, q: Array) -> Array:
+        """Configurations (N, nq) as the kernel takes them.
+
+        Raises:
+            InvalidInput: If they have another shape, or are not finite: NaN is neither near nor
+                clear.
+        """
+        rows = _rows("q", q, self._model.nq)
+        if not math.isfinite(rows.sum()):
+            raise InvalidInput("q: expected finite joint positions; it has NaN or infinite ones.")
+        return rows
 
     def _vertices(self, geom: int) -> Array:
         """The vertices of a mesh's convex hull in the geom's frame, m, (V, 3); none of others."""
@@ -217,6 +233,25 @@ def _chains(model: mujoco.MjModel, one: int, other: int) -> tuple[list[int], lis
     return chains
 
 
-def _rows(array: Array) -> Array:
-    """As the kernel takes it."""
-    return np.ascontiguousarray(array, dtype=np.float64)
+def _rows(name: str, array: Array, width: int) -> Array:
+    """As the kernel takes it, which would read memory behind rows that are too short."""
+    rows = np.ascontiguousarray(array, dtype=np.float64)
+    if rows.ndim != 2 or rows.shape[1] != width:
+        raise InvalidInput(
+            f"{name}: expected a row for each configuration, shape (N, {width}), got {rows.shape}."
+        )
+    return rows
+
+
+def _check_poses(model: mujoco.MjModel, data: mujoco.MjData) -> None:
+    """Refuse obstacles whose place is not known: nothing would be clear of them, nor near."""
+    squares = (data.mocap_quat**2).sum(axis=1)
+    for number in range(model.nmocap):
+        place, turn = data.mocap_pos[number], data.mocap_quat[number]
+        if not math.isfinite(place.sum()) or not 0.0 < squares[number] < math.inf:
+            name = model.body(int(np.flatnonzero(model.body_mocapid == number)[0])).name
+            raise InvalidInput(
+                f"mocap body {name!r}: expected a finite position and a quaternion that is not 0, "
+                f"got {place.tolist()} and {turn.tolist()}; set data.mocap_pos and mocap_quat "
+                "before the step."
+            )

@@ -502,6 +502,55 @@ def test_mocap_bodies_are_obstacles() -> None:
     assert rows.h[ahead][0] == pytest.approx(0.15, abs=1e-9)
 
 
+@pytest.mark.parametrize(
+    ("place", "turn"), [([np.nan, 0, 0], [1, 0, 0, 0]), ([1, 0, 0], [0, 0, 0, 0])]
+)
+def test_an_obstacle_without_a_pose_is_refused(place: list[float], turn: list[float]) -> None:
+    """No distance from it would be too small."""
+    model = mujoco.MjModel.from_xml_string("""
+    <mujoco><worldbody>
+      <body name="ball" mocap="true" pos="2 0 0"><geom size="0.1"/></body>
+      <body><joint axis="0 0 1"/><geom size="0.05" pos="1 0 0"/><site name="tip" pos="1 0 0"/>
+      </body></worldbody></mujoco>""")
+    task = qt.TwistTask(
+        "tip", "site", qt.TwistProjector(linear=qt.Projector.full(), angular=qt.Projector.none())
+    )
+    controller = qt.Controller(model, [task], limits=[qt.Clearance(model)])
+    configuration = mink.Configuration(model)
+    task.set_target_from_configuration(configuration)
+    configuration.data.mocap_pos[0], configuration.data.mocap_quat[0] = place, turn
+    with pytest.raises(qt.InvalidInput, match="mocap body 'ball'"):
+        controller.step(configuration, 0.01)
+    configuration.data.mocap_pos[0], configuration.data.mocap_quat[0] = [2, 0, 0], [1, 0, 0, 0]
+    assert np.isfinite(controller.step(configuration, 0.01).velocity).all()
+
+
+@pytest.mark.parametrize(
+    "q", [np.zeros(2), np.zeros((3, 1)), np.zeros((3, 3)), [[np.nan, 0.0]], [[0.0, np.inf]]]
+)
+def test_configurations_that_are_none_are_refused(q: object) -> None:
+    """NaN is neither near nor clear, and the kernel would read behind short rows."""
+    clearance = qt.Clearance(mujoco.MjModel.from_xml_string(PLANAR))
+    for ask in (clearance.margins, clearance.first_violated, clearance.gradients):
+        with pytest.raises(qt.InvalidInput, match="q: expected"):
+            ask(np.asarray(q))
+
+
+def test_what_is_no_model_or_another_one_is_refused() -> None:
+    model = mujoco.MjModel.from_xml_string(PLANAR)
+    for wrong in ("arm.xml", mujoco.MjData(model)):
+        with pytest.raises(qt.InvalidInput, match="expected a MjModel"):
+            qt.Clearance(wrong)  # type: ignore[arg-type]
+    elsewhere = mujoco.MjModel.from_xml_string(PLANAR.replace("0.9 0 0", "1.9 0 0"))
+    task = qt.TwistTask(
+        "tool", "site", qt.TwistProjector(linear=qt.Projector.full(), angular=qt.Projector.none())
+    )
+    with pytest.raises(qt.InvalidInput, match="of the same model"):
+        qt.Controller(model, [task], limits=[qt.Clearance(elsewhere)])
+    same = mujoco.MjModel.from_xml_string(PLANAR)
+    qt.Controller(model, [task], limits=[qt.Clearance(same)])
+
+
 # ---------------------------------------------------------------------------------- steps
 
 PLANAR = """
