@@ -175,7 +175,7 @@ def _with_inertia(posed: Posed, inertia: Inertia, step: Step, solver: str, relax
         np.concatenate([problem.lower[:n], -free, [max(0.0, 1.0 - (1.0 - scale) / MISSED)]]),
         np.concatenate([problem.upper[:n], free, [1.0]]),
     )  # fmt: skip
-    result = solve(program, solver, persist=True)
+    result = solve(program, solver)  # where limits leave no room but by rounding, the step remains
     if isinstance(result, Refused):
         return replace(step, passed_over=relaxed)
     slower = float(result.x[-1]) if step.status is Status.SCALED else 1.0

@@ -23,14 +23,14 @@ DEPENDENT = 1e-11
 # its velocity limit, ProxQP stops at an error of 1e-3. DAQP's 1e-6 on bounds is a visible angle.
 SETTINGS: dict[str, dict[str, Any]] = {
     "daqp": {"primal_tol": 1e-11, "dual_tol": 1e-11},
-    "proxqp": {"eps_abs": 1e-9, "eps_rel": 0.0, "max_iter": 1000},
+    "proxqp": {"eps_abs": 1e-9, "eps_rel": 0.0, "max_iter": 200},
     "osqp": {"eps_abs": 1e-9, "eps_rel": 0.0, "max_iter": 20_000, "polishing": True},
     "clarabel": {"tol_feas": 1e-10, "tol_gap_abs": 1e-10, "tol_gap_rel": 1e-10},
     "piqp": {"eps_abs": 1e-10, "eps_rel": 0.0},
 }
 RETRY: dict[str, dict[str, Any]] = {
     "daqp": {"primal_tol": 1e-9},
-    "proxqp": {"eps_abs": 1e-11, "max_iter": 5000},
+    "proxqp": {"eps_abs": 1e-11, "max_iter": 500},
     "osqp": {"eps_abs": 1e-8},
     "clarabel": {"tol_feas": 1e-12, "tol_gap_abs": 1e-12, "tol_gap_rel": 1e-12},
     "piqp": {"eps_abs": 1e-9},
