@@ -27,6 +27,7 @@ from tyro.extras import SubcommandApp
 
 from qp_twist.comparison.table import WIDTH
 from qp_twist.errors import InvalidInput
+from qp_twist.files import inputs
 from qp_twist.kinematics import JointRanges
 from qp_twist.paths import METHODS, PathTask, check_method, load_task
 from qp_twist.programs import SUFFIXES, dialect_of
@@ -135,6 +136,10 @@ def check_file(file: Path, option: str = "--out") -> None:
     """Refuse a file that cannot be written, before any computation; announce a new folder."""
     if file.is_dir():
         raise InvalidInput(f"{option} {file}: this is a folder; give a file to write.")
+    if file.resolve() in (inputs.get() or ()):
+        raise InvalidInput(
+            f"{option} {file}: the command reads this file; give another one to write."
+        )
     if why := _no_folder(file.parent):
         raise InvalidInput(
             f"{option} {file}: {file.parent}: {why[0]}; give a file in another folder."

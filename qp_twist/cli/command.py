@@ -26,6 +26,7 @@ from qp_twist.cli import (
 )
 from qp_twist.cli.app import app, quiet
 from qp_twist.cli.names import check_names
+from qp_twist.files import inputs
 
 COMMANDS = {
     module.__name__.rpartition(".")[2]: getattr(module, module.__name__.rpartition(".")[2])
@@ -48,7 +49,7 @@ COMMANDS = {
 
 def run_command(words: Sequence[str]) -> None:
     """Run the command that the words of the command line name."""
-    before = quiet.set("--quiet" in words)
+    before, read = quiet.set("--quiet" in words), inputs.set(set())
     for stream in (sys.stdout, sys.stderr):
         # A terminal whose encoding lacks θ prints a question mark instead of a stack trace.
         if isinstance(stream, io.TextIOWrapper):
@@ -67,3 +68,4 @@ def run_command(words: Sequence[str]) -> None:
         raise SystemExit(REFUSED) from None
     finally:
         quiet.reset(before)
+        inputs.reset(read)

@@ -19,6 +19,7 @@ from qp_twist.cli.app import (
 )
 from qp_twist.cli.progress import method_progress, working
 from qp_twist.comparison import compare as compare_methods
+from qp_twist.errors import InvalidInput
 
 
 @app.command
@@ -50,6 +51,8 @@ def roadmap(
     target = out or Path("out") / path_task.name / "roadmap.png"
     check_applies(path_task)
     check_file(target)
+    if target.suffix.lower() != ".png":
+        raise InvalidInput(f"--out {target}: expected a file that ends in .png.")
     with method_progress(names, len(path_task.waypoints) - 1) as progress:
         comparison = compare_methods(
             path_task, names, solver=solver, progress=progress.done, planning=progress.planning

@@ -16,6 +16,7 @@ from .table_units import factor as factor
 from .table_units import split_unit as split_unit
 from .writing import LARGEST_FILE as LARGEST_FILE
 from .writing import check_regular as check_regular
+from .writing import inputs as inputs
 from .writing import read_bytes as read_bytes
 from .writing import read_text as read_text
 from .writing import whole_file as whole_file

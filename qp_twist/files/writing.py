@@ -7,12 +7,17 @@ import stat
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
+from contextvars import ContextVar
 from pathlib import Path
 
 from qp_twist.errors import InvalidInput
 
 LARGEST_FILE = 500_000_000
 """Largest file that is read, bytes; larger ones would fill the memory."""
+
+
+inputs: ContextVar[set[Path] | None] = ContextVar("inputs", default=None)
+"""The files that a command has read, onto which it does not write."""
 
 
 def check_regular(path: Path, noun: str = "file") -> None:
@@ -44,6 +49,9 @@ def check_regular(path: Path, noun: str = "file") -> None:
             f"{path}: has {status.st_size / 1e6:.0f} MB, and at most "
             f"{LARGEST_FILE / 1e6:.0f} MB are read; give a smaller {noun}."
         )
+    read = inputs.get()
+    if read is not None:
+        read.add(path.resolve())
 
 
 def read_bytes(path: Path, noun: str = "file") -> bytes:

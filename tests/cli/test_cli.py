@@ -85,6 +85,27 @@ def test_run_keeps_the_path_between_the_waypoints_too(
     assert len(json.loads(file.read_text("utf-8"))["points"]) > 101
 
 
+def test_a_command_does_not_write_onto_what_it_reads(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    task = qt.load_task("planar_line")
+    lines = "\n".join(",".join(map(str, 1e3 * p)) for p in task.positions[::20])
+    toolpath = Path("line.csv")
+    toolpath.write_text("x_mm,y_mm,z_mm\n" + lines)
+    before = toolpath.read_bytes()
+    for words, why in (
+        (["run", "planar_line", "--path", "line.csv", "--out", "./line.csv"], "reads this file"),
+        (["roadmap", "planar_line", "--out", "line.csv"], "ends in .png"),
+    ):
+        with pytest.raises(SystemExit):
+            main(words)
+        assert why in capsys.readouterr().err
+        assert toolpath.read_bytes() == before
+    main(["run", "planar_line", "--out", "line.csv"])  # which only another command has read
+    assert toolpath.read_bytes() != before
+
+
 @pytest.mark.parametrize("task", ["planar_line", "deburring"])
 def test_roadmap_draws_one_figure(
     task: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
