@@ -131,6 +131,8 @@ def _status(
         distance, row, pair = near[1]
         how = f"touches by {-1e3 * distance:.3g} mm" if distance < 0.0 else "comes too near"
         how += "" if distance < 0.0 else f", {1e3 * distance:.3g} mm"
+        if (trajectory.constraint_excess > BAND_LEFT).all():
+            how += " (a pair that may touch belongs into ignore of [clearance])"
         parts.append(f"{how}: {pair}, waypoint {row + 1.0:.4g}")
     if (off | turned).any():
         one_step = not METHODS[trajectory.method].constrained and not scaled.any()

@@ -21,6 +21,8 @@ from qp_twist.referee import JointMotion, Known, path_errors
 _ROUNDS = 12
 _ROOM = 0.5
 """Share of the tolerances for linear pieces, which leaves a reserve for smooth ones."""
+_HELD = 1e-5
+"""By how much the rows beside may be too near where a row between them keeps its distance, m."""
 _MORE = 0.25
 """A piece is refined only if its error exceeds that of its rows by this share."""
 
@@ -64,7 +66,10 @@ def refine_trajectory(
         strays |= _strays(errors.axis, errors.axis_between, axis)
         for band, unit in enumerate(errors.band_units):
             tolerance = position if unit == "m" else axis
-            strays |= _strays(errors.bands[:, band], errors.bands_between[:, band], tolerance)
+            at = errors.bands[:, band]
+            # What is outside at its rows is not mended by further ones.
+            inside = np.maximum(at[:-1], at[1:]) <= tolerance
+            strays |= inside & _strays(at, errors.bands_between[:, band], tolerance)
         asked = np.flatnonzero(strays & met[:-1] & met[1:] & ~stuck[:-1])
         trajectory, pieces = with_rows_between(trajectory, asked, np.full(len(asked), 0.5))
         stuck[np.setdiff1d(asked, pieces)] = True
@@ -144,8 +149,14 @@ def _row_at(task: PathTask, q: Array, k: int, share: float) -> Array:
     rows = twist_task(task, after if after.rank <= before.rank else before)
     start = q[k] + share * (q[k + 1] - q[k])
     pose = _pose_at(task.waypoints, k, share)
+    task = dataclasses.replace(task, start=start)
+    if not all(constraint.inside(q[k : k + 2], _HELD).all() for constraint in task.clearances):
+        task = task.without_clearance()  # steps could go on and on away from what touches
     return corrected_start(
-        dataclasses.replace(task, start=start), pose, holds_limits=True, task=rows
+        task,
+        pose,
+        holds_limits=True,
+        task=rows,
     )
 
 
