@@ -89,8 +89,9 @@ def read_solid(name: str, file: Path, unit: MeshUnit | None) -> Solid:
         )
     notes = []
     if size.max() > _LARGE or size.max() < _SMALL:
-        other = "m" if unit == "mm" else "mm"
-        notes.append(f"{file.name}: it is {size.max():.3g} m across: is the file in {other}?")
+        other = "m" if size.max() < _SMALL else "mm"
+        doubt = "check the file" if other == unit else f"is the file in {other}?"
+        notes.append(f"{file.name}: it is {size.max():.3g} m across: {doubt}")
     pieces, note = _convex(file, mesh)
     if note:
         notes.append(note)

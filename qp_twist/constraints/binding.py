@@ -14,6 +14,9 @@ NEGLIGIBLE = 1e-7
 """Multipliers below this share of the largest one (or of 1, if larger) count as zero."""
 
 
+_OF_PAIRS = "clearance", "collision"
+
+
 @dataclass(frozen=True)
 class BindingLimit:
     """A limit that is active in a step.
@@ -34,6 +37,8 @@ class BindingLimit:
     multiplier: float
 
     def __str__(self) -> str:
+        if self.kind in _OF_PAIRS:  # which have no sides
+            return f"{self.joint} ({self.kind})"
         return f"{self.joint} ({self.side} {self.kind} limit)"
 
 
@@ -65,5 +70,8 @@ def binding_limits(
     active = np.flatnonzero(rows > negligible).tolist()
     if active:  # names are looked up only then
         names: list[tuple[str, str]] = [name for source in sources for name in source.names]
-        found += [BindingLimit(*names[row], "upper", float(rows[row])) for row in active]
+        strongest: dict[tuple[str, str], float] = {}  # a pair of geoms may have several rows
+        for row in active:
+            strongest[names[row]] = max(strongest.get(names[row], 0.0), float(rows[row]))
+        found += [BindingLimit(*name, "upper", value) for name, value in strongest.items()]
     return tuple(found)
