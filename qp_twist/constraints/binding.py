@@ -70,8 +70,12 @@ def binding_limits(
     active = np.flatnonzero(rows > negligible).tolist()
     if active:  # names are looked up only then
         names: list[tuple[str, str]] = [name for source in sources for name in source.names]
-        strongest: dict[tuple[str, str], float] = {}  # a pair of geoms may have several rows
+        pairs: dict[tuple[str, str], float] = {}  # which may have several rows
         for row in active:
-            strongest[names[row]] = max(strongest.get(names[row], 0.0), float(rows[row]))
-        found += [BindingLimit(*name, "upper", value) for name, value in strongest.items()]
+            name, multiplier = names[row], float(rows[row])
+            if name[1] in _OF_PAIRS:
+                pairs[name] = max(pairs.get(name, 0.0), multiplier)
+            else:
+                found.append(BindingLimit(*name, "upper", multiplier))
+        found += [BindingLimit(*name, "upper", most) for name, most in pairs.items()]
     return tuple(found)
