@@ -56,6 +56,8 @@ _LOOKED_WITHIN = (0.05, 0.2, 0.6)
 searched first: few nodes are."""
 _DETOUR_WITHIN = (0.2,)
 """The same for a detour around what the path touches: it is longer, and its layers are few."""
+_DETOUR = 0.05
+"""Loss by a detour up to which no finer grid is searched for a shorter one."""
 _REPAIRED = 0.05
 """Share of the waypoints that come too near up to which a path is repaired, not searched anew."""
 _POINTS = 6
@@ -376,7 +378,7 @@ class PlanSearch:
         """
         value, best = path.value, self._promised
         better = value < best if self.objective.margin else value > best
-        return not (self._cleared and better and not _alike(value, best))
+        return not (self._cleared and better and not _alike(value, best, _DETOUR))
 
     @property
     def _stages(self) -> tuple[SearchStage, ...]:
