@@ -44,7 +44,7 @@ _PARTS = 8
 """Parts of a step in which the place is looked for where it comes too near."""
 _SUDDEN = 1e6
 """Acceleration that counts as none at all, rad/s² or m/s²."""
-_UNHURRIED = 0.25
+_UNHURRIED = 0.5
 """Share of the joints' accelerations with which a pair begins to give way to an obstacle: the rest
 is for other pairs, and for directions in which not all joints may help."""
 _ABLE = 0.99
