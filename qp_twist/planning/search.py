@@ -118,6 +118,7 @@ class SearchResult:
         bound: Bound of the value of any path; NaN if a waypoint has no configuration, and for
             centering and margin if one leaves more than three degrees free.
         interrupted: Whether Ctrl-C ended the search, and the path is the best by then.
+        of_grid: Value of the best path through the layers of the stage; NaN if there is none.
     """
 
     path: RefinedPath | None
@@ -126,6 +127,7 @@ class SearchResult:
     waypoints: list[int]
     bound: float = np.nan
     interrupted: bool = False
+    of_grid: float = np.nan
 
 
 class PlanSearch:
@@ -190,8 +192,6 @@ class PlanSearch:
         #: The search without clearance, and its bound, which holds with it, too.
         self._free: PlanSearch | None = None
         self._known_bound: float | None = None
-        #: Value of the best path through the layers of a stage; NaN if there is none.
-        self._promised = np.nan
         #: Its best path through the first stage's layers, and the value of that path.
         self._first_way: LayerPath | None = None
         self._expected = 0.0
@@ -349,7 +349,7 @@ class PlanSearch:
         for stage in self._stages:
             found = self._stage(stage, best)
             best = self._better(best, found.path)
-            if found.path is not None and self._keeps_promise(found.path):
+            if found.path is not None and not self._is_long_detour(found.path, found.of_grid):
                 break
             if best is None and not all(len(layer.q) for layer in found.layers):
                 # Layers that are empty on the finest grid are empty on any grid: stop here.
@@ -371,14 +371,13 @@ class PlanSearch:
             bound = self._bound(found, best)
         return replace(found, path=best, certificate=certificate, bound=self._stated(bound))
 
-    def _keeps_promise(self, path: RefinedPath) -> bool:
-        """Whether a path is as good as the grid's, which touches something between waypoints.
+    def _is_long_detour(self, path: RefinedPath, of_grid: float) -> bool:
+        """Whether a path is much worse than the grid's, which touches something between waypoints.
 
-        The detour by which it was mended may be a long one, and a finer grid have a shorter one.
+        A finer grid may have a shorter one.
         """
-        value, best = path.value, self._promised
-        better = value < best if self.objective.margin else value > best
-        return not (self._cleared and better and not _alike(value, best, _DETOUR))
+        is_better = self._cleared and self.objective.better(of_grid, path.value)
+        return is_better and not _alike(path.value, of_grid, _DETOUR)
 
     @property
     def _stages(self) -> tuple[SearchStage, ...]:
@@ -476,7 +475,7 @@ class PlanSearch:
         known = np.inf if best is None else best.value * (1.0 + rounded)
         if self.objective.margin:
             known = -np.inf if best is None else best.value - _ROUNDED * abs(best.value)
-        nearest, before, self._promised = None, None, np.nan
+        nearest, before, of_grid = None, None, np.nan
         coarse = stage is not _STAGES[-1]
         again = _LOOKS if self._cleared and not coarse else 0
         for strictness in (*_STRICTNESS, *_STRICTNESS[-1:] * again):
@@ -496,7 +495,7 @@ class PlanSearch:
                 return self._ended(way, layers, waypoints, grid, roadmap)
             if way.nodes == before:  # what failed
                 break
-            self._promised = way.value if before is None else self._promised
+            of_grid = way.value if before is None else of_grid
             before = way.nodes
             nodes = [layer.q[node] for layer, node in zip(layers, way.nodes, strict=True)]
             path = self._interpolated(np.array(nodes), waypoints)
@@ -504,7 +503,8 @@ class PlanSearch:
             if again and strictness > _STRICTNESS[0] and path is not None:
                 self._look_between(path)
             if refined is not None and refined.feasible:
-                return SearchResult(refined, Certificate("path", grid), layers, waypoints)
+                certificate = Certificate("path", grid)
+                return SearchResult(refined, certificate, layers, waypoints, of_grid=of_grid)
             if nearest is None or (refined is not None and refined.excess < nearest.excess):
                 nearest = refined
         return SearchResult(None, self._too_fast(nearest, grid, covered), layers, waypoints)
