@@ -16,7 +16,7 @@ from qp_twist.kernel.convex import (
     pair_distance,
 )
 from qp_twist.kernel.record import Floats, Integers, RecordType, reader
-from qp_twist.kernel.rotations import rotation_of
+from qp_twist.kernel.rotations import rotation_of, turn_about
 
 
 class Tree(NamedTuple):
@@ -126,19 +126,6 @@ def _product(A, B, out):
             out[i + j] = A[i] * B[j] + A[i + 1] * B[3 + j] + A[i + 2] * B[6 + j]
 
 
-@part
-def _turn_about(axis, angle, R):
-    """R ← exp([axis] angle) R (Rodrigues)."""
-    sine, less = math.sin(angle), 2.0 * math.sin(0.5 * angle) ** 2
-    x, y, z = axis[0], axis[1], axis[2]
-    for j in range(3):
-        a, b, c = R[j], R[3 + j], R[6 + j]
-        along = less * (x * a + y * b + z * c)
-        R[j] += sine * (y * c - z * b) + x * along - less * a
-        R[3 + j] += sine * (z * a - x * c) + y * along - less * b
-        R[6 + j] += sine * (x * b - y * a) + z * along - less * c
-
-
 @plain
 def place(cell, q):
     """Write where bodies, joints and shapes are at a configuration q (nq,)."""
@@ -163,7 +150,7 @@ def place(cell, q):
                 for i in range(3):
                     x[i] += travel * axis[i]
                 continue
-            _turn_about(axis, travel, R)
+            turn_about(axis, travel, R)
             _times(R, tree.anchor[joint], x)
             for i in range(3):
                 x[i] = anchor[i] - x[i]

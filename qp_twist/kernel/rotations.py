@@ -1,6 +1,8 @@
-"""Rotation matrices of quaternions, in scalars."""
+"""Rotation matrices, in scalars."""
 
 from __future__ import annotations
+
+import math
 
 from qp_twist.kernel.compiling import part
 
@@ -16,3 +18,16 @@ def rotation_of(quaternion, R):
     R[1], R[3] = twice * (x * y - a * z), twice * (x * y + a * z)
     R[2], R[6] = twice * (x * z + a * y), twice * (x * z - a * y)
     R[5], R[7] = twice * (y * z - a * x), twice * (y * z + a * x)
+
+
+@part
+def turn_about(axis, angle, R):
+    """R ← exp([axis] angle) R (Rodrigues)."""
+    sine, less = math.sin(angle), 2.0 * math.sin(0.5 * angle) ** 2
+    x, y, z = axis[0], axis[1], axis[2]
+    for j in range(3):
+        a, b, c = R[j], R[3 + j], R[6 + j]
+        along = less * (x * a + y * b + z * c)
+        R[j] += sine * (y * c - z * b) + x * along - less * a
+        R[3 + j] += sine * (z * a - x * c) + y * along - less * b
+        R[6 + j] += sine * (x * b - y * a) + z * along - less * c
