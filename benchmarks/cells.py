@@ -95,9 +95,7 @@ FREE_OF = 0.05
 SHOULDER, COLUMN = np.array([0.15, 0.0, 0.525]), 0.3
 """Where the upper arm begins, and the radius in which the first link turns, m."""
 INSIDE = 20
-"""Points of each step at which the plan's clearance is looked at."""
-CHECKED = 20
-"""Points of each connection at which the search looks at the clearance."""
+"""Points of each step at which the clearance of the plan and of the search is looked at."""
 OBSTACLES = 10
 """Number of obstacles of a crowded cell."""
 REPEATED = 3
@@ -410,7 +408,7 @@ class Search:
     ) -> list[int]:
         """Connections of a motion q (N, nv) that come nearer than the distance."""
         new = [k for k, of in enumerate(known) if (int(path[k]), int(path[k + 1])) not in of]
-        shares = np.arange(1, CHECKED + 1)[:, None] / (CHECKED + 1)
+        shares = np.arange(1, INSIDE + 1)[:, None] / (INSIDE + 1)
         points = [q[k] + shares * (q[k + 1] - q[k]) for k in new]
         if new:
             kept = self.obstacles.keeps(np.concatenate(points)).reshape(len(new), -1).all(axis=1)
