@@ -20,6 +20,7 @@ from .displacement_window import DisplacementWindow as DisplacementWindow
 from .evaluated_limit import EvaluatedLimit as EvaluatedLimit
 from .evaluated_limit import LimitRows as LimitRows
 from .evaluated_limit import Named as Named
+from .evaluated_limit import NamedPairs as NamedPairs
 from .evaluated_limit import RowName as RowName
 from .evaluated_limit import RowsOf as RowsOf
 from .evaluated_limit import kind_of as kind_of

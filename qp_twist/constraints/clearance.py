@@ -126,10 +126,12 @@ class Clearance(Constraint):
         return MovingShapes(self.model, self.pairs)
 
     @cached_property
-    def _step(self) -> ClearanceStep:
+    def in_step(self) -> ClearanceStep:
+        """What it is in the present step of a controller."""
         from qp_twist.constraints.clearance_step import ClearanceStep
 
-        return ClearanceStep(self._shapes, self.model.nq, self.model.nv, self.distance)
+        sizes = self.model.nq, self.model.nv
+        return ClearanceStep(self._shapes, *sizes, self.distance, self.recovery_speed)
 
     # ------------------------------------------------------------------ as every constraint
 
@@ -189,7 +191,7 @@ class Clearance(Constraint):
             hardest: Their acceleration limits, rad/s² or m/s², (nv,); ∞ where there are none.
         """
         self._shapes.take_mocap(configuration.data)
-        self._step.begin(velocity, hardest)
+        self.in_step.begin(velocity, hardest)
         self.has_begun = True
 
     def step_rows(self, configuration: mink.Configuration, dt: float) -> PairRows:
@@ -197,7 +199,7 @@ class Clearance(Constraint):
         if not self.has_begun:
             self.begin(configuration)
             self.has_begun = False
-        return self._step.rows(configuration.q, dt, self.recovery_speed)
+        return self.in_step.rows(configuration.q, dt)
 
     def compute_qp_inequalities(
         self, configuration: mink.Configuration, dt: float
@@ -208,7 +210,7 @@ class Clearance(Constraint):
 
     def row_name(self, row: int) -> str:
         """Name of the pair of a row of the last step."""
-        return self.names[self._step.pair_of(row)]
+        return self.names[self.in_step.pairs[row]]
 
     def falls_short(self, velocity: Array, dt: float) -> float:
         """How far the last step's velocity leads below its margins, m, 0 if it does not.
@@ -219,7 +221,7 @@ class Clearance(Constraint):
             velocity: Result of the step, (nv,), rad/s or m/s.
             dt: Its length, s.
         """
-        return self._step.lacks(velocity, dt)
+        return self.in_step.lacks(velocity, dt)
 
     def correct(self, velocity: Array, dt: float) -> bool:
         """Add rows of where the last step's velocity leads, after :meth:`falls_short`.
@@ -229,11 +231,11 @@ class Clearance(Constraint):
         Returns:
             Whether there are any.
         """
-        return self._step.correct(velocity, dt)
+        return self.in_step.correct(velocity, dt)
 
     def hold(self, velocity: Array, dt: float, kept: float) -> None:
         """Replace the rows by those of a safe velocity between this one and the hardest braking."""
-        self._step.hold(velocity, dt, kept)
+        self.in_step.hold(velocity, dt, kept)
 
     def nearest(self, q: Array) -> NearestPair | None:
         """The least distance on a motion whose joints go straight from row to row of q (N, nq).
@@ -317,7 +319,7 @@ class Clearance(Constraint):
 
     def __getstate__(self) -> dict[str, Any]:
         """State without the arrays of the kernel, whose views would no longer share memory."""
-        return {k: value for k, value in self.__dict__.items() if k not in ("_shapes", "_step")}
+        return {k: value for k, value in self.__dict__.items() if k not in ("_shapes", "in_step")}
 
     def __repr__(self) -> str:
         return f"Clearance({len(self.pairs)} pairs, {1e3 * self.distance:g} mm)"

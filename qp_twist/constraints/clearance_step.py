@@ -39,48 +39,59 @@ class PairRows(NamedTuple):
 
 
 class ClearanceStep:
-    """Arrays of :mod:`qp_twist.kernel.clearance_rows` for one clearance, from step to step."""
+    """Arrays of :mod:`qp_twist.kernel.clearance_rows` for one clearance, from step to step.
 
-    def __init__(self, shapes: MovingShapes, nq: int, nv: int, distance: float) -> None:
+    Attributes:
+        arrays: Those of the cell and of the rows, as ``rows_apart`` takes them.
+        count: Number of rows of the present step; −1 if they are not known yet.
+        recovery: Speed at which a pair that is too near is moved apart, m/s.
+    """
+
+    def __init__(
+        self, shapes: MovingShapes, nq: int, nv: int, distance: float, recovery: float
+    ) -> None:
         """Allocate them for the pairs of ``shapes`` and a distance to keep, m."""
         self._shapes, self._distance, self._cell = shapes, distance, shapes.arrays
+        self.recovery = recovery
         pairs = shapes.count
         # Every pair has a row; then come corrections, and those that hold a velocity.
         size = ApartSizes(nq, nv, pairs, 2 * pairs + 200 + 2 * nv)
         self._floats, self._integers = APART.allocate(size)
-        self._arrays: Apart = APART.arrays(self._floats, self._integers, self._integers)
-        self._arrays.hardest[:] = np.inf
-        self._count = 0
+        self._views: Apart = APART.arrays(self._floats, self._integers, self._integers)
+        self._views.hardest[:] = np.inf
+        self.arrays = *self._cell, self._floats, self._integers
+        self.count = 0
 
     def begin(self, velocity: Array | None, hardest: Array | None) -> None:
         """Begin a step: from a velocity (nv,) and with acceleration limits (nv,), if there are any.
 
         Obstacles have been taken from MuJoCo's data.
         """
-        self._count = -1
-        arrays = self._arrays
+        self.count = -1
+        views = self._views
         if hardest is None:
-            arrays.before[:], arrays.hardest[:] = 0.0, np.inf
+            views.before[:], views.hardest[:] = 0.0, np.inf
         else:
-            arrays.before[:], arrays.hardest[:] = velocity, hardest
+            views.before[:], views.hardest[:] = velocity, hardest
 
-    def rows(self, q: Array, dt: float, recovery: float) -> PairRows:
+    @property
+    def settings(self) -> tuple[float, float, float, bool]:
+        """What ``rows_apart`` takes after dt."""
+        return self._distance, HORIZON, self.recovery, self._shapes.has_moved
+
+    def rows(self, q: Array, dt: float) -> PairRows:
         """The rows at a configuration q (nq,), and corrections that have been added."""
-        arrays = self._arrays
-        if self._count < 0:
-            arrays.q[:] = q
-            self._count = rows_apart(
-                *self._cell, self._floats, self._integers, dt, self._distance, HORIZON, recovery,
-                self._shapes.has_moved,
-            )  # fmt: skip
-        k = self._count
-        return PairRows(
-            arrays.G[:k], arrays.h[:k] / dt, arrays.room[:k] / dt, arrays.pair[:k].copy()
-        )
+        views = self._views
+        if self.count < 0:
+            views.q[:] = q
+            self.count = rows_apart(*self.arrays, dt, *self.settings)
+        k = self.count
+        return PairRows(views.G[:k], views.h[:k] / dt, views.room[:k] / dt, views.pair[:k].copy())
 
-    def pair_of(self, row: int) -> int:
-        """The pair of a row."""
-        return int(self._arrays.pair[row])
+    @property
+    def pairs(self) -> Indices:
+        """The pair of each row, (k,)."""
+        return self._views.pair[: self.count].copy()
 
     def lacks(self, velocity: Array, dt: float) -> float:
         """By how much a velocity (nv,) leads below what it may leave of the margins, m."""
@@ -96,11 +107,11 @@ class ClearanceStep:
         :meth:`lacks` has found that it does.
         """
         _, then, integers = self._cell
-        before = self._count
-        self._count = correct_apart(
+        before = self.count
+        self.count = correct_apart(
             then, integers, self._floats, self._integers, velocity, dt, self._distance, before
         )
-        return self._count > before
+        return self.count > before
 
     def hold(self, velocity: Array, dt: float, kept: float) -> None:
         """Only rows that hold a velocity between this one and braking that lacks at most ``kept``.
@@ -108,15 +119,15 @@ class ClearanceStep:
         It need not satisfy the others, which are linear, and with both there might be no step. None
         are changed where braking lacks as much: an obstacle comes too fast.
         """
-        arrays, nv = self._arrays, len(velocity)
-        worst = int(np.argmin(arrays.worst))
+        views, nv = self._views, len(velocity)
+        worst = int(np.argmin(views.worst))
         for share in _SHARES:
-            held = arrays.braked + share * (velocity - arrays.braked)
+            held = views.braked + share * (velocity - views.braked)
             if self.lacks(held, dt) <= kept:
                 break
         else:
             return
-        self._count = count = 2 * nv
-        arrays.G[:count] = np.vstack([np.eye(nv), -np.eye(nv)])
-        arrays.h[:count] = np.concatenate([held, -held]) * dt + _EXACT
-        arrays.room[:count], arrays.pair[:count] = 0.0, worst
+        self.count = count = 2 * nv
+        views.G[:count] = np.vstack([np.eye(nv), -np.eye(nv)])
+        views.h[:count] = np.concatenate([held, -held]) * dt + _EXACT
+        views.room[:count], views.pair[:count] = 0.0, worst

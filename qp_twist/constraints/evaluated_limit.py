@@ -93,19 +93,38 @@ class EvaluatedLimit:
         rows = clearance.step_rows(configuration, dt)
         if not len(rows.bounds):
             return None
-        recovering: tuple[str, ...] = ()
-        if min(rows.bounds.tolist()) < 0.0:  # faster than numpy's for so few
-            recovering = _recovering(clearance, configuration)
+        least = min(rows.bounds.tolist())  # faster than numpy's for so few
+        named = NamedPairs.of(clearance, configuration, rows.pairs, least)
         box = no_box(clearance.kind, configuration.model.nv)
-        return cls(clearance, box, *rows, recovering)
+        return cls(clearance, box, *rows, named.recovering)
 
     @property
     def names(self) -> list[RowName]:
         """Of the rows."""
         if isinstance(self.limit, Clearance):
-            names = self.limit.names
-            return [(names[pair], self.limit.kind) for pair in self.which.tolist()]
+            return NamedPairs(self.limit, self.which).names
         return RowsOf(self.limit, self.which).names
+
+
+class NamedPairs(NamedTuple):
+    """The pairs of a clearance that have rows in a step; fields as of :class:`EvaluatedLimit`."""
+
+    limit: Clearance
+    which: Indices
+    recovering: tuple[str, ...] = ()
+
+    @classmethod
+    def of(
+        cls, clearance: Clearance, configuration: mink.Configuration, pairs: Indices, least: float
+    ) -> NamedPairs:
+        """``least`` is the least bound of their rows."""
+        return cls(clearance, pairs, _recovering(clearance, configuration) if least < 0.0 else ())
+
+    @property
+    def names(self) -> list[RowName]:
+        """Of the rows."""
+        names = self.limit.names
+        return [(names[pair], self.limit.kind) for pair in self.which.tolist()]
 
 
 class RowsOf(NamedTuple):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any, Protocol
@@ -18,6 +19,7 @@ from qp_twist.constraints import (
     EvaluatedLimit,
     MotionLimit,
     Named,
+    NamedPairs,
     PositionLimit,
     is_mink_box,
 )
@@ -34,6 +36,7 @@ from qp_twist.control.step_tables import (
     with_slacks,
 )
 from qp_twist.kernel import COMPILED
+from qp_twist.kernel.clear_step import NO_TABLE, clear_step
 from qp_twist.kernel.edge_rows import EDGE, FADES, FITTING, PASSED, EdgeArrays
 from qp_twist.kernel.edge_step import DEAD
 from qp_twist.kernel.live_step import (
@@ -130,6 +133,8 @@ class CompiledStep:
 
     Attributes:
         twist_space: ``True`` for the twist-space cost, else ``None``: see ``step_kernel``.
+        lack: By how much the last step leads below the margins of its clearance, m; ``None`` if
+            there are several, or it is not known yet.
     """
 
     def __init__(self, composed: Composition) -> None:
@@ -180,10 +185,12 @@ class CompiledStep:
             free=6 * len(self._tasks) if self.twist_space else 0,
             others=n if self._soft_tasks else 0, k=capacity,
         )  # fmt: skip
-        self._capacity = capacity
+        self._capacity, self.lack = capacity, None
+        self._tables = np.zeros((capacity + 1, STEP.head), dtype=np.int64)
         self._floats, self._integers = STEP.allocate(size)
         self._by_rows: dict[int, tuple[tuple[Integers, Integers], StepInputs, Program, Array]] = {}
         self._edge: tuple[Array, Integers] = EDGE.allocate(self._edge_size)
+        self._edge_tables = np.zeros((capacity + 1, EDGE.head), dtype=np.int64)
         self._edge_arrays: EdgeArrays | None = None  # up to ``numbers``, for any number of rows
         self._take_rows(0)
         g = self._inputs
@@ -223,6 +230,11 @@ class CompiledStep:
             if not isinstance(limit, Clearance)
         ]
         self._only_clearances = not (self._soft_tasks or self._with_boxes)
+        # Rows of a clearance alone are written by the kernel.
+        self._clearance: Clearance | None = None
+        if self._calls_python and self._only_clearances and not self._python_tasks:
+            (_, found), *more = self._evaluated_limits
+            self._clearance = None if more else found
         self._banded = False
         self._data: mujoco.MjData | None = None
         self._jacs: list[tuple[Callable[..., None], Array, int, int]] = []
@@ -268,7 +280,6 @@ class CompiledStep:
         self._program: Program
         tables, self._inputs, self._program, self._result = known
         self._integers[: STEP.head], self._edge[1][: EDGE.head] = tables
-        self._program.active_count[0] = 0
 
     def _views(self) -> tuple[tuple[Integers, Integers], StepInputs, Program, Array]:
         """The tables of both records at the present size, and views of a step's arrays."""
@@ -276,6 +287,7 @@ class CompiledStep:
         STEP.resize(integers, size)
         EDGE.resize(self._edge[1], self._edge_size)
         tables = integers[: STEP.head].copy(), self._edge[1][: EDGE.head].copy()
+        self._tables[size.k], self._edge_tables[size.k] = tables
         stages = STEP.arrays(self._floats, integers, integers)
         first = STEP_INPUTS.layout(size).floats
         result = self._floats[first : first + PROGRAM.end(size, "sensitivity")]
@@ -298,7 +310,10 @@ class CompiledStep:
         if not (self._is_of(composed) and self._tasks_known()):
             return None
         rows: Sequence[Named] = _NO_ROWS
-        if self._calls_python or self._banded or self._size.k or self._slacks:
+        clearance = None if self._banded or self._slacks else self._clearance
+        if clearance is None and (
+            self._calls_python or self._banded or self._size.k or self._slacks
+        ):
             updated = self._update_rows(composed, configuration, dt)
             if updated is None:
                 return None
@@ -311,7 +326,19 @@ class CompiledStep:
         for jac, rows_of_task, index, number in self._jacs:
             jac(self._model, self._data, rows_of_task[:3], rows_of_task[3:], index)
             self._inputs.jacobians[number, :, : self._model.nv] = rows_of_task
-        status, at_edge = self._solved(dt, use_secondary, composed.passed_over)
+        at_edge = False
+        if clearance is None:
+            self.lack = None
+            status = live_step(self._floats, self._integers, dt, use_secondary, self.twist_space)
+        else:
+            status, at_edge, rows = self._kept_clear(
+                clearance, composed, configuration, dt, use_secondary
+            )
+            if status == NO_TABLE:
+                self._make_room(composed, clearance.in_step.count)
+                return self(composed, configuration, dt, use_secondary)
+        if not at_edge:
+            status, at_edge = self._finished(status, dt, use_secondary, composed.passed_over)
         # A band is relaxed with its level, but the kernel treats it as a limit.
         by_levels = status in (RELAXED, PRIORITIZED)
         if status == REFUSED or (self._banded and (by_levels or self._gives_way(status))):
@@ -329,13 +356,49 @@ class CompiledStep:
             self._describe_edge(step, composed, configuration, dt)
         return step
 
-    def _solved(self, dt: float, use_secondary: bool, passed_over: float) -> tuple[int, bool]:
-        """Run the kernel on its arrays; return the outcome, and whether the step is at the edge.
+    def _kept_clear(
+        self,
+        clearance: Clearance,
+        composed: Composition,
+        configuration: mink.Configuration,
+        dt: float,
+        use_secondary: bool,
+    ) -> tuple[int, bool, Sequence[Named]]:
+        """The outcome of a step whose only rows are a clearance's, and their names.
+
+        Also whether it is at the edge, and finished. With ``NO_TABLE`` there has to be room for its
+        rows first.
+        """
+        apart, last = clearance.in_step, self._size.k
+        status, at_edge, apart.count, least, lack = clear_step(
+            *apart.arrays, self._floats, self._integers, self._tables, *self._edge,
+            self._edge_tables, last, apart.count, dt, *apart.settings, use_secondary,
+            self.twist_space, composed.passed_over,
+        )  # fmt: skip
+        if status == NO_TABLE:
+            return status, at_edge, _NO_ROWS
+        if apart.count != last:
+            self._take_rows(apart.count)
+        self.lack = None if math.isnan(lack) else lack
+        if apart.count == 0:
+            return status, at_edge, _NO_ROWS
+        return status, at_edge, (NamedPairs.of(clearance, configuration, apart.pairs, least),)
+
+    def _make_room(self, composed: Composition, k: int) -> None:
+        """Lay out the step for ``k`` inequality rows."""
+        if k > self._capacity:
+            self._lay_out(composed, 2 * k)
+        self._take_rows(k)
+        self._program.active_count[0] = 0
+
+    def _finished(
+        self, status: int, dt: float, use_secondary: bool, passed_over: float
+    ) -> tuple[int, bool]:
+        """Compute a step at the edge or infeasible; return outcome, and whether it is at the edge.
 
         ``passed_over``: ψ of the last step.
         """
         arrays = self._floats, self._integers
-        status = live_step(*arrays, dt, use_secondary, self.twist_space)
         if status == AT_THE_EDGE or (status == INFEASIBLE and self._smooth):
             if len(self._levels) > 1:
                 if status == AT_THE_EDGE:
@@ -426,7 +489,7 @@ class CompiledStep:
         if slacks != self._slacks:
             return None
         if k != self._size.k:
-            self._take_rows(k)
+            self._make_room(composed, k)
         for place in self._with_boxes:
             table, found = self._evaluated_limits[place][0], evaluated[place]
             table[:, 0], table[:, 1] = (-np.inf, np.inf) if found is None else found.box[1:]

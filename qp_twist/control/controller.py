@@ -327,10 +327,12 @@ class Controller:
             for clearance in clearances:
                 clearance.begin(configuration, *moving)
         try:
-            step, note = self._solved(configuration, dt, bool(use_secondary))
+            step, note, lack = self._solved(configuration, dt, bool(use_secondary))
             # Rows of clearance are linear in the step, distances are not: where it leads too near,
             # rows of the distances there are added, and the step is computed again.
             for correction in range(_CORRECTIONS + 1 if clearances else 0):
+                if lack is not None and lack <= _KEPT:
+                    break
                 lacking = [c for c in clearances if c.falls_short(step.velocity, dt) > _KEPT]
                 if not lacking:
                     break
@@ -339,7 +341,7 @@ class Controller:
                     corrected |= clearance.correct(step.velocity, dt)
                 for clearance in () if corrected else lacking:
                     clearance.hold(step.velocity, dt, _KEPT)
-                step, note = self._solved(configuration, dt, bool(use_secondary))
+                step, note, lack = self._solved(configuration, dt, bool(use_secondary))
                 if not corrected:
                     break
         finally:
@@ -351,15 +353,18 @@ class Controller:
 
     def _solved(
         self, configuration: mink.Configuration, dt: float, use_secondary: bool
-    ) -> tuple[Step, Callable[[Array], None]]:
-        """The step by the kernel, or else by the reference; and what takes note of its velocity."""
+    ) -> tuple[Step, Callable[[Array], None], float | None]:
+        """The step by the kernel, or else by the reference; and what takes note of its velocity.
+
+        Also by how much it leads below its clearance, m, if that is known.
+        """
         # The arrays may be in use, by another thread or by a limit that itself calls step();
         # then the reference computes this step.
         if self._prepared is not None and self._free.acquire(False):
             try:
                 plain = self._prepared(self, configuration, dt, use_secondary)
                 if plain is not None:
-                    return plain, self._prepared.note
+                    return plain, self._prepared.note, self._prepared.lack
             finally:
                 self._free.release()
         self.reference_steps += 1
@@ -378,7 +383,7 @@ class Controller:
         if not posed.levels.fades:
             result = solve(posed.problem, self.solver)
         finish = finished_at_the_edge if posed.levels.edges else finished
-        return finish(posed, result, self.solver, self.on_infeasible), self._note
+        return finish(posed, result, self.solver, self.on_infeasible), self._note, None
 
     def load(self, configuration: mink.Configuration, dt: float) -> None:
         """Load, or compile, all machine code of the steps, so that none waits for it.

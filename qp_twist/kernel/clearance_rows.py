@@ -99,7 +99,7 @@ class Apart(NamedTuple):
 
 
 APART = RecordType(Apart, ApartSizes)
-_read = reader(APART)
+read_apart = reader(APART)
 
 
 @part
@@ -269,16 +269,14 @@ def _row(s, pair, until, closing, room, dt, recovery, row):
     return room
 
 
-@entry
-def rows_apart(now, then, integers, floats, table, dt, asked, horizon, recovery, moves):
+@plain
+def write_rows(now, then, s, dt, asked, horizon, recovery, moves):
     """Write the rows of a step, from ``q``, ``before`` and ``hardest``.
 
     Args:
-        now: Floats of the cell (:class:`~qp_twist.kernel.clearance_kernel.Cell`).
+        now: The :class:`~qp_twist.kernel.clearance_kernel.Cell`.
         then: The same, with obstacles where they are expected after the step.
-        integers: Its integers.
-        floats: Floats of :class:`Apart`.
-        table: Its integers.
+        s: :class:`Apart`.
         dt: Length of the step, s.
         asked: The distance to keep, m.
         horizon: Margin from which on a pair has no row, m.
@@ -288,14 +286,12 @@ def rows_apart(now, then, integers, floats, table, dt, asked, horizon, recovery,
     Returns:
         The number of rows.
     """
-    s = _read(floats, table, table)
-    cell = read_cell(then, integers, integers)
-    _take_reaches(cell, s, dt, horizon, moves)
+    _take_reaches(then, s, dt, horizon, moves)
     if moves:
-        _look_along(read_cell(now, integers, integers), s, s.braked, dt, asked, False)
+        _look_along(now, s, s.braked, dt, asked, False)
         for pair in range(len(s.worst)):
             s.still[pair] = s.worst[pair]
-    _look_along(cell, s, s.braked, dt, asked, True)
+    _look_along(then, s, s.braked, dt, asked, True)
     last, count, placed = _last(s.braked, s.hardest, dt), 0, -1
     for pair in range(len(s.worst)):
         then_left, n = s.worst[pair], s.sample[pair]
@@ -309,10 +305,10 @@ def rows_apart(now, then, integers, floats, table, dt, asked, horizon, recovery,
             continue
         if n > 0 or not then_left < s.reach[pair]:
             if placed != n:
-                _go(cell, s, s.braked, n, dt)
+                _go(then, s, s.braked, n, dt)
                 placed = n
-            distance_of(cell, pair, math.inf, True)
-            _take_gradient(cell, s, pair)
+            distance_of(then, pair, math.inf, True)
+            _take_gradient(then, s, pair)
         closing = max(left - then_left, 0.0) / dt
         until = n if n < last else _LATEST
         room = _row(s, pair, until, closing, left - closing * n * dt, dt, recovery, count)
@@ -321,22 +317,35 @@ def rows_apart(now, then, integers, floats, table, dt, asked, horizon, recovery,
     return count
 
 
-@entry
-def lack_apart(then, integers, floats, table, velocity, dt, asked):
+@plain
+def lack_of(then, s, velocity, dt, asked):
     """By how much a velocity (nv,) leads below the margins that its step may leave, m.
 
     What is left of each margin is in ``worst``, where it is negative.
     """
-    s = _read(floats, table, table)
-    cell = read_cell(then, integers, integers)
     for pair in range(len(s.worst)):
         s.reach[pair] = 0.0
-    _look_along(cell, s, velocity, dt, asked, False)
+    _look_along(then, s, velocity, dt, asked, False)
     lack = 0.0
     for pair in range(len(s.worst)):
         s.worst[pair] -= s.floor[pair]
         lack = max(lack, -s.worst[pair])
     return lack
+
+
+@entry
+def rows_apart(now, then, integers, floats, table, dt, asked, horizon, recovery, moves):
+    """:func:`write_rows` from the floats of the cells, their integers, and those of ``Apart``."""
+    s = read_apart(floats, table, table)
+    before, after = read_cell(now, integers, integers), read_cell(then, integers, integers)
+    return write_rows(before, after, s, dt, asked, horizon, recovery, moves)
+
+
+@entry
+def lack_apart(then, integers, floats, table, velocity, dt, asked):
+    """:func:`lack_of` from the same arrays."""
+    s = read_apart(floats, table, table)
+    return lack_of(read_cell(then, integers, integers), s, velocity, dt, asked)
 
 
 @plain
@@ -421,7 +430,7 @@ def correct_apart(then, integers, floats, table, velocity, dt, asked, count):
     They are those of the pairs that lack most, where they do; and those of the first place on the
     way through the step where a pair is too near.
     """
-    s = _read(floats, table, table)
+    s = read_apart(floats, table, table)
     cell = read_cell(then, integers, integers)
     count = _correct_where_most_lacks(cell, s, velocity, dt, count)
     return _correct_where_first_lacks(cell, s, velocity, dt, asked, count)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from qp_twist.kernel.compiling import entry, part
+from qp_twist.kernel.compiling import entry, part, plain
 from qp_twist.kernel.edge_levels import edge_levels
 from qp_twist.kernel.edge_rows import read_edge
 from qp_twist.kernel.edge_step import edge_step
@@ -37,22 +37,17 @@ def _jacobian(links, axes, anchors, origin, J):
         J[3, dof], J[4, dof], J[5, dof] = x, y, z
 
 
-@entry
-def live_step(floats, integers, dt, use_secondary, twist_space):
-    """Compute a step from the arrays that ``control.compiled_step`` has allocated.
+@plain
+def take_poses(g):
+    """Write R and p of frames and targets, and Jacobians.
 
     Target rotations are computed from ``target_poses``; poses and Jacobians are read from MuJoCo.
     ``sources`` contains the addresses of q (nq), joint axes and joint anchors; for each task those
     of its frame's rotation (9) and position (3); then nq and the number of joints.
-
-    Returns:
-        As ``step_kernel.step``.
     """
-    s = read_step(floats, integers, integers)
-    g, w = s.inputs, s.program
     sources, links = g.sources, g.links
     tasks = len(links)
-    nq, joints = sources[3 + 2 * tasks], sources[4 + 2 * tasks]
+    joints = sources[4 + 2 * tasks]
     axes, anchors = at_address(sources[1], 3 * joints), at_address(sources[2], 3 * joints)
     for task in range(tasks):
         rotation = at_address(sources[3 + 2 * task], 9)
@@ -66,7 +61,20 @@ def live_step(floats, integers, dt, use_secondary, twist_space):
             g.targets[task, 9 + i] = g.target_poses[task, 4 + i]
         if links[task, 0] != PYTHON_JACOBIAN:
             _jacobian(links[task], axes, anchors, position, g.jacobians[task])
-    return step(g, w, at_address(sources[0], nq), dt, use_secondary, twist_space)
+
+
+@entry
+def live_step(floats, integers, dt, use_secondary, twist_space):
+    """Compute a step from the arrays that ``control.compiled_step`` has allocated.
+
+    Returns:
+        As ``step_kernel.step``.
+    """
+    s = read_step(floats, integers, integers)
+    g, w = s.inputs, s.program
+    take_poses(g)
+    qpos = at_address(g.sources[0], g.sources[3 + 2 * len(g.links)])
+    return step(g, w, qpos, dt, use_secondary, twist_space)
 
 
 @entry
@@ -87,8 +95,7 @@ def live_edge_step(
     """
     s = read_step(floats, integers, integers)
     g, w = s.inputs, s.program
-    tasks = len(g.links)
-    qpos = at_address(g.sources[0], g.sources[3 + 2 * tasks])
+    qpos = at_address(g.sources[0], g.sources[3 + 2 * len(g.links)])
     e = read_edge(edge_floats, edge_integers, edge_integers)
     return edge_step(g, w, e, qpos, dt, use_secondary, twist_space, is_infeasible)
 
