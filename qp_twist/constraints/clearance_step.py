@@ -59,6 +59,7 @@ class ClearanceStep:
         self._floats, self._integers = APART.allocate(size)
         self._views: Apart = APART.arrays(self._floats, self._integers, self._integers)
         self._views.hardest[:] = np.inf
+        self._is_limited = False
         self.arrays = *self._cell, self._floats, self._integers
         self.count = 0
 
@@ -68,11 +69,11 @@ class ClearanceStep:
         Obstacles have been taken from MuJoCo's data.
         """
         self.count = -1
-        views = self._views
-        if hardest is None:
-            views.before[:], views.hardest[:] = 0.0, np.inf
-        else:
-            views.before[:], views.hardest[:] = velocity, hardest
+        if hardest is not None:
+            self._views.before[:], self._views.hardest[:] = velocity, hardest
+        elif self._is_limited:
+            self._views.before[:], self._views.hardest[:] = 0.0, np.inf
+        self._is_limited = hardest is not None
 
     @property
     def settings(self) -> tuple[float, float, float, bool]:
@@ -87,6 +88,11 @@ class ClearanceStep:
             self.count = rows_apart(*self.arrays, dt, *self.settings)
         k = self.count
         return PairRows(views.G[:k], views.h[:k] / dt, views.room[:k] / dt, views.pair[:k].copy())
+
+    @property
+    def least(self) -> float:
+        """The least margin that is left if the joints brake, at least one step later, m."""
+        return float(self._views.least[0])
 
     @property
     def pairs(self) -> Indices:
@@ -131,3 +137,14 @@ class ClearanceStep:
         views.G[:count] = np.vstack([np.eye(nv), -np.eye(nv)])
         views.h[:count] = np.concatenate([held, -held]) * dt + _EXACT
         views.room[:count], views.pair[:count] = 0.0, worst
+
+    def load(self) -> None:
+        """Load, or compile, what steps take that are corrected or computed by the reference.
+
+        It overwrites the present rows.
+        """
+        at_rest = np.zeros_like(self._views.before)
+        self.count = -1
+        self.rows(self._views.q, 1.0)
+        self.lacks(at_rest, 1.0)
+        self.correct(at_rest, 1.0)

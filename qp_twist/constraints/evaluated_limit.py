@@ -93,10 +93,8 @@ class EvaluatedLimit:
         rows = clearance.step_rows(configuration, dt)
         if not len(rows.bounds):
             return None
-        least = min(rows.bounds.tolist())  # faster than numpy's for so few
-        named = NamedPairs.of(clearance, configuration, rows.pairs, least)
         box = no_box(clearance.kind, configuration.model.nv)
-        return cls(clearance, box, *rows, named.recovering)
+        return cls(clearance, box, *rows, NamedPairs.of(clearance, configuration).recovering)
 
     @property
     def names(self) -> list[RowName]:
@@ -114,11 +112,11 @@ class NamedPairs(NamedTuple):
     recovering: tuple[str, ...] = ()
 
     @classmethod
-    def of(
-        cls, clearance: Clearance, configuration: mink.Configuration, pairs: Indices, least: float
-    ) -> NamedPairs:
-        """``least`` is the least bound of their rows."""
-        return cls(clearance, pairs, _recovering(clearance, configuration) if least < 0.0 else ())
+    def of(cls, clearance: Clearance, configuration: mink.Configuration) -> NamedPairs:
+        """Those of the present step."""
+        step = clearance.in_step
+        is_near = step.least < 0.0
+        return cls(clearance, step.pairs, _recovering(clearance, configuration) if is_near else ())
 
     @property
     def names(self) -> list[RowName]:

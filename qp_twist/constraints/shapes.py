@@ -114,11 +114,17 @@ class MovingShapes:
         """
         if not len(self._on_mocap):
             return
-        _check_poses(self._model, data)
-        move_obstacles(
-            *self.arrays, *self._on_mocap, data.mocap_pos, data.mocap_quat, *self._scratch,
-            self.has_moved,
-        )  # fmt: skip
+        places, turns = data.mocap_pos, data.mocap_quat
+        refused = move_obstacles(
+            *self.arrays, *self._on_mocap, places, turns, *self._scratch, self.has_moved
+        )
+        if refused >= 0:  # nothing would be clear of it, nor near
+            body = int(np.flatnonzero(self._model.body_mocapid == refused)[0])
+            raise InvalidInput(
+                f"mocap body {self._model.body(body).name!r}: expected a finite position and a "
+                f"quaternion that is not 0, got {places[refused].tolist()} and "
+                f"{turns[refused].tolist()}; set data.mocap_pos and mocap_quat before the step."
+            )
         self.has_moved = True
 
     # ------------------------------------------------------------------ layout
@@ -241,17 +247,3 @@ def _rows(name: str, array: Array, width: int) -> Array:
             f"{name}: expected a row for each configuration, shape (N, {width}), got {rows.shape}."
         )
     return rows
-
-
-def _check_poses(model: mujoco.MjModel, data: mujoco.MjData) -> None:
-    """Refuse obstacles whose place is not known: nothing would be clear of them, nor near."""
-    squares = (data.mocap_quat**2).sum(axis=1)
-    for number in range(model.nmocap):
-        place, turn = data.mocap_pos[number], data.mocap_quat[number]
-        if not math.isfinite(place.sum()) or not 0.0 < squares[number] < math.inf:
-            name = model.body(int(np.flatnonzero(model.body_mocapid == number)[0])).name
-            raise InvalidInput(
-                f"mocap body {name!r}: expected a finite position and a quaternion that is not 0, "
-                f"got {place.tolist()} and {turn.tolist()}; set data.mocap_pos and mocap_quat "
-                "before the step."
-            )

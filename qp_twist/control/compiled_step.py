@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from operator import attrgetter
 from typing import Any, Protocol
 
 import mink
@@ -37,7 +38,7 @@ from qp_twist.control.step_tables import (
 )
 from qp_twist.kernel import COMPILED
 from qp_twist.kernel.clear_step import NO_TABLE, clear_step
-from qp_twist.kernel.edge_rows import EDGE, FADES, FITTING, PASSED, EdgeArrays
+from qp_twist.kernel.edge_rows import EDGE, FITTING, EdgeArrays
 from qp_twist.kernel.edge_step import DEAD
 from qp_twist.kernel.live_step import (
     NO_EFFECT,
@@ -233,8 +234,9 @@ class CompiledStep:
         # Rows of a clearance alone are written by the kernel.
         self._clearance: Clearance | None = None
         if self._calls_python and self._only_clearances and not self._python_tasks:
-            (_, found), *more = self._evaluated_limits
-            self._clearance = None if more else found
+            clearances = [v for _, v in self._evaluated_limits if isinstance(v, Clearance)]
+            if len(clearances) == 1:
+                self._clearance = clearances[0]
         self._banded = False
         self._data: mujoco.MjData | None = None
         self._jacs: list[tuple[Callable[..., None], Array, int, int]] = []
@@ -258,12 +260,6 @@ class CompiledStep:
         self._moving = [True] * len(self._tasks)
         g.sources[-2:] = model.nq, model.njnt
 
-    def _gives_way(self, status: int) -> bool:
-        """Whether a scaled step had to be compared with the relaxed one."""
-        if status != SCALED or not self._smooth:
-            return False
-        return float(self._program.sensitivity[0]) < DEAD * float(self._program.braking[0])
-
     @property
     def _edge_size(self) -> Sizes:
         """Sizes of the program at the edge: a slack for each row and the scale are unknowns too."""
@@ -279,6 +275,7 @@ class CompiledStep:
         self._inputs: StepInputs
         self._program: Program
         tables, self._inputs, self._program, self._result = known
+        self._velocity = self._program.x[: self._model.nv]
         self._integers[: STEP.head], self._edge[1][: EDGE.head] = tables
 
     def _views(self) -> tuple[tuple[Integers, Integers], StepInputs, Program, Array]:
@@ -318,6 +315,36 @@ class CompiledStep:
             if updated is None:
                 return None
             rows = updated
+        self._update(composed, configuration, use_secondary)
+        passed_over = composed.passed_over
+        if clearance is None:
+            self.lack = None
+            status = live_step(self._floats, self._integers, dt, use_secondary, self.twist_space)
+            at_edge, passed, fades = False, 0.0, False
+        else:
+            status, at_edge, passed, fades, rows = self._kept_clear(
+                clearance, configuration, dt, use_secondary, passed_over
+            )
+            if status == NO_TABLE:
+                self._make_room(composed, clearance.in_step.count)
+                return self(composed, configuration, dt, use_secondary)
+        if not at_edge:
+            status, at_edge, passed, fades = self._finished(status, dt, use_secondary, passed_over)
+        if status == REFUSED or (self._banded and self._relaxes_a_band(status)):
+            return None
+        step = LazyStep.made(self._velocity, self._result, self._size, self._labels, rows)
+        if status != DONE:
+            self._describe(step, status)
+        if at_edge:
+            step.__dict__["passed_over"] = passed
+            if fades:
+                self._describe_fading(step, composed, configuration, dt)
+        return step
+
+    def _update(
+        self, composed: Composition, configuration: mink.Configuration, use_secondary: bool
+    ) -> None:
+        """Write all inputs but the inequality rows."""
         if configuration.data is not self._data:
             self._bind(configuration)
         if use_secondary:
@@ -326,63 +353,51 @@ class CompiledStep:
         for jac, rows_of_task, index, number in self._jacs:
             jac(self._model, self._data, rows_of_task[:3], rows_of_task[3:], index)
             self._inputs.jacobians[number, :, : self._model.nv] = rows_of_task
-        at_edge = False
-        if clearance is None:
-            self.lack = None
-            status = live_step(self._floats, self._integers, dt, use_secondary, self.twist_space)
-        else:
-            status, at_edge, rows = self._kept_clear(
-                clearance, composed, configuration, dt, use_secondary
-            )
-            if status == NO_TABLE:
-                self._make_room(composed, clearance.in_step.count)
-                return self(composed, configuration, dt, use_secondary)
-        if not at_edge:
-            status, at_edge = self._finished(status, dt, use_secondary, composed.passed_over)
-        # A band is relaxed with its level, but the kernel treats it as a limit.
-        by_levels = status in (RELAXED, PRIORITIZED)
-        if status == REFUSED or (self._banded and (by_levels or self._gives_way(status))):
-            return None
-        step = LazyStep.made(
-            self._program.x[: self._model.nv], self._result, self._size, self._labels, rows
-        )
-        if status != DONE:
-            gaps: tuple[float, ...] = ()
-            if by_levels and not self._smooth:
-                gaps = tuple(self._program.levels.gaps.tolist())
-            scale = float(self._program.sensitivity[0])
-            step.set_outcome(_STATUSES[status], scale, gaps, met=status in (BRAKED, FADED))
-        if at_edge:
-            self._describe_edge(step, composed, configuration, dt)
-        return step
+
+    def _describe(self, step: LazyStep, status: int) -> None:
+        """Record what a step does not meet."""
+        gaps: tuple[float, ...] = ()
+        if status in (RELAXED, PRIORITIZED) and not self._smooth:
+            gaps = tuple(self._program.levels.gaps.tolist())
+        scale = float(self._program.sensitivity[0])
+        step.set_outcome(_STATUSES[status], scale, gaps, met=status in (BRAKED, FADED))
+
+    def _relaxes_a_band(self, status: int) -> bool:
+        """Whether a band is relaxed with its level, which the kernel treats as a limit."""
+        if status in (RELAXED, PRIORITIZED):
+            return True
+        if status != SCALED or not self._smooth:
+            return False
+        # The scaled step had to be compared with the relaxed one.
+        return float(self._program.sensitivity[0]) < DEAD * float(self._program.braking[0])
 
     def _kept_clear(
         self,
         clearance: Clearance,
-        composed: Composition,
         configuration: mink.Configuration,
         dt: float,
         use_secondary: bool,
-    ) -> tuple[int, bool, Sequence[Named]]:
+        passed_over: float,
+    ) -> tuple[int, bool, float, bool, Sequence[Named]]:
         """The outcome of a step whose only rows are a clearance's, and their names.
 
-        Also whether it is at the edge, and finished. With ``NO_TABLE`` there has to be room for its
+        As :meth:`_finished`, if it is at the edge. With ``NO_TABLE`` there has to be room for its
         rows first.
         """
         apart, last = clearance.in_step, self._size.k
-        status, at_edge, apart.count, least, lack = clear_step(
+        status, at_edge, passed, fades, count, lack = clear_step(
             *apart.arrays, self._floats, self._integers, self._tables, *self._edge,
             self._edge_tables, last, apart.count, dt, *apart.settings, use_secondary,
-            self.twist_space, composed.passed_over,
+            self.twist_space, passed_over,
         )  # fmt: skip
-        if status == NO_TABLE:
-            return status, at_edge, _NO_ROWS
-        if apart.count != last:
-            self._take_rows(apart.count)
-        self.lack = None if math.isnan(lack) else lack
-        if apart.count == 0:
-            return status, at_edge, _NO_ROWS
-        return status, at_edge, (NamedPairs.of(clearance, configuration, apart.pairs, least),)
+        apart.count, rows = count, _NO_ROWS
+        if status != NO_TABLE:
+            if count != last:
+                self._take_rows(count)
+            self.lack = None if math.isnan(lack) else lack
+            if count > 0:
+                rows = (NamedPairs.of(clearance, configuration),)
+        return status, at_edge, passed, fades, rows
 
     def _make_room(self, composed: Composition, k: int) -> None:
         """Lay out the step for ``k`` inequality rows."""
@@ -393,25 +408,29 @@ class CompiledStep:
 
     def _finished(
         self, status: int, dt: float, use_secondary: bool, passed_over: float
-    ) -> tuple[int, bool]:
-        """Compute a step at the edge or infeasible; return outcome, and whether it is at the edge.
+    ) -> tuple[int, bool, float, bool]:
+        """Compute a step that is at the edge or infeasible.
 
         ``passed_over``: ψ of the last step.
+
+        Returns:
+            The outcome; whether the step is at the edge, and then ψ and whether a direction fades.
         """
         arrays = self._floats, self._integers
         if status == AT_THE_EDGE or (status == INFEASIBLE and self._smooth):
             if len(self._levels) > 1:
-                if status == AT_THE_EDGE:
-                    return REFUSED, True
-                return live_edge_levels(*arrays, *self._edge, dt), False
-            self._edge_view.numbers[PASSED] = passed_over
-            found = live_edge_step(
-                *arrays, *self._edge, dt, use_secondary, self.twist_space, status == INFEASIBLE
-            )
-            return found, True
+                found = REFUSED
+                if status == INFEASIBLE:
+                    found = live_edge_levels(*arrays, *self._edge, dt)
+                return found, False, 0.0, False
+            found, passed, fades = live_edge_step(
+                *arrays, *self._edge, dt, use_secondary, self.twist_space, status == INFEASIBLE,
+                passed_over,
+            )  # fmt: skip
+            return found, True, passed, fades
         if status == INFEASIBLE:
             status = live_infeasible_step(*arrays)
-        return status, False
+        return status, False, 0.0, False
 
     @property
     def _edge_view(self) -> EdgeArrays:
@@ -426,20 +445,17 @@ class CompiledStep:
             live_edge_levels(self._floats, self._integers, *self._edge, 1.0)
         elif self._smooth:
             live_edge_step(
-                self._floats, self._integers, *self._edge, 1.0, False, self.twist_space, False
+                self._floats, self._integers, *self._edge, 1.0, False, self.twist_space, False, 0.0
             )
         else:
             live_infeasible_step(self._floats, self._integers)
         self._program.active_count[0] = 0
 
-    def _describe_edge(
+    def _describe_fading(
         self, step: LazyStep, composed: Composition, configuration: mink.Configuration, dt: float
     ) -> None:
-        """Record how the directions are computed that a step lacks, if there are any."""
+        """Record how the directions are computed that a step lacks."""
         edge = self._edge_view
-        step.__dict__["passed_over"] = float(edge.numbers[PASSED])
-        if not edge.numbers[FADES]:
-            return
         A, b = self._program.A[:, : self._model.nv].copy(), edge.stated.copy()
         fitting, tasks = float(edge.numbers[FITTING]), self._tasks
         scale = step.scale / float(self._program.braking[0])
@@ -701,20 +717,10 @@ class CompiledStep:
             motion.velocity = velocity.copy()
 
 
-def _settings_of(composed: Composition) -> tuple[float, float, str, bool, bool]:
-    """Settings of a controller that can change between two steps."""
-    return (
-        composed.singularity,
-        composed.joint_weight,
-        composed.on_infeasible,
-        composed.smooth,
-        composed.braking,
-    )
-
-
-def _step_sizes(task: TwistTask) -> tuple[float, float, float]:
-    """A task's gain and largest linear and angular step."""
-    return task.gain, task.max_linear_step, task.max_angular_step
+_settings_of = attrgetter("singularity", "joint_weight", "on_infeasible", "smooth", "braking")
+"""Settings of a controller that can change between two steps."""
+_step_sizes = attrgetter("gain", "max_linear_step", "max_angular_step")
+"""A task's gain and largest linear and angular step."""
 
 
 def _address(array: Array) -> int:

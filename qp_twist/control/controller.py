@@ -396,6 +396,8 @@ class Controller:
             self.step(configuration, dt)
         if self._prepared is not None:
             self._prepared.load()
+        for clearance in self._sorted_limits()[1]:
+            clearance.in_step.load()
         self.passed_over = passed_over
         for limit, velocity in zip(motions, before, strict=True):
             limit.velocity = velocity

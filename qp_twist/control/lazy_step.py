@@ -74,9 +74,10 @@ class LazyStep(Step):
         fields["_numbers"] = numbers.tobytes()
         fields["_size"], fields["_labels"] = size, labels
         fields["_rows"] = rows
-        if rows:
-            left = [s for source in rows for s in getattr(source, "recovering", ())]
-            fields["recovering"] = tuple(left)
+        for source in rows:
+            found: tuple[str, ...] = getattr(source, "recovering", ())
+            if found:
+                fields["recovering"] = step.recovering + found
         return step
 
     def set_outcome(

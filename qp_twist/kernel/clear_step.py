@@ -7,9 +7,7 @@ import math
 from qp_twist.kernel.clearance_kernel import read_cell
 from qp_twist.kernel.clearance_rows import lack_of, read_apart, write_rows
 from qp_twist.kernel.compiling import entry, plain
-from qp_twist.kernel.edge_rows import PASSED, read_edge
-from qp_twist.kernel.edge_step import edge_step
-from qp_twist.kernel.live_step import take_poses
+from qp_twist.kernel.live_step import at_the_edge, take_poses
 from qp_twist.kernel.record import at_address
 from qp_twist.kernel.step_kernel import read_step, step
 from qp_twist.kernel.verified_program import AT_THE_EDGE, INFEASIBLE, REFUSED
@@ -20,14 +18,11 @@ NO_TABLE = -1
 
 @plain
 def _take_rows(g, w, s, dt):
-    """Copy the rows G Δq ≤ h as G q̇ ≤ g; return the least h."""
-    least = math.inf
+    """Copy the rows G Δq ≤ h as G q̇ ≤ g."""
     for row in range(len(w.g)):
         for dof in range(len(w.x)):
             w.G[row, dof] = s.G[row, dof]
         w.g[row], g.rooms[row] = s.h[row] / dt, s.room[row] / dt
-        least = min(least, s.h[row])
-    return least
 
 
 @entry
@@ -62,33 +57,34 @@ def clear_step(
 
     Returns:
         The status of ``step_kernel.step`` or ``edge_step``, or ``NO_TABLE``; whether it is of the
-        latter; the number of rows; the least h of them; and what the velocity lacks, m, NaN if
-        there is none.
+        latter; ψ of this step; whether less than b is asked of a direction; the number of rows;
+        and what the velocity lacks, m, NaN if there is none.
     """
     s = read_apart(apart, apart_table, apart_table)
     before, after = read_cell(now, cell, cell), read_cell(then, cell, cell)
     # Inputs other than the rows are in the same place for any number of rows.
-    g = read_step(floats, integers, integers).inputs
-    qpos = at_address(g.sources[0], len(s.q))
+    qpos = at_address(read_step(floats, integers, integers).inputs.sources[0], len(s.q))
     if count < 0:
         for i in range(len(s.q)):
             s.q[i] = qpos[i]
         count = write_rows(before, after, s, dt, asked, horizon, recovery, moves)
     if count >= len(tables) or tables[count, 0] == 0:
-        return NO_TABLE, False, count, math.nan, math.nan
+        return NO_TABLE, False, 0.0, False, count, math.nan
     made = read_step(floats, integers, tables[count])
     g, w = made.inputs, made.program
     if count != last:
         w.active_count[0] = 0
-    least = _take_rows(g, w, s, dt)
+    _take_rows(g, w, s, dt)
     take_poses(g)
-    status = step(g, w, qpos, dt, use_secondary, twist_space)
+    status, passed, fades = step(g, w, qpos, dt, use_secondary, twist_space), 0.0, False
     unsolved = status in (AT_THE_EDGE, INFEASIBLE)
     at_edge = unsolved and g.settings.smooth > 0.0 and len(g.ends) == 1
     if at_edge:
-        e = read_edge(edge, edge_integers, edge_tables[count])
-        e.numbers[PASSED] = passed_over
-        status = edge_step(g, w, e, qpos, dt, use_secondary, twist_space, status == INFEASIBLE)
-    if status == REFUSED or (unsolved and not at_edge):
-        return status, at_edge, count, least, math.nan
-    return status, at_edge, count, least, lack_of(after, s, w.x, dt, asked)
+        status, passed, fades = at_the_edge(
+            made, edge, edge_integers, edge_tables[count], qpos, dt, use_secondary, twist_space,
+            status == INFEASIBLE, passed_over,
+        )  # fmt: skip
+    lack = math.nan
+    if status != REFUSED and (at_edge or not unsolved):
+        lack = lack_of(after, s, w.x, dt, asked)
+    return status, at_edge, passed, fades, count, lack

@@ -201,7 +201,18 @@ def move_obstacles(
         off: Scratch, (bodies, 2), 0 for other bodies.
         pose: Scratch, (12,).
         has_moved: Whether their last poses are known.
+
+    Returns:
+        −1; or the first of the mocap bodies whose pose is none, then nothing is changed.
     """
+    for number in range(len(positions)):
+        square = 0.0
+        for i in range(4):
+            square += quaternions[number, i] ** 2
+        place = positions[number, 0] + positions[number, 1] + positions[number, 2]
+        # Written so that NaN is refused.
+        if not (abs(place) < math.inf and square > 0.0 and square < math.inf):
+            return number
     cell, ahead = read_cell(now, integers, integers), read_cell(then, integers, integers)
     tree, here, there = cell.tree, cell.places, ahead.places
     x, R = pose[:3], pose[3:]
@@ -230,6 +241,7 @@ def move_obstacles(
             if off[body, 0] > 0.0 or off[body, 1] > 0.0:
                 here_off += off[body, 0] + off[body, 1] * _lever(cell, g, h, body)
         there.unforeseen[pair] = here_off
+    return -1
 
 
 @plain

@@ -83,6 +83,8 @@ class Apart(NamedTuple):
     """Number n of the step in which it is found."""
     still: Annotated[Floats, "pairs"]
     """The same if nothing else moved."""
+    least: Annotated[Floats, 1]
+    """The least of these margins of all pairs."""
     floor: Annotated[Floats, "pairs"]
     """What may be left of the margin: 0, or less for a pair that returns, m."""
     gradients: Annotated[Floats, "pairs", "dofs"]
@@ -293,9 +295,11 @@ def write_rows(now, then, s, dt, asked, horizon, recovery, moves):
             s.still[pair] = s.worst[pair]
     _look_along(then, s, s.braked, dt, asked, True)
     last, count, placed = _last(s.braked, s.hardest, dt), 0, -1
+    s.least[0] = math.inf
     for pair in range(len(s.worst)):
         then_left, n = s.worst[pair], s.sample[pair]
         left = s.still[pair] if moves else then_left
+        s.least[0] = min(s.least[0], left)
         s.floor[pair] = 0.0
         if min(left, then_left) >= s.reach[pair]:
             for j in range(len(s.before)):

@@ -8,8 +8,14 @@ from __future__ import annotations
 
 import math
 
-from qp_twist.kernel.compiling import plain
-from qp_twist.kernel.dual_active_set import SOLVED, active_set, cholesky_inverse, row_lengths
+from qp_twist.kernel.compiling import part, plain
+from qp_twist.kernel.dual_active_set import (
+    SOLVED,
+    active_set,
+    cholesky_inverse,
+    resumed_active_set,
+    row_lengths,
+)
 from qp_twist.kernel.verified_program import (
     PRIORITIZED,
     REFUSED,
@@ -59,7 +65,31 @@ def residual(A, b, x, first, end, r):
 
 
 @plain
-def closest(w, p, first, end, longest):
+def _factorised(w, p, first, end, weight):
+    """Write J with JJᵀ = H⁻¹, H = AᵀA + ``weight`` · 1; return whether H is positive definite."""
+    n = len(w.x)
+    for i in range(n):
+        for j in range(n):
+            p.H[i, j] = weight if i == j else 0.0
+    for row in range(first, end):
+        for i in range(n):
+            for j in range(n):
+                p.H[i, j] += w.A[row, i] * w.A[row, j]
+    return cholesky_inverse(p.H, p.J)
+
+
+@part
+def _rows_in(active, count, held):
+    """Number of equality rows, of which there are ``held``, in an active set."""
+    rows = 0
+    for place in range(count):
+        if active[place] < held:
+            rows += 1
+    return rows
+
+
+@plain
+def closest(w, p, first, end, longest, count):
     r"""Move ``p.x`` to the least-squares solution of a level subject to the held rows.
 
     .. math::
@@ -68,35 +98,35 @@ def closest(w, p, first, end, longest):
         + \tfrac12\varepsilon^2\lVert\mathbf x - \mathbf x_{before}\rVert^2
 
     until it converges (the proximal point method; Rockafellar, SIAM J. Control Optim. 14, 1976),
-    with a decreasing ε.
+    with a decreasing ε. It begins with the first ``count`` constraints of ``p.active``.
 
     Returns:
         The number of active constraints, −1 on failure; and the remaining gradient.
     """
-    n, held = len(w.x), p.held_count[0]
-    count, left = 0, math.inf
+    n, held, left = len(w.x), p.held_count[0], math.inf
+    weight = math.inf
     for turn in range(_ROUNDS):
         sharper = min(max(1.0, 2.0 ** (turn - _USUAL)), _SHARPEST)
-        weight = (_PROXIMAL / sharper * longest) ** 2
-        for i in range(n):
-            p.c[i] = -weight * p.x[i]
-            for j in range(n):
-                p.H[i, j] = weight if i == j else 0.0
-        for row in range(first, end):
-            for i in range(n):
-                p.c[i] -= w.A[row, i] * w.b[row]
-                for j in range(n):
-                    p.H[i, j] += w.A[row, i] * w.A[row, j]
+        known, weight = weight, (_PROXIMAL / sharper * longest) ** 2
+        if weight != known and not _factorised(w, p, first, end, weight):
+            return -1, left
         terms = 0.0
         for i in range(n):
+            p.c[i] = -weight * p.x[i]
+            for row in range(first, end):
+                p.c[i] -= w.A[row, i] * w.b[row]
             p.previous[i] = p.x[i]
             terms = max(terms, abs(p.c[i]))
-        if not cholesky_inverse(p.H, p.J):
-            return -1, left
-        status, count = active_set(
-            p.c, p.E[:held], p.e[:held], w.G, w.g, p.lengths, w.lower, w.upper, p.active, count,
-            p.x, p.u, p.J, p.R, p.held, p.work,
-        )  # fmt: skip  # it begins with the constraints that were active in the last iteration
+        if weight != known:  # it begins with the constraints active in the last iteration
+            status, count = active_set(
+                p.c, p.E[:held], p.e[:held], w.G, w.g, p.lengths, w.lower, w.upper, p.active,
+                count, p.x, p.u, p.J, p.R, p.held, p.work,
+            )  # fmt: skip
+        else:  # with the same H, their factors remain
+            status, count = resumed_active_set(
+                _rows_in(p.active, count, held), count, p.c, p.E[:held], p.e[:held], w.G, w.g,
+                p.lengths, w.lower, w.upper, p.active, p.x, p.u, p.J, p.R, p.held, p.work,
+            )  # fmt: skip
         if status != SOLVED or not clip_to_bounds(p.x, w.lower, w.upper):
             return -1, left
         left = 0.0
@@ -243,8 +273,11 @@ def begin(w, p):
 
 
 @plain
-def take_level(w, p, level, first, end, tolerances):
-    """Minimise a level's residual and hold the result; return the outcome."""
+def take_level(w, p, level, first, end, tolerances, guessed):
+    """Minimise a level's residual and hold the result; return the outcome.
+
+    ``guessed``: number of constraints in ``p.active`` that are probably active.
+    """
     longest, largest = length_of_rows(w.A, w.b, first, end)
     tolerance, furthest = tolerances.equality * (longest + largest), 0.0
     for i in range(len(w.x)):
@@ -255,7 +288,7 @@ def take_level(w, p, level, first, end, tolerances):
     p.gaps[level] = 0.0
     if end == first:
         return _IS_MET
-    count, left = closest(w, p, first, end, longest)
+    count, left = closest(w, p, first, end, longest, guessed)
     length = residual(w.A, w.b, p.x, first, end, p.r)
     p.gaps[level] = gap(w, p, left, length)
     if count < 0 or not p.gaps[level] <= 10.0 * tolerance:
@@ -296,7 +329,7 @@ def closest_levels(w, ends, relaxes, tolerances):
     begin(w, p)
     for level in range(len(ends)):
         outcome = take_level(
-            w, p, level, ends[level - 1] if level > 0 else 0, ends[level], tolerances
+            w, p, level, ends[level - 1] if level > 0 else 0, ends[level], tolerances, 0
         )
         if outcome == NOT_PROVEN or (outcome == _NOT_MET and level == 0 and not relaxes):
             return REFUSED

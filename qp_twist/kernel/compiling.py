@@ -17,7 +17,7 @@ from qp_twist.kernel.code_cache import KernelCache
 
 _REORDERED = {"reassoc", "contract", "nsz"}
 """Sums may be reordered and vectorised. NaN and infinity keep their meaning: comparisons rely on
-them."""
+them. But ``math.isfinite`` of a sum is true even for NaN: it subtracts the sum from itself."""
 _RARELY = 1_000_000
 """Threshold of the garbage collector while compiling. numba allocates millions of objects that stay
 alive; with Python's default of 700, a quarter of the compilation time is garbage collection."""

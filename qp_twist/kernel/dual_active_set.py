@@ -418,8 +418,7 @@ def active_set(c, A, b, G, g, lengths, lower, upper, active, before, x, u, J, R,
     ``lower`` and ``upper`` may be empty, (0,), for no bounds. Violations of rows of G are measured
     in units of ``lengths``, (k,).
     """
-    n, m, k = c.shape[0], b.shape[0], g.shape[0]
-    d, t, r = work[0], work[1], work[2]
+    n, m, k, d = c.shape[0], b.shape[0], g.shape[0], work[0]
     for i in range(len(held)):
         held[i] = 0
     for i in range(before):
@@ -427,6 +426,24 @@ def active_set(c, A, b, G, g, lengths, lower, upper, active, before, x, u, J, R,
     q = first = _hold_equalities(m, n, k, A, G, J, R, d, active)
     if before > 0:
         q = _hold_initial(q, m, n, k, A, G, b, g, lower, upper, J, R, d, active, held)
+    return resumed_active_set(
+        first, q, c, A, b, G, g, lengths, lower, upper, active, x, u, J, R, held, work
+    )
+
+
+@plain
+def resumed_active_set(
+    first, q, c, A, b, G, g, lengths, lower, upper, active, x, u, J, R, held, work
+):  # fmt: skip
+    """:func:`active_set` from the factors of q active constraints, the ``first`` rows of A first.
+
+    They may be those of another linear cost c.
+    """
+    n, m, k = c.shape[0], b.shape[0], g.shape[0]
+    d, t, r = work[0], work[1], work[2]
+    for i in range(len(held)):
+        if held[i] == 3:  # implied by the active ones, up to rounding, for the cost before
+            held[i] = 0
     _solve_held(q, n, m, k, c, b, g, lower, upper, J, R, active, x, u, t)
     while True:  # drop constraints with negative multipliers, most negative first
         place = _least(u, first, q)

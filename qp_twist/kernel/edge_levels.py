@@ -134,7 +134,7 @@ def _take_level(w, e, first, end, dt, largest, singularity, tolerances):
     terms = longest * (1.0 + furthest) + speed
     before = residual(w.A, w.b, p.x, first, end, p.r)
     negligible = longest * (tolerances.held * before + tolerances.dust * terms)
-    count, left = closest(w, p, first, end, longest)
+    count, left = closest(w, p, first, end, longest, 0)
     length = residual(w.A, w.b, p.x, first, end, p.r)
     if count < 0 or not gap_of(w, p, left, length) <= 10.0 * tolerance:
         return _FAILED

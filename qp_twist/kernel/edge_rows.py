@@ -78,6 +78,8 @@ class EdgeArrays(NamedTuple):
     scaled: Annotated[Floats, "nv - m - 1"]
     """q̇ of the scaled step, while the relaxed one is computed."""
     sensitivity: Annotated[Floats, "nv + k"]
+    null_basis: Annotated[Floats, "max(nv - 2 * m - 1, 0)", "nv - m - 1"]
+    """Orthonormal basis of the rows' null space, if there are no slacks: see ``paced_program``."""
     project: Annotated[Floats, "nv - m - 1", "nv - m - 1"]
     cost: Annotated[Floats, "nv - m - 1", "nv - m - 1"]
     """H."""
@@ -90,6 +92,8 @@ class EdgeArrays(NamedTuple):
     """Without slacks."""
     bare: Annotated[Program, {"nv": "nv - m - 1", "dense": "nv - m - 1", "m": "0"}]
     """In the joints alone, without rows."""
+    loose: Annotated[Program, {"nv": "nv - m", "dense": "nv - m", "m": "0"}]
+    """In the joints and the scale, without rows."""
 
 
 SIZE, SMALLEST, FAR, DEGRADED, FITTING, REACH, FADES, PASSED, ROOM = range(9)

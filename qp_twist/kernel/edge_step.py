@@ -42,6 +42,7 @@ from qp_twist.kernel.edge_rows import (
     weaken,
 )
 from qp_twist.kernel.joint_program import joint_program
+from qp_twist.kernel.paced_program import find_null_space, paced_program
 from qp_twist.kernel.reduced_program import reduced_program, unlimited
 from qp_twist.kernel.step_kernel import (
     RAISE,
@@ -61,9 +62,9 @@ from qp_twist.kernel.verified_program import (
     REFUSED,
     RELAXED,
     SCALED,
+    checked,
     clip_to_bounds,
     excess_of,
-    solved_program,
 )
 
 WORTH, WORTH_CURVED = 5.0, 1e-2
@@ -74,6 +75,8 @@ AT_REST = 1e-7
 """As in ``control.edge_step``."""
 INERTIA, MISSED, LOOSE = 0.7, 0.1, 10.0
 """ζ, ρ₀ and c of ``control.edge_step``."""
+YIELDING = 0.01
+"""Share of a relaxed step from which all rows yield so much that their slacks are eliminated."""
 NULL_SHARE, ROUNDING = 0.3, 1e-9
 """As in ``qp.edge``."""
 NOTICEABLE = 1e-8
@@ -187,6 +190,20 @@ def _take_limits(w, e, p):
 
 
 @plain
+def _factorised(w, p):
+    """Write S of H⁻¹ = SSᵀ to J; return whether H is positive definite."""
+    if len(w.h) == 0:
+        return cholesky_inverse(p.dense, p.J)
+    for i in range(len(p.x)):
+        for j in range(len(p.x)):
+            p.J[i, j] = 0.0
+        if not p.dense[i, i] > 0.0:
+            return False
+        p.J[i, i] = 1.0 / math.sqrt(p.dense[i, i])
+    return True
+
+
+@plain
 def _begin_program(w, e, p, of_slacks, of_scale):
     """The costs H, of slacks and of the scale, no linear cost, and all limits."""
     n, unknowns = len(w.x), len(p.x)
@@ -220,14 +237,20 @@ def _write_rows(w, e, p, scale, of_u):
 
 
 @plain
-def _solved(p, tolerances):
-    """Factorise H and solve the program in e; returns as ``solved_program``.
+def _solution(w, e, p):
+    """Solve a program with the scale, with S of H⁻¹ = SSᵀ in J; returns as ``reduced_program``.
 
     It begins with the constraints that were active in the last program of this step.
     """
-    if not cholesky_inverse(p.dense, p.J):
+    return paced_program(e, p) if _slacks(p, w) == 0 else reduced_program(p)
+
+
+@plain
+def _solved(w, e, p, tolerances):
+    """The verified solution of a program with the scale; returns as ``solved_program``."""
+    if not _factorised(w, p):
         return REFUSED
-    return solved_program(p, tolerances)
+    return checked(p, _solution(w, e, p), tolerances)
 
 
 @plain
@@ -256,7 +279,7 @@ def _as_posed(w, e, largest, tolerances):
     """Solve the program at full speed."""
     p = _program(e)
     _pose(w, e, p, largest)
-    return _solved(p, tolerances)
+    return _solved(w, e, p, tolerances)
 
 
 @plain
@@ -294,7 +317,8 @@ def _shortfall(w, e, largest, dt, tolerances):
     _begin_program(w, e, p, largest, 1.0)
     _write_rows(w, e, p, 1.0, 0.0)
     begin(p, p.levels)
-    if take_level(p, p.levels, 0, 0, m, tolerances) == NOT_PROVEN:
+    guessed = _active_by(e.sensitivity, w, len(p.x), p.levels.active)
+    if take_level(p, p.levels, 0, 0, m, tolerances, guessed) == NOT_PROVEN:
         return -1.0
     for i in range(m):
         square += p.levels.r[i] * p.levels.r[i]
@@ -302,16 +326,19 @@ def _shortfall(w, e, largest, dt, tolerances):
 
 
 @plain
-def _begin_with(p, sensitivity):
-    """Let the program in the joints begin with the limits that have multipliers."""
-    n, k, count = len(p.x), len(p.g), 0
+def _active_by(sensitivity, w, unknowns, active):
+    """Write the limits with multipliers, (n + k,), as an active set; return their number.
+
+    They are numbered as in ``active_set`` for a program with so many unknowns and no rows.
+    """
+    n, k, count = len(w.x), len(w.g), 0
     for i in range(n + k):
-        multiplier = sensitivity[1 + i]
+        multiplier = sensitivity[i]
         if multiplier == 0.0 or count == n:
             continue
-        p.active[count] = i - n if i >= n else k + i + (n if multiplier > 0.0 else 0)
+        active[count] = i - n if i >= n else k + i + (unknowns if multiplier > 0.0 else 0)
         count += 1
-    p.active_count[0] = count
+    return count
 
 
 @plain
@@ -413,9 +440,10 @@ def _largest(w, e, backoff, weight):
             p.dense[i, j] = weight if i == j else 0.0
     p.c[u], p.lower[u], p.upper[u] = -2.0, 0.0, 1.0
     _write_rows(w, e, p, 0.0, 1.0)
-    if not cholesky_inverse(p.dense, p.J):
-        return -2.0
-    status = reduced_program(p)
+    for i in range(u + 1):
+        for j in range(u + 1):
+            p.J[i, j] = 1.0 / math.sqrt(p.dense[i, i]) if i == j else 0.0
+    status = _solution(w, e, p)
     if status == NO_ROOM:
         return -1.0
     if status != SOLVED or not clip_to_bounds(p.x, p.lower, p.upper):
@@ -475,13 +503,13 @@ def _worthwhile(g, w, e, top, largest, dt, tolerances):
     curved = WORTH_CURVED * worth if worth > 0.0 else 1.0
     p.dense[u, u], p.c[u] = curved, -worth - curved
     p.lower[u], p.upper[u] = 0.0, 1.0
-    status = _solved(p, tolerances)
+    status = _solved(w, e, p, tolerances)
     if status != DONE:
         # Joints that move already may not be able to slow down as the eased bounds ask; and where
         # they leave a single velocity, it is that of s* itself.
         _take_limits(w, e, p)
         p.upper[u] = 1.0 + 2.0 * tolerances.backoff
-        status = _solved(p, tolerances)
+        status = _solved(w, e, p, tolerances)
     return top * p.x[u] if status == DONE else -1.0
 
 
@@ -536,7 +564,7 @@ def _give_way(w, e, strained, largest, dt, tolerances):
         w.sensitivity[1 + k] = p.sensitivity[1 + k]
     for row in range(len(w.g)):
         w.sensitivity[1 + n + row] = p.sensitivity[1 + len(p.x) + row]
-    _begin_with(e.bare, w.sensitivity)
+    e.bare.active_count[0] = _active_by(w.sensitivity[1:], w, n, e.bare.active)
     if _relaxed(w, e, max(short, strained), largest, dt, tolerances) != DONE:
         return REFUSED
     _take(w, e.bare)
@@ -577,6 +605,15 @@ def _stopped(e, scale, x):
 
 
 @plain
+def _is_asked(e):
+    """Whether the task asks for a motion."""
+    largest = 0.0
+    for rate in e.goal:
+        largest = max(largest, abs(rate))
+    return largest > 0.0
+
+
+@plain
 def _pass_over(w, e, scale, largest, dt, tolerances):
     """Write q̇ + ψ (q̇_relaxed − q̇) to ``w.x``, q̇ that of the program; return ψ, −1 on failure.
 
@@ -605,7 +642,32 @@ def _just_met(w, e, top, largest, tolerances):
     e.numbers[ROOM] += 2.0 * _ROUNDED
     _pose(w, e, p, largest)
     _write_rows(w, e, p, top, 0.0)
-    return _met(w, e) if _solved(p, tolerances) == DONE else REFUSED
+    return _met(w, e) if _solved(w, e, p, tolerances) == DONE else REFUSED
+
+
+@plain
+def _as_scaled(g, w, e, top, largest, dt, tolerances):
+    """The step at a scale up to ``top``, or between it and the relaxed one.
+
+    Returns:
+        The scale and ψ; −1 on failure.
+    """
+    if top == 0.0 and _is_asked(e):
+        # The relaxed step alone, whatever the scaled one is: see _stopped.
+        if _give_way(w, e, 0.0, largest, dt, tolerances) != RELAXED:
+            return -1.0, 0.0
+        e.numbers[PASSED] = 1.0
+        return 0.0, 1.0
+    scale = _worthwhile(g, w, e, top, largest, dt, tolerances)
+    if scale < 0.0:
+        return -1.0, 0.0
+    if _left(e, scale) >= DEAD:
+        _take(w, _program(e))
+        return scale, 0.0
+    share = _pass_over(w, e, scale, largest, dt, tolerances)
+    if share < 0.0 or not clip_to_bounds(w.x, w.lower, w.upper):
+        return -1.0, 0.0
+    return scale, share
 
 
 @plain
@@ -618,19 +680,9 @@ def _slower(g, w, e, largest, dt, tolerances):
         return REFUSED
     if top >= 1.0 - 2.0 * tolerances.backoff:
         return _just_met(w, e, top, largest, tolerances)
-    scale = _worthwhile(g, w, e, top, largest, dt, tolerances)
-    if scale < 0.0 and top == 0.0:
-        # Rounding excludes a task at rest; the scaled step would be left entirely anyhow (ψ = 1).
-        return _give_way(w, e, 0.0, largest, dt, tolerances)
+    scale, share = _as_scaled(g, w, e, top, largest, dt, tolerances)
     if scale < 0.0:
         return REFUSED
-    share = 0.0
-    if _left(e, scale) >= DEAD:
-        _take(w, _program(e))
-    else:
-        share = _pass_over(w, e, scale, largest, dt, tolerances)
-        if share < 0.0 or not clip_to_bounds(w.x, w.lower, w.upper):
-            return REFUSED
     for i in range(len(w.x) + len(w.g)):
         w.sensitivity[1 + i] = e.sensitivity[i]
     if share > 0.0:
@@ -667,6 +719,8 @@ def _without_inertia(g, w, e, is_infeasible, largest, dt, tolerances):
     """The outcome of the step whose costs and limits are in w and e."""
     mode = g.settings.infeasible
     status = INFEASIBLE
+    for i in range(len(w.x) + len(w.g)):
+        e.sensitivity[i] = 0.0
     if not (is_infeasible and mode == SCALE):
         status = _as_posed(w, e, largest, tolerances)
     if status == DONE:
@@ -737,6 +791,59 @@ def _keep_rows(e, p, n, relaxed):
 
 
 @plain
+def _price_rows(e, p, n, relaxed, largest):
+    """The same with the slacks eliminated: what the rows miss is a cost of the joints and u."""
+    for i in range(len(e.goal)):
+        kept = (1.0 - e.weakness[i]) * (1.0 - relaxed)
+        price = largest / e.floor[i] * (kept / ((1.0 - kept) * LOOSE)) ** 2
+        for k in range(n):
+            along = price * e.rows[i, k]
+            for j in range(n):
+                p.dense[k, j] += along * e.rows[i, j]
+            p.dense[k, n] -= along * e.slope[i]
+            p.dense[n, k] -= along * e.slope[i]
+        p.dense[n, n] += price * e.slope[i] * e.slope[i]
+
+
+@plain
+def _begin_with_bare(e, p):
+    """Let a program with one unknown more than e.bare begin with the constraints active there."""
+    n, k = len(e.bare.x), len(e.bare.g)
+    p.active_count[0] = e.bare.active_count[0]
+    for i in range(p.active_count[0]):
+        p.active[i] = e.bare.active[i] + (1 if e.bare.active[i] >= k + n else 0)
+
+
+@plain
+def _posed_with_inertia(e, relaxed):
+    """Where the step with inertia is posed, by ψ."""
+    if relaxed == 1.0:
+        return e.bare  # nothing of the task is kept
+    if relaxed >= YIELDING:
+        return e.loose
+    if relaxed == 0.0 and e.numbers[DEGRADED] == 0.0:
+        return e.slim  # all of it
+    return e.program
+
+
+@plain
+def _solved_with_inertia(w, e, p, relaxed, scale, speed, largest, tolerances):
+    """Solve the program p, whose cost in the joints is written; ``speed`` is ‖q̇*‖² in H."""
+    n, u = len(w.x), len(p.x) - 1
+    if relaxed == 1.0:
+        return _solved_in_joints(p, tolerances)
+    p.dense[u, u] = WORTH_CURVED * speed if speed > 0.0 else 1.0
+    p.c[u] = -p.dense[u, u]
+    p.lower[u], p.upper[u] = max(0.0, 1.0 - (1.0 - scale) / MISSED), 1.0
+    if relaxed >= YIELDING:
+        _price_rows(e, p, n, relaxed, largest)
+        _begin_with_bare(e, p)
+        return _solved_in_joints(p, tolerances)
+    _keep_rows(e, p, n, relaxed)
+    return _solved(w, e, p, tolerances)
+
+
+@plain
 def _with_inertia(g, w, e, outcome, before, relaxed, largest, dt, tolerances):
     """``control.edge_step._with_inertia`` of the step in w. Returns as that.
 
@@ -746,12 +853,9 @@ def _with_inertia(g, w, e, outcome, before, relaxed, largest, dt, tolerances):
     e.numbers[PASSED] = 0.0
     if missed == 0.0:
         return outcome
-    p, n, m, speed = e.program, len(w.x), len(w.b), 0.0
+    n, speed = len(w.x), 0.0
     e.numbers[PASSED] = relaxed = _lagging(g, n, before, relaxed, dt)
-    if relaxed == 1.0:
-        p = e.bare  # nothing of the task is kept
-    elif relaxed == 0.0 and e.numbers[DEGRADED] == 0.0:
-        p = e.slim  # all of it
+    p = _posed_with_inertia(e, relaxed)
     scale = w.sensitivity[0] / w.braking[0] if outcome == SCALED else 1.0
     for k in range(n):
         share, velocity = _inert_share(g, k, dt)
@@ -761,23 +865,15 @@ def _with_inertia(g, w, e, outcome, before, relaxed, largest, dt, tolerances):
         for j in range(n):
             p.c[i] -= e.cost[i, j] * e.motion[j]
             speed += w.x[i] * e.cost[i, j] * w.x[j]
-    u = len(p.x) - 1
-    if relaxed == 1.0:
-        status = _solved_in_joints(p, tolerances)
-    else:
-        curved = WORTH_CURVED * speed if speed > 0.0 else 1.0
-        p.dense[u, u], p.c[u] = curved, -curved
-        p.lower[u], p.upper[u] = max(0.0, 1.0 - (1.0 - scale) / MISSED), 1.0
-        _keep_rows(e, p, n, relaxed)
-        status = _solved(p, tolerances)
-    if status != DONE:
+    if _solved_with_inertia(w, e, p, relaxed, scale, speed, largest, tolerances) != DONE:
         return REFUSED
     for k in range(n):
         w.x[k] = p.x[k]
     if outcome == SCALED:
-        w.sensitivity[0] *= p.x[u]
-        for i in range(m):
-            w.b[i] *= p.x[u]
+        slower = p.x[len(p.x) - 1]
+        w.sensitivity[0] *= slower
+        for i in range(len(w.b)):
+            w.b[i] *= slower
     return outcome
 
 
@@ -821,6 +917,8 @@ def edge_step(g, w, e, qpos, dt, use_secondary, twist_space, is_infeasible):
     before, e.numbers[PASSED] = e.numbers[PASSED], 0.0
     # The programs of a step begin with the active constraints of those before, not of other steps.
     e.program.active_count[0] = e.slim.active_count[0] = e.bare.active_count[0] = 0
+    if len(_program(e).x) == len(e.slim.x) and not find_null_space(w, e):
+        return REFUSED
     e.numbers[ROOM] = 0.0
     outcome = _without_inertia(g, w, e, is_infeasible, largest, dt, tolerances)
     relaxed = e.numbers[PASSED]

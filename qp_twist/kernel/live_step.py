@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from qp_twist.kernel.compiling import entry, part, plain
 from qp_twist.kernel.edge_levels import edge_levels
-from qp_twist.kernel.edge_rows import read_edge
+from qp_twist.kernel.edge_rows import FADES, PASSED, read_edge
 from qp_twist.kernel.edge_step import edge_step
 from qp_twist.kernel.record import at_address
 from qp_twist.kernel.rotations import rotation_of
@@ -84,25 +84,43 @@ def live_infeasible_step(floats, integers):
     return infeasible_step(s.inputs, s.program)
 
 
+@plain
+def at_the_edge(
+    s, edge, edge_integers, edge_table, qpos, dt, use_secondary, twist_space, is_infeasible,
+    passed_over,
+):  # fmt: skip
+    """``edge_step.edge_step`` of a step s, with the floats, integers and table of its arrays.
+
+    Returns:
+        Its outcome; ψ of this step; and whether less than b is asked of a direction.
+    """
+    e = read_edge(edge, edge_integers, edge_table)
+    e.numbers[PASSED] = passed_over
+    status = edge_step(s.inputs, s.program, e, qpos, dt, use_secondary, twist_space, is_infeasible)
+    return status, e.numbers[PASSED], e.numbers[FADES] > 0.0
+
+
 @entry
 def live_edge_step(
-    floats, integers, edge_floats, edge_integers, dt, use_secondary, twist_space, is_infeasible
+    floats, integers, edge, edge_integers, dt, use_secondary, twist_space, is_infeasible,
+    passed_over,
 ):  # fmt: skip
-    """Compute what :func:`live_step` found infeasible or at the edge: ``edge_step.edge_step``.
+    """Compute what :func:`live_step` found infeasible or at the edge: :func:`at_the_edge`.
 
-    ``edge_floats`` and ``edge_integers`` are the arrays of ``edge_rows.EdgeArrays``;
-    ``is_infeasible`` says which of the two.
+    ``edge`` and ``edge_integers`` are the arrays of ``edge_rows.EdgeArrays``; ``is_infeasible``
+    says which of the two; ``passed_over`` is ψ of the last step.
     """
     s = read_step(floats, integers, integers)
-    g, w = s.inputs, s.program
-    qpos = at_address(g.sources[0], g.sources[3 + 2 * len(g.links)])
-    e = read_edge(edge_floats, edge_integers, edge_integers)
-    return edge_step(g, w, e, qpos, dt, use_secondary, twist_space, is_infeasible)
+    qpos = at_address(s.inputs.sources[0], s.inputs.sources[3 + 2 * len(s.inputs.links)])
+    return at_the_edge(
+        s, edge, edge_integers, edge_integers, qpos, dt, use_secondary, twist_space, is_infeasible,
+        passed_over,
+    )  # fmt: skip
 
 
 @entry
-def live_edge_levels(floats, integers, edge_floats, edge_integers, dt):
+def live_edge_levels(floats, integers, edge, edge_integers, dt):
     """Relax levels of what :func:`live_step` found infeasible: ``edge_levels.edge_levels``."""
     s = read_step(floats, integers, integers)
-    e = read_edge(edge_floats, edge_integers, edge_integers)
+    e = read_edge(edge, edge_integers, edge_integers)
     return edge_levels(s.inputs, s.program, e, dt)

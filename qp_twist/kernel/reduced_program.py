@@ -46,8 +46,9 @@ def reduced_program(w):
         w.box[i] = 0.0
     for row in range(len(w.g)):
         w.lam[row] = 0.0
-    if not _inside(w):
-        if not _move_inside(w, before):
+    if not is_inside(w):
+        _null_basis(w)
+        if not move_inside(w, before):
             return NO_ROOM
         _subtract_inequality_multipliers(w)
     for row in range(m - 1, -1, -1):
@@ -124,7 +125,7 @@ def begin(w):
 
 
 @part
-def _inside(w):
+def is_inside(w):
     """Return whether x meets all bounds and inequality rows."""
     for i in range(len(w.x)):
         if not w.lower[i] <= w.x[i] <= w.upper[i]:
@@ -227,10 +228,12 @@ def _nearest(w, before):
 
 
 @plain
-def _move_inside(w, before):
-    """Move x to the nearest feasible point, with λ and μ; return whether there is one."""
+def move_inside(w, before):
+    """Move x along ``null_basis`` to the nearest feasible point; return whether there is one.
+
+    With λ and μ. A move z along the basis costs ½‖z‖²; ``root`` has the length of each row of S.
+    """
     n, count = len(w.x), 0
-    _null_basis(w)
     if not _cut(w):
         return False
     if len(w.z) == 1:

@@ -191,16 +191,21 @@ def clear_multipliers(w):
 
 
 @plain
+def checked(w, status, tolerances):
+    """``DONE``, ``INFEASIBLE`` or ``REFUSED`` of a solver's status and the result in w."""
+    w.sensitivity[0] = 1.0
+    if status == NO_ROOM:
+        return INFEASIBLE
+    if status != SOLVED or not clip_to_bounds(w.x, w.lower, w.upper):
+        return REFUSED
+    return DONE if excess_of(w, tolerances) <= 1.0 else REFUSED
+
+
+@plain
 def solved_program(w, tolerances):
     """Write the verified solution of a program to ``w.x``.
 
     Returns:
         ``DONE``, ``INFEASIBLE``, or ``REFUSED`` if the reference has to solve it.
     """
-    w.sensitivity[0] = 1.0
-    status = reduced_program(w)
-    if status == NO_ROOM:
-        return INFEASIBLE
-    if status != SOLVED or not clip_to_bounds(w.x, w.lower, w.upper):
-        return REFUSED
-    return DONE if excess_of(w, tolerances) <= 1.0 else REFUSED
+    return checked(w, reduced_program(w), tolerances)
