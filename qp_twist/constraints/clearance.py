@@ -20,6 +20,7 @@ from qp_twist.constraints.colliding_pairs import (
 )
 from qp_twist.constraints.constraint import Constraint
 from qp_twist.errors import InvalidInput
+from qp_twist.kinematics.frame import same_structure
 
 if TYPE_CHECKING:
     from qp_twist.constraints.clearance_step import ClearanceStep, PairRows
@@ -176,6 +177,20 @@ class Clearance(Constraint):
         rows = -self._shapes.gradients(q, which)
         none = np.zeros(which.shape[1], dtype=np.intp)
         return rows, np.where(which < 0, np.inf, rooms), none
+
+    def check_model(self, label: str, model: mujoco.MjModel) -> None:
+        """Refuse a model whose distances are not those of this clearance's."""
+        places = ("body_pos", "body_quat", "jnt_pos", "jnt_axis")
+        shapes = ("geom_type", "geom_pos", "geom_quat", "geom_size", "geom_dataid")
+        own = self.model
+        if own is not model and not (
+            same_structure(own, model)
+            and all(np.array_equal(getattr(own, a), getattr(model, a)) for a in places + shapes)
+        ):
+            raise InvalidInput(
+                f"{label}: bodies or geoms of the Clearance's model differ from those of the robot "
+                "here; make the Clearance of the same model."
+            )
 
     def begin(
         self,

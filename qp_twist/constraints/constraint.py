@@ -118,6 +118,13 @@ class Constraint(mink.Limit):
         """Name of a row of the step; override it if there is not one row for each margin."""
         return self.names[row]
 
+    def check_model(self, label: str, model: mujoco.MjModel) -> None:
+        """Refuse a robot that this constraint was not made for; by default none is refused.
+
+        Raises:
+            InvalidInput: If it was not; the message begins with ``label``.
+        """
+
     def excess(self, q: Array) -> Array:
         """Largest violation at configurations q (N, nq), 0 inside, m or rad, (N,)."""
         worst: Array = np.maximum(-self.bounded(q, 0.0).min(axis=1, initial=np.inf), 0.0)
@@ -154,6 +161,7 @@ def check_constraint(label: str, constraint: Constraint, model: mujoco.MjModel) 
             gradients and change do not match each other and this robot; the message begins with
             ``label``.
     """
+    constraint.check_model(label, model)
     kind, names = constraint.kind, constraint.names
     if not isinstance(kind, str) or not kind:
         raise InvalidInput(f"{label}: expected its kind as a name for messages, got {kind!r}.")

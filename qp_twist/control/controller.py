@@ -585,11 +585,6 @@ class Controller:
                     )
                 check_model(f"Controller({kind}=…)", item, self.model.nv)
         for limit in (*self.limits, *(item for level in self.levels for item in level)):
-            if isinstance(limit, Clearance) and not _same_shapes(limit.model, self.model):
-                raise InvalidInput(
-                    "Controller(limits=…): bodies or geoms of the Clearance's model differ from "
-                    "those of the controller's; make the Clearance of the same model."
-                )
             if isinstance(limit, Constraint):
                 name = f"Controller(limits=…): {type(limit).__name__}"
                 check_constraint(name, limit, self.model)
@@ -633,16 +628,6 @@ def _shortened(desired: Array, levels: Sequence[EdgeRows], dt: float) -> Array:
     length = dt * float(np.linalg.norm(desired))
     longest = min(map(longest_secondary, levels))
     return desired if length <= longest else (longest / length) * desired
-
-
-def _same_shapes(one: mujoco.MjModel, other: mujoco.MjModel) -> bool:
-    """Whether distances in one model are those in the other."""
-    places = ("body_pos", "body_quat", "jnt_pos", "jnt_axis")
-    shapes = ("geom_type", "geom_pos", "geom_quat", "geom_size", "geom_dataid")
-    return one is other or (
-        same_structure(one, other)
-        and all(np.array_equal(getattr(one, a), getattr(other, a)) for a in places + shapes)
-    )
 
 
 def _levels(

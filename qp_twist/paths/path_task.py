@@ -162,15 +162,19 @@ class PathTask:
             clearances = [c for c in given if isinstance(c, Clearance)]
             others = tuple(c for c in given if not isinstance(c, (JointCouplings, Clearance)))
         checked = check_constraints(self.name, others, self.model)
-        clearances = [
-            c if c.model is self.model else Clearance(self.model, c.distance, self._ignored(c))
-            for c in clearances
-        ]
+        clearances = [c if c.model is self.model else self._remade(c) for c in clearances]
         if not clearances and JointRanges.of(self.model).only_hinges_and_slides:
             own = Clearance(self.model, 0.0)
             clearances = [own] if len(own.pairs) else []
         check_constraints(self.name, clearances, self.model)
         return *checked, *couplings_of(self.model, couplings), *clearances
+
+    def _remade(self, clearance: Clearance) -> Clearance:
+        """A clearance of this task's model, as of another one."""
+        return Clearance(
+            self.model, clearance.distance, self._ignored(clearance),
+            recovery_speed=clearance.recovery_speed,
+        )  # fmt: skip
 
     def _ignored(self, clearance: Clearance) -> list[tuple[str, ...]]:
         """The pairs of names that may touch, by the names of the model."""

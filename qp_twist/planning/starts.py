@@ -12,7 +12,7 @@ import numpy as np
 
 from qp_twist import closed_form
 from qp_twist.checks import Array
-from qp_twist.constraints import BindingLimit, PositionLimit
+from qp_twist.constraints import BindingLimit, Clearance, PositionLimit
 from qp_twist.control import Controller
 from qp_twist.errors import InvalidInput
 from qp_twist.geometry import ProjectorKind
@@ -40,6 +40,8 @@ _DAMPING = 0.05
 """Damping of the steps towards a point out of reach, relative to a lever arm of a metre."""
 _NAMED = 4
 """Largest number of constraints that a message names."""
+_STALLED = 20
+"""Number of steps after which a correction that comes no nearer is given up."""
 
 
 class NoStart(InvalidInput):
@@ -115,16 +117,23 @@ def corrected_start(
     task.set_target(waypoint)
     controller: Controller | None = None
     if holds_limits:
+        _refuse_pairs_never_apart(path_task, configuration.q)
         limits = [PositionLimit(path_task.model), *path_task.constraints]
         controller = Controller(path_task.model, [task], limits=limits, smooth=False)
     binding: Sequence[BindingLimit] = ()
     on_waypoint: Array | None = None
-    for _ in range(START_ITERATIONS):
+    least, nearest_at = np.inf, 0
+    for iteration in range(START_ITERATIONS):
         if on_waypoint is None and reached(path_task, task, configuration, held=False):
             on_waypoint = configuration.q.copy()
         if reached(path_task, task, configuration, held=holds_limits):
             q: Array = configuration.q.copy()
             return q
+        left = _left_to_correct(path_task, task, configuration, held=holds_limits)
+        if left < 0.99 * least:
+            least, nearest_at = left, iteration
+        elif iteration - nearest_at >= _STALLED:
+            break
         if controller is not None:
             step = controller.step(configuration, 1.0)
             dq, binding = step.velocity, step.binding
@@ -138,7 +147,7 @@ def corrected_start(
     error = task.state(configuration).error
     raise InvalidInput(
         f"follow: the start cannot be corrected onto the first waypoint; after "
-        f"{START_ITERATIONS} steps it is {np.linalg.norm(error[:3]):.3g} m and "
+        f"{iteration + 1} steps it is {np.linalg.norm(error[:3]):.3g} m and "
         f"{np.degrees(np.linalg.norm(error[3:])):.3g} degrees away. Give a start nearer to it, or "
         "move the path into the robot's reach."
         + (f" In the way: {', '.join(map(str, binding))}." if binding else "")
@@ -157,6 +166,42 @@ def reached(
     if not held or not path_task.stated_constraints:
         return True
     return bool(path_task.constraint_excess(configuration.q[None]).max() <= BAND)
+
+
+def _left_to_correct(
+    path_task: PathTask, task: TwistTask, configuration: mink.Configuration, *, held: bool
+) -> float:
+    """Task error, and with ``held`` violation of constraints, relative to their tolerances."""
+    left = missed_by(path_task, task, configuration)
+    if held and path_task.stated_constraints:
+        left = max(left, float(path_task.constraint_excess(configuration.q[None]).max()) / BAND)
+    return left
+
+
+def _refuse_pairs_never_apart(path_task: PathTask, q: Array) -> None:
+    """Refuse a clearance that no motion could keep; it is asked only if a start q violates it.
+
+    Raises:
+        InvalidInput: If pairs are nearer than its distance in every random configuration.
+    """
+    for clearance in path_task.constraints:
+        if not isinstance(clearance, Clearance) or not len(clearance.pairs):
+            continue
+        if clearance.margins(q[None]).min() >= 0.0:
+            continue
+        ranges = JointRanges.of(path_task.model)
+        drawn = np.tile(q, (_SEEDS, 1))
+        drawn[:, ranges.qpos] = ranges.random(_SEEDS, np.random.default_rng(0))
+        always = np.flatnonzero((clearance.bounded(drawn, 0.0) < 0.0).all(axis=0))
+        if len(always):
+            names = [clearance.names[k] for k in always[:_NAMED]]
+            more = f" and {len(always) - _NAMED} more" if len(always) > _NAMED else ""
+            raise InvalidInput(
+                f"{path_task.name}: a clearance of {clearance.distance:g} m cannot be kept: in "
+                f"each of {_SEEDS} random configurations these pairs are nearer: "
+                f"{', '.join(names)}{more}. Ask for less (the distance is in m: 5 mm is 0.005), or "
+                "name pairs that may touch in ignore."
+            )
 
 
 def missed_by(path_task: PathTask, task: TwistTask, configuration: mink.Configuration) -> float:

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from qp_twist.checks import Array
-from qp_twist.constraints import Clearance
+from qp_twist.constraints import Clearance, Constraint
 from qp_twist.errors import InvalidInput
 from qp_twist.kinematics import JointRanges
 from qp_twist.paths import PathTask, in_joint_moves, joint_move_ends
@@ -35,6 +35,8 @@ CLOCK = 1e-9
 """Rounding of times in files, s; its effect on speeds and accelerations is not counted."""
 BAND = 1e-5
 """Violation from which a band counts as left at a waypoint, rad or m."""
+_LOOKED_AT = 21
+"""Places between two waypoints at which it is looked for what is violated most."""
 
 
 @dataclass(frozen=True)
@@ -224,18 +226,28 @@ def _of_errors(errors: PathErrors, tolerances: Tolerances) -> list[Finding]:
 
 
 def _between(
-    name: str, values: Array, bound: Array, limit: float, scale: float, unit: str, which: str = ""
+    name: str,
+    values: Array,
+    bound: Array,
+    limit: float,
+    scale: float,
+    unit: str,
+    what: str | Callable[[int], str] = "",
 ) -> Finding:
-    """The largest value between waypoints, or the largest bound if only that fails."""
+    """The largest value between waypoints, or the largest bound if only that fails.
+
+    ``what`` is violated, or nearest to it; a function names it for the motion after waypoint k.
+    """
     kept = bound <= (1.0 + PROVEN) * limit
     exceeded = values > limit
     k = int(np.argmax(values if kept.all() or exceeded.any() else bound))
+    named = what if isinstance(what, str) else what(k)
     return Finding(
         name,
         scale * float(values[k]),
         scale * limit,
         unit,
-        f"waypoints {k + 1} to {k + 2}{which}",
+        ", ".join(filter(None, (named, f"waypoints {k + 1} to {k + 2}"))),
         bool(kept.all() and not exceeded.any()),
         scale * float(bound.max()),
     )
@@ -252,15 +264,13 @@ def _of_bands(path_task: PathTask, errors: PathErrors, tolerances: Tolerances) -
     found = [
         Finding("outside a band", float(worst[k]), BAND, "rad, m", f"waypoint {k + 1}", passes)
     ]
-    between = [
-        _between("outside a band between", values, bound, limit, 1.0, unit, f", {band.kind} band")
-        for band, values, bound, unit, limit in (
-            (band, errors.bands_between[:, b], errors.bands_bound[:, b], unit,
-             tolerances.position if unit == "m" else tolerances.axis)
-            for b, (band, unit) in enumerate(zip(hard, errors.band_units, strict=False))
-        )
-        if len(values)
-    ]  # fmt: skip
+    between = []
+    for column, (band, unit) in enumerate(zip(hard, errors.band_units, strict=False)):
+        values, bound = errors.bands_between[:, column], errors.bands_bound[:, column]
+        limit = tolerances.position if unit == "m" else tolerances.axis
+        if len(values):
+            name = "outside a band between"
+            between.append(_between(name, values, bound, limit, 1.0, unit, f"{band.kind} band"))
     if between:
         # Compare bands of lengths and of angles: failures first, then the largest ratio to the
         # tolerance.
@@ -289,7 +299,13 @@ def _of_constraints(
         if len(errors.bands_between):
             limit = tolerances.position if unit == "m" else tolerances.axis
             between = errors.bands_between[:, column], errors.bands_bound[:, column]
-            found.append(_between(f"{name} between", *between, limit, 1.0, unit))
+
+            def nearest(k: int, constraint: Constraint = constraint) -> str:
+                times = np.linspace(passing.times[k], passing.times[k + 1], _LOOKED_AT)
+                margins = constraint.margins(motion.at(times).q).min(axis=0)
+                return constraint.names[int(np.argmin(margins))]
+
+            found.append(_between(f"{name} between", *between, limit, 1.0, unit, nearest))
     return found
 
 

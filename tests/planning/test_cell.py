@@ -162,6 +162,23 @@ def test_what_is_too_near_is_named_the_worst_first(cell: qt.PathTask) -> None:
     assert str(e.value).count("clearance, ") == 4
 
 
+@pytest.mark.parametrize("distance", [0.4, 10.0])
+def test_a_distance_that_links_can_never_keep_is_refused_at_once(
+    cell: qt.PathTask, distance: float
+) -> None:
+    """Millimetres given as metres: no start, and no step, could keep it."""
+    wide = replace(cell, constraints=(qt.Clearance(cell.model, distance),))
+    with pytest.raises(qt.InvalidInput, match=r"floor to turret.* more. .*5 mm is 0.005"):
+        qt.follow(wide)
+
+
+def test_a_start_that_comes_no_nearer_is_given_up(cell: qt.PathTask) -> None:
+    """At 30 mm all pairs are apart in some configurations, but not on the path."""
+    wide = replace(cell, constraints=(qt.Clearance(cell.model, 0.03),))
+    with pytest.raises(qt.InvalidInput, match=r"after [2-5]\d steps it is .*clearance"):
+        qt.follow(wide)
+
+
 def test_durations_of_other_waypoints_are_refused(cell: qt.PathTask) -> None:
     with pytest.raises(qt.InvalidInput, match="one for each of the 51 waypoints, got 401"):
         qt.plan(replace(cell, waypoints=cell.waypoints[::8]))
