@@ -128,7 +128,10 @@ class Clearance(Constraint):
 
     @cached_property
     def in_step(self) -> ClearanceStep:
-        """What it is in the present step of a controller."""
+        """What it is in the present step of a controller.
+
+        :meta private:
+        """
         from qp_twist.constraints.clearance_step import ClearanceStep
 
         sizes = self.model.nq, self.model.nv
