@@ -20,6 +20,7 @@ from qp_twist.constraints.colliding_pairs import (
 )
 from qp_twist.constraints.constraint import Constraint
 from qp_twist.errors import InvalidInput
+from qp_twist.kinematics import JointRanges
 from qp_twist.kinematics.frame import same_structure
 
 if TYPE_CHECKING:
@@ -134,8 +135,8 @@ class Clearance(Constraint):
         """
         from qp_twist.constraints.clearance_step import ClearanceStep
 
-        sizes = self.model.nq, self.model.nv
-        return ClearanceStep(self._shapes, *sizes, self.distance, self.recovery_speed)
+        ranges = JointRanges.of(self.model)
+        return ClearanceStep(self._shapes, ranges, self.distance, self.recovery_speed)
 
     # ------------------------------------------------------------------ as every constraint
 

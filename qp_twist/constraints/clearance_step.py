@@ -16,6 +16,7 @@ from qp_twist.kernel.clearance_rows import (
     lack_apart,
     rows_apart,
 )
+from qp_twist.kinematics import JointRanges
 
 HORIZON = 0.2
 """Margin below which a pair has a row in a step, m."""
@@ -48,18 +49,20 @@ class ClearanceStep:
     """
 
     def __init__(
-        self, shapes: MovingShapes, nq: int, nv: int, distance: float, recovery: float
+        self, shapes: MovingShapes, ranges: JointRanges, distance: float, recovery: float
     ) -> None:
         """Allocate them for the pairs of ``shapes`` and a distance to keep, m."""
+        nq, nv = ranges.nq, len(ranges.lower)
         self._shapes, self._distance, self._cell = shapes, distance, shapes.arrays
         self.recovery = recovery
         pairs = shapes.count
-        # Every pair has a row; then come corrections, and those that hold a velocity.
-        size = ApartSizes(nq, nv, pairs, 2 * pairs + 200 + 2 * nv)
+        # Pairs and joints have rows; then come corrections, and those that hold a velocity.
+        size = ApartSizes(nq, nv, pairs, 2 * pairs + 200 + 4 * nv)
         self._floats, self._integers = APART.allocate(size)
         self._views: Apart = APART.arrays(self._floats, self._integers, self._integers)
         self._views.hardest[:] = np.inf
         self._is_limited = False
+        self._views.lower[:], self._views.upper[:] = ranges.lower, ranges.upper
         self.arrays = *self._cell, self._floats, self._integers
         self.count = 0
 

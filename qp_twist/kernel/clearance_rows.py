@@ -15,7 +15,8 @@ with the least distance d of a pair on its way, found n steps later, and its gra
 
 .. math:: d + \sum_j g_j \frac{D_n(v_{0j} + b) - D_n(v_{0j} - b)}{2 b}\,(v_j - w_j) \ge d_{min}
 
-They are linear and the way is not. Where a solution is unsafe, further rows are those of where it
+They are linear and the way is not. While an obstacle comes, further rows let the joints brake early
+before the ends of their ranges. Where a solution is unsafe, further rows are those of where it
 leads to, with D_n' in place of the chord.
 """
 
@@ -24,6 +25,7 @@ from __future__ import annotations
 import math
 from typing import Annotated, NamedTuple
 
+from qp_twist.kernel.bounds import stopping_speed
 from qp_twist.kernel.clearance_kernel import (
     change_of,
     distance_of,
@@ -47,6 +49,9 @@ _SUDDEN = 1e6
 _UNHURRIED = 0.5
 """Share of the joints' accelerations with which a pair begins to give way to an obstacle: the rest
 is for other pairs, and for directions in which not all joints may help."""
+_BEFORE_ENDS = 0.2
+"""Share of its acceleration with which a joint brakes before an end of its range while an obstacle
+comes. The other joints have to take over from it, and may be slower or have longer to go."""
 _ABLE = 0.99
 """Share of what the joints are able to do that a row may ask for."""
 
@@ -69,6 +74,10 @@ class Apart(NamedTuple):
     """v₀, rad/s or m/s."""
     hardest: Annotated[Floats, "dofs"]
     """Acceleration limits, rad/s² or m/s²; ∞ where there are none."""
+    lower: Annotated[Floats, "dofs"]
+    """Lower end of each joint's range, rad or m; −∞ where there is none."""
+    upper: Annotated[Floats, "dofs"]
+    """Upper end, likewise."""
     braked: Annotated[Floats, "dofs"]
     """w."""
     at: Annotated[Floats, "coordinates"]
@@ -272,6 +281,39 @@ def _row(s, pair, until, closing, room, dt, recovery, row):
 
 
 @plain
+def _rows_before_ends(cell, s, pair, dt, count):
+    """Add rows of joints that brake gently before the ends of their ranges; return their number.
+
+    What the hardest braking leads to is always allowed, so that a safe velocity is left.
+
+    Args:
+        cell: The cell.
+        s: What is known.
+        pair: The pair by which the rows are named: of those whose obstacle comes, the nearest.
+        dt: Length of the step, s.
+        count: Number of rows so far.
+    """
+    for joint in range(len(cell.pairs.dof)):
+        dof = cell.pairs.dof[joint]
+        if math.isinf(s.hardest[dof]):
+            continue
+        at, gentle = s.q[cell.tree.address[joint]], _BEFORE_ENDS * s.hardest[dof]
+        for side in (-1.0, 1.0):
+            left = s.upper[dof] - at if side > 0.0 else at - s.lower[dof]
+            fastest, before = stopping_speed(max(left, 0.0), gentle, dt), side * s.before[dof]
+            braking = s.hardest[dof] * dt
+            if fastest >= before + braking:  # no velocity of this step is as fast
+                continue
+            for j in range(len(s.before)):
+                s.G[count, j] = 0.0
+            s.G[count, dof] = side
+            s.h[count] = dt * max(fastest, before - braking)
+            s.room[count], s.pair[count] = 0.0, pair
+            count += 1
+    return count
+
+
+@plain
 def write_rows(now, then, s, dt, asked, horizon, recovery, moves):
     """Write the rows of a step, from ``q``, ``before`` and ``hardest``.
 
@@ -296,6 +338,7 @@ def write_rows(now, then, s, dt, asked, horizon, recovery, moves):
     _look_along(then, s, s.braked, dt, asked, True)
     last, count, placed = _last(s.braked, s.hardest, dt), 0, -1
     s.least[0] = math.inf
+    nearest, least = -1, math.inf
     for pair in range(len(s.worst)):
         then_left, n = s.worst[pair], s.sample[pair]
         left = s.still[pair] if moves else then_left
@@ -318,6 +361,10 @@ def write_rows(now, then, s, dt, asked, horizon, recovery, moves):
         room = _row(s, pair, until, closing, left - closing * n * dt, dt, recovery, count)
         s.floor[pair] = min(then_left - room, 0.0)
         count += 1
+        if closing > 0.0 and left < least:
+            nearest, least = pair, left
+    if nearest >= 0:
+        count = _rows_before_ends(then, s, nearest, dt, count)
     return count
 
 

@@ -759,6 +759,32 @@ def test_what_comes_faster_and_faster_is_given_way_to(turns: bool) -> None:
     assert 0.02 - 1e-6 <= least <= 0.02 + 2e-5
 
 
+def test_a_joint_near_the_end_of_its_range_lets_a_slower_one_take_over_in_time() -> None:
+    """Two slides give way to a block; the first ends, the second accelerates a tenth as fast."""
+    model = mujoco.MjModel.from_xml_string("""
+    <mujoco><compiler autolimits="true"/><worldbody>
+      <body name="block" mocap="true"><geom name="block" type="box" size="0.1 1 1"/></body>
+      <body><joint name="first" type="slide" axis="1 0 0" range="-1 0.3"/>
+        <geom size="0.01" contype="0" conaffinity="0"/>
+        <body><joint name="second" type="slide" axis="1 0 0" range="-5 5"/>
+          <geom name="cart" size="0.05"/><site name="tool"/></body></body></worldbody></mujoco>""")
+    motion = qt.MotionLimit(model, velocity=1.0, acceleration={"first": 10.0, "second": 1.0})
+    task = qt.TwistTask("tool", "site", qt.TwistProjector(
+        linear=qt.Projector.line([1, 0, 0]), angular=qt.Projector.none()
+    ))  # fmt: skip
+    task.set_target(mink.SE3.identity())
+    controller = qt.Controller(model, [task], limits=[qt.Clearance(model, distance=0.02), motion])
+    configuration, speed = mink.Configuration(model, np.zeros(2)), 0.4
+    for k in range(800):
+        face = -0.4 + speed * 0.005 * k
+        configuration.data.mocap_pos[0] = [face - 0.1, 0.0, 0.0]
+        configuration.update()
+        configuration.integrate_inplace(controller.step(configuration, 0.005).velocity, 0.005)
+        left = configuration.q.sum() - 0.05 - (face + speed * 0.005)
+        assert left >= 0.02 - 1e-6
+    assert configuration.q[0] > 0.29
+
+
 # ---------------------------------------------------------------------------------- refusals
 
 
