@@ -35,6 +35,8 @@ PLANNED = 8
 """Largest number of rows for a configuration of a plan: those of the nearest pairs."""
 PLANNED_WITHIN = 0.3
 """Margin below which a plan has a row for a pair, m."""
+_MOSTLY_WITHIN = 0.15
+"""Margin within which there are mostly so many pairs: these are looked for first, m."""
 
 
 class NearestPair(NamedTuple):
@@ -177,7 +179,10 @@ class Clearance(Constraint):
 
     def rows(self, q: Array) -> tuple[Array, Array, Indices]:
         """Rows of the nearest pairs of each configuration, up to ``PLANNED``."""
-        which, rooms = _nearest(self.bounded(q, PLANNED_WITHIN), PLANNED_WITHIN)
+        margins = self.bounded(q, _MOSTLY_WITHIN)
+        few = (margins < _MOSTLY_WITHIN).sum(axis=1) < PLANNED
+        margins[few] = self.bounded(q[few], PLANNED_WITHIN)
+        which, rooms = _nearest(margins, PLANNED_WITHIN)
         rows = -self._shapes.gradients(q, which)
         none = np.zeros(which.shape[1], dtype=np.intp)
         return rows, np.where(which < 0, np.inf, rooms), none
@@ -346,8 +351,12 @@ class Clearance(Constraint):
 
 def _nearest(margins: Array, below: float) -> tuple[Indices, Array]:
     """Indices and margins of the nearest pairs (N, k) of margins (N, P), −1 for those not below."""
-    which = np.argsort(margins, axis=1)[:, :PLANNED]
-    found = np.take_along_axis(margins, which, axis=1)
+    which: Indices = np.tile(np.arange(margins.shape[1]), (len(margins), 1))
+    if margins.shape[1] > PLANNED:  # to sort all of them takes longer than to compute distances
+        which = np.argpartition(margins, PLANNED, axis=1)[:, :PLANNED]
+    order = np.argsort(np.take_along_axis(margins, which, axis=1), axis=1)
+    which = np.take_along_axis(which, order, axis=1)
+    found: Array = np.take_along_axis(margins, which, axis=1)
     return np.where(found < below, which, -1), found
 
 

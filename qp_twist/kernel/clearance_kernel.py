@@ -88,6 +88,16 @@ class Places(NamedTuple):
     """Scratch of :func:`least_distances`."""
     near: Annotated[Floats, "pairs"]
     """Likewise."""
+    center_before: Annotated[Floats, "shapes", 3]
+    """Centres of the balls at the configuration before."""
+    R_before: Annotated[Floats, "shapes", 9]
+    """Rotations of the shapes there."""
+    moved: Annotated[Floats, "shapes"]
+    """By how much a point of each shape has moved at most, over all configurations, m."""
+    ahead: Annotated[Floats, "shapes"]
+    """By how much a point of each shape moves at most on the way that comes next, m."""
+    lower: Annotated[Floats, "pairs"]
+    """Lower bound of each distance, m, plus how far its shapes had moved when it was found."""
     unforeseen: Annotated[Floats, "pairs"]
     """By how much nearer an obstacle may be than it is expected, m; 0 of where it is now."""
 
@@ -286,6 +296,48 @@ def distance_of(cell, pair, enough, deep):
     return pair_distance(cell.shapes, g, h, at.x, at.R, enough, cell.simplex, deep)
 
 
+@plain
+def _place_next(cell, q, is_first):
+    """Place everything at the next configuration, and add up how far each shape has moved at most.
+
+    The motion of a shape is at most that of its ball's centre, and the chord of its turn times the
+    ball's radius. Along a path or through a layer configurations follow each other closely: a pair
+    that was far apart is known to be so at many of them.
+    """
+    place(cell, q)
+    shapes, places = cell.shapes, cell.places
+    for g in range(len(places.x)):
+        shift, turn = 0.0, 0.0
+        for i in range(3):
+            shift += (places.center[g, i] - places.center_before[g, i]) ** 2
+            places.center_before[g, i] = places.center[g, i]
+        for i in range(9):
+            turn += (places.R[g, i] - places.R_before[g, i]) ** 2
+            places.R_before[g, i] = places.R[g, i]
+        if is_first:
+            places.moved[g] = 0.0
+            continue
+        places.moved[g] += math.sqrt(shift)
+        if turn > 0.0:  # a plane, whose ball is infinite, mostly stands still
+            places.moved[g] += math.sqrt(0.5 * turn) * shapes.ball[g]
+    if is_first:
+        for pair in range(len(places.lower)):
+            places.lower[pair] = -math.inf
+
+
+@plain
+def _next_distance_of(cell, pair, enough, deep):
+    """As :func:`distance_of` after :func:`_place_next`, not computed where a bound is known."""
+    places = cell.places
+    moved = places.moved[cell.pairs.one[pair]] + places.moved[cell.pairs.other[pair]]
+    lower = places.lower[pair] - moved
+    if lower > enough:
+        return lower
+    lower = distance_of(cell, pair, enough, deep)
+    places.lower[pair] = lower + moved
+    return lower
+
+
 @entry
 def distances(floats, integers, q, enough, out):
     """Write the signed distances of all pairs at configurations q (N, nq) to out (N, P), m.
@@ -294,9 +346,9 @@ def distances(floats, integers, q, enough, out):
     """
     cell = read_cell(floats, integers, integers)
     for row in range(len(q)):
-        place(cell, q[row])
+        _place_next(cell, q[row], row == 0)
         for pair in range(len(cell.pairs.one)):
-            out[row, pair] = distance_of(cell, pair, enough, True)
+            out[row, pair] = _next_distance_of(cell, pair, enough, True)
 
 
 @entry
@@ -304,10 +356,10 @@ def first_below(floats, integers, q, distance, out):
     """Write to out (N,) the first pair nearer than ``distance`` at q (N, nq), or −1."""
     cell = read_cell(floats, integers, integers)
     for row in range(len(q)):
-        place(cell, q[row])
+        _place_next(cell, q[row], row == 0)
         out[row] = -1
         for pair in range(len(cell.pairs.one)):
-            if distance_of(cell, pair, distance, False) < distance:
+            if _next_distance_of(cell, pair, distance, False) < distance:
                 out[row] = pair
                 break
 
@@ -337,6 +389,33 @@ def change_of(cell, pair, travel):
     return total + change
 
 
+@plain
+def _look_ahead(cell, travel):
+    """Write by how much each shape moves at most while joints travel by ``travel`` (nv,).
+
+    As :func:`change_of` bounds it, with all joints between the shape and the world.
+    """
+    tree, pairs, places, shapes = cell.tree, cell.pairs, cell.places, cell.shapes
+    for g in range(len(places.ahead)):
+        change, body, c = 0.0, tree.body[g], places.center[g]
+        while body > 0:
+            first = tree.joint_first[body]
+            for k in range(tree.joint_count[body]):
+                joint = first + tree.joint_count[body] - 1 - k
+                moved = travel[pairs.dof[joint]]
+                if moved == 0.0:
+                    continue
+                if tree.slides[joint]:
+                    change += moved
+                    continue
+                a, p = places.axis[joint], places.anchor[joint]
+                x, y, z = c[0] - p[0], c[1] - p[1], c[2] - p[2]
+                u, v, w = a[1] * z - a[2] * y, a[2] * x - a[0] * z, a[0] * y - a[1] * x
+                change += moved * (math.sqrt(u * u + v * v + w * w) + shapes.ball[g] + change)
+            body = tree.parent[body]
+        places.ahead[g] = change
+
+
 @entry
 def changes(floats, integers, q, travel, out):
     """Write bounds (N, P) of the distances' variation on motions from q (N, nq), m."""
@@ -353,16 +432,24 @@ def least_distances(floats, integers, before, after, travel, distance, out):
 
     With the distances d₀ and d₁ at the ends and a variation of at most c, the least is at least
     d₀ − c, d₁ − c and (d₀ + d₁ − c)/2. Distances are computed only where a bound of d₀ does not
-    show that ``distance`` is kept.
+    show that ``distance`` is kept, and the variation of a pair only where the motion of its two
+    shapes, each for itself, could take it there from the bound known at the row before.
     """
     cell = read_cell(floats, integers, integers)
-    places = cell.places
+    pairs, places = cell.pairs, cell.places
     for row in range(len(before)):
-        place(cell, before[row])
+        _place_next(cell, before[row], row == 0)
+        _look_ahead(cell, travel[row])
         left = False
-        for pair in range(len(cell.pairs.one)):
+        for pair in range(len(pairs.one)):
+            g, h = pairs.one[pair], pairs.other[pair]
+            lower = places.lower[pair] - places.moved[g] - places.moved[h]
+            lower -= places.ahead[g] + places.ahead[h]
+            if lower > distance:
+                out[row, pair] = lower
+                continue
             change = change_of(cell, pair, travel[row])
-            near = distance_of(cell, pair, distance + change, True)
+            near = _next_distance_of(cell, pair, distance + change, True)
             out[row, pair] = near - change
             places.change[pair], places.near[pair] = change, near
             left = left or near - change < distance

@@ -405,6 +405,16 @@ class _Track:
         ]
 
 
+def _raise(largest: Array, rows: Indices, values: Array) -> None:
+    """Raise rows of ``largest`` (N, M), by their indices (K,), to the values (K, M)."""
+    if not len(rows):
+        return
+    order = np.argsort(rows, kind="stable")
+    first = np.flatnonzero(np.diff(rows[order], prepend=-1))
+    here = rows[order[first]]
+    largest[here] = np.maximum(largest[here], np.maximum.reduceat(values[order], first))
+
+
 class _Proof:
     """Subdivides a motion until its tolerances are proven or violated between the waypoints."""
 
@@ -476,7 +486,7 @@ class _Proof:
                 needed[:] = False
             self.extra -= int(wanted.sum())
             open_ = needed | wanted
-            np.maximum.at(self.bound, left.interval[~open_], bounds[~open_])
+            _raise(self.bound, left.interval[~open_], bounds[~open_])
             left, right = self._halved(left.take(open_), right.take(open_))
 
     def _halved(self, left: _Points, right: _Points) -> tuple[_Points, _Points]:
@@ -493,7 +503,7 @@ class _Proof:
     def _note(self, points: _Points) -> None:
         """Record the values at points."""
         values = np.where(self.exempt[points.interval], 0.0, points.values)
-        np.maximum.at(self.found, points.interval, values)
+        _raise(self.found, points.interval, values)
         limits = self.track.limits
         shares = (values / np.where(np.isnan(limits), 1.0, limits)).max(axis=1, initial=0.0)
         rising = np.argsort(shares, kind="stable")

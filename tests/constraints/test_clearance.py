@@ -319,6 +319,27 @@ def test_no_motion_within_the_travel_varies_a_margin_by_more_than_the_bound(seed
         assert (margins.min(axis=0) >= least - 1e-6).all()
 
 
+@given(seeds)
+@settings(max_examples=30, deadline=None)
+def test_what_is_known_of_a_configuration_is_no_more_than_holds_at_the_next(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    model = random_tree(rng)
+    clearance = qt.Clearance(model, distance=0.05)
+    steps = rng.choice([1e-3, 0.03, 0.5], size=(40, 1)) * rng.normal(size=(40, model.nq))
+    q = np.cumsum(steps, axis=0)
+    alone = np.concatenate([clearance.margins(row[None]) for row in q])
+    enough = float(rng.choice([0.0, 0.1, 0.5]))
+    together = clearance.bounded(q, enough)
+    near = (alone < enough - ACCURATE) | (together < enough - ACCURATE)
+    np.testing.assert_allclose(together[near], alone[near], rtol=0, atol=ACCURATE)
+    assert (together <= alone + ACCURATE).all()
+    first = [clearance.first_violated(row[None])[0] for row in q]
+    assert clearance.first_violated(q).tolist() == first
+    middle = 0.5 * (q[:-1] + q[1:])
+    least = clearance.least(q[:-1], q[1:], np.abs(np.diff(q, axis=0)))
+    assert (least <= clearance.margins(middle) + ACCURATE).all()
+
+
 def test_the_bound_is_not_idle() -> None:
     """A pair that a joint does not move has the bound 0; that of a lever is at most twice it."""
     model = mujoco.MjModel.from_xml_string("""
