@@ -88,6 +88,10 @@ class Roadmap:
             return self._rolls.layer(index)
         return self._net.layer(index, before)
 
+    def is_independent(self, index: int) -> bool:
+        """Whether the layer of a waypoint is the same whatever layers are made before it."""
+        return self._closed_form(index)
+
     def seeded(self, index: int, seeds: Layer) -> Layer:
         """What a net at a waypoint would grow from: empty if no configuration is found there."""
         return self._net.layer(index, seeds, grow=False)

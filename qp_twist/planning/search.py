@@ -22,7 +22,15 @@ from qp_twist.planning.path_constraints import PathConstraints, Violation
 from qp_twist.planning.path_rows import PathRows
 from qp_twist.planning.refine import ITERATIONS, RefinedPath, judged, refine
 from qp_twist.planning.roadmap import Grid, Roadmap
-from qp_twist.planning.shortest_path import Edges, LayerPath, cheapest_path, edges, widest_path
+from qp_twist.planning.shortest_path import (
+    Candidates,
+    Edges,
+    LayerPath,
+    LayerSearch,
+    Record,
+    edges,
+    widest_path,
+)
 
 Progress = Callable[[str, float], None]
 Trials = Callable[[PathTask, Array | None], list[Array]]
@@ -54,12 +62,15 @@ _ABOUT = 20
 _LOOKED_WITHIN = (0.05, 0.2, 0.6)
 """Shares above the layers' least mean z, or below their largest margin, within which a path is
 searched first: few nodes are."""
-_DETOUR_WITHIN = (0.2,)
-"""The same for a detour around what the path touches: it is longer, and its layers are few."""
+_DETOUR_WITHIN = (0.02, 0.2)
+"""The same for a detour around what the path touches, beside the path through coarser layers."""
 _DETOUR = 0.05
 """Loss by a detour up to which no finer grid is searched for a shorter one."""
 _REPAIRED = 0.05
 """Share of the waypoints that come too near up to which a path is repaired, not searched anew."""
+_TOUCHED = 0.1
+"""Share of a grid's path that comes too near above which the path off the grid, which is near it,
+does so at more than :data:`_REPAIRED`."""
 _POINTS = 6
 """Number of times that points of violations between waypoints are added."""
 _CLOSE, _LOOKS = tuple((np.arange(1, 16) / 16.0).tolist()), 10
@@ -174,7 +185,7 @@ class PlanSearch:
         self._free_task = path_task.without_clearance()
         self._free_rows = PathRows(self._free_task) if self._cleared else self.rows
         #: With a clearance the layers of each stage, for the searches without and with it.
-        self._layers: dict[SearchStage, list[Layer]] | None = {} if self._cleared else None
+        self._layers: dict[SearchStage, dict[int, Layer]] | None = {} if self._cleared else None
         #: Layers of the intervals that are searched again, which may be several times.
         self._windows: dict[tuple[int, int], list[Layer]] = {}
         #: Of configurations of layers: 1 where they keep the clearance, 0 where not, or unknown.
@@ -184,7 +195,8 @@ class PlanSearch:
         self._kept: dict[str, Array] = {}
         #: The last stage's layers, when they are complete.
         self._begun: SearchResult | None = None
-        #: Waypoints between which the search of a stage ended, and layers there on the finest grid.
+        #: First and last waypoint of stretches that a stage's grid has no path through, and layers
+        #: there on the finest grid.
         self._ends: list[tuple[int, int]] = []
         self._finest: dict[int, Layer] = {}
         #: Shares of intervals in which a strict path violated a constraint, of its edges.
@@ -195,6 +207,10 @@ class PlanSearch:
         #: Its best path through the first stage's layers, and the value of that path.
         self._first_way: LayerPath | None = None
         self._expected = 0.0
+        #: Share of the configurations of that path that come too near.
+        self._touched = 0.0
+        #: Further paths through these layers, among which one with clearance is searched first.
+        self._candidates: Candidates | None = None
         #: Hinges without limits: their whole turns do not matter.
         self._period = np.where(ranges.hinge & ~np.isfinite(ranges.upper - ranges.lower), TURN, 0.0)
 
@@ -251,7 +267,7 @@ class PlanSearch:
         blocked = None
         if self.start is None and self._obstructed(inner):
             blocked = self._searched(None)
-            if blocked.path is not None:
+            if blocked.path is not None or self._touched > _TOUCHED:
                 return blocked
         free = inner._run()
         self._begun = inner._begun
@@ -271,13 +287,20 @@ class PlanSearch:
         grid, _, waypoints, layers = inner._opened(stage)
         if not all(len(layer.q) for layer in layers):
             return False
-        way = inner._layer_path(layers, waypoints, grid, _STRICTNESS[0], np.inf, most=stage.most)
+        record = Record()
+        way = inner._layer_path(
+            layers, waypoints, grid, _STRICTNESS[0], np.inf, most=stage.most, record=record
+        )
         inner._first_way = way
         if len(way.nodes) < len(layers):
             return False
         self._expected = way.value
         nodes = [layer.q[node] for layer, node in zip(layers, way.nodes, strict=True)]
-        return not self._clears(np.array(nodes)).all()
+        self._touched = 1.0 - float(self._clears(np.array(nodes)).mean())
+        if not self._touched:
+            return False
+        self._candidates = Candidates(record) if record.is_complete else None
+        return True
 
     def _repaired(self, q: Array) -> RefinedPath | None:
         """The path if it keeps its distance, else with a detour where it does not, if one is found.
@@ -409,8 +432,12 @@ class PlanSearch:
 
     def _bound(self, found: SearchResult, best: RefinedPath | None) -> float:
         free = self._free
-        if self._known_bound is None and best is not None and free is not None and free._begun:
-            self._known_bound = free._bound(free._begun, best)
+        if best is None and not all(len(layer.q) for layer in found.layers):
+            return np.nan
+        if self._known_bound is None and free is not None and free._begun:
+            self._known_bound = free._known_bound = free._bound(free._begun, best)
+        if self._known_bound is not None and best is None:
+            return self._known_bound
         if self._known_bound is not None and best is not None:
             worse = max if self.objective.margin else min
             return worse(self._known_bound, best.value)
@@ -438,32 +465,73 @@ class PlanSearch:
         self._kept["best"] = best.q
         return best
 
-    def _opened(self, stage: SearchStage) -> tuple[Grid, Roadmap, list[int], list[Layer]]:
-        """The grid and the roadmap of a stage, its waypoints and their layers."""
+    def _laid(self, stage: SearchStage) -> tuple[Grid, Roadmap, list[int]]:
+        """The grid and the roadmap of a stage, and its waypoints."""
         count = len(self.path_task.waypoints)
         stride = int(np.clip(round(stage.motion / self._typical_step()), 1, stage.longest_stride))
         if stage is _COARSE:
             stride = int(np.clip(count // _FEWEST, stride, stage.longest_stride))
         grid = self._grid(stage, stride)
-        roadmap = Roadmap(self._free_task, self._free_rows, grid)
-        waypoints = self._waypoints(stride, count)
-        made = {} if self._layers is None else self._layers
-        if stage not in made:
-            made[stage] = roadmap.layers(
-                waypoints, lambda done: self._progress(f"{grid}: layers", done / len(waypoints))
+        return (
+            grid, Roadmap(self._free_task, self._free_rows, grid), self._waypoints(stride, count)
+        )  # fmt: skip
+
+    def _layers_at(
+        self, stage: SearchStage, grid: Grid, roadmap: Roadmap, waypoints: list[int]
+    ) -> list[Layer]:
+        """The layers of a stage at some waypoints; with a clearance each is made once."""
+        made = {} if self._layers is None else self._layers.setdefault(stage, {})
+        new = [index for index in waypoints if index not in made]
+        if new:
+            found = roadmap.layers(
+                new, lambda done: self._progress(f"{grid}: layers", done / len(new))
             )
-        layers = [
-            self._finest.get(index, layer)
-            for index, layer in zip(waypoints, made[stage], strict=True)
-        ]
-        if self.start is not None:
-            layers[0] = Layer(self.start[None], np.full(1, -1), 1)
-        layers[0] = self._cleared_layer(layers[0], waypoints[0])
+            made.update(zip(new, found, strict=True))
+        layers = [self._finest.get(index, made[index]) for index in waypoints]
+        if waypoints[0] == 0:
+            if self.start is not None:
+                layers[0] = Layer(self.start[None], np.full(1, -1), 1)
+            cleared = self._cleared_layer(layers[0], 0)
+            if not len(cleared.q):
+                layers[0] = cleared
+        return layers
+
+    def _opened(self, stage: SearchStage) -> tuple[Grid, Roadmap, list[int], list[Layer]]:
+        """The grid and the roadmap of a stage, its waypoints and their layers."""
+        grid, roadmap, waypoints = self._laid(stage)
+        layers = self._layers_at(stage, grid, roadmap, waypoints)
         if all(len(layer.q) for layer in layers):
             self._begun = SearchResult(None, Certificate("path", grid), layers, waypoints)
         return grid, roadmap, waypoints, layers
 
+    def _still_ended(self, stage: SearchStage, best: RefinedPath | None) -> SearchResult | None:
+        """The verdict of a stage if its grid, too, has no path past where a coarser one ended.
+
+        Only the layers near these places are made.
+        """
+        if not self._ends or not self._cleared:
+            return None
+        grid, roadmap, waypoints = self._laid(stage)
+        if not all(map(roadmap.is_independent, waypoints)):
+            return None
+        for first, last in self._ends:
+            own = [index for index in waypoints if first <= index <= last]
+            layers = self._layers_at(stage, grid, roadmap, own) if own else []
+            if not all(len(layer.q) for layer in layers):
+                return None
+            way = self._ended_at((first, last), layers, own, grid, _STRICTNESS[0], stage.most)
+            if way is None:
+                continue
+            self._ends.append((first, last))
+            if best is not None:
+                return SearchResult(best, Certificate("path", grid), layers, own)
+            return self._ended(way, layers, own, grid, roadmap)
+        return None
+
     def _stage(self, stage: SearchStage, best: RefinedPath | None) -> SearchResult:
+        ended = self._still_ended(stage, best)
+        if ended is not None:
+            return ended
         grid, roadmap, waypoints, layers = self._opened(stage)
         covered = self._covers(roadmap, waypoints)
         empty = [i for i, layer in zip(waypoints, layers, strict=True) if not len(layer.q)]
@@ -480,14 +548,13 @@ class PlanSearch:
         again = _LOOKS if self._cleared and not coarse else 0
         for strictness in (*_STRICTNESS, *_STRICTNESS[-1:] * again):
             way, self._first_way = self._first_way, None
-            if way is None:
-                way = self._ended_again(layers, waypoints, grid, strictness, stage.most)
-            if way is None:
-                way = self._layer_path(
-                    layers, waypoints, grid, strictness, known, self._expected, stage.most
-                )
+            among, self._candidates = self._candidates, None
+            way = way or self._ended_again(layers, waypoints, grid, strictness, stage.most)
+            way = way or self._layer_path(
+                layers, waypoints, grid, strictness, known, self._expected, stage.most, among=among
+            )
             if len(way.nodes) < len(layers):
-                self._ends.append((waypoints[len(way.nodes) - 1], waypoints[len(way.nodes)]))
+                self._ends.append(way.impassable or self._about(way, waypoints))
                 if best is not None:  # the grid has no better path
                     return SearchResult(best, Certificate("path", grid), layers, waypoints)
                 if self._shares and nearest is not None:  # its violation says more
@@ -602,7 +669,7 @@ class PlanSearch:
     def _proven_empty(self, found: SearchResult) -> SearchResult | None:
         """Confirm a negative verdict on the finest grid, at some of its waypoints."""
         # The empty ones, and the waypoints skipped on either side of them.
-        ends = [-1, *found.waypoints, len(self.path_task.waypoints)]
+        ends = [found.waypoints[0] - 1, *found.waypoints, found.waypoints[-1] + 1]
         open_ = sorted(
             {
                 index
@@ -674,19 +741,89 @@ class PlanSearch:
         expected: float = 0.0,
         most: float = np.inf,
         within: Sequence[float] = _LOOKED_WITHIN,
+        record: Record | None = None,
+        among: Candidates | None = None,
     ) -> LayerPath:
         """The best path, with steps that may exceed limits by the grid's resolution, at a price.
 
         Without the price the path would jump between branches where a longer step just reaches, and
-        could not be corrected into the limits. First a path is searched that is little worse than
-        the value ``expected``, by the shares ``within`` in turn. No joint moves by more than
-        ``most`` from layer to layer, rad or m.
+        could not be corrected into the limits. First a path is searched ``among`` some candidates,
+        then one that is little worse than the value ``expected``, by the shares ``within`` in turn.
+        No joint moves by more than ``most`` from layer to layer, rad or m. The edges that are
+        searched go to the ``record``, if there is one.
         """
+        objective = self.objective
+        steps = self._between(layers, waypoints, grid, strictness, most)
+        weight = (objective.centering + objective.margin) / len(layers)
+        centering = [weight * objective.ranges.centring(layer.q) for layer in layers]
+        is_clear = np.ones(len(layers[0].q), dtype=bool)
+        if self._cleared:
+            is_clear = self._clear_nodes(layers[0], np.arange(len(is_clear)))
+        centering[0] = np.where(is_clear, centering[0], np.inf)
+
+        def cheapest(costs: list[Array], known: float) -> LayerPath:
+            if among is not None:
+                way = among.cheapest(costs[0], steps.allowed, steps.valid)
+                if len(way.nodes) == len(layers):
+                    return way
+            least, before = max(expected, sum(float(cost.min()) for cost in costs)), 0
+            for share in within:
+                at_most = least * (1.0 + share)
+                if 0.0 < at_most < known:
+                    way = steps.cheapest(costs, at_most, record)
+                    number = len(way.nodes)
+                    if number == len(layers) or self._is_blocked(layers[number]):
+                        return way
+                    again = number == before
+                    ended = self._ended_about(
+                        way, layers, waypoints, grid, strictness, most, far=again
+                    )
+                    if ended is not None:
+                        return ended
+                    before = number
+            return steps.cheapest(costs, known, record)
+
+        if not objective.margin:
+            return cheapest(centering, known)
+        margins = [objective.margins(layer.q) for layer in layers]
+        margins[0] = np.where(is_clear, margins[0], -np.inf)
+        # No path is wider than the narrowest layer.
+        top = min(float(margin.max()) for margin in margins)
+        for share in (*_LOOKED_WITHIN, np.inf):
+            at_least = max(known, top * (1.0 - share)) if share < np.inf else known
+            widest = widest_path(
+                margins, steps.connections,
+                at_least=at_least, allowed=steps.allowed, valid=steps.valid,
+            )  # fmt: skip
+            if np.isfinite(widest.value):
+                break
+        else:
+            return widest
+        # Of many paths of equal width, take the most central.
+        narrow = [margin < widest.value for margin in margins]
+        centering = [np.where(n, np.inf, cost) for n, cost in zip(narrow, centering, strict=True)]
+        return cheapest(centering, np.inf)
+
+    def _between(
+        self,
+        layers: list[Layer],
+        waypoints: list[int],
+        grid: Grid,
+        strictness: float,
+        most: float,
+    ) -> LayerSearch:
+        """The steps from each layer to the next, as :meth:`_layer_path` searches them."""
         objective = self.objective
         allowed = [
             np.minimum(self.limits.steps[a:b].sum(axis=0), np.maximum(most, self.limits.steps[a]))
             for a, b in itertools.pairwise(waypoints)
         ]
+        weight = (objective.centering + objective.margin) / len(layers)
+        price = _PRICE * weight + _PRICE_OF_TRAVEL * objective.travel
+        bands, attempt = self.rows.hard, _STRICTNESS.index(strictness)
+        loose = {unit: allowed[attempt] for unit, allowed in _LOOSE.items()}
+        if bands.lazy and attempt:  # no program leads around what an edge has passed through
+            loose["m"] = BETWEEN["m"]
 
         def connections(number: int, alive: Indices) -> Edges:
             self._progress(f"{grid}: steps", (number + 1) / len(layers))
@@ -717,48 +854,37 @@ class PlanSearch:
         def clear(number: int, nodes: Indices) -> Mask:
             return self._clear_nodes(layers[number], nodes)
 
-        bands, attempt = self.rows.hard, _STRICTNESS.index(strictness)
-        loose = {unit: allowed[attempt] for unit, allowed in _LOOSE.items()}
-        if bands.lazy and attempt:  # no program leads around what an edge has passed through
-            loose["m"] = BETWEEN["m"]
         valid, keeps = kept if bands else None, clear if self._cleared else None
-        weight = (objective.centering + objective.margin) / len(layers)
-        price = _PRICE * weight + _PRICE_OF_TRAVEL * objective.travel
-        centering = [weight * objective.ranges.centring(layer.q) for layer in layers]
+        # Edges between all waypoints are validated. Of a long stretch these would be too many to be
+        # recorded.
+        every = len(waypoints) == waypoints[-1] - waypoints[0] + 1
+        records = self._cleared and bands.lazy and every and not _is_long(waypoints)
+        return LayerSearch(connections, along, keeps, valid, records)
 
-        def cheapest(costs: list[Array], most: float) -> LayerPath:
-            def best(at_most: float) -> LayerPath:
-                return cheapest_path(
-                    costs, connections, along, at_most=at_most, allowed=keeps, valid=valid
-                )
+    def _ended_about(
+        self,
+        way: LayerPath,
+        layers: list[Layer],
+        waypoints: list[int],
+        grid: Grid,
+        strictness: float,
+        most: float,
+        *,
+        far: bool,
+    ) -> LayerPath | None:
+        """A path that ends around the place where another has, whatever it costs.
 
-            least = max(expected, sum(float(cost.min()) for cost in costs))
-            for share in within:
-                at_most = least * (1.0 + share)
-                if 0.0 < at_most < most:
-                    way = best(at_most)
-                    if len(way.nodes) == len(layers) or self._is_blocked(layers[len(way.nodes)]):
-                        return way
-            return best(most)
-
-        if not objective.margin:
-            return cheapest(centering, known)
-        margins = [objective.margins(layer.q) for layer in layers]
-        # No path is wider than the narrowest layer.
-        top = min(float(margin.max()) for margin in margins)
-        for share in (*_LOOKED_WITHIN, np.inf):
-            at_least = max(known, top * (1.0 - share)) if share < np.inf else known
-            widest = widest_path(
-                margins, connections, at_least=at_least, allowed=keeps, valid=valid
-            )
-            if np.isfinite(widest.value):
-                break
-        else:
-            return widest
-        # Of many paths of equal width, take the most central.
-        narrow = [margin < widest.value for margin in margins]
-        centering = [np.where(n, np.inf, cost) for n, cost in zip(narrow, centering, strict=True)]
-        return cheapest(centering, np.inf)
+        What no path passes at whatever cost is not searched again at a higher one. Looks ``far``
+        back, too, twice as far each time: a branch on which it is passed may have begun there.
+        """
+        if not (self._cleared and _is_long(waypoints) and way.nodes):
+            return None
+        first, last = self._about(way, waypoints)
+        ended = self._ended_at((first, last), layers, waypoints, grid, strictness, most)
+        while ended is None and far and first > 0:
+            first -= last - first
+            ended = self._ended_at((first, last), layers, waypoints, grid, strictness, most)
+        return ended
 
     def _look_between(self, path: Array) -> None:
         """Have edges evaluated at more places where a path (N, nv) is outside between waypoints.
@@ -772,32 +898,44 @@ class PlanSearch:
     def _ended_again(
         self, layers: list[Layer], waypoints: list[int], grid: Grid, strictness: float, most: float
     ) -> LayerPath | None:
-        """A path that ends where that of a coarser stage did; ``None`` if these places are passed.
-
-        They are searched from every configuration some waypoints before them, which takes a
-        fraction of the search of the whole path.
-        """
-        for before, after in self._ends:
-            near = [
-                k for k, index in enumerate(waypoints) if before - _ABOUT <= index <= after + _ABOUT
-            ]
-            if len(near) < 2:  # of a coarser stage
-                continue
-            first, last = near[0], near[-1] + 1
-            own = layers[first:last]
-            own[0] = self._cleared_layer(own[0], waypoints[first])
-            way = LayerPath([], np.inf)
-            if len(own[0].q):
-                known = -np.inf if self.objective.margin else np.inf
-                way = self._layer_path(
-                    own, waypoints[first:last], grid, strictness, known, most=most, within=()
-                )
-            if len(way.nodes) < len(own):
-                if way.nodes:  # as an index into the layer itself
-                    from_here = own[0].q[way.nodes[0]]
-                    way.nodes[0] = int((layers[first].q == from_here).all(axis=1).argmax())
-                return LayerPath([0] * first + way.nodes, np.inf)
+        """A path that ends where another search did; ``None`` if these places are passed."""
+        for stretch in self._ends:
+            way = self._ended_at(stretch, layers, waypoints, grid, strictness, most)
+            if way is not None:
+                return way
         return None
+
+    def _about(self, way: LayerPath, waypoints: list[int]) -> tuple[int, int]:
+        """First and last waypoint around the place where a path has ended."""
+        number = max(len(way.nodes), 1)
+        return waypoints[number - 1] - _ABOUT, waypoints[number] + _ABOUT
+
+    def _ended_at(
+        self,
+        stretch: tuple[int, int],
+        layers: list[Layer],
+        waypoints: list[int],
+        grid: Grid,
+        strictness: float,
+        most: float,
+    ) -> LayerPath | None:
+        """A path that ends in a stretch of waypoints; ``None`` if that is passed.
+
+        It is searched from every configuration at the first of them, which takes a fraction of the
+        search of the whole path.
+        """
+        first, last = stretch
+        near = [k for k, index in enumerate(waypoints) if first <= index <= last]
+        if len(near) < 2:  # of a coarser stage
+            return None
+        part = slice(near[0], near[-1] + 1)
+        known = -np.inf if self.objective.margin else np.inf
+        way = self._layer_path(
+            layers[part], waypoints[part], grid, strictness, known, most=most, within=()
+        )
+        if len(way.nodes) == len(near):
+            return None
+        return LayerPath([0] * near[0] + way.nodes, np.inf, stretch)
 
     def _unwound(self, difference: Array) -> Array:
         """Differences of configurations, modulo whole turns that do not matter."""
@@ -903,6 +1041,11 @@ def _left(worst: Violation, grid: Grid, covered: bool) -> Certificate:
         where = (worst.waypoint + 1,)
         detail = f"at waypoint {where[0]} the best is outside by {amount}"
     return Certificate("band", grid, where, (), covered, detail, (worst.name,))
+
+
+def _is_long(waypoints: Sequence[int]) -> bool:
+    """Whether waypoints reach far beyond a place that is searched by itself."""
+    return waypoints[-1] - waypoints[0] > 4 * _ABOUT
 
 
 def _alike(value: float, best: float, share: float = _ROUNDED) -> bool:

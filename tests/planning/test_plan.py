@@ -33,10 +33,19 @@ from qp_twist.planning.path_rows import PathRows
 from qp_twist.planning.refine import refine
 from qp_twist.planning.roll_grid import RollGrid
 from qp_twist.planning.search import PlanSearch
-from qp_twist.planning.shortest_path import Edges, cheapest_path, edges, widest_path
+from qp_twist.planning.shortest_path import (
+    Candidates,
+    Edges,
+    LayerPath,
+    Record,
+    cheapest_path,
+    edges,
+    widest_path,
+)
 
 ROOT = Path(__file__).parents[2]
 Array = np.ndarray
+Mask = np.ndarray
 SEEDS = st.integers(0, 2**32 - 1)
 BLOCKS = ("full", "plane", "line", "none")
 
@@ -187,6 +196,46 @@ def test_the_shortest_way_is_dijkstras(seed: int) -> None:
             match = (links[k].start == pair[0]) & (links[k].end == pair[1])
             walked += costs[k][match].min()
         assert walked == pytest.approx(way.value)
+
+
+@given(SEEDS)
+@settings(max_examples=100)
+def test_the_best_of_the_recorded_ways_is_the_best_that_is_allowed(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    sizes = rng.integers(2, 8, rng.integers(2, 7))
+    nodes = [rng.uniform(0.0, 1.0, size) for size in sizes]
+    links = [Edges(*np.nonzero(rng.uniform(size=pair) < 0.6)) for pair in itertools.pairwise(sizes)]
+    costs = [rng.uniform(0.0, 1.0, len(link.start)) for link in links]
+    clear = [rng.uniform(size=size) < 0.8 for size in sizes]
+    good = [rng.uniform(size=pair) < 0.7 for pair in itertools.pairwise(sizes)]
+    looked_at: set[tuple[int, int, int]] = set()
+
+    def valid(k: int, edge: Edges) -> Mask:
+        new = {(k, int(i), int(j)) for i, j in zip(edge.start, edge.end, strict=True)}
+        assert not new & looked_at, "an edge is looked at twice"
+        looked_at.update(new)
+        return good[k][edge.start, edge.end]
+
+    def direct(at_most: float, record: Record | None = None, *, asks: bool) -> LayerPath:
+        return cheapest_path(
+            [first if asks else nodes[0], *nodes[1:]],
+            lambda k, alive: _of(links[k], alive), lambda k, e: _cost(links[k], costs[k], e),
+            at_most=at_most, record=record,
+            allowed=(lambda k, reached: clear[k][reached]) if asks else None,
+            valid=(lambda k, e: good[k][e.start, e.end]) if asks else None,
+        )  # fmt: skip
+
+    first = np.where(clear[0], nodes[0], np.inf)
+    best = direct(np.inf, asks=True)
+    for at_most in (0.5 * len(sizes), 1.5 * len(sizes)):
+        record = Record()
+        way = direct(at_most, record, asks=False)
+        assert record.is_complete == (len(way.nodes) == len(sizes))
+        if not record.is_complete:
+            continue
+        looked_at.clear()
+        found = Candidates(record).cheapest(first, lambda k, reached: clear[k][reached], valid)
+        assert found.value == (pytest.approx(best.value) if best.value <= at_most else np.inf)
 
 
 def _of(link: Edges, alive: Array) -> Edges:
