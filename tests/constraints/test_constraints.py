@@ -126,7 +126,7 @@ def test_a_check_refutes_what_leaves_it_between_waypoints_only(depth: float, pas
     assert found["outside half-space"].where.startswith("tool, waypoint")
     assert found["outside half-space between"].passes == passes
     if not passes:
-        assert found["outside half-space between"].where == "waypoints 2 to 3"
+        assert found["outside half-space between"].where == "tool, waypoints 2 to 3"
         assert found["outside half-space between"].value == pytest.approx(depth - 0.05, rel=1e-6)
         assert "outside half-space between" in str(check.verdict)
 
