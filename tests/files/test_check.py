@@ -450,7 +450,7 @@ def test_between_the_waypoints_a_hard_band_is_held_to_the_tolerance(
     band = found(check, "outside a band between")
     assert band.passes == passes
     assert band.value == pytest.approx(max(over, 0.0) * tolerance, rel=0.02)
-    assert band.where == "waypoints 1 to 2, roll band"
+    assert band.where == "roll band, waypoints 1 to 2"
     assert band.bound is not None
     assert band.bound >= max(over, 0.0) * tolerance * (1.0 - 1e-9)
     assert found(check, "outside a band").passes
