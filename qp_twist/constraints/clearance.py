@@ -11,7 +11,7 @@ import mujoco
 import numpy as np
 import numpy.typing as npt
 
-from qp_twist.checks import Array, Indices, Mask, instance, number
+from qp_twist.checks import Array, Indices, Mask, checked, instance, number
 from qp_twist.constraints.colliding_pairs import (
     check_shapes,
     colliding_pairs,
@@ -37,6 +37,14 @@ PLANNED_WITHIN = 0.3
 """Margin below which a plan has a row for a pair, m."""
 _MOSTLY_WITHIN = 0.15
 """Margin within which there are mostly so many pairs: these are looked for first, m."""
+
+
+def _length(clearance: Clearance, name: str, value: float) -> float:
+    return number(f"Clearance({name}=…)", value, at_least=0.0)
+
+
+def _speed(clearance: Clearance, name: str, value: float) -> float:
+    return number(f"Clearance({name}=…)", value, above=0.0)
 
 
 class NearestPair(NamedTuple):
@@ -75,13 +83,16 @@ class Clearance(Constraint):
 
     Attributes:
         model: The robot and what is around it.
-        distance: d_min, m.
+        distance: d_min, m; it may be changed between two steps.
+        recovery_speed: Speed at which a pair that is too near is moved apart, m/s; likewise.
         pairs: Ids of the two geoms of each pair, (P, 2).
         ignored: The pairs of names that may touch.
         has_begun: Whether a step is being computed, possibly several times.
     """
 
     kind = "clearance"
+    distance: float = checked(_length)
+    recovery_speed: float = checked(_speed)
 
     def __init__(
         self,
@@ -108,8 +119,7 @@ class Clearance(Constraint):
         """
         instance("Clearance(model, …)", model, mujoco.MjModel)
         self.model = model
-        self.distance = number("Clearance(distance=…)", distance, at_least=0.0)
-        self.recovery_speed = number("recovery_speed", recovery_speed, above=0.0)
+        self.distance, self.recovery_speed = distance, recovery_speed
         if not isinstance(ignore, Iterable):
             raise InvalidInput(f"Clearance(ignore=…): expected pairs of names, got {ignore!r}.")
         self.ignored = tuple(_two_names(pair) for pair in ignore)
@@ -138,7 +148,7 @@ class Clearance(Constraint):
         from qp_twist.constraints.clearance_step import ClearanceStep
 
         ranges = JointRanges.of(self.model)
-        return ClearanceStep(self._shapes, ranges, self.distance, self.recovery_speed)
+        return ClearanceStep(self._shapes, ranges)
 
     # ------------------------------------------------------------------ as every constraint
 
@@ -215,6 +225,7 @@ class Clearance(Constraint):
             hardest: Their acceleration limits, rad/s² or m/s², (nv,); ∞ where there are none.
         """
         self._shapes.take_mocap(configuration.data)
+        self.in_step.distance, self.in_step.recovery = self.distance, self.recovery_speed
         self.in_step.begin(velocity, hardest)
         self.has_begun = True
 
@@ -265,11 +276,11 @@ class Clearance(Constraint):
         """The least distance on a motion whose joints go straight from row to row of q (N, nq).
 
         Between the rows it is searched by subdivision, until no part can be nearer by
-        10 µm; ``None`` if there are no pairs.
+        10 µm; ``None`` if there are no pairs or no rows.
         """
-        if not len(self.pairs):
-            return None
         q = np.asarray(q, dtype=np.float64)
+        if not len(self.pairs) or not len(q):
+            return None
         begin, share, step = np.arange(len(q) - 1), np.zeros(len(q) - 1), 1.0
         best = NearestPair(np.inf, 0.0, "")
         at = np.arange(len(q), dtype=np.float64)

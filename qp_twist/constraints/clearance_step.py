@@ -45,16 +45,17 @@ class ClearanceStep:
     Attributes:
         arrays: Those of the cell and of the rows, as ``rows_apart`` takes them.
         count: Number of rows of the present step; −1 if they are not known yet.
+        distance: The distance to keep, m.
         recovery: Speed at which a pair that is too near is moved apart, m/s.
     """
 
-    def __init__(
-        self, shapes: MovingShapes, ranges: JointRanges, distance: float, recovery: float
-    ) -> None:
-        """Allocate them for the pairs of ``shapes`` and a distance to keep, m."""
+    distance: float
+    recovery: float
+
+    def __init__(self, shapes: MovingShapes, ranges: JointRanges) -> None:
+        """Allocate them for the pairs of ``shapes``; distance and speed are set for each step."""
         nq, nv = ranges.nq, len(ranges.lower)
-        self._shapes, self._distance, self._cell = shapes, distance, shapes.arrays
-        self.recovery = recovery
+        self._shapes, self._cell = shapes, shapes.arrays
         pairs = shapes.count
         # Pairs and joints have rows; then come corrections, and those that hold a velocity.
         size = ApartSizes(nq, nv, pairs, 2 * pairs + 200 + 4 * nv)
@@ -81,7 +82,7 @@ class ClearanceStep:
     @property
     def settings(self) -> tuple[float, float, float, bool]:
         """What ``rows_apart`` takes after dt."""
-        return self._distance, HORIZON, self.recovery, self._shapes.has_moved
+        return self.distance, HORIZON, self.recovery, self._shapes.has_moved
 
     def rows(self, q: Array, dt: float) -> PairRows:
         """The rows at a configuration q (nq,), and corrections that have been added."""
@@ -106,7 +107,7 @@ class ClearanceStep:
         """By how much a velocity (nv,) leads below what it may leave of the margins, m."""
         _, then, integers = self._cell
         lack: float = lack_apart(
-            then, integers, self._floats, self._integers, velocity, dt, self._distance
+            then, integers, self._floats, self._integers, velocity, dt, self.distance
         )
         return lack
 
@@ -118,7 +119,7 @@ class ClearanceStep:
         _, then, integers = self._cell
         before = self.count
         self.count = correct_apart(
-            then, integers, self._floats, self._integers, velocity, dt, self._distance, before
+            then, integers, self._floats, self._integers, velocity, dt, self.distance, before
         )
         return self.count > before
 

@@ -151,6 +151,11 @@ def corrected_start(
         f"{np.degrees(np.linalg.norm(error[3:])):.3g} degrees away. Give a start nearer to it, or "
         "move the path into the robot's reach."
         + (f" In the way: {', '.join(map(str, binding))}." if binding else "")
+        + (
+            " A pair that may touch belongs into ignore of the clearance."
+            if any(limit.kind == Clearance.kind for limit in binding)
+            else ""
+        )
     )
 
 

@@ -667,6 +667,35 @@ def test_before_a_wall_and_an_obstacle_kernel_and_reference_agree(mode: str) -> 
     assert min(seen.values()) > 10
 
 
+def test_the_distance_may_be_changed_between_two_steps() -> None:
+    """A tool in front of a wall moves away from it, and says why."""
+    model = mujoco.MjModel.from_xml_string(PLANAR)
+    clearance = qt.Clearance(model, distance=0.02)
+    task = qt.TwistTask("tool", "site", qt.TwistProjector(
+        linear=qt.Projector.plane([0, 0, 1]), angular=qt.Projector.none()
+    ))  # fmt: skip
+    limits = [clearance, qt.MotionLimit(model, velocity=3.0)]
+    controller = qt.Controller(model, [task], limits=limits)
+    configuration = mink.Configuration(model, np.array([2.0, -1.0]))
+    task.set_target(mink.SE3.from_translation(np.array([1.0, 0.0, 0.0])))
+
+    def after(steps: int) -> tuple[float, qt.Step]:
+        for _ in range(steps):
+            step = controller.step(configuration, 0.01)
+            configuration.integrate_inplace(step.velocity, 0.01)
+        return float(Distances(model).at(configuration.q).of(clearance.pairs).min()), step
+
+    assert after(200)[0] == pytest.approx(0.02, abs=1e-3)
+    clearance.distance = 0.05
+    assert "recovering: wall to hand is 0.029" in after(1)[1].message
+    assert after(100)[0] == pytest.approx(0.05, abs=1e-3)
+    for wrong in (-0.1, np.nan, "5 mm"):
+        with pytest.raises(qt.InvalidInput, match=r"Clearance\(distance="):
+            clearance.distance = wrong  # type: ignore[assignment]
+    with pytest.raises(qt.InvalidInput, match=r"Clearance\(recovery_speed="):
+        clearance.recovery_speed = 0.0
+
+
 def at_rest_before_what_comes(
     model: mujoco.MjModel, velocity: float
 ) -> tuple[qt.Controller, qt.Clearance]:
