@@ -182,9 +182,16 @@ class Clearance(Constraint):
         """
         return self._shapes.changes(q, travel)
 
-    def least(self, before: Array, after: Array, travel: Array) -> Array:
-        """As for every constraint, with distances only where bounds of them do not suffice."""
-        least: Array = self._shapes.least(before, after, travel, self.distance) - self.distance
+    def least(
+        self, before: Array, after: Array, travel: Array, curve: Array | None = None
+    ) -> Array:
+        """As for every constraint, with distances only where bounds of them do not suffice.
+
+        Where ``curve`` is known, the bound comes closer with the square of the travel: see
+        ``qp_twist/kernel/clearance_kernel.py``.
+        """
+        shapes, asked = self._shapes, self.distance
+        least: Array = shapes.least(before, after, travel, curve, asked) - asked
         return least
 
     def rows(self, q: Array) -> tuple[Array, Array, Indices]:
@@ -289,7 +296,8 @@ class Clearance(Constraint):
             best = self._nearer(best, points, at)
             left = q[begin] + share[:, None] * (q[begin + 1] - q[begin])
             right = left + step * (q[begin + 1] - q[begin])
-            least = self._shapes.least(left, right, np.abs(right - left), best.distance)
+            travel, straight = np.abs(right - left), np.zeros_like(left)
+            least = self._shapes.least(left, right, travel, straight, best.distance)
             open_ = least.min(axis=1) < best.distance - RESOLUTION
             begin, share, step = begin[open_], share[open_], 0.5 * step
             if not len(begin):

@@ -77,17 +77,22 @@ class Constraint(mink.Limit):
         """Which configurations q (N, nq) violate no margin by more than a tolerance, (N,)."""
         return np.asarray((self.bounded(q, -tolerance) >= -tolerance).all(axis=1))
 
-    def least(self, before: Array, after: Array, travel: Array) -> Array:
+    def least(
+        self, before: Array, after: Array, travel: Array, curve: Array | None = None
+    ) -> Array:
         r"""Lower bound of each margin on motions from one configuration to another, (N, k).
 
         With margins :math:`m_0` at the start and :math:`m_1` at the end, and a total variation of
         at most c, the margin stays above :math:`(m_0 + m_1 - c)/2`. A subclass may return a tighter
-        bound; it has to hold for every motion within that travel, straight or not.
+        bound; it has to hold for every motion within the bounds of travel and curve.
 
         Args:
             before: Start of the motions, (N, nq).
             after: Their end, (N, nq).
-            travel: As in :meth:`change`.
+            travel: As in :meth:`change`; with ``curve`` the largest :math:`|dq/ds|`, too.
+            curve: Largest :math:`|d^2q/ds^2|` of each degree of freedom, with s from 0 at the start
+                to 1 at the end, rad or m, (N, nv): 0 where the joints move straight. ``None`` where
+                it is not known.
         """
         change = self.change(before, travel)
         if not (np.asarray(change) >= 0.0).all():  # false for NaN
@@ -176,6 +181,11 @@ def check_constraint(label: str, constraint: Constraint, model: mujoco.MjModel) 
         ("margins(q)", partial(constraint.margins, q), (2, count)),
         ("gradients(q)", partial(constraint.gradients, q), (2, count, model.nv)),
         ("change(q, travel)", partial(constraint.change, q, travel), (2, count)),
+        (
+            "least(before, after, travel, curve)",
+            partial(constraint.least, q, q, travel, np.zeros_like(travel)),
+            (2, count),
+        ),
     ):
         call = f"{label}: {what} of two configurations (2, {model.nq})"
         try:

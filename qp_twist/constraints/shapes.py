@@ -97,13 +97,19 @@ class MovingShapes:
         changes(self._floats.copy(), self._integers, q, travel, found)
         return found
 
-    def least(self, before: Array, after: Array, travel: Array, distance: float) -> Array:
+    def least(
+        self, before: Array, after: Array, travel: Array, curve: Array | None, distance: float
+    ) -> Array:
         """Lower bounds of the distances between two configurations, sharp below ``distance``."""
         before, after = self._configurations(before), self._configurations(after)
         travel = _rows("travel", travel, self._model.nv)
+        unknown = np.full_like(travel, np.inf)
+        curve = unknown if curve is None else _rows("curve", curve, self._model.nv)
         found = np.zeros((len(before), len(self._pairs)))
         sharp = max(distance, 0.0)
-        least_distances(self._floats.copy(), self._integers, before, after, travel, sharp, found)
+        least_distances(
+            self._floats.copy(), self._integers, before, after, travel, curve, sharp, found
+        )
         return found
 
     def take_mocap(self, data: mujoco.MjData) -> None:

@@ -88,6 +88,8 @@ class Places(NamedTuple):
     """Scratch of :func:`least_distances`."""
     near: Annotated[Floats, "pairs"]
     """Likewise."""
+    bend: Annotated[Floats, "pairs"]
+    """Likewise."""
     center_before: Annotated[Floats, "shapes", 3]
     """Centres of the balls at the configuration before."""
     R_before: Annotated[Floats, "shapes", 9]
@@ -364,6 +366,15 @@ def first_below(floats, integers, q, distance, out):
                 break
 
 
+@part
+def _arm_of(cell, joint, g):
+    """Largest distance of the points of a shape's ball from the axis of a hinge, m."""
+    a, p, c = cell.places.axis[joint], cell.places.anchor[joint], cell.places.center[g]
+    x, y, z = c[0] - p[0], c[1] - p[1], c[2] - p[2]
+    u, v, w = a[1] * z - a[2] * y, a[2] * x - a[0] * z, a[0] * y - a[1] * x
+    return math.sqrt(u * u + v * v + w * w) + cell.shapes.ball[g]
+
+
 @plain
 def change_of(cell, pair, travel):
     """Largest change of a pair's distance while joints travel by at most ``travel`` (nv,), m.
@@ -371,7 +382,7 @@ def change_of(cell, pair, travel):
     A point of a shape at the distance r from a hinge's axis moves by at most r |θ|, and r changes
     by no more than the joints between them move the shape.
     """
-    tree, pairs, places, shapes = cell.tree, cell.pairs, cell.places, cell.shapes
+    tree, pairs = cell.tree, cell.pairs
     total, change = 0.0, 0.0
     for k in range(pairs.first[pair], pairs.last[pair]):
         if k == pairs.middle[pair]:
@@ -382,11 +393,47 @@ def change_of(cell, pair, travel):
             change += moved
             continue
         g = pairs.one[pair] if k < pairs.middle[pair] else pairs.other[pair]
-        a, p, c = places.axis[joint], places.anchor[joint], places.center[g]
-        x, y, z = c[0] - p[0], c[1] - p[1], c[2] - p[2]
-        u, v, w = a[1] * z - a[2] * y, a[2] * x - a[0] * z, a[0] * y - a[1] * x
-        change += moved * (math.sqrt(u * u + v * v + w * w) + shapes.ball[g] + change)
+        change += moved * (_arm_of(cell, joint, g) + change)
     return total + change
+
+
+@plain
+def _bend_of(cell, pair, travel, curve):
+    """Bound of the second derivative of the vector between points of a pair's shapes, m.
+
+    A hinge that turns by θ bends the way of a point at the distance r from its axis by θ² r, and
+    that of a point which the joints behind it move by c by another 2 θ c. Slides bend nothing.
+    """
+    tree, pairs = cell.tree, cell.pairs
+    change, bend = 0.0, 0.0
+    for k in range(pairs.first[pair], pairs.last[pair]):
+        if k == pairs.middle[pair]:
+            change = 0.0
+        joint = pairs.joints[k]
+        moved, curved = travel[pairs.dof[joint]], curve[pairs.dof[joint]]
+        if tree.slides[joint]:
+            change += moved
+            bend += curved
+            continue
+        g = pairs.one[pair] if k < pairs.middle[pair] else pairs.other[pair]
+        arm = _arm_of(cell, joint, g) + change
+        bend += moved * (moved * arm + 2.0 * change) + curved * arm
+        change += moved * arm
+    return bend
+
+
+@plain
+def _least_between(near, far, change, bend):
+    """Lower bound of a distance on the way, from those at its ends, m; see least_distances."""
+    least = max(near - change, far - change, 0.5 * (near + far - change))
+    if not (near > 0.0 and far > 0.0 and bend < math.inf):
+        return least
+    begin, end = near * near, far * far
+    curve = 2.0 * change * change + (near + far + change) * bend
+    low = min(begin, end)
+    if abs(end - begin) < 0.5 * curve:
+        low = 0.5 * (begin + end) - 0.125 * curve - (end - begin) ** 2 / (2.0 * curve)
+    return max(least, math.sqrt(low)) if low > 0.0 else least
 
 
 @plain
@@ -395,9 +442,9 @@ def _look_ahead(cell, travel):
 
     As :func:`change_of` bounds it, with all joints between the shape and the world.
     """
-    tree, pairs, places, shapes = cell.tree, cell.pairs, cell.places, cell.shapes
+    tree, pairs, places = cell.tree, cell.pairs, cell.places
     for g in range(len(places.ahead)):
-        change, body, c = 0.0, tree.body[g], places.center[g]
+        change, body = 0.0, tree.body[g]
         while body > 0:
             first = tree.joint_first[body]
             for k in range(tree.joint_count[body]):
@@ -408,10 +455,7 @@ def _look_ahead(cell, travel):
                 if tree.slides[joint]:
                     change += moved
                     continue
-                a, p = places.axis[joint], places.anchor[joint]
-                x, y, z = c[0] - p[0], c[1] - p[1], c[2] - p[2]
-                u, v, w = a[1] * z - a[2] * y, a[2] * x - a[0] * z, a[0] * y - a[1] * x
-                change += moved * (math.sqrt(u * u + v * v + w * w) + shapes.ball[g] + change)
+                change += moved * (_arm_of(cell, joint, g) + change)
             body = tree.parent[body]
         places.ahead[g] = change
 
@@ -427,13 +471,34 @@ def changes(floats, integers, q, travel, out):
 
 
 @entry
-def least_distances(floats, integers, before, after, travel, distance, out):
-    """Write lower bounds (N, P) of the distances on the way between two configurations, m.
+def least_distances(floats, integers, before, after, travel, curve, distance, out):
+    r"""Write lower bounds (N, P) of the distances on the way between two configurations, m.
 
     With the distances d₀ and d₁ at the ends and a variation of at most c, the least is at least
-    d₀ − c, d₁ − c and (d₀ + d₁ − c)/2. Distances are computed only where a bound of d₀ does not
-    show that ``distance`` is kept, and the variation of a pair only where the motion of its two
-    shapes, each for itself, could take it there from the bound known at the row before.
+    d₀ − c, d₁ − c and (d₀ + d₁ − c)/2.
+
+    It is more where the second derivatives of the joints are bounded, too. Two points of the shapes
+    that are nearest at an instant are at other instants s at least d apart. The square of their
+    distance is ‖w‖², with the second derivative 2‖w′‖² + 2 w·w″, where ‖w′‖ ≤ c, and ‖w″‖ ≤ A by
+    :func:`_bend_of`. As d is at most (d₀ + d₁ + c)/2, no second derivative of d² is above
+
+    .. math:: K = 2 c^2 + (d_0 + d_1 + c) A, \qquad
+        d^2(s) \ge (1 - s)\,d_0^2 + s\,d_1^2 - \tfrac12 K s (1 - s).
+
+    Distances are computed only where a bound of d₀ does not show that ``distance`` is kept, and the
+    variation of a pair only where the motion of its two shapes, each for itself, could take it
+    there from the bound known at the row before.
+
+    Args:
+        floats: The floats of the cell.
+        integers: Its integers.
+        before: Configurations at the beginning, (N, nq).
+        after: Those at the end, (N, nq).
+        travel: Bounds of the joints' path lengths, rad or m, (N, nv); where their second
+            derivatives are bounded, of their first derivatives with respect to s.
+        curve: Bounds of their second derivatives, rad or m, (N, nv); s goes from 0 to 1.
+        distance: Bounds above this distance may be less sharp, m.
+        out: The bounds.
     """
     cell = read_cell(floats, integers, integers)
     pairs, places = cell.pairs, cell.places
@@ -451,16 +516,18 @@ def least_distances(floats, integers, before, after, travel, distance, out):
             change = change_of(cell, pair, travel[row])
             near = _next_distance_of(cell, pair, distance + change, True)
             out[row, pair] = near - change
-            places.change[pair], places.near[pair] = change, near
-            left = left or near - change < distance
+            if near - change < distance:
+                places.change[pair], places.near[pair] = change, near
+                places.bend[pair] = _bend_of(cell, pair, travel[row], curve[row])
+                left = True
         if not left:
             continue
         place(cell, after[row])
-        for pair in range(len(cell.pairs.one)):
+        for pair in range(len(pairs.one)):
             if out[row, pair] < distance:
                 change, near = places.change[pair], places.near[pair]
                 far = distance_of(cell, pair, distance + change, True)
-                out[row, pair] = max(far - change, out[row, pair], 0.5 * (near + far - change))
+                out[row, pair] = _least_between(near, far, change, places.bend[pair])
 
 
 @plain

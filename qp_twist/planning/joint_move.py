@@ -283,8 +283,8 @@ def _kept(constraint: Constraint, begin: Array, end: Array) -> Mask:
     kept = np.ones(len(begin), dtype=bool)
     owner = np.arange(len(begin))
     while len(owner):
-        travel = np.abs(end - begin)
-        least = constraint.least(begin, end, travel).min(axis=1, initial=np.inf)
+        travel, straight = np.abs(end - begin), np.zeros_like(begin)
+        least = constraint.least(begin, end, travel, straight).min(axis=1, initial=np.inf)
         undecided = ~(least >= -BAND)
         owner, begin, end = owner[undecided], begin[undecided], end[undecided]
         middle = 0.5 * (begin + end)

@@ -32,7 +32,9 @@ class Passage(NamedTuple):
     stretch: Stretch
     """Bounds for the motion of frame and target."""
     travel: Array
-    """Bound of each joint's path length, rad or m, (K, nv)."""
+    """Bound of each joint's first derivative, with s from 0 to 1, rad or m, (K, nv)."""
+    curve: Array
+    """Bound of its second derivative, likewise."""
 
 
 class Measure(abc.ABC):
@@ -151,4 +153,5 @@ class ConstraintExcess(Measure):
 
     def most(self, before: Poses, after: Poses, passage: Passage) -> Array:
         """Violations of the lower bounds of the margins, 0 inside."""
-        return np.maximum(-self.constraint.least(before.q, after.q, passage.travel), 0.0)
+        least = self.constraint.least(before.q, after.q, passage.travel, passage.curve)
+        return np.maximum(-least, 0.0)

@@ -363,12 +363,12 @@ class _Track:
         took = right.time - left.time
         speeds = self.motion.largest_within(left.row, left.time, right.time)
         turn, turn_change, bend = self.arms.displacement(*speeds, took)
-        travel = speeds[0] * took[:, None]
+        moved = speeds[0] * took[:, None], speeds[1] * took[:, None] ** 2
         target_turn = self.intervals.turns[left.interval] * np.abs(right.share - left.share)
         if self._with_joints:
             none = np.zeros(len(took))
             stretch = Stretch(turn, turn_change, bend, target_turn, none, none)
-            return Passage(stretch, travel), none
+            return Passage(stretch, *moved), none
         curve = self.intervals.curve(left.interval, turn**2 + turn_change, bend)
         # λ is clipped to [0, 1] at each pose, but the targets are interpolated between the two
         # ends: these differ if the clipping begins or ends between them.
@@ -383,15 +383,16 @@ class _Track:
             slip * self.intervals.lengths[left.interval],
             slip * self.intervals.turns[left.interval],
         )
-        return Passage(stretch, travel), curve
+        return Passage(stretch, *moved), curve
 
     def most(self, left: _Points, right: _Points) -> Array:
         """Bounds of the measures between points and others, (K, M)."""
-        stretch, travel = self.stretches(left, right)[0]
+        stretch, *moved = self.stretches(left, right)[0]
         bounds = np.empty((len(left.time), len(self.units)))
         for which, measures in self._groups(left.interval):
             ends = left.take(which).poses, right.take(which).poses
-            here = Passage(Stretch(*(part[which] for part in stretch)), travel[which])
+            bounds_here = Stretch(*(part[which] for part in stretch))
+            here = Passage(bounds_here, *(part[which] for part in moved))
             bounds[which] = _columns([m.most(*ends, here) for m in measures], len(which))
         return bounds
 
@@ -536,7 +537,7 @@ class _Proof:
             if not len(left.time):
                 return rate, kept
             # First without subtracting errors: this is enough for most motions.
-            (stretch, _), curve = track.stretches(left, right)
+            (stretch, *_), curve = track.stretches(left, right)
             took = np.maximum(right.time - left.time, np.finfo(float).tiny)
             moved_most = (
                 np.linalg.norm(right.p - left.p, axis=1) + stretch.bend / 2.0,

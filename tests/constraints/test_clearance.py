@@ -319,6 +319,52 @@ def test_no_motion_within_the_travel_varies_a_margin_by_more_than_the_bound(seed
         assert (margins.min(axis=0) >= least - 1e-6).all()
 
 
+@settings(max_examples=60)
+@given(seed=seeds)
+def test_no_motion_with_bounded_second_derivatives_comes_nearer_than_the_bound(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    model = random_tree(rng)
+    clearance = qt.Clearance(model, distance=0.0)
+    clear = [q for q in rng.uniform(-2.0, 2.0, size=(50, model.nq)) if clearance.inside(q[None], 0)]
+    for q in clear[:5]:
+        size = rng.choice([0.01, 0.05, 0.2, 0.5])
+        rate, curve = size * rng.uniform(-1.0, 1.0, size=(2, model.nv))
+        curve *= rng.choice([0.0, 1.0])
+        s = np.linspace(0.0, 1.0, 101)[:, None]
+        motion = q + s * rate + 0.5 * s**2 * curve
+        travel = np.maximum(np.abs(rate), np.abs(rate + curve))
+        ends = motion[:1], motion[-1:], travel[None]
+        margins = clearance.margins(motion).min(axis=0)
+        clearance.distance = 10.0  # so that no bound is left as it is because it suffices
+        least = clearance.least(*ends, np.abs(curve)[None])[0] + 10.0
+        assert (margins >= least - ACCURATE).all()
+        assert (least >= clearance.least(*ends)[0] + 10.0).all()
+        clearance.distance = 0.0
+
+
+def test_the_bound_comes_closer_with_the_square_of_a_straight_motion() -> None:
+    """A ball on a hinge passes another ball, which is nearest in the middle of the motion."""
+    model = mujoco.MjModel.from_xml_string("""
+        <mujoco><worldbody>
+          <geom name="post" size="0.02" pos="0 1.07 0"/>
+          <body><joint axis="0 0 1"/>
+            <body><geom name="ball" size="0.03" pos="0 1 0"/></body></body>
+        </worldbody></mujoco>""")
+    clearance = qt.Clearance(model, distance=1.0)
+    nearest = clearance.margins(np.zeros((1, 1)))[0, 0]
+
+    def missing(half: float) -> float:
+        """By how much the bound is below the least distance, relative to the ends'."""
+        ends = np.array([[-half]]), np.array([[half]]), np.array([[2.0 * half]])
+        return float(nearest - clearance.least(*ends, np.zeros((1, 1)))[0, 0])
+
+    assert 0.0 <= missing(0.002) <= 0.26 * missing(0.004)
+    assert missing(0.004) <= 0.2 * 0.004
+    # Without knowing that it is straight, the bound is that of the variation.
+    ends = np.array([[-0.004]]), np.array([[0.004]]), np.array([[0.008]])
+    assert nearest - clearance.least(*ends)[0, 0] >= 0.9 * 0.004
+
+
 @given(seeds)
 @settings(max_examples=30, deadline=None)
 def test_what_is_known_of_a_configuration_is_no_more_than_holds_at_the_next(seed: int) -> None:

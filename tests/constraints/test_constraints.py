@@ -440,10 +440,25 @@ def test_margins_that_are_no_numbers_or_may_not_change_are_named_and_prove_nothi
             return -super().change(q, travel)
 
     run = qt.follow(task, "qp_gradient")
-    for kind, match in ((NanElsewhere, "margins.* is NaN at q"), (Backwards, "at least 0")):
-        made = kind(task.model, "link_3", "body", [0.0, 0.0, 1.0], -1.0)
-        kept = dataclasses.replace(task, constraints=(made,))
-        with pytest.raises(qt.InvalidInput, match=match):
-            check_trajectory(run, kept)
-        with pytest.raises(qt.InvalidInput, match=match):
-            qt.plan(kept)
+    made = NanElsewhere(task.model, "link_3", "body", [0.0, 0.0, 1.0], -1.0)
+    kept = dataclasses.replace(task, constraints=(made,))
+    with pytest.raises(qt.InvalidInput, match=r"margins.* is NaN at q"):
+        check_trajectory(run, kept)
+    with pytest.raises(qt.InvalidInput, match=r"margins.* is NaN at q"):
+        qt.plan(kept)
+    backwards = Backwards(task.model, "link_3", "body", [0.0, 0.0, 1.0], -1.0)
+    with pytest.raises(qt.InvalidInput, match="at least 0"):
+        dataclasses.replace(task, constraints=(backwards,))
+
+
+def test_a_bound_that_takes_no_second_derivatives_is_refused() -> None:
+    task = qt.load_task("planar_line")
+
+    class WithoutCurve(HalfSpace):  # type: ignore[misc, valid-type]
+        def least(self, before: Array, after: Array, travel: Array) -> Array:
+            least: Array = super().least(before, after, travel)
+            return least
+
+    made = WithoutCurve(task.model, "link_3", "body", [0.0, 0.0, 1.0], -1.0)
+    with pytest.raises(qt.InvalidInput, match=r"least\(before, after, travel, curve\)"):
+        dataclasses.replace(task, constraints=(made,))
