@@ -106,30 +106,42 @@ read_edge = reader(EDGE)
 
 
 @plain
+def _squares(A, square):
+    """Write the squared lengths of rows, and return their sum."""
+    whole = 0.0
+    for i in range(len(A)):
+        total = 0.0
+        for k in range(A.shape[1]):
+            total += A[i, k] * A[i, k]
+        square[i] = total
+        whole += total
+    return whole
+
+
+@plain
 def rotate(A, rate, forward, square):
     """Rotate rows (m, n), and with them two columns (m,), until the rows are orthogonal.
 
     One-sided Jacobi: Hestenes, J. SIAM 6 (1958). ``square`` receives σ².
     """
     m, n = A.shape
-    whole = 0.0
-    for row in range(m):
-        for i in range(n):
-            whole += A[row, i] * A[row, i]
     turned, sweeps = True, 0
     while turned and sweeps < SWEEPS:
         turned, sweeps = False, sweeps + 1
+        whole = _squares(A, square)
         for i in range(m):
             for j in range(i):
-                first, second, both = 0.0, 0.0, 0.0
+                both = 0.0
                 for k in range(n):
-                    first += A[i, k] * A[i, k]
-                    second += A[j, k] * A[j, k]
                     both += A[i, k] * A[j, k]
+                first, second = square[i], square[j]
                 if abs(both) <= ROUNDING * max(math.sqrt(first * second), ROUNDING * whole):
                     continue
                 turned = True
                 cos, sin = jacobi_rotation(first, second, both)
+                # What one row loses in length the other one gains; rounding is left for a sweep.
+                moved = both * sin / cos
+                square[i], square[j] = max(first - moved, 0.0), second + moved
                 for k in range(n):
                     a, b = A[i, k], A[j, k]
                     A[i, k], A[j, k] = cos * a - sin * b, sin * a + cos * b
@@ -137,11 +149,7 @@ def rotate(A, rate, forward, square):
                 rate[i], rate[j] = cos * a - sin * b, sin * a + cos * b
                 a, b = forward[i], forward[j]
                 forward[i], forward[j] = cos * a - sin * b, sin * a + cos * b
-    for i in range(m):
-        total = 0.0
-        for k in range(n):
-            total += A[i, k] * A[i, k]
-        square[i] = total
+    _squares(A, square)
 
 
 @plain

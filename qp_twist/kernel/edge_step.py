@@ -384,10 +384,12 @@ def relaxed_cost(e, c, goal, first, end, more, weight, H, linear):
         e.scratch[k] = weight * (c[k] + e.scratch[k])
     _times(N, e.scratch, linear)
     for j in range(n):
-        _times(e.cost, N[j], e.scratch)  # N is symmetric
-        _times(N, e.scratch, e.motion)
-        for k in range(n):
-            H[k, j] = weight * e.motion[k]
+        _times(e.cost, N[j], e.scratch)
+        for k in range(j, n):  # N is symmetric, and so is N H N
+            total = 0.0
+            for i in range(n):
+                total += N[k, i] * e.scratch[i]
+            H[k, j] = H[j, k] = weight * total
     for i in range(first, end):
         damped = (e.damped[i] + more) / e.floor[i]
         for k in range(n):
