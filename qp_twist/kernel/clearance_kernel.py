@@ -375,40 +375,20 @@ def _arm_of(cell, joint, g):
     return math.sqrt(u * u + v * v + w * w) + cell.shapes.ball[g]
 
 
-@plain
-def change_of(cell, pair, travel):
-    """Largest change of a pair's distance while joints travel by at most ``travel`` (nv,), m.
+@part
+def _motion_of(cell, pair, travel, curve):
+    """Bounds of the first and second derivative of the vector between points of a pair, m.
 
     A point of a shape at the distance r from a hinge's axis moves by at most r |θ|, and r changes
-    by no more than the joints between them move the shape.
+    by no more than the joints between them move the shape. A hinge that turns by θ bends the way of
+    such a point by θ² r, and by another 2 θ c if the joints behind it move the point by c. Slides
+    bend nothing. Second derivatives of the joints, at most ``curve`` (nv,), count as travel does.
     """
     tree, pairs = cell.tree, cell.pairs
-    total, change = 0.0, 0.0
+    total, change, bend = 0.0, 0.0, 0.0
     for k in range(pairs.first[pair], pairs.last[pair]):
         if k == pairs.middle[pair]:
             total, change = change, 0.0
-        joint = pairs.joints[k]
-        moved = travel[pairs.dof[joint]]
-        if tree.slides[joint]:
-            change += moved
-            continue
-        g = pairs.one[pair] if k < pairs.middle[pair] else pairs.other[pair]
-        change += moved * (_arm_of(cell, joint, g) + change)
-    return total + change
-
-
-@plain
-def _bend_of(cell, pair, travel, curve):
-    """Bound of the second derivative of the vector between points of a pair's shapes, m.
-
-    A hinge that turns by θ bends the way of a point at the distance r from its axis by θ² r, and
-    that of a point which the joints behind it move by c by another 2 θ c. Slides bend nothing.
-    """
-    tree, pairs = cell.tree, cell.pairs
-    change, bend = 0.0, 0.0
-    for k in range(pairs.first[pair], pairs.last[pair]):
-        if k == pairs.middle[pair]:
-            change = 0.0
         joint = pairs.joints[k]
         moved, curved = travel[pairs.dof[joint]], curve[pairs.dof[joint]]
         if tree.slides[joint]:
@@ -419,7 +399,13 @@ def _bend_of(cell, pair, travel, curve):
         arm = _arm_of(cell, joint, g) + change
         bend += moved * (moved * arm + 2.0 * change) + curved * arm
         change += moved * arm
-    return bend
+    return total + change, bend
+
+
+@plain
+def change_of(cell, pair, travel):
+    """Largest change of a pair's distance while joints travel by at most ``travel`` (nv,), m."""
+    return _motion_of(cell, pair, travel, travel)[0]
 
 
 @plain
@@ -480,7 +466,7 @@ def least_distances(floats, integers, before, after, travel, curve, distance, ou
     It is more where the second derivatives of the joints are bounded, too. Two points of the shapes
     that are nearest at an instant are at other instants s at least d apart. The square of their
     distance is ‖w‖², with the second derivative 2‖w′‖² + 2 w·w″, where ‖w′‖ ≤ c, and ‖w″‖ ≤ A by
-    :func:`_bend_of`. As d is at most (d₀ + d₁ + c)/2, no second derivative of d² is above
+    :func:`_motion_of`. As d is at most (d₀ + d₁ + c)/2, no second derivative of d² is above
 
     .. math:: K = 2 c^2 + (d_0 + d_1 + c) A, \qquad
         d^2(s) \ge (1 - s)\,d_0^2 + s\,d_1^2 - \tfrac12 K s (1 - s).
@@ -513,13 +499,11 @@ def least_distances(floats, integers, before, after, travel, curve, distance, ou
             if lower > distance:
                 out[row, pair] = lower
                 continue
-            change = change_of(cell, pair, travel[row])
+            change, bend = _motion_of(cell, pair, travel[row], curve[row])
             near = _next_distance_of(cell, pair, distance + change, True)
             out[row, pair] = near - change
-            if near - change < distance:
-                places.change[pair], places.near[pair] = change, near
-                places.bend[pair] = _bend_of(cell, pair, travel[row], curve[row])
-                left = True
+            places.change[pair], places.near[pair], places.bend[pair] = change, near, bend
+            left = left or near - change < distance
         if not left:
             continue
         place(cell, after[row])

@@ -391,8 +391,8 @@ class _Track:
         bounds = np.empty((len(left.time), len(self.units)))
         for which, measures in self._groups(left.interval):
             ends = left.take(which).poses, right.take(which).poses
-            bounds_here = Stretch(*(part[which] for part in stretch))
-            here = Passage(bounds_here, *(part[which] for part in moved))
+            of_frames = Stretch(*(part[which] for part in stretch))
+            here = Passage(of_frames, *(part[which] for part in moved))
             bounds[which] = _columns([m.most(*ends, here) for m in measures], len(which))
         return bounds
 
