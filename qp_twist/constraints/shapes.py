@@ -225,9 +225,20 @@ class MovingShapes:
                 on_mocap.append(body)
         numbers = model.body_mocapid[on_mocap].astype(np.int64)
         self._on_mocap = (np.array(on_mocap), numbers) if on_mocap else ()
+        carried = np.array([_is_carried(model, int(body)) for body in tree.body], dtype=bool)
+        pairs.obstacle[:] = carried[pairs.one] | carried[pairs.other]
         self._scratch = np.zeros((model.nbody, 2)), np.zeros(12)
         #: The same with mocap bodies where they are expected at the next step.
         self._ahead = self._floats.copy()
+
+
+def _is_carried(model: mujoco.MjModel, body: int) -> bool:
+    """Whether a body is a mocap body or carried by one, on joints too."""
+    while body > 0:
+        if model.body_mocapid[body] >= 0:
+            return True
+        body = int(model.body_parentid[body])
+    return False
 
 
 def _chains(model: mujoco.MjModel, one: int, other: int) -> tuple[list[int], list[int]]:

@@ -67,6 +67,8 @@ class Pairs(NamedTuple):
     """Joints, from the shape inwards."""
     dof: Annotated[Integers, "joints"]
     """Degree of freedom of each joint."""
+    obstacle: Annotated[Integers, "pairs"]
+    """Whether A or B moves with an obstacle."""
 
 
 class Places(NamedTuple):

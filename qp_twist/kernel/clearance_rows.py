@@ -91,7 +91,7 @@ class Apart(NamedTuple):
     sample: Annotated[Integers, "pairs"]
     """Number n of the step in which it is found."""
     still: Annotated[Floats, "pairs"]
-    """The same if nothing else moved."""
+    """The same if nothing else moved, of pairs that move with an obstacle."""
     least: Annotated[Floats, 1]
     """The least of these margins of all pairs."""
     floor: Annotated[Floats, "pairs"]
@@ -169,10 +169,11 @@ def _look(cell, s, pair, n, asked):
 
 
 @plain
-def _look_along(cell, s, velocity, dt, asked, slopes):
+def _look_along(cell, s, velocity, dt, asked, slopes, every):
     """Write the least margins on the way of a velocity, and where, to ``worst`` and ``sample``.
 
-    With ``slopes`` also the gradients of those that are below ``reach`` one step later.
+    Everything is placed at its beginning. With ``slopes`` also the gradients of those that are
+    below ``reach`` there. Without ``every`` only of pairs that move with an obstacle.
 
     The joints brake towards rest, so their travel between the ends of the way bounds what a margin
     can lose on it.
@@ -185,8 +186,10 @@ def _look_along(cell, s, velocity, dt, asked, slopes):
         s.travel[j] = abs(far - near)
     change, near = cell.places.change, cell.places.near
     left = False
-    _go(cell, s, velocity, 0, dt)
     for pair in range(len(s.worst)):
+        if not (every or cell.pairs.obstacle[pair]):
+            near[pair] = math.inf
+            continue
         change[pair] = change_of(cell, pair, s.travel) if last > 0 else 0.0
         enough = s.reach[pair] + change[pair]
         near[pair] = _margin(cell, pair, enough, asked)
@@ -219,7 +222,7 @@ def _look_along(cell, s, velocity, dt, asked, slopes):
 
 @plain
 def _take_reaches(cell, s, dt, horizon, moves):
-    """Write w, and from which margin on a pair matters to no velocity of the step.
+    """Write w, place everything where it leads, and write from which margin a pair does not matter.
 
     With acceleration limits on all joints those velocities end at most ``travel`` from rest of w.
     """
@@ -234,8 +237,7 @@ def _take_reaches(cell, s, dt, horizon, moves):
             other, _ = _moved(s.before[j] - braking, braking, _LATEST, dt)
             s.travel[j] = max(abs(one - here), abs(other - here))
         longest = max(longest, s.travel[j])
-    if not math.isinf(longest):
-        _go(cell, s, s.braked, 0, dt)
+    _go(cell, s, s.braked, 0, dt)
     for pair in range(len(s.reach)):
         s.reach[pair] = horizon
         if not math.isinf(longest):
@@ -332,16 +334,17 @@ def write_rows(now, then, s, dt, asked, horizon, recovery, moves):
     """
     _take_reaches(then, s, dt, horizon, moves)
     if moves:
-        _look_along(now, s, s.braked, dt, asked, False)
+        _go(now, s, s.braked, 0, dt)
+        _look_along(now, s, s.braked, dt, asked, False, False)
         for pair in range(len(s.worst)):
             s.still[pair] = s.worst[pair]
-    _look_along(then, s, s.braked, dt, asked, True)
+    _look_along(then, s, s.braked, dt, asked, True, True)
     last, count, placed = _last(s.braked, s.hardest, dt), 0, -1
     s.least[0] = math.inf
     nearest, least = -1, math.inf
     for pair in range(len(s.worst)):
         then_left, n = s.worst[pair], s.sample[pair]
-        left = s.still[pair] if moves else then_left
+        left = s.still[pair] if moves and then.pairs.obstacle[pair] else then_left
         s.least[0] = min(s.least[0], left)
         s.floor[pair] = 0.0
         if min(left, then_left) >= s.reach[pair]:
@@ -376,7 +379,8 @@ def lack_of(then, s, velocity, dt, asked):
     """
     for pair in range(len(s.worst)):
         s.reach[pair] = 0.0
-    _look_along(then, s, velocity, dt, asked, False)
+    _go(then, s, velocity, 0, dt)
+    _look_along(then, s, velocity, dt, asked, False, True)
     lack = 0.0
     for pair in range(len(s.worst)):
         s.worst[pair] -= s.floor[pair]

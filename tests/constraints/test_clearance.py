@@ -570,6 +570,30 @@ def test_mocap_bodies_are_obstacles() -> None:
     assert rows.h[ahead][0] == pytest.approx(0.15, abs=1e-9)
 
 
+def test_a_robot_on_a_mocap_body_gives_way_to_what_stands() -> None:
+    """All that its carrier carries moves, on joints too: so does its distance from a wall."""
+    model = mujoco.MjModel.from_xml_string("""
+    <mujoco><worldbody><geom name="wall" type="box" size="0.1 1 1" pos="1 0 0"/>
+      <body name="cart" mocap="true">
+        <body><joint type="slide" axis="1 0 0"/><geom name="hand" size="0.05"/>
+          <site name="hand"/></body></body></worldbody></mujoco>""")
+    clearance = qt.Clearance(model, distance=0.02)
+    task = qt.TwistTask("hand", "site", qt.TwistProjector(
+        linear=qt.Projector.line([1, 0, 0]), angular=qt.Projector.none()
+    ))  # fmt: skip
+    motion = qt.MotionLimit(model, velocity=1.0)
+    controller = qt.Controller(model, [task], limits=[clearance, motion])
+    configuration, least = mink.Configuration(model, np.zeros(1)), np.inf
+    task.set_target(mink.SE3.from_translation(np.array([1.0, 0.0, 0.0])))
+    for k in range(400):
+        configuration.data.mocap_pos[0] = [0.002 * k, 0.0, 0.0]
+        configuration.update()
+        configuration.integrate_inplace(controller.step(configuration, 0.01).velocity, 0.01)
+        ahead = 0.002 * (k + 1) + configuration.q[0]
+        least = min(least, 0.9 - 0.05 - ahead)
+    assert 0.02 - 1e-6 <= least <= 0.021
+
+
 @pytest.mark.parametrize(
     ("place", "turn"), [([np.nan, 0, 0], [1, 0, 0, 0]), ([1, 0, 0], [0, 0, 0, 0])]
 )
