@@ -167,7 +167,7 @@ class Clearance(Constraint):
 
     def gradients(self, q: Array) -> Array:
         """Derivatives of the margins, (N, P, nv), 1 or m/rad."""
-        every = np.arange(len(self.pairs))
+        q, every = self._shapes.configurations(q), np.arange(len(self.pairs))
         return self._shapes.gradients(q, np.broadcast_to(every, (len(q), len(every))))
 
     def gradients_of(self, q: Array, which: Mask) -> Array:
@@ -285,7 +285,7 @@ class Clearance(Constraint):
         Between the rows it is searched by subdivision, until no part can be nearer by
         10 µm; ``None`` if there are no pairs or no rows.
         """
-        q = np.asarray(q, dtype=np.float64)
+        q = self._shapes.configurations(q)
         if not len(self.pairs) or not len(q):
             return None
         begin, share, step = np.arange(len(q) - 1), np.zeros(len(q) - 1), 1.0
@@ -323,7 +323,7 @@ class Clearance(Constraint):
 
         Without pairs infinite distances, and the index −1.
         """
-        q = np.asarray(q, dtype=np.float64)
+        q = self._shapes.configurations(q)
         if not len(self.pairs):
             return np.full(len(q), np.inf), np.full(len(q), -1)
         found = self._shapes.distances(q, _NEAR)

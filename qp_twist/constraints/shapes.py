@@ -9,7 +9,7 @@ import mujoco
 import numpy as np
 from scipy.spatial import ConvexHull, QhullError
 
-from qp_twist.checks import Array, Indices
+from qp_twist.checks import Array, Indices, float_array
 from qp_twist.constraints.colliding_pairs import joints_above, relative_joints
 from qp_twist.errors import InvalidInput
 from qp_twist.kernel.clearance_kernel import (
@@ -68,7 +68,7 @@ class MovingShapes:
         Depths are always exact: the kernel takes touching shapes for farther than a negative
         ``enough``.
         """
-        q = self._configurations(q)
+        q = self.configurations(q)
         found = np.zeros((len(q), len(self._pairs)))
         distances(self._floats.copy(), self._integers, q, max(enough, 0.0), found)
         return found
@@ -78,21 +78,21 @@ class MovingShapes:
         if distance < 0.0:  # by depths
             below = self.distances(q, 0.0) < distance
             return np.where(below.any(axis=1), below.argmax(axis=1), -1)
-        q = self._configurations(q)
+        q = self.configurations(q)
         found = np.zeros(len(q), dtype=np.int64)
         first_below(self._floats.copy(), self._integers, q, distance, found)
         return found
 
     def gradients(self, q: Array, which: Indices) -> Array:
         """Derivatives (N, k, nv) of the distances of pairs ``which`` (N, k); 0 for the index −1."""
-        q, which = self._configurations(q), np.ascontiguousarray(which, dtype=np.int64)
+        q, which = self.configurations(q), np.ascontiguousarray(which, dtype=np.int64)
         found = np.zeros((*which.shape, self._model.nv))
         gradients(self._floats.copy(), self._integers, q, which, found)
         return found
 
     def changes(self, q: Array, travel: Array) -> Array:
         """Bounds of the distances' variation on motions from q, m, (N, P)."""
-        q, travel = self._configurations(q), _rows("travel", travel, self._model.nv)
+        q, travel = self.configurations(q), _rows("travel", travel, self._model.nv)
         found = np.zeros((len(q), len(self._pairs)))
         changes(self._floats.copy(), self._integers, q, travel, found)
         return found
@@ -101,7 +101,7 @@ class MovingShapes:
         self, before: Array, after: Array, travel: Array, curve: Array | None, distance: float
     ) -> Array:
         """Lower bounds of the distances between two configurations, sharp below ``distance``."""
-        before, after = self._configurations(before), self._configurations(after)
+        before, after = self.configurations(before), self.configurations(after)
         travel = _rows("travel", travel, self._model.nv)
         unknown = np.full_like(travel, np.inf)
         curve = unknown if curve is None else _rows("curve", curve, self._model.nv)
@@ -135,12 +135,12 @@ class MovingShapes:
 
     # ------------------------------------------------------------------ layout
 
-    def _configurations(self, q: Array) -> Array:
+    def configurations(self, q: Array) -> Array:
         """Configurations (N, nq) as the kernel takes them.
 
         Raises:
-            InvalidInput: If they have another shape, or are not finite: NaN is neither near nor
-                clear.
+            InvalidInput: If they are no numbers, have another shape, or are not finite: NaN is
+                neither near nor clear.
         """
         rows = _rows("q", q, self._model.nq)
         if not math.isfinite(rows.sum()):
@@ -258,7 +258,7 @@ def _chains(model: mujoco.MjModel, one: int, other: int) -> tuple[list[int], lis
 
 def _rows(name: str, array: Array, width: int) -> Array:
     """As the kernel takes it, which would read memory behind rows that are too short."""
-    rows = np.ascontiguousarray(array, dtype=np.float64)
+    rows = np.ascontiguousarray(float_array(name, array))
     if rows.ndim != 2 or rows.shape[1] != width:
         raise InvalidInput(
             f"{name}: expected a row for each configuration, shape (N, {width}), got {rows.shape}."

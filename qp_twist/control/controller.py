@@ -601,6 +601,8 @@ class Controller:
                 f"controller's nq = {self.model.nq}, nv = {self.model.nv} and {self.model.nbody}, "
                 "or their names or joints differ; use a configuration of the same model."
             )
+        for clearance in self._sorted_limits()[1]:
+            clearance.check_model("step", configuration.model)
         finite_array("configuration.q", configuration.q, (self.model.nq,))
         self._checked = configuration, configuration.model, configuration.data
 

@@ -9,6 +9,7 @@ import collections
 import dataclasses
 import sys
 from collections import Counter
+from typing import Any
 
 import mink
 import mujoco
@@ -618,14 +619,19 @@ def test_an_obstacle_without_a_pose_is_refused(place: list[float], turn: list[fl
 
 
 @pytest.mark.parametrize(
-    "q", [np.zeros(2), np.zeros((3, 1)), np.zeros((3, 3)), [[np.nan, 0.0]], [[0.0, np.inf]]]
-)
-def test_configurations_that_are_none_are_refused(q: object) -> None:
+    "q",
+    [np.zeros(2), np.zeros((3, 1)), np.zeros((3, 3)), [[np.nan, 0.0]], [[0.0, np.inf]], None,
+     "arm.csv", [["0", "1"]], [[0.0, 1.0], [0.0]], [[True, False]]],
+)  # fmt: skip
+def test_configurations_that_are_none_are_refused(q: Any) -> None:
     """NaN is neither near nor clear, and the kernel would read behind short rows."""
     clearance = qt.Clearance(mujoco.MjModel.from_xml_string(PLANAR))
-    for ask in (clearance.margins, clearance.first_violated, clearance.gradients):
+    for ask in (
+        clearance.margins, clearance.first_violated, clearance.gradients, clearance.closest,
+        clearance.nearest,
+    ):  # fmt: skip
         with pytest.raises(qt.InvalidInput, match="q: expected"):
-            ask(np.asarray(q))
+            ask(q)
 
 
 def test_what_is_no_model_or_another_one_is_refused() -> None:
@@ -637,6 +643,13 @@ def test_what_is_no_model_or_another_one_is_refused() -> None:
     task = qt.TwistTask(
         "tool", "site", qt.TwistProjector(linear=qt.Projector.full(), angular=qt.Projector.none())
     )
+    controller = qt.Controller(
+        mujoco.MjModel.from_xml_string(PLANAR), [task],
+        limits=[qt.Clearance(mujoco.MjModel.from_xml_string(PLANAR))],
+    )  # fmt: skip
+    task.set_target(mink.SE3.identity())
+    with pytest.raises(qt.InvalidInput, match="step: bodies or geoms of the Clearance's model"):
+        controller.step(mink.Configuration(elsewhere), 0.01)
     with pytest.raises(qt.InvalidInput, match="of the same model"):
         qt.Controller(model, [task], limits=[qt.Clearance(elsewhere)])
     same = mujoco.MjModel.from_xml_string(PLANAR)
