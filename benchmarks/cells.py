@@ -832,7 +832,7 @@ def walls(runs: int, first: int, jobs: int, keep: str) -> tuple[str, int]:
             every = found.values()
             rows.append(
                 (world, mode, "" if limit is None else f"{limit:g}", len(found),
-                 f"{1e3 * max(*(p.short for p in every), 0.0):.1e}",
+                 f"{1e3 * max(*(p.short for p in every), 0.0):.3g}",
                  sum(p.short > REPORTED for p in every), max(p.flips for p in every),
                  sum(p.flips > MANY for p in every),
                  f"{max(*(p.excess for p in every), 0.0):.0e}", sum(p.failures for p in every))

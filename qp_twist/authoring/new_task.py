@@ -20,7 +20,7 @@ from qp_twist.authoring.request import Request
 from qp_twist.authoring.search import METHOD, PLANNED, Progress, TaskSearch, TaskSearchResult, Trial
 from qp_twist.authoring.task_text import Parts, VariedPlacement, feeds_in_words, task_text
 from qp_twist.authoring.touching import watched
-from qp_twist.checks import Array, number
+from qp_twist.checks import Array, did_you_mean, number
 from qp_twist.errors import InvalidInput
 from qp_twist.files import whole_file
 from qp_twist.following import FoundStart
@@ -241,9 +241,15 @@ def _robot(request: Request, out: Path) -> tuple[Robot, str]:
     """The robot, and its reference in the task file."""
     file = request.robot
     if not file.exists() and file.name == str(file):
-        shipped = shipped_folder("scenes") / file
-        if shipped.is_file():
-            return load_robot(shipped), file.name
+        scenes = {path.name: path for path in sorted(shipped_folder("scenes").glob("*.xml"))}
+        shipped = scenes.get(file.name) or scenes.get(f"{file.name}.xml")
+        if shipped is not None:
+            return load_robot(shipped), shipped.name
+        if not file.suffix:
+            raise InvalidInput(
+                f"ROBOT {file}: there is no such file, and no such shipped scene"
+                f"{did_you_mean(file.name, scenes)} Shipped: {', '.join(scenes)}."
+            )
     robot = load_robot(file, packages=request.packages, arguments=request.arguments)
     return robot, _relative(file, out)
 

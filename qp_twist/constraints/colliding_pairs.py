@@ -127,7 +127,8 @@ def geoms_of(model: mujoco.MjModel, name: str) -> set[int]:
     if found:
         return found
     known = [str(model.geom(g).name) for g in range(model.ngeom)]
-    known = [n for n in (*known, *(str(model.body(b).name) for b in range(model.nbody))) if n]
+    known += [str(model.body(b).name) for b in range(model.nbody)]
+    known = [name for name in dict.fromkeys(known) if name]  # a body may be called like its geom
     near = difflib.get_close_matches(name, known, n=3)
     hint = f"did you mean {' or '.join(map(repr, near))}?" if near else f"there are {known}."
     raise InvalidInput(f"ignore: no geom or body is called {name!r}; {hint}"[:600])

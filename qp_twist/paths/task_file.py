@@ -136,6 +136,11 @@ def _find(task: str | Path) -> Path:
     if text.endswith(".toml") or "/" in text or "\\" in text:
         return Path(task)
     shipped = {path.stem: path for path in shipped_tasks()}
+    if text not in shipped and Path(task).is_file():
+        raise TaskFileError(
+            f"{text} is no task file: expected the name of a shipped task, or the path of a .toml "
+            "file."
+        )
     if text not in shipped:
         names = ", ".join(shipped)
         raise TaskFileError(

@@ -89,7 +89,7 @@ class Check:
         """One line: whether it passes, what could not be checked, and the source of the limits."""
         if not self.passes:
             return "; ".join([f"does not pass: {'; '.join(self.problems)}", *self.sources])
-        rows = f"{self.rows} rows do {self.task}"
+        rows = f"{self.rows} rows of task {self.task}"
         but = [*self.unchecked, *self.sources]
         return "; ".join(["passes", *but]) + f" ({rows})" if but else f"passes: {rows}"
 

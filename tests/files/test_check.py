@@ -533,7 +533,7 @@ def test_places_are_counted_from_1() -> None:
 def test_a_verdict_says_first_what_was_not_checked_and_passes_with_it() -> None:
     task, q = line_task(velocity=2.0, acceleration=100.0)
     plain = verdict(task, q, np.arange(5.0))
-    assert plain.verdict == "passes: 5 rows do rows"
+    assert plain.verdict == "passes: 5 rows of task rows"
     for change, sentence in (
         ({"velocity_limits": np.array([np.inf])}, "joint speeds not checked: no limits known"),
         (
@@ -543,7 +543,7 @@ def test_a_verdict_says_first_what_was_not_checked_and_passes_with_it() -> None:
     ):
         check = verdict(dataclasses.replace(task, **change), q, np.arange(5.0))
         assert check.passes
-        assert check.verdict == f"passes; {sentence} (5 rows do rows)"
+        assert check.verdict == f"passes; {sentence} (5 rows of task rows)"
         assert check.to_dict()["unchecked"] == [sentence]
     assert verdict(task, q).unchecked == (
         "feed, joint speeds and accelerations not checked: no times",
@@ -658,7 +658,7 @@ def test_the_command_passes_with_0_and_prints_the_table(
     assert "101 rows, 101 waypoints, row by row" in out
     assert "smallest joint margin" in out
     unknown = "joint speeds and accelerations not checked: no times"
-    assert out.splitlines()[-1] == f"passes; {unknown} (101 rows do planar_line)"
+    assert out.splitlines()[-1] == f"passes; {unknown} (101 rows of task planar_line)"
 
 
 def test_the_command_fails_with_1_and_says_what_and_where(

@@ -554,6 +554,7 @@ def near(tmp_path: Path) -> Path:
     ("change", "sentence"),
     [
         ({"robot": "robot.urdf"}, "robot.urdf: there is no such MJCF or URDF file"),
+        ({"robot": "seven_axis"}, "no such shipped scene; did you mean 'seven_axis_arm.xml'?"),
         ({"--path": "edge.csv"}, "edge.csv"),
         ({"--frame": "tol"}, "the robot has no frame 'tol'; did you mean 'tool'?"),
         ({"--frame": "base"}, "--frame: the frame 'base' does not move"),

@@ -145,6 +145,14 @@ def test_a_missing_task_is_named_with_those_there_are() -> None:
         qt.load_task("./nosuch.toml")
 
 
+def test_a_file_that_is_no_task_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Such as the trajectory, where the arguments of a command are exchanged."""
+    (tmp_path / "joints.csv").write_text("joint_1\n0.0\n", "utf-8")
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(qt.TaskFileError, match=r"joints\.csv is no task file: .* \.toml file"):
+        qt.load_task("joints.csv")
+
+
 def test_a_broken_scene_is_named(folder: Path) -> None:
     (folder / "arm.xml").write_text("<mujoco><wrong/></mujoco>")
     with pytest.raises(qt.TaskFileError, match=r"robot\.scene: .*MuJoCo cannot load"):
