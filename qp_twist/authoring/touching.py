@@ -59,7 +59,8 @@ def watched(model: mujoco.MjModel, tool: str = "", part: str = "") -> Watched | 
     clearance = Clearance(model, DISTANCE, [(pair.one, pair.other) for pair in ignored])
     always: Mask = np.asarray((clearance.bounded(_random(model), 0.0) < 0.0).all(axis=0))
     for one, other in _named(model, clearance, always):
-        ignored.append(Ignored(one, other, f"touch in each of {_LOOKED_AT} random configurations"))
+        why = f"nearer than {1e3 * DISTANCE:g} mm in each of {_LOOKED_AT} random configurations"
+        ignored.append(Ignored(one, other, why))
     left = Clearance(model, DISTANCE, [(pair.one, pair.other) for pair in ignored])
     notes = [
         f"{len(left.pairs)} pairs of shapes keep {1e3 * DISTANCE:g} mm, of "

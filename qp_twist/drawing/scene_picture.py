@@ -181,6 +181,7 @@ class _BadSceneError(Exception):
 
 def _draw(job: Path) -> None:
     """Draw the picture that `draw_scene` described in a file."""
+    import mujoco
     from matplotlib import image as matplotlib_image
 
     with np.load(job) as stored:
@@ -197,6 +198,8 @@ def _draw(job: Path) -> None:
     if factor > 1:
         model.vis.quality.offsamples = 0  # the averaging replaces it
     view = _View(model, factor * width, factor * height, settings["camera"], lines)
+    if view.camera.type == mujoco.mjtCamera.mjCAMERA_FREE:
+        view.look_at(configurations)
 
     view.update(configurations[0])
     picture = view.colours()
@@ -268,6 +271,31 @@ class _View:
         # Beside the model's geoms: sites, tendons, lights and the like, and the lines.
         max_geom = 2 * model.ngeom + 1000 + sum(len(points) for points, _ in lines)
         self.renderer = mujoco.Renderer(model, height, width, max_geom=max_geom)
+
+    def look_at(self, configurations: Array) -> None:
+        """Let the free camera see what joints move, and the lines, as large as there is room.
+
+        By itself it shows the whole model, of which floor and walls may be most.
+        """
+        import mujoco
+
+        model, data, seen = self.model, self.data, [points for points, _ in self.lines]
+        moves = (model.body_weldid[model.geom_bodyid] > 0) & (model.geom_rbound > 0.0)
+        reach = model.geom_rbound[moves, None]
+        for q in configurations:
+            data.qpos[:] = q
+            mujoco.mj_kinematics(model, data)
+            places = data.geom_xpos[moves]
+            seen += [data.xanchor, places - reach, places + reach]
+        points = np.concatenate(seen)
+        points = points[np.isfinite(points).all(axis=1)]
+        if not len(points):
+            return
+        low, high = points.min(axis=0), points.max(axis=0)
+        half_angle = 0.5 * np.radians(model.vis.global_.fovy)
+        self.camera.lookat[:] = 0.5 * (low + high)
+        # Seen from any side the box is smaller than the ball around it.
+        self.camera.distance = 0.42 * float(np.linalg.norm(high - low)) / np.sin(half_angle)
 
     def update(self, q: Array, *, surroundings_only: bool = False) -> None:
         """Show one configuration, or only what does not move."""

@@ -35,6 +35,8 @@ def add_room(spec: Any, height: float, *, collides: bool) -> None:
     if not list(spec.lights):
         spec.visual.headlight.ambient = [0.45, 0.45, 0.46]
         spec.visual.headlight.diffuse = [0.3, 0.3, 0.3]
+        spec.visual.quality.shadowsize = 4096
+        spec.visual.map.shadowclip = 3.0  # with less the floor shades itself where it is far
         spec.worldbody.add_light(
             type=mujoco.mjtLightType.mjLIGHT_DIRECTIONAL, pos=[2.0, -1.0, 4.0],
             dir=[-0.5, 0.2, -0.8], diffuse=[0.6, 0.6, 0.6], castshadow=True,
