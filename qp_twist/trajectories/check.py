@@ -208,6 +208,7 @@ def check_trajectory(
         if errors is None or _met(nearest, tolerances):
             errors, passing = nearest, matched
     notes = [*disagreements(rows.metadata, path_task), *rows.notes]
+    notes += _part_of_the_path(passing, motion, errors, tolerances)
     limits = motion_limits(path_task)
     limits = with_stated_accelerations(limits, rows.metadata.get(ACCELERATIONS), ranges)
     if rows.accelerated and not own_cubics(rows.metadata):
@@ -238,6 +239,25 @@ def check_trajectory(
 def _met(errors: PathErrors, tolerances: Tolerances) -> bool:
     on = (errors.position <= tolerances.position) & (errors.axis <= tolerances.axis)
     return bool(on.all())
+
+
+def _part_of_the_path(
+    passing: Passing, motion: JointMotion, errors: PathErrors, tolerances: Tolerances
+) -> list[str]:
+    """A sentence if the trajectory begins late or ends early: several waypoints are at its end."""
+    missed = (errors.position > tolerances.position) | (errors.axis > tolerances.axis)
+    at, notes = passing.times, []
+    for does, end, others, row in (
+        ("begins", motion.times[0], "before", "first"), ("ends", motion.times[-1], "after", "last")
+    ):  # fmt: skip
+        there = np.flatnonzero((at == end) & missed)
+        if len(there) > 1:
+            kept = int(there[-1] + 2 if others == "before" else there[0])
+            notes.append(
+                f"the trajectory {does} at waypoint {kept} of {len(at)}: those {others} it are "
+                f"compared with its {row} row"
+            )
+    return notes
 
 
 def _coverage(

@@ -504,6 +504,24 @@ def test_what_is_not_proven_does_not_pass_and_is_said_so() -> None:
     assert Finding("x", 0.05, 0.1, "", "here", True).proven
 
 
+@pytest.mark.parametrize(
+    ("part", "said"),
+    [
+        (slice(0, 15), "ends at waypoint 15 of 21: those after it are compared with its last row"),
+        (slice(5, 21), "begins at waypoint 6 of 21: those before it are compared with its first"),
+        (slice(0, 20), ""),  # a single waypoint is missing: its error says so
+        (slice(0, 21), ""),
+    ],
+)
+def test_a_part_of_the_path_is_called_so(part: slice, said: str) -> None:
+    trajectory = corner()
+    rows = JointRows(NAMES, trajectory.q[part], (np.arange(21) * 0.1)[part])
+    check = check_trajectory(rows, trajectory.path_task)
+    assert check.passes == (part == slice(0, 21))
+    notes = [note for note in check.notes if "waypoint" in note]
+    assert [said in note for note in notes] == [True] * bool(said)
+
+
 @pytest.mark.parametrize("end", [0, 1])
 def test_a_trajectory_that_begins_or_ends_at_speed_says_so(end: int) -> None:
     task, q = line_task(2, acceleration=100.0)
