@@ -223,6 +223,7 @@ class Clearance(Constraint):
         configuration: mink.Configuration,
         velocity: Array | None = None,
         hardest: Array | None = None,
+        fastest: Array | None = None,
     ) -> None:
         """Begin a step: its rows may be evaluated several times, its obstacles move once.
 
@@ -230,10 +231,12 @@ class Clearance(Constraint):
             configuration: That of the step.
             velocity: Velocity of the joints before it, rad/s or m/s, (nv,).
             hardest: Their acceleration limits, rad/s² or m/s², (nv,); ∞ where there are none.
+            fastest: Their velocity limits, rad/s or m/s, (nv,), likewise; an array whose numbers
+                do not change. What the joints cannot come near has no row.
         """
         self._shapes.take_mocap(configuration.data)
         self.in_step.distance, self.in_step.recovery = self.distance, self.recovery_speed
-        self.in_step.begin(velocity, hardest)
+        self.in_step.begin(velocity, hardest, fastest)
         self.has_begun = True
 
     def step_rows(self, configuration: mink.Configuration, dt: float) -> PairRows:
@@ -252,7 +255,7 @@ class Clearance(Constraint):
 
     def row_name(self, row: int) -> str:
         """Name of the pair of a row of the last step."""
-        return self.names[int(self.in_step.pairs[row])]
+        return self.names[int(self.in_step.named[1][row])]
 
     def falls_short(self, velocity: Array, dt: float) -> float:
         """How far the last step's velocity leads below its margins, m, 0 if it does not.

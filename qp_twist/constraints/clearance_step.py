@@ -61,14 +61,16 @@ class ClearanceStep:
         size = ApartSizes(nq, nv, pairs, 2 * pairs + 200 + 4 * nv)
         self._floats, self._integers = APART.allocate(size)
         self._views: Apart = APART.arrays(self._floats, self._integers, self._integers)
-        self._views.hardest[:] = np.inf
+        self._views.hardest[:] = self._views.fastest[:] = np.inf
+        self._least, self._pair = self._views.least, self._views.pair
         self._is_limited = False
+        self._fastest: Array | None = None
         self._views.lower[:], self._views.upper[:] = ranges.lower, ranges.upper
         self.arrays = *self._cell, self._floats, self._integers
         self.count = 0
 
-    def begin(self, velocity: Array | None, hardest: Array | None) -> None:
-        """Begin a step: from a velocity (nv,) and with acceleration limits (nv,), if there are any.
+    def begin(self, velocity: Array | None, hardest: Array | None, fastest: Array | None) -> None:
+        """Begin a step: from a velocity (nv,), with acceleration and velocity limits (nv,), if any.
 
         Obstacles have been taken from MuJoCo's data.
         """
@@ -78,6 +80,9 @@ class ClearanceStep:
         elif self._is_limited:
             self._views.before[:], self._views.hardest[:] = 0.0, np.inf
         self._is_limited = hardest is not None
+        if fastest is not self._fastest:
+            self._views.fastest[:] = np.inf if fastest is None else fastest
+            self._fastest = fastest
 
     @property
     def settings(self) -> tuple[float, float, float, bool]:
@@ -94,14 +99,9 @@ class ClearanceStep:
         return PairRows(views.G[:k], views.h[:k] / dt, views.room[:k] / dt, views.pair[:k].copy())
 
     @property
-    def least(self) -> float:
-        """The least margin that is left if the joints brake, at least one step later, m."""
-        return float(self._views.least[0])
-
-    @property
-    def pairs(self) -> Indices:
-        """The pair of each row, (k,)."""
-        return self._views.pair[: self.count].copy()
+    def named(self) -> tuple[float, Indices]:
+        """The least margin left if the joints brake, m, and the pair of each row, (k,)."""
+        return self._least.item(), self._pair[: self.count].copy()
 
     def lacks(self, velocity: Array, dt: float) -> float:
         """By how much a velocity (nv,) leads below what it may leave of the margins, m."""

@@ -114,9 +114,8 @@ class NamedPairs(NamedTuple):
     @classmethod
     def of(cls, clearance: Clearance, configuration: mink.Configuration) -> NamedPairs:
         """Those of the present step."""
-        step = clearance.in_step
-        is_near = step.least < 0.0
-        return cls(clearance, step.pairs, _recovering(clearance, configuration) if is_near else ())
+        least, pairs = clearance.in_step.named
+        return cls(clearance, pairs, _recovering(clearance, configuration) if least < 0.0 else ())
 
     @property
     def names(self) -> list[RowName]:

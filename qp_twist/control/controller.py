@@ -257,7 +257,7 @@ class Controller:
         self.passed_over = 0.0
         self._check_types()
         self._seen: tuple[list[mink.Limit], list[Clearance], list[MotionLimit]] = [], [], []
-        self._hardest: tuple[list[int], Array | None] = [], None
+        self._hardest: tuple[list[int], Array | None, Array | None] = [], None, None
         # The last checked configuration, its model and its data.
         self._checked = _NOT_CHECKED
         self._identity = np.eye(model.nv)
@@ -328,28 +328,42 @@ class Controller:
                 clearance.begin(configuration, *moving)
         try:
             step, note, lack = self._solved(configuration, dt, bool(use_secondary))
-            # Rows of clearance are linear in the step, distances are not: where it leads too near,
-            # rows of the distances there are added, and the step is computed again.
-            for correction in range(_CORRECTIONS + 1 if clearances else 0):
-                if lack is not None and lack <= _KEPT:
-                    break
-                lacking = [c for c in clearances if c.falls_short(step.velocity, dt) > _KEPT]
-                if not lacking:
-                    break
-                corrected = False
-                for clearance in lacking if correction < _CORRECTIONS else ():
-                    corrected |= clearance.correct(step.velocity, dt)
-                for clearance in () if corrected else lacking:
-                    clearance.hold(step.velocity, dt, _KEPT)
-                step, note, lack = self._solved(configuration, dt, bool(use_secondary))
-                if not corrected:
-                    break
+            if clearances and not _is_kept(lack):
+                step, note = self._kept_clear(step, note, configuration, dt, bool(use_secondary))
         finally:
             for clearance in clearances:
                 clearance.has_begun = False
         note(step.velocity)
         self.passed_over = step.passed_over
         return step
+
+    def _kept_clear(
+        self,
+        step: Step,
+        note: Callable[[Array], None],
+        configuration: mink.Configuration,
+        dt: float,
+        use_secondary: bool,
+    ) -> tuple[Step, Callable[[Array], None]]:
+        """The step, or one that keeps its clearances, too; and what takes note of its velocity.
+
+        Their rows are linear in the step, distances are not: where it leads too near, rows of the
+        distances there are added, and the step is computed again.
+        """
+        clearances = self._sorted_limits()[1]
+        for correction in range(_CORRECTIONS + 1):
+            lacking = [c for c in clearances if c.falls_short(step.velocity, dt) > _KEPT]
+            if not lacking:
+                break
+            corrected = False
+            for clearance in lacking if correction < _CORRECTIONS else ():
+                corrected |= clearance.correct(step.velocity, dt)
+            for clearance in () if corrected else lacking:
+                clearance.hold(step.velocity, dt, _KEPT)
+            step, note, lack = self._solved(configuration, dt, use_secondary)
+            if not corrected or _is_kept(lack):
+                break
+        return step, note
 
     def _solved(
         self, configuration: mink.Configuration, dt: float, use_secondary: bool
@@ -489,7 +503,7 @@ class Controller:
             dt,
             self.singularity,
             trust=self.trusts,
-            acceleration=self._acceleration() if self.braking else None,
+            acceleration=self._accelerations_and_speeds()[0] if self.braking else None,
             room=room,
         )
 
@@ -533,34 +547,38 @@ class Controller:
         hardest = np.min([limit.max_acceleration for limit in motions], axis=0)
         return Inertia.of(motions[-1].velocity, fastest, hardest, dt, self.passed_over)
 
-    def _acceleration(self) -> Array | None:
-        """The least acceleration limit of each joint, (nv,); ``None`` where there is none."""
+    def _accelerations_and_speeds(self) -> tuple[Array | None, Array | None]:
+        """The least limits of the joints' motion, (nv,), each ``None`` where there is none.
+
+        The arrays stay the same objects until a limit changes.
+        """
         motions = self._sorted_limits()[2]
-        known, least = self._hardest
+        known, hardest, fastest = self._hardest
         revisions = [limit.revision for limit in motions]
         if revisions != known:
-            stated = [limit.max_acceleration for limit in motions]
-            least = None
-            if any(np.isfinite(limits).any() for limits in stated):
-                least = np.min(stated, axis=0)
-            self._hardest = revisions, least
-        return least
+            hardest = _least([limit.max_acceleration for limit in motions])
+            fastest = _least([limit.max_velocity for limit in motions])
+            self._hardest = revisions, hardest, fastest
+        return hardest, fastest
 
     def _sorted_limits(self) -> tuple[list[mink.Limit], list[Clearance], list[MotionLimit]]:
         """The limits, which may have changed since the last step, and those of two kinds."""
         if self.limits != self._seen[0]:
             clearances = [limit for limit in self.limits if isinstance(limit, Clearance)]
             motions = [limit for limit in self.limits if isinstance(limit, MotionLimit)]
-            self._seen, self._hardest = (list(self.limits), clearances, motions), ([], None)
+            self._seen, self._hardest = (
+                (list(self.limits), clearances, motions),
+                ([], None, None),
+            )
         return self._seen
 
-    def _moving(self) -> tuple[Array | None, Array | None]:
-        """Velocity and accelerations of the joints, (nv,), for what has to stop in time."""
-        hardest = self._acceleration()
+    def _moving(self) -> tuple[Array | None, Array | None, Array | None]:
+        """Velocity, accelerations and speeds of the joints, (nv,), for what has to stop in time."""
+        hardest, fastest = self._accelerations_and_speeds()
         if hardest is None:
-            return None, None
+            return None, None, fastest
         velocities = [v.velocity for v in self.limits if isinstance(v, MotionLimit)]
-        return max(velocities, key=largest), hardest
+        return max(velocities, key=largest), hardest, fastest
 
     def _check_types(self) -> None:
         if self.model.nv == 0:
@@ -623,6 +641,19 @@ class Controller:
             f"secondary={list(self.secondary)!r}, secondary_space={self.secondary_space!r}, "
             f"solver={self.solver!r}, on_infeasible={self.on_infeasible!r})"
         )
+
+
+def _is_kept(lack: float | None) -> bool:
+    """Whether a step is known to keep its clearance."""
+    return lack is not None and lack <= _KEPT
+
+
+def _least(limits: Sequence[Array]) -> Array | None:
+    """The least of the limits of each joint, (nv,); ``None`` where there is none."""
+    if not any(np.isfinite(limit).any() for limit in limits):
+        return None
+    least: Array = np.min(limits, axis=0)
+    return least
 
 
 def _shortened(desired: Array, levels: Sequence[EdgeRows], dt: float) -> Array:

@@ -34,6 +34,7 @@ from qp_twist.kernel.clearance_kernel import (
     read_cell,
 )
 from qp_twist.kernel.compiling import entry, part, plain
+from qp_twist.kernel.dual_active_set import ROUNDING
 from qp_twist.kernel.record import Floats, Integers, RecordType, reader
 
 _LATEST = 1 << 40
@@ -52,6 +53,9 @@ is for other pairs, and for directions in which not all joints may help."""
 _BEFORE_ENDS = 0.2
 """Share of its acceleration with which a joint brakes before an end of its range while an obstacle
 comes. The other joints have to take over from it, and may be slower or have longer to go."""
+_STEPS_AHEAD = 4.0
+"""Steps at the velocity limits of the joints within which a pair may come too near, if it has a row
+without acceleration limits. One would do for the distance; a scaled task slows down earlier."""
 _ABLE = 0.99
 """Share of what the joints are able to do that a row may ask for."""
 
@@ -74,6 +78,8 @@ class Apart(NamedTuple):
     """v₀, rad/s or m/s."""
     hardest: Annotated[Floats, "dofs"]
     """Acceleration limits, rad/s² or m/s²; ∞ where there are none."""
+    fastest: Annotated[Floats, "dofs"]
+    """Velocity limits, rad/s or m/s; ∞ where there are none."""
     lower: Annotated[Floats, "dofs"]
     """Lower end of each joint's range, rad or m; −∞ where there is none."""
     upper: Annotated[Floats, "dofs"]
@@ -86,6 +92,8 @@ class Apart(NamedTuple):
     slope: Annotated[Floats, "dofs"]
     reach: Annotated[Floats, "pairs"]
     """A pair of at least this margin matters to no velocity of the step, m."""
+    counts: Annotated[Integers, "pairs"]
+    """Whether a velocity of the step may bring it too near."""
     worst: Annotated[Floats, "pairs"]
     """Least margin of each pair on the way, m; where it is above ``reach`` it may be a bound."""
     sample: Annotated[Integers, "pairs"]
@@ -169,11 +177,11 @@ def _look(cell, s, pair, n, asked):
 
 
 @plain
-def _look_along(cell, s, velocity, dt, asked, slopes, every):
+def _look_along(cell, s, velocity, dt, asked, slopes, among):
     """Write the least margins on the way of a velocity, and where, to ``worst`` and ``sample``.
 
     Everything is placed at its beginning. With ``slopes`` also the gradients of those that are
-    below ``reach`` there. Without ``every`` only of pairs that move with an obstacle.
+    below ``reach`` there. Pairs that are not ``among`` those to look at, (pairs,), have none.
 
     The joints brake towards rest, so their travel between the ends of the way bounds what a margin
     can lose on it.
@@ -187,8 +195,8 @@ def _look_along(cell, s, velocity, dt, asked, slopes, every):
     change, near = cell.places.change, cell.places.near
     left = False
     for pair in range(len(s.worst)):
-        if not (every or cell.pairs.obstacle[pair]):
-            near[pair] = math.inf
+        if not among[pair]:
+            near[pair] = s.worst[pair] = math.inf
             continue
         change[pair] = change_of(cell, pair, s.travel) if last > 0 else 0.0
         enough = s.reach[pair] + change[pair]
@@ -224,13 +232,16 @@ def _look_along(cell, s, velocity, dt, asked, slopes, every):
 def _take_reaches(cell, s, dt, horizon, moves):
     """Write w, place everything where it leads, and write from which margin a pair does not matter.
 
-    With acceleration limits on all joints those velocities end at most ``travel`` from rest of w.
+    With acceleration limits on all joints those velocities end at most ``travel`` from rest of w; a
+    joint without one goes at most as fast as it may.
     """
-    longest = math.inf if moves else 0.0
+    longest = 0.0
     for j in range(len(s.before)):
         braking = s.hardest[j] * dt
+        if moves and not math.isinf(braking):
+            longest = math.inf  # a pair gives way long before
         s.braked[j] = math.copysign(max(abs(s.before[j]) - braking, 0.0), s.before[j])
-        s.travel[j] = math.inf
+        s.travel[j] = _STEPS_AHEAD * s.fastest[j] * dt
         if not math.isinf(braking):
             here, _ = _moved(s.braked[j], braking, _LATEST, dt)
             one, _ = _moved(s.before[j] + braking, braking, _LATEST, dt)
@@ -239,7 +250,7 @@ def _take_reaches(cell, s, dt, horizon, moves):
         longest = max(longest, s.travel[j])
     _go(cell, s, s.braked, 0, dt)
     for pair in range(len(s.reach)):
-        s.reach[pair] = horizon
+        s.reach[pair], s.counts[pair] = horizon, 1
         if not math.isinf(longest):
             s.reach[pair] = min(horizon, change_of(cell, pair, s.travel))
 
@@ -335,10 +346,10 @@ def write_rows(now, then, s, dt, asked, horizon, recovery, moves):
     _take_reaches(then, s, dt, horizon, moves)
     if moves:
         _go(now, s, s.braked, 0, dt)
-        _look_along(now, s, s.braked, dt, asked, False, False)
+        _look_along(now, s, s.braked, dt, asked, False, now.pairs.obstacle)
         for pair in range(len(s.worst)):
             s.still[pair] = s.worst[pair]
-    _look_along(then, s, s.braked, dt, asked, True, True)
+    _look_along(then, s, s.braked, dt, asked, True, s.counts)
     last, count, placed = _last(s.braked, s.hardest, dt), 0, -1
     s.least[0] = math.inf
     nearest, least = -1, math.inf
@@ -348,6 +359,9 @@ def write_rows(now, then, s, dt, asked, horizon, recovery, moves):
         s.least[0] = min(s.least[0], left)
         s.floor[pair] = 0.0
         if min(left, then_left) >= s.reach[pair]:
+            # The horizon is no bound of the motion, and samples are not the whole way.
+            if s.reach[pair] < horizon and then.places.near[pair] >= s.reach[pair]:
+                s.counts[pair] = 0
             for j in range(len(s.before)):
                 s.gradients[pair, j] = 0.0
             for i in range(3):
@@ -371,16 +385,31 @@ def write_rows(now, then, s, dt, asked, horizon, recovery, moves):
     return count
 
 
+@part
+def _is_allowed(s, velocity, dt):
+    """Whether a velocity (nv,) keeps the limits from which the reaches follow, but for rounding."""
+    for j in range(len(velocity)):
+        braking = s.hardest[j] * dt
+        if math.isinf(braking) and not abs(velocity[j]) <= s.fastest[j]:
+            return False
+        if not abs(velocity[j] - s.before[j]) <= (1.0 + ROUNDING) * braking:
+            return False
+    return True
+
+
 @plain
 def lack_of(then, s, velocity, dt, asked):
     """By how much a velocity (nv,) leads below the margins that its step may leave, m.
 
     What is left of each margin is in ``worst``, where it is negative.
     """
+    allowed = _is_allowed(s, velocity, dt)
     for pair in range(len(s.worst)):
         s.reach[pair] = 0.0
+        if not allowed:
+            s.counts[pair] = 1
     _go(then, s, velocity, 0, dt)
-    _look_along(then, s, velocity, dt, asked, False, True)
+    _look_along(then, s, velocity, dt, asked, False, s.counts)
     lack = 0.0
     for pair in range(len(s.worst)):
         s.worst[pair] -= s.floor[pair]

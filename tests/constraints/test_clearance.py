@@ -981,21 +981,87 @@ def test_a_clearance_without_pairs_is_no_hindrance() -> None:
     assert not qt.follow(path_task, method="qp_gradient").failure
 
 
-def test_a_long_step_does_not_pass_through_what_is_beyond_the_horizon() -> None:
-    """0.4 m in one step, and a thin wall 0.3 m ahead of the cart."""
-    model = mujoco.MjModel.from_xml_string("""
-    <mujoco><worldbody><geom name="wall" type="box" size="0.001 1 1" pos="0.351 0 0"/>
+def cart_before_a_thin_wall(wall: float) -> tuple[mujoco.MjModel, qt.TwistTask]:
+    """A wall so far ahead of a cart, m, and a task that draws the cart 0.4 m forwards."""
+    model = mujoco.MjModel.from_xml_string(f"""
+    <mujoco><worldbody><geom name="wall" type="box" size="0.001 1 1" pos="{wall + 0.051} 0 0"/>
       <body><joint type="slide" axis="1 0 0"/><geom name="cart" size="0.05"/>
         <site name="tool"/></body></worldbody></mujoco>""")
     task = qt.TwistTask("tool", "site", qt.TwistProjector(
         linear=qt.Projector.line([1, 0, 0]), angular=qt.Projector.none()
     ))  # fmt: skip
     task.set_target(mink.SE3.from_translation(np.array([0.4, 0.0, 0.0])))
+    return model, task
+
+
+def test_a_long_step_does_not_pass_through_what_is_beyond_the_horizon() -> None:
+    """0.4 m in one step, and a thin wall 0.3 m ahead of the cart."""
+    model, task = cart_before_a_thin_wall(0.3)
     limits = [qt.Clearance(model, distance=0.02)]
     controller = qt.Controller(model, [task], limits=limits)
     configuration = mink.Configuration(model, np.zeros(1))
     velocity = controller.step(configuration, 1.0).velocity
     assert 0.27 <= velocity[0] <= 0.28 + 1e-6
+
+
+def test_joints_that_become_faster_have_rows_of_what_they_then_reach() -> None:
+    """At 0.1 m/s nothing is near; at 4 m/s a thin wall is, 0.15 m ahead in a step of 0.1 s."""
+    model, task = cart_before_a_thin_wall(0.15)
+    clearance = qt.Clearance(model, distance=0.02)
+    motion = qt.MotionLimit(model, velocity=0.1)
+    controller = qt.Controller(model, [task], limits=[clearance, motion], on_infeasible="relax")
+    configuration = mink.Configuration(model, np.zeros(1))
+    step = controller.step(configuration, 0.1)
+    assert 0.0 < step.velocity[0] <= 0.1 and len(step.problem.G) == 0
+    motion.max_velocity = np.array([4.0])
+    for _ in range(40):  # the joint keeps a share of its velocity
+        step = controller.step(configuration, 0.1)
+    assert 1.29 <= step.velocity[0] <= 1.3 + 1e-6 and len(step.problem.G) == 1
+    motion.max_velocity = np.array([0.1])
+    assert len(controller.step(configuration, 0.1).problem.G) == 0
+    # mink does not say how fast joints may be.
+    assert len(clearance.compute_qp_inequalities(configuration, 0.1).h) == 1
+
+
+@settings(max_examples=50)
+@given(seed=seeds, dt=st.sampled_from([0.001, 0.005, 0.02, 0.1]), limited=st.booleans())
+def test_what_a_velocity_lacks_is_found_though_far_pairs_are_not_looked_at(
+    seed: int, dt: float, limited: bool
+) -> None:
+    """Straight at each pair, as fast as the joints may and then 1 mm too near; and faster."""
+    rng, asked = np.random.default_rng(seed), 0.01
+    model = mujoco.MjModel.from_xml_string(FOUR_JOINTS)
+    clearance, oracle = qt.Clearance(model, distance=asked), Distances(model)
+    q = rng.uniform(-2.5, 2.5, size=(200, 4))
+    q = q[clearance.margins(q).min(axis=1) > 0.002][0]
+    task = qt.TwistTask("tool", "site", qt.TwistProjector(
+        linear=qt.Projector.plane([0, 0, 1]), angular=qt.Projector.none()
+    ))  # fmt: skip
+    configuration = mink.Configuration(model, q)
+    task.set_target_from_configuration(configuration)
+
+    def margin(move: Array) -> float:
+        return float(oracle.at(q + move).of(clearance.pairs).min()) - asked
+
+    for gradient in clearance.gradients(q[None])[0]:
+        move = -np.sign(gradient) * rng.uniform(0.1, 1.0, size=4)
+        near, far = 0.0, 0.02  # shares of the move without and with a lack
+        while far < 1.0 and margin(far * move) > -0.001:
+            near, far = far, 1.2 * far
+        if far >= 1.0:
+            continue
+        for _ in range(30):
+            middle = 0.5 * (near + far)
+            near, far = (near, middle) if margin(middle * move) < -0.001 else (middle, far)
+        fastest = far * np.abs(move) / dt + 1e-9
+        motion = qt.MotionLimit(
+            model, velocity=fastest, acceleration=fastest / dt if limited else None
+        )
+        controller = qt.Controller(model, [task], limits=[clearance, motion])
+        controller.step(configuration, dt)
+        # A joint that brakes from there in one step is at rest where it leads.
+        assert clearance.falls_short(far * move / dt, dt) == pytest.approx(0.001, abs=1e-5)
+        assert clearance.falls_short(1.2 * far * move / dt, dt) >= -margin(1.2 * far * move) - 1e-6
 
 
 def main(count: int) -> None:
