@@ -47,6 +47,8 @@ class MovingShapes:
             len(pairs), sum(len(one) + len(other) for one, other in chains),
         )  # fmt: skip
         self.has_moved = False
+        self._data: mujoco.MjData | None = None  # from which obstacles are taken
+        self._of_mocap: tuple[Array | Indices, ...] = ()
         self._floats, self._integers = CELL.allocate(size)
         self._write(moving, vertices, chains)
 
@@ -120,16 +122,19 @@ class MovingShapes:
         """
         if not len(self._on_mocap):
             return
-        places, turns = data.mocap_pos, data.mocap_quat
-        refused = move_obstacles(
-            *self.arrays, *self._on_mocap, places, turns, *self._scratch, self.has_moved
-        )
+        if data is not self._data:
+            places = data.mocap_pos, data.mocap_quat
+            self._data, self._of_mocap = data, (
+                *self.arrays, *self._on_mocap, *places, *self._scratch
+            )  # fmt: skip
+        refused = move_obstacles(*self._of_mocap, self.has_moved)
         if refused >= 0:  # nothing would be clear of it, nor near
             body = int(np.flatnonzero(self._model.body_mocapid == refused)[0])
             raise InvalidInput(
                 f"mocap body {self._model.body(body).name!r}: expected a finite position and a "
-                f"quaternion that is not 0, got {places[refused].tolist()} and "
-                f"{turns[refused].tolist()}; set data.mocap_pos and mocap_quat before the step."
+                f"quaternion that is not 0, got {data.mocap_pos[refused].tolist()} and "
+                f"{data.mocap_quat[refused].tolist()}; set data.mocap_pos and mocap_quat before "
+                "the step."
             )
         self.has_moved = True
 

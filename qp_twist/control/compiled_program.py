@@ -259,7 +259,7 @@ class CompiledProgram:
         labels = StepLabels(solved_ranks, self._size.m, names, self._kinds)
         step = LazyStep.made(self.velocity, self._result, self._size, labels, sources)
         if self.scale < 1.0:
-            step.set_outcome(Status.SCALED, self.scale)
+            step.set_outcome(Status.SCALED, self.scale, (), False)
         if self._dependent is not None:
             A, b = self._dependent
             apart = np.split(A @ self.velocity - self.scale * b, np.cumsum(ranks)[:-1])

@@ -170,6 +170,7 @@ class CompiledStep:
             (mink.FRAME_TO_JAC_FUNC[t.frame_type], frame_id(model, t.frame_name, t.frame_type))
             for t in tasks
         ]
+        self._places: Integers | None = None  # of clear_step
         self._lay_out(composed, 0)
 
     def _lay_out(self, composed: Composition, capacity: int) -> None:
@@ -186,7 +187,7 @@ class CompiledStep:
             free=6 * len(self._tasks) if self.twist_space else 0,
             others=n if self._soft_tasks else 0, k=capacity,
         )  # fmt: skip
-        self._capacity, self.lack = capacity, None
+        self._capacity, self.lack, self._places = capacity, None, None
         self._tables = np.zeros((capacity + 1, STEP.head), dtype=np.int64)
         self._floats, self._integers = STEP.allocate(size)
         self._by_rows: dict[int, tuple[tuple[Integers, Integers], StepInputs, Program, Array]] = {}
@@ -357,10 +358,10 @@ class CompiledStep:
     def _describe(self, step: LazyStep, status: int) -> None:
         """Record what a step does not meet."""
         gaps: tuple[float, ...] = ()
-        if status in (RELAXED, PRIORITIZED) and not self._smooth:
+        if not self._smooth and status in (RELAXED, PRIORITIZED):
             gaps = tuple(self._program.levels.gaps.tolist())
-        scale = float(self._program.sensitivity[0])
-        step.set_outcome(_STATUSES[status], scale, gaps, met=status in (BRAKED, FADED))
+        scale = self._program.sensitivity.item(0)
+        step.set_outcome(_STATUSES[status], scale, gaps, status in (BRAKED, FADED))
 
     def _relaxes_a_band(self, status: int) -> bool:
         """Whether a band is relaxed with its level, which the kernel treats as a limit."""
@@ -385,10 +386,15 @@ class CompiledStep:
         rows first.
         """
         apart, last = clearance.in_step, self._size.k
+        if self._places is None:  # the arrays live as long as this object and its clearance
+            arrays = (
+                *apart.arrays, self._floats, self._integers, self._tables, *self._edge,
+                self._edge_tables,
+            )  # fmt: skip
+            self._places = np.array([*map(_address, arrays), self._capacity])
         status, at_edge, passed, fades, count, lack = clear_step(
-            *apart.arrays, self._floats, self._integers, self._tables, *self._edge,
-            self._edge_tables, last, apart.count, dt, *apart.settings, use_secondary,
-            self.twist_space, passed_over,
+            self._places, last, apart.count, dt, *apart.settings, use_secondary, self.twist_space,
+            passed_over,
         )  # fmt: skip
         apart.count, rows = count, _NO_ROWS
         if status != NO_TABLE:
@@ -723,7 +729,7 @@ _step_sizes = attrgetter("gain", "max_linear_step", "max_angular_step")
 """A task's gain and largest linear and angular step."""
 
 
-def _address(array: Array) -> int:
-    assert array.flags.c_contiguous and array.dtype == np.float64
+def _address(array: npt.NDArray[Any]) -> int:
+    assert array.flags.c_contiguous and array.dtype in (np.float64, np.int64)
     address: int = array.ctypes.data
     return address

@@ -80,14 +80,13 @@ class LazyStep(Step):
                 fields["recovering"] = step.recovering + found
         return step
 
-    def set_outcome(
-        self, status: Status, scale: float, gaps: tuple[float, ...] = (), *, met: bool = False
-    ) -> None:
+    def set_outcome(self, status: Status, scale: float, gaps: tuple[float, ...], met: bool) -> None:
         """Record that the rows are met only at a scale below 1, or not at all.
 
         ``met``: the program was solved as posed, for less than the task asks.
         """
-        self.__dict__.update(status=status, scale=scale, gaps=gaps, _met=met)
+        fields = self.__dict__
+        fields["status"], fields["scale"], fields["gaps"], fields["_met"] = status, scale, gaps, met
 
     def set_lost(self, later: Callable[[], tuple[LostDirection, ...]]) -> None:
         """Record what computes the directions that this step lacks."""

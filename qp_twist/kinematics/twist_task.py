@@ -638,7 +638,5 @@ def _is_pose(pose: Array) -> bool:
     """Whether it is a unit quaternion and a position, all finite."""
     if pose.dtype != np.float64 or pose.shape != (7,):
         return False
-    w, x, y, z, *position = pose.tolist()
-    if not all(map(math.isfinite, position)):
-        return False
-    return abs(math.hypot(w, x, y, z) - 1.0) <= 1e-6  # false for NaN
+    w, i, j, k, x, y, z = pose.tolist()  # false for NaN:
+    return abs(math.hypot(w, i, j, k) - 1.0) <= 1e-6 and math.hypot(x, y, z) < math.inf
