@@ -340,6 +340,7 @@ class Clearance(Constraint):
 
         At configurations q (N, nq), in the order of ``pairs``; −1 where none is.
         """
+        tolerance = number("tolerance", tolerance)
         return self._shapes.first_below(q, self.distance - tolerance)
 
     def of_ignored(self, q: Array) -> Clearance:
@@ -388,9 +389,9 @@ def _ids(pairs: npt.ArrayLike, geoms: int) -> Indices:
     if not ids.size:
         return np.zeros((0, 2), dtype=np.intp)
     fits = ids.dtype.kind in "iu" and ids.ndim == 2 and ids.shape[1] == 2
-    if not fits or ((ids < 0) | (ids >= geoms)).any():
+    if not fits or ((ids < 0) | (ids >= geoms)).any() or (ids[:, 0] == ids[:, 1]).any():
         raise InvalidInput(
-            f"Clearance(pairs=…): expected ids of geoms from 0 to {geoms - 1}, two in each row, "
+            f"Clearance(pairs=…): expected ids of two geoms in each row, from 0 to {geoms - 1}, "
             f"got {pairs!r}."[:400]
         )
     return ids.astype(np.intp)

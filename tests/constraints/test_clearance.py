@@ -500,7 +500,9 @@ def test_pairs_may_be_given() -> None:
     assert every.without_pairs().margins(q).shape == (5, 0)
 
 
-@pytest.mark.parametrize("pairs", [[[0, 999]], [[0, -1]], [[0.0, 1.0]], [0, 1], 3, [[0, 1, 2]]])
+@pytest.mark.parametrize(
+    "pairs", [[[0, 999]], [[0, -1]], [[0.0, 1.0]], [0, 1], 3, [[0, 1, 2]], [[1, 1]]]
+)
 def test_pairs_that_are_none_are_refused(pairs: object) -> None:
     model = mujoco.MjModel.from_xml_string(f"<mujoco><worldbody>{arm()}</mujoco>")
     with pytest.raises(qt.InvalidInput, match="pairs"):
@@ -632,6 +634,13 @@ def test_configurations_that_are_none_are_refused(q: Any) -> None:
     ):  # fmt: skip
         with pytest.raises(qt.InvalidInput, match="q: expected"):
             ask(q)
+
+
+def test_a_tolerance_that_is_none_is_refused() -> None:
+    clearance = qt.Clearance(mujoco.MjModel.from_xml_string(PLANAR))
+    for tolerance in ("1 mm", np.nan, [0.001, 0.002]):
+        with pytest.raises(qt.InvalidInput, match="tolerance: expected"):
+            clearance.inside(np.zeros((1, 2)), tolerance)  # type: ignore[arg-type]
 
 
 def test_what_is_no_model_or_another_one_is_refused() -> None:
