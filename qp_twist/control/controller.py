@@ -548,7 +548,7 @@ class Controller:
         return Inertia.of(motions[-1].velocity, fastest, hardest, dt, self.passed_over)
 
     def _accelerations_and_speeds(self) -> tuple[Array | None, Array | None]:
-        """The least limits of the joints' motion, (nv,), each ``None`` where there is none.
+        """The least acceleration and velocity limit of each joint, (nv,); ``None`` without any.
 
         The arrays stay the same objects until a limit changes.
         """
@@ -566,10 +566,8 @@ class Controller:
         if self.limits != self._seen[0]:
             clearances = [limit for limit in self.limits if isinstance(limit, Clearance)]
             motions = [limit for limit in self.limits if isinstance(limit, MotionLimit)]
-            self._seen, self._hardest = (
-                (list(self.limits), clearances, motions),
-                ([], None, None),
-            )
+            self._seen = list(self.limits), clearances, motions
+            self._hardest = [], None, None
         return self._seen
 
     def _moving(self) -> tuple[Array | None, Array | None, Array | None]:

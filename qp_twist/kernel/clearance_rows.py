@@ -54,8 +54,8 @@ _BEFORE_ENDS = 0.2
 """Share of its acceleration with which a joint brakes before an end of its range while an obstacle
 comes. The other joints have to take over from it, and may be slower or have longer to go."""
 _STEPS_AHEAD = 4.0
-"""Steps at the velocity limits of the joints within which a pair may come too near, if it has a row
-without acceleration limits. One would do for the distance; a scaled task slows down earlier."""
+"""A pair has a row if joints without acceleration limits could bring it too near in so many steps,
+at their velocity limits. One would do for the distance; a scaled task slows down earlier."""
 _ABLE = 0.99
 """Share of what the joints are able to do that a row may ask for."""
 
