@@ -11,11 +11,14 @@ from qp_twist.checks import Array
 from qp_twist.kinematics import JointRanges
 from qp_twist.pictures.lit_pairs import distance_text
 from qp_twist.pictures.near_pairs import TOO_NEAR, NearPair
+from qp_twist.viewing.short_names import short_names
 
 _OUTSIDE = 1e-9
 _AT_LIMIT = 1e-6
 """A margin below this share of the half-range counts as at the limit."""
 _LEFT, _WIDTH, _ROW, _RIGHT = 62.0, 172.0, 30.0, 66.0
+_NAME = 10
+"""Characters of a joint's name that there is room for."""
 _OVER = 0.08
 """Space drawn beyond either end, as a share of the range."""
 _CLEAR_MM, _AT_CLEARANCE = 50.0, 1e-5
@@ -38,12 +41,14 @@ def joint_bars(ranges: JointRanges, q: Array, binding: Sequence[str] = ()) -> st
     positions = ranges.positions(q)
     margins = ranges.margins(q)
     rows = []
+    shown = short_names(ranges.names, _NAME)
     for dof, name in enumerate(ranges.names):
         held = [limit for limit in binding if limit.startswith(f"{name} (")]
         rows.append(
             _row(
                 dof,
                 name,
+                shown[dof],
                 (float(ranges.lower[dof]), float(ranges.upper[dof])),
                 float(positions[dof]),
                 float(margins[dof]),
@@ -124,6 +129,7 @@ def clearance_bar(near: NearPair) -> str:
 def _row(
     dof: int,
     name: str,
+    shown: str,
     limits: tuple[float, float],
     position: float,
     margin: float,
@@ -133,9 +139,8 @@ def _row(
     y = _ROW * dof + 11.0
     state = _state(margin, held)
     colour = {"free": FREE, "held": HELD, "at limit": HELD, "outside": LOST}[state]
-    shown = html.escape(name if len(name) <= 10 else name[:9] + "…")
     parts = [
-        f'<text x="0" y="{y + 4:g}">{shown}<title>{html.escape(name)}</title></text>',
+        f'<text x="0" y="{y + 4:g}">{html.escape(shown)}<title>{html.escape(name)}</title></text>',
         f'<text x="{_LEFT + _WIDTH + _RIGHT:g}" y="{y + 4:g}" text-anchor="end" '
         f'font-weight="{400 if state == "free" else 700}">{_value(position, hinge)}</text>',
     ]

@@ -11,6 +11,8 @@ import mink
 import mujoco
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 import qp_twist as qt
 from qp_twist.geometry import ProjectorKind
@@ -26,6 +28,7 @@ from qp_twist.viewing.readings import readings, sentence
 from qp_twist.viewing.roll import Roll
 from qp_twist.viewing.runs import Runs
 from qp_twist.viewing.settings import method_choices
+from qp_twist.viewing.short_names import short_names
 from qp_twist.viewing.stage import Stage
 
 
@@ -542,3 +545,28 @@ def test_the_live_page_shows_a_moving_part_where_it_is_in_the_cell() -> None:
             assert server.scene.get_handle_by_name(f"/carrier/{name}") is not None
     finally:
         server.stop()
+
+
+@pytest.mark.parametrize(
+    ("names", "expected"),
+    [
+        (["joint_1", "joint_2"], ["joint_1", "joint_2"]),
+        (
+            ["shoulder_pan_joint", "shoulder_lift_joint", "elbow_joint", "wrist_1_joint"],
+            ["should…pan", "shoul…lift", "elbow", "wrist_1"],
+        ),
+        (["panda_joint_1", "panda_joint_12"], ["1", "12"]),
+        (["a_very_long_name", "a_very_long_nape"], ["name", "nape"]),
+        (["averylongxnamea", "averylongynamea"], ["1 ave…amea", "2 ave…amea"]),
+        (["one_joint_alone"], ["one_…alone"]),
+    ],
+)
+def test_long_names_of_joints_stay_different(names, expected):
+    assert short_names(names, 10) == expected
+
+
+@given(st.lists(st.text("ab_", min_size=1, max_size=20), min_size=1, max_size=9, unique=True))
+def test_short_names_fit_and_differ(names):
+    found = short_names(names, 10)
+    assert len(set(found)) == len(names)
+    assert all(len(name) <= 10 for name in found)
