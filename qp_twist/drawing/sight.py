@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from itertools import product
 from typing import NamedTuple, Protocol
 
 import mujoco
 import numpy as np
 
 from qp_twist.checks import Array
+
+_MARGIN = 0.08
+"""Empty rim of a picture, as a share of half its height."""
 
 
 class Drawn(Protocol):
@@ -55,8 +59,8 @@ def overview(model: mujoco.MjModel) -> str:
 def sight(path_task: Drawn) -> Sight:
     """The scene's camera :func:`overview`; without one, the robot at its start and the path.
 
-    Then the direction is that of MuJoCo's free camera, and the bounding sphere of the path and
-    everything that moves just fits; fixed surroundings may be as large as a hall.
+    Then the direction is that of MuJoCo's free camera, and the path and everything that moves just
+    fit; fixed surroundings may be as large as a hall.
     """
     model = path_task.model
     data = mujoco.MjData(model)
@@ -75,21 +79,39 @@ def sight(path_task: Drawn) -> Sight:
     forward = np.array([np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e)])
     moving = model.body_weldid != 0
     shapes = moving[model.geom_bodyid] & (model.geom_rbound > 0.0)
-    low, high = bounds(model, data)
-    points = np.vstack(
-        [
-            low[shapes],
-            high[shapes],
-            data.xpos[moving],
-            data.xpos[model.body_parentid[moving]],
-            path_task.positions,
-        ]
-    )
-    low, high = points.min(axis=0), points.max(axis=0)
+    boxes = np.stack(bounds(model, data))[:, shapes]
+    corners = [boxes[[i, j, k], :, [0, 1, 2]].T for i, j, k in product((0, 1), repeat=3)]
+    joints = [data.xpos[moving], data.xpos[model.body_parentid[moving]]]
+    points = np.vstack([*corners, *joints, path_task.positions])
     # Of an orthographic view fovy is a length.
-    fov = np.radians(45.0 if view.orthographic else float(view.fovy))
-    distance = 0.5 * float(np.linalg.norm(high - low)) / np.sin(0.5 * fov)
-    return Sight(0.5 * (low + high), forward, distance, fov)
+    fov = float(np.radians(45.0 if view.orthographic else float(view.fovy)))
+    return _fitted(points, forward, fov)
+
+
+def _fitted(points: Array, forward: Array, fov: float) -> Sight:
+    """The nearest camera of a direction whose square picture has all points and a margin.
+
+    In camera axes (right, up, forward) the picture has a point at depth z beyond the camera if
+    ``|x|`` and ``|y|`` are at most t z, t = tan(fov/2): in each of the two directions the extreme
+    points on either side bound the camera's place, and the one farther back counts.
+
+    Args:
+        points: In the world, m, (N, 3).
+        forward: The camera's direction, a unit vector, (3,).
+        fov: Vertical, rad.
+    """
+    right = np.cross(forward, (0.0, 0.0, 1.0))
+    if not right.any():
+        right = np.array([0.0, 1.0, 0.0])  # from straight above or below
+    right /= np.linalg.norm(right)
+    axes = np.stack([right, np.cross(right, forward), forward])
+    x, y, z = axes @ points.T
+    t = (1.0 - _MARGIN) * np.tan(0.5 * fov)
+    above = [(float((s - t * z).max()), float((-s - t * z).max())) for s in (x, y)]
+    back = min(-(one + other) / (2.0 * t) for one, other in above)
+    camera = axes.T @ np.array([*(0.5 * (one - other) for one, other in above), back])
+    distance = max(0.5 * float(z.min() + z.max()) - back, 0.1)
+    return Sight(camera + distance * forward, forward, distance, fov)
 
 
 def bounds(model: mujoco.MjModel, data: mujoco.MjData) -> tuple[Array, Array]:

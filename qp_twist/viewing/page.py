@@ -78,6 +78,7 @@ class Page:
             gui.add_html(heading(self.session.base.title))
             self._html = {name: gui.add_html("") for name in _WRITTEN}
             gui.add_html(LEGEND + (NEAR_LEGEND if self.session.base.clearances else ""))
+        panel.expand()  # on a narrow page it is a section below the controls, closed otherwise
         panel.dock_left()
         panel.set_width(330)
         gui.main_panel.dock_right()

@@ -74,10 +74,25 @@ class Stage:
                 axes_length=0.06 * float(self.model.stat.extent),
                 axes_radius=0.003 * float(self.model.stat.extent),
             )
+        server.on_client_connect(self._fit_upright)
         self._lit = LitPairs(server, path_task)
         self.near: NearPair | None = None
         self._fixed = np.flatnonzero(self.model.body_weldid == 0)[1:].tolist()
         self.draw_path(path_task)
+
+    def _fit_upright(self, client: viser.ClientHandle) -> None:
+        """Show the whole scene on a page that is higher than wide, above the sheet of controls.
+
+        The field of view is vertical, and the sheet covers the lower half of such a page.
+        """
+        camera, seen = client.camera, sight(self._shown)
+        if camera.aspect >= 1.0:
+            return
+        distance = _FURTHER * seen.distance / camera.aspect
+        right = np.cross(seen.forward, (0.0, 0.0, 1.0))
+        up = np.cross(right, seen.forward) / max(float(np.linalg.norm(right)), 1e-9)
+        centre = seen.look_at - 0.5 * distance * np.tan(0.5 * seen.fov) * up
+        camera.position, camera.look_at = centre - distance * seen.forward, centre
 
     def cast_shadows(self, cast: bool) -> None:
         """Whether lights cast shadows: without a graphics card these take seconds per picture."""

@@ -327,9 +327,13 @@ def test_without_a_camera_of_its_own_the_arm_and_the_path_fill_the_sight(name: s
     points = np.vstack([data.xpos[1:], bare.positions]) - (
         seen.look_at - seen.distance * seen.forward
     )
-    away = np.degrees(np.arccos(points @ seen.forward / np.linalg.norm(points, axis=1)))
-    assert away.max() < np.degrees(0.5 * seen.fov)
-    assert away.max() > np.degrees(0.5 * seen.fov) / 4.0  # and not lost in the distance
+    right = np.cross(seen.forward, (0.0, 0.0, 1.0))
+    up = np.cross(right, seen.forward)
+    depth = points @ seen.forward * np.tan(0.5 * seen.fov)
+    for side in (right, up):  # as shares of half a square picture
+        shares = points @ (side / np.linalg.norm(side)) / depth
+        assert np.abs(shares).max() < 1.0
+    assert np.ptp(points @ up / np.linalg.norm(up) / depth) > 0.5  # and not lost in the distance
     camera = sight(task)  # with one, that of the scene
     at = task.model.camera("overview").id
     mujoco.mj_forward(task.model, task_data := mujoco.MjData(task.model))
