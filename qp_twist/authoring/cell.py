@@ -24,6 +24,7 @@ from qp_twist.files import read_bytes, write_atomically
 from qp_twist.kinematics import JointRanges
 from qp_twist.robots import Robot, load_robot
 from qp_twist.robots.room import DRAWN, NOT_DRAWN, add_room
+from qp_twist.robots.stand_ins import add_pen
 
 TOOL, PART, FIXTURE, TCP = "tool", "part", "fixture", "tcp"
 _COLOURS = {
@@ -125,11 +126,7 @@ def write_cell(
             at_tip = f"the tip of the tool in the cell; {frame.kind} {frame.name} holds the part"
         tool = _add_body(*where[TOOL], names.get(TOOL, _free(TOOL, taken)))
         point = identity if request.tcp is None else _pose(request.tcp)
-        site = _free(TCP, {s.name for s in spec.sites})
-        tool.add_site(
-            name=site, pos=point.translation(), quat=point.rotation().wxyz, group=4,
-            size=[0.005] * 3,
-        )  # fmt: skip
+        site = _add_tip(spec, tool, point, drawn=request.tool_mesh is not None)
         tip = FrameChoice(site, "site", at_tip)
         if request.tool_at is not None and request.part_mesh is None:
             _add_body(*where[PART], names[PART])
@@ -190,6 +187,17 @@ def _pose(six: tuple[float, float, float, float, float, float]) -> mink.SE3:
 
 def _add_body(parent: Any, pose: mink.SE3, name: str) -> Any:
     return parent.add_body(name=name, pos=pose.translation(), quat=pose.rotation().wxyz)
+
+
+def _add_tip(spec: Any, tool: Any, point: mink.SE3, *, drawn: bool) -> str:
+    """Add the site of the tool's tip, and a pen to a tool that is not drawn; the site's name."""
+    site = _free(TCP, {s.name for s in spec.sites})
+    tool.add_site(
+        name=site, pos=point.translation(), quat=point.rotation().wxyz, group=4, size=[0.005] * 3
+    )
+    if not drawn:
+        add_pen(tool, point.translation(), _COLOURS[TOOL])
+    return site
 
 
 def _free(name: str, taken: set[str]) -> str:

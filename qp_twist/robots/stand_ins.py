@@ -1,12 +1,19 @@
-"""Shapes for a robot without any: rods from joint to joint, for pictures."""
+"""Shapes for pictures: of a robot without any, rods from joint to joint; of a tool, a pen."""
 
 from __future__ import annotations
+
+from typing import Any
 
 import mujoco
 import numpy as np
 
+from qp_twist.checks import Array
+from qp_twist.robots.room import DRAWN
+
 _THICKNESS = 0.03
 """Radius of a rod, as a share of the length of all rods together up to the tip."""
+_HANDLE, _POINT = 0.12, 0.03
+"""Radii of a tool of which only the tip is known, as shares of its length."""
 _COLOUR = (0.68, 0.73, 0.80, 1.0)
 
 
@@ -26,3 +33,26 @@ def add_rods(spec: mujoco.MjSpec) -> None:
                 conaffinity=0,
                 rgba=_COLOUR,
             )
+
+
+def add_pen(body: Any, tip: Array, rgba: tuple[float, float, float, float]) -> None:
+    """Add a handle and a thin point from a body's origin to the tool's tip, without collisions.
+
+    Args:
+        body: The tool, of which only the tip is known.
+        tip: In the body's frame, m, (3,).
+        rgba: Colour.
+    """
+    length = float(np.linalg.norm(tip))
+    if length == 0.0:
+        return
+    handle, point = _HANDLE * length, _POINT * length
+    end = tip * (1.0 - point / length)
+    for kind, start, stop, radius in (
+        (mujoco.mjtGeom.mjGEOM_CYLINDER, np.zeros(3), 0.7 * tip, handle),
+        (mujoco.mjtGeom.mjGEOM_CAPSULE, 0.7 * tip, end, point),
+    ):
+        body.add_geom(
+            type=kind, fromto=[*start, *stop], size=[radius, 0.0, 0.0], mass=0.0, contype=0,
+            conaffinity=0, rgba=rgba, group=DRAWN,
+        )  # fmt: skip
