@@ -299,12 +299,14 @@ def _hint(error: InvalidInput) -> str:
         'arc_axis = "right"': "--arc-axis right or --arc-axis left",
         "add rotary = to": "--rotary head-ac or another of these",
         'add rotary = "vector"': "--rotary vector",
-        "orientation =": "--orientation normal, axis, rpy or none",
+        "orientation =": "--orientation normal, axis, rpy, rotation_vector or none",
     }
     answers = [option for words, option in options.items() if words in text]
     if isinstance(error, UnclearColumns):
         found = error.suggestion
         answers = [found.option if found else '--columns "position=1,2,3;normal=4,5,6"']
+        if 'orientation = "none"' in text:
+            answers.append("--orientation none")
     return f" For qp-twist new: {' or '.join(answers)}" if answers else ""
 
 

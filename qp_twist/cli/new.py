@@ -20,7 +20,7 @@ from qp_twist.cli.app import Json, app, check_file, quiet, say
 from qp_twist.cli.progress import share_progress
 from qp_twist.errors import InvalidInput
 from qp_twist.kinematics import JointRanges
-from qp_twist.paths import Rotary
+from qp_twist.paths import Orientation, Rotary
 from qp_twist.paths.file_path_schema import ColumnsTable
 
 _LONG = 2.0
@@ -37,7 +37,7 @@ def new(
     out: Annotated[Path, tyro.conf.arg(metavar="FILE")] = Path("task.toml"),
     unit: Literal["auto", "mm", "m", "inch"] = "auto",
     angle_unit: Literal["auto", "deg", "rad"] = "auto",
-    orientation: Literal["auto", "axis", "normal", "quaternion", "rpy", "none"] = "auto",
+    orientation: Literal["auto"] | Orientation = "auto",
     feed_unit: Literal["auto", "mm/min", "mm/s", "m/min", "m/s", "inch/min"] = "auto",
     columns: Annotated[str | None, tyro.conf.arg(metavar="TEXT")] = None,
     rapids: Literal["auto", "keep", "drop"] = "auto",
@@ -78,7 +78,7 @@ def new(
         frame_type: Kind of the frame, if two frames have the same name.
         out: Task file to write.
         unit: Unit of positions, if the toolpath does not contain it.
-        angle_unit: Unit of roll, pitch and yaw, likewise.
+        angle_unit: Unit of angles and rotation vectors, likewise.
         orientation: Columns of direction to use, if there are several.
         feed_unit: Unit of a column of feeds, likewise.
         columns: Columns with unusual names, e.g. "position=1,2,3;normal=4,5,6".

@@ -13,6 +13,10 @@ from qp_twist.errors import InvalidInput
 
 _POINT = re.compile(r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eEdD][+-]?[0-9]+)?")
 _COMMA = re.compile(r"[+-]?(?:[0-9]+(?:,[0-9]+)?|,[0-9]+)(?:[eEdD][+-]?[0-9]+)?")
+_GROUPED = re.compile(
+    r"[+-]?[1-9][0-9]{0,2}([.,'\u2019\u00a0\u202f])[0-9]{3}(?:\1[0-9]{3})*(?!\1)([.,])[0-9]+"
+)
+"""A number with thousands apart and a decimal mark, which shows what either mark means."""
 _NOT_FINITE = re.compile(r"[+-]?(?:1\.#)?(?:nan|inf|infinity|ind|qnan)(?:\(\w*\))?", re.IGNORECASE)
 
 
@@ -121,6 +125,9 @@ class Dialect:
     def number(self, field: str) -> float | None:
         """The number in a field, NaN and infinity included; ``None`` for text."""
         field = field.replace("\u2212", "-")
+        grouped = _GROUPED.fullmatch(field)
+        if grouped and grouped[2] == self.decimal:
+            field = field.replace(grouped[1], "")
         if (_POINT if self.decimal == "." else _COMMA).fullmatch(field):
             return float(field.replace(",", ".").replace("d", "e").replace("D", "e"))
         return float("nan") if _NOT_FINITE.fullmatch(field) else None

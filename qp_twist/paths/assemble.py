@@ -99,7 +99,8 @@ def assembled(
         found.append(replace(kept, before=before, after=after))
         dropped += again
     problems.refuse()
-    meaning: Meaning = "rotation" if orientation in ("quaternion", "rpy") else orientation  # type: ignore[assignment]
+    whole = orientation in ("quaternion", "rpy", "rotation_vector")
+    meaning: Meaning = "rotation" if whole else orientation  # type: ignore[assignment]
     notes = list(notes)
     if dropped:
         first = f"line {dropped[0]}" if len(dropped) == 1 else f"the first in line {dropped[0]}"
@@ -156,6 +157,9 @@ def _curve(
     values = np.array(rows.directions, dtype=np.float64)
     if orientation == "rpy":
         rotations = Rotation.from_euler("xyz", values).as_matrix()
+        return Curve(name, positions, None, rotations, lines, feeds)
+    if orientation == "rotation_vector":
+        rotations = Rotation.from_rotvec(values).as_matrix()
         return Curve(name, positions, None, rotations, lines, feeds)
     units = _unit_vectors(orientation, values, lines, call, problems)
     if orientation != "quaternion":

@@ -15,11 +15,13 @@ from qp_twist.files import (
     Problems,
     Table,
     columns_named,
+    split_unit,
 )
 from qp_twist.paths.assemble import RawCurve, assembled
 from qp_twist.paths.suggested_columns import suggested
 from qp_twist.paths.toolpath import Toolpath
 from qp_twist.paths.toolpath_columns import (
+    LOOKED_AT,
     ColumnChoice,
     ColumnRoles,
     Orientation,
@@ -29,9 +31,6 @@ from qp_twist.paths.toolpath_columns import (
     unit_of,
     usual,
 )
-
-_LOOKED_AT = 500
-"""Number of rows from which columns are suggested."""
 
 
 def read_csv(
@@ -71,11 +70,20 @@ def read_csv(
     try:
         where = column_roles(table, choice, orientation, feed_unit)
     except UnclearColumns as error:
-        raise UnclearColumns(error.message, suggested(table.sample(_LOOKED_AT))) from None
+        if error.suggestion is not None or has_position(table.names):
+            raise
+        raise UnclearColumns(error.message, suggested(table.sample(LOOKED_AT))) from None
     unit, in_file = unit_of(table, "length_unit", where.position, length_unit, LENGTHS)
     scale, angle, feed = LENGTHS[unit], 1.0, 1.0
-    if where.orientation == "rpy":
-        angle = ANGLES[unit_of(table, "angle_unit", where.direction, angle_unit, ANGLES)[0]]
+    notes = [where.note] if where.note else []
+    if where.orientation in ("rpy", "rotation_vector"):
+        own = angle_unit or (None if _states_unit(table, where.direction) else where.angle_unit)
+        stated, in_header = unit_of(table, "angle_unit", where.direction, own, ANGLES)
+        angle = ANGLES[stated]
+        if not in_header and angle_unit is None:
+            called = ", ".join(table.call(i) for i in sorted(where.direction))
+            word = "degrees" if stated == "deg" else "radians"
+            notes.append(f"{called} are read in {word}, by their numbers.")
     if where.feed is not None:
         feed = FEEDS[unit_of(table, "feed_unit", (where.feed,), feed_unit, FEEDS)[0]]
     problems = Problems()
@@ -87,12 +95,17 @@ def read_csv(
             rows.directions = [tuple(angle * v for v in d) for d in rows.directions]
     used = {*where.numbers, *(() if where.curve is None else (where.curve,))}
     unused = [table.call(i) for i in range(table.width) if i not in used]
-    notes = [f"not used: {', '.join(unused)}."] if unused else []
+    notes += [f"not used: {', '.join(unused)}."] if unused else []
     notes += _of_feeds(table, where)
     call = ", ".join(table.call(i) for i in where.direction)
     return assembled(
         path, where.orientation, curves, call, notes, problems, unit=unit, unit_in_file=in_file
     )
+
+
+def _states_unit(table: Table, columns: Sequence[int]) -> bool:
+    """Whether the header has the unit of one of some columns."""
+    return bool(table.names) and any(split_unit(table.names[i])[1] for i in columns)
 
 
 def _of_feeds(table: Table, where: ColumnRoles) -> list[str]:

@@ -43,6 +43,7 @@ class ColumnsTable(Section):
     quaternion_wxyz: Quadruple | None = None
     quaternion_xyzw: Quadruple | None = None
     rpy: Triple | None = None
+    rotation_vector: Triple | None = Field(default=None, description="axis times angle")
     curve: Name | None = Field(default=None, description="where its entry changes a curve begins")
     feed: Name | None = Field(default=None, description="of the motion to each point")
 

@@ -77,6 +77,12 @@ def suggested(values: Array) -> Suggestion | None:
     return Suggestion(columns, tuple(reasons), "deg" if degrees else "rad")
 
 
+def have_length_1(values: Array) -> bool:
+    """Whether each row (N, columns) has the length 1, as directions and quaternions have."""
+    lengths = np.linalg.norm(values, axis=1)
+    return bool(len(lengths)) and bool((np.abs(lengths - 1.0) <= _UNIT).all())
+
+
 Choice = tuple[float, range, tuple[str, range] | None]
 """Cost of the unexplained columns, the position, and the kind and columns of the direction."""
 
@@ -126,8 +132,7 @@ class _Columns:
         return bool(np.ptp(self.values[:, k]) == 0.0)
 
     def _has_length_1(self, at: range) -> bool:
-        lengths = np.linalg.norm(self.values[:, at], axis=1)
-        return bool((np.abs(lengths - 1.0) <= _UNIT).all())
+        return have_length_1(self.values[:, at])
 
     def _is_flat(self, at: range) -> bool:
         """Whether four columns are more likely z = 0 of a flat part and a direction.

@@ -4,19 +4,63 @@ from __future__ import annotations
 
 import re
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal, TypeVar, cast
 
-from qp_twist.errors import InvalidInput
-from qp_twist.files import FEEDS, FeedUnit, Table, columns_named, split_unit
-from qp_twist.paths.suggested_columns import Suggestion
+import numpy as np
 
-Orientation = Literal["axis", "normal", "quaternion", "rpy", "none"]
+from qp_twist.checks import Array
+from qp_twist.errors import InvalidInput
+from qp_twist.files import ANGLES, FEEDS, AngleUnit, FeedUnit, Table, columns_named, split_unit
+from qp_twist.paths.suggested_columns import Suggestion, have_length_1
+
+Orientation = Literal["axis", "normal", "quaternion", "rpy", "rotation_vector", "none"]
 Column = str | int
 Unit = TypeVar("Unit", bound=str)
 
-_SIZES = {"position": 3, "axis": 3, "normal": 3, "quaternion": 4, "rpy": 3, "angles": 3, "curve": 1,
-          "feed": 1}  # fmt: skip
+LOOKED_AT = 500
+"""Number of rows whose numbers are compared with the names of their columns."""
+
+
+@dataclass(frozen=True)
+class Convention:
+    """How a group of columns states an orientation.
+
+    Attributes:
+        orientation: What the columns are read as.
+        order: Places in the group of roll, pitch, yaw, or of w, x, y, z.
+        unit: Unit of its angles where the file states none and the numbers agree.
+        called: The convention in notes, if only the letters of the names identify it.
+    """
+
+    orientation: Orientation
+    order: tuple[int, ...] = (0, 1, 2)
+    unit: AngleUnit | None = None
+    called: str = ""
+
+
+CONVENTIONS = {
+    "axis": Convention("axis"),
+    "normal": Convention("normal"),
+    "quaternion": Convention("quaternion", (0, 1, 2, 3)),
+    "numbered quaternion": Convention(
+        "quaternion", (0, 1, 2, 3), called="a quaternion w, x, y, z, as ABB writes it"
+    ),
+    "rpy": Convention("rpy"),
+    "W P R": Convention("rpy", unit="deg", called="FANUC's W, P, R: R = Rz(R) Ry(P) Rx(W)"),
+    "A B C": Convention(
+        "rpy",
+        (2, 1, 0),
+        unit="deg",
+        called="KUKA's A, B, C: R = Rz(A) Ry(B) Rx(C) (of a robot with A about x choose rpy = "
+        "A, B, C in [path.columns])",
+    ),
+    "rotation vector": Convention("rotation_vector", unit="rad"),
+}
+"""Groups of columns that state an orientation."""
+_NOTHING = Convention("none", ())
+_SIZES = {group: len(convention.order) for group, convention in CONVENTIONS.items()}
+_SIZES |= {"position": 3, "angles": 3, "curve": 1, "feed": 1}
 
 
 def _usual_names() -> dict[str, tuple[str, int]]:
@@ -27,16 +71,21 @@ def _usual_names() -> dict[str, tuple[str, int]]:
                      "{}coord", "coordinate{}", "{}coordinate"),
         "axis": ("a{}", "axis{}", "{}axis", "toolaxis{}"),
         "normal": ("n{}", "norm{}", "{}norm", "normal{}", "{}normal"),
-        "angles": ("r{}", "rot{}"),
+        "rotation vector": ("rotvec{}", "rotationvector{}", "rvec{}", "rv{}", "axisangle{}"),
+        "angles": ("r{}", "rot{}", "rotation{}"),
     }  # fmt: skip
     for group, patterns in forms.items():
         for pattern in patterns:
             names.update({pattern.format(c): (group, i) for i, c in enumerate("xyz")})
     for pattern in ("q{}", "quat{}", "quaternion{}", "orientation{}"):
         names.update({pattern.format(c): ("quaternion", i) for i, c in enumerate("wxyz")})
-    for letters, group in (("ijk", "axis"), ("wpr", "rpy")):
+        names.update({pattern.format(i): ("numbered quaternion", i) for i in range(10)})
+    names.update({f"{c}w": ("angles", 3) for c in ("r", "rot", "rotation")})
+    for letters, group in (("ijk", "axis"), ("wpr", "W P R"), ("abc", "A B C")):
         names.update({c: (group, i) for i, c in enumerate(letters)})
     names.update({c: ("rpy", i) for i, c in enumerate(("roll", "pitch", "yaw"))})
+    for three in (("alpha", "beta", "gamma"), ("phi", "theta", "psi")):
+        names.update({c: ("angles", i) for i, c in enumerate(three)})
     for c in ("curve", "curveid", "curvename", "pass", "contour", "stroke"):
         names[c] = ("curve", 0)
     for c in ("feed", "feedrate", "f", "speed", "velocity", "pathspeed", "tcpspeed"):
@@ -58,6 +107,7 @@ class ColumnChoice:
         quaternion_wxyz: w first.
         quaternion_xyzw: w last.
         rpy: Roll about x, pitch about y, yaw about z.
+        rotation_vector: Axis times angle.
         curve: Another curve begins where its entry changes.
         feed: Feed of the motion to each point.
     """
@@ -68,6 +118,7 @@ class ColumnChoice:
     quaternion_wxyz: tuple[Column, ...] | None = None
     quaternion_xyzw: tuple[Column, ...] | None = None
     rpy: tuple[Column, ...] | None = None
+    rotation_vector: tuple[Column, ...] | None = None
     curve: Column | None = None
     feed: Column | None = None
 
@@ -151,6 +202,9 @@ class ColumnRoles:
         direction: Their indices; a quaternion's w first.
         curve: Index of the curve's name.
         feed: Index of the feed.
+        angle_unit: Unit of angles where neither the file nor the user states one, if the numbers
+            show that it is this one.
+        note: How an orientation is read that only the letters of its columns identify.
     """
 
     position: tuple[int, ...]
@@ -158,6 +212,8 @@ class ColumnRoles:
     direction: tuple[int, ...]
     curve: int | None
     feed: int | None = None
+    angle_unit: AngleUnit | None = None
+    note: str = ""
 
     @property
     def numbers(self) -> tuple[int, ...]:
@@ -175,6 +231,14 @@ def usual(names: Sequence[str]) -> dict[str, dict[int, list[int]]]:
         )
         if meant:
             found.setdefault(meant[0], {}).setdefault(meant[1], []).append(index)
+    angles = found.get("angles", {})
+    if 3 in angles:  # rx, ry, rz, rw are a quaternion; without rw what they are is open
+        for place, columns in found.pop("angles").items():
+            found.setdefault("quaternion", {}).setdefault((place + 1) % 4, []).extend(columns)
+    numbered = found.pop("numbered quaternion", {})
+    if numbered.keys() in ({0, 1, 2, 3}, {1, 2, 3, 4}):  # other numbers are those of joints
+        first = min(numbered)
+        found["numbered quaternion"] = {i - first: columns for i, columns in numbered.items()}
     return found
 
 
@@ -219,22 +283,112 @@ def column_roles(
         if direction is None or table.width < 3:
             return _without_header(table, choice, orientation, feed)
         position = (0, 1, 2)
+    groups = {group: at for group, at in groups.items() if not {*at} & {*position}}
     curve = index_of(table, "curve", choice.curve) if choice.curve is not None else None
     if curve is None and "curve" in groups:
         [curve] = groups["curve"]
-    if direction is not None:
-        if orientation not in (None, direction[0], "none"):
-            raise InvalidInput(
-                f"columns has {direction[0]}, orientation is {orientation!r}; "
-                "leave one of them out."
-            )
-        found = ("none", ()) if orientation == "none" else direction
-    else:
-        found = _usual_direction(table, groups, orientation)
-    where = ColumnRoles(position, found[0], found[1], curve, feed)
+    convention, columns = _direction(table, direction, groups, orientation)
+    where = ColumnRoles(position, convention.orientation, columns, curve, feed)
     if len(set(where.numbers)) < len(where.numbers):
         raise InvalidInput("columns: a column is used twice.")
-    return where
+    if orientation is None and convention.orientation == "none" and table.names:
+        _refuse_unused_orientation(table, where)
+    return _with_convention(table, where, convention)
+
+
+def _direction(
+    table: Table,
+    chosen: tuple[Orientation, tuple[int, ...]] | None,
+    groups: dict[str, tuple[int, ...]],
+    orientation: Orientation | None,
+) -> tuple[Convention, tuple[int, ...]]:
+    """The convention of the orientation, and its columns in the order of the reader."""
+    if chosen is not None and orientation not in (None, chosen[0], "none"):
+        raise InvalidInput(
+            f"columns has {chosen[0]}, orientation is {orientation!r}; leave one of them out."
+        )
+    if orientation == "none":
+        return _NOTHING, ()
+    if chosen is not None:
+        return _as_chosen(chosen[0]), chosen[1]
+    return _usual_direction(table, groups, orientation)
+
+
+def _with_convention(table: Table, where: ColumnRoles, convention: Convention) -> ColumnRoles:
+    """The roles with what the convention of the orientation adds, if the numbers agree with it.
+
+    Raises:
+        UnclearColumns: If they contradict it.
+    """
+    called = ", ".join(table.call(i) for i in sorted(where.direction))
+    if not where.direction or not (convention.unit or convention.called):
+        return where
+    values = _numbers(table, where.direction)
+    unit = convention.unit
+    if convention.orientation == "quaternion":
+        if not have_length_1(values):
+            raise UnclearColumns(
+                f"{called} are named like {convention.called}, but their length is not 1; say what "
+                'they are in [path.columns] of the task file, or orientation = "none" in [path].'
+            )
+    else:
+        largest = float(np.abs(values).max(initial=0.0))
+        states_unit = split_unit(table.names[where.direction[0]])[1] if table.names else None
+        if convention.called and states_unit is None and have_length_1(values):
+            raise UnclearColumns(
+                f"{called} are named like {convention.called}; but in each row their length is 1, "
+                "like that of a direction. Say what they are in [path.columns] of the task file: "
+                'rpy, normal or axis; or orientation = "none" in [path].'
+            )
+        if convention.called and largest > 360.0:
+            raise UnclearColumns(
+                f"{called} are named like {convention.called}; but a number in them is "
+                f"{largest:.6g}, more than 360 degrees. Say what they are in [path.columns] of the "
+                'task file, or orientation = "none" in [path].'
+            )
+        # A vector above one turn is in degrees, and angles within one turn may be radians.
+        agrees = largest <= 2.0 * np.pi if unit == "rad" else largest > 2.0 * np.pi
+        unit = unit if agrees or largest == 0.0 else None
+    note = f"{called} are read as {convention.called}." if convention.called else ""
+    return replace(where, angle_unit=unit, note=note)
+
+
+def _refuse_unused_orientation(table: Table, where: ColumnRoles) -> None:
+    """Refuse to leave out columns that may state an orientation: the path would be without one.
+
+    Raises:
+        UnclearColumns: If unused columns are in a unit of angles, or neighbours have length 1.
+    """
+    named = usual(table.names)
+    others = [i for group in ("feed", "curve") for at in named.get(group, {}).values() for i in at]
+    left = {*range(table.width)} - {*where.numbers, *others}
+    angles = tuple(i for i in sorted(left) if split_unit(table.names[i])[1] in {*ANGLES, "grad"})
+    spans = [range(i, i + size) for size in (4, 3) for i in sorted(left)]
+    units = [at for at in spans if {*at} <= left and have_length_1(_numbers(table, at))]
+    if not angles and not units:
+        return
+    found, why, kind = angles, "are angles", "rpy"
+    if not angles:
+        found, why = tuple(units[0]), "have the length 1 in each row"
+        kind = "normal" if len(found) == 3 else "quaternion_wxyz"
+    suggestion = None
+    if len(found) == _SIZES[kind.partition("_")[0]] and len(units) < 3:  # no rotation matrix
+        columns = {"position": where.position, kind: found}
+        numbers = {key: tuple(i + 1 for i in at) for key, at in columns.items()}
+        suggestion = Suggestion(numbers, ())
+    raise UnclearColumns(
+        f"{', '.join(table.call(i) for i in found)} {why} and may state an orientation, which would"
+        " be left out; say in [path.columns] of the task file what they are (a rotation matrix is "
+        'not read), or orientation = "none" in [path] if they state none.',
+        suggestion,
+    )
+
+
+def _numbers(table: Table, columns: Sequence[int]) -> Array:
+    """The numbers of some columns in the first rows that have all of them, (N, columns)."""
+    values = table.sample(LOOKED_AT)[:, list(columns)]
+    found: Array = values[np.isfinite(values).all(axis=1)]
+    return found
 
 
 def _groups(
@@ -261,15 +415,19 @@ def _groups(
             groups[group] = tuple(places[i][0] for i in range(_SIZES[group]))
             continue
         lonely = [columns[0] for columns in places.values()]
-        # A lone letter is something else: i is an index, r a radius, rx … of a table without ry.
-        if group in ("axis", "rpy") and all(len(table.names[i].strip()) == 1 for i in lonely):
+        names = [split_unit(table.names[i]) for i in lonely]
+        # Letters alone are something else: i is an index, r a radius, theta a parameter. If they
+        # are in degrees or radians, _refuse_unused_orientation asks.
+        if group in ("axis", "W P R") and all(len(name) == 1 for name, _ in names):
+            continue
+        if group in ("A B C", "angles") and len(lonely) == 1 and len(names[0][0]) != 2:
             continue
         if group == "position" and len(places) < 3:
             continue  # column_roles says so
         raise InvalidInput(
             f"{', '.join(table.call(i) for i in lonely)}: {len(lonely)} of "
             f"{_SIZES[group]} columns of one {group}; add the missing ones, or say in "
-            "[path.columns] what counts."
+            '[path.columns] what counts, or orientation = "none" in [path] if they state none.'
         )
     return groups
 
@@ -284,16 +442,22 @@ def _chosen(
     return tuple(index_of(table, key, column) for column in columns)
 
 
+def _as_chosen(orientation: Orientation) -> Convention:
+    """The convention of columns that the user names."""
+    return Convention(orientation, unit="rad" if orientation == "rotation_vector" else None)
+
+
 def _chosen_direction(
     table: Table, choice: ColumnChoice
 ) -> tuple[Orientation, tuple[int, ...]] | None:
     found: list[tuple[Orientation, tuple[int, ...]]] = []
     kinds: tuple[tuple[str, Orientation], ...] = (
         ("axis", "axis"), ("normal", "normal"), ("quaternion_wxyz", "quaternion"),
-        ("quaternion_xyzw", "quaternion"), ("rpy", "rpy"),
+        ("quaternion_xyzw", "quaternion"), ("rpy", "rpy"), ("rotation_vector", "rotation_vector"),
     )  # fmt: skip
     for key, orientation in kinds:
-        indices = _chosen(table, key, getattr(choice, key), _SIZES[orientation])
+        size = 4 if orientation == "quaternion" else 3
+        indices = _chosen(table, key, getattr(choice, key), size)
         if indices is not None:
             if key == "quaternion_xyzw":
                 indices = (indices[3], *indices[:3])
@@ -305,33 +469,39 @@ def _chosen_direction(
 
 def _usual_direction(
     table: Table, groups: dict[str, tuple[int, ...]], orientation: Orientation | None
-) -> tuple[Orientation, tuple[int, ...]]:
-    kinds: tuple[Orientation, ...] = ("axis", "normal", "quaternion", "rpy")
-    present = [kind for kind in kinds if kind in groups]
-    if orientation == "none" or (orientation is None and not present and "angles" not in groups):
-        return "none", ()
-    if orientation == "rpy" and not present and "angles" in groups:
-        return "rpy", groups["angles"]
+) -> tuple[Convention, tuple[int, ...]]:
+    """The convention of the orientation's columns, and their indices in its order."""
+    present = {group: CONVENTIONS[group] for group in CONVENTIONS if group in groups}
+    if orientation is None and not present and "angles" not in groups:
+        return _NOTHING, ()
+    if "angles" in groups and not present and orientation in ("rpy", "rotation_vector"):
+        return _as_chosen(orientation), groups["angles"]
     if orientation is not None:
-        if orientation not in groups:
+        present = {g: c for g, c in present.items() if c.orientation == orientation}
+        if not present:
             raise InvalidInput(
                 f"orientation is {orientation!r}, but the header has no such "
                 f"columns: {', '.join(map(repr, table.names))}; say which they are in "
                 "[path.columns] of the task file."
             )
-        return orientation, groups[orientation]
     if not present:
         raise InvalidInput(
             f"{', '.join(table.call(i) for i in groups['angles'])}: these can be "
             'roll, pitch, yaw or a rotation vector; add orientation = "rpy" to [path] of the task '
-            'file if R = Rz Ry Rx, or orientation = "none" to leave them out.'
+            'file if R = Rz Ry Rx, orientation = "rotation_vector" if they are axis times angle '
+            '(as of Universal Robots), or orientation = "none" to leave them out.'
         )
-    if len(present) > 1:
-        raise InvalidInput(
-            f"the header has columns for {' and '.join(present)}; add orientation = "
-            f'"{present[0]}" or another to [path] of the task file.'
+    if len(present) > 1 or (orientation is None and "angles" in groups):
+        kinds = list(dict.fromkeys(convention.orientation for convention in present.values()))
+        called = " and ".join([*present, *(["angles"] if "angles" in groups else [])])
+        answer = (
+            f'add orientation = "{kinds[0]}" or another to [path] of the task file'
+            if len(kinds) == len(present)
+            else "say in [path.columns] of the task file which count"
         )
-    return present[0], groups[present[0]]
+        raise InvalidInput(f"the header has columns for {called}; {answer}.")
+    [(group, convention)] = present.items()
+    return convention, tuple(groups[group][i] for i in convention.order)
 
 
 def _without_header(
@@ -341,10 +511,11 @@ def _without_header(
     curve = None if choice.curve is None else index_of(table, "curve", choice.curve)
     if table.width == 3 and orientation in (None, "none") and feed is None:
         return ColumnRoles((0, 1, 2), "none", (), curve)
-    if table.width == 6 and orientation in ("axis", "normal", "rpy") and feed is None:
+    kinds = ("axis", "normal", "rpy", "rotation_vector")
+    if table.width == 6 and orientation in kinds and feed is None:
         return ColumnRoles((0, 1, 2), orientation, (3, 4, 5), curve)
     raise UnclearColumns(
         f"{table.width} columns and no header line with x, y, z; say what they "
         "are in [path.columns] of the task file, counted from 1: position, and normal, axis, "
-        "quaternion_wxyz, quaternion_xyzw or rpy."
+        "quaternion_wxyz, quaternion_xyzw, rpy or rotation_vector."
     )
