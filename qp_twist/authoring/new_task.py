@@ -282,6 +282,7 @@ def _toolpath(request: Request) -> Toolpath:
             feed_unit=request.feed_unit,
             arc_axis=request.arc_axis,
             rotary=request.rotary,
+            rollover=request.rollover,
         )
     except InvalidInput as error:
         raise InvalidInput(f"{error}{_hint(error)}") from error

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Literal
 
 from qp_twist.authoring.solids import MeshUnit
-from qp_twist.paths import AngleUnit, ArcAxis, FeedUnit, LengthUnit, Orientation, Rotary
+from qp_twist.paths import AngleUnit, ArcAxis, FeedUnit, LengthUnit, Orientation, Rollover, Rotary
 from qp_twist.paths.file_path_schema import ColumnsTable
 
 
@@ -33,6 +33,7 @@ class Request:
         transfer: From one curve to the next in straight lines, or by joint moves.
         arc_axis: Sense of rotation of circles about their axes, if the file leaves it open.
         rotary: How the rotary axes of a G-code file turn the tool.
+        rollover: Whether they turn over 360 degrees the short way.
         tool: Whether the frame's z points into the part.
         place: Origin of the toolpath's frame in the world, m; ``None`` for the world's origin, or
             elsewhere if the robot does not reach it there.
@@ -65,6 +66,7 @@ class Request:
     transfer: Literal["straight", "joint"] = "straight"
     arc_axis: ArcAxis | None = None
     rotary: Rotary | None = None
+    rollover: Rollover | None = None
     tool: Literal["into", "out"] = "into"
     place: tuple[float, float, float] | None = None
     place_rpy_deg: tuple[float, float, float] = (0.0, 0.0, 0.0)

@@ -180,6 +180,8 @@ def _path(parts: Parts) -> str:  # noqa: PLR0912
         lines.append(_line(f'arc_axis = "{request.arc_axis}"', "sense of CIRCLE about its axis"))
     if request.rotary:
         lines.append(_line(f'rotary = "{request.rotary}"', "how rotary axes turn the tool"))
+    if request.rollover:
+        lines.append(_line(f'rollover = "{request.rollover}"', "of rotary axes over 360 degrees"))
     if request.orientation:
         lines.append(f'orientation = "{request.orientation}"')
     elif toolpath.meaning in ("normal", "axis"):

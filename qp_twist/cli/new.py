@@ -20,7 +20,7 @@ from qp_twist.cli.app import Json, app, check_file, quiet, say
 from qp_twist.cli.progress import share_progress
 from qp_twist.errors import InvalidInput
 from qp_twist.kinematics import JointRanges
-from qp_twist.paths import Orientation, Rotary
+from qp_twist.paths import Orientation, Rollover, Rotary
 from qp_twist.paths.file_path_schema import ColumnsTable
 
 _LONG = 2.0
@@ -44,6 +44,7 @@ def new(
     transfer: Literal["straight", "joint"] = "straight",
     arc_axis: Literal["auto", "right", "left"] = "auto",
     rotary: Rotary | None = None,
+    rollover: Rollover | None = None,
     tool: Annotated[str, tyro.conf.arg(metavar="{into,out,FILE}")] = "into",
     place: Annotated[
         str | None, tyro.conf.arg(metavar="X,Y,Z[,ROLL_DEG,PITCH_DEG,YAW_DEG]")
@@ -88,7 +89,10 @@ def new(
             joints at their full speed, clear of what is in the way.
         arc_axis: Sense of rotation of CIRCLE about its axis, if the file leaves it open.
         rotary: How the rotary axes A, B, C of a G-code file turn the tool or the part; or
-            vector, the tool axis is I, J, K of straight motions.
+            vector, the tool axis is I, J, K of straight motions; reversed, a table that turns
+            right-handed, against ISO 841.
+        rollover: Whether rotary axes that turn by more than 180 degrees in a cut take the short
+            way, as where they roll over from 360 to 0 (the default), or the way as written.
         tool: Whether the frame's z points into the part or out of it; or the mesh of a tool (STL,
             OBJ or DAE) in the axes of the robot's frame, whose tip's z points into the part: a
             scene is then written beside the task file.
@@ -127,6 +131,7 @@ def new(
         transfer=transfer,
         arc_axis=None if arc_axis == "auto" else arc_axis,
         rotary=rotary,
+        rollover=rollover,
         tool="out" if tool == "out" else "into",
         speed=number("--speed", speed, above=0.0),
         search_seconds=number("--search-time", search_time, above=0.0),

@@ -34,6 +34,7 @@ from .resample import MOST as MOST
 from .resample import Sampling as Sampling
 from .resample import resampled as resampled
 from .resources import shipped_folder as shipped_folder
+from .rotary_axes import Rollover as Rollover
 from .rotary_axes import Rotary as Rotary
 from .segment import Segment as Segment
 from .shown import Shown as Shown

@@ -87,6 +87,7 @@ def file_waypoints(
         arc_error=section.arc_error,
         arc_axis=section.arc_axis,
         rotary=section.rotary,
+        rollover=section.rollover,
     )
     if section.curves is not None:
         toolpath = toolpath.chosen(section.curves)

@@ -13,7 +13,7 @@ from qp_twist.paths.arcs import ARC_ERROR
 from qp_twist.paths.projector_schema import OwnProjector
 from qp_twist.paths.read_toolpath import Format
 from qp_twist.paths.resample import Sampling
-from qp_twist.paths.rotary_axes import Rotary
+from qp_twist.paths.rotary_axes import Rollover, Rotary
 from qp_twist.paths.section import Number, Positive, Section, Vector
 from qp_twist.paths.toolpath_columns import ColumnChoice, Orientation
 
@@ -129,6 +129,9 @@ class FilePath(Section):
     arc_error: Positive = Field(default=ARC_ERROR, description="m, of the chords of an arc")
     arc_axis: ArcAxis | None = None
     rotary: Rotary | None = None
+    rollover: Rollover | None = Field(
+        default=None, description="of rotary axes over 360 degrees; shortest unless stated"
+    )
     tool: Literal["into", "out"] = "into"
     lead_deg: LeanAngle = 0.0
     tilt_deg: LeanAngle = 0.0

@@ -17,7 +17,14 @@ from qp_twist.paths.arcs import ARC_ERROR, arc_points, arc_sweep, check_radii
 from qp_twist.paths.assemble import SAME_POINT, assembled
 from qp_twist.paths.gcode_words import Block, read_block
 from qp_twist.paths.motions import Motions, PassedOver, notes_on_rapid, of_lines, times
-from qp_twist.paths.rotary_axes import Rotary, rotary_letters, tool_axis
+from qp_twist.paths.rotary_axes import (
+    ROLLOVER,
+    Rollover,
+    Rotary,
+    begin_of_turn,
+    rotary_letters,
+    tool_axis,
+)
 from qp_twist.paths.toolpath import Toolpath
 from qp_twist.paths.toolpath_columns import Orientation
 
@@ -72,6 +79,7 @@ def read_gcode(
     length_unit: LengthUnit | None,
     arc_error: float = ARC_ERROR,
     rotary: Rotary | None = None,
+    rollover: Rollover | None = None,
 ) -> Toolpath:
     """The toolpath of a G-code program.
 
@@ -88,7 +96,7 @@ def read_gcode(
             f"orientation is {orientation!r}, but a G-code file has tool axes; leave it "
             'out or say "axis" or "none".'
         )
-    reader = _Reader(Problems(), length_unit, arc_error, rotary)
+    reader = _Reader(Problems(), length_unit, arc_error, rotary, rollover)
     reader.program(lines)
     reader.problems.refuse()
     if not reader.motions.points:
@@ -121,6 +129,7 @@ class _Reader:
     length_unit: LengthUnit | None
     arc_error: float
     rotary: Rotary | None
+    rollover: Rollover | None
     unit: LengthUnit | None = None
     motions: Motions = field(default_factory=Motions)
     passed: PassedOver = field(default_factory=PassedOver)
@@ -151,6 +160,10 @@ class _Reader:
     whole: tuple[int, str] | None = None
     rotary_refused: bool = False
     tip_refused: bool = False
+    rolled_over: list[int] = field(default_factory=list)
+    """Lines of cuts in which a rotary axis takes the short way."""
+    long_turns: list[int] = field(default_factory=list)
+    """Lines of cuts in which a rotary axis turns by more than 180°."""
 
     def program(self, lines: Sequence[str]) -> None:
         """Process all lines up to the end of the program."""
@@ -187,7 +200,21 @@ class _Reader:
                 "(arc_error)."
             )
         if self.rotary not in (None, "vector") and self.has_axis:
-            found.append(f"tool axes are those of the rotary axes by {self.rotary}.")
+            leaning = [p for p in self.motions.points if p.direction[2] < 1.0 - 1e-12]
+            first = "(0, 0, 1) throughout"
+            if leaning:
+                vector = ", ".join(f"{value:.4g}" for value in leaning[0].direction)
+                first = f"({vector}) in line {leaning[0].line}, the first that leans"
+            found.append(f"tool axes are those of the rotary axes by {self.rotary}: {first}.")
+        default = " (the default; as-written: the long way)" if self.rollover is None else ""
+        turns = "a rotary axis turns by more than 180 degrees in a cut"
+        if self.rolled_over:
+            found.append(
+                f"{turns} ({of_lines(self.rolled_over)}), as where it rolls over from 360 to 0: it "
+                f'takes the short way by rollover = "shortest"{default}.'
+            )
+        if self.long_turns:
+            found.append(f"{turns} ({of_lines(self.long_turns)}): all the way, as written.")
         return found
 
     # ------------------------------------------------------------ a block
@@ -363,6 +390,8 @@ class _Reader:
                     raise InvalidInput(f"{axis} is relative (G91) to a position that is not known")
                 self.at[axis] = value + (self.at[axis] if self.relative else 0.0)
         self._turn(line, block)
+        if self.motion != 0 and self.rotary not in (None, "vector"):
+            begin = self._begin_of_turn(line, begin)
         if self.motion in (2, 3):
             self._arc(line, block, start, begin, scale)
             return
@@ -423,6 +452,19 @@ class _Reader:
             self.angles[letter] = value
         if self.rotary not in (None, "vector") and {"A", "B", "C"} & block.words.keys():
             self.has_axis = True
+
+    def _begin_of_turn(self, line: int, begin: dict[str, float]) -> dict[str, float]:
+        """Angles from which rotary axes turn in a cut; by G91 they turn as written."""
+        rollover: Rollover = "as-written" if self.relative else self.rollover or ROLLOVER
+        found = {
+            letter: begin_of_turn(angle, self.angles[letter], rollover)
+            for letter, angle in begin.items()
+        }
+        if found != begin:
+            self.rolled_over.append(line)
+        if any(abs(self.angles[letter] - angle) > 180.0 for letter, angle in found.items()):
+            self.long_turns.append(line)
+        return found
 
     def _vector(self, block: Block) -> None:
         """Take the tool axis of I, J, K, or of A3, B3, C3."""

@@ -12,7 +12,7 @@ from qp_twist.paths.apt_toolpath import ArcAxis, read_apt
 from qp_twist.paths.arcs import ARC_ERROR
 from qp_twist.paths.csv_toolpath import read_csv
 from qp_twist.paths.gcode_toolpath import SUFFIXES, read_gcode
-from qp_twist.paths.rotary_axes import Rotary
+from qp_twist.paths.rotary_axes import Rollover, Rotary
 from qp_twist.paths.toolpath import Toolpath
 from qp_twist.paths.toolpath_columns import ColumnChoice, Orientation
 
@@ -31,6 +31,7 @@ def read_toolpath(
     arc_error: float = ARC_ERROR,
     arc_axis: ArcAxis | None = None,
     rotary: Rotary | None = None,
+    rollover: Rollover | None = None,
 ) -> Toolpath:
     """Read a toolpath from a table (CSV), APT-CL or G-code.
 
@@ -48,6 +49,7 @@ def read_toolpath(
         arc_error: Largest distance of an arc from the chords that replace it, m.
         arc_axis: Sense of rotation of ``CIRCLE`` about its axis, if the file leaves it open.
         rotary: Of G-code, how rotary axes turn the tool, or ``"vector"`` for I, J, K.
+        rollover: Whether its rotary axes turn over 360° the short way (the default).
 
     Returns:
         The curves, in metres, with unit vectors or rotations, and the feeds of the file.
@@ -78,7 +80,9 @@ def read_toolpath(
                 "an APT or G-code file states the unit of a feed itself; leave feed_unit out."
             )
         if format == "gcode":
-            return read_gcode(path, lines, orientation, length_unit, arc_error, rotary)
-        if rotary is not None:
-            raise InvalidInput("an APT file states tool axes as vectors; leave rotary out.")
+            return read_gcode(path, lines, orientation, length_unit, arc_error, rotary, rollover)
+        if rotary is not None or rollover is not None:
+            raise InvalidInput(
+                "an APT file states tool axes as vectors; leave rotary and rollover out."
+            )
         return read_apt(path, lines, orientation, length_unit, arc_error, arc_axis)

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
+from typing import get_args
 
+import mujoco
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
@@ -19,6 +21,7 @@ from qp_twist.cli import new as _command  # noqa: F401
 from qp_twist.errors import InvalidInput
 from qp_twist.paths import Rotary, Toolpath, read_toolpath
 from qp_twist.paths.rotary_axes import tool_axis
+from qp_twist.paths.turning import angles_between
 
 QUICK = settings(
     max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
@@ -167,38 +170,120 @@ def test_a_quarter_circle_and_its_complement_and_a_full_circle(tmp_path: Path) -
 # ---------------------------------------------------------------- tool axes
 
 
-ROTATIONS = {
-    "head-ac": lambda a, b, c: Rotation.from_euler("Z", c) * Rotation.from_euler("X", a),
-    "head-bc": lambda a, b, c: Rotation.from_euler("Z", c) * Rotation.from_euler("Y", b),
-    "head-ab": lambda a, b, c: Rotation.from_euler("Y", b) * Rotation.from_euler("X", a),
-    "head-ba": lambda a, b, c: Rotation.from_euler("X", a) * Rotation.from_euler("Y", b),
-    # A table turns the part by R, and the tool along z is R⁻¹ e_z in the part's frame.
-    "table-ac": lambda a, b, c: (Rotation.from_euler("X", a) * Rotation.from_euler("Z", c)).inv(),
-    "table-bc": lambda a, b, c: (Rotation.from_euler("Y", b) * Rotation.from_euler("Z", c)).inv(),
-    "table-ab": lambda a, b, c: (Rotation.from_euler("X", a) * Rotation.from_euler("Y", b)).inv(),
-    "table-ba": lambda a, b, c: (Rotation.from_euler("Y", b) * Rotation.from_euler("X", a)).inv(),
-    "head-a-table-c": lambda a, b, c: (
-        Rotation.from_euler("Z", c).inv() * Rotation.from_euler("X", a)
-    ),
-    "head-b-table-c": lambda a, b, c: (
-        Rotation.from_euler("Z", c).inv() * Rotation.from_euler("Y", b)
-    ),
-}
+AXES = {"a": "1 0 0", "b": "0 1 0", "c": "0 0 1"}
+TABLE_AXES = {"a": "-1 0 0", "b": "0 -1 0", "c": "0 0 -1"}
+"""ISO 841: A', B', C' of a table turn the part the other way round."""
 
 
-@pytest.mark.parametrize("rotary", ROTATIONS)
-def test_rotary_axes_turn_the_tool_as_rotation_matrices_do(rotary: Rotary, tmp_path: Path) -> None:
-    rng = np.random.default_rng(3)
-    letters = [letter for letter in "ABC" if letter in rotary.upper().replace("HEAD", "").replace(
-        "TABLE", "")]  # fmt: skip
-    for angles in rng.uniform(-110, 110, (20, 3)):
-        expected = ROTATIONS[rotary](*np.radians(angles)).as_matrix()[:, 2]
-        stated = dict(zip("ABC", angles.tolist(), strict=True))
-        assert tool_axis(rotary, stated) == pytest.approx(expected, abs=1e-12)
-        words = " ".join(f"{letter}{stated[letter]:.8f}" for letter in letters)
+def machine(rotary: Rotary) -> mujoco.MjModel:
+    """A machine with a head, a table or both, as a model of its joints.
+
+    The first letter of a head is the axis next to the tool, of a table the one next to the bed.
+    """
+    head, _, table = rotary.removesuffix("-reversed").partition("table")
+    letters = head.removeprefix("head").strip("-")[::-1], table.strip("-")
+    axes = AXES, AXES if rotary.endswith("-reversed") else TABLE_AXES
+    branches = []
+    for end, chain, directions in zip(("tool", "part"), letters, axes, strict=True):
+        body = f'<body name="{end}"><geom size="1"/></body>'
+        for letter in reversed(chain):
+            joint = f'<joint name="{letter}" axis="{directions[letter]}"/>'
+            body = f'<body><geom size="1"/>{joint}{body}</body>'
+        branches.append(body)
+    text = f"<mujoco><worldbody>{''.join(branches)}</worldbody></mujoco>"
+    return mujoco.MjModel.from_xml_string(text)
+
+
+@pytest.mark.parametrize("rotary", [name for name in get_args(Rotary) if name != "vector"])
+def test_rotary_axes_turn_the_tool_as_the_joints_of_a_machine_do(
+    rotary: Rotary, tmp_path: Path
+) -> None:
+    model = machine(rotary)
+    data = mujoco.MjData(model)
+    letters = [model.joint(k).name for k in range(model.njnt)]
+    assert len(letters) == 2
+    for angles in np.random.default_rng(3).uniform(-110, 110, (20, 2)).tolist():
+        stated = dict(zip(letters, angles, strict=True))
+        for letter, angle in stated.items():
+            data.joint(letter).qpos = math.radians(angle)
+        mujoco.mj_kinematics(model, data)
+        tool, part = (data.body(name).xmat.reshape(3, 3) for name in ("tool", "part"))
+        expected = part.T @ tool[:, 2]
+        found = tool_axis(rotary, {letter.upper(): angle for letter, angle in stated.items()})
+        assert found == pytest.approx(expected, abs=1e-9)
+        words = " ".join(f"{letter.upper()}{angle:.8f}" for letter, angle in stated.items())
         text = f"G21 G43.4 H1\nG0 X0 Y0 Z5 {words}\nG1 Z0 F100\n"
-        [curve] = read(tmp_path, text, rotary=rotary).curves
-        assert curve.vectors == pytest.approx(np.array([expected] * 2), abs=1e-9)
+        toolpath = read(tmp_path, text, rotary=rotary)
+        assert toolpath.curves[0].vectors == pytest.approx(np.array([expected] * 2), abs=1e-9)
+        [note] = [note for note in toolpath.notes if f"by {rotary}" in note]
+        shown = [float(value) for value in note.partition("(")[2].partition(")")[0].split(",")]
+        assert shown == pytest.approx(expected, abs=1e-3)
+
+
+@pytest.mark.parametrize("rotary", ["table-ac", "head-ac", "head-a-table-c"])
+def test_a_positive_word_leans_the_tool_right_handed_on_heads_and_tables(
+    rotary: Rotary, tmp_path: Path
+) -> None:
+    """ISO 841: A+ turns the tool about +x relative to the part, from +z towards −y."""
+    text = "G21 G43.4 H1\nG0 X0 Y0 Z5 A30 C0\nG1 Z0 F100\n"
+    [curve] = read(tmp_path, text, rotary=rotary).curves
+    assert curve.vectors is not None
+    assert curve.vectors[0] == pytest.approx([0, -0.5, math.sqrt(0.75)])
+
+
+ROLLS = "G21 G43.4 H1\nG0 X0 Y0 Z0 {axis}{begin}{other}\n{mode} G1 X10 {axis}{end} F100\n"
+
+
+def turned_in_all(toolpath: Toolpath) -> float:
+    """Angle by which the tool axis turns along the only curve, degrees."""
+    [curve] = toolpath.curves
+    assert curve.vectors is not None
+    return math.degrees(float(angles_between(curve.vectors[:-1], curve.vectors[1:]).sum()))
+
+
+@pytest.mark.parametrize(
+    ("begin", "end", "short", "written"),
+    [
+        (359.8, 0.2, 0.4, 359.6), (0.2, 359.8, 0.4, 359.6), (-179.0, 179.0, 2.0, 358.0),
+        (90, -100, 170, 190), (-300, -40, 100, 260),
+        # Not beyond half a turn, a full turn or more, or words of an axis that counts its turns.
+        (0, 180, 180, 180), (0, 360, 360, 360), (700, 720.5, 20.5, 20.5), (350, 640, 290, 290),
+    ],
+)  # fmt: skip
+@pytest.mark.parametrize("axis", ["A", "B", "C"])
+@pytest.mark.parametrize("kind", ["head", "table"])
+def test_a_rotary_axis_that_rolls_over_takes_the_short_way(
+    tmp_path: Path, kind: str, axis: str, begin: float, end: float, short: float, written: float
+) -> None:
+    """A and B turn the axis itself, C at a lean of 90° too."""
+    rotary = f"{kind}-{'ac' if axis == 'C' else axis.lower() + 'c'}"
+    other = " A90" if axis == "C" else " C0"
+    text = ROLLS.format(axis=axis, begin=begin, end=end, other=other, mode="")
+    by_default = read(tmp_path, text, rotary=rotary)
+    assert turned_in_all(by_default) == pytest.approx(short, abs=1e-6)
+    assert turned_in_all(read(tmp_path, text, rotary=rotary, rollover="shortest")) == (
+        pytest.approx(short, abs=1e-6)
+    )
+    as_written = read(tmp_path, text, rotary=rotary, rollover="as-written")
+    assert turned_in_all(as_written) == pytest.approx(written, abs=1e-6)
+    relative = ROLLS.format(axis=axis, begin=begin, end=end - begin, other=other, mode="G91")
+    assert turned_in_all(read(tmp_path, relative, rotary=rotary)) == (
+        pytest.approx(written, abs=1e-6)
+    )
+    notes = " ".join(by_default.notes)
+    assert ('rollover = "shortest" (the default' in notes) == (short != written)
+    assert ("(line 3): all the way, as written" in notes) == (short == written > 180.0)
+    assert ("as written" in " ".join(as_written.notes)) == (written > 180.0)
+
+
+def test_on_an_arc_a_rotary_axis_that_rolls_over_takes_the_short_way(tmp_path: Path) -> None:
+    text = "G21 G43.4 H1\nG0 X10 Y0 Z0 A90 C350\nG3 X0 Y10 I-10 J0 C10 F100\n"
+    assert turned_in_all(read(tmp_path, text, rotary="head-ac")) == pytest.approx(20)
+
+
+def test_an_apt_file_has_no_rollover(tmp_path: Path) -> None:
+    with pytest.raises(InvalidInput, match="leave rotary and rollover out"):
+        read(tmp_path, "UNITS/MM\nGOTO/0,0,0\nGOTO/1,0,0\n", "a.apt", rollover="shortest")
 
 
 def test_between_two_points_the_rotary_axes_move_in_proportion(tmp_path: Path) -> None:
@@ -337,7 +422,7 @@ def test_options_of_other_formats_are_refused(tmp_path: Path) -> None:
         InvalidInput, match="the file is in mm, length_unit of the task file says m"
     ):
         read(tmp_path, text, length_unit="m")
-    with pytest.raises(InvalidInput, match="states tool axes as vectors; leave rotary out"):
+    with pytest.raises(InvalidInput, match="states tool axes as vectors; leave rotary"):
         read(tmp_path, "UNITS/MM\nGOTO/0,0,0\nGOTO/1,0,0\n", "a.apt", rotary="head-ac")
 
 
@@ -379,7 +464,8 @@ def test_new_makes_a_task_of_a_program_with_five_axes(
     with pytest.raises(SystemExit):
         main(given_)
     assert "For qp-twist new: --rotary head-ac or another of these" in capsys.readouterr().err
-    main([*given_, "--rotary", "head-ac"])
+    main([*given_, "--rotary", "head-ac", "--rollover", "as-written"])
+    assert 'rollover = "as-written"' in out.read_text(encoding="utf-8")
     said = capsys.readouterr().out
     assert "tool axes are those of the rotary axes by head-ac" in said
     task = qt.load_task(out)
