@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import json
+import math
 import re
 from collections.abc import Container, Sequence
 from dataclasses import dataclass
@@ -39,6 +40,8 @@ _KINDS = {
     "other": r"effort|torque|current",
 }
 _BETWEEN = r"[\s_./:-]+"
+_TWO_TURNS = 4.0 * math.pi
+"""Positions above it without a unit are hardly in radians or metres."""
 
 
 def encode(rows: JointRows) -> str:
@@ -74,7 +77,8 @@ def decode(content: bytes, joint_names: tuple[str, ...] | None) -> JointRows:
     """Rows of a CSV file, of this package or another tool.
 
     Supported are the delimiters, decimal marks and encodings of :mod:`qp_twist.files`; units in
-    brackets or endings of the names (``joint_1 [deg]``, ``joint_1_deg``), else rad, m and s;
+    brackets or endings of the names (``joint_1 [deg]``, ``joint_1_deg``), else rad, m and s, which
+    is refused where the numbers contradict it;
     velocities as ``joint_1 velocity``, ``vel_joint_1`` or ``joint_1 [deg/s]``. Accelerations and
     efforts are ignored.
     """
@@ -116,6 +120,7 @@ def decode(content: bytes, joint_names: tuple[str, ...] | None) -> JointRows:
     found = [row.numbers for row in table.rows(used, problems) if row.numbers is not None]
     problems.refuse()
     values = np.array(found) * [columns[k].scale(names[k]) for k in used]
+    _refuse_other_units([columns[k] for k in used], [names[k] for k in used], values)
     accelerated = any(column.kind == "acceleration" for column in columns)
     return _rows([columns[k] for k in used], values, metadata, accelerated)
 
@@ -165,6 +170,37 @@ class _Column:
                 "for joints, the same per s for velocities, s or ms for time."
             )
         return size
+
+
+def _refuse_other_units(columns: list[_Column], names: list[str], values: Array) -> None:
+    """Refuse columns without a unit that are hardly in rad or m.
+
+    Args:
+        columns: Contents of the columns.
+        names: Their names in the header.
+        values: Their numbers, (N, columns).
+
+    Raises:
+        InvalidInput: If a position without a unit is above two turns, or a column has none and
+            others are in degrees.
+    """
+    in_degrees = [n for n, c in zip(names, columns, strict=True) if c.unit in ("deg", "deg/s")]
+    for name, column, numbers in zip(names, columns, values.T, strict=True):
+        if column.unit is not None or column.kind not in ("position", "velocity"):
+            continue
+        largest = float(np.abs(numbers).max(initial=0.0))
+        if in_degrees:
+            why = f"column {in_degrees[0]!r} is in degrees"
+        elif column.kind == "position" and largest > _TWO_TURNS:
+            turns = largest / (2.0 * math.pi)
+            why = f"its numbers reach {largest:.6g}, as radians {turns:.3g} turns"
+        else:
+            continue
+        per = "/s" if column.kind == "velocity" else ""
+        raise InvalidInput(
+            f"column {name!r} has no unit, and {why}: write the unit of each "
+            f"joint into the header, e.g. {name} [deg{per}] or {name} [rad{per}]."
+        )
 
 
 def _parted(label: str, joint_names: tuple[str, ...] | None) -> tuple[str, str]:

@@ -177,6 +177,14 @@ def test_columns_are_found_by_name_in_any_order_and_unit(
         assert rows.times == pytest.approx([0.0, 1.0])
 
 
+def test_numbers_without_a_unit_are_radians_up_to_two_turns(tmp_path: Path) -> None:
+    path = tmp_path / "other.csv"
+    path.write_text("joint_1,joint_2\n-12.5,0.3\n12.5,-3.1\n", "utf-8")
+    assert read_trajectory(path).q.tolist() == [[-12.5, 0.3], [12.5, -3.1]]
+    path.write_text("joint_1 [rad],joint_2 [rad]\n-125,0.3\n125,-3.1\n", "utf-8")
+    assert read_trajectory(path).q[:, 0].tolist() == [-125, 125]
+
+
 def test_velocities_of_other_tools_are_understood(tmp_path: Path) -> None:
     path = tmp_path / "other.csv"
     path.write_text("time,vel_a [deg/s],a [deg],a_acceleration\n0,90,0,1\n1,180,45,1\n", "utf-8")
@@ -289,6 +297,21 @@ def test_an_archive_of_another_tool_is_understood(tmp_path: Path) -> None:
         ("x.csv", "joint_1 [furlong],joint_2\n1,2\n", "the unit 'furlong' is not known"),
         ("x.csv", "joint_1 [s],joint_2\n1,2\n", "column 'joint_1 .s.': the unit 's' is not known"),
         ("x.csv", "t [deg],joint_1\n1,2\n", "column 't .deg.': the unit 'deg' is not known"),
+        (
+            "x.csv",
+            "joint_1,joint_2\n1,-85.7\n",
+            "'joint_2' has no unit, and its numbers reach 85.7",
+        ),
+        (
+            "x.csv",
+            "joint_1 [deg],joint_2\n1,2\n",
+            r"'joint_2' has no unit, and column 'joint_1 \[deg\]' is in degrees",
+        ),
+        (
+            "x.csv",
+            "t,joint_1_deg,joint_2_deg,vel_joint_1,vel_joint_2\n0,1,2,0,0\n1,1,2,0,0\n",
+            r"'vel_joint_1' has no unit, .* vel_joint_1 \[deg/s\] or vel_joint_1 \[rad/s\]",
+        ),
         ("x.csv", "joint_1,joint_2\none,two\n1,2\n", "line 2, column 'joint_1': .* got 'one'"),
         ("x.csv", "joint_1,other\n1,2\n", "no column for joint_2; it has joint_1"),
         ("x.csv", "joint_1,joint_1,joint_2\n1,2,3\n", "two columns hold the positions of joint_1"),
