@@ -37,6 +37,7 @@ from qp_twist.paths import (
     twist_task,
     unit_question,
 )
+from qp_twist.paths.motions import times
 from qp_twist.paths.task_file import FILE_KEY
 from qp_twist.robots import Robot, load_robot
 from qp_twist.trajectories import Check, run_task
@@ -108,6 +109,8 @@ def new_task(
     """
     _check_out(out, force)
     number("speed", request.speed, above=0.0)
+    if request.angular_speed_deg is not None:
+        number("angular_speed_deg", request.angular_speed_deg, above=0.0)
     number("search_seconds", request.search_seconds, above=0.0)
     report = progress or (lambda what, share: None)
     report("reading the robot", 0.0)
@@ -370,13 +373,21 @@ def _summary(toolpath: Toolpath, path_task: PathTask) -> str:
 
 
 def _of_feed(request: Request, toolpath: Toolpath) -> list[str]:
-    """A note on the feeds of the file, and where it has none."""
-    if toolpath.feeds is None:
-        return []
-    return [
-        f"feed: {feeds_in_words(toolpath)}, as the file states it; where it does not, "
-        f"{request.speed:g} m/s."
-    ]
+    """Notes on the feeds of the file, and where it has none."""
+    found = []
+    if toolpath.feeds is not None:
+        found.append(
+            f"feed: {feeds_in_words(toolpath)}, as the file states it; where it does not, "
+            f"{request.speed:g} m/s."
+        )
+    bound = request.angular_speed(toolpath.turns_in_place)
+    if toolpath.turns_in_place:
+        found.append(
+            f"feed: the tool turns in place ({times(toolpath.turns_in_place)}), where a speed "
+            f"along the path gives no time; it turns by at most {bound:g} degrees/s everywhere "
+            "(--angular-speed)."
+        )
+    return found
 
 
 def _small(toolpath: Toolpath) -> list[str]:

@@ -11,6 +11,9 @@ from qp_twist.authoring.solids import MeshUnit
 from qp_twist.paths import AngleUnit, ArcAxis, FeedUnit, LengthUnit, Orientation, Rollover, Rotary
 from qp_twist.paths.file_path_schema import ColumnsTable
 
+ANGULAR_SPEED = 90.0
+"""Speed at which a tool turns in place, unless another is given, degrees/s."""
+
 
 @dataclass(frozen=True)
 class Request:
@@ -39,6 +42,8 @@ class Request:
             elsewhere if the robot does not reach it there.
         place_rpy_deg: Orientation of that frame, R = Rz Ry Rx, degrees; only with ``place``.
         speed: Speed along the path where the toolpath has no feed, m/s.
+        angular_speed_deg: Largest speed at which the tool turns, degrees/s; ``None`` for
+            ``ANGULAR_SPEED`` where the tool turns in place, and no bound elsewhere.
         search_seconds: Time limit of the search for a start and a placement, s.
         tool_mesh: Mesh file of a tool, in the axes of the robot's frame.
         tcp: Pose of its tip in the robot's frame: position, m, roll, pitch and yaw, R = Rz Ry Rx,
@@ -71,6 +76,7 @@ class Request:
     place: tuple[float, float, float] | None = None
     place_rpy_deg: tuple[float, float, float] = (0.0, 0.0, 0.0)
     speed: float = 0.05
+    angular_speed_deg: float | None = None
     search_seconds: float = 60.0
     tool_mesh: Path | None = None
     tcp: tuple[float, float, float, float, float, float] | None = None
@@ -81,6 +87,10 @@ class Request:
     tool_at: tuple[float, float, float, float, float, float] | None = None
     packages: Mapping[str, Path] = field(default_factory=dict)
     arguments: Mapping[str, str] = field(default_factory=dict)
+
+    def angular_speed(self, turns_in_place: int) -> float | None:
+        """Largest speed at which the tool turns along a path, degrees/s; ``None`` for no bound."""
+        return self.angular_speed_deg or (ANGULAR_SPEED if turns_in_place else None)
 
     @property
     def has_cell(self) -> bool:

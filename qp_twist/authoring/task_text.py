@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from qp_twist.authoring.frame_choice import FrameChoice
-from qp_twist.authoring.request import Request
+from qp_twist.authoring.request import ANGULAR_SPEED, Request
 from qp_twist.authoring.touching import Watched
 from qp_twist.checks import Array
 from qp_twist.kinematics import JointRanges
@@ -271,11 +271,15 @@ def _feed(parts: Parts) -> str:
     speed = f"speed = {parts.request.speed:g}"
     of_file = parts.toolpath.feeds is not None
     comment = "m/s, where the file has no feed" if of_file else "m/s, along the path"
+    bound = parts.request.angular_speed(parts.toolpath.turns_in_place)
+    angular = f"angular_speed_deg = {bound or ANGULAR_SPEED:g}"
     return "\n".join(
         [
             "[feed]",
             _line(speed, f"{comment}; it slows down at limits"),
-            _line("# angular_speed_deg = 30", "of the tool, degrees/s; the slower one counts"),
+            _line(
+                angular if bound else _off(angular), "of the tool, degrees/s; the slower one counts"
+            ),
         ]
     )
 

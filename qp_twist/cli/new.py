@@ -50,6 +50,7 @@ def new(
         str | None, tyro.conf.arg(metavar="X,Y,Z[,ROLL_DEG,PITCH_DEG,YAW_DEG]")
     ] = None,
     speed: Annotated[float, tyro.conf.arg(metavar="M/S")] = 0.05,
+    angular_speed: Annotated[float | None, tyro.conf.arg(metavar="DEG/S")] = None,
     search_time: Annotated[float, tyro.conf.arg(metavar="S")] = 60.0,
     tcp: Annotated[str | None, tyro.conf.arg(metavar="X,Y,Z[,ROLL_DEG,PITCH_DEG,YAW_DEG]")] = None,
     part: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None,
@@ -100,6 +101,8 @@ def new(
             in degrees (R = Rz Ry Rx), e.g. 0.5,0,0.2 or 0.5,0,0.2,0,0,90; if omitted, the world's
             origin, or elsewhere if the robot cannot reach it there.
         speed: Speed along the path where the toolpath has no feed, m/s.
+        angular_speed: Largest speed at which the tool turns, degrees/s; if omitted, 90 for a path
+            on which it turns in place, and no bound for others.
         search_time: Longest search for a start and a placement, s; Ctrl-C ends it with the best so
             far.
         tcp: Pose of the tool's tip in the robot's frame: m, roll, pitch and yaw in degrees
@@ -134,6 +137,9 @@ def new(
         rollover=rollover,
         tool="out" if tool == "out" else "into",
         speed=number("--speed", speed, above=0.0),
+        angular_speed_deg=None
+        if angular_speed is None
+        else number("--angular-speed", angular_speed, above=0.0),
         search_seconds=number("--search-time", search_time, above=0.0),
         tool_mesh=None if tool in ("into", "out") else Path(tool),
         tcp=None if tcp is None else _six(*_pose("--tcp", tcp)),

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from qp_twist.checks import Array
 from qp_twist.errors import InvalidInput
 from qp_twist.files import LENGTHS, LengthUnit, Problems
-from qp_twist.paths.toolpath import Curve, Lines, Meaning, Toolpath
+from qp_twist.paths.toolpath import SAME_DIRECTION, SAME_POINT, Curve, Lines, Meaning, Toolpath
 from qp_twist.paths.toolpath_columns import Orientation
 from qp_twist.paths.turning import angles_between, turns_between
 
@@ -20,10 +20,6 @@ LARGEST_COORDINATE = 100.0
 """Coordinates beyond it, m, indicate a wrong unit."""
 LARGEST_FEED = 100.0
 """Feeds above it, m/s, indicate a wrong unit."""
-SAME_POINT = 1e-9
-"""Points closer together, m, count as one."""
-SAME_DIRECTION = 1e-9
-"""The same for directions, rad."""
 
 
 @dataclass

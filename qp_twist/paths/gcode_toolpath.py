@@ -14,7 +14,7 @@ from qp_twist.checks import Array
 from qp_twist.errors import InvalidInput
 from qp_twist.files import LENGTHS, LengthUnit, Problems
 from qp_twist.paths.arcs import ARC_ERROR, arc_points, arc_sweep, check_radii
-from qp_twist.paths.assemble import SAME_POINT, assembled
+from qp_twist.paths.assemble import assembled
 from qp_twist.paths.gcode_words import Block, read_block
 from qp_twist.paths.motions import Motions, PassedOver, notes_on_rapid, of_lines, times
 from qp_twist.paths.rotary_axes import (
@@ -25,7 +25,7 @@ from qp_twist.paths.rotary_axes import (
     rotary_letters,
     tool_axis,
 )
-from qp_twist.paths.toolpath import Toolpath
+from qp_twist.paths.toolpath import SAME_POINT, Toolpath
 from qp_twist.paths.toolpath_columns import Orientation
 
 SUFFIXES = (".nc", ".gcode", ".tap", ".mpf", ".ngc", ".cnc")

@@ -16,6 +16,10 @@ from qp_twist.files import LengthUnit
 
 Lines = npt.NDArray[np.int64]
 Meaning = Literal["axis", "normal", "rotation", "none"]
+SAME_POINT = 1e-9
+"""Points closer together, m, count as one."""
+SAME_DIRECTION = 1e-9
+"""The same for directions, rad."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,6 +96,28 @@ class Toolpath:
             return None
         feeds = np.concatenate(feeds_of_curves)
         return float(np.nanmin(feeds)), float(np.nanmax(feeds))
+
+    @property
+    def turns_in_place(self) -> int:
+        """How often the tool only turns: two points in a row differ in their direction alone."""
+        positions, directions = list[Array](), list[Array]()
+        for curve in self.curves:
+            for part in (curve.before, curve, curve.after):
+                if part is not None and part.vectors is not None:
+                    directions.append(part.vectors)
+                elif part is not None and part.rotations is not None:
+                    # The columns x and y determine a rotation.
+                    directions.append(part.rotations[:, :, :2].reshape(-1, 6))
+                if part is not None:
+                    positions.append(part.positions)
+        if not directions:
+            return 0
+        moved, turned = (
+            np.linalg.norm(np.diff(np.concatenate(values), axis=0), axis=1)
+            for values in (positions, directions)
+        )
+        standing = (moved < SAME_POINT) & (turned > SAME_DIRECTION)
+        return int(standing[:1].sum() + (standing[1:] & ~standing[:-1]).sum())
 
     @property
     def has_ways(self) -> bool:

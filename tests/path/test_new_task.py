@@ -467,6 +467,45 @@ def test_ctrl_c_ends_the_search_with_what_it_has(
 # ---------------------------------------------------------------- feeds, units, orientation
 
 
+TURNING = {
+    "turn.csv": "x [mm],y [mm],z [mm],i,j,k\n0,-40,0,0,0,1\n0,40,0,0,0,1\n0,40,0,{s},0,{c}\n"
+    "0,-40,0,{s},0,{c}\n",
+    "turn.apt": "UNITS/MM\nFEDRAT/3000,MMPM\nGOTO/0,-40,0,0,0,1\nGOTO/0,40,0,0,0,1\n"
+    "GOTO/0,40,0,{s},0,{c}\nGOTO/0,-40,0,{s},0,{c}\n",
+    "turn.nc": "G21 G90 G43.4 H1\nG0 X0 Y-40 Z0 B0 C0\nG1 Y40 F3000\nB15\nY-40\n",
+}
+
+
+@pytest.mark.parametrize(("speed", "seconds"), [(None, 15 / 90), (30.0, 15 / 30)])
+@pytest.mark.parametrize("name", TURNING)
+def test_a_turn_in_place_takes_its_time(
+    tmp_path: Path, name: str, speed: float | None, seconds: float
+) -> None:
+    sine, cosine = math.sin(math.radians(15)), math.cos(math.radians(15))
+    (tmp_path / name).write_text(TURNING[name].format(s=sine, c=cosine), encoding="utf-8")
+    made = new_task(
+        Request(Path(SEVEN), tmp_path / name, frame="tool", place=(0.45, 0.0, 0.3),
+                angular_speed_deg=speed, rotary="head-bc" if name == "turn.nc" else None),
+        tmp_path / "turn.toml",
+    )  # fmt: skip
+    [note] = [note for note in made.notes if "turns in place" in note]
+    assert "(once)" in note and f"{speed or 90:g} degrees/s" in note
+    assert tomllib.loads(made.path.read_text("utf-8"))["feed"]["angular_speed_deg"] == (speed or 90)
+    task = qt.load_task(made.path)
+    assert task.durations is not None
+    standing = np.linalg.norm(np.diff(task.positions, axis=0), axis=1) < 1e-12
+    assert task.durations[1:][standing].sum() == pytest.approx(seconds)
+    assert task.durations[1:][~standing].sum() == pytest.approx(2 * 0.08 / 0.05)
+
+
+def test_a_path_without_turns_in_place_has_no_bound_on_turning(tmp_path: Path) -> None:
+    arch(tmp_path / "arch.csv", (450.0, 0.0, 300.0))
+    given_ = Request(Path(SEVEN), tmp_path / "arch.csv", frame="tool")
+    made = new_task(given_, tmp_path / "a.toml")
+    assert not any("turns in place" in note for note in made.notes)
+    assert "angular_speed_deg" not in tomllib.loads(made.path.read_text("utf-8"))["feed"]
+
+
 def test_the_feeds_of_a_file_are_the_tasks(tmp_path: Path) -> None:
     apt = ["UNITS/MM", "RAPID", "GOTO/450,0,300,0,0,1", "FEDRAT/120,MMPM", "GOTO/460,0,300",
            "FEDRAT/600,MMPM", "GOTO/480,0,300"]  # fmt: skip
