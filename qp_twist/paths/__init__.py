@@ -6,7 +6,6 @@ from qp_twist.files import LengthUnit as LengthUnit
 
 from .apt_toolpath import ArcAxis as ArcAxis
 from .arcs import ARC_ERROR as ARC_ERROR
-from .assemble import SAME_DIRECTION as SAME_DIRECTION
 from .assemble import unit_question as unit_question
 from .joint_moves import in_joint_moves as in_joint_moves
 from .joint_moves import joint_move_ends as joint_move_ends
@@ -41,6 +40,7 @@ from .task_file import load_scene as load_scene
 from .task_file import load_task as load_task
 from .task_file import shipped_tasks as shipped_tasks
 from .task_file import task_title as task_title
+from .toolpath import SAME_DIRECTION as SAME_DIRECTION
 from .toolpath import SAME_POINT as SAME_POINT
 from .toolpath import Curve as Curve
 from .toolpath import Lines as Lines

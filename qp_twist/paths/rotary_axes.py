@@ -29,10 +29,9 @@ _AXES = {"A": (1.0, 0.0, 0.0), "B": (0.0, 1.0, 0.0), "C": (0.0, 0.0, 1.0)}
 
 def rotary_letters(rotary: Rotary) -> tuple[str, str]:
     """The two letters of a convention, e.g. ``("A", "C")``."""
-    first, second = "".join(
-        letters for letters in rotary.split("-") if letters not in ("head", "table", "reversed")
-    ).upper()
-    return first, second
+    words = [word for word in rotary.split("-") if word not in ("head", "table", "reversed")]
+    letters = "".join(words).upper()
+    return letters[0], letters[1]
 
 
 def begin_of_turn(begin: float, end: float, rollover: Rollover) -> float:
