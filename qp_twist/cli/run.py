@@ -98,7 +98,9 @@ def run(
             timing=lambda: progress.says("timing and checking"),
         )
     trajectory, rows, timed, check = done.trajectory, done.rows, done.timed, done.check
-    assert rows is not None and check is not None  # since ``give_up`` is false
+    if rows is None or check is None:
+        _say_how(trajectory)
+        fail(f"{out}: not written: {method} {trajectory.ending}")
     say(f"wrote {out}: {len(trajectory.q)} waypoints, {method}: {trajectory.summary}")
     _say_how(trajectory)
     if len(rows.q) > len(trajectory.q):
@@ -152,6 +154,8 @@ def _timing(timed: TimedTrajectory | None, rows: Trajectory) -> list[str]:
     if moves.any():
         total += f", {timed.durations[moves].sum():.4g} s of it in joint moves"
         at_feed = f"the path takes {at_feed}"
+    if len(rows.q) < len(rows.path_task.waypoints):
+        at_feed = f"the whole path takes {rows.path_task.feed_time:.4g} s at the feed"
     lines.append(f"{total}; {at_feed}")
     lines += [f"slower at {stretch}" for stretch in timed.slowed[:_STRETCHES]]
     if len(timed.slowed) > _STRETCHES:

@@ -102,7 +102,9 @@ def _status(
     parts = []
     if trajectory.diverged_at is not None:
         parts.append(f"diverged at waypoint {trajectory.diverged_at}")
-    if trajectory.failure:
+    if len(trajectory.q) < len(trajectory.path_task.waypoints):
+        parts.append(trajectory.ending)
+    elif trajectory.failure:
         parts.append(trajectory.failure)
     if numbers["first_violation"]:
         names = ", ".join(f"{joint} at {i}" for joint, i in numbers["first_violation"].items())
@@ -137,9 +139,19 @@ def _status(
     if (off | turned).any():
         one_step = not METHODS[trajectory.method].constrained and not scaled.any()
         why = " (one step a waypoint)" if one_step and trajectory.iterations.max() <= 1 else ""
-        allowed = {f"{1e3 * TASK_MET_M:g} mm": off, f"{np.degrees(TASK_MET_RAD):.1g}°": turned}
-        more = " or ".join(text for text, over in allowed.items() if over.any())
-        parts.append(f"off the path by more than {more} at {_waypoints(off | turned)}{why}")
+        first = int(np.argmax(off | turned)) + 1
+        most = [
+            f"{scale * error.max():.4g}{unit} at {int(np.argmax(error)) + 1}"
+            for error, over, scale, unit in (
+                (trajectory.position_error, off, 1e3, " mm"),
+                (trajectory.axis_error, turned, 180.0 / np.pi, "°"),
+            )
+            if over.any()
+        ]
+        parts.append(
+            f"off the path at {_waypoints(off | turned)}{why}, first at {first}, by up to "
+            f"{' and '.join(most)}"
+        )
     return "; ".join(parts) or "ok"
 
 

@@ -50,7 +50,9 @@ def follow(
     the time of the waypoint, the task's velocity limits; if the whole task is infeasible within
     these, the step is scaled and the waypoint has an error. With ``slow_down`` the path is kept
     instead: a missed waypoint is repeated with more time, and the trajectory has its own durations.
-    A waypoint that no duration can reach (position limits) stays missed.
+    It ends before a waypoint that limits or a singularity keep out of reach for any duration, and
+    so has fewer rows than the path has waypoints; without ``slow_down`` it goes on, and
+    :attr:`Trajectory.ending <qp_twist.Trajectory.ending>` says where it left the path.
 
     Where the task's projector changes (:class:`~qp_twist.Segment`), the first iteration blends from
     one to the other, and the others correct the rows common to both.

@@ -144,6 +144,6 @@ def _run(path_task: PathTask, q: Array, method: str) -> tuple[int, str]:
     off = (run.position_error > _KEPT_M) | (run.axis_error > _KEPT_RAD)
     passed = via_points(run.path_task)[: len(run.q)]
     if not off.any():
-        return int((~passed).sum()), run.failure
+        return int((~passed).sum()), run.failure or ", ".join(run.blocked_by or ())
     last = int(np.argmax(off))
     return int((~passed[:last]).sum()), run.failure or ", ".join(run.binding[last])

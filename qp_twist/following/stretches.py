@@ -224,6 +224,7 @@ def _joined(task: PathTask, parts: Sequence[Trajectory], moves: Sequence[Move]) 
         statuses=tuple(statuses),
         diverged_at=diverged_at,
         failure=next((part.failure for part in parts if part.failure), ""),
+        blocked_by=parts[-1].blocked_by,
         seconds=sum(part.seconds for part in parts),
         compiled=sum(part.compiled for part in parts),
         **stacked,

@@ -28,8 +28,8 @@ if TYPE_CHECKING:
 class Trajectory:
     """Result of :func:`~qp_twist.follow`, with N waypoints; row 0 is the start.
 
-    A run that was stopped has fewer rows than the path has waypoints. Its errors are those at the
-    waypoints; ``between`` has proven bounds between them.
+    A run that was stopped, or that could not go on, has fewer rows than the path has waypoints. Its
+    errors are those at the waypoints; ``between`` has proven bounds between them.
 
     Attributes:
         path_task: The task that was followed.
@@ -55,6 +55,8 @@ class Trajectory:
         compiled: Number of waypoints that were reached by compiled code; the rest by Python.
         interrupted_plan: The plan that was followed, if it was made by the method ``qp_planned``
             itself and Ctrl-C ended its search.
+        blocked_by: Names of the limits, as far as known, because of which a run that may slow down
+            ended before the next waypoint; ``None`` if none did.
     """
 
     path_task: PathTask
@@ -75,6 +77,30 @@ class Trajectory:
     z_bound: float | None = None
     compiled: int = 0
     interrupted_plan: Plan | None = None
+    blocked_by: tuple[str, ...] | None = None
+
+    @property
+    def kept(self) -> int:
+        """Number of waypoints, from the first one on, within the tolerances of a check."""
+        on = Tolerances().met(self.position_error, self.axis_error)
+        return len(on) if on.all() else int(np.argmin(on))
+
+    @property
+    def ending(self) -> str:
+        """Where the run ends or leaves the path, and why, in words; empty if it does neither."""
+        count, kept = len(self.path_task.waypoints), self.kept
+        if kept < len(self.q):
+            held = ", ".join(self.binding[kept])
+            return f"leaves the path at waypoint {kept + 1} of {count}" + (
+                f", held by {held}" if held else ""
+            )
+        if kept == count:
+            return ""
+        where = f"ends at waypoint {kept} of {count}"
+        if self.blocked_by is not None:
+            held = ", ".join(self.blocked_by) or "a singularity"
+            return f"{where}: at no speed is the next one reached, held by {held}"
+        return f"{where}: {self.failure}" if self.failure else where
 
     @property
     def joint_names(self) -> tuple[str, ...]:
@@ -123,11 +149,13 @@ class Trajectory:
 
     @property
     def summary(self) -> str:
-        """Largest errors and smallest margin at the waypoints in one line."""
+        """Largest errors and smallest margin at the waypoints, and where it ends, in one line."""
+        ending = self.ending
         return (
             f"position error ≤ {1e3 * self.position_error.max():.3g} mm, axis error ≤ "
             f"{np.degrees(self.axis_error.max()):.3g}°, smallest joint margin "
             f"{self.margins.min(initial=np.inf):.3g} (at the waypoints)"
+            + (f"; {ending}" if ending else "")
         )
 
     def __repr__(self) -> str:
@@ -147,8 +175,8 @@ class Trajectory:
         if self.path_task.stated_constraints:
             most = float(self.constraint_excess.max())
             rows.append(("largest excess of a constraint, m or rad", most))
-        if self.failure:
-            rows.append(("failure", self.failure))
+        if self.ending:
+            rows.append(("the run", self.ending))
         return html_table(f"{self.method} along {self.path_task.name}", rows)
 
     def plot(self) -> Figure:

@@ -23,9 +23,11 @@ from qp_twist.following.resolver import (
 from qp_twist.following.slowing import Pace
 from qp_twist.following.trajectory import Trajectory
 from qp_twist.kernel import COMPILED
+from qp_twist.kinematics.twist_task import TaskState
 from qp_twist.paths import METHODS, MethodSettings, PathTask, twist_task
 from qp_twist.planning.starts import corrected_start, missed_by, reached
 from qp_twist.qp import NoSolutionFound
+from qp_twist.referee import Tolerances
 
 if TYPE_CHECKING:
     from qp_twist.following.compiled_walk import CompiledWalk
@@ -47,7 +49,8 @@ def walk(
     ``plan`` (N, nq) is the reference of the secondary "plan". With ``slow_down`` acceleration
     limits are left to :func:`~qp_twist.time_trajectory`: a robot that enters a curve too fast
     cannot stay on the path within its acceleration limits. With more time it can, and the time it
-    needs is known only for the whole path.
+    needs is known only for the whole path. Then the run also ends at the last waypoint that the
+    limits let it reach, or that has a step.
     """
     walked = path_task
     if slow_down:
@@ -86,7 +89,9 @@ class _Steps:
         self.path_task = path_task
         self.configuration = mink.Configuration(path_task.model, start)
         self._method, self._settings, self._solver, self._plan = method, settings, solver, plan
+        self._slow_down = slow_down
         self._pace = Pace() if slow_down and METHODS[method].holds_limits else None
+        self._may_be_blocked = not METHODS[method].peer
         self._recorder = recorder
         self._resolvers: list[Resolver] = []
 
@@ -133,6 +138,13 @@ class _Steps:
         if recorder.diverged_at is None and not _sane(self.configuration.q):
             recorder.diverged_at = index + 1
             self.configuration.update(recorder.q[-1])
+        if self._slow_down and not self.going:
+            recorder.stopped = True
+            return
+        if self._pace is not None and self._may_be_blocked:
+            recorder.end_if_blocked(self.configuration, waypoints[index])
+            if recorder.stopped:
+                return
         recorder.add(self.configuration, waypoints[index], duration)
 
     def _approach(self, resolver: Resolver, duration: float | None) -> float | None:
@@ -241,6 +253,7 @@ class _Recorder:
         self.durations: list[float] = []
         self.diverged_at: int | None = None
         self.failure = ""
+        self.blocked_by: tuple[str, ...] | None = None
         self.compiled = 0
         self._names = dict[str, None]()
         self.begin()
@@ -256,15 +269,28 @@ class _Recorder:
         self._names.update(dict.fromkeys(move.binding))
         self._status = max(self._status, move.status, key=lambda status: status.severity)
 
-    def add(
-        self, configuration: mink.Configuration, waypoint: mink.SE3, duration: float | None = None
-    ) -> None:
-        """Record a finished waypoint that took ``duration`` seconds."""
+    def end_if_blocked(self, configuration: mink.Configuration, waypoint: mink.SE3) -> None:
+        """End the run before a waypoint that the limits, or a singularity, keep it from."""
+        if self._status in (Status.SOLVED, Status.PRIORITIZED):
+            return
+        error = self._state(configuration, waypoint).error
+        met = Tolerances().met(np.linalg.norm(error[:3]), np.linalg.norm(error[3:]))
+        if not met:
+            self.blocked_by, self.stopped = tuple(self._names), True
+
+    def _state(self, configuration: mink.Configuration, waypoint: mink.SE3) -> TaskState:
+        """The path's rows at the next waypoint."""
         in_force = self.path_task.in_force[len(self.q)]
         if in_force is not self.task.projector:
             self.task = twist_task(self.path_task, in_force)
         self.task.set_target(waypoint)
-        state = self.task.state(configuration)
+        return self.task.state(configuration)
+
+    def add(
+        self, configuration: mink.Configuration, waypoint: mink.SE3, duration: float | None = None
+    ) -> None:
+        """Record a finished waypoint that took ``duration`` seconds."""
+        state = self._state(configuration, waypoint)
         rows = state.basis.T @ state.jacobian
         sigma = np.linalg.svd(rows, compute_uv=False)
         if self.task.bands:
@@ -333,4 +359,5 @@ class _Recorder:
             band_excess=np.array(self.band_excess),
             durations=None if self.path_task.durations is None else np.array(self.durations),
             compiled=self.compiled,
+            blocked_by=self.blocked_by,
         )

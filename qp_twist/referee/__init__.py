@@ -1,9 +1,14 @@
 """The referee: errors and violations of a joint motion, at and (proven) between waypoints."""
 
+from .astray import Astray as Astray
+from .astray import astray_parts as astray_parts
 from .displacement import Displacement as Displacement
 from .displacement import LeverArms as LeverArms
+from .findings import AFTER as AFTER
 from .findings import AXIS_TOLERANCE_DEG as AXIS_TOLERANCE_DEG
 from .findings import BAND as BAND
+from .findings import BEFORE as BEFORE
+from .findings import OFF as OFF
 from .findings import POSITION_TOLERANCE as POSITION_TOLERANCE
 from .findings import Finding as Finding
 from .findings import Passing as Passing

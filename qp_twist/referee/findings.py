@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
+import numpy.typing as npt
 
-from qp_twist.checks import Array
+from qp_twist.checks import Array, Mask
 from qp_twist.constraints import Clearance, Constraint
 from qp_twist.errors import InvalidInput
 from qp_twist.kinematics import JointRanges
 from qp_twist.paths import PathTask, in_joint_moves, joint_move_ends
+from qp_twist.referee.astray import Astray
 from qp_twist.referee.joint_motion import JointMotion
 from qp_twist.referee.motion_limits import MotionLimits, motion_limits
-from qp_twist.referee.path_errors import PROVEN, PathErrors, path_errors
+from qp_twist.referee.path_errors import PROVEN, Left, PathErrors, constraint_left, path_errors
 
 POSITION_TOLERANCE = 1e-4
 """Largest linear task error that passes, m."""
@@ -35,6 +37,11 @@ CLOCK = 1e-9
 """Rounding of times in files, s; its effect on speeds and accelerations is not counted."""
 BAND = 1e-5
 """Violation from which a band counts as left at a waypoint, rad or m."""
+BEFORE, AFTER = " before the path", " after the path"
+"""Ends of the names of findings about the motion before the first and after the last waypoint."""
+OFF = " off the path"
+"""The same of findings about parts that do not follow the path."""
+_IGNORED = "pairs that are ignored elsewhere"
 _LOOKED_AT = 21
 """Places between two waypoints at which it is looked for what is violated most."""
 
@@ -96,6 +103,11 @@ class Tolerances:
     position: float = POSITION_TOLERANCE
     axis: float = float(np.radians(AXIS_TOLERANCE_DEG))
 
+    def met(self, position: npt.ArrayLike, axis: npt.ArrayLike) -> Mask:
+        """Whether task errors, m and rad, (N,) each, are within them; NaN is not, (N,)."""
+        met: Mask = np.less_equal(position, self.position) & np.less_equal(axis, self.axis)
+        return met
+
 
 @dataclass(frozen=True, eq=False)
 class Passing:
@@ -112,12 +124,19 @@ class Passing:
     by_row: bool
 
     def place(self, time: float) -> str:
-        """The waypoint nearest to a time, in words."""
-        k = int(np.argmin(np.abs(self.times - time)))
+        """The waypoint nearest to a time, or the side of the path on which it lies, in words."""
+        waypoint = f"waypoint {int(np.argmin(np.abs(self.times - time))) + 1}"
         if self.by_row:
-            return f"waypoint {k + 1}"
-        # Without times, name the row.
-        return f"{f'{time:.4g} s' if self.timed else f'row {round(time) + 1}'}, waypoint {k + 1}"
+            return waypoint
+        if time < self.times[0]:
+            waypoint = "before the first waypoint"
+        elif time > self.times[-1]:
+            waypoint = "after the last waypoint"
+        return f"{self.moment(time)}, {waypoint}"
+
+    def moment(self, time: float) -> str:
+        """A time in words; without times, the row."""
+        return f"{time:.4g} s" if self.timed else f"row {round(time) + 1}"
 
 
 def examine(
@@ -127,6 +146,7 @@ def examine(
     passing: Passing | None = None,
     errors: PathErrors | None = None,
     limits: MotionLimits | None = None,
+    astray: Sequence[Astray] = (),
 ) -> tuple[Finding, ...]:
     """Check a motion against every constraint of its task, at and between the waypoints.
 
@@ -144,6 +164,8 @@ def examine(
             ``fastest_progress``, if already known.
         limits: Of the joints' speeds and accelerations; ``None``: those of
             :func:`~qp_twist.referee.motion_limits`.
+        astray: The parts that do not follow the path, from
+            :func:`~qp_twist.referee.astray_parts`.
 
     Raises:
         InvalidInput: If the robot has joints that are neither hinges nor slides, or the task a band
@@ -160,15 +182,18 @@ def examine(
     if errors is None:
         errors = errors_of(path_task, motion, tolerances, passing)
     findings = [
+        *_of_parts(astray, tolerances, passing),
         *_of_errors(errors, tolerances),
         *_of_bands(path_task, errors, tolerances),
         *_of_constraints(path_task, motion, errors, tolerances, passing),
         *_of_joint_moves(path_task, motion, tolerances, passing),
+        *_off_the_path(path_task, motion, tolerances, passing),
         *_of_positions(ranges, motion, passing),
     ]
     if passing.timed:
         findings += _of_speeds(limits or motion_limits(path_task), ranges, motion, passing)
-        findings += _of_feed(path_task, errors, passing)
+        met = tolerances.met(errors.position, errors.axis)
+        findings += _of_feed(path_task, errors, passing, met)
     return tuple(findings)
 
 
@@ -222,6 +247,26 @@ def _of_errors(errors: PathErrors, tolerances: Tolerances) -> list[Finding]:
         found.append(Finding(name, scale * float(at[k]), scale * limit, unit, where, passes))
         if len(between):
             found.append(_between(f"{name} between", between, bound, limit, scale, unit))
+    return found
+
+
+def _of_parts(astray: Sequence[Astray], tolerances: Tolerances, passing: Passing) -> list[Finding]:
+    """The largest errors where the motion is off the path."""
+    parts = [part for part in astray if part.moves]
+    if not parts:
+        return []
+    found = []
+    degrees = 180.0 / np.pi
+    for name, limit, scale, unit in (
+        ("position", tolerances.position, 1e3, "mm"), ("axis", tolerances.axis, degrees, "°")
+    ):  # fmt: skip
+        values = [getattr(part, name) for part in parts]
+        worst = int(np.argmax([value.max() for value in values]))
+        part, k = parts[worst], int(np.argmax(values[worst]))
+        where = f"{passing.moment(float(part.times[k]))}, {part.place}"
+        value = float(values[worst][k])
+        whole, passes = f"{name} error{OFF}", value <= limit
+        found.append(Finding(whole, scale * value, scale * limit, unit, where, passes))
     return found
 
 
@@ -314,39 +359,59 @@ def _of_joint_moves(
 ) -> list[Finding]:
     """Pairs that the clearances ignore, on joint moves that begin and end clear of them."""
     found: list[Finding] = []
-    limit = tolerances.position
+    limits = tolerances.position, tolerances.axis
     for first, last in joint_move_ends(path_task):
         if last >= len(passing.times):
             break
-        when = passing.times[[first, last]]
-        clearances = [c for c in path_task.constraints if isinstance(c, Clearance)]
-        ignored = [c.of_ignored(motion.at(when).q) for c in clearances]
-        ignored = [clearance for clearance in ignored if len(clearance.pairs)]
-        if not ignored or not when[1] > when[0]:
-            continue
-        move = replace(
-            path_task,
-            waypoints=(path_task.waypoints[first], path_task.waypoints[last]),
-            flipped_waypoints=None,
-            constraints=tuple(ignored),
-            durations=None,
-            segments=(),
-            bands=(),
-            lines=None,
-            joint_moves=(1,),
-        )
-        errors = path_errors(move, motion, when, tolerances=(limit, tolerances.axis))
-        columns = [
-            k for k, c in enumerate(move.stated_constraints) if any(c is one for one in ignored)
-        ]
-        value = float(errors.bands_between[:, columns].max())
-        bound = float(errors.bands_bound[:, columns].max())
-        passes = bound <= (1.0 + PROVEN) * limit
-        where = f"waypoints {first + 1} to {last + 1}, pairs that are ignored elsewhere"
-        name = "outside clearance on joint moves"
-        found.append(Finding(name, value, limit, "m", where, passes, bound))
+        begin, end = passing.times[[first, last]].tolist()
+        where = f"waypoints {first + 1} to {last + 1}, {_IGNORED}"
+        for clearance in _ignored(path_task, motion, begin, end):
+            left = constraint_left(path_task, clearance, motion, begin, end, limits)
+            found.append(_way("outside clearance on joint moves", left, "m", tolerances, where))
     # One line for all of them.
     return [max(found, key=lambda f: (not f.passes, f.value))] if found else []
+
+
+def _off_the_path(
+    path_task: PathTask, motion: JointMotion, tolerances: Tolerances, passing: Passing
+) -> list[Finding]:
+    """Violation of the constraints before the first waypoint and after the last.
+
+    No path holds there. As on joint moves, the clearances judge pairs that they ignore elsewhere,
+    too, where these are clear at both ends.
+    """
+    found: list[Finding] = []
+    limits = tolerances.position, tolerances.axis
+    ends = *motion.times[[0, -1]].tolist(), *passing.times[[0, -1]].tolist()
+    for side, begin, end in ((BEFORE, ends[0], ends[2]), (AFTER, ends[3], ends[1])):
+        if not end > begin:
+            continue
+        parts = [(constraint, "") for constraint in path_task.stated_constraints]
+        parts += [(ignored, _IGNORED) for ignored in _ignored(path_task, motion, begin, end)]
+        for constraint, remark in parts:
+            left = constraint_left(path_task, constraint, motion, begin, end, limits)
+            where = ", ".join(filter(None, (left.name, passing.place(left.time), remark)))
+            name, unit = f"outside {constraint.kind}{side}", constraint.units[0]
+            finding = _way(name, left, unit, tolerances, where)
+            if not remark or not finding.passes:
+                found.append(finding)
+    return found
+
+
+def _way(name: str, left: Left, unit: str, tolerances: Tolerances, where: str) -> Finding:
+    """Violation of a constraint on a way that is no path."""
+    limit = tolerances.position if unit == "m" else tolerances.axis
+    passes = left.bound <= (1.0 + PROVEN) * limit
+    return Finding(name, left.found, limit, unit, where, passes, left.bound)
+
+
+def _ignored(path_task: PathTask, motion: JointMotion, begin: float, end: float) -> list[Clearance]:
+    """The pairs that each clearance ignores, as far as they are clear at both times."""
+    if not end > begin:
+        return []
+    ends = motion.at([begin, end]).q
+    ignored = [c.of_ignored(ends) for c in path_task.constraints if isinstance(c, Clearance)]
+    return [clearance for clearance in ignored if len(clearance.pairs)]
 
 
 def joint_margins(ranges: JointRanges, motion: JointMotion) -> tuple[Array, Array]:
@@ -452,22 +517,28 @@ def _share(kind: str, use: Array, names: Sequence[str], times: Array, passing: P
     return Finding(f"{kind} limits", value, 100.0, "%", where, value <= 100.0 * (1.0 + EXCEEDED))
 
 
-def _of_feed(path_task: PathTask, errors: PathErrors, passing: Passing) -> list[Finding]:
-    """Feed at the waypoints, between them, and over the whole path."""
+def _of_feed(path_task: PathTask, errors: PathErrors, passing: Passing, met: Mask) -> list[Finding]:
+    """Feed at the waypoints, between them, and over the whole path.
+
+    Two waypoints of which one is missed have no time from one to the other.
+    """
     times = passing.times
     if path_task.durations is None or len(times) < 2:
         return []
     durations = _at_feed(path_task, len(times))
     took = np.maximum(np.diff(times), CLOCK)  # a motion at rest may meet two waypoints at once
-    use = durations / took
+    both = met[:-1] & met[1:]
+    use = np.where(both, durations / took, 0.0)
     k = int(np.argmax(use))
-    passes = bool(use[k] <= _rushed(passing) / RUSHED)
+    passes = bool(both.any() and use[k] <= _rushed(passing) / RUSHED)
+    where = f"waypoints {k + 1} to {k + 2}" if both.any() else "no two successive waypoints met"
     between = durations * errors.rate
     exceeded = between > _rushed(passing)
     slow = exceeded.any() or errors.rate_kept.all()
     j = int(np.argmax(between if slow else ~errors.rate_kept))
     total = float(times[-1] - times[0])
-    at_feed = f"whole path, {float(durations.sum()):.4g} s at the feed"
+    whole = "whole path" if met.all() else "not the whole path"
+    at_feed = f"{whole}, {float(durations.sum()):.4g} s at the feed"
     moves = in_joint_moves(path_task, len(times))
     in_the_air: list[Finding] = []
     if moves.any():
@@ -476,7 +547,7 @@ def _of_feed(path_task: PathTask, errors: PathErrors, passing: Passing) -> list[
         air = float(np.diff(times)[moves].sum())
         in_the_air = [Finding("time of joint moves", air, None, "s", many, True)]
     return [
-        Finding("feed", 100.0 * float(use[k]), 100.0, "%", f"waypoints {k + 1} to {k + 2}", passes),
+        Finding("feed", 100.0 * float(use[k]), 100.0, "%", where, passes),
         Finding(
             "feed between",
             100.0 * float(between[j]),

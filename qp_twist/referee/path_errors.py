@@ -12,6 +12,7 @@ import mujoco
 import numpy as np
 
 from qp_twist.checks import Array, Indices, Mask
+from qp_twist.constraints import Constraint
 from qp_twist.geometry import TwistProjector, many_twist_errors
 from qp_twist.kinematics import FramePair, SerialChain, Stretch
 from qp_twist.kinematics.frame import frame_id
@@ -247,6 +248,49 @@ def constraints_left(
     return Outside(proof.found, proof.bound, share)
 
 
+class Left(NamedTuple):
+    """Violation of one constraint by a part of a motion."""
+
+    found: float
+    """Largest violation found, rad or m; 0 inside."""
+    bound: float
+    """Proven bound of the violation."""
+    time: float
+    """Time at which the largest was found, s."""
+    name: str
+    """Name of the margin that is violated most, or nearest to it then."""
+
+
+def constraint_left(
+    path_task: PathTask,
+    constraint: Constraint,
+    motion: JointMotion,
+    begin: float,
+    end: float,
+    tolerances: tuple[float, float],
+) -> Left:
+    """Proven violation of a constraint by a part of a motion on which no path holds.
+
+    Uses the subdivision of :func:`path_errors`.
+
+    Args:
+        path_task: The task of the motion.
+        constraint: One with margins.
+        motion: Joints by degree of freedom, hinges and slides.
+        begin: When the part begins, s.
+        end: When it ends, s, after ``begin``.
+        tolerances: Violations to be proven, m and rad.
+    """
+    when = np.array([begin, end])
+    proof = _Proof(
+        _Track(path_task, motion, when, tolerances, with_joints=True, only=constraint), WORK
+    )
+    proof.start(0)
+    time = float(proof.time[0])
+    name = constraint.names[int(np.argmin(constraint.margins(motion.at([time]).q)[0]))]
+    return Left(float(proof.found.max()), float(proof.bound.max()), time, name)
+
+
 class _Points(NamedTuple):
     """K points of the motion, each in an interval between two waypoints."""
 
@@ -293,25 +337,25 @@ class _Track:
         tolerances: tuple[float, float] | None,
         *,
         with_joints: bool = False,
+        only: Constraint | None = None,
     ) -> None:
         self.motion, self.when, self.tolerances = motion, when, tolerances
         self._with_joints = with_joints
         count = len(when)
         waypoints = path_task.waypoints[:count]
+        if only is not None:  # no path, so that all targets are alike
+            waypoints = waypoints[:1] * count
         R_d = np.array([w.rotation().as_matrix() for w in waypoints])
         p_d = np.array([w.translation() for w in waypoints])
         self.targets = R_d, p_d
-        fewer = [
-            after if after.rank <= before.rank else before
-            for before, after in itertools.pairwise(path_task.in_force[:count])
-        ]
-        self.intervals = Intervals(R_d, p_d, fewer)
+        self.intervals = Intervals(R_d, p_d, fewer_rows(path_task.in_force[:count]))
         self.chain = SerialChain.of(path_task.model, path_task.frame_name, path_task.frame_type)
         self.arms = LeverArms.of(self.chain, motion)
+        bands = [band for band in path_task.bands if band.weight is None and only is None]
         #: Measures of hard bands and constraints.
         self.kept: list[Measure] = [
-            *(BandExcess(band) for band in path_task.bands if band.weight is None),
-            *map(ConstraintExcess, path_task.stated_constraints),
+            *map(BandExcess, bands),
+            *map(ConstraintExcess, path_task.stated_constraints if only is None else [only]),
         ]
         #: For each projector its own measures, then those of every interval.
         self._measures: list[list[Measure]] = [
@@ -325,7 +369,7 @@ class _Track:
         )
         by_unit = dict(zip(("m", "rad"), tolerances or (np.nan, np.nan), strict=True))
         #: Number of hard bands, which are the first of ``kept``.
-        self.hard_bands = len(self.kept) - len(path_task.stated_constraints)
+        self.hard_bands = len(bands)
         widths = sum(measure.width for measure in self.kept[: self.hard_bands])
         #: Which columns refer to the path, (M,).
         self.of_path = np.arange(len(self.units)) < (0 if with_joints else 2) + widths
@@ -650,6 +694,14 @@ def _knots(rows: Array, when: Array) -> tuple[Indices, Indices, Array, Array]:
     interval = np.clip(np.searchsorted(when, begin, side="right") - 1, 0, len(when) - 2)
     row = np.clip(np.searchsorted(rows, begin, side="right") - 1, 0, len(rows) - 2)
     return interval, row, begin, end
+
+
+def fewer_rows(projectors: Sequence[TwistProjector]) -> list[TwistProjector]:
+    """The projector with fewer rows of each two successive waypoints, (N − 1,)."""
+    return [
+        after if after.rank <= before.rank else before
+        for before, after in itertools.pairwise(projectors)
+    ]
 
 
 def poses_of(path_task: PathTask, q: Array) -> tuple[Array, Array]:

@@ -15,7 +15,14 @@ from qp_twist.constraints import Clearance
 from qp_twist.kinematics import JointRanges
 from qp_twist.paths import PathTask
 from qp_twist.pictures.svg import SVG_RC, inline_svg
-from qp_twist.referee import Finding, JointMotion, acceleration_use, joint_margins, velocity_use
+from qp_twist.referee import (
+    OFF,
+    Finding,
+    JointMotion,
+    acceleration_use,
+    joint_margins,
+    velocity_use,
+)
 from qp_twist.reporting.words import BETWEEN, amount, data, digits, place, shown, spaced
 from qp_twist.trajectories import Check
 
@@ -62,7 +69,7 @@ def charts(path_task: PathTask, check: Check) -> list[Chart]:
     if margin is not None:
         found.append(_margin_chart(path_task, check, margin))
     found += [
-        _clearance_chart(check, by_name, clearance, number)
+        _clearance_chart(path_task, check, clearance, number)
         for number, clearance in enumerate(path_task.clearances, start=1)
     ]
     return found
@@ -81,9 +88,13 @@ def _error_charts(path_task: PathTask, check: Check, by_name: dict[str, Finding]
     ):  # fmt: skip
         if name == "axis error" and not angular:
             continue
-        pair = [by_name[key] for key in (name, name + BETWEEN) if key in by_name]
+        pair = [by_name[key] for key in (name, name + BETWEEN, name + OFF) if key in by_name]
         worst = max(pair, key=lambda finding: (not finding.passes, finding.value))
-        curve = _largest(_merged(check, scale * at, scale * between))
+        curve = _merged(check, scale * at, scale * between)
+        for part in filter(lambda part: part.moves, check.astray):
+            values = scale * (part.position if name == "position error" else part.axis)
+            curve = _replaced(curve, part.times, values)
+        curve = _largest(curve)
         svg = _draw(check, name.split()[0], curve, worst.unit, title, limit=limit)
         found.append(
             Chart(
@@ -149,9 +160,7 @@ def _margin_chart(path_task: PathTask, check: Check, finding: Finding) -> Chart:
     )
 
 
-def _clearance_chart(
-    check: Check, by_name: dict[str, Finding], clearance: Clearance, number: int
-) -> Chart:
+def _clearance_chart(path_task: PathTask, check: Check, clearance: Clearance, number: int) -> Chart:
     motion = check.motion
     times = _fine_times(motion)
     q = motion.at(times).q
@@ -162,26 +171,39 @@ def _clearance_chart(
     at = float(np.interp(near.at, np.arange(len(times)), times))
     later = int(np.searchsorted(times, at))
     times, distances = np.insert(times, later, at), np.insert(distances, later, near.distance)
-    findings = [f for name, f in by_name.items() if name.startswith("outside clearance")]
-    limit = 1e3 * clearance.distance
+    asked, tolerance = clearance.distance, check.tolerances.position
     curve = _largest(Curve(times, 1e3 * distances), least=True)
     svg = _draw(check, f"clearance{number}", curve, "mm", "Distance from obstacles",
-                limit=limit, floor=0.0)  # fmt: skip
+                limit=1e3 * asked, floor=0.0)  # fmt: skip
     # The referee evaluates other points: the number is the least of both.
     least, where = near.distance, f"{html.escape(near.pair)}, {place(check.passing.place(at))}"
+    findings = _of_clearance(path_task, check, clearance)
     worst = max(findings, key=lambda finding: finding.value)
-    if not worst.passes and clearance.distance - worst.value < least:
-        least, where = clearance.distance - worst.value, place(worst.where)
-    found = amount(least, "m")
-    asked = f"at least {digits(limit)} mm required" if limit else "they must not touch"
+    if not worst.passes and asked - worst.value < least:
+        least, where = asked - worst.value, place(worst.where)
+    passes = all(finding.passes for finding in findings) and least >= asked - tolerance
+    words = f"at least {digits(1e3 * asked)} mm required" if asked else "they must not touch"
+    if passes and least < asked:
+        words += f", to {digits(1e3 * tolerance)} mm"
     return Chart(
         f"clearance-{number}",
         "Distance from obstacles",
-        f"{data(found, 'clearance')} <small>{asked}</small>",
+        f"{data(amount(least, 'm'), 'clearance')} <small>{words}</small>",
         f"Least: {where}.",
         svg,
-        all(finding.passes for finding in findings),
+        passes,
     )
+
+
+def _of_clearance(path_task: PathTask, check: Check, clearance: Clearance) -> list[Finding]:
+    """The findings about a clearance: all but those that name a pair of another one."""
+    others = {name for other in path_task.clearances for name in other.names} - {*clearance.names}
+    return [
+        finding
+        for finding in check.findings
+        if finding.name.startswith(f"outside {clearance.kind}")
+        and finding.where.partition(",")[0] not in others
+    ]
 
 
 def _fine_times(motion: JointMotion) -> Array:
@@ -204,6 +226,16 @@ def _merged(check: Check, at: Array, between: Array) -> Curve:
     times[0::2], values[0::2] = when, at
     times[1::2], values[1::2] = 0.5 * (when[:-1] + when[1:]), between
     return Curve(times, values)
+
+
+def _replaced(curve: Curve, times: Array, values: Array) -> Curve:
+    """A curve with other values between two times."""
+    kept = (curve.times < times[0]) | (curve.times > times[-1])
+    times, values = (
+        np.concatenate(pair) for pair in ((curve.times[kept], times), (curve.values[kept], values))
+    )
+    order = np.argsort(times, kind="stable")
+    return Curve(times[order], values[order])
 
 
 def _largest(curve: Curve, *, least: bool = False) -> Curve:
@@ -237,6 +269,8 @@ def _draw(
         figure = Figure(figsize=(3.6, 1.55), facecolor="none")
         panel = figure.add_axes((0.115, 0.2, 0.87, 0.66))
         scale = _waypoint_scale(check)
+        for begin, end in off_the_path(check):
+            panel.axvspan(*scale(np.array([begin, end])), color=_GRID, linewidth=0.0)
         if curve.others is not None:
             panel.plot(scale(curve.times), curve.others, color=_FAINT, linewidth=0.7)
         panel.axhline(limit, color=_LIMIT, linewidth=1.2, dashes=(5, 2))
@@ -257,6 +291,12 @@ def _draw(
         panel.locator_params(axis="y", nbins=4)
         panel.locator_params(axis="x", nbins=6)
     return inline_svg(figure, key, f"{title} along the path.", _VARIABLES)
+
+
+def off_the_path(check: Check) -> list[tuple[float, float]]:
+    """Begin and end, s, of the motion before the first waypoint, and after the last."""
+    ends = np.column_stack([check.motion.times[[0, -1]], check.passing.times[[0, -1]]])
+    return [(float(low), float(high)) for low, high in np.sort(ends, axis=1) if high > low]
 
 
 _RC = {

@@ -26,7 +26,17 @@ from qp_twist.referee import AXIS_TOLERANCE_DEG, POSITION_TOLERANCE
 from qp_twist.reporting.facts import facts
 from qp_twist.reporting.failing import failing_intervals
 from qp_twist.reporting.slower import SLOWER, Stretch, slower_intervals, slower_stretches
-from qp_twist.reporting.words import amount, data, digits, kept, problems, quantity, shown, spaced
+from qp_twist.reporting.words import (
+    amount,
+    data,
+    digits,
+    kept,
+    part,
+    problems,
+    quantity,
+    shown,
+    spaced,
+)
 from qp_twist.trajectories import Check, JointRows, TimedTrajectory, check_trajectory
 
 _FOLDER = Path(__file__).parent
@@ -106,7 +116,9 @@ def report(
     with tempfile.TemporaryDirectory() as temporary:
         picture, remark = _picture(path_task, check, path_rgb, Path(temporary))
     say("drawing the curves")
-    page = _page(path_task, check, found, picture, file, slow=bool(slow.any()))
+    page = _page(
+        path_task, check, found, picture, file, slow=bool(slow.any()), wrong=bool(bad.any())
+    )
     return MotionReport(write_atomically(Path(out) / NAME, page), check, remark)
 
 
@@ -162,8 +174,10 @@ def _page(
     file: str,
     *,
     slow: bool,
+    wrong: bool,
 ) -> str:
-    from qp_twist.reporting.charts import charts  # with Matplotlib, which takes half a second
+    # With Matplotlib, which takes half a second.
+    from qp_twist.reporting.charts import charts, off_the_path
 
     stretches = slower_stretches(path_task, check)
     return filled(
@@ -179,8 +193,10 @@ def _page(
         player=player_data(found),
         speed=_playing(check),
         slow=slow,
+        wrong=wrong,
         lit=bool(path_task.clearances),
         charts=charts(path_task, check),
+        grey=bool(off_the_path(check)),
         slower=[str(stretch) for stretch in stretches[:_STRETCHES]],
         more=_more(stretches[_STRETCHES:]),
         not_slower=_not_slower(path_task, check),
@@ -202,6 +218,8 @@ def _cycle_time(path_task: PathTask, check: Check) -> tuple[str, str]:
         return number, "The task states no feed to compare it with."
     along = next(f.value for f in check.findings if f.name == "time")
     words = f"{path_task.feed_time:.4g} s at the programmed feed"
+    if check.path_left:
+        return number, f"It does not follow the whole path, which takes {words}."
     moves = next((f for f in check.findings if f.name == "time of joint moves"), None)
     if moves is not None:
         words = f"{moves.value:.4g} s of it in {moves.where}; the path takes {words}"
@@ -249,7 +267,6 @@ def _not_slower(path_task: PathTask, check: Check) -> str:
 def _row(check: Check, k: int) -> dict[str, str | bool]:
     """A line of the table of everything that was checked."""
     finding = check.findings[k]
-    between = finding.name.endswith(" between")
     limit = "–"
     if finding.limit is not None:
         allowed = amount(finding.limit, finding.unit)
@@ -259,8 +276,8 @@ def _row(check: Check, k: int) -> dict[str, str | bool]:
     # Where nothing is exceeded, the largest excess is at no place.
     none = finding.name.startswith("outside ") and finding.value == 0.0
     return {
-        "name": quantity(finding) + (", between the waypoints" if between else ""),
-        "value": data(shown(finding), finding.name),
+        "name": quantity(finding) + part(finding),
+        "value": data(shown(finding), finding.name) + ("" if finding.proven else ", not proven"),
         "limit": limit,
         "where": "nowhere" if none else finding.where,
         "passes": finding.passes,

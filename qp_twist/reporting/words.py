@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 from qp_twist.geometry import ProjectorKind, TwistProjector
 from qp_twist.paths import PathTask
-from qp_twist.referee import Finding
+from qp_twist.referee import AFTER, BEFORE, OFF, Finding
 from qp_twist.trajectories import Check
 
 BETWEEN = " between"
@@ -26,6 +26,13 @@ _QUANTITIES = {
     "outside clearance": TOO_NEAR,
     "outside clearance on joint moves": "Too near on joint moves",
 }
+_PARTS = {
+    BETWEEN: ", between the waypoints",
+    BEFORE: ", before the first waypoint",
+    AFTER: ", after the last waypoint",
+    OFF: ", off the path",
+}
+"""Ends of the names of findings about parts of a motion, and what they mean."""
 _SCALES = {"m": (1e3, "mm"), "rad": (math.degrees(1.0), "°"), "rad/s": (math.degrees(1.0), "°/s")}
 
 
@@ -74,11 +81,18 @@ def spaced(unit: str) -> str:
 
 def quantity(finding: Finding) -> str:
     """What a finding measures."""
-    name = finding.name.removesuffix(BETWEEN)
+    name = finding.name
+    for part in _PARTS:
+        name = name.removesuffix(part)
     plain = _QUANTITIES.get(name)
     if plain is None:
         plain = name[:1].upper() + name[1:]
     return plain
+
+
+def part(finding: Finding) -> str:
+    """The part of the motion that a finding is about; empty for the waypoints."""
+    return next((words for end, words in _PARTS.items() if finding.name.endswith(end)), "")
 
 
 def is_margin(finding: Finding) -> bool:
@@ -117,7 +131,7 @@ def problem(finding: Finding) -> str:
 
 
 def problems(check: Check) -> list[str]:
-    """One sentence for each quantity that does not pass: its worst finding."""
+    """Where it leaves its path, then the worst of each quantity that does not pass, HTML."""
     worst: dict[str, Finding] = {}
     for finding in check.findings:
         if finding.passes:
@@ -125,7 +139,8 @@ def problems(check: Check) -> list[str]:
         name = quantity(finding)
         if name not in worst or _excess(finding) > _excess(worst[name]):
             worst[name] = finding
-    return [problem(finding) for finding in worst.values()]
+    left = [f"The motion {html.escape(words)}." for words in check.path_left]
+    return [*left, *(problem(finding) for finding in worst.values())]
 
 
 def _excess(finding: Finding) -> float:
@@ -154,7 +169,13 @@ def kept(path_task: PathTask, check: Check) -> str:
         if constraint not in path_task.clearances
     ]
     listed = parts[0] if len(parts) == 1 else f"{', '.join(parts[:-1])} and {parts[-1]}"
-    return f"The motion keeps {listed}: at every waypoint and, proven, everywhere between them."
+    sentence = f"The motion keeps {listed}: at every waypoint and, proven, everywhere between them."
+    found = {part(finding) for finding in check.findings}
+    sides = [_PARTS[side].removeprefix(", ") for side in (BEFORE, AFTER) if _PARTS[side] in found]
+    if sides:
+        where = " and ".join(sides).capitalize()
+        sentence += f" {where}, where there is no path, it keeps the rest, proven too."
+    return sentence
 
 
 def what_is_free(projector: TwistProjector) -> str:

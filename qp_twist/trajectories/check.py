@@ -9,7 +9,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from qp_twist.checks import Array, instance, number
+from qp_twist.checks import Array, Mask, instance, number
 from qp_twist.errors import InvalidInput
 from qp_twist.following import Trajectory
 from qp_twist.kinematics import JointRanges
@@ -18,12 +18,14 @@ from qp_twist.paths import PathTask
 from qp_twist.referee import (
     AXIS_TOLERANCE_DEG,
     POSITION_TOLERANCE,
+    Astray,
     Finding,
     JointMotion,
     MotionLimits,
     Passing,
     PathErrors,
     Tolerances,
+    astray_parts,
     errors_of,
     examine,
     motion_limits,
@@ -56,6 +58,7 @@ class Check:
         motion: The checked motion of the joints; without times one row per second.
         passing: Times at which it passes the waypoints.
         errors: Its errors at and between the waypoints.
+        astray: Where it ends before its path does, or leaves it for good, or begins late.
         limits: Speed and acceleration limits that it was checked against.
         tolerances: Largest task errors that pass.
     """
@@ -71,6 +74,7 @@ class Check:
     motion: JointMotion
     passing: Passing
     errors: PathErrors
+    astray: tuple[Astray, ...]
     limits: MotionLimits
     tolerances: Tolerances
 
@@ -81,8 +85,21 @@ class Check:
 
     @property
     def problems(self) -> tuple[str, ...]:
-        """A sentence for each finding that does not pass."""
-        return tuple(str(finding) for finding in self.findings if not finding.passes)
+        """Where it leaves its path, and a sentence for each finding that does not pass."""
+        return (
+            *self.path_left,
+            *(str(finding) for finding in self.findings if not finding.passes),
+        )
+
+    @property
+    def path_left(self) -> tuple[str, ...]:
+        """Where it ends or leaves its path before the last waypoint, or begins late, in words."""
+        return tuple(
+            f"{_does(part)} waypoint {part.waypoint} of {self.waypoints}"
+            if part.waypoint
+            else f"meets none of {self.waypoints} waypoints"
+            for part in self.astray
+        )
 
     @property
     def verdict(self) -> str:
@@ -207,8 +224,12 @@ def check_trajectory(
         nearest = errors_of(path_task, motion, tolerances, matched)
         if errors is None or _met(nearest, tolerances):
             errors, passing = nearest, matched
+    met = tolerances.met(errors.position, errors.axis)
+    astray: tuple[Astray, ...] = ()
+    if not passing.by_row:
+        astray = astray_parts(path_task, motion, passing.times, met)
     notes = [*disagreements(rows.metadata, path_task), *rows.notes]
-    notes += _part_of_the_path(passing, motion, errors, tolerances)
+    notes += _part_of_the_path(passing, motion, met)
     limits = motion_limits(path_task)
     limits = with_stated_accelerations(limits, rows.metadata.get(ACCELERATIONS), ranges)
     if rows.accelerated and not own_cubics(rows.metadata):
@@ -224,33 +245,37 @@ def check_trajectory(
         len(rows.q),
         count,
         "row by row" if passing.by_row else "nearest points in the waypoints' order",
-        examine(path_task, motion, tolerances, passing, errors, limits),
+        examine(path_task, motion, tolerances, passing, errors, limits, astray),
         tuple(notes),
         unchecked,
         (*rows.sources, *sources),
         motion,
         passing,
         errors,
+        astray,
         limits,
         tolerances,
     )
 
 
 def _met(errors: PathErrors, tolerances: Tolerances) -> bool:
-    on = (errors.position <= tolerances.position) & (errors.axis <= tolerances.axis)
-    return bool(on.all())
+    return bool(tolerances.met(errors.position, errors.axis).all())
 
 
-def _part_of_the_path(
-    passing: Passing, motion: JointMotion, errors: PathErrors, tolerances: Tolerances
-) -> list[str]:
+def _does(part: Astray) -> str:
+    """What a motion does at the waypoint where a part off the path begins or ends."""
+    if part.moves:
+        return "leaves the path for good after" if part.after else "comes onto the path only at"
+    return "ends at" if part.after else "begins at"
+
+
+def _part_of_the_path(passing: Passing, motion: JointMotion, met: Mask) -> list[str]:
     """A sentence if the trajectory begins late or ends early: several waypoints are at its end."""
-    missed = (errors.position > tolerances.position) | (errors.axis > tolerances.axis)
     at, notes = passing.times, []
     for does, end, others, row in (
         ("begins", motion.times[0], "before", "first"), ("ends", motion.times[-1], "after", "last")
     ):  # fmt: skip
-        there = np.flatnonzero((at == end) & missed)
+        there = np.flatnonzero((at == end) & ~met)
         if len(there) > 1:
             kept = int(there[-1] + 2 if others == "before" else there[0])
             notes.append(

@@ -6,19 +6,11 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
-import numpy.typing as npt
-
 from qp_twist.checks import Array
 from qp_twist.following import Trajectory, follow
 from qp_twist.kinematics import JointRanges
 from qp_twist.paths import PathTask, via_points
-from qp_twist.referee import (
-    AXIS_TOLERANCE_DEG,
-    POSITION_TOLERANCE,
-    motion_limits,
-    with_default_accelerations,
-)
+from qp_twist.referee import Tolerances, motion_limits, with_default_accelerations
 from qp_twist.robots import ControllerJoints
 from qp_twist.trajectories.check import (
     Check,
@@ -27,8 +19,6 @@ from qp_twist.trajectories.check import (
 from qp_twist.trajectories.refine_trajectory import refine_trajectory
 from qp_twist.trajectories.time_trajectory import TimedTrajectory, time_trajectory
 from qp_twist.trajectories.trajectory_file import read_trajectory, write_trajectory
-
-Mask = npt.NDArray[np.bool_]
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,7 +29,7 @@ class TaskRun:
         trajectory: The trajectory at the task's waypoints.
         rows: The same with inserted rows, where the joints would have left the path.
         timed: The timed trajectory; ``None`` without a feed.
-        check: Check of the written file; ``None`` if the run was given up.
+        check: Check of the written file; ``None`` if the run was given up, or ended at its start.
     """
 
     trajectory: Trajectory
@@ -59,20 +49,17 @@ class TaskRun:
         Via points of joint moves are not counted.
         """
         via = via_points(self.trajectory.path_task)
-        return int((~via[: self._kept_rows]).sum())
-
-    @property
-    def _kept_rows(self) -> int:
-        trajectory = self.trajectory
-        off = _off(trajectory.position_error, trajectory.axis_error)
-        return int(np.argmax(off)) if off.any() else len(off)
+        return int((~via[: self.trajectory.kept]).sum())
 
     @property
     def held_by(self) -> str:
         """Active limits at the first missed waypoint, where known."""
-        trajectory, index = self.trajectory, self._kept_rows
+        trajectory = self.trajectory
         if trajectory.failure:
             return trajectory.failure
+        if trajectory.blocked_by is not None:
+            return ", ".join(trajectory.blocked_by)
+        index = trajectory.kept
         return ", ".join(trajectory.binding[index]) if index < len(trajectory.binding) else ""
 
 
@@ -90,8 +77,9 @@ def run_task(
 ) -> TaskRun:
     """Follow a task, slower where limits require it; time it, write the file and check it.
 
-    Every verdict on a start or a placement of the workpiece is the check of the trajectory that
-    this function writes.
+    A run that cannot go on ends at the last waypoint that it reached; the file has no more. Every
+    verdict on a start or a placement of the workpiece is the check of the trajectory that this
+    function writes.
 
     Args:
         path_task: The task.
@@ -110,7 +98,7 @@ def run_task(
     """
 
     def lost(q: Array, position_error: float, axis_error: float) -> bool:
-        return give_up and bool(_off(np.array([position_error]), np.array([axis_error]))[0])
+        return give_up and not Tolerances().met(position_error, axis_error)
 
     trajectory = follow(
         path_task,
@@ -124,7 +112,7 @@ def run_task(
     if give_up and trajectory.interrupted_plan is not None:  # a search of many runs ends, too
         raise KeyboardInterrupt
     run = TaskRun(trajectory, None, None, None)
-    if give_up and run.kept < len(path_task.waypoints):
+    if (give_up and run.kept < len(path_task.waypoints)) or len(trajectory.q) < 2:
         return run
     if timing is not None:
         timing()
@@ -139,12 +127,3 @@ def run_task(
     written = read_trajectory(out, trajectory.joint_names, joints)
     check = check_trajectory(written, trajectory.path_task)
     return TaskRun(trajectory, rows, timed, check)
-
-
-def _off(position_error: Array, axis_error: Array) -> Mask:
-    """Which waypoints are outside the tolerances of the check."""
-    # NaN, of a step that was not finite, counts as outside.
-    kept: Mask = (position_error <= POSITION_TOLERANCE) & (
-        axis_error <= np.radians(AXIS_TOLERANCE_DEG)
-    )
-    return ~kept

@@ -490,24 +490,6 @@ def test_without_need_slowing_down_changes_nothing() -> None:
     assert (slow.durations == task.durations).all()
 
 
-def test_what_no_time_can_reach_is_missed_as_without() -> None:
-    # The rail ends at 9 m.
-    rows = np.linspace(8.0, 10.0, 9)[:, None]
-    model = slider()
-    free = mujoco.MjModel.from_xml_string(
-        '<mujoco><worldbody><body><joint name="slide_1" type="slide" axis="1 0 0"/>'
-        '<geom size="0.1" mass="1"/><site name="tool"/></body></worldbody></mujoco>'
-    )
-    along = qt.TwistProjector(linear=qt.Projector.line([1, 0, 0]), angular=qt.Projector.none())
-    task = joint_path(free, rows, evenly(9, 1.0), velocity=1.0, projector=along).path_task
-    task = dataclasses.replace(task, model=model)
-    plain = qt.follow(task, "qp_minimum_norm")
-    slow = qt.follow(task, "qp_minimum_norm", slow_down=True)
-    assert slow.q == pytest.approx(plain.q, abs=1e-12)
-    assert slow.q.max() == pytest.approx(9.0)
-    assert (slow.durations == task.durations).all()
-
-
 def test_a_path_without_a_clock_and_without_limits_has_no_times() -> None:
     trajectory = joint_path(slider(), np.array([[0.0], [1.0]]), None)
     with pytest.raises(qt.InvalidInput, match="waypoint 1 to 2 takes; add"):

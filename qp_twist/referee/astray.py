@@ -1,0 +1,113 @@
+"""Where a motion ends before its path does, or leaves it for good; and where it begins late."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from qp_twist.checks import Array, Indices, Mask
+from qp_twist.paths import PathTask, in_joint_moves, via_points
+from qp_twist.referee.intervals import Intervals
+from qp_twist.referee.joint_motion import JointMotion
+from qp_twist.referee.path_errors import fewer_rows, poses_of, task_errors
+
+_SAMPLES = 400
+"""Number of times at which errors off the path are evaluated, beside so many rows at most."""
+_COVERED = 0.5
+"""Share of the missed waypoints' intervals that a motion follows which is only beside them."""
+
+
+class Astray(NamedTuple):
+    """A part of a motion off its path: before the first waypoint that it meets, or after the last.
+
+    There the motion does not follow the missed waypoints. One that does, at a distance, is not off
+    the path by this definition: its errors are those at the waypoints.
+    """
+
+    after: bool
+    """Whether it lies after the last waypoint that is met, else before the first."""
+    waypoint: int
+    """This waypoint, from 1; 0 if none is met."""
+    times: Array
+    """s, (K,), ascending."""
+    position: Array
+    """Task error at the nearest of the missed waypoints, m, (K,)."""
+    axis: Array
+    """rad, (K,)."""
+
+    @property
+    def place(self) -> str:
+        """Between which waypoint and which end of the motion it lies, in words."""
+        if not self.waypoint:
+            return "no waypoint met"
+        side = "after" if self.after else "before"
+        return f"{side} waypoint {self.waypoint}, the {'last' if self.after else 'first'} one met"
+
+    @property
+    def moves(self) -> bool:
+        """Whether the motion has a part here; else it begins or ends at the waypoint."""
+        return bool(self.times[-1] > self.times[0])
+
+
+def astray_parts(
+    path_task: PathTask, motion: JointMotion, times: Array, met: Mask
+) -> tuple[Astray, ...]:
+    """The parts of a motion that do not follow waypoints which are missed at either end.
+
+    Args:
+        path_task: The task.
+        motion: Joints by degree of freedom.
+        times: When the motion is nearest to the waypoints, s, (N,), non-decreasing.
+        met: Whether it meets them, (N,).
+    """
+    at, count = np.flatnonzero(met & ~via_points(path_task)[: len(met)]), len(times)
+    begin, end = motion.times[[0, -1]].tolist()
+    if not len(at):
+        parts = [(True, 0, np.arange(count), (begin, end))]
+    else:
+        first, last = int(at[0]), int(at[-1])
+        parts = [
+            (False, first + 1, np.arange(first + 1), (begin, float(times[first]))),
+            (True, last + 1, np.arange(last, count), (float(times[last]), end)),
+        ]
+    return tuple(
+        Astray(after, waypoint, *_errors(path_task, motion, span, which))
+        for after, waypoint, which, span in parts
+        if len(which) > 1 and _covered(path_task, motion, times, which) < _COVERED
+    )
+
+
+def _covered(path_task: PathTask, motion: JointMotion, times: Array, which: Indices) -> float:
+    """Share of the intervals between consecutive waypoints along which the motion goes."""
+    R, p = poses_of(path_task, motion.at(times[which]).q)
+    waypoints = [path_task.waypoints[k] for k in which]
+    intervals = Intervals(
+        np.array([w.rotation().as_matrix() for w in waypoints]),
+        np.array([w.translation() for w in waypoints]),
+        fewer_rows([path_task.in_force[k] for k in which]),
+    )
+    here = np.arange(len(which) - 1)
+    takes_time = (np.diff(times[which]) > 0.0).astype(np.float64)
+    begin = intervals.progress(R[:-1], p[:-1], here, 0.0 * takes_time)[1]
+    end = intervals.progress(R[1:], p[1:], here, takes_time)[1]
+    counted = ~in_joint_moves(path_task)[which[:-1]]
+    return float(np.maximum(end - begin, 0.0)[counted].mean()) if counted.any() else 1.0
+
+
+def _errors(
+    path_task: PathTask, motion: JointMotion, span: tuple[float, float], which: Indices
+) -> tuple[Array, Array, Array]:
+    """Times between two, and the task errors there, m and rad, at the nearest of waypoints."""
+    rows = motion.times[(motion.times >= span[0]) & (motion.times <= span[1])]
+    rows = rows[:: -(-max(len(rows), 1) // _SAMPLES)]
+    times = np.union1d(np.linspace(*span, _SAMPLES), rows)
+    R, p = poses_of(path_task, motion.at(times).q)
+    R_d = np.array([path_task.waypoints[k].rotation().as_matrix() for k in which])
+    p_d = np.array([path_task.waypoints[k].translation() for k in which])
+    # Of what is farther away than any number the tree names none.
+    near = np.minimum(cKDTree(p_d).query(p)[1], len(which) - 1)
+    held = [path_task.in_force[which[k]] for k in near]
+    errors = task_errors(R, p, R_d[near], p_d[near], held)
+    return times, np.linalg.norm(errors[:, :3], axis=1), np.linalg.norm(errors[:, 3:], axis=1)

@@ -1,0 +1,214 @@
+"""A motion that ends before its path does, or leaves it: where, and by how much at most."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import re
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from oracles.joint_paths import evenly, joint_path, slider
+
+import qp_twist as qt
+from qp_twist.cli import main
+
+Array = np.ndarray
+NAMES = ("slide_1", "slide_2")
+SIDE = np.linspace(0.0, 1.0, 21)
+LINE = np.column_stack([SIDE, 0.0 * SIDE])
+"""The path, a metre along x in 2 s."""
+TASK = joint_path(slider(2), LINE, evenly(21, 0.1)).path_task
+
+
+def checked(q: Array, step: float = 0.1) -> qt.Check:
+    return qt.check_trajectory(qt.JointRows(NAMES, q, step * np.arange(len(q))), TASK)
+
+
+def value(check: qt.Check, name: str) -> float:
+    [finding] = [f for f in check.findings if f.name == name]
+    return finding.value
+
+
+@given(st.integers(1, 17), st.floats(0.01, 3.0), st.floats(-1.0, 1.0))
+@settings(max_examples=40, deadline=None)
+def test_a_motion_that_leaves_the_path_has_the_largest_error_of_all_of_it(
+    last: int, away: float, along: float
+) -> None:
+    """It goes straight off, further and further, or along the path at a growing distance."""
+    end = LINE[last] + [along * (1.0 - SIDE[last]), away]
+    off = LINE[last] + np.linspace(0.0, 1.0, 41)[1:, None] * (end - LINE[last])
+    check = checked(np.vstack([LINE[: last + 1], off]))
+    assert not check.passes
+    largest = max(f.value for f in check.findings if f.name.startswith("position error"))
+    # The least that there is to be named: how far from any point of the path.
+    nearest = np.clip(off[:, 0], 0.0, 1.0)
+    assert largest >= 1e3 * np.hypot(off[:, 0] - nearest, off[:, 1]).max() - 1e-6
+    if check.path_left:
+        assert check.verdict.startswith("does not pass: leaves the path for good after waypoint")
+        [part] = check.astray
+        assert part.waypoint == last + 1
+        assert part.times[-1] == check.motion.times[-1]
+
+
+def test_what_goes_away_and_never_comes_back_is_not_measured_where_it_is_nearest() -> None:
+    away = np.column_stack([np.full(20, SIDE[12]), np.linspace(0.05, 1.0, 20)])
+    check = checked(np.vstack([LINE[:13], away]))
+    assert check.path_left == ("leaves the path for good after waypoint 13 of 21",)
+    assert value(check, "position error off the path") == pytest.approx(1e3, rel=1e-6)
+    [finding] = [f for f in check.findings if f.name == "position error off the path"]
+    assert finding.where == "3.2 s, after waypoint 13, the last one met"
+    backwards = checked(np.vstack([LINE[:13], away])[::-1] * [-1.0, 1.0] + [1.0, 0.0])
+    assert backwards.path_left == ("comes onto the path only at waypoint 9 of 21",)
+    assert value(backwards, "position error off the path") == pytest.approx(1e3, rel=1e-6)
+
+
+def test_a_retreat_from_the_whole_path_is_not_off_it() -> None:
+    retreat = np.column_stack([np.full(5, 1.0), np.linspace(0.1, 0.5, 5)])
+    check = checked(np.vstack([LINE, retreat]))
+    assert check.passes, check.verdict
+    assert not check.astray
+
+
+def test_a_path_beside_the_path_is_measured_at_its_waypoints() -> None:
+    """All are missed by a millimetre, and the way to it from far away counts for nothing."""
+    way = np.linspace([-1.0, 0.5], [0.0, 1e-3], 10)[:-1]
+    check = checked(np.vstack([way, LINE + np.array([0.0, 1e-3])]))
+    assert not check.passes and not check.path_left
+    assert max(f.value for f in check.findings if "position" in f.name) == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize("still", [False, True])
+def test_no_speed_is_computed_from_waypoints_that_are_missed(still: bool) -> None:
+    """Neither of a motion that ends early nor of one that then waits there."""
+    rows = np.vstack([LINE[:10], np.repeat(LINE[9:10], 5, axis=0)]) if still else LINE[:10]
+    check = checked(rows)
+    assert check.path_left[0].endswith("waypoint 10 of 21")
+    assert value(check, "feed") == pytest.approx(100.0)
+    assert value(check, "feed between") < 200.0
+    feed = next(f for f in check.findings if f.name == "feed")
+    assert feed.passes
+    assert next(f for f in check.findings if f.name == "time").where.startswith("not the whole")
+
+
+def test_a_motion_that_meets_no_waypoint_says_so() -> None:
+    check = checked(np.column_stack([np.full(9, 0.3), np.linspace(0.2, 0.9, 9)]))
+    assert check.path_left == ("meets none of 21 waypoints",)
+    assert value(check, "position error off the path") == pytest.approx(900.0, rel=1e-6)
+
+
+def test_the_report_shows_the_whole_motion(tmp_path: Path) -> None:
+    away = np.column_stack([np.full(20, SIDE[12]), np.linspace(0.05, 1.0, 20)])
+    rows = qt.JointRows(NAMES, np.vstack([LINE[:13], away]), 0.1 * np.arange(33))
+    page = qt.report(rows, TASK, tmp_path).path.read_text("utf-8")
+    assert "The motion leaves the path for good after waypoint 13 of 21." in page
+    chart = page[page.index('<article id="position-error"') :]
+    chart = chart[: chart.index("</article>")]
+    assert "✗" in chart and ">1000</data>\u00a0mm" in chart
+    times = re.findall(r">([\d.]+)</text>", chart)  # of the axes: to 3.2 s and 1200 mm
+    assert {"3", "1000"} <= set(times)
+
+
+# ---------------------------------------------------------------- runs
+
+
+def rail() -> qt.PathTask:
+    """A slide whose range ends at 9 m, on a path to 10 m and back to 8 m."""
+    rows = np.concatenate([np.linspace(8.0, 10.0, 9), np.linspace(9.75, 8.0, 8)])[:, None]
+    free = mujoco.MjModel.from_xml_string(
+        '<mujoco><worldbody><body><joint name="slide_1" type="slide" axis="1 0 0"/>'
+        '<geom size="0.1" mass="1"/><site name="tool"/></body></worldbody></mujoco>'
+    )
+    along = qt.TwistProjector(linear=qt.Projector.line([1, 0, 0]), angular=qt.Projector.none())
+    task = joint_path(free, rows, evenly(17, 1.0), velocity=1.0, projector=along).path_task
+    return dataclasses.replace(task, model=slider())
+
+
+@pytest.mark.parametrize("solver", [None, "daqp"])
+def test_a_run_that_may_slow_down_ends_where_no_time_takes_it_further(solver: str | None) -> None:
+    run = qt.follow(rail(), "qp_minimum_norm", slow_down=True, solver=solver)
+    assert run.q[:, 0] == pytest.approx(np.linspace(8.0, 9.0, 5))
+    assert run.position_error.max() < 1e-8
+    assert run.kept == 5
+    assert run.blocked_by is not None and "slide_1" in run.blocked_by[0]
+    assert "ends at waypoint 5 of 17" in run.ending and "slide_1" in run.ending
+    assert run.ending in repr(run)
+
+
+def test_a_run_at_the_feed_goes_on_and_says_where_it_left_the_path() -> None:
+    """As methods are compared: with every waypoint, and the largest error among them."""
+    run = qt.follow(rail(), "qp_minimum_norm")
+    assert len(run.q) == 17
+    assert run.position_error.max() == pytest.approx(1.0)
+    assert run.kept == 5
+    assert "leaves the path at waypoint 6 of 17" in run.ending
+    status = qt.compare(rail(), ["qp_minimum_norm"]).to_dict()["methods"]["qp_minimum_norm"]
+    assert status["position_error_max_m"] == pytest.approx(1.0)
+    assert "first at 6" in status["status"] and "1000 mm at 9" in status["status"]
+
+
+def test_what_is_only_too_fast_is_slowed_down_and_does_not_end() -> None:
+    task = dataclasses.replace(TASK, velocity_limits=np.array([0.1, 0.1]))
+    run = qt.follow(task, "qp_gradient", slow_down=True)
+    assert len(run.q) == 21 and not run.ending
+    assert run.blocked_by is None
+
+
+XML = """<mujoco><worldbody>
+  <geom name="wall" type="box" pos="0.6 0 0" size="0.1 1 1"/>
+  <body><joint name="x" type="slide" axis="1 0 0" range="-2 2"/>
+  <geom type="sphere" size="0.001" mass="1" contype="0" conaffinity="0"/>
+  <body><joint name="y" type="slide" axis="0 1 0" range="-2 2"/>
+  <geom name="ball" type="sphere" size="0.02" mass="1"/><site name="tool"/></body></body>
+</worldbody></mujoco>"""
+
+
+def test_the_command_writes_what_was_reached_and_says_where_it_ends(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Along x into a wall, which the ball may come near to 10 mm: at x = 0.47."""
+    monkeypatch.chdir(tmp_path)
+    Path("cell.xml").write_text(XML)
+    for name, first in (("wall", 0.0), ("at_once", 0.46)):
+        Path(f"{name}.toml").write_text(
+            f"""title = "A ball before a wall"
+[robot]
+scene = "cell.xml"
+frame = "tool"
+[projector]
+linear = "full"
+angular = "none"
+[path]
+kind = "polyline"
+points = [[{first}, 0, 0], [1.0, 0, 0]]
+steps_per_segment = 20
+[start]
+q = [{first}, 0.0]
+[feed]
+speed = 0.1
+[limits.velocity]
+x = 1.0
+y = 1.0
+[clearance]
+distance = 0.01
+"""
+        )
+    with pytest.raises(SystemExit) as end:
+        main(["run", "wall.toml", "--out", "run.json"])
+    assert end.value.code == 1
+    said = capsys.readouterr()
+    assert "ends at waypoint 10 of 21" in said.err
+    assert "ball to wall" in said.out or "wall to ball" in said.out
+    assert "inf" not in said.err and "e+" not in said.err
+    points = json.loads(Path("run.json").read_text())["points"]
+    x = np.array([point["positions"] for point in points])[:, 0]
+    assert x[-1] == pytest.approx(0.45) and (np.diff(x) >= 0.0).all()
+    with pytest.raises(SystemExit) as end:
+        main(["run", "at_once.toml", "--out", "none.json"])
+    assert end.value.code == 1
+    assert "not written: qp_gradient ends at waypoint 1 of 21" in capsys.readouterr().err
+    assert not Path("none.json").exists()
