@@ -68,6 +68,7 @@ nitpick_ignore = [
     ("py:class", "TypeAliasForwardRef"),
     ("py:class", "AngleUnit"),
     ("py:class", "Orientation"),
+    ("py:class", "Rollover"),
     ("py:class", "Rotary"),
     ("py:class", "Meaning"),
     # What of a path's orientation is that of the start.

@@ -4,6 +4,7 @@ from .table import Problems as Problems
 from .table import Table as Table
 from .table import columns_named as columns_named
 from .table_text import of_file as of_file
+from .table_text import shortened as shortened
 from .table_text import text_lines as text_lines
 from .table_units import ANGLES as ANGLES
 from .table_units import FEEDS as FEEDS

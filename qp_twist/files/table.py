@@ -12,7 +12,7 @@ import numpy as np
 
 from qp_twist.checks import Array
 from qp_twist.errors import InvalidInput
-from qp_twist.files.table_text import Dialect
+from qp_twist.files.table_text import Dialect, shortened
 from qp_twist.files.table_units import is_unit_row, split_unit
 
 SHOWN = 20
@@ -209,7 +209,7 @@ class Table:
         """Add the problem of a row."""
         dialect, width, count = self._dialect, self.width, len(_stripped(fields))
         if count > width:
-            row = " | ".join(fields)[:80]
+            row = shortened(" | ".join(fields))
             what = f"{count} columns, where {width} are expected; the row reads {row!r}"
             problems.add(line, what)
             return
@@ -225,9 +225,9 @@ class Table:
                     "" if other.number(field) is None else f"; elsewhere it is {dialect.decimal!r}"
                 )
                 hint = mark and f" with the decimal mark {other.decimal!r}{mark}"
-                what = f"expected a number, got {field[:40]!r}{hint}"
+                what = f"expected a number, got {shortened(field)!r}{hint}"
             elif not math.isfinite(value):
-                what = f"expected a finite number, got {field[:40]!r}"
+                what = f"expected a finite number, got {shortened(field)!r}"
             else:
                 continue
             problems.add(line, what, self.call(index))

@@ -52,6 +52,13 @@ def text_lines(content: bytes) -> list[str]:
     raise InvalidInput("this is no text file: no text in UTF-8, UTF-16 or Latin-1.")
 
 
+def shortened(text: str, most: int = 90) -> str:
+    """A text of a file for a message: its begin and its end, if it is longer than ``most``."""
+    if len(text) <= most:
+        return text
+    return f"{text[: most // 2]} … {text[len(text) - most // 2 :]}"
+
+
 @dataclass(frozen=True)
 class Dialect:
     """Syntax of a line.

@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 
 from qp_twist.checks import Array
 from qp_twist.errors import InvalidInput
-from qp_twist.files import LENGTHS, LengthUnit, Problems
+from qp_twist.files import LENGTHS, LengthUnit, Problems, shortened
 from qp_twist.paths.arcs import ARC_ERROR, arc_points, arc_sweep, check_radii
 from qp_twist.paths.arcs_to_lines import crossing, sense_of_motion
 from qp_twist.paths.assemble import assembled
@@ -151,13 +151,11 @@ def _with_sense_of_arcs(
     if arc_axis is not None:
         return read(arc_axis)
     reader = read("right")
-    if not reader.open_arcs or reader.problems:
-        return reader
     for_right, against = reader.for_sense, reader.against_sense
-    if for_right and not against:
-        return reader
     if against and not for_right:
         return read("left")
+    if not reader.open_arcs or reader.problems or (for_right and not against):
+        return reader
     evidence = (
         f"the motions beside them fit right-handed ones {times(for_right)} and left-handed ones "
         f"{times(against)}"
@@ -283,8 +281,8 @@ class _Reader:
         else:
             self.problems.add(
                 line,
-                f"{word[:40] or text[:40]!r} is not known, and whether it changes the path neither;"
-                " take the line out if it does not",
+                f"{shortened(word or text)!r} is not known, and whether it changes the path neither"
+                "; take the line out if it does not",
             )
 
     def finish(self) -> None:
@@ -419,7 +417,7 @@ class _Reader:
                 line,
                 f"{word} takes the centre x, y, z, the axis i, j, k and the radius"
                 + (", then ANGLE and degrees" if word == "MOVARC" else "")
-                + f"; got {','.join(arguments)[:60]!r}",
+                + f"; got {len(numbers)} words in {shortened(','.join(arguments))!r}",
             )
             return
         found = [self._number(line, word, argument) for argument in numbers]
@@ -519,7 +517,11 @@ class _Reader:
         self.against_sense += cosine < -_SMOOTH
 
     def _refuse_on_circle(self, line: int, point: Array) -> None:
-        """Refuse a second GOTO on a circle: it may be a point of the arc, or end a chord."""
+        """Refuse a second GOTO on a circle: it may be a point of the arc, or end a chord.
+
+        Where the arc goes on for so little that it is within ``arc_error`` of its chord, it is the
+        chord either way.
+        """
         circle = self.ended
         if circle is None or self.last is None or self.rapid:
             return
@@ -530,12 +532,22 @@ class _Reader:
         if flat and np.linalg.norm(moved) > 1e-6 and (
             abs(float(np.linalg.norm(off)) - circle.radius) < 2e-6
         ):  # fmt: skip
+            if self._off_chord(circle, point) < self.arc_error:
+                return
             self.problems.add(
                 line,
                 f"the point is on the circle of line {circle.line} too, and whether the motion to "
                 "it is the arc or its chord is open; have the CAM system write one GOTO for each "
                 "circle, or linear moves",
             )
+
+    def _off_chord(self, circle: _Circle, point: Array) -> float:
+        """Distance of the arc from where the tool is to a point of the circle from its chord, m."""
+        assert self.last is not None
+        axis = self._axis_of(circle) * math.copysign(1.0, circle.angle or 1.0)
+        radial, end = self.last - circle.centre, point - circle.centre
+        angle = math.atan2(float(axis @ np.cross(radial, end)), float(radial @ end))
+        return circle.radius * (1.0 - math.cos(0.5 * (angle % (2.0 * math.pi))))
 
     def _along(self, line: int, rest: str) -> None:
         """A motion along a circle, begun in the direction of INDIRV, up to a line."""
@@ -623,7 +635,7 @@ class _Reader:
         if len(words) not in counts:
             self.problems.add(
                 line,
-                f"GOFWD: expected {' or '.join(map(str, counts))} numbers, got {text[:60]!r}",
+                f"GOFWD: expected {' or '.join(map(str, counts))} numbers, got {shortened(text)!r}",
             )
             return None
         found = [self._number(line, "GOFWD", word) for word in words]
@@ -647,12 +659,14 @@ class _Reader:
         """A number, or ``None`` if it is not one."""
         compact = argument.replace(" ", "")
         if not _NUMBER.fullmatch(compact):
-            what = f"expected a number, got {argument[:40]!r}" if argument else "it is missing"
+            what = (
+                f"expected a number, got {shortened(argument)!r}" if argument else "it is missing"
+            )
             self.problems.add(line, f"{place}: {what}")
             return None
         value = float(compact.upper().replace("D", "E"))
         if not math.isfinite(value):
-            self.problems.add(line, f"{place}: {argument[:40]!r} is too large")
+            self.problems.add(line, f"{place}: {shortened(argument)!r} is too large")
             return None
         return value
 
@@ -664,7 +678,7 @@ class _Reader:
         if len(numbers) != 1 or len(words) > 1 or not set(words) <= known.keys():
             self.problems.add(
                 line,
-                f"{word}/{','.join(arguments)[:40]}: expected a number and its unit, one of "
+                f"{word}/{shortened(','.join(arguments))}: expected a number and its unit, one of "
                 f"{', '.join(known)}",
             )
             return
@@ -703,7 +717,9 @@ class _Reader:
             "METERS": "m",
         }  # fmt: skip
         if len(arguments) != 1 or arguments[0] not in names:
-            self.problems.add(line, f"UNITS/{','.join(arguments)[:40]}: expected MM or INCHES")
+            self.problems.add(
+                line, f"UNITS/{shortened(','.join(arguments))}: expected MM or INCHES"
+            )
             # The unit of the points is then unknown; a missing unit would be the same problem.
             self.unit = self.unit or self.length_unit or "mm"
             return

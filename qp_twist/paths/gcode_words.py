@@ -6,6 +6,7 @@ import re
 from dataclasses import dataclass, field
 
 from qp_twist.errors import InvalidInput
+from qp_twist.files import shortened
 
 _NUMBER = r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)"
 _WORD = re.compile(rf"([A-Z])\s*({_NUMBER})")
@@ -68,9 +69,9 @@ def read_block(line: str) -> Block:
             at = word.end()
         else:
             raise InvalidInput(
-                f"{text[at:][:40]!r} is not read: expected words such as G1 X10.5; variables, "
-                "calculations, branches and subprograms are not computed. Have the CAM system "
-                "write plain blocks"
+                f"{shortened(text[at:])!r} is not read: expected words such as G1 X10.5; "
+                "variables, calculations, branches and subprograms are not computed. Have the CAM "
+                "system write plain blocks"
             )
     return block
 

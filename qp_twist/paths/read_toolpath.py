@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Literal
 
@@ -17,6 +18,16 @@ from qp_twist.paths.toolpath import Toolpath
 from qp_twist.paths.toolpath_columns import ColumnChoice, Orientation
 
 Format = Literal["csv", "apt", "gcode"]
+_OTHER_PROGRAMS = {
+    "a RAPID program (ABB)": r"%%%$|\s*(?:LOCAL\s+)?MODULE\s+\w+",
+    "a URScript program (Universal Robots)": r"\s*def\s+\w+\s*\(.*\)\s*:\s*$",
+    "a KRL program (KUKA)": r"\s*(?:&ACCESS\b|DEFDAT\s+\w+|(?:GLOBAL\s+)?DEF\s+\w+\s*\()",
+    "a TP program (FANUC)": r"\s*/PROG\b",
+    "a Klartext program (Heidenhain)": r"\s*[0-9]*\s*BEGIN\s+PGM\b",
+}
+"""Programs that are no toolpaths, by a line with which they begin."""
+_BEGIN = 50
+"""Number of lines in which that line stands."""
 
 
 def read_toolpath(
@@ -72,7 +83,13 @@ def read_toolpath(
             format = "apt" if goto else "gcode" if path.suffix.lower() in SUFFIXES else "csv"
         if format == "csv":
             choice = columns or ColumnChoice()
-            return read_csv(path, lines, choice, orientation, length_unit, angle_unit, feed_unit)
+            try:
+                return read_csv(
+                    path, lines, choice, orientation, length_unit, angle_unit, feed_unit
+                )
+            except InvalidInput:
+                _refuse_other_programs(lines)
+                raise
         if columns is not None:
             raise InvalidInput("an APT or G-code file has no columns; leave columns out.")
         if feed_unit is not None:
@@ -86,3 +103,19 @@ def read_toolpath(
                 "an APT file states tool axes as vectors; leave rotary and rollover out."
             )
         return read_apt(path, lines, orientation, length_unit, arc_error, arc_axis)
+
+
+def _refuse_other_programs(lines: Sequence[str]) -> None:
+    """Refuse programs of robots and of other machine tools by their names.
+
+    Raises:
+        InvalidInput: If a line is one with which such a program begins.
+    """
+    for number, line in enumerate(lines[:_BEGIN], start=1):
+        for name, begin in _OTHER_PROGRAMS.items():
+            if re.match(begin, line, re.IGNORECASE):
+                raise InvalidInput(
+                    f"line {number}: this is {name}, which is not read as a toolpath; have the CAM "
+                    "system write APT-CL or G-code (ISO), or a table of points. A program of a "
+                    "robot is checked against a task by qp-twist check PROGRAM TASK."
+                )

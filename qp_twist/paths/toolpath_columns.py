@@ -405,6 +405,11 @@ def _groups(
             places = {0: known or (places[0] if feed_unit is not None else [])}  # noqa: PLW2901
             if not places[0]:
                 continue
+        names = [split_unit(table.names[columns[0]]) for columns in places.values()]
+        # One letter, or theta, is something else, and _refuse_unused_orientation asks where it is
+        # in degrees or radians; rx alone is not.
+        if group in ("A B C", "angles") and len(places) == 1 and len(names[0][0]) != 2:
+            continue
         twice = [columns for columns in places.values() if len(columns) > 1]
         if twice:
             raise InvalidInput(
@@ -415,12 +420,8 @@ def _groups(
             groups[group] = tuple(places[i][0] for i in range(_SIZES[group]))
             continue
         lonely = [columns[0] for columns in places.values()]
-        names = [split_unit(table.names[i]) for i in lonely]
-        # Letters alone are something else: i is an index, r a radius, theta a parameter. If they
-        # are in degrees or radians, _refuse_unused_orientation asks.
+        # Letters of an incomplete group are something else: i is an index, r a radius.
         if group in ("axis", "W P R") and all(len(name) == 1 for name, _ in names):
-            continue
-        if group in ("A B C", "angles") and len(lonely) == 1 and len(names[0][0]) != 2:
             continue
         if group == "position" and len(places) < 3:
             continue  # column_roles says so

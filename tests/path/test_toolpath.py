@@ -513,6 +513,87 @@ def test_the_sense_of_a_circle_is_asked_for_where_nothing_tells_it(tmp_path: Pat
     assert curve.positions[:-1, 0].min() > -1e-9
 
 
+MICRO = """\
+UNITS/MM
+GOTO/-50,25,0
+GOTO/0,25,0
+CIRCLE/0,0,0,0,0,1,25,.06,.5,10,1
+GOTO/25,0,0
+GOTO/{x:.6f},{y:.6f},0
+GOTO/25,-60,0
+"""
+"""A quarter circle, clockwise, and a point of the circle by an angle beyond its end."""
+
+
+@pytest.mark.parametrize("micrometres", [2, 5, 500, 1300])
+def test_an_arc_that_is_its_chord_within_the_tolerance_is_no_question(
+    tmp_path: Path, micrometres: float
+) -> None:
+    """The chord of 1.3 mm on a circle of 25 mm is 8.5 µm from its arc, arc_error is 10 µm."""
+    angle = micrometres / 25e3
+    text = MICRO.format(x=25 * math.cos(angle), y=-25 * math.sin(angle))
+    toolpath = read_toolpath(write(tmp_path, text, "micro.cls"))
+    [curve] = toolpath.curves
+    length = np.linalg.norm(np.diff(curve.positions, axis=0), axis=1).sum()
+    assert length == pytest.approx(0.05 + 0.025 * math.pi / 2 + 0.06, abs=1e-4)
+    assert any("left-handed about their axes" in note for note in toolpath.notes)
+
+
+@pytest.mark.parametrize("micrometres", [1500, -5])
+def test_an_arc_that_goes_on_further_or_all_around_is_refused(
+    tmp_path: Path, micrometres: float
+) -> None:
+    angle = micrometres / 25e3
+    text = MICRO.format(x=25 * math.cos(angle), y=-25 * math.sin(angle))
+    with pytest.raises(InvalidInput, match="line 6: the point is on the circle of line 4 too"):
+        read_toolpath(write(tmp_path, text, "micro.cls"), arc_axis="left")
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "message"),
+    [
+        ("p.apt", "UNITS/MM\nGOTO/0,0,0\nCIRCLE/" + "1.23456789," * 12 + "OFFENDING\nGOTO/1,0,0\n",
+         "line 3: .* got 13 words in .*OFFENDING"),
+        ("p.apt", "UNITS/MM\nGOTO/0,0,0\nFEDRAT/" + "MAXIMUM_OF_THE_TOOL," * 3 + "OFFENDING\n",
+         "line 3: .*OFFENDING"),
+        ("p.apt", "UNITS/MM\nGOTO/0,0,0\n" + "A VERY LONG STATEMENT " * 5 + "OFFENDING\n",
+         "line 3: .*OFFENDING.*is not known"),
+        ("p.csv", "x [mm],y [mm],z [mm]" + ",c" * 40 + "\n1,2,3" + ",1.234" * 40 + "\n"
+         "1,2,3" + ",1.234" * 40 + ",OFFENDING\n", "44 columns, where 43 are expected.*OFFENDING"),
+        ("p.nc", "G21 G90\nG0 X0 Y0 Z0\nG1 X1 F100 #" + "1" * 50 + "=OFFENDING\n", "OFFENDING"),
+    ],
+)  # fmt: skip
+def test_a_message_shows_the_words_that_it_is_about(
+    tmp_path: Path, name: str, text: str, message: str
+) -> None:
+    with pytest.raises(InvalidInput, match=message):
+        read_toolpath(write(tmp_path, text, name))
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "called"),
+    [
+        ("a.mod", "%%%\n  VERSION:1\n%%%\nMODULE M\nCONST robtarget p1:=[[600,0,400],[0,0,1,0],"
+         "[0,0,0,0],[9E9,9E9,9E9,9E9,9E9,9E9]];\nENDMODULE\n", "RAPID program"),
+        ("a.src", "&ACCESS RVP\nDEF a()\nLIN {X 1,Y 2,Z 3,A 0,B 0,C 0}\nEND\n", "KRL program"),
+        ("a.ls", "/PROG A\n/MN\n1: J P[1] 100% FINE;\n/POS\n/END\n", "TP program"),
+        ("a.script", "def a():\n  movel(p[0.1,0.2,0.3,0,0,0])\nend\n", "URScript program"),
+        ("a.h", "0 BEGIN PGM PART MM\n1 L X+0.5 Y-10.25 Z+5 FMAX\n2 END PGM PART MM\n",
+         "Klartext program"),
+    ],
+)  # fmt: skip
+def test_a_program_that_is_no_toolpath_is_called_by_its_name(
+    tmp_path: Path, name: str, text: str, called: str
+) -> None:
+    with pytest.raises(InvalidInput, match=f"this is a {called}.*not read as a toolpath"):
+        read_toolpath(write(tmp_path, text, name))
+
+
+def test_a_table_may_have_a_title_like_a_program(tmp_path: Path) -> None:
+    path = write(tmp_path, "x [mm],y [mm],z [mm]\nMODULE 3\n1,2,3\n2,2,3\n")
+    assert read_toolpath(path).curves[0].name == "MODULE 3"
+
+
 def test_a_full_circle_returns_to_where_it_began(tmp_path: Path) -> None:
     head = "UNITS/MM\nGOTO/10,-5,0\nGOTO/10,0,0\n"
     for arc in ("CIRCLE/0,0,0,0,0,1,10\nGOTO/10,0,0\n", "MOVARC/0,0,0,0,0,1,10,ANGLE,360\n",
