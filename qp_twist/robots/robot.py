@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import codecs
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -14,6 +15,14 @@ from qp_twist.files import check_regular, read_bytes
 from qp_twist.robots.finite import not_computable
 from qp_twist.robots.urdf import read_urdf
 from qp_twist.robots.xacro_files import expanded, is_xacro
+
+_BEGINS = {
+    codecs.BOM_UTF16_LE: "utf-16-le",
+    codecs.BOM_UTF16_BE: "utf-16-be",
+    b"<\0": "utf-16-le",
+    b"\0<": "utf-16-be",
+}
+"""Encodings of XML files by their first bytes."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,12 +86,14 @@ def load_robot(
     if root == "mujoco" and arguments:
         raise InvalidInput(f"{file}: is no xacro file and has no arguments; leave them out.")
     if root == "mujoco":
+        _refuse_utf_16(file, "MuJoCo", "MJCF")
         spec, model = _mjcf(file)
         robot = Robot(model, {}, (), file, spec)
     elif root == "robot":
         said: list[str] = []
         values = _values(arguments)
         if is_xacro(text, file):
+            _refuse_utf_16(file, "xacro", "xacro file")
             text, said = expanded(file, folders, values)
         elif values:
             raise InvalidInput(f"{file}: is no xacro file and has no arguments; leave them out.")
@@ -149,8 +160,29 @@ def _values(arguments: Mapping[str, str | bool | int | float] | None) -> dict[st
 
 def _text(file: Path) -> str:
     """The file without comments, with the same lines: MuJoCo allows comments that are not XML."""
-    text = read_bytes(file).decode("utf-8-sig", errors="replace")
+    content = read_bytes(file)
+    text = content.decode(_encoding(content), errors="replace").removeprefix("\ufeff")
     return re.sub(r"<!--.*?-->", lambda comment: "\n" * comment[0].count("\n"), text, flags=re.S)
+
+
+def _refuse_utf_16(file: Path, reader: str, kind: str) -> None:
+    """Refuse a file in UTF-16 that another program reads."""
+    if _encoding(read_bytes(file)).startswith("utf-16"):
+        raise InvalidInput(
+            f"{file}: is in UTF-16, which {reader} does not read; save this {kind} in UTF-8."
+        )
+
+
+def _encoding(content: bytes) -> str:
+    """The encoding of an XML file: by its byte order mark or first character, or as declared."""
+    for begin, encoding in _BEGINS.items():
+        if content.startswith(begin):
+            return encoding
+    declared = re.match(rb"\s*<\?xml[^>]*?\bencoding\s*=\s*[\"']([\w.-]+)", content)
+    try:
+        return codecs.lookup("utf-8" if declared is None else declared[1].decode()).name
+    except LookupError:
+        return "utf-8"
 
 
 def _root_element(text: str) -> str:

@@ -38,11 +38,13 @@ def read_joints(root: ET.Element, file: Path) -> Joints:
     exporters write it for a missing range. ``<mimic>`` is removed.
 
     Raises:
-        InvalidInput: If a joint has another type, its range is reversed or a single position other
-            than 0, a number is invalid, or a joint mimics a missing one.
+        InvalidInput: If two links are the child of no joint, a joint has another type, its range is
+            reversed or a single position other than 0, a number is invalid, or a joint mimics a
+            missing one.
     """
     joints = root.findall("joint")
     _check_names(joints, file)
+    _check_roots(root, joints, file)
     moving = [joint.get("name", "") for joint in joints if joint.get("type") in _MOVING]
     speeds: dict[str, float] = {}
     mimics: list[Mimic] = []
@@ -95,6 +97,19 @@ def _check_names(joints: list[ET.Element], file: Path) -> None:
     if twice:
         raise InvalidInput(
             f"{file}: the name of {listed('joint', twice)} is given more than once; rename them."
+        )
+
+
+def _check_roots(root: ET.Element, joints: list[ET.Element], file: Path) -> None:
+    """Refuse a second root link, which MuJoCo would fix to the world's origin."""
+    children = {child.get("link") for joint in joints for child in joint.findall("child")}
+    links = [link.get("name", "") for link in root.findall("link")]
+    roots = [name for name in links if name not in children]
+    if len(roots) > 1 and children <= {*links}:  # MuJoCo refuses unknown links
+        raise InvalidInput(
+            f"{file}: {listed('link', roots)} are the child of no joint, but the links of a URDF "
+            "are one tree with one root; connect the others to it, by a fixed joint if they do not "
+            "move, or take them out."
         )
 
 

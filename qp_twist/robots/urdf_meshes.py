@@ -8,6 +8,7 @@ import xml.etree.ElementTree as ET
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import NamedTuple
+from urllib.parse import unquote
 
 from qp_twist.errors import InvalidInput
 from qp_twist.files import read_bytes
@@ -81,7 +82,12 @@ def take_meshes(root: ET.Element, file: Path, packages: Mapping[str, Path]) -> M
             assets[names[key]] = content
             originals[names[key]] = stated
         mesh.set("filename", names[key])
-    return Meshes(assets, originals, [*_not_found(list(missing)), *unreadable.values()], visuals)
+    return Meshes(
+        assets,
+        originals,
+        [*_not_found(list(missing), file, packages), *unreadable.values()],
+        visuals,
+    )
 
 
 def _taken_visuals(
@@ -136,16 +142,45 @@ def _compiler(root: ET.Element) -> ET.Element:
 
 
 def _found(stated: str, file: Path, folder: Path, packages: Mapping[str, Path]) -> Path | None:
-    """The mesh file, or ``None``; finally try the bare name, as MuJoCo does."""
+    """The mesh file, or ``None``; finally try the bare name, as MuJoCo does.
+
+    Files made on other systems have backslashes, blanks as ``%20``, and names in another case.
+    """
+    plain = unquote(stated.strip().replace("\\", "/"))
+    places = list(_places(stated, file, folder, packages))
+    if plain != stated:
+        places += _places(plain, file, folder, packages)
+    there = (p for p in places if os.path.lexists(p) and not p.is_dir())
+    in_other_case = (found for p in places if (found := _in_other_case(p)) is not None)
+    return next(there, None) or next(in_other_case, None)
+
+
+def _places(stated: str, file: Path, folder: Path, packages: Mapping[str, Path]) -> Iterator[Path]:
+    """Where a mesh may be, the most likely first."""
     in_package = _IN_PACKAGE.fullmatch(stated)
     if in_package:
         package, rest = in_package[1], in_package[2]
-        places = [folder / rest for folder in package_folders(package, file, packages)]
+        yield from (folder / rest for folder in package_folders(package, file, packages))
     else:
         plain = stated.removeprefix("file://")
-        places = [file.parent / plain, folder / plain]
-    places.append(folder / Path(stated).name)
-    return next((p for p in places if os.path.lexists(p) and not p.is_dir()), None)
+        yield from (file.parent / plain, folder / plain)
+    yield folder / Path(stated).name
+
+
+def _in_other_case(place: Path) -> Path | None:
+    """The only file whose path differs from ``place`` in upper and lower case alone, if any."""
+    found = Path(place.anchor)
+    for name in place.relative_to(place.anchor).parts:
+        if not os.path.lexists(found / name):
+            try:
+                alike = [p.name for p in found.iterdir() if p.name.casefold() == name.casefold()]
+            except OSError:
+                return None
+            if len(alike) != 1:
+                return None
+            [name] = alike  # noqa: PLW2901
+        found /= name
+    return None if found.is_dir() else found
 
 
 def _free_name(found: Path, assets: Mapping[str, bytes]) -> str:
@@ -158,7 +193,7 @@ def _free_name(found: Path, assets: Mapping[str, bytes]) -> str:
     return stem + found.suffix
 
 
-def _not_found(missing: list[str]) -> list[str]:
+def _not_found(missing: list[str], file: Path, packages: Mapping[str, Path]) -> list[str]:
     """A sentence for each package, and one for the other files."""
     by_package: dict[str, list[str]] = {}
     for stated in missing:
@@ -166,7 +201,13 @@ def _not_found(missing: list[str]) -> list[str]:
         by_package.setdefault(in_package[1] if in_package else "", []).append(stated)
     sentences = []
     for package, files in by_package.items():
-        if package:
+        folders = package_folders(package, file, packages) if package else iter(())
+        known = next((folder for folder in folders if folder.is_dir()), None)
+        if known is not None:
+            sentences.append(
+                f"Not found in the package {package!r} ({known}): {listed('mesh', files)}."
+            )
+        elif package:
             count = f"{len(files)} mesh{'' if len(files) == 1 else 'es'}"
             sentences.append(
                 f"Not found: {count} of the package {package!r}. Say where it is: "

@@ -539,6 +539,93 @@ def test_what_mujoco_takes_is_not_touched(tmp_path: Path) -> None:
     assert robot.model.body("shaped").mass[0] == pytest.approx(1000.0 * 0.1 * 0.2 * 0.3)
 
 
+@pytest.mark.parametrize(
+    "stated",
+    [
+        "package://pkg/meshes/arm%20of%20it.stl", "package://pkg/Meshes/ARM of it.STL",
+        "meshes\\Arm of it.stl", "meshes/ARM OF IT.STL", " meshes/Arm of it.stl ",
+        "model://pkg/meshes\\arm of it.STL",
+    ],
+)  # fmt: skip
+def test_names_of_meshes_from_other_systems_are_found(stated: str, tmp_path: Path) -> None:
+    folder = tmp_path / "pkg" / "meshes"
+    folder.mkdir(parents=True)
+    (tmp_path / "pkg" / "package.xml").write_text("<package><name>pkg</name></package>")
+    write_stl(folder / "Arm of it.stl", 0.5)
+    write_stl(folder / "other.stl", 0.7)
+    shapes = link("a", INERTIAL + mesh(stated))
+    robot = load_robot(write(tmp_path / "pkg", shapes, joint("j", "revolute", "base", "a")))
+    assert mesh_sizes(robot) == pytest.approx([0.5])
+    assert robot.left_out == ()
+
+
+def test_a_mesh_whose_case_leaves_two_files_open_is_not_found(tmp_path: Path) -> None:
+    for name in ("ARM.stl", "Arm.stl"):
+        write_stl(tmp_path / name, 0.5)
+    if len(list(tmp_path.glob("*.stl"))) < 2:
+        pytest.skip("this file system does not distinguish upper and lower case")
+    shapes = link("a", INERTIAL + BOX + mesh("arm.stl"))
+    robot = load_robot(write(tmp_path, shapes, joint("j", "revolute", "base", "a")))
+    assert robot.left_out == ("Not found: mesh 'arm.stl'.",)
+
+
+def test_a_mesh_that_a_found_package_lacks_is_named(tmp_path: Path) -> None:
+    folder = tmp_path / "pkg"
+    folder.mkdir()
+    (folder / "package.xml").write_text("<package><name>pkg</name></package>")
+    shapes = link("a", INERTIAL + BOX + mesh("package://pkg/gone.stl"))
+    [said] = load_robot(write(folder, shapes, joint("j", "revolute", "base", "a"))).left_out
+    assert "Not found in the package 'pkg'" in said and str(folder) in said
+    assert "'package://pkg/gone.stl'" in said and "Say where" not in said
+
+
+@pytest.mark.parametrize(
+    ("encoding", "declared"),
+    [
+        ("utf-16", "UTF-16"), ("utf-16-le", None), ("utf-16-be", None), ("utf-8-sig", "utf-8"),
+        ("latin-1", "ISO-8859-1"), ("utf-8", "no-such-encoding"),
+    ],
+)  # fmt: skip
+def test_a_urdf_is_read_in_its_encoding(
+    encoding: str, declared: str | None, tmp_path: Path
+) -> None:
+    file = write(tmp_path, link("Träger"), joint("j", "revolute", "base", "Träger"))
+    text = file.read_text("utf-8")
+    declaration = "" if declared is None else f'<?xml version="1.0" encoding="{declared}"?>\n'
+    file.write_bytes((declaration + text).encode(encoding))
+    robot = load_robot(file)
+    assert robot.model.njnt == 1
+    assert robot.model.body("Träger").id > 0
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("<mujoco><worldbody/></mujoco>", "in UTF-16, which MuJoCo does not read; save this MJCF"),
+        ("<robot><link name='${a}'/></robot>", "in UTF-16, which xacro does not read; save this"),
+    ],
+)
+def test_what_another_program_reads_is_not_read_in_utf_16(
+    text: str, said: str, tmp_path: Path
+) -> None:
+    file = tmp_path / "robot.xml"
+    file.write_bytes(text.encode("utf-16"))
+    with pytest.raises(InvalidInput, match=said):
+        load_robot(file)
+
+
+def test_a_second_root_link_is_refused(tmp_path: Path) -> None:
+    file = write(tmp_path, link("a"), link("table"), joint("j", "revolute", "base", "a"))
+    with pytest.raises(
+        InvalidInput, match=r"2 links \('base', 'table'\) are the child of no joint"
+    ):
+        load_robot(file)
+    arms = link("a"), link("b"), link("c")
+    moves = joint("j", "revolute", "base", "a"), joint("k", "revolute", "b", "c")
+    with pytest.raises(InvalidInput, match=r"'base', 'b'"):
+        load_robot(write(tmp_path, *arms, *moves))
+
+
 # --------------------------------------------------------------------------------- what is refused
 
 
