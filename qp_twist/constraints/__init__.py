@@ -15,6 +15,7 @@ from .constraint import margins_of as margins_of
 from .couplings import COUPLED_WITHIN as COUPLED_WITHIN
 from .couplings import JointCouplings as JointCouplings
 from .couplings import couplings_of as couplings_of
+from .couplings import refuse_other_equalities as refuse_other_equalities
 from .couplings import share_limits as share_limits
 from .displacement_window import DisplacementWindow as DisplacementWindow
 from .evaluated_limit import EvaluatedLimit as EvaluatedLimit

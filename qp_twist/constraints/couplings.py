@@ -208,6 +208,42 @@ def couplings_of(
     return tuple(found)
 
 
+def refuse_other_equalities(label: str, model: mujoco.MjModel) -> None:
+    """Refuse a scene with active equality constraints that nothing on a path keeps.
+
+    Those are all but couplings of joints: ``<connect>`` and ``<weld>`` between bodies that joints
+    move against each other, tendons and flexible bodies.
+
+    Args:
+        label: What the message begins with.
+        model: The scene.
+
+    Raises:
+        InvalidInput: If there is one; with its name or its bodies.
+    """
+    active = (model.eq_type != mujoco.mjtEq.mjEQ_JOINT) & (model.eq_active0 != 0)
+    for row in np.flatnonzero(active):
+        kind = mujoco.mjtEq(int(model.eq_type[row]))
+        ends = [int(model.eq_obj1id[row]), int(model.eq_obj2id[row])]
+        between = ""
+        if kind in (mujoco.mjtEq.mjEQ_CONNECT, mujoco.mjtEq.mjEQ_WELD):
+            if int(model.eq_objtype[row]) == mujoco.mjtObj.mjOBJ_SITE:
+                ends = [int(model.site_bodyid[site]) for site in ends]
+            if model.body_weldid[ends[0]] == model.body_weldid[ends[1]]:
+                continue  # no joint moves one against the other
+            between = " between " + " and ".join(
+                repr(str(model.body(body).name) or f"body {body}") for body in ends
+            )
+        called = str(model.equality(int(row)).name)
+        raise InvalidInput(
+            f"{label}: there is the equality constraint "
+            f"<{kind.name.removeprefix('mjEQ_').lower()}>{f' {called!r}' if called else ''}"
+            f"{between}, and a path keeps couplings of joints only: the robot would be torn apart "
+            "there. Couple the joints by <equality><joint .../></equality> instead, or, if what it "
+            'ties may come apart, leave it out or write active="false".'
+        )
+
+
 def share_limits(
     model: mujoco.MjModel, lower: Array, upper: Array, acceleration: Array, *speeds: Array
 ) -> None:

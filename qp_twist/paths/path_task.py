@@ -19,6 +19,7 @@ from qp_twist.constraints import (
     JointCouplings,
     check_constraints,
     couplings_of,
+    refuse_other_equalities,
 )
 from qp_twist.drawing import Picture, picture_of
 from qp_twist.errors import InvalidInput
@@ -93,8 +94,9 @@ class PathTask:
 
     Raises:
         InvalidInput: If the segments or joint moves do not fit the waypoints, the robot or each
-            other, a constraint cannot be evaluated on a path, there is no body ``relative_to``, or
-            no joint moves the frame against it.
+            other, a constraint cannot be evaluated on a path, the scene has equality constraints
+            other than couplings of joints, there is no body ``relative_to``, or no joint moves the
+            frame against it.
     """
 
     name: str
@@ -131,6 +133,7 @@ class PathTask:
     def __post_init__(self) -> None:
         if self.relative_to is not None and self.scene_model is None:
             self._see_from(self.relative_to)
+        refuse_other_equalities("scene", self.scene_model or self.model)
         object.__setattr__(self, "constraints", self._with_those_of_the_model())
         check_segments(self.operational, self.projector, self.segments, len(self.waypoints))
         check_joint_moves(self.joint_moves, self.segments, len(self.waypoints))

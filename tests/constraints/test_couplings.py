@@ -473,15 +473,40 @@ def test_who_cannot_ask_it_refuses_the_task() -> None:
         follow_many(task, starts=task.start[None])
 
 
-def test_other_equality_constraints_are_named_as_not_checked() -> None:
-    model = mujoco.MjModel.from_xml_string(
+LOOPS = {
+    "closed at a point": ('<connect name="loop" body1="a" body2="b" anchor="0 0 0"/>', "a", "b"),
+    "closed at sites": ('<connect site1="tool" site2="end"/>', "a", "b"),
+    "to the world": ('<weld body1="a"/>', "a", "world"),
+    "of tendons": ('<tendon tendon1="t" polycoef="0 1 0 0 0"/>',),
+}
+
+
+def with_equality(equality: str) -> mujoco.MjModel:
+    return mujoco.MjModel.from_xml_string(
         '<mujoco><worldbody><body name="a"><joint name="j0"/><joint name="j1" type="slide"/>'
-        '<geom size="0.1"/><site name="tool"/></body></worldbody>'
-        '<equality><connect body1="a" anchor="0 0 0"/></equality></mujoco>'
+        '<geom size="0.1"/><site name="tool"/><body name="stuck" pos="0 0 0.1"/></body>'
+        '<body name="b" pos="0 0 1"><joint name="j2"/><geom size="0.1"/><site name="end"/></body>'
+        '</worldbody><tendon><fixed name="t"><joint joint="j0" coef="1"/></fixed></tendon>'
+        f"<equality>{equality}</equality></mujoco>"
     )
-    path = joint_path(model, np.zeros((3, 2)), evenly(3, 1.0), 1.0, 1.0).path_task
-    check = check_trajectory(JointRows(("j0", "j1"), np.zeros((3, 2)), np.arange(3.0)), path)
-    assert "equality constraints other than those of joints not checked" in check.unchecked
+
+
+@pytest.mark.parametrize("of", LOOPS)
+def test_a_path_is_refused_where_it_would_tear_a_closed_loop(of: str) -> None:
+    equality, *bodies = LOOPS[of]
+    with pytest.raises(qt.InvalidInput, match="keeps couplings of joints only") as refused:
+        joint_path(with_equality(equality), np.zeros((3, 3)), evenly(3, 1.0), 1.0, 1.0)
+    assert all(repr(body) in str(refused.value) for body in bodies)
+    for idle in (equality.replace("/>", ' active="false"/>'), '<weld body1="a" body2="stuck"/>'):
+        made = joint_path(with_equality(idle), np.zeros((3, 3)), evenly(3, 1.0), 1.0, 1.0)
+        assert {c.kind for c in made.path_task.stated_constraints} == {"clearance"}
+
+
+def test_a_path_on_a_moving_body_is_refused_likewise() -> None:
+    made = joint_path(with_equality(""), np.zeros((3, 3)), evenly(3, 1.0), 1.0, 1.0).path_task
+    loop, *_ = LOOPS["closed at a point"]
+    with pytest.raises(qt.InvalidInput, match=r"<connect> 'loop' between 'a' and 'b'"):
+        dataclasses.replace(made, model=with_equality(loop), relative_to="b")
 
 
 # ---------------------------------------------------------------- plans
