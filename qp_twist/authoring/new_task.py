@@ -15,15 +15,19 @@ import numpy as np
 from scipy.linalg import null_space
 
 from qp_twist.authoring.cell import cell_folder, new_folder, write_cell
-from qp_twist.authoring.frame_choice import FrameChoice, choose_frame
+from qp_twist.authoring.frame_choice import choose_frame
 from qp_twist.authoring.request import Request
 from qp_twist.authoring.search import METHOD, PLANNED, Progress, TaskSearch, TaskSearchResult, Trial
+from qp_twist.authoring.search_clock import MACHINE_CODE, SearchClock
 from qp_twist.authoring.task_text import Parts, VariedPlacement, feeds_in_words, task_text
 from qp_twist.authoring.touching import watched
+from qp_twist.authoring.units import refuse_other_units
 from qp_twist.checks import Array, did_you_mean, number
+from qp_twist.constraints import JointCouplings
 from qp_twist.errors import InvalidInput
 from qp_twist.files import whole_file
 from qp_twist.following import FoundStart
+from qp_twist.geometry import ProjectorKind
 from qp_twist.kinematics import JointRanges, SerialChain, largest_reach
 from qp_twist.paths import (
     ColumnChoice,
@@ -35,7 +39,6 @@ from qp_twist.paths import (
     rerooted,
     shipped_folder,
     twist_task,
-    unit_question,
 )
 from qp_twist.paths.motions import times
 from qp_twist.paths.task_file import FILE_KEY
@@ -50,8 +53,6 @@ _NO_SPEEDS = (
 )
 _WIDE = 8.0 * np.pi
 """A hinge with a larger limit, rad, probably has its limits in degrees."""
-_FAR = 10.0
-"""Distance of a path, in reaches of the robot, from which its unit is questioned."""
 _VARIED = 0.1
 """Margin of the placements of a study, in reaches of the robot."""
 _SMALL = 2e-3
@@ -112,7 +113,7 @@ def new_task(
     if request.angular_speed_deg is not None:
         number("angular_speed_deg", request.angular_speed_deg, above=0.0)
     number("search_seconds", request.search_seconds, above=0.0)
-    report = progress or (lambda what, share: None)
+    report, clock = progress or (lambda what, share: None), SearchClock()
     report("reading the robot", 0.0)
     robot, scene = _robot(request, out)
     carrier = request.relative_to
@@ -120,9 +121,10 @@ def new_task(
     frame = choose_frame(seen, request.frame, request.frame_type)
     report("reading the toolpath", 0.0)
     toolpath = _toolpath(request)
-    _refuse_far(request, seen, frame, toolpath)
+    refuse_other_units(request, seen, frame, toolpath)
     in_hand = request.tool_at is not None
     with ExitStack() as stack:
+        stack.enter_context(clock.running(lambda: report(MACHINE_CODE, 0.0)))
         tool = part = ""
         packages: dict[str, str] = {}
         of_cell: tuple[str, ...] = ()
@@ -158,7 +160,9 @@ def new_task(
         with whole_file(out) as unfinished:
             path_task = _loaded(parts, unfinished, out)
             ranges = JointRanges.of(path_task.model)
-            search = TaskSearch(request.search_seconds, report, lambda q: _rounded(q, ranges))
+            search = TaskSearch(
+                request.search_seconds, clock, report, lambda q: _rounded(q, ranges)
+            )
             searched = search.run(path_task, elsewhere=not stays)
             best = searched.best
             if best.placement is not None:
@@ -314,34 +318,6 @@ def _hint(error: InvalidInput) -> str:
     return f" For qp-twist new: {' or '.join(answers)}" if answers else ""
 
 
-def _refuse_far(
-    request: Request, model: mujoco.MjModel, frame: FrameChoice, toolpath: Toolpath
-) -> None:
-    """Refuse a unit with which the path is many times the robot's reach away from it.
-
-    The size of the path is checked when the task is loaded.
-    """
-    in_hand = request.tool_at is not None
-    if request.place is not None or request.length_unit is not None or in_hand:
-        return
-    chain = SerialChain.of(model, frame.name, frame.kind)
-    reach = largest_reach(chain, JointRanges.of(model))
-    if not chain.screws or not np.isfinite(reach):
-        return
-    positions = np.concatenate([curve.positions for curve in toolpath.curves])
-    apart = float(np.linalg.norm(positions - chain.screws[0].anchor, axis=1).min())
-    largest = float(np.abs(positions).max())
-    question = unit_question(
-        toolpath.unit, largest, 2.0 * reach, unit_in_file=toolpath.unit_in_file
-    )
-    if apart > _FAR * reach and question.startswith("is the file"):
-        raise InvalidInput(
-            f"{request.toolpath.name}: its coordinates reach {largest:.3g} m, and the robot "
-            f"{reach:.3g} m at most: {question}. If it is in {toolpath.unit}, say "
-            f"--unit {toolpath.unit}, or --place where it stands."
-        )
-
-
 def _loaded(parts: Parts, unfinished: Path, out: Path) -> PathTask:
     """The task of the parts, written to a temporary file."""
     unfinished.write_text(task_text(parts), encoding="utf-8")
@@ -434,18 +410,28 @@ def _wide(ranges: JointRanges) -> list[str]:
 
 
 def _alone(path_task: PathTask) -> list[str]:
-    """Warn if the free motion is that of one joint: then nothing is gained by it."""
+    """Warn if the free motion of the frame is that of one joint: then nothing is gained by it.
+
+    Joints that neither move the frame nor are coupled to one that does, such as those of a gripper,
+    do not count.
+    """
     rows = twist_task(path_task, path_task.projector)
     rows.set_target(path_task.waypoints[0])
     state = rows.state(mink.Configuration(path_task.model, path_task.start))
-    free = null_space(state.basis.T @ state.jacobian)
+    slopes = JointCouplings(path_task.model).slopes(path_task.start[None])[0]
+    moving = np.linalg.norm(np.vstack([state.jacobian, slopes]), axis=0) > _ALONE
+    free = null_space(np.vstack([state.basis.T @ state.jacobian, slopes])[:, moving])
     if free.shape[1] != 1 or np.abs(free).max() < 1.0 - _ALONE:
         return []
-    name = JointRanges.of(path_task.model).names[int(np.argmax(np.abs(free)))]
-    return [
-        f"free: the roll is {name} alone, since the frame's z is its axis: the methods differ in "
-        "that joint only, and no other joint gains by it."
-    ]
+    dof = int(np.flatnonzero(moving)[np.argmax(np.abs(free))])
+    if np.linalg.norm(state.jacobian[:, dof]) <= _ALONE:
+        return []
+    name, angular = JointRanges.of(path_task.model).names[dof], path_task.projector.angular
+    is_roll = angular.kind is ProjectorKind.PLANE and path_task.projector.linear.rank == 3
+    what = f"the roll is {name} alone, since the frame's z is its axis"
+    if not is_roll:
+        what = f"the motion that the task leaves free is that of {name} alone"
+    return [f"free: {what}: the methods differ in that joint only, and no other joint gains by it."]
 
 
 # ---------------------------------------------------------------- where it is, where it starts

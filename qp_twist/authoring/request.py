@@ -44,7 +44,8 @@ class Request:
         speed: Speed along the path where the toolpath has no feed, m/s.
         angular_speed_deg: Largest speed at which the tool turns, degrees/s; ``None`` for
             ``ANGULAR_SPEED`` where the tool turns in place, and no bound elsewhere.
-        search_seconds: Time limit of the search for a start and a placement, s.
+        search_seconds: Limit of the search for a start and a placement, s of processor time;
+            compiling kernels does not count.
         tool_mesh: Mesh file of a tool, in the axes of the robot's frame.
         tcp: Pose of its tip in the robot's frame: position, m, roll, pitch and yaw, R = Rz Ry Rx,
             degrees; with it the task's frame is the tip.

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import tempfile
-import time
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,6 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from qp_twist.authoring.reach import Placement, Placements, placements
+from qp_twist.authoring.search_clock import SearchClock
 from qp_twist.checks import Array
 from qp_twist.errors import InvalidInput
 from qp_twist.following import FoundStart, NoStart, find_starts, plan
@@ -93,18 +93,26 @@ class TaskSearchResult:
 class TaskSearch:
     """Searches a start, and a placement of the workpiece, within a time limit.
 
-    Every verdict is that of :func:`~qp_twist.trajectories.run_task`, as in ``qp-twist run``.
+    The time is that of the processor, without that of compiling kernels: neither other programs
+    on the machine nor a first call on it shorten the search. Every verdict is that of
+    :func:`~qp_twist.trajectories.run_task`, as in ``qp-twist run``.
 
     Args:
-        seconds: Time limit of the search.
+        seconds: Limit of the search, s of processor time.
+        clock: What counts them.
         report: Called with the current phase and the share of the time that is used.
         rounded: Rounds a start as in the task file.
     """
 
-    def __init__(self, seconds: float, report: Progress, rounded: Callable[[Array], Array]) -> None:
+    def __init__(
+        self,
+        seconds: float,
+        clock: SearchClock,
+        report: Progress,
+        rounded: Callable[[Array], Array],
+    ) -> None:
         self.seconds = seconds
-        self._report, self._rounded = report, rounded
-        self._began = time.monotonic()
+        self._clock, self._report, self._rounded = clock, report, rounded
         self._folder = Path()
 
     def run(self, path_task: PathTask, *, elsewhere: bool) -> TaskSearchResult:
@@ -115,8 +123,8 @@ class TaskSearch:
 
         Interrupted (Ctrl-C), it returns what it has.
         """
-        loaded(path_task, self._report)
-        self._began = time.monotonic()
+        _load(path_task)
+        self._clock.restart()
         here = best = Trial(path_task, None, None, why="no start was tried")
         places: Placements | None = None
         count = 0
@@ -127,7 +135,7 @@ class TaskSearch:
                 for trial in self._here(path_task):
                     here = best = trial
                 if not here.passes and not here.impossible and self._spent(_SHARE_HERE):
-                    ended = f"after {self._elapsed()} s"
+                    ended = f"after {self._elapsed()} s of processor time"
                 if here.passes or not elsewhere or not here.impossible:
                     return TaskSearchResult(best, here, ended=ended)
                 what = "looking for places for the workpiece"
@@ -135,7 +143,7 @@ class TaskSearch:
                 places = placements(path_task, progress=lambda: self._say(what))
                 for place in places.found[:_MOST_PLACES]:
                     if self._spent():
-                        ended = f"after {self._elapsed()} s"
+                        ended = f"after {self._elapsed()} s of processor time"
                         break
                     count += 1
                     self._say(f"placement {count} of {min(len(places.found), _MOST_PLACES)}")
@@ -144,7 +152,7 @@ class TaskSearch:
                         best = trial
                         break
             except KeyboardInterrupt:
-                ended = f"by you after {self._elapsed()} s"
+                ended = f"by you after {self._elapsed()} s of processor time"
                 return TaskSearchResult(best, here, places, count, ended, by_user=True)
         return TaskSearchResult(best, here, places, count, ended)
 
@@ -289,20 +297,19 @@ class TaskSearch:
     # ------------------------------------------------------------ time
 
     def _say(self, what: str) -> None:
-        self._report(what, min(1.0, (time.monotonic() - self._began) / self.seconds))
+        self._report(what, min(1.0, self._clock.seconds / self.seconds))
 
     def _spent(self, share: float = 1.0) -> bool:
-        return time.monotonic() - self._began > share * self.seconds
+        return self._clock.seconds > share * self.seconds
 
     def _elapsed(self) -> str:
-        return f"{time.monotonic() - self._began:.0f}"
+        return f"{self._clock.seconds:.0f}"
 
 
-def loaded(path_task: PathTask, report: Progress) -> None:
-    """Load the machine code of the runs, so that making it is not a part of the search's time."""
+def _load(path_task: PathTask) -> None:
+    """Load or compile the machine code of the runs."""
     settings = path_task.settings(METHOD)
     if walk_known(path_task, METHOD, settings):
-        report("loading; machine code is made, once on a machine: up to half a minute", 0.0)
         CompiledWalk(path_task, METHOD, settings)
 
 

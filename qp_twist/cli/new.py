@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import sys
 import time
 from collections.abc import Callable
 from dataclasses import replace
@@ -15,8 +16,9 @@ import tyro
 from pydantic import ValidationError
 
 from qp_twist.authoring import NewTask, Request, new_task
+from qp_twist.authoring.search_clock import MACHINE_CODE
 from qp_twist.checks import number
-from qp_twist.cli.app import Json, app, check_file, quiet, say
+from qp_twist.cli.app import Json, app, check_file, quiet, say, terminal
 from qp_twist.cli.progress import share_progress
 from qp_twist.errors import InvalidInput
 from qp_twist.kinematics import JointRanges
@@ -103,8 +105,8 @@ def new(
         speed: Speed along the path where the toolpath has no feed, m/s.
         angular_speed: Largest speed at which the tool turns, degrees/s; if omitted, 90 for a path
             on which it turns in place, and no bound for others.
-        search_time: Longest search for a start and a placement, s; Ctrl-C ends it with the best so
-            far.
+        search_time: Longest search for a start and a placement, s of processor time, without that
+            of making machine code; Ctrl-C ends it with the best so far.
         tcp: Pose of the tool's tip in the robot's frame: m, roll, pitch and yaw in degrees
             (R = Rz Ry Rx); the task's frame is then the tip.
         part: Mesh of the part, in the toolpath's frame.
@@ -190,10 +192,16 @@ def _facts(task: NewTask) -> dict[str, Any]:
 
 
 def _with_hint(report: Callable[[str, float], None]) -> Callable[[str, float], None]:
-    """Add after two seconds that the search can be ended."""
+    """Add after two seconds that the search can be ended; say where no bar does what compiles."""
     began = time.monotonic()
+    compiling = False
 
     def report_with_hint(what: str, share: float) -> None:
+        nonlocal compiling
+        if what == MACHINE_CODE and not compiling:
+            compiling = True
+            if terminal() is None and not quiet.get():
+                print(f"note: {what}", file=sys.stderr)
         long = time.monotonic() - began > _LONG
         report(f"{what}; Ctrl-C ends the search with the best so far" if long else what, share)
 

@@ -14,9 +14,11 @@ from pathlib import Path
 
 import mink
 import mujoco
+import numba
 import numpy as np
 import numpy.typing as npt
 import pytest
+import trimesh
 from oracles.real_robots import MJCF, URDF, RealRobot
 from scipy.spatial.transform import Rotation
 
@@ -424,6 +426,38 @@ def test_a_search_reports_its_share_and_ends_in_time(tmp_path: Path) -> None:
     assert "# NOT REACHED" in made.path.read_text("utf-8")
 
 
+def test_neither_compiling_nor_waiting_counts_as_searching(tmp_path: Path) -> None:
+    """The share of the time that is reported, around work of two seconds of each kind."""
+    seconds, two, done = 1000.0, 2.0, iter(["nothing", "compiling", "waiting", "computing"])
+    shares: dict[str, float] = {}
+    at, before = "", 0.0
+
+    def works(what: str, share: float) -> None:
+        nonlocal at, before
+        if at:
+            shares[at] = share * seconds - before
+        at, before = next(done, ""), share * seconds
+        began = time.process_time()
+        while at == "compiling" and time.process_time() - began < two:
+            numba.njit(lambda x: np.sort(x).sum() + x.std())(np.ones(2))
+        while at == "computing" and time.process_time() - began < two:
+            pass
+        if at == "waiting":
+            time.sleep(two)
+
+    def of_search(what: str, share: float) -> None:
+        if what.startswith("looking for places"):
+            works(what, share)
+
+    arch(tmp_path / "far.csv", (3000.0, 0.0, 0.0))
+    request = Request(Path(SEVEN), tmp_path / "far.csv", frame="tool", search_seconds=seconds)
+    new_task(request, tmp_path / "t.toml", progress=of_search)
+    assert set(shares) == {"nothing", "compiling", "waiting", "computing"}, shares
+    for kind in ("compiling", "waiting"):
+        assert shares[kind] < shares["nothing"] + 0.5 * two, shares
+    assert shares["computing"] >= 0.99 * two, shares
+
+
 @pytest.mark.parametrize(
     ("words", "start", "note"),
     [
@@ -565,6 +599,78 @@ def test_millimetres_under_a_header_in_metres_are_asked_about_at_once(
     if not offset:
         with pytest.raises(qt.InvalidInput, match=r"For qp-twist new: --unit mm$"):
             new_task(request, tmp_path / "t.toml")
+
+
+def small_arm(file: Path, scale: float = 1.0, mesh: str = "", gripper: str = "") -> Path:
+    """A URDF of six joints whose first four lengths are scaled."""
+    lengths = ["0 0 0.36", "0.12 0 0.1", "0 0 0.5", "0.1 0 0.06", "0.42 0 0", "0.09 0 0"]
+    axes = ["0 0 1", "0 1 0", "0 1 0", "1 0 0", "0 1 0", "1 0 0"]
+    parts = ['<link name="l0"/>']
+    moments = 'ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"'
+    inertia = f'<inertial><mass value="1"/><inertia {moments}/></inertial>'
+    for k, (at, axis) in enumerate(zip(lengths, axes, strict=True), start=1):
+        xyz = " ".join(f"{scale * float(x):.9g}" for x in at.split())
+        shape = f'<collision><geometry><mesh filename="{mesh}"/></geometry></collision>'
+        parts.append(
+            f'<link name="l{k}">{inertia}{shape if mesh and k == 3 else ""}</link>'
+            f'<joint name="j{k}" type="revolute"><origin xyz="{xyz}"/><parent link="l{k - 1}"/>'
+            f'<child link="l{k}"/><axis xyz="{axis}"/>'
+            '<limit lower="-2.6" upper="2.6" effort="1" velocity="3"/></joint>'
+        )
+    parts.append(
+        '<link name="tip"/><joint name="t" type="fixed"><origin rpy="0 1.5707963267948966 0" '
+        f'xyz="{scale * 0.12:.9g} 0 0"/><parent link="l6"/><child link="tip"/></joint>{gripper}'
+    )
+    file.write_text(f"<robot name='arm'>{''.join(parts)}</robot>", encoding="utf-8")
+    return file
+
+
+@pytest.mark.parametrize(
+    ("scale", "question"),
+    [(1000.0, r"is arm\.urdf in mm\?"), (1e-3, r"lengths of arm\.urdf divided by 1000\?")],
+)
+def test_a_robot_in_another_unit_than_the_path_is_asked_about(
+    scale: float, question: str, near: Path, tmp_path: Path
+) -> None:
+    request = Request(small_arm(tmp_path / "arm.urdf", scale), near, frame="tip")
+    for place in (None, (0.1, 0.0, 0.2)):
+        with pytest.raises(qt.InvalidInput, match=question) as refused:
+            new_task(replace(request, place=place), tmp_path / "t.toml")
+        assert "MJCF and URDF are in metres" in str(refused.value)
+    assert not (tmp_path / "t.toml").exists()
+
+
+def test_a_mesh_in_another_unit_than_its_arm_is_asked_about(near: Path, tmp_path: Path) -> None:
+    trimesh.creation.box((60.0, 60.0, 400.0)).export(tmp_path / "link.stl")
+    robot = small_arm(tmp_path / "arm.urdf", mesh="link.stl")
+    request = Request(robot, near, frame="tip", place=(0.1, 0.0, 0.2))
+    with pytest.raises(qt.InvalidInput, match=r"mesh of l3 is 400 m across.* is the mesh in mm\?"):
+        new_task(request, tmp_path / "t.toml")
+    text = robot.read_text("utf-8").replace('"link.stl"', '"link.stl" scale="0.001 0.001 0.001"')
+    robot.write_text(text, encoding="utf-8")
+    assert new_task(request, tmp_path / "t.toml").runs
+
+
+def test_a_joint_that_never_moves_the_frame_is_not_called_its_roll(
+    near: Path, tmp_path: Path
+) -> None:
+    """The arm's roll is its last joint's; a finger beside the tool has nothing to do with it."""
+    finger = (
+        '<link name="finger"/><joint name="pinch" type="prismatic"><parent link="l6"/>'
+        '<child link="finger"/><axis xyz="0 1 0"/>'
+        '<limit lower="0" upper="0.02" effort="1" velocity="1"/></joint>'
+    )
+    for gripper in ("", finger):
+        robot = small_arm(tmp_path / "arm.urdf", gripper=gripper)
+        request = Request(robot, near, frame="tip", place=(0.1, 0.0, 0.2))
+        notes = new_task(request, tmp_path / "t.toml", force=True).notes
+        [free] = [note for note in notes if note.startswith("free: ")]
+        assert "the roll is j6 alone" in free
+    # Without j6 nothing of the frame is free, and the finger's motion is none of it.
+    text = robot.read_text("utf-8").replace('"j6" type="revolute"', '"j6" type="fixed"')
+    robot.write_text(text, encoding="utf-8")
+    notes = new_task(request, tmp_path / "t.toml", force=True).notes
+    assert not [note for note in notes if "pinch" in note and "alone" in note]
 
 
 def test_columns_are_suggested_that_fit_the_file(tmp_path: Path, near: Path) -> None:
