@@ -5,7 +5,7 @@ from __future__ import annotations
 import shutil
 import tempfile
 import xml.etree.ElementTree as ET
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,8 +17,10 @@ import numpy as np
 
 from qp_twist.authoring.frame_choice import FrameChoice
 from qp_twist.authoring.request import Request
-from qp_twist.authoring.solids import Mesh, Solid, read_solid
+from qp_twist.authoring.solids import Mesh, Solid, convex_pieces, read_solid
+from qp_twist.authoring.touching import DISTANCE, overlapping
 from qp_twist.checks import Array
+from qp_twist.constraints import Clearance
 from qp_twist.errors import InvalidInput
 from qp_twist.files import read_bytes, write_atomically
 from qp_twist.kinematics import JointRanges
@@ -102,6 +104,7 @@ def write_cell(
             solids.append(read_solid(name, file, request.mesh_unit))
     written: dict[str, bytes] = _own_files(spec, robot)
     _name_geoms(spec)
+    of_links = _divide_links(spec, robot.model, taken, written)
     _draw_once(spec)
     tip, carrier = frame, request.relative_to
     lowest = [0.0]
@@ -142,7 +145,7 @@ def write_cell(
     _write(folder, spec, written, robot)
     scene = load_robot(folder / "scene.xml")
     _check_same(robot, scene)
-    notes = [note for solid in solids for note in solid.notes]
+    notes = [*of_links, *(note for solid in solids for note in solid.notes)]
     part = "" if request.part_mesh is None else names[PART]
     return Cell(scene, tip, names.get(TOOL, ""), part, carrier, tuple(notes))
 
@@ -218,6 +221,43 @@ def _name_geoms(spec: Any) -> None:
             geom.name = _free(geom.parent.name or "geom", taken)
 
 
+def _divide_links(
+    spec: Any, model: mujoco.MjModel, taken: set[str], written: dict[str, bytes]
+) -> list[str]:
+    """Divide concave meshes of the robot's links whose hulls overlap; sentences about them.
+
+    Of links with one link between them, or that touch in every configuration: see
+    :func:`~qp_twist.authoring.touching.overlapping`.
+    """
+    if not JointRanges.of(model).only_hinges_and_slides:
+        return []
+    import trimesh  # half a second
+
+    clearance = Clearance(model, DISTANCE)
+    notes = []
+    for geom in np.unique(clearance.pairs[list(overlapping(clearance))]):
+        body = int(model.geom_bodyid[geom])
+        name, number = str(model.body(body).name), int(geom) - int(model.body_geomadr[body])
+        if int(model.geom_type[geom]) != mujoco.mjtGeom.mjGEOM_MESH or not name:
+            continue
+        mesh = int(model.geom_dataid[geom])
+        first, count = int(model.mesh_vertadr[mesh]), int(model.mesh_vertnum[mesh])
+        begin, faces = int(model.mesh_faceadr[mesh]), int(model.mesh_facenum[mesh])
+        turn = mink.SO3(model.geom_quat[geom].copy()).as_matrix()
+        vertices = model.mesh_vert[first : first + count] @ turn.T + model.geom_pos[geom]
+        pieces, note = convex_pieces(
+            name, trimesh.Trimesh(vertices, model.mesh_face[begin : begin + faces])
+        )
+        if note:
+            notes.append(note)
+        if pieces:
+            on = spec.body(name)
+            old = on.geoms[number]
+            old.contype = old.conaffinity = 0
+            _add_pieces(spec, on, _free(f"{name}_part", taken), pieces, list(old.rgba), written)
+    return notes
+
+
 def _draw_once(spec: Any) -> None:
     """Do not draw what collides on a body that has other geoms to be drawn."""
     for body in spec.bodies:
@@ -249,19 +289,30 @@ def _add(
     written: dict[str, bytes],
 ) -> None:
     """Add the geoms of a solid: one that is drawn and collides, or one drawn and its pieces."""
-    kind = mujoco.mjtGeom.mjGEOM_MESH
     pieces = solid.pieces
     _add_mesh(spec, solid.name, solid.drawn, written)
     body.add_geom(
-        name=solid.name, type=kind, meshname=solid.name, rgba=colour, group=DRAWN, mass=0.0,
-        contype=int(not pieces), conaffinity=int(not pieces),
+        name=solid.name, type=mujoco.mjtGeom.mjGEOM_MESH, meshname=solid.name, rgba=colour,
+        group=DRAWN, mass=0.0, contype=int(not pieces), conaffinity=int(not pieces),
     )  # fmt: skip
+    _add_pieces(spec, body, solid.name, pieces, colour, written)
+
+
+def _add_pieces(
+    spec: Any,
+    body: Any,
+    of: str,
+    pieces: Sequence[Mesh],
+    colour: Sequence[float],
+    written: dict[str, bytes],
+) -> None:
+    """Add convex pieces, in the axes of the body, that collide and are not drawn."""
     for count, piece in enumerate(pieces, start=1):
-        name = f"{solid.name}_piece_{count}"
+        name = f"{of}_piece_{count}"
         _add_mesh(spec, name, piece, written)
         body.add_geom(
-            name=name, type=kind, meshname=name, rgba=colour, group=NOT_DRAWN, mass=0.0,
-            contype=1, conaffinity=1,
+            name=name, type=mujoco.mjtGeom.mjGEOM_MESH, meshname=name, rgba=colour,
+            group=NOT_DRAWN, mass=0.0, contype=1, conaffinity=1,
         )  # fmt: skip
 
 

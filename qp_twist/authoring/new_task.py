@@ -20,7 +20,7 @@ from qp_twist.authoring.request import Request
 from qp_twist.authoring.search import METHOD, PLANNED, Progress, TaskSearch, TaskSearchResult, Trial
 from qp_twist.authoring.search_clock import MACHINE_CODE, SearchClock
 from qp_twist.authoring.task_text import Parts, VariedPlacement, feeds_in_words, task_text
-from qp_twist.authoring.touching import watched
+from qp_twist.authoring.touching import Watched, watched
 from qp_twist.authoring.units import refuse_other_units
 from qp_twist.checks import Array, did_you_mean, number
 from qp_twist.constraints import JointCouplings
@@ -43,6 +43,7 @@ from qp_twist.paths import (
 from qp_twist.paths.motions import times
 from qp_twist.paths.task_file import FILE_KEY
 from qp_twist.robots import Robot, load_robot
+from qp_twist.robots.srdf import disabled_pairs, srdf_beside
 from qp_twist.trajectories import Check, run_task
 
 _ALONE = 1e-6
@@ -153,7 +154,7 @@ def new_task(
             left_out=robot.left_out,
             position=np.zeros(3) if in_hand else np.array(request.place or (0.0, 0.0, 0.0)),
             rpy_deg=np.zeros(3) if in_hand else np.array(request.place_rpy_deg),
-            watched=watched(model, tool, part),
+            watched=_watched(request, robot, model, tool, part),
             carrier=carrier,
         )
         stays = request.place or request.part_mesh or request.fixture_meshes or carrier
@@ -199,6 +200,16 @@ def new_task(
             *([] if check is None else [f"run by {best.method}: {check.verdict}"]),
         ]
         return NewTask(out, path_task, best.start, tuple(notes), check, best.method)
+
+
+def _watched(
+    request: Request, robot: Robot, model: mujoco.MjModel, tool: str, part: str
+) -> Watched | None:
+    """What must not touch; what may by an SRDF beside the robot's file, too."""
+    srdf = srdf_beside(request.robot, _model_name(robot))
+    if srdf is None:
+        return watched(model, tool, part)
+    return watched(model, tool, part, disabled_pairs(srdf), srdf.name)
 
 
 def _seen_from(model: mujoco.MjModel, request: Request) -> mujoco.MjModel:

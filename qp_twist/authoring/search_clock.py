@@ -42,7 +42,7 @@ class SearchClock:
 
         clock = self
 
-        class Listener(event.Listener):  # type: ignore[misc]
+        class Listener(event.Listener):
             def on_start(self, event: Any) -> None:
                 clock._since.append(time.process_time())
                 if len(clock._since) == 1:
@@ -55,9 +55,10 @@ class SearchClock:
                         clock._compiled += time.process_time() - began
 
         listener = Listener()
-        event.register(_COMPILES, listener)
+        of_numba: Any = event
+        of_numba.register(_COMPILES, listener)
         try:
             yield
         finally:
-            event.unregister(_COMPILES, listener)
+            of_numba.unregister(_COMPILES, listener)
             self._since.clear()

@@ -92,7 +92,7 @@ def read_solid(name: str, file: Path, unit: MeshUnit | None) -> Solid:
         other = "m" if size.max() < _SMALL else "mm"
         doubt = "check the file" if other == unit else f"is the file in {other}?"
         notes.append(f"{file.name}: it is {size.max():.3g} m across: {doubt}")
-    pieces, note = _convex(file, mesh)
+    pieces, note = convex_pieces(file.name, mesh)
     if note:
         notes.append(note)
     return Solid(name, file, Mesh(mesh.vertices, mesh.faces), pieces, tuple(notes))
@@ -121,8 +121,16 @@ def _read(file: Path) -> trimesh.Trimesh:
     return mesh
 
 
-def _convex(file: Path, mesh: trimesh.Trimesh) -> tuple[tuple[Mesh, ...], str]:
-    """Convex pieces of a concave mesh, as far as they can be made, and a sentence about them."""
+def convex_pieces(name: str, mesh: trimesh.Trimesh) -> tuple[tuple[Mesh, ...], str]:
+    """Convex pieces of a concave mesh, as far as they can be made, and a sentence about them.
+
+    Args:
+        name: What the sentence calls it.
+        mesh: The mesh, m.
+
+    Returns:
+        The pieces, none where the convex hull stands for the mesh, and the sentence.
+    """
     hull = mesh.convex_hull
     closed = bool(mesh.is_watertight) and mesh.volume > 0.0
     ratio = float(hull.volume / mesh.volume) if closed else np.inf
@@ -133,14 +141,14 @@ def _convex(file: Path, mesh: trimesh.Trimesh) -> tuple[tuple[Mesh, ...], str]:
     )  # fmt: skip
     if importlib.util.find_spec("coacd") is None:
         return (), (
-            f"{file.name}: distances are those of its convex hull, {larger}; with pip install "
+            f"{name}: distances are those of its convex hull, {larger}; with pip install "
             "qp_twist[cell] it is divided into convex pieces, or model it as several files."
         )
     pieces = _divided(mesh)
     if len(pieces) < 2:
-        return (), f"{file.name}: distances are those of its convex hull, {larger}."
+        return (), f"{name}: distances are those of its convex hull, {larger}."
     volume = sum(float(piece.convex_hull.volume) for piece in pieces)
-    text = f"{file.name}: divided into {len(pieces)} convex pieces"
+    text = f"{name}: divided into {len(pieces)} convex pieces"
     if closed:
         text += f", {volume / mesh.volume:.3g} times the volume of the mesh (its hull {ratio:.3g})"
     hulls = [piece.convex_hull for piece in pieces]

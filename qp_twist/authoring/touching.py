@@ -1,21 +1,29 @@
-"""Which pairs a clearance watches in a scene, and which of them always touch."""
+"""Which pairs a clearance watches in a scene, and which may touch: those that always do."""
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import mujoco
 import numpy as np
 
-from qp_twist.checks import Array, Indices, Mask
-from qp_twist.constraints import Clearance
-from qp_twist.constraints.colliding_pairs import body_name
+from qp_twist.checks import Indices
+from qp_twist.constraints import (
+    LOOKED_AT,
+    Clearance,
+    never_apart,
+    random_configurations,
+    touching_share,
+)
+from qp_twist.constraints.colliding_pairs import body_name, geom_name
 from qp_twist.kinematics import JointRanges
+from qp_twist.robots.srdf import DisabledPair
 
 DISTANCE = 0.005
 """Distance of a new task, m."""
-_LOOKED_AT = 200
-"""Number of random configurations."""
+_OFTEN = 0.05
+"""Share of configurations from which two links on either side of a short one touch often."""
 
 
 @dataclass(frozen=True)
@@ -42,43 +50,129 @@ class Watched:
     notes: tuple[str, ...]
 
 
-def watched(model: mujoco.MjModel, tool: str = "", part: str = "") -> Watched | None:
+def watched(
+    model: mujoco.MjModel,
+    tool: str = "",
+    part: str = "",
+    disabled: Sequence[DisabledPair] = (),
+    srdf: str = "",
+) -> Watched | None:
     """What a clearance watches in a scene; ``None`` if no two geoms can collide.
 
-    Pairs that are nearer than the distance in every one of some hundred random configurations can
-    never be kept apart, such as housings of neighbouring links, and are ignored.
+    Ignored are pairs of links that an SRDF disables, and those of :func:`overlapping`: they can
+    never be kept apart, or only by chance, such as housings of neighbouring links. What is fixed to
+    such a link, as a tool is, is watched all the same.
 
     Args:
         model: The scene.
         tool: Name of the body of a tool, which may touch the part; or empty.
         part: Name of the body of the part; or empty.
+        disabled: The pairs of links that an SRDF disables.
+        srdf: Name of that file.
     """
     if not JointRanges.of(model).only_hinges_and_slides or not len(Clearance(model, 0.0).pairs):
         return None
     ignored = [Ignored(tool, part, "the tool works on the part")] if tool and part else []
     clearance = Clearance(model, DISTANCE, [(pair.one, pair.other) for pair in ignored])
-    always: Mask = np.asarray((clearance.bounded(_random(model), 0.0) < 0.0).all(axis=0))
-    for one, other in _named(model, clearance, always):
-        why = f"nearer than {1e3 * DISTANCE:g} mm in each of {_LOOKED_AT} random configurations"
-        ignored.append(Ignored(one, other, why))
+    stated = _of_srdf(clearance, disabled)
+    for why in dict.fromkeys(stated.values()):
+        pairs = np.array([pair for pair, reason in stated.items() if reason == why])
+        of = f"{srdf} disables it" + (f": {why}" if why else "")
+        ignored += [Ignored(*names, of) for names in exact_names(clearance, pairs)]
+    others = np.setdiff1d(np.arange(len(clearance.pairs)), list(stated))
+    clearance = Clearance(model, DISTANCE, pairs=clearance.pairs[others])
+    found = overlapping(clearance)
+    for why in dict.fromkeys(found.values()):
+        pairs = np.array([pair for pair, reason in found.items() if reason == why])
+        ignored += [Ignored(*names, why) for names in exact_names(clearance, pairs)]
     left = Clearance(model, DISTANCE, [(pair.one, pair.other) for pair in ignored])
     notes = [
         f"{len(left.pairs)} pairs of shapes keep {1e3 * DISTANCE:g} mm, of "
         f"{', '.join(_bodies(model, np.unique(left.pairs)))}."
     ]
-    notes += [f"{pair.one} and {pair.other} may touch: {pair.why}." for pair in ignored]
+    if stated:
+        notes.append(f"{len(stated)} pairs of shapes may touch, since {srdf} disables them.")
+    notes += [
+        f"{pair.one} and {pair.other} may touch: {pair.why}."
+        for pair in ignored
+        if not (srdf and pair.why.startswith(srdf))
+    ]
     return Watched(DISTANCE, tuple(ignored), (*notes, *_without_shape(model, tool)))
 
 
-def _random(model: mujoco.MjModel) -> Array:
-    """Random configurations within the limits, (N, nq); without limits half a turn, or 1 m."""
-    ranges = JointRanges.of(model)
-    width = np.where(ranges.hinge, np.pi, 1.0)
-    low = np.where(ranges.limited, ranges.lower, -width)
-    high = np.where(ranges.limited, ranges.upper, width)
-    q = np.tile(model.qpos0, (_LOOKED_AT, 1))
-    q[:, ranges.qpos] = np.random.default_rng(0).uniform(low, high, (_LOOKED_AT, len(low)))
-    return q
+def overlapping(clearance: Clearance) -> dict[int, str]:
+    """Indices of the pairs of a clearance that may touch, and why.
+
+    * Pairs that are nearer than the distance in every one of many random configurations.
+    * Shapes of two links with one link between them, which is shorter than one of them is thick, if
+      they overlap in more than one configuration of twenty: hulls that reach over a short link. The
+      thickness of a shape is the middle one of the half edges of its box. What is fixed to a link,
+      such as a tool, is none of its shapes.
+    """
+    found = {
+        int(pair): f"nearer than {1e3 * clearance.distance:g} mm in each of {LOOKED_AT} random "
+        "configurations"
+        for pair in never_apart(clearance)
+    }
+    q = random_configurations(clearance)
+    touching = Clearance(clearance.model, 0.0, pairs=clearance.pairs)
+    for pair, (length, thickness) in _across_one_link(clearance).items():
+        if pair in found or length >= thickness:
+            continue
+        share = touching_share(touching, pair, q)
+        if share > _OFTEN:
+            found[pair] = (
+                f"neighbours across a link of {1e3 * length:.3g} mm, thicker than that "
+                f"({1e3 * thickness:.3g} mm); they overlap in {100.0 * share:.0f} % of {LOOKED_AT} "
+                "random configurations"
+            )
+    return found
+
+
+def _across_one_link(clearance: Clearance) -> dict[int, tuple[float, float]]:
+    """Length of the link between two links of a pair, and the larger thickness of their shapes, m.
+
+    Of pairs between whose links there is just one, by hinges.
+    """
+    model, data = clearance.model, mujoco.MjData(clearance.model)
+    mujoco.mj_kinematics(model, data)
+    link = model.body_weldid
+    found: dict[int, tuple[float, float]] = {}
+    for pair, geoms in enumerate(clearance.pairs):
+        for one, other in (geoms, geoms[::-1]):
+            inner, outer = int(model.geom_bodyid[one]), int(model.geom_bodyid[other])
+            between = int(link[model.body_parentid[outer]])
+            if link[outer] != outer or not between or inner not in _inwards(model, between):
+                continue
+            joints = [int(model.body_jntadr[body]) for body in (between, outer)]
+            single = [int(model.body_jntnum[body]) == 1 for body in (between, outer)]
+            if not all(single) or (model.jnt_type[joints] != mujoco.mjtJoint.mjJNT_HINGE).any():
+                continue
+            length = float(np.linalg.norm(np.diff(data.xanchor[joints], axis=0)))
+            thickness = np.sort(model.geom_aabb[[one, other], 3:], axis=1)[:, 1].max()
+            found[pair] = length, float(thickness)
+    return found
+
+
+def _inwards(model: mujoco.MjModel, link: int) -> list[int]:
+    """The bodies from the one that a link hangs on to the one that the next joint moves."""
+    body, found = int(model.body_parentid[link]), list[int]()
+    while body and model.body_weldid[body] != body:
+        found.append(body)
+        body = int(model.body_parentid[body])
+    return [*found, body]
+
+
+def _of_srdf(clearance: Clearance, disabled: Iterable[DisabledPair]) -> dict[int, str]:
+    """Indices of the pairs that an SRDF disables, and its reasons; its links are bodies."""
+    model = clearance.model
+    reasons = {frozenset((pair.one, pair.other)): pair.reason for pair in disabled}
+    found: dict[int, str] = {}
+    for pair, geoms in enumerate(clearance.pairs):
+        links = frozenset(str(model.body(int(model.geom_bodyid[geom])).name) for geom in geoms)
+        if links in reasons:
+            found[pair] = reasons[links]
+    return found
 
 
 def _bodies(model: mujoco.MjModel, geoms: Indices) -> list[str]:
@@ -91,23 +185,36 @@ def _bodies(model: mujoco.MjModel, geoms: Indices) -> list[str]:
     return list(names)
 
 
-def _named(model: mujoco.MjModel, clearance: Clearance, always: Mask) -> list[tuple[str, str]]:
-    """Names of the pairs that always touch: of geoms, or of bodies where geoms have none.
+def exact_names(clearance: Clearance, pairs: Indices) -> list[tuple[str, str]]:
+    """Names by which a clearance ignores just some of its pairs.
 
-    A pair of bodies is left out if it would also ignore geoms that do not always touch.
+    Those of bodies where all their shapes are meant, else those of geoms; a geom that has no name
+    of its own, or that of a body, is counted on its body: ``"wrist geom 2"``.
+
+    Args:
+        clearance: The clearance.
+        pairs: Indices of the pairs.
     """
-    touching = {(int(a), int(b)) for a, b in clearance.pairs[always]}
-    apart = {(int(a), int(b)) for a, b in clearance.pairs[~always]}
+    model = clearance.model
+    meant = {frozenset(map(int, clearance.pairs[pair])) for pair in pairs}
+    apart = {frozenset(map(int, pair)) for pair in clearance.pairs} - meant
     found: dict[tuple[str, str], None] = {}
-    for pair in sorted(touching):
-        one, other = (
-            str(model.geom(g).name) or str(model.body(int(model.geom_bodyid[g])).name) for g in pair
-        )
-        if one and other and (one, other) not in found:
-            left = Clearance(model, DISTANCE, [(one, other)]).pairs
-            if apart <= {(int(a), int(b)) for a, b in left}:
-                found[one, other] = None
+    for pair in pairs:
+        one, other = map(int, clearance.pairs[pair])
+        names = [[geom_name(model, geom), _on_body(model, geom)] for geom in (one, other)]
+        bodies = [body_name(model, int(model.geom_bodyid[geom])) for geom in (one, other)]
+        for choice in (bodies, *map(list, zip(*names, strict=True))):
+            left = Clearance(model, clearance.distance, [choice]).pairs
+            if apart <= {frozenset(map(int, kept)) for kept in left}:
+                found[choice[0], choice[1]] = None
+                break
     return list(found)
+
+
+def _on_body(model: mujoco.MjModel, geom: int) -> str:
+    """A geom by its number on its body."""
+    body = int(model.geom_bodyid[geom])
+    return f"{body_name(model, body)} geom {geom - int(model.body_geomadr[body]) + 1}"
 
 
 def _without_shape(model: mujoco.MjModel, tool: str) -> list[str]:

@@ -36,6 +36,11 @@ from .mink_box import qpos_of as qpos_of
 from .mink_box import range_of as range_of
 from .mink_box import speeds_of as speeds_of
 from .motion_limit import MotionLimit as MotionLimit
+from .never_apart import LOOKED_AT as LOOKED_AT
+from .never_apart import never_apart as never_apart
+from .never_apart import random_configurations as random_configurations
+from .never_apart import refuse_never_apart as refuse_never_apart
+from .never_apart import touching_share as touching_share
 from .per_joint import per_joint as per_joint
 from .position_limit import PositionLimit as PositionLimit
 from .stopping_speed import stopping_share as stopping_share

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import re
 
 import mujoco
 import numpy as np
@@ -110,6 +111,8 @@ def body_name(model: mujoco.MjModel, body: int) -> str:
 def geoms_of(model: mujoco.MjModel, name: str) -> set[int]:
     """The geoms of a name: a geom, or a body with all geoms on it and on bodies fixed to it.
 
+    ``"BODY geom 2"`` is the second geom on that body, as :func:`geom_name` calls it.
+
     Raises:
         InvalidInput: If neither has that name.
     """
@@ -126,6 +129,11 @@ def geoms_of(model: mujoco.MjModel, name: str) -> set[int]:
         return found
     if found:
         return found
+    counted = re.fullmatch(r"(.+) geom ([1-9]\d*)", name)
+    for body in range(model.nbody) if counted else ():
+        number = int(counted[2]) if counted else 0
+        if counted and body_name(model, body) == counted[1] and number <= model.body_geomnum[body]:
+            return {int(model.body_geomadr[body]) + number - 1}
     known = [str(model.geom(g).name) for g in range(model.ngeom)]
     known += [str(model.body(b).name) for b in range(model.nbody)]
     known = [name for name in dict.fromkeys(known) if name]  # a body may be called like its geom

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -183,7 +184,8 @@ class PathTask:
         """The pairs of names that may touch, by the names of the model."""
         world = "world" if self.relative_to is None else OLD_WORLD
         return [
-            tuple(world if name == "world" else name for name in pair) for pair in clearance.ignored
+            tuple(re.sub(r"^world(?=$| geom \d+$)", world, name) for name in pair)
+            for pair in clearance.ignored
         ]
 
     @property

@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from qp_twist.checks import Array, finite_array, instance, number
+from qp_twist.constraints import refuse_never_apart
 from qp_twist.errors import InvalidInput
 from qp_twist.kinematics import JointRanges, SerialChain
 from qp_twist.notebook import html_table
@@ -213,6 +214,8 @@ def make_plan(
             f"plan: {path_task.name}'s scene has ball or free joints; only hinges and slides are "
             "planned. Take free bodies out of the scene, or follow the path with a method."
         )
+    for clearance in path_task.clearances:
+        refuse_never_apart(path_task.name, clearance)
     goal = Objective.of(ranges, objective, joint_weights)
     if (goal.margin or goal.centering) and not ranges.limited.any():
         raise InvalidInput(

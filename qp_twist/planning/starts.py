@@ -12,7 +12,7 @@ import numpy as np
 
 from qp_twist import closed_form
 from qp_twist.checks import Array
-from qp_twist.constraints import BindingLimit, Clearance, PositionLimit
+from qp_twist.constraints import BindingLimit, Clearance, PositionLimit, refuse_never_apart
 from qp_twist.control import Controller
 from qp_twist.errors import InvalidInput
 from qp_twist.geometry import ProjectorKind
@@ -194,19 +194,7 @@ def _refuse_pairs_never_apart(path_task: PathTask, q: Array) -> None:
             continue
         if clearance.margins(q[None]).min() >= 0.0:
             continue
-        ranges = JointRanges.of(path_task.model)
-        drawn = np.tile(q, (_SEEDS, 1))
-        drawn[:, ranges.qpos] = ranges.random(_SEEDS, np.random.default_rng(0))
-        always = np.flatnonzero((clearance.bounded(drawn, 0.0) < 0.0).all(axis=0))
-        if len(always):
-            names = [clearance.names[k] for k in always[:_NAMED]]
-            more = f" and {len(always) - _NAMED} more" if len(always) > _NAMED else ""
-            raise InvalidInput(
-                f"{path_task.name}: a clearance of {clearance.distance:g} m cannot be kept: in "
-                f"each of {_SEEDS} random configurations these pairs are nearer: "
-                f"{', '.join(names)}{more}. Ask for less (the distance is in m: 5 mm is 0.005), or "
-                "name pairs that may touch in ignore."
-            )
+        refuse_never_apart(path_task.name, clearance)
 
 
 def missed_by(path_task: PathTask, task: TwistTask, configuration: mink.Configuration) -> float:

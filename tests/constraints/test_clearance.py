@@ -518,6 +518,16 @@ def test_unnamed_geoms_are_called_by_their_body() -> None:
     assert len(two) == len(ALL) + len(touching("hand"))
 
 
+def test_a_geom_is_ignored_by_the_name_that_messages_give_it() -> None:
+    text = arm(hand='<geom size="0.1"/><geom size="0.2" pos="0 0 0.1"/>')
+    every = pairs_of(text)
+    for number in (1, 2):
+        name = f"hand geom {number}"
+        assert pairs_of(text, ("floor", name)) == every - both(f"floor-{name}")
+    with pytest.raises(qt.InvalidInput, match="no geom or body is called 'hand geom 3'"):
+        pairs_of(text, ("floor", "hand geom 3"))
+
+
 def test_names_follow_the_pairs() -> None:
     model = mujoco.MjModel.from_xml_string(f"<mujoco><worldbody>{arm()}</mujoco>")
     clearance = qt.Clearance(model)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
+import re
 import shutil
 import sys
 import tomllib
@@ -291,7 +292,7 @@ def test_pairs_that_always_touch_are_ignored_and_bare_links_named() -> None:
     # The spheres of one and three are never more than 40 mm apart, and 120 mm would be needed; the
     # rod begins 300 mm from them. Base and one are joined by a joint.
     assert [(pair.one, pair.other) for pair in found.ignored] == [("one", "wrist")]
-    assert "each of 200 random configurations" in found.ignored[0].why
+    assert "each of 2000 random configurations" in found.ignored[0].why
     # base to wrist, base to rod, one to rod.
     assert found.notes[0] == "3 pairs of shapes keep 5 mm, of base, one, three."
     assert found.notes[-1] == "two has no shape: nothing is checked for it."
@@ -319,6 +320,150 @@ def test_the_command_takes_several_fixtures_and_says_what_it_watches(
     with pytest.raises(SystemExit):
         main(["new", str(SEVEN), "--path", str(path), "--tcp", "1,2", "--force"])
     assert "--tcp '1,2': expected three numbers in metres" in capsys.readouterr().err
+
+
+WRIST = """
+<mujoco model="wrist"><compiler angle="radian" autolimits="true"/>{asset}<worldbody>
+<body name="l1" pos="0 0 0.36"><joint name="j1" axis="0 0 1" range="-2.9 2.9"/>{inertia}
+<body name="l2" pos="0.12 0 0.1"><joint name="j2" axis="0 1 0" range="-1.7 2.2"/>{inertia}
+<body name="l3" pos="0 0 0.5"><joint name="j3" axis="0 1 0" range="-2.4 1.6"/>{inertia}
+<body name="l4" pos="0.1 0 0.06"><joint name="j4" axis="1 0 0" range="-3 3"/>{inertia}{four}
+<body name="l5" pos="0.42 0 0"><joint name="j5" axis="0 1 0" range="-2.1 2.1"/>{inertia}
+<body name="l6" pos="{length} 0 0"><joint name="j6" axis="1 0 0" range="-3 3"/>{inertia}{six}
+<site name="tip" pos="0.05 0 0" euler="0 1.5707963267948966 0"/>
+</body></body></body></body></body></body></worldbody></mujoco>
+"""
+TOUCHES = '<geom type="box" size="0.25 0.1 0.1" pos="0.25 0 0"/>'
+"""The sphere of l6 is nowhere more than 10 mm outside of this, and has a radius of 60 mm."""
+
+
+def wrist(file: Path, four: str = TOUCHES, six: float = 0.06, **other: str) -> Path:
+    """An arm of six joints; shapes of its links 4 and 6 alone."""
+    inertia = '<inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/>'
+    sphere = f'<geom type="sphere" size="{six}"/>'
+    parts = {"asset": "", "length": "0.09", "inertia": inertia, "four": four, "six": sphere}
+    file.write_text(WRIST.format(**parts | other), encoding="utf-8")
+    return file
+
+
+def with_tool(robot: Path, path: Path, tmp_path: Path) -> Request:
+    return Request(
+        robot, path, frame="tip", place=(0.62, 0.0, 0.45), tcp=(0, 0, 0.1, 0, 0, 0),
+        tool_mesh=box(tmp_path / "cutter.stl", (20, 20, 60), (0, 0, 70)), mesh_unit="mm",
+    )  # fmt: skip
+
+
+def ignored(file: Path) -> list[list[str]]:
+    found: list[list[str]] = tomllib.loads(file.read_text("utf-8"))["clearance"]["ignore"]
+    return found
+
+
+def test_links_that_always_overlap_may_touch_but_not_what_the_outer_one_carries(
+    path: Path, tmp_path: Path
+) -> None:
+    request = with_tool(wrist(tmp_path / "wrist.xml"), path, tmp_path)
+    made = new_task(request, tmp_path / "task.toml")
+    assert made.runs
+    assert ignored(made.path) == [["l4 geom 1", "l6 geom 1"]]
+    assert any(
+        note.startswith("clearance: l4 geom 1 and l6 geom 1 may touch: nearer than 5 mm in each")
+        for note in made.notes
+    )
+    [clearance] = qt.load_task(made.path).clearances
+    assert set(clearance.names) == {"floor to l4", "floor to l6", "floor to tool", "l4 to tool"}
+
+
+@pytest.mark.parametrize(("width", "may_touch"), [(0.1, True), (0.05, False)])
+def test_thick_links_across_a_short_one_may_touch(
+    width: float, may_touch: bool, path: Path, tmp_path: Path
+) -> None:
+    """Overlapping with the wrist straight, apart where it is bent; the link between has 90 mm."""
+    four = f'<geom name="four" type="box" size="0.25 {width} 0.05" pos="0.25 0 0"/>'
+    robot = wrist(tmp_path / "wrist.xml", four, 0.02)
+    found = watched(mujoco.MjModel.from_xml_path(str(robot)))
+    if not may_touch:
+        assert found is not None and found.ignored == ()
+        return
+    assert found is not None
+    [pair] = found.ignored
+    assert {pair.one, pair.other} == {"l4", "l6"}
+    assert pair.why.startswith("neighbours across a link of 90 mm, thicker than that (100 mm)")
+
+
+def test_what_an_srdf_beside_the_robot_disables_may_touch(path: Path, tmp_path: Path) -> None:
+    """Pairs of its links alone: neither what they carry, nor those of another robot."""
+    four = TOUCHES.replace("0.25 0.1 0.1", "0.15 0.02 0.02").replace('pos="0.25', 'pos="0.15')
+    robot = wrist(tmp_path / "wrist.xml", four, 0.02)
+    request = with_tool(robot, path, tmp_path)
+    assert ignored(new_task(request, tmp_path / "task.toml").path) == []
+    disabled = (
+        '<robot name="{}"><disable_collisions link1="l6" link2="l4" reason="Never"/>'
+        '<disable_collisions link1="l6" link2="gone"/></robot>'
+    )
+    names = {"floor to l4", "floor to l6", "floor to tool", "l4 to tool"}
+    for name, inside, expected in (
+        ("other.srdf", "another", False), ("other.srdf", "wrist", True), ("wrist.srdf", "x", True)
+    ):  # fmt: skip
+        (tmp_path / name).write_text(disabled.format(inside), encoding="utf-8")
+        made = new_task(request, tmp_path / "task.toml", force=True)
+        assert ignored(made.path) == ([["l4 geom 1", "l6 geom 1"]] if expected else [])
+        assert (f"# {name} disables it: Never" in made.path.read_text("utf-8")) is expected
+        [clearance] = qt.load_task(made.path).clearances
+        assert set(clearance.names) == names | (set() if expected else {"l4 to l6"})
+    (tmp_path / "wrist.srdf").write_text("<robot>", encoding="utf-8")
+    with pytest.raises(qt.InvalidInput, match=r"wrist\.srdf: is not well-formed XML"):
+        new_task(request, tmp_path / "task.toml", force=True)
+
+
+def test_a_plan_names_a_pair_that_no_motion_takes_apart_as_the_task_file_needs_it(
+    path: Path, tmp_path: Path
+) -> None:
+    request = replace(with_tool(wrist(tmp_path / "wrist.xml"), path, tmp_path), tool_mesh=None)
+    file = new_task(request, tmp_path / "task.toml").path
+    lines = file.read_text("utf-8").splitlines()
+    pair = next(k for k, line in enumerate(lines) if line.startswith('  ["l4", "l6"],'))
+    file.write_text("\n".join([*lines[:pair], *lines[pair + 1 :]]), encoding="utf-8")
+    task = qt.load_task(file)
+    sentence = "in each of 2000 random configurations these pairs are nearer: l4 to l6"
+    with pytest.raises(qt.InvalidInput, match=sentence) as refused:
+        qt.plan(task)
+    with pytest.raises(qt.InvalidInput, match=sentence):
+        qt.follow(task, "qp_gradient")
+    line = re.search(r"ignore = \[.*?\]\]", str(refused.value))
+    assert line is not None
+    begin = next(k for k, line in enumerate(lines) if line.startswith("ignore"))
+    lines[begin : lines.index("]") + 1] = [line[0]]
+    file.write_text("\n".join(lines), encoding="utf-8")
+    assert qt.plan(qt.load_task(file)).q is not None
+
+
+@pytest.mark.parametrize("divides", [True, False])
+def test_a_concave_link_whose_hull_overlaps_is_divided(
+    divides: bool, path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The sphere of l6 is in the corner of an L, which it never touches, but inside its hull."""
+    bracket(tmp_path / "bracket.stl")
+    corner = np.array([0.345, -0.075, -0.02])
+    asset = '<asset><mesh name="b" file="bracket.stl" scale="0.002 0.002 0.002"/></asset>'
+    mesh = f'<geom type="mesh" mesh="b" pos="{" ".join(map(str, corner))}"/>'
+    robot = wrist(tmp_path / "wrist.xml", mesh, 0.005, asset=asset, length="0.01")
+    without(monkeypatch, "coacd")
+    if divides:
+        bounds = [((0, 0, 0), (0.2, 0.04, 0.04)), ((0, 0.04, 0), (0.04, 0.2, 0.04))]
+        legs = [trimesh.creation.box(bounds=np.array(bound) + corner) for bound in bounds]
+        fake = SimpleNamespace(
+            Mesh=lambda vertices, faces: None, set_log_level=lambda level: None,
+            run_coacd=lambda mesh, **options: [(leg.vertices, leg.faces) for leg in legs],
+        )  # fmt: skip
+        monkeypatch.setitem(sys.modules, "coacd", fake)
+        monkeypatch.setattr(importlib.util, "find_spec", lambda name: object())
+    made = new_task(with_tool(robot, path, tmp_path), tmp_path / "task.toml")
+    told = "l4: divided into 2 convex pieces" if divides else "pip install qp_twist[cell]"
+    assert any(note.startswith("cell: l4: ") and told in note for note in made.notes)
+    assert bool(ignored(made.path)) is not divides
+    [clearance] = qt.load_task(made.path).clearances
+    pieces = {name for name in clearance.names if "piece" in name and "l6" in name}
+    assert len(pieces) == (2 if divides else 0)
 
 
 LINK = """
