@@ -1,11 +1,13 @@
 """Known robots: speed limits, and how the controllers count the axes, from public data sheets.
 
 MJCF has no joint speed limits, and many URDFs omit them. ``known_robots.toml`` has those of some
-robots, and their axes where the controller shows zero for each. A robot is recognised by its name
-*and* its geometry, so that neither another arm of the same name nor a renamed one of the same shape
-is mistaken for it. The limits are used in checks (:func:`~qp_twist.check_trajectory`), which name
-them; steps and plans use the task's limits only. What the controller shows for a configuration of
-a model is computed by :mod:`~qp_twist.robots.controller_joints`.
+robots, and their axes where the controller shows zero for each. A robot is recognised by its
+geometry *and* its name, so that neither another arm of the same name nor another one of the same
+shape is mistaken for it. Where the table says that no other robot has that geometry (``by_shape``),
+the geometry suffices, as long as the name is not that of another robot: the maker's own description
+of a UR10e calls it ``ur``. The limits are used in checks (:func:`~qp_twist.check_trajectory`),
+which name them; steps and plans use the task's limits only. What the controller shows for a
+configuration of a model is computed by :mod:`~qp_twist.robots.controller_joints`.
 """
 
 from __future__ import annotations
@@ -42,6 +44,7 @@ class _Entry(BaseModel):
 
     name: Annotated[str, Field(min_length=1)]
     pattern: str = ""
+    by_shape: bool = False
     program: Literal["urscript", "rapid", "krl", "ls"] | None = None
     axes: Annotated[tuple[Vector, ...], Field(min_length=2)]
     points_mm: tuple[Vector, ...]
@@ -74,6 +77,7 @@ class KnownRobot:
     Attributes:
         name: Maker and model.
         pattern: What a name of the model, its file or its bodies contains, lower case.
+        by_shape: Whether its axes alone tell it.
         program: Language of its controller: ``"urscript"``, ``"rapid"``, ``"krl"``, ``"ls"``;
             ``None`` where it has none of them.
         lines: Its axes where the controller shows zero for each; positive rotations.
@@ -87,6 +91,7 @@ class KnownRobot:
 
     name: str
     pattern: str
+    by_shape: bool
     program: str | None
     lines: tuple[Line, ...]
     coupling: tuple[int, int, float] | None
@@ -200,10 +205,12 @@ def known_robot(
     bodies = (model.body(i).name for i in range(1, model.nbody))
     title = model.names.split(b"\0", 1)[0].decode(errors="replace")
     words = " ".join([title, *bodies, *names]).lower()
-    for robot in KNOWN_ROBOTS:
-        if re.search(robot.pattern, words) and is_shaped_like(screws, robot):
-            return robot
-    return None
+    alike = _shaped_like(screws)
+    named = [robot for robot in KNOWN_ROBOTS if re.search(robot.pattern, words)]
+    both = [robot for robot in alike if robot in named]
+    if both:
+        return both[0]
+    return alike[0] if len(alike) == 1 and alike[0].by_shape and not named else None
 
 
 def known_limits(
@@ -233,9 +240,8 @@ def hinges_of(
     return None if any(screw.slides for screw in screws) else screws
 
 
-def is_shaped_like(screws: Sequence[Screw], robot: KnownRobot) -> bool:
-    """Whether the axes are those of a robot, up to its pose and the directions counted positive."""
-    return len(screws) == len(robot.lines) and any(
-        robot.geometry.is_like(axis_geometry(lines))
-        for _, lines in orientations([Line(screw.axis, screw.anchor) for screw in screws])
-    )
+def _shaped_like(screws: Sequence[Screw]) -> list[KnownRobot]:
+    """The robots with these axes, up to their pose and the directions counted positive."""
+    lines = [Line(screw.axis, screw.anchor) for screw in screws]
+    shapes = [axis_geometry(turned) for _, turned in orientations(lines)]
+    return [r for r in KNOWN_ROBOTS if any(r.geometry.is_like(shape) for shape in shapes)]

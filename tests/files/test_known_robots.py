@@ -67,6 +67,41 @@ def test_each_line_of_the_table_is_complete() -> None:
         assert robot.program is None or count == 6
 
 
+UR10E = {  # origin (m), rotation about x (rad) of each joint, from the maker's default_kinematics
+    "shoulder_pan": ((0.0, 0.0, 0.1807), 0.0),
+    "shoulder_lift": ((0.0, 0.0, 0.0), np.pi / 2),
+    "elbow": ((-0.6127, 0.0, 0.0), 0.0),
+    "wrist_1": ((-0.57155, 0.0, 0.17415), 0.0),
+    "wrist_2": ((0.0, -0.11985, 0.0), np.pi / 2),
+    "wrist_3": ((0.0, 0.11655, 0.0), -np.pi / 2),
+}
+
+
+def of_the_maker(name: str, longer: float = 0.0) -> mujoco.MjModel:
+    """A UR10e as its maker's description has it; its forearm may be longer, m."""
+    text = ""
+    for joint, ((x, y, z), turn) in UR10E.items():
+        at = x - longer if joint == "wrist_1" else x
+        text += (
+            f'<body name="{joint}_link" pos="{at} {y} {z}" euler="{turn} 0 0">'
+            f'<joint name="{joint}_joint" axis="0 0 1"/><geom size="0.01"/>'
+        )
+    return mujoco.MjModel.from_xml_string(
+        f'<mujoco model="{name}"><compiler angle="radian"/><worldbody>{text}'
+        f'<site name="tool0"/>{"</body>" * len(UR10E)}</worldbody></mujoco>'
+    )
+
+
+def test_an_arm_is_recognised_by_its_axes_under_its_makers_own_name() -> None:
+    for name in ("ur", "left_arm"):
+        found = known_robot(of_the_maker(name), "tool0", "site", ("ur.urdf", "urdf"))
+        assert found is not None and found.name == "Universal Robots UR10e"
+        assert found.speeds_deg == (120, 120, 180, 180, 180, 180)
+    assert known_robot(of_the_maker("ur", longer=0.003), "tool0", "site") is None
+    # The name of another robot is not overruled.
+    assert known_robot(of_the_maker("ur5e"), "tool0", "site") is None
+
+
 def test_slides_ball_joints_and_shapeless_arms_are_not_known() -> None:
     rng = np.random.default_rng(0)
     for model in (random_arm(rng, 6), random_arm(rng, 6, slides=True), random_arm(rng, 1)):
