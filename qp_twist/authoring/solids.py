@@ -105,11 +105,6 @@ def _read(file: Path) -> trimesh.Trimesh:
     if suffix not in _FORMATS:
         raise InvalidInput(f"{file}: expected a mesh, STL, OBJ or DAE, by its suffix; convert it.")
     check_regular(file, "mesh file")
-    if suffix == ".dae" and importlib.util.find_spec("collada") is None:
-        raise InvalidInput(
-            f"{file}: DAE is read with pycollada, which is missing: pip install qp_twist[cell]; or "
-            "convert the file to STL."
-        )
     try:
         mesh = trimesh.load(file, force="mesh")
     except Exception as error:  # whatever a reader raises about the content

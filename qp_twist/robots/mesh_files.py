@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.util
 from collections.abc import Sequence
 from functools import lru_cache
 from pathlib import Path
@@ -41,7 +40,7 @@ def coloured_meshes(file: Path) -> tuple[ColouredMesh, ...]:
         file: The file.
 
     Raises:
-        InvalidInput: If its reader is not installed, or it cannot be read.
+        InvalidInput: If it cannot be read.
     """
     stat = file.stat()
     return _read(file, stat.st_mtime_ns, stat.st_size)
@@ -63,8 +62,6 @@ def _read(file: Path, changed: int, size: int) -> tuple[ColouredMesh, ...]:
     suffix = file.suffix.lower()
     if suffix not in _KINDS:
         raise InvalidInput("expected a mesh, STL, OBJ or DAE, by its suffix")
-    if suffix == ".dae" and importlib.util.find_spec("collada") is None:
-        raise InvalidInput("DAE is read with pycollada: pip install 'qp_twist[cell]'")
     try:
         scene = trimesh.load_scene(file)
         dumped: list[Any] = scene.dump()

@@ -35,18 +35,11 @@ def expanded(
         arguments: Values of its ``<xacro:arg>`` by name.
 
     Raises:
-        InvalidInput: If the package ``xacro`` is not installed, a package or an included file is
-            not found, an argument is missing or not one of the file's, or xacro refuses the file.
+        InvalidInput: If a package or an included file is not found, an argument is missing or not
+            one of the file's, or xacro refuses the file.
     """
-    try:
-        import xacro
-        from xacro import substitution_args
-    except ImportError:
-        raise InvalidInput(
-            f"{file}: is a xacro file, a template of a URDF, which is expanded with the package "
-            "xacro: pip install 'qp_twist[xacro]'; or expand it yourself (xacro robot.urdf.xacro > "
-            "robot.urdf)."
-        ) from None
+    import xacro  # only here: most robots are no xacro files
+    from xacro import substitution_args
 
     def find(name: str) -> str:
         folder = next((f for f in package_folders(name, file, packages) if f.is_dir()), None)

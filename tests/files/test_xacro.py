@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import builtins
 import tomllib
 from pathlib import Path
 
@@ -140,19 +139,6 @@ def test_arguments_belong_to_xacro_files(arm: Path, tmp_path: Path) -> None:
         load_robot(plain, arguments={"hand": "true"})
     with pytest.raises(InvalidInput, match="expected values by name, got list"):
         load_robot(arm, arguments=["hand"])  # type: ignore[arg-type]
-
-
-def test_without_the_package_xacro_it_is_named(arm: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    real = builtins.__import__
-
-    def without(name: str, *rest: object, **more: object) -> object:
-        if name.partition(".")[0] == "xacro":
-            raise ImportError(name)
-        return real(name, *rest, **more)  # type: ignore[arg-type]
-
-    monkeypatch.setattr(builtins, "__import__", without)
-    with pytest.raises(InvalidInput, match=r"pip install 'qp_twist\[xacro\]'"):
-        load_robot(arm, arguments={"hand": "true"})
 
 
 def test_new_takes_arguments_and_packages_and_writes_them_down(

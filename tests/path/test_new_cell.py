@@ -192,13 +192,6 @@ def test_what_is_no_solid_is_refused(tmp_path: Path) -> None:
         read_solid("part", tmp_path / "empty.obj", "m")
 
 
-def test_a_dae_needs_its_reader(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    without(monkeypatch, "collada")
-    (tmp_path / "part.dae").write_text("<COLLADA/>", encoding="utf-8")
-    with pytest.raises(qt.InvalidInput, match=r"pycollada.*qp_twist\[cell\].*STL"):
-        read_solid("part", tmp_path / "part.dae", "m")
-
-
 def test_a_scene_is_not_overwritten_unless_forced(request_: Request, tmp_path: Path) -> None:
     folder = tmp_path / "cell_cell"
     folder.mkdir()
