@@ -104,10 +104,11 @@ def overlapping(clearance: Clearance) -> dict[int, str]:
     """Indices of the pairs of a clearance that may touch, and why.
 
     * Pairs that are nearer than the distance in every one of many random configurations.
-    * Shapes of two links with one link between them, which is shorter than one of them is thick, if
-      they overlap in more than one configuration of twenty: hulls that reach over a short link. The
-      thickness of a shape is the middle one of the half edges of its box. What is fixed to a link,
-      such as a tool, is none of its shapes.
+    * Shapes of two moving links with one link between them, which is shorter than one of them is
+      thick, if they overlap in more than one configuration of twenty: hulls that reach over a
+      wrist. The thickness of a shape is the middle one of the half edges of its box. What is fixed
+      to a link, such as a tool, is none of its shapes. An arm that folds onto its base is another
+      matter, and watched.
     """
     found = {
         int(pair): f"nearer than {1e3 * clearance.distance:g} mm in each of {LOOKED_AT} random "
@@ -132,7 +133,7 @@ def overlapping(clearance: Clearance) -> dict[int, str]:
 def _across_one_link(clearance: Clearance) -> dict[int, tuple[float, float]]:
     """Length of the link between two links of a pair, and the larger thickness of their shapes, m.
 
-    Of pairs between whose links there is just one, by hinges.
+    Of pairs of moving links between which there is just one, by hinges.
     """
     model, data = clearance.model, mujoco.MjData(clearance.model)
     mujoco.mj_kinematics(model, data)
@@ -142,7 +143,9 @@ def _across_one_link(clearance: Clearance) -> dict[int, tuple[float, float]]:
         for one, other in (geoms, geoms[::-1]):
             inner, outer = int(model.geom_bodyid[one]), int(model.geom_bodyid[other])
             between = int(link[model.body_parentid[outer]])
-            if link[outer] != outer or not between or inner not in _inwards(model, between):
+            if link[outer] != outer or not between or not link[inner]:
+                continue
+            if inner not in _inwards(model, between):
                 continue
             joints = [int(model.body_jntadr[body]) for body in (between, outer)]
             single = [int(model.body_jntnum[body]) == 1 for body in (between, outer)]
@@ -201,9 +204,12 @@ def exact_names(clearance: Clearance, pairs: Indices) -> list[tuple[str, str]]:
     found: dict[tuple[str, str], None] = {}
     for pair in pairs:
         one, other = map(int, clearance.pairs[pair])
-        names = [[geom_name(model, geom), _on_body(model, geom)] for geom in (one, other)]
+        geoms = [geom_name(model, geom) for geom in (one, other)]
         bodies = [body_name(model, int(model.geom_bodyid[geom])) for geom in (one, other)]
-        for choice in (bodies, *map(list, zip(*names, strict=True))):
+        counted = [_on_body(model, geom) for geom in (one, other)]
+        # The world stands for everything that is fixed to it, whatever the scene gets later.
+        named = [geoms, bodies] if 0 in model.geom_bodyid[[one, other]] else [bodies, geoms]
+        for choice in (*named, counted):
             left = Clearance(model, clearance.distance, [choice]).pairs
             if apart <= {frozenset(map(int, kept)) for kept in left}:
                 found[choice[0], choice[1]] = None
