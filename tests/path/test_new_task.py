@@ -430,7 +430,7 @@ def test_neither_compiling_nor_waiting_counts_as_searching(tmp_path: Path) -> No
     """The share of the time that is reported, around work of two seconds of each kind."""
     seconds, two, done = 1000.0, 2.0, iter(["nothing", "compiling", "waiting", "computing"])
     shares: dict[str, float] = {}
-    at, before = "", 0.0
+    at, before, said = "", 0.0, set[str]()
 
     def works(what: str, share: float) -> None:
         nonlocal at, before
@@ -446,6 +446,7 @@ def test_neither_compiling_nor_waiting_counts_as_searching(tmp_path: Path) -> No
             time.sleep(two)
 
     def of_search(what: str, share: float) -> None:
+        said.add(what)
         if what.startswith("looking for places"):
             works(what, share)
 
@@ -456,6 +457,7 @@ def test_neither_compiling_nor_waiting_counts_as_searching(tmp_path: Path) -> No
     for kind in ("compiling", "waiting"):
         assert shares[kind] < shares["nothing"] + 0.5 * two, shares
     assert shares["computing"] >= 0.99 * two, shares
+    assert any(what.startswith("machine code is made") for what in said)
 
 
 @pytest.mark.parametrize(
