@@ -138,7 +138,7 @@ def run(
 
 
 def _timing(timed: TimedTrajectory | None, rows: Trajectory) -> list[str]:
-    """Lines about times: what was added, whose limits, how long, where slower than the feed."""
+    """Lines about times: what was added, how long, where slower than the feed."""
     if timed is None or rows.path_task.durations is None:
         return []
     lines, more = [], len(timed.q) - len(rows.q)
@@ -147,8 +147,6 @@ def _timing(timed: TimedTrajectory | None, rows: Trajectory) -> list[str]:
             f"{more} rows more where ramps end, and beside corners, which are rounded within the "
             "tolerances"
         )
-    if timed.limits.accelerations_of:
-        lines.append(f"accelerations: {timed.limits.accelerations_of}")
     total, at_feed = f"{timed.times[-1]:.4g} s", f"{rows.path_task.feed_time:.4g} s at the feed"
     moves = in_joint_moves(timed.trajectory.path_task, len(timed.q))
     if moves.any():

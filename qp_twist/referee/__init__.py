@@ -25,7 +25,6 @@ from .motion_limits import MotionLimits as MotionLimits
 from .motion_limits import motion_limits as motion_limits
 from .motion_limits import speeds_or_default as speeds_or_default
 from .motion_limits import with_default_accelerations as with_default_accelerations
-from .motion_limits import with_stated_accelerations as with_stated_accelerations
 from .path_errors import PROVEN as PROVEN
 from .path_errors import Known as Known
 from .path_errors import Outside as Outside

@@ -1,8 +1,11 @@
-"""Speed and acceleration limits of the joints, and whose they are."""
+"""Speed and acceleration limits of the joints, and where each is from.
+
+A limit is the task's, else that of the robot's data sheet in the package, else a default that has
+its name in every verdict. It is never taken from the trajectory that is judged.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -26,8 +29,8 @@ class MotionLimits:
         velocity: rad/s or m/s, (nv,); ∞ without a limit.
         acceleration: rad/s² or m/s², (nv,); ∞ likewise.
         speeds_of: The known robot whose data sheet some of the speeds are from; else empty.
-        accelerations_of: Whose the accelerations are that the task does not state: a known robot,
-            the file that is checked, or the default; else empty.
+        accelerations_of: Where the accelerations are from that the task does not state: the data
+            sheet of a known robot, or the default; else empty.
     """
 
     velocity: Array
@@ -76,17 +79,3 @@ def speeds_or_default(limits: MotionLimits, ranges: JointRanges) -> Array:
     unknown = np.array([_SPEED.get(unit, 1.0) for unit in ranges.units])
     speeds: Array = np.where(np.isfinite(limits.velocity), limits.velocity, unknown)
     return speeds
-
-
-def with_stated_accelerations(
-    limits: MotionLimits, stated: object, ranges: JointRanges
-) -> MotionLimits:
-    """The limits, with what a file says its accelerations keep, by joint name, rad/s² or m/s²."""
-    if not isinstance(stated, Mapping):
-        return limits
-    values = [stated.get(name) for name in ranges.names]
-    found = [
-        float(v) if isinstance(v, (int, float)) and np.isfinite(v) and v > 0.0 else np.inf
-        for v in values
-    ]
-    return limits.filled(np.array(found), "those that the file states")

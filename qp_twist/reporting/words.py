@@ -150,15 +150,18 @@ def _excess(finding: Finding) -> float:
 
 
 def kept(path_task: PathTask, check: Check) -> str:
-    """What a motion that passes keeps, in one sentence."""
+    """What a motion that passes keeps, in one sentence; limits that the task lacks by their source."""
     names = {finding.name for finding in check.findings}
+    speeds_of, accelerations_of = check.limits.speeds_of, check.limits.accelerations_of
     parts = ["the path"]
     if "smallest joint margin" in names:
         parts.append("the joints' ranges")
     if "velocity limits" in names:
-        parts.append("the joints' speed limits")
+        source = f" (the {speeds_of}'s data sheet)" if speeds_of else ""
+        parts.append(f"the joints' speed limits{source}")
     if "acceleration limits" in names:
-        parts.append("the joints' acceleration limits")
+        source = f" ({accelerations_of})" if accelerations_of else ""
+        parts.append(f"the joints' acceleration limits{source}")
     if path_task.clearances:
         parts.append("the distance from obstacles")
     if "outside a band" in names:

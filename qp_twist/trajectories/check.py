@@ -28,11 +28,11 @@ from qp_twist.referee import (
     errors_of,
     examine,
     motion_limits,
-    with_stated_accelerations,
+    with_default_accelerations,
 )
 from qp_twist.trajectories.joint_rows import JointRows
 from qp_twist.trajectories.matching import times_at_waypoints
-from qp_twist.trajectories.metadata import ACCELERATIONS, disagreements, own_cubics
+from qp_twist.trajectories.metadata import disagreements, own_cubics
 from qp_twist.trajectories.time_trajectory import TimedTrajectory
 
 _NAMED = 3
@@ -53,7 +53,7 @@ class Check:
         findings: The checked quantities, line by line.
         notes: Contradictions of the file's metadata, and other remarks.
         unchecked: What could not be checked, and why; part of the verdict.
-        sources: Source of the limits that are not the task's.
+        sources: Source of the limits that are not the task's: a data sheet, or a default.
         motion: The checked motion of the joints; without times one row per second.
         passing: Times at which it passes the waypoints.
         errors: Its errors at and between the waypoints.
@@ -184,7 +184,10 @@ def check_trajectory(
     """Measure a trajectory against a task: errors at and between waypoints, limits, speeds.
 
     Everything is computed from the joint positions, and from times and velocities if there are any;
-    the trajectory's metadata only produce notes where they contradict the task. If there are as
+    the trajectory's metadata only produce notes where they contradict the task. Limits of speed and
+    acceleration are the task's, else those of the robot's data sheet, else for accelerations the
+    default (:func:`~qp_twist.referee.with_default_accelerations`), which the verdict names. If
+    there are as
     many rows as waypoints, they correspond one by one. With another number of rows, or if the
     motion between rows meets waypoints that the rows miss, the trajectory has to pass all waypoints
     in their order, at times that are searched.
@@ -227,17 +230,16 @@ def check_trajectory(
     astray: tuple[Astray, ...] = ()
     if not passing.by_row:
         astray = astray_parts(path_task, motion, passing.times, met)
-    notes = [*disagreements(rows.metadata, path_task), *rows.notes]
+    limits = with_default_accelerations(motion_limits(path_task), ranges)
+    notes = [*disagreements(rows.metadata, path_task, limits), *rows.notes]
     notes += _part_of_the_path(passing, motion, met)
-    limits = motion_limits(path_task)
-    limits = with_stated_accelerations(limits, rows.metadata.get(ACCELERATIONS), ranges)
     if rows.accelerated and not own_cubics(rows.metadata):
         notes.append(
             "the accelerations of the file are not looked at: checked are cubics between the rows; "
             "a controller that takes accelerations moves on other curves"
         )
     if timed:
-        notes += _at_speed(limits, ranges, motion)
+        notes += _at_speed(ranges, motion)
     unchecked, sources = _coverage(path_task, limits, ranges, timed=timed)
     return Check(
         path_task.name,
@@ -295,10 +297,9 @@ def _coverage(
             what = f"feed, {what}"
         unchecked.append(f"{what} not checked: no times")
     else:
-        unchecked += _without("joint speeds", limits.velocity, ranges)
+        unchecked += _without_speeds(limits, ranges)
         if limits.speeds_of:
             sources.append(f"speeds checked against the {limits.speeds_of}'s data sheet")
-        unchecked += _without("joint accelerations", limits.acceleration, ranges)
         if limits.accelerations_of:
             sources.append(f"accelerations checked against {limits.accelerations_of}")
     if not ranges.limited.any():
@@ -306,21 +307,22 @@ def _coverage(
     return tuple(unchecked), tuple(sources)
 
 
-def _without(what: str, limits: Array, ranges: JointRanges) -> list[str]:
-    """A sentence about the joints for which no limit is known, if there are any."""
-    unknown = [name for name, limit in zip(ranges.names, limits, strict=True) if limit == np.inf]
+def _without_speeds(limits: MotionLimits, ranges: JointRanges) -> list[str]:
+    """A sentence about the joints for which no speed limit is known, if there are any."""
+    unknown = [name for name, v in zip(ranges.names, limits.velocity, strict=True) if v == np.inf]
     if not unknown:
         return []
-    if len(unknown) < len(limits):
+    what = "joint speeds"
+    if len(unknown) < len(ranges.names):
         more = f" and {len(unknown) - _NAMED} more" if len(unknown) > _NAMED else ""
         what += f" of {', '.join(unknown[:_NAMED])}{more}"
     return [f"{what} not checked: no limits known"]
 
 
-def _at_speed(limits: MotionLimits, ranges: JointRanges, motion: JointMotion) -> list[str]:
+def _at_speed(ranges: JointRanges, motion: JointMotion) -> list[str]:
     """A sentence if the trajectory does not start or end at rest."""
     notes = []
-    if motion.velocities is not None and np.isfinite(limits.acceleration).any():
+    if motion.velocities is not None:
         for end, row in (("begins", 0), ("ends", -1)):
             speed = np.abs(motion.velocities[row])
             joint = int(np.argmax(speed))

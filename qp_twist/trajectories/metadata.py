@@ -12,10 +12,8 @@ from qp_twist.following import Trajectory
 from qp_twist.geometry import Projector, TwistProjector
 from qp_twist.kinematics import JointRanges
 from qp_twist.paths import PathTask, joint_move_ends
+from qp_twist.referee import MotionLimits
 from qp_twist.trajectories.time_trajectory import TimedTrajectory
-
-ACCELERATIONS = "acceleration_limits"
-"""Key of the accelerations that a timed motion keeps and its task does not state."""
 
 
 def metadata_of(trajectory: Trajectory | TimedTrajectory) -> dict[str, Any]:
@@ -48,7 +46,7 @@ def metadata_of(trajectory: Trajectory | TimedTrajectory) -> dict[str, Any]:
         found["joint_moves"] = [[first + 1, last + 1] for first, last in ends]
     if timed is not None and timed.limits.accelerations_of:
         limits = timed.limits.acceleration
-        found[ACCELERATIONS] = {
+        found["acceleration_limits"] = {
             name: float(limit)
             for name, limit in zip(ranges.names, limits, strict=True)
             if np.isfinite(limit)
@@ -72,8 +70,8 @@ def own_cubics(metadata: dict[str, Any]) -> bool:
     return written and metadata.get("interpolation") == "cubic"
 
 
-def disagreements(metadata: dict[str, Any], path_task: PathTask) -> list[str]:
-    """Sentences about contradictions between a file's metadata and the task.
+def disagreements(metadata: dict[str, Any], path_task: PathTask, limits: MotionLimits) -> list[str]:
+    """Sentences about contradictions between a file's metadata and the task and its limits.
 
     They do not affect the verdict: a file may contain any metadata.
     """
@@ -91,11 +89,26 @@ def disagreements(metadata: dict[str, Any], path_task: PathTask) -> list[str]:
     if isinstance(units, dict):
         here = zip(ranges.names, ranges.units, strict=True)
         claims += [(f"unit of {name}", units[name], unit) for name, unit in here if name in units]
+    stated = metadata.get("acceleration_limits")
+    if isinstance(stated, dict):
+        checked = zip(ranges.names, limits.acceleration.tolist(), strict=True)
+        claims += [
+            (f"the acceleration limit of {name} is", stated[name], limit)
+            for name, limit in checked
+            if name in stated and not _same(stated[name], limit)
+        ]
     return [
         f"the file's metadata say {key} {str(value)[:60]!r}, but it is checked with {fact!r}"
         for key, value, fact in claims
         if value != fact
     ]
+
+
+def _same(stated: object, limit: float) -> bool:
+    """Whether a number of the metadata, which may be anything, is a limit."""
+    if not isinstance(stated, (int, float)):
+        return False
+    return (1.0 - 1e-6) * limit <= stated <= (1.0 + 1e-6) * limit
 
 
 def _words(projector: TwistProjector) -> dict[str, Any]:

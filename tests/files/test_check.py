@@ -32,7 +32,7 @@ Array = np.ndarray
 NAMES = ("slide_1", "slide_2")
 
 
-def corner(acceleration: float = np.inf, velocity: float = 2.0) -> qt.Trajectory:
+def corner(acceleration: float = 1e6, velocity: float = 2.0) -> qt.Trajectory:
     """Along x for a metre, then along y, 10 rows each, at 1 m/s."""
     side = np.linspace(0.0, 1.0, 11)
     q = np.vstack([np.column_stack([side, 0 * side]), np.column_stack([0 * side + 1, side])[1:]])
@@ -552,17 +552,19 @@ def test_a_verdict_says_first_what_was_not_checked_and_passes_with_it() -> None:
     task, q = line_task(velocity=2.0, acceleration=100.0)
     plain = verdict(task, q, np.arange(5.0))
     assert plain.verdict == "passes: 5 rows of task rows"
-    for change, sentence in (
-        ({"velocity_limits": np.array([np.inf])}, "joint speeds not checked: no limits known"),
+    for change, sentence, kind in (
+        ("velocity_limits", "joint speeds not checked: no limits known", "unchecked"),
         (
-            {"acceleration_limits": np.array([np.inf])},
-            "joint accelerations not checked: no limits known",
+            "acceleration_limits",
+            "accelerations checked against the default: full speed within 0.25 s",
+            "sources",
         ),
     ):
-        check = verdict(dataclasses.replace(task, **change), q, np.arange(5.0))
+        unlimited = dataclasses.replace(task, **{change: np.array([np.inf])})
+        check = verdict(unlimited, q, np.arange(5.0))
         assert check.passes
         assert check.verdict == f"passes; {sentence} (5 rows of task rows)"
-        assert check.to_dict()["unchecked"] == [sentence]
+        assert check.to_dict()[kind] == [sentence]
     assert verdict(task, q).unchecked == (
         "feed, joint speeds and accelerations not checked: no times",
     )
@@ -617,19 +619,23 @@ def test_a_known_robot_is_checked_against_its_data_sheet_which_is_named() -> Non
     speeds = found(check, "velocity limits")
     assert not speeds.passes
     assert speeds.value == pytest.approx(100.0 * 7.5 / np.pi)
-    assert check.verdict.endswith("speeds checked against the Universal Robots UR5e's data sheet")
+    of_robot = "speeds checked against the Universal Robots UR5e's data sheet"
+    default = "accelerations checked against the default: full speed within 0.25 s"
+    assert check.verdict.endswith(f"; {of_robot}; {default}")
     assert (task.velocity_limits == np.inf).all()  # what steps and plans hold does not change
     slow = JointRows(names, q, np.arange(3) * 1.0)
     check = check_trajectory(slow, task, position_tolerance=1.0, axis_tolerance_deg=90.0)
     assert found(check, "velocity limits").passes
-    assert check.sources == ("speeds checked against the Universal Robots UR5e's data sheet",)
+    assert check.sources == (of_robot, default)
     assert "joint speeds" not in " ".join(check.unchecked)
     # What the task states wins, joint by joint.
     stated = dataclasses.replace(task, velocity_limits=np.array([0.5, *[np.inf] * 5]))
     check = check_trajectory(slow, stated, position_tolerance=1.0)
     assert found(check, "velocity limits").value == pytest.approx(150.0)
-    assert check.sources
-    stated = dataclasses.replace(task, velocity_limits=np.full(6, 9.0))
+    assert check.sources == (of_robot, default)
+    stated = dataclasses.replace(
+        task, velocity_limits=np.full(6, 9.0), acceleration_limits=np.full(6, 9.0)
+    )
     check = check_trajectory(slow, stated, position_tolerance=1.0)
     assert found(check, "velocity limits").value == pytest.approx(100.0 * 0.75 / 9.0)
     assert not check.sources

@@ -20,9 +20,9 @@ from qp_twist.kinematics import JointRanges
 from qp_twist.referee import (
     motion_limits,
     with_default_accelerations,
-    with_stated_accelerations,
 )
 from qp_twist.trajectories import (
+    JointRows,
     JointMotion,
     path_errors,
     refine_trajectory,
@@ -229,7 +229,9 @@ def test_a_run_is_from_rest_to_rest_within_default_accelerations(tmp_path: Path)
     done = run_task(task, "qp_gradient", tmp_path / "run.csv")
     assert done.check is not None
     assert done.passes
-    assert "accelerations checked against those that the file states" in done.check.sources
+    default = "accelerations checked against the default: full speed within 0.25 s"
+    assert done.check.sources == (default,)
+    assert done.check.verdict.startswith(f"passes; {default}")
     # The file alone, by another library, every millisecond.
     table = np.genfromtxt(tmp_path / "run.csv", delimiter=",", skip_header=3)
     t, q, v, a = table[:, 1], table[:, 2:8], table[:, 8:14], table[:, 14:20]
@@ -240,29 +242,47 @@ def test_a_run_is_from_rest_to_rest_within_default_accelerations(tmp_path: Path)
     # Full speed within a quarter of a second.
     share = np.abs(spline(dense, 2)).max(axis=0) / (task.velocity_limits / 0.25)
     assert 0.7 < share.max() <= 1.0 + 1e-6
-    # A file whose motion is twice as fast breaks what it states.
+    # A file whose motion is twice as fast breaks the default, which the verdict names.
     rows = qt.read_trajectory(tmp_path / "run.csv")
     fast = dataclasses.replace(rows, times=rows.times / 2.0, velocities=2.0 * rows.velocities)
     check = qt.check_trajectory(fast, task)
     assert any("acceleration limits: 4" in problem for problem in check.problems)
+    assert check.verdict.endswith(default)
 
 
-def test_limits_are_the_tasks_then_the_robots_then_the_files_then_the_default() -> None:
+@pytest.mark.parametrize("stated", [1e9, 10**300, "fast", None, True])
+def test_a_file_cannot_set_the_limits_that_it_is_checked_against(stated: object) -> None:
+    """Jumps from row to row with zero velocities: far beyond any industrial arm."""
+    task = short(qt.load_task("deburring"), 6)
+    rows = refine_trajectory(qt.follow(task, "qp_minimum_norm", slow_down=True))
+    names = JointRanges.of(task.model).names
+    q = rows.q[: len(task.waypoints)]
+    times = np.arange(len(q)) * 0.05
+    plain = JointRows(names, q, times, np.zeros_like(q))
+    limits = dict.fromkeys(names, stated)
+    lying = dataclasses.replace(plain, metadata={"acceleration_limits": limits})
+    before, after = qt.check_trajectory(plain, task), qt.check_trajectory(lying, task)
+    assert not before.passes
+    assert before.verdict == after.verdict
+    assert before.sources == (
+        "accelerations checked against the default: full speed within 0.25 s",
+    )
+    assert [f.value for f in before.findings] == [f.value for f in after.findings]
+    assert not [note for note in before.notes if "acceleration limit" in note]
+    assert len([note for note in after.notes if "acceleration limit of joint_" in note]) == 6
+
+
+def test_limits_are_the_tasks_then_the_robots_then_the_default() -> None:
     task = short(qt.load_task("deburring"), 2)
     ranges = JointRanges.of(task.model)
     own = np.array([1.0, np.inf, np.inf, np.inf, np.inf, np.inf])
-    stated = {"joint_1": 7.0, "joint_2": 8.0, "joint_3": "fast", "joint_4": -1.0}
     limits = motion_limits(dataclasses.replace(task, acceleration_limits=own))
     assert (limits.acceleration == own).all()
     assert limits.accelerations_of == ""
-    read = with_stated_accelerations(limits, stated, ranges)
-    assert read.acceleration.tolist() == [1.0, 8.0, np.inf, np.inf, np.inf, np.inf]
-    assert read.accelerations_of == "those that the file states"
-    assert with_stated_accelerations(limits, [8.0], ranges) is limits
-    full = with_default_accelerations(read, ranges)
-    assert full.acceleration[2:] == pytest.approx(4.0 * task.velocity_limits[2:])
-    assert full.acceleration[:2].tolist() == [1.0, 8.0]
-    assert full.accelerations_of.endswith("the default: full speed within 0.25 s")
+    full = with_default_accelerations(limits, ranges)
+    assert full.acceleration[1:] == pytest.approx(4.0 * task.velocity_limits[1:])
+    assert full.acceleration[0] == 1.0
+    assert full.accelerations_of == "the default: full speed within 0.25 s"
     # Without any speed: pi rad/s, or 1 m/s.
     bare = dataclasses.replace(full, velocity=np.full(6, np.inf), acceleration=np.full(6, np.inf))
     assert with_default_accelerations(bare, ranges).acceleration == pytest.approx(4.0 * np.pi)
