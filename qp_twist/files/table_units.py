@@ -33,7 +33,7 @@ _SPELLINGS = {
 _UNITS = {word: unit for unit, words in _SPELLINGS.items() for word in words.split()}
 """Units that are in none of the tables above; these are refused by name."""
 _RATES = {"mmpm": "mm/min", "ipm": "inch/min"}
-_PER = {"s": "s", "sec": "s", "s²": "s²", "s^2": "s²", "min": "min"}
+_PER = {"s": "s", "sec": "s", "s²": "s²", "s^2": "s²", "s2": "s²", "s**2": "s²", "min": "min"}
 _SECONDS = {"": 1.0, "s": 1.0, "s²": 1.0, "min": 60.0}
 
 _BRACKETS = re.compile(r"(.*?)(?:\s+|_?)[\[({]\s*([^\[\](){}]*?)\s*[\])}]\s*")

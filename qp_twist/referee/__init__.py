@@ -10,6 +10,7 @@ from .findings import BAND as BAND
 from .findings import BEFORE as BEFORE
 from .findings import OFF as OFF
 from .findings import POSITION_TOLERANCE as POSITION_TOLERANCE
+from .findings import RANGE_TOLERANCE as RANGE_TOLERANCE
 from .findings import Finding as Finding
 from .findings import Passing as Passing
 from .findings import Tolerances as Tolerances

@@ -15,6 +15,7 @@ from qp_twist.kinematics import JointRanges
 from qp_twist.paths import PathTask, in_joint_moves, joint_move_ends
 from qp_twist.referee.astray import Astray
 from qp_twist.referee.joint_motion import JointMotion
+from qp_twist.referee.joint_rates import CLOCK, largest_accelerations, largest_speeds
 from qp_twist.referee.motion_limits import MotionLimits, motion_limits
 from qp_twist.referee.path_errors import PROVEN, Left, PathErrors, constraint_left, path_errors
 
@@ -33,8 +34,6 @@ FASTER_MATCHED = 0.02
 RUSHED = 1.5
 """Factor of the feed that counts as exceeded between two waypoints: the ratio of the largest to the
 mean speed of a cubic from rest to rest."""
-CLOCK = 1e-9
-"""Rounding of times in files, s; its effect on speeds and accelerations is not counted."""
 BAND = 1e-5
 """Violation from which a band counts as left at a waypoint, rad or m."""
 BEFORE, AFTER = " before the path", " after the path"
@@ -452,31 +451,18 @@ def velocity_use(motion: JointMotion, limits: Array) -> tuple[Array, Array]:
     Returns:
         Middles between the rows, s, (N − 1,), and the shares, (N − 1, nv); 0 without a limit.
     """
-    return _middles(motion), _speeds(motion) / limits
+    return _middles(motion), largest_speeds(motion) / limits
 
 
 def acceleration_use(motion: JointMotion, limits: Array) -> tuple[Array, Array]:
     """Largest accelerations of the joints, as shares of their limits (nv,).
 
     Returns:
-        Times, s, (K,), and the shares, (K, nv); 0 without a limit. Of cubics K = N − 1 pieces, of
-        linear pieces the K = N − 2 changes of speed at the rows.
+        Times, s, (K,), and the shares, (K, nv); 0 without a limit. With velocities K = N − 1
+        pieces, without the K = N − 2 changes of speed at the rows.
     """
-    if motion.velocities is None:
-        # Linear pieces: the acceleration for the change of speed between their middles.
-        speeds = np.diff(motion.q, axis=0) / np.diff(motion.times)[:, None]
-        accelerations = np.abs(np.diff(speeds, axis=0)) / np.diff(_middles(motion))[:, None]
-        return motion.times[1:-1], accelerations / limits
-    # Evaluate each end with the more favourable rounding of the times.
-    ends = np.abs([clock.end_accelerations() for clock in _within_rounding(motion)])
-    accelerations = ends.min(axis=0).max(axis=0)
-    return _middles(motion), accelerations / limits
-
-
-def _speeds(motion: JointMotion) -> Array:
-    """Largest speeds of each piece, with the most favourable rounding of the times, (N − 1, nv)."""
-    speeds: Array = np.min([c.largest_speeds() for c in _within_rounding(motion)], axis=0)
-    return speeds
+    times, accelerations = largest_accelerations(motion)
+    return times, accelerations / limits
 
 
 def _of_speeds(
@@ -488,7 +474,7 @@ def _of_speeds(
         middles, use = velocity_use(motion, limits.velocity)
         found.append(_share("velocity", use, ranges.names, middles, passing))
     else:
-        speeds = _speeds(motion)
+        speeds = largest_speeds(motion)
         k, joint = np.unravel_index(int(np.argmax(speeds)), speeds.shape)
         where = f"{ranges.names[joint]}, {passing.place(_middles(motion)[k])}"
         unit = f"{ranges.units[joint]}/s"
@@ -498,16 +484,6 @@ def _of_speeds(
         if len(use):
             found.append(_share("acceleration", use, ranges.names, times, passing))
     return found
-
-
-def _within_rounding(motion: JointMotion) -> list[JointMotion]:
-    """The motion with its times, and with the times changed by their rounding either way."""
-    T = np.diff(motion.times)
-    clocks = [motion]
-    for pieces in (T + CLOCK, np.maximum(T - CLOCK, 0.5 * T)):
-        times = np.concatenate([[0.0], np.cumsum(pieces)])
-        clocks.append(JointMotion(times, motion.q, motion.velocities))
-    return clocks
 
 
 def _share(kind: str, use: Array, names: Sequence[str], times: Array, passing: Passing) -> Finding:
@@ -532,7 +508,8 @@ def _of_feed(path_task: PathTask, errors: PathErrors, passing: Passing, met: Mas
     k = int(np.argmax(use))
     passes = bool(both.any() and use[k] <= _rushed(passing) / RUSHED)
     where = f"waypoints {k + 1} to {k + 2}" if both.any() else "no two successive waypoints met"
-    between = durations * errors.rate
+    # The mean is part of it: what is shorter than the tolerated errors is not slower for that.
+    between = np.maximum(durations * errors.rate, np.minimum(use, RUSHED))
     exceeded = between > _rushed(passing)
     slow = exceeded.any() or errors.rate_kept.all()
     j = int(np.argmax(between if slow else ~errors.rate_kept))

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -10,6 +12,12 @@ import numpy.typing as npt
 
 from qp_twist.checks import Array, Indices, finite_array, float_array
 from qp_twist.errors import InvalidInput
+
+_HALVINGS = 50
+"""Bisections by which a zero within a piece is found: its place is exact to 1e-15 of the piece."""
+_ENDS = (np.zeros((1, 1)), np.ones((1, 1)))
+"""Where a piece begins and ends, as shares of it."""
+_NAMES = {1: "linear", 3: "cubic", 5: "quintic"}
 
 
 class State(NamedTuple):
@@ -25,33 +33,41 @@ class State(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class JointMotion:
-    r"""Positions at times, and one interpolation between them.
+    r"""Positions at times, and one polynomial in time between every two rows.
 
-    With velocities every joint moves on a cubic in time from row to row, with the position and the
-    velocity of both. With :math:`T = t_{k+1} - t_k`, :math:`u = (t - t_k)/T` and
-    :math:`D = (q_{k+1} - q_k)/T`
+    Rows of positions are joined at constant speed (degree d = 1); with velocities every joint moves
+    on the cubic with the position and velocity of both rows (d = 3); with accelerations, too, on
+    the quintic with position, velocity and acceleration of both (d = 5). This is what ROS' joint
+    trajectory controller does with the same rows.
+
+    With :math:`T = t_{k+1} - t_k`, :math:`u = (t - t_k)/T` and :math:`D = (q_{k+1} - q_k)/T` the
+    velocity is a polynomial in Bernstein form,
 
     .. math::
 
-        \ddot q = (1 - u)\,\frac{6 D - 4\dot q_k - 2\dot q_{k+1}}{T}
-            + u\,\frac{2\dot q_k + 4\dot q_{k+1} - 6 D}{T}.
+        \dot q = \sum_{i=0}^{d-1} w_i \binom{d-1}{i} u^i (1-u)^{d-1-i},
+        \qquad \frac1d\sum_i w_i = D,
 
-    So velocities are continuous, accelerations are linear between rows and largest at one of them.
-    Without velocities the joints move at constant speed from row to row. Both are what ROS'
-    joint trajectory controller does with the same rows.
+    with :math:`w = (D)`, :math:`(\dot q_k,\, w_1,\, \dot q_{k+1})`, or
+    :math:`(\dot q_k,\ \dot q_k + \ddot q_k T/4,\ w_2,\ \dot q_{k+1} - \ddot q_{k+1} T/4,\ \dot
+    q_{k+1})`, where the mean determines the middle one. Positions and accelerations are its
+    integral and its derivative.
 
     Attributes:
         times: Of the rows, s, (N,), increasing.
         q: Joint positions, rad or m, (N, nv).
         velocities: Joint velocities at the rows, rad/s or m/s, (N, nv), or ``None``.
+        accelerations: Joint accelerations at the rows, rad/s² or m/s², (N, nv), or ``None``.
 
     Raises:
-        InvalidInput: If a shape is wrong, there are fewer than two rows, or times do not increase.
+        InvalidInput: If a shape is wrong, there are fewer than two rows, times do not increase, or
+            there are accelerations without velocities.
     """
 
     times: Array
     q: Array
     velocities: Array | None = None
+    accelerations: Array | None = None
 
     def __post_init__(self) -> None:
         q = finite_array("q", self.q, (None, None))
@@ -67,6 +83,13 @@ class JointMotion:
             )
         if self.velocities is not None:
             finite_array("velocities", self.velocities, q.shape)
+        if self.accelerations is not None:
+            finite_array("accelerations", self.accelerations, q.shape)
+            if self.velocities is None:
+                raise InvalidInput(
+                    "accelerations: the rows have no velocities, so that no curve is defined; give "
+                    "both or leave the accelerations out."
+                )
 
     def __repr__(self) -> str:
         rows, joints = self.q.shape
@@ -74,73 +97,47 @@ class JointMotion:
         return f"JointMotion({rows} rows, {joints} joints, {span:.6g} s, {self.interpolation})"
 
     @property
+    def degree(self) -> int:
+        """Of the polynomials between the rows: 1, 3 or 5."""
+        return 1 if self.velocities is None else 3 if self.accelerations is None else 5
+
+    @property
     def interpolation(self) -> str:
-        """``"cubic"`` with velocities, else ``"linear"``."""
-        return "linear" if self.velocities is None else "cubic"
+        """``"linear"`` (constant speed from row to row), ``"cubic"`` or ``"quintic"``."""
+        return _NAMES[self.degree]
 
     def at(self, t: npt.ArrayLike) -> State:
         """The joints at a time or at many, s; before the first row and after the last they rest.
 
-        At a row the acceleration, and without velocities the velocity, is that of the piece which
-        begins there; at the last row that of the piece which ends.
+        Where q̇ or q̈ jumps at a row, it is that of the piece which begins there; at the last row
+        that of the piece which ends.
         """
         when = float_array("t", t)
-        piece, u = self._places(np.atleast_1d(when))
-        T = np.diff(self.times)[piece][:, None]
-        q0, q1 = self.q[piece], self.q[piece + 1]
-        D = (q1 - q0) / T
-        if self.velocities is None:
-            state = State(q0 + u * (q1 - q0), D, np.zeros_like(D))
-        else:
-            v0, v1 = self.velocities[piece], self.velocities[piece + 1]
-            a0, a1 = _end_accelerations(D, v0, v1, T)
-            tau = u * T
-            jerk = (a1 - a0) / T
-            state = State(
-                # The same cubic from its nearer end, so that both ends come out as they are stored.
-                np.where(
-                    u <= 0.5,
-                    q0 + tau * (v0 + tau * (a0 / 2.0 + tau * jerk / 6.0)),
-                    q1 + (tau - T) * (v1 + (tau - T) * (a1 / 2.0 + (tau - T) * jerk / 6.0)),
-                ),
-                v0 + tau * (a0 + tau * jerk / 2.0),
-                a0 + tau * jerk,
-            )
-        outside = (np.atleast_1d(when) < self.times[0]) | (np.atleast_1d(when) > self.times[-1])
+        places = np.atleast_1d(when)
+        piece, u = self._places(places)
+        w = self._speeds[:, piece]
+        state = State(
+            _value(self._positions(piece), u), _value(w, u), _value(self._changes[:, piece], u)
+        )
+        outside = (places < self.times[0]) | (places > self.times[-1])
         state.velocities[outside] = 0.0
         state.accelerations[outside] = 0.0
         return State(*(x[0] for x in state)) if when.ndim == 0 else state
 
     def extremes(self) -> tuple[Array, Array]:
         """Lowest and highest q of each piece, exactly, rad or m, (N − 1, nv) each."""
-        ends = [self.q[:-1], self.q[1:]]
-        if self.velocities is None:
-            return np.min(ends, axis=0), np.max(ends, axis=0)
-        T = np.diff(self.times)[:, None]
-        v0 = self.velocities[:-1]
-        a0, a1 = self.end_accelerations()
-        # Where q̇ = v0 + a0 τ + (a1 − a0) τ²/2T is zero; both roots in forms that lose no digits.
-        half = 0.5 * (a1 - a0) / T
-        with np.errstate(divide="ignore", invalid="ignore"):
-            root = np.sqrt(a0**2 - 4.0 * half * v0)
-            turning = -0.5 * (a0 + np.where(a0 < 0.0, -root, root))
-            for tau in (turning / half, v0 / turning):
-                inner = np.clip(np.where(np.isfinite(tau), tau, 0.0), 0.0, T)
-                ends.append(self.q[:-1] + inner * (v0 + inner * (a0 / 2.0 + inner * half / 3.0)))
-        return np.min(ends, axis=0), np.max(ends, axis=0)
+        pieces = np.arange(len(self.times) - 1)
+        b = self._positions(pieces)
+        found = np.array([b[0], b[-1], *(_value(b, u) for u in _zeros(self._speeds))])
+        return found.min(axis=0), found.max(axis=0)
 
     def largest_speeds(self) -> Array:
         """Largest |q̇| of each piece between two rows, exactly, rad/s or m/s, (N − 1, nv)."""
-        T = np.diff(self.times)[:, None]
-        if self.velocities is None:
-            return np.abs(np.diff(self.q, axis=0) / T)
-        v0, v1 = self.velocities[:-1], self.velocities[1:]
-        a0, a1 = self.end_accelerations()
-        turning = np.divide(-a0, a1 - a0, out=np.zeros_like(a0), where=a1 != a0)
-        turning = np.clip(turning, 0.0, 1.0)
-        between = v0 + turning * T * (a0 + turning * (a1 - a0) / 2.0)
-        largest: Array = np.max(np.abs([v0, v1, between]), axis=0)
-        return largest
+        return _largest(self._speeds, [*_ENDS, *self._turning[0]])
+
+    def largest_accelerations(self) -> Array:
+        """Largest |q̈| of each piece, exactly, rad/s² or m/s², (N − 1, nv); 0 without velocities."""
+        return _largest(self._changes, [*_ENDS, *self._turning[1]])
 
     def largest_within(self, piece: Indices, begin: Array, end: Array) -> tuple[Array, Array]:
         """Largest |q̇| and |q̈| within parts of the pieces between rows, exactly, (K, nv) each.
@@ -150,33 +147,62 @@ class JointMotion:
             begin: When the part begins, s, (K,), inside its piece.
             end: When it ends, s, (K,).
         """
-        T = np.diff(self.times)[piece][:, None]
-        D = (self.q[piece + 1] - self.q[piece]) / T
-        if self.velocities is None:
-            return np.abs(D), np.zeros_like(D)
-        v0, v1 = self.velocities[piece], self.velocities[piece + 1]
-        a0, a1 = _end_accelerations(D, v0, v1, T)
-        jerk = (a1 - a0) / T
-        with np.errstate(divide="ignore", invalid="ignore"):
-            turning = -a0 / jerk  # where the speed is extreme
-        first, last = ((t - self.times[piece])[:, None] for t in (begin, end))
-        turning = np.clip(np.where(np.isfinite(turning), turning, first), first, last)
-        speeds = [v0 + tau * (a0 + tau * jerk / 2.0) for tau in (first, turning, last)]
-        accelerations = [a0 + tau * jerk for tau in (first, last)]
-        return np.max(np.abs(speeds), axis=0), np.max(np.abs(accelerations), axis=0)
+        T = self._spans[piece]
+        first, last = (
+            np.clip((t - self.times[piece]) / T, 0.0, 1.0)[:, None] for t in (begin, end)
+        )
+        speeds, accelerations = (
+            _largest(curve[:, piece], [first, last, *np.clip(turning[:, piece], first, last)])
+            for curve, turning in zip((self._speeds, self._changes), self._turning, strict=True)
+        )
+        return speeds, accelerations
 
     def end_accelerations(self) -> tuple[Array, Array]:
         """q̈ at the begin and at the end of each piece, rad/s² or m/s², (N − 1, nv) each."""
-        T = np.diff(self.times)[:, None]
+        return self._changes[0], self._changes[-1]
+
+    @cached_property
+    def _spans(self) -> Array:
+        """Duration of each piece, s, (N − 1,)."""
+        return np.diff(self.times)
+
+    @cached_property
+    def _speeds(self) -> Array:
+        """w of each piece, rad/s or m/s, (d, N − 1, nv)."""
+        T = self._spans[:, None]
         D = np.diff(self.q, axis=0) / T
         if self.velocities is None:
-            return np.zeros_like(D), np.zeros_like(D)
-        return _end_accelerations(D, self.velocities[:-1], self.velocities[1:], T)
+            return D[None]
+        v0, v1 = self.velocities[:-1], self.velocities[1:]
+        if self.accelerations is None:
+            return np.stack([v0, 3.0 * D - v0 - v1, v1])
+        near0 = v0 + self.accelerations[:-1] * T / 4.0
+        near1 = v1 - self.accelerations[1:] * T / 4.0
+        return np.stack([v0, near0, 5.0 * D - v0 - near0 - near1 - v1, near1, v1])
 
-    def largest_accelerations(self) -> Array:
-        """Largest |q̈| of each piece, exactly, rad/s² or m/s², (N − 1, nv); 0 without velocities."""
-        largest: Array = np.max(np.abs(self.end_accelerations()), axis=0)
-        return largest
+    @cached_property
+    def _changes(self) -> Array:
+        """Accelerations in Bernstein form, rad/s² or m/s², (max(d − 1, 1), N − 1, nv)."""
+        w = self._speeds
+        if len(w) == 1:
+            return np.zeros_like(w)
+        found: Array = (len(w) - 1) * np.diff(w, axis=0) / self._spans[:, None]
+        if self.accelerations is not None:
+            found[0], found[-1] = self.accelerations[:-1], self.accelerations[1:]
+        return found
+
+    @cached_property
+    def _turning(self) -> tuple[Array, Array]:
+        """Where speeds and where accelerations are extreme, as shares of pieces, (…, N − 1, nv)."""
+        return _zeros(self._changes), _zeros(np.diff(self._changes, axis=0))
+
+    def _positions(self, piece: Indices) -> Array:
+        """Positions in Bernstein form, (d + 1, K, nv), from the nearer end: both are as stored."""
+        steps = self._speeds[:, piece] * (self._spans[piece] / self.degree)[:, None]
+        half = (self.degree + 1) // 2
+        first = np.cumsum(np.concatenate([self.q[None, piece], steps[: half - 1]]), axis=0)
+        last = np.cumsum(np.concatenate([self.q[None, piece + 1], -steps[: half - 1 : -1]]), axis=0)
+        return np.concatenate([first, last[::-1]])
 
     def _places(self, when: Array) -> tuple[Indices, Array]:
         """Index of the piece at each time, (K,), and how much of it is over, (K, 1)."""
@@ -186,5 +212,40 @@ class JointMotion:
         return piece, np.clip((when - begin) / (end - begin), 0.0, 1.0)[:, None]
 
 
-def _end_accelerations(D: Array, v0: Array, v1: Array, T: Array) -> tuple[Array, Array]:
-    return (6.0 * D - 4.0 * v0 - 2.0 * v1) / T, (2.0 * v0 + 4.0 * v1 - 6.0 * D) / T
+def _largest(curve: Array, places: Sequence[Array]) -> Array:
+    """Largest absolute value of Bernstein polynomials (m + 1, K, nv) at some places, (K, nv)."""
+    largest: Array = np.abs([_value(curve, u) for u in places]).max(axis=0)
+    return largest
+
+
+def _value(curve: Array, u: Array) -> Array:
+    """Bernstein polynomials (m + 1, K, nv) at u, (K, 1) or (K, nv), by de Casteljau's algorithm."""
+    while len(curve) > 1:
+        curve = (1.0 - u) * curve[:-1] + u * curve[1:]
+    value: Array = curve[0]
+    return value
+
+
+def _zeros(curve: Array) -> Array:
+    """Places in [0, 1] among which are all changes of sign of polynomials (m + 1, …), (m, …).
+
+    Between two zeros of its derivative a polynomial is monotonic, so that bisection finds the one
+    change of sign that may be there. Without one the place is any: its value is an inner one.
+    """
+    degree = len(curve) - 1
+    if degree < 1:
+        return np.zeros((0, *curve.shape[1:]))
+    if degree == 1:
+        fall = curve[0] - curve[1]
+        place = np.divide(curve[0], fall, out=np.zeros_like(fall), where=fall != 0.0)
+        return np.clip(place, 0.0, 1.0)[None]
+    inner = np.sort(_zeros(np.diff(curve, axis=0)), axis=0)
+    low = np.concatenate([np.zeros((1, *curve.shape[1:])), inner])
+    high = np.concatenate([inner, np.ones((1, *curve.shape[1:]))])
+    rising = np.array([_value(curve, u) for u in low]) < 0.0
+    for _ in range(_HALVINGS):
+        middle = 0.5 * (low + high)
+        below = np.array([_value(curve, u) for u in middle]) < 0.0
+        low, high = np.where(below == rising, middle, low), np.where(below == rising, high, middle)
+    places: Array = 0.5 * (low + high)
+    return places

@@ -566,10 +566,12 @@ class _Proof:
         pieces = len(track.when) - 1
         within = track.intervals.within(track.tolerances or (0.0, 0.0))
         rate = np.zeros(pieces)
-        took = right.time - left.time
-        moved = np.maximum(np.abs(right.share - left.share) - within[left.interval], 0.0)
-        np.maximum.at(rate, left.interval, np.divide(moved, took, out=np.zeros_like(took),
-                                                where=took > 0.0))  # fmt: skip
+        firsts = np.flatnonzero(np.diff(left.interval, prepend=-1))
+        for first, last in itertools.pairwise([*firsts.tolist(), len(left.interval)]):
+            piece = left.interval[first]
+            time = np.append(left.time[first:last], right.time[last - 1])
+            share = np.append(left.share[first:last], right.share[last - 1])
+            rate[piece] = _fastest(time, share, within[piece])
         kept = np.zeros(pieces, dtype=bool)
         if fastest is None:
             return rate, kept
@@ -605,8 +607,7 @@ class _Proof:
                 if max(up, down) <= (1.0 + PROVEN) * within[piece]:
                     fast[piece] = False
                     continue
-                found = [s.found(fastest[piece], within[piece]) for s in (span, span.turned())]
-                rate[piece] = max(rate[piece], *found)
+                rate[piece] = _fastest(span.times, span.progress, within[piece])
                 open_[at] = blame >= 0.5 * blame.max()
             shown = np.zeros(pieces, dtype=bool)
             shown[left.interval] = True
@@ -671,16 +672,37 @@ class _Span(NamedTuple):
         later = high[1:] - np.minimum.accumulate(low)[:-1]
         return float(np.concatenate([alone, later]).max(initial=0.0)), alone - up
 
-    def found(self, fastest: float, within: float) -> float:
-        """The rate, 1/s, between the ends with the largest rise of f; 0 if errors explain it."""
-        time = np.append(self.begin, self.end[-1])
-        share = np.append(self.shares[:, 0], self.shares[-1, 1])
-        f = share - fastest * time
-        later = int(np.argmax(f - np.minimum.accumulate(f)))
-        earlier = int(np.argmin(f[: later + 1]))
-        if f[later] - f[earlier] <= within or time[later] <= time[earlier]:
-            return 0.0
-        return float((share[later] - share[earlier] - within) / (time[later] - time[earlier]))
+    @property
+    def times(self) -> Array:
+        """All ends, s, (K + 1,)."""
+        return np.append(self.begin, self.end[-1])
+
+    @property
+    def progress(self) -> Array:
+        """λ at all ends, (K + 1,)."""
+        return np.append(self.shares[:, 0], self.shares[-1, 1])
+
+
+def _fastest(time: Array, share: Array, within: float) -> float:
+    r"""Fastest progress from any of some times to a later one, less what errors explain, 1/s.
+
+    .. math:: \max_{i<j} \frac{|\lambda_j - \lambda_i| - \text{within}}{t_j - t_i}
+
+    By Dinkelbach's iteration: for a rate r the pair with the largest rise of λ − r t has a higher
+    rate, until r is the largest.
+    """
+    rate = 0.0
+    for progress in (share, -share):
+        while True:
+            f = progress - rate * time
+            later = int(np.argmax(f - np.minimum.accumulate(f)))
+            earlier = int(np.argmin(f[: later + 1]))
+            gained = progress[later] - progress[earlier] - within
+            took = time[later] - time[earlier]
+            if took <= 0.0 or gained <= rate * took * (1.0 + 1e-12):
+                break
+            rate = float(gained / took)
+    return rate
 
 
 def _knots(rows: Array, when: Array) -> tuple[Indices, Indices, Array, Array]:

@@ -110,8 +110,8 @@ def place(where: str) -> str:
     return html.escape(where)
 
 
-def problem(finding: Finding) -> str:
-    """A sentence for what does not pass, HTML."""
+def problem(finding: Finding, source: str = "") -> str:
+    """A sentence for what does not pass, HTML, with the source of its limit if not the task's."""
     found = data(shown(finding), finding.name)
     if quantity(finding) == TOO_NEAR:
         return f"{TOO_NEAR}: by {found}, at {place(finding.where)}."
@@ -121,6 +121,7 @@ def problem(finding: Finding) -> str:
     if finding.limit is not None:
         allowed = amount(finding.limit, finding.unit)
         limit = f", allowed {allowed.text}{html.escape(spaced(allowed.unit))}"
+        limit += source and f" of {html.escape(source)}"
     sentence = f"{quantity(finding)}: {found}{limit}, at {place(finding.where)}"
     if finding.proven:
         return f"{sentence}."
@@ -140,7 +141,16 @@ def problems(check: Check) -> list[str]:
         if name not in worst or _excess(finding) > _excess(worst[name]):
             worst[name] = finding
     left = [f"The motion {html.escape(words)}." for words in check.path_left]
-    return [*left, *(problem(finding) for finding in worst.values())]
+    sources = _sources(check)
+    others = [problem(finding, sources.get(finding.name, "")) for finding in worst.values()]
+    return [*left, *others]
+
+
+def _sources(check: Check) -> dict[str, str]:
+    """Where limits of joints are from that are not the task's, by the finding's name."""
+    limits = check.limits
+    speeds = f"the {limits.speeds_of}'s data sheet" if limits.speeds_of else ""
+    return {"velocity limits": speeds, "acceleration limits": limits.accelerations_of}
 
 
 def _excess(finding: Finding) -> float:
@@ -150,18 +160,15 @@ def _excess(finding: Finding) -> float:
 
 
 def kept(path_task: PathTask, check: Check) -> str:
-    """What a motion that passes keeps, in one sentence; limits that the task lacks by their source."""
+    """What a motion that passes keeps, in one sentence; with sources of limits not the task's."""
     names = {finding.name for finding in check.findings}
-    speeds_of, accelerations_of = check.limits.speeds_of, check.limits.accelerations_of
     parts = ["the path"]
     if "smallest joint margin" in names:
         parts.append("the joints' ranges")
-    if "velocity limits" in names:
-        source = f" (the {speeds_of}'s data sheet)" if speeds_of else ""
-        parts.append(f"the joints' speed limits{source}")
-    if "acceleration limits" in names:
-        source = f" ({accelerations_of})" if accelerations_of else ""
-        parts.append(f"the joints' acceleration limits{source}")
+    for name, source in _sources(check).items():
+        if name in names:
+            what = name.replace("velocity", "speed")
+            parts.append(f"the joints' {what}{source and f' ({source})'}")
     if path_task.clearances:
         parts.append("the distance from obstacles")
     if "outside a band" in names:

@@ -32,7 +32,7 @@ from qp_twist.referee import (
 )
 from qp_twist.trajectories.joint_rows import JointRows
 from qp_twist.trajectories.matching import times_at_waypoints
-from qp_twist.trajectories.metadata import disagreements, own_cubics
+from qp_twist.trajectories.metadata import disagreements
 from qp_twist.trajectories.time_trajectory import TimedTrajectory
 
 _NAMED = 3
@@ -230,13 +230,15 @@ def check_trajectory(
     astray: tuple[Astray, ...] = ()
     if not passing.by_row:
         astray = astray_parts(path_task, motion, passing.times, met)
-    limits = with_default_accelerations(motion_limits(path_task), ranges)
+    limits = motion_limits(path_task)
+    if not rows.own_ramps:
+        limits = with_default_accelerations(limits, ranges)
     notes = [*disagreements(rows.metadata, path_task, limits), *rows.notes]
     notes += _part_of_the_path(passing, motion, met)
-    if rows.accelerated and not own_cubics(rows.metadata):
+    if motion.degree == 5:
         notes.append(
-            "the accelerations of the file are not looked at: checked are cubics between the rows; "
-            "a controller that takes accelerations moves on other curves"
+            "the trajectory has accelerations: its joints move on polynomials of degree five from "
+            "row to row, as ROS' joint trajectory controller moves them"
         )
     if timed:
         notes += _at_speed(ranges, motion)
@@ -297,9 +299,11 @@ def _coverage(
             what = f"feed, {what}"
         unchecked.append(f"{what} not checked: no times")
     else:
-        unchecked += _without_speeds(limits, ranges)
+        unchecked += _without("joint speeds", limits.velocity, ranges, "no limits known")
         if limits.speeds_of:
             sources.append(f"speeds checked against the {limits.speeds_of}'s data sheet")
+        own = "the controller makes its own ramps"
+        unchecked += _without("joint accelerations", limits.acceleration, ranges, own)
         if limits.accelerations_of:
             sources.append(f"accelerations checked against {limits.accelerations_of}")
     if not ranges.limited.any():
@@ -307,16 +311,15 @@ def _coverage(
     return tuple(unchecked), tuple(sources)
 
 
-def _without_speeds(limits: MotionLimits, ranges: JointRanges) -> list[str]:
-    """A sentence about the joints for which no speed limit is known, if there are any."""
-    unknown = [name for name, v in zip(ranges.names, limits.velocity, strict=True) if v == np.inf]
+def _without(what: str, limits: Array, ranges: JointRanges, why: str) -> list[str]:
+    """A sentence about the joints that have no limit, if there are any."""
+    unknown = [name for name, limit in zip(ranges.names, limits, strict=True) if limit == np.inf]
     if not unknown:
         return []
-    what = "joint speeds"
-    if len(unknown) < len(ranges.names):
+    if len(unknown) < len(limits):
         more = f" and {len(unknown) - _NAMED} more" if len(unknown) > _NAMED else ""
         what += f" of {', '.join(unknown[:_NAMED])}{more}"
-    return [f"{what} not checked: no limits known"]
+    return [f"{what} not checked: {why}"]
 
 
 def _at_speed(ranges: JointRanges, motion: JointMotion) -> list[str]:

@@ -25,7 +25,7 @@ from qp_twist.files import (
     split_unit,
     text_lines,
 )
-from qp_twist.trajectories.joint_rows import JointRows
+from qp_twist.trajectories.joint_rows import JointRows, resting_axis
 from qp_twist.trajectories.metadata import read_metadata
 
 _METADATA = "# metadata "
@@ -39,6 +39,7 @@ _KINDS = {
     "acceleration": r"acceleration|accelerations|accel|acc|ddq|qdd|qddot",
     "other": r"effort|torque|current",
 }
+_RATES = ("position", "velocity", "acceleration")
 _BETWEEN = r"[\s_./:-]+"
 _TWO_TURNS = 4.0 * math.pi
 """Positions above it without a unit are hardly in radians or metres."""
@@ -51,6 +52,8 @@ def encode(rows: JointRows) -> str:
     how = "positions only, joints straight between rows"
     if rows.velocities is not None:
         how = "each joint on the cubic through positions and velocities of two rows"
+    if rows.accelerations is not None:
+        how = "each joint on the quintic through positions, velocities, accelerations of two rows"
     if rows.times is None:
         how = "no clock"
     file = io.StringIO()
@@ -63,9 +66,9 @@ def encode(rows: JointRows) -> str:
     if rows.velocities is not None:
         header += [f"{name} velocity [{units[name]}/s]" for name in rows.joint_names]
         columns.append(rows.velocities)
-        if rows.times is not None:
-            header += [f"{name} acceleration [{units[name]}/s²]" for name in rows.joint_names]
-            columns.append(rows.motion().at(rows.times).accelerations)
+    if rows.accelerations is not None:
+        header += [f"{name} acceleration [{units[name]}/s²]" for name in rows.joint_names]
+        columns.append(rows.accelerations)
     writer = csv.writer(file, lineterminator="\n")
     writer.writerow(header)
     for number, values in enumerate(np.hstack(columns).tolist(), start=1):
@@ -78,9 +81,9 @@ def decode(content: bytes, joint_names: tuple[str, ...] | None) -> JointRows:
 
     Supported are the delimiters, decimal marks and encodings of :mod:`qp_twist.files`; units in
     brackets or endings of the names (``joint_1 [deg]``, ``joint_1_deg``), else rad, m and s, which
-    is refused where the numbers contradict it;
-    velocities as ``joint_1 velocity``, ``vel_joint_1`` or ``joint_1 [deg/s]``. Accelerations and
-    efforts are ignored.
+    is refused where the numbers contradict it; velocities as ``joint_1 velocity``, ``vel_joint_1``
+    or ``joint_1 [deg/s]``, accelerations likewise. Efforts are ignored. A column that is neither
+    these nor a joint of the robot may be another axis: it has to stand still.
     """
     lines = text_lines(content)
     metadata: dict[str, Any] = {}
@@ -115,14 +118,29 @@ def decode(content: bytes, joint_names: tuple[str, ...] | None) -> JointRows:
             f"none of the columns {', '.join(names)} is a joint of the robot{known}. Name the "
             "columns as the robot names its joints."
         )
-    used = [k for k, c in enumerate(columns) if c.kind in ("time", "position", "velocity")]
+    used = [k for k, c in enumerate(columns) if c.kind in ("time", *_RATES)]
     problems = Problems()
     found = [row.numbers for row in table.rows(used, problems) if row.numbers is not None]
     problems.refuse()
     values = np.array(found) * [columns[k].scale(names[k]) for k in used]
     _refuse_other_units([columns[k] for k in used], [names[k] for k in used], values)
-    accelerated = any(column.kind == "acceleration" for column in columns)
-    return _rows([columns[k] for k in used], values, metadata, accelerated)
+    notes = _resting_axes(columns, table.sample(len(lines)))
+    return _rows([columns[k] for k in used], values, metadata, notes)
+
+
+def _resting_axes(columns: Sequence[_Column], values: Array) -> list[str]:
+    """Notes about axes that the robot's model lacks; refuses them if they move."""
+    travels: dict[str, float] = {}
+    for column, cells in zip(columns, values.T, strict=False):
+        number = cells[np.isfinite(cells)]
+        order = {f"other {kind}": k for k, kind in enumerate(_RATES)}.get(column.kind)
+        size = 1.0 if column.unit is None else factor(column.unit, ANGLES, LENGTHS)
+        if order is None or size is None or not len(number):
+            continue
+        # A rate that is not 0 moves the axis wherever its positions are.
+        travel = size * (np.ptp(number) if order == 0 else np.abs(number).max())
+        travels[column.joint] = max(travel, travels.get(column.joint, 0.0))
+    return [resting_axis(name, float(travel)) for name, travel in travels.items()]
 
 
 @dataclass(frozen=True)
@@ -148,12 +166,11 @@ class _Column:
         if label.lower() in _TIME and (label not in joints or unit in TIMES):
             return cls("time", unit=unit)
         kind, joint = _parted(label, joint_names)
-        if joint_names is not None and joint not in joints:
-            return cls("other")
         if kind == "position" and unit is not None:
             # For "joint_1 [deg/s]" the unit determines the kind.
             kind = {"s": "velocity", "s²": "acceleration"}.get(unit.partition("/")[2], kind)
-        return cls(kind, joint, unit)
+        known = joint_names is None or joint in joints
+        return cls(kind if known else f"other {kind}", joint, unit)
 
     def scale(self, name: str) -> float:
         """Factor from the column's unit to SI.
@@ -164,10 +181,12 @@ class _Column:
         if self.unit is None:
             return 1.0
         size = factor(self.unit, *((TIMES,) if self.kind == "time" else (ANGLES, LENGTHS)))
-        if size is None or ("/" in self.unit and self.kind != "velocity"):
+        per = {"velocity": ("", "s", "min"), "acceleration": ("", "s²")}.get(self.kind, ("",))
+        if size is None or self.unit.partition("/")[2] not in per:
             raise InvalidInput(
                 f"column {name!r}: the unit {self.unit!r} is not known; expected rad, deg, m or mm "
-                "for joints, the same per s for velocities, s or ms for time."
+                "for joints, the same per s for velocities and per s² for accelerations, s or ms "
+                "for time."
             )
         return size
 
@@ -184,9 +203,10 @@ def _refuse_other_units(columns: list[_Column], names: list[str], values: Array)
         InvalidInput: If a position without a unit is above two turns, or a column has none and
             others are in degrees.
     """
-    in_degrees = [n for n, c in zip(names, columns, strict=True) if c.unit in ("deg", "deg/s")]
+    degrees = [(c.unit or "").partition("/")[0] == "deg" for c in columns]
+    in_degrees = [name for name, deg in zip(names, degrees, strict=True) if deg]
     for name, column, numbers in zip(names, columns, values.T, strict=True):
-        if column.unit is not None or column.kind not in ("position", "velocity"):
+        if column.unit is not None or column.kind not in _RATES:
             continue
         largest = float(np.abs(numbers).max(initial=0.0))
         if in_degrees:
@@ -196,7 +216,7 @@ def _refuse_other_units(columns: list[_Column], names: list[str], values: Array)
             why = f"its numbers reach {largest:.6g}, as radians {turns:.3g} turns"
         else:
             continue
-        per = "/s" if column.kind == "velocity" else ""
+        per = {"velocity": "/s", "acceleration": "/s²"}.get(column.kind, "")
         raise InvalidInput(
             f"column {name!r} has no unit, and {why}: write the unit of each "
             f"joint into the header, e.g. {name} [deg{per}] or {name} [rad{per}]."
@@ -217,7 +237,7 @@ def _parted(label: str, joint_names: tuple[str, ...] | None) -> tuple[str, str]:
 
 
 def _rows(
-    columns: list[_Column], values: Array, metadata: dict[str, Any], accelerated: bool
+    columns: list[_Column], values: Array, metadata: dict[str, Any], notes: list[str]
 ) -> JointRows:
     kinds = [column.kind for column in columns]
     positions = [k for k, kind in enumerate(kinds) if kind == "position"]
@@ -225,17 +245,18 @@ def _rows(
     for joint in joints:
         if joints.count(joint) > 1:
             raise InvalidInput(f"two columns hold the positions of {joint}.")
-    velocities: Array | None = None
-    places = {columns[k].joint: k for k, kind in enumerate(kinds) if kind == "velocity"}
-    without = [joint for joint in joints if joint not in places]
-    if places and without and len(without) < len(joints):
-        raise InvalidInput(
-            f"there are velocities, but none of {', '.join(without)}; give those of all joints or "
-            "of none."
-        )
-    if not without:
-        velocities = values[:, [places[joint] for joint in joints]]
+    rates: list[Array | None] = []
+    for rate, names in (("velocity", "velocities"), ("acceleration", "accelerations")):
+        places = {columns[k].joint: k for k, kind in enumerate(kinds) if kind == rate}
+        without = [joint for joint in joints if joint not in places]
+        if places and without and len(without) < len(joints):
+            raise InvalidInput(
+                f"there are {names}, but none of {', '.join(without)}; give those of all joints or "
+                "of none."
+            )
+        rates.append(None if without else values[:, [places[joint] for joint in joints]])
     if kinds.count("time") > 1:
         raise InvalidInput("two columns hold the time; leave one of them.")
     times = values[:, kinds.index("time")] if "time" in kinds else None
-    return JointRows(joints, values[:, positions], times, velocities, metadata, accelerated)
+    q = values[:, positions]
+    return JointRows(joints, q, times, rates[0], metadata, rates[1], tuple(notes))

@@ -12,7 +12,7 @@ from qp_twist.checks import Array, finite_array
 from qp_twist.errors import InvalidInput
 from qp_twist.following import Trajectory
 from qp_twist.kinematics import JointRanges
-from qp_twist.referee import JointMotion
+from qp_twist.referee import RANGE_TOLERANCE, JointMotion
 from qp_twist.trajectories.metadata import metadata_of
 from qp_twist.trajectories.time_trajectory import TimedTrajectory
 
@@ -27,10 +27,12 @@ class JointRows:
         times: s, (N,), increasing; ``None`` without times.
         velocities: rad/s or m/s, (N, n); ``None`` if joints are interpolated linearly.
         metadata: Data of the task of these rows, if the file has them.
-        accelerated: Whether the file has accelerations, too. They are not used: joints move on
-            cubics here; a controller that uses accelerations interpolates differently.
+        accelerations: rad/s² or m/s², (N, n); ``None`` if joints move on cubics. With accelerations
+            they move on quintics (:class:`~qp_twist.JointMotion`).
         notes: What else the file has, and what of it is not looked at.
         sources: Whose figures the positions depend on, e.g. the zero positions of a known robot.
+        own_ramps: Whether joints move straight between the rows of a program, whose controller
+            makes ramps of its own: the rows say nothing of its accelerations.
     """
 
     joint_names: tuple[str, ...]
@@ -38,9 +40,10 @@ class JointRows:
     times: Array | None = None
     velocities: Array | None = None
     metadata: dict[str, Any] = field(default_factory=dict)
-    accelerated: bool = False
+    accelerations: Array | None = None
     notes: tuple[str, ...] = ()
     sources: tuple[str, ...] = ()
+    own_ramps: bool = False
 
     def __post_init__(self) -> None:
         count = len(self.joint_names)
@@ -51,6 +54,13 @@ class JointRows:
             finite_array("times", self.times, (len(self.q),))
         if self.velocities is not None:
             finite_array("velocities", self.velocities, self.q.shape)
+        if self.accelerations is not None:
+            finite_array("accelerations", self.accelerations, self.q.shape)
+            if self.velocities is None:
+                raise InvalidInput(
+                    "the rows have accelerations, but no velocities: no curve between them is "
+                    "defined. Add the velocities, or leave the accelerations out."
+                )
 
     def __repr__(self) -> str:
         clock = "untimed" if self.times is None else f"{self.times[-1] - self.times[0]:.6g} s"
@@ -80,8 +90,10 @@ class JointRows:
     def of_joints(self, names: Sequence[str]) -> JointRows:
         """The rows with the columns of these joints, in this order.
 
+        A joint that is left out has to stand still, and gets a note.
+
         Raises:
-            InvalidInput: If a joint is missing.
+            InvalidInput: If a joint is missing, or one that is left out moves.
         """
         missing = [name for name in names if name not in self.joint_names]
         if missing:
@@ -89,15 +101,47 @@ class JointRows:
                 f"the trajectory has no column for {', '.join(missing)}; it has "
                 f"{', '.join(self.joint_names)}."
             )
+        others = [name for name in self.joint_names if name not in names]
+        resting = []
+        if others and len(self.q) > 1:
+            lowest, highest = self._of(others).motion().extremes()
+            travels = highest.max(axis=0) - lowest.min(axis=0)
+            resting = [resting_axis(*pair) for pair in zip(others, travels, strict=True)]
+        return replace(self._of(names), notes=(*self.notes, *resting))
+
+    def _of(self, names: Sequence[str]) -> JointRows:
         columns = [self.joint_names.index(name) for name in names]
+        rates = (self.velocities, self.accelerations)
+        velocities, accelerations = (None if x is None else x[:, columns] for x in rates)
         return replace(
             self,
             joint_names=tuple(names),
             q=self.q[:, columns],
-            velocities=None if self.velocities is None else self.velocities[:, columns],
+            velocities=velocities,
+            accelerations=accelerations,
         )
 
     def motion(self) -> JointMotion:
         """The motion through the rows; without times one row per second."""
         times = np.arange(len(self.q), dtype=np.float64) if self.times is None else self.times
-        return JointMotion(times, self.q, None if self.times is None else self.velocities)
+        rates = () if self.times is None else (self.velocities, self.accelerations)
+        return JointMotion(times, self.q, *rates)
+
+
+def resting_axis(name: str, travel: float) -> str:
+    """A note about an axis that the file has and the robot's model lacks.
+
+    Args:
+        name: Of the axis.
+        travel: How far it moves, rad or m.
+
+    Raises:
+        InvalidInput: If it moves: then the motion is not that of the model.
+    """
+    if travel > RANGE_TOLERANCE:
+        raise InvalidInput(
+            f"{name} moves by {travel:.4g} (rad or m), but the robot's model has no such joint, so "
+            "that the motion cannot be judged. Give a robot that has it; if it is no axis, leave "
+            "its column out of the file."
+        )
+    return f"{name} stands still in the file, and the robot's model has no such joint"

@@ -18,8 +18,8 @@ _NANO = 1_000_000_000
 def encode(rows: JointRows) -> str:
     """A JointTrajectory with one point per line, and the additional field ``metadata``.
 
-    ``accelerations`` is empty: with positions and velocities ROS' joint trajectory controller uses
-    the same cubic as the timing, with accelerations a polynomial of degree five.
+    With positions and velocities ROS' joint trajectory controller uses cubics, as the timing does;
+    so ``accelerations`` is empty unless the rows have them, which means polynomials of degree five.
     """
     fields = message(rows)
     lines = [
@@ -38,7 +38,7 @@ def message(rows: JointRows) -> dict[str, Any]:
         point: dict[str, Any] = {
             "positions": q.tolist(),
             "velocities": [] if rows.velocities is None else rows.velocities[k].tolist(),
-            "accelerations": [],
+            "accelerations": [] if rows.accelerations is None else rows.accelerations[k].tolist(),
             "effort": [],
         }
         if rows.times is not None:
@@ -92,7 +92,7 @@ def rows_of(found: dict[str, Any], metadata: dict[str, Any]) -> JointRows:
         _times(points),
         _array(points, "velocities", len(names)),
         metadata,
-        any(point.get("accelerations") for point in points),
+        _array(points, "accelerations", len(names)),
     )
 
 

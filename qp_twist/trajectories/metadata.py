@@ -63,13 +63,6 @@ def read_metadata(text: str) -> dict[str, Any]:
     return found if isinstance(found, dict) else {}
 
 
-def own_cubics(metadata: dict[str, Any]) -> bool:
-    """Whether a file says that this package wrote it, with cubics between the rows."""
-    generator = metadata.get("generator")
-    written = isinstance(generator, str) and generator.startswith("qp_twist ")
-    return written and metadata.get("interpolation") == "cubic"
-
-
 def disagreements(metadata: dict[str, Any], path_task: PathTask, limits: MotionLimits) -> list[str]:
     """Sentences about contradictions between a file's metadata and the task and its limits.
 

@@ -202,6 +202,7 @@ def decode(path: Path, dialect: Dialect, joints: ControllerJoints) -> JointRows:
         metadata,
         notes=tuple(notes),
         sources=(joints.origin + (f" ({joints.source})" if joints.source else ""),),
+        own_ramps=rates is None,
     )
 
 

@@ -35,15 +35,16 @@ class _Format(NamedTuple):
 def _to_npz(rows: JointRows) -> bytes:
     """Arrays ``joint_names``, ``q``, ``times``, ``velocities``; ``metadata`` is a JSON text.
 
-    Missing data are left out. With velocities there is also ``accelerations``, for convenience: q̈
-    of the piece that begins at each row.
+    Missing data are left out. ``accelerations`` are there only if the rows have them: they say that
+    the joints move on quintics.
     """
     arrays = {"joint_names": np.array(rows.joint_names), "q": rows.q}
     if rows.times is not None:
         arrays["times"] = rows.times
     if rows.times is not None and rows.velocities is not None:
         arrays["velocities"] = rows.velocities
-        arrays["accelerations"] = rows.motion().at(rows.times).accelerations
+        if rows.accelerations is not None:
+            arrays["accelerations"] = rows.accelerations
     arrays["metadata"] = np.array(json.dumps(rows.metadata, ensure_ascii=False))
     buffer = io.BytesIO()
     np.savez(buffer, **arrays)  # type: ignore[arg-type]
@@ -76,7 +77,8 @@ def _from_npz(content: bytes, joint_names: tuple[str, ...] | None) -> JointRows:
     else:
         raise InvalidInput("there is no array 'joint_names' that says which column is which.")
     metadata = read_metadata(str(arrays.get("metadata", "")))
-    return JointRows(names, q, found("times", "time"), found("velocities"), metadata)
+    times, rates = found("times", "time"), (found("velocities"), found("accelerations"))
+    return JointRows(names, q, times, rates[0], metadata, rates[1])
 
 
 _FORMATS = {
@@ -141,8 +143,9 @@ def read_trajectory(
     Args:
         path: A file that ends in ``.csv``, ``.npz``, ``.json`` or ``.mcap``, or a program that ends
             in ``.script``, ``.mod``, ``.src`` or ``.ls``.
-        joint_names: The joints to read, in this order. Columns are found by these names; others are
-            ignored. Without names every column that is not recognised as something else is a joint.
+        joint_names: The joints to read, in this order. Columns are found by these names; others
+            must not be axes that move. Without names every column that is not recognised as
+            something else is a joint.
         joints: How the controller of a program counts the joints; required for a program.
 
     Returns:

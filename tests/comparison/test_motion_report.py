@@ -127,7 +127,10 @@ def test_the_page_says_first_what_does_not_pass(passing: Made, failing: Made) ->
     for words in ("Position error", "waypoint 5", "Joint speed", "allowed 100", "joint_4"):
         assert words in verdict
     assert "Distance to the joint limits" not in verdict
-    assert "joint accelerations: no limits known" in verdict
+    # A limit that nobody stated is named as what it is, in the first sentence.
+    first = passing.page[passing.page.index('id="verdict"') : passing.page.index('id="time"')]
+    assert "acceleration limits (the default: full speed within 0.25 s)" in first
+    assert "allowed 100\xa0% of the default: full speed within 0.25 s, at joint_" in verdict
 
 
 def test_the_page_has_no_jargon(passing: Made, failing: Made) -> None:

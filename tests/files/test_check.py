@@ -11,6 +11,7 @@ import mujoco
 import numpy as np
 import pytest
 from oracles.joint_paths import evenly, joint_path, short, slider
+from scipy.interpolate import BPoly
 
 import qp_twist as qt
 from qp_twist.cli import check as _  # noqa: F401  (its command)
@@ -400,6 +401,118 @@ def test_times_that_are_rounded_do_no_harm_and_excuse_no_jump() -> None:
             speed = found(verdict(task, q, *rows), "velocity limits")
             assert not speed.passes
             assert speed.value >= 100.0 / (T + 1.1e-9)
+
+
+def shaken(
+    spacing: float, *, low: float = 0.7, ramp: float = 1e-3, cycles: int = 5
+) -> tuple[Array, ...]:
+    """From rest to 1 m/s in 1 s, then five times down to 0.7 m/s and up again, 1 ms each; to rest.
+
+    Returns:
+        Times, positions (N, 1) and velocities (N, 1); the speed is linear between the rows.
+    """
+    knots = 1.0 + ramp * np.arange(2 * cycles + 1)
+    inner = 1.0 + spacing * np.arange(1, round((knots[-1] - 1.0) / spacing))
+    times = np.concatenate(
+        [np.linspace(0.0, 1.0, 11), inner, knots[-1] + np.linspace(0.0, 1.0, 11)]
+    )
+    speeds = np.interp(
+        times, [0.0, *knots, knots[-1] + 1.0], [0.0, *([1.0, low] * cycles), 1.0, 0.0]
+    )
+    q = np.concatenate([[0.0], np.cumsum(0.5 * (speeds[1:] + speeds[:-1]) * np.diff(times))])
+    return times, q[:, None], speeds[:, None]
+
+
+def line_of(q: Array, acceleration: float) -> qt.PathTask:
+    return joint_path(
+        slider(), q[[0, -1]], None, velocity=10.0, acceleration=acceleration
+    ).path_task
+
+
+@pytest.mark.parametrize("decimals", [9, 15])
+@pytest.mark.parametrize("spacing", [1e-3, 1e-4, 1e-5, 2e-6])
+def test_a_shaken_speed_is_refused_however_close_the_rows_are(
+    spacing: float, decimals: int
+) -> None:
+    """300 m/s² where 2 are allowed; the times in full, and in nanoseconds."""
+    times, q, speeds = shaken(spacing)
+    check = verdict(line_of(q, 2.0), q, np.round(times, decimals), speeds)
+    assert found(check, "acceleration limits").value == pytest.approx(100.0 * 300.0 / 2.0, rel=0.01)
+    calm = shaken(spacing, low=1.0)
+    passing = verdict(line_of(calm[1], 2.0), calm[1], np.round(calm[0], decimals), calm[2])
+    assert passing.passes, passing.verdict
+    assert found(passing, "acceleration limits").value == pytest.approx(50.0, rel=0.01)
+
+
+def test_positions_that_shake_under_steady_velocities_are_refused() -> None:
+    """Rows 2 ns apart: each is explained by a nanosecond, a thousand of them are not."""
+    pace = np.repeat([1.5, 0.5], 1000)
+    q = np.concatenate([[0.0], np.cumsum(2e-9 * pace)])[:, None]
+    times = np.round(2e-9 * np.arange(2001), 9)
+    check = verdict(line_of(q, 2.0), q, times, np.ones((2001, 1)))
+    assert found(check, "acceleration limits").value > 100.0 * 1e5 / 2.0
+    # The same of speeds: at 1.9 m/s in pieces of 1 ns.
+    q = 1.9e-9 * np.arange(2001.0)[:, None]
+    task = joint_path(slider(), q[[0, -1]], None, velocity=1.0, acceleration=1e12).path_task
+    check = verdict(task, q, np.round(1e-9 * np.arange(2001), 9))
+    assert found(check, "velocity limits").value == pytest.approx(190.0, rel=1e-2)
+
+
+@pytest.mark.parametrize("smooth", [False, True])
+@pytest.mark.parametrize("spacing", [1e-2, 1e-3, 1e-4, 1e-5])
+@pytest.mark.parametrize("seed", range(3))
+def test_a_motion_at_its_limits_passes_when_its_file_is_rounded(
+    seed: int, spacing: float, smooth: bool
+) -> None:
+    """Bang-bang at ±a, rows anywhere; times in ns, positions and velocities with six decimals."""
+    rng = np.random.default_rng(seed)
+    times = np.cumsum(spacing * rng.uniform(0.2, 1.0, size=1001))
+    a = 3.0 * np.repeat(rng.choice([-1.0, 1.0], size=10), 100)
+    v = np.concatenate([[0.0], np.cumsum(a * np.diff(times))])
+    q = np.concatenate([[0.0], np.cumsum(np.diff(times) * 0.5 * (v[1:] + v[:-1]))])
+    q, v = np.round(q, 6)[:, None], np.round(v, 6)[:, None]
+    task = joint_path(slider(), q[[0, -1]], None, velocity=np.abs(v).max(), acceleration=3.0)
+    check = verdict(task.path_task, q, np.round(times, 9), *([v] if smooth else []))
+    for name in ("velocity limits", "acceleration limits"):
+        assert found(check, name).passes, found(check, name)
+
+
+@pytest.mark.parametrize("metadata", [{}, {"generator": "qp_twist 1", "interpolation": "cubic"}])
+def test_rows_with_accelerations_are_judged_on_the_quintics_that_they_mean(
+    metadata: dict[str, str],
+) -> None:
+    """Along slide_1 at 1 m/s; slide_2 is at rest at every row, and accelerated at one of them."""
+    side = np.linspace(0.0, 1.0, 11)
+    q, times = np.column_stack([side, 0.0 * side]), np.arange(11) * 0.1
+    path = joint_path(slider(2), q, evenly(11, 0.1), velocity=2.0, acceleration=40.0)
+    v, a = np.tile([1.0, 0.0], (11, 1)), np.zeros((11, 2))
+    rows = JointRows(NAMES, q, times, v, metadata)
+    assert check_trajectory(rows, path.path_task).passes
+    a[4, 1] = 50.0
+    check = check_trajectory(dataclasses.replace(rows, accelerations=a), path.path_task)
+    curve = BPoly.from_derivatives(times, list(zip(q, v, a, strict=True)))
+    dense = np.linspace(0.0, 1.0, 100_001)
+    off = np.abs(curve(dense)[:, 1]).max()
+    assert found(check, "position error").passes
+    assert found(check, "position error between").value == pytest.approx(1e3 * off, rel=0.02)
+    assert not found(check, "position error between").passes
+    accelerations = np.abs(curve(dense, 2)).max()
+    assert found(check, "acceleration limits").value == pytest.approx(
+        100.0 * accelerations / 40.0, rel=1e-3
+    )
+    assert any("degree five" in note for note in check.notes)
+
+
+@pytest.mark.parametrize("many", [1, 10, 100])
+def test_the_feed_between_waypoints_does_not_depend_on_the_rows(many: int) -> None:
+    """At the feed throughout; waypoints 10 mm apart, and 0.1 mm, as far as the tolerances."""
+    for length in (0.01, 1e-4):
+        q = length * np.arange(5.0)[:, None]
+        task = joint_path(slider(), q, evenly(5, 0.1)).path_task
+        t = np.linspace(0.0, 0.4, 4 * many + 1)
+        check = verdict(task, np.linspace(0.0, 4.0 * length, len(t))[:, None], t)
+        assert check.passes, check.verdict
+        assert found(check, "feed between").value == pytest.approx(100.0, abs=2.1)
 
 
 @pytest.mark.parametrize(

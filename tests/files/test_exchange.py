@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import dataclasses
 import functools
 import io
 import json
@@ -187,20 +188,21 @@ def test_numbers_without_a_unit_are_radians_up_to_two_turns(tmp_path: Path) -> N
 
 def test_velocities_of_other_tools_are_understood(tmp_path: Path) -> None:
     path = tmp_path / "other.csv"
-    path.write_text("time,vel_a [deg/s],a [deg],a_acceleration\n0,90,0,1\n1,180,45,1\n", "utf-8")
+    path.write_text("time,vel_a [deg/s],a [deg],a_torque\n0,90,0,1\n1,180,45,1\n", "utf-8")
     rows = read_trajectory(path)
     assert rows.joint_names == ("a",)
     assert rows.q[:, 0] == pytest.approx([0.0, np.pi / 4])
     assert rows.velocities[:, 0] == pytest.approx([np.pi / 2, np.pi])
 
 
-def test_a_unit_says_that_a_column_holds_velocities(tmp_path: Path) -> None:
+@pytest.mark.parametrize("unit", ["deg/s²", "deg/s^2", "deg/s2"])
+def test_a_unit_says_that_a_column_holds_velocities(unit: str, tmp_path: Path) -> None:
     path = tmp_path / "other.csv"
-    path.write_text("time,a [deg],a [deg/s],a [deg/s²]\n0,0,90,1\n1,45,180,1\n", "latin-1")
+    path.write_text(f"time,a [deg],a [deg/s],a [{unit}]\n0,0,90,1\n1,45,180,1\n", "latin-1")
     rows = read_trajectory(path)
     assert rows.q[:, 0] == pytest.approx([0.0, np.pi / 4])
     assert rows.velocities[:, 0] == pytest.approx([np.pi / 2, np.pi])
-    assert rows.accelerated
+    assert rows.accelerations[:, 0] == pytest.approx(np.radians([1.0, 1.0]))
 
 
 def test_all_that_is_wrong_with_a_table_is_said_at_once(tmp_path: Path) -> None:
@@ -415,14 +417,72 @@ def test_a_table_that_says_less_than_it_seems_to_is_refused(
         qt.read_trajectory(file, ["a", "b"])
 
 
-def test_accelerations_of_a_file_are_said_to_be_left_out(tmp_path: Path) -> None:
-    task = qt.load_task("planar_line")
-    file = qt.write_trajectory(qt.follow(task, "minimum_norm"), tmp_path / "t.json")
-    assert not qt.read_trajectory(file).accelerated
-    file.write_text(
-        file.read_text("utf-8").replace('"accelerations": []', '"accelerations": [1, 2, 3]'),
-        "utf-8",
-    )
-    rows = qt.read_trajectory(file)
-    assert rows.accelerated
-    assert any("accelerations of the file" in n for n in qt.check_trajectory(rows, task).notes)
+@pytest.mark.parametrize("ending", [*ENDINGS, ".mcap"])
+def test_accelerations_are_written_and_read_only_where_the_rows_have_them(
+    ending: str, tmp_path: Path
+) -> None:
+    cubic = JointRows.of(timed())
+    back = read_trajectory(write_trajectory(cubic, tmp_path / f"cubic{ending}"))
+    assert back.accelerations is None
+    assert back.motion().interpolation == "cubic"
+    a = np.random.default_rng(0).normal(size=cubic.q.shape)
+    quintic = dataclasses.replace(cubic, accelerations=a)
+    back = read_trajectory(write_trajectory(quintic, tmp_path / f"quintic{ending}"))
+    assert back.accelerations == pytest.approx(a, abs=1e-15)
+    assert back.motion().interpolation == "quintic"
+
+
+def test_accelerations_without_velocities_define_no_curve(tmp_path: Path) -> None:
+    file = qt.write_trajectory(qt.follow(qt.load_task("planar_line"), "minimum_norm"),
+                               tmp_path / "t.json")  # fmt: skip
+    text = file.read_text("utf-8")
+    file.write_text(text.replace('"accelerations": []', '"accelerations": [1, 2, 3]'), "utf-8")
+    with pytest.raises(qt.InvalidInput, match="accelerations, but no velocities"):
+        qt.read_trajectory(file)
+    # Of some rows only, neither.
+    file.write_text(text.replace('"accelerations": []', '"accelerations": [1, 2, 3]', 1), "utf-8")
+    with pytest.raises(qt.InvalidInput, match="accelerations: expected 3 numbers"):
+        qt.read_trajectory(file)
+
+
+def with_rail(path: Path, rail: Array, *, rate: bool = False) -> Path:
+    """Two joints and a rail, from 0 to 1 s; or the rail's velocity in place of its positions."""
+    rows = [[0.1, 0.2], [0.2, 0.3], [0.3, 0.4]]
+    if path.suffix == ".csv":
+        head = "time [s],joint_1 [rad],joint_2 [rad]," + ("rail velocity [m/s]" if rate else "rail")
+        lines = [
+            f"{0.5 * k},{q[0]},{q[1]},{x}" for k, (q, x) in enumerate(zip(rows, rail, strict=True))
+        ]
+        path.write_text("\n".join([head, *lines]), "utf-8")
+        return path
+    full = np.column_stack([rows, rail])
+    return write_trajectory(
+        JointRows(("joint_1", "joint_2", "rail"), full, 0.5 * np.arange(3.0),
+                  metadata={"units": {}, "task": "", "method": ""}), path)  # fmt: skip
+
+
+@pytest.mark.parametrize("ending", [".csv", ".json", ".npz", ".mcap"])
+def test_an_axis_that_the_robot_lacks_has_to_stand_still(ending: str, tmp_path: Path) -> None:
+    names = ["joint_1", "joint_2"]
+    moving = with_rail(tmp_path / f"moving{ending}", np.array([0.0, 1.0, 3.0]))
+    with pytest.raises(qt.InvalidInput, match=r"rail moves by 3 .*no such joint"):
+        read_trajectory(moving, names)
+    still = read_trajectory(with_rail(tmp_path / f"still{ending}", np.full(3, 0.7)), names)
+    assert still.joint_names == ("joint_1", "joint_2")
+    assert [note for note in still.notes if note.startswith("rail stands still")]
+
+
+def test_an_axis_that_the_robot_lacks_may_be_given_by_its_speed(tmp_path: Path) -> None:
+    names = ["joint_1", "joint_2"]
+    with pytest.raises(qt.InvalidInput, match="rail moves by 2"):
+        read_trajectory(with_rail(tmp_path / "a.csv", np.array([2.0, 2.0, 2.0]), rate=True), names)
+    still = read_trajectory(with_rail(tmp_path / "b.csv", np.zeros(3), rate=True), names)
+    assert [note for note in still.notes if note.startswith("rail stands still")]
+    # At rest in its rows, but accelerated: it moves between them.
+    rest = np.zeros((3, 3))
+    rows = JointRows(
+        ("joint_1", "joint_2", "rail"), rest, np.arange(3.0), rest,
+        accelerations=np.outer([0.0, 1.0, 0.0], [0.0, 0.0, 1.0]),
+    )  # fmt: skip
+    with pytest.raises(qt.InvalidInput, match="rail moves by"):
+        rows.of_joints(names)
