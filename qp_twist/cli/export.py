@@ -90,6 +90,10 @@ def export(
     write_trajectory(rows, out, joints)
     shown = quiet.set(quiet.get() or json_)
     say(f"wrote {out}: {len(rows.q)} points")
+    if dialect is not None and rows.accelerations is not None:
+        say(
+            "the trajectory's accelerations are left out: between points the program has own curves"
+        )
     axes = () if joints is None or dialect is None else joints.equations(dialect.axis_names)
     if joints is not None:
         say(joints.origin + (f" ({joints.source})" if joints.source else ""))

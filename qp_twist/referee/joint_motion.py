@@ -237,8 +237,8 @@ def _zeros(curve: Array) -> Array:
         return np.zeros((0, *curve.shape[1:]))
     if degree == 1:
         fall = curve[0] - curve[1]
-        place = np.divide(curve[0], fall, out=np.zeros_like(fall), where=fall != 0.0)
-        return np.clip(place, 0.0, 1.0)[None]
+        place: Array = np.divide(curve[0], fall, out=np.zeros_like(fall), where=fall != 0.0)
+        return place.clip(0.0, 1.0)[None]
     inner = np.sort(_zeros(np.diff(curve, axis=0)), axis=0)
     low = np.concatenate([np.zeros((1, *curve.shape[1:])), inner])
     high = np.concatenate([inner, np.ones((1, *curve.shape[1:]))])

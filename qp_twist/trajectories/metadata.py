@@ -82,19 +82,20 @@ def disagreements(metadata: dict[str, Any], path_task: PathTask, limits: MotionL
     if isinstance(units, dict):
         here = zip(ranges.names, ranges.units, strict=True)
         claims += [(f"unit of {name}", units[name], unit) for name, unit in here if name in units]
-    stated = metadata.get("acceleration_limits")
-    if isinstance(stated, dict):
-        checked = zip(ranges.names, limits.acceleration.tolist(), strict=True)
-        claims += [
-            (f"the acceleration limit of {name} is", stated[name], limit)
-            for name, limit in checked
-            if name in stated and not _same(stated[name], limit)
-        ]
-    return [
+    notes = [
         f"the file's metadata say {key} {str(value)[:60]!r}, but it is checked with {fact!r}"
         for key, value, fact in claims
         if value != fact
     ]
+    stated = metadata.get("acceleration_limits")
+    if isinstance(stated, dict):
+        checked = zip(ranges.names, limits.acceleration.tolist(), strict=True)
+        others = [name for name, a in checked if name in stated and not _same(stated[name], a)]
+        if others:
+            joints = ", ".join(others)
+            notes.append(f"the file's metadata state acceleration limits of {joints} that are not "
+                         "those of this check")  # fmt: skip
+    return notes
 
 
 def _same(stated: object, limit: float) -> bool:
