@@ -185,7 +185,7 @@ def new_task(
         notes = [
             f"frame: {frame.kind} {frame.name!r}" + (f", {frame.why}" if frame.why else ""),
             f"path: {_summary(toolpath, path_task)}",
-            *_of_feed(request, toolpath),
+            *_of_feed(parts),
             *(f"left out of {robot.path.name}: {sentence}" for sentence in robot.left_out),
             *(f"path: {note}" for note in toolpath.notes),
             *(f"cell: {note}" for note in of_cell),
@@ -359,20 +359,19 @@ def _summary(toolpath: Toolpath, path_task: PathTask) -> str:
     )
 
 
-def _of_feed(request: Request, toolpath: Toolpath) -> list[str]:
+def _of_feed(parts: Parts) -> list[str]:
     """Notes on the feeds of the file, and where it has none."""
     found = []
-    if toolpath.feeds is not None:
+    if parts.toolpath.feeds is not None:
         found.append(
-            f"feed: {feeds_in_words(toolpath)}, as the file states it; where it does not, "
-            f"{request.speed:g} m/s."
+            f"feed: {feeds_in_words(parts.toolpath)}, as the file states it; where it does not, "
+            f"{parts.request.speed:g} m/s."
         )
-    bound = request.angular_speed(toolpath.turns_in_place)
-    if toolpath.turns_in_place:
+    if parts.turns_in_place:
         found.append(
-            f"feed: the tool turns in place ({times(toolpath.turns_in_place)}), where a speed "
-            f"along the path gives no time; it turns by at most {bound:g} degrees/s everywhere "
-            "(--angular-speed)."
+            f"feed: the tool turns in place ({times(parts.turns_in_place)}), where a speed along "
+            f"the path gives no time, or hardly any; it turns by at most {parts.angular_speed:g} "
+            "degrees/s everywhere (--angular-speed)."
         )
     return found
 

@@ -89,10 +89,6 @@ class Request:
     packages: Mapping[str, Path] = field(default_factory=dict)
     arguments: Mapping[str, str] = field(default_factory=dict)
 
-    def angular_speed(self, turns_in_place: int) -> float | None:
-        """Largest speed at which the tool turns along a path, degrees/s; ``None`` for no bound."""
-        return self.angular_speed_deg or (ANGULAR_SPEED if turns_in_place else None)
-
     @property
     def has_cell(self) -> bool:
         """Whether something is added to the robot, so that a scene is written."""

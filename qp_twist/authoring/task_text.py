@@ -80,6 +80,16 @@ class Parts:
     carrier: str | None = None
 
     @property
+    def turns_in_place(self) -> int:
+        """How often the tool turns in place."""
+        return self.toolpath.turns_in_place(rapids=self.keeps_rapids)
+
+    @property
+    def angular_speed(self) -> float | None:
+        """Largest speed at which the tool turns, degrees/s; ``None`` for no bound."""
+        return self.request.angular_speed_deg or (ANGULAR_SPEED if self.turns_in_place else None)
+
+    @property
     def keeps_rapids(self) -> bool:
         """Whether rapid motions of the file are part of the path."""
         if self.request.rapids is not None:
@@ -271,7 +281,7 @@ def _feed(parts: Parts) -> str:
     speed = f"speed = {parts.request.speed:g}"
     of_file = parts.toolpath.feeds is not None
     comment = "m/s, where the file has no feed" if of_file else "m/s, along the path"
-    bound = parts.request.angular_speed(parts.toolpath.turns_in_place)
+    bound = parts.angular_speed
     angular = f"angular_speed_deg = {bound or ANGULAR_SPEED:g}"
     return "\n".join(
         [

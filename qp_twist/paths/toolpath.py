@@ -20,6 +20,8 @@ SAME_POINT = 1e-9
 """Points closer together, m, count as one."""
 SAME_DIRECTION = 1e-9
 """The same for directions, rad."""
+_IN_PLACE = 1000.0
+"""A tool that turns faster along its path, rad/m, turns in place."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,27 +99,17 @@ class Toolpath:
         feeds = np.concatenate(feeds_of_curves)
         return float(np.nanmin(feeds)), float(np.nanmax(feeds))
 
-    @property
-    def turns_in_place(self) -> int:
-        """How often the tool only turns: two points in a row differ in their direction alone."""
-        positions, directions = list[Array](), list[Array]()
-        for curve in self.curves:
-            for part in (curve.before, curve, curve.after):
-                if part is not None and part.vectors is not None:
-                    directions.append(part.vectors)
-                elif part is not None and part.rotations is not None:
-                    # The columns x and y determine a rotation.
-                    directions.append(part.rotations[:, :, :2].reshape(-1, 6))
-                if part is not None:
-                    positions.append(part.positions)
-        if not directions:
-            return 0
-        moved, turned = (
-            np.linalg.norm(np.diff(np.concatenate(values), axis=0), axis=1)
-            for values in (positions, directions)
-        )
-        standing = (moved < SAME_POINT) & (turned > SAME_DIRECTION)
-        return int(standing[:1].sum() + (standing[1:] & ~standing[:-1]).sum())
+    def turns_in_place(self, *, rapids: bool) -> int:
+        """How often the tool turns while it stands, or nearly so: above 1 rad per mm of path.
+
+        Args:
+            rapids: Whether the points in rapid motion, and the ways from curve to curve, belong to
+                the path.
+        """
+        if not rapids:
+            return sum(_turns_in_place([curve]) for curve in self.curves)
+        parts = [part for curve in self.curves for part in (curve.before, curve, curve.after)]
+        return _turns_in_place([part for part in parts if part is not None])
 
     @property
     def has_ways(self) -> bool:
@@ -172,6 +164,25 @@ class Toolpath:
             f"Toolpath({self.source.name!r}, {len(self.curves)} curves, {points} points, "
             f"{self.meaning})"
         )
+
+
+def _turns_in_place(parts: Sequence[Curve]) -> int:
+    """The same of some points in the order of the path."""
+    directions = list[Array]()
+    for part in parts:
+        if part.vectors is not None:
+            directions.append(part.vectors)
+        elif part.rotations is not None:
+            # The columns x and y determine a rotation.
+            directions.append(part.rotations[:, :, :2].reshape(-1, 6))
+    if len(directions) < len(parts) or not parts:
+        return 0
+    moved, turned = (
+        np.linalg.norm(np.diff(np.concatenate(values), axis=0), axis=1)
+        for values in ([part.positions for part in parts], directions)
+    )
+    standing = turned > SAME_DIRECTION + _IN_PLACE * moved
+    return int(standing[:1].sum() + (standing[1:] & ~standing[:-1]).sum())
 
 
 def lifts(curve: Curve, end: Literal[0, -1]) -> bool:

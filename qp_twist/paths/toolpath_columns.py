@@ -18,6 +18,7 @@ Orientation = Literal["axis", "normal", "quaternion", "rpy", "rotation_vector", 
 Column = str | int
 Unit = TypeVar("Unit", bound=str)
 
+_ANGLES = {*ANGLES, "grad"}
 LOOKED_AT = 500
 """Number of rows whose numbers are compared with the names of their columns."""
 
@@ -291,7 +292,7 @@ def column_roles(
     where = ColumnRoles(position, convention.orientation, columns, curve, feed)
     if len(set(where.numbers)) < len(where.numbers):
         raise InvalidInput("columns: a column is used twice.")
-    if orientation is None and convention.orientation == "none" and table.names:
+    if orientation is None and convention.orientation == "none":
         _refuse_unused_orientation(table, where)
     return _with_convention(table, where, convention)
 
@@ -362,7 +363,8 @@ def _refuse_unused_orientation(table: Table, where: ColumnRoles) -> None:
     named = usual(table.names)
     others = [i for group in ("feed", "curve") for at in named.get(group, {}).values() for i in at]
     left = {*range(table.width)} - {*where.numbers, *others}
-    angles = tuple(i for i in sorted(left) if split_unit(table.names[i])[1] in {*ANGLES, "grad"})
+    in_angles = [i for i, name in enumerate(table.names) if split_unit(name)[1] in _ANGLES]
+    angles = tuple(i for i in in_angles if i in left)
     spans = [range(i, i + size) for size in (4, 3) for i in sorted(left)]
     units = [at for at in spans if {*at} <= left and have_length_1(_numbers(table, at))]
     if not angles and not units:

@@ -508,6 +508,8 @@ TURNING = {
     "0,-40,0,{s},0,{c}\n",
     "turn.apt": "UNITS/MM\nFEDRAT/3000,MMPM\nGOTO/0,-40,0,0,0,1\nGOTO/0,40,0,0,0,1\n"
     "GOTO/0,40,0,{s},0,{c}\nGOTO/0,-40,0,{s},0,{c}\n",
+    "nearly.csv": "x [mm],y [mm],z [mm],i,j,k\n0,-40,0,0,0,1\n0,40,0,0,0,1\n"
+    "0,40.001,0,{s},0,{c}\n0,-40,0,{s},0,{c}\n",
     "turn.nc": "G21 G90 G43.4 H1\nG0 X0 Y-40 Z0 B0 C0\nG1 Y40 F3000\nB15\nY-40\n",
 }
 
@@ -529,9 +531,24 @@ def test_a_turn_in_place_takes_its_time(
     assert tomllib.loads(made.path.read_text("utf-8"))["feed"]["angular_speed_deg"] == (speed or 90)
     task = qt.load_task(made.path)
     assert task.durations is not None
-    standing = np.linalg.norm(np.diff(task.positions, axis=0), axis=1) < 1e-12
+    standing = np.linalg.norm(np.diff(task.positions, axis=0), axis=1) < 2e-6
     assert task.durations[1:][standing].sum() == pytest.approx(seconds)
-    assert task.durations[1:][~standing].sum() == pytest.approx(2 * 0.08 / 0.05)
+    assert task.durations[1:][~standing].sum() == pytest.approx(2 * 0.08 / 0.05, rel=1e-4)
+
+
+def test_a_turn_in_a_rapid_motion_counts_where_it_is_part_of_the_path(tmp_path: Path) -> None:
+    """G0 to the axis of the first cut, above the part, is usual."""
+    text = "G21 G90 G43.4 H1\nG0 X0 Y0 Z50 B0 C0\nB15\nZ5\nG1 Z0 F600\nY20\nG0 Z50\n"
+    (tmp_path / "part.nc").write_text(text, encoding="utf-8")
+    for rapids, bound in (("drop", None), ("keep", 90)):
+        made = new_task(
+            Request(Path(SEVEN), tmp_path / "part.nc", frame="tool", place=(0.45, 0.0, 0.3),
+                    rotary="head-bc", rapids=rapids),  # type: ignore[arg-type]
+            tmp_path / f"{rapids}.toml",
+        )  # fmt: skip
+        feed = tomllib.loads(made.path.read_text("utf-8"))["feed"]
+        assert feed.get("angular_speed_deg") == bound
+        assert made.path_task.durations is not None
 
 
 def test_a_path_without_turns_in_place_has_no_bound_on_turning(tmp_path: Path) -> None:

@@ -145,6 +145,18 @@ def test_an_orientation_that_is_open_is_asked_for_and_never_left_out(
     assert read_toolpath(path, orientation="none").meaning == "none"
 
 
+def test_columns_of_a_table_without_names_that_are_a_direction_are_asked_for(
+    tmp_path: Path,
+) -> None:
+    path = tmp_path / "path.csv"
+    path.write_text("0,0,0,0,0.6,0.8\n1,0,0,0,0.8,0.6\n")
+    columns = ColumnChoice(position=(1, 2, 3))
+    with pytest.raises(UnclearColumns, match=r"column 4, column 5, column 6 have the length 1"):
+        read_toolpath(path, columns=columns, length_unit="m")
+    found = read_toolpath(path, columns=columns, length_unit="m", orientation="none")
+    assert found.meaning == "none"
+
+
 @pytest.mark.parametrize(
     ("names", "values"),
     [
