@@ -756,7 +756,7 @@ def test_a_known_robot_is_checked_against_its_data_sheet_which_is_named() -> Non
 
 @pytest.mark.parametrize(
     ("name", "lengths"),
-    [("my_arm", (0.425, 0.3922)), ("ur5e", (0.425, 0.40)), ("ur5e_long", (0.5, 0.3922)),
+    [("my_arm", (0.425, 0.40)), ("ur5e", (0.425, 0.40)), ("ur5e_long", (0.5, 0.3922)),
      ("ur5", (0.425, 0.3922)), ("ur10e", (0.425, 0.3922))],
 )  # fmt: skip
 def test_another_arm_of_the_name_or_another_name_of_the_arm_is_not_known(
