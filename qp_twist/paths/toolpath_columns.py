@@ -324,7 +324,7 @@ def _with_convention(table: Table, where: ColumnRoles, convention: Convention) -
     called = ", ".join(table.call(i) for i in sorted(where.direction))
     if not where.direction or not (convention.unit or convention.called):
         return where
-    values = _numbers(table, where.direction)
+    values = _complete(table.sample(LOOKED_AT)[:, where.direction])
     unit = convention.unit
     if convention.orientation == "quaternion":
         if not have_length_1(values):
@@ -366,7 +366,8 @@ def _refuse_unused_orientation(table: Table, where: ColumnRoles) -> None:
     in_angles = [i for i, name in enumerate(table.names) if split_unit(name)[1] in _ANGLES]
     angles = tuple(i for i in in_angles if i in left)
     spans = [range(i, i + size) for size in (4, 3) for i in sorted(left)]
-    units = [at for at in spans if {*at} <= left and have_length_1(_numbers(table, at))]
+    sample = table.sample(LOOKED_AT)
+    units = [at for at in spans if {*at} <= left and have_length_1(_complete(sample[:, at]))]
     if not angles and not units:
         return
     found, why, kind = angles, "are angles", "rpy"
@@ -386,9 +387,8 @@ def _refuse_unused_orientation(table: Table, where: ColumnRoles) -> None:
     )
 
 
-def _numbers(table: Table, columns: Sequence[int]) -> Array:
-    """The numbers of some columns in the first rows that have all of them, (N, columns)."""
-    values = table.sample(LOOKED_AT)[:, list(columns)]
+def _complete(values: Array) -> Array:
+    """The rows without missing numbers."""
     found: Array = values[np.isfinite(values).all(axis=1)]
     return found
 
