@@ -17,6 +17,7 @@ from qp_twist.following import Trajectory
 from qp_twist.kinematics import JointRanges
 from qp_twist.paths import METHODS, PathTask
 from qp_twist.pictures.joint_limits import draw_limits
+from qp_twist.pictures.shown_figure import ShownFigure
 from qp_twist.pictures.style import LIMIT, RC, line_style, method_handles
 
 if TYPE_CHECKING:
@@ -58,7 +59,7 @@ def joint_figure(path_task: PathTask, trajectories: Mapping[str, Trajectory], ti
     columns = 2 if len(joints) > 3 else 1
     rows = -(-len(joints) // columns)
     with mpl.rc_context(RC):
-        figure = Figure(figsize=(10.5, 2.0 * rows + 1.1), layout="constrained")
+        figure = ShownFigure(figsize=(10.5, 2.0 * rows + 1.1), layout="constrained")
         grid = figure.subplots(rows, columns, sharex=True, squeeze=False)
         # Down the columns, as in the paper: joints 1 to 3 at the left, 4 to 6 at the right.
         panels = list(grid.T.flat)

@@ -10,6 +10,7 @@ from matplotlib.figure import Figure
 
 from qp_twist.following import Trajectory
 from qp_twist.paths import PathTask
+from qp_twist.pictures.shown_figure import ShownFigure
 from qp_twist.pictures.style import GRID, LIMIT, RC, line_style
 
 _FLOOR = 1e-6
@@ -20,7 +21,7 @@ def path_figure(path_task: PathTask, trajectories: Mapping[str, Trajectory]) -> 
     """Four panels over the waypoint index: z, smallest margin, position error, axis error."""
     with mpl.rc_context(RC):
         angular = any(t.angular.rank > 0 for t in path_task.projectors)
-        figure = Figure(figsize=(10.5, 9.4 if angular else 7.4), layout="constrained")
+        figure = ShownFigure(figsize=(10.5, 9.4 if angular else 7.4), layout="constrained")
         panels = figure.subplots(4 if angular else 3, 1, sharex=True)
         largest = 0.0
         for name, trajectory in trajectories.items():

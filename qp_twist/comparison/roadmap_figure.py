@@ -18,6 +18,7 @@ from qp_twist.errors import InvalidInput
 from qp_twist.following import Trajectory
 from qp_twist.kinematics import JointRanges
 from qp_twist.paths import PathTask
+from qp_twist.pictures.shown_figure import ShownFigure
 from qp_twist.pictures.style import LIMIT, RC, line_style, method_handles
 from qp_twist.planning import RollMap, roll_arm
 from qp_twist.planning.layer import centred
@@ -82,7 +83,7 @@ def roadmap_figure(
     found = manifolds(path_task, drawn, rng=rng)
     curves = [(i + 1, own) for i, own in zip(drawn, found, strict=True)]
     with mpl.rc_context(RC):
-        figure = Figure(figsize=(10.5, 3.0 * path_task.model.nv + 1.2), layout="constrained")
+        figure = ShownFigure(figsize=(10.5, 3.0 * path_task.model.nv + 1.2), layout="constrained")
         panels = figure.subplots(path_task.model.nv, 1, sharex=True, squeeze=False)[:, 0]
         for dof, panel in enumerate(panels):
             _draw_manifolds(panel, path_task, dof, curves)

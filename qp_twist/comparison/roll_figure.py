@@ -17,6 +17,7 @@ from scipy.ndimage import distance_transform_edt
 
 from qp_twist.checks import Array
 from qp_twist.following import Trajectory
+from qp_twist.pictures.shown_figure import ShownFigure
 from qp_twist.pictures.style import LIMIT, RC, line_style, method_handles
 from qp_twist.planning import RollMap
 
@@ -50,7 +51,7 @@ def roll_figure(roll_map: RollMap, trajectories: Mapping[str, Trajectory]) -> Fi
     largest = float(np.nanmax(margins, initial=1.0))
     with mpl.rc_context(RC | {"axes.grid": False}):
         rows = (len(shown) + 1) // 2
-        figure = Figure(figsize=(10.5, 2.5 * rows + 1.6), layout="constrained")
+        figure = ShownFigure(figsize=(10.5, 2.5 * rows + 1.6), layout="constrained")
         panels = figure.subplots(rows, 2, sharex=True, sharey=True, squeeze=False).ravel()
         for panel, branch in zip(panels, shown, strict=False):
             image = _draw_margins(panel, roll_map, branch, largest)

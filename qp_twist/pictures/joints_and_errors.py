@@ -9,6 +9,7 @@ from matplotlib.figure import Figure
 from qp_twist.checks import Array
 from qp_twist.kinematics import JointRanges
 from qp_twist.pictures.joint_limits import draw_limits
+from qp_twist.pictures.shown_figure import ShownFigure
 from qp_twist.pictures.style import LIMIT, RC
 
 _CURVE = "#0072B2"
@@ -36,7 +37,7 @@ def joints_and_errors(
     waypoints = np.arange(1, len(q) + 1)
     rows = -(-len(joints) // 2) + 1
     with mpl.rc_context(RC):
-        figure = Figure(figsize=(9.0, 1.7 * rows), layout="constrained")
+        figure = ShownFigure(figsize=(9.0, 1.7 * rows), layout="constrained")
         grid = figure.subplots(rows, 2, sharex=True, squeeze=False)
         panels = list(grid[:-1].T.flat)
         positions = ranges.positions(q)

@@ -9,6 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from qp_twist.control import ServoState
+from qp_twist.pictures.shown_figure import ShownFigure
 
 if TYPE_CHECKING:
     from qp_twist.simulation.record import Record
@@ -21,7 +22,7 @@ LIMIT = "#D00000"
 def draw(record: Record, title: str) -> Figure:
     """Errors, margin, joint speeds and scale over time, in four panels; a servo's states below."""
     fed = any(state is not None for state in record.states)
-    figure = Figure(figsize=(8.0, 8.6 if fed else 7.0), layout="constrained")
+    figure = ShownFigure(figsize=(8.0, 8.6 if fed else 7.0), layout="constrained")
     errors, margin, speeds, scale, *more = figure.subplots(4 + fed, 1, sharex=True)
     time = record.time
     errors.plot(time, 1e3 * record.position_error, color=BLUE, label="position, mm")

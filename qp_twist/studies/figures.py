@@ -12,6 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
 
 from qp_twist.checks import Array
+from qp_twist.pictures.shown_figure import ShownFigure
 from qp_twist.pictures.style import RC, line_style
 from qp_twist.studies.summary import MethodSummary, numbers
 
@@ -48,7 +49,7 @@ def map_figure(title: str, columns: dict[str, Any], methods: tuple[str, ...]) ->
     flat = {axis for axis, values in places.items() if np.ptp(values[np.isfinite(values)]) < 1e-9}
     views = [view for view in _VIEWS if not flat & set(view[1:])] or list(_VIEWS[:1])
     with mpl.rc_context(RC | {"axes.grid": False}):
-        figure = Figure(figsize=(max(7.0, 3.0 * len(views) + 1.2), 2.2 * len(rows) + 1.0),
+        figure = ShownFigure(figsize=(max(7.0, 3.0 * len(views) + 1.2), 2.2 * len(rows) + 1.0),
                         layout="constrained")  # fmt: skip
         widths = [np.ptp(_ends(places[across])) for _, across, _ in views]
         panels = figure.subplots(len(rows), len(views), squeeze=False, width_ratios=widths)
@@ -98,7 +99,7 @@ def _ends(values: Array) -> tuple[float, float]:
 def fault_figure(title: str, summaries: list[MethodSummary]) -> Figure:
     """How runs of feasible samples end, a bar a method."""
     with mpl.rc_context(RC | {"axes.grid": False}):
-        figure = Figure(figsize=(9.5, 0.42 * len(summaries) + 1.7), layout="constrained")
+        figure = ShownFigure(figsize=(9.5, 0.42 * len(summaries) + 1.7), layout="constrained")
         panel = figure.subplots()
         seen = [k for k in _FAULTS if any(k in s.faults for s in summaries)]
         left = np.array([100.0 * s.possible.share if s.possible.of else 0.0 for s in summaries])
@@ -124,7 +125,7 @@ def z_figure(title: str, columns: dict[str, Any], methods: tuple[str, ...]) -> F
     """Mean z of successful runs over the mean of each waypoint's least, as a distribution."""
     name, ratio = np.array(columns["method"]), numbers(columns["z_over_least"])
     with mpl.rc_context(RC):
-        figure = Figure(figsize=(9.5, 4.2), layout="constrained")
+        figure = ShownFigure(figsize=(9.5, 4.2), layout="constrained")
         panel = figure.subplots()
         for method in methods:
             mine = np.sort(ratio[(name == method) & np.isfinite(ratio)])

@@ -163,9 +163,10 @@ class Study:
     def figures(self) -> dict[str, Figure]:
         """Matplotlib figures by name: ``faults``, ``z``, and ``maps`` where placements vary."""
         # Imports Matplotlib, which the worker processes do not need.
+        from qp_twist.pictures.shown_figure import Figures
         from qp_twist.studies.figures import fault_figure, map_figure, z_figure
 
-        found = {"faults": fault_figure(self.title, self.summary())}
+        found = Figures(faults=fault_figure(self.title, self.summary()))
         table = self.table(["method", "z_over_least"])
         found["z"] = z_figure(self.title, table.to_pydict(), self.job.methods)
         if "placement" in self.job.vary:
