@@ -20,6 +20,11 @@ Indices = npt.NDArray[np.intp]
 Mask = npt.NDArray[np.bool_]
 
 
+def clause(sentence: object) -> str:
+    """A sentence without its full stop, to be continued, or closed by another sentence."""
+    return str(sentence).strip().removesuffix(".")
+
+
 def finite_array(
     name: str,
     value: npt.ArrayLike,
@@ -88,6 +93,29 @@ def instance(name: str, value: object, kind: type) -> None:
     """Refuse a ``value`` that is not of the type expected."""
     if not isinstance(value, kind):
         raise InvalidInput(f"{name}: expected a {kind.__name__}, got {type(value).__name__}.")
+
+
+_Class = TypeVar("_Class", bound=type)
+
+
+def all_arguments(hint: str) -> Callable[[_Class], _Class]:
+    """A decorator of a class: arguments that are missing or unknown are refused, with a hint."""
+
+    def decorated(cls: _Class) -> _Class:
+        made, signature = cls.__init__, inspect.signature(cls)  # type: ignore[misc]
+
+        @functools.wraps(made)
+        def init(self: object, *args: Any, **kwargs: Any) -> None:
+            try:
+                signature.bind(*args, **kwargs)
+            except TypeError as error:
+                raise InvalidInput(f"{cls.__name__}(…): {error}; {hint}.") from None
+            made(self, *args, **kwargs)
+
+        cls.__init__ = init  # type: ignore[misc]
+        return cls
+
+    return decorated
 
 
 def rotation_matrix(name: str, value: npt.ArrayLike) -> Array:

@@ -38,7 +38,8 @@ for method, gain in (
     ("minimum_norm", 0.0), ("twa", 0.0), ("twa", 0.003), ("twa", 0.006), ("twa", 0.03),
     ("twa", 0.1), ("twa", 1.0), ("gradient_projection", 1.0),
 ):  # fmt: skip
-    runs = [qt.follow(dataclasses.replace(path, start=q), method, gain=gain) for q in starts]
+    options = {} if method == "minimum_norm" else {"gain": gain}  # it has no secondary
+    runs = [qt.follow(dataclasses.replace(path, start=q), method, **options) for q in starts]
     outside = sum(bool((run.margins[1:] < -1e-9).any()) for run in runs)
     mean = np.mean([run.z.mean() for run in runs])
     print(

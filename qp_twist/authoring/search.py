@@ -12,7 +12,7 @@ import numpy as np
 
 from qp_twist.authoring.reach import Placement, Placements, placements
 from qp_twist.authoring.search_clock import SearchClock
-from qp_twist.checks import Array
+from qp_twist.checks import Array, clause
 from qp_twist.errors import InvalidInput
 from qp_twist.following import FoundStart, NoStart, find_starts, plan
 from qp_twist.following.compiled_walk import CompiledWalk, walk_known
@@ -201,7 +201,7 @@ class TaskSearch:
             forbids = what_forbids(trial.path_task, run.kept)
             return dataclasses.replace(trial, why=f"{why}: {forbids}", impossible=True)
         if run.held_by:
-            why += f", held by {run.held_by}"
+            why += f": {run.held_by}"
         return dataclasses.replace(trial, why=why)
 
     def _by_plan(self, path_task: PathTask, best: Trial) -> Iterable[Trial]:
@@ -214,7 +214,7 @@ class TaskSearch:
         try:
             found = plan(freed, progress=self._planning)
             if found.q is None:
-                why = f"{best.why}; nor is there a plan: {found.certificate}"
+                why = f"{best.why}; nor is there a plan: {clause(found.certificate)}"
                 yield dataclasses.replace(best, why=why, impossible=True)
                 return
             start = self._as_found(path_task, found.start)
@@ -274,7 +274,7 @@ class TaskSearch:
         try:
             run = run_task(task, method, out, give_up=True, progress=following, planning=planning)
         except InvalidInput as error:
-            return Trial(path_task, place, start, method, why=str(error))
+            return Trial(path_task, place, start, method, why=clause(error))
         except _TimeIsUp:
             why = f"the time of the search was up at waypoint {reached} of {start.waypoints}"
             start = dataclasses.replace(start, reached=reached)

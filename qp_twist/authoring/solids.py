@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from qp_twist.checks import Array
+from qp_twist.checks import Array, clause
 from qp_twist.errors import InvalidInput
 from qp_twist.files import check_regular
 
@@ -108,7 +108,7 @@ def _read(file: Path) -> trimesh.Trimesh:
     try:
         mesh = trimesh.load(file, force="mesh")
     except Exception as error:  # whatever a reader raises about the content
-        raise InvalidInput(f"{file}: cannot be read as a mesh: {error}.") from error
+        raise InvalidInput(f"{file}: cannot be read as a mesh: {clause(error)}.") from error
     if not isinstance(mesh, trimesh.Trimesh) or not len(mesh.faces):
         raise InvalidInput(f"{file}: there are no triangles in it; export it as a mesh.")
     if not np.isfinite(mesh.vertices).all():

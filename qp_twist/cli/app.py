@@ -17,6 +17,7 @@ import os
 import sys
 import tempfile
 import warnings
+from collections.abc import Sequence
 from contextvars import ContextVar
 from pathlib import Path
 from typing import Annotated, NoReturn
@@ -28,6 +29,7 @@ from tyro.extras import SubcommandApp
 from qp_twist.comparison.table import WIDTH
 from qp_twist.errors import InvalidInput
 from qp_twist.files import inputs
+from qp_twist.following import with_options
 from qp_twist.kinematics import JointRanges
 from qp_twist.paths import METHODS, PathTask, check_method, load_task
 from qp_twist.programs import SUFFIXES, dialect_of
@@ -48,6 +50,8 @@ Task = Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="TASK")]
 Names = Annotated[str | None, tyro.conf.arg(metavar="A,B,…")]
 MethodName = Annotated[str, tyro.conf.arg(metavar="NAME")]
 Solver = Annotated[str | None, tyro.conf.arg(metavar="NAME")]
+Gain = Annotated[float | None, tyro.conf.arg(metavar="K")]
+Weight = Annotated[str | None, tyro.conf.arg(metavar="gradient|paper|natural|equal")]
 Folder = Annotated[Path | None, tyro.conf.arg(metavar="DIR")]
 File = Annotated[Path, tyro.conf.arg(metavar="FILE")]
 OptionalFile = Annotated[Path | None, tyro.conf.arg(metavar="FILE")]
@@ -70,6 +74,17 @@ def fail(sentence: str) -> NoReturn:
     """Print on standard error, also if quiet, why a check failed; exit code 1."""
     print(f"qp-twist: {sentence}", file=sys.stderr)
     raise SystemExit(1)
+
+
+def with_secondary(
+    path_task: PathTask, methods: Sequence[str], gain: float | None, weight: str | None
+) -> PathTask:
+    """The task with --gain and --weight in place of the settings of the methods that use them."""
+    given = {"gain": gain, "weight": weight}
+    options = {name: value for name, value in given.items() if value is not None}
+    if not options:
+        return path_task
+    return with_options(path_task, methods, options, " and ".join(f"--{name}" for name in options))
 
 
 def show(table: RenderableType) -> None:

@@ -12,15 +12,18 @@ import tyro
 
 from qp_twist.cli.app import (
     Folder,
+    Gain,
     Names,
     OptionalFile,
     Task,
+    Weight,
     app,
     check_folder,
     load,
     method_names,
     say,
     show,
+    with_secondary,
 )
 from qp_twist.cli.progress import load_machine_code, method_progress, working
 from qp_twist.comparison import Comparison, Interrupted, csv_table, notes, rich_table
@@ -34,6 +37,8 @@ def compare(
     task: Task,
     methods: Names = None,
     solver: Annotated[str | None, tyro.conf.arg(metavar="NAME")] = None,
+    gain: Gain = None,
+    weight: Weight = None,
     out: Folder = None,
     path: OptionalFile = None,
     json: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False,
@@ -47,6 +52,8 @@ def compare(
         task: Name of a shipped task, or path to a .toml file.
         methods: Method names separated by commas; if omitted, all applicable ones.
         solver: Backend of the QPs, e.g. proxqp, osqp; if omitted, the study's, or machine code.
+        gain: Of the secondary objective, for the methods that have one.
+        weight: Of a centering secondary, likewise.
         out: Folder to write to; if omitted, out/TASK, with --json or --csv none.
         path: Toolpath file to follow instead of the task's path.
         json: Print only the content of comparison.json.
@@ -67,6 +74,7 @@ def compare(
         if not (json or csv):
             say(str(drawn))
     names = method_names(path_task, methods)
+    path_task = with_secondary(path_task, names, gain, weight)
     folder = out or (None if json or csv else Path("out") / path_task.name)
     if folder is not None:
         check_folder(folder)
@@ -91,7 +99,15 @@ def compare(
     if folder is None:
         return
     command = _command(
-        task, methods=methods, solver=solver, path=path, sample=sample, **{"from": from_}, out=out
+        task,
+        methods=methods,
+        solver=solver,
+        gain=gain,
+        weight=weight,
+        path=path,
+        sample=sample,
+        **{"from": from_},
+        out=out,
     )
     with working("drawing the figures, writing the report"):
         lines = comparison.report(folder, command=command)

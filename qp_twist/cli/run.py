@@ -8,12 +8,14 @@ from qp_twist.cli.app import (
     File,
     Flag,
     Folder,
+    Gain,
     Json,
     MethodName,
     OptionalFile,
     RobotName,
     Solver,
     Task,
+    Weight,
     app,
     check_file,
     check_folder,
@@ -22,6 +24,7 @@ from qp_twist.cli.app import (
     program_joints,
     quiet,
     say,
+    with_secondary,
 )
 from qp_twist.cli.progress import load_machine_code, method_progress, working
 from qp_twist.comparison import compare, metrics
@@ -48,6 +51,8 @@ def run(
     method: MethodName = DEFAULT_METHOD,
     solver: Solver = None,
     path: OptionalFile = None,
+    gain: Gain = None,
+    weight: Weight = None,
     report: Folder = None,
     robot: RobotName = None,
     as_modelled: Flag = False,
@@ -67,6 +72,8 @@ def run(
         method: Method name.
         solver: Backend of the QPs; if omitted, machine code.
         path: Toolpath to follow instead of the task's own, e.g. path.csv.
+        gain: Of the secondary objective, instead of the task file's or the method's own.
+        weight: Of a centering secondary, likewise.
         report: Folder for a report that compares the method with its closed form or QP.
         robot: For a program: the robot's name in the table of known robots, or a file with a table
             of its own (.toml); if omitted, recognised by name and geometry.
@@ -74,7 +81,7 @@ def run(
         json_: Print the file, the times and the findings of the check as JSON.
     """
     path_task = load(task, path)
-    check_method(method)
+    path_task = with_secondary(path_task, [check_method(method)], gain, weight)
     check_file(out)
     if report is not None:
         check_folder(report, "--report")
@@ -99,10 +106,10 @@ def run(
         )
     trajectory, rows, timed, check = done.trajectory, done.rows, done.timed, done.check
     if rows is None or check is None:
-        _say_how(trajectory)
+        _say_how(trajectory, stated=gain is not None or weight is not None)
         fail(f"{out}: not written: {method} {trajectory.ending}")
     say(f"wrote {out}: {len(trajectory.q)} waypoints, {method}: {trajectory.summary}")
-    _say_how(trajectory)
+    _say_how(trajectory, stated=gain is not None or weight is not None)
     if len(rows.q) > len(trajectory.q):
         more = len(rows.q) - len(trajectory.q)
         say(f"{more} rows more between waypoints, where the joints would have left the path")
@@ -113,6 +120,7 @@ def run(
     if report is not None:
         pair = [n for n in path_task.method_names() if pair_of(n) == pair_of(method)]
         pair = pair if method in pair else [*pair, method]
+        path_task = with_secondary(path_task, pair, gain, weight)
         with method_progress(pair, len(path_task.waypoints) - 1) as progress:
             comparison = compare(
                 path_task, pair, solver=solver, progress=progress.done, planning=progress.planning
@@ -161,13 +169,14 @@ def _timing(timed: TimedTrajectory | None, rows: Trajectory) -> list[str]:
     return lines
 
 
-def _say_how(trajectory: Trajectory) -> None:
-    """Print the method's settings, and what did not go as usual."""
+def _say_how(trajectory: Trajectory, *, stated: bool) -> None:
+    """Print the method's settings, ``stated`` in the command or not, and what was unusual."""
     path_task, method = trajectory.path_task, trajectory.method
     plan = trajectory.interrupted_plan
     if plan is not None:
         say(f"{method}: planning was interrupted; the best plan by then: {plan.result}")
-    say(f"{method}: {path_task.settings(method)} ({_source_of_settings(path_task, method)})")
+    source = "of the command" if stated else _source_of_settings(path_task, method)
+    say(f"{method}: {path_task.settings(method)} ({source})")
     status = metrics(trajectory)["status"]
     if status != "ok":
         say(f"{method}: {status}")

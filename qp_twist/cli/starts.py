@@ -54,7 +54,7 @@ def starts(
     if json_:
         print(json.dumps([_facts(start, ranges) for start in found], indent=2, allow_nan=False))
     if not best.completed:
-        held = f", held by {best.stopped_by}" if best.stopped_by else ""
+        held = f": {best.stopped_by}" if best.stopped_by else ""
         say(f"none of them leads to the end; the best stops after waypoint {best.reached}{held}")
         quiet.reset(shown)
         raise SystemExit(1)

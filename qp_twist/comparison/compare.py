@@ -20,7 +20,7 @@ from qp_twist.drawing import scene_picture
 from qp_twist.drawing.sight import overview
 from qp_twist.errors import InvalidInput
 from qp_twist.files import write_atomically
-from qp_twist.following import Trajectory, follow, with_start
+from qp_twist.following import Trajectory, follow, with_options, with_start
 from qp_twist.notebook import html_table
 from qp_twist.paths import METHODS, PathTask, check_method, load_task, refuse_joint_moves
 from qp_twist.qp import check_solver
@@ -55,7 +55,8 @@ class Comparison:
             "waypoints": len(self.path_task.waypoints),
             "solver": self.solver,
             "settings": {
-                name: self.path_task.settings(name).model_dump() for name in self.trajectories
+                name: self.path_task.settings(name).model_dump(mode="json")
+                for name in self.trajectories
             },
             "methods": {name: metrics(t) for name, t in self.trajectories.items()},
             "compiled": {name: compiled_share(t) for name, t in self.trajectories.items()},
@@ -99,8 +100,9 @@ class Comparison:
         """
         # Import Matplotlib on demand: it takes half a second.
         from qp_twist.comparison import joint_figure, path_figure, roadmap_figure
+        from qp_twist.pictures.shown_figure import Figures
 
-        figures = joint_figure.joint_figures(self.path_task, self.trajectories)
+        figures = Figures(joint_figure.joint_figures(self.path_task, self.trajectories))
         figures["along_the_path"] = path_figure.path_figure(self.path_task, self.trajectories)
         if roadmap_figure.applies_to(self.path_task):
             figures["roadmap"] = roadmap_figure.roadmap_figure(self.path_task, self.trajectories)
@@ -205,6 +207,7 @@ def compare(
     solver: str | None = None,
     progress: Callable[[str, int], None] | None = None,
     planning: Callable[[str, float], None] | None = None,
+    **options: Any,
 ) -> Comparison:
     """Follow a path with several methods.
 
@@ -214,9 +217,11 @@ def compare(
         solver: Backend of the QP methods; machine code if ``None``.
         progress: Called with a method's name and the number of its waypoints done.
         planning: Called during planning with the current phase and its share done.
+        **options: Settings as of :func:`~qp_twist.follow`, for those of the methods that use them.
 
     Raises:
-        InvalidInput: If a method is unknown or does not apply, or none can start.
+        InvalidInput: If an option is unknown or used by none of the methods, a method is unknown or
+            does not apply, or none can start.
         UnknownSolver: If the backend is not installed.
         Interrupted: On Ctrl-C, once a method is finished; it has the comparison of those that are.
 
@@ -234,6 +239,8 @@ def compare(
     names = task.method_names() if methods is None else [check_method(m) for m in methods]
     if not names:
         raise InvalidInput("compare: methods is empty; name at least one.")
+    if options:
+        task = with_options(task, names, options, "compare")
     task = with_start(task, planning)
     order = {name: index for index, name in enumerate(METHODS)}
     trajectories: dict[str, Trajectory] = {}

@@ -10,7 +10,7 @@ import mink
 import mujoco
 import numpy as np
 
-from qp_twist.checks import Array, Indices, Mask, float_array
+from qp_twist.checks import Array, Indices, Mask, clause, float_array
 from qp_twist.errors import InvalidInput
 from qp_twist.kinematics import JointRanges
 
@@ -194,8 +194,8 @@ def check_constraint(label: str, constraint: Constraint, model: mujoco.MjModel) 
             raise
         except Exception as error:  # may be a class of the user
             raise InvalidInput(
-                f"{call} raises {type(error).__name__}: {error}. It has to be a constraint of "
-                f"this robot, which has {model.nv} degrees of freedom."
+                f"{call} raises {type(error).__name__}: {clause(error)}. It has to be a constraint "
+                f"of this robot, which has {model.nv} degrees of freedom."
             ) from error
         if found.shape != shape or np.isnan(found).any():
             raise InvalidInput(f"{call}: expected numbers of shape {shape}, got {found!r}."[:300])

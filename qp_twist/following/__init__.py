@@ -4,6 +4,7 @@ from qp_twist.planning import NoStart as NoStart
 
 from . import batch as batch
 from .follow import follow as follow
+from .follow import with_options as with_options
 from .found_starts import FoundStart as FoundStart
 from .found_starts import find_starts as find_starts
 from .planned import plan as plan

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import dataclasses
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 from pydantic import ValidationError
@@ -15,6 +15,7 @@ from qp_twist.following.planned import with_start
 from qp_twist.following.stretches import follow_stretches
 from qp_twist.following.trajectory import Trajectory
 from qp_twist.following.walk import walk
+from qp_twist.kinematics import SecondaryObjective
 from qp_twist.paths import (
     DEFAULT_METHOD,
     METHODS,
@@ -76,16 +77,16 @@ def follow(
             velocity limits never need it. Acceleration limits are then left to
             :func:`~qp_twist.time_trajectory`.
         **options: Settings that replace those of the task file, which replace the method's own
-            (:data:`~qp_twist.paths.methods.METHODS`): ``iterations``, ``secondary``,
-            ``weight``, ``gain``, ``objective``, and for the peers ``posture_cost`` and
-            ``every_iteration``.
+            (:data:`~qp_twist.paths.methods.METHODS`): ``iterations``, ``secondary`` (a name, or a
+            :class:`~qp_twist.SecondaryObjective`), ``weight``, ``gain``, ``objective``, and for the
+            peers ``posture_cost`` and ``every_iteration``.
 
     Returns:
         The trajectory, its first row the start corrected onto the first waypoint.
 
     Raises:
-        InvalidInput: If the method or an option is unknown, the start cannot be corrected, or there
-            is no plan.
+        InvalidInput: If the method or an option is unknown, an option would change nothing, the
+            start cannot be corrected, or there is no plan.
         UnknownSolver: If the backend is not installed.
     """
     instance("follow(path_task, …)", path_task, PathTask)
@@ -103,9 +104,11 @@ def follow(
             raise InvalidInput(f"follow({name}=…): expected a function, got {function!r}.")
     instance("follow(slow_down=…)", slow_down, bool)
     solver = check_solver(solver)
-    settings = settings_of(path_task, check_method(method), options)
+    if options:
+        path_task = with_options(path_task, [check_method(method)], options, f"follow({method!r})")
+    settings = path_task.settings(method)
     if method in path_task.starts:
-        path_task = dataclasses.replace(path_task, start=path_task.starts[method], best_start=False)
+        path_task = replace(path_task, start=path_task.starts[method], best_start=False)
     path_task = with_start(path_task, planning)
     motion: Array | None = None
     bound: float | None = None
@@ -119,7 +122,7 @@ def follow(
         free = int(PathRows(path_task).freedom.max())
         of_z = plan.objective == "centering" and not plan.joint_weights
         bound = plan.bound if of_z and free <= BOUNDED and not path_task.joint_moves else None
-        path_task = dataclasses.replace(path_task, start=motion[0])
+        path_task = replace(path_task, start=motion[0])
     trajectory = (follow_stretches if path_task.joint_moves else walk)(
         path_task,
         method,
@@ -130,22 +133,59 @@ def follow(
         progress=progress,
         stop=stop,
     )
-    return dataclasses.replace(trajectory, z_bound=bound, interrupted_plan=interrupted)
+    return replace(trajectory, z_bound=bound, interrupted_plan=interrupted)
 
 
-def settings_of(path_task: PathTask, method: str, options: dict[str, Any]) -> MethodSettings:
-    """Settings of a method: the task file's, with options in their place.
+def with_options(
+    path_task: PathTask, methods: Sequence[str], options: Mapping[str, Any], call: str
+) -> PathTask:
+    """The task with options in place of the settings of methods, of each those that it uses.
+
+    Args:
+        path_task: The task.
+        methods: Names of the methods.
+        options: Fields of :class:`~qp_twist.paths.MethodSettings`.
+        call: What was called, for messages.
 
     Raises:
-        InvalidInput: If an option is unknown or has an invalid value.
+        InvalidInput: If an option is unknown, has an invalid value, or would change nothing in any
+            of the methods.
     """
-    merged = {**path_task.settings(method).model_dump(), **options}
+    changed, left = dict(path_task.methods), dict[str, str]()
+    used: set[str] = set()
+    for method in methods:
+        merged = {**path_task.settings(method).model_dump(), **options}
+        unused = METHODS[method].unused(_validated(merged, call))
+        own = {name: value for name, value in options.items() if name not in unused}
+        stated = path_task.methods.get(method, MethodSettings()).model_dump(exclude_unset=True)
+        used |= set(own)
+        secondary = own.get("secondary")
+        if isinstance(secondary, SecondaryObjective):
+            own["gain"] = secondary.gain
+        changed[method] = _validated({**stated, **own}, call)
+        left |= {name: why for name, why in unused.items() if name in options}
+    for name in options:
+        if name not in used:
+            raise InvalidInput(
+                f"{call}: option {name} would change nothing, since {left[name]}; leave it out."
+            )
+    secondary = options.get("secondary")
+    if isinstance(secondary, SecondaryObjective) and secondary.model.nv != path_task.model.nv:
+        raise InvalidInput(
+            f"{call}: the {type(secondary).__name__} is of a model with {secondary.model.nv} "
+            f"degrees of freedom, the robot of {path_task.name} has {path_task.model.nv}; make it "
+            "of task.model."
+        )
+    return replace(path_task, methods=changed)
+
+
+def _validated(settings: dict[str, Any], call: str) -> MethodSettings:
     try:
-        return MethodSettings.model_validate(merged)
+        return MethodSettings.model_validate(settings)
     except ValidationError as error:
         item = error.errors()[0]
         known = ", ".join(MethodSettings.model_fields)
         raise InvalidInput(
-            f"follow({method!r}): option {'.'.join(map(str, item['loc']))}: {item['msg']}, got "
+            f"{call}: option {'.'.join(map(str, item['loc']))}: {item['msg']}, got "
             f"{item['input']!r}. Options: {known}."
         ) from None

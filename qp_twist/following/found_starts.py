@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from qp_twist.checks import Array, instance, whole_number
+from qp_twist.checks import Array, clause, instance, whole_number
 from qp_twist.errors import InvalidInput
 from qp_twist.following.stretches import follow_stretches
 from qp_twist.following.walk import walk
@@ -35,7 +35,8 @@ class FoundStart:
         reached: Number of waypoints, the first included, that a run from it kept to the path; 0
             without a run.
         waypoints: Number of waypoints of the path.
-        stopped_by: Active limits at the end of an incomplete run, where known.
+        stopped_by: Active limits at the end of an incomplete run, or why it had no step, where
+            known.
     """
 
     q: Array
@@ -140,7 +141,7 @@ def _run(path_task: PathTask, q: Array, method: str) -> tuple[int, str]:
             task, method, task.settings(method), solver=COMPILED, slow_down=True, stop=lost
         )
     except InvalidInput as error:  # directions free in T may still violate a limit of the method
-        return 0, str(error)
+        return 0, clause(error)
     off = (run.position_error > _KEPT_M) | (run.axis_error > _KEPT_RAD)
     passed = via_points(run.path_task)[: len(run.q)]
     if not off.any():

@@ -147,12 +147,12 @@ def posed_step(
     weight, centering = settings.weight, settings.secondary == "centering"
     _refuse(method, {
         "peers run robots of hinges and slides only.": ranges.qpos.min(initial=0) < 0,
-        f"secondary {settings.secondary!r} cannot be said with a posture task; give none, "
-        "centering or posture.": settings.secondary not in ("none", "centering", "posture"),
+        f"secondary {settings} cannot be stated as a posture task; give none, centering or "
+        "posture.": settings.secondary not in ("none", "centering", "posture"),
         f"a posture's gain is 0 to 1, got {settings.gain:g}.": settings.gain > 1.0,
         "posture_cost is 0, which leaves the free motion to rounding; give a small number above "
         "0.": settings.posture_cost == 0.0,
-        f"weight {weight!r} cannot be said with a posture task; give natural (costs in the ratio "
+        f"weight {weight!r} cannot be stated as a posture task; give natural (costs in the ratio "
         "of the ranges) or equal.": centering and weight not in ("natural", "equal"),
     })  # fmt: skip
     target, costs = path_task.start.copy(), np.full(path_task.model.nv, settings.posture_cost)

@@ -280,6 +280,8 @@ def secondary_objectives(
 ) -> list[SecondaryObjective]:
     """A list of the secondary objective in a method's settings; empty if there is none."""
     model = path_task.model
+    if settings.own_secondary is not None:
+        return [settings.own_secondary]
     match settings.secondary:
         case "centering":
             if settings.weight == "equal":

@@ -11,7 +11,7 @@ import mink
 import numpy as np
 import numpy.typing as npt
 
-from qp_twist.checks import Array
+from qp_twist.checks import Array, clause
 from qp_twist.control import Status
 from qp_twist.following.blending import resolvers_along
 from qp_twist.following.resolver import (
@@ -134,7 +134,7 @@ class _Steps:
             try:
                 duration = self._approach(resolver, duration)
             except NoSolutionFound as error:
-                recorder.failure = f"no step at waypoint {index + 1}: {error}"
+                recorder.failure = f"no step at waypoint {index + 1}: {clause(error)}"
         if recorder.diverged_at is None and not _sane(self.configuration.q):
             recorder.diverged_at = index + 1
             self.configuration.update(recorder.q[-1])

@@ -8,11 +8,13 @@ them, and an option of ``follow`` overrides both.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Annotated, Literal, get_args
+from typing import Annotated, Any, Literal, get_args
 
-from pydantic import Field
+from pydantic import Field, SerializationInfo, WrapValidator, field_serializer
 
+from qp_twist.kinematics import SecondaryObjective
 from qp_twist.paths.section import Section
 
 MethodName = Literal[
@@ -40,18 +42,25 @@ DEFAULT_METHOD: MethodName = "qp_gradient"
 """The method that runs if none is named."""
 
 
+def _own_or_known(value: Any, known: Callable[[Any], Any]) -> Any:
+    """An objective as it is; what else there may be is validated."""
+    return value if isinstance(value, SecondaryObjective) else known(value)
+
+
 class MethodSettings(Section):
     """Settings of one method: a ``[methods.NAME]`` table of a task file.
 
-    The defaults of weight and gain are those of :data:`DEFAULT_METHOD`.
+    The defaults of weight and gain are those of :data:`DEFAULT_METHOD`. In Python ``secondary`` may
+    be a :class:`~qp_twist.SecondaryObjective`, which then has its own gain.
     """
 
     iterations: Annotated[int, Field(ge=1, le=1000)] = Field(
         default=20, description="most iterations for a waypoint"
     )
-    secondary: Literal["none", "centering", "posture", "manipulability", "plan"] = Field(
-        default="none", description="what the free motion is spent on"
-    )
+    secondary: Annotated[
+        Literal["none", "centering", "posture", "manipulability", "plan"],
+        WrapValidator(_own_or_known),
+    ] = Field(default="none", description="what the free motion is spent on")
     weight: Literal["gradient", "paper", "natural", "equal"] = Field(
         default="natural",
         description="of centering: h = WᵀW(θ̄ − θ), the paper's W(θ̄ − θ), or θ̄ − θ with the "
@@ -78,6 +87,17 @@ class MethodSettings(Section):
         "first of a waypoint",
     )
 
+    @field_serializer("secondary")
+    def _secondary(self, value: object, info: SerializationInfo) -> object:
+        """An objective is kept in Python; JSON has the name of its class."""
+        return value if isinstance(value, str) or info.mode == "python" else type(value).__name__
+
+    @property
+    def own_secondary(self) -> SecondaryObjective | None:
+        """The objective, if it is not one of those that have a name here."""
+        value: object = self.secondary
+        return value if isinstance(value, SecondaryObjective) else None
+
     @property
     def metric(self) -> Literal["1", "WᵀW"]:
         """M of the joint-space cost ‖q̇ − ḣ‖²_M of a QP of this package."""
@@ -86,6 +106,8 @@ class MethodSettings(Section):
 
     def __str__(self) -> str:
         """The secondary and its numbers, e.g. ``centering, weight natural, gain 0.05``."""
+        if self.own_secondary is not None:
+            return f"{type(self.secondary).__name__}, gain {self.own_secondary.gain:g}"
         match self.secondary:
             case "none":
                 return "no secondary"
@@ -132,6 +154,30 @@ class Method:
     def holds_limits(self) -> bool:
         """Whether it keeps position and velocity limits; of the closed forms only ``sns`` does."""
         return self.constrained or self.name == "sns" or bool(self.peer)
+
+    def unused(self, settings: MethodSettings) -> dict[str, str]:
+        """The settings that change nothing, by name, and why."""
+        free = self.constrained or self.peer or self.defaults.secondary != "none"
+        found: dict[str, str] = {}
+        if not free:
+            reason = "the method has no secondary"
+            found = dict.fromkeys(("secondary", "gain", "weight", "objective"), reason)
+        elif settings.own_secondary is not None:
+            reason = "the objective that is given as secondary has its own"
+            found = dict.fromkeys(("gain", "weight", "objective"), reason)
+        else:
+            if settings.secondary == "none":
+                found["gain"] = "there is no secondary"
+            if settings.secondary != "centering":
+                found["weight"] = f"the secondary is {settings.secondary}, not centering"
+            if settings.secondary != "plan":
+                found["objective"] = f"the secondary is {settings.secondary}, not a plan"
+        if self.name != "sns":
+            found["optimal"] = "only sns has it"
+        if not self.peer:
+            reason = "only other libraries' steps have it"
+            found |= dict.fromkeys(("posture_cost", "every_iteration"), reason)
+        return found
 
 
 _CENTERING = MethodSettings(secondary="centering")

@@ -13,7 +13,7 @@ import mink
 import mujoco
 import numpy as np
 
-from qp_twist.checks import Array, did_you_mean
+from qp_twist.checks import Array, all_arguments, did_you_mean, finite_array, instance
 from qp_twist.constraints import (
     Clearance,
     Constraint,
@@ -45,6 +45,7 @@ from qp_twist.robots import KnownRobot, known_limits
 FromStart = Literal["nothing", "roll", "orientation"]
 
 
+@all_arguments("qt.load_task(file) makes a task of a task file, dataclasses.replace changes one")
 @dataclass(frozen=True, eq=False)
 class PathTask:
     """Robot, path, projectors, limits and settings for following a path.
@@ -132,12 +133,35 @@ class PathTask:
     scene_model: mujoco.MjModel | None = None
 
     def __post_init__(self) -> None:
+        self._check_types()
         if self.relative_to is not None and self.scene_model is None:
             self._see_from(self.relative_to)
         refuse_other_equalities("scene", self.scene_model or self.model)
         object.__setattr__(self, "constraints", self._with_those_of_the_model())
         check_segments(self.operational, self.projector, self.segments, len(self.waypoints))
         check_joint_moves(self.joint_moves, self.segments, len(self.waypoints))
+
+    def _check_types(self) -> None:
+        """Refuse arguments of other types, where what they lead to would be no clear message."""
+        if isinstance(self.scene, str):
+            object.__setattr__(self, "scene", Path(self.scene))
+        for name, kind in (
+            ("name", str),
+            ("scene", Path),
+            ("model", mujoco.MjModel),
+            ("frame_name", str),
+            ("projector", TwistProjector),
+            ("operational", TwistProjector),
+        ):
+            instance(f"PathTask({name}=…)", getattr(self, name), kind)
+        ways = self.waypoints
+        if not isinstance(ways, (list, tuple)) or not all(isinstance(w, mink.SE3) for w in ways):
+            raise InvalidInput(
+                f"PathTask(waypoints=…): expected poses, mink.SE3, got {ways!r:.80}."
+            )
+        if not ways:
+            raise InvalidInput("PathTask(waypoints=…): there are none; a path has at least one.")
+        finite_array("PathTask(start=…)", self.start, (self.model.nq,))
 
     def _see_from(self, body: str) -> None:
         """Take the model as seen from a body, and bring all arrays by joint into its order."""

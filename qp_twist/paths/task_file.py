@@ -20,7 +20,7 @@ import numpy as np
 import numpy.typing as npt
 from pydantic import ValidationError
 
-from qp_twist.checks import Array, did_you_mean, unit_vector
+from qp_twist.checks import Array, clause, did_you_mean, unit_vector
 from qp_twist.constraints import Clearance, per_joint
 from qp_twist.errors import InvalidInput, TaskFileError
 from qp_twist.files import read_text
@@ -35,6 +35,7 @@ from qp_twist.kinematics import (
 )
 from qp_twist.paths.file_path import FileWaypoints, file_segments, file_waypoints
 from qp_twist.paths.file_path_schema import FilePath
+from qp_twist.paths.methods import METHODS
 from qp_twist.paths.orientation import poses, roll_by_plane
 from qp_twist.paths.path_task import FromStart, PathTask, check_carrier
 from qp_twist.paths.rerooted import rerooted
@@ -91,9 +92,9 @@ def load_task(task: str | Path, *, path: str | Path | None = None) -> PathTask:
     except tomllib.TOMLDecodeError as error:
         twice = "; the same key or table stands in the file twice, or as both"
         why = twice if "overwrite" in str(error) or "twice" in str(error) else ""
-        raise TaskFileError(f"{source}: not valid TOML: {error}{why}.") from error
+        raise TaskFileError(f"{source}: not valid TOML: {clause(error)}{why}.") from error
     except (ValueError, RecursionError) as error:
-        raise TaskFileError(f"{source}: cannot be read: {error}.") from error
+        raise TaskFileError(f"{source}: cannot be read: {clause(error)}.") from error
     if table.get("start") in ("best", "central"):
         table["start"] = {table["start"]: True}
     if path is not None:
@@ -201,7 +202,7 @@ def _build(path: Path, file: TaskFile) -> PathTask:
         toolpath = built.read.toolpath
         toolpath = replace(toolpath, notes=(*toolpath.notes, *notes))
     timed = durations is not None
-    return PathTask(
+    task = PathTask(
         name=path.stem,
         title=file.title,
         source=path,
@@ -234,6 +235,13 @@ def _build(path: Path, file: TaskFile) -> PathTask:
         relative_to=carrier,
         scene_model=None if carrier is None else scene,
     )
+    for name, settings in task.methods.items():
+        unused = METHODS[name].unused(task.settings(name))
+        for key in settings.model_fields_set & set(unused):
+            raise InvalidInput(
+                f"methods.{name}.{key}: it would change nothing, since {unused[key]}; leave it out."
+            )
+    return task
 
 
 def _seen_from(

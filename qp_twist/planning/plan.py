@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
-from qp_twist.checks import Array, finite_array, instance, number
+from qp_twist.checks import Array, clause, finite_array, instance, number
 from qp_twist.constraints import refuse_never_apart
 from qp_twist.errors import InvalidInput
 from qp_twist.kinematics import JointRanges, SerialChain
@@ -157,7 +157,7 @@ class Plan:
     def __repr__(self) -> str:
         count = len(self.path_task.waypoints)
         ended = ", interrupted" if self.interrupted else ""
-        return f"Plan({self.path_task.name!r}, {self.result}, {count} waypoints{ended})"
+        return f"Plan({self.path_task.name!r}, {clause(self.result)}, {count} waypoints{ended})"
 
     def _repr_html_(self) -> str:
         """A small table, for notebooks."""

@@ -24,7 +24,7 @@ import mujoco
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
-from qp_twist.checks import Array, did_you_mean
+from qp_twist.checks import Array, clause, did_you_mean
 from qp_twist.errors import InvalidInput
 from qp_twist.files import of_file, read_text
 from qp_twist.kinematics import SerialChain
@@ -139,7 +139,7 @@ def read_robots(path: Path) -> tuple[KnownRobot, ...]:
         try:
             document = tomllib.loads(text)
         except tomllib.TOMLDecodeError as error:
-            raise InvalidInput(f"this is no TOML: {error}.") from None
+            raise InvalidInput(f"this is no TOML: {clause(error)}.") from None
         tables = document.get("robot")
         if not isinstance(tables, list) or not tables or set(document) != {"robot"}:
             raise InvalidInput("expected one or more tables [[robot]], and nothing else.")

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import NamedTuple
 from urllib.parse import unquote
 
+from qp_twist.checks import clause
 from qp_twist.errors import InvalidInput
 from qp_twist.files import read_bytes
 from qp_twist.robots.mesh_files import coloured_meshes, msh
@@ -114,7 +115,7 @@ def _from_dae(file: Path, shape: ET.Element) -> bytes:
     try:
         meshes = coloured_meshes(file)
     except InvalidInput as error:
-        raise InvalidInput(f"{file.name}: {error}.") from error
+        raise InvalidInput(f"{file.name}: {clause(error)}.") from error
     colour = meshes[0].colour
     if shape.tag == "visual" and shape.find("material") is None and colour is not None:
         material = ET.SubElement(shape, "material", name=f"colour of {file.name}")

@@ -12,6 +12,7 @@ import mujoco
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from qp_twist.checks import clause
 from qp_twist.errors import InvalidInput
 from qp_twist.robots.mesh_files import Colour, coloured_meshes, msh
 from qp_twist.robots.room import DRAWN, NOT_DRAWN
@@ -110,7 +111,7 @@ def add_visuals(spec: Any, visuals: list[Visual]) -> list[str]:
             try:
                 names[key] = _meshes(spec, assets, visual.file, visual.size)
             except InvalidInput as error:
-                refused[visual.stated] = str(error).rstrip(".")
+                refused[visual.stated] = clause(error)
                 continue
         for name, own in names[key]:
             body.add_geom(

@@ -9,6 +9,7 @@ from contextlib import contextmanager, redirect_stderr
 from pathlib import Path
 from typing import Any
 
+from qp_twist.checks import clause
 from qp_twist.errors import InvalidInput
 from qp_twist.robots.ros_packages import package_folders
 
@@ -66,7 +67,7 @@ def expanded(
                 if isinstance(cause, substitution_args.ArgException):
                     raise InvalidInput(_no_value(file, str(cause))) from error
             reason = " ".join(str(error).split()) or type(error).__name__
-            raise InvalidInput(f"{file}: xacro cannot expand it: {reason}.") from error
+            raise InvalidInput(f"{file}: xacro cannot expand it: {clause(reason)}.") from error
     _refuse_unknown(file, [file, *map(Path, xacro.all_includes)], arguments)
     said = [f"xacro: {line.strip()}" for line in warnings.getvalue().splitlines() if line.strip()]
     return str(document.toxml()), said

@@ -13,6 +13,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from qp_twist.checks import clause
 from qp_twist.errors import InvalidInput
 from qp_twist.files import whole_file
 
@@ -176,7 +177,7 @@ class Store:
             parquet = pq.ParquetFile(file)
         except (pa.ArrowInvalid, OSError) as error:
             raise InvalidInput(
-                f"{file}: cannot be read: {str(error).rstrip('.')}. Delete it, and its samples are "
+                f"{file}: cannot be read: {clause(error)}. Delete it, and its samples are "
                 "computed again."
             ) from error
         with parquet:

@@ -14,6 +14,7 @@ from concurrent.futures import FIRST_COMPLETED, Executor, Future, wait
 from concurrent.futures.process import BrokenProcessPool
 from typing import Any, Protocol
 
+from qp_twist.checks import clause
 from qp_twist.errors import InvalidInput
 
 Rows = list[dict[str, Any]]
@@ -151,7 +152,7 @@ class _Cluster:
             self._client = Client(scheduler, timeout=5, set_as_default=False)
         except (OSError, ValueError) as error:
             raise InvalidInput(
-                f"study(scheduler={scheduler!r}): {str(error).rstrip('.')}. Start one by `dask "
+                f"study(scheduler={scheduler!r}): {clause(error)}. Start one by `dask "
                 "scheduler`, and workers; or leave the scheduler out."
             ) from error
         if not self._client.ncores():

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from qp_twist.checks import Array
+from qp_twist.checks import Array, clause
 from qp_twist.errors import InvalidInput
 from qp_twist.trajectories.joint_rows import JointRows
 
@@ -63,7 +63,7 @@ def decode(content: bytes, joint_names: tuple[str, ...] | None) -> JointRows:
     try:
         document = json.loads(content.decode("utf-8-sig"))
     except (ValueError, RecursionError) as error:  # also invalid UTF-8 and endless numbers
-        raise InvalidInput(f"this is no JSON: {error}.") from None
+        raise InvalidInput(f"this is no JSON: {clause(error)}.") from None
     found = document
     for key in ("goal", "trajectory", "joint_trajectory"):
         if isinstance(found, dict) and isinstance(found.get(key), dict):

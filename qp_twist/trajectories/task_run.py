@@ -53,14 +53,10 @@ class TaskRun:
 
     @property
     def held_by(self) -> str:
-        """Active limits at the first missed waypoint, where known."""
-        trajectory = self.trajectory
-        if trajectory.failure:
-            return trajectory.failure
-        if trajectory.blocked_by is not None:
-            return ", ".join(trajectory.blocked_by)
-        index = trajectory.kept
-        return ", ".join(trajectory.binding[index]) if index < len(trajectory.binding) else ""
+        """Active limits at the first missed waypoint, or why it had no step, where known."""
+        trajectory, kept = self.trajectory, self.trajectory.kept
+        names = trajectory.binding[kept] if kept < len(trajectory.q) else trajectory.blocked_by
+        return trajectory.failure or ", ".join(names or ())
 
 
 def run_task(

@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from qp_twist.checks import Array, float_array
+from qp_twist.checks import Array, clause, float_array
 from qp_twist.errors import InvalidInput
 from qp_twist.files import of_file, read_bytes, write_atomically
 from qp_twist.following import Trajectory
@@ -57,7 +57,7 @@ def _from_npz(content: bytes, joint_names: tuple[str, ...] | None) -> JointRows:
         with np.load(io.BytesIO(content), allow_pickle=False) as archive:
             arrays = {name: archive[name] for name in archive.files}
     except Exception as error:  # invalid files raise various errors of zipfile, zlib or NumPy
-        raise InvalidInput(f"this is no NumPy archive (.npz): {error}") from None
+        raise InvalidInput(f"this is no NumPy archive (.npz): {clause(error)}.") from None
 
     def found(*names: str) -> Array | None:
         for name in names:

@@ -107,12 +107,11 @@ def run_once(path_task: PathTask, settings: PageSettings, progress: Progress | N
     if settings.has_limits and not settings.limits:
         task, method = without_limits(chosen, method)
     trajectory = follow(
-        task,
+        dataclasses.replace(task, methods={**task.methods, settings.method: method}),
         settings.method,
         solver=settings.solver,
         progress=lambda done: report(done / steps, f"{settings.method}: {done} of {steps} steps"),
         planning=lambda what, share: report(share, f"planning: {what}"),
-        **method.model_dump(),
     )
     trajectory = dataclasses.replace(trajectory, path_task=chosen)
     return Run(settings, trajectory, metrics(trajectory)["status"], *_rolls(trajectory))

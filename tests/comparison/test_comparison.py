@@ -7,11 +7,14 @@ import dataclasses
 import json
 from pathlib import Path
 
+import mink
+import mujoco
 import numpy as np
 import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 
 import qp_twist as qt
+from qp_twist.cli import main
 from qp_twist.comparison import metrics
 from qp_twist.planning.self_motion import manifolds
 
@@ -114,6 +117,105 @@ def test_wrong_methods_are_refused() -> None:
         qt.follow(qt.load_task("planar_line"), "qp", gaim=1.0)
     with pytest.raises(qt.InvalidInput, match=r"option gain"):
         qt.follow(qt.load_task("planar_line"), "qp", gain=-1.0)
+
+
+@pytest.mark.parametrize(
+    ("method", "options", "sentence"),
+    [
+        ("rmr", {"gain": 0.5}, "option gain would change nothing, since the method has no second"),
+        ("sns", {"secondary": "centering"}, "option secondary would change nothing"),
+        ("qp", {"secondary": "none", "gain": 0.1}, "option gain .* since there is no secondary"),
+        (
+            "qp_planned",
+            {"weight": "paper"},
+            "option weight .* the secondary is plan, not centering",
+        ),
+        ("qp", {"objective": "travel"}, "option objective .* the secondary is centering, not a"),
+        ("qp", {"optimal": False}, "option optimal .* only sns has it"),
+        ("twa", {"posture_cost": 0.1}, "option posture_cost .* only other libraries' steps"),
+    ],
+)
+def test_an_option_that_would_change_nothing_is_refused(
+    method: str, options: dict[str, object], sentence: str
+) -> None:
+    with pytest.raises(qt.InvalidInput, match=sentence):
+        qt.follow(qt.load_task("planar_line"), method, **options)
+
+
+class Mirrored(qt.SecondaryObjective):
+    """Draws the joints to the mirror image of a posture."""
+
+    def __init__(self, model: mujoco.MjModel, q: np.ndarray, gain: float = 0.05) -> None:
+        super().__init__(model, gain)
+        self.q = q
+
+    def direction(self, configuration: mink.Configuration) -> np.ndarray:
+        return -self.q - configuration.q
+
+
+@pytest.mark.parametrize("method", ["qp_gradient", "gradient_projection", "qp", "twa"])
+def test_an_objective_of_ones_own_is_followed(method: str) -> None:
+    """Its run is that of the built-in posture, whose displacement it repeats."""
+    task = qt.load_task("planar_line")
+    posture = qt.follow(task, method, secondary="posture", gain=0.05, iterations=5)
+    own = qt.follow(task, method, secondary=Mirrored(task.model, -task.start), iterations=5)
+    assert own.q == pytest.approx(posture.q, abs=1e-8)
+    other = qt.follow(task, method, secondary=Mirrored(task.model, task.start), iterations=5)
+    assert np.abs(other.q - posture.q).max() > 1e-2
+
+
+def test_an_objective_of_ones_own_is_compared_and_named() -> None:
+    task = qt.load_task("planar_line")
+    names = ["qp_gradient", "gradient_projection", "minimum_norm", "mink"]
+    comparison = qt.compare(task, names, secondary=Mirrored(task.model, task.start, 0.02))
+    content = json.loads(comparison.to_json())
+    settings = {n: (s["secondary"], s["gain"]) for n, s in content["settings"].items()}
+    assert settings["qp_gradient"] == settings["gradient_projection"] == ("Mirrored", 0.02)
+    assert settings["minimum_norm"][0] == "none"  # it has no secondary
+    assert "Mirrored" in comparison.not_run["mink"]
+    assert task.settings("qp_gradient").secondary == "centering"  # the task is as it was
+    with pytest.raises(qt.InvalidInput, match="option secondary would change nothing"):
+        qt.compare(task, ["minimum_norm"], secondary=Mirrored(task.model, task.start))
+    with pytest.raises(qt.InvalidInput, match=r"option gain .* has its own"):
+        qt.follow(task, "qp", secondary=Mirrored(task.model, task.start), gain=0.1)
+    with pytest.raises(qt.InvalidInput, match="3 degrees of freedom, the robot of deburring has 6"):
+        qt.follow(qt.load_task("deburring"), secondary=Mirrored(task.model, task.start))
+
+
+def test_options_of_a_comparison_are_for_the_methods_that_use_them() -> None:
+    comparison = qt.compare("planar_line", ["qp", "minimum_norm"], gain=0.3)
+    settings = comparison.to_dict()["settings"]
+    assert settings["qp"]["gain"] == 0.3
+    alone = qt.follow(qt.load_task("planar_line"), "qp", gain=0.3)
+    assert (comparison.trajectories["qp"].q == alone.q).all()
+
+
+def test_gain_and_weight_are_options_of_the_commands(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = ["planar_line", "--gain", "0.3", "--weight", "paper"]
+    main(["compare", *words, "--methods", "qp,minimum_norm", "--json"])
+    settings = json.loads(capsys.readouterr().out)["settings"]["qp"]
+    assert (settings["gain"], settings["weight"]) == (0.3, "paper")
+    main(["compare", *words, "--methods", "qp", "--out", str(tmp_path / "page")])
+    page = (tmp_path / "page" / "report.html").read_text("utf-8")
+    assert "--gain 0.3 --weight paper" in page  # the command that makes it again
+    capsys.readouterr()
+    out = tmp_path / "run.csv"
+    main(["run", *words, "--method", "qp_gradient", "--out", str(out)])
+    said = capsys.readouterr().out
+    assert "qp_gradient: centering, weight paper, gain 0.3 (of the command)" in said
+    direct = qt.follow(qt.load_task("planar_line"), gain=0.3, weight="paper", slow_down=True)
+    assert qt.read_trajectory(out).q[0] == pytest.approx(direct.q[0])
+    for bad, sentence in (
+        (["--gain", "-1"], "--gain: option gain"),
+        (["--weight", "heavy"], "--weight: option weight"),
+        (["--method", "rmr", "--gain", "0.1"], "--gain: option gain would change nothing"),
+    ):
+        with pytest.raises(SystemExit) as end:
+            main(["run", "planar_line", "--out", str(out), *bad])
+        assert end.value.code == 2
+        assert sentence in capsys.readouterr().err
 
 
 def test_the_joint_figure_marks_the_first_violation(four: qt.Comparison) -> None:

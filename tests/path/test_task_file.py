@@ -115,6 +115,7 @@ acceleration = { joint_1 = 4.0, joint_3 = 2.5 }
         ("[start]", "[feed]\n[start]", ["feed", "give speed"]),
         ("[start]", "[methods.qpp]\ngain = 1.0\n[start]", ["line 16", "methods.qpp", "'qp'"]),
         ("[start]", "[methods.qp]\ngain = -1.0\n[start]", ["line 17", "methods.qp.gain"]),
+        ("[start]", "[methods.rmr]\ngain = 1.0\n[start]", ["line 17", "methods.rmr.gain", "no secondary"]),
         ("[start]", '[methods.qp]\nweight = "heavy"\n[start]', ["line 17", "methods.qp.weight", "'gradient'"]),
         ("kind = ", "tool_axis = [0, 0, 1]\nkind = ", ["roll", "plane_normal"]),
         ("{ plane = [0, 0, 1] }", "{ plane = [false, false, true] }", ["line 8", "three numbers"]),

@@ -16,7 +16,7 @@ from qp_twist.errors import InvalidInput, QpTwistError
 from qp_twist.following.batch.rigid import pose_of, rigid_motions
 from qp_twist.following.batch.threads import shared
 from qp_twist.following.follow import follow as follow_one
-from qp_twist.following.follow import settings_of
+from qp_twist.following.follow import with_options
 from qp_twist.following.walk import start_of
 from qp_twist.kernel import COMPILED
 from qp_twist.kinematics import JointRanges
@@ -106,7 +106,10 @@ def follow(
 
     instance("batch.follow(path_task, …)", path_task, PathTask)
     refuse_joint_moves(path_task, "batch.follow")
-    settings = settings_of(path_task, check_method(method), options)
+    path_task = with_options(
+        path_task, [check_method(method)], options, f"batch.follow({method!r})"
+    )
+    settings = path_task.settings(method)
     if settings.secondary == "plan" or not walk_known(path_task, method, settings):
         kept = sorted({constraint.kind for constraint in path_task.stated_constraints})
         reason = f", since the task has to keep its {' and its '.join(kept)}" if kept else ""
@@ -192,9 +195,7 @@ class _Batch:
             kept[run : run + 1] = np.nan
             return
         try:
-            done = follow_one(
-                self._task(run), self.method, solver=COMPILED, **self.settings.model_dump()
-            )
+            done = follow_one(self._task(run), self.method, solver=COMPILED)
         except QpTwistError as error:
             self.failures[run] = str(error)
             return
