@@ -22,7 +22,7 @@ NAMES = ("slide_1", "slide_2")
 SIDE = np.linspace(0.0, 1.0, 21)
 LINE = np.column_stack([SIDE, 0.0 * SIDE])
 """The path, a metre along x in 2 s."""
-TASK = joint_path(slider(2), LINE, evenly(21, 0.1)).path_task
+TASK = joint_path(slider(2), LINE, evenly(21, 0.1), acceleration=1e6).path_task
 
 
 def checked(q: Array, step: float = 0.1) -> qt.Check:
