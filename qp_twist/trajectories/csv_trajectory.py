@@ -40,6 +40,8 @@ _KINDS = {
     "other": r"effort|torque|current",
 }
 _RATES = ("position", "velocity", "acceleration")
+_OTHERS = tuple(f"other {kind}" for kind in _RATES)
+"""Kinds of columns of axes that are not among the joints asked for."""
 _BETWEEN = r"[\s_./:-]+"
 _TWO_TURNS = 4.0 * math.pi
 """Positions above it without a unit are hardly in radians or metres."""
@@ -124,7 +126,9 @@ def decode(content: bytes, joint_names: tuple[str, ...] | None) -> JointRows:
     problems.refuse()
     values = np.array(found) * [columns[k].scale(names[k]) for k in used]
     _refuse_other_units([columns[k] for k in used], [names[k] for k in used], values)
-    notes = _resting_axes(columns, table.sample(len(lines)))
+    notes = []
+    if any(column.kind in _OTHERS for column in columns):
+        notes = _resting_axes(columns, table.sample(len(lines)))
     return _rows([columns[k] for k in used], values, metadata, notes)
 
 
@@ -133,12 +137,12 @@ def _resting_axes(columns: Sequence[_Column], values: Array) -> list[str]:
     travels: dict[str, float] = {}
     for column, cells in zip(columns, values.T, strict=False):
         number = cells[np.isfinite(cells)]
-        order = {f"other {kind}": k for k, kind in enumerate(_RATES)}.get(column.kind)
         size = 1.0 if column.unit is None else factor(column.unit, ANGLES, LENGTHS)
-        if order is None or size is None or not len(number):
+        if column.kind not in _OTHERS or size is None or not len(number):
             continue
         # A rate that is not 0 moves the axis wherever its positions are.
-        travel = size * (np.ptp(number) if order == 0 else np.abs(number).max())
+        position = column.kind == _OTHERS[0]
+        travel = size * (np.ptp(number) if position else np.abs(number).max())
         travels[column.joint] = max(travel, travels.get(column.joint, 0.0))
     return [resting_axis(name, float(travel)) for name, travel in travels.items()]
 
