@@ -26,6 +26,7 @@ import tyro
 from rich.console import Console, RenderableType
 from tyro.extras import SubcommandApp
 
+from qp_twist.cli.compiling import note_compiling
 from qp_twist.comparison.table import WIDTH
 from qp_twist.errors import InvalidInput
 from qp_twist.files import inputs
@@ -109,7 +110,11 @@ def terminal() -> Console | None:
 
 
 def load(task: str, path: Path | None = None) -> PathTask:
-    """Load a task; print on standard error what its robot's and toolpath's files leave out."""
+    """Load a task; print on standard error what its robot's and toolpath's files leave out.
+
+    A note follows there if the command has to compile kernels.
+    """
+    note_compiling(quiet=quiet.get())
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         path_task = load_task(task, path=path)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import sys
 import time
 from collections.abc import Callable
 from dataclasses import replace
@@ -16,9 +15,9 @@ import tyro
 from pydantic import ValidationError
 
 from qp_twist.authoring import NewTask, Request, new_task
-from qp_twist.authoring.search_clock import MACHINE_CODE
 from qp_twist.checks import number
-from qp_twist.cli.app import Json, app, check_file, quiet, say, terminal
+from qp_twist.cli.app import Json, app, check_file, quiet, say
+from qp_twist.cli.compiling import note_compiling
 from qp_twist.cli.progress import share_progress
 from qp_twist.errors import InvalidInput
 from qp_twist.kinematics import JointRanges
@@ -157,6 +156,7 @@ def new(
         position, rpy_deg = _pose("--place", place)
         request = replace(request, place=position, place_rpy_deg=rpy_deg)
     check_file(out)
+    note_compiling(quiet=quiet.get())
     with share_progress() as report:
         task = new_task(request, out, force=force, progress=_with_hint(report))
     shown = quiet.set(quiet.get() or json_)
@@ -192,16 +192,10 @@ def _facts(task: NewTask) -> dict[str, Any]:
 
 
 def _with_hint(report: Callable[[str, float], None]) -> Callable[[str, float], None]:
-    """Add after two seconds that the search can be ended; say where no bar does what compiles."""
+    """Add after two seconds that the search can be ended."""
     began = time.monotonic()
-    compiling = False
 
     def report_with_hint(what: str, share: float) -> None:
-        nonlocal compiling
-        if what == MACHINE_CODE and not compiling:
-            compiling = True
-            if terminal() is None and not quiet.get():
-                print(f"note: {what}", file=sys.stderr)
         long = time.monotonic() - began > _LONG
         report(f"{what}; Ctrl-C ends the search with the best so far" if long else what, share)
 

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from threading import Timer
 
 from rich.progress import (
     BarColumn,
@@ -17,7 +15,8 @@ from rich.progress import (
     TimeRemainingColumn,
 )
 
-from qp_twist.cli.app import quiet, terminal
+from qp_twist.authoring.search_clock import MACHINE_CODE
+from qp_twist.cli.app import terminal
 from qp_twist.kernel import COMPILED
 from qp_twist.paths import PathTask
 from qp_twist.qp import check_solver
@@ -134,14 +133,6 @@ def load_machine_code(
     for method in path_task.method_names() if methods is None else methods:
         settings = path_task.settings(method)
         if walk_known(path_task, method, settings):
-            words = "machine code is made, once on a machine: up to half a minute"
-            # Loading takes half a second. If it takes longer and no spinner shows, print a note.
-            late = Timer(3.0, print, [f"note: {words}"], {"file": sys.stderr})
-            if terminal() is None and not quiet.get():
-                late.start()
-            try:
-                with working(f"loading; {words}"):
-                    CompiledWalk(path_task, method, settings)
-            finally:
-                late.cancel()
+            with working(f"loading; {MACHINE_CODE}"):
+                CompiledWalk(path_task, method, settings)
             return

@@ -460,3 +460,24 @@ def test_a_shell_gets_a_script_that_completes_commands(shell: str, tmp_path: Pat
         ask += "$(complete -p qp-twist | sed 's/.*-F \\([^ ]*\\).*/\\1/'); echo ${COMPREPLY[@]}"
         said = subprocess.run([found, "-c", ask], capture_output=True, text=True, check=True)
         assert said.stdout.split() == ["check"]
+
+
+@pytest.mark.parametrize("quiet", [False, True])
+def test_a_command_says_once_that_kernels_are_compiled(
+    quiet: bool, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As on a new machine: two functions are compiled anew while the command computes."""
+    import numba
+
+    from qp_twist.cli import tasks as module
+    from qp_twist.cli.app import load
+
+    def computing(task: str) -> list[Path]:
+        load(task)
+        return [Path(f"{numba.njit(lambda x, k=k: x + k)(1)}.toml") for k in (1, 2)]
+
+    monkeypatch.setattr(module, "shipped_tasks", lambda: computing("planar_line"))
+    monkeypatch.setattr(module, "task_title", lambda path: "", raising=False)
+    main(["tasks", *(["--quiet"] if quiet else [])])
+    told = capsys.readouterr().err
+    assert told.count("note: machine code is made, once on a machine") == (0 if quiet else 1)
