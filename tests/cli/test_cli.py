@@ -50,7 +50,8 @@ def test_compare_prints_the_table_and_writes_the_folder(
     assert "gradient_projection" in out
     assert "QPs by proxqp" in out
     assert "\x1b[" not in out
-    assert err == ""
+    others = [line for line in err.splitlines() if not line.startswith("note: machine code")]
+    assert others == []  # that note stands there on a new machine
     content = json.loads((tmp_path / "out" / "comparison.json").read_text("utf-8"))
     assert content["solver"] == "proxqp"
     assert list(content["methods"]) == ["gradient_projection", "qp_gradient"]
