@@ -143,9 +143,13 @@ def _with_sense_of_arcs(
 
     def read(sense: ArcAxis) -> _Reader:
         reader = _Reader(Problems(), length_unit, arc_error, sense)
-        for line, text in _statements(lines):
-            reader.statement(line, text)
-        reader.finish()
+        line = 1
+        try:
+            for line, text in _statements(lines):
+                reader.statement(line, text)
+            reader.finish()
+        except InvalidInput as error:  # too many points
+            reader.problems.add(line, str(error))
         return reader
 
     if arc_axis is not None:

@@ -15,6 +15,10 @@ _LARGEST_STEP = math.radians(10.0)
 """Largest angle of one chord, whatever the error."""
 _OFF_CIRCLE = (2e-5, 1e-3)
 """How far the ends may be from the circle as programs round them: m, or a share of the radius."""
+_LARGEST_RADIUS = 1e6
+"""Beyond it, m, rounding moves the points of an arc by more than a nanometre."""
+MOST_POINTS = 1_000_000
+"""Largest number of points of a file, those of its divided arcs and turns included."""
 _CLOSED = 1e-9
 """An end nearer to the start, m, is the start: the arc is a full circle."""
 _UNCLEAR = 5e-6
@@ -67,8 +71,10 @@ def check_radii(start: Array, end: Array, centre: Array, axis: Array, radius: fl
 
     Raises:
         InvalidInput: If a distance from the axis differs from the others by more than 0.02 mm and
-            by more than 0.1 %, or the radius is zero.
+            by more than 0.1 %, or the radius is zero or more than 1000 km.
     """
+    check_radius(max(float(np.abs(p - centre).max()) for p in (start, end)))
+    check_radius(radius or 0.0)
     r_start, r_end = (float(np.linalg.norm(_radial(p - centre, axis))) for p in (start, end))
     radii = [r_start, r_end] if radius is None else [r_start, r_end, radius]
     if min(radii) < 1e-9:
@@ -82,12 +88,25 @@ def check_radii(start: Array, end: Array, centre: Array, axis: Array, radius: fl
         )
 
 
+def check_radius(radius: float) -> None:
+    """Refuse a radius, m, with which coordinates would be rounded.
+
+    Raises:
+        InvalidInput: If it is more than 1000 km, or no number.
+    """
+    if not abs(radius) <= _LARGEST_RADIUS:
+        raise InvalidInput(
+            f"the arc has a radius above {_LARGEST_RADIUS:g} m; write a straight motion, or check "
+            "its centre"
+        )
+
+
 def arc_points(
     start: Array, end: Array, centre: Array, axis: Array, sweep: float, error: float = ARC_ERROR
 ) -> tuple[Array, Array]:
     r"""Points of an arc or a helix, so dense that chords stay within an error of it.
 
-    The chord of an angle δ is :math:`r\,(1 - \cos(\delta/2))` away from an arc of radius r. The
+    The chord of an angle δ is :math:`2 r \sin^2(\delta/4)` away from an arc of radius r. The
     distances of the two ends from the axis, and their heights along it, are interpolated in
     proportion to the angle.
 
@@ -102,6 +121,9 @@ def arc_points(
     Returns:
         Points without ``start``, the last of them ``end``, m, (N, 3); and their shares of the
         angle, (N,).
+
+    Raises:
+        InvalidInput: If it has more than :data:`MOST_POINTS`.
     """
     s, e = start - centre, end - centre
     u = _radial(s, axis)
@@ -109,8 +131,13 @@ def arc_points(
     u = u / r_start
     v = np.cross(axis, u)
     largest = max(r_start, r_end)
-    step = min(_LARGEST_STEP, 2.0 * math.acos(max(0.0, 1.0 - error / largest)))
+    step = min(_LARGEST_STEP, 4.0 * math.asin(min(1.0, math.sqrt(0.5 * error / largest))))
     count = max(1, math.ceil(abs(sweep) / step * (1.0 - 1e-12)))
+    if count > MOST_POINTS:
+        raise InvalidInput(
+            f"the arc has {count} chords within {1e3 * error:g} mm of it, and at most "
+            f"{MOST_POINTS} points are read; allow a larger arc_error"
+        )
     shares = np.arange(1, count + 1) / count
     angles = sweep * shares
     radii = r_start + shares * (r_end - r_start)

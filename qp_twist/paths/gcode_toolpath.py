@@ -13,10 +13,17 @@ import numpy as np
 from qp_twist.checks import Array
 from qp_twist.errors import InvalidInput
 from qp_twist.files import LENGTHS, LengthUnit, Problems
-from qp_twist.paths.arcs import ARC_ERROR, arc_points, arc_sweep, check_radii
+from qp_twist.paths.arcs import ARC_ERROR, arc_points, arc_sweep, check_radii, check_radius
 from qp_twist.paths.assemble import assembled
 from qp_twist.paths.gcode_words import Block, read_block
-from qp_twist.paths.motions import Motions, PassedOver, notes_on_rapid, of_lines, times
+from qp_twist.paths.motions import (
+    Motions,
+    PassedOver,
+    TooManyPoints,
+    notes_on_rapid,
+    of_lines,
+    times,
+)
 from qp_twist.paths.rotary_axes import (
     ROLLOVER,
     Rollover,
@@ -70,6 +77,8 @@ _ENDS = (2, 30, 99, 17)
 _LETTERS = frozenset("XYZABCIJKRFSTDHPQL")
 _LARGEST_TURN = 3.0
 """Rotary axes move in proportion; the tool axis is computed at least every this many degrees."""
+_MOST_TURNED = 36_000.0
+"""Largest turn of a rotary axis in one cut, degrees: beyond it, a number is wrong."""
 
 
 def read_gcode(
@@ -178,6 +187,8 @@ class _Reader:
                     break
             except InvalidInput as error:
                 self.problems.add(number, str(error))
+                if isinstance(error, TooManyPoints):
+                    break
         if self.whole is not None and self.pointed:
             self.problems.add(
                 self.whole[0],
@@ -513,7 +524,13 @@ class _Reader:
         known = len(start) == 3
         origin = np.array([start[axis] for axis in "XYZ"]) if known else end
         # In rapid motion the way of the axis does not matter, and it is one motion.
-        count = math.ceil(turn / _LARGEST_TURN - 1e-9) if known and not rapid else 1
+        cut = known and not rapid
+        if cut and turn > _MOST_TURNED:
+            raise InvalidInput(
+                f"a rotary axis turns by {turn:.6g} degrees in one cut, more than "
+                f"{_MOST_TURNED:g}; check the angle"
+            )
+        count = math.ceil(turn / _LARGEST_TURN - 1e-9) if cut else 1
         shares = np.arange(1, max(count, 1) + 1) / max(count, 1)
         points = origin + shares[:, None] * (end - origin)
         points[-1] = end
@@ -610,6 +627,7 @@ def _centre_of_radius(start: Array, end: Array, axis: Array, radius: float) -> A
 
     with e without its height above s along the axis a, and d the distance from s to e.
     """
+    check_radius(radius)
     flat = end - axis * float((end - start) @ axis)
     chord = flat - start
     length = float(np.linalg.norm(chord))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from dataclasses import dataclass, field
 
@@ -105,6 +106,8 @@ def _without_comments(line: str) -> str:
 
 def _take(block: Block, name: str, text: str) -> None:
     value = float(text)
+    if not math.isfinite(value):
+        raise InvalidInput(f"{name}: {text[:40]!r}… is too large")
     if name == "G":
         block.codes.append(value)
     elif name == "M":

@@ -6,10 +6,16 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
+from qp_twist.errors import InvalidInput
+from qp_twist.paths.arcs import MOST_POINTS
 from qp_twist.paths.assemble import RawCurve
 
 
-@dataclass(frozen=True)
+class TooManyPoints(InvalidInput):
+    """The rest of a file is not read."""
+
+
+@dataclass(frozen=True, slots=True)
 class Motion:
     """A point and the motion that leads to it.
 
@@ -58,7 +64,16 @@ class Motions:
         *,
         rapid: bool = False,
     ) -> None:
-        """Add a point."""
+        """Add a point.
+
+        Raises:
+            TooManyPoints: If there are more than :data:`~qp_twist.paths.arcs.MOST_POINTS`.
+        """
+        if len(self.points) >= MOST_POINTS:
+            raise TooManyPoints(
+                f"the file has more than {MOST_POINTS} points, those of divided arcs and turns "
+                "included; divide it into several files"
+            )
         breaks, self._breaks = self._breaks, False
         self.points.append(
             Motion(tuple(position), tuple(direction), line, feed, rapid, breaks, self.name)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from pathlib import Path
 from typing import get_args
 
@@ -477,3 +478,32 @@ def test_new_makes_a_task_of_a_program_with_five_axes(
         Request(Path("seven_axis_arm.xml"), tmp_path / "part.nc", frame="tool", rotary="head-ac",
                 place=(0.45, 0.0, 0.3), rapids="drop"), out, force=True)  # fmt: skip
     assert made.path_task.positions[:, 2].max() == pytest.approx(0.305)
+
+
+# ---------------------------------------------------------------- numbers without bounds
+
+
+@pytest.mark.parametrize(
+    ("text", "sentence"),
+    [
+        ("G1 X1. B100000000.", "line 4: a rotary axis turns by 1e+08 degrees in one cut"),
+        ("G17 G2 X40. I" + 60 * "9" + ". J0", "line 4: the arc has a radius above"),
+        ("G17 G3 X40. R" + 400 * "9" + ".", "line 4: "),
+    ],
+)
+def test_a_number_that_would_make_endless_points_is_refused(
+    text: str, sentence: str, tmp_path: Path
+) -> None:
+    head = "G21 G90 G43.4\nG0 X0. Y0. Z0. B0.\nG1 X0.5 F600.\n"
+    with pytest.raises(InvalidInput, match=re.escape(sentence)):
+        read(tmp_path, f"{head}{text}\n", rotary="head-bc")
+    # A hundred turns are a number that somebody may mean.
+    assert len(read(tmp_path, f"{head}G1 X1. B36000.\n", rotary="head-bc").curves[0]) == 12002
+
+
+def test_arcs_of_a_file_have_a_bounded_number_of_points(tmp_path: Path) -> None:
+    arcs = "G21 G17 G90\nG0 X0 Y0 Z0\nG1 X1 F600\n" + 9 * "G2 X1 Y0 I90000 J0\n"
+    with pytest.raises(InvalidInput, match="at most 1000000 points are read"):
+        read(tmp_path, arcs, arc_error=1e-20)
+    with pytest.raises(InvalidInput, match="more than 1000000 points"):
+        read(tmp_path, arcs, arc_error=1e-9)

@@ -1364,3 +1364,10 @@ def test_the_number_of_waypoints_is_bounded_over_all_curves(tmp_path: Path) -> N
     path = task(tmp_path, "[path.transfer]\n", csv, "max_spacing = 0.005", "max_spacing = 1e-6")
     with pytest.raises(qt.TaskFileError, match=r"make \d+ waypoints or more; at most"):
         qt.load_task(path)
+
+
+@pytest.mark.parametrize("centre", ["-1e308", "1e300", "1e12"])
+def test_a_circle_with_a_huge_centre_is_refused(centre: str, tmp_path: Path) -> None:
+    text = f"UNITS/MM\nGOTO/0,0,0\nCIRCLE/{centre},-20,0,0,0,1,{centre.strip('-')}\nGOTO/40,0,0\n"
+    with pytest.raises(InvalidInput, match="line 4: CIRCLE of line 3: the arc has a radius above"):
+        read_toolpath(write(tmp_path, text, "arc.apt"))
