@@ -3,12 +3,13 @@
 **Key.** numba discards cached machine code only if the function's own file changes. But a kernel
 also contains the code of the kernels that it calls, most of them in other files: after an edit
 there, or an upgrade of the package, numba would run outdated code. Here an entry is keyed by a hash
-of all files in this folder. numba adds its own version, the processor and the function's bytecode;
-this module adds the versions of NumPy and llvmlite.
+of all files in this folder. numba adds the processor and the function's bytecode; this module adds
+the versions of numba, NumPy and llvmlite.
 
-**Files.** File names contain the key, so processes with different sources never load each other's
-code. Saving a kernel deletes its files for other sources: each version of Python keeps one
-generation, about 10 MB.
+**Files.** The entries for one state of the sources lie in a folder that is named by their hash, so
+processes with different sources never load each other's code. Saving a kernel deletes the folders
+of other sources: each version of Python keeps one generation, about 10 MB. Each entry begins with a
+checksum. An entry that is damaged (an empty file after a power cut, a full disk) is compiled again.
 
 **Separate linking.** numba copies the code of a kernel into every kernel that calls it and
 optimises each copy, ten times over at the top of a chain of ten calls. Most kernels here are too
@@ -19,17 +20,23 @@ and their symbols; these are loaded first.
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import importlib
+import pickle
+import shutil
 import sys
+import uuid
 from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import llvmlite
+import numba
 import numpy as np
 from llvmlite.binding import parse_assembly
-from numba.core.caching import CompileResultCacheImpl, FunctionCache, IndexDataCacheFile
+from numba.core.caching import CompileResultCacheImpl, FunctionCache
+from numba.core.serialize import dumps
 
 from qp_twist.kernel.compile_lock import CompileLock
 
@@ -101,6 +108,46 @@ class _CacheEntry(CompileResultCacheImpl):
         return found
 
 
+class _Entries:
+    """The machine code of one kernel on disk: a file for each signature."""
+
+    def __init__(self, folder: Path, kernel: str) -> None:
+        self._folder, self._kernel = folder, kernel
+
+    def _file(self, key: Any) -> Path:
+        signature = hashlib.sha256(repr(key).encode()).hexdigest()[:16]
+        return self._folder / f"{self._kernel}.{signature}.nbc"
+
+    def load(self, key: Any) -> Any:
+        """The entry of a key; ``None`` if there is none, or it is damaged."""
+        try:
+            content = self._file(key).read_bytes()
+        except OSError:
+            return None
+        checksum, data = content[:32], content[32:]
+        return pickle.loads(data) if hashlib.sha256(data).digest() == checksum else None
+
+    def save(self, key: Any, entry: Any) -> None:
+        """Write an entry to a temporary file, then rename it.
+
+        Raises:
+            OSError: If that is not possible; no file is left then.
+        """
+        data = dumps(entry)
+        self._folder.mkdir(exist_ok=True)
+        unfinished = self._folder / f"{uuid.uuid4().hex}.tmp"
+        try:
+            unfinished.write_bytes(hashlib.sha256(data).digest() + data)
+            unfinished.replace(self._file(key))
+        finally:
+            unfinished.unlink(missing_ok=True)
+
+    def flush(self) -> None:
+        """Delete all entries."""
+        for file in self._folder.glob(f"{self._kernel}.*.nbc"):
+            file.unlink(missing_ok=True)
+
+
 class KernelCache(FunctionCache):
     """The cache of one kernel, in the folder that numba chooses.
 
@@ -119,12 +166,13 @@ class KernelCache(FunctionCache):
         super().__init__(function)
         if Path(function.__code__.co_filename).resolve().parent != _FOLDER:
             raise RuntimeError(f"{function.__module__} does not lie in {_FOLDER}")
-        module = function.__module__.rpartition(".")[2]
-        self._kernel = f"{module}.{function.__name__}"
         self._python = f"py{sys.version_info[0]}{sys.version_info[1]}{sys.abiflags}"
-        name = f"{self._kernel}-{self._key[:16]}.{self._python}"
-        self._cache_file = IndexDataCacheFile(self.cache_path, name, self._key)
-        self._lock = CompileLock(Path(self.cache_path) / f"{name}.lock")
+        self._folder = Path(self.cache_path) / f"kernels-{self._key[:16]}.{self._python}"
+        with contextlib.suppress(OSError):
+            self._folder.mkdir(exist_ok=True)
+        kernel = f"{function.__module__.rpartition('.')[2]}.{function.__name__}"
+        self._cache_file = _Entries(self._folder, kernel)
+        self._lock = CompileLock(self._folder / f"{kernel}.lock")
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         """Load cached machine code, after another process that compiles it; ``None`` for none."""
@@ -163,10 +211,10 @@ class KernelCache(FunctionCache):
             self._lock.release()
 
     def _remove_other_sources(self) -> None:
-        for file in Path(self.cache_path).glob(f"{self._kernel}-*.{self._python}.*"):
-            if self._key[:16] not in file.name and file.suffix in (".nbi", ".nbc"):
-                file.unlink(missing_ok=True)
+        for folder in Path(self.cache_path).glob(f"kernels-*.{self._python}"):
+            if folder != self._folder:
+                shutil.rmtree(folder, ignore_errors=True)
 
     def _index_key(self, sig: Any, codegen: Any) -> tuple[Any, ...]:
-        versions = np.__version__, llvmlite.__version__
+        versions = numba.__version__, np.__version__, llvmlite.__version__
         return (*super()._index_key(sig, codegen), versions)

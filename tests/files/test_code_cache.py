@@ -72,7 +72,7 @@ def run(folder: Path, script: str = CALL, **variables: str) -> list[float]:
 
 
 def kept(folder: Path) -> list[str]:
-    return sorted(file.name for file in folder.rglob("*.nb[ic]"))
+    return sorted(str(file) for file in folder.rglob("*.nb[ic]"))
 
 
 def test_an_edit_of_a_kernel_reaches_the_kernels_that_call_it(package: Path) -> None:
@@ -151,3 +151,30 @@ def test_beside_sources_that_are_read_only_the_cache_lies_in_the_users_folder(
     asked_for = tmp_path / "asked for"
     assert run(package, NUMBA_CACHE_DIR=str(asked_for)) == [21.0, 0]
     assert kept(asked_for)
+    # No folder at all: compiled anew by every process.
+    for _ in range(2):
+        nowhere = "/dev/null/home"
+        assert run(package, XDG_CACHE_HOME=nowhere, HOME=nowhere) == [21.0, 0]
+
+
+def test_a_damaged_file_is_compiled_again(package: Path) -> None:
+    """As after a power cut or a fault of the disk; damaged machine code would give any result."""
+    assert run(package) == [21.0, 0]
+    files = [Path(file) for file in kept(package)]
+    assert len(files) >= 2
+    for file in files:
+        for damaged in (
+            lambda whole: b"",
+            lambda whole: whole[: len(whole) // 2],
+            lambda whole: whole[:-900] + bytes([whole[-900] ^ 4]) + whole[-899:],
+        ):
+            file.write_bytes(damaged(file.read_bytes()))
+            assert run(package)[0] == 21.0
+    assert run(package) == [21.0, 1]
+
+
+def test_on_a_full_disk_kernels_are_compiled_and_no_partial_file_is_left(package: Path) -> None:
+    full = "import resource\nresource.setrlimit(resource.RLIMIT_FSIZE, (100, 100))\n"
+    assert run(package, full + CALL) == [21.0, 0]
+    assert not [file for file in package.rglob("*") if file.suffix in (".nbc", ".tmp")]
+    assert [run(package), run(package)] == [[21.0, 0], [21.0, 1]]
