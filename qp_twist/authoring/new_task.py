@@ -25,7 +25,7 @@ from qp_twist.authoring.units import refuse_other_units
 from qp_twist.checks import Array, did_you_mean, number
 from qp_twist.constraints import JointCouplings
 from qp_twist.errors import InvalidInput
-from qp_twist.files import whole_file
+from qp_twist.files import printable, whole_file
 from qp_twist.following import FoundStart
 from qp_twist.geometry import ProjectorKind
 from qp_twist.kinematics import JointRanges, SerialChain, largest_reach
@@ -181,7 +181,7 @@ def new_task(
             )
             path_task = _loaded(parts, unfinished, out)
             check = _run_once_more(path_task, best, report) if best.passes else None
-        path_task = replace(path_task, name=out.stem, source=out)
+        path_task = replace(path_task, name=printable(out.stem), source=out)
         notes = [
             f"frame: {frame.kind} {frame.name!r}" + (f", {frame.why}" if frame.why else ""),
             f"path: {_summary(toolpath, path_task)}",
@@ -331,7 +331,14 @@ def _hint(error: InvalidInput) -> str:
 
 def _loaded(parts: Parts, unfinished: Path, out: Path) -> PathTask:
     """The task of the parts, written to a temporary file."""
-    unfinished.write_text(task_text(parts), encoding="utf-8")
+    try:
+        unfinished.write_text(task_text(parts), encoding="utf-8")
+    except UnicodeEncodeError as error:
+        raise InvalidInput(
+            f"{out}: a task file (TOML) cannot have the name "
+            f"{printable(error.object[: error.end]).splitlines()[-1]}…, which is not UTF-8; rename "
+            "that file."
+        ) from None
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # what was left out of the robot is in the file
@@ -341,7 +348,7 @@ def _loaded(parts: Parts, unfinished: Path, out: Path) -> PathTask:
         _, found, of_toolpath = str(error).partition(FILE_KEY)
         text = of_toolpath if found else str(error).replace(str(unfinished), str(out))
         raise InvalidInput(f"{text}{_hint(error)}") from error
-    return replace(task, name=out.stem)
+    return replace(task, name=printable(out.stem))
 
 
 def _summary(toolpath: Toolpath, path_task: PathTask) -> str:

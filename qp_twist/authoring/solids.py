@@ -12,6 +12,7 @@ import numpy as np
 from qp_twist.checks import Array, clause
 from qp_twist.errors import InvalidInput
 from qp_twist.files import check_regular
+from qp_twist.robots import load_meshes
 
 if TYPE_CHECKING:
     import trimesh
@@ -106,7 +107,7 @@ def _read(file: Path) -> trimesh.Trimesh:
         raise InvalidInput(f"{file}: expected a mesh, STL, OBJ or DAE, by its suffix; convert it.")
     check_regular(file, "mesh file")
     try:
-        mesh = trimesh.load(file, force="mesh")
+        mesh = load_meshes(file).to_mesh()
     except Exception as error:  # whatever a reader raises about the content
         raise InvalidInput(f"{file}: cannot be read as a mesh: {clause(error)}.") from error
     if not isinstance(mesh, trimesh.Trimesh) or not len(mesh.faces):

@@ -4,6 +4,7 @@ from .table import Problems as Problems
 from .table import Table as Table
 from .table import columns_named as columns_named
 from .table_text import of_file as of_file
+from .table_text import own_exceptions as own_exceptions
 from .table_text import shortened as shortened
 from .table_text import text_lines as text_lines
 from .table_units import ANGLES as ANGLES
@@ -18,6 +19,8 @@ from .table_units import split_unit as split_unit
 from .writing import LARGEST_FILE as LARGEST_FILE
 from .writing import check_regular as check_regular
 from .writing import inputs as inputs
+from .writing import is_folder as is_folder
+from .writing import printable as printable
 from .writing import read_bytes as read_bytes
 from .writing import read_text as read_text
 from .writing import whole_file as whole_file

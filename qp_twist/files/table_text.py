@@ -9,7 +9,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 
-from qp_twist.errors import InvalidInput
+from qp_twist.errors import InvalidInput, QpTwistError
 
 _POINT = re.compile(r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eEdD][+-]?[0-9]+)?")
 _COMMA = re.compile(r"[+-]?(?:[0-9]+(?:,[0-9]+)?|,[0-9]+)(?:[eEdD][+-]?[0-9]+)?")
@@ -22,13 +22,38 @@ _NOT_FINITE = re.compile(r"[+-]?(?:1\.#)?(?:nan|inf|infinity|ind|qnan)(?:\(\w*\)
 
 @contextmanager
 def of_file(name: object) -> Iterator[None]:
-    """Prefix messages about a file's content with its name."""
+    """The boundary of a reader: what it raises about a file's content names the file.
+
+    Content that no reader foresees (a library's own exceptions, numbers beyond the range of a
+    float) is refused as well, with the original exception as the cause.
+
+    Raises:
+        InvalidInput: If the content is refused.
+    """
     try:
         yield
     except InvalidInput as error:
         between = "," if str(error).startswith("line ") else ":"
         error.args = (f"{name}{between} {error}",)
         raise
+    except Exception:
+        with own_exceptions(name):
+            raise
+
+
+@contextmanager
+def own_exceptions(name: object) -> Iterator[None]:
+    """The same boundary for a reader whose messages name the file already."""
+    try:
+        yield
+    except (QpTwistError, Warning):
+        raise
+    except Exception as error:
+        reason = " ".join(str(error).split())[:200]
+        raise InvalidInput(
+            f"{name}: its content cannot be read ({type(error).__name__}: {reason}); the file is "
+            "damaged, or not of this format."
+        ) from error
 
 
 def text_lines(content: bytes) -> list[str]:

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
+import secrets
 import stat
-import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
@@ -20,16 +21,17 @@ inputs: ContextVar[set[Path] | None] = ContextVar("inputs", default=None)
 """The files that a command has read, onto which it does not write."""
 
 
-def check_regular(path: Path, noun: str = "file") -> None:
+def check_regular(path: Path, noun: str = "file", *, largest: float = LARGEST_FILE) -> None:
     """Refuse files that are not regular, such as a pipe, which would block the reader.
 
     Args:
         path: The path.
         noun: Its kind, for the message: ``"task file"``.
+        largest: Largest size, bytes.
 
     Raises:
         InvalidInput: If there is no such file, it is a folder, a pipe, a socket, a device or larger
-            than ``LARGEST_FILE``, or cannot be accessed.
+            than ``largest``, or cannot be accessed.
     """
     try:
         status = path.stat()
@@ -44,14 +46,19 @@ def check_regular(path: Path, noun: str = "file") -> None:
             f"{path}: is a pipe, a socket or a device; write what comes out of it to a file, and "
             "give that one."
         )
-    if status.st_size > LARGEST_FILE:
+    if status.st_size > largest:
         raise InvalidInput(
             f"{path}: has {status.st_size / 1e6:.0f} MB, and at most "
-            f"{LARGEST_FILE / 1e6:.0f} MB are read; give a smaller {noun}."
+            f"{largest / 1e6:.0f} MB are read; give a smaller {noun}."
         )
     read = inputs.get()
     if read is not None:
         read.add(path.resolve())
+
+
+def is_folder(path: Path) -> bool:
+    """Whether there is a folder; ``False`` also for a name that no file can have."""
+    return os.path.isdir(path)  # noqa: PTH112
 
 
 def read_bytes(path: Path, noun: str = "file") -> bytes:
@@ -82,15 +89,16 @@ def whole_file(path: Path) -> Iterator[Path]:
     """Yield a temporary path beside ``path``; the file there is then renamed to ``path``.
 
     The temporary name has the suffix of ``path``, which some writers need. After a failure there is
-    neither a partial nor a temporary file, and an older file is unchanged.
+    neither a partial nor a temporary file, and an older file is unchanged. A new file has the
+    permissions that the umask leaves, an older one keeps its own.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
-    handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.stem}.", suffix=path.suffix)
-    os.close(handle)
-    unfinished = Path(name)
+    unfinished = path.with_name(f".{path.stem[:20]}.{secrets.token_hex(6)}{path.suffix}")
+    os.close(os.open(unfinished, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o666))
     try:
         yield unfinished
-        unfinished.chmod(0o644)
+        with contextlib.suppress(FileNotFoundError):
+            unfinished.chmod(stat.S_IMODE(path.stat().st_mode))
         os.replace(unfinished, path)
     except BaseException:
         unfinished.unlink(missing_ok=True)
@@ -100,5 +108,15 @@ def whole_file(path: Path) -> Iterator[Path]:
 def write_atomically(path: Path, content: str | bytes) -> Path:
     """Write a text (UTF-8) or bytes to a temporary file in the same folder, then rename it."""
     with whole_file(path) as unfinished:
-        unfinished.write_bytes(content.encode("utf-8") if isinstance(content, str) else content)
+        unfinished.write_bytes(
+            printable(content).encode("utf-8") if isinstance(content, str) else content
+        )
     return path
+
+
+def printable(text: str) -> str:
+    r"""A text that can be encoded: names of files may have bytes that are not UTF-8.
+
+    Such a byte becomes ``\udcXX``, which JSON reads as Python's name of that file.
+    """
+    return text.encode("utf-8", "backslashreplace").decode("utf-8")

@@ -23,7 +23,7 @@ from pydantic import ValidationError
 from qp_twist.checks import Array, clause, did_you_mean, unit_vector
 from qp_twist.constraints import Clearance, per_joint
 from qp_twist.errors import InvalidInput, TaskFileError
-from qp_twist.files import read_text
+from qp_twist.files import printable, read_text
 from qp_twist.geometry import ProjectorKind, TwistProjector, rotation_vector, task_redundancy
 from qp_twist.kinematics import (
     JointRanges,
@@ -137,16 +137,16 @@ def _find(task: str | Path) -> Path:
     if text.endswith(".toml") or "/" in text or "\\" in text:
         return Path(task)
     shipped = {path.stem: path for path in shipped_tasks()}
-    if text not in shipped and Path(task).is_file():
+    if text not in shipped and os.path.lexists(text):
         raise TaskFileError(
             f"{text} is no task file: expected the name of a shipped task, or the path of a .toml "
             "file."
         )
     if text not in shipped:
-        names = ", ".join(shipped)
+        names, close, text = ", ".join(shipped), did_you_mean(text, shipped), text[:100]
         raise TaskFileError(
-            f"there is no shipped task {text!r}{did_you_mean(text, shipped)} Shipped: {names}. A "
-            f"file of your own is given by its path, e.g. ./{text}.toml."
+            f"there is no shipped task {text!r}{close} Shipped: {names}. A file of your own is "
+            f"given by its path, e.g. ./{text}.toml."
         )
     return shipped[text]
 
@@ -203,7 +203,7 @@ def _build(path: Path, file: TaskFile) -> PathTask:
         toolpath = replace(toolpath, notes=(*toolpath.notes, *notes))
     timed = durations is not None
     task = PathTask(
-        name=path.stem,
+        name=printable(path.stem),
         title=file.title,
         source=path,
         scene=robot.path,

@@ -10,7 +10,7 @@ import numpy as np
 
 from qp_twist.checks import Array, float_array, largest
 from qp_twist.errors import InvalidInput
-from qp_twist.files import check_regular
+from qp_twist.files import check_regular, whole_file
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,7 +58,7 @@ class QuadraticProgram:
 
     def save(self, path: str | Path) -> None:
         """Write the arrays to a ``.npz`` file, so that a step can be sent to somebody."""
-        with Path(path).open("wb") as file:
+        with whole_file(Path(path)) as unfinished, unfinished.open("wb") as file:
             np.savez(file, **{f.name: getattr(self, f.name) for f in fields(self)})
 
     @classmethod

@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from qp_twist.errors import InvalidInput
+from qp_twist.files import check_regular, read_bytes
 
 if TYPE_CHECKING:
     import trimesh
@@ -42,6 +43,7 @@ def coloured_meshes(file: Path) -> tuple[ColouredMesh, ...]:
     Raises:
         InvalidInput: If it cannot be read.
     """
+    check_regular(file, "mesh file")
     stat = file.stat()
     return _read(file, stat.st_mtime_ns, stat.st_size)
 
@@ -55,15 +57,32 @@ def msh(meshes: Sequence[ColouredMesh]) -> bytes:
     return counts.tobytes() + vertices.tobytes() + faces.astype(np.int32).tobytes()
 
 
+def load_meshes(file: Path) -> trimesh.Scene:
+    """Parse a mesh file; it and those that it names (materials, textures) must be regular files.
+
+    Raises:
+        InvalidInput: If it is no regular file. A parser raises various other exceptions.
+    """
+    import trimesh  # half a second
+
+    class RegularFiles(trimesh.resolvers.FilePathResolver):
+        def get(self, name: str) -> bytes:
+            place = Path(self.parent, name.strip())
+            found = place if place.exists() else place.with_name(place.name)
+            return read_bytes(found)
+
+    check_regular(file, "mesh file")
+    return trimesh.load_scene(file, resolver=RegularFiles(str(file)))
+
+
 @lru_cache(maxsize=256)
 def _read(file: Path, changed: int, size: int) -> tuple[ColouredMesh, ...]:
-    import trimesh  # half a second
 
     suffix = file.suffix.lower()
     if suffix not in _KINDS:
         raise InvalidInput("expected a mesh, STL, OBJ or DAE, by its suffix")
     try:
-        scene = trimesh.load_scene(file)
+        scene = load_meshes(file)
         dumped: list[Any] = scene.dump()
         parts = [part for part in dumped if len(getattr(part, "faces", ())) > 0]
     except Exception as error:  # whatever a reader raises about the content

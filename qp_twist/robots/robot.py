@@ -11,8 +11,9 @@ from pathlib import Path
 import mujoco
 
 from qp_twist.errors import InvalidInput
-from qp_twist.files import check_regular, read_bytes
+from qp_twist.files import check_regular, is_folder, own_exceptions, read_bytes
 from qp_twist.robots.finite import not_computable
+from qp_twist.robots.mjcf_files import check_files
 from qp_twist.robots.urdf import read_urdf
 from qp_twist.robots.xacro_files import expanded, is_xacro
 
@@ -80,31 +81,9 @@ def load_robot(
         InvalidInput: If there is no such file, it is neither MJCF nor URDF, it contradicts itself,
             a number in it is NaN or infinite, or its robot has no joint.
     """
-    file, folders = _file(path), _folders(packages)
-    text = _text(file)
-    root = _root_element(text)
-    if root == "mujoco" and arguments:
-        raise InvalidInput(f"{file}: is no xacro file and has no arguments; leave them out.")
-    if root == "mujoco":
-        _refuse_utf_16(file, "MuJoCo", "MJCF")
-        spec, model = _mjcf(file)
-        robot = Robot(model, {}, (), file, spec)
-    elif root == "robot":
-        said: list[str] = []
-        values = _values(arguments)
-        if is_xacro(text, file):
-            _refuse_utf_16(file, "xacro", "xacro file")
-            text, said = expanded(file, folders, values)
-        elif values:
-            raise InvalidInput(f"{file}: is no xacro file and has no arguments; leave them out.")
-        spec, model, speeds, left_out = read_urdf(text, file, folders)
-        robot = Robot(model, speeds, (*said, *left_out), file, spec)
-    else:
-        found = f"starts with <{root}>" if root else "is empty or no XML at all"
-        raise InvalidInput(
-            f"{file}: expected an MJCF (<mujoco>) or a URDF (<robot>), but the file {found}; "
-            "give a robot in one of the two formats."
-        )
+    file, folders, values = _file(path), _folders(packages), _values(arguments)
+    with own_exceptions(file):
+        robot = _read(file, folders, values)
     if wrong := not_computable(robot.model):
         raise InvalidInput(
             f"{file}: {wrong} cannot be computed with; expected finite numbers, up to 1e10. Mend "
@@ -115,7 +94,33 @@ def load_robot(
     return robot
 
 
+def _read(file: Path, folders: Mapping[str, Path], values: Mapping[str, str]) -> Robot:
+    text = _text(file)
+    root = _root_element(text)
+    if root == "mujoco" and values:
+        raise InvalidInput(f"{file}: is no xacro file and has no arguments; leave them out.")
+    if root == "mujoco":
+        _refuse_utf_16(file, "MuJoCo", "MJCF")
+        spec, model = _mjcf(file)
+        return Robot(model, {}, (), file, spec)
+    if root == "robot":
+        said: list[str] = []
+        if is_xacro(text, file):
+            _refuse_utf_16(file, "xacro", "xacro file")
+            text, said = expanded(file, folders, values)
+        elif values:
+            raise InvalidInput(f"{file}: is no xacro file and has no arguments; leave them out.")
+        spec, model, speeds, left_out = read_urdf(text, file, folders)
+        return Robot(model, speeds, (*said, *left_out), file, spec)
+    found = f"starts with <{root}>" if root else "is empty or no XML at all"
+    raise InvalidInput(
+        f"{file}: expected an MJCF (<mujoco>) or a URDF (<robot>), but the file {found}; give a "
+        "robot in one of the two formats."
+    )
+
+
 def _mjcf(file: Path) -> tuple[mujoco.MjSpec, mujoco.MjModel]:
+    check_files(file)
     try:
         spec = mujoco.MjSpec.from_file(str(file))
         return spec, spec.compile()
@@ -141,7 +146,7 @@ def _folders(packages: Mapping[str, str | Path] | None) -> dict[str, Path]:
         )
     folders = {name: Path(folder) for name, folder in packages.items()}
     for name, folder in folders.items():
-        if not folder.is_dir():
+        if not is_folder(folder):
             raise InvalidInput(f"packages.{name}: there is no folder {folder}; check the path.")
     return folders
 

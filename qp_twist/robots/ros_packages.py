@@ -6,6 +6,9 @@ import re
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 
+from qp_twist.errors import InvalidInput
+from qp_twist.files import is_folder, read_bytes
+
 _LEVELS = 5
 """Number of parent folders in which other folders are looked at for their ``package.xml``."""
 
@@ -28,7 +31,7 @@ def package_folders(name: str, file: Path, packages: Mapping[str, Path]) -> Iter
     for level, parent in enumerate(file.resolve().parents):
         if parent.name == name or _stated_name(parent) == name:
             yield parent
-        if (parent / name).is_dir():
+        if is_folder(parent / name):
             yield parent / name
         if level < _LEVELS:
             yield from (folder for folder in _folders(parent) if _stated_name(folder) == name)
@@ -44,8 +47,8 @@ def _folders(parent: Path) -> list[Path]:
 def _stated_name(folder: Path) -> str | None:
     """The name in a folder's ``package.xml``."""
     try:
-        text = (folder / "package.xml").read_text("utf-8", errors="replace")
-    except OSError:
+        text = read_bytes(folder / "package.xml").decode("utf-8", "replace")
+    except InvalidInput:
         return None
     found = re.search(r"<name>\s*([^<\s]+)\s*</name>", text)
     return found[1] if found else None

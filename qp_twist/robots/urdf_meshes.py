@@ -12,7 +12,7 @@ from urllib.parse import unquote
 
 from qp_twist.checks import clause
 from qp_twist.errors import InvalidInput
-from qp_twist.files import read_bytes
+from qp_twist.files import is_folder, read_bytes
 from qp_twist.robots.mesh_files import coloured_meshes, msh
 from qp_twist.robots.ros_packages import package_folders
 from qp_twist.robots.urdf_visuals import Visual, materials_of, visual_of
@@ -151,7 +151,7 @@ def _found(stated: str, file: Path, folder: Path, packages: Mapping[str, Path]) 
     places = list(_places(stated, file, folder, packages))
     if plain != stated:
         places += _places(plain, file, folder, packages)
-    there = (p for p in places if os.path.lexists(p) and not p.is_dir())
+    there = (p for p in places if os.path.lexists(p) and not is_folder(p))
     in_other_case = (found for p in places if (found := _in_other_case(p)) is not None)
     return next(there, None) or next(in_other_case, None)
 
@@ -181,7 +181,7 @@ def _in_other_case(place: Path) -> Path | None:
                 return None
             [name] = alike  # noqa: PLW2901
         found /= name
-    return None if found.is_dir() else found
+    return None if is_folder(found) else found
 
 
 def _free_name(found: Path, assets: Mapping[str, bytes]) -> str:
@@ -203,7 +203,7 @@ def _not_found(missing: list[str], file: Path, packages: Mapping[str, Path]) -> 
     sentences = []
     for package, files in by_package.items():
         folders = package_folders(package, file, packages) if package else iter(())
-        known = next((folder for folder in folders if folder.is_dir()), None)
+        known = next((folder for folder in folders if is_folder(folder)), None)
         if known is not None:
             sentences.append(
                 f"Not found in the package {package!r} ({known}): {listed('mesh', files)}."

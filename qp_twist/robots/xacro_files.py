@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import io
+import os
 import re
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, redirect_stderr
 from pathlib import Path
-from typing import Any
+from typing import Any, TextIO
 
 from qp_twist.checks import clause
 from qp_twist.errors import InvalidInput
+from qp_twist.files import check_regular, is_folder, read_bytes
 from qp_twist.robots.ros_packages import package_folders
 
 _ARGUMENT = re.compile(r"<xacro:arg\s[^>]*?name\s*=\s*[\"']([^\"']+)[\"']|\$\(arg\s+([^)\s]+)\s*\)")
@@ -43,7 +45,7 @@ def expanded(
     from xacro import substitution_args
 
     def find(name: str) -> str:
-        folder = next((f for f in package_folders(name, file, packages) if f.is_dir()), None)
+        folder = next((f for f in package_folders(name, file, packages) if is_folder(f)), None)
         if folder is None:
             raise InvalidInput(
                 f"{file}: the ROS package {name!r} is not found around the file. Say where it is: "
@@ -53,7 +55,12 @@ def expanded(
         return str(folder.resolve())  # xacro takes other paths from the file that includes
 
     warnings = io.StringIO()
-    with redirect_stderr(warnings), _found_by(substitution_args, find):
+    with (
+        redirect_stderr(warnings),
+        _replaced(substitution_args, "_eval_find", find),
+        _replaced(substitution_args._eval_dict, "find", find),
+        _replaced(xacro, "open", _open),
+    ):
         xacro.all_includes.clear()  # it keeps those of the files before
         try:
             document = xacro.process_file(str(file), mappings=dict(arguments))
@@ -89,21 +96,32 @@ def _no_value(file: Path, name: str) -> str:
     )
 
 
+def _open(name: str) -> TextIO:
+    """Open an included file or one of values, if it is a regular one."""
+    if os.path.lexists(name):
+        check_regular(Path(name))
+    return Path(name).open()
+
+
 @contextmanager
-def _found_by(substitution_args: Any, find: Any) -> Iterator[None]:
-    """Have ``$(find …)`` look for packages by another function than that of ROS."""
-    before = substitution_args._eval_find
-    substitution_args._eval_find = substitution_args._eval_dict["find"] = find
+def _replaced(of: Any, name: str, function: Any) -> Iterator[None]:
+    """Have xacro use another function: to find packages without ROS, and to open files."""
+    names = of if isinstance(of, dict) else vars(of)
+    before = names.get(name)
+    names[name] = function
     try:
         yield
     finally:
-        substitution_args._eval_find = substitution_args._eval_dict["find"] = before
+        if before is None:
+            del names[name]
+        else:
+            names[name] = before
 
 
 def _refuse_unknown(file: Path, files: list[Path], arguments: Mapping[str, str]) -> None:
     known: dict[str, None] = {}
     for each in files:
-        text = each.read_text("utf-8", errors="replace")
+        text = read_bytes(each).decode("utf-8", "replace")
         known.update(dict.fromkeys(one or two for one, two in _ARGUMENT.findall(text)))
     unknown = [name for name in arguments if name not in known]
     if unknown:

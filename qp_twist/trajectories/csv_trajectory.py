@@ -48,9 +48,19 @@ _TWO_TURNS = 4.0 * math.pi
 
 
 def encode(rows: JointRows) -> str:
-    """Two comment lines, the names, the rows; times and velocities if there are any."""
+    """Two comment lines, the names, the rows; times and velocities if there are any.
+
+    Raises:
+        InvalidInput: If the metadata do not have the unit of each joint.
+    """
     units = rows.metadata.get("units", {})
-    task = ", ".join(f"{key} {rows.metadata[key]}" for key in ("task", "method"))
+    known = [key for key in ("task", "method") if key in rows.metadata]
+    task = " ".join(", ".join(f"{key} {rows.metadata[key]}" for key in known).split())
+    if not isinstance(units, dict) or not set(rows.joint_names) <= set(units):
+        raise InvalidInput(
+            "the units of the joints, which a table states, are not in the trajectory's metadata; "
+            "write .json or .npz."
+        )
     how = "positions only, joints straight between rows"
     if rows.velocities is not None:
         how = "each joint on the cubic through positions and velocities of two rows"

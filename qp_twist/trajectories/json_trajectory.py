@@ -11,6 +11,7 @@ import numpy as np
 from qp_twist.checks import Array, clause
 from qp_twist.errors import InvalidInput
 from qp_twist.trajectories.joint_rows import JointRows
+from qp_twist.trajectories.metadata import read_json
 
 _NANO = 1_000_000_000
 
@@ -61,7 +62,7 @@ def decode(content: bytes, joint_names: tuple[str, ...] | None) -> JointRows:
     ``joint_names`` is not used: the file has its own.
     """
     try:
-        document = json.loads(content.decode("utf-8-sig"))
+        document = read_json(content.decode("utf-8-sig"))
     except (ValueError, RecursionError) as error:  # also invalid UTF-8 and endless numbers
         raise InvalidInput(f"this is no JSON: {clause(error)}.") from None
     found = document

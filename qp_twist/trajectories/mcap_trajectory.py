@@ -6,6 +6,7 @@ them; no ROS is needed. The library is mcap-ros2-support, of the extra ``ros``.
 
 from __future__ import annotations
 
+import contextlib
 import io
 import json
 from typing import Any
@@ -80,28 +81,31 @@ def decode(content: bytes, joint_names: tuple[str, ...] | None) -> JointRows:
     from mcap_ros2.decoder import DecoderFactory
 
     factory, types = DecoderFactory(), set[str]()
-    found: list[Any] = []
+    found: list[dict[str, Any] | None] = []
     metadata: dict[str, Any] = {}
     try:
         reader = make_reader(io.BytesIO(content))
-        for schema, channel, message in reader.iter_messages():
-            types.add(schema.name if schema is not None else channel.topic)
-            if schema is not None and schema.name == _TYPE:
-                decode_message = factory.decoder_for(channel.message_encoding, schema)
-                found.append(decode_message(message.data) if decode_message else None)
+        # The library prints what it does not understand of a message's definition.
+        with contextlib.redirect_stderr(io.StringIO()):
+            for schema, channel, message in reader.iter_messages():
+                types.add(schema.name if schema is not None else channel.topic)
+                if schema is not None and schema.name == _TYPE:
+                    decode_message = factory.decoder_for(channel.message_encoding, schema)
+                    found.append(_fields(decode_message(message.data)) if decode_message else None)
         for record in reader.iter_metadata():
             if record.name == _METADATA:
                 metadata = read_metadata(record.metadata.get("metadata", ""))
     except Exception as error:  # broken files raise errors of struct, lz4 and others
         why = str(error) or type(error).__name__
         raise InvalidInput(f"this is no bag that can be read (MCAP): {why}") from None
-    if len(found) != 1 or found[0] is None:
+    fields = found[0] if len(found) == 1 else None
+    if fields is None:
         has = f"{len(found)} of them" if found else ", ".join(sorted(types)) or "no messages"
         raise InvalidInput(
             f"expected one message of {_TYPE} in CDR in the bag; it has {has}. Record the "
             "trajectory alone."
         )
-    return json_trajectory.rows_of(_fields(found[0]), metadata)
+    return json_trajectory.rows_of(fields, metadata)
 
 
 def _fields(message: Any) -> dict[str, Any]:

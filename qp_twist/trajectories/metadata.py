@@ -57,10 +57,20 @@ def metadata_of(trajectory: Trajectory | TimedTrajectory) -> dict[str, Any]:
 def read_metadata(text: str) -> dict[str, Any]:
     """Parse the metadata of a file; empty if this package did not write them."""
     try:
-        found = json.loads(text)
+        found = read_json(text)
     except (ValueError, RecursionError):
         return {}
     return found if isinstance(found, dict) else {}
+
+
+def read_json(text: str) -> Any:
+    """Parse JSON; integers beyond the range of a float become infinite, as other numbers do.
+
+    Raises:
+        ValueError: If it is no JSON.
+        RecursionError: If it is nested too deep.
+    """
+    return json.loads(text, parse_int=lambda word: int(word) if len(word) < 300 else float(word))
 
 
 def disagreements(metadata: dict[str, Any], path_task: PathTask, limits: MotionLimits) -> list[str]:

@@ -10,10 +10,13 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 import qp_twist as qt
 from qp_twist.bench.record import read_run
+from qp_twist.cli import main
+from qp_twist.files import write_atomically
 from qp_twist.paths import read_toolpath, shipped_folder
 from qp_twist.qp import QuadraticProgram
 from qp_twist.trajectories import read_trajectory
@@ -133,3 +136,141 @@ def test_a_mesh_that_cannot_be_read_is_left_out(kind: str, sentence: str, tmp_pa
     with no_endless_wait(tmp_path / "hand.stl"):
         (said,) = [s for s in qt.load_robot(robot).left_out if "hand.stl" in s]
     assert said.startswith("Not readable: ") and sentence in said
+
+
+LINKS = """<robot name="r"><link name="a"><collision><geometry><box size=".1 .1 .1"/></geometry>
+</collision>{more}</link><link name="b"><inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1"
+ixy="0" ixz="0" iyz="0"/></inertial></link><joint name="j" type="revolute"><parent link="a"/>
+<child link="b"/><axis xyz="0 0 1"/><limit lower="-1" upper="1" effort="1" velocity="1"/></joint>
+</robot>"""
+VISUAL = LINKS.format(more='<visual><geometry><mesh filename="{name}"/></geometry></visual>')
+TETRAHEDRON = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 2 3\nf 1 2 4\nf 1 3 4\nf 2 3 4\n"
+BODY = "<worldbody><body><joint/><geom {0}/></body></worldbody>"
+MESH = BODY.format('type="mesh" mesh="m"')
+BALL = BODY.format('size="1"')
+XACRO = '<robot name="r" xmlns:xacro="http://www.ros.org/wiki/xacro">{0}</robot>'
+NAMED: dict[str, tuple[str, str, str, bool]] = {
+    # Name and text of the robot; the file that it leads to; whether the robot does without.
+    "visual mesh": ("r.urdf", VISUAL.format(name="x.stl"), "x.stl", True),
+    "visual DAE": ("r.urdf", VISUAL.format(name="x.dae"), "x.dae", True),
+    "collision mesh": (
+        "r.urdf", VISUAL.format(name="x.stl").replace("visual", "collision"), "x.stl", True
+    ),
+    "material of a mesh": ("r.urdf", VISUAL.format(name="m.obj"), "x.mtl", True),
+    "package": ("r.urdf", VISUAL.format(name="package://p/x.stl"), "package.xml", True),
+    "MJCF mesh": (
+        "r.xml", f'<mujoco><asset><mesh name="m" file="x.stl"/></asset>{MESH}</mujoco>', "x.stl",
+        False,
+    ),
+    "MJCF mesh in a folder": (
+        "r.xml", '<mujoco><include file="parts/first.xml"/><asset><mesh name="m" '
+        f'file="x.stl"/></asset>{MESH}</mujoco>', "meshes/x.stl", False,
+    ),
+    "MJCF texture": (
+        "r.xml", '<mujoco><asset><texture name="t" type="cube" fileright="x.png" fileleft="x.png" '
+        f'fileup="x.png" filedown="x.png" filefront="x.png" fileback="x.png"/></asset>{BALL}'
+        "</mujoco>", "x.png", False,
+    ),
+    "MJCF include": ("r.xml", f'<mujoco><include file="x.xml"/>{BALL}</mujoco>', "x.xml", False),
+    "MJCF include in an include": (
+        "r.xml", f'<mujoco><include file="parts/second.xml"/>{BALL}</mujoco>', "parts/x.xml", False
+    ),
+    "MJCF model": (
+        "r.xml", f'<mujoco><asset><model name="m" file="x.xml"/></asset>{BALL}</mujoco>', "x.xml",
+        False,
+    ),
+    "xacro include": ("r.xacro", XACRO.format('<xacro:include filename="x.xacro"/>'), "x.xacro",
+                      False),
+    "xacro values": (
+        "r.xacro", XACRO.format("<link name=\"${xacro.load_yaml('x.yaml')['a']}\"/>"), "x.yaml",
+        False,
+    ),
+}  # fmt: skip
+"""Robots that lead to another file."""
+
+
+@pytest.mark.parametrize("kind", ["pipe", "device", "huge"])
+@pytest.mark.parametrize("named", NAMED)
+def test_a_robot_does_not_lead_to_what_is_no_file(named: str, kind: str, tmp_path: Path) -> None:
+    name, text, leads_to, goes_on = NAMED[named]
+    if name.endswith("xacro"):
+        pytest.importorskip("xacro", reason="the extra `xacro`")
+    if named == "xacro values":
+        pytest.importorskip("yaml")
+    for folder in ("parts", "meshes"):
+        (tmp_path / folder).mkdir()
+    (tmp_path / "parts" / "first.xml").write_text(
+        '<mujocoinclude><compiler meshdir="meshes"/></mujocoinclude>'
+    )
+    # MuJoCo reads from the folder of the first file, and so may others from that of the second.
+    (tmp_path / "parts" / "second.xml").write_text(
+        '<mujocoinclude><include file="parts/x.xml"/></mujocoinclude>'
+    )
+    (tmp_path / "m.obj").write_text(f"mtllib x.mtl\nusemtl m\n{TETRAHEDRON}")
+    (tmp_path / name).write_text(text)
+    KINDS[kind][0](tmp_path / leads_to)
+    with no_endless_wait(tmp_path / leads_to):
+        if goes_on:
+            robot = qt.load_robot(tmp_path / name)
+            assert robot.model.njnt == 1
+            return
+        with pytest.raises(qt.InvalidInput) as refused:
+            qt.load_robot(tmp_path / name)
+    assert KINDS[kind][1] in str(refused.value)
+    assert Path(leads_to).name in str(refused.value)
+
+
+def test_a_robot_with_a_name_that_no_file_can_have_goes_on_without(tmp_path: Path) -> None:
+    for stated in ("{0}.stl", "package://{0}/hand.stl", "package://hand/{0}.stl"):
+        (tmp_path / "r.urdf").write_text(VISUAL.format(name=stated.format(5000 * "a")))
+        assert qt.load_robot(tmp_path / "r.urdf").model.njnt == 1
+    with pytest.raises(qt.InvalidInput, match="there is no folder"):
+        qt.load_robot(tmp_path / "r.urdf", packages={"hand": 5000 * "a"})
+    with pytest.raises(qt.InvalidInput, match="no shipped task"):
+        qt.load_task(5000 * "a")
+
+
+@pytest.mark.parametrize("umask", [0o022, 0o077, 0o002])
+def test_new_files_have_the_permissions_that_the_umask_leaves(umask: int, tmp_path: Path) -> None:
+    before = os.umask(umask)
+    try:
+        file = write_atomically(tmp_path / "new" / "a.txt", "text")
+        assert file.stat().st_mode & 0o777 == 0o666 & ~umask
+        program = QuadraticProgram(*map(np.array, ([[1.0]], [1.0], np.ones((0, 1)), [], np.ones(
+            (0, 1)), [], [-1.0], [1.0])))  # fmt: skip
+        program.save(tmp_path / "step.npz")
+        assert (tmp_path / "step.npz").stat().st_mode & 0o777 == 0o666 & ~umask
+        for kept in (0o600, 0o640, 0o755):
+            file.chmod(kept)
+            write_atomically(file, "more text")
+            assert file.stat().st_mode & 0o777 == kept
+    finally:
+        os.umask(before)
+
+
+def test_after_a_failure_an_older_file_is_there_and_no_temporary_one(tmp_path: Path) -> None:
+    file = write_atomically(tmp_path / "a.txt", "older")
+    with pytest.raises(TypeError):
+        write_atomically(file, 3)  # type: ignore[arg-type]
+    assert [(each.name, each.read_text()) for each in tmp_path.iterdir()] == [("a.txt", "older")]
+
+
+def test_a_task_whose_name_is_no_utf_8_is_run_checked_and_reported(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    task, out = (os.fsdecode(name) for name in (b"bad\xff.toml", b"o\xff"))
+    try:
+        Path(task).write_text(PLANAR.replace("../scenes/", ""), "utf-8")
+    except OSError:
+        pytest.skip("this file system has names in UTF-8 only")
+    for ending in ("csv", "json", "npz"):
+        main(["run", f"./{task}", "--out", f"{out}.{ending}", "--quiet"])
+        main(["check", f"{out}.{ending}", f"./{task}", "--quiet"])
+        # The name in the file is that of the task: no note on another one.
+        assert qt.load_task(f"./{task}").name in str(
+            read_trajectory(f"{out}.{ending}").metadata["task"]
+        )
+    main(["compare", f"./{task}", "--methods", "qp", "--out", out, "--quiet"])
+    assert (Path(out) / "comparison.json").exists()
+    assert capsys.readouterr().err == ""
