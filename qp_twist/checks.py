@@ -171,12 +171,14 @@ def _finite_number(name: str, value: float) -> float:
     return float(array)
 
 
-def whole_number(name: str, value: int, *, at_least: int) -> int:
+def whole_number(name: str, value: int, *, at_least: int, at_most: int | None = None) -> int:
     """``value`` as an int in the stated range; bools and floats are refused."""
     if isinstance(value, bool) or not isinstance(value, (int, np.integer)):
         raise InvalidInput(f"{name}: expected a whole number, got {value!r}.")
     if value < at_least:
         raise InvalidInput(f"{name}: expected a number of at least {at_least}, got {value}.")
+    if at_most is not None and value > at_most:
+        raise InvalidInput(f"{name}: expected a number of at most {at_most}, got {value}.")
     return int(value)
 
 

@@ -92,7 +92,7 @@ def study(
         lines = [str(found.folder / "results.parquet"), *found.report()]
     shown = quiet.set(quiet.get() or json_)
     show(rich_study_table(found.title, found.summary()))
-    say(found.feasibility)
+    say(found.feasibility, *found.failures)
     for line in lines:
         say(f"wrote {line}")
     quiet.reset(shown)
@@ -109,7 +109,7 @@ def _say_kept(folder: Path, path_task: PathTask) -> None:
         return
     if done:
         show(rich_study_table(kept.title, kept.summary()))
-        say(kept.feasibility)
+        say(kept.feasibility, *kept.failures)
     say(
         f"interrupted: {done:,} of {kept.count:,} samples are kept in {folder}; the same command "
         "goes on from there"

@@ -171,7 +171,7 @@ class KernelCache(FunctionCache):
         with contextlib.suppress(OSError):
             self._folder.mkdir(exist_ok=True)
         kernel = f"{function.__module__.rpartition('.')[2]}.{function.__name__}"
-        self._cache_file = _Entries(self._folder, kernel)
+        self._cache_file: Any = _Entries(self._folder, kernel)
         self._lock = CompileLock(self._folder / f"{kernel}.lock")
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:

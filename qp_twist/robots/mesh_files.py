@@ -77,7 +77,6 @@ def load_meshes(file: Path) -> trimesh.Scene:
 
 @lru_cache(maxsize=256)
 def _read(file: Path, changed: int, size: int) -> tuple[ColouredMesh, ...]:
-
     suffix = file.suffix.lower()
     if suffix not in _KINDS:
         raise InvalidInput("expected a mesh, STL, OBJ or DAE, by its suffix")

@@ -2,20 +2,23 @@
 
 A Parquet file is only readable when complete, since it ends with its index. So rows are written in
 parts, each under a temporary name and then renamed; ``compact`` merges them into one file. If the
-process is killed, rows that are not yet in a part are lost and computed again.
+process is killed, rows that are not yet in a part are lost and computed again. Each file contains
+its own checksum, so that one that was altered is refused.
 """
 
 from __future__ import annotations
 
 import contextlib
+import hashlib
+import math
+import mmap
 import time
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from qp_twist.checks import clause
 from qp_twist.errors import InvalidInput
-from qp_twist.files import whole_file
+from qp_twist.files import check_regular, whole_file
 
 try:
     import fcntl
@@ -31,6 +34,8 @@ except ImportError:  # the extra is not installed; check_installed reports it
 
 _ROWS, _SECONDS = 2000, 10.0
 """Number of rows and time after which a part is written."""
+_CHECKSUM, _DIGITS = b"sha256:", 64
+"""Text before the checksum in a file's metadata, and number of hexadecimal digits."""
 _GROUP = 20_000
 """Number of rows of a Parquet row group, which are in memory at a time."""
 BASE = {
@@ -173,14 +178,17 @@ class Store:
         return sorted(self._folder.glob("[0-9]*.parquet"))
 
     def _batches(self, file: Path, columns: Sequence[str] | None) -> Iterator[pa.RecordBatch]:
+        check_regular(file, "table", largest=math.inf)
         try:
-            parquet = pq.ParquetFile(file)
-        except (pa.ArrowInvalid, OSError) as error:
+            at, stated, expected = _checksum(file)
+        except OSError as error:
+            raise InvalidInput(f"{file}: cannot be read ({error.strerror}).") from None
+        if at < 0 or stated != expected:
             raise InvalidInput(
-                f"{file}: cannot be read: {clause(error)}. Delete it, and its samples are "
-                "computed again."
-            ) from error
-        with parquet:
+                f"{file}: is damaged, was altered, or is not of a study: its checksum does not fit "
+                "its content. Restore it, or delete it, and its samples are computed again."
+            )
+        with pq.ParquetFile(file) as parquet:
             if not parquet.schema_arrow.equals(self.schema):
                 raise InvalidInput(
                     f"{file}: has other columns than this study; give another folder with --out."
@@ -188,7 +196,33 @@ class Store:
             yield from parquet.iter_batches(_GROUP, columns=columns)
 
     def _write(self, path: Path, tables: Iterable[pa.Table]) -> None:
-        """Write tables to a temporary file, then rename it."""
-        with whole_file(path) as unfinished, pq.ParquetWriter(unfinished, self.schema) as writer:
-            for table in tables:
-                writer.write_table(table)
+        """Write tables and their checksum to a temporary file, then rename it."""
+        with whole_file(path) as unfinished:
+            with pq.ParquetWriter(unfinished, self.schema) as writer:
+                for table in tables:
+                    writer.write_table(table)
+                empty = (_CHECKSUM + _DIGITS * b"0").decode()
+                writer.add_key_value_metadata({"qp_twist": empty})
+            at, _, digest = _checksum(unfinished)
+            with unfinished.open("r+b") as file:
+                file.seek(at)
+                file.write(digest)
+
+
+def _checksum(path: Path) -> tuple[int, bytes, bytes]:
+    """Offset of the checksum in a file, −1 without one; what is stated there; what it should be.
+
+    It is the SHA-256 of the file without these digits.
+    """
+    with path.open("rb") as file:
+        if not path.stat().st_size:
+            return -1, b"", b""
+        with mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as content:
+            found = content.rfind(_CHECKSUM)
+            at = found + len(_CHECKSUM) if found >= 0 else -1
+            digest = hashlib.sha256()
+            with memoryview(content) as view:
+                digest.update(view[: max(at, 0)])
+                digest.update(view[at + _DIGITS :])
+                stated = bytes(view[at : at + _DIGITS]) if at >= 0 else b""
+        return at, stated, digest.hexdigest().encode()

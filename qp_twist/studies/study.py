@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import io
 import json
 import os
@@ -10,9 +9,9 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, Annotated, Any, cast
 
-import numpy as np
+from pydantic import Field
 from rich.console import Console
 
 from qp_twist.checks import one_of, whole_number
@@ -23,17 +22,17 @@ from qp_twist.paths import (
     METHODS,
     PathTask,
     check_method,
-    load_scene,
     load_task,
     refuse_joint_moves,
     shipped_folder,
 )
 from qp_twist.paths.section import Section
 from qp_twist.qp import check_solver
+from qp_twist.studies.fingerprint import fingerprint
 from qp_twist.studies.rows import Job
 from qp_twist.studies.sample import Sample, Start, check_factors, drawn_columns, section_of
 from qp_twist.studies.store import Store, check_installed
-from qp_twist.studies.summary import MethodSummary, Rate, rich_table, summarise
+from qp_twist.studies.summary import MethodSummary, Rate, failures, rich_table, summarise
 from qp_twist.studies.workers import each
 
 if TYPE_CHECKING:
@@ -43,12 +42,8 @@ if TYPE_CHECKING:
 STARTS = ("auto", "task", "least_z", "random", "best")
 _SETTINGS = "study.json"
 _WIDTH = 128
-_OF_MODEL = (
-    "jnt_type", "jnt_limited", "jnt_range", "jnt_pos", "jnt_axis", "body_parentid", "body_pos",
-    "body_quat", "site_bodyid", "site_pos", "site_quat", "geom_bodyid", "geom_pos", "geom_quat",
-    "eq_type", "eq_obj1id", "eq_obj2id", "eq_active0", "eq_data",
-)  # fmt: skip
-"""The fields of a model that determine its kinematics."""
+_MOST_SAMPLES = 100_000_000
+"""Largest number of samples of a study: a list of their indices fits into the memory."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,10 +116,11 @@ class Study:
         return summarise(self.table(names).to_pydict(), self.job.methods)
 
     def text(self) -> str:
-        """The success table as plain text, and a line on feasibility."""
+        """The success table as plain text, and lines on feasibility and on why samples fail."""
         console = Console(file=io.StringIO(), width=_WIDTH, color_system=None)
         console.print(rich_table(self.title, self.summary()))
-        console.print(self.feasibility, markup=False, highlight=False, soft_wrap=True)
+        for line in (self.feasibility, *self.failures):
+            console.print(line, markup=False, highlight=False, soft_wrap=True)
         assert isinstance(console.file, io.StringIO)
         return console.file.getvalue()
 
@@ -134,6 +130,7 @@ class Study:
             "samples": self.count - len(self.missing()),
             "of": self.count,
             "feasibility": self.feasibility,
+            "failures": self.failures,
             "methods": {s.method: s.to_dict() for s in self.summary()},
         }
 
@@ -159,6 +156,12 @@ class Study:
                 "not known"
             )
         return f"feasible: {found.count:,} of {found.of:,} samples, {found} %"
+
+    @property
+    def failures(self) -> list[str]:
+        """Sentences on why samples fail, beyond the fault and its joint in the table."""
+        names = ("sample", "success", "feasible", "certificate", "message")
+        return failures(self.table(names).to_pydict())
 
     def figures(self) -> dict[str, Figure]:
         """Matplotlib figures by name: ``faults``, ``z``, and ``maps`` where placements vary."""
@@ -289,7 +292,7 @@ def study(
     names = sorted({check_method(name) for name in names}, key=order.__getitem__)
     if not names:
         raise InvalidInput("study: methods is empty; name at least one.")
-    count = whole_number("samples", samples, at_least=1)
+    count = whole_number("samples", samples, at_least=1, at_most=_MOST_SAMPLES)
     if jobs is not None:
         whole_number("jobs", jobs, at_least=1)
     job = Job(
@@ -330,8 +333,8 @@ class _Settings(Section):
     task: str
     fingerprint: str
     vary: list[str]
-    samples: int
-    seed: int
+    samples: Annotated[int, Field(ge=1, le=_MOST_SAMPLES)]
+    seed: Annotated[int, Field(ge=0)]
     methods: list[str]
     solver: str
     start: Start
@@ -346,7 +349,7 @@ def _settings(job: Job, count: int) -> dict[str, Any]:
     shipped = source.resolve().parent == shipped_folder("tasks").resolve()
     return {
         "task": source.stem if shipped else str(source.resolve()),
-        "fingerprint": _fingerprint(job.path_task),
+        "fingerprint": fingerprint(job.path_task),
         "vary": list(job.vary),
         "samples": count,
         "seed": job.seed,
@@ -356,32 +359,6 @@ def _settings(job: Job, count: int) -> dict[str, Any]:
         "certify": job.certify,
         "versions": {name: version(name) for name in ("qp_twist", "mink", "mujoco", "numpy")},
     }
-
-
-def _fingerprint(path_task: PathTask) -> str:
-    """Digest of everything that a sample depends on."""
-    models = [path_task.model]
-    section = section_of(path_task)
-    if section.robot is not None and path_task.source is not None:
-        models += [load_scene(path_task.source, scene).model for scene in section.robot.scenes]
-    poses = [*path_task.waypoints, *(path_task.flipped_waypoints or ())]
-    arrays = [
-        *(pose.as_matrix() for pose in poses), path_task.start, *path_task.starts.values(),
-        path_task.velocity_limits, path_task.acceleration_limits,
-    ]  # fmt: skip
-    arrays += [a for a in (path_task.durations, path_task.roll_normal) if a is not None]
-    for model in models:
-        arrays += [getattr(model, name) for name in _OF_MODEL]
-    digest = hashlib.sha256()
-    for array in arrays:
-        digest.update(np.ascontiguousarray(array, dtype=np.float64).tobytes())
-    settings = (
-        path_task.frame_name, path_task.frame_type, path_task.operational, path_task.projectors,
-        [(s.first, s.blend) for s in path_task.segments], path_task.bands, path_task.iteration,
-        section, sorted(path_task.methods.items()), sorted(path_task.starts), path_task.best_start,
-    )  # fmt: skip
-    digest.update(repr(settings).encode())
-    return digest.hexdigest()[:16]
 
 
 def _check_from_file(task: PathTask) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections import Counter
 from dataclasses import dataclass
 from typing import Any
@@ -15,6 +16,11 @@ from qp_twist.checks import Array
 
 Mask = npt.NDArray[np.bool_]
 _REASONS = 3
+_SHOWN = 6
+"""Number of reasons in words."""
+_IN_BRACKETS = re.compile(r" \([^()]*\)")
+_NUMBER = r"[-+]?\d+(?:\.\d+)?(?:e[-+]?\d+)?"
+_NUMBERS = re.compile(rf"{_NUMBER}(?:(?:,| and) {_NUMBER})*(?: more)?")
 
 
 @dataclass(frozen=True)
@@ -61,6 +67,7 @@ class MethodSummary:
             start; over none if that is not known for all samples.
         possible: Success rate over the samples not known to be infeasible.
         faults: Number of runs of possible samples that each fault ended, by kind and joint.
+        infeasible: Number of failed runs of samples that have no motion inside the limits.
         waypoints: Quartiles of the waypoint at which runs of possible samples failed.
         over_least: Median of z_over_least over the successes.
     """
@@ -70,6 +77,7 @@ class MethodSummary:
     feasible: Rate
     possible: Rate
     faults: dict[str, dict[str, int]]
+    infeasible: int
     waypoints: list[float] | None
     over_least: float
 
@@ -80,6 +88,7 @@ class MethodSummary:
             "feasible": self.feasible.to_dict(),
             "possible": self.possible.to_dict(),
             "faults": self.faults,
+            "infeasible": self.infeasible,
             "failed_at_quartiles": self.waypoints,
             "z_over_least": self.over_least if np.isfinite(self.over_least) else None,
         }
@@ -88,7 +97,7 @@ class MethodSummary:
     def reasons(self) -> str:
         """The most frequent faults, with the joint that is most often in them."""
         totals = {kind: sum(joints.values()) for kind, joints in self.faults.items()}
-        parts = []
+        parts = [f"infeasible {self.infeasible}"] if self.infeasible else []
         for kind in sorted(totals, key=lambda kind: -totals[kind])[:_REASONS]:
             joint = max(self.faults[kind], key=self.faults[kind].__getitem__)
             parts.append(f"{kind} {totals[kind]}" + (f" ({joint})" if joint else ""))
@@ -130,9 +139,36 @@ def _summary(
         of_possible if known else Rate(0, 0),
         of_possible,
         {kind: dict(joints.most_common()) for kind, joints in faults.items()},
+        int((mine & ~possible & ~success).sum()),
         quartiles,
         float(np.median(ratios)) if len(ratios) else float("nan"),
     )
+
+
+def failures(columns: dict[str, Any]) -> list[str]:
+    """Why samples fail, in the words of certificates and messages, the most frequent first.
+
+    Reasons that differ in their numbers alone are counted together.
+
+    Args:
+        columns: Of the results, by name: sample, success, feasible, certificate, message.
+    """
+    samples: dict[str, dict[int, None]] = {}
+    for sample, success, feasible, certificate, message in zip(
+        *(columns[n] for n in ("sample", "success", "feasible", "certificate", "message")),
+        strict=True,
+    ):
+        text = certificate if feasible is False else message
+        if text and not success:
+            reason = _NUMBERS.sub("…", _IN_BRACKETS.sub("", text.partition(";")[0]))
+            samples.setdefault(reason.rstrip("."), {})[sample] = None
+    found = sorted(samples.items(), key=lambda item: -len(item[1]))
+    lines = [
+        f"{len(of):,} sample{'' if len(of) == 1 else 's'}: {reason} (the first is sample {min(of)})"
+        for reason, of in found[:_SHOWN]
+    ]
+    more = sum(len(of) for _, of in found[_SHOWN:])
+    return [*lines, f"{more:,} more for other reasons"] if more else lines
 
 
 def numbers(values: list[float | None] | list[bool | None]) -> Array:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import json
 import os
+import shutil
 import signal
 import sys
 import time
@@ -18,6 +19,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from oracles.dying_jobs import Dying, Slow
+from oracles.mutations import mutated
 
 import qp_twist as qt
 from qp_twist.cli import main
@@ -314,8 +316,40 @@ def test_a_file_that_is_no_parquet_or_of_another_study_is_refused(tmp_path: Path
     with pytest.raises(qt.InvalidInput, match="other columns than this study"):
         Store(tmp_path, {"y": "float64"}).table()
     (tmp_path / "results.parquet").write_bytes(b"PAR1 not really")
-    with pytest.raises(qt.InvalidInput, match="cannot be read"):
+    with pytest.raises(qt.InvalidInput, match="its checksum does not fit"):
         Store(tmp_path, {"x": "float64"}).table()
+
+
+def test_a_table_that_was_altered_is_refused(twelve: qt.Study, tmp_path: Path) -> None:
+    """Not read with other numbers, and not with an exception of somebody else."""
+    shutil.copytree(twelve.folder, tmp_path / "out")
+    file = tmp_path / "out" / "results.parquet"
+    whole, rows = file.read_bytes(), content(twelve)
+    task = twelve.job.path_task
+    for number in range(300):
+        file.write_bytes(mutated(whole, number))
+        if file.read_bytes() == whole:
+            continue
+        with pytest.raises(qt.InvalidInput, match=r"results\.parquet: .*damaged|cannot be read"):
+            qt.Study.open(tmp_path / "out", task).table()
+    # Also one that another program has written.
+    pa.parquet.write_table(twelve.table(), file)
+    with pytest.raises(qt.InvalidInput, match="was altered"):
+        qt.Study.open(tmp_path / "out", task).summary()
+    file.write_bytes(whole)
+    assert content(qt.Study.open(tmp_path / "out", task)) == rows
+
+
+def test_the_settings_of_a_study_may_be_damaged(twelve: qt.Study, tmp_path: Path) -> None:
+    shutil.copytree(twelve.folder, tmp_path / "out")
+    file = tmp_path / "out" / "study.json"
+    whole = file.read_bytes()
+    for number in range(300):
+        file.write_bytes(mutated(whole, number))
+        try:
+            qt.Study.open(tmp_path / "out", twelve.job.path_task).summary()
+        except qt.InvalidInput as error:
+            assert str(tmp_path / "out") in str(error) or "no shipped task" in str(error)
 
 
 # ---------------------------------------------------------------- who does it
@@ -413,6 +447,7 @@ def test_a_study_is_not_mixed_with_another(twelve: qt.Study, tmp_path: Path) -> 
         ({"vary": None}, "lists of names"),
         ({"vary": ["start"], "start": "best"}, "cannot vary and be 'best'"),
         ({"samples": 0}, "samples: expected a number of at least 1"),
+        ({"samples": 10**30}, "samples: expected a number of at most"),
         ({"samples": 2.5}, "samples: expected a whole number"),
         ({"jobs": 0}, "jobs: expected"),
         ({"seed": -1}, "seed: expected"),
@@ -480,6 +515,47 @@ def test_what_cannot_begin_leaves_the_folder_as_it_was(twelve: qt.Study) -> None
     assert (twelve.folder / "study.json").read_bytes() == before
 
 
+WITH_POST = """    <body name="post" pos="3 3 0">
+      <geom name="post" type="box" size="0.2 0.2 0.2" contype="1" conaffinity="1"/>
+    </body>
+  </worldbody>"""
+
+
+@pytest.mark.usefixtures("left_running")
+def test_a_study_does_not_go_on_with_a_task_that_has_changed(tmp_path: Path) -> None:
+    scene = (ROOT / "scenes" / "planar_3r.xml").read_text("utf-8")
+    geom = '<geom name="ball" size="0.05" pos="0.9 0 0" contype="1" conaffinity="1"/></body>'
+    assert scene.count("</worldbody>") == 1
+    scene = scene.replace("  </worldbody>", WITH_POST)
+    last = scene.index("</body>", scene.index("tip"))
+    scene = scene[:last] + geom + scene[last + len("</body>") :]
+    (tmp_path / "arm.xml").write_text(scene, "utf-8")
+    clear = "\n[clearance]\ndistance = 0.01\nignore = []\n\n[iteration]"
+    file = line_task(tmp_path, **{"planar_3r.xml": "arm.xml", "[iteration]": clear})
+    text = file.read_text("utf-8")
+    qt.study(file, ["placement"], 1, ["minimum_norm"], out=tmp_path / "out", jobs=2, certify=False)
+    assert qt.Study.open(tmp_path / "out").missing() == []
+    for where, before, after in (
+        (file, "distance = 0.01", "distance = 0.15"),
+        (file, "ignore = []", 'ignore = [["ball", "post"]]'),
+        (file, "steps_per_segment = 8", "steps_per_segment = 9"),
+        (tmp_path / "arm.xml", 'size="0.2 0.2 0.2"', 'size="0.2 0.2 0.3"'),
+        (tmp_path / "arm.xml", 'size="0.05"', 'size="0.06"'),
+        (tmp_path / "arm.xml", 'type="box" size="0.2 0.2', 'type="ellipsoid" size="0.2 0.2'),
+    ):
+        whole = where.read_text("utf-8")
+        assert before in whole
+        where.write_text(whole.replace(before, after), "utf-8")
+        with pytest.raises(qt.InvalidInput, match="as it was then"):
+            qt.Study.open(tmp_path / "out")
+        with pytest.raises(qt.InvalidInput, match="as it was then"):
+            qt.study(file, ["placement"], 2, ["minimum_norm"], out=tmp_path / "out", certify=False)
+        where.write_text(whole, "utf-8")
+    # What is only said of it, or where it is, changes no sample.
+    (tmp_path / "line.toml").write_text(f"# a comment\n{text}", "utf-8")
+    assert qt.Study.open(tmp_path / "out").missing() == []
+
+
 @pytest.mark.usefixtures("left_running")
 def test_another_robot_is_another_study(tmp_path: Path) -> None:
     scene = (ROOT / "scenes" / "planar_3r.xml").read_text("utf-8")
@@ -517,6 +593,23 @@ def test_what_is_infeasible_is_certified(tmp_path: Path) -> None:
             assert found["fault"] == fault
             assert found["feasible"] is False
             assert "does not reach" in found["certificate"]
+
+
+@pytest.mark.usefixtures("left_running")
+def test_a_study_says_why_samples_fail(tmp_path: Path) -> None:
+    far = {"lower = [-1.0, 1.0, 0.0]": "lower = [9.0, 9.0, 0.0]",
+           "upper = [1.0, 2.5, 0.0]": "upper = [9.5, 9.0, 0.0]"}  # fmt: skip
+    task = line_task(tmp_path, **far)
+    found = qt.study(task, ["placement"], 3, METHODS, out=tmp_path / "out", jobs=2)
+    for summary in found.summary():
+        assert summary.infeasible == 3 - summary.all.count == 3
+        assert summary.reasons == "infeasible 3"
+    [line] = found.failures
+    assert line == (
+        "3 samples: the arm does not reach waypoints … in any configuration (the first is sample 0)"
+    )
+    assert line in found.text() and "infeasible 3" in found.text()
+    assert found.to_dict()["failures"] == [line]
 
 
 def test_a_planned_method_follows_its_plan_from_the_best_start(tmp_path: Path) -> None:
