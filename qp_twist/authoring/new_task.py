@@ -42,7 +42,8 @@ from qp_twist.paths import (
 )
 from qp_twist.paths.motions import times
 from qp_twist.paths.task_file import FILE_KEY
-from qp_twist.robots import Robot, load_robot
+from qp_twist.programs import AS_MODELLED
+from qp_twist.robots import Robot, load_robot, stated_robot
 from qp_twist.robots.srdf import disabled_pairs, srdf_beside
 from qp_twist.trajectories import Check, run_task
 
@@ -110,6 +111,7 @@ def new_task(
         InvalidInput: If a file is refused, the frame is ambiguous, or ``out`` exists.
     """
     _check_out(out, force)
+    controller = _controller(request.controller, out)
     number("speed", request.speed, above=0.0)
     if request.angular_speed_deg is not None:
         number("angular_speed_deg", request.angular_speed_deg, above=0.0)
@@ -156,6 +158,7 @@ def new_task(
             rpy_deg=np.zeros(3) if in_hand else np.array(request.place_rpy_deg),
             watched=_watched(request, robot, model, tool, part),
             carrier=carrier,
+            controller=controller,
         )
         stays = request.place or request.part_mesh or request.fixture_meshes or carrier
         with whole_file(out) as unfinished:
@@ -284,6 +287,18 @@ def _relative(file: Path, out: Path) -> str:
         return Path(os.path.relpath(file.resolve(), out.resolve().parent)).as_posix()
     except ValueError:  # on another drive
         return file.resolve().as_posix()
+
+
+def _controller(stated: str | None, out: Path) -> str | None:
+    """The controller as the task file names it.
+
+    Raises:
+        InvalidInput: If it is no known robot and no file with one.
+    """
+    if stated is None or stated == AS_MODELLED:
+        return stated
+    stated_robot(stated)
+    return _relative(Path(stated), out) if stated.lower().endswith(".toml") else stated
 
 
 def _toolpath(request: Request) -> Toolpath:

@@ -57,6 +57,8 @@ class Request:
         tool_at: Pose of a tool that is fixed in the cell, in the robot's world, as ``tcp``. The
             robot then holds the part: ``place`` is in its frame, ``tcp`` in that of the tool, and
             fixtures are in the robot's world.
+        controller: How the controller counts the joints: name of a known robot, a file with a table
+            of its own (``.toml``), or ``"as modelled"``; ``None``: recognised.
     """
 
     robot: Path
@@ -88,6 +90,7 @@ class Request:
     tool_at: tuple[float, float, float, float, float, float] | None = None
     packages: Mapping[str, Path] = field(default_factory=dict)
     arguments: Mapping[str, str] = field(default_factory=dict)
+    controller: str | None = None
 
     @property
     def has_cell(self) -> bool:

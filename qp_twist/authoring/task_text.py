@@ -58,6 +58,7 @@ class Parts:
         watched: What must not touch; ``None`` where nothing can collide.
         varied: Where a study puts the workpiece; ``None`` without that section.
         carrier: Body of the scene that carries the path; ``None``: its world.
+        controller: How the controller counts the joints, a file as the task file names it.
     """
 
     request: Request
@@ -78,6 +79,7 @@ class Parts:
     watched: Watched | None = None
     varied: VariedPlacement | None = None
     carrier: str | None = None
+    controller: str | None = None
 
     @property
     def turns_in_place(self) -> int:
@@ -130,6 +132,13 @@ def _robot(parts: Parts) -> str:
             if parts.carrier is None
             else [
                 _line(f"relative_to = {_quoted(parts.carrier)}", "the body that carries the path")
+            ]
+        ),
+        *(
+            []
+            if parts.controller is None
+            else [
+                _line(f"controller = {_quoted(parts.controller)}", "how programs count the joints")
             ]
         ),
         *(_comment(f"Left out of the robot file: {sentence}") for sentence in parts.left_out),

@@ -69,6 +69,7 @@ def new(
     arg: tyro.conf.UseAppendAction[
         Annotated[tuple[str, ...], tyro.conf.arg(metavar="NAME:=VALUE")]
     ] = (),
+    controller: Text = None,
     force: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False,
     json_: Json = False,
 ) -> None:
@@ -118,6 +119,8 @@ def new(
         mesh_units: Unit of the meshes, mm or m; required with a mesh.
         package: Folder of a ROS package of a URDF or xacro file; may be repeated.
         arg: Value of an argument of a xacro file; may be repeated.
+        controller: How the robot's controller counts the joints in programs: the robot's name in
+            the table of known robots, a file with a table of its own (.toml), or "as modelled".
         force: Overwrite the task file, and the folder of its scene.
         json_: Print the file, each decision and the check of its run as JSON.
     """
@@ -151,6 +154,7 @@ def new(
         tool_at=None if tool_at is None else _six(*_pose("--tool-at", tool_at)),
         packages={name: Path(at) for name, at in _named("--package", package, "=").items()},
         arguments=_named("--arg", arg, ":="),
+        controller=controller,
     )
     if place is not None:
         position, rpy_deg = _pose("--place", place)

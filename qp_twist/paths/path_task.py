@@ -93,6 +93,9 @@ class PathTask:
             robot's hand. Waypoints, feeds, errors and everything else that is stated in the world
             are then stated in the frame of this body. ``None``: the world carries it.
         scene_model: With ``relative_to``: the scene as it stands, which pictures show.
+        controller: How the controller counts the joints in programs: name of a known robot, path of
+            a table of one's own (``.toml``), or ``"as modelled"``; ``None``: recognised by name and
+            geometry.
 
     Raises:
         InvalidInput: If the segments or joint moves do not fit the waypoints, the robot or each
@@ -131,6 +134,7 @@ class PathTask:
     joint_moves: tuple[int, ...] = ()
     relative_to: str | None = None
     scene_model: mujoco.MjModel | None = None
+    controller: str | None = None
 
     def __post_init__(self) -> None:
         self._check_types()

@@ -234,6 +234,7 @@ def _build(path: Path, file: TaskFile) -> PathTask:
         joint_moves=built.joint_moves,
         relative_to=carrier,
         scene_model=None if carrier is None else scene,
+        controller=_controller(path, file.robot.controller),
     )
     for name, settings in task.methods.items():
         unused = METHODS[name].unused(task.settings(name))
@@ -242,6 +243,12 @@ def _build(path: Path, file: TaskFile) -> PathTask:
                 f"methods.{name}.{key}: it would change nothing, since {unused[key]}; leave it out."
             )
     return task
+
+
+def _controller(path: Path, stated: str | None) -> str | None:
+    """The controller of a task file; a table of robots is relative to it."""
+    is_file = stated is not None and stated.lower().endswith(".toml")
+    return str(path.parent / stated) if stated is not None and is_file else stated
 
 
 def _seen_from(

@@ -37,6 +37,11 @@ class RobotSection(Section):
     arguments: dict[str, str | bool | int | float] = Field(
         default_factory=dict, description="values of the arguments of a xacro file"
     )
+    controller: Annotated[str, Field(min_length=1)] | None = Field(
+        default=None,
+        description="how the controller counts the joints in programs: a known robot's name, a "
+        'file with a table of its own (.toml, relative to the task file), or "as modelled"',
+    )
 
 
 class SegmentSection(ProjectorSection):

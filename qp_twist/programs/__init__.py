@@ -11,3 +11,4 @@ from .joint_moves import Beside as Beside
 from .joint_moves import Dialect as Dialect
 from .joint_moves import JointMoves as JointMoves
 from .joint_moves import printed as printed
+from .reading import DOES_NOT_PASS as DOES_NOT_PASS

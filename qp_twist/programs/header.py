@@ -108,7 +108,11 @@ def check_header(moves: JointMoves, dialect: Dialect, robot: str, equations: Seq
     except ValueError:
         same = False
     if not same:
-        takes = "gives no time for some of its moves" if total is None else f"takes {total:.9g} s"
+        if total is not None:
+            takes = f"takes {total:.9g} s"
+        else:
+            why = (note for note in moves.notes if note.endswith("depends on the controller"))
+            takes = f"does not say how long it takes ({next(why, '')})"
         raise InvalidInput(
             f"the header says seconds: {header['seconds']}, but the program {takes}; a time was "
             "changed. Export it again, or remove the header."

@@ -61,6 +61,7 @@ class Dialect(NamedTuple):
         check_name: Refuses a program name that the controller does not take.
         encode: (program name, moves, header lines) to the texts of files by name.
         decode: (text, files beside it) to moves.
+        stopped: (text, line that is no statement) to a text at which a controller stops.
     """
 
     name: str
@@ -74,6 +75,7 @@ class Dialect(NamedTuple):
     check_name: Callable[[str], None]
     encode: Callable[[str, JointMoves, tuple[str, ...]], dict[str, str]]
     decode: Callable[[str, Beside], JointMoves]
+    stopped: Callable[[str, str], str] = lambda text, line: f"{line}\n{text}"
 
 
 def printed(moves: JointMoves, dialect: Dialect) -> JointMoves:

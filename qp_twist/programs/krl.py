@@ -12,6 +12,7 @@ in seconds, the other in percent of the whole, so parts are read as shares of ``
 from __future__ import annotations
 
 import re
+from collections.abc import Callable
 
 from qp_twist.errors import InvalidInput
 from qp_twist.files import text_lines
@@ -19,12 +20,17 @@ from qp_twist.programs.header import read_header
 from qp_twist.programs.joint_moves import AXES, Beside, Dialect, JointMoves
 from qp_twist.programs.reading import (
     NUMBER,
+    Act,
+    Calls,
     Course,
+    Procedure,
     Rules,
+    calls_nothing,
     check_identifier,
-    nothing,
     number_of,
     refuse,
+    split,
+    without_texts,
 )
 
 _LONGEST = 24
@@ -41,6 +47,9 @@ BAS (#INITMOV,0)
 BAS (#VEL_PTP,10)
 BAS (#ACC_PTP,20)
 """
+_FRAME = _START.rstrip("\n").split("\n")
+"""The first statements of a program of this package: its speeds are those of the way to the start,
+whose time does not count."""
 
 
 def _check_name(name: str) -> None:
@@ -65,30 +74,60 @@ def _encode(name: str, moves: JointMoves, header: tuple[str, ...]) -> dict[str, 
     return {f"{name}{KRL.suffix}": "\n".join(lines)}
 
 
+_NAME = r"[A-Za-z]\w*"
+_TYPES = r"INT|REAL|BOOL|CHAR|FRAME|POS|E6POS|AXIS|E6AXIS|FDAT|PDAT|LDAT|LOAD"
 _DECLARED = re.compile(
-    r"(?:GLOBAL\s+)?(?:DECL\s+)?(?:GLOBAL\s+)?(?:E6AXIS|AXIS)\s+(\w+)\s*=\s*(\{.*\})", re.IGNORECASE
+    rf"(?:GLOBAL\s+)?(?:DECL\s+(?:GLOBAL\s+)?(?:CONST\s+)?({_NAME})|({_TYPES}))\s+"
+    rf"({_NAME})((?:\s*\[[\d\s,]*\])?(?:\s*,\s*{_NAME}(?:\s*\[[\d\s,]*\])?)*)\s*(?:=(?!=)(.*))?",
+    re.IGNORECASE | re.ASCII,
 )
+_ASSIGNMENT = re.compile(
+    rf"({_NAME})((?:\s*\[[^\]]*\]|\s*\.\s*\w+)*)\s*=(?!=)(.*)", re.IGNORECASE | re.ASCII
+)
+_PASSED = (
+    r"\$(?:OUT|ANOUT|FLAG|TIMER|TIMER_STOP)\s*\[[^\]]*\]|\$ADVANCE|\$BWDSTART|\$APO(?:\.\w+)?"
+    r"|\$ORI_TYPE|\$CIRC_TYPE|\$H_POS"
+)
+"""Variables of the controller: outputs, flags, timers, and how far from a point rounding begins."""
+_SETTINGS = (
+    r"\$TOOL|\$BASE|\$LOAD|\$ACT_TOOL|\$ACT_BASE|\$IPO_MODE|(?:TOOL|BASE|LOAD)_DATA\s*\[\d+\]"
+    r"|FDAT_ACT"
+)
+_SPEEDS = (
+    r"\$VEL(?:\.\w+)?|\$ACC(?:\.\w+)?|\$(?:VEL|ACC)_AXIS\s*\[\d+\]|\$GEAR_JERK\s*\[\d+\]"
+    r"|\$OV_PRO|[PL]DAT_ACT"
+)
+_WORDS = {"BAS", "SET_CD_PARAMS", "IR_STOPM", "FDAT_ACT", "PDAT_ACT", "LDAT_ACT"}
+"""Names to which a program may not give another meaning."""
+_PULSE = r"PULSE\s*\(\s*\$OUT\s*\[\w+\]\s*,\s*\w+\s*,\s*[\d.]+\s*\)"
+_WITH = re.compile(
+    r"\$(?:TOOL|BASE|LOAD|IPO_MODE|APO|(?:VEL|ACC)_AXIS\[\d\]|GEAR_JERK\[\d\]"
+    r"|COLLMON_TOL_PRO\[\d\])\s*=\s*(?:(?:SVEL_JOINT|SACC_JOINT|SJERK|STOOL2|STOOL|SBASE|SLOAD"
+    r"|SIPO_MODE|SAPO_PTP|SAPO|USE_CM_PRO_VALUES)\s*\(\s*[\w.]+\s*\)|[\w.]+)",
+    re.IGNORECASE | re.ASCII,
+)
+"""What an SPTP may have after WITH, also as the maker's inline forms write it."""
+_READS = "axis moves (PTP, SPTP) to literals or constants, one after the other,"
 
 
 def _decode(text: str, beside: Beside) -> JointMoves:
     comments: list[str] = []
     statements: list[tuple[int, str]] = []
-    for number, line in enumerate(text.splitlines(), start=1):
-        code, _, comment = line.partition(";")
+    for number, line in enumerate(text.split("\n"), start=1):
+        code, comment = without_texts(number, line, '"', ";")
         comments.append(comment)
-        if code.strip() and not code.strip().startswith("&"):
-            statements.append((number, code.strip()))
-    reader = _Reader(beside)
-    reader.rules.follow(statements, reader.course)
-    if reader.block is not None:
-        raise InvalidInput("the time block has no end (TIME_BLOCK END = …); a line was lost.")
+        if code:
+            statements.append((number, code))
+    course = Course()
+    reader = _Reader(course, beside)
+    reader.execute(statements)
     header = read_header(comments)
     if header and reader.shares:
         raise InvalidInput(
             f"the parts of the time block are not {header['seconds']} s together, as the header "
             "says; a time was changed. Export it again, or remove the header."
         )
-    return reader.course.moves(header)
+    return course.moves(header)
 
 
 class _Reader:
@@ -96,61 +135,205 @@ class _Reader:
 
     Attributes:
         course: The points so far.
-        rules: What statements are.
+        rules: The grammar.
+        spline: Whether a spline has begun and not ended.
         block: Points of a time block that is not closed, with their lines.
         shares: Whether the parts of the time block are shares, not seconds.
     """
 
-    def __init__(self, beside: Beside) -> None:
-        self.course = Course()
+    def __init__(self, course: Course, beside: Beside) -> None:
+        self.course = course
+        self.spline = False
         self.block: list[tuple[int, list[float]]] | None = None
+        self.shares = False
         self._beside = beside
-        self._targets: dict[str, list[float]] = {}
-        self._name = ""
+        self._targets: dict[str, str] = {}
+        self._assigned: dict[str, list[str]] = {}
+        self._procedures: dict[str, Procedure] = {}
+        self._calls: Calls | None = None
         self._parts: list[float] = []
         self._timed = False
-        self.shares = False
+
+        def has(pattern: str) -> re.Pattern[str]:
+            return re.compile(pattern, re.IGNORECASE | re.ASCII)
+
         self.rules = Rules(
             (
-                (re.compile(r"(?:GLOBAL\s+)?DEF\s+(\w+)\s*\(\s*\)", re.I), self._define),
-                (re.compile(r"END|ENDSPLINE|PTP_SPLINE(\s+WITH\s.*)?", re.I), nothing),
-                (re.compile(r"TIME_BLOCK\s+START", re.I), self._begin),
-                (re.compile(rf"TIME_BLOCK\s+PART\s*=\s*({NUMBER})", re.I), self._part),
-                (re.compile(rf"TIME_BLOCK\s+END\s*=\s*({NUMBER})", re.I), self._end),
-                (_DECLARED, self._declare),
+                (has(r"PTP_SPLINE(?:\s+WITH\s+(.*))?"), self._begin_spline),
+                (has(r"ENDSPLINE"), self._end_spline),
+                (has(r"TIME_BLOCK\s+START"), self._begin),
+                (has(rf"TIME_BLOCK\s+PART\s*=\s*({NUMBER})"), self._part),
+                (has(rf"TIME_BLOCK\s+END\s*=\s*({NUMBER})"), self._end),
                 (
-                    re.compile(r"S?PTP\s+(\{.*?\}|\w+)\s*((?:C_\w+\s*)*)(?:WITH\s.*)?", re.I),
+                    has(
+                        rf"(S?PTP)\s*(?<=[P\s])(\{{[^{{}}]*\}}|(?<=\s)(?:{_NAME}|\$\w+))"
+                        r"((?:\s*\bC_\w+)*)(?:\s+WITH\s+(.*))?"
+                    ),
                     self._move,
                 ),
-                (re.compile(rf"WAIT\s+SEC\s+({NUMBER})", re.I), self._wait),
+                (
+                    has(
+                        r"TRIGGER\s+WHEN\s+(?:PATH|DISTANCE)\s*=\s*[-\d.]+(?:\s+ONSTART)?\s+DELAY\s*="
+                        rf"\s*[-\d.]+\s+DO\s+(?:\$OUT\s*\[\w+\]\s*=\s*\w+|{_PULSE})"
+                    ),
+                    self._pass("TRIGGER", course.passed, in_spline=True),
+                ),
+                (has(rf"WAIT\s+SEC\s+({NUMBER})"), self._wait),
+                (has(r"WAIT\s+(?:SEC|FOR)\b(.*)"), self._pass("WAIT", course.pause)),
+                (has(r"HALT"), self._pass("HALT", course.pause)),
+                (has(r"RETURN"), self._return),
+                (
+                    has(
+                        r"GLOBAL INTERRUPT DECL 3 WHEN \$STOPMESS\s*==\s*TRUE DO IR_STOPM\s*\(\s*\)"
+                        r"|INTERRUPT ON 3|BAS\s*\(\s*#INITMOV\s*,\s*0\s*\)"
+                    ),
+                    self._pass("", lambda number, word: None),
+                ),
+                (
+                    has(rf"BAS\s*\(\s*#(?:TOOL|BASE|FRAMES)\s*(?:,\s*{NUMBER}\s*)?\)"),
+                    self._pass("BAS", course.setting),
+                ),
+                (
+                    has(
+                        r"BAS\s*\(\s*#(?:(?:VEL|ACC)_(?:PTP|CP)|(?:PTP|CP)_(?:DAT|PARAMS))\s*"
+                        rf"(?:,\s*{NUMBER}\s*)?\)"
+                    ),
+                    self._pass("BAS", course.speed),
+                ),
+                (has(rf"(?:{_PASSED})\s*=(?!=)(.*)"), self._pass("", course.passed)),
+                (has(rf"(?:{_SETTINGS})\s*=(?!=)(.*)"), self._pass("", course.setting)),
+                (has(rf"(?:{_SPEEDS})\s*=(?!=)(.*)"), self._pass("", course.speed)),
+                (has(rf"{_PULSE}"), self._pass("PULSE", course.passed)),
+                (
+                    has(r"SET_CD_PARAMS\s*\(\s*\d+\s*\)"),
+                    self._pass("SET_CD_PARAMS", course.passed),
+                ),
+                (has(rf"EXT\s+{_NAME}\s*\([^()]*\)"), self._pass("EXT", course.passed)),
+                (has(rf"SIGNAL\s+{_NAME}\s+\$\w+\[\d+\](?:\s+TO\s+\$\w+\[\d+\])?"),
+                 self._pass("SIGNAL", course.passed)),
+                (_DECLARED, self._declare),
+                (_ASSIGNMENT, self._assign),
+                (has(rf"({_NAME})\s*\(\s*\)"), self._call),
             ),
-            re.compile(
-                r"^(LIN|LIN_REL|PTP_REL|SPTP_REL|CIRC|CIRC_REL|SLIN|SLIN_REL|SCIRC|SCIRC_REL|SPL"
-                r"|SPLINE|IF|ELSE|ENDIF|FOR|ENDFOR|WHILE|ENDWHILE|LOOP|ENDLOOP|REPEAT|UNTIL|SWITCH"
-                r"|CASE|ENDSWITCH|GOTO|EXIT|CONST_VEL|ASYPTP|RETURN|TIME_BLOCK)\b",
-                re.IGNORECASE,
-            ),
-            re.compile(
-                r"((?:BAS|INTERRUPT|GLOBAL\s+INTERRUPT|DECL|EXT|SIGNAL|INT|REAL|BOOL|CHAR|FRAME"
-                r"|E6POS|POS|AXIS|E6AXIS|WAIT\s+FOR|TRIGGER|CONTINUE|PULSE|ANOUT|ANIN|INI|HALT)\b"
-                r"|\$?\w+(?:\[[^\]]*\])?(?:\.\w+)*(?=\s*=(?!=)))",
-                re.IGNORECASE,
-            ),
-            "axis moves (PTP, SPTP) one after the other",
-        )
+            _READS,
+        )  # fmt: skip
 
-    def _define(self, number: int, match: re.Match[str]) -> None:
-        if self._name:
-            raise refuse(number, match[0], "a second program in the file; expected one.")
-        self._name = match[1]
-        self._targets = _of_data_file(self._beside, self._name)
+    def execute(self, statements: list[tuple[int, str]]) -> None:
+        """Execute a file: its first program, and those of the file that this one calls."""
+        name = self._nested(statements)
+        if name:
+            self._read_data_file(name)
+            lines = self._procedures[name].statements
+            if [statement for _, statement in lines[: len(_FRAME)]] == _FRAME:
+                del lines[: len(_FRAME)]
+        for procedure in self._procedures.values():
+            for number, statement in procedure.statements:
+                self._count(f"{number}", statement)
+        self._calls = Calls(self.rules, self.course, self._procedures)
+        if not name:
+            raise InvalidInput("this is no KRL program: expected DEF NAME( ) … END.")
+        self._calls.run(name)
+        if self.spline:
+            raise InvalidInput("the spline has no end (ENDSPLINE); a line was lost.")
+        self._calls.note_numbers()
+
+    def _nested(self, statements: list[tuple[int, str]]) -> str:
+        """Sort statements into programs; the name of the first."""
+        inside = ""
+        for number, statement in statements:
+            match = re.fullmatch(
+                rf"(?:GLOBAL\s+)?DEF\s+({_NAME})\s*\(\s*\)", statement, re.I | re.A
+            )
+            if match and not inside:
+                inside = match[1].upper()
+                if inside in _WORDS or inside in self._procedures:
+                    raise refuse(number, statement, "this name has a meaning already.")
+                self._procedures[inside] = Procedure(match[1], number, [])
+            elif statement.upper() == "END" and inside:
+                inside = ""
+            elif inside and not match:
+                self._procedures[inside].statements.append((number, statement))
+            elif inside or not re.fullmatch(r"&\w+.*", statement):
+                raise refuse(
+                    number, statement, "expected programs (DEF NAME( ) … END), and this in them."
+                )
+        if inside:
+            raise InvalidInput(f"the program {inside} has no END; a line was lost.")
+        return next(iter(self._procedures), "")
+
+    def _read_data_file(self, name: str) -> None:
+        """The axes that the program's data file declares, if there is one."""
+        name = self._procedures[name].name
+        content = self._beside(f"{name}.dat")
+        if content is None:
+            return
+        for number, line in enumerate(text_lines(content), start=1):
+            code = line.partition(";")[0].strip()
+            self._count(f"{number} of {name}.dat", code)
+            if (match := _DECLARED.fullmatch(code)) and match[5]:
+                self._targets[match[3].upper()] = match[5].strip()
+
+    def _count(self, place: str, statement: str) -> None:
+        """Remember where a name gets a value."""
+        match = _DECLARED.fullmatch(statement)
+        name, value = (match[3], match[5]) if match else ("", None)
+        if not match and (match := _ASSIGNMENT.fullmatch(statement)):
+            name, value = match[1], match[3]
+        if value is not None:
+            self._assigned.setdefault(name.upper(), []).append(place)
 
     def _declare(self, number: int, match: re.Match[str]) -> None:
-        self._targets[match[1].upper()] = _target(number, match[2])
+        self._outside(number, match[0])
+        kind = (match[1] or match[2]).upper()
+        if match[5] is not None:
+            self._simple(number, match[0], match[5])
+            self._targets[match[3].upper()] = match[5].strip()
+        if kind not in _AXES:
+            self.course.passed(number, kind)
+
+    def _assign(self, number: int, match: re.Match[str]) -> None:
+        self._outside(number, match[0])
+        self._simple(number, match[0], match[2] + match[3])
+        if match[1].upper() in _WORDS:
+            raise refuse(number, match[0], "this name has a meaning already.")
+        if not match[2]:
+            self._targets[match[1].upper()] = match[3].strip()
+        if match[2] or "{" not in match[3]:
+            self.course.passed(number, match[1])
+
+    def _constant(self, number: int, name: str) -> str:
+        """The value of a variable that is assigned once, before this line is executed."""
+        places = self._assigned.get(name.upper(), [])
+        if len(places) > 1:
+            raise refuse(
+                number, name,
+                f"is assigned in lines {', '.join(places)}; only targets that are assigned once "
+                "can be checked.",
+            )  # fmt: skip
+        if name.upper() not in self._targets:
+            raise refuse(
+                number, name,
+                f"there are no axes of {name}, in the program or in "
+                f"{next(iter(self._procedures.values())).name}.dat.",
+            )  # fmt: skip
+        return self._targets[name.upper()]
+
+    def _begin_spline(self, number: int, match: re.Match[str]) -> None:
+        self._outside(number, match[0])
+        self._check_with(number, match[0], match[1])
+        self.spline = True
+
+    def _end_spline(self, number: int, match: re.Match[str]) -> None:
+        if not self.spline or self.block is not None:
+            raise refuse(
+                number, match[0],
+                "expected a spline before it, and the end of its time block (TIME_BLOCK END = …).",
+            )  # fmt: skip
+        self.spline = False
 
     def _begin(self, number: int, match: re.Match[str]) -> None:
-        if self._timed:
-            raise refuse(number, match[0], "a second time block; expected one.")
+        if self._timed or not self.spline:
+            raise refuse(number, match[0], "expected one time block, in a spline.")
         self._timed, self.block = True, []
 
     def _part(self, number: int, match: re.Match[str]) -> None:
@@ -170,28 +353,99 @@ class _Reader:
         _end_block(self.course, number, block, self._parts, float(match[1]))
 
     def _move(self, number: int, match: re.Match[str]) -> None:
-        if match[1][0] == "{":
-            point = _target(number, match[1])
-        elif match[1].upper() in self._targets:
-            point = self._targets[match[1].upper()]
-        else:
-            raise refuse(
-                number, match[0],
-                f"there are no axes of {match[1]}, in the program or in "
-                f"{self._name or 'NAME'}.dat.",
-            )  # fmt: skip
-        if match[2].strip() and not self.course.notes:
-            self.course.notes.append(
-                f"approximated points from line {number} on ({match[2].strip()}): the robot rounds "
-                "them; checked is the path through them"
-            )
+        word, target = match[1].upper(), match[2]
+        if self.spline and word == "PTP":
+            raise refuse(number, match[0], "expected SPTP in a spline.")
+        self._check_with(number, match[0], match[4])
+        if target[0] == "$":
+            if self.spline or target.upper() not in _WHERE_IT_IS:
+                raise refuse(number, match[0], f"{target} is not read as a target.")
+            self.course.note(f"line {number} moves to where the robot is ({target.upper()})")
+            return
+        text = target if target[0] == "{" else self._constant(number, target)
+        point = self._target(number, text)
+        if match[3].strip():
+            self.course.rounds(number, match[3].strip())
         if self.block is None:
             self.course.move(number, point, None)
         else:
             self.block.append((number, point))
 
+    def _target(self, number: int, text: str) -> list[float]:
+        """The axes of an aggregate such as ``{E6AXIS: A1 0, A2 -90, …}``."""
+        if not re.fullmatch(r"\{[^{}]*\}", text):
+            raise refuse(number, text, "expected axes, {A1 …, A6 …}.")
+        inside = text[1:-1].partition(":")
+        fields: dict[str, float] = {}
+        for part in (inside[2] or inside[0]).split(","):
+            key, _, value = part.strip().partition(" ")
+            if key.upper() in fields:
+                raise refuse(number, text, f"{key} stands twice.")
+            fields[key.upper()] = number_of(number, value, f"a number after {key}")
+        if {"X", "Y", "Z"} & set(fields):
+            raise refuse(number, text, "a Cartesian target; only axes {A1 …, A6 …} can be checked.")
+        axes = {key for key in fields if not re.fullmatch(r"E[1-6]", key)}
+        if axes != set(KRL.axis_names):
+            raise refuse(number, text, f"expected the axes {', '.join(KRL.axis_names)}.")
+        self.course.external(number, {key: fields[key] for key in sorted(fields.keys() - axes)})
+        return [fields[axis] for axis in KRL.axis_names]
+
+    def _check_with(self, number: int, statement: str, text: str | None) -> None:
+        for part in split(text or ""):
+            if part and not _WITH.fullmatch(part):
+                raise refuse(number, statement, f"{part}: not read after WITH.")
+            if part:
+                # An inline form sets speed and tool of every move anew.
+                speed = re.match(r"\$(VEL|ACC|GEAR)", part, re.I)
+                note = self.course.speed if speed else self.course.setting
+                note(number, part.partition("=")[0].strip())
+
     def _wait(self, number: int, match: re.Match[str]) -> None:
+        self._outside(number, match[0])
         self.course.wait(number, float(match[1]))
+
+    def _return(self, number: int, match: re.Match[str]) -> bool:
+        self._outside(number, match[0])
+        return True
+
+    def _pass(self, word: str, note: Callable[[int, str], None], *, in_spline: bool = False) -> Act:
+        """A statement of the controller: its expressions call nothing."""
+
+        def act(number: int, match: re.Match[str]) -> None:
+            if not in_spline:
+                self._outside(number, match[0])
+            if match.re.groups:
+                self._simple(number, match[0], match[1])
+            note(number, word or match[0].partition("=")[0].strip())
+
+        return act
+
+    def _call(self, number: int, match: re.Match[str]) -> None:
+        self._outside(number, match[0])
+        if match[1].upper() not in self._procedures:
+            raise refuse(number, match[0], "calls something that the file does not have.")
+        assert self._calls is not None
+        self._calls.run(match[1].upper())
+
+    def _outside(self, number: int, statement: str) -> None:
+        """Refuse a statement in a spline, which has only segments and times."""
+        if self.spline:
+            raise refuse(number, statement, "expected SPTP and TIME_BLOCK in a spline.")
+
+    @staticmethod
+    def _simple(number: int, statement: str, text: str) -> None:
+        """Refuse an expression that calls a function: it might move the robot."""
+        if not calls_nothing(text):
+            raise refuse(
+                number, statement,
+                f"a call in an expression is not read; only {_READS} can be checked.",
+            )  # fmt: skip
+
+
+_AXES = ("AXIS", "E6AXIS")
+"""Types of the data that say where an axis move leads."""
+_WHERE_IT_IS = ("$AXIS_ACT", "$AXIS_ACT_MEAS", "$POS_ACT")
+"""Targets that are where the robot is: it stays there."""
 
 
 def _end_block(
@@ -212,41 +466,6 @@ def _end_block(
         raise InvalidInput(f"line {number}: a time of the time block is not positive.")
     for (line, point), part in zip(block, parts, strict=True):
         course.move(line, point, part * whole / total)
-
-
-def _target(number: int, text: str) -> list[float]:
-    """The axes of an aggregate such as ``{E6AXIS: A1 0, A2 -90, …}``."""
-    inside = text.strip()[1:-1].partition(":")
-    fields: dict[str, float] = {}
-    for part in (inside[2] or inside[0]).split(","):
-        key, _, value = part.strip().partition(" ")
-        if key.upper() in fields:
-            raise refuse(number, text, f"{key} stands twice.")
-        fields[key.upper()] = number_of(number, value, f"a number after {key}")
-    if {"X", "Y", "Z"} & set(fields):
-        raise refuse(number, text, "a Cartesian target; only axes {A1 …, A6 …} can be checked.")
-    external = [key for key, value in fields.items() if re.fullmatch(r"E[1-6]", key) and value]
-    if external:
-        raise refuse(number, text, f"it moves external axes ({', '.join(external)}).")
-    axes = {key for key in fields if not re.fullmatch(r"E[1-6]", key)}
-    if axes != set(KRL.axis_names):
-        raise refuse(number, text, f"expected the axes {', '.join(KRL.axis_names)}.")
-    return [fields[axis] for axis in KRL.axis_names]
-
-
-def _of_data_file(beside: Beside, name: str) -> dict[str, list[float]]:
-    """The axes that the program's data file declares; none without a file."""
-    content = beside(f"{name}.dat")
-    if content is None:
-        return {}
-    found = {}
-    for number, line in enumerate(text_lines(content), start=1):
-        if match := _DECLARED.fullmatch(line.partition(";")[0].strip()):
-            try:
-                found[match[1].upper()] = _target(number, match[2])
-            except InvalidInput as error:
-                raise InvalidInput(f"{name}.dat, {error}") from None
-    return found
 
 
 KRL = Dialect(

@@ -9,21 +9,29 @@ Source: ABB, *Technical reference manual, RAPID Instructions, Functions and Data
 from __future__ import annotations
 
 import re
+from collections.abc import Callable, Sequence
 
+from qp_twist.errors import InvalidInput
 from qp_twist.programs.header import read_header
 from qp_twist.programs.joint_moves import AXES, Beside, Dialect, JointMoves
 from qp_twist.programs.reading import (
     NUMBER,
+    Act,
+    Calls,
     Course,
+    Procedure,
     Rules,
+    calls_nothing,
     check_identifier,
-    nothing,
     number_of,
     refuse,
     six,
+    split,
+    without_texts,
 )
 
 _NONE = "9E9"
+_TOOL = "tool0"
 _LONGEST = 32
 """Characters of an identifier; ABB, *RAPID overview*, Basic elements."""
 _PREFIX = "run_"
@@ -54,18 +62,46 @@ def _encode(name: str, moves: JointMoves, header: tuple[str, ...]) -> dict[str, 
     return {f"{name}{RAPID.suffix}": "\n".join(lines)}
 
 
+_NAME = r"[A-Za-z]\w*"
 _BLOCK = re.compile(
-    r"(MODULE\s+\w+(\s*\(.*\))?|ENDMODULE|(LOCAL\s+)?PROC\s+\w+\s*\(\s*\)|ENDPROC)", re.IGNORECASE
+    rf"(MODULE|PROC|LOCAL\s+PROC)\s+({_NAME})\s*(\(.*\))?|(END)(MODULE|PROC)",
+    re.IGNORECASE | re.ASCII,
 )
-_TARGET = re.compile(r"\[\s*\[([^\[\]]*)\]\s*,\s*\[([^\[\]]*)\]\s*\]")
+_TARGET = re.compile(r"\[\s*\[([^\[\]]*)\]\s*,\s*(?:\[([^\[\]]*)\]|(\w+))\s*\]", re.ASCII)
+_DATA = re.compile(
+    rf"(?:(?:LOCAL|TASK)\s+)*(?:CONST|PERS|VAR)\s+({_NAME})\s+({_NAME})((?:\s*\{{[\d\s,]*\}})?)"
+    r"\s*(?::=(.*))?",
+    re.IGNORECASE | re.ASCII | re.DOTALL,
+)
+_ASSIGNMENT = re.compile(
+    rf"({_NAME})((?:\s*\.\s*\w+|\s*\{{[^{{}}]*\}})*)\s*:=(.*)", re.ASCII | re.DOTALL
+)
+_PASSED = (
+    "ConfJ", "ConfL", "SingArea", "Set", "Reset", "SetDO", "SetAO", "SetGO", "PulseDO", "InvertDO",
+    "TPWrite", "TPErase", "ClkStart", "ClkStop", "ClkReset", "MotionSup",
+)  # fmt: skip
+"""Outputs, messages, clocks, and settings of Cartesian moves and of supervision."""
+_PAUSES = ("WaitTime", "WaitDI", "WaitDO", "WaitAI", "WaitGI", "WaitUntil", "WaitRob", "Stop")
+_SPEEDS = ("VelSet", "AccSet", "PathAccLim", "WorldAccLim")
+_SETTINGS = ("GripLoad",)
+_WORDS = {
+    word.lower()
+    for word in (*_PASSED, *_PAUSES, *_SPEEDS, *_SETTINGS, "MoveAbsJ", "EXIT", "RETURN")
+}
+"""Names to which a module may not give another meaning."""
+_TARGETS = ("jointtarget", "extjoint")
+"""Types of the data that say where a move leads."""
+_OPTIONS = (("id", "noeoffs"), ("v", "t"), ("z", "inpos"), ("wobj", "tload"))
+"""Options of the four arguments of MoveAbsJ: target, speed, zone, tool."""
+_READS = "absolute joint moves (MoveAbsJ) to literals or constants, one after the other,"
 
 
 def _decode(text: str, beside: Beside) -> JointMoves:
     del beside  # a module is one file
     comments: list[str] = []
-    reader = _Reader()
-    reader.rules.follow(_statements(text, comments), reader.course)
-    return reader.course.moves(read_header(comments))
+    course = Course()
+    _Reader(course).execute(_statements(text, comments))
+    return course.moves(read_header(comments))
 
 
 class _Reader:
@@ -73,105 +109,241 @@ class _Reader:
 
     Attributes:
         course: The points so far.
-        rules: What statements are.
+        rules: The grammar.
     """
 
-    def __init__(self) -> None:
-        self.course = Course()
-        self._targets: dict[str, list[float]] = {}
-        self._procedures = 0
+    def __init__(self, course: Course) -> None:
+        self.course = course
+        self._types: dict[str, str] = {}
+        self._values: dict[str, str] = {}
+        self._assigned: dict[str, list[int]] = {}
+        self._procedures: dict[str, Procedure] = {}
+        self._calls: Calls | None = None
         self.rules = Rules(
             (
-                (re.compile(r"(?:LOCAL\s+)?PROC\b.*", re.I), self._procedure),
-                (_BLOCK, nothing),
+                (re.compile(r"MoveAbsJ\b(.*)", re.I | re.S | re.A), self._move),
+                (_DATA, self._declare),
+                (_ASSIGNMENT, self._assign),
                 (
-                    re.compile(
-                        r"(?:LOCAL\s+|TASK\s+)*(?:CONST|PERS|VAR)\s+jointtarget\s+(\w+)\s*:=(.*)",
-                        re.I | re.S,
-                    ),
-                    self._declare,
+                    re.compile(rf"WaitTime(?:\s*\\InPos\s*,)?\s+({NUMBER})", re.I | re.A),
+                    self._wait,
                 ),
-                (
-                    re.compile(
-                        r"MoveAbsJ\s*(?:\\Conc\s*,)?\s*(\[.*\]|\w+)\s*"
-                        r"(?:\\\w+(?:\s*:=\s*[^,\\]+)?\s*)*,([^,]*),([^,]*),(.*)",
-                        re.I | re.S,
-                    ),
-                    self._move,
-                ),
-                (re.compile(rf"WaitTime(?:\s*\\InPos\s*,)?\s+({NUMBER})", re.I), self._wait),
+                (re.compile(r"(EXIT)", re.I), self._exit),
+                (re.compile(r"RETURN", re.I), lambda number, match: True),
+                (_beginning(_PASSED), self._with(course.passed)),
+                (_beginning(_PAUSES), self._with(course.pause)),
+                (_beginning(_SPEEDS), self._with(course.speed)),
+                (_beginning(_SETTINGS), self._with(course.setting)),
+                (re.compile(rf"({_NAME})", re.ASCII), self._call),
             ),
-            re.compile(r"^(Move\w*|Trigg\w*|Search\w*|IF|FOR|WHILE|TEST|GOTO|RETURN)\b", re.I),
-            re.compile(
-                r"(ConfJ|ConfL|SingArea|AccSet|VelSet|PathAccLim|Set|Reset|SetDO|SetAO|SetGO"
-                r"|PulseDO|TPWrite|TPErase|WaitDI|WaitUntil|WaitRob|ClkStart|ClkStop|ClkReset"
-                r"|ActUnit|DeactUnit|GripLoad|MotionSup|(?:LOCAL\s+|TASK\s+)*(?:CONST|PERS|VAR)"
-                r"\s+\w+|\w+(?:\.\w+|\{.*\})*(?=\s*:=))",
-                re.I,
-            ),
-            "absolute joint moves (MoveAbsJ) one after the other",
+            _READS,
         )
 
-    def _procedure(self, number: int, match: re.Match[str]) -> None:
-        self._procedures += 1
-        if self._procedures > 1 or not _BLOCK.fullmatch(match[0]):
-            raise refuse(number, match[0], "expected one procedure, without parameters.")
+    def execute(self, statements: list[tuple[int, str]]) -> None:
+        """Execute a module: its procedure main, or the only one that no other calls."""
+        self._nested(statements)
+        every = [each for procedure in self._procedures.values() for each in procedure.statements]
+        for number, statement in every:
+            if match := _DATA.fullmatch(statement):
+                name = match[2].lower()
+                if match[4] is not None or name in self._types:
+                    self._assigned.setdefault(name, []).append(number)
+                self._types[name] = match[1].lower()
+            elif match := _ASSIGNMENT.fullmatch(statement):
+                self._assigned.setdefault(match[1].lower(), []).append(number)
+        data = self._procedures.pop("")
+        self._calls = Calls(self.rules, self.course, {"": data, **self._procedures})
+        self._calls.run("")
+        called = {statement.lower() for _, statement in every}
+        first = [name for name in self._procedures if name not in called]
+        if "main" in self._procedures or len(first) == 1:
+            self._calls.run("main" if "main" in self._procedures else first[0])
+        else:
+            raise InvalidInput(
+                f"the module has the procedures {', '.join(self._procedures) or 'none'}, and "
+                "nothing says which one runs; expected one main, or one that calls the others."
+            )
+        self._calls.note_numbers()
+
+    def _nested(self, statements: list[tuple[int, str]]) -> None:
+        """Sort statements into procedures; data of the module are in the one without a name."""
+        inside: list[str] = []
+        modules = 0
+        self._procedures[""] = Procedure("the module", 1, [])
+        for number, statement in statements:
+            match = _BLOCK.fullmatch(statement)
+            word = "" if match is None else (match[4] or match[1]).split()[-1].upper()
+            if match is not None and match[4]:
+                if not inside or inside.pop() != match[5].upper():
+                    raise refuse(number, statement, "there is nothing above that it ends.")
+            elif word == "MODULE" and not inside and not modules:
+                inside.append(word)
+                modules += 1
+            elif match is not None and word == "PROC" and inside == ["MODULE"]:
+                name = match[2].lower()
+                if not re.fullmatch(r"\(\s*\)", match[3] or ""):
+                    raise refuse(number, statement, "expected a procedure without parameters.")
+                if name in _WORDS or name in self._procedures:
+                    raise refuse(number, statement, "this name has a meaning already.")
+                self._procedures[name] = procedure = Procedure(match[2], number, [])
+                inside.append(word)
+            elif inside == ["MODULE", "PROC"]:
+                procedure.statements.append((number, statement))
+            elif inside == ["MODULE"] and _DATA.fullmatch(statement):
+                self._procedures[""].statements.append((number, statement))
+            else:
+                raise refuse(
+                    number, statement,
+                    "expected one MODULE with data and procedures (PROC … ENDPROC), and moves in "
+                    "them.",
+                )  # fmt: skip
+        if inside:
+            raise InvalidInput(f"there is no END{inside[-1]} at the end; a line was lost.")
 
     def _declare(self, number: int, match: re.Match[str]) -> None:
-        self._targets[match[1].lower()] = _target(number, match[2].strip())
+        value = "" if match[4] is None else match[4].strip()
+        self._simple(number, match[0], value)
+        if value:
+            self._values[match[2].lower()] = "" if match[3] else value
+        if match[1].lower() not in _TARGETS:
+            self.course.passed(number, match[1])
+
+    def _assign(self, number: int, match: re.Match[str]) -> None:
+        name = match[1].lower()
+        self._simple(number, match[0], match[2] + match[3])
+        target = self._types.get(name) in _TARGETS
+        if target and match[2]:
+            raise refuse(
+                number, match[0],
+                "changes a part of a target; only targets that are assigned once can be checked.",
+            )  # fmt: skip
+        self._values[name] = match[3].strip()
+        if not target:
+            self.course.passed(number, match[1])
+
+    def _constant(self, number: int, name: str, kind: str) -> str:
+        """The value of data that are assigned once, before this line is executed."""
+        lines = self._assigned.get(name.lower(), [])
+        if self._types.get(name.lower()) != kind or name.lower() not in self._values:
+            raise refuse(number, name, f"there is no {kind} {name} above it.")
+        if len(lines) > 1:
+            raise refuse(
+                number, name,
+                f"is assigned or declared in lines {', '.join(map(str, lines))}; only targets "
+                "that are assigned once can be checked.",
+            )  # fmt: skip
+        return self._values[name.lower()]
+
+    def _move(self, number: int, match: re.Match[str]) -> None:
+        arguments = split(match[1])
+        if re.fullmatch(r"\\Conc", arguments[0], re.I):
+            del arguments[0]
+        if len(arguments) != len(_OPTIONS):
+            raise refuse(number, match[0], "expected a target, a speed, a zone and a tool.")
+        bases, given = [], {}
+        for argument, known in zip(arguments, _OPTIONS, strict=True):
+            base, *options = (part.strip() for part in argument.split("\\"))
+            for option in options:
+                key, _, value = (part.strip() for part in option.partition(":="))
+                if key.lower() not in known or key.lower() in given:
+                    raise refuse(number, match[0], f"\\{key} is not read here.")
+                given[key.lower()] = value
+            if not re.fullmatch(rf"{_NAME}|\[[^()]*\]", base, re.ASCII):
+                raise refuse(number, base or match[0], "expected a name or literal data.")
+            bases.append(base)
+        target, _, zone, tool = bases
+        if tool.lower() != _TOOL:
+            self.course.setting(number, tool)
+        text = target if target[0] == "[" else self._constant(number, target, "jointtarget")
+        point = self._target(number, text)
+        seconds = number_of(number, given["t"], "a time in s") if "t" in given else None
+        if zone.lower() not in ("fine", "z0") or "z" in given:
+            self.course.rounds(number, zone)
+        self.course.move(number, point, seconds)
+
+    def _target(self, number: int, text: str) -> list[float]:
+        match = _TARGET.fullmatch(text)
+        if not match:
+            raise refuse(number, text, "expected a jointtarget, [[6 angles],[6 external axes]].")
+        axes = match[2]
+        if match[3]:
+            axes = self._constant(number, match[3], "extjoint").strip("[] ")
+        external = zip("abcdef", six(number, axes.split(",")), strict=True)
+        given = {f"eax_{axis}": value for axis, value in external if value != float(_NONE)}
+        self.course.external(number, given)
+        return six(number, [part.strip() for part in match[1].split(",")])
 
     def _wait(self, number: int, match: re.Match[str]) -> None:
         self.course.wait(number, float(match[1]))
 
-    def _move(self, number: int, match: re.Match[str]) -> None:
-        name = match[1].strip()
-        point = _target(number, name) if name[0] == "[" else self._targets.get(name.lower())
-        if point is None:
-            raise refuse(number, match[0], f"there is no jointtarget {name} above it.")
-        time = re.search(r"\\T\s*:=([^\\]*)", match[2], re.I)
-        seconds = None if time is None else number_of(number, time[1], "a time in s")
-        if match[3].strip().lower() not in ("fine", "z0") and not self.course.notes:
-            self.course.notes.append(
-                f"zones from line {number} on ({match[3].strip()}): the robot rounds these points; "
-                "checked is the path through them"
-            )
-        self.course.move(number, point, seconds)
+    def _exit(self, number: int, match: re.Match[str]) -> bool:
+        self.course.ends(number, match[1])
+        return True
+
+    def _with(self, note: Callable[[int, str], None]) -> Act:
+        """An instruction of the controller: its arguments call nothing."""
+
+        def act(number: int, match: re.Match[str]) -> None:
+            self._simple(number, match[0], match[2].replace(":=", "="))
+            note(number, match[1])
+
+        return act
+
+    def _call(self, number: int, match: re.Match[str]) -> None:
+        if match[1].lower() not in self._procedures:
+            raise refuse(number, match[0], "calls something that the file does not have.")
+        assert self._calls is not None
+        self._calls.run(match[1].lower())
+
+    @staticmethod
+    def _simple(number: int, statement: str, text: str) -> None:
+        """Refuse an expression that calls a function: it might move the robot."""
+        if not calls_nothing(text):
+            raise refuse(
+                number, statement,
+                f"a call in an expression is not read; only {_READS} can be checked.",
+            )  # fmt: skip
+
+
+def _beginning(names: Sequence[str]) -> re.Pattern[str]:
+    return re.compile(rf"({'|'.join(names)})\b(.*)", re.IGNORECASE | re.DOTALL | re.ASCII)
 
 
 def _statements(text: str, comments: list[str]) -> list[tuple[int, str]]:
     """The statements with the lines on which they begin; comments are collected."""
     found: list[tuple[int, str]] = []
     rest, begun = "", 0
-    for number, line in enumerate(text.splitlines(), start=1):
-        code, mark, comment = _without_strings(line).partition("!")
-        if mark:
+    lines = text.split("\n")
+    for number, line in enumerate(lines[_heading(lines) :], start=_heading(lines) + 1):
+        code, comment = without_texts(number, line, '"', "!")
+        if comment:
             comments.append(comment)
         if not rest.strip():
             begun = number
-            if _BLOCK.fullmatch(code.strip()):
-                found.append((number, code.strip()))
+            if _BLOCK.fullmatch(code):
+                found.append((number, code))
                 continue
         *whole, rest = (rest + " " + code).split(";")
         for statement in whole:
-            found.append((begun, statement.strip()))
+            if statement.strip():
+                found.append((begun, statement.strip()))
             begun = number
     if rest.strip():
         raise refuse(begun, rest, "expected a semicolon at its end.")
     return found
 
 
-def _without_strings(line: str) -> str:
-    return re.sub(r'"[^"]*"', '""', line)
-
-
-def _target(number: int, text: str) -> list[float]:
-    match = _TARGET.fullmatch(text)
-    if not match:
-        raise refuse(number, text, "expected a jointtarget, [[6 angles],[6 external axes]].")
-    external = [part.strip() for part in match[2].split(",")]
-    if any(number_of(number, part) != float(_NONE) for part in external):
-        raise refuse(number, text, f"it moves external axes (expected {_NONE} for each).")
-    return six(number, [part.strip() for part in match[1].split(",")])
+def _heading(lines: Sequence[str]) -> int:
+    """Number of lines of a controller's heading: its version and language between two %%%."""
+    code = [k for k, line in enumerate(lines) if line.strip()]
+    if not code or lines[code[0]].strip() != "%%%":
+        return 0
+    for k in code[1:]:
+        if lines[k].strip() == "%%%":
+            return k + 1
+        if not re.fullmatch(r"\s*(VERSION|LANGUAGE)\s*:\s*\w+\s*", lines[k], re.ASCII):
+            raise refuse(k + 1, lines[k], "expected VERSION:… or LANGUAGE:… between %%% and %%%.")
+    raise InvalidInput("the heading that begins with %%% has no %%% at its end.")
 
 
 RAPID = Dialect(

@@ -1,10 +1,14 @@
-"""Parts that the readers share: numbers, names, and what a statement may be."""
+"""Parts that the readers share: numbers, statements, calls, and the course of a program.
+
+A reader knows a small grammar of its language: moves, calls, waits, speeds, and statements that
+neither move the robot nor change where a move leads. What is not in the grammar is refused.
+"""
 
 from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -16,6 +20,15 @@ from qp_twist.programs.joint_moves import AXES, JointMoves
 NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
 LONGEST = 80
 """Characters of a statement that messages show."""
+DOES_NOT_PASS = "DOES NOT PASS ITS CHECK"
+"""How a program begins that is written although its motion does not pass: no statement of any of
+the languages, so that a controller stops at it."""
+_MOST_STATEMENTS = 200_000
+"""Statements that a program may execute, those of called procedures at every call."""
+_LISTED = 12
+"""Kinds of statements that a note lists."""
+_DEEPEST = 30
+"""Calls inside each other."""
 
 
 def shown(text: str) -> str:
@@ -31,7 +44,7 @@ def refuse(line: int, text: str, why: str) -> InvalidInput:
 
 def number_of(line: int, text: str, name: str = "a number") -> float:
     """A finite number, as programs write them."""
-    if not re.fullmatch(NUMBER, text.strip()) or not math.isfinite(float(text)):
+    if not re.fullmatch(NUMBER, text.strip(), re.ASCII) or not math.isfinite(float(text)):
         raise refuse(line, text, f"expected {name}.")
     return float(text)
 
@@ -43,8 +56,53 @@ def six(line: int, texts: Sequence[str]) -> list[float]:
     return [number_of(line, text, "an angle") for text in texts]
 
 
+def split(text: str) -> list[str]:
+    """Arguments at commas outside brackets; one empty text for nothing."""
+    parts, depth, start = [], 0, 0
+    for place, mark in enumerate(text):
+        depth += (mark in "[({") - (mark in "])}")
+        if mark == "," and depth == 0:
+            parts.append(text[start:place].strip())
+            start = place + 1
+    return [*parts, text[start:].strip()]
+
+
+def calls_nothing(text: str) -> bool:
+    """Whether an expression calls no function, which might move the robot."""
+    return not re.search(r"[\w\])}]\s*\(", text, re.ASCII) and ":=" not in text
+
+
+def without_texts(line: int, text: str, quotes: str, comment: str) -> tuple[str, str]:
+    """A line's code with empty texts in place of its quoted ones, and its comment.
+
+    Args:
+        line: Its number.
+        text: The line.
+        quotes: Characters that begin and end a text; doubled, they stand in it.
+        comment: The character that begins a comment.
+
+    Raises:
+        InvalidInput: If a text has no end, or what is no comment has other characters than ASCII.
+    """
+    code, place = "", 0
+    while place < len(text):
+        mark = text[place]
+        if mark == comment:
+            break
+        if mark in quotes:
+            quoted = re.compile(f"{mark}(?:[^{mark}]|{mark}{mark})*{mark}").match(text, place)
+            if quoted is None or "\\" in quoted[0]:
+                raise refuse(line, text, "expected a text that ends on its line, without \\ in it.")
+            code, place = code + '""', quoted.end()
+        else:
+            code, place = code + mark, place + 1
+    if not code.isascii():
+        raise refuse(line, code, "expected ASCII characters outside comments and texts.")
+    return code.strip(), text[place + 1 :]
+
+
 class Course:
-    """Points and times of a program while it is read.
+    """Points and times of a program while it is executed.
 
     A move without a time, such as one at a share of the largest speed, leaves the whole program
     without times: how long it takes depends on the controller.
@@ -54,9 +112,32 @@ class Course:
         self.points: list[list[float]] = []
         self.durations: list[float] = []
         self.velocities: list[list[float]] = []
-        self.untimed: int | None = None
-        self.notes: list[str] = []
-        self._passed: dict[str, list[int]] = {}
+        self.untimed = ""
+        self._notes: dict[str, None] = {}
+        self._passed: dict[str, dict[int, None]] = {}
+        self._settings: dict[str, dict[int, None]] = {}
+        self._external: dict[str, float] | None = None
+        self._rounded = False
+        self._count = 0
+        self._end: tuple[int, str] | None = None
+
+    def step(self, line: int) -> None:
+        """Count a statement.
+
+        Raises:
+            InvalidInput: If there are too many, or the program has ended before it.
+        """
+        self._count += 1
+        if self._count > _MOST_STATEMENTS:
+            raise InvalidInput(
+                f"the program executes more than {_MOST_STATEMENTS:,} statements, those of called "
+                "procedures at every call; check a shorter one."
+            )
+        if self._end is not None:
+            raise InvalidInput(
+                f"line {line}: this never runs, since {self._end[1]} in line {self._end[0]} ends "
+                "the program; remove one of them."
+            )
 
     def move(
         self,
@@ -72,11 +153,28 @@ class Course:
             )
         if self.points:
             if duration is None:
-                self.untimed = line if self.untimed is None else self.untimed
+                self._without_time(f"the move of line {line} has no time")
             self.durations.append(math.nan if duration is None else duration)
         self.points.append(point)
         if rates is not None:
             self.velocities.append(rates)
+
+    def external(self, line: int, axes: Mapping[str, float]) -> None:
+        """The external axes of a move's target; one that is not given stays where it is.
+
+        Raises:
+            InvalidInput: If one is not where the first move has it, or 0, which is what
+                controllers without the axis write.
+        """
+        if self._external is None:
+            self._external = dict(axes)
+        for axis, value in axes.items():
+            before = self._external.setdefault(axis, 0.0)
+            if value != before:
+                raise InvalidInput(
+                    f"line {line}: it moves the external axis {axis} to {value:g}, from "
+                    f"{before:g}; only robots whose external axes stand still can be checked."
+                )
 
     def wait(self, line: int, seconds: float) -> None:
         """Stay at the last point."""
@@ -86,9 +184,43 @@ class Course:
             rates = [0.0] * AXES if self.velocities else None
             self.move(line, list(self.points[-1]), seconds, rates)
 
+    def pause(self, line: int, word: str) -> None:
+        """Stay at the last point for a time that the program does not say."""
+        if self.points:
+            self._without_time(f"{word} of line {line} waits for something")
+
+    def speed(self, line: int, word: str) -> None:
+        """A setting of speeds or accelerations: moves take longer than they say."""
+        self._settings.setdefault(word, {})[line] = None
+        self._without_time(f"{word} of line {line} changes speeds or accelerations")
+
+    def setting(self, line: int, word: str) -> None:
+        """A setting of tool, base or load, on which axis moves do not depend."""
+        self._settings.setdefault(word, {})[line] = None
+
     def passed(self, line: int, word: str) -> None:
-        """Note a statement that does not move the robot."""
-        self._passed.setdefault(word, []).append(line)
+        """A statement that neither moves the robot nor changes where a move leads."""
+        self._passed.setdefault(word, {})[line] = None
+
+    def rounds(self, line: int, mark: str) -> None:
+        """A point that the robot rounds; the first one is noted."""
+        if not self._rounded:
+            self._rounded = True
+            self.note(
+                f"points are rounded from line {line} on ({mark}): the robot rounds these points; "
+                "checked is the path through them"
+            )
+
+    def note(self, text: str) -> None:
+        """Add a note; the same one once."""
+        self._notes[text] = None
+
+    def ends(self, line: int, word: str) -> None:
+        """End the program."""
+        self._end = line, word
+
+    def _without_time(self, why: str) -> None:
+        self.untimed = self.untimed or why
 
     def moves(self, header: dict[str, str]) -> JointMoves:
         """The moves that were read.
@@ -101,19 +233,26 @@ class Course:
                 f"there {'is one joint move' if self.points else 'are no joint moves'} in the "
                 "program; expected two or more."
             )
-        notes = list(self.notes)
-        if self.untimed is not None:
+        notes = list(self._notes)
+        timed = bool(self.durations) and not math.isnan(sum(self.durations))
+        if self.untimed:
             notes.append(
-                f"the move of line {self.untimed} has no time, so that how long the program takes "
-                "depends on the controller"
+                f"{self.untimed}, so that how long the program takes depends on the controller"
             )
-        if self._passed and not header:
-            words = ", ".join(
-                f"{word} (line {lines[0]}{f' and {len(lines) - 1} more' if len(lines) > 1 else ''})"
-                for word, lines in self._passed.items()
+        if self._external:
+            standing = ", ".join(f"{axis} at {value:g}" for axis, value in self._external.items())
+            notes.append(
+                f"external axes stand still, {standing}: whether the task has them there is not "
+                "checked"
             )
-            notes.append(f"passed over, since it does not move the robot: {words}")
-        durations: Array | None = None if self.untimed is not None else np.array(self.durations)
+        if self._settings:
+            notes.append(
+                "passed over, since the path of axis moves does not depend on tool, base, load or "
+                f"speed (checked is the task's tool): {_listed(self._settings)}"
+            )
+        if self._passed:
+            notes.append(f"passed over, since it does not move the robot: {_listed(self._passed)}")
+        durations = np.array(self.durations) if timed and not self.untimed else None
         velocities: Array | None = None
         if self.velocities:
             if len(self.velocities) != len(self.points):
@@ -122,50 +261,126 @@ class Course:
         return JointMoves(np.array(self.points), durations, velocities, header, tuple(notes))
 
 
+def _listed(words: Mapping[str, Collection[int]]) -> str:
+    """Words with the lines where they stand."""
+    found = []
+    for word, lines in words.items():
+        more = f" and {len(lines) - 1} more" if len(lines) > 1 else ""
+        found.append(f"{word} (line {next(iter(lines))}{more})")
+    if len(found) > _LISTED:
+        found[_LISTED:] = [f"and {len(found) - _LISTED} more kinds"]
+    return ", ".join(found)
+
+
+Act = Callable[[int, "re.Match[str]"], "bool | None"]
+"""What a statement does, from its line and its match; ``True`` if it ends its procedure."""
+
+
 class Rules(NamedTuple):
-    """What statements of a language are, in this order.
+    """The grammar of a language.
 
     Attributes:
-        acts: Patterns of whole statements, and what to do with each.
-        refused: How statements begin that move the robot in other ways, or branch.
-        passed: How statements begin that do not move it; the first group names them.
+        acts: Patterns of whole statements, and what each does; the first that fits counts.
         reads: What is read, for messages.
     """
 
-    acts: Sequence[tuple[re.Pattern[str], Callable[[int, re.Match[str]], None]]]
-    refused: re.Pattern[str]
-    passed: re.Pattern[str]
+    acts: Sequence[tuple[re.Pattern[str], Act]]
     reads: str
 
-    def follow(self, statements: Iterable[tuple[int, str]], course: Course) -> None:
-        """Read statements, each with its line.
+    def read(self, statements: Iterable[tuple[int, str]]) -> list[tuple[int, Act, re.Match[str]]]:
+        """What statements do, each with its line.
 
         Raises:
-            InvalidInput: At a statement that is none of these, or is refused.
+            InvalidInput: At a statement that the grammar does not have.
         """
+        found = []
         for number, statement in statements:
             for pattern, act in self.acts:
                 if match := pattern.fullmatch(statement):
-                    act(number, match)
+                    found.append((number, act, match))
                     break
             else:
-                if match := self.refused.search(statement):
-                    raise refuse(
-                        number,
-                        statement,
-                        f"{match[1]} is not read; only {self.reads} can be checked.",
-                    )
-                match = self.passed.match(statement)
-                if match is None:
-                    raise refuse(
-                        number, statement, f"is not understood; only {self.reads} can be checked."
-                    )
-                course.passed(number, match[1])
+                word = re.match(r"[\w$/]+", statement, re.ASCII)
+                what = f"{word[0]} is not read" if word else "is not understood"
+                raise refuse(number, statement, f"{what}; only {self.reads} can be checked.")
+        return found
 
 
-def nothing(number: int, match: re.Match[str]) -> None:
-    """For statements that frame a program."""
-    del number, match
+class Procedure(NamedTuple):
+    """A procedure without arguments.
+
+    Attributes:
+        name: Its name, as messages show it.
+        line: Where it begins.
+        statements: Its statements with their lines.
+    """
+
+    name: str
+    line: int
+    statements: list[tuple[int, str]]
+
+
+class Calls:
+    """Executes procedures in the order of their calls."""
+
+    def __init__(self, rules: Rules, course: Course, procedures: Mapping[str, Procedure]) -> None:
+        """Read the statements of all procedures, called or not.
+
+        Args:
+            rules: The grammar.
+            course: Where the moves go.
+            procedures: By the names with which :meth:`run` is called.
+
+        Raises:
+            InvalidInput: At a statement that the grammar does not have.
+        """
+        self._course = course
+        self._procedures = procedures
+        self._acts = {
+            name: rules.read(procedure.statements) for name, procedure in procedures.items()
+        }
+        self._running: list[str] = []
+        self._called: dict[str, int] = {}
+
+    def run(self, name: str) -> None:
+        """Execute a procedure.
+
+        Raises:
+            InvalidInput: If procedures call each other in a circle, too deep or too often, or a
+                statement stands where it never runs.
+        """
+        procedure = self._procedures[name]
+        check_callers([*(self._procedures[k].name for k in self._running), procedure.name])
+        self._called[name] = self._called.get(name, 0) + 1
+        self._running.append(name)
+        left = 0
+        for number, act, match in self._acts[name]:
+            if left:
+                raise InvalidInput(
+                    f"line {number}: this never runs, since line {left} leaves {procedure.name} "
+                    "before it; remove one of them."
+                )
+            self._course.step(number)
+            left = number if act(number, match) else 0
+        self._running.pop()
+
+    def note_numbers(self) -> None:
+        """Note procedures that were not called once."""
+        for name, procedure in self._procedures.items():
+            times = self._called.get(name, 0)
+            if times != 1:
+                often = f"is called {times} times" if times else "is never called, so does not move"
+                self._course.note(f"{procedure.name} (line {procedure.line}) {often}")
+
+
+def check_callers(names: Sequence[str]) -> None:
+    """Refuse programs that call each other in a circle, or too deep."""
+    if len(set(names)) < len(names):
+        raise InvalidInput(f"{' calls '.join(names)}: programs call each other in a circle.")
+    if len(names) > _DEEPEST:
+        raise InvalidInput(
+            f"{' calls '.join(names[:3])} …: more than {_DEEPEST} calls inside each other."
+        )
 
 
 def check_identifier(name: str, title: str, longest: int, what: str) -> None:
@@ -179,9 +394,3 @@ def check_identifier(name: str, title: str, longest: int, what: str) -> None:
             f"the file's name is the program's, and {title} takes a letter, then letters, digits "
             f"and _, at most {longest} characters ({what}); got {name!r}."
         )
-
-
-def without_repeats(files: Sequence[str]) -> None:
-    """Refuse programs that call each other in a circle."""
-    if len(set(files)) < len(files):
-        raise InvalidInput(f"{' calls '.join(files)}: programs call each other in a circle.")

@@ -26,7 +26,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 
 from qp_twist.checks import Array, clause, did_you_mean
 from qp_twist.errors import InvalidInput
-from qp_twist.files import of_file, read_text
+from qp_twist.files import check_regular, of_file, read_text
 from qp_twist.kinematics import SerialChain
 from qp_twist.kinematics.serial_chain import Screw
 from qp_twist.robots.axis_geometry import AxisGeometry, Line, axis_geometry, orientations
@@ -159,6 +159,22 @@ def read_robots(path: Path) -> tuple[KnownRobot, ...]:
 
 KNOWN_ROBOTS: tuple[KnownRobot, ...] = read_robots(_TABLE)
 """The known robots."""
+
+
+def stated_robot(robot: str | Path) -> KnownRobot:
+    """A robot by its name in the table, or from a file (``.toml``) with a table of its own.
+
+    Raises:
+        InvalidInput: If there is no such robot or file, or the file has not exactly one.
+    """
+    if not str(robot).lower().endswith(".toml"):
+        return named_robot(str(robot))
+    path = Path(robot)
+    check_regular(path, "table of robots")
+    found = read_robots(path)
+    if len(found) != 1:
+        raise InvalidInput(f"{path}: expected one [[robot]], got {len(found)}.")
+    return found[0]
 
 
 def named_robot(name: str) -> KnownRobot:

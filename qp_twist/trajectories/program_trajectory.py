@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import numpy as np
 
 from qp_twist.checks import Array
 from qp_twist.errors import InvalidInput
-from qp_twist.files import check_regular, of_file, read_bytes, text_lines
+from qp_twist.files import of_file, read_bytes, text_lines
 from qp_twist.kinematics import JointRanges, SerialChain
 from qp_twist.paths import PathTask
 from qp_twist.programs import (
+    AS_MODELLED,
     AXES,
     DIALECTS,
+    DOES_NOT_PASS,
     Dialect,
     JointMoves,
     check_header,
@@ -23,11 +26,9 @@ from qp_twist.programs import (
 )
 from qp_twist.robots import (
     ControllerJoints,
-    KnownRobot,
     controller_joints,
     known_robot,
-    named_robot,
-    read_robots,
+    stated_robot,
 )
 from qp_twist.robots.wording import listed
 from qp_twist.trajectories.joint_rows import JointRows
@@ -52,12 +53,15 @@ def joints_of(
             its order, with the zero positions and signs of the robot that is named.
         joint_names: The joints of the trajectory.
         robot: Name of a known robot, or a file with one in the form of the package's table;
-            ``None``: recognised by name and geometry.
+            ``None``: as the task states it, or recognised by name and geometry.
         as_modelled: Take the joints as the model counts them.
 
     Raises:
         InvalidInput: If the robot is not known, or the arm is not that robot.
     """
+    stated = None if path_task is None or as_modelled else path_task.controller
+    if robot is None and stated is not None:
+        as_modelled, robot = stated == AS_MODELLED, None if stated == AS_MODELLED else stated
     if as_modelled:
         if robot is not None:
             raise InvalidInput("give a robot, or take the joints as modelled, but not both.")
@@ -67,7 +71,7 @@ def joints_of(
                 f"for arms of {AXES} hinges."
             )
         return ControllerJoints.as_modelled(joint_names)
-    given = None if robot is None else _given(robot)
+    given = None if robot is None else stated_robot(robot)
     if path_task is None:
         if given is None:
             raise InvalidInput(
@@ -100,17 +104,6 @@ def _refuse_others(path_task: PathTask, joints: ControllerJoints) -> None:
             f"the {joints.robot} has only the axes of the robot: external axes are not written. "
             "Export a bag, which has all joints (--to mcap)."
         )
-
-
-def _given(robot: str | Path) -> KnownRobot:
-    if str(robot).lower().endswith(".toml"):
-        path = Path(robot)
-        check_regular(path, "table of robots")
-        found = read_robots(path)
-        if len(found) != 1:
-            raise InvalidInput(f"{path}: expected one [[robot]], got {len(found)}.")
-        return found[0]
-    return named_robot(str(robot))
 
 
 def check_program(path: Path, joints: ControllerJoints, path_task: PathTask) -> None:
@@ -176,7 +169,15 @@ def decode(path: Path, dialect: Dialect, joints: ControllerJoints) -> JointRows:
         return None
 
     with of_file(path):
-        moves = dialect.decode("\n".join(text_lines(content)), beside)
+        if re.search(rb"\r(?!\n)|\x1a(?!\s*$)", content):
+            raise InvalidInput(
+                "a carriage return or an end-of-file mark stands within the text; a controller may "
+                "read the lines after it in another way. Write the program with plain line ends."
+            )
+        lines = text_lines(content)
+        if lines[0].startswith(DOES_NOT_PASS):
+            raise InvalidInput(f"line 1: {lines[0]} (written all the same, by --force).")
+        moves = dialect.decode("\n".join(lines), beside)
         check_header(moves, dialect, joints.robot, joints.equations(dialect.axis_names))
     scale = _scale(dialect)
     times: Array | None = None
@@ -213,6 +214,12 @@ def _check_dialect(dialect: Dialect, joints: ControllerJoints) -> None:
         raise InvalidInput(
             f"the {joints.robot} is {has}, not in {dialect.name}; choose a file that ends in "
             f"{instead}, or say that joints count as in the model (--as-modelled)."
+        )
+    if not joints.robot and dialect.name == "ls":
+        raise InvalidInput(
+            "the controllers of Fanuc show J3 as the angle of the forearm to the floor, the angle "
+            "between the links less J2, which no model counts (--as-modelled); give the robot's "
+            "name, or a table of your own with its coupling (--robot FILE.toml)."
         )
     if len(joints.joint_names) != AXES:
         raise InvalidInput(

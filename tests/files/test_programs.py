@@ -205,8 +205,15 @@ def test_programs_for_another_robot_are_refused(
 ) -> None:
     task, rows = deburring
     path, _ = written("ls")
-    with pytest.raises(qt.InvalidInput, match="robot: Fanuc M-16iB/20, but it is read for joints"):
-        read_trajectory(path, None, joints_of(task, rows.joint_names, as_modelled=True))
+    other = ControllerJoints.of_robot(named_robot("Fanuc M-20iA"), rows.joint_names)
+    with pytest.raises(qt.InvalidInput, match="robot: Fanuc M-16iB/20, but it is read for Fanuc M"):
+        read_trajectory(path, None, other)
+    # J3 of a Fanuc is the forearm's angle to the floor, which no model counts.
+    modelled = joints_of(task, rows.joint_names, as_modelled=True)
+    with pytest.raises(qt.InvalidInput, match="J3 as the angle of the forearm to the floor"):
+        read_trajectory(path, None, modelled)
+    with pytest.raises(qt.InvalidInput, match="J3 as the angle of the forearm to the floor"):
+        write_trajectory(rows, path.with_name("modelled.ls"), modelled)
     with pytest.raises(
         qt.InvalidInput, match=r"programmed in ls, not in krl; choose a file .* \.ls,"
     ):
@@ -282,11 +289,18 @@ P[3]{ GP1: UF : 0, UT : 1,
 }
 
 
+def counted(ending: str) -> ControllerJoints:
+    """Joints that a controller shows as they are; for LS those of a robot without coupling."""
+    if ending != ".ls":
+        return ControllerJoints.as_modelled(J)
+    return ControllerJoints(tuple(J), np.ones(6), np.zeros(6), robot="own", program="ls")
+
+
 @pytest.mark.parametrize("ending", FOREIGN)
 def test_programs_of_others_are_read(ending: str, tmp_path: Path) -> None:
     path = tmp_path / f"other{ending}"
     path.write_text(FOREIGN[ending], "utf-8")
-    rows = read_trajectory(path, None, ControllerJoints.as_modelled(J))
+    rows = read_trajectory(path, None, counted(ending))
     expected = np.array([[0, -90.5, 90, 0, 45, 0], [10, -90, 90, 0, 0, 0], [20, -90, 90, 0, 0, 0]])
     if ending == ".ls":
         expected = expected[[0, 1, 0, 2]]
@@ -306,7 +320,7 @@ def test_programs_of_others_are_read(ending: str, tmp_path: Path) -> None:
         (".src", "PTP {A1 0,A2 -90.5,", "PTP {X 0,", "Cartesian"),
         (".src", "A6 0} ; done", "A6 0,E1 3}", "external axes"),
         (".src", "$VEL_AXIS[1]=20", "LOOP", "LOOP is not read"),
-        (".src", "$VEL_AXIS[1]=20", "another()", "not understood"),
+        (".src", "$VEL_AXIS[1]=20", "another()", "does not have"),
         (".src", "ptp XB", "ptp XC", "no axes of XC, in the program or in other.dat"),
         (".src", "A2 -90.5", "A2 minus", "expected a number after A2"),
         (".src", "ptp XB", "WAIT SEC 1e999\nptp XB", "a wait of inf s"),
@@ -328,7 +342,7 @@ def test_programs_of_others_are_read(ending: str, tmp_path: Path) -> None:
         (".ls", "UFRAME_NUM=0", "CALL NEXT", "no NEXT.ls beside"),
         (".ls", "UFRAME_NUM=0", "CALL OTHER", "in a circle"),
         (".ls", "P[3] 20%", "P[2] 20%", "no line moves to"),
-        (".ls", "FINE ;\n   3", "FINE ACC50 ;\n   3", "J is not read"),
+        (".ls", "FINE ;\n   3", "FINE Offset,PR[1] ;\n   3", "J is not read"),
     ],
 )  # fmt: skip
 def test_what_programs_of_others_may_not_have(
@@ -338,7 +352,7 @@ def test_what_programs_of_others_may_not_have(
     assert old in FOREIGN[ending]
     path.write_text(FOREIGN[ending].replace(old, new, 1), "utf-8")
     with pytest.raises(qt.InvalidInput, match=words) as refusal:
-        read_trajectory(path, None, ControllerJoints.as_modelled(J))
+        read_trajectory(path, None, counted(ending))
     assert str(path) in str(refusal.value)
 
 
@@ -350,7 +364,7 @@ def test_garbage_ends_in_a_sentence(
     path = tmp_path_factory.mktemp("garbage") / f"garbage{ending}"
     path.write_bytes(content)
     with pytest.raises(qt.InvalidInput):
-        read_trajectory(path, None, ControllerJoints.as_modelled(J))
+        read_trajectory(path, None, counted(ending))
 
 
 def test_a_long_tp_program_is_divided(tmp_path: Path) -> None:

@@ -415,7 +415,9 @@ def test_what_was_searched_is_said_where_nothing_was_found(tmp_path: Path) -> No
 
 def test_a_search_reports_its_share_and_ends_in_time(tmp_path: Path) -> None:
     arch(tmp_path / "arch.csv", (3000.0, 0.0, 0.0))
-    request = Request(PANDA.path, tmp_path / "arch.csv", search_seconds=1e-6)
+    request = Request(
+        PANDA.path, tmp_path / "arch.csv", search_seconds=1e-6, controller="as modelled"
+    )
     seen: list[tuple[str, float]] = []
     made = new_task(request, tmp_path / "t.toml", progress=lambda *said: seen.append(said))
     assert not made.runs
@@ -424,6 +426,7 @@ def test_a_search_reports_its_share_and_ends_in_time(tmp_path: Path) -> None:
     assert all(0.0 <= share <= 1.0 for _, share in seen)
     assert seen[-1][1] == 1.0
     assert "# NOT REACHED" in made.path.read_text("utf-8")
+    assert qt.load_task(made.path).controller == "as modelled"
 
 
 def test_neither_compiling_nor_waiting_counts_as_searching(tmp_path: Path) -> None:
@@ -737,6 +740,7 @@ def near(tmp_path: Path) -> Path:
         ({"--columns": "x"}, "'x' has no known key"),
         ({"--unit": "furlong"}, "('auto', 'mm',"),
         ({"--speed": "0"}, "--speed: expected a number above 0"),
+        ({"--controller": "UR55"}, "there is no robot 'UR55'"),
     ],
 )
 def test_a_wrong_argument_is_refused(
