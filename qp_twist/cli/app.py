@@ -35,7 +35,7 @@ from qp_twist.kinematics import JointRanges
 from qp_twist.paths import METHODS, PathTask, check_method, load_task
 from qp_twist.programs import SUFFIXES, dialect_of
 from qp_twist.robots import ControllerJoints
-from qp_twist.trajectories import joints_of
+from qp_twist.trajectories import Check, joints_of
 
 app = SubcommandApp()
 
@@ -86,6 +86,19 @@ def with_secondary(
     if not options:
         return path_task
     return with_options(path_task, methods, options, " and ".join(f"--{name}" for name in options))
+
+
+def failure(file: Path, check: Check, written: bool) -> str:
+    """The verdict on a file that does not pass, and whether it was written."""
+    if dialect_of(file) is None:
+        return f"{file}: {check.verdict}"
+    if written:
+        how = "written with a first line that stops a controller (--force)"
+    else:
+        how = "the program is not written (--force writes it, with a first line that stops a "
+        how += "controller)"
+        how += "; the file of this name is an older one" if file.exists() else ""
+    return f"{file}: {check.verdict}; {how}"
 
 
 def show(table: RenderableType) -> None:

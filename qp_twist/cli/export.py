@@ -17,6 +17,7 @@ from qp_twist.cli.app import (
     app,
     check_file,
     fail,
+    failure,
     load,
     quiet,
     say,
@@ -27,9 +28,9 @@ from qp_twist.kinematics import JointRanges
 from qp_twist.programs import DIALECTS, dialect_of
 from qp_twist.trajectories import (
     Check,
-    check_trajectory,
     joints_of,
     read_trajectory,
+    write_checked,
     write_trajectory,
 )
 
@@ -49,13 +50,14 @@ def export(
     robot: RobotName = None,
     as_modelled: Flag = False,
     path: OptionalFile = None,
+    force: Flag = False,
     json_: Json = False,
 ) -> None:
     """Write a trajectory file as a robot program or a ROS 2 bag, and check what was written.
 
     With a task the robot is recognised by name and geometry, and the program is read back and
-    checked. Without one, name the robot; nothing is checked then. No controller has run these
-    programs.
+    checked; one that does not pass is not written. Without a task, name the robot; nothing is
+    checked then. No controller has run these programs.
 
     Args:
         trajectory: File that ends in .csv, .npz, .json or .mcap.
@@ -63,20 +65,22 @@ def export(
         to: urscript, rapid, krl, ls or mcap; if omitted, by the suffix of --out.
         out: File to write; if omitted, the trajectory's name with the suffix of the language.
         robot: The robot's name in the table of known robots, or a file with a table of its own
-            (.toml); if omitted, recognised by name and geometry.
+            (.toml); if omitted, as the task file states it, or recognised by name and geometry.
         as_modelled: The controller counts the joints as the model does.
         path: Toolpath to check against instead of the task's own.
+        force: Write a program that does not pass, too; its first line stops a controller.
         json_: Print the file, the axes and the findings of the check as JSON.
     """
     out = _destination(trajectory, to, out)
     check_file(out)
     dialect = dialect_of(out)
-    if dialect is None and (robot is not None or as_modelled):
+    if dialect is None and (robot is not None or as_modelled or force):
         raise InvalidInput(
-            "--robot and --as-modelled are for programs; a bag has the model's joints."
+            "--robot, --as-modelled and --force are for programs; a bag has the model's joints."
         )
-    if task is None and path is not None:
-        raise InvalidInput("--path is for the check, which needs a task; give the task, too.")
+    if task is None and (path is not None or force):
+        option = "--force" if force else "--path"
+        raise InvalidInput(f"{option} is for the check, which needs a task; give the task, too.")
     path_task = None if task is None else load(task, path)
     names = None if path_task is None else JointRanges.of(path_task.shown.model).names
     if dialect_of(trajectory) is not None:
@@ -87,9 +91,17 @@ def export(
     joints = None
     if dialect is not None:
         joints = joints_of(path_task, rows.joint_names, robot=robot, as_modelled=as_modelled)
-    write_trajectory(rows, out, joints)
+    found: Check | None = None
+    written = True
+    if path_task is None:
+        write_trajectory(rows, out, joints)
+    else:
+        with working("checking"):
+            found, written = write_checked(
+                rows, out, path_task, joints, joint_names=names, force=force
+            )
     shown = quiet.set(quiet.get() or json_)
-    say(f"wrote {out}: {len(rows.q)} points")
+    say(f"{'wrote' if written else 'did not write'} {out}: {len(rows.q)} points")
     if dialect is not None and rows.accelerations is not None:
         say(
             "the trajectory's accelerations are left out: between points the program has own curves"
@@ -98,27 +110,28 @@ def export(
     if joints is not None:
         say(joints.origin + (f" ({joints.source})" if joints.source else ""))
         say(*(f"  {axis}" for axis in axes))
-        say("no controller has run it: try it slowly, without a tool, first")
-    found: Check | None = None
-    if path_task is not None:
-        with working("checking"):
-            found = check_trajectory(read_trajectory(out, names, joints), path_task)
-        say(*found.notes)
-        if found.passes:
-            say(found.verdict)
-    else:
-        say("not checked: no task given")
+        advice = "no controller has run it: try it slowly, without a tool, first"
+        say(*([advice] if written else []))
+    say(*_findings(found))
     quiet.reset(shown)
     if json_:
         facts = {
             "file": str(out),
+            "written": written,
             "robot": None if joints is None else joints.robot,
             "axes": list(axes),
             "check": None if found is None else found.to_dict(),
         }
         print(json.dumps(facts, ensure_ascii=False, indent=2))
     if found is not None and not found.passes:
-        fail(f"{out}: {found.verdict}")
+        fail(failure(out, found, written))
+
+
+def _findings(found: Check | None) -> list[str]:
+    """Lines about the check: its notes, and the verdict if it passes; else it is the error."""
+    if found is None:
+        return ["not checked: no task given"]
+    return [*found.notes, *([found.verdict] if found.passes else [])]
 
 
 def _destination(trajectory: Path, to: str | None, out: Path | None) -> Path:

@@ -20,6 +20,7 @@ from qp_twist.cli.app import (
     check_file,
     check_folder,
     fail,
+    failure,
     load,
     program_joints,
     quiet,
@@ -56,13 +57,14 @@ def run(
     report: Folder = None,
     robot: RobotName = None,
     as_modelled: Flag = False,
+    force: Flag = False,
     json_: Json = False,
 ) -> None:
     """Follow a task with one method, time it, write the joint trajectory and check the file.
 
     The path is kept: where limits require it, it is followed more slowly, and the output says
-    where. Exit code 1: the file is written, but does not pass; the output says what fails, and
-    where.
+    where. Exit code 1: the motion does not pass; the output says what fails, and where. A robot
+    program is not written then; another file is.
 
     Args:
         task: Name of a shipped task, or path to a .toml file.
@@ -76,8 +78,10 @@ def run(
         weight: Of a centering secondary, likewise.
         report: Folder for a report that compares the method with its closed form or QP.
         robot: For a program: the robot's name in the table of known robots, or a file with a table
-            of its own (.toml); if omitted, recognised by name and geometry.
+            of its own (.toml); if omitted, as the task file states it, or recognised by name and
+            geometry.
         as_modelled: For a program: the controller counts the joints as the model does.
+        force: Write a program that does not pass, too; its first line stops a controller.
         json_: Print the file, the times and the findings of the check as JSON.
     """
     path_task = load(task, path)
@@ -91,6 +95,8 @@ def run(
     joints = program_joints(out, path_task, robot, as_modelled)
     if joints is not None:
         check_program(out, joints, path_task)
+    elif force:
+        raise InvalidInput("--force is for programs; other files are always written.")
     shown = quiet.set(quiet.get() or json_)
     load_machine_code(path_task, [method], solver)
     with method_progress([method], len(path_task.waypoints) - 1) as progress:
@@ -100,6 +106,7 @@ def run(
             out,
             solver=solver,
             joints=joints,
+            force=force,
             progress=lambda waypoints: progress.done(method, waypoints),
             planning=progress.planning,
             timing=lambda: progress.says("timing and checking"),
@@ -108,7 +115,8 @@ def run(
     if rows is None or check is None:
         _say_how(trajectory, stated=gain is not None or weight is not None)
         fail(f"{out}: not written: {method} {trajectory.ending}")
-    say(f"wrote {out}: {len(trajectory.q)} waypoints, {method}: {trajectory.summary}")
+    what = f"wrote {out}" if done.written else f"did not write {out}"
+    say(f"{what}: {len(trajectory.q)} waypoints, {method}: {trajectory.summary}")
     _say_how(trajectory, stated=gain is not None or weight is not None)
     if len(rows.q) > len(trajectory.q):
         more = len(rows.q) - len(trajectory.q)
@@ -132,6 +140,7 @@ def run(
     if json_:
         facts: dict[str, object] = {
             "file": str(out),
+            "written": done.written,
             "method": method,
             "seconds": None,
             "seconds_at_feed": None,
@@ -142,7 +151,7 @@ def run(
             facts["seconds_at_feed"] = path_task.feed_time
         print(json.dumps({**facts, "check": check.to_dict()}, ensure_ascii=False, indent=2))
     if not check.passes:
-        fail(f"{out}: {check.verdict}")
+        fail(failure(out, check, done.written))
 
 
 def _timing(timed: TimedTrajectory | None, rows: Trajectory) -> list[str]:

@@ -20,5 +20,7 @@ from .time_trajectory import Slowed as Slowed
 from .time_trajectory import TimedTrajectory as TimedTrajectory
 from .time_trajectory import time_trajectory as time_trajectory
 from .trajectory_file import ENDINGS as ENDINGS
+from .trajectory_file import CheckedFile as CheckedFile
 from .trajectory_file import read_trajectory as read_trajectory
+from .trajectory_file import write_checked as write_checked
 from .trajectory_file import write_trajectory as write_trajectory

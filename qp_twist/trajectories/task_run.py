@@ -12,13 +12,10 @@ from qp_twist.kinematics import JointRanges
 from qp_twist.paths import PathTask, via_points
 from qp_twist.referee import Tolerances, motion_limits, with_default_accelerations
 from qp_twist.robots import ControllerJoints
-from qp_twist.trajectories.check import (
-    Check,
-    check_trajectory,
-)
+from qp_twist.trajectories.check import Check
 from qp_twist.trajectories.refine_trajectory import refine_trajectory
 from qp_twist.trajectories.time_trajectory import TimedTrajectory, time_trajectory
-from qp_twist.trajectories.trajectory_file import read_trajectory, write_trajectory
+from qp_twist.trajectories.trajectory_file import write_checked
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,13 +26,15 @@ class TaskRun:
         trajectory: The trajectory at the task's waypoints.
         rows: The same with inserted rows, where the joints would have left the path.
         timed: The timed trajectory; ``None`` without a feed.
-        check: Check of the written file; ``None`` if the run was given up, or ended at its start.
+        check: Check of the file; ``None`` if the run was given up, or ended at its start.
+        written: Whether the file was written.
     """
 
     trajectory: Trajectory
     rows: Trajectory | None
     timed: TimedTrajectory | None
     check: Check | None
+    written: bool = False
 
     @property
     def passes(self) -> bool:
@@ -67,6 +66,7 @@ def run_task(
     solver: str | None = None,
     joints: ControllerJoints | None = None,
     give_up: bool = False,
+    force: bool = False,
     progress: Callable[[int], None] | None = None,
     planning: Callable[[str, float], None] | None = None,
     timing: Callable[[], None] | None = None,
@@ -83,6 +83,8 @@ def run_task(
         out: The file to write, by its suffix (:func:`~qp_twist.write_trajectory`).
         solver: Backend of the QPs.
         joints: For a program: how the robot's controller counts the joints.
+        force: Write a program that does not pass, with a first line at which a controller stops.
+            Without it such a program is not written.
         give_up: Whether to end at the first waypoint outside the tolerances of the check. Then
             nothing is written and there is no check.
         progress: Called with the number of waypoints done.
@@ -119,7 +121,12 @@ def run_task(
             motion_limits(path_task), JointRanges.of(path_task.model)
         )
         timed = time_trajectory(rows, limits=limits)
-    write_trajectory(timed or rows, out, joints)
-    written = read_trajectory(out, trajectory.joint_names, joints)
-    check = check_trajectory(written, trajectory.path_task)
-    return TaskRun(trajectory, rows, timed, check)
+    check, written = write_checked(
+        timed or rows,
+        out,
+        trajectory.path_task,
+        joints,
+        joint_names=trajectory.joint_names,
+        force=force,
+    )
+    return TaskRun(trajectory, rows, timed, check, written)

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import io
 import json
-from collections.abc import Callable, Sequence
+import tempfile
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -14,7 +15,8 @@ from qp_twist.checks import Array, clause, float_array
 from qp_twist.errors import InvalidInput
 from qp_twist.files import of_file, read_bytes, write_atomically
 from qp_twist.following import Trajectory
-from qp_twist.programs import SUFFIXES, dialect_of
+from qp_twist.paths import PathTask
+from qp_twist.programs import DOES_NOT_PASS, SUFFIXES, dialect_of
 from qp_twist.robots import ControllerJoints
 from qp_twist.trajectories import (
     csv_trajectory,
@@ -22,6 +24,7 @@ from qp_twist.trajectories import (
     mcap_trajectory,
     program_trajectory,
 )
+from qp_twist.trajectories.check import Check, check_trajectory
 from qp_twist.trajectories.joint_rows import JointRows
 from qp_twist.trajectories.metadata import read_metadata
 from qp_twist.trajectories.time_trajectory import TimedTrajectory
@@ -126,11 +129,70 @@ def write_trajectory(
         joints = program_trajectory.joints_of(task, rows.joint_names)
     with of_file(path):
         texts = program_trajectory.encode(rows, dialect, joints, path.stem)
-    # The file of this name last: it calls the others.
-    for name, text in reversed(texts.items()):
-        write_atomically(path if name == f"{path.stem}{dialect.suffix}" else path.parent / name,
-                         text)  # fmt: skip
+    return _write_program(path, texts)
+
+
+def _write_program(path: Path, texts: Mapping[str, str]) -> Path:
+    """Write the files of a program, that of this name last: it calls the others."""
+    for name, text in reversed(list(texts.items())):
+        same = Path(name).stem == path.stem
+        write_atomically(path if same else path.parent / name, text)
     return path
+
+
+class CheckedFile(NamedTuple):
+    """What became of a trajectory that was to be written.
+
+    Attributes:
+        check: The check of the file.
+        written: Whether it was written.
+    """
+
+    check: Check
+    written: bool
+
+
+def write_checked(
+    trajectory: Trajectory | TimedTrajectory | JointRows,
+    path: Path,
+    path_task: PathTask,
+    joints: ControllerJoints | None = None,
+    *,
+    joint_names: Sequence[str] | None = None,
+    force: bool = False,
+) -> CheckedFile:
+    """Write a trajectory, read it back and check it; a program that does not pass is not written.
+
+    Args:
+        trajectory: The trajectory.
+        path: The file to write.
+        path_task: The task to check it against.
+        joints: For a program: how the controller counts the joints.
+        joint_names: The joints to read back, in this order; ``None``: those of the file.
+        force: Write a program that does not pass, with a first line at which a controller stops.
+
+    Raises:
+        InvalidInput: As :func:`write_trajectory`.
+    """
+
+    def checked(file: Path) -> Check:
+        return check_trajectory(read_trajectory(file, joint_names, joints), path_task)
+
+    dialect = dialect_of(path)
+    if dialect is None:
+        return CheckedFile(checked(write_trajectory(trajectory, path)), True)
+    with tempfile.TemporaryDirectory() as folder:
+        draft = write_trajectory(trajectory, Path(folder) / path.name, joints)
+        check = checked(draft)
+        texts = {file.name: file.read_text("utf-8") for file in sorted(Path(folder).iterdir())}
+    if check.passes or force:
+        if not check.passes:
+            verdict = check.verdict.removeprefix("does not pass: ").replace("°", "deg")
+            verdict = " ".join(verdict.encode("ascii", "replace").decode().split())
+            line = f"{DOES_NOT_PASS}: {verdict}"
+            texts = {name: dialect.stopped(text, line) for name, text in texts.items()}
+        _write_program(path, texts)
+    return CheckedFile(check, check.passes or force)
 
 
 def read_trajectory(
