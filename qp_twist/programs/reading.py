@@ -350,7 +350,8 @@ class Calls:
                 statement stands where it never runs.
         """
         procedure = self._procedures[name]
-        check_callers([*(self._procedures[k].name for k in self._running), procedure.name])
+        if name in self._running or len(self._running) >= _DEEPEST:
+            check_callers([*(self._procedures[k].name for k in self._running), procedure.name])
         self._called[name] = self._called.get(name, 0) + 1
         self._running.append(name)
         left = 0
