@@ -5,14 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from qp_twist.checks import Array, Indices, Mask
 from qp_twist.constraints import Clearance, Constraint, JointCouplings
 from qp_twist.errors import InvalidInput
 from qp_twist.kinematics import FramePair, SerialChain, Stretch, ToleranceBand, check_bands
 from qp_twist.paths import PathTask
-from qp_twist.referee import PROVEN, Tolerances, constraints_left
+from qp_twist.referee import PROVEN, Intervals, Tolerances, constraints_left
 
 Poses = tuple[Array, Array]
 
@@ -94,9 +93,7 @@ class HardConstraints:
                 )
         self._rotations = np.array([w.rotation().as_matrix() for w in path_task.waypoints])
         self._positions = path_task.positions
-        turned = self._rotations[1:] @ self._rotations[:-1].transpose(0, 2, 1)
-        #: Rotation vectors of the target from each waypoint to the next, rad, (N − 1, 3).
-        self._turns: Array = Rotation.from_matrix(turned).as_rotvec()
+        self._intervals = Intervals.of(path_task, len(path_task.waypoints))
         self._fixed: Mask = np.zeros((len(path_task.in_force), len(self.names)), dtype=bool)
         for fixed, T in zip(self._fixed, path_task.in_force, strict=True):
             fixed[: len(ranges)] = [f for band in self.bands for f in band.fixed(T)]
@@ -142,21 +139,30 @@ class HardConstraints:
         return self._rows(self._pair(rotations, positions, at), q, J, self._fixed[at])
 
     def rows_between(self, q: Array, at: Indices, share: Array) -> tuple[Array, Array, Indices]:
-        """The rows of a path q (N, nv) at shares (K,) of intervals between waypoints."""
+        """The rows of a path q (N, nv) at shares (K,) of intervals between waypoints.
+
+        Moving the frame also moves the place of the path that it is measured against.
+        """
         way = q[at] + share[:, None] * (q[at + 1] - q[at])
         rotations, positions, J = self.chain.poses_and_jacobians(way)
-        held = self._fixed[at] & self._fixed[at + 1]
-        return self._rows(self._on_the_way(rotations, positions, at, share), way, J, held)
+        pair = self._on_the_way(rotations, positions, at, share)
+        progress = self._intervals.gradient(rotations, positions, at, share) if self.bands else None
+        return self._rows(pair, way, J, np.zeros((1, len(self.names)), dtype=bool), progress)
 
     def _rows(
-        self, pair: FramePair, q: Array, J: Array, fixed: Mask
+        self, pair: FramePair, q: Array, J: Array, fixed: Mask, progress: Array | None = None
     ) -> tuple[Array, Array, Indices]:
+        """Rows at poses; the target moves by its twist with the ``progress`` on a twist (K, 6)."""
         found, first = [], 0
         for band in self.bands:
             rows, rooms = band.rows(pair)
             values = np.arange(first, first + rows.shape[1])
             rooms = np.where(fixed[:, values, None], np.inf, rooms)
-            on_q = rows.reshape(len(J), -1, 6) @ J
+            on_twist = rows.reshape(len(J), -1, 6)
+            if progress is not None:
+                carried = on_twist @ band.carried(pair)[:, :, None]
+                on_twist = on_twist - carried * progress[:, None, :]
+            on_q = on_twist @ J
             found.append((on_q, rooms.reshape(len(J), -1), np.repeat(values, rows.shape[2])))
             first += rows.shape[1]
         for constraint in self.constraints:
@@ -220,13 +226,14 @@ class HardConstraints:
 
         Args:
             begin: Configurations at the waypoints, (K, nv).
-            end: Configurations at the next ones; joints and target are interpolated between them.
+            end: Configurations at the next ones; the joints are interpolated linearly, and each
+                pose is compared with the place of the path that is nearest to it
+                (:class:`~qp_twist.referee.Intervals`).
             at: Numbers of the waypoints, (K,).
             share: Share of each interval, from 0 to 1.
         """
         q = begin + share[:, None] * (end - begin)
-        margins = self._margins(self._on_the_way(*self.chain.poses(q), at, share), q)
-        return np.where(self._fixed[at] & self._fixed[at + 1], np.inf, margins)
+        return self._margins(self._on_the_way(*self.chain.poses(q), at, share), q)
 
     def kept_between(
         self,
@@ -254,9 +261,7 @@ class HardConstraints:
                 of_bands = self._of_bands(
                     self._on_the_way(*self.chain.poses(q), at[left], np.full(len(left), share))
                 )
-                held = (self._fixed[at[left]] & self._fixed[at[left] + 1])[:, : of_bands.shape[1]]
-                inside = held | (of_bands >= -allowed[: of_bands.shape[1]])
-                kept[left] = inside.all(axis=1)
+                kept[left] = (of_bands >= -allowed[: of_bands.shape[1]]).all(axis=1)
                 q, left = q[kept[left]], left[kept[left]]
             for constraint in self.constraints:
                 inside = constraint.inside(q, violations[constraint.units[0]])
@@ -267,8 +272,7 @@ class HardConstraints:
     def between(self, q: Array) -> tuple[Array, Array]:
         """Proven violation of a joint path (N, nv) between its waypoints, rad or m.
 
-        Joints and the target's position are interpolated linearly, its orientation by the shortest
-        rotation, all in the same proportion. Proved by subdivision
+        Joints are interpolated linearly. The measure and the proof are those of a check
         (:func:`~qp_twist.referee.constraints_left`).
 
         Returns:
@@ -279,25 +283,20 @@ class HardConstraints:
         if not self:
             return np.zeros((len(q) - 1, 0)), np.zeros(len(q) - 1)
         within = tuple(BETWEEN[unit] / (1.0 + PROVEN) for unit in ("m", "rad"))
-        held = self._fixed[:-1] & self._fixed[1:]
-        left = constraints_left(self._path_task, q, (within[0], within[1]), held)
+        left = constraints_left(self._path_task, q, (within[0], within[1]))
         return left.bound, left.share
 
     def _on_the_way(
         self, rotations: Array, positions: Array, at: Indices, share: Array
     ) -> FramePair:
-        """Frames and their targets, at rest, at shares of intervals between waypoints.
+        """Frames at shares of intervals between waypoints, and their targets.
 
-        The target's position is interpolated linearly, its orientation by the shortest rotation.
+        A target is the path's pose at the frame's progress, which is the share itself only where
+        the task's rows do not see the interval; its twist is that with the progress.
         """
-        share = share[:, None]
-        turned = Rotation.from_rotvec(share * self._turns[at]).as_matrix()
-        return FramePair(
-            rotations,
-            positions,
-            turned @ self._rotations[at],
-            (1.0 - share) * self._positions[at] + share * self._positions[at + 1],
-        )
+        progress = self._intervals.progress(rotations, positions, at, share)[1]
+        targets = self._intervals.at(at, progress)
+        return FramePair(rotations, positions, *targets, self._intervals.velocity(at))
 
     def _margins(self, pair: FramePair, q: Array) -> Array:
         of_constraints = [constraint.bounded(q, 0.0) for constraint in self.constraints]

@@ -19,6 +19,7 @@ from .findings import errors_of as errors_of
 from .findings import examine as examine
 from .findings import joint_margins as joint_margins
 from .findings import velocity_use as velocity_use
+from .intervals import Intervals as Intervals
 from .joint_motion import JointMotion as JointMotion
 from .joint_motion import State as State
 from .motion_limits import RAMP_S as RAMP_S

@@ -9,9 +9,9 @@ from scipy.spatial import cKDTree
 
 from qp_twist.checks import Array, Indices, Mask
 from qp_twist.paths import PathTask, in_joint_moves, via_points
-from qp_twist.referee.intervals import Intervals
+from qp_twist.referee.intervals import Intervals, fewer_rows
 from qp_twist.referee.joint_motion import JointMotion
-from qp_twist.referee.path_errors import fewer_rows, poses_of, task_errors
+from qp_twist.referee.path_errors import poses_of, task_errors
 
 _SAMPLES = 400
 """Number of times at which errors off the path are evaluated, beside so many rows at most."""

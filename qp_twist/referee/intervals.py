@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 
 import numpy as np
@@ -14,9 +15,12 @@ from qp_twist.geometry import (
     distinct_projectors,
     many_twist_errors,
 )
+from qp_twist.paths import PathTask
 
 _SHORT = 1e-12
 """Square of a length below which it counts as zero, m² or rad²."""
+_PROBE = 1e-6
+"""Displacement of the differences for the derivative of the progress, m and rad."""
 
 
 class Intervals:
@@ -75,6 +79,14 @@ class Intervals:
                 turned = (errors[:, 3:] ** 2).sum(axis=1) > _SHORT
                 self._arc[here] = ~moves & turned
 
+    @classmethod
+    def of(cls, path_task: PathTask, count: int) -> Intervals:
+        """The intervals between the first ``count`` waypoints of a task."""
+        waypoints = path_task.waypoints[:count]
+        rotations = np.array([w.rotation().as_matrix() for w in waypoints])
+        positions = np.array([w.translation() for w in waypoints])
+        return cls(rotations, positions, fewer_rows(path_task.in_force[:count]))
+
     @property
     def by_rate(self) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
         """Where :meth:`curve` bounds progress off its chord, (N − 1,)."""
@@ -105,6 +117,23 @@ class Intervals:
             if len(rest):
                 raw[rest] = self._by_errors(projector, R[rest], p[rest], interval[rest], even[rest])
         return raw, self.share(interval, raw)
+
+    def gradient(self, R: Array, p: Array, interval: Indices, even: Array) -> Array:
+        """Derivative of λ on the frame's twist (linear, angular), world axes, (K, 6).
+
+        By central differences; 0 where λ is clipped, or does not depend on the pose.
+        """
+        found = np.empty((len(p), 6))
+        for column, unit in enumerate(_PROBE * np.eye(6)):
+            turned = Rotation.from_rotvec(unit[3:]).as_matrix()
+            ahead = self.progress(turned @ R, p + unit[:3], interval, even)[1]
+            back = self.progress(turned.T @ R, p - unit[:3], interval, even)[1]
+            found[:, column] = (ahead - back) / (2.0 * _PROBE)
+        return found
+
+    def velocity(self, interval: Indices) -> Array:
+        """Twist (linear, angular) of the target with λ, world axes, m and rad, (K, 6)."""
+        return np.hstack([self._step[interval], self._turn[interval]])
 
     def share(self, interval: Indices, raw: Array) -> Array:
         """λ in [0, 1] from raw progress; converts a chord's share to its arc's; monotonic, (K,)."""
@@ -142,12 +171,8 @@ class Intervals:
             moved: Largest displacement of the origin and the orientation, m and rad.
         """
         slope = np.abs(ends[1] - ends[0]) + 4.0 * curve  # ‖x″‖/2 more than the chord's
-        off = np.minimum(np.maximum(*(np.abs(end - 0.5) for end in ends)) + curve, 0.5)
         arc = self._arc[interval]
-        angle = np.where(arc, self.turns[interval], 1.0)
-        sine = np.sin(0.5 * angle)
-        cosine = np.sqrt(np.maximum(1.0 - (2.0 * sine * off) ** 2, 1e-12))
-        slope = np.where(arc, slope * 2.0 * sine / (angle * cosine), slope)
+        slope = np.where(arc, slope * self._of_arc(interval, ends, curve)[0], slope)
         length = self._length(interval)
         rest = np.divide(
             np.where(self._moves[interval], *moved),
@@ -157,6 +182,39 @@ class Intervals:
         )
         steepest: Array = np.where(arc | self.straight[interval], slope, rest)
         return steepest
+
+    def uneven(
+        self, interval: Indices, ends: tuple[Array, Array], curve: Array, moved: tuple[Array, Array]
+    ) -> Array:
+        """Bound of the distance of λ between two poses from the chord of its values at them, (K,).
+
+        The arguments are those of :meth:`steepest`.
+        """
+        # λ is clipped at each pose: its chord differs from that of raw progress if the clipping
+        # begins or ends between the poses.
+        cut = [np.clip(end, 0.0, 1.0) for end in ends]
+        beyond = [end - inside for end, inside in zip(ends, cut, strict=True)]
+        clipped = np.where(
+            np.sign(beyond[0]) == np.sign(beyond[1]), 0.0, np.maximum(*np.abs(beyond))
+        )
+        off = curve + clipped
+        slope, bend = self._of_arc(interval, ends, curve)
+        of_arc = slope * off + bend * (cut[1] - cut[0]) ** 2 / 8.0
+        # A value that changes by at most d differs from its chord by at most d/2.
+        rest = 0.5 * self.steepest(interval, ends, curve, moved)
+        arc, straight = self._arc[interval], self.straight[interval]
+        uneven: Array = np.minimum(np.where(arc, of_arc, np.where(straight, off, rest)), 1.0)
+        return uneven
+
+    def _of_arc(
+        self, interval: Indices, ends: tuple[Array, Array], curve: Array
+    ) -> tuple[Array, Array]:
+        """Largest derivatives of an arc's share by that of its chord, first and second, (K,)."""
+        off = np.minimum(np.maximum(*(np.abs(end - 0.5) for end in ends)) + curve, 0.5)
+        angle = np.where(self._arc[interval], self.turns[interval], 1.0)
+        chord = 2.0 * np.sin(0.5 * angle)
+        cosine = np.sqrt(np.maximum(1.0 - (chord * off) ** 2, 1e-12))
+        return chord / (angle * cosine), chord**3 * off / (angle * cosine**3)
 
     def within(self, tolerances: tuple[float, float]) -> Array:
         """The share of each interval that task errors within the tolerances can add, (N − 1,)."""
@@ -207,3 +265,11 @@ def _along(x: Array, w: Array) -> Array:
     """x·w/‖w‖² row by row."""
     along: Array = np.einsum("ki,ki->k", x, w) / np.einsum("ki,ki->k", w, w)
     return along
+
+
+def fewer_rows(projectors: Sequence[TwistProjector]) -> list[TwistProjector]:
+    """The projector with fewer rows of each two successive waypoints, (N − 1,)."""
+    return [
+        after if after.rank <= before.rank else before
+        for before, after in itertools.pairwise(projectors)
+    ]

@@ -18,7 +18,7 @@ from qp_twist.kinematics import FramePair, SerialChain, Stretch
 from qp_twist.kinematics.frame import frame_id
 from qp_twist.paths import PathTask, in_joint_moves, via_points
 from qp_twist.referee.displacement import LeverArms
-from qp_twist.referee.intervals import Intervals
+from qp_twist.referee.intervals import Intervals, fewer_rows
 from qp_twist.referee.joint_motion import JointMotion
 from qp_twist.referee.measures import (
     AxisError,
@@ -226,23 +226,19 @@ class Outside(NamedTuple):
     """Share of each interval at which the largest was found, from 0 to 1, (N − 1,)."""
 
 
-def constraints_left(
-    path_task: PathTask, q: Array, tolerances: tuple[float, float], exempt: Mask | None = None
-) -> Outside:
+def constraints_left(path_task: PathTask, q: Array, tolerances: tuple[float, float]) -> Outside:
     """Proven violation of hard bands and constraints by linear interpolation of the joints.
 
-    Uses the subdivision of :func:`path_errors`, without the task errors; the target is at the same
-    share of each interval as the joints.
+    Measure and subdivision are those of :func:`path_errors`, without the task errors.
 
     Args:
         path_task: The path.
         q: Joint positions at its waypoints, rad or m, (N, nv).
         tolerances: Violations to be proven, m and rad.
-        exempt: Values that are not evaluated in an interval, (N − 1, k).
     """
     motion = JointMotion(np.arange(len(q), dtype=np.float64), q)
-    track = _Track(path_task, motion, motion.times, tolerances, with_joints=True)
-    proof = _Proof(track, WORK, exempt)
+    track = _Track(path_task, motion, motion.times, tolerances, task_errors=False)
+    proof = _Proof(track, WORK)
     proof.start(0)
     share = proof.time - motion.times[:-1]
     return Outside(proof.found, proof.bound, share)
@@ -283,7 +279,7 @@ def constraint_left(
     """
     when = np.array([begin, end])
     proof = _Proof(
-        _Track(path_task, motion, when, tolerances, with_joints=True, only=constraint), WORK
+        _Track(path_task, motion, when, tolerances, task_errors=False, only=constraint), WORK
     )
     proof.start(0)
     time = float(proof.time[0])
@@ -336,11 +332,10 @@ class _Track:
         when: Array,
         tolerances: tuple[float, float] | None,
         *,
-        with_joints: bool = False,
+        task_errors: bool = True,
         only: Constraint | None = None,
     ) -> None:
         self.motion, self.when, self.tolerances = motion, when, tolerances
-        self._with_joints = with_joints
         count = len(when)
         waypoints = path_task.waypoints[:count]
         if only is not None:  # no path, so that all targets are alike
@@ -359,12 +354,12 @@ class _Track:
         ]
         #: For each projector its own measures, then those of every interval.
         self._measures: list[list[Measure]] = [
-            [*([] if with_joints else [PositionError(t), AxisError(t)]), *self.kept]
+            [*([PositionError(t), AxisError(t)] if task_errors else []), *self.kept]
             for t in self.intervals.projectors
         ]
         #: Unit of each column of values, (M,).
         self.units = (
-            *(() if with_joints else ("m", "rad")),
+            *(("m", "rad") if task_errors else ()),
             *(measure.unit for measure in self.kept for _ in range(measure.width)),
         )
         by_unit = dict(zip(("m", "rad"), tolerances or (np.nan, np.nan), strict=True))
@@ -372,7 +367,7 @@ class _Track:
         self.hard_bands = len(bands)
         widths = sum(measure.width for measure in self.kept[: self.hard_bands])
         #: Which columns refer to the path, (M,).
-        self.of_path = np.arange(len(self.units)) < (0 if with_joints else 2) + widths
+        self.of_path = np.arange(len(self.units)) < (2 if task_errors else 0) + widths
         #: The tolerance of each column; NaN where there is none, (M,).
         self.limits = np.array([by_unit[unit] for unit in self.units])
 
@@ -392,9 +387,7 @@ class _Track:
         R, p = self.chain.poses(q)
         begin, end = self.when[interval], self.when[interval + 1]
         even = (time - begin) / np.where(end > begin, end - begin, 1.0)
-        raw, share = (
-            (even, even) if self._with_joints else self.intervals.progress(R, p, interval, even)
-        )
+        raw, share = self.intervals.progress(R, p, interval, even)
         pair = FramePair(R, p, *self.intervals.at(interval, share))
         values = np.empty((len(time), len(self.units)))
         for which, measures in self._groups(interval):
@@ -409,16 +402,9 @@ class _Track:
         turn, turn_change, bend = self.arms.displacement(*speeds, took)
         moved = speeds[0] * took[:, None], speeds[1] * took[:, None] ** 2
         target_turn = self.intervals.turns[left.interval] * np.abs(right.share - left.share)
-        if self._with_joints:
-            none = np.zeros(len(took))
-            stretch = Stretch(turn, turn_change, bend, target_turn, none, none)
-            return Passage(stretch, *moved), none
         curve = self.intervals.curve(left.interval, turn**2 + turn_change, bend)
-        # λ is clipped to [0, 1] at each pose, but the targets are interpolated between the two
-        # ends: these differ if the clipping begins or ends between them.
-        beyond = [side.raw - side.share for side in (left, right)]
-        cut = np.where(np.sign(beyond[0]) == np.sign(beyond[1]), 0.0, np.maximum(*np.abs(beyond)))
-        slip = np.where(self.intervals.straight[left.interval], np.minimum(curve + cut, 1.0), 0.0)
+        moved_most = np.linalg.norm(right.p - left.p, axis=1) + bend / 2.0, turn
+        slip = self.intervals.uneven(left.interval, (left.raw, right.raw), curve, moved_most)
         stretch = Stretch(
             turn,
             turn_change,
@@ -716,14 +702,6 @@ def _knots(rows: Array, when: Array) -> tuple[Indices, Indices, Array, Array]:
     interval = np.clip(np.searchsorted(when, begin, side="right") - 1, 0, len(when) - 2)
     row = np.clip(np.searchsorted(rows, begin, side="right") - 1, 0, len(rows) - 2)
     return interval, row, begin, end
-
-
-def fewer_rows(projectors: Sequence[TwistProjector]) -> list[TwistProjector]:
-    """The projector with fewer rows of each two successive waypoints, (N − 1,)."""
-    return [
-        after if after.rank <= before.rank else before
-        for before, after in itertools.pairwise(projectors)
-    ]
 
 
 def poses_of(path_task: PathTask, q: Array) -> tuple[Array, Array]:

@@ -80,14 +80,24 @@ def targets(task: qt.PathTask) -> Array:
 def outside(
     task: qt.PathTask, q: Array, value: Callable[[Array, Array], Array], low: float, high: float
 ) -> tuple[float, float]:
-    """How far a joint path leaves a range, at the waypoints and at 24 points between any two."""
+    """How far a joint path leaves a range, at the waypoints and at 24 points between any two.
+
+    There each pose is compared with the nearest place of the path: the foot of the perpendicular
+    from the tool's tip on the line between the two waypoints.
+    """
     R_d = targets(task)
     at = value(poses(task, q)[0], R_d)
+    turns = Rotation.from_matrix(R_d[1:] @ np.swapaxes(R_d[:-1], 1, 2)).as_rotvec()
+    begin = np.array([w.translation() for w in task.waypoints])
+    way = np.diff(begin, axis=0)
+    length = np.linalg.norm(way, axis=1)
     between = []
     for share in np.arange(1, 25) / 25.0:
-        turns = Rotation.from_matrix(R_d[1:] @ np.swapaxes(R_d[:-1], 1, 2)).as_rotvec()
-        on_way = Rotation.from_rotvec(share * turns).as_matrix() @ R_d[:-1]
-        between.append(value(poses(task, q[:-1] + share * np.diff(q, axis=0))[0], on_way))
+        R, p = poses(task, q[:-1] + share * np.diff(q, axis=0))
+        along = np.einsum("ki,ki->k", p - begin[:-1], way) / np.maximum(length, 1e-6) ** 2
+        place = np.where(length > 1e-6, np.clip(along, 0.0, 1.0), share)
+        on_way = Rotation.from_rotvec(place[:, None] * turns).as_matrix() @ R_d[:-1]
+        between.append(value(R, on_way))
     return (
         float(np.maximum(low - at, at - high).max()),
         float(np.maximum(low - np.array(between), np.array(between) - high).max()),
@@ -150,6 +160,30 @@ def test_a_given_start_inside_is_kept() -> None:
     plan = qt.plan(task, start=task.start)
     check_kept(plan, roll_of, -math.radians(45.0), math.radians(45.0))
     np.testing.assert_allclose(plan.start, qt.follow(task, "qp").q[0], atol=1e-6)
+
+
+def check_passes(plan: qt.Plan) -> None:
+    """The check of the plan itself lets its bands pass, at and between waypoints."""
+    found = {f.name: f for f in plan.examined() if f.name.startswith("outside a band")}
+    assert set(found) == {"outside a band", "outside a band between"}
+    assert all(finding.passes for finding in found.values()), found
+
+
+@pytest.mark.parametrize("index", [4, 9])
+def test_rolls_between_far_waypoints_are_kept_where_the_check_looks(index: int) -> None:
+    """A plan compared the roll with the target at that share of the time: 0.34° outside."""
+    plan = qt.plan(every(somewhere(index), 5), max_step_deg=30.0)
+    check_kept(plan, roll_of, -HALF, HALF)
+    check_passes(plan)
+
+
+@pytest.mark.parametrize("index", [0, 1])
+def test_tilts_between_far_waypoints_are_kept_where_the_check_looks(index: int) -> None:
+    tilt = math.radians(10.0)
+    task = every(somewhere(index), 5, projector=FREE, bands=(qt.ConeBand(Z, Z, tilt),))
+    plan = qt.plan(task, max_step_deg=30.0)
+    check_kept(plan, tilt_of, 0.0, tilt)
+    check_passes(plan)
 
 
 # ---------------------------------------------------------------- against brute force
@@ -271,8 +305,10 @@ def test_what_is_proved_between_waypoints_holds_at_every_sample(seed: int) -> No
     p_d = p + 0.02 * rng.normal(size=p.shape)
     band = random_band(rng, FramePair(R[0], p[0], R_d[0], p_d[0], np.zeros(6)))
     nothing = qt.TwistProjector(linear=qt.Projector.none(), angular=qt.Projector.none())
+    seen = bool(rng.integers(2))  # whether the task's rows see where on the path the frame is
     task = dataclasses.replace(
-        BANDS, model=model, projector=nothing, bands=(band,), flipped_waypoints=None,
+        BANDS, model=model, projector=FREE if seen else nothing, bands=(band,),
+        flipped_waypoints=None,
         waypoints=tuple(
             mink.SE3.from_rotation_and_translation(mink.SO3.from_matrix(np.ascontiguousarray(r)), t)
             for r, t in zip(R_d, p_d, strict=True)
@@ -284,11 +320,13 @@ def test_what_is_proved_between_waypoints_holds_at_every_sample(seed: int) -> No
 
     def excess(k: int, shares: Array) -> Array:
         """The most that a share of the way from configuration k to the next is outside."""
-        some = shares[:, None]
         turn = Rotation.from_matrix(R_d[k + 1] @ R_d[k].T).as_rotvec()
-        R_s, p_s = chain.poses(q[k] + some * (q[k + 1] - q[k]))
-        on_way = Rotation.from_rotvec(some * turn).as_matrix() @ R_d[k]
-        goals = p_d[k] + some * (p_d[k + 1] - p_d[k])
+        R_s, p_s = chain.poses(q[k] + shares[:, None] * (q[k + 1] - q[k]))
+        way, place = p_d[k + 1] - p_d[k], shares
+        if seen:  # at the nearest place of the line
+            place = np.clip((p_s - p_d[k]) @ way / (way @ way), 0.0, 1.0)
+        on_way = Rotation.from_rotvec(place[:, None] * turn).as_matrix() @ R_d[k]
+        goals = p_d[k] + place[:, None] * way
         pairs = zip(R_s, p_s, on_way, goals, strict=True)
         return np.max([-band.margins(FramePair(*pair, np.zeros(6))) for pair in pairs], axis=0)
 
