@@ -14,6 +14,15 @@ from qp_twist.kernel.dual_active_set import cholesky, cholesky_solve
 from qp_twist.kernel.null_space import null_space, reflect
 from qp_twist.kernel.twist_rows import twist_rows
 
+_LEAST_DAMPING = 1e-8
+"""Least damping where errors are minimised, as a share of the trace: rows with singular values
+below its root are hardly changed."""
+_WILD = 10.0
+"""Length of a step, rad or m, above which it is damped: it would go far in a joint that hardly
+changes the error."""
+_SETTLED = 1e-2
+"""Decrease of the error by a step, as a share of it, at which it counts as minimal."""
+
 
 class Rows(NamedTuple):
     """Task rows of a path: its projectors and waypoints."""
@@ -46,6 +55,7 @@ class Workspace(NamedTuple):
     J: Any
     A: Any
     b: Any
+    side: Any
     square: Any
     V: Any
     R: Any
@@ -53,6 +63,7 @@ class Workspace(NamedTuple):
     free: Any
     step: Any
     there: Any
+    nearest: Any
     free_costs: Any
 
 
@@ -61,9 +72,9 @@ def workspace(nv, couplings):
     """A workspace for a robot of ``nv`` degrees of freedom."""
     m = 6 + len(couplings.dofs)
     return Workspace(
-        np.zeros(12), np.zeros((6, nv)), np.zeros((m, nv)), np.zeros(m), np.zeros((m, m)),
-        np.zeros((m, nv)), np.zeros((m, m)), np.zeros((nv, nv)),
-        np.zeros((0, nv)), np.zeros(nv), np.zeros(nv), np.ones(2),
+        np.zeros(12), np.zeros((6, nv)), np.zeros((m, nv)), np.zeros(m), np.zeros(m),
+        np.zeros((m, m)), np.zeros((m, nv)), np.zeros((m, m)), np.zeros((nv, nv)),
+        np.zeros((0, nv)), np.zeros(nv), np.zeros(nv), np.zeros(nv), np.ones(2),
     )  # fmt: skip
 
 
@@ -123,32 +134,109 @@ def _shortest(A, b, rounding, square, step):
 
 
 @kernel
-def _newton(arm, rows, couplings, at, q, settings, w):
-    """As ``PathRows.correct``, for one configuration, in place; return whether it converged."""
-    iterations, on_task, longest, rounding = settings
-    for _ in range(iterations):
-        r = rows_at(arm, rows, couplings, at, q, w)
-        square = 0.0
-        for i in range(r):
-            square += w.b[i] * w.b[i]
-        if math.sqrt(square) <= on_task:
-            return True
+def _length(b):
+    """‖b‖."""
+    square = 0.0
+    for i in range(len(b)):
+        square += b[i] * b[i]
+    return math.sqrt(square)
+
+
+@kernel
+def _towards(q, step, longest, there):
+    """Write q + step, shortened to ``longest`` in every joint."""
+    largest = longest
+    for dof in range(len(q)):
+        largest = max(largest, abs(step[dof]))
+    for dof in range(len(q)):
+        there[dof] = q[dof] + step[dof] * (longest / largest)
+
+
+@kernel
+def _tame_step(w, r, rounding):
+    """Write the shortest step that satisfies w.A and w.b, r rows, to w.step, damped if it is wild.
+
+    Return whether there is one.
+    """
+    w.side[:r] = w.b[:r]
+    while rounding < 1.0:
         if not _shortest(w.A[:r], w.b[:r], rounding, w.square, w.step):
             return False
-        largest = longest
-        for dof in range(len(q)):
-            largest = max(largest, abs(w.step[dof]))
-        for dof in range(len(q)):
-            q[dof] += w.step[dof] * (longest / largest)
-    return False
+        if np.abs(w.step).max() <= _WILD:
+            return True
+        rounding *= 100.0
+        w.b[:r] = w.side[:r]
+    return True
+
+
+@kernel
+def _newton(arm, rows, couplings, at, q, settings, w):
+    """As ``PathRows.correct``, for one configuration, in place; return whether it is on the task.
+
+    If Newton's method does not converge, but comes near, the errors are minimised.
+    """
+    iterations, on_task, longest, rounding, near, _, _ = settings
+    least = math.inf
+    for _ in range(iterations):
+        r = rows_at(arm, rows, couplings, at, q, w)
+        size = _length(w.b[:r])
+        if size <= on_task:
+            return True
+        if size < least:
+            least = size
+            w.nearest[:] = q
+        if not _tame_step(w, r, rounding):
+            break
+        _towards(q, w.step, longest, q)
+    if least > near:
+        return False
+    q[:] = w.nearest
+    return _least_errors(arm, rows, couplings, at, q, settings, w)
+
+
+@kernel
+def _least_errors(arm, rows, couplings, at, q, settings, w):
+    """Minimise ‖b‖ by damped steps, in place; return whether the errors are within tolerances.
+
+    Levenberg's and Marquardt's method. The damping keeps rows that the joints hardly change, as
+    those that only a rounded angle of the model makes independent, from moving them far.
+    """
+    iterations, on_task, longest, _, _, linear, angular = settings
+    damping, done = _LEAST_DAMPING, False
+    for _ in range(2 * iterations):
+        r = rows_at(arm, rows, couplings, at, q, w)
+        before = _length(w.b[:r])
+        if not _shortest(w.A[:r], w.b[:r], damping, w.square, w.step):
+            break
+        _towards(q, w.step, longest, w.there)
+        r = rows_at(arm, rows, couplings, at, w.there, w)
+        gained = before - _length(w.b[:r])
+        if gained > 0.0:
+            q[:] = w.there
+            damping = max(0.1 * damping, _LEAST_DAMPING)
+            done = gained <= _SETTLED * before
+        else:
+            done = damping > 1.0
+            damping *= 10.0
+        if done:
+            break
+    kinds = rows.kinds[rows.which[at]]
+    r = rows_at(arm, rows, couplings, at, q, w)
+    split, end = kinds[0], kinds[0] + kinds[1]
+    return (
+        _length(w.b[:split]) <= linear
+        and _length(w.b[split:end]) <= angular
+        and _length(w.b[end:r]) <= on_task
+    )
 
 
 @kernel
 def correct(arm, rows, couplings, q, at, settings):
-    """As ``PathRows.correct``: q (K, nv) in place, and which converged, (K,).
+    """As ``PathRows.correct``: q (K, nv) in place, and which are on their waypoints, (K,).
 
-    ``settings``: largest number of iterations; tolerance, m and rad; largest step of a joint, rad
-    or m; and the damping, as a share of the trace.
+    ``settings``: largest number of iterations; error at which they end, m and rad; largest step of
+    a joint, rad or m; the damping, as a share of the trace; the error from which on errors are
+    minimised if it does not converge; and the linear and angular tolerances, m and rad.
     """
     arrived = np.zeros(len(q), dtype=np.bool_)
     w = workspace(q.shape[1], couplings)
@@ -200,7 +288,7 @@ def _down(arm, rows, couplings, at, q, weight, middle, settings, descent, w, gra
     """As ``planning.bound.centred_nearby``, from one configuration on its waypoint."""
     rounds, longest, settled = descent
     nv, share = len(q), 1.0
-    step = np.empty(nv)
+    step, there = np.empty(nv), np.empty(nv)
     for _ in range(rounds):
         r = rows_at(arm, rows, couplings, at, q, w)
         if r >= nv:
@@ -209,18 +297,15 @@ def _down(arm, rows, couplings, at, q, weight, middle, settings, descent, w, gra
         N = w.N[: nv - r]
         null_space(w.V[:r], N)
         expected = share * _along_null_space(N, weight, middle, q, gram, side, step)
-        largest = longest
         for dof in range(nv):
             step[dof] *= share
-            largest = max(largest, abs(step[dof]))
-        for dof in range(nv):
-            w.there[dof] = q[dof] + step[dof] * (longest / largest)
+        _towards(q, step, longest, there)
         gained = -1.0
-        if _newton(arm, rows, couplings, at, w.there, settings, w):
-            gained = _centring(q, weight, middle) - _centring(w.there, weight, middle)
+        if _newton(arm, rows, couplings, at, there, settings, w):
+            gained = _centring(q, weight, middle) - _centring(there, weight, middle)
         if gained > 0.0:
             for dof in range(nv):
-                q[dof] = w.there[dof]
+                q[dof] = there[dof]
         elif gained < 0.0:
             share *= 0.4
         if not (expected > settled and share > 0.01):

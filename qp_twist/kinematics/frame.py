@@ -128,13 +128,12 @@ def together(
     model: mujoco.MjModel, name: str | int, frame_type: str, other: str | int, other_type: str
 ) -> bool:
     """Whether two frames are on bodies without a joint between them."""
-    welded = {
-        int(model.body_weldid[_body(model, frame_id(model, *frame), frame[1])])
-        for frame in ((name, frame_type), (other, other_type))
-    }
-    return len(welded) == 1
+    return welded_to(model, name, frame_type) == welded_to(model, other, other_type)
 
 
-def _body(model: mujoco.MjModel, index: int, frame_type: str) -> int:
+def welded_to(model: mujoco.MjModel, name: str | int, frame_type: str) -> int:
+    """Id of the body that carries a frame, without joints between them; 0 if it stands still."""
+    index = frame_id(model, name, frame_type)
     owners = {"geom": model.geom_bodyid, "site": model.site_bodyid}
-    return int(owners[frame_type][index]) if frame_type in owners else index
+    body = int(owners[frame_type][index]) if frame_type in owners else index
+    return int(model.body_weldid[body])

@@ -73,10 +73,11 @@ def central_configurations(path_task: PathTask, index: int = 0) -> list[CentralC
     """
     rows, ranges = PathRows(path_task), JointRanges.of(path_task.model)
     descent = _Descent(rows, ranges, index)
-    arm = closed_form_arm(path_task)
+    arm, layer = closed_form_arm(path_task), None
     if arm is not None and RollGrid.applies(path_task, index):
         joints = np.full(path_task.model.nv, 2.0 * _GRID)
         layer = RollGrid(path_task, arm, _GRID, joints).layer(index)
+    if layer is not None and layer.solutions:
         valleys = _valleys(layer.q, ranges)
         branches: list[int | None] = [int(branch) for branch in layer.branch[valleys]]
         begin = layer.q[valleys]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Literal
 
@@ -19,9 +20,10 @@ class Certificate:
             reach; ``"limits"``: waypoints with no configuration inside the joint limits;
             ``"band"``: waypoints with no configuration inside both the joint limits and the hard
             tolerance bands and constraints; ``"speed"``: two waypoints between which every
-            connection breaks the speed limits; ``"move"``: two waypoints between which no joint
-            move was found, which is not a proof. If there is a ``detail``, ``"band"`` and
-            ``"speed"`` name only what the best motion found violates; this is not a proof.
+            connection that was searched breaks the speed limits; ``"move"``: two waypoints
+            between which no joint move was found, which is not a proof. If there is a ``detail``,
+            ``"limits"``, ``"band"`` and ``"speed"`` name only what the best motion found violates;
+            this is not a proof.
         waypoints: The waypoints concerned, counted from 1; at most twelve that are out of reach or
             outside the limits.
         joints: The joints whose limits exclude a motion.
@@ -30,8 +32,11 @@ class Certificate:
             where the task leaves more than two degrees free, nor where hard constraints cut the
             nets of self-motion manifolds into pieces; "none" then means "none was found".
         detail: How close the search came, if the grid has a motion but no correction brings it
-            inside the limits.
+            inside the limits; of a waypoint out of reach, by how much it is missed.
         bands: The hard bands and the constraints that exclude a motion, by number and repr.
+        slower: How many times slower the path has a motion, if only its speed prevents one; NaN if
+            none was found.
+        note: What else is known, in words: about slower motions, or what the task prescribes.
     """
 
     kind: Literal["path", "unreachable", "limits", "band", "speed", "move"]
@@ -41,6 +46,8 @@ class Certificate:
     covered: bool = True
     detail: str = ""
     bands: tuple[str, ...] = ()
+    slower: float = math.nan
+    note: str = ""
 
     def __str__(self) -> str:
         where = _listed(self.waypoints)
@@ -54,6 +61,8 @@ class Certificate:
                 text += "".join(f" and {'hard bands' if k == 'bands' else k}" for k in kinds)
             case "unreachable":
                 text = f"the arm does not reach {where} in any configuration"
+            case "limits" if self.detail:
+                text = "no motion was found inside the joint limits"
             case "limits":
                 text = f"no configuration at {where} is inside the limits"
                 text += f"; forbidden by {joints}" if joints else ""
@@ -61,18 +70,19 @@ class Certificate:
                 text = f"no configuration at {where} is inside both the joint limits and {bands}"
             case "band":
                 text = f"no motion was found that keeps {bands}"
-            case "speed" if not self.detail:
+            case "speed" if self.detail:
+                text = "no motion was found that keeps the speed limits"
+            case "speed" if not self.covered:
+                text = f"between {where} no connection was found that keeps the speed limits"
+            case "speed":
                 text = f"between {where} every connection breaks the speed limits"
                 text += f", of {joints} at least" if joints else ""
             case "move":
                 text = f"between {where} no joint move was found"
-            case "speed":
-                text = "no motion was found that keeps the speed limits"
         text += f" ({self.grid})"
-        if self.detail:
-            text += f"; {self.detail}"
+        text += "".join(f"; {part}" for part in (self.detail, self.note) if part)
         if not self.covered:
-            text += "; the configurations there were only sampled: this is no proof"
+            text += "; not all configurations were looked at: this is no proof"
         return text + "."
 
 

@@ -12,8 +12,8 @@ from qp_twist.kernel import path_kernel
 from qp_twist.kinematics import JointRanges, SerialChain
 from qp_twist.kinematics.compiled_rows import arm_of, rows_of
 
-Newton = tuple[int, float, float, float]
-"""Largest number of iterations, tolerance, largest step, damping."""
+Newton = tuple[int, float, float, float, float, float, float]
+"""The settings of :func:`~qp_twist.kernel.path_kernel.correct`."""
 Descent = tuple[int, float, float]
 """Largest number of rounds, largest step, smallest gain."""
 

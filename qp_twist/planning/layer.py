@@ -26,6 +26,7 @@ class Layer:
         outside: Joints that exclude the waypoint, if no configuration is inside the limits.
         bands: Hard bands that exclude it, if configurations are inside the limits but none inside
             the bands.
+        nearby: Whether no configuration is exact, and these are within the tolerances of a check.
     """
 
     q: Array
@@ -33,6 +34,7 @@ class Layer:
     solutions: int
     outside: tuple[str, ...] = ()
     bands: tuple[str, ...] = ()
+    nearby: bool = False
 
 
 def inside_limits(q: Array, branch: Indices, ranges: JointRanges) -> Layer:

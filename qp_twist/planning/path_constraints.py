@@ -129,6 +129,22 @@ class PathConstraints:
         """Linear rows that keep the margins above 0: rows · Δq ≤ rooms, Δq (N·nv,)."""
         return (limit.rows(q) for limit in self.kept)
 
+    def pace(self, q: Array) -> tuple[float, int, str]:
+        """How many times slower a path (N, nv) has to be for its steps and changes of speed.
+
+        Returns:
+            The factor; the waypoint before the step that needs it, from 0; and the joint. In a time
+            f times as long a step may be f times as large, a change of speed f² times.
+        """
+        change = np.diff(q, axis=0)
+        needs = [np.abs(change) / self.steps]
+        if np.isfinite(self.speed_changes).any():
+            speeds = np.diff(change / self.durations[:, None], axis=0)
+            needs.append(np.sqrt(np.abs(speeds) / self.speed_changes))
+        need = max(needs, key=lambda values: float(values.max(initial=0.0)))
+        number, joint = np.unravel_index(int(np.argmax(need)), need.shape)
+        return float(need.max()), int(number), self.ranges.names[int(joint)]
+
     def excess(self, q: Array) -> float:
         """Largest violation of a path (N, nv), rad or m; at most 0 if there is none."""
         return -min(float(kept.values.min(initial=np.inf)) for kept in self.margins(q))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -15,21 +15,46 @@ from qp_twist.kernel.path_kernel import Couplings
 from qp_twist.kinematics import ParametrisedArm, SerialChain
 from qp_twist.paths import PathTask
 from qp_twist.planning.hard_constraints import HardConstraints
+from qp_twist.referee import Tolerances
 
 if TYPE_CHECKING:
     from qp_twist.planning.compiled_path import CompiledPath, Newton
 
 ON_TASK = 1e-9
-"""Task error at which a configuration counts as on its waypoint, m and rad."""
+"""Task error at which a correction onto a waypoint ends, m and rad."""
+REACHED = Tolerances()
+"""Task errors up to which a configuration counts as on its waypoint where no correction ends at
+:data:`ON_TASK`: what a check lets pass. Robot models have rounded angles."""
+_NEAR = 0.03
+"""Task error from which on it is minimised, m and rad."""
 _ITERATIONS = 40
 _LONGEST = 0.3
 """Largest joint displacement of a Newton step, rad or m: the rows hold only nearby."""
+_TORN = 1e-6
+"""Error of couplings up to which they count as kept in the nearest configuration, rad or m."""
 _INSET = 1e-6
 """Distance inside a band to which configurations are corrected, rad or m."""
 _RETURNS = 12
 """Largest number of steps into the bands."""
 _ROUNDING = 1e-12
 """Damping as a share of the trace of AAᵀ: singular values below its root are not inverted."""
+
+
+class Missed(NamedTuple):
+    """The configuration that comes nearest to a waypoint."""
+
+    q: Array
+    """rad or m, (nv,)."""
+    linear: float
+    """Its linear task error, m."""
+    angular: float
+    """Its angular task error, rad."""
+    shares: Array
+    """These, and the error of the joint couplings, as shares of their tolerances, (3,)."""
+
+    def __str__(self) -> str:
+        also = "" if self.shares[2] <= 1.0 else ", its coupled joints apart"
+        return f"{1e3 * self.linear:.3g} mm and {np.degrees(self.angular):.3g}°{also}"
 
 
 class PathRows:
@@ -82,6 +107,10 @@ class PathRows:
     ) -> tuple[Array, Mask]:
         """Newton steps of least norm onto the waypoints.
 
+        Where they do not converge, but come near, the task error is minimised: an arm of four or
+        five joints whose model has rounded angles misses the task by as little as these, or reaches
+        it exactly only far away in a joint that hardly changes the error.
+
         Args:
             q: Configurations, (K, nv).
             at: Index of each one's waypoint, (K,).
@@ -89,7 +118,7 @@ class PathRows:
 
         Returns:
             The corrected configurations, (K, nv), and whether each one's task error is below
-            :data:`ON_TASK`.
+            :data:`ON_TASK`, or else within :data:`REACHED`.
         """
         q = np.array(q, order="C")
         return q, self.compiled.correct(q, at, newton(iterations))
@@ -147,6 +176,24 @@ class PathRows:
         for which, _, errors in self._groups(q, at):
             norms[which] = np.linalg.norm(errors, axis=1)
         return norms
+
+    def nearest(self, index: int, q: Array) -> Missed:
+        """The configuration nearest to a waypoint that is found from some (K, nv).
+
+        Nearest is the one whose larger error is the least, relative to :data:`REACHED`.
+        """
+        q, at = np.array(q, order="C"), np.full(len(q), index)
+        self.compiled.correct(q, at, newton(near=np.inf))
+        [(_, _, errors)] = self._groups(q, at)
+        projector = self._projectors[self._which[index]]
+        split, end = projector.linear.rank, projector.rank
+        linear, angular, torn = (
+            np.linalg.norm(part, axis=1)
+            for part in (errors[:, :split], errors[:, split:end], errors[:, end:])
+        )
+        shares = np.array([linear / REACHED.position, angular / REACHED.axis, torn / _TORN])
+        best = int(np.argmin(shares.max(axis=0)))
+        return Missed(q[best], float(linear[best]), float(angular[best]), shares[:, best])
 
     def motions(self, q: Array, at: Indices) -> Array:
         """Orthonormal bases of the null space of the rows, (K, nv, d).
@@ -220,9 +267,9 @@ def coupled_rows(couplings: JointCouplings, which: Indices) -> Couplings:
     return Couplings(dofs, couplings.start[which], couplings.coefficients[which])
 
 
-def newton(iterations: int = _ITERATIONS) -> Newton:
+def newton(iterations: int = _ITERATIONS, near: float = _NEAR) -> Newton:
     """Settings of Newton's method, for :class:`CompiledPath`."""
-    return iterations, ON_TASK, _LONGEST, _ROUNDING
+    return iterations, ON_TASK, _LONGEST, _ROUNDING, near, REACHED.position, REACHED.axis
 
 
 def _shortest(rows: Array, sides: Array) -> Array:

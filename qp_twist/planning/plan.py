@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -230,7 +230,20 @@ def make_plan(
             name = ranges.names[int(np.argmax(outside))]
             raise InvalidInput(f"plan: the start is outside the limits of {name}.")
         _check_inside_bands(limits, first)
-    found = PlanSearch(path_task, goal, limits, first, runs, progress).run()
+
+    def slower(factor: float) -> PathConstraints:
+        task = replace(
+            path_task,
+            velocity_limits=factor * path_task.velocity_limits,
+            acceleration_limits=factor**2 * path_task.acceleration_limits,
+        )
+        return motion_limits(task, ranges, max_step_deg, fixed_start=first is not None)
+
+    timed = path_task.durations is not None
+    search = PlanSearch(
+        path_task, goal, limits, first, runs, progress, slower=slower if timed else None
+    )
+    found = search.run()
     path = found.path
     return Plan(
         path_task,

@@ -3,17 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from qp_twist.checks import Array
 from qp_twist.kinematics import JointRanges
 from qp_twist.paths import PathTask
-from qp_twist.planning.layer import Layer
+from qp_twist.planning.layer import Layer, inside_limits
 from qp_twist.planning.manifold_net import COVERED, ManifoldNet
-from qp_twist.planning.path_rows import PathRows
+from qp_twist.planning.path_rows import REACHED, PathRows
 from qp_twist.planning.roll_grid import RollGrid, closed_form_arm
+
+_NEAREST, _LOOKED_AT = 200, 5
+"""Numbers of random configurations from which the nearest one to a waypoint out of reach is
+searched, and of such waypoints that are looked at."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,6 +99,27 @@ class Roadmap:
     def seeded(self, index: int, seeds: Layer) -> Layer:
         """What a net at a waypoint would grow from: empty if no configuration is found there."""
         return self._net.layer(index, seeds, grow=False)
+
+    def within_tolerance(self, index: int) -> Layer:
+        """Configurations that miss a waypoint by no more than the tolerances of a check."""
+        q, arrived = self.rows.correct_inside(self._random(), np.full(_NEAREST, index))
+        q = q[arrived]
+        layer = inside_limits(q, np.arange(len(q)), self.ranges)
+        return replace(layer, nearby=bool(len(layer.q)))
+
+    def missed(self, waypoints: Sequence[int]) -> str:
+        """By how much the arm misses waypoints out of reach, of some of them the furthest."""
+        chosen = np.unique(np.linspace(0, len(waypoints) - 1, _LOOKED_AT).round().astype(int))
+        found = {waypoints[k]: self.rows.nearest(waypoints[k], self._random()) for k in chosen}
+        worst = max(found, key=lambda index: float(found[index].shares.max()))
+        return (
+            f"the nearest configuration that was found misses waypoint {worst + 1} by "
+            f"{found[worst]}, where a check lets {1e3 * REACHED.position:g} mm and "
+            f"{np.degrees(REACHED.axis):g}° pass"
+        )
+
+    def _random(self) -> Array:
+        return self.ranges.random(_NEAREST, np.random.default_rng(0))
 
     def _closed_form(self, index: int) -> bool:
         return self._rolls is not None and RollGrid.applies(self.path_task, index)

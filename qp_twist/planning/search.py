@@ -20,6 +20,7 @@ from qp_twist.planning.manifold_net import BOUNDED, COVERED
 from qp_twist.planning.objective import Objective
 from qp_twist.planning.path_constraints import PathConstraints, Violation
 from qp_twist.planning.path_rows import PathRows
+from qp_twist.planning.prescribed_pairs import TooNear, too_near
 from qp_twist.planning.refine import ITERATIONS, RefinedPath, judged, refine
 from qp_twist.planning.roadmap import Grid, Roadmap
 from qp_twist.planning.shortest_path import (
@@ -33,6 +34,8 @@ from qp_twist.planning.shortest_path import (
 )
 
 Progress = Callable[[str, float], None]
+Slower = Callable[[float], PathConstraints]
+"""The constraints of a path that takes so many times as long."""
 Trials = Callable[[PathTask, Array | None], list[Array]]
 """Joint paths (N, nv) of other methods for a task from a start (nv,); its own if ``None``."""
 
@@ -79,6 +82,8 @@ how often a path is searched with further ones."""
 _UNKNOWN = -1
 _AT_ONCE = 50
 """Number of configurations of a layer that are looked at before any others."""
+_SLOWER = (3.0, 30.0)
+"""How many times slower a path is tried that has no motion in its time."""
 _STRICTNESS = (1.0, 1e3)
 """Factors of the price, in turn: first for the best path, then for a feasible one."""
 _LOOSE = {"rad": np.radians([3.0, 1.0]), "m": np.array([5e-3, 1e-3])}
@@ -161,6 +166,7 @@ class PlanSearch:
         start: Array | None,
         runs: Trials | None = None,
         progress: Progress | None = None,
+        slower: Slower | None = None,
     ) -> None:
         """Prepare.
 
@@ -171,8 +177,10 @@ class PlanSearch:
             start: The first configuration, on the first waypoint, (nv,), or ``None``.
             runs: Returns the paths of other methods, as further initial paths.
             progress: Called with the current phase and its share done.
+            slower: Returns the constraints of a slower path, to see whether its speed alone
+                prevents a motion.
         """
-        self.path_task = path_task
+        self.path_task, self.slower = path_task, slower
         self.objective = objective
         self.limits = limits
         self.start = start
@@ -222,12 +230,34 @@ class PlanSearch:
                 the best by then.
         """
         try:
-            return self._run()
+            return self._paced(self._run())
         except KeyboardInterrupt:
             result = self._by_now()
             if result is None:
                 raise
             return result
+
+    def _paced(self, result: SearchResult) -> SearchResult:
+        """The result; where speed limits prevent a motion, with how much slower there is one."""
+        certificate = result.certificate
+        if result.path is not None or certificate.kind != "speed" or self.slower is None:
+            return result
+        for factor in _SLOWER:
+            limits = self.slower(factor)
+            search = PlanSearch(
+                self.path_task, self.objective, limits, self.start, self.runs, self._progress
+            )
+            found = search.run()
+            if found.path is None:
+                continue
+            times, number, joint = self.limits.pace(found.path.q)
+            note = (
+                f"only its speed prevents one: {times:.3g} times slower the path has a motion, "
+                f"which needs that after waypoint {number + 1}, for {joint}"
+            )
+            return replace(result, certificate=replace(certificate, slower=times, note=note))
+        note = f"nor was one found for the path {_SLOWER[-1]:g} times slower"
+        return replace(result, certificate=replace(certificate, note=note))
 
     def _by_now(self) -> SearchResult | None:
         """The best motion of an interrupted search that satisfies all constraints."""
@@ -261,6 +291,10 @@ class PlanSearch:
         """
         if not self._cleared:
             return self._searched(None)
+        for clearance in self.path_task.clearances:
+            near = too_near(self.path_task, clearance)
+            if near is not None:
+                return self._prescribed(near)
         inner = self._free = self._without_clearance()
         if inner._impossible is not None:
             return inner._impossible
@@ -280,6 +314,19 @@ class PlanSearch:
             certificate = Certificate("path", free.certificate.grid, bands=names)
             return replace(free, path=best, certificate=certificate)
         return self._searched(best) if blocked is None or best is not None else blocked
+
+    def _prescribed(self, near: TooNear) -> SearchResult:
+        """The verdict where the task itself brings a pair too near."""
+        at = tuple(index + 1 for index in near.waypoints)
+        note = (
+            "there the task alone decides their distance: at most "
+            f"{1e3 * near.distance:.3g} mm at waypoint {at[0]}, whatever the roll"
+        )
+        names = tuple(f"clearance, {pair}" for pair in near.pairs)
+        certificate = Certificate(
+            "band", self._grid(_STAGES[0]), at, bands=names, note=note
+        )  # fmt: skip
+        return SearchResult(None, certificate, [], [])
 
     def _obstructed(self, inner: PlanSearch) -> bool:
         """Whether the best path through the first layers, without clearance, does not keep it."""
@@ -682,8 +729,11 @@ class PlanSearch:
         grid = Grid(_STAGES[-1].roll, np.full(self.path_task.model.nv, _STAGES[-1].joints))
         roadmap = Roadmap(self.path_task, self.rows, grid)
         waypoints = [open_[k] for k in chosen]
-        layers = roadmap.layers(waypoints)
+        layers = _reached(waypoints, roadmap.layers(waypoints), roadmap)
         if all(len(layer.q) for layer in layers):
+            if any(layer.nearby for layer in layers):  # so the others may be, too
+                waypoints = open_
+                layers = _reached(waypoints, roadmap.layers(waypoints), roadmap)
             self._finest.update(zip(waypoints, layers, strict=True))
             return None
         certificate = _empty(waypoints, layers, grid, roadmap, not self._cleared)
@@ -999,14 +1049,26 @@ class PlanSearch:
         """The constraints that block the motion between the last reached layer and the next."""
         number = max(len(way.nodes), 1)
         before, after = waypoints[number - 1], waypoints[number]
+        at = before + 1, after + 1
         here, there = layers[number - 1].q[way.nodes[-1]], layers[number].q
         step = self.limits.steps[before:after].sum(axis=0)
-        share = np.abs(self._unwound(there - here)) / step
-        nearest = share[np.argmin(share.max(axis=1))]
-        joints = tuple(
-            name for name, s in zip(self.limits.ranges.names, nearest, strict=True) if s > 1.0
-        )
-        return Certificate("speed", grid, (before + 1, after + 1), joints, covered)
+        apart = self._unwound(there - here)
+        share = np.abs(apart) / step
+        best = int(np.argmin(share.max(axis=1)))
+        if share[best].max() <= 1.0 and self.rows.hard:
+            # The speed limits allow a connection, bands or constraints do not.
+            shares = np.array(_CLOSE)
+            ends = (np.tile(q, (len(shares), 1)) for q in (here, here + apart[best]))
+            margins = self.rows.hard.margins_between(
+                *ends, np.full(len(shares), before), shares
+            ).min(axis=0)
+            names = tuple(self.rows.hard.names[k] for k in np.flatnonzero(margins < -WITHIN))
+            detail = f"between {_pair(at)} no connection was found that keeps the speed limits, too"
+            return Certificate("band", grid, at, (), covered, detail, names)
+        # A sampled layer may lack the configurations near this one: it says nothing about joints.
+        beyond = zip(self.limits.ranges.names, share[best], strict=True)
+        joints = tuple(name for name, of_step in beyond if of_step > 1.0) if covered else ()
+        return Certificate("speed", grid, at, joints, covered)
 
     def _too_fast(self, path: RefinedPath | None, grid: Grid, covered: bool) -> Certificate:
         """Certificate if no correction brings the grid's path inside the constraints."""
@@ -1015,22 +1077,30 @@ class PlanSearch:
         worst = self.limits.worst(path.q)
         if worst.kind == "band":
             return _left(worst, grid, covered)
-        step = np.abs(np.diff(path.q, axis=0)) / self.limits.steps
-        number, joint = np.unravel_index(int(np.argmax(step)), step.shape)
-        name = self.limits.ranges.names[int(joint)]
-        first = int(number) + 1
+        if worst.kind == "position":
+            at, amount = worst.waypoint + 1, _amount(worst.excess, worst.unit)
+            detail = f"at waypoint {at} the best has {worst.name} outside by {amount}"
+            return Certificate("limits", grid, (at,), (worst.name,), covered, detail)
+        times, number, name = self.limits.pace(path.q)
+        at = number + 1
         detail = (
-            f"between waypoints {first} and {first + 1} the best needs {step.max():.3g} times the "
-            f"step that {name} may do"
+            f"between waypoints {at} and {at + 1} the best needs {times:.3g} times the step that "
+            f"{name} may do"
         )
-        return Certificate("speed", grid, (first, first + 1), (name,), covered, detail)
+        return Certificate("speed", grid, (at, at + 1), (name,), covered, detail)
+
+
+def _pair(at: tuple[int, int]) -> str:
+    return f"waypoints {at[0]} and {at[1]}"
+
+
+def _amount(excess: float, unit: str) -> str:
+    return f"{1e3 * excess:.3g} mm" if unit == "m" else f"{np.degrees(excess):.3g}°"
 
 
 def _left(worst: Violation, grid: Grid, covered: bool) -> Certificate:
     """Certificate if the best path found violates a band."""
-    amount = f"{np.degrees(worst.excess):.3g}°"
-    if worst.unit == "m":
-        amount = f"{1e3 * worst.excess:.3g} mm"
+    amount = _amount(worst.excess, worst.unit)
     if worst.between:
         where: tuple[int, ...] = (worst.waypoint, worst.waypoint + 1)
         detail = (
@@ -1064,6 +1134,14 @@ def _stretches(broken: Indices, count: int) -> list[tuple[int, int]]:
     return found
 
 
+def _reached(waypoints: Sequence[int], layers: Sequence[Layer], roadmap: Roadmap) -> list[Layer]:
+    """The layers, with what is within the tolerances of a check where nothing is exact."""
+    return [
+        layer if layer.solutions else roadmap.within_tolerance(index)
+        for index, layer in zip(waypoints, layers, strict=True)
+    ]
+
+
 def _empty(
     waypoints: Sequence[int],
     layers: Sequence[Layer],
@@ -1073,10 +1151,11 @@ def _empty(
 ) -> Certificate:
     """Waypoints out of reach; if none, those outside the limits, or else outside the bands."""
     pairs = list(zip(waypoints, layers, strict=True))
-    unreached = tuple(index + 1 for index, layer in pairs if layer.solutions == 0)
+    unreached = [index for index, layer in pairs if layer.solutions == 0]
     sampled = all(roadmap.samples_all(index) for index in waypoints)
     if unreached:
-        return Certificate("unreachable", grid, unreached, (), sampled)
+        at = tuple(index + 1 for index in unreached)
+        return Certificate("unreachable", grid, at, (), sampled, roadmap.missed(unreached))
     outside = [(index + 1, layer.outside) for index, layer in pairs if layer.outside]
     if outside:
         joints = tuple(dict.fromkeys(name for _, names in outside for name in names))

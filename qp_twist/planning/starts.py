@@ -20,7 +20,7 @@ from qp_twist.kinematics import JointRanges, SerialChain, TwistTask
 from qp_twist.paths import PathTask, twist_task
 from qp_twist.planning.central import CentralConfiguration, central_configurations
 from qp_twist.planning.layer import centred, forbidding_bands
-from qp_twist.planning.path_rows import PathRows
+from qp_twist.planning.path_rows import REACHED, PathRows
 from qp_twist.referee import BAND
 
 START_ITERATIONS = 200
@@ -34,8 +34,6 @@ _NEAR = 40
 _STEPS = 200
 _LONGEST = 0.3
 """Largest of these steps in any joint, rad or m."""
-_REACHED = 1e-4
-"""m."""
 _DAMPING = 0.05
 """Damping of the steps towards a point out of reach, relative to a lever arm of a metre."""
 _NAMED = 4
@@ -145,11 +143,14 @@ def corrected_start(
     if on_waypoint is not None:  # outside a constraint; the run that follows reports it
         return on_waypoint
     error = task.state(configuration).error
+    off = float(np.linalg.norm(error[:3])), float(np.linalg.norm(error[3:]))
+    if off[0] <= REACHED.position and off[1] <= REACHED.axis:
+        nearest_one: Array = configuration.q.copy()
+        return nearest_one
     raise InvalidInput(
         f"follow: the start cannot be corrected onto the first waypoint; after "
-        f"{iteration + 1} steps it is {np.linalg.norm(error[:3]):.3g} m and "
-        f"{np.degrees(np.linalg.norm(error[3:])):.3g} degrees away. Give a start nearer to it, or "
-        "move the path into the robot's reach."
+        f"{iteration + 1} steps it is {off[0]:.3g} m and {np.degrees(off[1]):.3g} degrees away. "
+        "Give a start nearer to it, or move the path into the robot's reach."
         + (f" In the way: {', '.join(map(str, binding))}." if binding else "")
         + (
             " A pair that may touch belongs into ignore of the clearance."
@@ -288,16 +289,18 @@ def _out_of_reach(path_task: PathTask, q: Array, index: int) -> str:
     if path_task.in_force[index].linear.kind is ProjectorKind.FULL:
         chain = SerialChain.of(path_task.model, path_task.frame_name, path_task.frame_type)
         distance = _nearest(chain, q, position)
-        if distance > _REACHED:
+        if distance > REACHED.position:
             return (
                 f"{where} at ({shown}) m is out of the arm's reach by {1e3 * distance:.3g} mm, "
                 "joint limits not counted"
             )
-    coupled = PathRows(path_task).couplings.names
+    rows = PathRows(path_task)
+    coupled = rows.couplings.names
     also = f" and {', '.join(coupled)} coupled" if coupled else ""
     return (
         f"the arm reaches the position ({shown}) m of {where}, but not with the orientation that "
-        f"the task asks for{also}, joint limits not counted"
+        f"the task asks for{also}: the nearest configuration misses it by "
+        f"{rows.nearest(index, q)}, joint limits not counted"
     )
 
 
