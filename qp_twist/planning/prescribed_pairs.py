@@ -44,7 +44,11 @@ def too_near(path_task: PathTask, clearance: Clearance) -> TooNear | None:
     that a check lets pass.
     """
     carrier = _carriers(path_task)[clearance.pairs]
-    chosen = np.flatnonzero((carrier.min(axis=1) == 0) & (carrier.max(axis=1) == 1))
+    # A plane has no radius about the axis; MuJoCo's planes stand still, too.
+    planes = path_task.model.geom_type[clearance.pairs] == mujoco.mjtGeom.mjGEOM_PLANE
+    moving_plane = (planes & (carrier == 1)).any(axis=1)
+    between = (carrier.min(axis=1) == 0) & (carrier.max(axis=1) == 1)
+    chosen = np.flatnonzero(between & ~moving_plane)
     at = [k for k in range(len(path_task.waypoints)) if _prescribes(path_task, k)]
     if not len(chosen) or not at:
         return None

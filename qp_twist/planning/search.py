@@ -84,6 +84,8 @@ _AT_ONCE = 50
 """Number of configurations of a layer that are looked at before any others."""
 _SLOWER = (3.0, 30.0)
 """How many times slower a path is tried that has no motion in its time."""
+_HALVINGS = 2
+"""How often the range between the two is halved, in which the least such factor lies."""
 _STRICTNESS = (1.0, 1e3)
 """Factors of the price, in turn: first for the best path, then for a feasible one."""
 _LOOSE = {"rad": np.radians([3.0, 1.0]), "m": np.array([5e-3, 1e-3])}
@@ -239,25 +241,40 @@ class PlanSearch:
 
     def _paced(self, result: SearchResult) -> SearchResult:
         """The result; where speed limits prevent a motion, with how much slower there is one."""
-        certificate = result.certificate
-        if result.path is not None or certificate.kind != "speed" or self.slower is None:
+        certificate, slower = result.certificate, self.slower
+        if result.path is not None or certificate.kind != "speed" or slower is None:
             return result
-        for factor in _SLOWER:
-            limits = self.slower(factor)
+
+        def at(times: float) -> RefinedPath | None:
             search = PlanSearch(
-                self.path_task, self.objective, limits, self.start, self.runs, self._progress
+                self.path_task, self.objective, slower(times), self.start, self.runs, self._progress
             )
-            found = search.run()
-            if found.path is None:
-                continue
-            times, number, joint = self.limits.pace(found.path.q)
-            note = (
-                f"only its speed prevents one: {times:.3g} times slower the path has a motion, "
-                f"which needs that after waypoint {number + 1}, for {joint}"
-            )
-            return replace(result, certificate=replace(certificate, slower=times, note=note))
-        note = f"nor was one found for the path {_SLOWER[-1]:g} times slower"
-        return replace(result, certificate=replace(certificate, note=note))
+            return search.run().path
+
+        without, path = 1.0, None
+        for times in _SLOWER:
+            path = at(times)
+            if path is not None:
+                break
+            without = times
+        if path is None:
+            note = f"nor was one found for the path {without:g} times slower"
+            return replace(result, certificate=replace(certificate, note=note))
+        needed, number, joint = self.limits.pace(path.q)
+        for _ in range(_HALVINGS):
+            times = float(np.sqrt(without * needed))
+            path = at(times)
+            if path is None:
+                without = times
+            else:
+                needed, number, joint = self.limits.pace(path.q)
+        note = (
+            f"only its speed prevents one: {needed:.3g} times slower the path has a motion, which "
+            f"needs that after waypoint {number + 1}, for {joint}"
+        )
+        if without > 1.0:
+            note += f"; {without:.3g} times slower none was found"
+        return replace(result, certificate=replace(certificate, slower=needed, note=note))
 
     def _by_now(self) -> SearchResult | None:
         """The best motion of an interrupted search that satisfies all constraints."""

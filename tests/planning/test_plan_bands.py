@@ -305,13 +305,11 @@ def test_what_is_proved_between_waypoints_holds_at_every_sample(seed: int) -> No
     p_d = p + 0.02 * rng.normal(size=p.shape)
     band = random_band(rng, FramePair(R[0], p[0], R_d[0], p_d[0], np.zeros(6)))
     nothing = qt.TwistProjector(linear=qt.Projector.none(), angular=qt.Projector.none())
-    seen = band.unit == "rad" and bool(
-        rng.integers(2)
-    )  # whether the task's rows see where on the path the frame is
+    # Whether the task's rows see where on the path the frame is.
+    seen = band.unit == "rad" and bool(rng.integers(2))
     task = dataclasses.replace(
         BANDS, model=model, projector=FREE if seen else nothing, bands=(band,),
-        flipped_waypoints=None,
-        waypoints=tuple(
+        flipped_waypoints=None, waypoints=tuple(
             mink.SE3.from_rotation_and_translation(mink.SO3.from_matrix(np.ascontiguousarray(r)), t)
             for r, t in zip(R_d, p_d, strict=True)
         ),

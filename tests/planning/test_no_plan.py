@@ -1,0 +1,142 @@
+"""Where there is no plan: the place and the reason that a certificate names are the true ones."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import mink
+import mujoco
+import numpy as np
+import pytest
+from oracles.arms import random_arm
+
+import qp_twist as qt
+
+Array = np.ndarray
+WHOLE = qt.TwistProjector(linear=qt.Projector.full(), angular=qt.Projector.full())
+AXIS = qt.TwistProjector(
+    linear=qt.Projector.full(), angular=qt.Projector.plane([0, 0, 1]), frame="body"
+)
+PLACE = qt.TwistProjector(linear=qt.Projector.full(), angular=qt.Projector.none())
+
+
+def slowed(share: float) -> qt.PathTask:
+    """The deburring run in 21 waypoints, its joints with a share of their speeds."""
+    task = qt.load_task("deburring")
+    starts = np.cumsum(task.durations)[::20]
+    return dataclasses.replace(
+        task, waypoints=task.waypoints[::20], flipped_waypoints=None,
+        durations=np.diff(starts, prepend=0.0),
+        velocity_limits=share * task.velocity_limits,
+    )  # fmt: skip
+
+
+def test_where_only_the_feed_is_too_fast_it_is_said_how_much_slower_it_has_to_be() -> None:
+    task = slowed(0.02)
+    certificate = qt.plan(task, seeds=()).certificate
+    assert certificate.kind == "speed"
+    assert f"only its speed prevents one: {certificate.slower:.3g} times slower" in str(certificate)
+    # Whole paths at the named speed and at a hundredth of it, judged by their own steps.
+    slower = dataclasses.replace(task, durations=1.01 * certificate.slower * task.durations)
+    q = qt.plan(slower, seeds=()).motion()
+    fastest = np.abs(np.diff(q, axis=0)) / slower.durations[1:, None]
+    assert (fastest <= slower.velocity_limits + 1e-9).all()
+
+
+def test_where_nothing_is_reached_no_speed_is_named() -> None:
+    task = slowed(0.02)
+    away = mink.SE3.from_translation(np.array([0.0, 5.0, 0.0]))
+    far = dataclasses.replace(task, waypoints=tuple(away @ w for w in task.waypoints))
+    certificate = qt.plan(far, seeds=()).certificate
+    assert certificate.kind == "unreachable" and math.isnan(certificate.slower)
+    assert "slower" not in str(certificate)
+
+
+def test_sampled_configurations_prove_nothing_about_connections() -> None:
+    """Four free degrees: the next waypoint's configurations are far apart, the start's are near."""
+    rng = np.random.default_rng(3)
+    model = random_arm(rng, 7)
+    lower, upper = model.jnt_range.T
+    begin = lower + (upper - lower) * rng.uniform(0.3, 0.7, model.nv)
+    configuration = mink.Configuration(model, begin)
+    first = configuration.get_transform_frame_to_world("tool", "site")
+    step = mink.SE3.from_translation(np.array([0.002, 0.0, 0.0]))
+    none = np.full(model.nv, np.inf)
+    task = dataclasses.replace(
+        qt.load_task("planar_line"), name="near", model=model, frame_name="tool",
+        frame_type="site", projector=PLACE, operational=WHOLE, waypoints=(first, step @ first),
+        flipped_waypoints=None, start=begin, durations=None, velocity_limits=none,
+        acceleration_limits=none, constraints=(), segments=(), bands=(), toolpath=None, lines=None,
+    )  # fmt: skip
+    # A step of the least norm is a motion, and by far within what is allowed.
+    J = np.zeros((3, model.nv))
+    mujoco.mj_jacSite(model, configuration.data, J, None, model.site("tool").id)
+    assert np.degrees(np.abs(np.linalg.pinv(J) @ [0.002, 0.0, 0.0])).max() < 1.0
+    plan = qt.plan(task, start=begin, max_step_deg=1.0, seeds=())
+    if plan.q is None:
+        assert not plan.certificate.covered and not plan.certificate.joints
+        assert "no connection was found" in str(plan.certificate)
+        assert "every connection" not in str(plan.certificate)
+        assert "this is no proof" in str(plan.certificate)
+    assert qt.plan(task, start=begin, max_step_deg=1.0).q is not None
+
+
+def cell(tip: str, away: float) -> qt.PathTask:
+    """A turret, an elbow, a wrist and a roll; a tip; and a ball beside the path's end."""
+    model = mujoco.MjModel.from_xml_string(f"""<mujoco><compiler angle="radian" autolimits="true"/>
+ <worldbody><geom name="ball" type="sphere" size=".02" pos="{0.55 + away} .2 .62"/>
+ <body pos="0 0 .3"><joint name="turn" axis="0 0 1" range="-3 3"/>
+  <geom type="sphere" size=".01" contype="0" conaffinity="0"/>
+  <body><joint name="upper" axis="0 1 0" range="-1 1.2"/>
+   <geom type="sphere" size=".01" contype="0" conaffinity="0"/>
+   <body pos="0 0 .5"><joint name="fore" axis="0 1 0" range="-1.2 1.2"/>
+    <geom type="sphere" size=".01" contype="0" conaffinity="0"/>
+    <body pos=".5 0 0"><joint name="pitch" axis="0 1 0" range="-2.5 2.5"/>
+     <geom type="sphere" size=".01" contype="0" conaffinity="0"/>
+     <body><joint name="roll" axis="1 0 0" range="-3 3"/>{tip}
+      <site name="tip" pos=".1 0 0" euler="0 {math.pi / 2!r} 0"/></body></body></body></body></body>
+ </worldbody></mujoco>""")
+    down = mink.SO3.from_rpy_radians(math.pi, 0.0, 0.0)
+    places = [np.array([0.45 + 0.01 * k, 0.02 * k, 0.62]) for k in range(11)]
+    none = np.full(model.nv, np.inf)
+    return dataclasses.replace(
+        qt.load_task("planar_line"), name="cell", model=model, frame_name="tip", frame_type="site",
+        projector=AXIS, operational=WHOLE,
+        waypoints=tuple(mink.SE3.from_rotation_and_translation(down, p) for p in places),
+        flipped_waypoints=None, start=np.full(model.nq, 0.1), durations=None, velocity_limits=none,
+        acceleration_limits=none, constraints=(qt.Clearance(model, 0.01),), segments=(), bands=(),
+        toolpath=None, lines=None,
+    )  # fmt: skip
+
+
+TIP = '<geom name="tip" type="sphere" size=".01" pos=".1 0 0"/>'
+ARM = '<geom name="arm" type="sphere" size=".01" pos=".1 .06 0"/>'
+
+
+@pytest.mark.parametrize("tip", [TIP, TIP + ARM])
+def test_what_no_joint_can_change_is_named_with_its_distance(tip: str) -> None:
+    """The tip is on the path, so that its distance from the ball is the same at every roll."""
+    task = cell(tip, 0.036)
+    gap = math.hypot(0.036, 0.0) - 0.03
+    certificate = qt.plan(task, max_step_deg=30.0).certificate
+    assert certificate.kind == "band" and certificate.covered
+    near = [
+        k + 1 for k, w in enumerate(task.waypoints)
+        if np.linalg.norm(w.translation() - [0.586, 0.2, 0.62]) - 0.03 < 0.01 - 2e-4
+    ]  # fmt: skip
+    assert set(certificate.waypoints) == set(near)
+    assert any("ball" in name and "tip" in name for name in certificate.bands)
+    assert "the task alone decides their distance" in str(certificate)
+    last = np.linalg.norm(task.waypoints[near[0] - 1].translation() - [0.586, 0.2, 0.62]) - 0.03
+    assert f"at most {1e3 * last:.3g} mm at waypoint {near[0]}" in str(certificate)
+    assert gap < 0.01
+
+
+def test_what_a_roll_can_avoid_is_not_called_prescribed() -> None:
+    """An arm beside the axis reaches the ball at some rolls only."""
+    task = cell(ARM, 0.06)
+    plan = qt.plan(task, max_step_deg=30.0)
+    assert "the task alone" not in str(plan.certificate)
+    assert plan.q is not None
+    assert all(finding.passes for finding in plan.examined() if "clearance" in finding.name)
