@@ -550,6 +550,8 @@ class PlanSearch:
             found = roadmap.layers(
                 new, lambda done: self._progress(f"{grid}: layers", done / len(new))
             )
+            if self.start is not None and not all(map(roadmap.samples_all, new)):
+                found = [self._followed(k, layer) for k, layer in zip(new, found, strict=True)]
             made.update(zip(new, found, strict=True))
         layers = [self._finest.get(index, made[index]) for index in waypoints]
         if waypoints[0] == 0:
@@ -559,6 +561,30 @@ class PlanSearch:
             if not len(cleared.q):
                 layers[0] = cleared
         return layers
+
+    def _followed(self, index: int, layer: Layer) -> Layer:
+        """A sampled layer with the configuration to which least-norm steps lead from the start."""
+        q = self._from_start[index][None]
+        if (
+            not self.limits.ranges.inside(q).all()
+            or not self._free_rows.hard.inside(q, np.array([index])).all()
+        ):
+            return layer
+        branch = np.append(layer.branch, -1)
+        return Layer(np.vstack([layer.q, q]), branch, layer.solutions + 1)
+
+    @cached_property
+    def _from_start(self) -> Array:
+        """Least-norm steps from the start, waypoint by waypoint, (N, nv); NaN where they end."""
+        assert self.start is not None
+        path = np.full((len(self.path_task.waypoints), len(self.start)), np.nan)
+        path[0] = self.start
+        for index in range(1, len(path)):
+            q, inside = self._free_rows.correct_inside(path[index - 1 : index], np.array([index]))
+            if not inside[0]:
+                break
+            path[index] = q[0]
+        return path
 
     def _opened(self, stage: SearchStage) -> tuple[Grid, Roadmap, list[int], list[Layer]]:
         """The grid and the roadmap of a stage, its waypoints and their layers."""
@@ -1075,10 +1101,9 @@ class PlanSearch:
         if share[best].max() <= 1.0 and self.rows.hard:
             # The speed limits allow a connection, bands or constraints do not.
             shares = np.array(_CLOSE)
-            ends = (np.tile(q, (len(shares), 1)) for q in (here, here + apart[best]))
-            margins = self.rows.hard.margins_between(
-                *ends, np.full(len(shares), before), shares
-            ).min(axis=0)
+            begin, end = (np.tile(q, (len(shares), 1)) for q in (here, here + apart[best]))
+            at_begin = np.full(len(shares), before)
+            margins = self.rows.hard.margins_between(begin, end, at_begin, shares).min(axis=0)
             names = tuple(self.rows.hard.names[k] for k in np.flatnonzero(margins < -WITHIN))
             detail = f"between {_pair(at)} no connection was found that keeps the speed limits, too"
             return Certificate("band", grid, at, (), covered, detail, names)

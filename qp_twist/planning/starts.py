@@ -29,6 +29,8 @@ _AT_A_TIME = 300
 """Number of random configurations that are corrected onto the first waypoint."""
 _TIMES = 10
 _SEEDS = 300
+_CLIPPED = 8
+"""How often configurations are moved into the limits and corrected onto the waypoint again."""
 _NEAR = 40
 """Number of seeds that are moved on towards a waypoint out of reach."""
 _STEPS = 200
@@ -224,7 +226,7 @@ def what_forbids(path_task: PathTask, index: int = 0) -> str:
     where = f"waypoint {index + 1}"
     if not arrived.any():
         return _out_of_reach(path_task, q, index)
-    q = centred(q[arrived], ranges)
+    q = _towards_limits(rows, ranges, centred(q[arrived], ranges), index)
     beyond = -ranges.room(q)
     nearest = int(np.argmin(beyond.max(axis=1)))
     over = np.flatnonzero(beyond[nearest] > 0.0)
@@ -243,6 +245,19 @@ def what_forbids(path_task: PathTask, index: int = 0) -> str:
         names = " and ".join(ranges.names[dof] for dof in always)
         text += f", and in every one that was found by {names}"
     return text
+
+
+def _towards_limits(rows: PathRows, ranges: JointRanges, q: Array, index: int) -> Array:
+    """Configurations q (K, nv) on a waypoint, and others nearer to the limits if none is inside."""
+    last = q
+    for _ in range(_CLIPPED):
+        if not len(last) or ranges.inside(q).any():
+            break
+        clipped = np.clip(last, ranges.lower, ranges.upper)
+        last, arrived = rows.correct(clipped, np.full(len(clipped), index))
+        last = centred(last[arrived], ranges)
+        q = np.vstack([q, last])
+    return q
 
 
 def _outside_bands(rows: PathRows, q: Array, index: int) -> str:
