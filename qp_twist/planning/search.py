@@ -244,6 +244,13 @@ class PlanSearch:
         certificate, slower = result.certificate, self.slower
         if result.path is not None or certificate.kind != "speed" or slower is None:
             return result
+        try:
+            return replace(result, certificate=self._with_pace(certificate, slower))
+        except KeyboardInterrupt:  # the result itself is known
+            return result
+
+    def _with_pace(self, certificate: Certificate, slower: Slower) -> Certificate:
+        """The certificate with what slower searches find."""
 
         def at(times: float) -> RefinedPath | None:
             search = PlanSearch(
@@ -259,7 +266,7 @@ class PlanSearch:
             without = times
         if path is None:
             note = f"nor was one found for the path {without:g} times slower"
-            return replace(result, certificate=replace(certificate, note=note))
+            return replace(certificate, note=note)
         needed, number, joint = self.limits.pace(path.q)
         for _ in range(_HALVINGS):
             times = float(np.sqrt(without * needed))
@@ -274,7 +281,7 @@ class PlanSearch:
         )
         if without > 1.0:
             note += f"; {without:.3g} times slower none was found"
-        return replace(result, certificate=replace(certificate, slower=needed, note=note))
+        return replace(certificate, slower=needed, note=note)
 
     def _by_now(self) -> SearchResult | None:
         """The best motion of an interrupted search that satisfies all constraints."""
@@ -1098,13 +1105,15 @@ class PlanSearch:
         apart = self._unwound(there - here)
         share = np.abs(apart) / step
         best = int(np.argmin(share.max(axis=1)))
-        if share[best].max() <= 1.0 and self.rows.hard:
+        names: tuple[str, ...] = ()
+        if share[best].max() <= 1.0 and self.rows.hard and after == before + 1:
             # The speed limits allow a connection, bands or constraints do not.
-            shares = np.array(_CLOSE)
+            shares = np.array((0.0, *_CLOSE, 1.0))
             begin, end = (np.tile(q, (len(shares), 1)) for q in (here, here + apart[best]))
             at_begin = np.full(len(shares), before)
             margins = self.rows.hard.margins_between(begin, end, at_begin, shares).min(axis=0)
             names = tuple(self.rows.hard.names[k] for k in np.flatnonzero(margins < -WITHIN))
+        if names:
             detail = f"between {_pair(at)} no connection was found that keeps the speed limits, too"
             return Certificate("band", grid, at, (), covered, detail, names)
         # A sampled layer may lack the configurations near this one: it says nothing about joints.

@@ -18,7 +18,8 @@ from scipy.spatial.transform import Rotation
 
 import qp_twist as qt
 from qp_twist.following import NoStart, find_starts
-from qp_twist.kinematics import FramePair, OrthoParallelArm, SerialChain, frame_pose
+from qp_twist.kinematics import FramePair, OrthoParallelArm, SerialChain, Stretch, frame_pose
+from qp_twist.kinematics.tolerance_band import Range
 from qp_twist.paths.placement import placed
 from qp_twist.planning import least_z_start, random_start, what_forbids
 from qp_twist.planning.hard_constraints import BETWEEN, HardConstraints
@@ -177,12 +178,51 @@ def test_rolls_between_far_waypoints_are_kept_where_the_check_looks(index: int) 
     check_passes(plan)
 
 
-@pytest.mark.parametrize("index", [0, 1])
-def test_tilts_between_far_waypoints_are_kept_where_the_check_looks(index: int) -> None:
-    tilt = math.radians(10.0)
-    task = every(somewhere(index), 5, projector=FREE, bands=(qt.ConeBand(Z, Z, tilt),))
+class OwnTilt(qt.ToleranceBand):
+    """A user's band about the target: at most a tilt, with one row along the swing."""
+
+    kind, unit = "own tilt", "rad"
+
+    def __init__(self, most: float) -> None:
+        super().__init__(None, 0.5)
+        self._cone = qt.ConeBand(Z, Z, most)
+
+    @property
+    def ranges(self) -> tuple[Range, ...]:
+        return self._cone.ranges
+
+    def values(self, pair: FramePair) -> Array:
+        return self._cone.values(pair)
+
+    def gradients(self, pair: FramePair) -> Array:
+        return self._cone.gradients(pair)
+
+    def carried(self, pair: FramePair) -> Array:
+        return self._cone.carried(pair)
+
+    def fixed(self, projector: qt.TwistProjector) -> tuple[bool, ...]:
+        return self._cone.fixed(projector)
+
+    def contradiction(self, projector: qt.TwistProjector) -> str | None:
+        return self._cone.contradiction(projector)
+
+    def span(self, before: FramePair, after: FramePair, stretch: Stretch) -> tuple[Array, Array]:
+        return self._cone.span(before, after, stretch)
+
+
+TILT = math.radians(10.0)
+
+
+@pytest.mark.parametrize(
+    ("index", "band"),
+    [(0, qt.ConeBand(Z, Z, TILT)), (1, qt.ConeBand(Z, Z, TILT)), (2, OwnTilt(TILT))],
+)
+def test_tilts_between_far_waypoints_are_kept_where_the_check_looks(
+    index: int, band: qt.ToleranceBand
+) -> None:
+    task = every(somewhere(index), 5, projector=FREE, bands=(band,))
     plan = qt.plan(task, max_step_deg=30.0)
-    check_kept(plan, tilt_of, 0.0, tilt)
+    check_kept(plan, tilt_of, 0.0, TILT)
     check_passes(plan)
 
 
