@@ -278,10 +278,6 @@ class Clearance(Constraint):
         """
         return self.in_step.correct(velocity, dt)
 
-    def hold(self, velocity: Array, dt: float, kept: float) -> None:
-        """Replace the rows by those of a safe velocity between this one and the hardest braking."""
-        self.in_step.hold(velocity, dt, kept)
-
     def nearest(self, q: Array) -> NearestPair | None:
         """The least distance on a motion whose joints go straight from row to row of q (N, nq).
 

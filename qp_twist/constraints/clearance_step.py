@@ -20,8 +20,6 @@ from qp_twist.kinematics import JointRanges
 
 HORIZON = 0.2
 """Margin below which a pair has a row in a step, m."""
-_SHARES = (0.75, 0.5, 0.25, 0.0)
-"""Shares of a solution, the rest of which is braking, that are tried where it is not safe."""
 _EXACT = 1e-10
 """Room of the rows that hold a velocity, rad or m."""
 
@@ -123,23 +121,21 @@ class ClearanceStep:
         )
         return self.count > before
 
-    def hold(self, velocity: Array, dt: float, kept: float) -> None:
-        """Only rows that hold a velocity between this one and braking that lacks at most ``kept``.
+    @property
+    def braked(self) -> Array:
+        """The hardest braking from the last velocity, rad/s or m/s, (nv,)."""
+        return self._views.braked.copy()
 
-        It need not satisfy the others, which are linear, and with both there might be no step. None
-        are changed where braking lacks as much: an obstacle comes too fast.
+    def hold(self, velocity: Array, dt: float) -> None:
+        """Replace all rows by those that hold a velocity (nv,).
+
+        It need not satisfy the others, which are linear, and with both there might be no step.
         """
         views, nv = self._views, len(velocity)
         worst = int(np.argmin(views.worst))
-        for share in _SHARES:
-            held = views.braked + share * (velocity - views.braked)
-            if self.lacks(held, dt) <= kept:
-                break
-        else:
-            return
         self.count = count = 2 * nv
         views.G[:count] = np.vstack([np.eye(nv), -np.eye(nv)])
-        views.h[:count] = np.concatenate([held, -held]) * dt + _EXACT
+        views.h[:count] = np.concatenate([velocity, -velocity]) * dt + _EXACT
         views.room[:count], views.pair[:count] = 0.0, worst
 
     def load(self) -> None:

@@ -25,6 +25,7 @@ from qp_twist.constraints import (
     is_mink_box,
 )
 from qp_twist.control.composition import BOXES, rows_known
+from qp_twist.control.displacement import EVERYTHING, Displacement
 from qp_twist.control.lazy_step import LazyStep, StepLabels
 from qp_twist.control.posing import in_words, mink_costs
 from qp_twist.control.step import Status
@@ -62,6 +63,7 @@ from qp_twist.kernel.step_record import PROGRAM, Program, Sizes
 from qp_twist.kernel.verified_program import (
     AT_THE_EDGE,
     BRAKED,
+    BRAKED_BELOW,
     DONE,
     FADED,
     INFEASIBLE,
@@ -90,8 +92,10 @@ _NO_ROWS: tuple[Named, ...] = ()
 _INFEASIBLE = {"raise": RAISE, "scale": SCALE, "relax": RELAX}
 _STATUSES = {
     SCALED: Status.SCALED, RELAXED: Status.RELAXED, PRIORITIZED: Status.PRIORITIZED,
-    BRAKED: Status.SCALED, FADED: Status.DEGRADED,
+    BRAKED: Status.SCALED, BRAKED_BELOW: Status.PRIORITIZED, FADED: Status.DEGRADED,
 }  # fmt: skip
+_AS_POSED = BRAKED, BRAKED_BELOW, FADED
+"""Outcomes of a program that was solved as posed, for less than the tasks ask."""
 
 
 class Composition(Protocol):
@@ -213,7 +217,7 @@ class CompiledStep:
             shape[:] = shape_of(task.projector, *_step_sizes(task))
         # The targets that are in the arrays now.
         self._known_poses: list[Any] = [None] * len(self._tasks)
-        self._steady = np.zeros(nv)
+        self._steady, self._displacement = np.zeros(nv), EVERYTHING
         self._take_secondary()
         tables = list(zip(g.limits[:, :nv], limits, strict=False))
         self._ranged = [(t, limit) for t, limit in tables if isinstance(limit, PositionLimit)]
@@ -296,7 +300,7 @@ class CompiledStep:
         composed: Composition,
         configuration: mink.Configuration,
         dt: float,
-        use_secondary: bool,
+        h: Displacement,
     ) -> LazyStep | None:
         """Compute the step; ``None`` if the reference has to compute it.
 
@@ -316,8 +320,8 @@ class CompiledStep:
             if updated is None:
                 return None
             rows = updated
-        self._update(composed, configuration, use_secondary)
-        passed_over = composed.passed_over
+        self._update(composed, configuration, h)
+        passed_over, use_secondary = composed.passed_over, h.acts
         if clearance is None:
             self.lack = None
             status = live_step(self._floats, self._integers, dt, use_secondary, self.twist_space)
@@ -328,7 +332,7 @@ class CompiledStep:
             )
             if status == NO_TABLE:
                 self._make_room(composed, clearance.in_step.count)
-                return self(composed, configuration, dt, use_secondary)
+                return self(composed, configuration, dt, h)
         if not at_edge:
             status, at_edge, passed, fades = self._finished(status, dt, use_secondary, passed_over)
         if status == REFUSED or (self._banded and self._relaxes_a_band(status)):
@@ -343,13 +347,13 @@ class CompiledStep:
         return step
 
     def _update(
-        self, composed: Composition, configuration: mink.Configuration, use_secondary: bool
+        self, composed: Composition, configuration: mink.Configuration, h: Displacement
     ) -> None:
         """Write all inputs but the inequality rows."""
         if configuration.data is not self._data:
             self._bind(configuration)
-        if use_secondary:
-            self._update_secondary(configuration)
+        if h.acts:
+            self._update_secondary(configuration, h)
         self._update_state(composed)
         for jac, rows_of_task, index, number in self._jacs:
             jac(self._model, self._data, rows_of_task[:3], rows_of_task[3:], index)
@@ -361,7 +365,7 @@ class CompiledStep:
         if not self._smooth and status in (RELAXED, PRIORITIZED):
             gaps = tuple(self._program.levels.gaps.tolist())
         scale = self._program.sensitivity.item(0)
-        step.set_outcome(_STATUSES[status], scale, gaps, status in (BRAKED, FADED))
+        step.set_outcome(_STATUSES[status], scale, gaps, status in _AS_POSED)
 
     def _relaxes_a_band(self, status: int) -> bool:
         """Whether a band is relaxed with its level, which the kernel treats as a limit."""
@@ -601,7 +605,7 @@ class CompiledStep:
                 row = self._inputs.targets[number]
                 mujoco.mju_quat2Mat(row[:9], pose[:4])
                 row[9:12], row[12:] = pose[4:], task.feedforward
-        self._update_secondary(None)
+        self._update_secondary(None, EVERYTHING)
         self._update_state(composed)
         edge = self._edge
         if not self._smooth or len(self._levels) > 1:
@@ -633,31 +637,39 @@ class CompiledStep:
                 self._inputs.shapes[number, 24:] = paces
         return True
 
-    def _update_secondary(self, configuration: mink.Configuration | None) -> None:
+    def _update_secondary(self, configuration: mink.Configuration | None, h: Displacement) -> None:
         """Write the two parts of h = displacement + stiffness · (θ̄ − θ) if they have changed."""
+        changed = h is not self._displacement
+        self._displacement = h
         for centering, gain, weight in self._asked_centering:
-            if centering.gain != gain or centering.weight != weight:
-                self._take_secondary()
+            changed = changed or centering.gain != gain or centering.weight != weight
         for posture, gain, q_ref in self._asked_postures:
-            if posture.gain != gain or posture.q_ref is not q_ref:
-                self._take_secondary()
+            changed = changed or posture.gain != gain or posture.q_ref is not q_ref
+        if changed:
+            self._take_secondary()
         if self._others:
             assert configuration is not None
             displacement = self._inputs.displacement[: self._model.nv]
             displacement[:] = self._steady
-            for other in self._others:
-                displacement += checked_displacement(other, configuration)
+            for other in self._others if h.share > 0.0 else ():
+                displacement += h.share * checked_displacement(other, configuration)
 
     def _take_secondary(self) -> None:
         """Write the parts of h that do not depend on the configuration."""
         self._asked_centering = [(s, s.gain, s.weight) for s in self._centering]
         self._asked_postures = [(s, s.gain, s.q_ref) for s in self._postures]
-        nv = self._model.nv
-        self._inputs.stiffness[:nv] = sum(s.gain * s.stiffness for s in self._centering)
+        nv, (share, added, _) = self._model.nv, self._displacement
+        stiffness = np.zeros(nv)
         self._steady[:] = 0.0
+        for centering in self._centering:
+            stiffness += centering.gain * centering.stiffness
         for s in self._postures:
-            self._inputs.stiffness[:nv] += s.gain
+            stiffness += s.gain
             self._steady += s.gain * (self._ranges.positions(s.q_ref) - self._ranges.middle)
+        self._inputs.stiffness[:nv] = share * stiffness
+        self._steady *= share
+        if added is not None:
+            self._steady += added
         self._inputs.displacement[:nv] = self._steady
 
     def _bind(self, configuration: mink.Configuration) -> None:

@@ -39,7 +39,9 @@ from qp_twist.constraints import (
     is_mink_box,
     kind_of,
 )
+from qp_twist.control.clear_velocity import clear_velocity
 from qp_twist.control.composition import composition_known
+from qp_twist.control.displacement import EVERYTHING, Displacement
 from qp_twist.control.edge_step import SPREAD, finished_at_the_edge
 from qp_twist.control.infeasible import finished
 from qp_twist.control.posed import Inertia, Posed
@@ -288,7 +290,8 @@ class Controller:
         configuration: mink.Configuration,
         dt: float,
         *,
-        use_secondary: bool = True,
+        use_secondary: bool | float = True,
+        displacement: npt.ArrayLike | None = None,
         velocity: npt.ArrayLike | None = None,
     ) -> Step:
         """Compute the joint velocity for one step of length ``dt``.
@@ -297,13 +300,16 @@ class Controller:
             configuration: The robot's configuration; it is not changed.
             dt: Length of the step, s.
             use_secondary: ``False`` sets h to zero, as in the later iterations of a waypoint, where
-                the curvature of a secondary's motion would violate the task again and again.
+                the curvature of a secondary's motion would violate the task again and again. A
+                number from 0 to 1 is the share of h with which a secondary fades in or out.
+            displacement: Added to h in this step, rad or m, (nv,).
             velocity: Measured joint velocity before the step, (nv,), for acceleration limits and
                 for what is not met of a task (``docs/edge.md``, Inertia); if ``None`` that of the
                 last step, and zero before the first.
 
         Raises:
-            InvalidInput: If the configuration is not finite or of another model, or dt ≤ 0.
+            InvalidInput: If the configuration is not finite or of another model, dt ≤ 0, or another
+                argument has the wrong shape or range.
             mink.TargetNotSet: If a task has no target.
             InfeasibleStep: If the first level is infeasible within the limits, or the robot is
                 singular in a direction that it needs, and ``on_infeasible`` is ``"raise"``.
@@ -321,15 +327,18 @@ class Controller:
             self._check_configuration(configuration)
         if velocity is not None:
             self.note(velocity)
+        h = EVERYTHING  # nearly always
+        if use_secondary is not True or displacement is not None:
+            h = Displacement.of(use_secondary, displacement, self.model.nv)
         clearances = self._sorted_limits()[1]
         if clearances:
             moving = self._moving()
             for clearance in clearances:
                 clearance.begin(configuration, *moving)
         try:
-            step, note, lack = self._solved(configuration, dt, bool(use_secondary))
+            step, note, lack = self._solved(configuration, dt, h)
             if clearances and not _is_kept(lack):
-                step, note = self._kept_clear(step, note, configuration, dt, bool(use_secondary))
+                step, note = self._kept_clear(step, note, configuration, dt, h)
         finally:
             for clearance in clearances:
                 clearance.has_begun = False
@@ -343,7 +352,7 @@ class Controller:
         note: Callable[[Array], None],
         configuration: mink.Configuration,
         dt: float,
-        use_secondary: bool,
+        h: Displacement,
     ) -> tuple[Step, Callable[[Array], None]]:
         """The step, or one that keeps its clearances, too; and what takes note of its velocity.
 
@@ -358,15 +367,30 @@ class Controller:
             corrected = False
             for clearance in lacking if correction < _CORRECTIONS else ():
                 corrected |= clearance.correct(step.velocity, dt)
-            for clearance in () if corrected else lacking:
-                clearance.hold(step.velocity, dt, _KEPT)
-            step, note, lack = self._solved(configuration, dt, use_secondary)
+            if not corrected:
+                self._hold_clear(clearances, step.velocity, configuration, dt)
+            step, note, lack = self._solved(configuration, dt, h)
             if not corrected or _is_kept(lack):
                 break
         return step, note
 
+    def _hold_clear(
+        self,
+        clearances: Sequence[Clearance],
+        velocity: Array,
+        configuration: mink.Configuration,
+        dt: float,
+    ) -> None:
+        """Let the step be a velocity that keeps the clearances, if one is found in the limits."""
+        others = [limit for limit in self.limits if not isinstance(limit, Clearance)]
+        limits = gather_limits(others, configuration, dt)
+        clear = clear_velocity(clearances, limits, velocity, dt, _KEPT)
+        if clear is not None:
+            for clearance in clearances:
+                clearance.in_step.hold(clear, dt)
+
     def _solved(
-        self, configuration: mink.Configuration, dt: float, use_secondary: bool
+        self, configuration: mink.Configuration, dt: float, h: Displacement
     ) -> tuple[Step, Callable[[Array], None], float | None]:
         """The step by the kernel, or else by the reference; and what takes note of its velocity.
 
@@ -376,7 +400,7 @@ class Controller:
         # then the reference computes this step.
         if self._prepared is not None and self._free.acquire(False):
             try:
-                plain = self._prepared(self, configuration, dt, use_secondary)
+                plain = self._prepared(self, configuration, dt, h)
                 if plain is not None:
                     return plain, self._prepared.note, self._prepared.lack
             finally:
@@ -385,7 +409,7 @@ class Controller:
         if not math.isfinite(sum(configuration.data.qpos.tolist())):
             self._check_configuration(configuration)  # raises, with the joint's name
         with np.errstate(over="ignore", invalid="ignore"):  # the result is checked below
-            posed = self._pose(configuration, dt, use_secondary)
+            posed = self._pose(configuration, dt, h)
         if self.on_infeasible == "raise" and posed.levels.lost:
             names = ", ".join(str(lost) for lost in posed.levels.lost)
             raise InfeasibleStep(
@@ -435,11 +459,13 @@ class Controller:
 
         return CompiledStep(self)
 
-    def _pose(self, configuration: mink.Configuration, dt: float, use_secondary: bool) -> Posed:
+    def _pose(self, configuration: mink.Configuration, dt: float, h: Displacement) -> Posed:
         nv = self.model.nv
         desired = np.zeros(nv)
-        if use_secondary:
-            desired = total_displacement(self.secondary, configuration) / dt
+        if h.share > 0.0:
+            desired = h.share * total_displacement(self.secondary, configuration) / dt
+        if h.added is not None:
+            desired = desired + h.added / dt
         limits = gather_limits(self.limits, configuration, dt)
         longer = partial(self._longer, configuration, dt)
         levels = self._pose_levels(configuration, dt, limits, longer)

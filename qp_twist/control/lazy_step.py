@@ -117,7 +117,8 @@ class LazyStep(Step):
         )
         value: Any
         if name == "residuals":
-            value = tuple(np.split(left.A @ left.x - left.b, np.cumsum(labels.ranks)[:-1]))
+            missed = left.A @ left.x - left.b - left.eased
+            value = tuple(np.split(missed, np.cumsum(labels.ranks)[:-1]))
         elif name == "binding":
             value = self._binding(left)
         elif name == "sigma_min":

@@ -143,6 +143,8 @@ class Posed:
         velocity = x[: len(self.limits.lower)].copy()  # of the joints alone
         if self.levels.braked < 1.0 and status in (Status.SOLVED, Status.PRIORITIZED):
             status = Status.SCALED
+        elif self.levels.braking is not None and status is Status.SOLVED:
+            status = Status.PRIORITIZED
         return Step.of(
             {
                 "binding": partial(getattr, multipliers, "binding")
@@ -165,7 +167,7 @@ class Posed:
         )
 
     def residuals(self, velocity: Array, scale: float) -> tuple[Array, ...]:
-        """A q̇ − s b of each task; s = 1 below the first level; b as braked, where it is."""
+        """A q̇ − s b of each task; s = 1 below the first level, b of the first one as braked."""
         return tuple(
             rows.A @ velocity - (1.0 if index else scale) * rows.b
             for index, tasks in enumerate(self.levels.tasks)

@@ -53,7 +53,7 @@ class PosedLevels:
             before they slow down the rest.
         stated: Number of the level as stated, for each of ``levels``.
         sources: What the inequality rows come from, in order of levels.
-        tasks: Rows as the tasks state them, for each level.
+        tasks: Rows as the tasks state them, for each level; those of the first one as braked.
         first: The first level's rows.
         lost: What singularities take from the first level.
         lower_lost: Whether a lower level has no room for some of its directions.
@@ -63,7 +63,8 @@ class PosedLevels:
         slacks: Bounds of the unknowns that let directions fade, behind the joints, rad/s, (k,);
             what the secondary needs comes on top.
         braked: Share of the first level's speed from which its motion can stop in time.
-        braking: The joint whose acceleration limit decides that, and the limit's side.
+        braking: The joint whose acceleration limit decides that, and the limit's side; or decides
+            it of a lower level.
     """
 
     levels: list[Level]
@@ -193,12 +194,13 @@ def pose_at_the_edge(
             slower = stopping_share(dt * motion, acceleration, dt)
             if slower < 1.0:
                 level = replace(level, braked=slower * (b - feedforward) + feedforward)
-                if index == 0:
-                    share, joint = slower, int(np.argmax(np.abs(motion) / acceleration))
+                if braking is None:
+                    joint = int(np.argmax(np.abs(motion) / acceleration))
                     braking = joint, "lower" if motion[joint] > 0.0 else "upper"
-                ends = np.cumsum([len(row.b) for row in rows])[:-1]
-                parts = np.split(level.target, ends)
-                rows = [r._replace(b=part) for r, part in zip(rows, parts, strict=True)]
+                if index == 0:
+                    share, ends = slower, np.cumsum([len(row.b) for row in rows])[:-1]
+                    parts = np.split(level.target, ends)
+                    rows = [r._replace(b=part) for r, part in zip(rows, parts, strict=True)]
         if index == 0:
             level = level if room is None else level.fitted(*room)
             lost = lost_where(items, rows, level.lost(), configuration)

@@ -21,7 +21,9 @@ class Status(enum.Enum):
     """Status of a step; its value is a sentence."""
 
     SOLVED = "every level is met at full speed inside the limits"
-    PRIORITIZED = "the first level is met at full speed, a lower one as far as that leaves room"
+    PRIORITIZED = (
+        "the first level is met at full speed, a lower one as far as that and the limits leave room"
+    )
     DEGRADED = (
         "the robot is singular, or the task contradicts itself, in a direction: others are met"
     )
@@ -44,7 +46,8 @@ class Step:
             directions that are ``lost``. A relaxed step has no s, and scale is 1: see its
             residuals.
         residuals: A q̇ − s b for each task (s = 1 below the first level), m/s and rad/s, in the rows
-            of its basis; in the order of ``Controller.tasks``.
+            of its basis; in the order of ``Controller.tasks``. Of a first level that is braked b is
+            s_b (b − b_ff) + b_ff, since the twist of a moving target keeps its speed.
         binding: The active limits.
         status: The outcome.
         solver: The backend that computed the result.

@@ -41,6 +41,8 @@ _LATEST = 1 << 40
 """Number of a step at which everything is at rest."""
 _SAMPLES = 32
 """Largest number of places on the way to rest that are looked at."""
+_BESIDE = 5e-3
+"""Margin below which the places beside the least one are looked at too, m; it is known exactly."""
 _NEAREST = 8
 """Largest number of rows by which a solution is corrected."""
 _PARTS = 8
@@ -171,9 +173,32 @@ def _take_gradient(cell, s, pair):
 @plain
 def _look(cell, s, pair, n, asked):
     """Take the margin of a pair at a place on the way if it is the least so far."""
-    found = _margin(cell, pair, min(s.worst[pair], s.reach[pair]), asked)
+    found = _margin(cell, pair, min(s.worst[pair], max(s.reach[pair], _BESIDE)), asked)
     if found < s.worst[pair]:
         s.worst[pair], s.sample[pair] = found, n
+
+
+@plain
+def _look_between(cell, s, velocity, dt, asked, last):
+    """Look at places between the ends of the way, and beside the least of them by halving.
+
+    A pair that passes by may be nearer between two places than at either.
+    """
+    near, spacing = cell.places.near, 1 + (last - 1) // _SAMPLES
+    for n in range(spacing, last, spacing):
+        _go(cell, s, velocity, n, dt)
+        for pair in range(len(s.worst)):
+            if near[pair] < s.reach[pair]:
+                _look(cell, s, pair, n, asked)
+    for pair in range(len(s.worst)):
+        half = spacing if near[pair] < s.reach[pair] and s.worst[pair] < _BESIDE else 1
+        while half > 1:
+            half = (half + 1) // 2
+            middle = s.sample[pair]
+            for n in (middle - half, middle + half):
+                if 0 < n < last:
+                    _go(cell, s, velocity, n, dt)
+                    _look(cell, s, pair, n, asked)
 
 
 @plain
@@ -218,14 +243,8 @@ def _look_along(cell, s, velocity, dt, asked, slopes, among):
             # Between the two ends the margin is at least this.
             near[pair] = 0.5 * (near[pair] + far - change[pair])
             left = left or near[pair] < s.reach[pair]
-    if not left:
-        return
-    stride = 1 + (last - 1) // _SAMPLES
-    for n in range(stride, last, stride):
-        _go(cell, s, velocity, n, dt)
-        for pair in range(len(s.worst)):
-            if near[pair] < s.reach[pair]:
-                _look(cell, s, pair, n, asked)
+    if left:
+        _look_between(cell, s, velocity, dt, asked, last)
 
 
 @plain

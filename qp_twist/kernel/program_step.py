@@ -92,7 +92,7 @@ def program_step(
     if not (_take_box(box, unlimited, w) and _take_costs(H, c, lift, steepest, dt, w)):
         return REFUSED
     for row in range(len(w.b)):
-        w.b[row] = b[row]
+        w.b[row], w.eased[row] = b[row], 0.0
         for j in range(len(w.x)):
             w.A[row, j] = A[row, j]
     for row in range(len(w.g)):

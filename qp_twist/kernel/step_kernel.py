@@ -18,6 +18,7 @@ from qp_twist.kernel.twist_rows import in_basis, twist_rows
 from qp_twist.kernel.verified_program import (
     AT_THE_EDGE,
     BRAKED,
+    BRAKED_BELOW,
     DONE,
     INFEASIBLE,
     REFUSED,
@@ -412,9 +413,13 @@ def brake(g, w, dt):
                 p.x[k] += dt * Q[i, k] * y[i]
         share, which = stopping_share(p.x, g.limits, g.types, dt)
         if level == 0:
-            w.braking[0], w.braking[1] = share, which
+            w.braking[0] = share
+        if w.braking[1] == 0.0:
+            w.braking[1] = which
         for i in range(first, end):
-            w.b[i] = share * (w.b[i] - p.desired[i]) + p.desired[i]
+            taken = (1.0 - share) * (w.b[i] - p.desired[i])
+            w.b[i] -= taken
+            w.eased[i] = taken if level > 0 else 0.0
         _solve_rows(L, w.b, p.desired, 0.0, first, end, y)
         first = end
     return True
@@ -437,9 +442,9 @@ def step_on_rows(g, w, qpos, dt, use_secondary, twist_space):
     ``twist_space``: see :func:`_costs`.
 
     Returns:
-        ``DONE`` or ``BRAKED``; ``INFEASIBLE`` if the rows are infeasible within the limits: call
-        :func:`infeasible_step`, or with ``smooth`` ``edge_step``, as for ``AT_THE_EDGE``; or
-        ``REFUSED`` if the reference has to compute the step.
+        ``DONE``, ``BRAKED`` or ``BRAKED_BELOW``; ``INFEASIBLE`` if the rows are infeasible within
+        the limits: call :func:`infeasible_step`, or with ``smooth`` ``edge_step``, as for
+        ``AT_THE_EDGE``; or ``REFUSED`` if the reference has to compute the step.
     """
     fastest = desired_velocities(
         qpos, g.addresses, g.middle, g.stiffness, g.displacement, dt, use_secondary, w.q, w.c
@@ -452,6 +457,8 @@ def step_on_rows(g, w, qpos, dt, use_secondary, twist_space):
         return REFUSED
     threshold, smooth = g.settings.singularity, g.settings.smooth > 0.0
     w.braking[0], w.braking[1] = 1.0, 0.0
+    for row in range(len(w.eased)):
+        w.eased[row] = 0.0
     if smooth:
         threshold = max(threshold, _surely_regular_from(g, w, dt))
     regular = well_conditioned(w.A, g.ends, threshold, w.R, w.J)
@@ -469,10 +476,10 @@ def step_on_rows(g, w, qpos, dt, use_secondary, twist_space):
     if not costs(w, g.metric, g.quadratic, g.linear, g.settings, twist_space):
         return REFUSED
     status = solved_program(w, g.tolerances)
-    if status != DONE or w.braking[0] == 1.0:
+    if status != DONE or w.braking[1] == 0.0:
         return status
     w.sensitivity[0] = w.braking[0]
-    return BRAKED
+    return BRAKED if w.braking[0] < 1.0 else BRAKED_BELOW
 
 
 @plain

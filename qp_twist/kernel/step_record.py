@@ -95,9 +95,11 @@ class Program(NamedTuple):
     upper: Annotated[Floats, "nv"]
     b: Annotated[Floats, "m"]
     g: Annotated[Floats, "k"]
+    eased: Annotated[Floats, "m"]
+    """What braking has taken from b below the first level."""
     braking: Annotated[Floats, 2]
-    """Share of the speed from which the joints can stop in time; 1 + the joint that decides it,
-    negative where that moves down, 0 where none does."""
+    """Share of the first level's speed from which the joints can stop in time; 1 + the joint that
+    decides it, or that of a lower level, negative where that moves down, 0 where none does."""
     box: Annotated[Floats, "nv"]
     """μ, negative at a lower bound."""
     y: Annotated[Floats, "m"]

@@ -9,9 +9,10 @@ from qp_twist.kernel.compiling import part, plain
 from qp_twist.kernel.dual_active_set import NO_ROOM, SOLVED, cholesky
 from qp_twist.kernel.reduced_program import reduced_program
 
-DONE, REFUSED, SCALED, RELAXED, PRIORITIZED, INFEASIBLE, DEPENDENT, AT_THE_EDGE, BRAKED, FADED = (
-    range(10)
-)
+(
+    DONE, REFUSED, SCALED, RELAXED, PRIORITIZED, INFEASIBLE, DEPENDENT, AT_THE_EDGE, BRAKED,
+    BRAKED_BELOW, FADED,
+) = range(11)  # fmt: skip
 """Outcome of a step.
 
 ``DONE``: verified, with all rows met. ``REFUSED``: the reference has to compute the step.
@@ -19,7 +20,8 @@ DONE, REFUSED, SCALED, RELAXED, PRIORITIZED, INFEASIBLE, DEPENDENT, AT_THE_EDGE,
 squares. ``PRIORITIZED``: verified, the first of several levels met. ``INFEASIBLE``: no velocity
 inside the limits meets all rows. ``DEPENDENT``: equality rows linearly dependent, to the threshold.
 ``AT_THE_EDGE``: a direction is too weak for the error: ``edge_step`` computes the step. ``BRAKED``:
-verified, at the share s < 1 from which the joints can stop in time. ``FADED``: verified, with less
+verified, at the share s < 1 from which the joints can stop in time. ``BRAKED_BELOW``: verified, the
+first level at full speed and a lower one at such a share. ``FADED``: verified, with less
 than the task asks of weak directions.
 """
 

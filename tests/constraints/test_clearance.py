@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import collections
 import dataclasses
+import itertools
 import sys
 from collections import Counter
 from typing import Any
@@ -1081,6 +1082,75 @@ def test_what_a_velocity_lacks_is_found_though_far_pairs_are_not_looked_at(
         # A joint that brakes from there in one step is at rest where it leads.
         assert clearance.falls_short(far * move / dt, dt) == pytest.approx(0.001, abs=1e-5)
         assert clearance.falls_short(1.2 * far * move / dt, dt) >= -margin(1.2 * far * move) - 1e-6
+
+
+# ------------------------------------------------------------------------------- narrow escapes
+
+
+def _seven_axes(extra: str) -> mujoco.MjModel:
+    """An arm of capsules, beside what is given as MJCF."""
+    axes = ("0 0 1", "0 1 0", "0 0 1", "0 -1 0", "0 0 1", "0 1 0", "0 0 1")
+    heights, ranges = (
+        (0.18, 0.18, 0.21, 0.21, 0.2, 0.2, 0.08),
+        (2.96, 2.09, 2.96, 2.09, 2.96, 2.09, 3.05),
+    )
+    links = "".join(
+        f'<body pos="0 0 {height}"><joint axis="{axis}" range="-{end} {end}"/>'
+        f'<geom type="capsule" size=".05" fromto="0 0 0 0 0 {top}" contype="1" conaffinity="2"/>'
+        for axis, height, end, top in zip(axes, heights, ranges, (*heights[1:], 0.07), strict=True)
+    )
+    return mujoco.MjModel.from_xml_string(
+        f'<mujoco><compiler angle="radian"/><worldbody>{extra}{links}'
+        f'<site name="tool" pos="0 0 .07"/>{"</body>" * 7}</worldbody></mujoco>'
+    )
+
+
+def _least_distance(clearance: qt.Clearance, q: Array, obstacle: Array | None = None) -> float:
+    """The least distance of the pairs by MuJoCo, m."""
+    model = clearance.model
+    data = mujoco.MjData(model)
+    data.qpos[:] = q
+    if obstacle is not None:
+        data.mocap_pos[0], data.mocap_quat[0] = obstacle, [1.0, 0.0, 0.0, 0.0]
+    mujoco.mj_kinematics(model, data)
+    return min(
+        mujoco.mj_geomDistance(model, data, int(a), int(b), 1.0, np.zeros(6))
+        for a, b in clearance.pairs
+    )
+
+
+def test_an_obstacle_is_given_way_to_where_the_nearest_way_ends() -> None:
+    """It comes at 0.25 m/s between two links; beside the solution no direction leads further."""
+    q = np.array([0.05136, 1.16618, -0.36530, -0.41618, 0.18129, 1.50671, -0.14915])
+    before = np.array([0.40149, 0.21467, 0.51514, 1.0, -0.25110, -0.51256, 0.0])
+    place, move = np.array([[0.68982, -0.03747, 0.39884], [0.0078, 0.00734, 0.00607]])
+    dt = 0.05
+    model = _seven_axes(
+        '<body name="box" mocap="true"><geom type="box" size=".04245 .06424 .07489"'
+        ' contype="2" conaffinity="1"/></body>'
+    )
+    configuration, clearance = mink.Configuration(model, q), qt.Clearance(model, distance=0.005)
+    task = qt.TwistTask.axis_free("tool", "site")
+    home = [0.12521, 0.77230, -0.45323, -1.34625, 0.14226, 1.16387, -0.14915]
+    task.set_target_from_configuration(mink.Configuration(model, np.array(home)))
+    controller = qt.Controller(
+        model,
+        [task],
+        limits=[qt.MotionLimit(model, velocity=1.0), clearance],
+        secondary=[qt.PostureReference(model, np.array(home), gain=0.05)],
+        on_infeasible="relax",
+    )
+    for k in range(-3, 1):  # steps by which its motion is known; then the one that is judged
+        configuration.data.mocap_pos[0] = place + k * move
+        step = controller.step(configuration, dt, velocity=before)
+
+    def left(velocity: Array) -> float:
+        return _least_distance(clearance, q + dt * velocity, place + move) - 0.005
+
+    corners = np.array(list(itertools.product((-1.0, 1.0), repeat=7)))
+    assert max(map(left, corners)) > 1e-4  # there is a way
+    assert left(step.velocity) > -1e-6
+    assert np.abs(step.velocity).max() <= 1.0
 
 
 def main(count: int) -> None:

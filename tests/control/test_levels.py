@@ -664,3 +664,57 @@ def test_a_cost_without_rows_cannot_stand_in_a_level() -> None:
 def test_with_levels_a_twist_task_belongs_to_one() -> None:
     with pytest.raises(qt.InvalidInput, match="belongs to a level"):
         qt.Controller(MODEL, tasks=[_twist()], levels=[[_twist()]])
+
+
+@pytest.mark.parametrize("solver", [None, "daqp"])
+@pytest.mark.parametrize("seed", range(12))
+def test_a_level_that_is_braked_stands_in_status_and_residuals(
+    seed: int, solver: str | None
+) -> None:
+    """Steps towards targets that the joints could not stop at; the rows are MuJoCo's Jacobian."""
+    rng = np.random.default_rng([11, seed])
+    model, dt = random_arm(rng, 8), float(rng.choice([0.002, 0.01]))
+    configuration = mink.Configuration(model, random_configuration(model, rng))
+    site = model.site("tool").id
+    full, none = qt.Projector.full(), qt.Projector.none()
+    parts = [
+        qt.TwistProjector(linear=full, angular=none),
+        qt.TwistProjector(linear=none, angular=full),
+    ]
+    tasks = [qt.TwistTask("tool", "site", part) for part in parts]
+    start = configuration.get_transform_frame_to_world("tool", "site")
+    # Near targets of either task, of both, or of the upper one alone.
+    twist = np.concatenate([rng.normal(size=3), rng.normal(size=3)]) * 10.0 ** rng.uniform(-4, -1.5)
+    if seed % 3 == 1:
+        twist[:3] = 0.0
+    target = mink.SE3.from_rotation_and_translation(
+        mink.SO3.exp(twist[3:]) @ start.rotation(), start.translation() + twist[:3]
+    )
+    for task in tasks:
+        task.set_target(target)
+    controller = qt.Controller(
+        model,
+        levels=[[tasks[0]], [tasks[1]]],
+        limits=[qt.MotionLimit(model, velocity=20.0, acceleration=rng.uniform(5.0, 50.0))],
+        solver=solver,
+    )
+    seen = set()
+    for _ in range(25):
+        J, turn = np.zeros((6, model.nv)), np.zeros(3)
+        mujoco.mj_jacSite(model, configuration.data, J[:3], J[3:], site)
+        pose = configuration.get_transform_frame_to_world("tool", "site")
+        turn = (target.rotation() @ pose.rotation().inverse()).log()
+        b = [(target.translation() - pose.translation()) / dt, turn / dt]
+        step = controller.step(configuration, dt)
+        missed = [J[:3] @ step.velocity - step.scale * b[0], J[3:] @ step.velocity - b[1]]
+        tolerance = 1e-6 * (1.0 + np.abs(b).max())
+        for own, stated in zip(missed, step.residuals, strict=True):
+            assert np.linalg.norm(own) == pytest.approx(np.linalg.norm(stated), abs=tolerance)
+        met = [bool(np.linalg.norm(own) < tolerance) for own in missed]
+        seen.add(step.status)
+        if step.status is qt.Status.SOLVED:
+            assert step.scale == 1.0 and met == [True, True]
+        elif step.status is qt.Status.PRIORITIZED:
+            assert step.scale == 1.0 and met == [True, False] and step.binding
+        configuration.integrate_inplace(step.velocity, dt)
+    assert qt.Status.SCALED in seen or qt.Status.PRIORITIZED in seen

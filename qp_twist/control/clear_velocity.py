@@ -1,0 +1,71 @@
+"""A velocity of one step that keeps clearances, where the step that was computed does not."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from qp_twist.checks import Array
+from qp_twist.constraints import Clearance, GatheredLimits
+
+_SHARES = (0.75, 0.5, 0.25, 0.0)
+"""Shares of a solution, the rest of which keeps clear, that are tried where it is not safe."""
+_CORNERS = 256
+"""Corners of the limits that are tried; all of them up to eight joints."""
+
+
+def clear_velocity(
+    clearances: Sequence[Clearance],
+    limits: GatheredLimits,
+    velocity: Array,
+    dt: float,
+    kept: float,
+) -> Array | None:
+    """A velocity near another one that keeps all clearances.
+
+    It is looked for between the other velocity and the hardest braking. Where an obstacle comes,
+    braking does not help; then between it and a corner of the other limits. The corrections of a
+    step are rows beside its own result: by these alone it may end where no direction leads further,
+    although another way round the obstacle is free.
+
+    Args:
+        clearances: The clearances, in a step.
+        limits: All other limits.
+        velocity: The other velocity, rad/s or m/s, (nv,).
+        dt: Length of the step, s.
+        kept: How much may lack, m.
+
+    Returns:
+        The velocity, (nv,); ``None`` if none is found.
+    """
+
+    def is_clear(velocity: Array) -> bool:
+        return all(clearance.falls_short(velocity, dt) <= kept for clearance in clearances)
+
+    def between(rest: Array) -> Array | None:
+        for share in _SHARES:
+            held: Array = rest + share * (velocity - rest)
+            if is_clear(held):
+                return held
+        return None
+
+    found = between(clearances[0].in_step.braked)
+    if found is not None:
+        return found
+    nearest = sorted(_corners(limits), key=lambda corner: float(np.linalg.norm(corner - velocity)))
+    clear = next(filter(is_clear, nearest), None)
+    return None if clear is None else between(clear)
+
+
+def _corners(limits: GatheredLimits) -> list[Array]:
+    """Corners of the bounds that satisfy the rows; none where a joint has no bound."""
+    lower, upper, n = limits.lower, limits.upper, len(limits.lower)
+    if not (np.isfinite(lower).all() and np.isfinite(upper).all()):
+        return []
+    if 2**n <= _CORNERS:
+        sides = np.arange(2**n)[:, None] >> np.arange(n) & 1
+    else:
+        sides = np.random.default_rng(0).integers(0, 2, (_CORNERS, n))
+    corners = np.where(sides, upper, lower)
+    return list(corners[(corners @ limits.rows.T <= limits.bounds).all(axis=1)])
