@@ -14,7 +14,9 @@ import numpy.typing as npt
 from qp_twist.checks import Array, finite_array, instance, largest, number, one_of
 from qp_twist.constraints import MotionLimit
 from qp_twist.control.controller import Controller
+from qp_twist.control.forward_time import ForwardTime
 from qp_twist.control.newest_inputs import Input, NewestInputs
+from qp_twist.control.singular_exit import SingularExit
 from qp_twist.control.step import Status, Step
 from qp_twist.control.target_stream import StreamSettings, TargetStream, beyond, error_of
 from qp_twist.control.tick import ServoState, Tick
@@ -59,7 +61,6 @@ class Servo:
         period: dt, s.
         stale_after: Age, s, from which a target counts as missing.
         stop_within: T, s.
-        clock: Time, s, in which inputs are stamped.
         refused: How many inputs were refused, by reason.
         times: Durations of the ticks.
 
@@ -102,8 +103,9 @@ class Servo:
             jump: Distance in m and rad from the last target, beyond which one is approached at
                 ``approach_speed`` and not followed at once.
             approach_speed: m/s and rad/s.
-            clock: Time, s, in which inputs are stamped; it may not go back. ``time.monotonic`` if
-                ``None``.
+            clock: Time, s, in which inputs are stamped; ``time.monotonic`` if ``None``. Where it
+                goes back, as that of a simulation that is reset, or returns NaN, a tick counts as
+                a period.
 
         Raises:
             InvalidInput: If an argument has the wrong type or range, or an acceleration limit is
@@ -124,7 +126,7 @@ class Servo:
         )
         if clock is not None and not callable(clock):
             raise InvalidInput(f"clock: expected a function that returns seconds, got {clock!r}.")
-        self.clock: Callable[[], float] = clock or time.monotonic
+        self._time = ForwardTime(clock or time.monotonic, self.period, self.stale_after)
         _check_stopping(controller, self.stop_within)
         self._velocity = np.zeros(controller.model.nv)
         tasks = [t for t in controller.twist_tasks if not isinstance(t, GazeTask)]
@@ -133,17 +135,26 @@ class Servo:
                 "Servo: the controller has no TwistTask with a target pose; add one."
             )
         self._streams = {task: TargetStream(task, settings, configuration) for task in tasks}
-        self._inputs = NewestInputs(self.stale_after)
+        self._inputs = NewestInputs(self._time, self.stale_after)
         self.refused = self._inputs.refused
         self._joints: Input | None = None
         self._behind = False
         self._secondary_share = 0.0
-        self._failed_since: float | None = None
-        self._failed_from = self._velocity
+        self._slowing: tuple[float, Array] | None = None
+        self._exit = SingularExit(controller, self.period, self.stop_within)
         self._called: float | None = None
         self.times = TickTimes(self.period)
         self._prepare_joints()
         controller.load(configuration, self.period)
+
+    @property
+    def clock(self) -> Callable[[], float]:
+        """Time, s, in which inputs are stamped."""
+        return self._time.clock
+
+    @clock.setter
+    def clock(self, clock: Callable[[], float]) -> None:
+        self._time.take(clock)
 
     # ------------------------------------------------------------------ inputs
 
@@ -177,7 +188,7 @@ class Servo:
         velocity = None
         if twist is not None:
             velocity = finite_array(f"{task.name} twist", twist, (6,), error=InvalidTarget)
-        return self._inputs.put(task, self.clock(), at, pose=goal, twist=velocity)
+        return self._inputs.put(task, at, pose=goal, twist=velocity)
 
     def jog(
         self,
@@ -206,7 +217,7 @@ class Servo:
         task = self._task(task)
         moving = finite_array(f"{task.name} twist", twist, (6,), error=InvalidTarget)
         in_tool = one_of("axes", axes, ("world", "tool")) == "tool"
-        return self._inputs.put(task, self.clock(), at, twist=moving, in_tool=in_tool)
+        return self._inputs.put(task, at, twist=moving, in_tool=in_tool)
 
     def move(self, velocity: npt.ArrayLike, *, at: float | None = None) -> bool:
         """Move the joints at a velocity (nv,), rad/s or m/s, inside the limits, without the tasks.
@@ -222,7 +233,7 @@ class Servo:
             InvalidInput: If the velocity is not finite.
         """
         wanted = finite_array("velocity", velocity, (self.controller.model.nv,))
-        return self._inputs.put(None, self.clock(), at, velocity=wanted)
+        return self._inputs.put(None, at, velocity=wanted)
 
     def _task(self, task: TwistTask | None) -> TwistTask:
         if task is None:
@@ -257,7 +268,7 @@ class Servo:
         It raises nothing that a target, a limit or a singularity can cause: where no step is found
         the joints are brought to rest, and the tick says why.
         """
-        began, worked, now = time.perf_counter(), time.thread_time(), self.clock()
+        began, worked, now = time.perf_counter(), time.thread_time(), self._time.tick()
         if self._called is not None and now - self._called > 1.5 * self.period:
             self.times.called_late += 1
         self._called = now
@@ -265,7 +276,6 @@ class Servo:
             check_configuration(self.configuration)
             self._take_inputs()
             tick = self._by_velocity(now) if self._joints is not None else self._by_tasks(now)
-            self._failed_since = None
         except (QpTwistError, mink.MinkError) as error:
             tick = self._brake(now, str(error))
         self._velocity = tick.velocity
@@ -282,74 +292,72 @@ class Servo:
         share = self._secondary_share
         share += min(max((1.0 if fresh else 0.0) - share, -change), change)
         self._secondary_share = share
-        step, velocity = self._step(share)
-        self._behind = step.status is not Status.SOLVED
-        if fresh:
-            state = self._tracking(step)
-        elif at_rest and share == 0.0 and largest(velocity) < _STILL:
+        leaving = self._exit
+        step = self.controller.step(
+            self.configuration,
+            self.period,
+            use_secondary=share * (1.0 - leaving.share),
+            displacement=leaving.displacement(),
+        )
+        self._slowing, self._behind = None, step.status is not Status.SOLVED
+        stuck = fresh and self._behind and self._is_noticeable()
+        leaving.look(self.configuration, step if stuck else None)
+        if stuck and leaving.joints:
+            return Tick(step.velocity, ServoState.SINGULAR, step, exit_joints=leaving.joints)
+        if stuck:
+            state = ServoState.SLOWED if step.binding else ServoState.AT_THE_EDGE
+        elif fresh:
+            approaching = any(stream.approaching for stream in self._streams.values())
+            state = ServoState.APPROACHING if approaching else ServoState.TRACKING
+        elif at_rest and share == 0.0 and largest(step.velocity) < _STILL:
             state = ServoState.HOLDING
         else:
             state = ServoState.STOPPING
-        return Tick(velocity, state, step)
+        return Tick(step.velocity, state, step)
 
-    def _step(self, share: float) -> tuple[Step, Array]:
-        """The step with a share of the secondary: the limits are convex, the rows linear."""
-        controller, configuration, dt = self.controller, self.configuration, self.period
-        if share in (0.0, 1.0) or not controller.secondary:
-            step = controller.step(configuration, dt, use_secondary=share > 0.0)
-            return step, step.velocity
-        before, passed_over = self._velocity, controller.passed_over
-        without = controller.step(configuration, dt, use_secondary=False, velocity=before)
-        controller.passed_over = passed_over
-        step = controller.step(configuration, dt, velocity=before)
-        velocity: Array = (1.0 - share) * without.velocity + share * step.velocity
-        controller.note(velocity)
-        return step, velocity
-
-    def _tracking(self, step: Step) -> ServoState:
-        if step.status is not Status.SOLVED:
-            missing = [error_of(task, self.configuration) for task in self._streams]
-            if any(beyond(error, _NOTICEABLE) for error in missing):
-                return ServoState.SLOWED if step.binding else ServoState.AT_THE_EDGE
-        if any(stream.approaching for stream in self._streams.values()):
-            return ServoState.APPROACHING
-        return ServoState.TRACKING
+    def _is_noticeable(self) -> bool:
+        """Whether a task is behind its reference by more than a tick of accelerating explains."""
+        missing = [error_of(task, self.configuration) for task in self._streams]
+        return any(beyond(error, _NOTICEABLE) for error in missing)
 
     def _by_velocity(self, now: float) -> Tick:
         given = self._joints
         assert given is not None and given.velocity is not None
-        share = 1.0
         if now - given.stamp > self.stale_after:
-            share = self._settings.braking(now - given.stamp - self.stale_after)
-        step = self._joint_step(share * given.velocity)
-        state = ServoState.TRACKING
-        if share == 0.0:
-            state = ServoState.HOLDING
-        elif share < 1.0:
-            state = ServoState.STOPPING
-        elif step.binding:
-            state = ServoState.SLOWED
+            wanted = self._slower(now)
+            step = self._joint_step(wanted)
+            stands = not wanted.any() and largest(step.velocity) < _STILL
+            state = ServoState.HOLDING if stands else ServoState.STOPPING
+        else:
+            step = self._joint_step(given.velocity)
+            self._slowing = None
+            state = ServoState.SLOWED if step.binding else ServoState.TRACKING
         self._secondary_share = 0.0
         return Tick(step.velocity, state, step)
 
+    def _slower(self, now: float) -> Array:
+        """What is left of the velocity with which bringing the joints to rest began, (nv,)."""
+        if self._slowing is None:
+            self._slowing = now, self._velocity
+        since, before = self._slowing
+        return self._settings.braking(now - since) * before
+
     def _joint_step(self, velocity: Array) -> Step:
+        self._by_joints.limits = self.controller.limits
         self._posture.q_ref = self.configuration.integrate(velocity, self.period)
         return self._by_joints.step(self.configuration, self.period, velocity=self._velocity)
 
     def _brake(self, now: float, failure: str) -> Tick:
-        """Bring the joints to rest, as far as the limits can still be asked."""
-        if self._failed_since is None:
-            self._failed_since, self._failed_from = now, self._velocity
-        share = self._settings.braking(now - self._failed_since)
+        """Bring the joints to rest inside all limits; as hard as each may if none can be asked."""
+        wanted = self._slower(now)
         self._secondary_share = 0.0
         step = None
-        velocity = np.zeros_like(self._velocity)
-        if share > 0.0:
-            try:
-                step = self._joint_step(share * self._failed_from)
-                velocity = step.velocity
-            except (QpTwistError, mink.MinkError):
-                pass
+        try:
+            step = self._joint_step(wanted)
+            velocity = step.velocity
+        except (QpTwistError, mink.MinkError):
+            change = self.period * _hardest(self.controller)
+            velocity = np.copysign(np.maximum(np.abs(self._velocity) - change, 0.0), self._velocity)
         self.controller.note(velocity)
         if np.isfinite(self.configuration.q).all():
             for stream in self._streams.values():  # they go on from where the robot will be
@@ -381,6 +389,15 @@ def _pair(name: str, value: tuple[float, float]) -> tuple[float, float]:
     if not (both > 0.0).all():
         raise InvalidInput(f"{name}: expected two numbers above 0 (linear, angular), got {value}.")
     return float(both[0]), float(both[1])
+
+
+def _hardest(controller: Controller) -> Array:
+    """The least acceleration limit of each joint, rad/s² or m/s², (nv,); ∞ where there is none."""
+    hardest = np.full(controller.model.nv, np.inf)
+    for limit in controller.limits:
+        if isinstance(limit, MotionLimit):
+            hardest = np.minimum(hardest, limit.max_acceleration)
+    return hardest
 
 
 def _check_stopping(controller: Controller, within: float) -> None:

@@ -16,6 +16,7 @@ class ServoState(enum.Enum):
     TRACKING = "tracking the targets"
     APPROACHING = "approaching a target that is far away"
     SLOWED = "slowed by limits"
+    SINGULAR = "singular"
     AT_THE_EDGE = "at the edge of the reach"
     STOPPING = "stopping: the targets have ceased"
     BLOCKED = "stopping: no step was found"
@@ -30,12 +31,14 @@ class Tick:
         state: What the servo is doing.
         step: The controller's step; ``None`` if it found none.
         failure: Why it found none.
+        exit_joints: Names of the joints whose motion leads out of a singularity, if it is in one.
     """
 
     velocity: Array
     state: ServoState
     step: Step | None
     failure: str = ""
+    exit_joints: tuple[str, ...] = ()
 
     @property
     def message(self) -> str:
@@ -49,8 +52,12 @@ class Tick:
         if self.state is ServoState.SLOWED and by:
             share = f" to {100.0 * step.scale:.0f} %" if step.status is Status.SCALED else ""
             text = f"slowed{share} by {by}"
-        if self.state is ServoState.AT_THE_EDGE and step.lost:
-            text += ": " + ", ".join(str(lost) for lost in step.lost)
+        lost = ", ".join(str(lost) for lost in step.lost)
+        if self.state is ServoState.SINGULAR:
+            joints = " and ".join(self.exit_joints)
+            text += f": no joint moves {lost}; leaving by the motion of {joints}"
+        if self.state is ServoState.AT_THE_EDGE and lost:
+            text += f": {lost}"
         return text
 
     def __repr__(self) -> str:

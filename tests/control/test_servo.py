@@ -406,6 +406,319 @@ def test_settings_that_cannot_be_are_refused(options: dict, said: str) -> None:
         qt.Servo(controller, rig.configuration, **options)
 
 
+# ---------------------------------------------------------------- clocks
+
+
+CLOCKS = {
+    "goes back by 1 s": lambda t: t if t < 1.0 else t - 1.0,
+    "goes back to 0 and on": lambda t: t % 1.0,
+    "goes back by half of stale_after": lambda t: t if t < 1.0 else t - 0.05,
+    "goes back at every tick": lambda t: t if t < 1.0 else 2.0 - t,
+    "stops": lambda t: min(t, 1.0),
+    "is NaN once": lambda t: float("nan") if abs(t - 1.0) < 0.5 * DT else t,
+    "is NaN from then on": lambda t: t if t < 1.0 else float("nan"),
+    "jumps ahead": lambda t: t if t < 1.0 else t + 1e6,
+}
+
+
+def accelerations(ticks: list[Tick]) -> Array:
+    velocities = np.array([tick.velocity for tick in ticks])
+    return np.abs(np.diff(velocities, axis=0)) / DT
+
+
+@pytest.mark.parametrize("clock", CLOCKS)
+@pytest.mark.parametrize("how", ["track", "jog", "move"])
+@pytest.mark.parametrize("stops", [False, True])
+def test_whatever_the_clock_does_the_arm_stops_when_the_inputs_cease_or_stop(
+    clock: str, how: str, stops: bool
+) -> None:
+    rig = Rig(limits=lambda model: [qt.MotionLimit(model, velocity=1.0, acceleration=10.0)])
+    feeds = {
+        "track": lambda t: rig.servo.track(rig.shifted(0.05 * t)),
+        "jog": lambda t: rig.servo.jog([0.05, 0.0, 0.0, 0.0, 0.0, 0.0]),
+        "move": lambda t: rig.servo.move(np.full(6, 0.3)),
+    }
+    stop = rig.servo.jog if how != "move" else rig.servo.move
+    ticks = []
+    for k in range(400):
+        t = k * DT
+        rig.now = CLOCKS[clock](t)
+        if t < 1.0:
+            assert feeds[how](t)
+        elif stops:
+            assert stop(np.zeros(6))
+        ticks.append(rig.tick())
+    assert accelerations(ticks).max() < 10.0 * (1.0 + 1e-6)
+    # A clock that stands still may be a coarse one: it is waited for as long as for a target.
+    patience = rig.servo.stale_after if clock == "stops" else 0.0
+    # Jogging takes up what is asked for, a stop too, within stop_within but for e⁻⁴.
+    within = rig.servo.stop_within + 0.05 if stops else patience + 0.1 + rig.servo.stop_within
+    late = ticks[round((1.0 + within) / DT) + 2 :]
+    share = np.exp(-4.0) if stops else 1e-9
+    assert (
+        np.abs([tick.velocity for tick in late]).max() <= share * np.abs(ticks[199].velocity).max()
+    )
+    if not stops:
+        assert {tick.state for tick in late} == {ServoState.HOLDING}
+
+
+@pytest.mark.parametrize("clock", ["goes back by 1 s", "goes back to 0 and on", "is NaN once"])
+def test_a_stream_is_followed_on_whatever_the_clock_does(clock: str) -> None:
+    rig = Rig(limits=lambda model: [qt.MotionLimit(model, velocity=1.0, acceleration=10.0)])
+    ticks = []
+    for k in range(400):
+        rig.now = CLOCKS[clock](k * DT)
+        if k % 8 == 0:
+            assert rig.servo.track(rig.shifted(0.04 * np.sin(2.0 * k * DT)))
+        ticks.append(rig.tick())
+    assert not rig.servo.refused
+    assert {tick.state for tick in ticks} == {ServoState.TRACKING}
+    assert accelerations(ticks).max() < 10.0 * (1.0 + 1e-6)
+
+
+@pytest.mark.parametrize("at", [-5.0, 0.9, 1e6, float("nan"), float("inf")])
+def test_a_stop_is_obeyed_whatever_its_stamp(at: float) -> None:
+    for how in ("jog", "move"):
+        rig = Rig()
+        feed = getattr(rig.servo, how)
+        rig.run(1.0, lambda t, feed=feed: feed([0.05, 0.0, 0.0, 0.0, 0.0, 0.0], at=t))
+        moving = np.abs(rig.tick().velocity).max()
+        assert moving > 0.01
+        assert feed(np.zeros(6), at=at)
+        stopping = rig.run(rig.servo.stop_within + 0.05)
+        assert np.abs(stopping[-1].velocity).max() < np.exp(-3.0) * moving
+        # And whoever goes on with stamps of the same clock is followed again.
+        assert feed([0.05, 0.0, 0.0, 0.0, 0.0, 0.0], at=rig.now)
+
+
+# ---------------------------------------------------------------- limits in every state
+
+
+def test_a_late_tick_while_no_step_is_found_keeps_the_acceleration_limits() -> None:
+    rig = Rig(
+        limits=lambda model: [qt.MotionLimit(model, velocity=1.0, acceleration=10.0)],
+        on_infeasible="raise",
+    )
+    ticks, blocked = rig.run(0.5, lambda t: rig.servo.jog([0.2, 0.0, 0.0, 0.0, 0.0, 0.0])), 0
+    for _ in range(400):
+        rig.servo.jog([6.0, 0.0, 0.0, 0.0, 0.0, 0.0])  # faster than the joints may go
+        ticks.append(rig.tick())
+        blocked += ticks[-1].state is ServoState.BLOCKED
+        if blocked == 3:
+            rig.now += 0.3
+            rig.servo.jog([6.0, 0.0, 0.0, 0.0, 0.0, 0.0])
+    assert blocked > 3
+    assert accelerations(ticks).max() < 10.0 * (1.0 + 1e-6)
+
+
+def test_where_no_limit_can_be_asked_the_joints_brake_as_hard_as_they_may() -> None:
+    rig = Rig(limits=lambda model: [qt.MotionLimit(model, velocity=1.0, acceleration=5.0)])
+    ticks = rig.run(0.5, lambda t: rig.servo.move(np.full(6, 0.2)))
+    q = rig.configuration.q.copy()
+    rig.configuration.data.qpos[2] = np.nan
+    for _ in range(20):
+        ticks.append(rig.servo.tick())
+        assert ticks[-1].state is ServoState.BLOCKED
+    assert accelerations(ticks).max() < 5.0 * (1.0 + 1e-9)
+    assert not ticks[-1].velocity.any()
+    rig.configuration.update(q)
+    assert rig.tick().state is not ServoState.BLOCKED
+
+
+@pytest.mark.parametrize("factor", [1.0, 20.0, 1e5])
+def test_moving_faster_than_the_joints_may_ends_in_time(factor: float) -> None:
+    rig = Rig(limits=lambda model: [qt.MotionLimit(model, velocity=1.0, acceleration=4.2)])
+    ticks = rig.run(0.6, lambda t: rig.servo.move(factor * np.array([0.8, 0, 0, -0.8, 0, 0])))
+    ticks += rig.run(rig.servo.stale_after + rig.servo.stop_within + DT)
+    assert np.abs(ticks[-1].velocity).max() < 1e-2
+    ticks += rig.run(0.1)
+    assert ticks[-1].state is ServoState.HOLDING
+    for tick in ticks:
+        if tick.state is ServoState.HOLDING:
+            assert np.abs(tick.velocity).max() < 1e-2
+    assert accelerations(ticks).max() < 4.2 * (1.0 + 1e-6)
+
+
+@pytest.mark.parametrize("seed", [0, 2, 4])
+def test_a_secondary_fades_in_and_out_at_the_distance_that_is_asked_for(seed: int) -> None:
+    import mujoco
+
+    rng = np.random.default_rng(seed)
+    links = "".join(
+        f'<body pos="0 0 {height}"><joint axis="{axis}" range="-2.5 2.5"/>'
+        f'<geom name="g{k}" type="capsule" size=".05" fromto="0 0 0 0 0 {height}"'
+        ' contype="1" conaffinity="2"/>'
+        for k, (height, axis) in enumerate(
+            [(0.2, "0 0 1"), (0.2, "0 1 0"), (0.2, "0 0 1"), (0.2, "0 -1 0"), (0.2, "0 0 1"),
+             (0.15, "0 1 0"), (0.1, "0 0 1")]
+        )
+    )  # fmt: skip
+    model = mujoco.MjModel.from_xml_string(
+        '<mujoco><compiler angle="radian"/><worldbody><body name="ball" mocap="true">'
+        '<geom name="ball" size=".08" contype="2" conaffinity="1"/></body>'
+        f'{links}<site name="tool" pos="0 0 .1"/>{"</body>" * 7}</worldbody></mujoco>'
+    )
+    q = np.array([0.0, 0.5, 0.0, -1.4, 0.0, 1.2, 0.0]) + 0.3 * rng.normal(size=7)
+    configuration = mink.Configuration(model, q)
+    data, ball = configuration.data, model.geom("ball").id
+    clearance = qt.Clearance(model, distance=0.01)
+
+    def distance(q: Array) -> float:
+        there = mujoco.MjData(model)
+        there.qpos[:], there.mocap_pos[:] = q, data.mocap_pos
+        there.mocap_quat[0] = [1.0, 0.0, 0.0, 0.0]
+        mujoco.mj_kinematics(model, there)
+        return min(
+            mujoco.mj_geomDistance(model, there, int(a), int(b), 1.0, np.zeros(6))
+            for a, b in clearance.pairs
+            if ball in (a, b)
+        )
+
+    # A ball at the distance that is asked for, beside a link.
+    away = rng.normal(size=3)
+    away /= np.linalg.norm(away)
+    link, near, far = data.geom(f"g{rng.integers(3, 7)}").xpos.copy(), 0.0, 1.0
+    for _ in range(40):
+        data.mocap_pos[0] = link + 0.5 * (near + far) * away
+        if distance(q) < 0.0101:
+            near = 0.5 * (near + far)
+        else:
+            far = 0.5 * (near + far)
+    data.mocap_pos[0] = link + far * away
+    configuration.update()
+    task, now, dt = qt.TwistTask.on_plane("tool", "site"), [0.0], 0.02
+    controller = qt.Controller(
+        model,
+        [task],
+        limits=[qt.MotionLimit(model, velocity=3.0, acceleration=100.0), clearance],
+        secondary=[qt.PostureReference(model, rng.uniform(-1.5, 1.5, 7), gain=0.5)],
+        on_infeasible="relax",
+    )
+    task.set_target_from_configuration(configuration)
+    target = task.target
+    servo = qt.Servo(controller, configuration, period=dt, clock=lambda: now[0], stop_within=0.4)
+    least, moved = np.inf, 0.0
+    for k in range(60):
+        now[0] += dt
+        if k < 40:
+            servo.track(target)
+        tick = servo.tick()
+        configuration.integrate_inplace(tick.velocity, dt)
+        moved += dt * np.abs(tick.velocity).max()
+        least = min(least, distance(configuration.q))
+    assert moved > 0.1
+    assert least > 0.01 - 1e-6
+
+
+# ---------------------------------------------------------------- singularities
+
+
+@pytest.fixture(scope="module")
+def straight_wrist() -> Callable:
+    """An arm whose wrist is straight in its zero posture, well inside its reach."""
+    import mujoco
+
+    places = ["0 0 .36", ".12 0 .1", "0 0 .5", ".1 0 .06", ".42 0 0", ".09 0 0"]
+    axes = ["0 0 1", "0 1 0", "0 1 0", "1 0 0", "0 1 0", "1 0 0"]
+    ranges = ["-2.9 2.9", "-1.7 2.2", "-2.4 1.6", "-3.1 3.1", "-2.1 2.1", "-6.2 6.2"]
+    links = "".join(
+        f'<body pos="{place}"><joint name="j{k}" axis="{axis}" range="{limits}"/>'
+        '<geom size=".02" contype="0" conaffinity="0"/>'
+        for k, (place, axis, limits) in enumerate(zip(places, axes, ranges, strict=True), 1)
+    )
+    return lambda: mujoco.MjModel.from_xml_string(
+        f'<mujoco><compiler angle="radian"/><worldbody>{links}'
+        f'<site name="tip" pos=".12 0 0"/>{"</body>" * 6}</worldbody></mujoco>'
+    )
+
+
+FREE_AXIS = qt.TwistProjector(
+    linear=qt.Projector.full(), angular=qt.Projector.plane([1, 0, 0]), frame="body"
+)
+ALL_SIX = qt.TwistProjector(linear=qt.Projector.full(), angular=qt.Projector.full())
+
+
+def jogged(
+    model: object, projector: qt.TwistProjector, twist: Array, seconds: float, q: Array
+) -> tuple[list[Tick], mink.SE3, mink.SE3, float]:
+    """Ticks, the first and the last pose, and the largest angle of the x axis, rad."""
+    task, now = qt.TwistTask("tip", "site", projector), [0.0]
+    limit = qt.MotionLimit(model, velocity=2.0, acceleration=15.0)
+    configuration = mink.Configuration(model, q)
+    servo = qt.Servo(
+        qt.Controller(model, [task], limits=[limit]),
+        configuration,
+        period=DT,
+        clock=lambda: now[0],
+    )
+    start = configuration.get_transform_frame_to_world("tip", "site")
+    ticks, tilt = [], 0.0
+    for _ in range(round(seconds / DT)):
+        now[0] += DT
+        servo.jog(twist)
+        ticks.append(servo.tick())
+        configuration.integrate_inplace(ticks[-1].velocity, DT)
+        pose = configuration.get_transform_frame_to_world("tip", "site")
+        along = start.rotation().as_matrix()[:, 0] @ pose.rotation().as_matrix()[:, 0]
+        tilt = max(tilt, float(np.arccos(min(1.0, along))))
+    return ticks, start, pose, tilt
+
+
+def reversals(ticks: list[Tick]) -> int:
+    """How many joints turn round, faster than 0.3 rad/s, from one tick to the next."""
+    v = np.array([tick.velocity for tick in ticks])
+    turned = (v[1:] * v[:-1] < 0.0) & (np.minimum(np.abs(v[1:]), np.abs(v[:-1])) > 0.3)
+    return int(turned.sum())
+
+
+@pytest.mark.parametrize("projector", [FREE_AXIS, ALL_SIX], ids=["free axis", "all six"])
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_an_arm_that_is_jogged_out_of_a_singularity_names_and_leaves_it(
+    straight_wrist: Callable, projector: qt.TwistProjector, sign: float
+) -> None:
+    model = straight_wrist()
+    twist = sign * np.array([0.0, 0.05, 0.0, 0.0, 0.0, 0.0])
+    ticks, start, end, tilt = jogged(model, projector, twist, 6.0, np.zeros(6))
+    stuck = [tick for tick in ticks if tick.state is ServoState.SINGULAR]
+    assert stuck and ServoState.AT_THE_EDGE not in {tick.state for tick in ticks}
+    assert stuck[0].message.startswith("singular: ") and "j4" in stuck[0].message
+    assert ticks[-1].state is ServoState.TRACKING
+    went = end.translation() - start.translation()
+    assert went[1] * sign > 0.1
+    assert np.abs(went[[0, 2]]).max() < 1e-3
+    assert tilt < 0.01
+    assert reversals(ticks) == 0
+    assert accelerations(ticks).max() < 15.0 * (1.0 + 1e-6)
+    last = np.abs(np.diff([tick.velocity for tick in ticks[-100:]], axis=0)).max() / DT
+    assert last < 1.0  # it moves on smoothly
+
+
+def test_from_any_posture_with_a_straight_wrist_an_arm_can_be_jogged(
+    straight_wrist: Callable,
+) -> None:
+    model, rng = straight_wrist(), np.random.default_rng(3)
+    for _ in range(4):
+        q = np.concatenate([rng.uniform(-0.6, 0.6, 3), [rng.uniform(-1.0, 1.0), 0.0, 0.0]])
+        twist = np.concatenate([rng.normal(size=3), np.zeros(3)])
+        twist *= 0.05 / np.linalg.norm(twist)
+        ticks, start, end, tilt = jogged(model, FREE_AXIS, twist, 6.0, q)
+        went = (end.translation() - start.translation()) @ twist[:3] / 0.05
+        assert went > 0.1
+        assert tilt < 0.03 and reversals(ticks) == 0
+
+
+def test_the_edge_of_the_reach_is_not_called_a_singularity_that_can_be_left(
+    straight_wrist: Callable,
+) -> None:
+    twist = np.array([0.1, 0.0, 0.0, 0.0, 0.0, 0.0])
+    ticks, *_ = jogged(straight_wrist(), FREE_AXIS, twist, 8.0, np.zeros(6))
+    assert ticks[-1].state is ServoState.AT_THE_EDGE
+    assert ticks[-1].message.startswith("at the edge of the reach")
+    assert ServoState.SINGULAR not in {tick.state for tick in ticks}
+    assert np.abs([tick.velocity for tick in ticks[-200:]]).max() < 1e-2
+    assert reversals(ticks) == 0
+
+
 # ---------------------------------------------------------------- times
 
 
