@@ -23,6 +23,7 @@ from oracles.distances import Distances
 
 import qp_twist as qt
 from qp_twist.checks import Array
+from qp_twist.control.displacement import EVERYTHING
 
 pytestmark = pytest.mark.any_blas  # distances are the kernel's own
 
@@ -755,7 +756,7 @@ def test_before_a_wall_and_an_obstacle_kernel_and_reference_agree(mode: str) -> 
             motion.velocity, controller.passed_over = velocity, passed_over
             compiled, controller._prepared = controller._prepared, None
             clearance.has_begun = True  # with the rows of the step
-            expected = controller._solved(configuration, 0.005, True)[0]
+            expected = controller._solved(configuration, 0.005, EVERYTHING)[0]
             clearance.has_begun, controller._prepared = False, compiled
             motion.velocity, controller.passed_over = step.velocity, step.passed_over
             assert step.status is expected.status
