@@ -47,6 +47,8 @@ nitpick_ignore = [
     # the three frames, a task or a limit, what to do with a task that does not fit, where a sample
     # starts; and a type variable.
     ("py:class", "Array"),
+    ("py:class", "Astray"),  # an annotation of a field, by its bare name
+    ("py:class", "qp_twist.referee.astray.Astray"),
     ("py:class", "Line"),  # a direction and a point
     ("py:class", "qp_twist.robots.axis_geometry.Line"),
     ("py:class", "Counts"),
