@@ -143,13 +143,13 @@ class ClosedLoop:
         start = finite_array("start", start, (nq,))
         plant.start(start)
         controller.note(np.zeros(controller.model.nv))
+        self._steps_done = 0
         if self._servo is None:
             self.configuration = mink.Configuration(controller.model, start)
         else:
             self.configuration = self._servo.configuration
             self.configuration.update(start)
             self._servo.clock = lambda: self.time
-        self._steps_done = 0
         self._truth = mink.Configuration(controller.model, start)
         self._recorder = Recorder(plant.ranges, _speeds(controller), self.period, plant.timestep)
 
