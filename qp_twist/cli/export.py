@@ -24,6 +24,7 @@ from qp_twist.cli.app import (
 )
 from qp_twist.cli.progress import working
 from qp_twist.errors import InvalidInput
+from qp_twist.files import of_file
 from qp_twist.kinematics import JointRanges
 from qp_twist.programs import DIALECTS, dialect_of
 from qp_twist.trajectories import (
@@ -33,6 +34,7 @@ from qp_twist.trajectories import (
     write_checked,
     write_trajectory,
 )
+from qp_twist.trajectories.program_trajectory import check_language
 
 TrajectoryFile = Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="TRAJECTORY")]
 OptionalTask = Annotated[str | None, tyro.conf.Positional, tyro.conf.arg(metavar="[TASK]")]
@@ -71,6 +73,7 @@ def export(
         force: Write a program that does not pass, too; its first line stops a controller.
         json_: Print the file, the axes and the findings of the check as JSON.
     """
+    by_name = out is not None
     out = _destination(trajectory, to, out)
     check_file(out)
     dialect = dialect_of(out)
@@ -91,6 +94,10 @@ def export(
     joints = None
     if dialect is not None:
         joints = joints_of(path_task, rows.joint_names, robot=robot, as_modelled=as_modelled)
+        with of_file(out if by_name else f"--to {to}"):
+            check_language(dialect, joints, option=not by_name)
+        with of_file(out):
+            dialect.check_name(out.stem)
     found: Check | None = None
     written = True
     if path_task is None:

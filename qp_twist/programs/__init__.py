@@ -4,6 +4,7 @@ from .dialects import DIALECTS as DIALECTS
 from .dialects import SUFFIXES as SUFFIXES
 from .dialects import dialect_of as dialect_of
 from .header import AS_MODELLED as AS_MODELLED
+from .header import WRITTEN_AS_MODELLED as WRITTEN_AS_MODELLED
 from .header import check_header as check_header
 from .header import header_lines as header_lines
 from .joint_moves import AXES as AXES

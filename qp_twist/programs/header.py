@@ -18,6 +18,11 @@ _TITLE = re.compile(r"qp_twist (\S+)")
 _KEYS = ("robot", "unit", "points", "seconds")
 AS_MODELLED = "as modelled"
 """What stands for the robot where joints are taken as the model counts them."""
+WRITTEN_AS_MODELLED = (
+    "this program was written as modelled: add --as-modelled (or controller = "
+    f'"{AS_MODELLED}" in the task file).'
+)
+"""What to do with a program whose header says so."""
 
 
 def header_lines(
@@ -91,12 +96,19 @@ def check_header(moves: JointMoves, dialect: Dialect, robot: str, equations: Seq
             f"the header says unit: {header['unit']}, but angles of {dialect.title} are in "
             f"{dialect.unit}; the program is for something else, or was changed."
         )
+    if robot and header["robot"] == AS_MODELLED:
+        raise InvalidInput(f"it is read for {robot}, but {WRITTEN_AS_MODELLED}")
     if header["robot"] != (robot or AS_MODELLED):
         raise InvalidInput(
             f"the header says robot: {header['robot']}, but it is read for "
             f"{robot or 'joints as the model counts them'}; export the trajectory for this robot."
         )
     if header["points"] != str(len(moves.angles)):
+        if moves.waits:
+            raise InvalidInput(
+                f"{moves.waits[0]}, which is none of the {header['points']} points that the header "
+                "says; remove it."
+            )
         raise InvalidInput(
             f"the header says points: {header['points']}, but the program moves to "
             f"{len(moves.angles)}; a line was lost or added. Export it again, or remove the header."
@@ -108,11 +120,12 @@ def check_header(moves: JointMoves, dialect: Dialect, robot: str, equations: Seq
     except ValueError:
         same = False
     if not same:
-        if total is not None:
-            takes = f"takes {total:.9g} s"
-        else:
-            why = (note for note in moves.notes if note.endswith("depends on the controller"))
-            takes = f"does not say how long it takes ({next(why, '')})"
+        if moves.untimed:
+            raise InvalidInput(
+                f"{moves.untimed}, but the header says seconds: {header['seconds']}; "
+                f"{'restore its time' if moves.untimed.endswith('no time') else 'remove it'}."
+            )
+        takes = "does not say how long it takes" if total is None else f"takes {total:.9g} s"
         raise InvalidInput(
             f"the header says seconds: {header['seconds']}, but the program {takes}; a time was "
             "changed. Export it again, or remove the header."

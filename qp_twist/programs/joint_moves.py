@@ -29,6 +29,8 @@ class JointMoves:
         velocities: Rates of ``angles`` at the points, if axes move on cubics, unit/s, (N, 6).
         header: What the program says about itself; empty without a header of this package.
         notes: What else the program has, and what is not looked at.
+        waits: Waits of known length, each with its line.
+        untimed: Why nothing says how long the program takes, with the line; empty if it has times.
     """
 
     angles: Array
@@ -36,6 +38,8 @@ class JointMoves:
     velocities: Array | None = None
     header: Mapping[str, str] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
+    waits: tuple[str, ...] = ()
+    untimed: str = ""
 
     def __repr__(self) -> str:
         time = "" if self.durations is None else f", {float(self.durations.sum()):.6g} s"

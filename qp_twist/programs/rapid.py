@@ -154,7 +154,12 @@ class _Reader:
         data = self._procedures.pop("")
         self._calls = Calls(self.rules, self.course, {"": data, **self._procedures})
         self._calls.run("")
-        called = {statement.lower() for _, statement in every}
+        called = {
+            statement.lower()
+            for name, procedure in self._procedures.items()
+            for _, statement in procedure.statements
+            if statement.lower() != name  # one that calls itself is refused where it does
+        }
         first = [name for name in self._procedures if name not in called]
         if "main" in self._procedures or len(first) == 1:
             self._calls.run("main" if "main" in self._procedures else first[0])
@@ -291,7 +296,10 @@ class _Reader:
 
     def _call(self, number: int, match: re.Match[str]) -> None:
         if match[1].lower() not in self._procedures:
-            raise refuse(number, match[0], "calls something that the file does not have.")
+            raise refuse(
+                number, match[0],
+                f"{match[1]} is not read here; the file has no procedure of this name.",
+            )  # fmt: skip
         assert self._calls is not None
         self._calls.run(match[1].lower())
 

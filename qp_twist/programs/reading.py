@@ -112,7 +112,8 @@ class Course:
         self.points: list[list[float]] = []
         self.durations: list[float] = []
         self.velocities: list[list[float]] = []
-        self.untimed = ""
+        self._untimed: tuple[int, str, str] | None = None
+        self._waits: list[str] = []
         self._notes: dict[str, None] = {}
         self._passed: dict[str, dict[int, None]] = {}
         self._settings: dict[str, dict[int, None]] = {}
@@ -153,7 +154,7 @@ class Course:
             )
         if self.points:
             if duration is None:
-                self._without_time(f"the move of line {line} has no time")
+                self._without_time(line, "the move", "has no time")
             self.durations.append(math.nan if duration is None else duration)
         self.points.append(point)
         if rates is not None:
@@ -183,16 +184,17 @@ class Course:
         if self.points and seconds > 0.0:
             rates = [0.0] * AXES if self.velocities else None
             self.move(line, list(self.points[-1]), seconds, rates)
+            self._waits.append(f"line {line}: a wait of {seconds:g} s")
 
     def pause(self, line: int, word: str) -> None:
         """Stay at the last point for a time that the program does not say."""
         if self.points:
-            self._without_time(f"{word} of line {line} waits for something")
+            self._without_time(line, word, "waits for something")
 
     def speed(self, line: int, word: str) -> None:
         """A setting of speeds or accelerations: moves take longer than they say."""
         self._settings.setdefault(word, {})[line] = None
-        self._without_time(f"{word} of line {line} changes speeds or accelerations")
+        self._without_time(line, word, "changes speeds or accelerations")
 
     def setting(self, line: int, word: str) -> None:
         """A setting of tool, base or load, on which axis moves do not depend."""
@@ -219,8 +221,8 @@ class Course:
         """End the program."""
         self._end = line, word
 
-    def _without_time(self, why: str) -> None:
-        self.untimed = self.untimed or why
+    def _without_time(self, line: int, what: str, why: str) -> None:
+        self._untimed = self._untimed or (line, what, why)
 
     def moves(self, header: dict[str, str]) -> JointMoves:
         """The moves that were read.
@@ -235,9 +237,13 @@ class Course:
             )
         notes = list(self._notes)
         timed = bool(self.durations) and not math.isnan(sum(self.durations))
-        if self.untimed:
+        untimed = ""
+        if self._untimed is not None:
+            line, what, why = self._untimed
+            untimed = f"line {line}: {what} {why}"
             notes.append(
-                f"{self.untimed}, so that how long the program takes depends on the controller"
+                f"{what} of line {line} {why}, so that how long the program takes depends on the "
+                "controller"
             )
         if self._external:
             standing = ", ".join(f"{axis} at {value:g}" for axis, value in self._external.items())
@@ -252,13 +258,16 @@ class Course:
             )
         if self._passed:
             notes.append(f"passed over, since it does not move the robot: {_listed(self._passed)}")
-        durations = np.array(self.durations) if timed and not self.untimed else None
+        durations = np.array(self.durations) if timed and not untimed else None
         velocities: Array | None = None
         if self.velocities:
             if len(self.velocities) != len(self.points):
                 raise InvalidInput("some points have velocities, and others have none.")
             velocities = np.array(self.velocities)
-        return JointMoves(np.array(self.points), durations, velocities, header, tuple(notes))
+        return JointMoves(
+            np.array(self.points), durations, velocities, header, tuple(notes),
+            tuple(self._waits), untimed,
+        )  # fmt: skip
 
 
 def _listed(words: Mapping[str, Collection[int]]) -> str:
@@ -376,6 +385,8 @@ class Calls:
 
 def check_callers(names: Sequence[str]) -> None:
     """Refuse programs that call each other in a circle, or too deep."""
+    if names[-1:] == names[-2:-1]:
+        raise InvalidInput(f"{names[-1]} calls itself, so never ends.")
     if len(set(names)) < len(names):
         raise InvalidInput(f"{' calls '.join(names)}: programs call each other in a circle.")
     if len(names) > _DEEPEST:

@@ -194,6 +194,11 @@ def _read_own(statements: _Statements, course: Course, kind: str) -> None:
 
     def move(number: int, match: re.Match[str]) -> None:
         word, arguments = match[1], [each for each in split(match[2]) if each]
+        if not expected:
+            often = f"a script of export calls its function at most once; remove this {name}()."
+            raise refuse(
+                number, match[0], often if word == name else f"expected nothing after {name}."
+            )
         if word not in expected:
             raise refuse(number, match[0], f"expected {' or '.join(expected)} here.")
         count = {"start": 2, "cubic": 3, "line": 2, "finish": 0, "end": 0, name: 0}[word]

@@ -17,6 +17,7 @@ from qp_twist.programs import (
     AXES,
     DIALECTS,
     DOES_NOT_PASS,
+    WRITTEN_AS_MODELLED,
     Dialect,
     JointMoves,
     check_header,
@@ -37,6 +38,11 @@ _ADVICE = (
     "Give its name (--robot), a table of your own (--robot FILE.toml), or, if the controller's "
     "zero positions and directions are those of the model, say so (--as-modelled)."
 )
+
+_HEADER_AS_MODELLED = re.compile(
+    rb"^[ \t]*[#!;][ \t]*robot: " + AS_MODELLED.encode() + rb"\s*$", re.MULTILINE
+)
+"""The header's line in programs written as modelled, which LS programs are not."""
 
 
 def joints_of(
@@ -117,7 +123,7 @@ def check_program(path: Path, joints: ControllerJoints, path_task: PathTask) -> 
     assert dialect is not None
     with of_file(path):
         dialect.check_name(path.stem)
-        _check_dialect(dialect, joints)
+        check_language(dialect, joints)
     if path_task.durations is None:
         raise InvalidInput(
             f"{path_task.name}: has no [feed], so that a program would not know how fast to move; "
@@ -135,7 +141,7 @@ def encode(
             or leaves the robot's ranges, or the name is none for the controller.
     """
     dialect.check_name(name)
-    _check_dialect(dialect, joints)
+    check_language(dialect, joints)
     rows = rows.of_joints(joints.joint_names)
     if outside := joints.outside(rows.q):
         raise InvalidInput(f"{outside}; the robot cannot go there.")
@@ -159,8 +165,9 @@ def decode(path: Path, dialect: Dialect, joints: ControllerJoints) -> JointRows:
         InvalidInput: If the file cannot be read, has more than joint moves, or contradicts its
             header; with the line.
     """
-    _check_dialect(dialect, joints)
     content = read_bytes(path, "program")
+    with of_file(path):
+        _check_read(dialect, joints, content)
 
     def beside(name: str) -> bytes | None:
         for file in sorted(path.parent.iterdir()):
@@ -207,14 +214,52 @@ def decode(path: Path, dialect: Dialect, joints: ControllerJoints) -> JointRows:
     )
 
 
-def _check_dialect(dialect: Dialect, joints: ControllerJoints) -> None:
+def check_language(dialect: Dialect, joints: ControllerJoints, *, option: bool = False) -> None:
+    """Refuse a language in which the robot is not programmed.
+
+    Args:
+        dialect: The language to write.
+        joints: How the robot's controller counts the joints.
+        option: Name the language to use as ``--to`` does, instead of a file's suffix.
+
+    Raises:
+        InvalidInput: With the language to use.
+    """
     if joints.robot and joints.program != dialect.name:
-        has = f"programmed in {joints.program}" if joints.program else "programmed in none of them"
-        instead = DIALECTS[joints.program].suffix if joints.program else ".mcap (a bag)"
-        raise InvalidInput(
-            f"the {joints.robot} is {has}, not in {dialect.name}; choose a file that ends in "
-            f"{instead}, or say that joints count as in the model (--as-modelled)."
-        )
+        if option:
+            instead = f"use --to {joints.program or 'mcap (a bag)'}"
+        else:
+            suffix = DIALECTS[joints.program].suffix if joints.program else ".mcap (a bag)"
+            instead = f"choose a file that ends in {suffix}"
+        raise InvalidInput(f"{_not_in(dialect, joints)}; {instead}{_or_as_modelled(dialect)}.")
+    _check_axes(dialect, joints)
+
+
+def _check_read(dialect: Dialect, joints: ControllerJoints, content: bytes) -> None:
+    """Refuse to read a program in a language in which the robot is not programmed."""
+    if joints.robot and joints.program != dialect.name:
+        found = _not_in(dialect, joints)
+        if _HEADER_AS_MODELLED.search(content):
+            raise InvalidInput(f"{found}; {WRITTEN_AS_MODELLED}")
+        raise InvalidInput(f"{found}; the program is for another robot{_or_as_modelled(dialect)}.")
+    _check_axes(dialect, joints)
+
+
+def _not_in(dialect: Dialect, joints: ControllerJoints) -> str:
+    return (
+        f"the {joints.robot} is programmed in {joints.program or 'none of them'}, not in "
+        f"{dialect.name}"
+    )
+
+
+def _or_as_modelled(dialect: Dialect) -> str:
+    """The other way out; none for Fanuc, whose J3 no model counts."""
+    if dialect.name == "ls":
+        return ""
+    return ", or say that joints count as in the model (--as-modelled)"
+
+
+def _check_axes(dialect: Dialect, joints: ControllerJoints) -> None:
     if not joints.robot and dialect.name == "ls":
         raise InvalidInput(
             "the controllers of Fanuc show J3 as the angle of the forearm to the floor, the angle "

@@ -76,14 +76,27 @@ def test_without_a_task_the_robot_is_named(
         ((), "say what to write: --to urscript|rapid|krl|ls|mcap"),
         (("--out", "a.txt"), "expected a file that ends in .script"),
         (("--out", "a.src", "--to", "ls"), "a file of --to ls ends in .ls"),
-        (("--to", "krl"), "programmed in ls, not in krl; choose a file that ends in .ls"),
+        (
+            ("--to", "krl"),
+            "--to krl: the Fanuc M-16iB/20 is programmed in ls, not in krl; use "
+            "--to ls, or say that joints count as in the model (--as-modelled)",
+        ),
+        (
+            ("--out", "a.src"),
+            "a.src: the Fanuc M-16iB/20 is programmed in ls, not in krl; choose a "
+            "file that ends in .ls, or",
+        ),
         (("--to", "mcap", "--as-modelled"), "a bag has the model's joints"),
         (("--to", "ls", "--as-modelled", "--robot", "M-16iB/20"), "but not both"),
         (("--to", "ls", "--as-modelled"), "show J3 as the angle of the forearm to the floor"),
         (("--to", "mcap", "--force"), "--force are for programs"),
         (("--to", "ls", "--robot", "UR5"), "not those of the Universal Robots UR5"),
         (("--to", "ls", "--robot", "no.toml"), "there is no such table of robots"),
-        (("--out", "my-way.ls"), "takes a letter, then letters, digits and _"),
+        (
+            ("--out", "my-way.ls"),
+            "qp-twist: my-way.ls: the file's name is the program's, and a TP "
+            "program takes a letter, then letters, digits and _",
+        ),
     ],
 )
 def test_requests_that_are_refused(
