@@ -58,6 +58,7 @@ class Finding:
         passes: Whether the value is within the limit, proven also between waypoints.
         bound: Proven bound of the value between the evaluated points; ``None`` if the value itself
             is exact.
+        least: Whether the limit is the least value that passes.
     """
 
     name: str
@@ -67,11 +68,14 @@ class Finding:
     where: str
     passes: bool
     bound: float | None = None
+    least: bool = False
 
     @property
     def proven(self) -> bool:
         """Whether it is decided if it passes."""
-        return self.passes or self.limit is None or self.value > self.limit
+        if self.passes or self.limit is None:
+            return True
+        return self.value < self.limit if self.least else self.value > self.limit
 
     def __str__(self) -> str:
         """The finding as a sentence."""
@@ -190,7 +194,9 @@ def examine(
         *_of_positions(ranges, motion, passing),
     ]
     if passing.timed:
-        findings += _of_speeds(limits or motion_limits(path_task), ranges, motion, passing)
+        limits = limits or motion_limits(path_task)
+        findings += _of_speeds(limits, ranges, motion, passing)
+        findings += _of_braking(limits, ranges, motion)
         met = tolerances.met(errors.position, errors.axis)
         findings += _of_feed(path_task, errors, passing, met)
     return tuple(findings)
@@ -441,8 +447,30 @@ def _of_positions(ranges: JointRanges, motion: JointMotion, passing: Passing) ->
     k, joint = np.unravel_index(int(np.argmin(margins)), margins.shape)
     outside = float(np.maximum(ranges.lower - lowest, highest - ranges.upper).max())
     where = f"{ranges.names[joint]}, {passing.place(times[k])}"
-    value = float(margins[k, joint])
-    return [Finding("smallest joint margin", value, 0.0, "", where, outside <= RANGE_TOLERANCE)]
+    value, passes = float(margins[k, joint]), outside <= RANGE_TOLERANCE
+    return [Finding("smallest joint margin", value, 0.0, "", where, passes, least=True)]
+
+
+def _of_braking(limits: MotionLimits, ranges: JointRanges, motion: JointMotion) -> list[Finding]:
+    """Joints at speed in the first or last row that no acceleration keeps inside their ranges.
+
+    From speed v a joint comes to rest, at its largest acceleration a, after v²/(2a); before the
+    first row it needs as much to come to v.
+    """
+    found = []
+    velocities = motion.at(motion.times[[0, -1]]).velocities
+    for name, row, v in (
+        ("range before the first row", 0, -velocities[0]),
+        ("range after the last row", -1, velocities[1]),
+    ):
+        rest = motion.q[row] + v * np.abs(v) / (2.0 * limits.acceleration)
+        outside = np.maximum(ranges.lower - rest, rest - ranges.upper)
+        joint = int(np.argmax(outside))
+        if outside[joint] > RANGE_TOLERANCE and v[joint] != 0.0:
+            where = f"{ranges.names[joint]}, at rest"
+            value, unit = float(outside[joint]), ranges.units[joint]
+            found.append(Finding(name, value, 0.0, unit, where, passes=False))
+    return found
 
 
 def velocity_use(motion: JointMotion, limits: Array) -> tuple[Array, Array]:

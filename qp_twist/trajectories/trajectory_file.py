@@ -94,6 +94,11 @@ ENDINGS = (*_FORMATS, *SUFFIXES)
 """Suffixes of the files that are written and read."""
 
 
+_LARGEST = 1e5
+"""Positions, speeds and accelerations beyond this, in SI units, are mistakes of a file: the fastest
+arms make some 10³ rad/s², and 1e5 rad are 16,000 turns."""
+
+
 def write_trajectory(
     trajectory: Trajectory | TimedTrajectory | JointRows,
     path: str | Path,
@@ -230,7 +235,27 @@ def read_trajectory(
     content = read_bytes(path, "trajectory file")
     with of_file(path):
         rows = form.decode(content, None if joint_names is None else tuple(joint_names))
+        _check_numbers(rows)
         return rows if joint_names is None else rows.of_joints(joint_names)
+
+
+def _check_numbers(rows: JointRows) -> None:
+    """Refuse numbers that no joint has, and times that do not increase, with their row."""
+    for name in ("q", "velocities", "accelerations"):
+        values = getattr(rows, name)
+        if values is not None and (large := np.argwhere(np.abs(values) > _LARGEST)).size:
+            row, joint = large[0]
+            raise InvalidInput(
+                f"{name} of {rows.joint_names[joint]} in row {row + 1} is "
+                f"{values[row, joint]:.3g}: no joint moves so; expected at most {_LARGEST:g}, in "
+                "SI units."
+            )
+    if rows.times is not None and (back := np.flatnonzero(np.diff(rows.times) <= 0.0)).size:
+        row = int(back[0]) + 2
+        raise InvalidInput(
+            f"times: row {row} is at {rows.times[row - 1]:.9g} s, row {row - 1} at "
+            f"{rows.times[row - 2]:.9g} s; times have to increase. Remove rows that stand twice."
+        )
 
 
 def _format(path: Path) -> _Format:

@@ -641,8 +641,54 @@ def test_a_trajectory_that_begins_or_ends_at_speed_says_so(end: int) -> None:
     for speed, said in ((5e-7, False), (1e-3, True)):
         velocities = np.zeros((2, 1))
         velocities[end] = -speed
-        notes = verdict(task, q, np.array([0.0, 2.0]), velocities).notes
-        assert bool([n for n in notes if ("begins", "ends")[end] + " at speed" in n]) == said
+        line = verdict(task, q, np.array([0.0, 2.0]), velocities).verdict
+        assert (f"it {('begins', 'ends')[end]} at speed, slide_1 at 0.001 m/s" in line) == said
+
+
+@pytest.mark.parametrize("end", [0, 1])
+@pytest.mark.parametrize("with_velocities", [True, False])
+def test_a_joint_that_cannot_brake_inside_its_range_does_not_pass(
+    end: int, with_velocities: bool
+) -> None:
+    """At 2 m/s² a joint at 1 m/s comes to rest after 0.25 m; rows of positions begin at speed."""
+    task = line_task(2, acceleration=2.0)[0]
+    lower, upper = qt.JointRanges.of(task.model).lower[0], qt.JointRanges.of(task.model).upper[0]
+    times = np.linspace(0.0, 1.0, 11)
+    for room, fits in ((0.26, True), (0.24, False)):
+        q = (upper - room - 1.0 + times if end else lower + room + times)[:, None]
+        rows = JointRows(NAMES[:1], q, times, np.ones_like(q) if with_velocities else None)
+        findings = check_trajectory(rows, task).findings
+        name = ("range before the first row", "range after the last row")[end]
+        left = [finding for finding in findings if finding.name == name]
+        assert bool(left) != fits
+        assert all(finding.value == pytest.approx(0.01) and not finding.passes for finding in left)
+
+
+def test_a_joint_outside_its_range_is_not_called_unproven() -> None:
+    task = line_task(2, acceleration=2.0)[0]
+    upper = qt.JointRanges.of(task.model).upper[0]
+    q = np.array([[upper - 0.5], [upper + 0.5]])
+    margin = found(check_trajectory(JointRows(NAMES[:1], q), task), "smallest joint margin")
+    assert not margin.passes and "not proven" not in str(margin)
+
+
+@pytest.mark.parametrize("field", ["positions", "velocities", "accelerations", "time_from_start"])
+def test_numbers_of_a_file_that_no_joint_has_are_named(field: str, tmp_path: Path) -> None:
+    file = tmp_path / "far.json"
+    points: list[dict[str, object]] = [
+        {
+            "positions": [0.0],
+            "velocities": [0.0],
+            "accelerations": [0.0],
+            "time_from_start": float(k),
+        }
+        for k in range(3)
+    ]
+    points[1][field] = 0.0 if field == "time_from_start" else [1e308]
+    file.write_text(json.dumps({"joint_names": ["a"], "points": points}))
+    expected = "row 2 is at 0 s, row 1 at 0 s" if field == "time_from_start" else "in row 2 is 1e"
+    with pytest.raises(qt.InvalidInput, match=rf"far\.json: .*{expected}"):
+        qt.read_trajectory(file)
 
 
 def test_places_are_counted_from_1() -> None:
@@ -663,7 +709,9 @@ def test_places_are_counted_from_1() -> None:
 
 def test_a_verdict_says_first_what_was_not_checked_and_passes_with_it() -> None:
     task, q = line_task(velocity=2.0, acceleration=100.0)
-    plain = verdict(task, q, np.arange(5.0))
+    # From rest to rest; between them at 1 m/s, which no row exceeds.
+    timed = np.array([0.0, 1.5, 2.5, 3.5, 5.0]), np.array([0.0, 1.0, 1.0, 1.0, 0.0])[:, None]
+    plain = verdict(task, q, *timed)
     assert plain.verdict == "passes: 5 rows of task rows"
     for change, sentence, kind in (
         ("velocity_limits", "joint speeds not checked: no limits known", "unchecked"),
@@ -674,7 +722,7 @@ def test_a_verdict_says_first_what_was_not_checked_and_passes_with_it() -> None:
         ),
     ):
         unlimited = dataclasses.replace(task, **{change: np.array([np.inf])})
-        check = verdict(unlimited, q, np.arange(5.0))
+        check = verdict(unlimited, q, *timed)
         assert check.passes
         assert check.verdict == f"passes; {sentence} (5 rows of task rows)"
         assert check.to_dict()[kind] == [sentence]
@@ -689,7 +737,8 @@ def test_single_joints_without_limits_and_models_without_ranges_are_named() -> N
     trajectory = corner(velocity=np.array([2.0, np.inf]), acceleration=40.0)
     rows = JointRows(NAMES, trajectory.q, np.arange(21) * 0.1)
     check = check_trajectory(rows, trajectory.path_task)
-    assert check.unchecked == ("joint speeds of slide_2 not checked: no limits known",)
+    assert check.unchecked[0] == "joint speeds of slide_2 not checked: no limits known"
+    assert all("at speed" in sentence for sentence in check.unchecked[1:])
     model = mujoco.MjModel.from_xml_string(
         "<mujoco><worldbody><body>"
         + "".join(f'<joint name="j{i}"/>' for i in range(6))
