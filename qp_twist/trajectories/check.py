@@ -327,14 +327,14 @@ def _at_speed(ranges: JointRanges, motion: JointMotion) -> list[str]:
     found = []
     ends = motion.at(motion.times[[0, -1]]).velocities
     for end, velocities, missing in (
-        ("begins", ends[0], "how the joints come to it from rest"),
-        ("ends", ends[1], "how they come to rest"),
+        ("begins", ends[0], "coming from rest"),
+        ("ends", ends[1], "coming to rest"),
     ):
         speed = np.abs(velocities)
         joint = int(np.argmax(speed))
         if speed[joint] > _REST:
             found.append(
-                f"it {end} at speed, {ranges.names[joint]} at {speed[joint]:.3g} "
-                f"{ranges.units[joint]}/s: {missing} is not checked"
+                f"{missing} not checked: it {end} at speed, {ranges.names[joint]} at "
+                f"{speed[joint]:.3g} {ranges.units[joint]}/s"
             )
     return found

@@ -234,7 +234,7 @@ def test_a_scene_with_a_free_body_is_refused() -> None:
         """
     )
     with pytest.raises(qt.InvalidInput, match="whose joints are all hinges and slides"):
-        on_the_cart(model, relative_to="ball")
+        on_the_cart(model, relative_to="ball", start=model.qpos0)
 
 
 def test_a_path_on_a_body_is_placed_on_it_but_takes_no_body_along() -> None:
