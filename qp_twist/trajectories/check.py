@@ -323,18 +323,14 @@ def _without(what: str, limits: Array, ranges: JointRanges, why: str) -> list[st
 
 
 def _at_speed(ranges: JointRanges, motion: JointMotion) -> list[str]:
-    """A sentence for each end at which the joints are not at rest."""
+    """A sentence if the joints are not at rest in the first row or in the last."""
     found = []
-    ends = motion.at(motion.times[[0, -1]]).velocities
-    for end, velocities, missing in (
-        ("begins", ends[0], "coming from rest"),
-        ("ends", ends[1], "coming to rest"),
+    for end, velocities in zip(
+        ("begins", "ends"), motion.at(motion.times[[0, -1]]).velocities, strict=True
     ):
         speed = np.abs(velocities)
         joint = int(np.argmax(speed))
         if speed[joint] > _REST:
-            found.append(
-                f"{missing} not checked: it {end} at speed, {ranges.names[joint]} at "
-                f"{speed[joint]:.3g} {ranges.units[joint]}/s"
-            )
-    return found
+            unit = ranges.units[joint]
+            found.append(f"{ranges.names[joint]} {end} at {speed[joint]:.3g} {unit}/s")
+    return [f"rest at its ends not checked: {' and '.join(found)}"] if found else []

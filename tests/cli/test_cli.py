@@ -133,9 +133,12 @@ def test_roadmap_draws_one_figure(
         (["--versoin"], "no option --versoin before the command; did you mean '--version'?"),
         (
             ["run", "deburring", "--mehtod", "qp"],
-            "run: there is no option --mehtod; did you mean --method?",
+            "run: there is no option --mehtod; did you mean --method or --weight?",
         ),
-        (["run", "deburring", "--mehtod=qp"], "no option --mehtod; did you mean --method?"),
+        (
+            ["run", "deburring", "--mehtod=qp"],
+            "no option --mehtod; did you mean --method or --weight?",
+        ),
         (["tasks", "--quite"], "tasks: there is no option --quite; did you mean --quiet?"),
         (["compare", "deburing"], "no shipped task 'deburing'; did you mean 'deburring'"),
         (

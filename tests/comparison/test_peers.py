@@ -224,9 +224,9 @@ def test_what_a_planar_arm_cannot_leave_is_as_good_as_full() -> None:
             qt.TwistProjector(linear=qt.Projector.plane(Z), angular=NONE, frame="target"),
             {}, "fixed to the target",
         ),
-        (None, {"secondary": "plan"}, "'plan' cannot be said with a posture"),
-        (None, {"secondary": "manipulability"}, "'manipulability' cannot be said"),
-        (None, {"weight": "paper"}, "weight 'paper' cannot be said"),
+        (None, {"secondary": "plan"}, "secondary plan, .* cannot be stated as a posture"),
+        (None, {"secondary": "manipulability"}, "manipulability, .* cannot be stated as a posture"),
+        (None, {"weight": "paper"}, "weight 'paper' cannot be stated as a posture task"),
         (None, {"gain": 1.5}, "gain is 0 to 1, got 1.5"),
         (None, {"posture_cost": 0.0}, "above 0"),
     ],
@@ -301,7 +301,12 @@ ODD = """
 def odd(more: str = "") -> qt.PathTask:
     model = mujoco.MjModel.from_xml_string(ODD.format(more=more))
     return dataclasses.replace(
-        LINE, model=model, frame_name="tip", frame_type="geom", velocity_limits=np.full(3, np.inf)
+        LINE,
+        model=model,
+        frame_name="tip",
+        frame_type="geom",
+        start=model.qpos0,
+        velocity_limits=np.full(3, np.inf),
     )
 
 
