@@ -18,11 +18,12 @@ import qp_twist as qt
 from qp_twist.paths import read_toolpath, shipped_folder
 from qp_twist.qp import QuadraticProgram
 from qp_twist.robots import ControllerJoints
-from qp_twist.trajectories import read_trajectory, write_trajectory
+from qp_twist.trajectories import joints_of, read_trajectory, write_trajectory
 
 TASKS, SCENES = shipped_folder("tasks"), shipped_folder("scenes")
 NAMES = tuple(f"joint_{k}" for k in range(1, 7))
 JOINTS = ControllerJoints.as_modelled(NAMES)
+OF_FANUC = joints_of(qt.load_task("deburring"), NAMES)  # LS couples J3 to J2
 
 APT = """PARTNO/BRACKET
 UNITS/MM
@@ -118,7 +119,7 @@ def _trajectory(file: Path) -> Any:
 
 
 def _program(file: Path) -> Any:
-    return read_trajectory(file, NAMES, JOINTS)
+    return read_trajectory(file, NAMES, OF_FANUC if file.suffix == ".ls" else JOINTS)
 
 
 def _gcode(file: Path) -> Any:
@@ -165,7 +166,7 @@ def valid(tmp_path_factory: pytest.TempPathFactory) -> Path:
     metadata = {"task": "deburring", "x": [1e3], "units": dict.fromkeys(NAMES, "rad")}
     rows = qt.JointRows(NAMES, q, np.arange(6.0), np.full((6, 6), 0.01), metadata)
     for ending in ("csv", "json", "npz", "mod", "src", "ls", "script"):
-        write_trajectory(rows, folder / f"t.{ending}", JOINTS)
+        write_trajectory(rows, folder / f"t.{ending}", OF_FANUC if ending == "ls" else JOINTS)
     with contextlib.suppress(qt.InvalidInput):  # the extra is not installed
         write_trajectory(rows, folder / "t.mcap")
     one = np.eye(3)
