@@ -348,7 +348,7 @@ def test_what_is_proved_between_waypoints_holds_at_every_sample(seed: int) -> No
     # Whether the task's rows see where on the path the frame is.
     seen = band.unit == "rad" and bool(rng.integers(2))
     task = dataclasses.replace(
-        BANDS, model=model, projector=FREE if seen else nothing, bands=(band,),
+        BANDS, model=model, projector=FREE if seen else nothing, bands=(band,), start=q[0],
         flipped_waypoints=None, waypoints=tuple(
             mink.SE3.from_rotation_and_translation(mink.SO3.from_matrix(np.ascontiguousarray(r)), t)
             for r, t in zip(R_d, p_d, strict=True)
@@ -393,7 +393,7 @@ def test_margins_rows_and_returns_of_many_are_those_of_each_and_their_derivative
     nothing = qt.TwistProjector(linear=qt.Projector.none(), angular=qt.Projector.none())
     pose = mink.SE3.from_translation(p[0])
     task = dataclasses.replace(
-        BANDS, model=model, projector=nothing, bands=(band,), waypoints=(pose,) * 3,
+        BANDS, model=model, projector=nothing, bands=(band,), waypoints=(pose,) * 3, start=q[0],
         flipped_waypoints=None,
     )  # fmt: skip
     bands, at = HardConstraints(task, chain), np.arange(3)
