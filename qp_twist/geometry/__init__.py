@@ -1,16 +1,16 @@
 """Projectors and twist errors: pure functions of arrays."""
 
-from .many_errors import cross_rows as cross_rows
-from .many_errors import geodesics as geodesics
-from .many_errors import many_twist_errors as many_twist_errors
 from .projector import Projector as Projector
 from .projector import ProjectorKind as ProjectorKind
+from .rotations import cross as cross
+from .rotations import geodesic as geodesic
+from .rotations import perpendicular as perpendicular
+from .rotations import rotate as rotate
+from .rotations import rotation_vector as rotation_vector
+from .rotations import twist_angle as twist_angle
 from .twist_error import angular_error as angular_error
 from .twist_error import clamp_twist as clamp_twist
-from .twist_error import geodesic as geodesic
 from .twist_error import resolved_twist_error as resolved_twist_error
-from .twist_error import rotation_vector as rotation_vector
-from .twist_error import twist_angle as twist_angle
 from .twist_error import twist_error as twist_error
 from .twist_projector import ProjectorFrame as ProjectorFrame
 from .twist_projector import TwistProjector as TwistProjector

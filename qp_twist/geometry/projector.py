@@ -8,8 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from qp_twist.checks import Array, finite_array, instance, unit_vector
+from qp_twist.checks import Array, finite_array, instance, rotation_matrix, unit_vector
 from qp_twist.errors import InvalidInput
+from qp_twist.geometry.rotations import cross, perpendicular
 
 SAME_DIRECTION = 1e-9
 """Sine of the angle below which two directions count as one."""
@@ -95,7 +96,7 @@ class Projector:
     @property
     def rank(self) -> int:
         """Dimension of the subspace, 0 to 3."""
-        return int(self.basis.shape[1])
+        return self.kind.value
 
     @property
     def complement(self) -> Projector:
@@ -134,13 +135,13 @@ class Projector:
         Raises:
             InvalidInput: If it is not a rotation matrix (3, 3).
         """
-        rotation = finite_array("rotation", rotation, (3, 3))
-        turned = self.turned(rotation)
-        turned.__post_init__()
-        return turned
+        return self.turned(rotation_matrix("rotation", rotation))
 
     def turned(self, rotation: Array) -> Projector:
-        """:meth:`rotated` without its checks, for the rotation of a frame at every step."""
+        """:meth:`rotated` without its check, for one rotation or for many, (K, 3, 3).
+
+        For many the basis has shape (K, 3, rank) and the axis (K, 3).
+        """
         if self.axis is None:
             return self
         return _unchecked(self.kind, rotation @ self.basis, rotation @ self.axis)
@@ -160,16 +161,4 @@ def _unchecked(kind: ProjectorKind, basis: Array, axis: Array) -> Projector:
 def _perpendicular_pair(e: Array) -> Array:
     """Two orthonormal columns perpendicular to the unit vector ``e``, shape (3, 2)."""
     u = perpendicular(e)
-    return np.column_stack([u, np.cross(e, u)])
-
-
-def perpendicular(e: Array) -> Array:
-    """A fixed unit vector perpendicular to the unit vector ``e``.
-
-    It is built from the coordinate axis that is furthest from ``e``, so it is never degenerate.
-    """
-    helper = np.zeros(3)
-    helper[np.argmin(np.abs(e))] = 1.0
-    u = np.cross(e, helper)
-    unit: Array = u / np.linalg.norm(u)
-    return unit
+    return np.column_stack([u, cross(e, u)])

@@ -4,64 +4,13 @@ from __future__ import annotations
 
 import math
 
-import mink
 import numpy as np
 import numpy.typing as npt
 
 from qp_twist.checks import Array, finite_array, instance, rotation_matrix
-from qp_twist.geometry.projector import Projector, ProjectorKind, perpendicular
+from qp_twist.geometry.projector import Projector, ProjectorKind
+from qp_twist.geometry.rotations import geodesic, rotate, rotation_vector, twist_angle
 from qp_twist.geometry.twist_projector import TwistProjector
-
-
-def rotation_vector(rotation: Array) -> Array:
-    """Logarithm of a rotation matrix (3, 3), in rad, of length at most π, shape (3,)."""
-    wxyz = mink.SO3.from_matrix(np.ascontiguousarray(rotation)).wxyz
-    if wxyz[0] < 0.0:
-        wxyz = -wxyz
-    sine = float(np.linalg.norm(wxyz[1:]))
-    if sine < 1e-12:
-        small: Array = 2.0 * wxyz[1:]
-        return small
-    vector: Array = wxyz[1:] * (2.0 * math.atan2(sine, wxyz[0]) / sine)
-    return vector
-
-
-def geodesic(start: Array, end: Array) -> Array:
-    """Rotation vector (3,) of the shortest rotation taking unit vector ``start`` to ``end``, rad.
-
-    For opposite vectors every half turn about a perpendicular axis is equally short; a fixed one is
-    used, so the result is never NaN.
-    """
-    cosine = float(start @ end)
-    # start × end, from a difference that is exact for nearly equal or opposite vectors: the plain
-    # product's rounding would turn the axis out of the plane perpendicular to both.
-    normal = cross(start, end - start if cosine > 0.0 else end + start)
-    sine = math.hypot(*normal.tolist())
-    if sine < 1e-12:
-        return normal if cosine > 0.0 else math.pi * perpendicular(start)
-    vector: Array = normal * (math.atan2(sine, cosine) / sine)
-    return vector
-
-
-def cross(a: Array, b: Array) -> Array:
-    """a × b of two vectors; numpy's general function takes ten times as long."""
-    (ax, ay, az), (bx, by, bz) = a.tolist(), b.tolist()
-    return np.array([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx])
-
-
-def twist_angle(rotation: Array, axis: Array) -> float:
-    """Angle in (−π, π] of the part of ``rotation`` (3, 3) that turns about the unit ``axis``.
-
-    The *twist* of the swing–twist decomposition; 0 where it is undefined (a swing by π).
-    """
-    w, *xyz = mink.SO3.from_matrix(np.ascontiguousarray(rotation)).wxyz
-    along = float(np.dot(xyz, axis))
-    if math.hypot(along, w) < 1e-12:
-        return 0.0
-    angle = 2.0 * math.atan2(along, w)
-    # Both signs of the quaternion are the same rotation: fold into (−π, π].
-    folded = math.remainder(angle, 2.0 * math.pi)
-    return math.pi if folded == -math.pi else folded
 
 
 def angular_error(
@@ -78,21 +27,23 @@ def angular_error(
     step exact.
 
     Args:
-        rotation: R, from the controlled frame to the world, (3, 3).
-        target: R_d, from the target frame to the world, (3, 3).
+        rotation: R, from the controlled frame to the world, (3, 3), or of many poses.
+        target: R_d, from the target frame to the world, likewise.
         projector: Angular projector in world axes.
         moves_with_body: Whether the projector's axis is fixed to the controlled frame.
     """
+    error = target @ rotation.swapaxes(-1, -2)
     if projector.kind is ProjectorKind.NONE:
-        return np.zeros(3)
-    error = target @ rotation.T
+        return np.zeros(error.shape[:-1])
     if projector.kind is ProjectorKind.FULL:
         return rotation_vector(error)
     e = projector.axis
     assert e is not None
     if projector.kind is ProjectorKind.LINE:
-        return twist_angle(error, e) * e
-    return geodesic(e, error @ e) if moves_with_body else geodesic(error.T @ e, e)
+        return twist_angle(error, e)[..., None] * e
+    if moves_with_body:
+        return geodesic(e, rotate(error, e))
+    return geodesic(rotate(error.swapaxes(-1, -2), e), e)
 
 
 def twist_error(
@@ -123,16 +74,13 @@ def twist_error(
         InvalidInput: If an array has the wrong shape, is not finite or not a rotation.
     """
     instance("projector", projector, TwistProjector)
-    body = rotation_matrix("rotation", rotation)
-    target = rotation_matrix("target_rotation", target_rotation)
     return resolved_twist_error(
-        body,
+        rotation_matrix("rotation", rotation),
         finite_array("position", position, (3,)),
-        target,
+        rotation_matrix("target_rotation", target_rotation),
         finite_array("target_position", target_position, (3,)),
-        projector.resolved(body=body, target=target),
-        moves_with_body=projector.frame == "body",
-    )
+        projector,
+    )[1]
 
 
 def resolved_twist_error(
@@ -140,16 +88,19 @@ def resolved_twist_error(
     position: Array,
     target_rotation: Array,
     target_position: Array,
-    world: TwistProjector,
-    *,
-    moves_with_body: bool,
-) -> Array:
-    """:func:`twist_error` for a projector that is already resolved in the world, (6,)."""
-    linear = world.linear.basis @ (world.linear.basis.T @ (target_position - position))
+    projector: TwistProjector,
+) -> tuple[TwistProjector, Array]:
+    """T in world axes and Δt of :func:`twist_error`, of one pose or of many, without its checks.
+
+    For K poses all shapes are preceded by K, those of the basis of T, too, if it depends on them.
+    """
+    world = projector.in_world(rotation, target_rotation)
+    U = world.linear.basis
+    linear = rotate(U, rotate(U.swapaxes(-1, -2), target_position - position))
     angular = angular_error(
-        rotation, target_rotation, world.angular, moves_with_body=moves_with_body
+        rotation, target_rotation, world.angular, moves_with_body=projector.frame == "body"
     )
-    return np.concatenate([linear, angular])
+    return world, np.concatenate([linear, angular], axis=-1)
 
 
 def clamp_twist(twist: Array, max_linear: float = math.inf, max_angular: float = math.inf) -> Array:
@@ -158,9 +109,9 @@ def clamp_twist(twist: Array, max_linear: float = math.inf, max_angular: float =
     A full 90° swing in one step overshoots, since the Jacobian is only valid locally. Directions
     are kept.
     """
-    return np.concatenate([_shortened(twist[:3], max_linear), _shortened(twist[3:], max_angular)])
-
-
-def _shortened(vector: Array, longest: float) -> Array:
-    length = math.hypot(*vector.tolist())
-    return vector * (longest / length) if length > longest else vector
+    clamped = twist.copy()
+    for part, longest in ((slice(3), max_linear), (slice(3, 6), max_angular)):
+        length = math.hypot(*twist[part].tolist())
+        if length > longest:
+            clamped[part] *= longest / length
+    return clamped

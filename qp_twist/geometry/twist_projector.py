@@ -9,7 +9,7 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 
-from qp_twist.checks import Array, Indices, finite_array, instance, one_of
+from qp_twist.checks import Array, Indices, instance, one_of, rotation_matrix
 from qp_twist.errors import InvalidInput
 from qp_twist.geometry.projector import Projector
 
@@ -71,11 +71,10 @@ class TwistProjector:
     @property
     def basis(self) -> Array:
         """Orthonormal U with T = U Uᵀ, shape (6, rank); linear columns first."""
-        linear, angular = self.linear.basis, self.angular.basis
-        split = linear.shape[1]
-        basis = np.zeros((6, split + angular.shape[1]))
-        basis[:3, :split] = linear
-        basis[3:, split:] = angular
+        linear, angular, split = self.linear.basis, self.angular.basis, self.linear.rank
+        basis = np.zeros((*(linear.shape[:-2] or angular.shape[:-2]), 6, self.rank))
+        basis[..., :3, :split] = linear
+        basis[..., 3:, split:] = angular
         return basis
 
     @property
@@ -130,13 +129,11 @@ class TwistProjector:
                 f"TwistProjector.resolved: the projector is fixed to the {self.frame} frame; pass "
                 f"{self.frame}=R, the rotation of that frame to the world, shape (3, 3)."
             )
-        rotation = finite_array(self.frame, given, (3, 3))
-        return TwistProjector(
-            linear=self.linear.rotated(rotation), angular=self.angular.rotated(rotation)
-        )
+        rotation = rotation_matrix(self.frame, given)
+        return self.in_world(rotation, rotation)
 
     def in_world(self, body: Array, target: Array) -> TwistProjector:
-        """:meth:`resolved` without its checks, for the rotations of a task at every step."""
+        """:meth:`resolved` without its checks, for one pose or for many, (K, 3, 3)."""
         if self.frame == "world":
             return self
         rotation = body if self.frame == "body" else target

@@ -7,8 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from qp_twist.checks import Array, Indices
-from qp_twist.geometry import TwistProjector
-from qp_twist.geometry.projector import perpendicular
+from qp_twist.geometry import TwistProjector, perpendicular
 from qp_twist.kernel.arm_kernel import Arm
 from qp_twist.kernel.path_kernel import Rows
 from qp_twist.kinematics.projector_shape import kinds_of, shape_of

@@ -9,8 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from qp_twist.checks import Array, number, one_of, unit_vector
-from qp_twist.geometry import ProjectorKind, TwistProjector, cross_rows, geodesic, geodesics
-from qp_twist.geometry.projector import perpendicular
+from qp_twist.geometry import ProjectorKind, TwistProjector, cross, geodesic, perpendicular
 from qp_twist.kinematics.frame_pair import FramePair
 from qp_twist.kinematics.stretch import Stretch, angle_of_chord
 from qp_twist.kinematics.tolerance_band import Range, ToleranceBand, keeps
@@ -92,7 +91,7 @@ class ConeBand(ToleranceBand):
     def values(self, pair: FramePair) -> Array:
         """θ, rad, (1,)."""
         u, n = self._directions(pair)
-        angle: Array = np.linalg.norm(geodesics(n, u), axis=-1, keepdims=True)
+        angle: Array = np.linalg.norm(geodesic(n, u), axis=-1, keepdims=True)
         return angle
 
     def gradients(self, pair: FramePair) -> Array:
@@ -190,12 +189,12 @@ def disc_rows(u: Array, n: Array, radius: float, reach: float) -> tuple[Array, A
 
 def _swing(u: Array, n: Array) -> tuple[Array, Array, Array]:
     """k, the axis of the swing from n to u, e = k × n, (3,) each, and the angle, rad, ()."""
-    swing = geodesics(n, u)
+    swing = geodesic(n, u)
     angle = np.linalg.norm(swing, axis=-1)
     k = swing / np.where(angle > _NO_SWING, angle, 1.0)[..., None]
     for where in np.argwhere(angle <= _NO_SWING):
         k[tuple(where)] = perpendicular(n[tuple(where)])
-    return k, cross_rows(k, n), angle
+    return k, cross(k, n), angle
 
 
 def _cotangent(angle: Array) -> Array:

@@ -10,8 +10,7 @@ import numpy.typing as npt
 
 from qp_twist.checks import finite_array, unit_vector
 from qp_twist.errors import InvalidInput, InvalidTarget
-from qp_twist.geometry import Projector, TwistProjector
-from qp_twist.geometry.twist_error import cross, geodesic
+from qp_twist.geometry import Projector, TwistProjector, cross, geodesic
 from qp_twist.kinematics.twist_task import TaskState, TwistTask
 
 _NEAREST = 1e-6

@@ -12,7 +12,7 @@ import numpy as np
 
 from qp_twist.checks import Array, Indices, instance
 from qp_twist.errors import InvalidInput
-from qp_twist.geometry import cross_rows
+from qp_twist.geometry import cross
 from qp_twist.kinematics.frame import frame_pose
 from qp_twist.kinematics.joint_ranges import JointRanges
 
@@ -105,7 +105,7 @@ class SerialChain:
             if screw.slides:
                 jacobians[:, :3, screw.dof] = axis
             else:
-                jacobians[:, :3, screw.dof] = cross_rows(axis, origin - anchor)
+                jacobians[:, :3, screw.dof] = cross(axis, origin - anchor)
                 jacobians[:, 3:, screw.dof] = axis
         return rotation @ self.rotation, origin, jacobians
 

@@ -6,7 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 from qp_twist.checks import Array, finite_array, one_of, unit_vector
-from qp_twist.geometry import ProjectorFrame, ProjectorKind, TwistProjector, cross_rows
+from qp_twist.geometry import ProjectorFrame, ProjectorKind, TwistProjector, cross
 from qp_twist.kinematics.frame_pair import FramePair
 from qp_twist.kinematics.stretch import Stretch
 from qp_twist.kinematics.tolerance_band import Range, ToleranceBand, keeps
@@ -79,7 +79,7 @@ class SlabBand(ToleranceBand):
         gradient = np.zeros((*apart.shape[:-1], 1, 6))
         gradient[..., 0, :3] = normal
         if self.frame == "body":
-            gradient[..., 0, 3:] = cross_rows(normal, apart)
+            gradient[..., 0, 3:] = cross(normal, apart)
         return gradient
 
     def carried(self, pair: FramePair) -> Array:
@@ -88,7 +88,7 @@ class SlabBand(ToleranceBand):
         carried[..., :3] = pair.target_twist[..., :3]
         if self.frame == "target":
             apart = pair.position - pair.target_position
-            carried[..., :3] += cross_rows(pair.target_twist[..., 3:], apart)
+            carried[..., :3] += cross(pair.target_twist[..., 3:], apart)
         return carried
 
     def span(self, before: FramePair, after: FramePair, stretch: Stretch) -> tuple[Array, Array]:

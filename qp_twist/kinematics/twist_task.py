@@ -478,15 +478,7 @@ class TwistTask(mink.Task):
             mink.InvalidFrame: If the model has no such frame.
         """
         pair = self._pair(configuration)
-        world = self.projector.in_world(pair.rotation, pair.target_rotation)
-        error = resolved_twist_error(
-            pair.rotation,
-            pair.position,
-            pair.target_rotation,
-            pair.target_position,
-            world,
-            moves_with_body=self.projector.frame == "body",
-        )
+        world, error = resolved_twist_error(*pair[:4], self.projector)
         return TaskState(
             projector=world,
             basis=world.basis,

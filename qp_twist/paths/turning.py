@@ -6,7 +6,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from qp_twist.checks import Array
-from qp_twist.geometry.projector import perpendicular
+from qp_twist.geometry import perpendicular
 
 
 def angles_between(a: Array, b: Array) -> Array:

@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from qp_twist.checks import Array, Indices, Mask
 from qp_twist.constraints import JointCouplings
-from qp_twist.geometry import distinct_projectors, many_twist_errors
+from qp_twist.geometry import distinct_projectors, resolved_twist_error
 from qp_twist.kernel.path_kernel import Couplings
 from qp_twist.kinematics import ParametrisedArm, SerialChain
 from qp_twist.paths import PathTask
@@ -153,7 +153,7 @@ class PathRows:
 
     def projected(self, rotations: Array, positions: Array, index: int) -> tuple[Array, Array]:
         """Poses (K, 3, 3), (K, 3) moved onto a waypoint by their task error, in what T leaves."""
-        _, errors = many_twist_errors(
+        _, errors = resolved_twist_error(
             rotations,
             positions,
             np.broadcast_to(self._rotations[index], rotations.shape),
@@ -243,14 +243,14 @@ class PathRows:
             if not len(which):
                 continue
             rotations, positions, jacobians = self.chain.poses_and_jacobians(q[which])
-            bases, errors = many_twist_errors(
+            world, errors = resolved_twist_error(
                 rotations,
                 positions,
                 self._rotations[at[which]],
                 self._positions[at[which]],
                 projector,
             )
-            transposed = bases.transpose(0, 2, 1)
+            transposed = world.basis.swapaxes(-1, -2)
             found.append(
                 (
                     which,

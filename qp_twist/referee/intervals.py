@@ -13,7 +13,7 @@ from qp_twist.geometry import (
     ProjectorKind,
     TwistProjector,
     distinct_projectors,
-    many_twist_errors,
+    resolved_twist_error,
 )
 from qp_twist.paths import PathTask
 
@@ -60,7 +60,7 @@ class Intervals:
         for number, projector in enumerate(self.projectors):
             here = np.flatnonzero(self.which == number)
             first, last = (R_d[here], p_d[here]), (R_d[here + 1], p_d[here + 1])
-            errors = many_twist_errors(*first, *last, projector)[1]
+            errors = resolved_twist_error(*first, *last, projector)[1]
             # The rows at the first waypoint, in any frame.
             basis = projector.linear.basis
             if projector.frame != "world":
@@ -248,7 +248,7 @@ class Intervals:
     ) -> Array:
         """Progress from the task errors to both waypoints, for rows that turn with the body."""
         ends = [
-            many_twist_errors(R, p, self._R[k], self._p[k], projector)[1]
+            resolved_twist_error(R, p, self._R[k], self._p[k], projector)[1]
             for k in (interval, interval + 1)
         ]
         raw = even.copy()

@@ -13,7 +13,7 @@ import numpy as np
 
 from qp_twist.checks import Array
 from qp_twist.constraints import Constraint
-from qp_twist.geometry import ProjectorKind, TwistProjector, many_twist_errors
+from qp_twist.geometry import ProjectorKind, TwistProjector, resolved_twist_error
 from qp_twist.kinematics import FramePair, Stretch, ToleranceBand, TurnAbout, angle_of_chord
 
 
@@ -108,7 +108,7 @@ class AxisError(Measure):
         """The length, rad, (K, 1)."""
         if not self.projector.angular.rank:
             return np.zeros((len(poses.q), 1))
-        error = many_twist_errors(*poses.pair[:4], self.projector)[1]
+        error = resolved_twist_error(*poses.pair[:4], self.projector)[1]
         norm: Array = np.linalg.norm(error[:, 3:], axis=1, keepdims=True)
         return norm
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from qp_twist.checks import Array, Indices, Mask
 from qp_twist.constraints import Constraint
-from qp_twist.geometry import TwistProjector, many_twist_errors
+from qp_twist.geometry import TwistProjector, resolved_twist_error
 from qp_twist.kinematics import FramePair, SerialChain, Stretch
 from qp_twist.kinematics.frame import frame_id
 from qp_twist.paths import PathTask, in_joint_moves, via_points
@@ -731,7 +731,7 @@ def task_errors(
     ids = np.array([id(projector) for projector in rows])
     for projector in {id(t): t for t in rows}.values():
         here = ids == id(projector)
-        errors[here] = many_twist_errors(R[here], p[here], R_d[here], p_d[here], projector)[1]
+        errors[here] = resolved_twist_error(R[here], p[here], R_d[here], p_d[here], projector)[1]
     return errors
 
 

@@ -7,7 +7,7 @@ from collections.abc import Iterable
 import numpy as np
 
 from qp_twist.checks import Array, Indices
-from qp_twist.geometry import ProjectorKind, many_twist_errors
+from qp_twist.geometry import ProjectorKind, resolved_twist_error
 from qp_twist.paths import PathTask
 from qp_twist.referee import JointMotion, poses_of, task_errors
 
@@ -119,11 +119,11 @@ def _cost(
     waypoint, rows = path_task.waypoints[k], path_task.in_force[k]
     R_d, p_d = waypoint.rotation().as_matrix(), waypoint.translation()
     if rows.linear.kind is not ProjectorKind.FULL:
-        return _squared(many_twist_errors(R, p, R_d, p_d, rows)[1], tolerances)
+        return _squared(resolved_twist_error(R, p, R_d, p_d, rows)[1], tolerances)
     cost: Array = np.einsum("ki,ki->k", p - p_d, p - p_d) / tolerances[0] ** 2
     near = np.flatnonzero(cost < _NEAR**2)
     cost += (np.pi / tolerances[1]) ** 2
-    cost[near] = _squared(many_twist_errors(R[near], p[near], R_d, p_d, rows)[1], tolerances)
+    cost[near] = _squared(resolved_twist_error(R[near], p[near], R_d, p_d, rows)[1], tolerances)
     return cost
 
 

@@ -16,10 +16,12 @@ from scipy.spatial.transform import Rotation
 
 from qp_twist.geometry import (
     Projector,
+    ProjectorKind,
     TwistProjector,
     angular_error,
     clamp_twist,
     geodesic,
+    resolved_twist_error,
     rotation_vector,
     twist_angle,
     twist_error,
@@ -29,7 +31,7 @@ Array = npt.NDArray[np.float64]
 
 FRAMES = ("world", "body", "target")
 KINDS = ("full", "plane", "line", "none")
-ORIGIN = np.zeros(3)
+ORIGIN, Z = np.zeros(3), np.eye(3)[2]
 # Misalignments short of (or beyond) a half turn, where naive formulas divide by nothing.
 NEARLY = [0.0, *(10.0**power for power in range(-16, -1))]
 
@@ -213,6 +215,29 @@ def test_the_linear_error_is_the_projected_way_to_the_target(case: Case) -> None
     e, way = case.frame_rotation @ case.linear_axis, case.p_d - case.p
     expected = {"full": way, "plane": way - e * (e @ way), "line": e * (e @ way), "none": 0 * way}
     close(case.error()[:3], expected[case.linear])
+
+
+@given(st.lists(cases, min_size=1, max_size=5), st.booleans(), st.sampled_from([1.0, -1.0]))
+def test_errors_of_many_poses_are_those_of_each(
+    found: list[Case], one_target: bool, side: float
+) -> None:
+    T, (R_d, p_d) = found[0].T, (found[0].R_d, found[0].p_d)
+    # Among them one that is at the target, or turned by an exact half turn from it.
+    half = 2.0 * np.outer(Z, Z) - np.eye(3) if side < 0.0 else np.eye(3)
+    R = np.array([R_d @ half, *(case.R for case in found)])
+    p = np.array([p_d, *(case.p for case in found)])
+    if not one_target:
+        R_d = np.array([R_d, *(case.R_d for case in found)])
+        p_d = np.array([p_d, *(case.p_d for case in found)])
+    world, errors = resolved_twist_error(R, p, R_d, p_d, T)
+    U = np.broadcast_to(world.basis, (len(R), 6, T.rank))
+    targets = list(zip(np.broadcast_to(R_d, R.shape), np.broadcast_to(p_d, p.shape), strict=True))
+    for k, target in enumerate(targets):
+        expected = twist_error(R[k], p[k], *target, T)
+        if T.angular.kind is ProjectorKind.FULL and np.linalg.norm(expected[3:]) > math.pi - 1e-6:
+            expected[3:] *= math.copysign(1.0, expected[3:] @ errors[k, 3:])  # the same rotation
+        close(errors[k], expected, atol=1e-11)
+        close(U[k] @ U[k].T, T.resolved(body=R[k], target=target[0]).matrix)
 
 
 # ------------------------------------------------------------------------ what a full step does

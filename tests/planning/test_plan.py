@@ -15,14 +15,13 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from oracles.arms import random_arm, random_rotation
+from oracles.arms import random_arm
 from scipy.optimize import minimize
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import dijkstra
 from scipy.spatial import KDTree
 
 import qp_twist as qt
-from qp_twist.geometry import many_twist_errors
 from qp_twist.kinematics import OrthoParallelArm, SerialChain, frame_jacobian, frame_pose
 from qp_twist.planning import RollMap, motion_limits
 from qp_twist.planning.layer import inside_limits
@@ -47,7 +46,6 @@ ROOT = Path(__file__).parents[2]
 Array = np.ndarray
 Mask = np.ndarray
 SEEDS = st.integers(0, 2**32 - 1)
-BLOCKS = ("full", "plane", "line", "none")
 
 DOCS = ROOT / "docs"
 LOWEST_Z = (DOCS / "generated" / "lowest_z.txt").read_text("utf-8")
@@ -84,30 +82,6 @@ def test_a_chain_with_a_ball_joint_is_refused_by_name() -> None:
     )
     with pytest.raises(qt.InvalidInput, match=r"'shoulder'.*ball or free"):
         SerialChain.of(model, "tool", "site")
-
-
-@given(SEEDS, st.sampled_from(BLOCKS), st.sampled_from(BLOCKS),
-       st.sampled_from(["world", "body", "target"]))  # fmt: skip
-@settings(max_examples=200)
-def test_errors_of_many_poses_are_those_of_each(
-    seed: int, linear: str, angular: str, frame: str
-) -> None:
-    rng = np.random.default_rng(seed)
-
-    def block(kind: str) -> qt.Projector:
-        make = getattr(qt.Projector, kind)
-        return make() if kind in ("full", "none") else make(rng.normal(size=3))
-
-    projector = qt.TwistProjector(linear=block(linear), angular=block(angular), frame=frame)
-    rotations = np.array([random_rotation(rng) for _ in range(6)])
-    positions = rng.normal(size=(6, 3))
-    target, goal = random_rotation(rng), rng.normal(size=3)
-    bases, errors = many_twist_errors(rotations, positions, target, goal, projector)
-    for k in range(6):
-        expected = qt.twist_error(rotations[k], positions[k], target, goal, projector)
-        np.testing.assert_allclose(errors[k], expected, atol=1e-9)
-        world = projector.resolved(body=rotations[k], target=target)
-        np.testing.assert_allclose(bases[k] @ bases[k].T, world.matrix, atol=1e-12)
 
 
 def industrial_arm(rng: np.random.Generator, *, aside: bool, wrist_offset: float = 0.0) -> object:
