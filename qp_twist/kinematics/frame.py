@@ -48,6 +48,14 @@ def check_configuration(configuration: mink.Configuration) -> None:
         )
 
 
+def check_frame(what: str, name: Any, frame_type: Any) -> None:
+    """Refuse a name or id, or a type of frame, that no model can have."""
+    if not isinstance(frame_type, str) or frame_type not in mink.SUPPORTED_FRAMES:
+        raise mink.UnsupportedFrame(frame_type, mink.SUPPORTED_FRAMES)
+    if isinstance(name, bool) or not isinstance(name, (str, int, np.integer)):
+        raise InvalidInput(f"{what}: expected the name or the id of a {frame_type}, got {name!r}.")
+
+
 def frame_id(model: mujoco.MjModel, name: str | int, frame_type: str) -> int:
     """Id of a body, geom or site.
 
@@ -55,15 +63,12 @@ def frame_id(model: mujoco.MjModel, name: str | int, frame_type: str) -> int:
         mink.UnsupportedFrame: If ``frame_type`` is not ``"body"``, ``"geom"`` or ``"site"``.
         mink.InvalidFrame: If there is none of that name or id; the message lists the names.
     """
-    if not isinstance(frame_type, str) or frame_type not in mink.SUPPORTED_FRAMES:
-        raise mink.UnsupportedFrame(frame_type, mink.SUPPORTED_FRAMES)
+    check_frame("frame", name, frame_type)
     if isinstance(name, str):
         found = mujoco.mj_name2id(model, mink.FRAME_TO_ENUM[frame_type], name)
         if found < 0:
             raise mink.InvalidFrame(name, frame_type, model)
         return int(found)
-    if isinstance(name, bool) or not isinstance(name, (int, np.integer)):
-        raise InvalidInput(f"frame: expected a name or an id, got {name!r}.")
     count = {"body": model.nbody, "geom": model.ngeom, "site": model.nsite}[frame_type]
     if not 0 <= name < count:
         raise mink.InvalidFrame(int(name), frame_type, model)

@@ -8,7 +8,6 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import mink
-import mujoco
 import numpy as np
 import numpy.typing as npt
 
@@ -25,6 +24,7 @@ from qp_twist.errors import InvalidInput, InvalidTarget
 from qp_twist.geometry import Projector, TwistProjector, clamp_twist, resolved_twist_error
 from qp_twist.kinematics.frame import (
     check_configuration,
+    check_frame,
     frame_jacobian,
     frame_pose,
     relative_jacobian,
@@ -32,6 +32,9 @@ from qp_twist.kinematics.frame import (
 )
 from qp_twist.kinematics.frame_pair import FramePair
 from qp_twist.kinematics.tolerance_band import BandRows, ToleranceBand, check_bands
+
+AT_REST = read_only(np.zeros(6))
+"""The twist of every target at rest, one shared object."""
 
 
 class TaskState(NamedTuple):
@@ -54,16 +57,15 @@ def _step_limit(_: Any, name: str, value: float) -> float:
     return value if unlimited else number(name, value, above=0.0)
 
 
-def _costs(task: TwistTask, _: str, value: npt.ArrayLike) -> Array:
+def _cost(task: TwistTask, name: str, value: npt.ArrayLike) -> Array:
     """One cost for each row of the task."""
-    rank, given = task.projector.rank, float_array(f"{task.name}: cost", value)
-    if given.shape in ((), (1,)):
-        given = np.full(rank, given.reshape(()))
-    if given.shape != (rank,):
+    given, shape = float_array(f"{task.name}: {name}", value), (task.projector.rank,)
+    if given.size == 1:
+        given = np.full(shape, given.item())
+    if given.shape != shape:
         raise InvalidInput(
-            f"{task.name}: cost has one entry for each row of the task, ({rank},), or is one "
-            f"number; got an array of shape {given.shape}. linear_cost and angular_cost (mink's "
-            "position_cost and orientation_cost) set those of a block."
+            f"{task.name}: cost has one entry for each row of the task, {shape}, the linear rows "
+            f"first, or is one number; got an array of shape {given.shape}."
         )
     if not (np.isfinite(given) & (given >= 0.0)).all():
         raise InvalidInput(
@@ -72,7 +74,7 @@ def _costs(task: TwistTask, _: str, value: npt.ArrayLike) -> Array:
     return given
 
 
-def _frame(task: TwistTask, _: str, value: Any) -> tuple[str | int, str] | None:
+def _carrier(task: TwistTask, _: str, value: Any) -> tuple[str | int, str] | None:
     """Check the frame that carries the target, as far as possible without a model."""
     if value is None:
         return None
@@ -81,29 +83,22 @@ def _frame(task: TwistTask, _: str, value: Any) -> tuple[str | int, str] | None:
             f"TwistTask(relative_to=…): expected (name, type) of a frame, as in ('part', 'body'), "
             f"got {value!r}."
         )
-    _check_frame("TwistTask(relative_to=…)", *value)
-    if value[0] == "" or (not isinstance(value[0], str) and value[0] < 0):
-        raise InvalidInput(f"TwistTask(relative_to=…): no {value[1]} is called {value[0]!r}.")
+    name, kind = value
+    check_frame("TwistTask(relative_to=…)", name, kind)
+    if name == "" or (not isinstance(name, str) and name < 0):
+        raise InvalidInput(f"TwistTask(relative_to=…): no {kind} is called {name!r}.")
     if value == (task.frame_name, task.frame_type):
         raise InvalidInput(
-            f"TwistTask(relative_to=…): {value[0]!r} is the controlled frame itself, which never "
+            f"TwistTask(relative_to=…): {name!r} is the controlled frame itself, which never "
             "moves relative to itself; name the frame that carries the target."
         )
     if task.projector.has_axis and task.projector.frame == "world":
         raise InvalidInput(
-            f"TwistTask({task.frame_name!r}, {task.frame_type!r}): relative to {value[0]!r} the "
+            f"TwistTask({task.frame_name!r}, {task.frame_type!r}): relative to {name!r} the "
             "axes of T are fixed to the frame or to its target; give the projector "
             "frame='body' or frame='target'."
         )
     return value
-
-
-def _check_frame(what: str, name: Any, kind: Any) -> None:
-    """Refuse a name or id that no model can have."""
-    if not isinstance(kind, str) or kind not in mink.SUPPORTED_FRAMES:
-        raise mink.UnsupportedFrame(kind, mink.SUPPORTED_FRAMES)
-    if isinstance(name, bool) or not isinstance(name, (str, int, np.integer)):
-        raise InvalidInput(f"{what}: expected the name or the id of a {kind}, got {name!r}.")
 
 
 class TwistTask(mink.Task):
@@ -121,23 +116,31 @@ class TwistTask(mink.Task):
     misalignment, so the task may stand in ``tasks=`` and in ``constraints=`` of
     :func:`mink.solve_ik`, with any solver, and in :class:`~qp_twist.Controller`.
 
-    The target is fixed to the world, or to another frame of the model, ``relative_to``: a part in
-    the other hand or on a positioner. J is then that of the frame relative to its carrier
-    (:func:`~qp_twist.kinematics.relative_jacobian`), and axes fixed to the target move with it.
-
     :meth:`axis_free`, :meth:`point`, :meth:`on_line`, :meth:`on_plane` and :meth:`line_on_line`
     construct the usual tasks; :class:`~qp_twist.GazeTask` points a camera.
 
-    Attributes:
-        frame_name: Name or id of the controlled frame.
+    Args:
+        frame_name: Name or id of the frame to control.
         frame_type: ``"body"``, ``"geom"`` or ``"site"``.
-        projector: T. Its axes are rebuilt in the world at every step.
-        cost: Weight of each row if mink treats the task as soft, 1/m and 1/rad, (r,), the linear
-            rows first. A number may be assigned for all rows.
-        relative_to: Name or id, and type, of the frame that carries the target; ``None``: the
-            world.
-        bands: Ranges to keep in directions that T leaves free. With a T of rank 0 the task consists
-            of them only.
+        projector: T, the twist directions of the task. Its axes are rebuilt in the world at every
+            step.
+        gain: Share of the error to remove in one step, in [0, 1].
+        cost: Weight of each row where mink treats the task as soft, 1/m and 1/rad, (r,), the
+            linear rows first, or one number for all.
+        relative_to: The frame that carries the target, as (name or id, type), for a part in the
+            other hand or on a positioner; the world if ``None``. J is then that of the frame
+            relative to its carrier (:func:`~qp_twist.kinematics.relative_jacobian`), and the axes
+            of T are fixed to the frame or to the target.
+        max_linear_step: Length to which the linear error of one step is clamped, m.
+        max_angular_step: Angle to which the angular error of one step is clamped, rad.
+        bands: Ranges to keep in directions that T leaves free; with a T of rank 0 the task
+            consists of them only. mink has no bands: pass it a :class:`~qp_twist.BandLimit`, too.
+
+    All are attributes, too.
+
+    Raises:
+        InvalidInput: If an argument has the wrong type or range, or a band contradicts T.
+        mink.InvalidGain: If the gain is outside [0, 1].
 
     Example:
         >>> import mink, qp_twist as qt
@@ -148,8 +151,8 @@ class TwistTask(mink.Task):
         (5, 6)
     """
 
-    cost: Array = checked(_costs)
-    relative_to: tuple[str | int, str] | None = checked(_frame)
+    cost: Array = checked(_cost)
+    relative_to: tuple[str | int, str] | None = checked(_carrier)
     max_linear_step: float = checked(_step_limit)
     max_angular_step: float = checked(_step_limit)
 
@@ -160,67 +163,27 @@ class TwistTask(mink.Task):
         projector: TwistProjector,
         gain: float = 1.0,
         *,
+        cost: npt.ArrayLike = 1.0,
         relative_to: tuple[str | int, str] | None = None,
-        linear_cost: float = 1.0,
-        angular_cost: float = 1.0,
         max_linear_step: float = math.inf,
         max_angular_step: float = math.inf,
-        lm_damping: float = 0.0,
         bands: Sequence[ToleranceBand] = (),
-        position_cost: npt.ArrayLike | None = None,
-        orientation_cost: npt.ArrayLike | None = None,
-        cost: npt.ArrayLike | None = None,
     ) -> None:
-        """Define a task.
-
-        Args:
-            frame_name: Name or id of the frame to control.
-            frame_type: ``"body"``, ``"geom"`` or ``"site"``.
-            projector: T, the twist directions of the task.
-            gain: Share of the error to remove in one step, in [0, 1].
-            relative_to: The frame that carries the target, as (name or id, type); the world if
-                ``None``. The axes of T are then fixed to the frame or to the target.
-            linear_cost: Weight of the linear rows if mink treats the task as soft, 1/m.
-            angular_cost: Weight of the angular rows if mink treats the task as soft, 1/rad.
-            max_linear_step: Length to which the linear error of one step is clamped, m.
-            max_angular_step: Angle to which the angular error of one step is clamped, rad.
-            lm_damping: mink's Levenberg–Marquardt damping if the task is soft.
-            bands: Tolerance bands. mink has none: pass it a :class:`~qp_twist.BandLimit`, too.
-            position_cost: mink's name of ``linear_cost``; replaces it.
-            orientation_cost: mink's name of ``angular_cost``, likewise.
-            cost: Weights of all rows instead, a number or (r,).
-
-        Raises:
-            InvalidInput: If an argument has the wrong type or range, or a band contradicts T.
-            mink.InvalidGain: If the gain is outside [0, 1].
-            mink.InvalidDamping: If ``lm_damping`` is negative.
-        """
         if not isinstance(projector, TwistProjector):
             raise InvalidInput(
                 f"TwistTask({frame_name!r}, {frame_type!r}): projector must be a TwistProjector, "
                 f"got {projector!r}. The frame that carries the target, mink's root_name and "
                 "root_type, is relative_to=(name, type)."
             )
-        _check_frame("TwistTask", frame_name, frame_type)
-        self.frame_name = frame_name
-        self.frame_type = frame_type
+        check_frame("TwistTask", frame_name, frame_type)
+        self.frame_name, self.frame_type = frame_name, frame_type
         self.projector = projector
         self.relative_to = relative_to
-        super().__init__(
-            cost=np.ones(projector.rank),
-            gain=number("gain", gain),
-            lm_damping=number("lm_damping", lm_damping),
-        )
-        self.set_position_cost(linear_cost if position_cost is None else position_cost)
-        self.set_orientation_cost(angular_cost if orientation_cost is None else orientation_cost)
-        if cost is not None:
-            self.set_cost(cost)
+        super().__init__(cost=cost, gain=number("gain", gain))  # type: ignore[arg-type]
         self.bands = check_bands(self.name, bands, projector)
         self.max_linear_step, self.max_angular_step = max_linear_step, max_angular_step
-        self._target: mink.SE3 | None = None  # created on first access
-        self._feedforward = AT_REST
         self._pose: Array | None = None
-        self._rotation: Array | None = None
+        self._feedforward = AT_REST
         self._dt: float | None = None
 
     @staticmethod
@@ -230,10 +193,10 @@ class TwistTask(mink.Task):
         """Position, and the direction of a tool axis: deburring, welding, spraying; rank 5.
 
         Args:
-            frame_name: Name or id of the frame to control.
-            frame_type: ``"body"``, ``"geom"`` or ``"site"``.
+            frame_name: As in :class:`TwistTask`.
+            frame_type: Likewise.
             axis: Of the tool, in the axes of the frame: the roll about it is free, (3,).
-            options: As in :class:`TwistTask`.
+            options: Other arguments of :class:`TwistTask`.
         """
         axis = unit_vector("axis_free(axis=…)", axis)
         T = TwistProjector(linear=Projector.full(), angular=Projector.plane(axis), frame="body")
@@ -247,18 +210,12 @@ class TwistTask(mink.Task):
 
     @staticmethod
     def on_line(
-        frame_name: str | int,
-        frame_type: str,
-        direction: npt.ArrayLike = (1, 0, 0),
-        **options: Any,
+        frame_name: str | int, frame_type: str, direction: npt.ArrayLike = (1, 0, 0), **options: Any
     ) -> TwistTask:
         """The frame's origin on a line through the target, any orientation; rank 2.
 
-        Args:
-            frame_name: Name or id of the frame to control.
-            frame_type: ``"body"``, ``"geom"`` or ``"site"``.
-            direction: Of the line, in the axes of the target, (3,).
-            options: As in :class:`TwistTask`.
+        ``direction`` is that of the line, in the axes of the target, (3,); the others are as in
+        :meth:`axis_free`.
         """
         plane = Projector.plane(unit_vector("on_line(direction=…)", direction))
         T = TwistProjector(linear=plane, angular=Projector.none(), frame="target")
@@ -275,12 +232,8 @@ class TwistTask(mink.Task):
     ) -> TwistTask:
         """The frame's origin on a plane through the target: wiping, drawing; rank 1, flat 3.
 
-        Args:
-            frame_name: Name or id of the frame to control.
-            frame_type: ``"body"``, ``"geom"`` or ``"site"``.
-            normal: Of the plane, in the axes of the target, (3,).
-            flat: Whether the same axis of the frame is aligned with the normal.
-            options: As in :class:`TwistTask`.
+        ``normal`` is that of the plane, in the axes of the target, (3,); with ``flat`` the same
+        axis of the frame is aligned with it. The others are as in :meth:`axis_free`.
         """
         normal = unit_vector("on_plane(normal=…)", normal)
         angular = Projector.plane(normal) if flat else Projector.none()
@@ -289,20 +242,12 @@ class TwistTask(mink.Task):
 
     @staticmethod
     def line_on_line(
-        frame_name: str | int,
-        frame_type: str,
-        direction: npt.ArrayLike = (0, 0, 1),
-        **options: Any,
+        frame_name: str | int, frame_type: str, direction: npt.ArrayLike = (0, 0, 1), **options: Any
     ) -> TwistTask:
         """An axis of the frame on the same axis of the target, as a peg in its hole; rank 4.
 
-        It may slide along the axis and rotate about it.
-
-        Args:
-            frame_name: Name or id of the frame to control.
-            frame_type: ``"body"``, ``"geom"`` or ``"site"``.
-            direction: Of the axis, in the axes of the frame and of the target, (3,).
-            options: As in :class:`TwistTask`.
+        It may slide along the axis and rotate about it. ``direction`` is that of the axis, in the
+        axes of the frame and of the target, (3,); the others are as in :meth:`axis_free`.
         """
         plane = Projector.plane(unit_vector("line_on_line(direction=…)", direction))
         T = TwistProjector(linear=plane, angular=plane, frame="target")
@@ -315,67 +260,9 @@ class TwistTask(mink.Task):
         return f"{type(self).__name__}({self.frame_name!r}, {self.frame_type!r}){carrier}"
 
     @property
-    def linear_cost(self) -> Array:
-        """Weights of the linear rows, 1/m; takes a number. mink's name: ``position_cost``."""
-        linear: Array = self.cost[: self.projector.linear.rank].copy()
-        return linear
-
-    @linear_cost.setter
-    def linear_cost(self, cost: npt.ArrayLike) -> None:
-        self.set_position_cost(cost)
-
-    @property
-    def angular_cost(self) -> Array:
-        """Weights of the angular rows, 1/rad, likewise. mink's name: ``orientation_cost``."""
-        angular: Array = self.cost[self.projector.linear.rank :].copy()
-        return angular
-
-    @angular_cost.setter
-    def angular_cost(self, cost: npt.ArrayLike) -> None:
-        self.set_orientation_cost(cost)
-
-    position_cost = linear_cost
-    orientation_cost = angular_cost
-
-    def set_position_cost(self, position_cost: npt.ArrayLike) -> None:
-        """Set the weight of the linear rows, as :meth:`mink.FrameTask.set_position_cost` does.
-
-        Args:
-            position_cost: A number, 1/m. One number for each axis, as in mink, is refused unless
-                they are equal: the rows are along the axes of T.
-
-        Raises:
-            InvalidInput: If it is anything else, or negative.
-        """
-        rank = self.projector.linear.rank
-        self.cost[:rank] = self._one_cost("linear_cost", position_cost)
-
-    def set_orientation_cost(self, orientation_cost: npt.ArrayLike) -> None:
-        """Set the weight of the angular rows, 1/rad, likewise."""
-        rank = self.projector.linear.rank
-        self.cost[rank:] = self._one_cost("angular_cost", orientation_cost)
-
-    def set_cost(self, cost: npt.ArrayLike) -> None:
-        """Set the weights of all rows, a number or (r,), as mink's other tasks do."""
-        self.cost = _costs(self, "cost", cost)
-
-    def _one_cost(self, name: str, value: npt.ArrayLike) -> float:
-        """The cost that all rows of a block share."""
-        given = float_array(name, value)
-        if given.shape not in ((), (1,), (3,)) or (given != given.flat[0]).any():
-            raise InvalidInput(
-                f"{name}: expected one number for all rows of the block, which are along the axes "
-                f"of T and not of the frame; got {given.tolist()}. Assign cost, "
-                f"({self.projector.rank},), to weigh single rows of {self.name}."
-            )
-        return number(name, float(given.flat[0]), at_least=0.0)
-
-    @property
     def target(self) -> mink.SE3 | None:
         """The target pose, as set; assigning a pose is :meth:`set_target` at rest."""
-        if self._target is None and self._pose is not None:
-            self._target = mink.SE3(self._pose)
-        return self._target
+        return None if self._pose is None else mink.SE3(self._pose)
 
     @target.setter
     def target(self, target: mink.SE3) -> None:
@@ -385,21 +272,6 @@ class TwistTask(mink.Task):
     def feedforward(self) -> Array:
         """Twist of the target, as set by :meth:`set_target`; read-only."""
         return self._feedforward
-
-    @property
-    def target_rotation(self) -> Array:
-        """R_d, as passed to :meth:`set_target`, (3, 3); read-only."""
-        if self._rotation is None:
-            rotation, pose = np.empty(9), self._pose
-            mujoco.mju_quat2Mat(rotation, _AT_THE_ORIGIN[:4] if pose is None else pose[:4])
-            self._rotation = read_only(rotation).reshape(3, 3)
-        return self._rotation
-
-    @property
-    def target_position(self) -> Array:
-        """p_d likewise, m, (3,); read-only."""
-        position: Array = _AT_THE_ORIGIN[4:] if self._pose is None else self._pose[4:]
-        return position
 
     target_wxyz_xyz: Any = property(operator.attrgetter("_pose"))
     """Unit quaternion and position of the target, (7,), read-only; a new array for each target,
@@ -417,14 +289,12 @@ class TwistTask(mink.Task):
         Raises:
             InvalidTarget: If the pose or the twist is not finite, or not a pose at all.
         """
-        pose = self.checked_pose(target)
-        feedforward = AT_REST
+        pose, feedforward = read_only(self.checked_pose(target)), AT_REST
         if twist is not None:
-            feedforward = finite_array(f"{self.name} twist", twist, (6,), error=InvalidTarget)
-            read_only(feedforward)
-        pose.setflags(write=False)  # a new array, so that the change is noticed
-        self._target, self._pose, self._rotation = None, pose, None
-        self._feedforward = feedforward
+            feedforward = read_only(
+                finite_array(f"{self.name} twist", twist, (6,), error=InvalidTarget)
+            )
+        self._pose, self._feedforward = pose, feedforward
 
     def checked_pose(self, target: mink.SE3) -> Array:
         """Unit quaternion and position of a target, a copy, (7,).
@@ -437,11 +307,9 @@ class TwistTask(mink.Task):
                 f"{self.name}: the target must be a mink.SE3, got {type(target).__name__}."
             )
         pose = np.array(target.wxyz_xyz)
-        return pose if _is_pose(pose) else self._checked_pose(target.wxyz_xyz)
-
-    def _checked_pose(self, wxyz_xyz: npt.ArrayLike) -> Array:
-        """Convert another form of quaternion and position (7,), or raise."""
-        pose = finite_array(f"{self.name} target", wxyz_xyz, (7,), error=InvalidTarget)
+        if _is_pose(pose):  # nearly always
+            return pose
+        pose = finite_array(f"{self.name} target", pose, (7,), error=InvalidTarget)
         if not _is_pose(pose):
             length = float(np.linalg.norm(pose[:4]))
             raise InvalidTarget(
@@ -479,21 +347,12 @@ class TwistTask(mink.Task):
         """
         pair = self._pair(configuration)
         world, error = resolved_twist_error(*pair[:4], self.projector)
-        return TaskState(
-            projector=world,
-            basis=world.basis,
-            error=error,
-            jacobian=self._jacobian(configuration),
-            feedforward=pair.target_twist,
-        )
+        jacobian = self._jacobian(configuration)
+        return TaskState(world, world.basis, error, jacobian, pair.target_twist)
 
     def clamped(self, error: npt.ArrayLike) -> Array:
         """Δt (6,) clamped to the largest steps, before the gain."""
-        return self._clamped(finite_array("error", error, (6,)))
-
-    def _clamped(self, error: Array) -> Array:
-        if self.max_linear_step == self.max_angular_step == math.inf:
-            return error
+        error = finite_array("error", error, (6,))
         return clamp_twist(error, self.max_linear_step, self.max_angular_step)
 
     def compute_error(self, configuration: mink.Configuration) -> Array:
@@ -534,7 +393,7 @@ class TwistTask(mink.Task):
         """
         dt = number("dt", dt, above=0.0)
         state = self.state(configuration)
-        rate = self.gain * self._clamped(state.error) / dt + state.feedforward
+        rate = self.gain * self.clamped(state.error) / dt + state.feedforward
         return state.basis.T @ state.jacobian, state.basis.T @ rate
 
     def band_rows(self, configuration: mink.Configuration, dt: float) -> list[BandRows]:
@@ -572,7 +431,8 @@ class TwistTask(mink.Task):
 
     def _pair(self, configuration: mink.Configuration) -> FramePair:
         """Poses of the frame and its target."""
-        if self._pose is None:
+        target = self.target
+        if target is None:
             raise mink.TargetNotSet(self.name)
         rotation, position = frame_pose(configuration, self.frame_name, self.frame_type)
         if not math.isfinite(rotation.sum() + position.sum()):
@@ -581,22 +441,17 @@ class TwistTask(mink.Task):
                 " although q is; check the model's positions and axes" if finite else "; check q"
             )
             raise InvalidInput(f"{self.name}: the pose of the frame is not finite{cause}.")
-        target = self.target_rotation, self.target_position, self.feedforward
+        R_d, p_d, twist = target.rotation().as_matrix(), target.translation(), self.feedforward
         if self.relative_to is None:
-            return FramePair(rotation, position, *target)
+            return FramePair(rotation, position, R_d, p_d, twist)
         if together(configuration.model, self.frame_name, self.frame_type, *self.relative_to):
             raise InvalidInput(
                 f"{self.name}: no joint is between the two, so that none can move the one relative "
                 "to the other; name a frame on another part of the robot."
             )
         turned, origin = frame_pose(configuration, *self.relative_to)
-        return FramePair(
-            rotation,
-            position,
-            turned @ target[0],
-            origin + turned @ target[1],
-            (turned @ target[2].reshape(2, 3, 1)).ravel(),
-        )
+        twist = (turned @ twist.reshape(2, 3, 1)).ravel()
+        return FramePair(rotation, position, turned @ R_d, origin + turned @ p_d, twist)
 
     def _jacobian(self, configuration: mink.Configuration) -> Array:
         if self.relative_to is None:
@@ -604,7 +459,7 @@ class TwistTask(mink.Task):
         return relative_jacobian(configuration, self.frame_name, self.frame_type, *self.relative_to)
 
     def _mink_error(self, state: TaskState) -> Array:
-        shift = self._clamped(state.error)
+        shift = self.clamped(state.error)
         if state.feedforward.any():
             if self._dt is None:
                 raise mink.IntegrationTimestepNotSet(self.name)
@@ -620,10 +475,6 @@ class TwistTask(mink.Task):
         carried = "" if self.relative_to is None else f", relative_to={self.relative_to!r}"
         frame = f"{self.frame_name!r}, {self.frame_type!r}"
         return f"{type(self).__name__}({frame}, {self.projector!r}, gain={self.gain:g}{carried})"
-
-
-AT_REST, _AT_THE_ORIGIN = read_only(np.zeros(6)), read_only(np.eye(7)[0])
-"""The twist of every target at rest, one shared object; and the missing pose."""
 
 
 def _is_pose(pose: Array) -> bool:

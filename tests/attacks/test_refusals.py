@@ -184,7 +184,7 @@ CALLS: dict[str, Callable[[Any], Any]] = {
     "TwistTask(projector)": lambda x: task(projector=x),
     "TwistTask(gain)": lambda x: step(tasks=[task(gain=x)]),
     "TwistTask(max_linear_step)": lambda x: step(tasks=[task(max_linear_step=x)]),
-    "TwistTask(linear_cost)": lambda x: task(linear_cost=x),
+    "TwistTask(cost)": lambda x: task(cost=x),
     "set_target": lambda x: task().set_target(x),
     "set_target(twist)": lambda x: task().set_target(DEBURRING.waypoints[0], x),
     "set_target_from_configuration": lambda x: task().set_target_from_configuration(x),

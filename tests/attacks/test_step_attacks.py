@@ -101,7 +101,7 @@ def test_what_a_task_was_told_cannot_be_written_into() -> None:
     task.set_target(task.target, np.full(6, 0.01))
     controller.step(configuration, 0.1)
     for array in (
-        task.feedforward, task.target_position, task.target_rotation, task.target.wxyz_xyz,
+        task.feedforward, task.target_wxyz_xyz, task.target.wxyz_xyz,
     ):  # fmt: skip
         with pytest.raises(ValueError, match="read-only"):
             array[0] = 0.5

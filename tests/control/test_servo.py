@@ -304,7 +304,7 @@ def test_the_reference_waits_for_an_arm_that_cannot_follow(on_infeasible: str) -
     # A stream that is much faster than the arm, and comes back.
     rig.run(0.5, lambda t: rig.servo.track(rig.shifted(0.4 * t)))
     assert rig.tick().state is ServoState.SLOWED
-    ahead = rig.task.target_position - rig.pose().translation()
+    ahead = rig.task.target.translation() - rig.pose().translation()
     assert np.linalg.norm(ahead) < 0.05 + 0.4 * DT + 1e-3  # `jump`
     rig.run(3.0, lambda t: rig.servo.track(rig.start))
     assert rig.off(rig.start) < 1e-5

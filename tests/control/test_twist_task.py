@@ -158,12 +158,12 @@ def test_a_task_is_a_mink_task_with_as_many_rows_as_its_projector_has_rank(
         angular=build(angular, random_direction(rng)),
         frame=frame,
     )
-    task = TwistTask("tool", "site", projector, linear_cost=2.0, angular_cost=3.0)
+    task = TwistTask("tool", "site", projector)
     task.set_target(misaligned(configuration, rng, 30.0))
     r_v, r_w = rank[linear], rank[angular]
     assert isinstance(task, mink.Task)
     assert task.compute_error(configuration).shape == (r_v + r_w,)
-    np.testing.assert_array_equal(task.cost, [2.0] * r_v + [3.0] * r_w)
+    np.testing.assert_array_equal(task.cost, np.ones(r_v + r_w))
     rows = task.compute_jacobian(configuration)
     assert rows.shape == (r_v + r_w, 6)
     # No row is wasted: on a regular arm they are independent.
@@ -359,9 +359,9 @@ def test_what_mink_stacks_is_cost_times_rows_and_cost_times_gain_times_error(
     rng = np.random.default_rng(9)
     configuration = regular(rng)
     task = TwistTask(
-        "tool", "site", ROLL_FREE, gain=0.4, linear_cost=2.0, angular_cost=5.0,
-        lm_damping=lm_damping, max_angular_step=0.2,
-    )  # fmt: skip
+        "tool", "site", ROLL_FREE, gain=0.4, cost=[2.0, 2.0, 2.0, 5.0, 5.0], max_angular_step=0.2
+    )
+    task.lm_damping = lm_damping
     task.set_target(misaligned(configuration, rng, 40.0))
     W = np.diag([2.0, 2.0, 2.0, 5.0, 5.0])
     J, e = task.compute_jacobian(configuration), task.compute_error(configuration)
@@ -652,13 +652,9 @@ def test_a_task_wants_a_twist_projector(projector: object) -> None:
     [
         ({"gain": np.nan}, "^gain: "),
         ({"gain": "high"}, "^gain: "),
-        ({"linear_cost": -1.0}, "^linear_cost: expected a number of at least 0"),
-        ({"angular_cost": -1.0}, "^angular_cost: expected a number of at least 0"),
-        ({"linear_cost": np.inf}, "^linear_cost: "),
         ({"max_linear_step": 0.0}, "^max_linear_step: expected a number above 0"),
         ({"max_angular_step": -0.1}, "^max_angular_step: expected a number above 0"),
         ({"max_angular_step": np.nan}, "^max_angular_step: "),
-        ({"lm_damping": np.nan}, "^lm_damping: "),
     ],
 )
 def test_numbers_without_meaning_are_refused(options: dict[str, float], sentence: str) -> None:
@@ -666,83 +662,31 @@ def test_numbers_without_meaning_are_refused(options: dict[str, float], sentence
         TwistTask("tool", "site", SPATIAL, **options)
 
 
-# A FrameTask's costs, by each of the ways in which an app gives them to it.
-WAYS = {
-    "keywords": lambda task, linear, angular: TwistTask(
-        "tool", "site", ROLL_FREE, position_cost=linear, orientation_cost=angular
-    ),
-    "ours": lambda task, linear, angular: TwistTask(
-        "tool", "site", ROLL_FREE, linear_cost=linear, angular_cost=angular
-    ),
-    "setters": lambda task, linear, angular: (
-        task.set_position_cost(linear), task.set_orientation_cost(angular)
-    ),
-    "mink's attributes": lambda task, linear, angular: (
-        setattr(task, "position_cost", linear), setattr(task, "orientation_cost", angular)
-    ),
-    "our attributes": lambda task, linear, angular: (
-        setattr(task, "linear_cost", linear), setattr(task, "angular_cost", angular)
-    ),
-    "rows": lambda task, linear, angular: setattr(task, "cost", [linear] * 3 + [angular] * 2),
-}  # fmt: skip
-
-
-@pytest.mark.parametrize("way", WAYS)
-def test_costs_by_minks_names_weigh_what_minks_do(way: str) -> None:
-    rng = np.random.default_rng(31)
-    configuration = regular(rng)
-    target = misaligned(configuration, rng, 0.2)
-    task = TwistTask("tool", "site", ROLL_FREE)
-    task.set_target(target)
-    made = WAYS[way](task, 3.0, 0.5)
-    if isinstance(made, TwistTask):
-        task = made
-        task.set_target(target)
-    np.testing.assert_array_equal(task.position_cost, [3.0, 3.0, 3.0])
-    np.testing.assert_array_equal(task.orientation_cost, [0.5, 0.5])
-    # As mink has it: ½‖W(J Δq + e)‖², W = diag(cost).
-    J, e = task.compute_jacobian(configuration), task.compute_error(configuration)
-    W = np.diag([3.0, 3.0, 3.0, 0.5, 0.5])
-    objective = task.compute_qp_objective(configuration)
-    close(objective.H, J.T @ W @ W @ J, atol=1e-12)
-    close(objective.c, J.T @ W @ W @ e, atol=1e-12)
-
-
 @pytest.mark.parametrize("cost", [2.0, [2.0], np.full(5, 2.0)])
 def test_one_cost_for_all_rows(cost: object) -> None:
-    for task in (
-        TwistTask("tool", "site", ROLL_FREE, cost=cost), TwistTask.axis_free("tool", "site")
-    ):  # fmt: skip
-        task.set_cost(cost)
+    assigned = TwistTask.axis_free("tool", "site")
+    assigned.cost = cost
+    for task in (TwistTask("tool", "site", ROLL_FREE, cost=cost), assigned):
         np.testing.assert_array_equal(task.cost, np.full(5, 2.0))
     assert GazeTask("tool", "site", cost=2.0).cost.tolist() == [2.0, 2.0]
 
 
-def test_costs_of_a_block_without_rows_weigh_nothing() -> None:
-    task = TwistTask.point("tool", "site", position_cost=2.0, orientation_cost=7.0)
-    task.set_orientation_cost([1.0, 1.0, 1.0])
-    assert task.cost.tolist() == [2.0, 2.0, 2.0]
-    assert len(task.orientation_cost) == 0
-
-
 @pytest.mark.parametrize(
-    ("wrong", "sentence"),
+    ("cost", "sentence"),
     [
-        (lambda t: t.set_position_cost([1.0, 2.0, 3.0]), "linear_cost: expected one number"),
-        (lambda t: t.set_orientation_cost([1.0, 2.0]), "angular_cost: expected one number"),
-        (lambda t: t.set_position_cost(-1.0), "linear_cost: expected a number of at least 0"),
-        (lambda t: setattr(t, "linear_cost", np.nan), "linear_cost: "),
-        (lambda t: setattr(t, "cost", np.ones(6)), r"cost has one entry for each row .*\(5,\)"),
-        (lambda t: setattr(t, "cost", [1.0, 1.0, -1.0, 1.0, 1.0]), "costs of at least 0"),
-        (lambda t: t.set_cost(np.inf), "costs of at least 0"),
-        (lambda t: t.set_cost("high"), "expected numbers"),
+        (np.ones(6), r"cost has one entry for each row .*\(5,\)"),
+        ([1.0, 1.0, -1.0, 1.0, 1.0], "costs of at least 0"),
+        (np.inf, "costs of at least 0"),
+        ("high", "expected numbers"),
     ],
 )
-def test_costs_that_the_task_has_not_are_a_sentence(wrong, sentence: str) -> None:
+def test_costs_that_the_task_has_not_are_a_sentence(cost: object, sentence: str) -> None:
     task = TwistTask("tool", "site", ROLL_FREE)
     with pytest.raises(InvalidInput, match=sentence):
-        wrong(task)
+        task.cost = cost
     np.testing.assert_array_equal(task.cost, np.ones(5))  # as it was
+    with pytest.raises(InvalidInput, match=sentence):
+        TwistTask("tool", "site", ROLL_FREE, cost=cost)
 
 
 @pytest.mark.parametrize(
