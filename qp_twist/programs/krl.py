@@ -25,8 +25,8 @@ from qp_twist.programs.reading import (
     Course,
     Procedure,
     Rules,
-    calls_nothing,
     check_identifier,
+    check_no_call,
     number_of,
     refuse,
     split,
@@ -286,14 +286,14 @@ class _Reader:
         self._outside(number, match[0])
         kind = (match[1] or match[2]).upper()
         if match[5] is not None:
-            self._simple(number, match[0], match[5])
+            check_no_call(number, match[0], match[5], _READS)
             self._targets[match[3].upper()] = match[5].strip()
         if kind not in _AXES:
             self.course.passed(number, kind)
 
     def _assign(self, number: int, match: re.Match[str]) -> None:
         self._outside(number, match[0])
-        self._simple(number, match[0], match[2] + match[3])
+        check_no_call(number, match[0], match[2] + match[3], _READS)
         if match[1].upper() in _WORDS:
             raise refuse(number, match[0], "this name has a meaning already.")
         if not match[2]:
@@ -415,7 +415,7 @@ class _Reader:
             if not in_spline:
                 self._outside(number, match[0])
             if match.re.groups:
-                self._simple(number, match[0], match[1])
+                check_no_call(number, match[0], match[1], _READS)
             note(number, word or match[0].partition("=")[0].strip())
 
         return act
@@ -431,15 +431,6 @@ class _Reader:
         """Refuse a statement in a spline, which has only segments and times."""
         if self.spline:
             raise refuse(number, statement, "expected SPTP and TIME_BLOCK in a spline.")
-
-    @staticmethod
-    def _simple(number: int, statement: str, text: str) -> None:
-        """Refuse an expression that calls a function: it might move the robot."""
-        if not calls_nothing(text):
-            raise refuse(
-                number, statement,
-                f"a call in an expression is not read; only {_READS} can be checked.",
-            )  # fmt: skip
 
 
 _AXES = ("AXIS", "E6AXIS")

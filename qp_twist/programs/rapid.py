@@ -21,8 +21,8 @@ from qp_twist.programs.reading import (
     Course,
     Procedure,
     Rules,
-    calls_nothing,
     check_identifier,
+    check_no_call,
     number_of,
     refuse,
     six,
@@ -207,7 +207,7 @@ class _Reader:
 
     def _declare(self, number: int, match: re.Match[str]) -> None:
         value = "" if match[4] is None else match[4].strip()
-        self._simple(number, match[0], value)
+        check_no_call(number, match[0], value, _READS)
         if value:
             self._values[match[2].lower()] = "" if match[3] else value
         if match[1].lower() not in _TARGETS:
@@ -215,7 +215,7 @@ class _Reader:
 
     def _assign(self, number: int, match: re.Match[str]) -> None:
         name = match[1].lower()
-        self._simple(number, match[0], match[2] + match[3])
+        check_no_call(number, match[0], match[2] + match[3], _READS)
         target = self._types.get(name) in _TARGETS
         if target and match[2]:
             raise refuse(
@@ -289,7 +289,7 @@ class _Reader:
         """An instruction of the controller: its arguments call nothing."""
 
         def act(number: int, match: re.Match[str]) -> None:
-            self._simple(number, match[0], match[2].replace(":=", "="))
+            check_no_call(number, match[0], match[2].replace(":=", "="), _READS)
             note(number, match[1])
 
         return act
@@ -302,15 +302,6 @@ class _Reader:
             )  # fmt: skip
         assert self._calls is not None
         self._calls.run(match[1].lower())
-
-    @staticmethod
-    def _simple(number: int, statement: str, text: str) -> None:
-        """Refuse an expression that calls a function: it might move the robot."""
-        if not calls_nothing(text):
-            raise refuse(
-                number, statement,
-                f"a call in an expression is not read; only {_READS} can be checked.",
-            )  # fmt: skip
 
 
 def _beginning(names: Sequence[str]) -> re.Pattern[str]:

@@ -67,9 +67,19 @@ def split(text: str) -> list[str]:
     return [*parts, text[start:].strip()]
 
 
-def calls_nothing(text: str) -> bool:
-    """Whether an expression calls no function, which might move the robot."""
-    return not re.search(r"[\w\])}]\s*\(", text, re.ASCII) and ":=" not in text
+def check_no_call(line: int, statement: str, text: str, reads: str) -> None:
+    """Refuse an expression that calls a function, which might move the robot.
+
+    Args:
+        line: Its number.
+        statement: The whole statement.
+        text: The expression.
+        reads: What is read, for the message.
+    """
+    if re.search(r"[\w\])}]\s*\(", text, re.ASCII) or ":=" in text:
+        raise refuse(
+            line, statement, f"a call in an expression is not read; only {reads} can be checked."
+        )
 
 
 def without_texts(line: int, text: str, quotes: str, comment: str) -> tuple[str, str]:

@@ -20,8 +20,8 @@ from qp_twist.programs.reading import (
     Course,
     Procedure,
     Rules,
-    calls_nothing,
     check_identifier,
+    check_no_call,
     number_of,
     refuse,
     six,
@@ -431,11 +431,9 @@ _ASSIGNMENT = re.compile(
 
 
 def _simple(number: int, statement: str, text: str) -> None:
-    """Refuse an expression that calls a function: it might move the robot."""
-    if not calls_nothing(re.sub(rf"\bd2r\(\s*{NUMBER}\s*\)", "0", text)):
-        raise refuse(
-            number, statement, f"a call in an expression is not read; only {_READS} can be checked."
-        )
+    """Refuse an expression that calls a function other than ``d2r``: it might move the robot."""
+    without_numbers = re.sub(rf"\bd2r\(\s*{NUMBER}\s*\)", "0", text)
+    check_no_call(number, statement, without_numbers, _READS)
 
 
 def _is_number(text: str) -> bool:
