@@ -20,8 +20,8 @@ class Certificate:
             reach; ``"limits"``: waypoints with no configuration inside the joint limits;
             ``"band"``: waypoints with no configuration inside both the joint limits and the hard
             tolerance bands and constraints; ``"speed"``: two waypoints between which every
-            connection that was searched breaks the speed limits; ``"move"``: two waypoints
-            between which no joint move was found, which is not a proof. If there is a ``detail``,
+            connection that was searched breaks the speed limits or the largest step; ``"move"``:
+            two waypoints between which no joint move was found, which is no proof. With a detail,
             ``"limits"``, ``"band"`` and ``"speed"`` name only what the best motion found violates;
             this is not a proof.
         waypoints: The waypoints concerned, counted from 1; at most twelve that are out of reach or
@@ -37,6 +37,7 @@ class Certificate:
         slower: How many times slower the path has a motion, if only its speed prevents one; NaN if
             none was found.
         note: What else is known, in words: about slower motions, or what the task prescribes.
+        step_limit: What limits the steps between waypoints, in words.
     """
 
     kind: Literal["path", "unreachable", "limits", "band", "speed", "move"]
@@ -48,6 +49,7 @@ class Certificate:
     bands: tuple[str, ...] = ()
     slower: float = math.nan
     note: str = ""
+    step_limit: str = "the speed limits"
 
     def __str__(self) -> str:
         where = _listed(self.waypoints)
@@ -71,11 +73,11 @@ class Certificate:
             case "band":
                 text = f"no motion was found that keeps {bands}"
             case "speed" if self.detail:
-                text = "no motion was found that keeps the speed limits"
+                text = f"no motion was found that keeps {self.step_limit}"
             case "speed" if not self.covered:
-                text = f"between {where} no connection was found that keeps the speed limits"
+                text = f"between {where} no connection was found that keeps {self.step_limit}"
             case "speed":
-                text = f"between {where} every connection breaks the speed limits"
+                text = f"between {where} every connection breaks {self.step_limit}"
                 text += f", of {joints} at least" if joints else ""
             case "move":
                 text = f"between {where} no joint move was found"

@@ -62,6 +62,7 @@ class PathConstraints:
         hard: The hard bands and the constraints of the task, if there are any.
         points: Points between waypoints at which these are evaluated: indices and shares of
             intervals, (K,) each.
+        step_limit: What limits ``steps``, in words.
     """
 
     ranges: JointRanges
@@ -71,6 +72,7 @@ class PathConstraints:
     fixed_start: bool
     hard: HardConstraints | None = None
     points: tuple[Indices, Array] = (np.zeros(0, dtype=np.intp), np.zeros(0))
+    step_limit: str = "the speed limits"
 
     @cached_property
     def kept(self) -> tuple[PathLimit, ...]:

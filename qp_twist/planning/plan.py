@@ -286,10 +286,13 @@ def motion_limits(
         )
     durations = np.ones(count - 1) if given is None else given[1:]
     steps = np.full((count - 1, path_task.model.nv), np.inf)
+    step_limit = f"the largest step without a feed, {np.degrees(UNTIMED_STEP):g}°"
     if given is not None:
-        steps = path_task.velocity_limits * durations[:, None]
+        steps, step_limit = path_task.velocity_limits * durations[:, None], "the speed limits"
     if max_step_deg is not None:
         steps = np.minimum(steps, np.radians(number("max_step_deg", max_step_deg, above=0.0)))
+        largest = f"the largest step, max_step_deg = {max_step_deg:g}"
+        step_limit = largest if given is None else f"{step_limit} or {largest}"
     steps = np.where(np.isfinite(steps), steps, UNTIMED_STEP)
     # A turn by more than half a turn has the same end as a shorter one in the other direction. A
     # joint with a range may not have that choice; a joint without a range never needs the longer
@@ -301,4 +304,6 @@ def motion_limits(
     speed_changes = path_task.acceleration_limits * times[:, None]
     chain = SerialChain.of(path_task.model, path_task.frame_name, path_task.frame_type)
     bands = HardConstraints(path_task, chain)
-    return PathConstraints(ranges, steps, speed_changes, durations, fixed_start, bands)
+    return PathConstraints(
+        ranges, steps, speed_changes, durations, fixed_start, bands, step_limit=step_limit
+    )

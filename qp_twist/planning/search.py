@@ -1114,17 +1114,18 @@ class PlanSearch:
             margins = self.rows.hard.margins_between(begin, end, at_begin, shares).min(axis=0)
             names = tuple(self.rows.hard.names[k] for k in np.flatnonzero(margins < -WITHIN))
         if names:
-            detail = f"between {_pair(at)} no connection was found that keeps the speed limits, too"
+            allowed = self.limits.step_limit
+            detail = f"between {_pair(at)} no connection was found that keeps {allowed}, too"
             return Certificate("band", grid, at, (), covered, detail, names)
         # A sampled layer may lack the configurations near this one: it says nothing about joints.
         beyond = zip(self.limits.ranges.names, share[best], strict=True)
         joints = tuple(name for name, of_step in beyond if of_step > 1.0) if covered else ()
-        return Certificate("speed", grid, at, joints, covered)
+        return self._too_long(grid, at, joints, covered)
 
     def _too_fast(self, path: RefinedPath | None, grid: Grid, covered: bool) -> Certificate:
         """Certificate if no correction brings the grid's path inside the constraints."""
         if path is None:
-            return Certificate("speed", grid, (), (), covered, "the grid's way leaves the path")
+            return self._too_long(grid, (), (), covered, "the grid's way leaves the path")
         worst = self.limits.worst(path.q)
         if worst.kind == "band":
             return _left(worst, grid, covered)
@@ -1138,7 +1139,19 @@ class PlanSearch:
             f"between waypoints {at} and {at + 1} the best needs {times:.3g} times the step that "
             f"{name} may do"
         )
-        return Certificate("speed", grid, (at, at + 1), (name,), covered, detail)
+        return self._too_long(grid, (at, at + 1), (name,), covered, detail)
+
+    def _too_long(
+        self,
+        grid: Grid,
+        waypoints: tuple[int, ...],
+        joints: tuple[str, ...],
+        covered: bool,
+        detail: str = "",
+    ) -> Certificate:
+        """Certificate if steps between waypoints are longer than the joints may make."""
+        allowed = self.limits.step_limit
+        return Certificate("speed", grid, waypoints, joints, covered, detail, step_limit=allowed)
 
 
 def _pair(at: tuple[int, int]) -> str:

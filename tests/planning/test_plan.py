@@ -589,14 +589,15 @@ def test_the_joint_that_forbids_a_waypoint_is_named() -> None:
     assert "forbidden by joint_2" in str(plan.certificate)
 
 
-def test_waypoints_between_which_the_speed_does_not_do_are_named() -> None:
+def test_waypoints_between_which_the_largest_step_does_not_do_are_named() -> None:
     task = every(qt.load_task("deburring"), 20)
     plan = qt.plan(task, max_step_deg=0.2)
     assert plan.certificate.kind == "speed"
     first, second = plan.certificate.waypoints
     assert second > first
     assert plan.certificate.joints
-    assert "breaks the speed limits" in str(plan.certificate)
+    assert "every connection breaks the largest step, max_step_deg = 0.2" in str(plan.certificate)
+    assert "speed" not in str(plan.certificate)  # there is no feed
 
 
 @pytest.mark.parametrize(
