@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -128,8 +129,20 @@ class JointRows:
         return JointMotion(times, self.q, *rates)
 
 
+_CARTESIAN = re.compile(
+    r"""((actual|target|desired|commanded|measured)_)?
+    (tcp|eef|end_effector|cartesian)
+    (_(pose|position|orientation|speed|velocity|force|torque))?
+    _([xyz]|r[xyz]|q[wxyz]|roll|pitch|yaw|[0-5])""",
+    re.IGNORECASE | re.VERBOSE,
+)
+"""Names of a component of the tool centre point's pose, speed or force, which no axis has."""
+
+
 def resting_axis(name: str, travel: float) -> str:
     """A note about an axis that the file has and the robot's model lacks.
+
+    What is named as a component of the tool centre point (``tcp_x``) is no axis, and may change.
 
     Args:
         name: Of the axis.
@@ -138,6 +151,8 @@ def resting_axis(name: str, travel: float) -> str:
     Raises:
         InvalidInput: If it moves: then the motion is not that of the model.
     """
+    if _CARTESIAN.fullmatch(re.sub(r"[\s./:-]+", "_", name)):
+        return f"{name} is of the tool centre point, no joint of the robot: not looked at"
     if travel > RANGE_TOLERANCE:
         raise InvalidInput(
             f"{name} moves by {travel:.4g} (rad or m), but the robot's model has no such joint, so "

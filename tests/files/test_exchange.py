@@ -472,6 +472,27 @@ def test_an_axis_that_the_robot_lacks_has_to_stand_still(ending: str, tmp_path: 
     assert [note for note in still.notes if note.startswith("rail stands still")]
 
 
+@pytest.mark.parametrize(
+    "name", ["tcp_x", "TCP rz", "actual_TCP_pose_0", "tcp.speed.x", "eef_qw", "end_effector_roll"]
+)
+def test_what_is_named_as_of_the_tool_centre_point_is_no_axis(name: str, tmp_path: Path) -> None:
+    file = with_rail(tmp_path / "a.csv", np.array([0.0, 1.0, 3.0]))
+    file.write_text(file.read_text("utf-8").replace("rail", name), "utf-8")
+    rows = read_trajectory(file, ["joint_1", "joint_2"])
+    assert rows.joint_names == ("joint_1", "joint_2")
+    assert [note for note in rows.notes if "no joint of the robot" in note and "not looked" in note]
+
+
+@pytest.mark.parametrize(
+    "name", ["x", "tcp", "tcp_axis", "tool_x", "joint_tcp_x", "pos_x", "z_rail"]
+)
+def test_what_may_be_an_axis_has_to_stand_still(name: str, tmp_path: Path) -> None:
+    file = with_rail(tmp_path / "a.csv", np.array([0.0, 1.0, 3.0]))
+    file.write_text(file.read_text("utf-8").replace("rail", name), "utf-8")
+    with pytest.raises(qt.InvalidInput, match="moves by 3"):
+        read_trajectory(file, ["joint_1", "joint_2"])
+
+
 def test_an_axis_that_the_robot_lacks_may_be_given_by_its_speed(tmp_path: Path) -> None:
     names = ["joint_1", "joint_2"]
     with pytest.raises(qt.InvalidInput, match="rail moves by 2"):
