@@ -16,7 +16,7 @@ from qp_twist.errors import InvalidInput
 from qp_twist.files import of_file, read_bytes, write_atomically
 from qp_twist.following import Trajectory
 from qp_twist.paths import PathTask
-from qp_twist.programs import DOES_NOT_PASS, SUFFIXES, dialect_of
+from qp_twist.programs import DOES_NOT_PASS, SUFFIXES, Dialect, dialect_of
 from qp_twist.robots import ControllerJoints
 from qp_twist.trajectories import (
     csv_trajectory,
@@ -123,18 +123,28 @@ def write_trajectory(
         InvalidInput: If the suffix is unknown, or the trajectory or robot do not fit a program.
     """
     path = Path(path)
-    rows = trajectory if isinstance(trajectory, JointRows) else JointRows.of(trajectory)
     dialect = dialect_of(path)
     if dialect is None:
+        rows = trajectory if isinstance(trajectory, JointRows) else JointRows.of(trajectory)
         return write_atomically(path, _format(path).encode(rows))
+    return _write_program(path, _program_texts(trajectory, path, dialect, joints))
+
+
+def _program_texts(
+    trajectory: Trajectory | TimedTrajectory | JointRows,
+    path: Path,
+    dialect: Dialect,
+    joints: ControllerJoints | None,
+) -> Mapping[str, str]:
+    """The files of a program, by name; messages name ``path``."""
+    rows = trajectory if isinstance(trajectory, JointRows) else JointRows.of(trajectory)
     if joints is None:
         timed = trajectory if isinstance(trajectory, TimedTrajectory) else None
         plain = timed.trajectory if timed is not None else trajectory
         task = plain.path_task if isinstance(plain, Trajectory) else None
         joints = program_trajectory.joints_of(task, rows.joint_names)
     with of_file(path):
-        texts = program_trajectory.encode(rows, dialect, joints, path.stem)
-    return _write_program(path, texts)
+        return program_trajectory.encode(rows, dialect, joints, path.stem)
 
 
 def _write_program(path: Path, texts: Mapping[str, str]) -> Path:
@@ -186,10 +196,9 @@ def write_checked(
     dialect = dialect_of(path)
     if dialect is None:
         return CheckedFile(checked(write_trajectory(trajectory, path)), True)
+    texts = _program_texts(trajectory, path, dialect, joints)
     with tempfile.TemporaryDirectory() as folder:
-        draft = write_trajectory(trajectory, Path(folder) / path.name, joints)
-        check = checked(draft)
-        texts = {file.name: file.read_text("utf-8") for file in sorted(Path(folder).iterdir())}
+        check = checked(_write_program(Path(folder) / path.name, texts))
     if check.passes or force:
         if not check.passes:
             verdict = check.verdict.removeprefix("does not pass: ").replace("°", "deg")
