@@ -96,7 +96,9 @@ class Trajectory:
             )
         if kept == count:
             return ""
-        where = f"ends at waypoint {kept} of {count}"
+        where = (
+            f"ends at waypoint {kept} of {count}" if kept else f"meets none of {count} waypoints"
+        )
         if self.blocked_by is not None:
             held = ", ".join(self.blocked_by) or "a singularity"
             return f"{where}: at no speed is the next one reached, held by {held}"

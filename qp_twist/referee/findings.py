@@ -524,7 +524,8 @@ def _share(kind: str, use: Array, names: Sequence[str], times: Array, passing: P
 def _of_feed(path_task: PathTask, errors: PathErrors, passing: Passing, met: Mask) -> list[Finding]:
     """Feed at the waypoints, between them, and over the whole path.
 
-    Two waypoints of which one is missed have no time from one to the other.
+    Two waypoints of which one is missed have no time from one to the other. Without two successive
+    ones that are met there is no feed at the waypoints; the errors there do not pass then.
     """
     times = passing.times
     if path_task.durations is None or len(times) < 2:
@@ -534,8 +535,11 @@ def _of_feed(path_task: PathTask, errors: PathErrors, passing: Passing, met: Mas
     both = met[:-1] & met[1:]
     use = np.where(both, durations / took, 0.0)
     k = int(np.argmax(use))
-    passes = bool(both.any() and use[k] <= _rushed(passing) / RUSHED)
-    where = f"waypoints {k + 1} to {k + 2}" if both.any() else "no two successive waypoints met"
+    at_waypoints: list[Finding] = []
+    if both.any():
+        passes = bool(use[k] <= _rushed(passing) / RUSHED)
+        where = f"waypoints {k + 1} to {k + 2}"
+        at_waypoints = [Finding("feed", 100.0 * float(use[k]), 100.0, "%", where, passes)]
     # The mean is part of it: what is shorter than the tolerated errors is not slower for that.
     between = np.maximum(durations * errors.rate, np.minimum(use, RUSHED))
     exceeded = between > _rushed(passing)
@@ -552,7 +556,7 @@ def _of_feed(path_task: PathTask, errors: PathErrors, passing: Passing, met: Mas
         air = float(np.diff(times)[moves].sum())
         in_the_air = [Finding("time of joint moves", air, None, "s", many, True)]
     return [
-        Finding("feed", 100.0 * float(use[k]), 100.0, "%", where, passes),
+        *at_waypoints,
         Finding(
             "feed between",
             100.0 * float(between[j]),

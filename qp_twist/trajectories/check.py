@@ -11,6 +11,7 @@ import numpy as np
 from qp_twist.checks import Array, Mask, instance, number
 from qp_twist.errors import InvalidInput
 from qp_twist.following import Trajectory
+from qp_twist.geometry import resolved_twist_error
 from qp_twist.kinematics import JointRanges
 from qp_twist.notebook import html_table
 from qp_twist.paths import PathTask
@@ -28,6 +29,7 @@ from qp_twist.referee import (
     errors_of,
     examine,
     motion_limits,
+    poses_of,
     with_default_accelerations,
 )
 from qp_twist.trajectories.joint_rows import JointRows
@@ -235,6 +237,7 @@ def check_trajectory(
         limits = with_default_accelerations(limits, ranges)
     notes = [*disagreements(rows.metadata, path_task, limits), *rows.notes]
     notes += _part_of_the_path(passing, motion, met)
+    notes += _beside_the_path(path_task, passing, motion, met, tolerances)
     if motion.degree == 5:
         notes.append(
             "the trajectory has accelerations: its joints move on polynomials of degree five from "
@@ -279,13 +282,36 @@ def _part_of_the_path(passing: Passing, motion: JointMotion, met: Mask) -> list[
         ("begins", motion.times[0], "before", "first"), ("ends", motion.times[-1], "after", "last")
     ):  # fmt: skip
         there = np.flatnonzero((at == end) & ~met)
-        if len(there) > 1:
-            kept = int(there[-1] + 2 if others == "before" else there[0])
+        kept = int(there[-1] + 2 if others == "before" else there[0]) if len(there) > 1 else 0
+        if 1 <= kept <= len(at):
             notes.append(
                 f"the trajectory {does} at waypoint {kept} of {len(at)}: those {others} it are "
                 f"compared with its {row} row"
             )
     return notes
+
+
+def _beside_the_path(
+    path_task: PathTask, passing: Passing, motion: JointMotion, met: Mask, tolerances: Tolerances
+) -> list[str]:
+    """A sentence about rows before the path and after it, unless they stay at its end."""
+    parts = []
+    for side, end, beside in (
+        ("before the first waypoint", 0, motion.times < passing.times[0]),
+        ("after the last waypoint", -1, motion.times > passing.times[-1]),
+    ):
+        if not (met[end] and beside.any()):
+            continue
+        R, p = poses_of(path_task, motion.q[beside])
+        target = path_task.waypoints[end]
+        R_d, p_d = target.rotation().as_matrix(), target.translation()
+        errors = resolved_twist_error(R, p, R_d, p_d, path_task.in_force[end])[1]
+        linear, angular = (np.linalg.norm(part, axis=1) for part in np.hsplit(errors, 2))
+        if not tolerances.met(linear, angular).all():
+            parts.append(f"{len(R)} {'row' if len(R) == 1 else 'rows'} {side}")
+    if not parts:
+        return []
+    return [f"{' and '.join(parts)}: judged for limits and obstacles, not against the path"]
 
 
 def _coverage(

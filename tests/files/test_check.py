@@ -233,7 +233,10 @@ def test_a_motion_that_stands_still_fails_in_numbers_that_json_has() -> None:
     still = JointRows(NAMES, np.zeros((5, 2)), np.arange(5.0))
     check = check_trajectory(still, trajectory.path_task)
     assert found(check, "position error").value == pytest.approx(1e3 * np.sqrt(2.0))
-    assert not found(check, "feed").passes
+    assert not check.passes
+    # No two successive waypoints are met, so there is no feed to be judged, nor to be proven.
+    assert "feed" not in {finding.name for finding in check.findings}
+    assert "closer together" not in check.verdict
     assert json.loads(json.dumps(check.to_dict(), allow_nan=False))["passes"] is False
     away = JointRows(NAMES, np.vstack([np.zeros((4, 2)), [[1e300, 0.0]]]), np.arange(5.0) * 1e-9)
     with np.errstate(over="ignore", invalid="ignore"):
@@ -633,6 +636,32 @@ def test_a_part_of_the_path_is_called_so(part: slice, said: str) -> None:
     assert check.passes == (part == slice(0, 21))
     notes = [note for note in check.notes if "waypoint" in note]
     assert [said in note for note in notes] == [True] * bool(said)
+
+
+def test_a_trajectory_that_is_all_at_one_end_has_no_waypoint_0() -> None:
+    task = line_task()[0]
+    for place in (-1.0, 5.0):  # before the first waypoint, beyond the last
+        check = verdict(task, np.full((7, 1), place), np.arange(7.0))
+        assert not check.passes
+        assert "waypoint 0 " not in " ".join([*check.notes, check.verdict])
+        assert "waypoint 6 of 5" not in " ".join([*check.notes, check.verdict])
+
+
+@pytest.mark.parametrize(("before", "after"), [(0, 0), (3, 0), (0, 1), (3, 4)])
+def test_rows_before_and_after_the_path_are_counted(before: int, after: int) -> None:
+    task, q = line_task()
+    beside = np.concatenate([np.arange(before) - before, q[:, 0], 4.0 + np.arange(1, after + 1)])
+    notes = " ".join(verdict(task, beside[:, None], np.arange(len(beside)) * 1.0).notes)
+    assert ("3 rows before the first waypoint" in notes) == (before == 3)
+    assert ("1 row after the last waypoint" in notes) == (after == 1)
+    assert ("4 rows after the last waypoint" in notes) == (after == 4)
+    assert ("not against the path" in notes) == (before + after > 0)
+
+
+def test_rows_that_stand_at_the_ends_of_the_path_are_not_beside_it() -> None:
+    task, q = line_task()
+    resting = np.concatenate([np.zeros(3), q[:, 0], np.full(4, 4.0)])[:, None]
+    assert not verdict(task, resting, np.arange(12.0)).notes
 
 
 @pytest.mark.parametrize("end", [0, 1])
